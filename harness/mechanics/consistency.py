@@ -1,0 +1,84 @@
+"""Starts that satisfy the constraints: checked, and reached by projection."""
+
+import numpy as np
+import scipy.sparse as sp
+import scipy.sparse.linalg as spl
+
+from harness.mechanics import so3
+from harness.mechanics.jacobian import constraint_jacobian
+from harness.mechanics.motion import constraint, constraint_rate
+from harness.mechanics.state import State, States
+from harness.mechanics.system import MultibodySystem
+
+START_TOLERANCE = 1e-9  # [m], [m/s]: rounding of data given in float64 at the scale of a metre, times 1e6
+
+
+class InconsistentStart(ValueError):
+    """The start violates the constraints; the message has the numbers."""
+
+
+def check_start(system: MultibodySystem, state: State) -> None:
+    """Raise unless poses are rotations and phi = phi_dot = 0, to ``START_TOLERANCE``."""
+    for name in ("r", "R", "v", "Omega"):
+        if not np.all(np.isfinite(getattr(state, name))):
+            raise InconsistentStart(f"the start must be finite numbers (got {name} = {getattr(state, name).tolist()})")
+    if state.nb != system.nb:
+        raise InconsistentStart(f"the start must have {system.nb} bodies (got {state.nb})")
+    defect = float(np.max(so3.orthogonality_defect(state.R), initial=0.0))
+    if defect > START_TOLERANCE or np.any(np.linalg.det(state.R) < 0.0):
+        raise InconsistentStart(f"the start's R must be rotations (got |R^T R - 1| = {defect:.3g})")
+    one = States.one(state)
+    phi = float(np.max(np.abs(constraint(system, one)), initial=0.0))
+    phi_dot = float(np.max(np.abs(constraint_rate(system, one)), initial=0.0))
+    if phi > START_TOLERANCE or phi_dot > START_TOLERANCE:
+        raise InconsistentStart(
+            f"the start must satisfy the constraints: expected |phi| and |phi_dot| < {START_TOLERANCE:g} "
+            f"(got |phi| = {phi:.6g}, |phi_dot| = {phi_dot:.6g})"
+        )
+
+
+def project(system: MultibodySystem, state: State, iterations: int = 20) -> State:
+    """The nearest consistent state: Gauss-Newton on phi, then velocities, both least change in the mass metric."""
+    r, R = state.r.copy(), state.R.copy()
+    for _ in range(iterations):
+        here = State(r, R, state.v, state.Omega)
+        phi = constraint(system, States.one(here))[0]
+        if np.max(np.abs(phi), initial=0.0) < 1e-14:
+            break
+        change = _least_change(system, here, -phi)
+        r, R = r + change[:, :3], R @ so3.exp(change[:, 3:])
+    here = State(r, R, state.v, state.Omega)
+    change = _least_change(system, here, -constraint_rate(system, States.one(here))[0])
+    out = State(r, R, state.v + change[:, :3], state.Omega + change[:, 3:])
+    check_start(system, out)
+    return out
+
+
+def perturbed(system: MultibodySystem, state: State, size: float, seed: int) -> State:
+    """``state`` with a random change, projected back onto the constraints.
+
+    ``size`` is relative: to 1 rad in orientation, to the largest joint arm (1 m without joints) in position, and to the
+    largest speed or sqrt(g arm) in velocities; standard normal in each component, from ``seed``.
+    """
+    random = np.random.default_rng(seed)
+    arm = float(np.max(np.abs(system.joint_s_i), initial=0.0)) or 1.0
+    speed = max(float(np.max(np.abs(state.v), initial=0.0)), float(np.sqrt(np.linalg.norm(system.gravity) * arm)))
+    rate = max(float(np.max(np.abs(state.Omega), initial=0.0)), speed / arm)
+    shape = (system.nb, 3)
+    moved = State(
+        state.r + size * arm * random.standard_normal(shape),
+        state.R @ so3.exp(size * random.standard_normal(shape)),
+        state.v + size * speed * random.standard_normal(shape),
+        state.Omega + size * rate * random.standard_normal(shape),
+    )
+    return project(system, moved)
+
+
+def _least_change(system: MultibodySystem, state: State, wanted: np.ndarray) -> np.ndarray:
+    """x (nb, 6) of least mass norm with A x = ``wanted``, redundant rows allowed: LSQR on the scaled A."""
+    if system.nrows == 0:
+        return np.zeros((system.nb, 6))
+    scale = np.stack([np.sqrt(system.mass)] * 3 + [np.sqrt(np.einsum("bii->b", system.inertia) / 3.0)] * 3, axis=1).ravel()
+    A = constraint_jacobian(system, state) @ sp.diags_array(1.0 / scale)
+    y = spl.lsqr(A, wanted, atol=1e-15, btol=1e-15, iter_lim=20 * max(A.shape))[0]
+    return (y / scale).reshape(system.nb, 6)

@@ -1,0 +1,161 @@
+"""What a motion tells, whatever computed it: energy, momenta, phi and phi_dot, batched over time.
+
+One code for every solver: it sees only poses and velocities (r, R, v, Omega), never a solver's coordinates.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from harness.mechanics.system import GROUND, MultibodySystem
+from harness.mechanics.state import States
+
+
+def kinetic_energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
+    """T [J], Eq. (4) in body velocities."""
+    translation = np.einsum("b,tbi,tbi->t", system.mass, s.v, s.v)
+    rotation = np.einsum("tbi,bij,tbj->t", s.Omega, system.inertia, s.Omega)
+    return 0.5 * (translation + rotation)
+
+
+def potential_energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
+    """V [J]: gravity (zero at the origin) and springs (zero at rest length)."""
+    V = -np.einsum("b,i,tbi->t", system.mass, system.gravity, s.r)
+    for k in range(len(system.spring_k)):
+        d, _ = _spring_line(system, s, k)
+        V = V + 0.5 * system.spring_k[k] * (np.linalg.norm(d, axis=-1) - system.spring_d0[k]) ** 2
+    return V
+
+
+def energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
+    """T + V [J]."""
+    return kinetic_energy(system, s) + potential_energy(system, s)
+
+
+def damping_power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
+    """Power of the dampers [W], never positive: the only force here that changes T + V."""
+    power = np.zeros(len(s.r))
+    for k in range(len(system.spring_k)):
+        d, d_dot = _spring_line(system, s, k)
+        rate = np.sum(d * d_dot, axis=-1) / np.linalg.norm(d, axis=-1)
+        power -= system.spring_c[k] * rate**2
+    return power
+
+
+def linear_momentum(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt 3"]:
+    """sum m r_dot [kg m/s], space frame."""
+    return np.einsum("b,tbi->ti", system.mass, s.v)
+
+
+def angular_momentum(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt 3"]:
+    """sum (r x m r_dot + R J Omega) about the origin [kg m2/s], space frame."""
+    orbital = np.einsum("b,tbi->ti", system.mass, np.cross(s.r, s.v))
+    return orbital + np.einsum("tbij,bjk,tbk->ti", s.R, system.inertia, s.Omega)
+
+
+def constraint(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
+    """phi: point rows [m], axis rows [-] (module ``system``)."""
+    return _rows(system, s, velocity=False)
+
+
+def constraint_rate(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
+    """phi_dot = A v: point rows [m/s], axis rows [1/s]."""
+    return _rows(system, s, velocity=True)
+
+
+def scaling_masses(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
+    """Diagonal of M_bar, Eq. (30), with c = a / (a . a): the weights of the norm of Eq. (81).
+
+    Unit: kg for point rows; for axis rows kg m2. Rows a are per body velocities (r_dot [space], Omega [body]).
+    """
+    point, axis = _row_sizes(system, s)
+    return _scatter(system, point, axis)
+
+
+def constraint_energy_norm(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
+    """sqrt(phi_dot^T M_bar phi_dot), Eq. (81) [sqrt(J)]."""
+    return np.sqrt(np.sum(scaling_masses(system, s) * constraint_rate(system, s) ** 2, axis=-1))
+
+
+def point_position(s: States, body: int, p: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "nt 3"]:
+    """Space position [m] of the point ``p`` of a body (from C, body frame); the ground is body -1."""
+    if body == GROUND:
+        return np.broadcast_to(np.asarray(p, dtype=float), (len(s.r), 3))
+    return s.r[:, body] + s.R[:, body] @ p
+
+
+def point_velocity(s: States, body: int, p: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "nt 3"]:
+    """Space velocity [m/s] of the point ``p`` of a body."""
+    if body == GROUND:
+        return np.zeros((len(s.r), 3))
+    return s.v[:, body] + np.einsum("tij,tj->ti", s.R[:, body], np.cross(s.Omega[:, body], p))
+
+
+def _spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
+    i, j = system.spring_i[k], system.spring_j[k]
+    d = point_position(s, i, system.spring_p_i[k]) - point_position(s, j, system.spring_p_j[k])
+    d_dot = point_velocity(s, i, system.spring_p_i[k]) - point_velocity(s, j, system.spring_p_j[k])
+    return d, d_dot
+
+
+def _gather(system: MultibodySystem, s: States, ends: np.ndarray) -> tuple[np.ndarray, ...]:
+    """r, R, v, Omega of the bodies ``ends`` (nt, nj, ...), the ground being a body at rest."""
+    nt = len(s.r)
+    at = np.where(ends == GROUND, s.nb, ends)
+    rest, eye = np.zeros((nt, 1, 3)), np.broadcast_to(np.eye(3), (nt, 1, 3, 3))
+    pad = (np.concatenate((a, b), axis=1)[:, at] for a, b in ((s.r, rest), (s.R, eye), (s.v, rest), (s.Omega, rest)))
+    return tuple(pad)
+
+
+def _rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
+    r_i, R_i, v_i, W_i = _gather(system, s, system.joint_i)
+    r_j, R_j, v_j, W_j = _gather(system, s, system.joint_j)
+    u = np.einsum("tjab,jb->tja", R_i, system.joint_u)
+    n = np.einsum("tjab,jkb->tjka", R_j, system.joint_n)
+    if velocity:
+        u_dot = np.einsum("tjab,tjb->tja", R_i, np.cross(W_i, system.joint_u))
+        n_dot = np.einsum("tjab,tjkb->tjka", R_j, np.cross(W_j[:, :, None], system.joint_n))
+        point = v_i + np.einsum("tjab,tjb->tja", R_i, np.cross(W_i, system.joint_s_i))
+        point = point - v_j - np.einsum("tjab,tjb->tja", R_j, np.cross(W_j, system.joint_s_j))
+        axis = np.einsum("tja,tjka->tjk", u_dot, n) + np.einsum("tja,tjka->tjk", u, n_dot)
+    else:
+        point = r_i + np.einsum("tjab,jb->tja", R_i, system.joint_s_i)
+        point = point - r_j - np.einsum("tjab,jb->tja", R_j, system.joint_s_j)
+        axis = np.einsum("tja,tjka->tjk", u, n)
+    return _scatter(system, point, axis)
+
+
+def _row_sizes(system: MultibodySystem, s: States) -> tuple[np.ndarray, np.ndarray]:
+    """c^T M c = a^T M a / (a . a)^2 of the point rows (nt, nj, 3) and axis rows (nt, nj, 2)."""
+    _, R_i, _, _ = _gather(system, s, system.joint_i)
+    _, R_j, _, _ = _gather(system, s, system.joint_j)
+    mass = np.append(system.mass, 0.0)
+    J = np.concatenate((system.inertia, np.zeros((1, 3, 3))))
+    aa_point: np.ndarray = np.zeros((len(s.r), system.nj, 3))
+    aMa_point: np.ndarray = np.zeros_like(aa_point)
+    aa_axis: np.ndarray = np.zeros((len(s.r), system.nj, 2))
+    aMa_axis: np.ndarray = np.zeros_like(aa_axis)
+    u = np.einsum("tjab,jb->tja", R_i, system.joint_u)
+    n = np.einsum("tjab,jkb->tjka", R_j, system.joint_n)
+    torque_axis = np.cross(u[:, :, None], n)  # (nt, nj, 2, 3), space
+    for ends, R, arm in ((system.joint_i, R_i, system.joint_s_i), (system.joint_j, R_j, system.joint_s_j)):
+        moves = (ends != GROUND).astype(float)[None, :, None]
+        # row k of A on Omega: e_k . R (Omega x s) = (s x R^T e_k) . Omega
+        a = np.cross(arm[None, :, None], R)  # R[..., k, :] is R^T e_k
+        aa_point = aa_point + moves * (1.0 + np.sum(a * a, axis=-1))
+        aMa_point = aMa_point + moves * (mass[ends][None, :, None] + np.einsum("tjka,jab,tjkb->tjk", a, J[ends], a))
+        b = np.einsum("tjab,tjka->tjkb", R, torque_axis)
+        aa_axis = aa_axis + moves * np.sum(b * b, axis=-1)
+        aMa_axis = aMa_axis + moves * np.einsum("tjka,jab,tjkb->tjk", b, J[ends], b)
+    with np.errstate(invalid="ignore"):  # axis rows of spherical joints are 0/0 and not read
+        return aMa_point / aa_point**2, aMa_axis / aa_axis**2
+
+
+def _scatter(system: MultibodySystem, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    out = np.empty((len(point), system.nrows))
+    start = system.row_start[:-1]
+    for k in range(3):
+        out[:, start + k] = point[:, :, k]
+    hinge = np.flatnonzero(system.joint_revolute)
+    for k in range(2):
+        out[:, start[hinge] + 3 + k] = axis[:, hinge, k]
+    return out

@@ -1,0 +1,50 @@
+"""Rotations as matrices: hat, exponential, logarithm, batched over leading axes.
+
+``R`` takes body to space, so ``R_dot = R hat(Omega)`` with ``Omega`` in the body frame (Sect. 4.2; Eq. 66 uses
+the exponential because autoparallels of the SO(3) connection are rotations about a fixed axis).
+"""
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+
+def hat(a: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """The skew matrix with ``hat(a) b = a x b``."""
+    a = np.asarray(a, dtype=float)
+    out = np.zeros((*a.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -a[..., 2], a[..., 1], -a[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = a[..., 2], -a[..., 1], a[..., 0]
+    return out
+
+
+def exp(rotation_vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
+    """Rotation by ``|a|`` [rad] about ``a`` (Rodrigues; scipy's series is exact at zero)."""
+    a = np.asarray(rotation_vector, dtype=float)
+    return Rotation.from_rotvec(a.reshape(-1, 3)).as_matrix().reshape(*a.shape, 3)
+
+
+def log(R: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3"]:
+    """Rotation vector [rad] of ``R``, length in [0, pi]."""
+    return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(*R.shape[:-2], 3)
+
+
+def euler313(phi: float, theta: float, psi: float) -> Float[np.ndarray, "3 3"]:
+    """``R = R_Z(phi) R_X(theta) R_Z(psi)``: precession, nutation, spin [rad] (Sect. 5.1)."""
+    return Rotation.from_euler("ZXZ", [phi, theta, psi]).as_matrix()
+
+
+def angle_between(
+    R: Float[np.ndarray, "*batch 3 3"], S: Float[np.ndarray, "*batch 3 3"]
+) -> Float[np.ndarray, " *batch"]:
+    """Angle [rad] of the rotation that takes ``S`` to ``R``.
+
+    From the chord ``|R - S|_F = 2 sqrt(2) sin(angle/2)``: exact to rounding for small angles, where the trace is not.
+    """
+    chord = np.linalg.norm(R - S, axis=(-2, -1)) / (2.0 * np.sqrt(2.0))
+    return 2.0 * np.arcsin(np.minimum(chord, 1.0))
+
+
+def orthogonality_defect(R: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, " *batch"]:
+    """``|R^T R - I|_F``, zero on SO(3)."""
+    return np.linalg.norm(np.swapaxes(R, -1, -2) @ R - np.eye(3), axis=(-2, -1))

@@ -1,0 +1,74 @@
+"""Poses and velocities of all bodies, coordinate-free: what every solver, whatever its coordinates, must hand back."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+
+@dataclass(frozen=True)
+class State:
+    """One instant. ``r`` position of C and ``v`` its velocity in space, ``R`` body to space, ``Omega`` body frame."""
+
+    r: Float[np.ndarray, "nb 3"]  # [m]
+    R: Float[np.ndarray, "nb 3 3"]
+    v: Float[np.ndarray, "nb 3"]  # [m/s]
+    Omega: Float[np.ndarray, "nb 3"]  # [rad/s]
+
+    def __post_init__(self) -> None:
+        nb = len(self.r)
+        _check_and_freeze(self, {"r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 3), "Omega": (nb, 3)})
+
+    @property
+    def nb(self) -> int:
+        """Number of bodies."""
+        return len(self.r)
+
+
+@dataclass(frozen=True)
+class States:
+    """``State`` stacked along time (axis 0)."""
+
+    r: Float[np.ndarray, "nt nb 3"]
+    R: Float[np.ndarray, "nt nb 3 3"]
+    v: Float[np.ndarray, "nt nb 3"]
+    Omega: Float[np.ndarray, "nt nb 3"]
+
+    def __post_init__(self) -> None:
+        nt, nb = self.r.shape[:2]
+        _check_and_freeze(self, {"r": (nt, nb, 3), "R": (nt, nb, 3, 3), "v": (nt, nb, 3), "Omega": (nt, nb, 3)})
+
+    def __len__(self) -> int:
+        return len(self.r)
+
+    def __getitem__(self, k: int) -> State:
+        return State(self.r[k], self.R[k], self.v[k], self.Omega[k])
+
+    @property
+    def nb(self) -> int:
+        """Number of bodies."""
+        return self.r.shape[1]
+
+    def at(self, index: np.ndarray | slice) -> "States":
+        """The rows ``index`` of time."""
+        return States(self.r[index], self.R[index], self.v[index], self.Omega[index])
+
+    @staticmethod
+    def one(state: State) -> "States":
+        """A stack of one instant."""
+        return States(state.r[None], state.R[None], state.v[None], state.Omega[None])
+
+
+def rotated(s: States, Q: Float[np.ndarray, "3 3"]) -> States:
+    """The same motion in space turned by ``Q``; Omega, in the body frame, stays."""
+    return States(s.r @ Q.T, Q @ s.R, s.v @ Q.T, s.Omega)
+
+
+def _check_and_freeze(self: object, shapes: dict[str, tuple[int, ...]]) -> None:
+    for name, shape in shapes.items():
+        array = np.ascontiguousarray(getattr(self, name), dtype=np.float64)
+        if array.shape != shape:
+            raise ValueError(f"{type(self).__name__}.{name} must have shape {shape} (got {array.shape})")
+        array = array.view()
+        array.setflags(write=False)
+        object.__setattr__(self, name, array)

@@ -1,0 +1,199 @@
+"""What crosses the layers: problems and solvers on one side, runner, results and reports on the other.
+
+Arrows point one way: ``harness.mechanics <- harness.types <- problems, solvers <- harness.runner <- reports``.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from harness.mechanics.state import State, States, rotated
+from harness.mechanics.system import MultibodySystem
+
+__all__ = [
+    "Array", "Invariant", "Observable", "Problem", "Reference", "Solver", "State", "States", "Status", "StepControl",
+    "Trajectory",
+]  # fmt: skip
+
+Array = np.ndarray
+
+
+class Status(StrEnum):
+    """How a run ended. All but ``SUCCESS`` are failures, and each is a result."""
+
+    SUCCESS = "success"
+    WRONG = "wrong"  # success claimed, but invariants, constraints or the reference say no
+    REFUSED = "refused"  # the solver said beforehand why it cannot
+    DIVERGED = "diverged"
+    STEP_UNDERFLOW = "step_underflow"
+    SINGULAR = "singular"
+    STALLED = "stalled"  # a limit on steps or time was reached
+    MEMORY = "memory"
+    CRASHED = "crashed"  # signal, exit or exception
+
+
+@dataclass(frozen=True)
+class Observable:
+    """A scalar to look at, of the motion in the problem's home frame."""
+
+    name: str
+    symbol: str  # mathtext, without $
+    unit: str
+    of: Callable[[States], Float[np.ndarray, " nt"]]
+
+
+@dataclass(frozen=True)
+class Invariant:
+    """A scalar that the exact motion keeps, in the problem's home frame."""
+
+    name: str
+    unit: str
+    of: Callable[[States], Float[np.ndarray, " nt"]]
+
+
+@runtime_checkable
+class Reference(Protocol):
+    """The exact motion, from outside the contestants."""
+
+    route: str  # how it is computed, in a line
+    horizon: float  # [s] up to here ``error`` is certified
+
+    def states(self, t: Float[np.ndarray, " nt"]) -> States:
+        """The motion at ``t`` [s]."""
+        ...
+
+    def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        """Certified bound [m] on the position error of any body at ``t``."""
+        ...
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A system, its start, and all that is known about its motion.
+
+    ``frame`` takes the home frame (the paper's) to space: 1 unless the problem was posed in another frame.
+    """
+
+    name: str
+    system: MultibodySystem
+    initial: State
+    t_end: float  # [s]
+    dt: float  # [s] the paper's step for ODE-GC
+    section: str  # e.g. "Sect. 5.4"
+    source: str  # where every number comes from
+    observables: tuple[Observable, ...] = ()
+    invariants: tuple[Invariant, ...] = ()
+    reference_from: Callable[[State], Reference | None] | None = None  # exact motion from a start in the home frame
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    frame: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
+    planar_normal: Float[np.ndarray, " 3"] | None = None  # home frame; given when the exact motion is planar
+    energy_allowed: float | None = None  # [J] the benchmark's own limit on max |E - E0|, if it has one
+
+    def home(self, s: States) -> States:
+        """``s`` seen from the home frame."""
+        return rotated(s, self.frame.T)
+
+    def observe(self, s: States) -> dict[str, Float[np.ndarray, " nt"]]:
+        """All observables of a motion, by name."""
+        at_home = self.home(s)
+        return {o.name: o.of(at_home) for o in self.observables}
+
+    def reference(self) -> Reference | None:
+        """The exact motion in space, or None where none is known."""
+        if self.reference_from is None:
+            return None
+        exact = self.reference_from(self.home(States.one(self.initial))[0])
+        return None if exact is None else _TurnedReference(exact, self.frame)
+
+
+@dataclass(frozen=True)
+class _TurnedReference:
+    home: Reference
+    frame: Float[np.ndarray, "3 3"]
+
+    @property
+    def route(self) -> str:
+        return self.home.route
+
+    @property
+    def horizon(self) -> float:
+        return self.home.horizon
+
+    def states(self, t: Float[np.ndarray, " nt"]) -> States:
+        return rotated(self.home.states(t), self.frame)
+
+    def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        return self.home.error(t)
+
+
+@dataclass(frozen=True)
+class StepControl:
+    """Exactly one of ``dt`` (fixed step [s]) and ``rtol`` (error control, absolute tolerance alike)."""
+
+    dt: float | None = None
+    rtol: float | None = None
+    max_step: float | None = None  # [s] for error control only
+    max_steps: int = 10_000_000  # accepted steps before the run counts as stalled
+    wall_limit: float | None = None  # [s] the solver stops itself and hands back what it has
+
+    def __post_init__(self) -> None:
+        if (self.dt is None) == (self.rtol is None):
+            raise ValueError(f"give exactly one of dt and rtol (got dt={self.dt}, rtol={self.rtol})")
+        for name in ("dt", "rtol", "max_step", "wall_limit"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} must be a finite number > 0 (got {value})")
+        if self.max_step is not None and self.dt is not None:
+            raise ValueError(f"max_step goes with rtol, not with a fixed dt (got dt={self.dt}, max_step={self.max_step})")
+        if self.max_steps < 1:
+            raise ValueError(f"max_steps must be >= 1 (got {self.max_steps})")
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The solver's own accepted steps, never resampled; on failure those up to it.
+
+    ``reaction`` is the force conjugate to phi at the times ``t``: ``A^T reaction`` is the reaction on the bodies
+    ([N] for point rows, [N m] for axis rows), NaN where the solver has none; never a raw lambda, by which
+    Eqs. (36) and (92) mean different things. ``diagnostics`` are further series of the solver's own, (nt,) each.
+    """
+
+    t: Float[np.ndarray, " nt"]
+    states: States
+    status: Status
+    message: str
+    counters: Mapping[str, int]
+    reaction: Float[np.ndarray, "nt nrows"] | None = None
+    diagnostics: Mapping[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
+    events: tuple[Mapping[str, Any], ...] = ()  # e.g. singular passages: plain numbers and strings
+    notes: tuple[str, ...] = ()  # choices the solver made, e.g. which redundant rows it dropped
+    cpu_time: float = float("nan")  # [s] the integration alone, without compilation and set-up
+    setup_time: float = float("nan")  # [s] compilation, symbolic analysis, consistent start
+
+    def __post_init__(self) -> None:
+        t = np.asarray(self.t, dtype=float)
+        if t.ndim != 1 or len(t) != len(self.states) or len(t) == 0:
+            raise ValueError(f"expected one state a time, at least the start (got {t.shape} times, {len(self.states)} states)")
+        if np.any(np.diff(t) <= 0.0):
+            raise ValueError("the times of a trajectory must increase")
+
+
+@runtime_checkable
+class Solver(Protocol):
+    """A frozen dataclass of options (module ``harness.options``) with two methods; one file in ``solvers/`` each."""
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str]
+    control: ClassVar[str]  # "dt" or "rtol": which of the two ``StepControl`` it takes
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Why this solver cannot take the problem, or None."""
+        ...
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate from ``problem.initial`` to ``problem.t_end``; a failure is a status, not an exception."""
+        ...
