@@ -1,0 +1,106 @@
+"""Chain of rigid bars on two hinges (Sect. 5.3, Figs. 8, 9): three static spans whose inner supports vanish at t = 0.
+
+Numbers: Sect. 5.3: 15 bars of 1 kg and 0.3048 m, supports A, B, C, D 0.9144 m apart, that is 3/5 of the length of the
+five bars of a span; ``span_ratio`` keeps this for other numbers of links, with bars of the same size. The axial
+inertia is not given: 1e-4 kg m2, which planar motion does not see. Start: the equilibrium of rigid bars, computed.
+"""
+
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import brentq
+
+from harness.mechanics import so3
+from harness.mechanics.motion import point_position
+from harness.mechanics.state import State
+from harness.mechanics.system import GROUND, Joint, RigidBody, assemble
+from harness.options import Parameter
+from harness.registry import problem
+from harness.types import Observable, Problem
+
+ENERGY_ALLOWED = 1.0  # [J] the benchmark's rule
+
+
+@problem("chain")
+def chain(
+    *,
+    links: Annotated[int, Parameter("number of bars, a multiple of three", "", at_least=6)] = 15,
+    mass: Annotated[float, Parameter("mass of a bar", "kg", above=0.0)] = 1.0,
+    length: Annotated[float, Parameter("length of a bar", "m", above=0.0)] = 0.3048,
+    span_ratio: Annotated[
+        float, Parameter("distance of two supports per length of the bars between", "", above=0.0)
+    ] = 0.6,
+    axial_inertia: Annotated[float, Parameter("inertia of a bar about its axis", "kg m2", above=0.0)] = 1e-4,
+    gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
+) -> Problem:
+    """Bars with spherical joints, hinged at A and D, let go from three separately static spans."""
+    alpha = start_angles(links, span_ratio)
+    transverse = mass * length**2 / 12.0
+    bar = np.diag([axial_inertia, transverse, transverse])
+    span = span_ratio * length * (links // 3)
+    left, right = (-0.5 * length, 0.0, 0.0), (0.5 * length, 0.0, 0.0)
+    joints = [Joint(0, left, GROUND, (0.0, 0.0, 0.0), name="A")]
+    joints += [Joint(k, right, k + 1, left, name=f"{k + 1}-{k + 2}") for k in range(links - 1)]
+    joints += [Joint(links - 1, right, GROUND, (3.0 * span, 0.0, 0.0), name="D")]
+    bodies = [RigidBody(mass, bar, f"bar {k + 1}") for k in range(links)]
+    system = assemble(bodies, joints, (0.0, -gravity, 0.0))
+    rest = np.zeros((links, 3))
+    start = State(centres(alpha, length), bar_frames(alpha), rest, rest)
+    middle = links // 2
+    E = np.array([0.0 if links % 2 else -0.5 * length, 0.0, 0.0])  # even: the joint of the two middle bars
+    return Problem(
+        "chain",
+        system,
+        start,
+        t_end=20.0,
+        dt=1e-3,
+        section="Sect. 5.3",
+        source="Sect. 5.3; span ratio from 0.9144 m and five bars; axial inertia chosen",
+        observables=(
+            Observable("E_x", "X_E", "m", lambda s: point_position(s, middle, E)[:, 0]),
+            Observable("E_y", "Y_E", "m", lambda s: point_position(s, middle, E)[:, 1]),
+            Observable("E_z", "Z_E", "m", lambda s: point_position(s, middle, E)[:, 2]),
+            Observable("out_of_plane", "|Z|_{max}", "m", lambda s: np.max(np.abs(s.r[:, :, 2]), axis=1)),
+        ),
+        planar_normal=np.array([0.0, 0.0, 1.0]),
+        energy_allowed=ENERGY_ALLOWED,
+    )
+
+
+def start_angles(links: int, span_ratio: float) -> Float[np.ndarray, " links"]:
+    """Angles alpha [rad] to OX of three static spans of n bars: tan alpha_i = -((n+1)/2 - i) a.
+
+    The pull in the joints has a constant horizontal part and a vertical part that falls by m g a bar; a bar lies along
+    the mean of its two pulls. The closure of a span, sum cos alpha_i = ``span_ratio`` n, gives a.
+    """
+    n, rest = divmod(links, 3)
+    if rest:
+        raise ValueError(f"links must be a multiple of three, for three equal spans (got {links})")
+    if not (n % 2) / n < span_ratio < 1.0:
+        raise ValueError(
+            f"span_ratio must be between {(n % 2) / n:g} and 1 for {n} bars a span to hang (got {span_ratio:g})"
+        )
+    lever = np.arange(1, n + 1) - 0.5 * (n + 1)
+
+    def gap(a: float) -> float:
+        return float(np.sum(1.0 / np.hypot(1.0, lever * a))) - span_ratio * n
+
+    steep = 1.0
+    while gap(steep) > 0.0:
+        steep *= 2.0
+    a = brentq(gap, 0.0, steep, xtol=1e-16, rtol=1e-15)
+    return np.tile(np.arctan(lever * a), 3)
+
+
+def centres(alpha: Float[np.ndarray, "*nt links"], length: float) -> Float[np.ndarray, "*nt links 3"]:
+    """Centres [m] of bars strung from A = 0 at angles ``alpha`` in OXY."""
+    bar = length * np.stack((np.cos(alpha), np.sin(alpha), np.zeros_like(alpha)), axis=-1)
+    return np.cumsum(bar, axis=-2) - 0.5 * bar
+
+
+def bar_frames(alpha: Float[np.ndarray, "*nt links"]) -> Float[np.ndarray, "*nt links 3 3"]:
+    """R with body x along the bar and body y along OZ: 3-1-3 angles (alpha, pi/2, 0), far from their singularity."""
+    turn = np.zeros((*alpha.shape, 3))
+    turn[..., 2] = alpha
+    return so3.exp(turn) @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])

@@ -1,0 +1,145 @@
+"""Grid of four-bar linkages with redundant joints (Sect. 5.5, Fig. 12), hanging from the ground, set swinging.
+
+Numbers: Sect. 5.5: 5 x 5 cells, bars of 1 m and 1 kg, revolute joints along OX, gravity along -Z, 2 pi/3 rad/s, 10 s,
+energy drift of 1 J allowed. "Negligible" axial inertia: 1e-4 kg m2, which planar motion does not see. The wording
+("the six top bodies") sets only the top row turning (``top_row``: the rows below translate); ``all_rows`` turns every row.
+"""
+
+from collections.abc import Callable
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float
+
+from harness.mechanics.motion import point_position
+from harness.mechanics.state import States
+from harness.mechanics.system import GROUND, Joint, RigidBody, assemble
+from harness.options import Parameter
+from harness.registry import problem
+from harness.types import Observable, Problem
+
+ENERGY_ALLOWED = 1.0  # [J] Sect. 5.5
+AXIS = (0.0, 0.0, 1.0)  # joint axis in every bar: body z = OX; then 3-1-3 angles stay at theta = pi/2
+BAR_ALONG_Y = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # R of the horizontal bars
+
+
+@problem("four_bar_grid")
+def four_bar_grid(
+    *,
+    rows: Annotated[int, Parameter("rows of cells, one degree of freedom each", "", at_least=1)] = 5,
+    columns: Annotated[int, Parameter("cells in a row", "", at_least=1)] = 5,
+    release: Annotated[str, Parameter("which rows turn at the start", "", choices=("top_row", "all_rows"))] = "top_row",
+    rate: Annotated[float, Parameter("their initial rate about OX", "rad/s")] = 2.0 * np.pi / 3.0,
+    mass: Annotated[float, Parameter("mass of a bar", "kg", above=0.0)] = 1.0,
+    length: Annotated[float, Parameter("length of a bar", "m", above=0.0)] = 1.0,
+    axial_inertia: Annotated[float, Parameter("inertia of a bar about its axis", "kg m2", above=0.0)] = 1e-4,
+    mass_spread: Annotated[
+        float, Parameter("masses vary evenly by this part of theirs", "", at_least=0.0, at_most=0.9)
+    ] = 0.0,
+    mass_seed: Annotated[int, Parameter("seed of mass_spread", "", at_least=0)] = 0,
+    gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
+) -> Problem:
+    """Parallelogram cells of 3-D bars on revolute joints: far more joint rows than needed, one freedom a row."""
+    nb = rows * (2 * columns + 1)
+    spread = np.random.default_rng(mass_seed).uniform(-1.0, 1.0, nb)
+    masses = mass * (1.0 + mass_spread * spread)
+    bodies = [_bar(m, length, axial_inertia, name) for m, name in zip(masses, _names(rows, columns), strict=True)]
+    system = assemble(bodies, _joints(rows, columns, length), (0.0, 0.0, -gravity))
+    turns = np.zeros(rows)
+    turns[: 1 if release == "top_row" else rows] = rate
+    start = grid_states(np.zeros((1, rows)), turns[None], columns, length)[0]
+    foot = np.array([0.5 * length, 0.0, 0.0])
+    last = (rows - 1) * (2 * columns + 1) + columns
+    observables = [
+        Observable(name, symbol, unit, of)
+        for i in range(rows)
+        for name, symbol, unit, of in (
+            (f"angle_{i + 1}", rf"\varphi_{{{i + 1}}}", "rad", _angle(i * (2 * columns + 1))),
+            (f"rate_{i + 1}", rf"\dot\varphi_{{{i + 1}}}", "rad/s", _rate(i * (2 * columns + 1))),
+        )
+    ]
+    observables += [
+        Observable("bottom_left_y", "Y_{BL}", "m", lambda s: point_position(s, last - columns, foot)[:, 1]),
+        Observable("bottom_left_z", "Z_{BL}", "m", lambda s: point_position(s, last - columns, foot)[:, 2]),
+        Observable("bottom_right_y", "Y_{BR}", "m", lambda s: point_position(s, last, foot)[:, 1]),
+        Observable("bottom_right_z", "Z_{BR}", "m", lambda s: point_position(s, last, foot)[:, 2]),
+    ]
+    return Problem(
+        "four_bar_grid",
+        system,
+        start,
+        t_end=10.0,
+        dt=1e-2,
+        section="Sect. 5.5",
+        source="Sect. 5.5; axial inertia chosen",
+        observables=tuple(observables),
+        planar_normal=np.array([1.0, 0.0, 0.0]),
+        energy_allowed=ENERGY_ALLOWED,
+    )
+
+
+def grid_states(
+    angle: Float[np.ndarray, "nt rows"], rate: Float[np.ndarray, "nt rows"], columns: int, length: float
+) -> States:
+    """Poses and velocities of all bars from the row angles [rad] about OX, 0 hanging, and their rates [rad/s].
+
+    Bodies row by row, from the top: ``columns + 1`` verticals from left to right, then ``columns`` horizontals.
+    """
+    nt, rows = angle.shape
+    zero = np.zeros_like(angle)
+    along = length * np.stack((zero, np.sin(angle), -np.cos(angle)), axis=-1)  # (nt, rows, 3) down a vertical bar
+    across = length * np.stack((zero, np.cos(angle), np.sin(angle)), axis=-1)
+    foot, foot_v = np.cumsum(along, axis=1), np.cumsum(rate[..., None] * across, axis=1)
+    n = 2 * columns + 1
+    place = np.concatenate((np.arange(columns + 1.0), np.arange(columns) + 0.5))  # along OY, in bars
+    middle = np.where(np.arange(n) <= columns, 0.5, 0.0)[:, None]  # verticals: C half a bar above the foot
+    r = foot[:, :, None] - middle * along[:, :, None] + place[:, None] * np.array([0.0, length, 0.0])
+    v = foot_v[:, :, None] - middle * (rate[..., None] * across)[:, :, None]
+    R = np.empty((nt, rows, n, 3, 3))
+    R[:, :, columns + 1 :] = BAR_ALONG_Y
+    R[:, :, : columns + 1, :, 0] = (along / length)[:, :, None]
+    R[:, :, : columns + 1, :, 1] = (across / length)[:, :, None]
+    R[:, :, : columns + 1, :, 2] = (1.0, 0.0, 0.0)
+    Omega = np.zeros((nt, rows, n, 3))
+    Omega[:, :, : columns + 1, 2] = rate[..., None]
+    nb = rows * n
+    return States(r.reshape(nt, nb, 3), R.reshape(nt, nb, 3, 3), v.reshape(nt, nb, 3), Omega.reshape(nt, nb, 3))
+
+
+def _bar(mass: float, length: float, axial_inertia: float, name: str) -> RigidBody:
+    transverse = mass * length**2 / 12.0
+    return RigidBody(mass, np.diag([axial_inertia, transverse, transverse]), name)
+
+
+def _names(rows: int, columns: int) -> list[str]:
+    across = [f"v{{0}},{j}" for j in range(columns + 1)] + [f"h{{0}},{j}" for j in range(columns)]
+    return [name.format(i + 1) for i in range(rows) for name in across]
+
+
+def _joints(rows: int, columns: int, length: float) -> list[Joint]:
+    """Every bar at a node hinged to the vertical that ends there from above; the top row to the ground."""
+    n = 2 * columns + 1
+    head, tail = (-0.5 * length, 0.0, 0.0), (0.5 * length, 0.0, 0.0)
+    joints = []
+    for j in range(columns + 1):
+        joints.append(Joint(j, head, GROUND, (0.0, j * length, 0.0), AXIS, (1.0, 0.0, 0.0), name=f"ground {j}"))
+    for i in range(rows):
+        for j in range(columns + 1):
+            above = i * n + j
+            meeting = [(i * n + columns + j, tail)] if j > 0 else []  # horizontal from the left ends here
+            meeting += [(i * n + columns + 1 + j, head)] if j < columns else []
+            meeting += [((i + 1) * n + j, head)] if i + 1 < rows else []
+            joints += [
+                Joint(body, end, above, tail, AXIS, AXIS, name=f"node {i + 1},{j}: {k + 1}")
+                for k, (body, end) in enumerate(meeting)
+            ]
+    return joints
+
+
+def _angle(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
+    """Angle of a vertical bar about OX [rad], continuous in time, from its direction (body x)."""
+    return lambda s: np.unwrap(np.arctan2(s.R[:, body, 1, 0], -s.R[:, body, 2, 0]))
+
+
+def _rate(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
+    return lambda s: s.Omega[:, body, 2]
