@@ -1,0 +1,188 @@
+"""The record of one cell: what was asked, how it ended, what was measured, what it cost. All that reports see.
+
+A record is flat: every field is a column of ``cells.parquet``, with its unit at the end of its name and its meaning
+here. Things of which problems and solvers have different ones (options, counters, invariants) are JSON strings.
+"""
+
+import dataclasses
+import json
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+SCHEMA = 1  # raise it when a column changes its meaning or goes; a new column with a default keeps it
+NAN = float("nan")
+
+
+class BadRecord(ValueError):
+    """Not a record of this schema; the message says why."""
+
+
+def column(doc: str, default: Any = NAN) -> Any:
+    """A field with its meaning."""
+    return dataclasses.field(default=default, metadata={"doc": doc})
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """One cell. NaN (or an empty string) where a quantity does not exist, e.g. an error without a reference."""
+
+    # asked
+    cell: str = column("content address: problem, parameters, solver, options, control, code", "")
+    settings: str = column("the same without the code: equal between runs of different commits", "")
+    case: str = column("the settings in words, unique in a suite: 'heavy_top gc_weak_form dt=0.001'", "")
+    suite: str = column("name of the suite", "")
+    label: str = column("group of the suite the cell belongs to, e.g. 'soundest' or 'as printed'", "")
+    problem: str = column("name in problems/", "")
+    section: str = column("section of the paper", "")
+    problem_parameters: str = column("JSON: those that differ from the defaults", "{}")
+    solver: str = column("name in solvers/", "")
+    paper_label: str = column("the paper's name of such a solver", "")
+    solver_options: str = column("JSON: those that differ from the defaults", "{}")
+    control: str = column("'dt' (fixed step) or 'rtol' (error control)", "")
+    dt_s: float = column("fixed step asked for")
+    rtol: float = column("relative tolerance asked for")
+    max_step_s: float = column("largest step allowed under error control")
+    t_end_s: float = column("simulated time asked for")
+    wall_limit_s: float = column("limit on the wall time of the cell")
+    memory_limit_MB: float = column("limit on the memory of the cell's process")
+
+    # how it ended
+    status: str = column("harness.types.Status: success, wrong, refused, diverged, ...", "")
+    claimed: str = column("the status the solver itself gave; empty if it never returned", "")
+    message: str = column("the solver's message, or how its process ended", "")
+    wrong_because: str = column("why a claimed success is wrong; JSON list", "[]")
+    notes: str = column("JSON list: choices the solver made", "[]")
+    events: int = column("number of events in the series file, e.g. singular passages", 0)
+    t_reached_s: float = column("time of the last accepted step")
+    exit_code: int = column("exit code of the cell's process", 0)
+    signal: int = column("signal that ended the process, 0 if none", 0)
+
+    # energy: error is E(t) - E(0) minus the work of dampers
+    energy_start_J: float = column("T + V at the start")
+    energy_scale_J: float = column("T(0) + sum m g L + springs: what drifts are compared with")
+    energy_drift_max_J: float = column("max |energy error| over all accepted steps")
+    energy_drift_end_J: float = column("energy error at the last step, signed")
+    energy_trend_W: float = column("slope of the line of least squares through the energy error [J/s]")
+    energy_mean_first_quarter_J: float = column("time mean of the energy error over the first quarter of the time")
+    energy_mean_last_quarter_J: float = column("the same over the last quarter: their difference is secular drift")
+    energy_allowed_J: float = column("the benchmark's own limit on the drift, where it has one")
+
+    # constraints
+    length_scale_m: float = column("size of the mechanism at the start: what |phi| and errors are compared with")
+    phi_max: float = column("max |phi|: point rows in m, axis rows without unit")
+    phi_end: float = column("|phi| at the last step")
+    phi_dot_max: float = column("max |phi_dot|: m/s, axis rows 1/s")
+    phi_dot_end: float = column("|phi_dot| at the last step")
+    eq81_max_sqrtJ: float = column("max sqrt(phi_dot^T M_bar phi_dot), the norm of Eq. (81)")
+    eq81_end_sqrtJ: float = column("the same at the last step")
+    orthogonality_max: float = column("max |R^T R - 1|")
+    out_of_plane_max_m: float = column("max distance of any C from its plane, where the exact motion is planar")
+
+    # against the reference, within its horizon
+    reference: str = column("how the reference is computed; empty without one", "")
+    reference_horizon_s: float = column("errors are taken up to here, or to t_end")
+    reference_own_error_m: float = column("certified error of the reference itself over that time")
+    position_error_max_m: float = column("max over time and bodies of |r - r_exact|")
+    position_error_end_m: float = column("the same at the last compared step")
+    orientation_error_max_rad: float = column("max over time and bodies of the angle between R and R_exact")
+    orientation_error_end_rad: float = column("the same at the last compared step")
+    observable_errors: str = column("JSON: {name: {max, end, unit}} of |observable - exact|", "{}")
+    invariant_drifts: str = column("JSON: {name: {max, end, start, unit}} of |invariant - its start|", "{}")
+
+    # steps and work
+    steps: int = column("accepted steps", 0)
+    step_min_s: float = column("smallest accepted step, the last one left out (it may be cut to end at t_end)")
+    step_median_s: float = column("median accepted step")
+    step_max_s: float = column("largest accepted step")
+    step_ratio: float = column("largest over smallest step")
+    rejected: float = column("rejected steps, NaN where the solver does not count them")
+    newton_iterations: float = column("corrections of the nonlinear solver")
+    evaluations: float = column("evaluations of residual or right side")
+    jacobians: float = column("evaluations of the Jacobian")
+    factorisations: float = column("matrix factorisations")
+    counters: str = column("JSON: all the solver counted", "{}")
+
+    # cost
+    repeats: int = column("times the solve was run; the motion is that of the first", 0)
+    cpu_min_s: float = column("CPU time of the integration alone, least of the repeats")
+    cpu_median_s: float = column("median of the repeats")
+    cpu_max_s: float = column("largest of the repeats")
+    setup_s: float = column("set-up and compilation of the first run, not in cpu_*")
+    wall_s: float = column("wall time of the whole cell: process, set-up, solve, measuring")
+    measure_s: float = column("wall time of measuring alone")
+    peak_memory_MB: float = column("largest resident memory of the process")
+
+    # files, relative to the run folder
+    series: str = column("the cell's series file, empty if there is none", "")
+    series_sha256: str = column("its digest", "")
+    series_rows: int = column("rows in it; fewer than steps + 1 when thinned", 0)
+    stderr: str = column("what the cell wrote to standard error, empty if nothing", "")
+
+    # where from
+    code: str = column("digest of harness/, problems/, solvers/, plugins and the lock file", "")
+    commit: str = column("commit of the checkout, '+dirty' if it had changes", "")
+    finished: str = column("UTC time the cell ended, ISO 8601", "")
+    schema: int = column("version of these columns", SCHEMA)
+
+
+COLUMNS: tuple[dataclasses.Field, ...] = dataclasses.fields(RunRecord)
+
+
+def to_json(record: RunRecord) -> str:
+    """The record as strict JSON: numbers that are not finite as strings ``"nan"``, ``"inf"``, ``"-inf"``."""
+    plain = {c.name: _plain(getattr(record, c.name)) for c in COLUMNS}
+    return json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False)
+
+
+def from_json(text: str) -> RunRecord:
+    """The record in ``text``, or BadRecord: not JSON, foreign, of another schema, or of wrong types."""
+    try:
+        plain = json.loads(text)
+    except ValueError as error:
+        raise BadRecord(f"not JSON: {error}") from None
+    if not isinstance(plain, dict) or "schema" not in plain or "cell" not in plain:
+        raise BadRecord("not a record of a cell")
+    if plain["schema"] != SCHEMA:
+        raise BadRecord(f"schema {plain['schema']!r}, expected {SCHEMA}")
+    return _checked(plain)
+
+
+def _checked(plain: Mapping[str, Any]) -> RunRecord:
+    values: dict[str, Any] = {}
+    for c in COLUMNS:
+        if c.name not in plain:
+            raise BadRecord(f"column {c.name} is missing")
+        value = plain[c.name]
+        if c.type is float:
+            value = _number(c.name, value)
+        elif isinstance(value, bool) or not isinstance(value, c.type):  # type: ignore[arg-type]
+            raise BadRecord(f"column {c.name} must be {getattr(c.type, '__name__', c.type)} (got {value!r})")
+        values[c.name] = value
+    for name in ("problem_parameters", "solver_options", "counters", "observable_errors", "invariant_drifts"):
+        _embedded(name, values[name], dict)
+    for name in ("notes", "wrong_because"):
+        _embedded(name, values[name], list)
+    return RunRecord(**values)
+
+
+def _number(name: str, value: Any) -> float:
+    if value in ("nan", "inf", "-inf") or (isinstance(value, int | float) and not isinstance(value, bool)):
+        return float(value)
+    raise BadRecord(f"column {name} must be a number (got {value!r})")
+
+
+def _embedded(name: str, text: str, kind: type) -> None:
+    try:
+        good = isinstance(json.loads(text), kind)
+    except ValueError:
+        good = False
+    if not good:
+        raise BadRecord(f"column {name} must hold a JSON {kind.__name__} (got {text[:40]!r})")
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value
