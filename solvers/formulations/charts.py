@@ -1,0 +1,191 @@
+"""Charts of the symbolic route: coordinates p and velocities u of a body, and the way to (r, R, v, Omega) and back.
+
+``R_dot = R hat(Omega)`` with ``V = (r_dot, Omega) = B(p) u`` and ``p_dot = G(p) u``. Two charts:
+
+- **euler313**, the paper's: p = (r, phi, theta, psi), R = R_Z(phi) R_X(theta) R_Z(psi), u = p_dot, so that M(q) =
+  blockdiag(m I, T^T J T) with Omega = T theta_dot. T is singular at sin(theta) = 0; nothing here hides that.
+- **quaternion**: p = (r, q), u = V itself, q_dot = 1/2 q o Omega. R is homogeneous of degree 0 in q and the rate of
+  degree 1, so R_dot = R hat(Omega) holds exactly at any |q|: the norm carries no physics. It is kept near 1 by the
+  term (1 - |q|^2) q / 2 in q_dot, which is along q and so does not turn the body either.
+"""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from harness.mechanics.state import State, States
+
+NORM_RATE = 1.0  # [1/s] at which |q| returns to 1; slow beside every motion here, so it never sets a step
+SINGULAR_CHART = 1e-6  # |sin(theta)| below which T^-1 amplifies rounding to 1e-10
+
+
+@dataclass(frozen=True)
+class Chart(ABC):
+    """Coordinates of one body: symbolic maps for CasADi, numeric maps for starts and records."""
+
+    name: ClassVar[str]
+    size: ClassVar[int]  # coordinates per body; velocities are always 6
+    constant_mass: ClassVar[bool]  # M does not depend on p: u is V
+
+    @abstractmethod
+    def rotation(self, p: ca.SX) -> ca.SX:
+        """R (3, 3), body to space."""
+
+    @abstractmethod
+    def body_velocity(self, p: ca.SX, u: ca.SX) -> ca.SX:
+        """V = B(p) u = (r_dot [space], Omega [body])."""
+
+    @abstractmethod
+    def flow(self, p: ca.SX, u: ca.SX) -> ca.SX:
+        """p_dot = G(p) u, linear in u."""
+
+    def restoring(self, p: ca.SX) -> ca.SX:
+        """What is added to p_dot to keep p on its own manifold; turns no body."""
+        return ca.SX.zeros(self.size)
+
+    def rotation_rates(self, p: Float[np.ndarray, "*batch size"]) -> Float[np.ndarray, "*batch 3 3"]:
+        """T of Omega = T u_rot; 1 where u is V itself."""
+        return np.broadcast_to(np.eye(3), (*p.shape[:-1], 3, 3))
+
+    @property
+    @abstractmethod
+    def at_rest(self) -> Float[np.ndarray, " size"]:
+        """Coordinates of the ground: r = 0, R = 1."""
+
+    @abstractmethod
+    def coordinates(self, state: State) -> tuple[Float[np.ndarray, "nb size"], Float[np.ndarray, "nb 6"]]:
+        """(p, u) of ``state``."""
+
+    @abstractmethod
+    def states(self, p: Float[np.ndarray, "nt nb size"], u: Float[np.ndarray, "nt nb 6"]) -> States:
+        """The motion in space; R orthogonal to rounding."""
+
+    @abstractmethod
+    def margin(self, p: Float[np.ndarray, "*batch nb size"]) -> Float[np.ndarray, " *batch"]:
+        """Distance from the chart's nearest singularity over bodies: 1 far from it, 0 on it."""
+
+    def refusal(self, state: State) -> str | None:
+        """Why the chart cannot hold ``state``, or None."""
+        return None
+
+
+@dataclass(frozen=True)
+class Euler313(Chart):
+    """3-1-3 angles (precession, nutation, spin) and their rates."""
+
+    name: ClassVar[str] = "euler313"
+    size: ClassVar[int] = 6
+    constant_mass: ClassVar[bool] = False
+
+    def rotation(self, p: ca.SX) -> ca.SX:
+        return _turn_z(p[3]) @ _turn_x(p[4]) @ _turn_z(p[5])
+
+    def body_velocity(self, p: ca.SX, u: ca.SX) -> ca.SX:
+        (theta, psi), (a, b, c) = (p[4], p[5]), (u[3], u[4], u[5])
+        transverse = ca.sin(theta) * a
+        return ca.vertcat(
+            u[:3],
+            ca.sin(psi) * transverse + ca.cos(psi) * b,
+            ca.cos(psi) * transverse - ca.sin(psi) * b,
+            ca.cos(theta) * a + c,
+        )
+
+    def flow(self, p: ca.SX, u: ca.SX) -> ca.SX:
+        return u
+
+    def rotation_rates(self, p: np.ndarray) -> np.ndarray:
+        T = np.zeros((*p.shape[:-1], 3, 3))
+        theta, psi = p[..., 4], p[..., 5]
+        T[..., 0, 0], T[..., 1, 0] = np.sin(theta) * np.sin(psi), np.sin(theta) * np.cos(psi)
+        T[..., 2, 0], T[..., 2, 2] = np.cos(theta), 1.0
+        T[..., 0, 1], T[..., 1, 1] = np.cos(psi), -np.sin(psi)
+        return T
+
+    @property
+    def at_rest(self) -> np.ndarray:
+        return np.zeros(6)
+
+    def coordinates(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        R = state.R
+        theta = np.arctan2(np.hypot(R[:, 0, 2], R[:, 1, 2]), R[:, 2, 2])
+        phi, psi = np.arctan2(R[:, 0, 2], -R[:, 1, 2]), np.arctan2(R[:, 2, 0], R[:, 2, 1])
+        p = np.concatenate((state.r, np.stack((phi, theta, psi), axis=1)), axis=1)
+        rates = np.linalg.solve(self.rotation_rates(p), state.Omega[:, :, None])[:, :, 0]
+        return p, np.concatenate((state.v, rates), axis=1)
+
+    def states(self, p: np.ndarray, u: np.ndarray) -> States:
+        R = Rotation.from_euler("ZXZ", p[..., 3:].reshape(-1, 3)).as_matrix().reshape(*p.shape[:-1], 3, 3)
+        Omega = np.einsum("tbij,tbj->tbi", self.rotation_rates(p), u[..., 3:])
+        return States(p[..., :3], R, u[..., :3], Omega)
+
+    def margin(self, p: np.ndarray) -> np.ndarray:
+        return np.min(np.abs(np.sin(p[..., 4])), axis=-1)
+
+    def refusal(self, state: State) -> str | None:
+        sine = np.hypot(state.R[:, 0, 2], state.R[:, 1, 2])
+        if np.min(sine) >= SINGULAR_CHART:
+            return None
+        where = int(np.argmin(sine))
+        return (
+            f"3-1-3 Euler angles cannot hold the start: body {where} has |sin(theta)| = {sine[where]:.3g}, where "
+            "precession and spin are one rotation; use coordinates=quaternion or turn the problem"
+        )
+
+
+@dataclass(frozen=True)
+class Quaternion(Chart):
+    """Unit quaternion (w, x, y, z) and Omega."""
+
+    name: ClassVar[str] = "quaternion"
+    size: ClassVar[int] = 7
+    constant_mass: ClassVar[bool] = True
+
+    def rotation(self, p: ca.SX) -> ca.SX:
+        w, v = p[3], p[4:]
+        R = (w * w - ca.dot(v, v)) * ca.SX.eye(3) + 2 * (v @ v.T) + 2 * w * ca.skew(v)
+        return R / (w * w + ca.dot(v, v))
+
+    def body_velocity(self, p: ca.SX, u: ca.SX) -> ca.SX:
+        return u
+
+    def flow(self, p: ca.SX, u: ca.SX) -> ca.SX:
+        w, v, Omega = p[3], p[4:], u[3:]
+        return ca.vertcat(u[:3], -0.5 * ca.dot(v, Omega), 0.5 * (w * Omega + ca.cross(v, Omega)))
+
+    def restoring(self, p: ca.SX) -> ca.SX:
+        q = p[3:]
+        return ca.vertcat(ca.SX.zeros(3), 0.5 * NORM_RATE * (1 - ca.dot(q, q)) * q)
+
+    @property
+    def at_rest(self) -> np.ndarray:
+        return np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+
+    def coordinates(self, state: State) -> tuple[np.ndarray, np.ndarray]:
+        q = Rotation.from_matrix(state.R).as_quat(scalar_first=True)
+        return np.concatenate((state.r, q), axis=1), np.concatenate((state.v, state.Omega), axis=1)
+
+    def states(self, p: np.ndarray, u: np.ndarray) -> States:
+        q = p[..., 3:].reshape(-1, 4)
+        R = Rotation.from_quat(q, scalar_first=True).as_matrix().reshape(*p.shape[:-1], 3, 3)  # scipy normalises
+        return States(p[..., :3], R, u[..., :3], u[..., 3:])
+
+    def margin(self, p: np.ndarray) -> np.ndarray:
+        return np.min(np.linalg.norm(p[..., 3:], axis=-1), axis=-1)
+
+
+CHARTS: dict[str, Chart] = {"quaternion": Quaternion(), "euler313": Euler313()}
+
+
+def _turn_z(angle: ca.SX) -> ca.SX:
+    c, s = ca.cos(angle), ca.sin(angle)
+    return ca.vertcat(ca.horzcat(c, -s, 0), ca.horzcat(s, c, 0), ca.horzcat(0, 0, 1))
+
+
+def _turn_x(angle: ca.SX) -> ca.SX:
+    c, s = ca.cos(angle), ca.sin(angle)
+    return ca.vertcat(ca.horzcat(1, 0, 0), ca.horzcat(0, c, -s), ca.horzcat(0, s, c))

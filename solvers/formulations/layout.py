@@ -1,0 +1,83 @@
+"""Where everything sits in the unknowns y = (p, u, lam): body by body, then the kept constraint rows.
+
+Elements read through index arrays. What is not unknown is read from constants behind y: the ground's coordinates, its
+zero velocity, and one zero for the multiplier of a dropped row. Accelerations w = u_dot have the ground's zero behind.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from harness.mechanics.system import GROUND, MultibodySystem
+from solvers.formulations.charts import Chart
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Sizes and indices of y (n) = p (n_p), u (n_u), lam (k), for the ``kept`` rows of phi."""
+
+    system: MultibodySystem
+    chart: Chart
+    kept: Int[np.ndarray, " k"]
+
+    @property
+    def n_p(self) -> int:
+        return self.system.nb * self.chart.size
+
+    @property
+    def n_u(self) -> int:
+        return self.system.nb * 6
+
+    @property
+    def k(self) -> int:
+        return len(self.kept)
+
+    @property
+    def n(self) -> int:
+        return self.n_p + self.n_u + self.k
+
+    @property
+    def p(self) -> slice:
+        return slice(0, self.n_p)
+
+    @property
+    def u(self) -> slice:
+        return slice(self.n_p, self.n_p + self.n_u)
+
+    @property
+    def lam(self) -> slice:
+        return slice(self.n_p + self.n_u, self.n)
+
+    @property
+    def constants(self) -> Float[np.ndarray, " c"]:
+        """What stands behind y: the ground's p and u, and a zero."""
+        return np.concatenate((self.chart.at_rest, np.zeros(7)))
+
+    def body(self, b: Int[np.ndarray, " m"]) -> Int[np.ndarray, "m s"]:
+        """Indices of (p, u) of bodies or the ground, in y with its constants."""
+        size, ground = self.chart.size, (b == GROUND)[:, None]
+        p = np.where(ground, self.n + np.arange(size), b[:, None] * size + np.arange(size))
+        u = np.where(ground, self.n + size + np.arange(6), self.n_p + b[:, None] * 6 + np.arange(6))
+        return np.concatenate((p, u), axis=1)
+
+    def velocity(self, b: Int[np.ndarray, " m"]) -> Int[np.ndarray, "m 6"]:
+        """Indices of u_dot of bodies in w (n_u), the ground's behind."""
+        return np.where((b == GROUND)[:, None], self.n_u + np.arange(6), b[:, None] * 6 + np.arange(6))
+
+    def row(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
+        """Position of rows of phi among the kept ones, -1 where dropped."""
+        place = np.full(self.system.nrows, -1)
+        place[self.kept] = np.arange(self.k)
+        return place[rows]
+
+    def multiplier(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
+        """Indices of lam in y; a dropped row reads the zero."""
+        place = self.row(rows)
+        return np.where(place < 0, self.n + self.chart.size + 6, self.n_p + self.n_u + place)
+
+    def all_rows(self, lam: Float[np.ndarray, "nt k"]) -> Float[np.ndarray, "nt nrows"]:
+        """``lam`` on all rows of phi, zero on the dropped ones."""
+        out = np.zeros((len(lam), self.system.nrows))
+        out[:, self.kept] = lam
+        return out

@@ -1,0 +1,136 @@
+"""The loop around an error-controlled integrator: accepted steps kept, limits watched, failures turned into words."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from harness.mechanics.jacobian import constraint_jacobian
+from harness.mechanics.state import States
+from harness.types import Problem, Status, StepControl, Trajectory
+from solvers.formulations.layout import Layout
+
+NEAR_CHART_SINGULARITY = 0.05  # |sin(theta)| worth mentioning when a run fails there
+DEPENDENT_ROWS = 1e-4  # smallest to largest singular value of A below which a failure is called singular
+LARGEST_SVD = 2000  # rows; beyond, the dense SVD would cost more than the run
+
+
+class StepFailure(Exception):
+    """Raised inside a step: why it cannot go on."""
+
+    def __init__(self, status: Status, message: str) -> None:
+        super().__init__(message)
+        self.status, self.message = status, message
+
+
+@dataclass
+class Clock:
+    """CPU and wall time of the integration; raises ``StepFailure`` at the wall limit, also from inside a step."""
+
+    limit: float | None
+    wall: float = field(default_factory=time.monotonic)
+    cpu: float = field(default_factory=time.process_time)
+
+    def check(self) -> None:
+        if self.limit is not None and time.monotonic() - self.wall > self.limit:
+            raise StepFailure(Status.STALLED, f"the wall limit of {self.limit:g} s was reached")
+
+    def restart(self) -> None:
+        self.wall, self.cpu = time.monotonic(), time.process_time()
+
+    def cpu_time(self) -> float:
+        return time.process_time() - self.cpu
+
+
+@dataclass
+class March:
+    """What came of the integration: accepted (t, y, reaction), status and message."""
+
+    t: list[float]
+    y: list[Float[np.ndarray, " n"]]
+    reaction: list[Float[np.ndarray, " k"]]
+    status: Status = Status.SUCCESS
+    message: str = ""
+
+
+Advance = Callable[[], tuple[float, Float[np.ndarray, " n"], Float[np.ndarray, " k"]]]  # one step: t, y, reaction
+
+
+def march(advance: Advance, start: tuple[float, np.ndarray, np.ndarray], t_end: float, control: StepControl, clock: Clock) -> March:
+    """Call ``advance`` until ``t_end`` [s] or a failure; its arrays are copied."""
+    t, y, reaction = start
+    done = March([t], [y.copy()], [reaction.copy()])
+    try:
+        while t < t_end:
+            if len(done.t) > control.max_steps:
+                raise StepFailure(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
+            clock.check()
+            before = t
+            t, y, reaction = advance()
+            if not np.all(np.isfinite(y)):
+                raise StepFailure(Status.DIVERGED, "the solution is no longer finite")
+            if not t > before:
+                raise StepFailure(Status.STEP_UNDERFLOW, "the step fell below the spacing of floating-point times")
+            done.t.append(t)
+            done.y.append(y.copy())
+            done.reaction.append(reaction.copy())
+        done.message = "reached the end"
+    except StepFailure as failure:
+        done.status = failure.status
+        done.message = f"stopped at t = {done.t[-1]:.6g} s: {failure.message}"
+    except MemoryError:
+        done.status, done.message = Status.MEMORY, f"stopped at t = {done.t[-1]:.6g} s: out of memory"
+    return done
+
+
+def trajectory(
+    layout: Layout,
+    done: March,
+    counters: Mapping[str, int],
+    notes: tuple[str, ...],
+    *,
+    cpu_time: float,
+    setup_time: float,
+) -> Trajectory:
+    """The coordinate-free record; a failure near a singularity of chart or constraints says so."""
+    nb, nt = layout.system.nb, len(done.t)
+    y = np.array(done.y)
+    p = y[:, layout.p].reshape(nt, nb, layout.chart.size)
+    states = layout.chart.states(p, y[:, layout.u].reshape(nt, nb, 6))
+    margin = layout.chart.margin(p)
+    status, message = done.status, done.message
+    if status not in (Status.SUCCESS, Status.STALLED, Status.MEMORY):
+        status, reasons = _blame(layout, states, margin, status)
+        message += reasons
+    return Trajectory(
+        t=np.array(done.t),
+        states=states,
+        status=status,
+        message=message,
+        counters={"steps": nt - 1, **counters},
+        reaction=layout.all_rows(np.array(done.reaction)),
+        diagnostics={"chart_margin": margin},
+        notes=notes,
+        cpu_time=cpu_time,
+        setup_time=setup_time,
+    )
+
+
+def no_trajectory(problem: Problem, status: Status, message: str) -> Trajectory:
+    """The start alone, of a run that was refused or failed before its first step."""
+    return Trajectory(np.zeros(1), States.one(problem.initial), status, message, {"steps": 0}, cpu_time=0.0, setup_time=0.0)
+
+
+def _blame(layout: Layout, states: States, margin: np.ndarray, status: Status) -> tuple[Status, str]:
+    said = ""
+    if layout.chart.name == "euler313" and margin[-1] < NEAR_CHART_SINGULARITY:
+        status, said = Status.SINGULAR, f"; the 3-1-3 chart is near its singularity, |sin(theta)| = {margin[-1]:.3g}"
+    if 0 < layout.k <= LARGEST_SVD:
+        A = constraint_jacobian(layout.system, states[len(states) - 1])[layout.kept]
+        size = np.linalg.svd(A.toarray(), compute_uv=False)
+        if size[-1] < DEPENDENT_ROWS * size[0]:
+            status = Status.SINGULAR
+            said += f"; the kept rows are nearly dependent, singular values of A {size[-1]:.3g} to {size[0]:.3g}"
+    return status, said

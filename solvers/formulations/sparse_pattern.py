@@ -1,0 +1,69 @@
+"""Sparse matrices of one fixed pattern whose values change every step: sums of entries, and products.
+
+The pattern is structural, found once; zeros that happen to occur stay in it.
+"""
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Float, Int
+
+
+class FixedPattern:
+    """A matrix assembled from a fixed list of (row, column) entries; entries at one place add.
+
+    ``data(values)`` are its values in the order of ``indices``: compressed rows, or columns if ``by_column``.
+    """
+
+    def __init__(
+        self, row: Int[np.ndarray, " m"], column: Int[np.ndarray, " m"], shape: tuple[int, int], *, by_column: bool = False
+    ) -> None:
+        major, minor = (column, row) if by_column else (row, column)
+        self.shape, self.by_column = shape, by_column
+        n_minor = shape[0] if by_column else shape[1]
+        n_major = shape[1] if by_column else shape[0]
+        places, where = np.unique(major * n_minor + minor, return_inverse=True)
+        self.indices = (places % n_minor).astype(np.int32)
+        self.major = (places // n_minor).astype(np.int32)
+        self.indptr = np.searchsorted(self.major, np.arange(n_major + 1)).astype(np.int32)
+        self.nnz = len(places)
+        self._sum = sp.csr_array((np.ones(len(where)), (where, np.arange(len(where)))), shape=(self.nnz, len(where)))
+
+    def data(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " nnz"]:
+        """The nonzeros, from the values of the entries."""
+        return self._sum @ values
+
+    def weighted(self, weights: Float[np.ndarray, " m"]) -> sp.csr_array:
+        """The matrix that sums entries times ``weights``: nonzeros = weighted(w) @ values; weight 0 leaves one out."""
+        out = (self._sum @ sp.diags_array(weights)).tocsr()
+        out.eliminate_zeros()
+        return out
+
+    @property
+    def rows(self) -> Int[np.ndarray, " nnz"]:
+        """Row of each nonzero."""
+        return self.indices if self.by_column else self.major
+
+    @property
+    def columns(self) -> Int[np.ndarray, " nnz"]:
+        """Column of each nonzero."""
+        return self.major if self.by_column else self.indices
+
+    def matrix(self, data: Float[np.ndarray, " nnz"]) -> sp.csr_array | sp.csc_array:
+        """As a scipy matrix."""
+        kind = sp.csc_array if self.by_column else sp.csr_array
+        return kind((data, self.indices, self.indptr), shape=self.shape)
+
+
+class FixedProduct:
+    """P Q of two row-wise patterns: nonzeros of the product from those of the factors."""
+
+    def __init__(self, P: FixedPattern, Q: FixedPattern) -> None:
+        count = np.diff(Q.indptr)[P.indices]
+        self._p = np.repeat(np.arange(P.nnz), count)
+        within = np.arange(len(self._p)) - np.repeat(np.cumsum(count) - count, count)
+        self._q = Q.indptr[P.indices[self._p]] + within
+        self.pattern = FixedPattern(P.rows[self._p].astype(np.int64), Q.indices[self._q], (P.shape[0], Q.shape[1]))
+
+    def data(self, p: Float[np.ndarray, " nnz_p"], q: Float[np.ndarray, " nnz_q"]) -> Float[np.ndarray, " nnz"]:
+        """Nonzeros of ``pattern``."""
+        return self.pattern.data(p[self._p] * q[self._q])

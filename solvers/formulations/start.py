@@ -1,0 +1,88 @@
+"""The start of an integration: which rows are kept, and (y, y') with consistent accelerations and multipliers."""
+
+import numpy as np
+from jaxtyping import Float
+
+from harness.mechanics.jacobian import independent_rows
+from harness.types import Problem
+from solvers.formulations.charts import CHARTS
+from solvers.formulations.layout import Layout
+from solvers.formulations.saddle import InverseMass, Saddle
+from solvers.formulations.sparse_pattern import FixedPattern
+from solvers.formulations.system_elements import equations_of_motion
+
+RATE_STEP = 1e-5  # [s] of the central difference for lam', which serves only the first predictor
+
+
+def layout_for(problem: Problem, coordinates: str) -> tuple[Layout, tuple[str, ...]]:
+    """Unknowns on the independent rows at the start, and a note on those dropped."""
+    system = problem.system
+    kept = independent_rows(system, problem.initial)
+    dropped = np.setdiff1d(np.arange(system.nrows), kept)
+    layout = Layout(system, CHARTS[coordinates], kept)
+    if len(dropped) == 0:
+        return layout, ()
+    rows = ", ".join(map(str, dropped))
+    note = f"dropped {len(dropped)} of {system.nrows} constraint rows, redundant at the start (rank {len(kept)}): {rows}"
+    return layout, (note,)
+
+
+def redundancy_refusal(problem: Problem) -> str | None:
+    """The sentence for a system with redundant rows, or None."""
+    rank, rows = len(independent_rows(problem.system, problem.initial)), problem.system.nrows
+    if rank == rows:
+        return None
+    return f"{rows} constraint rows have rank {rank} at the start; set redundancy=drop to keep {rank} independent ones"
+
+
+def coordinates_and_velocities(layout: Layout, problem: Problem) -> Float[np.ndarray, " n"]:
+    """y = (p, u, 0) of the problem's start."""
+    p, u = layout.chart.coordinates(problem.initial)
+    return np.concatenate((p.ravel(), u.ravel(), np.zeros(layout.k)))
+
+
+class Accelerations:
+    """u' and lam of plain index 1 with Baumgarte terms, at any (p, u)."""
+
+    def __init__(self, layout: Layout, alpha: float = 0.0, beta: float = 0.0) -> None:
+        self._layout = layout
+        self._motion = motion = equations_of_motion(layout, "acceleration", alpha, beta, differentiable=True)
+        first_c = layout.n_p + layout.n_u
+        self._A_entries = np.flatnonzero((motion.row >= first_c) & motion.of_w & (motion.column >= 0))
+        rows, columns = motion.row[self._A_entries] - first_c, motion.column[self._A_entries]
+        self._A = FixedPattern(rows, columns, (layout.k, layout.n_u))
+        self._saddle = Saddle(layout, self._A, InverseMass(layout))
+        self._at_rest = np.zeros(layout.n_u)
+
+    def at(self, y: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
+        """(u', lam); the lam in ``y`` is not read."""
+        at, y = self._layout, y.copy()
+        y[at.lam] = 0.0
+        out = self._motion.values(y, self._at_rest)
+        A = self._A.data(self._motion.derivatives(y, self._at_rest)[self._A_entries])
+        return self._saddle.solve(y, A, out[at.u], out[at.lam])
+
+    def rate(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_p"]:
+        """p' of the chart."""
+        return self._motion.values(y, self._at_rest)[self._layout.p]
+
+
+def consistent(
+    layout: Layout, y: Float[np.ndarray, " n"], alpha: float, beta: float
+) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """(y, y') that satisfy every row and its hidden ones: u', lam from the saddle, lam' by a central difference."""
+    accelerations = Accelerations(layout, alpha, beta)
+    u_dot, lam = accelerations.at(y)
+    y_dot = np.concatenate((accelerations.rate(y), u_dot, np.zeros(layout.k)))
+    ahead, behind = (accelerations.at(y + h * y_dot)[1] for h in (RATE_STEP, -RATE_STEP))
+    y, y_dot = y.copy(), y_dot.copy()
+    y[layout.lam], y_dot[layout.lam] = lam, (ahead - behind) / (2.0 * RATE_STEP)
+    return y, y_dot
+
+
+def unloaded(layout: Layout, y: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
+    """(y, y') with lam = 0: the bodies fall freely at first and the constraint row is violated, as careless users start."""
+    accelerations = Accelerations(Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64)))
+    y_short = y[: layout.n - layout.k]
+    u_dot, _ = accelerations.at(y_short)
+    return y, np.concatenate((accelerations.rate(y_short), u_dot, np.zeros(layout.k)))

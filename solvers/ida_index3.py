@@ -1,0 +1,53 @@
+"""SUNDIALS IDA on the index-3 DAE, Eq. (92) with phi = 0: the formulation of ADAMS and MotionSolve.
+
+    p' - G u = 0,   M u' + h - f - A^T lam = 0,   phi = 0
+
+by variable-order BDF with exact Jacobian. Velocities and multipliers are kept out of the local error test, whose
+estimates for them do not vanish with the step at index 3; only positions are controlled. phi_dot = 0 holds to the
+integration error only, and the start is made consistent down to lambda.
+"""
+
+import time
+from dataclasses import dataclass
+from typing import ClassVar
+
+from harness.options import option
+from harness.registry import solver
+from harness.types import Problem, Status, StepControl, Trajectory
+from solvers.formulations.classical import SymbolicOptions
+from solvers.formulations.dae import ImplicitForm
+from solvers.formulations.ida import Start, integrate
+from solvers.formulations.recording import StepFailure, no_trajectory
+from solvers.formulations.start import consistent, coordinates_and_velocities, layout_for
+
+
+@solver("ida_index3")
+@dataclass(frozen=True)
+class IdaIndex3(SymbolicOptions):
+    """IDA (BDF) on index 3, positions alone in the error test."""
+
+    velocities_in_error_test: bool = option(False, "let velocities take part in the local error test")
+    lambda_in_error_test: bool = option(False, "let the multipliers take part in the local error test")
+    first_step: float = option(
+        1e-5, "first step; 0 lets IDA choose, so small that rounding in phi/h^2 swamps Newton", "s", at_least=0.0
+    )
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = "IDA index 3 (ADAMS/MotionSolve class)"
+    control: ClassVar[str] = "rtol"
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate from the start to ``t_end``."""
+        began, reason = time.process_time(), self.refuses(problem, control)
+        if reason is not None:
+            return no_trajectory(problem, Status.REFUSED, reason)
+        layout, notes = layout_for(problem, self.coordinates)
+        try:
+            y, y_dot = consistent(layout, coordinates_and_velocities(layout, problem), 0.0, 0.0)
+        except StepFailure as failure:
+            return no_trajectory(problem, failure.status, f"no consistent start: {failure.message}")
+        form = ImplicitForm(layout, "position", 0.0, 0.0)
+        out_of_test = () if self.velocities_in_error_test else (layout.u,)
+        out_of_test += () if self.lambda_in_error_test else (layout.lam,)
+        start = Start(y, y_dot, out_of_test, self.first_step)
+        return integrate(problem, control, layout, form, start, notes, began)

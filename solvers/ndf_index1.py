@@ -1,0 +1,114 @@
+"""NDF of orders 1 to 5 on the semi-explicit index-1 DAE: Eqs. (92), (94), the class of MATLAB's ode15s (DAE-SE).
+
+    p' - G u = 0,   M u' + h - f - A^T lam = 0,   A M^-1 (f - h + A^T lam) + gamma + 2 alpha phi_dot + beta^2 phi = 0
+
+by numerical differentiation formulas in quasi-constant steps (Shampine and Reichelt 1997; scipy_dae with
+``NDF_strategy="efficiency"``, whose coefficients are ode15s's), with exact Jacobians. ode15s measures errors in the
+maximum norm, this code in the root mean square: equal tolerances do not mean equal errors.
+
+Counted: accepted steps, evaluations, Jacobians, factorisations, linear solves (one a Newton iteration). Rejected
+steps are not.
+"""
+
+import time
+import warnings
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+import scipy.linalg as sl
+from scipy_dae.integrate._dae.bdf import BDFDAE
+
+from harness.registry import solver
+from harness.types import Problem, Status, StepControl, Trajectory
+from solvers.formulations.classical import BaumgarteOptions
+from solvers.formulations.dae import ImplicitForm, dense, sparse
+from solvers.formulations.ida import DENSE_BELOW, OUT_OF_TEST
+from solvers.formulations.layout import Layout
+from solvers.formulations.recording import Clock, StepFailure, march, no_trajectory, trajectory
+from solvers.formulations.start import consistent, coordinates_and_velocities, layout_for, unloaded
+
+
+@solver("ndf_index1")
+@dataclass(frozen=True)
+class NdfIndex1(BaumgarteOptions):
+    """NDF (ode15s's class) on semi-explicit index 1 + Baumgarte."""
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = "DAE-SE"
+    control: ClassVar[str] = "rtol"
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate from the start to ``t_end``."""
+        began, reason = time.process_time(), self.refuses(problem, control)
+        if reason is not None:
+            return no_trajectory(problem, Status.REFUSED, reason)
+        layout, notes = layout_for(problem, self.coordinates)
+        y = coordinates_and_velocities(layout, problem)
+        try:
+            y, y_dot = consistent(layout, y, self.alpha, self.beta) if self.consistent_start else unloaded(layout, y)
+        except StepFailure as failure:
+            return no_trajectory(problem, failure.status, f"no consistent start: {failure.message}")
+        form, clock = ImplicitForm(layout, "se", self.alpha, self.beta), Clock(control.wall_limit)
+        ndf = self._integrator(layout, form, clock, y, y_dot, problem.t_end, control)
+        setup_time = time.process_time() - began
+        clock.restart()
+        done = march(lambda: _step(ndf, layout), (0.0, y, y[layout.lam]), problem.t_end, control, clock)
+        cpu_time = clock.cpu_time()
+        counters = {
+            "evaluations": ndf.nfev,
+            "jacobians": ndf.njev,
+            "factorisations": ndf.nlu,
+            "linear_solves": ndf._nlusove,  # scipy_dae's only count of Newton iterations
+        }
+        return trajectory(layout, done, counters, notes, cpu_time=cpu_time, setup_time=setup_time)
+
+    def _integrator(
+        self,
+        layout: Layout,
+        form: ImplicitForm,
+        clock: Clock,
+        y: np.ndarray,
+        y_dot: np.ndarray,
+        t_end: float,
+        control: StepControl,
+    ) -> BDFDAE:
+        atol = np.full(layout.n, control.rtol)
+        if not self.lambda_in_error_test:
+            atol[layout.lam] = OUT_OF_TEST
+        as_matrix = dense if layout.n < DENSE_BELOW else sparse
+
+        def residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
+            clock.check()
+            return form.residual(y, y_dot)
+
+        def jacobian(t: float, y: np.ndarray, y_dot: np.ndarray) -> tuple:
+            of_y, of_y_dot = form.jacobian(y, y_dot)
+            return as_matrix(form.pattern, of_y), as_matrix(form.pattern, of_y_dot)
+
+        return BDFDAE(
+            residual,
+            0.0,
+            y,
+            y_dot,
+            t_end,
+            max_step=control.max_step or np.inf,
+            rtol=control.rtol,
+            atol=atol,
+            jac=jacobian,
+            NDF_strategy="efficiency",
+        )
+
+
+def _step(ndf: BDFDAE, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore", sl.LinAlgWarning)  # a zero pivot gives inf, which Newton then rejects
+            message = ndf.step()
+    except (RuntimeError, np.linalg.LinAlgError) as error:  # SuperLU's "Factor is exactly singular"
+        raise StepFailure(Status.SINGULAR, f"the Jacobian could not be factorised ({error})") from None
+    except ValueError as error:  # LAPACK's wrappers on NaN or infinity
+        raise StepFailure(Status.DIVERGED, f"the linear system is not finite ({error})") from None
+    if ndf.status == "failed":
+        raise StepFailure(Status.STEP_UNDERFLOW, str(message).rstrip(".").lower())
+    return ndf.t, ndf.y, ndf.y[layout.lam]
