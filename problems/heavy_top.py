@@ -1,18 +1,23 @@
 """Heavy top in cuspidal motion (Sect. 5.4, Figs. 10, 11): released at rest but for its spin, it nutates and precesses.
 
 All numbers: Sect. 5.4. I_t and I_a are about the fixed point O, so about C the transverse inertia is I_t - m l^2.
+Exact: Lagrange's top by theta functions (problems/exact/lagrange_top).
 """
 
+from functools import partial
 from typing import Annotated
 
 import numpy as np
+from jaxtyping import Float
 
 from harness.mechanics import so3
-from harness.mechanics.state import State
+from harness.mechanics.motion import angular_momentum
+from harness.mechanics.state import State, States
 from harness.mechanics.system import Joint, RigidBody, assemble
 from harness.options import Parameter
 from harness.registry import problem
-from harness.types import Problem
+from harness.types import Invariant, Observable, Problem
+from problems.exact.one_body import one_body_motion
 
 
 @problem("heavy_top")
@@ -23,14 +28,55 @@ def heavy_top(
     inertia_transverse: Annotated[float, Parameter("I_t about O", "kg m2", above=0.0)] = 0.1,
     inertia_axial: Annotated[float, Parameter("I_a about the axis", "kg m2", above=0.0)] = 0.01,
     theta0: Annotated[float, Parameter("initial nutation angle", "deg")] = 20.0,
+    phi_dot0: Annotated[float, Parameter("initial precession rate", "rad/s")] = 0.0,
+    theta_dot0: Annotated[float, Parameter("initial nutation rate", "rad/s")] = 0.0,
     spin: Annotated[float, Parameter("initial Omega_z", "rad/s")] = 50.0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
     """Lagrange top released at theta0 with spin about its axis; nutates between 20 and 138.93 deg."""
     about_C = inertia_transverse - mass * length**2
+    if about_C <= 0.0:
+        raise ValueError(
+            f"inertia_transverse about O must exceed mass length^2 = {mass * length**2:g} kg m2 (got {inertia_transverse:g})"
+        )
     top = RigidBody(mass, np.diag([about_C, about_C, inertia_axial]), "top")
     system = assemble([top], [Joint(0, (0.0, 0.0, -length), name="O")], (0.0, 0.0, -gravity))
-    R = so3.euler313(0.0, np.deg2rad(theta0), 0.0)
-    rest = np.zeros((1, 3))
-    start = State(length * R[None, :, 2], R[None], rest, np.array([[0.0, 0.0, spin]]))
-    return Problem("heavy_top", system, start, t_end=5.0, dt=1e-3, section="Sect. 5.4", source="Sect. 5.4")
+    theta = np.deg2rad(theta0)
+    R = so3.euler313(0.0, theta, 0.0)
+    Omega = np.array([theta_dot0, phi_dot0 * np.sin(theta), spin])  # at phi = psi = 0
+    arm = np.array([0.0, 0.0, length])
+    start = State((R @ arm)[None], R[None], (R @ np.cross(Omega, arm))[None], Omega[None])
+    return Problem(
+        "heavy_top",
+        system,
+        start,
+        t_end=5.0,
+        dt=1e-3,
+        section="Sect. 5.4",
+        source="Sect. 5.4",
+        observables=(
+            Observable("theta", r"\theta", "deg", _nutation),
+            Observable("phi_dot", r"\dot\varphi", "rad/s", _precession_rate),
+            Observable("C_x", "X_C", "m", lambda s: s.r[:, 0, 0]),
+            Observable("C_y", "Y_C", "m", lambda s: s.r[:, 0, 1]),
+            Observable("C_z", "Z_C", "m", lambda s: s.r[:, 0, 2]),
+        ),
+        invariants=(
+            Invariant("L_Z", "kg m2/s", lambda s: angular_momentum(system, s)[:, 2]),
+            Invariant("Omega_z", "rad/s", lambda s: s.Omega[:, 0, 2]),
+        ),
+        reference_from=partial(one_body_motion, system),
+    )
+
+
+def _nutation(s: States) -> Float[np.ndarray, " nt"]:
+    """Angle of the axis to OZ [deg]."""
+    axis = s.R[:, 0, :, 2]
+    return np.rad2deg(np.arctan2(np.hypot(axis[:, 0], axis[:, 1]), axis[:, 2]))
+
+
+def _precession_rate(s: States) -> Float[np.ndarray, " nt"]:
+    """phi_dot = (Omega_x k_x + Omega_y k_y)/(k_x^2 + k_y^2), k = OZ in the body frame; NaN with the axis upright."""
+    k, Omega = s.R[:, 0, 2], s.Omega[:, 0]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return (Omega[:, 0] * k[:, 0] + Omega[:, 1] * k[:, 1]) / (k[:, 0] ** 2 + k[:, 1] ** 2)

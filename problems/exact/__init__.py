@@ -1,0 +1,1 @@
+"""Exact and certified motions for the problems: they owe nothing to any solver."""
