@@ -4,12 +4,17 @@ A problem file holds one function marked ``@problem``, a solver file one datacla
 """
 
 import dataclasses
+import hashlib
 import importlib
+import importlib.util
 import inspect
 import pkgutil
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
+from types import ModuleType
 from typing import Annotated, Any, get_args, get_origin
 
 import numpy as np
@@ -75,15 +80,58 @@ def solver(name: str) -> Callable[[type], type]:
     return mark
 
 
-@cache
 def problems() -> Mapping[str, ProblemEntry]:
-    """All problems by name."""
+    """All problems by name, those of loaded plugins included."""
+    return {**_own_problems(), **_plugin_problems}
+
+
+def solvers() -> Mapping[str, SolverEntry]:
+    """All solvers by name, those of loaded plugins included."""
+    return {**_own_solvers(), **_plugin_solvers}
+
+
+def load_plugin(path: Path) -> None:
+    """Add the entries of a Python file from outside the tree; it runs only because it was named. ValueError says what is wrong.
+
+    Unlike a file of ``problems/`` or ``solvers/`` it may mark several entries. A name of ours cannot be taken.
+    """
+    path = path.resolve()
+    if path in _plugin_files:
+        return
+    try:
+        name = f"mbsbench_plugin_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+        spec = importlib.util.spec_from_file_location(name, path)
+        if spec is None or spec.loader is None or not path.is_file():
+            raise ValueError("it is not a Python file")
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[name] = module  # dataclasses look their module up
+        spec.loader.exec_module(module)
+        found = _entries_of(module)
+        if not found:
+            raise ValueError("it marks no @problem and no @solver")
+        made = [(n, _solver_entry(n, o) if isinstance(o, type) else _problem_entry(n, o)) for n, o in found]
+        taken = sorted({n for n, _ in made} & {*problems(), *solvers()})
+        if taken:
+            raise ValueError(f"the name {taken[0]!r} is taken")
+    except Exception as error:  # whatever a foreign file does on import is its own fault, told in a line
+        raise ValueError(f"plugin {path}: {error or type(error).__name__}") from error
+    _plugin_files.add(path)
+    _plugin_solvers.update({n: e for n, e in made if isinstance(e, SolverEntry)})
+    _plugin_problems.update({n: e for n, e in made if isinstance(e, ProblemEntry)})
+
+
+_plugin_files: set[Path] = set()  # the catalogue of this process, grown only by load_plugin
+_plugin_problems: dict[str, ProblemEntry] = {}
+_plugin_solvers: dict[str, SolverEntry] = {}
+
+
+@cache
+def _own_problems() -> Mapping[str, ProblemEntry]:
     return {name: _problem_entry(name, f) for name, f in _marked("problems")}
 
 
 @cache
-def solvers() -> Mapping[str, SolverEntry]:
-    """All solvers by name."""
+def _own_solvers() -> Mapping[str, SolverEntry]:
     return {name: _solver_entry(name, c) for name, c in _marked("solvers")}
 
 
@@ -156,11 +204,16 @@ def _marked(package: str) -> list[tuple[str, Any]]:
         if module.ispkg or module.name.startswith("_"):
             continue
         loaded = importlib.import_module(f"{package}.{module.name}")
-        entries = [o for o in vars(loaded).values() if getattr(o, "__module__", None) == loaded.__name__ and hasattr(o, _MARK)]
+        entries = _entries_of(loaded)
         if len(entries) != 1:
             raise TypeError(f"{package}/{module.name}.py must mark exactly one entry (found {len(entries)})")
-        found.append((getattr(entries[0], _MARK), entries[0]))
+        found += entries
     return sorted(found)
+
+
+def _entries_of(module: ModuleType) -> list[tuple[str, Any]]:
+    own = [o for o in vars(module).values() if getattr(o, "__module__", None) == module.__name__]
+    return [(vars(o)[_MARK], o) for o in own if _MARK in getattr(o, "__dict__", {})]  # a subclass is not marked by its base
 
 
 def _first_line(o: Any) -> str:

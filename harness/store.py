@@ -12,12 +12,13 @@ import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
-
-import pandas as pd
+from typing import IO, TYPE_CHECKING, Any
 
 from harness.records import COLUMNS, SCHEMA, BadRecord, RunRecord, from_json, to_json
 from harness.series import BadSeries, Series, read_series
+
+if TYPE_CHECKING:
+    import pandas as pd  # imported late: a cell's process stores its record and needs no tables
 
 LOCAL = Path("results") / "local"
 PARTS = ("cells", "series", "stderr")
@@ -129,8 +130,10 @@ def series_of(folder: Path, record: RunRecord) -> Series | None:
     return read_series(folder / record.series, record.series_sha256) if record.series else None
 
 
-def table(records: Iterable[RunRecord]) -> pd.DataFrame:
+def table(records: Iterable[RunRecord]) -> "pd.DataFrame":
     """One row a cell, the columns of ``RunRecord`` with their types, even when there is no row."""
+    import pandas as pd
+
     rows = [[getattr(r, c.name) for c in COLUMNS] for r in records]
     types: dict[Any, str] = {c.name: {int: "int64", float: "float64", str: "object"}[c.type] for c in COLUMNS}  # type: ignore[index]
     return pd.DataFrame(rows, columns=[c.name for c in COLUMNS]).astype(types)

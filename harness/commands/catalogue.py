@@ -1,0 +1,68 @@
+"""``list``: problems, solvers and suites, each option with its unit and default."""
+
+import argparse
+from collections.abc import Mapping
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from harness import registry
+from harness.cell import DEFAULT_RTOL
+from harness.commands.terms import load_plugins
+from harness.options import Parameter
+from harness.suites import suite_names
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    p = commands.add_parser("list", help="problems, solvers, their options with units and defaults, suites")
+    p.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help="also those of this file")
+    p.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the catalogues."""
+    load_plugins(arguments.plugin)
+    out = Console()
+    width = None if out.is_terminal else 160  # piped: wide enough not to fold the option tables
+    out = Console(width=width)
+    out.print("[bold]Problems[/bold]   --problem-set name=value\n")
+    for problem in registry.problems().values():
+        own = {k: v for k, v in problem.parameters.items() if k not in registry.COMMON_PARAMETERS}
+        out.print(f"[bold cyan]{problem.name}[/bold cyan]  {escape(problem.doc)}")
+        _options(out, own)
+    out.print("[bold cyan]every problem[/bold cyan]  takes these too")
+    _options(out, registry.COMMON_PARAMETERS)
+    out.print("[bold]Solvers[/bold]   --set name=value\n")
+    for solver in registry.solvers().values():
+        step = "dt (fixed step, default: the problem's)" if solver.control == "dt" else f"rtol (default {DEFAULT_RTOL:g}), max_step"
+        out.print(f"[bold green]{solver.name}[/bold green]  [{escape(solver.paper_label)}]  {escape(solver.doc)}")
+        out.print(f"  control: {step}; max_steps; wall_limit", style="dim")
+        _options(out, solver.parameters)
+    out.print("[bold]Suites[/bold]   " + ", ".join(suite_names()))
+    return 0
+
+
+def _options(out: Console, parameters: Mapping[str, tuple[Any, Parameter]]) -> None:
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
+    for column in ("name", "default", "unit", "meaning"):
+        table.add_column(column, overflow="fold", no_wrap=column != "meaning")
+    for name, (default, parameter) in parameters.items():
+        table.add_row(f"  {name}", _text(default), parameter.unit and escape(f"[{parameter.unit}]"), escape(_meaning(parameter)))
+    if table.row_count:
+        out.print(table)
+    out.print()
+
+
+def _meaning(p: Parameter) -> str:
+    return p.doc + (f": {' | '.join(map(str, p.choices))}" if p.choices else "")
+
+
+def _text(default: Any) -> str:
+    if isinstance(default, bool):
+        return str(default).lower()
+    if isinstance(default, tuple):
+        return ",".join(map(_text, default))
+    return f"{default:g}" if isinstance(default, float) else str(default)

@@ -1,0 +1,83 @@
+"""``solve``: one run from the shell, as an NPZ file."""
+
+import argparse
+import os
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from harness import registry
+from harness.cell import make_cell
+from harness.commands.terms import UsageError, assignments, load_plugins
+from harness.types import Status
+
+CONTROL = ("dt", "rtol", "max_step", "max_steps", "wall_limit")
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    p = commands.add_parser("solve", help="one run, written as an NPZ file")
+    p.add_argument("problem")
+    p.add_argument("solver")
+    p.add_argument("--set", action="append", default=[], metavar="K=V", help=f"{', '.join(CONTROL)}, or a solver option")
+    p.add_argument("--problem-set", action="append", default=[], metavar="K=V", help="a problem parameter")
+    p.add_argument("--t-end", metavar="T", help="simulated time [s]")
+    p.add_argument("--out", required=True, metavar="RUN.npz", help="file to write")
+    p.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help="file with more problems or solvers")
+    p.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check everything, run, write; 0 only for a success that nothing contradicts."""
+    load_plugins(arguments.plugin)
+    parameters = assignments(arguments.problem_set, "--problem-set")
+    if arguments.t_end is not None:
+        if "t_end" in parameters:
+            raise UsageError("t_end is given twice, by --t-end and --problem-set")
+        parameters["t_end"] = _above_zero(arguments.t_end)
+    given = assignments(arguments.set, "--set")
+    control = {k: given.pop(k) for k in CONTROL if k in given}
+    if arguments.solver not in registry.solvers():  # before the problem is made: that can take a while
+        registry.make_solver(arguments.solver)
+    problem = registry.make_problem(arguments.problem, parameters)
+    limit = control.pop("wall_limit", None)
+    cell = make_cell(problem, arguments.solver, given, control)
+    wall = None if limit is None else float(_above_zero(limit, "wall_limit"))
+    out = Path(arguments.out)
+    _check_writable(out)
+    from harness.single import solve_to_file
+
+    outcome = solve_to_file(cell, out, wall)
+    console = Console(highlight=False, markup=False, soft_wrap=True)
+    console.print(f"{cell.case}")
+    console.print(f"{'status':<18} {outcome.status}" + (f": {outcome.message}" if outcome.message else ""))
+    for line in outcome.lines:
+        console.print(line)
+    if outcome.native and outcome.status is not Status.SUCCESS:
+        console.print(f"standard error     {outcome.native.splitlines()[-1]}")
+    console.print(f"written to         {out}")
+    return 0 if outcome.status is Status.SUCCESS else 1
+
+
+def _above_zero(text: str, name: str = "t_end") -> str:
+    try:
+        good = 0.0 < float(text) < float("inf")
+    except ValueError:
+        good = False
+    if not good:
+        raise UsageError(f"{name} must be a finite number > 0 [s] (got {text!r})")
+    return text
+
+
+def _check_writable(out: Path) -> None:
+    """Before the run: nobody wants to learn after an hour that the folder is not there."""
+    probe = out.parent / f".{out.name}.{os.getpid()}.probe"
+    try:
+        if out.is_dir():
+            raise UsageError(f"cannot write {out}: it is a folder")
+        with probe.open("xb"):
+            pass
+        probe.unlink()
+    except OSError as error:
+        raise UsageError(f"cannot write {out}: {error.strerror or error}") from None

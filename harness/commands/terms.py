@@ -1,0 +1,40 @@
+"""What the subcommands share: words for wrong calls, ``key=value`` arguments, plugins."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from harness import registry
+
+
+class UsageError(ValueError):
+    """A wrong call: one line, exit code 2."""
+
+
+class Parser(argparse.ArgumentParser):
+    """argparse with its complaint in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise UsageError(f"{message} (see {self.prog} --help)")
+
+
+def assignments(given: Sequence[str], what: str) -> dict[str, str]:
+    """``["k=v", ...]`` as a dict; each key once."""
+    out: dict[str, str] = {}
+    for text in given:
+        key, equals, value = text.partition("=")
+        key = key.strip()
+        if not equals or not key or not value.strip():
+            raise UsageError(f"{what} takes key=value (got {text!r})")
+        if key in out:
+            raise UsageError(f"{what} {key} is given twice")
+        out[key] = value.strip()
+    return out
+
+
+def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
+    """Load the named plugin files; their full names."""
+    for path in paths:
+        registry.load_plugin(Path(path))
+    return tuple(str(Path(p).resolve()) for p in paths)

@@ -1,0 +1,117 @@
+"""A forked process for one cell: its own session, limits, standard error to a file, threads and cores its own affair.
+
+Forked from a single-threaded parent that has numpy, numba, casadi and the catalogues loaded: starting takes
+milliseconds where a fresh interpreter takes a second.
+"""
+
+import errno
+import os
+import resource
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+OUTPUT_LIMIT = 2**30  # [bytes] largest file a cell may write
+CANNOT_WRITE = 74  # exit code (EX_IOERR): the disk is full, which is nobody's result
+DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+STDERR_KEPT = 2**16  # [bytes] of each end of a longer standard error
+
+
+@dataclass(frozen=True)
+class Child:
+    """A running cell: its process (and group) id and the pipe on which it tells its phase."""
+
+    pid: int
+    phase: int  # file descriptor, read end
+
+
+def fork(target: Callable[[Callable[[str], None]], None], stderr: Path, memory: float, cpu: float) -> Child:
+    """Run ``target(tell)`` in a child with ``memory`` [MB] beyond what is loaded and ``cpu`` [s].
+
+    The child ends with exit code 0 if ``target`` returns, 70 if it raises, ``CANNOT_WRITE`` if that was for a full disk.
+    """
+    if threading.active_count() > 1:
+        raise RuntimeError(f"fork needs a single thread (got {threading.active_count()})")
+    stderr.parent.mkdir(parents=True, exist_ok=True)
+    read, write = os.pipe()
+    sys.stdout.flush()
+    sys.stderr.flush()
+    pid = os.fork()
+    if pid:
+        os.close(write)
+        return Child(pid, read)
+    code = 70
+    try:
+        os.closerange(3, write)  # the parent's own
+        os.closerange(write + 1, 1024)
+        os.setsid()  # a group of its own: killed whole, with whatever it started
+        _redirect(stderr)
+        _limit(memory, cpu)
+        for name in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
+            signal.signal(name, signal.SIG_DFL)
+        target(lambda phase: (os.write(write, phase[:1].encode()), None)[1])
+        code = 0
+    except BaseException as error:  # the child must never return into its parent's loop
+        code = CANNOT_WRITE if isinstance(error, OSError) and error.errno in DISK_FULL else code
+        traceback.print_exc()
+    finally:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+def kill_group(pid: int) -> None:
+    """End a child and all it started."""
+    for end in (os.killpg, os.kill):  # the group does not exist yet if the child has not reached setsid
+        try:
+            end(pid, signal.SIGKILL)
+        except (ProcessLookupError, PermissionError):
+            continue
+
+
+def trim(path: Path) -> None:
+    """Keep both ends of a long standard error, and no file where there is nothing in it."""
+    size = path.stat().st_size if path.exists() else -1
+    if size == 0:
+        path.unlink()
+    elif size > 2 * STDERR_KEPT:
+        with path.open("r+b") as file:
+            head = file.read(STDERR_KEPT)
+            file.seek(-STDERR_KEPT, os.SEEK_END)
+            tail = file.read()
+            file.seek(0)
+            file.write(head + f"\n... {size - 2 * STDERR_KEPT} bytes left out ...\n".encode() + tail)
+            file.truncate()
+
+
+def _redirect(stderr: Path) -> None:
+    target = os.open(stderr, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
+    nothing = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(nothing, 0)
+    os.dup2(target, 1)  # what a solver prints belongs with its errors
+    os.dup2(target, 2)
+    os.close(target)
+    os.close(nothing)
+
+
+def _limit(memory: float, cpu: float) -> None:
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (OUTPUT_LIMIT, OUTPUT_LIMIT))
+    seconds = int(cpu) + 1
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+    allowed = _data_in_use() + int(memory * 2**20)
+    resource.setrlimit(resource.RLIMIT_DATA, (allowed, allowed))  # private memory; RLIMIT_AS would count mapped libraries
+
+
+def _data_in_use() -> int:
+    try:
+        for line in Path("/proc/self/status").read_text(encoding="ascii").splitlines():
+            if line.startswith("VmData:"):
+                return int(line.split()[1]) * 1024
+    except OSError:
+        pass  # no /proc here (macOS): the limit is then on the whole
+    return 0

@@ -1,0 +1,104 @@
+"""Cells on this machine: a supervisor process that forks them, ``size`` at a time.
+
+An executor is anything with such a ``run``; a cluster's would be another.
+"""
+
+import json
+import os
+import select
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from harness.environment import ROOT, THREADS
+from harness.job import Job, record_of
+from harness.store import write_record
+from harness.types import Status
+
+TICK = 0.25  # [s] between two looks at the clock
+
+
+class PoolError(RuntimeError):
+    """The cells cannot be run here; finished ones are stored."""
+
+
+@dataclass
+class LocalPool:
+    """Runs jobs, telling when each starts and ends; ``tick`` is called a few times a second."""
+
+    size: int
+    started: Callable[[Job], None] = lambda job: None
+    ended: Callable[[Job], None] = lambda job: None
+    tick: Callable[[], None] = lambda: None
+    _flying: dict[str, Job] = field(default_factory=dict)
+    _attempts: dict[str, int] = field(default_factory=dict)
+
+    def run(self, jobs: Sequence[Job]) -> None:
+        """Run all ``jobs``; returns when each has a record."""
+        waiting = list(jobs)[::-1]
+        deaths = 0
+        while waiting or self._flying:
+            before = len(waiting)
+            code = self._serve(waiting)
+            if code is None:
+                return
+            deaths = deaths + 1 if len(waiting) == before else 1  # the supervisor died; a cell may have done it
+            if deaths > 3:
+                raise PoolError(f"the supervisor process ends with code {code} again and again")
+            for job in self._flying.values():
+                if self._attempts[job.id] < 2:
+                    waiting.append(job)
+                    continue
+                words = f"the supervisor process died twice (code {code}) while this cell ran"
+                write_record(job.folder, record_of(job, Status.CRASHED, message=words))
+                self.ended(job)
+            self._flying.clear()
+
+    def _serve(self, waiting: list[Job]) -> int | None:
+        """One supervisor's life; None when all is done, else its exit code."""
+        process = subprocess.Popen(
+            (sys.executable, "-m", "harness.supervisor"),
+            cwd=ROOT,
+            env={**os.environ, **THREADS},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+        )
+        assert process.stdin is not None and process.stdout is not None
+        pending = b""
+        try:
+            while True:
+                while waiting and len(self._flying) < self.size:
+                    self._send(process, waiting.pop())
+                if not self._flying:
+                    return None
+                ready, _, _ = select.select([process.stdout], [], [], TICK)
+                self.tick()
+                if not ready:
+                    continue
+                chunk = os.read(process.stdout.fileno(), 2**16)
+                if not chunk:
+                    return process.wait()
+                *lines, pending = (pending + chunk).split(b"\n")
+                for line in lines:
+                    self._receive(json.loads(line))
+        except BrokenPipeError:
+            return process.wait()
+        finally:
+            process.stdin.close()  # tells it to kill what runs and to leave
+            process.wait()
+            process.stdout.close()
+
+    def _send(self, process: subprocess.Popen, job: Job) -> None:
+        self._flying[job.id] = job
+        self._attempts[job.id] = self._attempts.get(job.id, 0) + 1
+        self.started(job)
+        assert process.stdin is not None
+        process.stdin.write((job.to_json() + "\n").encode())
+        process.stdin.flush()
+
+    def _receive(self, answer: dict[str, str]) -> None:
+        job = self._flying.pop(answer["cell"])
+        if answer["error"]:
+            raise PoolError(answer["error"])
+        self.ended(job)

@@ -1,0 +1,111 @@
+"""Runs a suite into a run folder: what is done stays done, what is damaged is set aside, the rest is run."""
+
+import datetime
+import json
+import os
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from harness import environment, store
+from harness.job import Job
+from harness.pool import LocalPool
+from harness.records import RunRecord
+from harness.store import Loaded, Unreadable
+from harness.suites import Suite
+
+
+class Watcher(Protocol):
+    """Who wants to know how a run goes."""
+
+    def begin(self, folder: Path, total: int, done: int, unreadable: tuple[Unreadable, ...]) -> None:
+        """``done`` of ``total`` cells were there already."""
+        ...
+
+    def started(self, job: Job) -> None:
+        """A cell begins."""
+        ...
+
+    def ended(self, job: Job, record: RunRecord) -> None:
+        """A cell has its record."""
+        ...
+
+    def tick(self) -> None:
+        """Time passes."""
+        ...
+
+
+@dataclass(frozen=True)
+class Request:
+    """How a suite is to be run."""
+
+    suite: Suite
+    folder: Path
+    jobs: int
+    resume: bool = False
+    limit: int | None = None  # only the first cells
+
+
+def run_suite(request: Request, watcher: Watcher, pool: Callable[..., LocalPool] = LocalPool) -> Loaded:
+    """Run what is not done yet; returns the records of this suite's cells, damaged files apart."""
+    suite, folder = request.suite, request.folder
+    if not request.resume and (folder / "cells").exists() and any((folder / "cells").iterdir()):
+        raise store.StoreError(f"{folder} already holds results; add --resume to go on with it, or give another --out")
+    store.create(folder)
+    with store.lock(folder):
+        before = store.load(folder)
+        store.set_aside(folder, before.unreadable)
+        _stamp(request)
+        jobs = jobs_of(suite, folder)[: request.limit]
+        done = {r.cell for r in before.records}
+        waiting = [job for job in jobs if job.id not in done]
+        watcher.begin(folder, len(jobs), len(jobs) - len(waiting), before.unreadable)
+
+        def ended(job: Job) -> None:
+            watcher.ended(job, store.read_record(folder / "cells" / f"{job.id}.json"))
+
+        try:
+            pool(request.jobs, watcher.started, ended, watcher.tick).run(waiting)
+        finally:
+            loaded = _of_suite(folder, {job.id for job in jobs}, before.unreadable)
+            store.write_table(folder, loaded.records)
+            store.point_latest(folder)
+    return loaded
+
+
+def jobs_of(suite: Suite, folder: Path) -> list[Job]:
+    """The suite's cells as jobs of this checkout."""
+    code, commit = environment.code_digest(suite.plugins), environment.commit()
+    return [Job(cell, folder.resolve(), suite.name, code, commit, suite.plugins) for cell in suite.cells]
+
+
+def new_folder(suite: str, local: Path = store.LOCAL) -> Path:
+    """A folder name for a new run."""
+    time = datetime.datetime.now(datetime.UTC).strftime("%Y%m%d-%H%M%S")
+    folder = local / f"{suite}-{time}"
+    return folder if not folder.exists() else folder.with_name(f"{folder.name}-{os.getpid()}")
+
+
+def last_folder(suite: str, local: Path = store.LOCAL) -> Path | None:
+    """The newest run of a suite."""
+    found = sorted(p for p in local.glob(f"{suite}-[0-9]*") if (p / "cells").is_dir() and not p.is_symlink())
+    return found[-1] if found else None
+
+
+def _of_suite(folder: Path, cells: set[str], unreadable: tuple[Unreadable, ...]) -> Loaded:
+    """Only this suite's cells at this code: a resumed folder may hold those of an older one."""
+    now = store.load(folder, check_series=False)
+    return Loaded(tuple(r for r in now.records if r.cell in cells), (*unreadable, *now.unreadable))
+
+
+def _stamp(request: Request) -> None:
+    """``environment.json`` and ``suite.toml``; those of an earlier start of the same run are kept beside."""
+    folder, suite = request.folder, request.suite
+    stamp = environment.stamp(folder.name, suite.name, request.jobs, suite.plugins)
+    path = folder / "environment.json"
+    if path.exists():
+        shutil.copy(path, folder / f"environment.{stamp['started'].replace(':', '')}.json")
+    store.write_text(path, json.dumps(stamp, indent=1))
+    store.write_text(folder / "suite.toml", suite.text)

@@ -1,0 +1,130 @@
+"""One run from the shell: solved in a process of its own, written as one NPZ file, whatever happens."""
+
+import json
+import os
+import signal
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from harness import registry
+from harness.cell import Cell
+from harness.isolation import fork, kill_group
+from harness.mechanics.state import States
+from harness.metrics import measure
+from harness.scales import scales
+from harness.series import write_npz
+from harness.summary import columns
+from harness.supervisor import GRACE
+from harness.types import Problem, Status, StepControl, Trajectory
+from harness.verdict import doubts
+from harness.worker import solve_repeatedly
+
+NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a single run went, for the summary on the terminal."""
+
+    status: Status
+    message: str
+    lines: tuple[str, ...]
+    native: str  # the last of what the process wrote to standard error
+
+
+def solve_to_file(cell: Cell, out: Path, wall_limit: float | None) -> Outcome:
+    """Run ``cell`` and write ``out``; a crash or a kill leaves a file with the start alone."""
+    problem = registry.make_problem(cell.problem, cell.parameters)
+    with tempfile.TemporaryDirectory() as place:
+        note, stderr = Path(place) / "outcome.json", Path(place) / "stderr"
+        cpu = NO_LIMIT if wall_limit is None else 2.0 * wall_limit + 60.0
+        child = fork(lambda tell: _solve(cell, problem, out, note, wall_limit), stderr, cell.memory, cpu)
+        words = _wait(child.pid, wall_limit)
+        os.close(child.phase)
+        native = stderr.read_text(encoding="utf-8", errors="replace")[-2000:].strip() if stderr.exists() else ""
+        if note.exists():
+            plain = json.loads(note.read_text(encoding="utf-8"))
+            return Outcome(Status(plain["status"]), plain["message"], tuple(plain["lines"]), native)
+    status = Status.STALLED if words.startswith("killed at") else Status.CRASHED
+    _write(out, problem, _start_only(problem, status, words), status, words)
+    return Outcome(status, words, (), native)
+
+
+def _wait(pid: int, wall_limit: float | None) -> str:
+    """Wait for the child; words for its end."""
+    hard = None if wall_limit is None else time.monotonic() + wall_limit + GRACE
+    try:
+        while True:
+            done, status = os.waitpid(pid, os.WNOHANG if hard else 0)
+            if done:
+                code = os.waitstatus_to_exitcode(status)
+                return f"its process ended by {signal.Signals(-code).name}" if code < 0 else f"its process exited with {code}"
+            if hard and time.monotonic() > hard:
+                kill_group(pid)
+                os.waitpid(pid, 0)
+                return f"killed at the wall limit of {wall_limit:g} s; it did not stop when asked"
+            time.sleep(0.02)
+    except KeyboardInterrupt:
+        kill_group(pid)
+        os.waitpid(pid, 0)
+        raise
+
+
+def _solve(cell: Cell, problem: Problem, out: Path, note: Path, wall_limit: float | None) -> None:
+    solver = registry.make_solver(cell.solver, cell.options)
+    c = cell.control
+    control = StepControl(c.dt, c.rtol, c.max_step, c.max_steps, wall_limit)
+    reason = solver.refuses(problem, control)
+    cost: dict[str, float] = {}
+    if reason:
+        trajectory = _start_only(problem, Status.REFUSED, reason)
+    else:
+        try:
+            trajectory, cost = solve_repeatedly(solver, problem, control, 1)
+        except MemoryError as error:
+            trajectory = _start_only(problem, Status.MEMORY, f"MemoryError: {error}")
+        except Exception as error:  # a solver's own exception is its result
+            trajectory = _start_only(problem, Status.CRASHED, f"{type(error).__name__}: {error}")
+    measured = measure(problem, trajectory)
+    size = scales(problem.system, problem.initial)
+    numbers = columns(problem, trajectory, measured, size)
+    status, message = Status(trajectory.status), str(trajectory.message)
+    if status is Status.SUCCESS:
+        because = doubts(problem, trajectory, numbers, size)
+        if because:
+            status, message = Status.WRONG, "; ".join([*([message] if message else []), *because])
+    _write(out, problem, trajectory, status, message)
+    lines = [
+        f"t reached          {numbers['t_reached_s']:.9g} s of {problem.t_end:g} s in {numbers['steps']} steps",
+        f"energy drift       {numbers['energy_drift_max_J']:.3e} J (scale {size.energy:.3g} J)",
+        f"|phi|, |phi_dot|   {numbers['phi_max']:.3e} m, {numbers['phi_dot_max']:.3e} m/s",
+    ]
+    if "position_error_max_m" in numbers:
+        lines.append(
+            f"error              {numbers['position_error_max_m']:.3e} m, {numbers['orientation_error_max_rad']:.3e} rad "
+            f"(to {min(numbers['reference_horizon_s'], numbers['t_reached_s']):g} s)"
+        )
+    if cost:
+        lines.append(f"CPU time           {cost['cpu_min_s']:.3g} s (set-up {cost['setup_s']:.3g} s)")
+    lines += [f"note               {n}" for n in trajectory.notes]
+    note.write_text(json.dumps({"status": str(status), "message": message, "lines": lines}), encoding="utf-8")
+
+
+def _write(out: Path, problem: Problem, trajectory: Trajectory, status: Status, message: str) -> None:
+    m, s = measure(problem, trajectory), trajectory.states
+    arrays = {
+        "t": m.t, "r": s.r, "R": s.R, "v": s.v, "Omega": s.Omega,
+        "energy": m.energy, "phi_norm": m.phi_norm, "phi_dot_norm": m.phi_dot_norm, "dt": np.diff(m.t),
+        "status": np.asarray(str(status)), "message": np.asarray(message),
+        "counters": np.asarray(json.dumps({k: int(v) for k, v in trajectory.counters.items()})),
+        **{f"obs_{name}": values for name, values in m.observables.items()},
+    }  # fmt: skip
+    write_npz(out, arrays)
+
+
+def _start_only(problem: Problem, status: Status, message: str) -> Trajectory:
+    return Trajectory(np.zeros(1), States.one(problem.initial), status, message, {})

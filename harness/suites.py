@@ -1,0 +1,177 @@
+"""Suites: TOML files that name the cells to run, products written as lists. Everything is checked before anything runs.
+
+::
+
+    name = "example"
+    description = "one line"
+    [defaults]                  # any key of a group but problem and solver
+    wall_limit = 60.0           # [s] a cell
+    [[cells]]
+    label = "soundest"
+    problem = "spherical_pendulum"              # or a list
+    parameters = { omega_z = [0.0, 0.1] }       # a list is a product; of a tuple-valued parameter give a list of lists
+    solver = ["gc_weak_form", "rk45_strong_form"]
+    options = { }
+    dt = [0.02, 0.01]           # goes to the solvers controlled by dt, rtol and max_step to the others
+    rtol = 1e-8
+"""
+
+import itertools
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from harness import registry
+from harness.cell import Cell, make_cell
+from harness.options import nearest
+from harness.types import Problem
+
+FOLDER = Path(__file__).parent / "suites"
+LIMITS = ("wall_limit", "memory", "repeats", "label")
+CONTROL = ("dt", "rtol", "max_step", "max_steps")
+KEYS = (*LIMITS, *CONTROL, "parameters", "options", "problem", "solver")
+
+
+class SuiteError(ValueError):
+    """A suite that cannot be run; the message is one line with the place."""
+
+
+@dataclass(frozen=True)
+class Suite:
+    """Cells in the order of the file, each once."""
+
+    name: str
+    description: str
+    cells: tuple[Cell, ...]
+    text: str
+    plugins: tuple[str, ...] = ()
+
+
+def suite_names() -> list[str]:
+    """The suites of ``harness/suites/``."""
+    return sorted(p.stem for p in FOLDER.glob("*.toml"))
+
+
+def load_suite(name: str, plugins: tuple[str, ...] = ()) -> Suite:
+    """The suite of that name, or in that file."""
+    path = FOLDER / f"{name}.toml"
+    if name.endswith(".toml") or "/" in name:
+        path = Path(name)
+    elif not path.exists():
+        raise SuiteError(f"unknown suite {name!r}{nearest(name, suite_names())}")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SuiteError(f"cannot read suite {path}: {getattr(error, 'strerror', None) or error}") from None
+    return parse_suite(text, path.stem, str(path), path.parent, plugins)
+
+
+def parse_suite(
+    text: str, name: str, where: str, beside: Path = Path(), plugins: tuple[str, ...] = ()
+) -> Suite:
+    """The suite in ``text``; ``where`` names it in messages, plugins are found ``beside`` it."""
+    try:
+        plain = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SuiteError(f"{where}: {error}") from None
+    _known(plain, ("schema", "name", "description", "plugins", "defaults", "cells"), where)
+    groups, defaults = plain.get("cells", []), plain.get("defaults", {})
+    if not isinstance(groups, list) or not groups or not all(isinstance(g, dict) for g in groups):
+        raise SuiteError(f"{where}: a suite needs at least one [[cells]] group")
+    if not isinstance(defaults, dict):
+        raise SuiteError(f"{where}: defaults must be a table")
+    _known(defaults, KEYS[:-2], f"{where}: defaults")
+    own = _list(plain.get("plugins", []))
+    if not all(isinstance(p, str) for p in own):
+        raise SuiteError(f"{where}: plugins must be a list of file names")
+    files = tuple(dict.fromkeys([*map(_full, plugins), *(_full(beside / p) for p in own)]))
+    try:
+        for file in files:
+            registry.load_plugin(Path(file))
+    except ValueError as error:
+        raise SuiteError(f"{where}: {error}") from None
+    made: dict[tuple[str, str], Problem] = {}
+    cells: dict[str, Cell] = {}
+    for k, group in enumerate(groups, start=1):
+        place = f"{where}: cells group {k}"
+        try:
+            for cell in _expand({**defaults, **group}, place, made):
+                if cell.settings in cells:
+                    raise SuiteError(f"{place}: {cell.case} is there twice")
+                cells[cell.settings] = cell
+        except SuiteError:
+            raise
+        except ValueError as error:  # of the registry or a problem: its words, our place
+            raise SuiteError(f"{place}: {' '.join(str(error).split())}") from None
+    title = plain.get("name", name)
+    if not isinstance(title, str) or not title or not title.replace("-", "").replace("_", "").isalnum():
+        raise SuiteError(f"{where}: name must be letters, digits, - and _ (got {title!r})")
+    return Suite(title, str(plain.get("description", "")), tuple(cells.values()), text, files)
+
+
+def _expand(group: Mapping[str, Any], place: str, made: dict[tuple[str, str], Problem]) -> Iterator[Cell]:
+    _known(group, KEYS, place)
+    for key in ("problem", "solver"):
+        if not _list(group.get(key)) or not all(isinstance(n, str) for n in _list(group[key])):
+            raise SuiteError(f"{place}: {key} must be a name or a list of names (got {group.get(key)!r})")
+    limits = _limits({k: group[k] for k in LIMITS if k in group}, place)
+    for name, solver in itertools.product(_list(group["problem"]), _list(group["solver"])):
+        if solver not in registry.solvers():
+            raise SuiteError(f"{place}: unknown solver {solver!r}{nearest(solver, list(registry.solvers()))}")
+        if name not in registry.problems():
+            raise SuiteError(f"{place}: unknown problem {name!r}{nearest(name, list(registry.problems()))}")
+        entry = registry.solvers()[solver]
+        control = {k: group[k] for k in CONTROL if k in group}
+        if "dt" in control and "rtol" in control:  # both given: each solver takes the one it is controlled by
+            control = {k: v for k, v in control.items() if k not in (("rtol", "max_step") if entry.control == "dt" else ("dt",))}
+        for parameters in _product(group.get("parameters", {}), registry.problems()[name].parameters, place):
+            key = (name, repr(sorted(parameters.items())))
+            if key not in made:
+                made[key] = registry.make_problem(name, parameters)
+            for options in _product(group.get("options", {}), entry.parameters, place):
+                for steps in _product(control, {}, place):
+                    yield make_cell(made[key], solver, options, steps, **limits)
+
+
+def _product(given: Any, known: Mapping[str, tuple[Any, Any]], place: str) -> Iterator[dict[str, Any]]:
+    """One dict for each combination of the listed values; a tuple-valued one takes a flat list as one value."""
+    if not isinstance(given, dict):
+        raise SuiteError(f"{place}: expected a table (got {given!r})")
+    choices = []
+    for key, value in given.items():
+        is_tuple = key in known and isinstance(known[key][0], tuple)
+        one = not isinstance(value, list) or (is_tuple and not any(isinstance(v, list | str) for v in value))
+        values = [value] if one else value
+        if not values:
+            raise SuiteError(f"{place}: {key} is an empty list: no cell would be run")
+        choices.append([(key, v) for v in values])
+    for combination in itertools.product(*choices):
+        yield dict(combination)
+
+
+def _limits(given: dict[str, Any], place: str) -> dict[str, Any]:
+    for key in ("wall_limit", "memory", "repeats"):
+        value = given.get(key, 1)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+            raise SuiteError(f"{place}: {key} must be a finite number > 0 (got {value!r})")
+    if not isinstance(given.get("repeats", 1), int):
+        raise SuiteError(f"{place}: repeats must be a whole number (got {given['repeats']!r})")
+    if not isinstance(given.get("label", ""), str):
+        raise SuiteError(f"{place}: label must be text (got {given['label']!r})")
+    return given
+
+
+def _known(given: Mapping[str, Any], known: tuple[str, ...], place: str) -> None:
+    for key in given:
+        if key not in known:
+            raise SuiteError(f"{place}: unknown key {key!r}{nearest(key, list(known))}")
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [] if value is None else [value]
+
+
+def _full(path: str | Path) -> str:
+    return str(Path(path).resolve())

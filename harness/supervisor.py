@@ -1,0 +1,186 @@
+"""Forks one process a cell, keeps its limits, and sees that every cell ends as a record.
+
+``python -m harness.supervisor`` is the long-lived, single-threaded parent of the cells: jobs come as JSON lines on
+standard input, the address of each finished cell goes out as one. At the end of its input (the runner is
+gone) it kills what runs and leaves.
+"""
+
+import json
+import os
+import selectors
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from harness import store, worker
+from harness.isolation import CANNOT_WRITE, Child, fork, kill_group, trim
+from harness.job import Job, record_of
+from harness.types import Status
+
+GRACE = 2.0  # [s] over the wall limit, then killed: a solver was asked to stop at 0.9 of the limit
+MEASURE_LIMIT = 120.0  # [s] for metrics once the solver is done, reference included
+POLL = 0.1  # [s]
+
+
+@dataclass
+class Running:
+    """A cell on its way."""
+
+    job: Job
+    child: Child
+    began: float
+    deadline: float
+    measuring: bool = False
+    closed: float = 0.0  # when its pipe closed: it is about to end
+    killed: str = ""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A cell whose process is gone. Its record is stored, unless ``error`` says why it could not be."""
+
+    job: Job
+    error: str = ""
+
+
+class Supervisor:
+    """The running cells. ``start`` one, ``step`` until it comes back."""
+
+    def __init__(self) -> None:
+        self.running: dict[int, Running] = {}  # by pipe
+        self.selector = selectors.DefaultSelector()
+
+    def start(self, job: Job) -> None:
+        """Fork the cell's process."""
+        now = time.monotonic()
+        limit = job.cell.wall_limit + GRACE
+        child = fork(lambda tell: _run(job, tell), job.stderr, job.cell.memory, limit + MEASURE_LIMIT)
+        os.set_blocking(child.phase, False)
+        self.running[child.phase] = Running(job, child, now, now + limit)
+        self.selector.register(child.phase, selectors.EVENT_READ)
+
+    def step(self, timeout: float = POLL) -> Iterator[Ended]:
+        """Wait up to ``timeout`` for news, keep the limits, and yield the cells that ended."""
+        now = time.monotonic()
+        ending = any(run.closed and now - run.closed < 1.0 for run in self.running.values())
+        for key, _ in self.selector.select(0.002 if ending else timeout):
+            run = self.running.get(key.fd)
+            if run is not None:
+                self._heard(run)
+        for run in list(self.running.values()):
+            if time.monotonic() > run.deadline and not run.killed:
+                run.killed = "measuring" if run.measuring else "wall"
+                kill_group(run.child.pid)
+            pid, status, usage = os.wait4(run.child.pid, os.WNOHANG)
+            if pid:
+                error = self._ended(run, os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024.0)
+                yield Ended(run.job, error)
+
+    def kill_all(self) -> None:
+        """End every running cell, without records."""
+        for run in self.running.values():
+            kill_group(run.child.pid)
+            os.waitpid(run.child.pid, 0)
+
+    def _heard(self, run: Running) -> None:
+        told = os.read(run.child.phase, 64)
+        if told.startswith(b"m"):
+            run.measuring, run.deadline = True, time.monotonic() + MEASURE_LIMIT
+        if not told:
+            run.closed = time.monotonic()
+            self.selector.unregister(run.child.phase)
+
+    def _ended(self, run: Running, exit_code: int, peak: float) -> str:
+        kill_group(run.child.pid)  # what the cell may have started and left behind
+        if not run.closed:
+            self.selector.unregister(run.child.phase)
+        os.close(run.child.phase)
+        del self.running[run.child.phase]
+        trim(run.job.stderr)
+        written = run.job.folder / "cells" / f"{run.job.id}.json"
+        if exit_code == 0 and written.exists() and not run.killed:
+            return ""
+        if exit_code == CANNOT_WRITE:
+            return f"cannot write to {run.job.folder}: no space left"
+        status, message = explain(run, exit_code, peak)
+        record = record_of(
+            run.job,
+            status,
+            message=message,
+            exit_code=max(exit_code, 0),
+            signal=max(-exit_code, 0),
+            wall_s=time.monotonic() - run.began,
+            peak_memory_MB=peak,
+        )
+        try:
+            store.write_record(run.job.folder, record)
+        except OSError as error:
+            return f"cannot write to {run.job.folder}: {error.strerror or error}"
+        return ""
+
+
+def explain(run: Running, exit_code: int, peak: float) -> tuple[Status, str]:
+    """Status and words for a process that left no record."""
+    limit = run.job.cell.wall_limit
+    if run.killed == "wall":
+        return Status.STALLED, f"killed at the wall limit of {limit:g} s (+{GRACE:g} s); it did not stop when asked"
+    if run.killed == "measuring":
+        return Status.CRASHED, f"the solver was done, but measuring its motion took more than {MEASURE_LIMIT:g} s"
+    if exit_code == -signal.SIGXCPU:
+        return Status.STALLED, "used up its CPU time"
+    if exit_code < 0:
+        name = signal.Signals(-exit_code).name if -exit_code in set(signal.Signals) else str(-exit_code)
+        near = peak > 0.9 * run.job.cell.memory
+        words = f"ended by {name} with {peak:.0f} MB resident" + (", near its memory limit" if near else "")
+        return (Status.MEMORY if near else Status.CRASHED), words
+    return Status.CRASHED, f"its process exited with code {exit_code} and no result"
+
+
+def _run(job: Job, tell: object) -> None:
+    worker.run(job, tell)  # type: ignore[arg-type]
+
+
+def serve(jobs: int, results: int) -> None:
+    """Read jobs from the descriptor ``jobs``, write a line to ``results`` for each that ended; leave at end of input."""
+    supervisor = Supervisor()
+    supervisor.selector.register(jobs, selectors.EVENT_READ)
+    os.set_blocking(jobs, False)
+    pending = b""
+    try:
+        while True:
+            for end in list(supervisor.step(POLL if supervisor.running else 3600.0)):
+                os.write(results, (json.dumps({"cell": end.job.id, "error": end.error}) + "\n").encode())
+            try:
+                chunk = os.read(jobs, 2**16)
+            except BlockingIOError:
+                continue
+            if not chunk:
+                return
+            *lines, pending = (pending + chunk).split(b"\n")
+            for line in lines:
+                supervisor.start(Job.from_json(line.decode()))
+    finally:
+        supervisor.kill_all()
+
+
+def preload() -> None:
+    """Import what cells need, so that forks have it; freeze it, so that the collector does not copy its pages."""
+    import gc
+
+    from harness import registry
+
+    registry.problems()
+    registry.solvers()
+    gc.collect()
+    gc.freeze()
+
+
+if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the runner, which then closes our input
+    answers = os.dup(1)
+    os.dup2(2, 1)  # nothing else may write into the answers
+    preload()
+    sys.stdout.flush()
+    serve(0, answers)

@@ -1,0 +1,155 @@
+"""Thresholds of the gate: a committed TOML file, one entry a case and metric, each with its reason.
+
+::
+
+    schema = 1
+    suite = "ci"
+    [[threshold]]
+    case = "heavy_top gc_weak_form dt=0.001"
+    metric = "energy_drift_max_J"       # any numeric column of a record
+    value = 2.0e-3                      # measured when the threshold was set
+    upper = 2.2e-3                      # breached above; or lower = ..., breached below; or both
+    unit = "J"
+    reason = "deterministic, second order: doubling dt gives 4 times the value"
+    expect = "pass"                     # "fail": a known breach; when it passes, that is news (XPASS)
+
+A cell is expected to end with status "success", unless an entry without metric says otherwise:
+``case``, ``status``, ``reason``.
+"""
+
+import dataclasses
+import json
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from harness.environment import ROOT
+from harness.options import nearest
+from harness.records import COLUMNS
+from harness.types import Status
+
+FOLDER = ROOT / "results" / "baselines"
+METRICS = tuple(c.name for c in COLUMNS if c.type in (float, int))
+
+
+class ThresholdError(ValueError):
+    """A thresholds file that cannot be used; one line with the place."""
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """Bounds on one metric of one case."""
+
+    case: str
+    metric: str
+    value: float
+    upper: float
+    lower: float
+    unit: str
+    reason: str
+    expect: str = "pass"
+
+    def holds(self, measured: float) -> bool:
+        """Within the bounds; a measurement that does not exist is not."""
+        return self.lower <= measured <= self.upper
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """The status a case is expected to end with, where that is not success."""
+
+    case: str
+    status: Status
+    reason: str
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """All of a suite."""
+
+    suite: str
+    bounds: tuple[Threshold, ...]
+    statuses: Mapping[str, Expectation]
+
+
+def read_thresholds(path: Path) -> Thresholds:
+    """The file, every entry checked."""
+    try:
+        plain = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ThresholdError(f"cannot read thresholds {path}: {getattr(error, 'strerror', None) or error}") from None
+    unknown = [k for k in plain if k not in ("schema", "suite", "threshold", "status")]
+    if unknown or plain.get("schema") != 1 or not isinstance(plain.get("suite"), str):
+        raise ThresholdError(f"{path}: expected schema = 1, a suite and [[threshold]] entries (got {unknown or plain.get('schema')})")
+    bounds = tuple(_bound(e, f"{path}: threshold {k}") for k, e in enumerate(_tables(plain, "threshold", path), 1))
+    expected = [_expectation(e, f"{path}: status {k}") for k, e in enumerate(_tables(plain, "status", path), 1)]
+    keys = [(b.case, b.metric) for b in bounds]
+    twice = {k for k in keys if keys.count(k) > 1}
+    if twice:
+        raise ThresholdError(f"{path}: {' '.join(sorted(twice)[0])} is there twice")
+    return Thresholds(plain["suite"], bounds, {e.case: e for e in expected})
+
+
+def write_thresholds(thresholds: Thresholds) -> str:
+    """The text of a thresholds file."""
+    out = ["schema = 1", f"suite = {json.dumps(thresholds.suite)}"]
+    for e in thresholds.statuses.values():
+        out += ["", "[[status]]", *(f"{k} = {json.dumps(str(v))}" for k, v in dataclasses.asdict(e).items())]
+    for b in thresholds.bounds:
+        out += ["", "[[threshold]]"]
+        for key, value in dataclasses.asdict(b).items():
+            if isinstance(value, float):
+                out += [f"{key} = {value:.4g}"] if math.isfinite(value) else []
+            elif not (key == "expect" and value == "pass"):
+                out.append(f"{key} = {json.dumps(value, ensure_ascii=False)}")
+    return "\n".join(out) + "\n"
+
+
+def _tables(plain: dict[str, Any], key: str, path: Path) -> list[dict[str, Any]]:
+    found = plain.get(key, [])
+    if not isinstance(found, list) or not all(isinstance(e, dict) for e in found):
+        raise ThresholdError(f"{path}: {key} must be a list of [[{key}]] tables")
+    return found
+
+
+def _bound(entry: dict[str, Any], place: str) -> Threshold:
+    _keys(entry, ("case", "metric", "value", "upper", "lower", "unit", "reason", "expect"), place)
+    for key in ("case", "metric", "reason"):
+        _text(entry, key, place)
+    if entry["metric"] not in METRICS:
+        raise ThresholdError(f"{place}: unknown metric {entry['metric']!r}{nearest(entry['metric'], list(METRICS))}")
+    numbers = {"value": math.nan, "upper": math.inf, "lower": -math.inf}
+    for key in numbers:
+        if key in entry:
+            if isinstance(entry[key], bool) or not isinstance(entry[key], int | float) or not math.isfinite(entry[key]):
+                raise ThresholdError(f"{place}: {key} must be a finite number (got {entry[key]!r})")
+            numbers[key] = float(entry[key])
+    if "upper" not in entry and "lower" not in entry:
+        raise ThresholdError(f"{place}: give upper or lower; without a bound nothing is checked")
+    if entry.get("expect", "pass") not in ("pass", "fail"):
+        raise ThresholdError(f"{place}: expect must be pass or fail (got {entry['expect']!r})")
+    texts = {"unit": str(entry.get("unit", "")), "expect": entry.get("expect", "pass")}
+    return Threshold(case=entry["case"], metric=entry["metric"], reason=entry["reason"], **numbers, **texts)
+
+
+def _expectation(entry: dict[str, Any], place: str) -> Expectation:
+    _keys(entry, ("case", "status", "reason"), place)
+    for key in ("case", "status", "reason"):
+        _text(entry, key, place)
+    if entry["status"] not in [str(s) for s in Status]:
+        raise ThresholdError(f"{place}: unknown status {entry['status']!r}{nearest(entry['status'], [str(s) for s in Status])}")
+    return Expectation(entry["case"], Status(entry["status"]), entry["reason"])
+
+
+def _keys(entry: dict[str, Any], known: tuple[str, ...], place: str) -> None:
+    for key in entry:
+        if key not in known:
+            raise ThresholdError(f"{place}: unknown key {key!r}{nearest(key, list(known))}")
+
+
+def _text(entry: dict[str, Any], key: str, place: str) -> None:
+    if not isinstance(entry.get(key), str) or not entry[key].strip():
+        raise ThresholdError(f"{place}: {key} must be given as text (got {entry.get(key)!r})")
