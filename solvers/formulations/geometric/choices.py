@@ -1,0 +1,59 @@
+"""The free choices of the scheme (the paper leaves them open) as options common to ODE-GC and its augmented version."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from harness.options import option
+from harness.types import Problem, StepControl
+from solvers.formulations.geometric.directions import CHOICES
+from solvers.formulations.geometric.residual import Settings
+
+
+@dataclass(frozen=True)
+class GaugeChoices:
+    """Options of a geometric solver; the first of each list is the default, and docs/notation.md says why."""
+
+    gauge: str = option(
+        "symmetric", "value of mu at a step's start, of which only increments are physical: minus its end value "
+        "(time-reversible), zero, or carried on as printed", choices=("symmetric", "zero", "accumulate"),
+    )  # fmt: skip
+    mu0: str = option("zero", "first mu of the accumulate gauge: zero or the velocity along c_R", choices=("zero", "velocity"))
+    sigma0: str = option("zero", "sigma of (75): zero, or carried from (62)", choices=("zero", "carried"))
+    direction: str = option("a", "c_R of Eq. (31): a/(a.a), M^-1 a/(a.M^-1 a), or (e_k, 0)", choices=CHOICES)
+    f_bar: bool = option(True, "f_bar of Eq. (30) taken out of nu")
+    corrective: bool = option(True, "C_bar, K_bar of Eq. (32) where springs or dampers make them non-zero")
+    b_term: bool = option(True, "B term of Eq. (71); without it the scheme loses its order (a planted error)")
+    tolerance: float = option(1e-8, "of the tests (80), (81)", "sqrt(J)", above=0.0)
+    max_newton: int = option(20, "corrections before the step is cut", "", at_least=1)
+    newton: str = option(
+        "kept", "exact: new Jacobian at every correction; kept: renewed when it no longer contracts by 5",
+        choices=("kept", "exact"),
+    )  # fmt: skip
+    max_cuts: int = option(16, "halvings of dt before the run ends in step underflow", "", at_least=0, at_most=40)
+
+    def settings(self, problem: Problem) -> Settings:
+        """The kernels' form of the choices. With springs and Eq. (32), mu, lam and sigma are physical and carried."""
+        corrective = self.corrective and len(problem.system.spring_k) > 0
+        exact = self.newton == "exact"
+        return Settings(
+            gauge=-1.0 if self.gauge == "symmetric" and not corrective else 0.0,
+            keep_nu=int(self.gauge == "accumulate" or corrective),
+            direction=CHOICES.index(self.direction),
+            use_f_bar=int(self.f_bar),
+            corrective=int(corrective),
+            carry_sigma=int(self.sigma0 == "carried" or corrective),
+            b_term=float(self.b_term),
+            tolerance=self.tolerance,
+            max_newton=self.max_newton,
+            refresh=0.0 if exact else 0.2,
+            couple=int(exact),
+        )
+
+    def refuses_choice(self, problem: Problem, control: StepControl) -> str | None:
+        """Why these options do not fit the problem, or None."""
+        if control.dt is None:
+            return "takes a fixed step: give dt, not rtol"
+        if self.direction == "translation" and np.any(problem.system.joint_revolute):
+            return "direction 'translation' needs spherical joints: an axis row has no translation"
+        return None

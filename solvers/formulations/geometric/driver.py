@@ -1,0 +1,193 @@
+"""From a problem to a trajectory: arrays and analysis, the compiled march in stretches, and what is handed back."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from harness.types import Problem, State, States, Status, StepControl, Trajectory
+from solvers.formulations.geometric import march as marching
+from solvers.formulations.geometric.arrays import Model, Motion, empty_motion, model_of
+from solvers.formulations.geometric.block_lu import factor
+from solvers.formulations.geometric.jacobian import assemble
+from solvers.formulations.geometric.pattern import Factors, Index, Pattern, analyse, empty_factors
+from solvers.formulations.geometric.residual import Rows, Settings, complete, end_forces
+from solvers.formulations.geometric.step import COUNTERS, History, Penalty, Work, start_mu
+
+STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
+PLAIN = Penalty(active=0, nested=0, max_augmentations=1, accept=0.0)
+
+
+@dataclass(frozen=True)
+class Run:
+    """All arrays of one run. The arrays change as the march proceeds; the object does not."""
+
+    model: Model
+    start: Motion
+    end: Motion
+    rows: Rows
+    history: History
+    settings: Settings
+    penalty: Penalty
+    index: Index
+    pattern: Pattern
+    factors: Factors
+    work: Work
+
+
+@dataclass
+class Log:
+    """What the march has recorded so far."""
+
+    stretches: list[marching.Record] = field(default_factory=list)
+
+    def joined(self, name: str) -> np.ndarray:
+        """One series over all stretches."""
+        return np.concatenate([getattr(r, name) for r in self.stretches]) if self.stretches else np.zeros(0)
+
+
+def prepare(problem: Problem, settings: Settings, penalty: Penalty = PLAIN, xi: float = 1.0, mu0: str = "zero") -> Run:
+    """Arrays, symbolic analysis and the complete start."""
+    system, initial = problem.system, problem.initial
+    model = model_of(system)
+    index, pattern = analyse(model, bool(settings.couple))
+    nb, nrows = system.nb, system.nrows
+    start, end = empty_motion(model), empty_motion(model)
+    load(start, initial)
+    complete(model, start, settings)
+    zeros = (np.zeros(nrows) for _ in range(8))
+    rows = Rows(*zeros, weight=np.zeros((2, nrows)))
+    history = History(v=np.zeros((nb, 6)), nu=np.zeros(nrows), increment=np.zeros(nrows), last_dt=np.zeros(1))
+    work = Work(
+        blocks=np.zeros((len(pattern.pair_column), 6, 6)), T=np.zeros((nb, 3, 3)), body=np.zeros((nb, 6)),
+        constraint=np.zeros(nrows), x=np.zeros(int(pattern.start[-1])), diagonal=np.zeros(nrows), xi=np.full(1, xi),
+        nu_kept=np.zeros(nrows), count=np.zeros(len(COUNTERS), dtype=np.int64), held=np.zeros(1), norm=np.zeros(2),
+    )  # fmt: skip
+    if mu0 == "velocity":
+        start_mu(model, start, rows, settings.direction)
+    return Run(model, start, end, rows, history, settings, penalty, index, pattern, empty_factors(pattern), work)
+
+
+def load(motion: Motion, state: State) -> None:
+    """Poses and velocities of ``state`` into ``motion``."""
+    motion.r[:], motion.R[:] = state.r, state.R
+    motion.v[:, :3], motion.v[:, 3:] = state.v, state.Omega
+
+
+def redundant_rows(problem: Problem, settings: Settings) -> int:
+    """Number of dependent constraint rows at the start.
+
+    With the lower block ``eps``, a dependent row leaves a pivot of about eps = 1e-10 / M_bar, an independent one at
+    least sigma^2 of A M^-1/2: rows count as dependent below 1e-6 / M_bar. No dense matrix at any size.
+    """
+    run = prepare(problem, settings)
+    run.work.diagonal[:] = 1e-10 / run.start.m_bar
+    load(run.end, problem.initial)
+    complete(run.model, run.end, settings)
+    end_forces(run.start, run.end, run.rows, 0.0, settings)
+    # a zero step: T = 0, D' = 2 D or D
+    assemble(run.model, run.start, run.end, run.rows, 0.0, settings, run.work.diagonal, run.index, run.work.blocks, run.work.T)
+    factor(run.pattern, run.work.blocks, run.factors)
+    at = np.concatenate([np.arange(a, a + n) for a, n in zip(run.pattern.joint_at, np.diff(run.model.row), strict=True)])
+    return int(np.sum(run.factors.pivot[at] * run.start.m_bar < 1e-6)) if len(at) else 0
+
+
+def integrate(
+    problem: Problem, control: StepControl, run: Run, max_cuts: int, watch: Callable[[Run, marching.Record], None] | None = None
+) -> Trajectory:
+    """March to the end or to the failure; ``watch`` sees each stretch."""
+    began = time.perf_counter()
+    assert control.dt is not None  # refuses() has seen to it
+    nb, nrows = problem.system.nb, problem.system.nrows
+    room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * nb + nrows)))))
+    clock = marching.Clock(np.zeros(3, dtype=np.int64), control.dt, problem.t_end, max_cuts)
+    warm_up(run, clock, room=1)
+    set_up = time.perf_counter() - began
+    log, steps, cpu = Log(), 0, time.process_time()
+    status, message = Status.SUCCESS, ""
+    while True:
+        record = marching.empty_record(min(room, control.max_steps - steps), nb, nrows)
+        outcome, done = marching.march(
+            run.model, run.start, run.end, run.rows, run.history, run.settings, run.penalty, run.index, run.pattern,
+            run.factors, run.work, clock, record,
+        )  # fmt: skip
+        stretch = marching.Record(*(a[:done] for a in record))
+        log.stretches.append(stretch)
+        steps += done
+        if watch is not None and done:
+            watch(run, stretch)
+        if outcome == marching.FINISHED:
+            break
+        if outcome == marching.UNDERFLOW:
+            status, message = _underflow(run, clock)
+            break
+        if steps >= control.max_steps:
+            status, message = Status.STALLED, f"max_steps = {control.max_steps} reached at t = {stretch.t[-1]:g} s"
+            break
+        if control.wall_limit is not None and time.perf_counter() - began > control.wall_limit:
+            status, message = Status.STALLED, f"wall limit of {control.wall_limit:g} s reached at t = {stretch.t[-1]:g} s"
+            break
+    return hand_back(problem, run, log, status, message, time.process_time() - cpu, set_up)
+
+
+def warm_up(run: Run, clock: marching.Clock, room: int) -> None:
+    """Compile (or load) the march without taking a step: a clock that already stands at its end."""
+    marching.march(
+        run.model, run.start, run.end, run.rows, run.history, run.settings, run.penalty, run.index, run.pattern,
+        run.factors, run.work, clock._replace(t_end=0.0), marching.empty_record(room, len(run.model.mass), int(run.model.row[-1])),
+    )  # fmt: skip
+
+
+def hand_back(
+    problem: Problem, run: Run, log: Log, status: Status, message: str, cpu: float, set_up: float
+) -> Trajectory:
+    """The steps with the start before them. Reactions are step means; at a time between two steps their mean."""
+    first = problem.initial
+    v = log.joined("v").reshape(-1, problem.system.nb, 6)
+    t = np.concatenate(([0.0], log.joined("t")))
+    states = States(
+        np.concatenate((first.r[None], log.joined("r").reshape(-1, problem.system.nb, 3))),
+        np.concatenate((first.R[None], log.joined("R").reshape(-1, problem.system.nb, 3, 3))),
+        np.concatenate((first.v[None], v[:, :, :3])),
+        np.concatenate((first.Omega[None], v[:, :, 3:])),
+    )
+    counters = {"steps": len(t) - 1, **{name: int(n) for name, n in zip(COUNTERS, run.work.count, strict=True)}}
+    norm = log.joined("norm").reshape(-1, 2)
+    per_step = {
+        "newton_iterations": log.joined("newton"), "cut_level": log.joined("level"), "penalty": log.joined("xi"),
+        "residual_norm": norm[:, 0], "constraint_norm": norm[:, 1],
+    }  # fmt: skip
+    if not run.penalty.active:
+        del per_step["penalty"]
+    return Trajectory(
+        t=t, states=states, status=status, message=message, counters=counters,
+        reaction=at_nodes(np.diff(t), log.joined("force").reshape(-1, problem.system.nrows)),
+        diagnostics={name: np.concatenate(([np.nan], series)) for name, series in per_step.items()},
+        cpu_time=cpu, setup_time=set_up,
+    )  # fmt: skip
+
+
+def at_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """Values at the nodes from means over the steps between (second order), linear at the ends."""
+    n = len(dt)
+    if n == 0:
+        return np.full((1, mean.shape[1]), np.nan)
+    if n == 1:
+        return np.repeat(mean, 2, axis=0)
+    w = (dt[1:] / (dt[:-1] + dt[1:]))[:, None]
+    inner = w * mean[:-1] + (1.0 - w) * mean[1:]
+    slope_first = (mean[1] - mean[0]) / (dt[0] + dt[1])
+    slope_last = (mean[-1] - mean[-2]) / (dt[-1] + dt[-2])
+    return np.concatenate(((mean[0] - dt[0] * slope_first)[None], inner, (mean[-1] + dt[-1] * slope_last)[None]))
+
+
+def _underflow(run: Run, clock: marching.Clock) -> tuple[Status, str]:
+    t = marching.time_of(clock)
+    residual, phi_dot = run.work.norm
+    if not np.isfinite(residual):
+        return Status.DIVERGED, f"not a finite number at t = {t:g} s, with the step cut {clock.max_level} times"
+    return Status.STEP_UNDERFLOW, (
+        f"Newton's method does not reach {run.settings.tolerance:g} sqrt(J) at t = {t:g} s with the step cut "
+        f"{clock.max_level} times (residual {residual:.3g}, constraint norm {phi_dot:.3g})"
+    )

@@ -1,0 +1,190 @@
+"""Symbolic analysis of the saddle [[J_vv, -D'], [A, eps]] in blocks: one node a body (6) or joint (3 or 5 rows).
+
+One analysis serves a whole run. Order: greedy minimum degree on the block graph, with one rule that makes pivoting
+across blocks unnecessary: a joint is eliminated after all of its bodies, so its pivot is a principal block of the
+Schur complement A M^-1 D' (+ eps), positive definite for independent rows.
+"""
+
+import heapq
+from typing import NamedTuple
+
+import numpy as np
+
+from solvers.formulations.geometric.arrays import Model
+
+
+class Index(NamedTuple):
+    """Which block (of ``blocks``) the assembly writes for whom; -1 where there is none."""
+
+    body: np.ndarray  # (nb,) diagonal
+    column: np.ndarray  # (nj, 2): row body, column joint
+    row: np.ndarray  # (nj, 2): row joint, column body
+    diagonal: np.ndarray  # (nj,)
+    couple: np.ndarray  # (nj, 2): row body of end e, column body of the other end
+    spring: np.ndarray  # (ns, 2)
+
+
+class Pattern(NamedTuple):
+    """Structure of the factors, by elimination position p."""
+
+    size: np.ndarray  # (N,) scalars of node p
+    start: np.ndarray  # (N + 1,) first scalar of node p
+    body_at: np.ndarray  # (nb,) first scalar of each body
+    joint_at: np.ndarray  # (nj,)
+    pair_start: np.ndarray  # (N + 1,) original blocks of row p ...
+    pair_column: np.ndarray  # (npairs,) ... and the first scalar of their columns
+    pair_width: np.ndarray
+    low_start: np.ndarray  # (N + 1,) nodes before p that p's row meets ...
+    low: np.ndarray  # ... ascending
+    up_start: np.ndarray  # (N + 1,) scalar columns behind p in its row ...
+    up: np.ndarray  # ... ascending
+    panel_start: np.ndarray  # (N + 1,) offset of the (size, width) panel of U
+
+
+class Factors(NamedTuple):
+    """Numbers of the block LU: L blocks, inverted pivots, U panels, and work space."""
+
+    low: np.ndarray  # (nlow, 6, 6)
+    pivot_inverse: np.ndarray  # (N, 6, 6)
+    pivot: np.ndarray  # (n,) |pivots|
+    panel: np.ndarray
+    dense: np.ndarray  # (6, n)
+    strip: np.ndarray  # (n,)
+
+
+def analyse(model: Model, couple: bool) -> tuple[Index, Pattern]:
+    """Blocks, elimination order and fill. ``couple`` keeps body-to-body blocks that joints cause."""
+    nb, nj = len(model.mass), len(model.end)
+    keys: dict[tuple[int, int], None] = {}
+
+    def pair(a: int, b: int) -> tuple[int, int]:
+        keys.setdefault((a, b))
+        return (a, b)
+
+    body = [pair(b, b) for b in range(nb)]
+    column, row, diagonal, coupled, spring = [], [], [], [], []
+    for j, ends in enumerate(model.end):
+        column.append([pair(b, nb + j) if b >= 0 else None for b in ends])
+        row.append([pair(nb + j, b) if b >= 0 else None for b in ends])
+        diagonal.append(pair(nb + j, nb + j))
+        both = couple and min(ends) >= 0
+        coupled.append([pair(ends[e], ends[1 - e]) if both else None for e in range(2)])
+    for ends in model.spring_end:
+        both = min(ends) >= 0
+        spring.append([pair(ends[e], ends[1 - e]) if both else None for e in range(2)])
+    neighbours: list[set[int]] = [set() for _ in range(nb + nj)]
+    for a, b in keys:
+        if a != b:
+            neighbours[a].add(b)
+            neighbours[b].add(a)
+    size = np.concatenate((np.full(nb, 6), np.where(model.hinged > 0, 5, 3))).astype(np.int64)
+    order, behind = _minimum_degree(neighbours, size, nb, model.end)
+    place = np.empty(nb + nj, dtype=np.int64)
+    place[order] = np.arange(nb + nj)
+    number, pair_start, column_place = _sorted_pairs(list(keys), place)
+    pattern = _structure(order, behind, place, size, nb, pair_start, column_place)
+
+    def numbers(entries: list) -> np.ndarray:
+        return np.array([[-1 if k is None else number[k] for k in two] for two in entries], dtype=np.int64).reshape(-1, 2)
+
+    index = Index(
+        body=np.array([number[k] for k in body], dtype=np.int64),
+        column=numbers(column),
+        row=numbers(row),
+        diagonal=np.array([number[k] for k in diagonal], dtype=np.int64),
+        couple=numbers(coupled),
+        spring=numbers(spring),
+    )
+    return index, pattern
+
+
+def empty_factors(pattern: Pattern) -> Factors:
+    """Room for the numbers."""
+    N, n = len(pattern.size), int(pattern.start[-1])
+    return Factors(
+        low=np.zeros((len(pattern.low), 6, 6)),
+        pivot_inverse=np.zeros((N, 6, 6)),
+        pivot=np.zeros(n),
+        panel=np.zeros(int(pattern.panel_start[-1])),
+        dense=np.zeros((6, n)),
+        strip=np.zeros(n),
+    )
+
+
+def _minimum_degree(
+    neighbours: list[set[int]], size: np.ndarray, nb: int, ends: np.ndarray
+) -> tuple[np.ndarray, list[set[int]]]:
+    """Order and, per node, the nodes behind it that its row meets (fill included)."""
+    alive = [set(s) for s in neighbours]
+    waiting = [0] * nb + [int(np.sum(e >= 0)) for e in ends]
+    joints_of: list[list[int]] = [[] for _ in range(nb)]
+    for j, two in enumerate(ends):
+        for b in two:
+            if b >= 0:
+                joints_of[b].append(nb + j)
+
+    def degree(a: int) -> int:
+        return int(sum(size[b] for b in alive[a]))
+
+    heap = [(degree(a), a) for a in range(len(alive)) if waiting[a] == 0]
+    heapq.heapify(heap)
+    done = [False] * len(alive)
+    order, behind = [], []
+    while heap:
+        d, a = heapq.heappop(heap)
+        if done[a] or d != degree(a):
+            continue
+        done[a] = True
+        order.append(a)
+        behind.append(alive[a])
+        for b in alive[a]:
+            alive[b].discard(a)
+            alive[b] |= alive[a] - {b}
+        if a < nb:
+            for j in joints_of[a]:
+                waiting[j] -= 1
+        for b in alive[a] | ({j for j in joints_of[a]} if a < nb else set()):
+            if waiting[b] == 0 and not done[b]:
+                heapq.heappush(heap, (degree(b), b))
+    return np.array(order, dtype=np.int64), behind
+
+
+def _sorted_pairs(
+    keys: list[tuple[int, int]], place: np.ndarray
+) -> tuple[dict[tuple[int, int], int], np.ndarray, np.ndarray]:
+    ordered = sorted(keys, key=lambda k: (place[k[0]], place[k[1]]))
+    count = np.zeros(len(place) + 1, dtype=np.int64)
+    for a, _ in ordered:
+        count[place[a] + 1] += 1
+    return {k: q for q, k in enumerate(ordered)}, np.cumsum(count), np.array([place[b] for _, b in ordered], dtype=np.int64)
+
+
+def _structure(
+    order: np.ndarray, behind: list[set[int]], place: np.ndarray, size: np.ndarray, nb: int,
+    pair_start: np.ndarray, column_place: np.ndarray,
+) -> Pattern:  # fmt: skip
+    N = len(order)
+    at = np.concatenate(([0], np.cumsum(size[order])))
+    low: list[list[int]] = [[] for _ in range(N)]
+    up: list[np.ndarray] = []
+    for p in range(N):
+        later = sorted(int(place[b]) for b in behind[p])
+        for q in later:
+            low[q].append(p)
+        up.append(np.concatenate([np.arange(at[q], at[q + 1]) for q in later] or [np.zeros(0, dtype=np.int64)]))
+    width = np.array([len(u) for u in up], dtype=np.int64)
+    node_at = at[place]
+    return Pattern(
+        size=size[order],
+        start=at.astype(np.int64),
+        body_at=node_at[:nb].astype(np.int64),
+        joint_at=node_at[nb:].astype(np.int64),
+        pair_start=pair_start,
+        pair_column=at[column_place].astype(np.int64),
+        pair_width=size[order][column_place].astype(np.int64),
+        low_start=np.concatenate(([0], np.cumsum([len(q) for q in low]))).astype(np.int64),
+        low=np.array([q for qs in low for q in qs], dtype=np.int64),
+        up_start=np.concatenate(([0], np.cumsum(width))).astype(np.int64),
+        up=np.concatenate(up).astype(np.int64) if up else np.zeros(0, dtype=np.int64),
+        panel_start=np.concatenate(([0], np.cumsum(width * size[order]))).astype(np.int64),
+    )

@@ -1,0 +1,43 @@
+"""ODE-GC: the three-field weak form with geometrically consistent steps (Sect. 4.2, Eqs. 66 to 81).
+
+Unknown per step: v and nu = M_bar mu at its end. Momentum balance (74) in space with the trapezoidal rule, velocity
+constraints (75), poses by the autoparallel through the mean velocity (66), lam by (67). Newton's method (78), (79)
+with the exact block Jacobian; a step that does not converge is halved and grown back. Second order, time-reversible
+in the symmetric gauge. phi itself is not corrected: it stays O(dt^2).
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from harness.registry import solver
+from harness.types import Problem, StepControl, Trajectory
+from solvers.formulations.geometric.choices import GaugeChoices
+from solvers.formulations.geometric.driver import integrate, prepare, redundant_rows
+
+
+@solver("gc_weak_form")
+@dataclass(frozen=True)
+class GcWeakForm(GaugeChoices):
+    """Weak form with geometrically consistent steps of fixed size, independent constraints."""
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = "ODE-GC"
+    control: ClassVar[str] = "dt"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Redundant constraints make the Newton matrix singular; options may not fit."""
+        reason = self.refuses_choice(problem, control)
+        if reason is not None:
+            return reason
+        missing = redundant_rows(problem, self.settings(problem))
+        if missing:
+            rows = problem.system.nrows
+            return (
+                f"needs independent constraints: {rows} rows have rank {rows - missing} at the start "
+                f"({missing} redundant); use gc_augmented_lagrangian"
+            )
+        return None
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March with the fixed step ``control.dt``."""
+        return integrate(problem, control, prepare(problem, self.settings(problem), mu0=self.mu0), self.max_cuts)
