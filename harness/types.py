@@ -59,8 +59,15 @@ class Invariant:
 class Reference(Protocol):
     """The exact motion, from outside the contestants."""
 
-    route: str  # how it is computed, in a line
-    horizon: float  # [s] up to here ``error`` is certified
+    @property
+    def route(self) -> str:
+        """How it is computed, in a line."""
+        ...
+
+    @property
+    def horizon(self) -> float:
+        """[s] up to here ``error`` is certified."""
+        ...
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
         """The motion at ``t`` [s]."""
@@ -148,7 +155,9 @@ class StepControl:
             if value is not None and not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} must be a finite number > 0 (got {value})")
         if self.max_step is not None and self.dt is not None:
-            raise ValueError(f"max_step goes with rtol, not with a fixed dt (got dt={self.dt}, max_step={self.max_step})")
+            raise ValueError(
+                f"max_step goes with rtol, not with a fixed dt (got dt={self.dt}, max_step={self.max_step})"
+            )
         if self.max_steps < 1:
             raise ValueError(f"max_steps must be >= 1 (got {self.max_steps})")
 
@@ -177,7 +186,9 @@ class Trajectory:
     def __post_init__(self) -> None:
         t = np.asarray(self.t, dtype=float)
         if t.ndim != 1 or len(t) != len(self.states) or len(t) == 0:
-            raise ValueError(f"expected one state a time, at least the start (got {t.shape} times, {len(self.states)} states)")
+            raise ValueError(
+                f"expected one state a time, at least the start (got {t.shape} times, {len(self.states)} states)"
+            )
         if np.any(np.diff(t) <= 0.0):
             raise ValueError("the times of a trajectory must increase")
 

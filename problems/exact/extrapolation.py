@@ -1,27 +1,27 @@
-"""Gragg-Bulirsch-Stoer extrapolation with fixed basic steps, in whatever precision the start has (longdouble: 1e-19).
+"""Gragg-Bulirsch-Stoer extrapolation in whatever precision the start has (longdouble: 1e-19).
 
 Modified midpoint rule with 2, 4, ..., 2 k substeps, extrapolated in h^2: order 2 k (Hairer, Norsett, Wanner I, II.9). An
 integrator that no contestant uses, for second routes.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
 Rate = Callable[[np.ndarray], np.ndarray]
 
 
-def gbs_step(f: Rate, y: np.ndarray, H: float, columns: int = 8) -> np.ndarray:
-    """``y`` after ``H`` of the autonomous y_dot = f(y)."""
-    H = y.dtype.type(H)
+def gbs_step(f: Rate, y: np.ndarray, H: float, columns: int = 8) -> tuple[np.ndarray, np.ndarray]:
+    """``y`` after ``H`` of the autonomous y_dot = f(y), and the last correction of the extrapolation."""
+    width = y.dtype.type(H)
     first = f(y)
     row: list[np.ndarray] = []
     for j in range(1, columns + 1):
-        previous, row = row, [_midpoint(f, y, first, H, 2 * j)]
+        previous, row = row, [_midpoint(f, y, first, width, 2 * j)]
         for k, older in enumerate(previous):
             weight = y.dtype.type(j * j) / y.dtype.type((j - 1 - k) ** 2) - 1
             row.append(row[k] + (row[k] - older) / weight)
-    return row[-1]
+    return row[-1], row[-1] - row[-2]
 
 
 def gbs(f: Rate, y0: np.ndarray, t: np.ndarray, substeps: int, columns: int = 8) -> np.ndarray:
@@ -30,12 +30,28 @@ def gbs(f: Rate, y0: np.ndarray, t: np.ndarray, substeps: int, columns: int = 8)
     for span in np.diff(t.astype(y0.dtype)):
         y = out[-1]
         for _ in range(substeps):
-            y = gbs_step(f, y, span / substeps, columns)
+            y, _ = gbs_step(f, y, span / substeps, columns)
         out.append(y)
     return np.stack(out)
 
 
-def _midpoint(f: Rate, y: np.ndarray, first: np.ndarray, H: np.ndarray, n: int) -> np.ndarray:
+def gbs_adaptive(f: Rate, y: np.ndarray, span: float, tolerance: float, H: float) -> Iterator[tuple[float, np.ndarray]]:
+    """(time, state) after each accepted step over ``span``, corrections kept below ``tolerance``; ``H`` is the first try."""
+    t = 0.0
+    while t < span:
+        last = t + H >= span
+        step = span - t if last else H
+        there, correction = gbs_step(f, y, step)
+        size = float(np.max(np.abs(correction)))
+        H = step * min(2.0, max(0.2, 0.9 * (tolerance / max(size, 1e-300)) ** (1.0 / 15.0)))
+        if size <= tolerance:
+            t, y = span if last else t + step, there
+            yield t, y
+        elif step < 1e-9 * span:
+            raise ArithmeticError(f"no step meets the tolerance {tolerance:g} (correction {size:.3g})")
+
+
+def _midpoint(f: Rate, y: np.ndarray, first: np.ndarray, H: np.floating, n: int) -> np.ndarray:
     h = H / n
     older, newer = y, y + h * first
     for _ in range(n - 1):

@@ -1,0 +1,116 @@
+"""Planar chain of rods from a fixed point, two formulations: the chain, and the grid seen as one rod a row.
+
+Rod k (0..n-1) has length l and mass M_k spread evenly; node k, its far end, carries a mass H_k; node -1 is the origin.
+The last node is held or free. Gravity acts along -y of the plane (x, y).
+
+``by_angles``  absolute angles of the rods to x, and multipliers for the two equations that hold the last node:
+    sum_j c_ij (cos(a_i - a_j) a_j_ddot + sin(a_i - a_j) a_j_dot^2) + (g/l) w_i cos a_i = (closure)_i
+    c_ij = mass beyond rod max(i, j), with half of it (i != j) or a third (i = j); w_i likewise with half
+``by_nodes``   positions p of the nodes; a rod is |d|^2/2 = l^2/2 with d = p_k - p_(k-1), and its kinetic energy
+    M_k/6 (|p_(k-1)_dot|^2 + p_(k-1)_dot . p_k_dot + |p_k_dot|^2): constant mass matrix, one multiplier a rod, no angle
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+Rate = Callable[[Float[np.ndarray, " ny"]], Float[np.ndarray, " ny"]]
+
+
+@dataclass(frozen=True)
+class Linkage:
+    """Rods [kg, m], node masses [kg], gravity [m/s2]; ``end`` [m] is where the last node is held, None if it is free."""
+
+    rod_mass: Float[np.ndarray, " n"]
+    node_mass: Float[np.ndarray, " n"]
+    length: float
+    gravity: float
+    end: tuple[float, float] | None = None
+
+    @property
+    def n(self) -> int:
+        """Number of rods."""
+        return len(self.rod_mass)
+
+    @property
+    def free(self) -> int:
+        """Number of nodes that move."""
+        return self.n - (self.end is not None)
+
+    def nodes(self, angle: Float[np.ndarray, "*nt n"]) -> Float[np.ndarray, "*nt n 2"]:
+        """Positions [m] of the nodes."""
+        return self.length * np.cumsum(np.stack((np.cos(angle), np.sin(angle)), axis=-1), axis=-2)
+
+    def node_start(self, y: Float[np.ndarray, " 2n"]) -> Float[np.ndarray, " 4free"]:
+        """The state of ``by_nodes`` from that of ``by_angles``."""
+        angle, rate = y[: self.n], y[self.n :]
+        across = np.stack((-np.sin(angle), np.cos(angle)), axis=-1)
+        v = self.length * np.cumsum(rate[:, None] * across, axis=0)
+        return np.concatenate((self.nodes(angle)[: self.free].ravel(), v[: self.free].ravel()))
+
+
+def by_angles(link: Linkage) -> Rate:
+    """d/dt (angles, rates)."""
+    n, M, H = link.n, link.rod_mass, link.node_mass
+    beyond = np.cumsum((M + H)[::-1])[::-1] - M  # nodes from k on, rods after k
+    k = np.arange(n)
+    c = (beyond + 0.5 * M)[np.maximum(k[:, None], k)]
+    c[k, k] = beyond + M / 3.0
+    pull = link.gravity / link.length * (beyond + 0.5 * M)
+    held = 0 if link.end is None else 2
+
+    def rate(y: np.ndarray) -> np.ndarray:
+        cos, sin, square = np.cos(y[:n]), np.sin(y[:n]), y[n:] ** 2
+        matrix = np.zeros((n + held, n + held))
+        matrix[:n, :n] = c * (np.outer(cos, cos) + np.outer(sin, sin))
+        right = np.zeros(n + held)
+        right[:n] = cos * (c @ (sin * square)) - sin * (c @ (cos * square)) - pull * cos
+        if held:
+            matrix[:n, n:] = np.stack((-sin, cos), axis=1)
+            matrix[n:, :n] = matrix[:n, n:].T
+            right[n:] = cos @ square, sin @ square
+        return np.concatenate((y[n:], np.linalg.solve(matrix, right)[:n]))
+
+    return rate
+
+
+def by_nodes(link: Linkage, precision: type = np.float64) -> Rate:
+    """d/dt (positions, velocities) of the moving nodes, for states of that precision (longdouble to certify further)."""
+    n, m = link.n, link.free
+    M: np.ndarray = link.rod_mass.astype(precision)
+    H: np.ndarray = link.node_mass.astype(precision)
+    after = np.append(M[1:], 0)
+    mass = np.diag((M + after) / 3 + H) + np.diag(after[:-1] / 6, 1) + np.diag(after[:-1] / 6, -1)
+    inverse = _solve(mass[:m, :m], np.eye(m, dtype=precision))
+    fall = -link.gravity * inverse @ ((M + after) / 2 + H)[:m]
+    k = np.arange(m)
+    far = np.array([(0.0, 0.0) if link.end is None else link.end])
+
+    def rate(y: np.ndarray) -> np.ndarray:
+        p, v = y.reshape(2, m, 2)
+        origin = np.zeros((1, 2))
+        d = np.diff(np.concatenate((origin, p, far) if n > m else (origin, p)), axis=0)
+        d_dot = np.diff(np.concatenate((origin, v, origin) if n > m else (origin, v)), axis=0)
+        G: np.ndarray = np.zeros((n, m, 2), dtype=precision)
+        G[k, k] = d[:m]
+        G[k[: n - 1] + 1, k[: n - 1]] = -d[1:]
+        GM = np.einsum("kic,ij->kjc", G, inverse).reshape(n, -1)
+        lam = _solve(GM @ G.reshape(n, -1).T, -np.sum(d_dot**2, axis=1) - G[:, :, 1] @ fall)
+        a = (GM.T @ lam).reshape(m, 2)
+        a[:, 1] += fall
+        return np.concatenate((v.ravel(), a.ravel()))
+
+    return rate
+
+
+def _solve(A: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """A^-1 b in the precision of A: LAPACK has float64 only, two refinements give the rest."""
+    if A.dtype == np.float64:
+        return np.linalg.solve(A, b)
+    rough = A.astype(float)
+    x = np.zeros_like(b)
+    for _ in range(3):
+        x = x + np.linalg.solve(rough, (b - A @ x).astype(float))
+    return x

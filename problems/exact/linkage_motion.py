@@ -1,0 +1,61 @@
+"""Certified planar motion of bodies that hang together as a linkage of rods (module ``linkage``)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from harness.mechanics.state import State, States
+from problems.exact.certified import CertifiedOrbit, certified_orbit
+from problems.exact.linkage import Linkage
+
+MOST_RODS = 30  # ten seconds of work; each evaluation costs n^3
+CHUNK = 0.25  # [s]
+PLANAR = 1e-12  # of a unit vector or rad/s: rounding of a start turned to its home frame; a perturbed start has more
+
+Bodies = Callable[[Float[np.ndarray, "nt n"], Float[np.ndarray, "nt n"]], States]  # angles [rad], rates [rad/s]
+
+
+@dataclass(frozen=True)
+class LinkageMotion:
+    """The orbit of the rods and the bodies on them."""
+
+    orbit: CertifiedOrbit
+    bodies: Bodies
+    route: str = "minimal coordinates (DOP853), certified by node positions (extrapolation)"
+
+    @property
+    def horizon(self) -> float:
+        """End of the certificate [s]."""
+        return self.orbit.horizon
+
+    def states(self, t: Float[np.ndarray, " nt"]) -> States:
+        """The motion at ``t`` [s], up to the horizon."""
+        y = self.orbit(t)
+        n = y.shape[1] // 2
+        return self.bodies(y[:, :n], y[:, n:])
+
+    def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        """Bound [m] on the position error of any node, hence of any body."""
+        return self.orbit.error(t)
+
+
+def linkage_motion(
+    link: Linkage, angle: Float[np.ndarray, " n"], rate: Float[np.ndarray, " n"], t_max: float, bodies: Bodies
+) -> LinkageMotion | None:
+    """The motion from these angles [rad] and rates [rad/s], sought up to ``t_max``; None if it would take minutes."""
+    if link.n > MOST_RODS:
+        return None
+    return LinkageMotion(certified_orbit(link, np.concatenate((angle, rate)), t_max, CHUNK), bodies)
+
+
+def planar_angles(
+    start: State, plane: Float[np.ndarray, "3 3"]
+) -> tuple[Float[np.ndarray, " nb"], Float[np.ndarray, " nb"]] | None:
+    """Angle and rate of every body's x axis in a plane with the columns x, y, normal; None if any leaves the plane."""
+    along = start.R[:, :, 0] @ plane
+    omega = np.einsum("bij,bj->bi", start.R, start.Omega) @ plane
+    if max(np.max(np.abs(along[:, 2])), np.max(np.abs(omega[:, :2])), np.max(np.abs(start.v @ plane[:, 2]))) > PLANAR:
+        return None
+    return np.arctan2(along[:, 1], along[:, 0]), omega[:, 2]

@@ -1,0 +1,28 @@
+"""Singular passages of the grid: the instants at which a row folds flat, its bars all along one line."""
+
+import numpy as np
+from scipy.optimize import brentq
+
+from harness.types import Problem
+
+SAMPLING = 1e-3  # [s]; a row in and out again within this is not seen
+
+
+def singular_passages(problem: Problem, t_end: float) -> tuple[tuple[float, int], ...]:
+    """(time [s], row from 1) of every cos(angle of the row) = 0 of the reference, in order, up to its horizon."""
+    reference = problem.reference()
+    if reference is None:
+        return ()
+    names = [o.name for o in problem.observables if o.name.startswith("angle_")]
+    t = np.linspace(0.0, min(t_end, reference.horizon), max(2, round(t_end / SAMPLING) + 1))
+
+    def cosine(time: float, name: str) -> float:
+        return float(np.cos(problem.observe(reference.states(np.array([time])))[name][0]))
+
+    angles = problem.observe(reference.states(t))
+    found = []
+    for row, name in enumerate(names, start=1):
+        sign = np.cos(angles[name]) > 0.0
+        for k in np.flatnonzero(sign[1:] != sign[:-1]):
+            found.append((float(brentq(cosine, t[k], t[k + 1], args=(name,), xtol=1e-12)), row))
+    return tuple(sorted(found))
