@@ -118,7 +118,9 @@ def _named(name: str, values: Mapping[str, Any]) -> str:
 def _short(value: Any) -> str:
     if isinstance(value, tuple | list):
         return "(" + ",".join(map(_short, value)) + ")"
-    return f"{value:.12g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
+    return (
+        f"{value:.12g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
+    )
 
 
 def _digest(plain: Any) -> str:

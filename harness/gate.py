@@ -78,7 +78,9 @@ def judge(cells: Sequence[Cell], records: Sequence[RunRecord], thresholds: Thres
     return Verdict(tuple(sorted(found, key=lambda f: (-f.state, f.case, f.what))))
 
 
-def tightened(old: Thresholds, records: Sequence[RunRecord], proposed: Sequence[Threshold], *, loosen: bool) -> Thresholds:
+def tightened(
+    old: Thresholds, records: Sequence[RunRecord], proposed: Sequence[Threshold], *, loosen: bool
+) -> Thresholds:
     """``old`` with the bounds that ``proposed`` would tighten, and the new ones; wider ones only with ``loosen``."""
     cases = {r.case for r in records}
     bounds = {(b.case, b.metric): b for b in old.bounds if b.case in cases or not loosen}
@@ -87,7 +89,9 @@ def tightened(old: Thresholds, records: Sequence[RunRecord], proposed: Sequence[
         if was is None:
             bounds[new.case, new.metric] = new
         elif loosen or new.upper < was.upper * (1.0 - 1e-9):
-            bounds[new.case, new.metric] = dataclasses.replace(new, lower=was.lower, reason=was.reason, expect=was.expect)
+            bounds[new.case, new.metric] = dataclasses.replace(
+                new, lower=was.lower, reason=was.reason, expect=was.expect
+            )
     return dataclasses.replace(old, bounds=tuple(bounds[k] for k in sorted(bounds)))
 
 
@@ -110,7 +114,12 @@ def _bound(b: Threshold, record: RunRecord | None) -> Finding:
         return _fail(b.case, b.metric, "no result: the cell is missing", b)
     measured = float(getattr(record, b.metric))
     good = b.holds(measured)
-    state = {(True, "pass"): State.PASS, (False, "pass"): State.FAIL, (True, "fail"): State.XPASS, (False, "fail"): State.XFAIL}
+    state = {
+        (True, "pass"): State.PASS,
+        (False, "pass"): State.FAIL,
+        (True, "fail"): State.XPASS,
+        (False, "fail"): State.XFAIL,
+    }
     return Finding(state[good, b.expect], b.case, b.metric, measured, b.value, _range(b), b.unit, b.reason)
 
 

@@ -32,7 +32,7 @@ class Child:
 def fork(target: Callable[[Callable[[str], None]], None], stderr: Path, memory: float, cpu: float) -> Child:
     """Run ``target(tell)`` in a child with ``memory`` [MB] beyond what is loaded and ``cpu`` [s].
 
-    The child ends with exit code 0 if ``target`` returns, 70 if it raises, ``CANNOT_WRITE`` if that was for a full disk.
+    The child ends with exit code 0 if ``target`` returns, 70 if it raises, ``CANNOT_WRITE`` on a full disk.
     """
     if threading.active_count() > 1:
         raise RuntimeError(f"fork needs a single thread (got {threading.active_count()})")
@@ -104,7 +104,9 @@ def _limit(memory: float, cpu: float) -> None:
     seconds = int(cpu) + 1
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
     allowed = _data_in_use() + int(memory * 2**20)
-    resource.setrlimit(resource.RLIMIT_DATA, (allowed, allowed))  # private memory; RLIMIT_AS would count mapped libraries
+    resource.setrlimit(
+        resource.RLIMIT_DATA, (allowed, allowed)
+    )  # private memory; RLIMIT_AS would count mapped libraries
 
 
 def _data_in_use() -> int:

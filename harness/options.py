@@ -59,7 +59,16 @@ def _in(parameter: Parameter) -> str:
 
 def _as_type_of(default: Any, given: Any, name: str) -> Any:
     if isinstance(default, bool):
-        words = {"true": True, "on": True, "1": True, "yes": True, "false": False, "off": False, "0": False, "no": False}
+        words = {
+            "true": True,
+            "on": True,
+            "1": True,
+            "yes": True,
+            "false": False,
+            "off": False,
+            "0": False,
+            "no": False,
+        }
         if isinstance(given, bool):
             return given
         if str(given).lower() in words:
@@ -76,7 +85,11 @@ def _as_type_of(default: Any, given: Any, name: str) -> Any:
                 raise ValueError
             return tuple(float(part) for part in parts)
     except (TypeError, ValueError):
-        wanted = {int: "an integer", float: "a number", tuple: f"{len(default) if isinstance(default, tuple) else 0} numbers"}
+        wanted = {
+            int: "an integer",
+            float: "a number",
+            tuple: f"{len(default) if isinstance(default, tuple) else 0} numbers",
+        }
         raise ValueError(f"{name} must be {wanted[type(default)]} (got {given!r})") from None
     return str(given)
 

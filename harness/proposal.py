@@ -14,7 +14,8 @@ ERROR_CONTROL = 2.5
 # another compiler or libm moves accepted steps. Ten times the tolerance moves them by about ten.
 REASONS = {
     FIXED_STEP: "fixed step, same arithmetic: only rounding may move it; twice the step gives about 4 times the value",
-    ERROR_CONTROL: "error control: another libm may change which steps are accepted; 10 times the tolerance gives about 10 times the value",
+    ERROR_CONTROL: "error control: another libm may change which steps are accepted; "
+    "10 times the tolerance gives about 10 times the value",
 }
 FLOORS = {"energy_drift_max_J": 1e-13, "phi_max": 1e-15, "phi_dot_max": 1e-14, "position_error_max_m": 1e-14}
 ROUNDING = 10.0  # rounding is not reproducible between machines: its sum over the steps may grow by this factor

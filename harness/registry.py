@@ -32,7 +32,10 @@ COMMON_PARAMETERS: dict[str, tuple[Any, Parameter]] = {
     "t_end": (0.0, Parameter("simulated time; 0 takes the problem's own", "s", at_least=0.0)),
     "yaw": (0.0, Parameter("turn everything, gravity included, about the vertical", "rad")),
     "rotation": ((0.0, 0.0, 0.0), Parameter("turn everything by this rotation vector, after yaw", "rad")),
-    "perturb": (0.0, Parameter("relative size of a random change of the start, made consistent again", "", at_least=0.0)),
+    "perturb": (
+        0.0,
+        Parameter("relative size of a random change of the start, made consistent again", "", at_least=0.0),
+    ),
     "seed": (0, Parameter("seed of perturb", "", at_least=0)),
 }
 
@@ -91,7 +94,7 @@ def solvers() -> Mapping[str, SolverEntry]:
 
 
 def load_plugin(path: Path) -> None:
-    """Add the entries of a Python file from outside the tree; it runs only because it was named. ValueError says what is wrong.
+    """Add the entries of a Python file from outside the tree, or ValueError; it runs only because it was named.
 
     Unlike a file of ``problems/`` or ``solvers/`` it may mark several entries. A name of ours cannot be taken.
     """
@@ -213,7 +216,9 @@ def _marked(package: str) -> list[tuple[str, Any]]:
 
 def _entries_of(module: ModuleType) -> list[tuple[str, Any]]:
     own = [o for o in vars(module).values() if getattr(o, "__module__", None) == module.__name__]
-    return [(vars(o)[_MARK], o) for o in own if _MARK in getattr(o, "__dict__", {})]  # a subclass is not marked by its base
+    return [
+        (vars(o)[_MARK], o) for o in own if _MARK in getattr(o, "__dict__", {})
+    ]  # a subclass is not marked by its base
 
 
 def _first_line(o: Any) -> str:
@@ -223,9 +228,15 @@ def _first_line(o: Any) -> str:
 def _problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
     own: dict[str, tuple[Any, Parameter]] = {}
     for p in inspect.signature(function).parameters.values():
-        note = [a for a in get_args(p.annotation)[1:] if isinstance(a, Parameter)] if get_origin(p.annotation) is Annotated else []
+        note = (
+            [a for a in get_args(p.annotation)[1:] if isinstance(a, Parameter)]
+            if get_origin(p.annotation) is Annotated
+            else []
+        )
         if p.kind is not p.KEYWORD_ONLY or p.default is p.empty or not note:
-            raise TypeError(f"problem {name}: {p.name} must be keyword-only, Annotated with a Parameter, with a default")
+            raise TypeError(
+                f"problem {name}: {p.name} must be keyword-only, Annotated with a Parameter, with a default"
+            )
         own[p.name] = (p.default, note[0])
     return ProblemEntry(name, function, {**own, **COMMON_PARAMETERS}, _first_line(function))
 

@@ -62,7 +62,11 @@ def _wait(pid: int, wall_limit: float | None) -> str:
             done, status = os.waitpid(pid, os.WNOHANG if hard else 0)
             if done:
                 code = os.waitstatus_to_exitcode(status)
-                return f"its process ended by {signal.Signals(-code).name}" if code < 0 else f"its process exited with {code}"
+                return (
+                    f"its process ended by {signal.Signals(-code).name}"
+                    if code < 0
+                    else f"its process exited with {code}"
+                )
             if hard and time.monotonic() > hard:
                 kill_group(pid)
                 os.waitpid(pid, 0)
@@ -104,10 +108,9 @@ def _solve(cell: Cell, problem: Problem, out: Path, note: Path, wall_limit: floa
         f"|phi|, |phi_dot|   {numbers['phi_max']:.3e} m, {numbers['phi_dot_max']:.3e} m/s",
     ]
     if "position_error_max_m" in numbers:
-        lines.append(
-            f"error              {numbers['position_error_max_m']:.3e} m, {numbers['orientation_error_max_rad']:.3e} rad "
-            f"(to {min(numbers['reference_horizon_s'], numbers['t_reached_s']):g} s)"
-        )
+        compared = min(numbers["reference_horizon_s"], numbers["t_reached_s"])
+        worst = f"{numbers['position_error_max_m']:.3e} m, {numbers['orientation_error_max_rad']:.3e} rad"
+        lines.append(f"error              {worst} (to {compared:g} s)")
     if cost:
         lines.append(f"CPU time           {cost['cpu_min_s']:.3g} s (set-up {cost['setup_s']:.3g} s)")
     lines += [f"note               {n}" for n in trajectory.notes]

@@ -68,9 +68,7 @@ def load_suite(name: str, plugins: tuple[str, ...] = ()) -> Suite:
     return parse_suite(text, path.stem, str(path), path.parent, plugins)
 
 
-def parse_suite(
-    text: str, name: str, where: str, beside: Path = Path(), plugins: tuple[str, ...] = ()
-) -> Suite:
+def parse_suite(text: str, name: str, where: str, beside: Path = Path(), plugins: tuple[str, ...] = ()) -> Suite:
     """The suite in ``text``; ``where`` names it in messages, plugins are found ``beside`` it."""
     try:
         plain = tomllib.loads(text)
@@ -125,14 +123,18 @@ def _expand(group: Mapping[str, Any], place: str, made: dict[tuple[str, str], Pr
         entry = registry.solvers()[solver]
         control = {k: group[k] for k in CONTROL if k in group}
         if "dt" in control and "rtol" in control:  # both given: each solver takes the one it is controlled by
-            control = {k: v for k, v in control.items() if k not in (("rtol", "max_step") if entry.control == "dt" else ("dt",))}
+            control = {
+                k: v
+                for k, v in control.items()
+                if k not in (("rtol", "max_step") if entry.control == "dt" else ("dt",))
+            }
         for parameters in _product(group.get("parameters", {}), registry.problems()[name].parameters, place):
-            key = (name, repr(sorted(parameters.items())))
-            if key not in made:
-                made[key] = registry.make_problem(name, parameters)
+            posed = (name, repr(sorted(parameters.items())))
+            if posed not in made:
+                made[posed] = registry.make_problem(name, parameters)
             for options in _product(group.get("options", {}), entry.parameters, place):
                 for steps in _product(control, {}, place):
-                    yield make_cell(made[key], solver, options, steps, **limits)
+                    yield make_cell(made[posed], solver, options, steps, **limits)
 
 
 def _product(given: Any, known: Mapping[str, tuple[Any, Any]], place: str) -> Iterator[dict[str, Any]]:

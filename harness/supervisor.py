@@ -143,7 +143,7 @@ def _run(job: Job, tell: object) -> None:
 
 
 def serve(jobs: int, results: int) -> None:
-    """Read jobs from the descriptor ``jobs``, write a line to ``results`` for each that ended; leave at end of input."""
+    """Read jobs from the descriptor ``jobs``, write a line to ``results`` for each that ended; leave at its end."""
     supervisor = Supervisor()
     supervisor.selector.register(jobs, selectors.EVENT_READ)
     os.set_blocking(jobs, False)

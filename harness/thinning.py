@@ -8,7 +8,7 @@ MAX_FRAMES = 2_000
 
 
 def rows_to_keep(nt: int, *peaks: Float[np.ndarray, " nt"], at_most: int = MAX_ROWS) -> Int[np.ndarray, " kept"]:
-    """All rows if ``nt <= at_most``, else per bucket its first and the one where each of ``peaks`` is largest in size."""
+    """All rows if ``nt <= at_most``, else per bucket its first and the ones where each of ``peaks`` is largest."""
     if nt <= at_most:
         return np.arange(nt)
     buckets = at_most // (1 + len(peaks))

@@ -83,7 +83,9 @@ def read_thresholds(path: Path) -> Thresholds:
         raise ThresholdError(f"cannot read thresholds {path}: {getattr(error, 'strerror', None) or error}") from None
     unknown = [k for k in plain if k not in ("schema", "suite", "threshold", "status")]
     if unknown or plain.get("schema") != 1 or not isinstance(plain.get("suite"), str):
-        raise ThresholdError(f"{path}: expected schema = 1, a suite and [[threshold]] entries (got {unknown or plain.get('schema')})")
+        raise ThresholdError(
+            f"{path}: expected schema = 1, a suite and [[threshold]] entries (got {unknown or plain.get('schema')})"
+        )
     bounds = tuple(_bound(e, f"{path}: threshold {k}") for k, e in enumerate(_tables(plain, "threshold", path), 1))
     expected = [_expectation(e, f"{path}: status {k}") for k, e in enumerate(_tables(plain, "status", path), 1)]
     keys = [(b.case, b.metric) for b in bounds]
@@ -131,8 +133,8 @@ def _bound(entry: dict[str, Any], place: str) -> Threshold:
         raise ThresholdError(f"{place}: give upper or lower; without a bound nothing is checked")
     if entry.get("expect", "pass") not in ("pass", "fail"):
         raise ThresholdError(f"{place}: expect must be pass or fail (got {entry['expect']!r})")
-    texts = {"unit": str(entry.get("unit", "")), "expect": entry.get("expect", "pass")}
-    return Threshold(case=entry["case"], metric=entry["metric"], reason=entry["reason"], **numbers, **texts)
+    words = (str(entry.get("unit", "")), entry["reason"], entry.get("expect", "pass"))
+    return Threshold(entry["case"], entry["metric"], numbers["value"], numbers["upper"], numbers["lower"], *words)
 
 
 def _expectation(entry: dict[str, Any], place: str) -> Expectation:
@@ -140,7 +142,9 @@ def _expectation(entry: dict[str, Any], place: str) -> Expectation:
     for key in ("case", "status", "reason"):
         _text(entry, key, place)
     if entry["status"] not in [str(s) for s in Status]:
-        raise ThresholdError(f"{place}: unknown status {entry['status']!r}{nearest(entry['status'], [str(s) for s in Status])}")
+        raise ThresholdError(
+            f"{place}: unknown status {entry['status']!r}{nearest(entry['status'], [str(s) for s in Status])}"
+        )
     return Expectation(entry["case"], Status(entry["status"]), entry["reason"])
 
 

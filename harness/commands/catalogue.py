@@ -37,7 +37,11 @@ def run(arguments: argparse.Namespace) -> int:
     _options(out, registry.COMMON_PARAMETERS)
     out.print("[bold]Solvers[/bold]   --set name=value\n")
     for solver in registry.solvers().values():
-        step = "dt (fixed step, default: the problem's)" if solver.control == "dt" else f"rtol (default {DEFAULT_RTOL:g}), max_step"
+        step = (
+            "dt (fixed step, default: the problem's)"
+            if solver.control == "dt"
+            else f"rtol (default {DEFAULT_RTOL:g}), max_step"
+        )
         out.print(f"[bold green]{solver.name}[/bold green]  [{escape(solver.paper_label)}]  {escape(solver.doc)}")
         out.print(f"  control: {step}; max_steps; wall_limit", style="dim")
         _options(out, solver.parameters)
@@ -50,7 +54,9 @@ def _options(out: Console, parameters: Mapping[str, tuple[Any, Parameter]]) -> N
     for column in ("name", "default", "unit", "meaning"):
         table.add_column(column, overflow="fold", no_wrap=column != "meaning")
     for name, (default, parameter) in parameters.items():
-        table.add_row(f"  {name}", _text(default), parameter.unit and escape(f"[{parameter.unit}]"), escape(_meaning(parameter)))
+        table.add_row(
+            f"  {name}", _text(default), parameter.unit and escape(f"[{parameter.unit}]"), escape(_meaning(parameter))
+        )
     if table.row_count:
         out.print(table)
     out.print()

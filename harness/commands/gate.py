@@ -75,7 +75,9 @@ def _print(verdict: Verdict) -> None:
         was = "" if math.isnan(f.value) else f"{f.value:.3g} ({_moved(f.measured, f.value)})"
         measured = "" if math.isnan(f.measured) else f"{f.measured:.4g}"
         words = f.words if f.state is not State.PASS else ""
-        table.add_row(Text(f.state.name, STYLE[f.state]), Text(f.case), f.what, measured, was, f.bound, Text(f.unit), Text(words))
+        table.add_row(
+            Text(f.state.name, STYLE[f.state]), Text(f.case), f.what, measured, was, f.bound, Text(f.unit), Text(words)
+        )
     out.print(table)
     counts = {s: sum(f.state is s for f in verdict.findings) for s in sorted(State, reverse=True)}
     words = ", ".join(f"{n} {s.name}" for s, n in counts.items() if n) or "nothing was judged"

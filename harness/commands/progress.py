@@ -1,5 +1,6 @@
 """How a run goes, on the terminal: a bar with what runs, what is left and the time to go; plain lines elsewhere."""
 
+import json
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -48,7 +49,7 @@ class Watch:
             self.worst = (relative, job.cell.case)
         words = f"{record.status:<14} {record.wall_s:6.1f} s  {job.cell.case}"
         if record.status not in (Status.SUCCESS, Status.REFUSED):
-            words += f"  ({record.message or record.wrong_because})"
+            words += f"  ({'; '.join(json.loads(record.wrong_because)) or record.message})"
         count = f"[{self.before + self.done}/{self.total}]"
         self._say(f"{count} {words}", STYLE.get(Status(record.status), "yellow"))
         self.tick()
@@ -59,7 +60,11 @@ class Watch:
         now = time.monotonic()
         running = " | ".join(f"{j.cell.case} {now - t:.0f} s" for j, t in self.running.values())
         self.bar.update(
-            self.task, total=self.total, completed=self.before + self.done, description=running or "starting", left=self._left()
+            self.task,
+            total=self.total,
+            completed=self.before + self.done,
+            description=running or "starting",
+            left=self._left(),
         )
         self.bar.refresh()
 
@@ -67,7 +72,9 @@ class Watch:
         """The last line: how many ended how, and where they are."""
         counted = Counter(r.status for r in loaded.records)
         words = ", ".join(f"{n} {status}" for status, n in counted.most_common())
-        self._say(f"{len(loaded.records)} cells: {words} in {time.monotonic() - self.began:.1f} s; {folder}/cells.parquet")
+        self._say(
+            f"{len(loaded.records)} cells: {words} in {time.monotonic() - self.began:.1f} s; {folder}/cells.parquet"
+        )
         if self.worst[1]:
             self._say(f"largest energy drift: {self.worst[0]:.2g} of the energy scale, {self.worst[1]}")
 
@@ -89,7 +96,12 @@ def progress() -> Iterator[Watch]:
     if not console.is_terminal:
         yield Watch(console, None)
         return
-    columns = (BarColumn(30), MofNCompleteColumn(), TextColumn("{task.fields[left]}"), TextColumn("{task.description}", markup=False))
+    columns = (
+        BarColumn(30),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[left]}"),
+        TextColumn("{task.description}", markup=False),
+    )
     bar = Progress(*columns, console=console, auto_refresh=False, transient=True)
     with bar:
         task = Watch(console, bar)

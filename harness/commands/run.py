@@ -26,7 +26,9 @@ def add_running(p: argparse.ArgumentParser) -> None:
     """Arguments of all commands that run cells."""
     p.add_argument("--jobs", metavar="N", help="processes at a time (default: cores; 1 for timings to be trusted)")
     p.add_argument("--out", metavar="DIR", help="run folder (default: results/local/<suite>-<time>)")
-    p.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help="file with more problems or solvers")
+    p.add_argument(
+        "--plugin", action="append", default=[], metavar="FILE.py", help="file with more problems or solvers"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -45,7 +47,13 @@ def run(arguments: argparse.Namespace) -> int:
 
 def jobs(given: str | None) -> int:
     """Number of processes."""
-    return whole(given, "--jobs") if given is not None else len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return (
+        whole(given, "--jobs")
+        if given is not None
+        else len(os.sched_getaffinity(0))
+        if hasattr(os, "sched_getaffinity")
+        else os.cpu_count() or 1
+    )
 
 
 def whole(text: str, what: str) -> int:

@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _table(loaded: store.Loaded) -> None:
     table = Table(box=None, padding=(0, 2, 0, 0))
     for name in ("case", "status", "steps", *SHOWN.values()):
-        table.add_column(name, justify="left" if name in ("case", "status") else "right", overflow="fold")
+        table.add_column(Text(name), justify="left" if name in ("case", "status") else "right", overflow="fold")
     for r in loaded.records:
         numbers = [_short(getattr(r, name)) for name in SHOWN]
         table.add_row(Text(r.case), Text(r.status, STYLE.get(Status(r.status), "yellow")), str(r.steps), *numbers)

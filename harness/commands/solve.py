@@ -20,11 +20,15 @@ def add(commands: Any) -> None:
     p = commands.add_parser("solve", help="one run, written as an NPZ file")
     p.add_argument("problem")
     p.add_argument("solver")
-    p.add_argument("--set", action="append", default=[], metavar="K=V", help=f"{', '.join(CONTROL)}, or a solver option")
+    p.add_argument(
+        "--set", action="append", default=[], metavar="K=V", help=f"{', '.join(CONTROL)}, or a solver option"
+    )
     p.add_argument("--problem-set", action="append", default=[], metavar="K=V", help="a problem parameter")
     p.add_argument("--t-end", metavar="T", help="simulated time [s]")
     p.add_argument("--out", required=True, metavar="RUN.npz", help="file to write")
-    p.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help="file with more problems or solvers")
+    p.add_argument(
+        "--plugin", action="append", default=[], metavar="FILE.py", help="file with more problems or solvers"
+    )
     p.set_defaults(run=run)
 
 

@@ -78,7 +78,9 @@ def _least_change(system: MultibodySystem, state: State, wanted: np.ndarray) -> 
     """x (nb, 6) of least mass norm with A x = ``wanted``, redundant rows allowed: LSQR on the scaled A."""
     if system.nrows == 0:
         return np.zeros((system.nb, 6))
-    scale = np.stack([np.sqrt(system.mass)] * 3 + [np.sqrt(np.einsum("bii->b", system.inertia) / 3.0)] * 3, axis=1).ravel()
+    scale = np.stack(
+        [np.sqrt(system.mass)] * 3 + [np.sqrt(np.einsum("bii->b", system.inertia) / 3.0)] * 3, axis=1
+    ).ravel()
     A = constraint_jacobian(system, state) @ sp.diags_array(1.0 / scale)
     y = spl.lsqr(A, wanted, atol=1e-15, btol=1e-15, iter_lim=20 * max(A.shape))[0]
     return (y / scale).reshape(system.nb, 6)

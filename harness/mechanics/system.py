@@ -29,9 +29,9 @@ class RigidBody:
 
 @dataclass(frozen=True)
 class Joint:
-    """Points ``s_i``, ``s_j`` [m] from each C (from the origin for the ground) that coincide; spherical unless ``axis_i``.
+    """Points ``s_i``, ``s_j`` [m] from each C (from the origin for the ground) that coincide.
 
-    ``axis_i`` and ``axis_j`` are the common axis in the frames of i and j: given, the joint is a revolute joint.
+    Spherical, unless ``axis_i`` and ``axis_j``, the common axis in the frames of i and j, make it a revolute joint.
     """
 
     i: int
@@ -118,7 +118,8 @@ def assemble(
     """Arrays from parts, or ValueError naming the part that is impossible."""
     for k, body in enumerate(bodies):
         _check_body(k, body)
-    for k, part in enumerate((*joints, *springs)):
+    parts: tuple[Joint | SpringDamper, ...] = (*joints, *springs)
+    for k, part in enumerate(parts):
         _check_ends(k, part.i, part.j, len(bodies))
     for k, spring in enumerate(springs):
         for what in ("stiffness", "damping", "rest_length"):
@@ -155,7 +156,7 @@ def assemble(
 
 
 def _frozen(values: object, shape: tuple[int, ...], dtype: type = np.float64) -> np.ndarray:
-    array = np.array(values, dtype=dtype).reshape(shape)
+    array: np.ndarray = np.array(values, dtype=dtype).reshape(shape)
     if array.dtype == np.float64 and not np.all(np.isfinite(array)):
         raise ValueError(f"system data must be finite numbers (got {array[~np.isfinite(array)][0]})")
     array.setflags(write=False)
@@ -181,7 +182,9 @@ def _check_body(k: int, body: RigidBody) -> None:
 
 def _check_ends(k: int, i: int, j: int, nb: int) -> None:
     if not (0 <= i < nb and GROUND <= j < nb and i != j):
-        raise ValueError(f"part {k}: expected body i in 0..{nb - 1} and j another body or -1, the ground (got {i}, {j})")
+        raise ValueError(
+            f"part {k}: expected body i in 0..{nb - 1} and j another body or -1, the ground (got {i}, {j})"
+        )
 
 
 def _unit(a: Sequence[float], where: str) -> Float[np.ndarray, " 3"]:

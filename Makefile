@@ -1,0 +1,54 @@
+# One checkout, one .venv, no other tools than python3 (3.11 or later). `make help` lists the targets.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+export OMP_NUM_THREADS := 1
+export OPENBLAS_NUM_THREADS := 1
+
+.DEFAULT_GOAL := help
+.PHONY: help setup test test-slow check format bench bench-kernels gate report clean
+
+help: ## this list
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
+
+setup: $(READY) ## .venv with the locked packages
+
+$(READY): requirements.lock
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "error: python 3.11 or later is needed (got %s); make PYTHON=..." % sys.version.split()[0])'
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	@touch $@
+
+test: $(READY) ## all tests but the slow ones
+	$(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable
+
+test-slow: $(READY) ## the slow ones too
+	$(BIN)/python -m pytest -q -n 2 --benchmark-disable
+
+check: $(READY) ## lint, format, types, import rules
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(READY) ## put the code into the agreed form
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(READY) ## the suite `paper` and its report: the main result
+	$(BIN)/python -m harness run paper
+	$(BIN)/python -m harness report
+
+report: $(READY) ## the report of the newest run
+	$(BIN)/python -m harness report
+
+gate: $(READY) ## the suite `ci` against results/baselines/ci.toml
+	$(BIN)/python -m harness gate
+
+bench-kernels: $(READY) ## timings of the kernels (pytest-benchmark)
+	$(BIN)/python -m pytest -q --benchmark-only
+
+clean: ## results/local and caches; the .venv stays
+	rm -rf results/local .pytest_cache .hypothesis .benchmarks .mypy_cache .ruff_cache .import_linter_cache
+	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +

@@ -1,0 +1,7 @@
+"""For all tests: one thread for linear algebra, set before numpy is loaded."""
+
+import os
+
+from harness.environment import THREADS
+
+os.environ.update(THREADS)

@@ -1,0 +1,67 @@
+"""Runs of the misbehaving solvers, the command line as a process, and records to judge."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from harness import registry
+from harness.environment import ROOT
+from harness.pool import LocalPool
+from harness.runner import Request, run_suite
+from harness.store import Loaded
+from harness.suites import parse_suite
+
+PLUGIN = Path(__file__).parent / "misbehaving.py"
+registry.load_plugin(PLUGIN)
+
+
+class Silent:
+    """A watcher that remembers which cells were run."""
+
+    def __init__(self) -> None:
+        self.ran: list[str] = []
+        self.set_aside: list[str] = []
+
+    def begin(self, folder, total, done, unreadable):
+        self.set_aside = [u.path.name for u in unreadable]
+
+    def started(self, job):
+        pass
+
+    def ended(self, job, record):
+        self.ran.append(job.cell.case)
+
+    def tick(self):
+        pass
+
+
+@pytest.fixture
+def run_text(tmp_path: Path) -> Callable[..., tuple[Loaded, Silent]]:
+    """Run the text of a suite in a folder of its own."""
+
+    def run(
+        text: str, *, folder: Path = tmp_path / "run", resume: bool = False, jobs: int = 2
+    ) -> tuple[Loaded, Silent]:
+        suite = parse_suite(text, "test", "test", plugins=(str(PLUGIN),))
+        watcher = Silent()
+        return run_suite(Request(suite, folder, jobs, resume), watcher, LocalPool), watcher
+
+    return run
+
+
+@pytest.fixture
+def command(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess]:
+    """``python -m harness ...`` in an empty folder."""
+
+    def call(*arguments: str, timeout: float = 60.0) -> subprocess.CompletedProcess:
+        line = (sys.executable, "-m", "harness", *arguments)
+        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        return subprocess.run(
+            line, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=timeout, check=False
+        )
+
+    return call

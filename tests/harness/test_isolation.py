@@ -1,0 +1,120 @@
+"""A solver that misbehaves costs its own cell only."""
+
+import os
+
+import psutil
+import pytest
+
+from harness import store
+from harness.isolation import fork
+from harness.types import Status
+
+LIMIT = 1.0  # [s]
+
+BAD = [
+    "raises",
+    "exits",
+    "segfaults",
+    "spins",
+    "not_numbers",
+    "stops_early",
+    "gives_up",
+    "returns_nonsense",
+    "chatters",
+    "refuses",
+]
+SUITE = f"""
+[[cells]]
+problem = "free_fall"
+solver = {[*BAD, "exact"]}
+wall_limit = {LIMIT}
+[[cells]]
+problem = "free_fall"
+solver = "eats_memory"
+wall_limit = 20.0
+memory = 300.0
+"""
+EXPECTED = {
+    "raises": (Status.CRASHED, "RuntimeError: a bug of mine"),
+    "exits": (Status.CRASHED, "code 0"),
+    "segfaults": (Status.CRASHED, "SIGSEGV"),
+    "spins": (Status.STALLED, "wall limit"),
+    "not_numbers": (Status.WRONG, "not finite"),
+    "stops_early": (Status.WRONG, "last step"),
+    "gives_up": (Status.STEP_UNDERFLOW, "too small"),
+    "returns_nonsense": (Status.CRASHED, "must return a Trajectory"),
+    "chatters": (Status.CRASHED, "code 70"),
+    "refuses": (Status.REFUSED, "on principle"),
+    "eats_memory": (Status.MEMORY, ""),
+    "exact": (Status.SUCCESS, ""),
+}
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory):
+    """All kinds in one run, shared by the tests below."""
+    from harness.pool import LocalPool
+    from harness.runner import Request, run_suite
+    from harness.suites import parse_suite
+    from tests.harness.conftest import PLUGIN, Silent
+
+    folder = tmp_path_factory.mktemp("bad") / "run"
+    suite = parse_suite(SUITE, "bad", "bad", plugins=(str(PLUGIN),))
+    return folder, run_suite(Request(suite, folder, 2), Silent(), LocalPool)
+
+
+@pytest.mark.parametrize("solver", EXPECTED)
+def test_each_ends_as_its_own_row(outcome, solver):
+    """Failures are results: a row each, with status and reason, within the limit and 5 s."""
+    _, loaded = outcome
+    (record,) = [r for r in loaded.records if r.solver == solver]
+    status, words = EXPECTED[solver]
+    assert record.status == status, record
+    assert words in record.message + record.wrong_because
+    assert record.wall_s < record.wall_limit_s + 5.0
+    assert "\n" not in record.message
+
+
+def test_nothing_of_a_killed_cell_goes_on(outcome):
+    """The group is killed, so a child that a solver started dies with it."""
+    ours = [p for p in psutil.process_iter(["cmdline"]) if "harness.supervisor" in (p.info["cmdline"] or [])]
+    assert not [p for p in ours if p.parent() is None or p.parent().pid in (1, os.getpid())]
+
+
+def test_native_words_are_kept(outcome):
+    """What a solver writes to descriptor 2 before it dies is all there may be to find out why."""
+    folder, loaded = outcome
+    (record,) = [r for r in loaded.records if r.solver == "segfaults"]
+    assert "native words" in (folder / record.stderr).read_text()
+
+
+def test_long_output_keeps_both_ends(outcome):
+    """A megabyte of chatter becomes a file one can open."""
+    folder, loaded = outcome
+    (record,) = [r for r in loaded.records if r.solver == "chatters"]
+    text = (folder / record.stderr).read_text()
+    assert len(text) < 200_000 and "left out" in text and "SystemExit: 3" in text
+
+
+def test_partial_motion_is_kept(outcome):
+    """An honest failure hands back its steps, and they are measured like any other."""
+    folder, loaded = outcome
+    (record,) = [r for r in loaded.records if r.solver == "gives_up"]
+    series = store.series_of(folder, record)
+    assert series is not None and series["t"][-1] == record.t_reached_s == 1.0
+    assert record.position_error_max_m < 1e-14
+
+
+def test_fork_needs_a_single_thread():
+    """A fork of a process with threads may copy a lock that nobody will release."""
+    import threading
+
+    stop = threading.Event()
+    thread = threading.Thread(target=stop.wait)
+    thread.start()
+    try:
+        with pytest.raises(RuntimeError, match="single thread"):
+            fork(lambda tell: None, None, 1.0, 1.0)  # type: ignore[arg-type]
+    finally:
+        stop.set()
+        thread.join()
