@@ -21,12 +21,13 @@ class FixedPattern:
         self.shape, self.by_column = shape, by_column
         n_minor = shape[0] if by_column else shape[1]
         n_major = shape[1] if by_column else shape[0]
-        places, where = np.unique(major * n_minor + minor, return_inverse=True)
+        places, self.place = np.unique(major * n_minor + minor, return_inverse=True)  # nonzero each entry adds to
         self.indices = (places % n_minor).astype(np.int32)
         self.major = (places // n_minor).astype(np.int32)
         self.indptr = np.searchsorted(self.major, np.arange(n_major + 1)).astype(np.int32)
         self.nnz = len(places)
-        self._sum = sp.csr_array((np.ones(len(where)), (where, np.arange(len(where)))), shape=(self.nnz, len(where)))
+        m = len(self.place)
+        self._sum = sp.csr_array((np.ones(m), (self.place, np.arange(m))), shape=(self.nnz, m))
 
     def data(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " nnz"]:
         """The nonzeros, from the values of the entries."""

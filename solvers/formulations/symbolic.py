@@ -134,6 +134,35 @@ def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) 
     return Element(_unknowns(pair, lam), _accelerations(pair), parameters, {"load": load, "c": c})
 
 
+def strong_row_element(kind: str, chart: Chart) -> Element:
+    """What Eq. (65) needs of the rows, at u_dot = 0; parameters as in ``ROWS``, then m_i, J_i, m_j, J_j, 1 if j moves.
+
+    Outputs: A in the chart, ``gamma`` = phi_ddot, phi_dot, phi, M_bar, M_bar_dot and c. The last three are taken in the
+    coordinate-free velocities V, c = a / (a . a) per Eq. (31) and M_bar = c^T M c per Eq. (30), so that they do not
+    depend on the chart. Matrices are by columns; the ground has no part in a.
+    """
+    _, n, n_own = ROWS[kind]
+    parameters = ca.SX.sym(kind, n_own + 21)
+    body = parameters[n_own:]
+    pair = joint_pair(kind, chart, parameters[:n_own])
+    a = pair.A @ ca.diagcat(ca.SX.eye(6), body[20] * ca.SX.eye(6))
+    mass = [ca.diagcat(body[k] * ca.SX.eye(3), ca.reshape(body[k + 1 : k + 10], 3, 3)) for k in (0, 10)]
+    c = a / ca.repmat(ca.sum2(a * a), 1, 12)
+    M_bar = ca.sum2((c @ ca.diagcat(*mass)) * c)
+    p, p_dot = ca.vertcat(pair.i.p, pair.j.p), ca.vertcat(pair.i.p_dot, pair.j.p_dot)
+    w = _accelerations(pair)
+    outputs = {
+        "A": ca.vec(pair.A_chart),
+        "gamma": ca.substitute(pair.acceleration, w, ca.SX.zeros(12)),
+        "phi_dot": pair.rate,
+        "phi": pair.value,
+        "M_bar": M_bar,
+        "M_bar_dot": ca.jtimes(M_bar, p, p_dot),
+        "c": ca.vec(c),
+    }
+    return Element(_unknowns(pair), w, parameters, outputs)
+
+
 def spring_element(chart: Chart) -> Element:
     """Parameters (p_i, p_j, k, d0, c); output the load -f on (i, j), f = -(k (l - d0) + c l_dot) dl/dx."""
     parameters = ca.SX.sym("spring", 9)
@@ -143,9 +172,35 @@ def spring_element(chart: Chart) -> Element:
     return Element(_unknowns(pair), _accelerations(pair), parameters, {"load": load})
 
 
+def free_spring_element(chart: Chart) -> Element:
+    """The spring's force f (12) in the velocities V and its slopes -df/dV, -df/dx along the flow (12 x 12, by columns).
+
+    Eq. (32) takes C_bar and K_bar from these.
+    """
+    parameters, V, way = ca.SX.sym("spring", 9), ca.SX.sym("V", 12), ca.SX.sym("way", 12)
+    i, j, x_i, x_j = moving(chart, "i"), moving(chart, "j"), _pose("i"), _pose("j")
+    x = ca.vertcat(x_i.flat(), x_j.flat())
+    length = ca.norm_2(point_rows(x_i, x_j, parameters))
+    rate = ca.jtimes(length, x, _pose_rate(x_i, x_j, V))
+    k, d0, c = parameters[6], parameters[7], parameters[8]
+    f = -ca.gradient(rate, V) * (k * (length - d0) + c * rate)
+    damping = -ca.jacobian(f, V)
+    stiffness = -ca.jacobian(ca.jtimes(f, x, _pose_rate(x_i, x_j, way)), way)
+    free = ca.Function("spring", [x, V, parameters], [f, ca.densify(damping), ca.densify(stiffness)])
+    f, damping, stiffness = free(ca.vertcat(i.pose.flat(), j.pose.flat()), ca.vertcat(i.V, j.V), parameters)
+    z = ca.vertcat(i.p, i.u, j.p, j.u)
+    outputs = {"f": f, "damping": ca.vec(damping), "stiffness": ca.vec(stiffness)}
+    return Element(z, ca.vertcat(i.u_dot, j.u_dot), parameters, outputs)
+
+
+def _pose_rate(x_i: Pose, x_j: Pose, V: ca.SX) -> ca.SX:
+    """x_dot = (r_dot, R hat(Omega)) of both bodies."""
+    return ca.vertcat(V[:3], ca.vec(x_i.R @ ca.skew(V[3:6])), V[6:9], ca.vec(x_j.R @ ca.skew(V[9:12])))
+
+
 def _pair(i: Moving, j: Moving, x_i: Pose, x_j: Pose, V: ca.SX, g: ca.SX, parameters: ca.SX) -> Pair:
     x = ca.vertcat(x_i.flat(), x_j.flat())
-    x_dot = ca.vertcat(V[:3], ca.vec(x_i.R @ ca.skew(V[3:6])), V[6:9], ca.vec(x_j.R @ ca.skew(V[9:12])))
+    x_dot = _pose_rate(x_i, x_j, V)
     rate = ca.jtimes(g, x, x_dot)
     A, gamma = ca.jacobian(rate, V), ca.jtimes(rate, x, x_dot)
     free = ca.Function("pair", [x, V, parameters], [g, A, rate, gamma])

@@ -3,7 +3,10 @@
 Output of the assembly: (p_dot of the chart, e, c) with e = M u_dot + h - f - A^T lam and c the constraint rows.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from jaxtyping import Int
 
 from solvers.formulations.assembly import Assembly, Batch
 from solvers.formulations.layout import Layout
@@ -15,7 +18,7 @@ def equations_of_motion(layout: Layout, level: str, alpha: float, beta: float, *
     batches = [body_batch(layout), spring_batch(layout)]
     for kind in ROWS:
         joints, rows = joint_rows(layout, kind)
-        ends = _Ends(layout, layout.system.joint_i[joints], layout.system.joint_j[joints])
+        ends = pair_ends(layout, layout.system.joint_i[joints], layout.system.joint_j[joints])
         place = layout.row(rows)
         batches.append(
             Batch(
@@ -41,7 +44,7 @@ def body_batch(layout: Layout) -> Batch:
 def spring_batch(layout: Layout) -> Batch:
     """All spring-dampers: their loads on e."""
     s = layout.system
-    ends = _Ends(layout, s.spring_i, s.spring_j)
+    ends = pair_ends(layout, s.spring_i, s.spring_j)
     return Batch(spring_element(layout.chart), spring_parameters(layout), ends.z, ends.w, ends.load)
 
 
@@ -67,10 +70,16 @@ def row_parameters(layout: Layout, kind: str) -> np.ndarray:
     return np.concatenate((s.joint_u[joints], s.joint_n[joints].reshape(-1, 6)), axis=1)
 
 
-class _Ends:
-    """What two-body parts read of (p, u) and u_dot, and where their loads go: the ground's nowhere."""
+class PairEnds(NamedTuple):
+    """What two-body parts read of (p, u) and of u_dot, and where their loads go: the ground's nowhere."""
 
-    def __init__(self, layout: Layout, i: np.ndarray, j: np.ndarray) -> None:
-        self.z = np.concatenate((layout.body(i), layout.body(j)), axis=1)
-        self.w = np.concatenate((layout.velocity(i), layout.velocity(j)), axis=1)
-        self.load = np.where(self.w < layout.n_u, layout.n_p + self.w, -1)
+    z: Int[np.ndarray, "m n_z"]
+    w: Int[np.ndarray, "m 12"]
+    load: Int[np.ndarray, "m 12"]
+
+
+def pair_ends(layout: Layout, i: Int[np.ndarray, " m"], j: Int[np.ndarray, " m"]) -> PairEnds:
+    """Indices of parts between bodies ``i`` and ``j``."""
+    z = np.concatenate((layout.body(i), layout.body(j)), axis=1)
+    w = np.concatenate((layout.velocity(i), layout.velocity(j)), axis=1)
+    return PairEnds(z, w, np.where(w < layout.n_u, layout.n_p + w, -1))

@@ -1,0 +1,157 @@
+"""Eq. (65): accelerations and lam_ddot of the strong form, with M_bar, C_bar, K_bar, f_bar of Eqs. (30)-(32).
+
+    M u_dot + h - f - A^T F = 0,  F = M_bar lam_ddot + M_bar_dot lam_dot + C_bar lam_dot + K_bar lam - f_bar
+    M_bar phi_ddot + (M_bar_dot + C_bar) phi_dot + K_bar phi = 0
+
+Solved for (u_dot, F) first: F is the reaction, and lam_ddot follows row by row. So lam and lam_dot are quadratures;
+they act on nothing, and with C_bar = K_bar = 0 (no springs, no dampers) and phi_dot = 0 the acceleration is that of
+plain index 1 without stabilisation. Here f_bar = c . f and C_bar = -c^T df/dV c, K_bar = -c^T df/dx c per row,
+diagonal as in Eq. (35), in the coordinate-free velocities V.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Float
+
+from harness.mechanics.system import GROUND
+from solvers.formulations.assembly import Assembly, Batch
+from solvers.formulations.layout import Layout
+from solvers.formulations.saddle import InverseMass, Saddle
+from solvers.formulations.sparse_pattern import FixedPattern
+from solvers.formulations.symbolic import ROWS, free_spring_element, strong_row_element
+from solvers.formulations.system_elements import body_batch, joint_rows, pair_ends, row_parameters, spring_batch
+from solvers.formulations.system_elements import spring_parameters
+
+
+class StrongRates(NamedTuple):
+    """Left of Eq. (65)'s solution: p_dot, u_dot, lam_ddot and the reaction F."""
+
+    p_dot: Float[np.ndarray, " n_p"]
+    u_dot: Float[np.ndarray, " n_u"]
+    lam_ddot: Float[np.ndarray, " k"]
+    reaction: Float[np.ndarray, " k"]
+
+
+class RowTerms(NamedTuple):
+    """The diagonals of Eq. (65) on the kept rows, and A (k, n_u) as nonzeros of ``StrongForm.pattern``."""
+
+    p_dot: Float[np.ndarray, " n_p"]
+    e: Float[np.ndarray, " n_u"]  # h - f
+    A: Float[np.ndarray, " nnz"]
+    gamma: Float[np.ndarray, " k"]  # A_dot u
+    phi_dot: Float[np.ndarray, " k"]
+    phi: Float[np.ndarray, " k"]
+    M_bar: Float[np.ndarray, " k"]
+    M_bar_dot: Float[np.ndarray, " k"]
+    C_bar: Float[np.ndarray, " k"]
+    K_bar: Float[np.ndarray, " k"]
+    f_bar: Float[np.ndarray, " k"]
+
+
+class StrongForm:
+    """Eq. (65) on the kept rows, with optional Baumgarte terms. Holds buffers: one instance a run."""
+
+    def __init__(self, layout: Layout, alpha: float = 0.0, beta: float = 0.0) -> None:
+        self._bare = Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64))  # z has no lam here
+        self._k, self._alpha, self._beta = layout.k, alpha, beta
+        row, column = [], []
+        for kind in ROWS:
+            joints, rows = joint_rows(layout, kind)
+            ends = pair_ends(layout, layout.system.joint_i[joints], layout.system.joint_j[joints])
+            place = np.broadcast_to(layout.row(rows)[:, None, :], (*ends.w.shape, rows.shape[1]))  # by columns of A
+            row.append(place.ravel())
+            column.append(np.broadcast_to(ends.w[:, :, None], place.shape).ravel())
+        rows_of_A, columns_of_A = np.concatenate(row), np.concatenate(column)
+        used = (rows_of_A >= 0) & (columns_of_A < layout.n_u)
+        self.pattern = FixedPattern(rows_of_A[used], columns_of_A[used], (layout.k, layout.n_u))
+        place = np.full(len(used), -1)
+        place[used] = self.pattern.place
+        self._slices, n_out = _slices(layout, self.pattern.nnz)
+        self._motion = Assembly(layout=self._bare, batches=self._batches(layout, place), n_out=n_out, differentiable=False)
+        self._saddle = Saddle(layout, self.pattern, InverseMass(layout))
+        self._at_rest = np.zeros(layout.n_u)
+        s = layout.system
+        self._gravity = np.concatenate((s.mass[:, None] * s.gravity, np.zeros((s.nb, 3))), axis=1).ravel()
+        self._springs = _Springs(self._bare) if len(s.spring_k) else None
+
+    def terms(self, pu: Float[np.ndarray, " n"]) -> RowTerms:
+        """Everything of Eq. (65) at (p, u)."""
+        out = self._motion.values(pu, self._at_rest)
+        p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, c = (out[part] for part in self._slices)
+        c = self.pattern.matrix(c)
+        zero = np.zeros(self._k)
+        if self._springs is None:
+            return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, zero, zero, c @ self._gravity)
+        f, damping, stiffness = self._springs.at(pu)
+        C_bar, K_bar = (np.asarray((c @ slope).multiply(c).sum(axis=1)).ravel() for slope in (damping, stiffness))
+        return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, C_bar, K_bar, c @ (self._gravity + f))
+
+    def rates(
+        self, pu: Float[np.ndarray, " n"], lam: Float[np.ndarray, " k"], lam_dot: Float[np.ndarray, " k"]
+    ) -> StrongRates:
+        """The solution of Eq. (65)."""
+        at = self.terms(pu)
+        drift = ((at.M_bar_dot + at.C_bar) * at.phi_dot + at.K_bar * at.phi) / at.M_bar
+        stabilised = 2.0 * self._alpha * at.phi_dot + self._beta**2 * at.phi
+        u_dot, F = self._saddle.solve(pu, at.A, at.e, at.gamma + drift + stabilised)
+        lam_ddot = (F - (at.M_bar_dot + at.C_bar) * lam_dot - at.K_bar * lam + at.f_bar) / at.M_bar
+        return StrongRates(at.p_dot, u_dot, lam_ddot, F)
+
+    def _batches(self, layout: Layout, place: np.ndarray) -> list[Batch]:
+        bare, system = self._bare, layout.system
+        A, gamma, phi_dot, phi, M_bar, M_bar_dot, c = (part.start for part in self._slices[2:])
+        batches, used = [body_batch(bare), spring_batch(bare)], 0
+        for kind in ROWS:
+            joints, rows = joint_rows(layout, kind)
+            ends = pair_ends(bare, system.joint_i[joints], system.joint_j[joints])
+            own = row_parameters(layout, kind)
+            inertia = _inertia(layout, system.joint_i[joints]), _inertia(layout, system.joint_j[joints])
+            moves = (system.joint_j[joints] != GROUND)[:, None].astype(float)
+            entries = place[used : used + 12 * rows.size].reshape(len(joints), 12 * rows.shape[1])
+            used += entries.size
+            row = layout.row(rows)
+            parts = [(A, entries), *((start, row) for start in (gamma, phi_dot, phi, M_bar, M_bar_dot)), (c, entries)]
+            out = np.concatenate([np.where(index < 0, -1, start + index) for start, index in parts], axis=1)
+            parameters = np.concatenate((own, *inertia, moves), axis=1)
+            batches.append(Batch(strong_row_element(kind, layout.chart), parameters, ends.z, ends.w, out))
+        return batches
+
+
+class _Springs:
+    """f and its slopes of all springs, in V."""
+
+    def __init__(self, bare: Layout) -> None:
+        s, n = bare.system, bare.n_u
+        ends = pair_ends(bare, s.spring_i, s.spring_j)
+        at = np.where(ends.w < n, ends.w, -1)
+        row = np.broadcast_to(at[:, None, :], (len(at), 12, 12)).reshape(len(at), -1)  # by columns
+        column = np.broadcast_to(at[:, :, None], (len(at), 12, 12)).reshape(len(at), -1)
+        keep = ((row >= 0) & (column >= 0)).ravel()
+        self._pattern = FixedPattern(row.ravel()[keep], column.ravel()[keep], (n, n))
+        entry = np.where(keep, np.cumsum(keep) - 1, -1).reshape(len(at), -1)
+        m = int(keep.sum())
+        out = np.concatenate((at, np.where(entry < 0, -1, n + entry), np.where(entry < 0, -1, n + m + entry)), axis=1)
+        batch = Batch(free_spring_element(bare.chart), spring_parameters(bare), ends.z, ends.w, out)
+        self._forces = Assembly(bare, [batch], n + 2 * m, differentiable=False)
+        self._parts, self._at_rest = np.cumsum((n, m)), np.zeros(n)
+
+    def at(self, pu: np.ndarray) -> tuple[np.ndarray, sp.csr_array, sp.csr_array]:
+        f, damping, stiffness = np.split(self._forces.values(pu, self._at_rest), self._parts)
+        return f, *(self._pattern.matrix(self._pattern.data(slope)) for slope in (damping, stiffness))
+
+
+def _slices(layout: Layout, nnz: int) -> tuple[list[slice], int]:
+    """Parts of the assembly's output in the order of ``RowTerms`` up to M_bar_dot, then c."""
+    k = layout.k
+    ends = np.cumsum((0, layout.n_p, layout.n_u, nnz, k, k, k, k, k, nnz))
+    return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)], int(ends[-1])
+
+
+def _inertia(layout: Layout, bodies: np.ndarray) -> np.ndarray:
+    """(m, J) of bodies (m, 10); zero for the ground."""
+    s = layout.system
+    table = np.zeros((s.nb + 1, 10))
+    table[: s.nb, 0], table[: s.nb, 1:] = s.mass, s.inertia.reshape(-1, 9)
+    return table[bodies]  # the ground is -1: the last

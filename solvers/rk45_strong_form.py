@@ -1,0 +1,86 @@
+"""Dormand-Prince 5(4) on the strong form, Eq. (65): the paper's ODE-45 (Sect. 4.1).
+
+    y = (p, u, lam, lam_dot),   y' = (G u, u_dot, lam_dot, lam_ddot)   with u_dot, lam_ddot from Eq. (65)
+
+explicit, error per step, rtol = atol. The constraints hold through phi_ddot = 0 alone (C_bar = K_bar = 0 without
+springs and dampers), so phi drifts with the integration error; ``alpha`` and ``beta`` add Baumgarte's terms, which
+the paper's strong form has not. lam and lam_dot are quadratures that act on nothing (``strong_form``), so by
+default they are left out of the error test.
+
+Counted: accepted steps and evaluations; rejected steps follow from these (six evaluations an attempt, two at the start).
+"""
+
+import time
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from scipy.integrate import RK45
+
+from harness.options import option
+from harness.registry import solver
+from harness.types import Problem, Status, StepControl, Trajectory
+from solvers.formulations.classical import SymbolicOptions
+from solvers.formulations.ida import OUT_OF_TEST
+from solvers.formulations.recording import Clock, StepFailure, march, no_trajectory, trajectory
+from solvers.formulations.start import coordinates_and_velocities, layout_for
+from solvers.formulations.strong_form import StrongForm
+
+EVALUATIONS_AT_START = 2  # scipy's RK45: y'(0) and one to choose the first step
+EVALUATIONS_A_STEP = 6  # seven stages, the last of which is the next step's first
+
+
+@solver("rk45_strong_form")
+@dataclass(frozen=True)
+class Rk45StrongForm(SymbolicOptions):
+    """Explicit Runge-Kutta 5(4) on Eq. (65)."""
+
+    alpha: float = option(0.0, "adds 2 alpha phi_dot to the constraint row; the paper's has none", "1/s", at_least=0.0)
+    beta: float = option(0.0, "adds beta^2 phi to the constraint row", "1/s", at_least=0.0)
+    lambda_in_error_test: bool = option(False, "let lam and lam_dot take part in the local error test")
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = "ODE-45"
+    control: ClassVar[str] = "rtol"
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate from the start to ``t_end``."""
+        began, reason = time.process_time(), self.refuses(problem, control)
+        if reason is not None:
+            return no_trajectory(problem, Status.REFUSED, reason)
+        layout, notes = layout_for(problem, self.coordinates)
+        k, n = layout.k, layout.n_p + layout.n_u
+        form, clock = StrongForm(layout, self.alpha, self.beta), Clock(control.wall_limit)
+        latest = np.zeros(k)  # reaction at the last evaluation: that of the accepted state, the seventh stage being it
+
+        def rhs(t: float, y: np.ndarray) -> np.ndarray:
+            clock.check()
+            rates = form.rates(y[:n], y[n : n + k], y[n + k :])
+            latest[:] = rates.reaction
+            return np.concatenate((rates.p_dot, rates.u_dot, y[n + k :], rates.lam_ddot))
+
+        y = np.concatenate((coordinates_and_velocities(layout, problem)[:n], np.zeros(2 * k)))
+        atol = np.full(len(y), control.rtol)
+        if not self.lambda_in_error_test:
+            atol[n:] = OUT_OF_TEST
+        try:
+            rhs(0.0, y)
+            reaction = latest.copy()
+            rk = RK45(rhs, 0.0, y, problem.t_end, max_step=control.max_step or np.inf, rtol=control.rtol, atol=atol)
+        except StepFailure as failure:
+            return no_trajectory(problem, failure.status, f"no acceleration at the start: {failure.message}")
+        setup_time = time.process_time() - began
+        clock.restart()
+
+        def advance() -> tuple[float, np.ndarray, np.ndarray]:
+            with np.errstate(all="ignore"):  # overflow on the way to a failure that is reported
+                message = rk.step()
+            if rk.status == "failed":
+                raise StepFailure(Status.STEP_UNDERFLOW, str(message).rstrip(".").lower())
+            return rk.t, rk.y[:n], latest
+
+        done = march(advance, (0.0, y[:n], reaction), problem.t_end, control, clock)
+        cpu_time = clock.cpu_time()
+        attempts = (rk.nfev - EVALUATIONS_AT_START) // EVALUATIONS_A_STEP
+        counters = {"rejected": max(0, attempts - (len(done.t) - 1)), "evaluations": rk.nfev}
+        return trajectory(layout, done, counters, notes, cpu_time=cpu_time, setup_time=setup_time)
