@@ -2,7 +2,7 @@
 
 Numbers: Sect. 5.5: 5 x 5 cells, bars of 1 m and 1 kg, revolute joints along OX, gravity along -Z, 2 pi/3 rad/s, 10 s,
 energy drift of 1 J allowed. "Negligible" axial inertia: 1e-4 kg m2, which planar motion does not see. The wording
-("the six top bodies") sets only the top row turning (``top_row``: the rows below translate); ``all_rows`` turns every row.
+("the six top bodies") sets only the top row turning (``top_row``: the rows below translate); ``all_rows`` turns all.
 Reference: every row stays a set of parallel bars, so it moves as one rod with the mass of its verticals, the
 horizontals riding on its end; certified (problems/exact/certified, docs/decisions).
 """
@@ -129,9 +129,10 @@ def _joints(rows: int, columns: int, length: float) -> list[Joint]:
     """Every bar at a node hinged to the vertical that ends there from above; the top row to the ground."""
     n = 2 * columns + 1
     head, tail = (-0.5 * length, 0.0, 0.0), (0.5 * length, 0.0, 0.0)
-    joints = []
-    for j in range(columns + 1):
-        joints.append(Joint(j, head, GROUND, (0.0, j * length, 0.0), AXIS, (1.0, 0.0, 0.0), name=f"ground {j}"))
+    joints = [
+        Joint(j, head, GROUND, (0.0, j * length, 0.0), AXIS, (1.0, 0.0, 0.0), name=f"ground {j}")
+        for j in range(columns + 1)
+    ]
     for i in range(rows):
         for j in range(columns + 1):
             above = i * n + j

@@ -37,7 +37,8 @@ def heavy_top(
     about_C = inertia_transverse - mass * length**2
     if about_C <= 0.0:
         raise ValueError(
-            f"inertia_transverse about O must exceed mass length^2 = {mass * length**2:g} kg m2 (got {inertia_transverse:g})"
+            f"inertia_transverse, about O, must be > mass length^2 = {mass * length**2:g} kg m2 "
+            f"(got {inertia_transverse:g})"
         )
     top = RigidBody(mass, np.diag([about_C, about_C, inertia_axial]), "top")
     system = assemble([top], [Joint(0, (0.0, 0.0, -length), name="O")], (0.0, 0.0, -gravity))

@@ -1,4 +1,4 @@
-"""Rigid pendulum on a spherical joint (Sect. 5.2, Figs. 4 to 7), released horizontally; with ``omega_z`` it turns spatial.
+"""Rigid pendulum on a spherical joint (Sect. 5.2, Figs. 4 to 7), released horizontally; ``omega_z`` turns it spatial.
 
 Numbers: Sect. 5.2: a solid cylinder of 1 kg, length 2 l = 1 m, radius 0.1 m, gravity along -Y. Its inertia about C
 follows from these. ``omega_z`` is in the body frame (body z = -Y at the start), which needs

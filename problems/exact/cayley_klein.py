@@ -1,7 +1,8 @@
-"""Attitude from the Cayley-Klein parameters p = cos(theta/2) exp(i (phi + psi)/2), s = sin(theta/2) exp(i (phi - psi)/2).
+"""Attitude from the Cayley-Klein parameters, which have no singular orientation.
 
-They are the unit quaternion (Re p, Re s, Im s, Im p) of the 3-1-3 angles (phi, theta, psi), without their singularity.
-Each is a quotient of theta series times an even turn: ``over(z)/under(z) exp(i mu t)``, z = z0 + rate t.
+With 3-1-3 angles: p = cos(theta/2) exp(i (phi + psi)/2), s = sin(theta/2) exp(i (phi - psi)/2). They are the unit
+quaternion (Re p, Re s, Im s, Im p). Each is a quotient of theta series times an even turn:
+``over(z)/under(z) exp(i mu t)``, z = z0 + rate t.
 """
 
 from dataclasses import dataclass
@@ -38,7 +39,7 @@ class CayleyKlein:
         return rotation_and_rate(p, s, p_dot, s_dot)
 
     def turns(self, R0: Float[np.ndarray, "3 3"], Omega0: Float[np.ndarray, " 3"]) -> tuple[complex, complex]:
-        """The factors that make the motion start at ``R0``, ``Omega0``: turns phi about the vertical, psi about the axis.
+        """The factors that make the motion start at ``R0``, ``Omega0``: phi about the vertical, psi about the axis.
 
         phi takes the axis and its velocity to the given ones; together they fix it even when the axis is upright.
         """

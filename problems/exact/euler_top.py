@@ -43,7 +43,7 @@ def euler_top(body: PinnedBody, start: State) -> PinnedMotion | None:
         )
         if abs(L2 - T2 * I[1]) < EQUAL * L2:
             return None
-        if L2 < T2 * I[1]:  # L circles the axis of the least inertia: call that one 3, keep the frame right-handed
+        if T2 * I[1] > L2:  # L circles the axis of the least inertia: call that one 3, keep the frame right-handed
             I, w, P = [I[2], I[1], I[0]], [w[2], -w[1], w[0]], P[:, [2, 1, 0]] * np.array([1.0, -1.0, 1.0])
         return _by_theta(body, R0, P, I, w)
 

@@ -1,7 +1,7 @@
 """Gragg-Bulirsch-Stoer extrapolation in whatever precision the start has (longdouble: 1e-19).
 
-Modified midpoint rule with 2, 4, ..., 2 k substeps, extrapolated in h^2: order 2 k (Hairer, Norsett, Wanner I, II.9). An
-integrator that no contestant uses, for second routes.
+Modified midpoint rule with 2, 4, ..., 2 k substeps, extrapolated in h^2: order 2 k (Hairer, Norsett, Wanner I, II.9).
+An integrator that no contestant uses, for second routes.
 """
 
 from collections.abc import Callable, Iterator
@@ -36,7 +36,7 @@ def gbs(f: Rate, y0: np.ndarray, t: np.ndarray, substeps: int, columns: int = 8)
 
 
 def gbs_adaptive(f: Rate, y: np.ndarray, span: float, tolerance: float, H: float) -> Iterator[tuple[float, np.ndarray]]:
-    """(time, state) after each accepted step over ``span``, corrections kept below ``tolerance``; ``H`` is the first try."""
+    """(time, state) after each accepted step over ``span``, corrections below ``tolerance``; ``H`` is the first try."""
     t = 0.0
     while t < span:
         last = t + H >= span

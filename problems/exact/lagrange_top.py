@@ -1,6 +1,6 @@
 """Lagrange's top: the exact motion of a symmetric body on a pin under gravity, from any start, by theta functions.
 
-With u = cos(theta) the height of the body axis e (O to C), energy and the two angular momenta give (Whittaker, sect. 71)
+With u = cos(theta) the height of the body axis e (O to C), energy and two angular momenta give (Whittaker, sect. 71)
 
     u_dot^2 = (alpha - beta u)(1 - u^2) - (b - a u)^2 = beta (u - u1)(u - u2)(u - u3),   u1 <= u <= u2 <= 1 <= u3
     u = u1 + (u2 - u1) sn^2(x),   x = lambda t + x0,   lambda^2 = beta (u3 - u1)/4,   k^2 = (u2 - u1)/(u3 - u1)
@@ -8,7 +8,8 @@ With u = cos(theta) the height of the body axis e (O to C), energy and the two a
 Euler angles are singular at u = +-1, which near-planar motions nearly reach. The Cayley-Klein parameters
 p = cos(theta/2) exp(i (phi + psi)/2), s = sin(theta/2) exp(i (phi - psi)/2), a unit quaternion, are not:
 
-    p = P theta1(z - i eta_p)/theta4(z) exp(i mu_p t),  s = Q theta2(z - i eta_s)/theta4(z) exp(i mu_s t),  z = pi x/(2 K)
+    p = P theta1(z - i eta_p)/theta4(z) exp(i mu_p t),   z = pi x/(2 K)
+    s = Q theta2(z - i eta_s)/theta4(z) exp(i mu_s t)
 
 where theta1(z - i eta_p) vanishes with u = -1 and theta2(z - i eta_s) with u = 1 (Klein and Sommerfeld, ch. VI).
 Constants are computed in 80 digits from the start as given, so that neither planar nor nearly steady motions lose any.
@@ -101,7 +102,7 @@ class _Constants:
 
 
 def _cubic(sum_: mpf, p: mpf, q: mpf) -> tuple[mpf, mpf, mpf]:
-    """The three real roots of u^3 - ``sum_`` u^2 + p u + q, increasing; the outer two held outside [-1, 1] as they are."""
+    """The three real roots of u^3 - ``sum_`` u^2 + p u + q, increasing: -1 <= u1 <= u2 <= 1 <= u3."""
     third = sum_ / 3
     radius = mp.sqrt(max(third**2 - p / 3, mpf(0)))
     if radius == 0:
@@ -129,7 +130,7 @@ def _by_theta(
     rate = to_phase * mp.sqrt(top.beta * (u3 - u1)) / 2  # of z
     part = min(max((top.u - u1) / (u2 - u1), mpf(0)), mpf(1))
     z0 = to_phase * mp.ellipf(mp.asin(mp.sqrt(part)), m) * (1 if top.u_dot >= 0 else -1)
-    # sn^2(i y_p) = (-1 - u1)/(u2 - u1) and sn^2(K + i y_s) = (1 - u1)/(u2 - u1); signs from u_dot = i(a+b), i(a-b) there
+    # sn^2(i y_p) = (-1 - u1)/(u2 - u1) and sn^2(K + i y_s) = (1 - u1)/(u2 - u1); u_dot = i(a+b), i(a-b) there
     y_p = mp.ellipf(mp.atan(mp.sqrt((1 + u1) / (u2 - u1))), m1)
     inside = min((1 - u2) * (u3 - u1) / ((1 - u1) * (u3 - u2)), mpf(1))
     y_s = mp.ellipf(mp.asin(mp.sqrt(inside)), m1)

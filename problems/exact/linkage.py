@@ -21,7 +21,7 @@ Rate = Callable[[Float[np.ndarray, " ny"]], Float[np.ndarray, " ny"]]
 
 @dataclass(frozen=True)
 class Linkage:
-    """Rods [kg, m], node masses [kg], gravity [m/s2]; ``end`` [m] is where the last node is held, None if it is free."""
+    """Rods [kg, m], node masses [kg], gravity [m/s2]; ``end`` [m] is where the last node is held, None: free."""
 
     rod_mass: Float[np.ndarray, " n"]
     node_mass: Float[np.ndarray, " n"]
@@ -77,7 +77,7 @@ def by_angles(link: Linkage) -> Rate:
 
 
 def by_nodes(link: Linkage, precision: type = np.float64) -> Rate:
-    """d/dt (positions, velocities) of the moving nodes, for states of that precision (longdouble to certify further)."""
+    """d/dt (positions, velocities) of the moving nodes, for states of that precision (longdouble to certify)."""
     n, m = link.n, link.free
     M: np.ndarray = link.rod_mass.astype(precision)
     H: np.ndarray = link.node_mass.astype(precision)

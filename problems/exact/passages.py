@@ -24,5 +24,6 @@ def singular_passages(problem: Problem, t_end: float) -> tuple[tuple[float, int]
     for row, name in enumerate(names, start=1):
         sign = np.cos(angles[name]) > 0.0
         for k in np.flatnonzero(sign[1:] != sign[:-1]):
-            found.append((float(brentq(cosine, t[k], t[k + 1], args=(name,), xtol=1e-12)), row))
+            time = float(brentq(cosine, t[k], t[k + 1], args=(name,), xtol=1e-12))
+            found.append((time, row))
     return tuple(sorted(found))
