@@ -1,0 +1,135 @@
+"""The gate closes on a breach, a missing or unjudged cell and an empty run, and opens only otherwise."""
+
+import dataclasses
+import math
+
+import pytest
+
+from harness.gate import State, judge, tightened
+from harness.proposal import proposed
+from harness.records import RunRecord
+from harness.suites import parse_suite
+from harness.thresholds import Expectation, Threshold, ThresholdError, Thresholds, read_thresholds, write_thresholds
+from harness.types import Status
+from tests.harness.conftest import PLUGIN
+
+CELLS = parse_suite(
+    '[[cells]]\nproblem = "free_fall"\nsolver = "exact"\ndt = [0.1, 0.5]', "t", "t", plugins=(str(PLUGIN),)
+).cells
+CASE, OTHER = (c.case for c in CELLS)
+RECORDS = [RunRecord(cell=c.settings, settings=c.settings, case=c.case, status="success", phi_max=1.0) for c in CELLS]
+
+
+def threshold(case: str, **change) -> Threshold:
+    return dataclasses.replace(Threshold(case, "phi_max", 1.0, 1.2, -math.inf, "m", "a reason"), **change)
+
+
+BOUNDS = Thresholds("t", (threshold(CASE), threshold(OTHER)), {})
+
+
+def state(records=RECORDS, bounds=BOUNDS, cells=CELLS):
+    return judge(cells, records, bounds)
+
+
+def with_bound(**change) -> Thresholds:
+    return Thresholds("t", (threshold(CASE, **change), threshold(OTHER)), {})
+
+
+def changed(**change) -> list[RunRecord]:
+    return [dataclasses.replace(RECORDS[0], **change), RECORDS[1]]
+
+
+def test_all_within_bounds_is_open():
+    """The plain case."""
+    assert state().state is State.PASS and state().is_open
+
+
+@pytest.mark.parametrize(
+    "verdict",
+    [
+        lambda: state(changed(phi_max=1.3)),
+        lambda: state(changed(phi_max=math.nan)),
+        lambda: state(changed(phi_max=math.inf)),
+        lambda: state(changed(status="wrong")),
+        lambda: state(changed(status="refused")),
+        lambda: state(changed(status="stalled")),
+        lambda: state(RECORDS[:1]),
+        lambda: state([]),
+        lambda: state([], Thresholds("t", (), {}), ()),
+        lambda: state(bounds=Thresholds("t", (), {})),
+        lambda: state(bounds=Thresholds("t", (threshold(CASE),), {})),
+        lambda: state(bounds=Thresholds("t", (*BOUNDS.bounds, threshold("gone")), {})),
+        lambda: state(bounds=with_bound(lower=1.1)),
+    ],
+)
+def test_the_gate_closes(verdict):
+    """Breach, NaN, wrong, refused, timed out, missing, empty, unjudged, or a bound on a cell that is gone."""
+    assert verdict().state is State.FAIL and not verdict().is_open
+
+
+def test_expected_failures_are_told_apart():
+    """XFAIL keeps the gate open; XPASS closes it, for the expectation is out of date."""
+    bounds = with_bound(expect="fail", upper=0.5)
+    assert state(bounds=bounds).state is State.XFAIL and state(bounds=bounds).is_open
+    bounds = with_bound(expect="fail")
+    assert state(bounds=bounds).state is State.XPASS and not state(bounds=bounds).is_open
+    expects = Thresholds("t", BOUNDS.bounds[1:], {CASE: Expectation(CASE, Status.REFUSED, "redundant rows")})
+    assert state(changed(status="refused"), expects).state is State.XFAIL
+    assert state(RECORDS, expects).state is State.XPASS
+    assert state(changed(status="crashed"), expects).state is State.FAIL
+
+
+def test_update_only_tightens_unless_told():
+    """A worse number must be asked for by name."""
+    better, worse = threshold(CASE, upper=0.6, value=0.5), threshold(OTHER, upper=9.0, value=7.5)
+    new = tightened(BOUNDS, RECORDS, [better, worse], loosen=False)
+    assert {b.case: b.upper for b in new.bounds} == {CASE: 0.6, OTHER: 1.2}
+    new = tightened(BOUNDS, RECORDS, [better, worse], loosen=True)
+    assert {b.case: b.upper for b in new.bounds} == {CASE: 0.6, OTHER: 9.0}
+
+
+def test_proposals_catch_a_doubled_step():
+    """Second order: twice the step is 4 times the drift, over any proposed bound."""
+    record = RunRecord(
+        case=CASE, status="success", control="dt", energy_drift_max_J=2e-3, energy_scale_J=5.0, steps=100
+    )
+    (bound,) = [b for b in proposed([record]) if b.metric == "energy_drift_max_J"]
+    assert bound.holds(2e-3) and not bound.holds(4e-3)
+    rounding = dataclasses.replace(record, energy_drift_max_J=3e-16)
+    (bound,) = [b for b in proposed([rounding]) if b.metric == "energy_drift_max_J"]
+    assert bound.holds(1e-14) and not bound.holds(1e-8)
+
+
+def test_thresholds_come_back_as_written(tmp_path):
+    """Text and back; infinite bounds are left out."""
+    expects = Thresholds("t", BOUNDS.bounds, {"x": Expectation("x", Status.REFUSED, 'so "it" is')})
+    path = tmp_path / "t.toml"
+    path.write_text(write_thresholds(expects))
+    assert read_thresholds(path) == expects
+
+
+ENTRY = '[[threshold]]\ncase = "a"\nmetric = "phi_max"\nupper = 1.0\nreason = "r"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("[", "t.toml"), ("schema = 2", "schema"), ("", "upper or lower"), ("", "unknown metric"), ("", "reason"),
+     ("", "expect"), ("", "finite"), ("", "twice"), ("", "unknown key"), ("", "unknown status")],
+)  # fmt: skip
+def test_wrong_thresholds_are_told(tmp_path, text, words):
+    """A gate with a misread bound would be green for nothing."""
+    broken = {
+        "upper or lower": ENTRY.replace("upper = 1.0\n", ""),
+        "unknown metric": ENTRY.replace("phi_max", "phi_mx"),
+        "reason": ENTRY.replace('"r"', '""'),
+        "expect": ENTRY + 'expect = "maybe"\n',
+        "finite": ENTRY.replace("1.0", "nan"),
+        "twice": ENTRY + ENTRY,
+        "unknown key": ENTRY + "uper = 1\n",
+        "unknown status": '[[status]]\ncase = "a"\nstatus = "refusd"\nreason = "r"\n',
+    }
+    path = tmp_path / "t.toml"
+    path.write_text(text or 'schema = 1\nsuite = "t"\n' + broken[words])
+    with pytest.raises(ThresholdError, match=words) as error:
+        read_thresholds(path)
+    assert "\n" not in str(error.value)
