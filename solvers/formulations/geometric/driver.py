@@ -16,7 +16,7 @@ from solvers.formulations.geometric.residual import Rows, Settings, complete, en
 from solvers.formulations.geometric.step import COUNTERS, History, Penalty, Work, start_mu
 
 STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
-PLAIN = Penalty(active=0, nested=0, max_augmentations=1, accept=0.0)
+PLAIN = Penalty(active=0, nested=0, xi=1.0, max_augmentations=1, accept=0.0, project=0, soft=1.0)
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Log:
         return np.concatenate([getattr(r, name) for r in self.stretches]) if self.stretches else np.zeros(0)
 
 
-def prepare(problem: Problem, settings: Settings, penalty: Penalty = PLAIN, xi: float = 1.0, mu0: str = "zero") -> Run:
+def prepare(problem: Problem, settings: Settings, penalty: Penalty = PLAIN, mu0: str = "zero") -> Run:
     """Arrays, symbolic analysis and the complete start."""
     system, initial = problem.system, problem.initial
     model = model_of(system)
@@ -61,7 +61,7 @@ def prepare(problem: Problem, settings: Settings, penalty: Penalty = PLAIN, xi: 
     history = History(v=np.zeros((nb, 6)), nu=np.zeros(nrows), increment=np.zeros(nrows), last_dt=np.zeros(1))
     work = Work(
         blocks=np.zeros((len(pattern.pair_column), 6, 6)), T=np.zeros((nb, 3, 3)), body=np.zeros((nb, 6)),
-        constraint=np.zeros(nrows), x=np.zeros(int(pattern.start[-1])), diagonal=np.zeros(nrows), xi=np.full(1, xi),
+        constraint=np.zeros(nrows), x=np.zeros(int(pattern.start[-1])), diagonal=np.zeros(nrows), xi=np.full(1, penalty.xi),
         nu_kept=np.zeros(nrows), count=np.zeros(len(COUNTERS), dtype=np.int64), held=np.zeros(1), norm=np.zeros(2),
     )  # fmt: skip
     if mu0 == "velocity":

@@ -15,7 +15,7 @@ from solvers.formulations.geometric.step import (
     LOOSE,
     accept,
     attempt,
-    first_estimate,
+    correct_pose,
 )
 
 FINISHED, BUFFER_FULL, UNDERFLOW = 0, 1, 2
@@ -94,9 +94,8 @@ def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, wo
         if clock.t_end - base - clock.dt < 1e-9 * clock.dt:  # no sliver of a last step
             length = clock.t_end - base
         dt = length / 2.0 ** grid[2]
-        first_estimate(current, other, rows, history, dt, settings)
         corrections = work.count[0]
-        result = attempt(model, current, other, rows, dt, settings, penalty, index, pattern, f, work)
+        result = attempt(model, current, other, rows, history, dt, settings, penalty, index, pattern, f, work)
         if result != CONVERGED and result != LOOSE:
             work.held[0] = 0.0
             work.count[4] += 1
@@ -109,6 +108,8 @@ def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, wo
         if result == LOOSE:
             work.count[6] += 1
             work.held[0] = 0.0
+        if penalty.project and work.held[0] > 0.0:
+            correct_pose(model, other, settings, pattern, f, work)
         accept(current, other, rows, history, dt, settings, record.force[done])
         record.level[done] = grid[2]
         grid[1] += 1

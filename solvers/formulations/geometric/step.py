@@ -20,7 +20,7 @@ from solvers.formulations.geometric.residual import (
     residual_norm,
     start_forces,
 )
-from solvers.formulations.geometric.small import JIT, dot
+from solvers.formulations.geometric.small import JIT, dot, turned_by
 
 CONVERGED, LOOSE, SLOW, NOT_FINITE, SINGULAR_MATRIX = 0, 1, 2, 3, 4
 
@@ -30,8 +30,11 @@ class Penalty(NamedTuple):
 
     active: int
     nested: int  # 1: the paper's nested loop, Newton to convergence, then (85)
+    xi: float
     max_augmentations: int  # of the nested loop
-    accept: float  # [sqrt(J)] (81) at which a step counts as done though (80), (81) do not reach the tolerance
+    accept: float  # [sqrt(J)] (81) at which a step counts as done though (81) does not reach the tolerance
+    project: int  # 1: poses corrected after each step
+    soft: float  # xi (omega dt)^2 of the nested loop at singular configurations
 
 
 class Work(NamedTuple):
@@ -139,18 +142,63 @@ def newton(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work):
 
 
 @njit(**JIT)
-def attempt(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work):
-    """One step from ``m0`` into ``m1`` (its velocities and ``rows.nu1`` hold the first estimate)."""
+def attempt(model, m0, m1, rows, history, dt, settings, penalty, index, pattern, f, work):
+    """One step from ``m0`` into ``m1``, first estimate included.
+
+    Augmented Lagrangian: the proximal saddle does Newton's correction and the augmentation at once. Near a singular
+    configuration it need not converge, for the violation phi = O(dt^2) makes phi_dot = 0 inconsistent along the
+    direction that is being lost. There the step is done again by the nested loop with a penalty so low that this
+    direction is left to the multiplier carried from the steps before, and counts as done at ``penalty.accept``.
+    """
     start_forces(m0, rows, settings)
+    first_estimate(m0, m1, rows, history, dt, settings)
+    work.xi[0] = penalty.xi
     if not penalty.nested:
         outcome = newton(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work)
         work.norm[1] = constraint_norm(m1)
-        if outcome == SLOW and penalty.active and work.norm[0] < penalty.accept:
-            return LOOSE
-        return outcome
+        if outcome == CONVERGED or not penalty.active:
+            return outcome
+        first_estimate(m0, m1, rows, history, dt, settings)
+        work.held[0] = 0.0
+        work.xi[0] = min(penalty.xi, soft_penalty(m0, dt, penalty))
+    return nested_loop(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work)
+
+
+@njit(**JIT)
+def correct_pose(model, m1, settings, pattern, f, work):
+    """Least change of the poses that takes phi to zero (one correction with the kept factorisation)."""
+    x = work.x
+    x[:] = 0.0
+    for j in range(len(model.end)):
+        at = pattern.joint_at[j]
+        for k in range(model.row[j + 1] - model.row[j]):
+            x[at + k] = -m1.phi[model.row[j] + k]
+    solve(pattern, f, x)
+    for b in range(len(model.mass)):
+        at = pattern.body_at[b]
+        for k in range(3):
+            m1.r[b, k] += x[at + k]
+        turned_by(m1.R, b, x[at + 3], x[at + 4], x[at + 5], m1.R)
+    work.count[3] += 1
+    complete(model, m1, settings)
+
+
+@njit(**JIT)
+def soft_penalty(m0, dt, penalty):
+    """xi with xi (omega dt)^2 = ``penalty.soft``: above about 0.3 the penalised matrix turns indefinite."""
+    omega2 = 0.0
+    for b in range(len(m0.v)):
+        omega2 = max(omega2, m0.v[b, 3] ** 2 + m0.v[b, 4] ** 2 + m0.v[b, 5] ** 2)
+    return penalty.soft / (omega2 * dt * dt) if omega2 > 0.0 else penalty.xi
+
+
+@njit(**JIT)
+def nested_loop(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work):
+    """The paper's loop: Newton to convergence at a fixed multiplier, then (85), until phi_dot is small enough."""
+    inner = Penalty(1, 1, penalty.xi, penalty.max_augmentations, penalty.accept, 0, penalty.soft)
     work.nu_kept[:] = rows.nu1
     for _ in range(penalty.max_augmentations):
-        outcome = newton(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work)
+        outcome = newton(model, m0, m1, rows, dt, settings, inner, index, pattern, f, work)
         work.norm[1] = constraint_norm(m1)
         if outcome != CONVERGED:
             return outcome
