@@ -47,7 +47,7 @@ class IdaIndex3(SymbolicOptions):
         except StepFailure as failure:
             return no_trajectory(problem, failure.status, f"no consistent start: {failure.message}")
         form = ImplicitForm(layout, "position", 0.0, 0.0)
-        out_of_test = () if self.velocities_in_error_test else (layout.u,)
-        out_of_test += () if self.lambda_in_error_test else (layout.lam,)
-        start = Start(y, y_dot, out_of_test, self.first_step)
+        velocities = () if self.velocities_in_error_test else (layout.u,)
+        multipliers = () if self.lambda_in_error_test else (layout.lam,)
+        start = Start(y, y_dot, (*velocities, *multipliers), self.first_step)
         return integrate(problem, control, layout, form, start, notes, began)

@@ -28,7 +28,7 @@ from harness.options import option
 from harness.registry import solver
 from harness.types import Problem, Status, StepControl, Trajectory
 from solvers.formulations.classical import BaumgarteOptions
-from solvers.formulations.dae import ImplicitForm, dense, sparse
+from solvers.formulations.dae import ImplicitForm
 from solvers.formulations.ida import DENSE_BELOW, OUT_OF_TEST
 from solvers.formulations.layout import Layout
 from solvers.formulations.recording import Clock, StepFailure, march, no_trajectory, trajectory
@@ -64,7 +64,7 @@ class NdfIndex1(BaumgarteOptions):
         ndf = self._integrator(layout, form, clock, y, y_dot, problem.t_end, control)
         setup_time = time.process_time() - began
         clock.restart()
-        done = march(lambda: _step(ndf, layout), (0.0, y, y[layout.lam]), problem.t_end, control, clock)
+        done = march(lambda: _step(ndf, layout), (0.0, y, y[layout.lam]), layout, problem.t_end, control, clock)
         cpu_time = clock.cpu_time()
         counters = {
             "evaluations": ndf.nfev,
@@ -87,7 +87,7 @@ class NdfIndex1(BaumgarteOptions):
         atol = np.full(layout.n, control.rtol)
         if not self.lambda_in_error_test:
             atol[layout.lam] = OUT_OF_TEST
-        as_matrix = dense if layout.n < DENSE_BELOW else sparse
+        as_matrix = form.pattern.dense if layout.n < DENSE_BELOW else form.pattern.column_matrix
 
         def residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
             clock.check()
@@ -95,7 +95,7 @@ class NdfIndex1(BaumgarteOptions):
 
         def jacobian(t: float, y: np.ndarray, y_dot: np.ndarray) -> tuple:
             of_y, of_y_dot = form.jacobian(y, y_dot)
-            return as_matrix(form.pattern, of_y), as_matrix(form.pattern, of_y_dot)
+            return as_matrix(of_y), as_matrix(of_y_dot)
 
         return BDFDAE(
             residual,

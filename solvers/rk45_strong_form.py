@@ -7,7 +7,7 @@ springs and dampers), so phi drifts with the integration error; ``alpha`` and ``
 the paper's strong form has not. lam and lam_dot are quadratures that act on nothing (``strong_form``), so by
 default they are left out of the error test.
 
-Counted: accepted steps and evaluations; rejected steps follow from these (six evaluations an attempt, two at the start).
+Counted: accepted steps and evaluations; rejected steps follow (six evaluations an attempt, two at the start).
 """
 
 import time
@@ -66,7 +66,8 @@ class Rk45StrongForm(SymbolicOptions):
         try:
             rhs(0.0, y)
             reaction = latest.copy()
-            rk = RK45(rhs, 0.0, y, problem.t_end, max_step=control.max_step or np.inf, rtol=control.rtol, atol=atol)
+            options: dict = {"rtol": control.rtol, "atol": atol, "max_step": control.max_step or np.inf}
+            rk = RK45(rhs, 0.0, y, problem.t_end, **options)
         except StepFailure as failure:
             return no_trajectory(problem, failure.status, f"no acceleration at the start: {failure.message}")
         setup_time = time.process_time() - began
@@ -79,7 +80,7 @@ class Rk45StrongForm(SymbolicOptions):
                 raise StepFailure(Status.STEP_UNDERFLOW, str(message).rstrip(".").lower())
             return rk.t, rk.y[:n], latest
 
-        done = march(advance, (0.0, y[:n], reaction), problem.t_end, control, clock)
+        done = march(advance, (0.0, y[:n], reaction), layout, problem.t_end, control, clock)
         cpu_time = clock.cpu_time()
         attempts = (rk.nfev - EVALUATIONS_AT_START) // EVALUATIONS_A_STEP
         counters = {"rejected": max(0, attempts - (len(done.t) - 1)), "evaluations": rk.nfev}

@@ -18,7 +18,7 @@ from solvers.formulations.symbolic import Element
 
 @dataclass(frozen=True)
 class Batch:
-    """``element`` over m parts: its parameters, where it reads z and w, and where each output is added (-1: nowhere)."""
+    """``element`` over m parts: parameters, where it reads z and w, where each output is added (-1: nowhere)."""
 
     element: Element
     parameters: Float[np.ndarray, "m n_parameters"]
@@ -79,10 +79,10 @@ class Assembly:
         for (function, _), b in zip(functions, batches, strict=True):
             z1, w1, t1 = z0 + b.z.size, w0 + b.w.size, t0 + function.nnz_out(0)
             memory, call = function.buffer()
-            arrays = (self._z[z0:z1], self._w_read[w0:w1], np.ascontiguousarray(b.parameters, dtype=float).ravel().copy())
+            arrays = self._z[z0:z1], self._w_read[w0:w1], np.array(b.parameters, dtype=float).ravel()
             for k, array in enumerate(arrays):
-                memory.set_arg(k, memoryview(array))
-            memory.set_res(0, memoryview(target[t0:t1]))
+                memory.set_arg(k, array.data)
+            memory.set_res(0, target[t0:t1].data)
             calls.append(call)
             self._alive.append((function, memory, arrays))  # CasADi keeps bare pointers
             z0, w0, t0 = z1, w1, t1

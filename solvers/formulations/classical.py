@@ -12,7 +12,9 @@ from solvers.formulations.start import redundancy_refusal
 class SymbolicOptions:
     """Coordinates, and what to do about redundant rows."""
 
-    coordinates: str = option("quaternion", "chart of each body; the paper's is euler313", choices=("quaternion", "euler313"))
+    coordinates: str = option(
+        "quaternion", "chart of each body; the paper's is euler313", choices=("quaternion", "euler313")
+    )
     redundancy: str = option(
         "drop", "redundant rows: keep an independent set chosen at the start, or refuse", choices=("drop", "refuse")
     )

@@ -10,9 +10,9 @@ The three have the same solutions; what differs is what an integrator's error te
 """
 
 import numpy as np
-import scipy.sparse as sp
 from jaxtyping import Float
 
+from solvers.formulations.assembly import Assembly
 from solvers.formulations.layout import Layout
 from solvers.formulations.saddle import InverseMass
 from solvers.formulations.sparse_pattern import FixedPattern, FixedProduct
@@ -66,7 +66,7 @@ class ImplicitForm:
 class _Direct:
     """Jacobian of fi and position: the elements' own derivatives, signs and places."""
 
-    def __init__(self, layout: Layout, motion) -> None:
+    def __init__(self, layout: Layout, motion: Assembly) -> None:
         row, column = motion.row, motion.column
         used = (row >= 0) & (column >= 0)
         every = np.arange(layout.n_p)
@@ -80,7 +80,8 @@ class _Direct:
         nothing = np.zeros(layout.n_p)
         self._of_y = self.pattern.weighted(np.concatenate((sign * ~motion.of_w, nothing)))[:, : len(row)]
         self._of_y_dot = self.pattern.weighted(np.concatenate((sign * motion.of_w, nothing)))[:, : len(row)]
-        self._p_dot = self.pattern.weighted(np.concatenate((0.0 * sign, nothing + 1.0))) @ np.ones(len(sign) + layout.n_p)
+        of_p_dot = self.pattern.weighted(np.concatenate((0.0 * sign, nothing + 1.0)))
+        self._p_dot = of_p_dot @ np.ones(len(sign) + layout.n_p)
 
     def parts(self, entries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return self._of_y @ entries, self._of_y_dot @ entries + self._p_dot
@@ -89,7 +90,7 @@ class _Direct:
 class _Semi:
     """Jacobian of se: the constraint rows are those of c at w, with dw/dy = -M^-1 de/dy from the product."""
 
-    def __init__(self, layout: Layout, motion) -> None:
+    def __init__(self, layout: Layout, motion: Assembly) -> None:
         row, column, of_w = motion.row, motion.column, motion.of_w
         first_c, used = layout.n_p + layout.n_u, (row >= 0) & (column >= 0)
         upper, lower = used & (row < first_c), used & (row >= first_c) & ~of_w
@@ -113,22 +114,11 @@ class _Semi:
         self._of_y = self.pattern.weighted(weights)[:, : len(weights) - layout.n_p]
         of_y_dot = np.concatenate((sign * upper * of_w, 0.0 * lower, 0.0 * rest, 0.0 * p_dot))
         self._of_y_dot = self.pattern.weighted(of_y_dot)[:, : len(row)]
-        self._p_dot = self.pattern.weighted(np.concatenate((0.0 * of_y_dot[: -layout.n_p], p_dot))) @ np.ones(len(weights))
+        of_p_dot = self.pattern.weighted(np.concatenate((np.zeros(len(weights) - layout.n_p), p_dot)))
+        self._p_dot = of_p_dot @ np.ones(len(weights))
 
     def parts(self, at_y_dot: np.ndarray, at_w: np.ndarray, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         A_inverse_mass = self._A_inverse_mass.data(self._A.data(at_w[self._A_entries]), blocks)
         product = self._product.data(A_inverse_mass, self._e.data(at_w[self._e_entries]))
         entries = np.concatenate((at_y_dot, at_w, product))
         return self._of_y @ entries, self._of_y_dot @ at_y_dot + self._p_dot
-
-
-def dense(pattern: FixedPattern, data: Float[np.ndarray, " nnz"]) -> Float[np.ndarray, "n n"]:
-    """As a full matrix, for systems small enough that this is faster."""
-    out = np.zeros(pattern.shape)
-    out[pattern.rows, pattern.columns] = data
-    return out
-
-
-def sparse(pattern: FixedPattern, data: Float[np.ndarray, " nnz"]) -> sp.csc_matrix:
-    """As the matrix type the integrators expect."""
-    return sp.csc_matrix((data, pattern.indices, pattern.indptr), shape=pattern.shape)

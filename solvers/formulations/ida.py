@@ -58,7 +58,8 @@ def integrate(
         atol[part] = OUT_OF_TEST
     clock, work = Clock(control.wall_limit), {"evaluations": 0, "jacobians": 0}
     residual, jacobian = _callbacks(layout, form, clock, work)
-    options = {"linsolver": "dense"} if layout.n < DENSE_BELOW else {"linsolver": "sparse", "sparsity": _ones(form)}
+    ones = form.pattern.column_matrix(np.ones(form.pattern.nnz))
+    options = {"linsolver": "dense"} if layout.n < DENSE_BELOW else {"linsolver": "sparse", "sparsity": ones}
     with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()) as said:  # it prints SUNDIALS' messages
         warnings.filterwarnings("ignore", "Custom sparse Jacobian approximation")  # ours is exact, and meant
         ida = IDA(
@@ -84,7 +85,7 @@ def integrate(
                 raise StepFailure(status, f"IDA: {words}" + (f" ({native})" if native else ""))
             return step.t, step.y, step.y[layout.lam]
 
-        done = march(advance, (0.0, start.y, start.y[layout.lam]), problem.t_end, control, clock)
+        done = march(advance, (0.0, start.y, start.y[layout.lam]), layout, problem.t_end, control, clock)
         cpu_time = clock.cpu_time()
     counters = {**work, "factorisations": work["jacobians"]}
     return trajectory(layout, done, counters, notes, cpu_time=cpu_time, setup_time=setup_time)
@@ -110,7 +111,3 @@ def _callbacks(layout: Layout, form: ImplicitForm, clock: Clock, work: dict[str,
             JJ[:] = of_y + cj * of_y_dot
 
     return residual, jacobian
-
-
-def _ones(form: ImplicitForm):
-    return form.pattern.matrix(np.ones(form.pattern.nnz))

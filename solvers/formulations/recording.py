@@ -8,10 +8,13 @@ import numpy as np
 from jaxtyping import Float
 
 from harness.mechanics.jacobian import constraint_jacobian
+from harness.mechanics.motion import constraint
 from harness.mechanics.state import States
 from harness.types import Problem, Status, StepControl, Trajectory
 from solvers.formulations.layout import Layout
 
+LOOK_EVERY = 100  # steps between looks at phi; a look costs about ten steps of one body
+LOST_AXIS = 0.5  # axis rows are cosines: 30 degrees out
 NEAR_CHART_SINGULARITY = 0.05  # |sin(theta)| worth mentioning when a run fails there
 DEPENDENT_ROWS = 1e-4  # smallest to largest singular value of A below which a failure is called singular
 LARGEST_SVD = 2000  # rows; beyond, the dense SVD would cost more than the run
@@ -58,7 +61,14 @@ class March:
 Advance = Callable[[], tuple[float, Float[np.ndarray, " n"], Float[np.ndarray, " k"]]]  # one step: t, y, reaction
 
 
-def march(advance: Advance, start: tuple[float, np.ndarray, np.ndarray], t_end: float, control: StepControl, clock: Clock) -> March:
+def march(
+    advance: Advance,
+    start: tuple[float, np.ndarray, np.ndarray],
+    layout: Layout,
+    t_end: float,
+    control: StepControl,
+    clock: Clock,
+) -> March:
     """Call ``advance`` until ``t_end`` [s] or a failure; its arrays are copied."""
     t, y, reaction = start
     done = March([t], [y.copy()], [reaction.copy()])
@@ -76,6 +86,8 @@ def march(advance: Advance, start: tuple[float, np.ndarray, np.ndarray], t_end: 
             done.t.append(t)
             done.y.append(y.copy())
             done.reaction.append(reaction.copy())
+            if len(done.t) % LOOK_EVERY == 0:
+                _check_constraints(layout, y)
         done.message = "reached the end"
     except StepFailure as failure:
         done.status = failure.status
@@ -95,14 +107,13 @@ def trajectory(
     setup_time: float,
 ) -> Trajectory:
     """The coordinate-free record; a failure near a singularity of chart or constraints says so."""
-    nb, nt = layout.system.nb, len(done.t)
-    y = np.array(done.y)
-    p = y[:, layout.p].reshape(nt, nb, layout.chart.size)
-    states = layout.chart.states(p, y[:, layout.u].reshape(nt, nb, 6))
-    margin = layout.chart.margin(p)
+    y, nt = np.array(done.y), len(done.t)
+    states = _states(layout, y)
+    margin = layout.chart.margin(y[:, layout.p].reshape(nt, layout.system.nb, layout.chart.size))
     status, message = done.status, done.message
-    if status not in (Status.SUCCESS, Status.STALLED, Status.MEMORY):
-        status, reasons = _blame(layout, states, margin, status)
+    if status is not Status.SUCCESS:
+        blamed, reasons = _blame(layout, states, margin, status)
+        status = status if status in (Status.STALLED, Status.MEMORY) else blamed
         message += reasons
     return Trajectory(
         t=np.array(done.t),
@@ -120,7 +131,26 @@ def trajectory(
 
 def no_trajectory(problem: Problem, status: Status, message: str) -> Trajectory:
     """The start alone, of a run that was refused or failed before its first step."""
-    return Trajectory(np.zeros(1), States.one(problem.initial), status, message, {"steps": 0}, cpu_time=0.0, setup_time=0.0)
+    start = States.one(problem.initial)
+    return Trajectory(np.zeros(1), start, status, message, {"steps": 0}, cpu_time=0.0, setup_time=0.0)
+
+
+def _check_constraints(layout: Layout, y: np.ndarray) -> None:
+    """Stop a run whose joints have come apart by their own arms: it integrates another mechanism."""
+    s = layout.system
+    phi = np.abs(constraint(s, _states(layout, y[None]))[0])
+    first = s.row_start[:-1]
+    apart = float(np.max(phi[first[:, None] + np.arange(3)], initial=0.0))
+    tilt = float(np.max(phi[first[s.joint_revolute][:, None] + np.array([3, 4])], initial=0.0))
+    arm = max(float(np.max(np.abs(a), initial=0.0)) for a in (s.joint_s_i, s.joint_s_j))
+    if (arm > 0.0 and apart > arm) or tilt > LOST_AXIS:
+        raise StepFailure(Status.DIVERGED, f"the joints came apart: {apart:.3g} m, axes by a cosine of {tilt:.3g}")
+
+
+def _states(layout: Layout, y: Float[np.ndarray, "nt n"]) -> States:
+    nt, nb = len(y), layout.system.nb
+    p = y[:, layout.p].reshape(nt, nb, layout.chart.size)
+    return layout.chart.states(p, y[:, layout.u].reshape(nt, nb, 6))
 
 
 def _blame(layout: Layout, states: States, margin: np.ndarray, status: Status) -> tuple[Status, str]:

@@ -38,7 +38,8 @@ class InverseMass:
         try:
             T_inverse = np.linalg.inv(T)
         except np.linalg.LinAlgError:
-            raise StepFailure(Status.SINGULAR, f"the {self._chart.name} chart is singular: M(q) has no inverse") from None
+            message = f"the {self._chart.name} chart is singular: M(q) has no inverse"
+            raise StepFailure(Status.SINGULAR, message) from None
         out = self._free.copy()
         out[:, 3:, 3:] = T_inverse @ self._free[:, 3:, 3:] @ np.swapaxes(T_inverse, 1, 2)
         return out
@@ -66,9 +67,13 @@ class Saddle:
         self._band = np.zeros((int(np.max(i - j)) + 1, layout.k), order="F")
 
     def solve(
-        self, y: Float[np.ndarray, " n"], A: Float[np.ndarray, " nnz"], e: Float[np.ndarray, " n_u"], c: Float[np.ndarray, " k"]
+        self,
+        y: Float[np.ndarray, " n"],
+        A: Float[np.ndarray, " nnz"],
+        e: Float[np.ndarray, " n_u"],
+        c: Float[np.ndarray, " k"],
     ) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
-        """(u_dot, lam): ``e`` is M u_dot + h - f at u_dot = 0 without reactions, ``c`` is A u_dot + ... at u_dot = 0."""
+        """(u_dot, lam) from ``e``, the load h - f without reactions, and ``c``, the constraint row at u_dot = 0."""
         blocks = self._inverse_mass.blocks(y)
         free = np.matmul(blocks, e.reshape(-1, 6, 1)).ravel()  # minus the free acceleration
         if self._k == 0:

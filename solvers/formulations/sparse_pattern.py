@@ -15,7 +15,12 @@ class FixedPattern:
     """
 
     def __init__(
-        self, row: Int[np.ndarray, " m"], column: Int[np.ndarray, " m"], shape: tuple[int, int], *, by_column: bool = False
+        self,
+        row: Int[np.ndarray, " m"],
+        column: Int[np.ndarray, " m"],
+        shape: tuple[int, int],
+        *,
+        by_column: bool = False,
     ) -> None:
         major, minor = (column, row) if by_column else (row, column)
         self.shape, self.by_column = shape, by_column
@@ -34,7 +39,7 @@ class FixedPattern:
         return self._sum @ values
 
     def weighted(self, weights: Float[np.ndarray, " m"]) -> sp.csr_array:
-        """The matrix that sums entries times ``weights``: nonzeros = weighted(w) @ values; weight 0 leaves one out."""
+        """What sums entries times ``weights`` to nonzeros; weight 0 leaves an entry out."""
         out = (self._sum @ sp.diags_array(weights)).tocsr()
         out.eliminate_zeros()
         return out
@@ -49,10 +54,19 @@ class FixedPattern:
         """Column of each nonzero."""
         return self.major if self.by_column else self.indices
 
-    def matrix(self, data: Float[np.ndarray, " nnz"]) -> sp.csr_array | sp.csc_array:
-        """As a scipy matrix."""
-        kind = sp.csc_array if self.by_column else sp.csr_array
-        return kind((data, self.indices, self.indptr), shape=self.shape)
+    def matrix(self, data: Float[np.ndarray, " nnz"]) -> sp.csr_array:
+        """A row-wise pattern as a scipy array."""
+        return sp.csr_array((data, self.indices, self.indptr), shape=self.shape)
+
+    def column_matrix(self, data: Float[np.ndarray, " nnz"]) -> sp.csc_matrix:
+        """A pattern by columns as the matrix type the integrators expect."""
+        return sp.csc_matrix((data, self.indices, self.indptr), shape=self.shape)
+
+    def dense(self, data: Float[np.ndarray, " nnz"]) -> Float[np.ndarray, "n m"]:
+        """As a full matrix, for systems small enough that this is faster."""
+        out = np.zeros(self.shape)
+        out[self.rows, self.columns] = data
+        return out
 
 
 class FixedProduct:

@@ -23,8 +23,8 @@ def layout_for(problem: Problem, coordinates: str) -> tuple[Layout, tuple[str, .
     if len(dropped) == 0:
         return layout, ()
     rows = ", ".join(map(str, dropped))
-    note = f"dropped {len(dropped)} of {system.nrows} constraint rows, redundant at the start (rank {len(kept)}): {rows}"
-    return layout, (note,)
+    count = f"dropped {len(dropped)} of {system.nrows} constraint rows"
+    return layout, (f"{count}, redundant at the start (rank {len(kept)}): {rows}",)
 
 
 def redundancy_refusal(problem: Problem) -> str | None:
@@ -81,7 +81,7 @@ def consistent(
 
 
 def unloaded(layout: Layout, y: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """(y, y') with lam = 0: the bodies fall freely at first and the constraint row is violated, as careless users start."""
+    """(y, y') with lam = 0: the bodies start in free fall and the constraint row is violated."""
     accelerations = Accelerations(Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64)))
     y_short = y[: layout.n - layout.k]
     u_dot, _ = accelerations.at(y_short)

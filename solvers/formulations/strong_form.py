@@ -9,6 +9,7 @@ plain index 1 without stabilisation. Here f_bar = c . f and C_bar = -c^T df/dV c
 diagonal as in Eq. (35), in the coordinate-free velocities V.
 """
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -21,8 +22,14 @@ from solvers.formulations.layout import Layout
 from solvers.formulations.saddle import InverseMass, Saddle
 from solvers.formulations.sparse_pattern import FixedPattern
 from solvers.formulations.symbolic import ROWS, free_spring_element, strong_row_element
-from solvers.formulations.system_elements import body_batch, joint_rows, pair_ends, row_parameters, spring_batch
-from solvers.formulations.system_elements import spring_parameters
+from solvers.formulations.system_elements import (
+    body_batch,
+    joint_rows,
+    pair_ends,
+    row_parameters,
+    spring_batch,
+    spring_parameters,
+)
 
 
 class StrongRates(NamedTuple):
@@ -69,7 +76,7 @@ class StrongForm:
         place = np.full(len(used), -1)
         place[used] = self.pattern.place
         self._slices, n_out = _slices(layout, self.pattern.nnz)
-        self._motion = Assembly(layout=self._bare, batches=self._batches(layout, place), n_out=n_out, differentiable=False)
+        self._motion = Assembly(self._bare, self._batches(layout, place), n_out, differentiable=False)
         self._saddle = Saddle(layout, self.pattern, InverseMass(layout))
         self._at_rest = np.zeros(layout.n_u)
         s = layout.system
@@ -79,8 +86,8 @@ class StrongForm:
     def terms(self, pu: Float[np.ndarray, " n"]) -> RowTerms:
         """Everything of Eq. (65) at (p, u)."""
         out = self._motion.values(pu, self._at_rest)
-        p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, c = (out[part] for part in self._slices)
-        c = self.pattern.matrix(c)
+        p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, of_c = (out[part] for part in self._slices)
+        c = self.pattern.matrix(of_c)
         zero = np.zeros(self._k)
         if self._springs is None:
             return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, zero, zero, c @ self._gravity)
@@ -139,14 +146,15 @@ class _Springs:
 
     def at(self, pu: np.ndarray) -> tuple[np.ndarray, sp.csr_array, sp.csr_array]:
         f, damping, stiffness = np.split(self._forces.values(pu, self._at_rest), self._parts)
-        return f, *(self._pattern.matrix(self._pattern.data(slope)) for slope in (damping, stiffness))
+        of = self._pattern
+        return f, of.matrix(of.data(damping)), of.matrix(of.data(stiffness))
 
 
 def _slices(layout: Layout, nnz: int) -> tuple[list[slice], int]:
     """Parts of the assembly's output in the order of ``RowTerms`` up to M_bar_dot, then c."""
     k = layout.k
     ends = np.cumsum((0, layout.n_p, layout.n_u, nnz, k, k, k, k, k, nnz))
-    return [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)], int(ends[-1])
+    return [slice(int(a), int(b)) for a, b in pairwise(ends)], int(ends[-1])
 
 
 def _inertia(layout: Layout, bodies: np.ndarray) -> np.ndarray:

@@ -141,7 +141,7 @@ def strong_row_element(kind: str, chart: Chart) -> Element:
     coordinate-free velocities V, c = a / (a . a) per Eq. (31) and M_bar = c^T M c per Eq. (30), so that they do not
     depend on the chart. Matrices are by columns; the ground has no part in a.
     """
-    _, n, n_own = ROWS[kind]
+    n_own = ROWS[kind][2]
     parameters = ca.SX.sym(kind, n_own + 21)
     body = parameters[n_own:]
     pair = joint_pair(kind, chart, parameters[:n_own])

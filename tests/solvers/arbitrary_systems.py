@@ -1,0 +1,42 @@
+"""Systems without symmetry, and states far from any special one, for tests of formulas."""
+
+import numpy as np
+
+from harness.mechanics import so3
+from harness.mechanics.consistency import project
+from harness.mechanics.state import State
+from harness.mechanics.system import Joint, MultibodySystem, RigidBody, SpringDamper, assemble
+
+SPRINGS = (
+    SpringDamper(0, (0.2, 0.1, -0.1), 2, (0.0, 0.3, 0.1), stiffness=30.0, rest_length=0.4, damping=2.0),
+    SpringDamper(1, (-0.1, 0.2, 0.0), stiffness=12.0, rest_length=0.2, damping=0.7, p_j=(1.0, 2.0, -1.0)),
+)
+
+
+def linkage(*, springs: bool) -> MultibodySystem:
+    """Ground - spherical - body 0 - revolute - body 1 - spherical - body 2 - revolute - ground."""
+    random = np.random.default_rng(7)
+    bodies = []
+    for mass in (1.3, 0.7, 2.1):
+        Q = so3.exp(random.standard_normal(3))
+        bodies.append(RigidBody(mass, Q @ np.diag([0.04, 0.07, 0.09]) @ Q.T))
+    joints = [
+        Joint(0, (0.3, 0.1, 0.0), s_j=(0.1, -0.2, 0.3)),
+        Joint(1, (0.2, 0.0, -0.3), 0, (-0.4, 0.1, 0.2), axis_i=(1.0, 2.0, 3.0), axis_j=(0.5, -1.0, 0.2)),
+        Joint(2, (0.1, 0.2, 0.3), 1, (-0.3, 0.2, 0.0)),
+        Joint(2, (-0.2, 0.0, 0.1), s_j=(0.4, 0.5, -0.6), axis_i=(0.0, 1.0, 1.0), axis_j=(1.0, 0.2, 0.0)),
+    ]
+    return assemble(bodies, joints, (1.1, -2.3, -9.5), SPRINGS if springs else ())
+
+
+def arbitrary(system: MultibodySystem, seed: int) -> State:
+    """Poses and velocities of order one; the constraints do not hold."""
+    random = np.random.default_rng(seed)
+    nb = system.nb
+    v = random.standard_normal((2, nb, 3))
+    return State(random.standard_normal((nb, 3)), so3.exp(random.standard_normal((nb, 3))), v[0], v[1])
+
+
+def consistent(system: MultibodySystem, seed: int) -> State:
+    """An arbitrary state projected onto phi = phi_dot = 0."""
+    return project(system, arbitrary(system, seed), iterations=60)

@@ -1,0 +1,105 @@
+"""Residuals and exact Jacobians of the classical DAEs, and the start they are given."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from harness.mechanics.jacobian import constraint_jacobian
+from harness.types import Problem
+from solvers.formulations.charts import CHARTS
+from solvers.formulations.dae import ImplicitForm
+from solvers.formulations.layout import Layout
+from solvers.formulations.start import Accelerations, consistent, coordinates_and_velocities, layout_for
+from tests.solvers import arbitrary_systems
+from tests.solvers.arbitrary_systems import arbitrary, linkage
+
+SYSTEM = linkage(springs=True)
+STEP = 1e-6  # of central differences
+ALPHA, BETA = 3.0, 7.0
+few = settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+
+
+def posed(seed: int) -> Problem:
+    state = arbitrary_systems.consistent(SYSTEM, seed)
+    return Problem("linkage", SYSTEM, state, t_end=1.0, dt=1e-3, section="", source="")
+
+
+@pytest.mark.parametrize("coordinates", CHARTS)
+@pytest.mark.parametrize("form", ["fi", "se", "position"])
+def test_jacobians_are_exact(form, coordinates):
+    """dF/dy and dF/dy' equal central differences column by column at an inconsistent state with rows dropped."""
+    kept = np.delete(np.arange(SYSTEM.nrows), [4, 9])
+    at = Layout(SYSTEM, CHARTS[coordinates], kept)
+    random = np.random.default_rng(3)
+    p, u = at.chart.coordinates(arbitrary(SYSTEM, 3))
+    y, y_dot = np.concatenate((p.ravel(), u.ravel(), random.standard_normal(at.k))), random.standard_normal(at.n)
+    implicit = ImplicitForm(at, form, ALPHA, BETA)
+    of_y, of_y_dot = (implicit.pattern.dense(part) for part in implicit.jacobian(y, y_dot))
+    for k, way in enumerate(np.eye(at.n)):
+        h = STEP * way
+        by_y = (implicit.residual(y + h, y_dot) - implicit.residual(y - h, y_dot)) / (2.0 * STEP)
+        by_y_dot = (implicit.residual(y, y_dot + h) - implicit.residual(y, y_dot - h)) / (2.0 * STEP)
+        size = 1.0 + np.max(np.abs(by_y))  # rounding of the differences grows with the derivative
+        np.testing.assert_allclose(of_y[:, k], by_y, atol=1e-7 * size)
+        np.testing.assert_allclose(of_y_dot[:, k], by_y_dot, atol=1e-7 * size)
+
+
+@pytest.mark.parametrize("coordinates", CHARTS)
+@few
+@given(seed=st.integers(0, 1000))
+def test_a_consistent_start_satisfies_every_form(coordinates, seed):
+    """One (y, y') solves fi, se and index 3: they are one set of equations. Rounding times forces of order 1e3."""
+    problem = posed(seed)
+    at, notes = layout_for(problem, coordinates)
+    assert notes == ()
+    y, y_dot = consistent(at, coordinates_and_velocities(at, problem), ALPHA, BETA)
+    size = 1.0 + np.max(np.abs(np.concatenate((y, y_dot))))
+    for form in ("fi", "se", "position"):
+        assert np.max(np.abs(ImplicitForm(at, form, ALPHA, BETA).residual(y, y_dot))) < 1e-10 * size, form
+
+
+def test_lambda_dot_of_the_start_is_the_derivative_along_the_motion():
+    """lam' by the start's difference equals that of a ten times longer one to its truncation."""
+    problem = posed(5)
+    at, _ = layout_for(problem, "quaternion")
+    y, y_dot = consistent(at, coordinates_and_velocities(at, problem), 0.0, 0.0)
+    accelerations, h = Accelerations(at), 1e-4
+    longer = (accelerations.at(y + h * y_dot)[1] - accelerations.at(y - h * y_dot)[1]) / (2.0 * h)
+    np.testing.assert_allclose(y_dot[at.lam], longer, rtol=1e-4, atol=1e-4 * np.max(np.abs(longer)))
+
+
+def test_the_banded_solve_equals_the_dense_saddle():
+    """u' and lam solve [[M, -A^T], [A, 0]] (u', lam) = -(e, c), assembled densely from the geometric route."""
+    problem = posed(2)
+    at, _ = layout_for(problem, "quaternion")
+    y = coordinates_and_velocities(at, problem)
+    u_dot, lam = Accelerations(at, ALPHA, BETA).at(y)
+    A = constraint_jacobian(SYSTEM, problem.initial).toarray()
+    M = np.zeros((at.n_u, at.n_u))
+    for b in range(SYSTEM.nb):
+        M[6 * b : 6 * b + 3, 6 * b : 6 * b + 3] = SYSTEM.mass[b] * np.eye(3)
+        M[6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = SYSTEM.inertia[b]
+    free = Layout(SYSTEM, at.chart, np.zeros(0, dtype=np.int64))
+    e = -M @ Accelerations(free).at(y[: at.n - at.k])[0]  # without joints M u' = -e
+    np.testing.assert_allclose(M @ u_dot - A.T @ lam, -e, atol=1e-9)
+
+
+def test_redundant_rows_are_dropped_and_named():
+    """A joint stated twice has rank one joint: its rows are left out, the note says which, lam is that of one joint."""
+    problem = posed(1)
+    twice = {
+        name: np.concatenate((getattr(SYSTEM, name), getattr(SYSTEM, name)[:1]))
+        for name in vars(SYSTEM)
+        if "joint_" in name
+    }
+    system = dataclasses.replace(SYSTEM, **{k: v for k, v in twice.items() if k != "joint_names"})
+    at, notes = layout_for(dataclasses.replace(problem, system=system), "quaternion")
+    assert at.k == SYSTEM.nrows and system.nrows == SYSTEM.nrows + 3
+    assert notes[0].startswith("dropped 3 of 19 constraint rows")
+    once, _ = layout_for(problem, "quaternion")
+    u_dot, _ = Accelerations(at).at(coordinates_and_velocities(at, problem))
+    expected, _ = Accelerations(once).at(coordinates_and_velocities(once, problem))
+    np.testing.assert_allclose(u_dot, expected, atol=1e-8)

@@ -1,0 +1,122 @@
+"""Eq. (65) as printed, against its solution by the saddle, and against plain index 1."""
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from harness.mechanics.motion import scaling_masses
+from harness.mechanics.state import State
+from solvers.formulations.charts import CHARTS
+from solvers.formulations.layout import Layout
+from solvers.formulations.saddle import InverseMass
+from solvers.formulations.start import Accelerations
+from solvers.formulations.strong_form import RowTerms, StrongForm
+from tests.solvers.arbitrary_systems import arbitrary, consistent, linkage
+
+few = settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+seeds = st.integers(0, 1000)
+
+
+def layout(coordinates: str, *, springs: bool) -> Layout:
+    system = linkage(springs=springs)
+    return Layout(system, CHARTS[coordinates], np.arange(system.nrows))
+
+
+def position_and_velocity(at: Layout, state: State) -> np.ndarray:
+    return np.concatenate([part.ravel() for part in at.chart.coordinates(state)])
+
+
+@pytest.mark.parametrize("coordinates", CHARTS)
+@few
+@given(seed=seeds)
+def test_without_springs_the_strong_form_is_unstabilised_index_1(coordinates, seed):
+    """C_bar = K_bar = 0 and phi_dot = 0: Eq. (65)'s acceleration and reaction are those of phi_ddot = 0, whatever lam.
+
+    Both routes solve the same banded system; what may differ is rounding of accelerations of order 1e2.
+    """
+    at = layout(coordinates, springs=False)
+    pu = position_and_velocity(at, consistent(at.system, seed))
+    random = np.random.default_rng(seed)
+    lam, lam_dot = random.standard_normal((2, at.k))
+    strong = StrongForm(at).rates(pu, lam, lam_dot)
+    u_dot, reaction = Accelerations(at).at(np.concatenate((pu, np.zeros(at.k))))
+    size = np.max(np.abs(u_dot))
+    np.testing.assert_allclose(strong.u_dot, u_dot, atol=1e-10 * size)
+    np.testing.assert_allclose(strong.reaction, reaction, atol=1e-10 * size)
+
+
+@pytest.mark.parametrize("springs", [False, True])
+@pytest.mark.parametrize("coordinates", CHARTS)
+@few
+@given(seed=seeds)
+def test_the_printed_matrix_equation_holds(coordinates, springs, seed):
+    """Both rows of Eq. (65), assembled densely with M, A, M_bar, vanish, at states off the constraints too."""
+    at = layout(coordinates, springs=springs)
+    form, pu = StrongForm(at), position_and_velocity(at, arbitrary(at.system, seed))
+    lam, lam_dot = np.random.default_rng(seed).standard_normal((2, at.k))
+    r = form.rates(pu, lam, lam_dot)
+    s: RowTerms = form.terms(pu)
+    inverse = InverseMass(at)
+    M = np.linalg.inv(inverse.pattern.dense(inverse.pattern.data(inverse.blocks(pu).ravel())))
+    A = form.pattern.dense(s.A)
+    first = M @ r.u_dot - A.T @ (s.M_bar * r.lam_ddot) + s.e
+    first -= A.T @ ((s.M_bar_dot + s.C_bar) * lam_dot + s.K_bar * lam - s.f_bar)
+    second = s.M_bar * (A @ r.u_dot + s.gamma) + (s.M_bar_dot + s.C_bar) * s.phi_dot + s.K_bar * s.phi
+    size = 1.0 + np.max(np.abs(M @ r.u_dot)) + np.max(np.abs(r.reaction))
+    np.testing.assert_allclose(first, 0.0, atol=1e-9 * size)
+    np.testing.assert_allclose(second, 0.0, atol=1e-9 * size)
+
+
+@few
+@given(seed=seeds)
+def test_m_bar_dot_is_the_derivative_of_m_bar(seed):
+    """Central differences of the contract's M_bar along the motion; 1e-10 of truncation over 1e-5."""
+    at, h = layout("quaternion", springs=False), 1e-5
+    state = arbitrary(at.system, seed)
+    pu = position_and_velocity(at, state)
+    terms = StrongForm(at).terms(pu)
+    p_dot, p = terms.p_dot, pu[at.p]
+    around = []
+    for way in (h, -h):
+        moved = at.chart.states((p + way * p_dot).reshape(1, at.system.nb, -1), pu[at.u].reshape(1, at.system.nb, 6))
+        around.append(scaling_masses(at.system, moved)[0])
+    np.testing.assert_allclose(terms.M_bar_dot, (around[0] - around[1]) / (2.0 * h), atol=1e-6)
+
+
+def test_gravity_alone_gives_no_c_bar_and_no_k_bar():
+    """Constant forces have no slopes, Eq. (32); springs and dampers have."""
+    plain, sprung = layout("quaternion", springs=False), layout("quaternion", springs=True)
+    state = arbitrary(plain.system, 1)
+    terms = StrongForm(plain).terms(position_and_velocity(plain, state))
+    assert not np.any(terms.C_bar) and not np.any(terms.K_bar)
+    terms = StrongForm(sprung).terms(position_and_velocity(sprung, state))
+    assert np.all(terms.C_bar >= 0.0)  # dampers only dissipate: -df/dV is positive semidefinite
+    assert np.any(terms.C_bar > 0.0) and np.any(terms.K_bar != 0.0)
+
+
+@few
+@given(seed=seeds)
+def test_c_bar_and_k_bar_are_slopes_of_the_force_along_c(seed):
+    """Eq. (32) by central differences: the springs' force at velocities V +- h c and at poses moved by +- h c."""
+    at, h = layout("quaternion", springs=True), 1e-5
+    form, pu = StrongForm(at), position_and_velocity(at, arbitrary(at.system, seed))
+    terms = form.terms(pu)
+    A = form.pattern.dense(terms.A)
+    c = A / np.sum(A * A, axis=1, keepdims=True)
+
+    def force(pu: np.ndarray) -> np.ndarray:
+        return form._springs.at(pu)[0]
+
+    for row in (0, 4, 7, 9):
+        faster = [pu + np.concatenate((np.zeros(at.n_p), way * c[row])) for way in (h, -h)]
+        moved = [pu + np.concatenate((way * _flow(at, pu, c[row]), np.zeros(at.n_u))) for way in (h, -h)]
+        C_bar = -c[row] @ (force(faster[0]) - force(faster[1])) / (2.0 * h)
+        K_bar = -c[row] @ (force(moved[0]) - force(moved[1])) / (2.0 * h)
+        assert terms.C_bar[row] == pytest.approx(C_bar, abs=1e-6)
+        assert terms.K_bar[row] == pytest.approx(K_bar, abs=1e-5)
+
+
+def _flow(at: Layout, pu: np.ndarray, V: np.ndarray) -> np.ndarray:
+    """p_dot of velocities V at p."""
+    return StrongForm(at).terms(np.concatenate((pu[at.p], V))).p_dot
