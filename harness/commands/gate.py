@@ -15,13 +15,15 @@ from harness import store
 from harness.commands.progress import progress
 from harness.commands.run import add_running, existing, jobs
 from harness.commands.terms import load_plugins
-from harness.gate import State, Verdict, judge, tightened
+from harness.gate import Finding, State, Verdict, judge, tightened
 from harness.proposal import proposed
 from harness.runner import Request, new_folder, run_suite
 from harness.suites import Suite, load_suite
 from harness.thresholds import FOLDER, Thresholds, read_thresholds, write_thresholds
 
 STYLE = {State.FAIL: "bold red", State.XPASS: "yellow", State.XFAIL: "cyan", State.PASS: "green"}
+
+ROUNDED = 1e-11  # in any of the metrics' units: below it, a change is the machine's
 
 
 def add(commands: Any) -> None:
@@ -33,6 +35,7 @@ def add(commands: Any) -> None:
     p.add_argument("--update", action="store_true", help="print a diff that tightens thresholds and adds missing ones")
     p.add_argument("--loosen", action="store_true", help="with --update: propose wider bounds too")
     p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
+    p.add_argument("--all", action="store_true", help="show every threshold, not only what failed or moved")
     add_running(p)
     p.set_defaults(run=run)
 
@@ -48,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.update:
         return _update(path, thresholds, loaded, loosen=arguments.loosen, write=arguments.write)
     verdict = judge(suite.cells, loaded.records, thresholds)
-    _print(verdict)
+    _print(verdict, everything=arguments.all)
     return 0 if verdict.is_open else 1
 
 
@@ -62,26 +65,35 @@ def _loaded(arguments: argparse.Namespace, suite: Suite) -> store.Loaded:
     return loaded
 
 
-def _print(verdict: Verdict) -> None:
+def _print(verdict: Verdict, *, everything: bool) -> None:
     out = Console()
     if not out.is_terminal:
         out = Console(width=220)
     table = Table(box=None, padding=(0, 2, 0, 0))
     for name in ("state", "case", "metric", "measured", "was", "bound", "unit", "why"):
         table.add_column(name, overflow="fold")
-    for f in verdict.findings:
-        if f.what == "status" and f.state is State.PASS:
-            continue
+    shown = [f for f in verdict.findings if everything or f.state is not State.PASS or _has_moved(f)]
+    for f in shown:
         was = "" if math.isnan(f.value) else f"{f.value:.3g} ({_moved(f.measured, f.value)})"
         measured = "" if math.isnan(f.measured) else f"{f.measured:.4g}"
         words = f.words if f.state is not State.PASS else ""
         table.add_row(
             Text(f.state.name, STYLE[f.state]), Text(f.case), f.what, measured, was, f.bound, Text(f.unit), Text(words)
         )
-    out.print(table)
+    if shown:
+        out.print(table)
+    if len(shown) < len(verdict.findings):
+        out.print(f"{len(verdict.findings) - len(shown)} more pass and have not moved by 1 % (--all shows them)")
     counts = {s: sum(f.state is s for f in verdict.findings) for s in sorted(State, reverse=True)}
     words = ", ".join(f"{n} {s.name}" for s, n in counts.items() if n) or "nothing was judged"
     out.print(Text(f"gate {'open' if verdict.is_open else 'CLOSED'}: {words}", STYLE[verdict.state]))
+
+
+def _has_moved(f: Finding) -> bool:
+    """By 1 % and by more than rounding."""
+    if math.isnan(f.measured) or math.isnan(f.value):
+        return False
+    return abs(f.measured - f.value) > max(0.01 * abs(f.value), ROUNDED)
 
 
 def _moved(measured: float, value: float) -> str:

@@ -49,7 +49,8 @@ class Watch:
             self.worst = (relative, job.cell.case)
         words = f"{record.status:<14} {record.wall_s:6.1f} s  {job.cell.case}"
         if record.status not in (Status.SUCCESS, Status.REFUSED):
-            words += f"  ({'; '.join(json.loads(record.wrong_because)) or record.message})"
+            because = json.loads(record.wrong_because) or [record.message]
+            words += f"  ({because[0]}{f', and {len(because) - 1} more' if because[1:] else ''})"
         count = f"[{self.before + self.done}/{self.total}]"
         self._say(f"{count} {words}", STYLE.get(Status(record.status), "yellow"))
         self.tick()

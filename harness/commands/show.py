@@ -16,7 +16,7 @@ from harness.types import Status
 
 SHOWN = {
     "energy_drift_max_J": "|dE| [J]", "phi_max": "|phi| [m]", "phi_dot_max": "|phi'| [m/s]",
-    "position_error_max_m": "error [m]", "cpu_min_s": "CPU [s]",
+    "position_error_max_m": "error [m]", "orientation_error_max_rad": "error [rad]", "cpu_min_s": "CPU [s]",
 }  # fmt: skip
 
 

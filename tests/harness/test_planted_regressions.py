@@ -1,0 +1,68 @@
+"""The gate turns red when a solver gets worse: step doubled, tolerance loosened, B term dropped."""
+
+import dataclasses
+from pathlib import Path
+
+import pytest
+
+from harness import registry, store, worker
+from harness.gate import State, judge
+from harness.job import Job
+from harness.suites import load_suite
+from harness.thresholds import FOLDER, read_thresholds
+from harness.types import Status, StepControl
+
+SUITE = load_suite("ci")
+THRESHOLDS = read_thresholds(FOLDER / "ci.toml")
+MOVING = "spherical_pendulum[omega_z=3,t_end=5]"  # spatial and loaded: every term of the equations counts
+WORSE_OPTIONS = {  # of solvers that have such an option; a solver without one is tested by its step or tolerance
+    "gc_weak_form": [{"b_term": False}, {"tolerance": 1e-3}, {"gauge": "accumulate"}],
+    "gc_augmented_lagrangian": [{"b_term": False}, {"tolerance": 1e-3}],
+    "ida_index1": [{"alpha": 0.0, "beta": 0.0}],
+    "ndf_index1": [{"alpha": 0.0, "beta": 0.0}],
+}
+
+
+def cell_of(solver: str):
+    return next(c for c in SUITE.cells if c.solver == solver and c.case.startswith(MOVING) and not c.options)
+
+
+def planted():
+    for solver, entry in registry.solvers().items():
+        if not any(c.solver == solver for c in SUITE.cells):
+            continue
+        cell = cell_of(solver)
+        c = cell.control
+        worse = StepControl(dt=2.0 * c.dt) if c.dt else StepControl(rtol=10.0 * c.rtol)
+        yield pytest.param(cell, dataclasses.replace(cell, control=worse), id=f"{solver}-{entry.control}")
+        for options in WORSE_OPTIONS.get(solver, []):
+            known = {k: v for k, v in options.items() if k in entry.parameters}
+            if known:
+                yield pytest.param(cell, dataclasses.replace(cell, options=known), id=f"{solver}-{next(iter(known))}")
+
+
+def state_of(cell, run, folder: Path) -> State:
+    """What the gate says when ``run`` is what the code makes of ``cell``."""
+    record = worker.run(Job(run, store.create(folder)))
+    assert record.status != Status.CRASHED, record.message  # a gate red for a bug of ours proves nothing
+    record = dataclasses.replace(record, case=cell.case, settings=cell.settings)
+    bounds = tuple(b for b in THRESHOLDS.bounds if b.case == cell.case)
+    return judge([cell], [record], dataclasses.replace(THRESHOLDS, bounds=bounds, statuses={})).state
+
+
+@pytest.mark.parametrize(("cell", "worse"), list(planted()))
+def test_a_planted_regression_closes_the_gate(cell, worse, tmp_path):
+    """Each is a change of a line that every other check may let through."""
+    assert state_of(cell, worse, tmp_path) is State.FAIL
+
+
+@pytest.mark.parametrize("solver", sorted({c.solver for c in SUITE.cells}))
+def test_the_unchanged_solver_passes(solver, tmp_path):
+    """The counterpart: the same cell, as it is, is open."""
+    assert state_of(cell_of(solver), cell_of(solver), tmp_path) is State.PASS
+
+
+def test_every_solver_is_in_the_gate():
+    """A solver that no cell runs can break unseen."""
+    ours = {n for n, e in registry.solvers().items() if e.make.__module__.startswith("solvers.")}
+    assert ours == {c.solver for c in SUITE.cells}
