@@ -78,9 +78,8 @@ class Saddle:
         free = np.matmul(blocks, e.reshape(-1, 6, 1)).ravel()  # minus the free acceleration
         if self._k == 0:
             return -free, np.zeros(0)
-        matrix = self._A.matrix(A)
-        lam = self._solve_S(blocks, A, matrix @ free - c)
-        return np.matmul(blocks, (matrix.T @ lam - e).reshape(-1, 6, 1)).ravel(), lam
+        lam = self._solve_S(blocks, A, self._A.times(A, free) - c)
+        return np.matmul(blocks, (self._A.transposed_times(A, lam) - e).reshape(-1, 6, 1)).ravel(), lam
 
     def _solve_S(self, blocks: np.ndarray, A: np.ndarray, right: np.ndarray) -> np.ndarray:
         S = self._S.data(self.A_inverse_mass.data(A, blocks.ravel()), A[self._At_order])

@@ -32,6 +32,11 @@ class FixedPattern:
         self.indptr = np.searchsorted(self.major, np.arange(n_major + 1)).astype(np.int32)
         self.nnz = len(places)
         m = len(self.place)
+        arrays = np.zeros(self.nnz), self.indices, self.indptr
+        self._rowwise, self._turned = (
+            sp.csr_array(arrays, shape=(n_major, n_minor)),
+            sp.csc_array(arrays, shape=(n_minor, n_major)),
+        )
         self._sum = sp.csr_array((np.ones(m), (self.place, np.arange(m))), shape=(self.nnz, m))
 
     def data(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " nnz"]:
@@ -53,6 +58,16 @@ class FixedPattern:
     def columns(self) -> Int[np.ndarray, " nnz"]:
         """Column of each nonzero."""
         return self.major if self.by_column else self.indices
+
+    def times(self, data: Float[np.ndarray, " nnz"], x: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
+        """P x of a row-wise pattern; making a scipy array each time would cost more than the product."""
+        self._rowwise.data = data
+        return self._rowwise @ x
+
+    def transposed_times(self, data: Float[np.ndarray, " nnz"], x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
+        """P^T x of a row-wise pattern."""
+        self._turned.data = data
+        return self._turned @ x
 
     def matrix(self, data: Float[np.ndarray, " nnz"]) -> sp.csr_array:
         """A row-wise pattern as a scipy array."""

@@ -3,10 +3,10 @@
 import numpy as np
 from jaxtyping import Float
 
-from harness.mechanics.jacobian import independent_rows
 from harness.types import Problem
 from solvers.formulations.charts import CHARTS
 from solvers.formulations.layout import Layout
+from solvers.formulations.rank import rows_to_keep
 from solvers.formulations.saddle import InverseMass, Saddle
 from solvers.formulations.sparse_pattern import FixedPattern
 from solvers.formulations.system_elements import equations_of_motion
@@ -17,7 +17,7 @@ RATE_STEP = 1e-5  # [s] of the central difference for lam', which serves only th
 def layout_for(problem: Problem, coordinates: str) -> tuple[Layout, tuple[str, ...]]:
     """Unknowns on the independent rows at the start, and a note on those dropped."""
     system = problem.system
-    kept = independent_rows(system, problem.initial)
+    kept = rows_to_keep(system, problem.initial)
     dropped = np.setdiff1d(np.arange(system.nrows), kept)
     layout = Layout(system, CHARTS[coordinates], kept)
     if len(dropped) == 0:
@@ -29,7 +29,7 @@ def layout_for(problem: Problem, coordinates: str) -> tuple[Layout, tuple[str, .
 
 def redundancy_refusal(problem: Problem) -> str | None:
     """The sentence for a system with redundant rows, or None."""
-    rank, rows = len(independent_rows(problem.system, problem.initial)), problem.system.nrows
+    rank, rows = len(rows_to_keep(problem.system, problem.initial)), problem.system.nrows
     if rank == rows:
         return None
     return f"{rows} constraint rows have rank {rank} at the start; set redundancy=drop to keep {rank} independent ones"

@@ -87,11 +87,13 @@ class StrongForm:
         """Everything of Eq. (65) at (p, u)."""
         out = self._motion.values(pu, self._at_rest)
         p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, of_c = (out[part] for part in self._slices)
-        c = self.pattern.matrix(of_c)
         zero = np.zeros(self._k)
         if self._springs is None:
-            return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, zero, zero, c @ self._gravity)
+            return RowTerms(
+                p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, zero, zero, self.pattern.times(of_c, self._gravity)
+            )
         f, damping, stiffness = self._springs.at(pu)
+        c = self.pattern.matrix(of_c)
         C_bar, K_bar = (np.asarray((c @ slope).multiply(c).sum(axis=1)).ravel() for slope in (damping, stiffness))
         return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, C_bar, K_bar, c @ (self._gravity + f))
 

@@ -1,0 +1,123 @@
+"""RK45, NDF and IDA on the symbolic route, against exact references and against each other."""
+
+import numpy as np
+import pytest
+
+from harness.mechanics import motion
+from harness.mechanics.jacobian import constraint_jacobian
+from harness.registry import make_problem, make_solver
+from harness.types import Problem, Status, StepControl, Trajectory
+
+ALL = ["rk45_strong_form", "ndf_index1", "ida_index1", "ida_index3"]
+INDEX_1 = ALL[:3]
+
+
+def solve(solver: str, problem: Problem, rtol: float, options: dict | None = None, **limits: float) -> Trajectory:
+    return make_solver(solver, options).solve(problem, StepControl(rtol=rtol, **limits))
+
+
+def top(t_end: float = 2.0) -> Problem:
+    return make_problem("heavy_top", {"t_end": t_end})
+
+
+def pendulum(t_end: float = 10.0) -> Problem:
+    return make_problem("spherical_pendulum", {"t_end": t_end, "omega_z": 0.1})
+
+
+def error(problem: Problem, t: Trajectory) -> float:
+    """Largest distance [m] from the exact motion."""
+    reference = problem.reference()
+    assert reference is not None
+    return float(np.max(np.abs(t.states.r - reference.states(t.t).r)))
+
+
+@pytest.mark.parametrize("coordinates", ["quaternion", "euler313"])
+@pytest.mark.parametrize("solver", INDEX_1)
+@pytest.mark.parametrize(("problem", "allowed"), [(top, 1e-4), (pendulum, 1e-3)])
+def test_tight_tolerance_reaches_the_exact_motion(problem, allowed, solver, coordinates):
+    """At rtol 1e-8 the top stays within 1e-4 m for 2 s, the spatial pendulum within 1e-3 m for 10 s, in both charts."""
+    p = problem()
+    t = solve(solver, p, 1e-8, {"coordinates": coordinates})
+    assert t.status is Status.SUCCESS, t.message
+    assert t.t[-1] == p.t_end
+    assert error(p, t) < allowed
+
+
+@pytest.mark.parametrize("solver", ALL)
+def test_errors_follow_the_tolerance(solver):
+    """A tolerance 1e4 times tighter makes the error at least 50 times smaller: an order of 0.4, even at index 3."""
+    p = pendulum(4.0)
+    loose, tight = (error(p, solve(solver, p, rtol)) for rtol in (1e-4, 1e-8))
+    assert tight < loose / 50.0
+
+
+@pytest.mark.parametrize(
+    ("solver", "options"),
+    [
+        ("ida_index1", {"form": "se"}),
+        ("ida_index1", {"lambda_in_error_test": True, "form": "se"}),
+        ("ida_index1", {"alpha": 0.0, "beta": 0.0}),
+        ("ida_index1", {"consistent_start": False}),
+        ("ndf_index1", {"accelerations": "eliminated"}),
+        ("ndf_index1", {"lambda_in_error_test": True, "accelerations": "eliminated"}),
+        ("rk45_strong_form", {"alpha": 5.0, "beta": 5.0}),
+        ("rk45_strong_form", {"lambda_in_error_test": True}),
+    ],
+)
+def test_options_change_the_numbers_not_the_motion(solver, options):
+    """Every form has the same exact solution."""
+    p = pendulum(4.0)
+    t = solve(solver, p, 1e-8, options)
+    assert t.status is Status.SUCCESS, t.message
+    assert error(p, t) < 1e-4
+
+
+@pytest.mark.parametrize("solver", ALL)
+def test_the_reaction_is_the_force_that_bends_the_motion(solver):
+    """m v_dot = m g + (A^T reaction)_r: the recorded reaction against differences of the recorded velocity.
+
+    The differences between unequal steps err by their size: 2 % of the largest force at steps below 5 ms.
+    """
+    p = pendulum(2.0)
+    t = solve(solver, p, 1e-7, max_step=5e-3)
+    middle = 0.5 * (t.t[1:] + t.t[:-1])
+    late = middle > 0.1  # index 3 starts with noise in lambda that its first steps damp
+    acceleration = np.diff(t.states.v[:, 0], axis=0) / np.diff(t.t)[:, None]
+    force = p.system.mass[0] * (acceleration - p.system.gravity)
+    load = np.array([constraint_jacobian(p.system, t.states[k]).T @ t.reaction[k] for k in range(len(t.t))])[:, :3]
+    expected = 0.5 * (load[1:] + load[:-1])
+    assert np.max(np.abs(force - expected)[late]) < 0.02 * np.max(np.abs(force))
+
+
+def test_baumgarte_keeps_what_plain_index_1_loses():
+    """phi grows quadratically without stabilisation and stays at the tolerance with it."""
+    p = make_problem("spherical_pendulum", {"t_end": 20.0, "omega_z": 0.1})
+    phi = {}
+    for stabilised in (0.0, 5.0):
+        t = solve("ida_index1", p, 1e-6, {"alpha": stabilised, "beta": stabilised})
+        phi[stabilised] = np.linalg.norm(motion.constraint(p.system, t.states), axis=1)[-1]
+    assert phi[5.0] < 1e-5 < phi[0.0]
+
+
+@pytest.mark.parametrize("solver", INDEX_1)
+def test_springs_and_dampers_lose_what_the_dampers_take(solver):
+    """E(t) - E(0) = integral of the damping power, by the trapezoid rule on the recorded steps (1 ms: 1e-5 J)."""
+    from tests.solvers.arbitrary_systems import consistent, linkage
+
+    system = linkage(springs=True)
+    p = Problem("linkage", system, consistent(system, 3), t_end=0.5, dt=1e-3, section="", source="")
+    t = solve(solver, p, 1e-8, max_step=1e-3)
+    assert t.status is Status.SUCCESS, t.message
+    E, power = motion.energy(system, t.states), motion.damping_power(system, t.states)
+    lost = np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(t.t))
+    assert E[-1] - E[0] == pytest.approx(lost, abs=1e-5 * abs(E[0]))
+    assert lost < -1e-2
+
+
+@pytest.mark.parametrize("solver", ALL)
+def test_a_run_is_repeatable_to_the_last_bit(solver):
+    """No thread, cache or random number takes part."""
+    p = top(0.1)
+    a, b = (solve(solver, p, 1e-6) for _ in range(2))
+    assert np.array_equal(a.t, b.t) and np.array_equal(a.states.r, b.states.r)
+    assert np.array_equal(a.reaction, b.reaction) and a.counters == b.counters
