@@ -16,7 +16,17 @@ from harness.store import Loaded
 from harness.suites import parse_suite
 
 PLUGIN = Path(__file__).parent / "misbehaving.py"
-registry.load_plugin(PLUGIN)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def catalogue():
+    """Our solvers are in the catalogues for the tests of this folder only: other tests are generated from them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registry, "_plugin_files", set())
+        patch.setattr(registry, "_plugin_problems", {})
+        patch.setattr(registry, "_plugin_solvers", {})
+        registry.load_plugin(PLUGIN)
+        yield
 
 
 class Silent:

@@ -5,17 +5,14 @@ import math
 
 import pytest
 
+from harness.cell import Cell
 from harness.gate import State, judge, tightened
 from harness.proposal import proposed
 from harness.records import RunRecord
-from harness.suites import parse_suite
 from harness.thresholds import Expectation, Threshold, ThresholdError, Thresholds, read_thresholds, write_thresholds
-from harness.types import Status
-from tests.harness.conftest import PLUGIN
+from harness.types import Status, StepControl
 
-CELLS = parse_suite(
-    '[[cells]]\nproblem = "free_fall"\nsolver = "exact"\ndt = [0.1, 0.5]', "t", "t", plugins=(str(PLUGIN),)
-).cells
+CELLS = tuple(Cell("free_fall", "exact", StepControl(dt=dt)) for dt in (0.1, 0.5))
 CASE, OTHER = (c.case for c in CELLS)
 RECORDS = [RunRecord(cell=c.settings, settings=c.settings, case=c.case, status="success", phi_max=1.0) for c in CELLS]
 

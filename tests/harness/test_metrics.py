@@ -15,9 +15,6 @@ from harness.summary import columns, largest, time_mean, trend
 from harness.thinning import frames_to_keep, rows_to_keep
 from harness.types import Problem, State, Status, Trajectory
 from harness.verdict import doubts
-from tests.harness.conftest import PLUGIN
-
-registry.load_plugin(PLUGIN)
 
 
 def solved(solver: str, options: dict | None = None, t_end: float = 2.0, dt: float = 0.01):

@@ -2,11 +2,8 @@
 
 import pytest
 
-from harness import registry
 from harness.suites import SuiteError, load_suite, parse_suite, suite_names
-from tests.harness.conftest import PLUGIN
 
-registry.load_plugin(PLUGIN)
 GROUP = '[[cells]]\nproblem = "free_fall"\nsolver = "exact"\n'
 
 
