@@ -66,7 +66,7 @@ class Chart(ABC):
         """The motion in space; R orthogonal to rounding."""
 
     @abstractmethod
-    def margin(self, p: Float[np.ndarray, "*batch nb size"]) -> Float[np.ndarray, " *batch"]:
+    def margin(self, p: Float[np.ndarray, "nt nb size"]) -> Float[np.ndarray, " nt"]:
         """Distance from the chart's nearest singularity over bodies: 1 far from it, 0 on it."""
 
     def refusal(self, state: State) -> str | None:
