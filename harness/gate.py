@@ -15,6 +15,8 @@ from harness.records import RunRecord
 from harness.thresholds import Threshold, Thresholds
 from harness.types import Status
 
+WORTH = 0.95  # of a bound: less is not worth a commit
+
 
 class State(IntEnum):
     """Worst first when sorted downwards."""
@@ -88,7 +90,7 @@ def tightened(
         was = bounds.get((new.case, new.metric))
         if was is None:
             bounds[new.case, new.metric] = new
-        elif loosen or new.upper < was.upper * (1.0 - 1e-9):
+        elif loosen or new.upper < WORTH * was.upper:
             bounds[new.case, new.metric] = dataclasses.replace(
                 new, lower=was.lower, reason=was.reason, expect=was.expect
             )

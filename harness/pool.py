@@ -10,11 +10,14 @@ import subprocess
 import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 from harness.environment import ROOT, THREADS
 from harness.job import Job, record_of
 from harness.store import write_record
+from harness.supervisor import WARM
 from harness.types import Status
+from harness.warmup import cells_to_warm
 
 TICK = 0.25  # [s] between two looks at the clock
 
@@ -31,7 +34,9 @@ class LocalPool:
     started: Callable[[Job], None] = lambda job: None
     ended: Callable[[Job], None] = lambda job: None
     tick: Callable[[], None] = lambda: None
+    warmed: Callable[[dict[str, float]], None] = lambda times: None
     _flying: dict[str, Job] = field(default_factory=dict)
+    _compiling: bool = False
     _attempts: dict[str, int] = field(default_factory=dict)
 
     def run(self, jobs: Sequence[Job]) -> None:
@@ -67,10 +72,11 @@ class LocalPool:
         assert process.stdin is not None and process.stdout is not None
         pending = b""
         try:
+            self._warm(process, waiting)
             while True:
-                while waiting and len(self._flying) < self.size:
+                while waiting and not self._compiling and len(self._flying) < self.size:
                     self._send(process, waiting.pop())
-                if not self._flying:
+                if not self._flying and not self._compiling:
                     return None
                 ready, _, _ = select.select([process.stdout], [], [], TICK)
                 self.tick()
@@ -89,6 +95,16 @@ class LocalPool:
             process.wait()
             process.stdout.close()
 
+    def _warm(self, process: subprocess.Popen, waiting: list[Job]) -> None:
+        """Let the supervisor compile before any clock runs."""
+        cells = [cell.to_plain() for cell in cells_to_warm([job.cell for job in reversed(waiting)])]
+        self._compiling = bool(cells)
+        if not cells:
+            return
+        assert process.stdin is not None
+        process.stdin.write(WARM + json.dumps(cells).encode() + b"\n")
+        process.stdin.flush()
+
     def _send(self, process: subprocess.Popen, job: Job) -> None:
         self._flying[job.id] = job
         self._attempts[job.id] = self._attempts.get(job.id, 0) + 1
@@ -97,7 +113,11 @@ class LocalPool:
         process.stdin.write((job.to_json() + "\n").encode())
         process.stdin.flush()
 
-    def _receive(self, answer: dict[str, str]) -> None:
+    def _receive(self, answer: dict[str, Any]) -> None:
+        if "warm" in answer:
+            self._compiling = False
+            self.warmed(answer["warm"])
+            return
         job = self._flying.pop(answer["cell"])
         if answer["error"]:
             raise PoolError(answer["error"])

@@ -93,6 +93,16 @@ def solvers() -> Mapping[str, SolverEntry]:
     return {**_own_solvers(), **_plugin_solvers}
 
 
+def is_own_problem(name: str) -> bool:
+    """Whether ``name`` is of ``problems/``, not of a plugin."""
+    return name in _own_problems()
+
+
+def is_own_solver(name: str) -> bool:
+    """Whether ``name`` is of ``solvers/``, not of a plugin."""
+    return name in _own_solvers()
+
+
 def load_plugin(path: Path) -> None:
     """Add the entries of a Python file from outside the tree, or ValueError; it runs only because it was named.
 

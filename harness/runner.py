@@ -32,6 +32,10 @@ class Watcher(Protocol):
         """A cell has its record."""
         ...
 
+    def warmed(self, times: dict[str, float]) -> None:
+        """Solvers are compiled; how long each took [s]."""
+        ...
+
     def tick(self) -> None:
         """Time passes."""
         ...
@@ -67,7 +71,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., LocalPool]
             watcher.ended(job, store.read_record(folder / "cells" / f"{job.id}.json"))
 
         try:
-            pool(request.jobs, watcher.started, ended, watcher.tick).run(waiting)
+            pool(request.jobs, watcher.started, ended, watcher.tick, watcher.warmed).run(waiting)
         finally:
             loaded = _of_suite(folder, {job.id for job in jobs}, before.unreadable)
             store.write_table(folder, loaded.records)

@@ -21,6 +21,7 @@ from harness.summary import columns
 from harness.supervisor import GRACE
 from harness.types import Problem, Status, StepControl, Trajectory
 from harness.verdict import doubts
+from harness.warmup import cells_to_warm, warm_apart_then_here
 from harness.worker import solve_repeatedly
 
 NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
@@ -39,6 +40,8 @@ class Outcome:
 def solve_to_file(cell: Cell, out: Path, wall_limit: float | None) -> Outcome:
     """Run ``cell`` and write ``out``; a crash or a kill leaves a file with the start alone."""
     problem = registry.make_problem(cell.problem, cell.parameters)
+    if wall_limit is not None:  # a limit is on the run: compile before its clock starts
+        warm_apart_then_here(cells_to_warm([cell]))
     with tempfile.TemporaryDirectory() as place:
         note, stderr = Path(place) / "outcome.json", Path(place) / "stderr"
         cpu = NO_LIMIT if wall_limit is None else 2.0 * wall_limit + 60.0

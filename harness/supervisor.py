@@ -15,13 +15,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from harness import store, worker
+from harness.cell import Cell
 from harness.isolation import CANNOT_WRITE, Child, fork, kill_group, trim
 from harness.job import Job, record_of
 from harness.types import Status
+from harness.warmup import warm_apart_then_here
 
 GRACE = 2.0  # [s] over the wall limit, then killed: a solver was asked to stop at 0.9 of the limit
 MEASURE_LIMIT = 120.0  # [s] for metrics once the solver is done, reference included
 POLL = 0.1  # [s]
+WARM = b"warm "  # begins the line that asks for compilation ahead of the cells
 
 
 @dataclass
@@ -160,7 +163,12 @@ def serve(jobs: int, results: int) -> None:
                 return
             *lines, pending = (pending + chunk).split(b"\n")
             for line in lines:
-                supervisor.start(Job.from_json(line.decode()))
+                if line.startswith(WARM):
+                    cells = [Cell.from_plain(plain) for plain in json.loads(line.removeprefix(WARM))]
+                    answer = {"warm": warm_apart_then_here(cells)}
+                    os.write(results, (json.dumps(answer) + "\n").encode())
+                else:
+                    supervisor.start(Job.from_json(line.decode()))
     finally:
         supervisor.kill_all()
 

@@ -25,7 +25,7 @@ class Watch:
         self.console, self.bar = console, bar
         self.task = bar.add_task("", total=None, left="") if bar else None
         self.total = self.before = self.done = 0
-        self.began = time.monotonic()
+        self.opened = self.began = time.monotonic()
         self.running: dict[str, tuple[Job, float]] = {}
         self.worst = (0.0, "")
 
@@ -55,6 +55,12 @@ class Watch:
         self._say(f"{count} {words}", STYLE.get(Status(record.status), "yellow"))
         self.tick()
 
+    def warmed(self, times: dict[str, float]) -> None:
+        slow = [f"{solver} {seconds:.0f} s" for solver, seconds in times.items() if seconds > 3.0]
+        if slow:
+            self._say(f"compiled once, before any clock runs: {', '.join(slow)}")
+        self.began = time.monotonic()
+
     def tick(self) -> None:
         if self.bar is None or self.task is None:
             return
@@ -74,7 +80,7 @@ class Watch:
         counted = Counter(r.status for r in loaded.records)
         words = ", ".join(f"{n} {status}" for status, n in counted.most_common())
         self._say(
-            f"{len(loaded.records)} cells: {words} in {time.monotonic() - self.began:.1f} s; {folder}/cells.parquet"
+            f"{len(loaded.records)} cells: {words} in {time.monotonic() - self.opened:.1f} s; {folder}/cells.parquet"
         )
         if self.worst[1]:
             self._say(f"largest energy drift: {self.worst[0]:.2g} of the energy scale, {self.worst[1]}")

@@ -45,6 +45,9 @@ class Silent:
     def ended(self, job, record):
         self.ran.append(job.cell.case)
 
+    def warmed(self, times):
+        pass
+
     def tick(self):
         pass
 
