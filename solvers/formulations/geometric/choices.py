@@ -31,6 +31,7 @@ class GaugeChoices:
         choices=("kept", "exact"),
     )  # fmt: skip
     max_cuts: int = option(16, "halvings of dt before the run ends in step underflow", "", at_least=0, at_most=40)
+    max_turn: float = option(0.0, "cut the step where a body would turn further in it; 0: no limit", "rad", at_least=0.0)
 
     def settings(self, problem: Problem) -> Settings:
         """The kernels' form of the choices. With springs and Eq. (32), mu, lam and sigma are physical and carried."""

@@ -13,10 +13,10 @@ from solvers.formulations.geometric.block_lu import factor
 from solvers.formulations.geometric.jacobian import assemble
 from solvers.formulations.geometric.pattern import Factors, Index, Pattern, analyse, empty_factors
 from solvers.formulations.geometric.residual import Rows, Settings, complete, end_forces
-from solvers.formulations.geometric.step import COUNTERS, History, Penalty, Work, start_mu
+from solvers.formulations.geometric.step import COUNTERS, History, Penalty, Work, scaled_pivots, start_mu
 
 STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
-PLAIN = Penalty(active=0, nested=0, xi=1.0, max_augmentations=1, accept=0.0, project=0, soft=1.0)
+PLAIN = Penalty(active=0, nested=0, xi=1.0, max_augmentations=1, accept=0.0, correct_pose=0, soft=1.0)
 
 
 @dataclass(frozen=True)
@@ -63,6 +63,7 @@ def prepare(problem: Problem, settings: Settings, penalty: Penalty = PLAIN, mu0:
         blocks=np.zeros((len(pattern.pair_column), 6, 6)), T=np.zeros((nb, 3, 3)), body=np.zeros((nb, 6)),
         constraint=np.zeros(nrows), x=np.zeros(int(pattern.start[-1])), diagonal=np.zeros(nrows), xi=np.full(1, penalty.xi),
         nu_kept=np.zeros(nrows), count=np.zeros(len(COUNTERS), dtype=np.int64), held=np.zeros(1), norm=np.zeros(2),
+        pivots=np.zeros(nrows), log_det=np.zeros(2),
     )  # fmt: skip
     if mu0 == "velocity":
         start_mu(model, start, rows, settings.direction)
@@ -89,19 +90,19 @@ def redundant_rows(problem: Problem, settings: Settings) -> int:
     # a zero step: T = 0, D' = 2 D or D
     assemble(run.model, run.start, run.end, run.rows, 0.0, settings, run.work.diagonal, run.index, run.work.blocks, run.work.T)
     factor(run.pattern, run.work.blocks, run.factors)
-    at = np.concatenate([np.arange(a, a + n) for a, n in zip(run.pattern.joint_at, np.diff(run.model.row), strict=True)])
-    return int(np.sum(run.factors.pivot[at] * run.start.m_bar < 1e-6)) if len(at) else 0
+    scaled_pivots(run.model, run.start, run.pattern, run.factors, run.work.pivots)
+    return int(np.sum(run.work.pivots < 1e-6))
 
 
 def integrate(
-    problem: Problem, control: StepControl, run: Run, max_cuts: int, watch: Callable[[Run, marching.Record], None] | None = None
+    problem: Problem, control: StepControl, run: Run, max_cuts: int, max_turn: float, watch: Callable[[Run, marching.Record], None] | None = None
 ) -> Trajectory:
     """March to the end or to the failure; ``watch`` sees each stretch."""
     began = time.perf_counter()
     assert control.dt is not None  # refuses() has seen to it
     nb, nrows = problem.system.nb, problem.system.nrows
     room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * nb + nrows)))))
-    clock = marching.Clock(np.zeros(3, dtype=np.int64), control.dt, problem.t_end, max_cuts)
+    clock = marching.Clock(np.zeros(3, dtype=np.int64), control.dt, problem.t_end, max_cuts, max_turn or np.inf)
     warm_up(run, clock, room=1)
     set_up = time.perf_counter() - began
     log, steps, cpu = Log(), 0, time.process_time()
@@ -155,11 +156,11 @@ def hand_back(
     counters = {"steps": len(t) - 1, **{name: int(n) for name, n in zip(COUNTERS, run.work.count, strict=True)}}
     norm = log.joined("norm").reshape(-1, 2)
     per_step = {
-        "newton_iterations": log.joined("newton"), "cut_level": log.joined("level"), "penalty": log.joined("xi"),
+        "newton_iterations": log.joined("newton"), "cut_level": log.joined("level"),
         "residual_norm": norm[:, 0], "constraint_norm": norm[:, 1],
     }  # fmt: skip
-    if not run.penalty.active:
-        del per_step["penalty"]
+    if run.penalty.active:
+        per_step |= {"penalty": log.joined("xi"), "log_determinant": log.joined("log_det")}
     return Trajectory(
         t=t, states=states, status=status, message=message, counters=counters,
         reaction=at_nodes(np.diff(t), log.joined("force").reshape(-1, problem.system.nrows)),

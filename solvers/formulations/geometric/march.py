@@ -28,6 +28,7 @@ class Clock(NamedTuple):
     dt: float
     t_end: float
     max_level: int
+    max_turn: float  # [rad] a step in which a body would turn further is cut
 
 
 class Record(NamedTuple):
@@ -41,8 +42,17 @@ class Record(NamedTuple):
     newton: np.ndarray  # (room,) corrections
     level: np.ndarray  # (room,)
     xi: np.ndarray  # (room,)
-    soft: np.ndarray  # (room,) smallest pivot of the constraint nodes beyond the known redundant ones
+    log_det: np.ndarray  # (room,) ``Work.log_det``
     norm: np.ndarray  # (room, 2): (80), (81)
+
+
+@njit(**JIT)
+def fastest(m):
+    """Largest |Omega| of all bodies [rad/s]."""
+    square = 0.0
+    for b in range(len(m.v)):
+        square = max(square, m.v[b, 3] ** 2 + m.v[b, 4] ** 2 + m.v[b, 5] ** 2)
+    return np.sqrt(square)
 
 
 @njit(**JIT)
@@ -94,6 +104,10 @@ def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, wo
         if clock.t_end - base - clock.dt < 1e-9 * clock.dt:  # no sliver of a last step
             length = clock.t_end - base
         dt = length / 2.0 ** grid[2]
+        if fastest(current) * dt > clock.max_turn and grid[2] < clock.max_level:
+            grid[1] *= 2
+            grid[2] += 1
+            continue
         corrections = work.count[0]
         result = attempt(model, current, other, rows, history, dt, settings, penalty, index, pattern, f, work)
         if result != CONVERGED and result != LOOSE:
@@ -108,8 +122,7 @@ def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, wo
         if result == LOOSE:
             work.count[6] += 1
             work.held[0] = 0.0
-        if penalty.project and work.held[0] > 0.0:
-            correct_pose(model, other, settings, pattern, f, work)
+        correct_pose(model, other, settings, penalty, pattern, f, work)
         accept(current, other, rows, history, dt, settings, record.force[done])
         record.level[done] = grid[2]
         grid[1] += 1
@@ -128,6 +141,7 @@ def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, wo
         record.newton[done] = work.count[0] - corrections
         record.xi[done] = work.xi[0]
         record.norm[done] = work.norm
+        record.log_det[done] = work.log_det[0]
         done += 1
         current, other = other, current
         swapped = not swapped
@@ -136,22 +150,10 @@ def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, wo
     return outcome, done
 
 
-@njit(**JIT)
-def smallest_constraint_pivots(model, pattern, f, out):
-    """Sorted |pivots| of the constraint nodes into ``out`` (nrows,)."""
-    k = 0
-    for j in range(len(model.end)):
-        at = pattern.joint_at[j]
-        for a in range(model.row[j + 1] - model.row[j]):
-            out[k] = f.pivot[at + a]
-            k += 1
-    out.sort()
-
-
 def empty_record(room: int, nb: int, nrows: int) -> Record:
     """Room for ``room`` steps."""
     return Record(
         t=np.empty(room), r=np.empty((room, nb, 3)), R=np.empty((room, nb, 3, 3)), v=np.empty((room, nb, 6)),
         force=np.empty((room, nrows)), newton=np.zeros(room, dtype=np.int64), level=np.zeros(room, dtype=np.int64),
-        xi=np.empty(room), soft=np.full(room, np.nan), norm=np.empty((room, 2)),
+        xi=np.empty(room), log_det=np.empty(room), norm=np.empty((room, 2)),
     )  # fmt: skip

@@ -33,7 +33,7 @@ class Penalty(NamedTuple):
     xi: float
     max_augmentations: int  # of the nested loop
     accept: float  # [sqrt(J)] (81) at which a step counts as done though (81) does not reach the tolerance
-    project: int  # 1: poses corrected after each step
+    correct_pose: int  # 1: poses corrected to phi = 0 after every step
     soft: float  # xi (omega dt)^2 of the nested loop at singular configurations
 
 
@@ -51,7 +51,11 @@ class Work(NamedTuple):
     count: np.ndarray  # counters, see COUNTERS
     held: np.ndarray  # [step of the kept factorisation, 0 when none]
     norm: np.ndarray  # [(80), (81)] at the end of the last step
+    pivots: np.ndarray  # (nrows,) pivots of the constraint rows times M_bar
+    log_det: np.ndarray  # [sum of their log10, its change at the last factorisation]
 
+
+SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
 
 COUNTERS = ("newton_iterations", "residuals", "factorisations", "solves", "step_cuts", "augmentations", "loose_steps")
 
@@ -90,7 +94,25 @@ def refresh(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work)
     work.count[2] += 1
     bad = factor(pattern, work.blocks, f)
     work.held[0] = 0.0 if bad else dt
+    if penalty.active and work.xi[0] == penalty.xi:  # soft steps weigh the redundant rows otherwise
+        scaled_pivots(model, m1, pattern, f, work.pivots)
+        total = np.sum(np.log10(work.pivots))
+        work.log_det[1] = total - work.log_det[0]
+        work.log_det[0] = total
     return bad
+
+
+@njit(**JIT)
+def scaled_pivots(model, m, pattern, f, out):
+    """|Pivots| of the constraint rows times M_bar.
+
+    Their product is det(A M^-1 D' + (Xi M_bar)^-1) in scaled rows: a constant 1/xi for each redundant row times the
+    squares of the singular values, so near a loss of rank it falls by sigma^2 whatever the elimination order.
+    """
+    for j in range(len(model.end)):
+        at = pattern.joint_at[j]
+        for k in range(model.row[j + 1] - model.row[j]):
+            out[model.row[j] + k] = f.pivot[at + k] * m.m_bar[model.row[j] + k]
 
 
 @njit(**JIT)
@@ -133,6 +155,7 @@ def newton(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work):
         if iteration == settings.max_newton:
             break
         stale = work.held[0] != dt or settings.refresh <= 0.0 or norm > settings.refresh * before
+        stale = stale or (iteration == 0 and work.log_det[1] < SINKING)
         if stale and refresh(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work) > 0:
             return SINGULAR_MATRIX
         before = norm
@@ -165,8 +188,14 @@ def attempt(model, m0, m1, rows, history, dt, settings, penalty, index, pattern,
 
 
 @njit(**JIT)
-def correct_pose(model, m1, settings, pattern, f, work):
-    """Least change of the poses that takes phi to zero (one correction with the kept factorisation)."""
+def correct_pose(model, m1, settings, penalty, pattern, f, work):
+    """Least change of the poses that takes phi to zero (one correction with the kept factorisation).
+
+    At a singular configuration phi = O(dt^2) is not harmless: with phi along the lost direction the mechanism cannot
+    pass it, and misses by sqrt(phi).
+    """
+    if work.held[0] == 0.0 or penalty.correct_pose == 0:
+        return
     x = work.x
     x[:] = 0.0
     for j in range(len(model.end)):

@@ -1,0 +1,47 @@
+"""Singular passages of a finished run: where A nearly lost rank, and what the solver did there."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from scipy.signal import find_peaks
+
+from harness.mechanics.jacobian import singular_values
+from harness.mechanics.system import MultibodySystem
+from harness.types import Trajectory
+
+DENSE_ROWS = 1000  # singular values are dense: beyond this size passages are not looked for
+DECADES = 2.0  # a dip of det(A M^-1 A^T) by less is not taken for a passage: sigma^2 falls by a tenth in 0.1 rad already
+LOST = 0.02  # smallest singular value, relative to the start's, below which a dip counts as a loss of rank
+AROUND = 5  # steps on both sides whose penalty, cuts and corrections are told
+
+
+def passages(system: MultibodySystem, run: Trajectory) -> tuple[Mapping[str, Any], ...]:
+    """One entry a passage: time, smallest singular value there, lowest penalty, cuts, corrections.
+
+    Found as dips of the determinant that the factorisations leave, confirmed by the singular values of A at the dip.
+    """
+    if system.nrows > DENSE_ROWS or len(run.t) < 4:
+        return ()
+    depth = -run.diagnostics["log_determinant"][1:]
+    dips, _ = find_peaks(depth, prominence=DECADES)
+    if len(dips) == 0:
+        return ()
+    at_start = singular_values(system, run.states[0])
+    last = int(np.sum(at_start > 1e-9 * at_start[0])) - 1
+    found = []
+    for k in dips + 1:
+        sigma = float(singular_values(system, run.states[k])[last])
+        if sigma > LOST * at_start[last]:
+            continue
+        near = slice(max(1, k - AROUND), k + AROUND + 1)
+        found.append(
+            {
+                "kind": "singular passage", "t": float(run.t[k]), "smallest_singular_value": sigma,
+                "lowest_penalty": float(np.min(run.diagnostics["penalty"][near])),
+                "cuts": int(np.max(run.diagnostics["cut_level"][near])),
+                "most_corrections": int(np.max(run.diagnostics["newton_iterations"][near])),
+                "worst_constraint_norm": float(np.max(run.diagnostics["constraint_norm"][near])),
+            }
+        )  # fmt: skip
+    return tuple(found)

@@ -1,0 +1,60 @@
+"""ODE-GC with the augmented Lagrangian of Sect. 4.3 (Eqs. 82 to 85): redundant constraints and singular configurations.
+
+Newton's correction and the augmentation mu := mu - xi psi (85), applied together, are one proximal saddle
+``[[J_vv, -D'], [A, (Xi M_bar)^-1]]``, regular for any rank of A; the paper's nested loop is the option
+``loop = "nested"``. Where the proximal loop does not converge (a configuration in which A loses rank), the step is done
+again by the nested loop at a low penalty. In redundant systems the poses are corrected to phi = 0 after each step, for
+with phi = O(dt^2) a mechanism cannot pass its singular configurations (docs/decisions/singular-passages.md).
+"""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from harness.options import option
+from harness.registry import solver
+from harness.types import Problem, StepControl, Trajectory
+from solvers.formulations.geometric.choices import GaugeChoices
+from solvers.formulations.geometric.driver import integrate, prepare, redundant_rows
+from solvers.formulations.geometric.passages import passages
+from solvers.formulations.geometric.step import Penalty
+
+
+@solver("gc_augmented_lagrangian")
+@dataclass(frozen=True)
+class GcAugmentedLagrangian(GaugeChoices):
+    """Augmented Lagrangian weak form of fixed step: any rank of the constraints, singular passages included."""
+
+    max_newton: int = option(12, "corrections before the step counts as singular or is cut", "", at_least=1)
+    penalty: float = option(1e7, "xi of Eq. (84), per M_bar", "", above=0.0)
+    loop: str = option("proximal", "correction and augmentation at once, or the paper's nested loop", choices=("proximal", "nested"))
+    max_augmentations: int = option(12, "of the nested loop in a step", "", at_least=1)
+    accept: float = option(1e-3, "(81) at which a singular step counts as done", "sqrt(J)", above=0.0)
+    soft_penalty: float = option(0.1, "xi (omega dt)^2 of singular steps; indefinite above about 0.3", "", above=0.0)
+    correct_pose: str = option(
+        "redundant", "poses corrected to phi = 0 after each step: in redundant systems, never, or always",
+        choices=("redundant", "never", "always"),
+    )  # fmt: skip
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = "ODE-GC (AL)"
+    control: ClassVar[str] = "dt"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Only options that do not fit."""
+        return self.refuses_choice(problem, control)
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March with the fixed step ``control.dt``; singular passages are in ``events``."""
+        settings = self.settings(problem)
+        redundant = redundant_rows(problem, settings)
+        correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)
+        penalty = Penalty(
+            active=1, nested=int(self.loop == "nested"), xi=self.penalty, max_augmentations=self.max_augmentations,
+            accept=self.accept, correct_pose=int(correct), soft=self.soft_penalty,
+        )  # fmt: skip
+        run = prepare(problem, settings, penalty, mu0=self.mu0)
+        out = integrate(problem, control, run, self.max_cuts, self.max_turn)
+        rank = f"{problem.system.nrows} constraint rows of rank {problem.system.nrows - redundant} at the start"
+        crossed = passages(problem.system, out)
+        notes = (rank, f"{len(crossed)} singular passages") if crossed else (rank,)
+        return replace(out, events=crossed, notes=notes)
