@@ -13,6 +13,7 @@ from typing import Any
 
 SCHEMA = 1  # raise it when a column changes its meaning or goes; a new column with a default keeps it
 NAN = float("nan")
+ESSENTIAL = ("cell", "case", "problem", "solver", "status")  # others may be newer than the file
 
 
 class BadRecord(ValueError):
@@ -88,6 +89,9 @@ class RunRecord:
     position_error_end_m: float = column("the same at the last compared step")
     orientation_error_max_rad: float = column("max over time and bodies of the angle between R and R_exact")
     orientation_error_end_rad: float = column("the same at the last compared step")
+    judged_to_s: float = column("errors are judged up to here: beyond, the motion is chaotic (harness.summary)")
+    position_error_judged_m: float = column("max of the position error up to there")
+    orientation_error_judged_rad: float = column("max of the orientation error up to there")
     observable_errors: str = column("JSON: {name: {max, end, unit}} of |observable - exact|", "{}")
     invariant_drifts: str = column("JSON: {name: {max, end, start, unit}} of |invariant - its start|", "{}")
 
@@ -152,9 +156,9 @@ def from_json(text: str) -> RunRecord:
 def _checked(plain: Mapping[str, Any]) -> RunRecord:
     values: dict[str, Any] = {}
     for c in COLUMNS:
-        if c.name not in plain:
+        if c.name not in plain and c.name in ESSENTIAL:
             raise BadRecord(f"column {c.name} is missing")
-        value = plain[c.name]
+        value = plain.get(c.name, c.default)
         if c.type is float:
             value = _number(c.name, value)
         elif isinstance(value, bool) or not isinstance(value, c.type):  # type: ignore[arg-type]

@@ -12,13 +12,14 @@ from typing import Any
 import numpy as np
 
 from harness.scales import Scales
+from harness.summary import PREDICTABLE
 from harness.types import Problem, Trajectory
 
 ENERGY = 0.10  # of T(0) + m g L: a tenth of all there is to exchange appears or disappears
 INVARIANT = 0.10  # of its scale by unit (momentum: m v L), or of its start if that is larger
 PHI = 0.01  # of the mechanism's size: the joint is visibly apart
 PHI_DOT = 0.05  # of sqrt(2 E / m): velocities leave the joints by a twentieth of the typical speed
-POSITION = 0.10  # of the mechanism's size, within the reference's horizon and beyond the reference's own error
+POSITION = 0.10  # of the mechanism's size, beyond the reference's own error, while the motion is predictable
 ORIENTATION = (
     0.5  # [rad], about 30 deg: a fast spin may lag by tenths of a rad over hundreds of turns without being lost
 )
@@ -53,8 +54,8 @@ def doubts(problem: Problem, trajectory: Trajectory, columns: Mapping[str, Any],
         if allowed == 0.0:  # a unit without a scale, starting at zero: nothing to compare with
             continue
         limit(f"the drift of {name}", float(drift["max"]), allowed, drift["unit"])
-    own = columns.get("reference_own_error_m", math.nan)
-    if not math.isnan(own):
-        limit("the position error", columns["position_error_max_m"], POSITION * size.length + own, "m")
-        limit("the orientation error", columns["orientation_error_max_rad"], ORIENTATION + own / size.length, "rad")
+    if "position_error_judged_m" in columns:
+        own = PREDICTABLE * size.length
+        limit("the position error", columns["position_error_judged_m"], POSITION * size.length + own, "m")
+        limit("the orientation error", columns["orientation_error_judged_rad"], ORIENTATION + own / size.length, "rad")
     return out

@@ -137,3 +137,18 @@ def test_frames_are_spread_over_time():
     frames = t[frames_to_keep(t, 100)]
     assert frames[0] == 0.0 and frames[-1] == t[-1]
     assert 95 <= len(frames) <= 101 and np.max(np.diff(frames)) < 0.011
+
+
+def test_chaos_is_not_held_against_a_solver(monkeypatch):
+    """Where the reference itself has lost its digits, being away from it is no verdict; before, it is."""
+
+    def lost(self, t):
+        return np.where(t > 0.25, 1e-6, 1e-15)
+
+    problem, trajectory, _, c = solved("exact", {"lift": 4.0})
+    reference = problem.reference()
+    monkeypatch.setattr(type(reference), "error", lost)
+    c = columns(problem, trajectory, measure(problem, trajectory), scales(problem.system, problem.initial))
+    assert c["judged_to_s"] == pytest.approx(0.25)
+    assert c["position_error_judged_m"] == pytest.approx(4.0 / 64.0)
+    assert c["position_error_max_m"] == pytest.approx(1.0)
