@@ -14,145 +14,135 @@ from solvers.formulations.geometric.small import JIT
 @njit(**JIT)
 def factor(pattern, blocks, f):
     """Numbers of the factors; returns 0, or 1 + p where node p has a singular pivot."""
-    W = f.dense
-    for p in range(len(pattern.size)):
-        m = pattern.size[p]
-        own = pattern.start[p]
-        for pair in range(pattern.pair_start[p], pattern.pair_start[p + 1]):
-            at = pattern.pair_column[pair]
+    W, panel, inverse, low = f.dense, f.panel, f.pivot_inverse, f.low
+    size, start, up, up_start = pattern.size, pattern.start, pattern.up, pattern.up_start
+    panel_start, low_start, low_node = pattern.panel_start, pattern.low_start, pattern.low
+    pair_start, pair_column, pair_width = pattern.pair_start, pattern.pair_column, pattern.pair_width
+    strip = f.strip
+    for p in range(len(size)):
+        m, own = size[p], start[p]
+        for pair in range(pair_start[p], pair_start[p + 1]):
+            at = pair_column[pair]
             for a in range(m):
-                for c in range(pattern.pair_width[pair]):
+                for c in range(pair_width[pair]):
                     W[a, at + c] += blocks[pair, a, c]
-        for k in range(pattern.low_start[p], pattern.low_start[p + 1]):
-            _subtract_row(pattern, f, k, m, W)
+        for k in range(low_start[p], low_start[p + 1]):
+            # row p -= (its block over node q) U_qq^-1 times the panel of q
+            q = low_node[k]
+            inner, at, first = size[q], start[q], up_start[q]
+            width, offset = up_start[q + 1] - first, panel_start[q]
+            for a in range(m):
+                for c in range(6):
+                    low[k, a, c] = 0.0
+                for b in range(inner):  # in this order the sums do not wait for each other
+                    weight = W[a, at + b]
+                    W[a, at + b] = 0.0
+                    for c in range(6):
+                        low[k, a, c] += weight * inverse[q, b, c]
+                _combine(low, k, a, panel, offset, inner, width, strip)
+                for c in range(width):
+                    W[a, up[first + c]] -= strip[c]
         for a in range(m):
             for c in range(m):
-                f.pivot_inverse[p, a, c] = W[a, own + c]
+                inverse[p, a, c] = W[a, own + c]
                 W[a, own + c] = 0.0
-        smallest = invert(f.pivot_inverse[p], m, f.pivot[own : own + m])
-        at = pattern.panel_start[p]
-        width = pattern.up_start[p + 1] - pattern.up_start[p]
+        smallest = invert(inverse, p, m, f.pivot, own)
+        offset, first = panel_start[p], up_start[p]
+        width = up_start[p + 1] - first
         for a in range(m):
             for c in range(width):
-                column = pattern.up[pattern.up_start[p] + c]
-                f.panel[at + a * width + c] = W[a, column]
-                W[a, column] = 0.0
+                panel[offset + a * width + c] = W[a, up[first + c]]
+                W[a, up[first + c]] = 0.0
         if not smallest > 0.0:
             return 1 + p
     return 0
 
 
 @njit(**JIT)
-def _subtract_row(pattern, f, k, m, W):
-    q = pattern.low[k]
-    inner = pattern.size[q]
-    own = pattern.start[q]
-    inverse = f.pivot_inverse[q]
-    L = f.low[k]
-    for a in range(m):
-        for c in range(inner):
-            total = 0.0
-            for b in range(inner):
-                total += W[a, own + b] * inverse[b, c]
-            L[a, c] = total
-        for c in range(inner):
-            W[a, own + c] = 0.0
-    first = pattern.up_start[q]
-    width = pattern.up_start[q + 1] - first
-    panel = f.panel[pattern.panel_start[q] : pattern.panel_start[q + 1]]
-    columns = pattern.up[first : first + width]
-    strip = f.strip
-    for a in range(m):
-        _combine(L[a], panel, inner, width, strip)
-        Wa = W[a]
-        for c in range(width):
-            Wa[columns[c]] -= strip[c]
-
-
-@njit(**JIT)
-def _combine(x, panel, inner, width, strip):
-    """strip = x[:inner] @ panel, unrolled for the three node sizes."""
+def _combine(low, k, a, panel, o, inner, w, strip):
+    """strip = low[k, a, :inner] @ panel, unrolled for the three node sizes (rows of the panel are w long, from o)."""
+    x0, x1, x2 = low[k, a, 0], low[k, a, 1], low[k, a, 2]
+    if inner == 3:
+        for c in range(w):
+            strip[c] = x0 * panel[o + c] + x1 * panel[o + w + c] + x2 * panel[o + 2 * w + c]
+        return
+    x3, x4, x5 = low[k, a, 3], low[k, a, 4], low[k, a, 5]
+    for c in range(w):
+        strip[c] = (
+            x0 * panel[o + c]
+            + x1 * panel[o + w + c]
+            + x2 * panel[o + 2 * w + c]
+            + x3 * panel[o + 3 * w + c]
+            + x4 * panel[o + 4 * w + c]
+        )
     if inner == 6:
-        for c in range(width):
-            strip[c] = (
-                x[0] * panel[c] + x[1] * panel[width + c] + x[2] * panel[2 * width + c]
-                + x[3] * panel[3 * width + c] + x[4] * panel[4 * width + c] + x[5] * panel[5 * width + c]
-            )  # fmt: skip
-    elif inner == 5:
-        for c in range(width):
-            strip[c] = (
-                x[0] * panel[c] + x[1] * panel[width + c] + x[2] * panel[2 * width + c]
-                + x[3] * panel[3 * width + c] + x[4] * panel[4 * width + c]
-            )  # fmt: skip
-    else:
-        for c in range(width):
-            strip[c] = x[0] * panel[c] + x[1] * panel[width + c] + x[2] * panel[2 * width + c]
+        for c in range(w):
+            strip[c] += x5 * panel[o + 5 * w + c]
 
 
 @njit(**JIT)
 def solve(pattern, f, x):
     """x := A^-1 x, in elimination order."""
-    N = len(pattern.size)
+    size, start, up, up_start = pattern.size, pattern.start, pattern.up, pattern.up_start
+    panel_start, low_start, low_node = pattern.panel_start, pattern.low_start, pattern.low
+    low, panel, inverse, y = f.low, f.panel, f.pivot_inverse, f.strip
+    N = len(size)
     for p in range(N):
-        own = pattern.start[p]
-        for k in range(pattern.low_start[p], pattern.low_start[p + 1]):
-            q = pattern.low[k]
-            at = pattern.start[q]
-            for a in range(pattern.size[p]):
-                total = 0.0
-                for c in range(pattern.size[q]):
-                    total += f.low[k, a, c] * x[at + c]
-                x[own + a] -= total
-    y = f.strip
+        own = start[p]
+        for k in range(low_start[p], low_start[p + 1]):
+            q = low_node[k]
+            at = start[q]
+            for c in range(size[q]):
+                weight = x[at + c]
+                for a in range(size[p]):
+                    x[own + a] -= low[k, a, c] * weight
     for p in range(N - 1, -1, -1):
-        own, m = pattern.start[p], pattern.size[p]
-        at, first = pattern.panel_start[p], pattern.up_start[p]
-        width = pattern.up_start[p + 1] - first
+        own, m = start[p], size[p]
+        at, first = panel_start[p], up_start[p]
+        width = up_start[p + 1] - first
         for a in range(m):
-            total = x[own + a]
-            for c in range(width):
-                total -= f.panel[at + a * width + c] * x[pattern.up[first + c]]
-            y[a] = total
+            y[a] = x[own + a]
+        for c in range(width):
+            weight = x[up[first + c]]
+            for a in range(m):
+                y[a] -= panel[at + a * width + c] * weight
         for a in range(m):
             total = 0.0
             for c in range(m):
-                total += f.pivot_inverse[p, a, c] * y[c]
+                total += inverse[p, a, c] * y[c]
             x[own + a] = total
 
 
 @njit(**JIT)
-def invert(A, m, pivots):
-    """A := A^-1 in place by Gauss-Jordan with row pivoting, |pivots| kept; returns the smallest, 0 when singular."""
+def invert(A, p, m, pivots, at):
+    """A[p] := A[p]^-1 by Gauss-Jordan with row pivoting, |pivots| kept; returns the smallest, 0 when singular."""
     smallest = 1e300
     swapped = np.empty(6, dtype=np.int64)
     for k in range(m):
         best = k
         for a in range(k + 1, m):
-            if abs(A[a, k]) > abs(A[best, k]):
+            if abs(A[p, a, k]) > abs(A[p, best, k]):
                 best = a
         swapped[k] = best
-        pivot = A[best, k]
-        pivots[k] = abs(pivot)
+        pivot = A[p, best, k]
+        pivots[at + k] = abs(pivot)
         if not abs(pivot) > 0.0:
             return 0.0
-        if abs(pivot) < smallest:
-            smallest = abs(pivot)
+        smallest = min(smallest, abs(pivot))
         if best != k:
             for c in range(m):
-                A[k, c], A[best, c] = A[best, c], A[k, c]
-        scale = 1.0 / pivot
-        A[k, k] = 1.0
+                A[p, k, c], A[p, best, c] = A[p, best, c], A[p, k, c]
+        A[p, k, k] = 1.0
         for c in range(m):
-            A[k, c] *= scale
+            A[p, k, c] /= pivot
         for a in range(m):
             if a != k:
-                factor_ = A[a, k]
-                if factor_ != 0.0:
-                    A[a, k] = 0.0
-                    for c in range(m):
-                        A[a, c] -= factor_ * A[k, c]
+                weight = A[p, a, k]
+                A[p, a, k] = 0.0
+                for c in range(m):
+                    A[p, a, c] -= weight * A[p, k, c]
     for k in range(m - 1, -1, -1):
         if swapped[k] != k:
             for a in range(m):
-                A[a, k], A[a, swapped[k]] = A[a, swapped[k]], A[a, k]
+                A[p, a, k], A[p, a, swapped[k]] = A[p, a, swapped[k]], A[p, a, k]
     return smallest

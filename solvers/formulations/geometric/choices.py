@@ -18,7 +18,9 @@ class GaugeChoices:
         "symmetric", "value of mu at a step's start, of which only increments are physical: minus its end value "
         "(time-reversible), zero, or carried on as printed", choices=("symmetric", "zero", "accumulate"),
     )  # fmt: skip
-    mu0: str = option("zero", "first mu of the accumulate gauge: zero or the velocity along c_R", choices=("zero", "velocity"))
+    mu0: str = option(
+        "zero", "first mu of the accumulate gauge: zero or the velocity along c_R", choices=("zero", "velocity")
+    )
     sigma0: str = option("zero", "sigma of (75): zero, or carried from (62)", choices=("zero", "carried"))
     direction: str = option("a", "c_R of Eq. (31): a/(a.a), M^-1 a/(a.M^-1 a), or (e_k, 0)", choices=CHOICES)
     f_bar: bool = option(True, "f_bar of Eq. (30) taken out of nu")
@@ -31,7 +33,9 @@ class GaugeChoices:
         choices=("kept", "exact"),
     )  # fmt: skip
     max_cuts: int = option(16, "halvings of dt before the run ends in step underflow", "", at_least=0, at_most=40)
-    max_turn: float = option(0.0, "cut the step where a body would turn further in it; 0: no limit", "rad", at_least=0.0)
+    max_turn: float = option(
+        0.0, "cut the step where a body would turn further in it; 0: no limit", "rad", at_least=0.0
+    )
 
     def settings(self, problem: Problem) -> Settings:
         """The kernels' form of the choices. With springs and Eq. (32), mu, lam and sigma are physical and carried."""

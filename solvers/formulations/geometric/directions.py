@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 
 from solvers.formulations.geometric.kinematics import spring_line
-from solvers.formulations.geometric.small import JIT, back3, cross, cross3, dot, quadratic3, turn3, turn_back
+from solvers.formulations.geometric.small import JIT, back3, cross, cross3, dot, turn3, turn_back
 
 CHOICES = ("a", "mass", "translation")
 
@@ -19,9 +19,7 @@ CHOICES = ("a", "mass", "translation")
 @njit(**JIT)
 def coefficients(model, m, choice, with_springs):
     """Fill ``m.m_bar, m.f_bar`` and, if ``with_springs``, also ``m.c, m.c_bar, m.k_bar``."""
-    for j in range(len(model.end)):
-        for k in range(model.row[j + 1] - model.row[j]):
-            _mass_and_force(model, m, j, k, choice)
+    _masses_and_forces(model, m, choice)
     if with_springs:
         work = np.empty((4, 3))
         for j in range(len(model.end)):
@@ -33,48 +31,64 @@ def coefficients(model, m, choice, with_springs):
 
 
 @njit(**JIT)
-def _mass_and_force(model, m, j, k, choice):
-    """M_bar = c . M c and f_bar = c . f in closed form: a has translation e_k (point rows) and rotation x."""
-    row = model.row[j] + k
-    if choice == 2:
-        m.m_bar[row] = model.mass[model.end[j, 0]]
-        m.f_bar[row] = m.force[model.end[j, 0], k]
-        return
-    point = 1.0 if k < 3 else 0.0
-    size = 0.0
-    mass = 0.0
-    force = 0.0
-    for e in range(2):
-        b = model.end[j, e]
-        if b < 0:
+def _masses_and_forces(model, m, choice):
+    """M_bar = c . M c and f_bar = c . f of all rows in closed form.
+
+    a has translation e_k (point rows) and rotation x; ``size`` is a . a, or a . M^-1 a.
+    """
+    for j in range(len(model.end)):
+        first, last = model.row[j], model.row[j + 1]
+        if choice == 2:
+            for k in range(3):
+                m.m_bar[first + k] = model.mass[model.end[j, 0]]
+                m.f_bar[first + k] = m.force[model.end[j, 0], k]
             continue
-        sign = 1.0 - 2.0 * e
-        x0, x1, x2 = rotation_part(model, m, j, e, k)
-        f = m.force[b, k] if k < 3 else 0.0
-        t0, t1, t2 = back3(m.R, b, m.force[b, 3], m.force[b, 4], m.force[b, 5])
-        if choice == 0:
-            size += point + x0 * x0 + x1 * x1 + x2 * x2
-            mass += point * model.mass[b] + quadratic3(model.J, b, x0, x1, x2)
-            force += sign * (f + t0 * x0 + t1 * x1 + t2 * x2)
-        else:
-            y0, y1, y2 = turn3(model.J_inv, b, x0, x1, x2)
-            size += point / model.mass[b] + x0 * y0 + x1 * y1 + x2 * y2
-            force += sign * (f / model.mass[b] + t0 * y0 + t1 * y1 + t2 * y2)
-    m.m_bar[row] = mass / (size * size) if choice == 0 else 1.0 / size
-    m.f_bar[row] = force / size
+        for row in range(first, last):  # sums over the ends: size in c_bar, a . M a in m_bar, force in f_bar
+            m.c_bar[row] = 0.0
+            m.m_bar[row] = 0.0
+            m.f_bar[row] = 0.0
+        for e in range(2):
+            b = model.end[j, e]
+            if b < 0:
+                continue
+            sign = 1.0 - 2.0 * e
+            mass = model.mass[b]
+            t0, t1, t2 = 0.0, 0.0, 0.0
+            if len(model.k) > 0:  # gravity has no torque about C
+                t0, t1, t2 = back3(m.R, b, m.force[b, 3], m.force[b, 4], m.force[b, 5])
+            for k in range(last - first):
+                x0, x1, x2 = rotation_part(model.s, m.R, m.u, m.n, j, e, b, k)
+                row = first + k
+                if choice == 0:
+                    y0, y1, y2 = turn3(model.J, b, x0, x1, x2)
+                    m.c_bar[row] += x0 * x0 + x1 * x1 + x2 * x2
+                    m.m_bar[row] += x0 * y0 + x1 * y1 + x2 * y2
+                    m.f_bar[row] += sign * (t0 * x0 + t1 * x1 + t2 * x2)
+                    if k < 3:
+                        m.c_bar[row] += 1.0
+                        m.m_bar[row] += mass
+                        m.f_bar[row] += sign * m.force[b, k]
+                else:
+                    y0, y1, y2 = turn3(model.J_inv, b, x0, x1, x2)
+                    m.c_bar[row] += x0 * y0 + x1 * y1 + x2 * y2
+                    m.f_bar[row] += sign * (t0 * y0 + t1 * y1 + t2 * y2)
+                    if k < 3:
+                        m.c_bar[row] += 1.0 / mass
+                        m.f_bar[row] += sign * m.force[b, k] / mass
+        for row in range(first, last):
+            scale = 1.0 / m.c_bar[row]
+            m.m_bar[row] = m.m_bar[row] * scale * scale if choice == 0 else scale
+            m.f_bar[row] *= scale
+            m.c_bar[row] = 0.0
 
 
 @njit(**JIT)
-def rotation_part(model, m, j, e, k):
-    """Rotational part of row k of joint ``j`` on end ``e``, body frame, without the end's sign."""
-    b = model.end[j, e]
+def rotation_part(s, R, u, n, j, e, b, k):
+    """Rotational part of row k of joint ``j`` on end ``e``, body ``b``, in its frame, without the end's sign."""
     if k < 3:
-        return cross3(
-            model.s[j, e, 0], model.s[j, e, 1], model.s[j, e, 2], m.R[b, k, 0], m.R[b, k, 1], m.R[b, k, 2]
-        )
-    n = k - 3
-    x0, x1, x2 = cross3(m.u[j, 0], m.u[j, 1], m.u[j, 2], m.n[j, n, 0], m.n[j, n, 1], m.n[j, n, 2])
-    return back3(m.R, b, x0, x1, x2)
+        return cross3(s[j, e, 0], s[j, e, 1], s[j, e, 2], R[b, k, 0], R[b, k, 1], R[b, k, 2])
+    x0, x1, x2 = cross3(u[j, 0], u[j, 1], u[j, 2], n[j, k - 3, 0], n[j, k - 3, 1], n[j, k - 3, 2])
+    return back3(R, b, x0, x1, x2)
 
 
 @njit(**JIT)
@@ -95,7 +109,7 @@ def direction(model, m, j, row, choice, work):
         sign = 1.0 - 2.0 * e
         if k < 3:
             a[k] = sign
-        x0, x1, x2 = rotation_part(model, m, j, e, k)
+        x0, x1, x2 = rotation_part(model.s, m.R, m.u, m.n, j, e, b, k)
         a[3], a[4], a[5] = sign * x0, sign * x1, sign * x2
         if choice == 0:
             for q in range(6):

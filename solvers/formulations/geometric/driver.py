@@ -88,14 +88,30 @@ def redundant_rows(problem: Problem, settings: Settings) -> int:
     complete(run.model, run.end, settings)
     end_forces(run.start, run.end, run.rows, 0.0, settings)
     # a zero step: T = 0, D' = 2 D or D
-    assemble(run.model, run.start, run.end, run.rows, 0.0, settings, run.work.diagonal, run.index, run.work.blocks, run.work.T)
+    assemble(
+        run.model,
+        run.start,
+        run.end,
+        run.rows,
+        0.0,
+        settings,
+        run.work.diagonal,
+        run.index,
+        run.work.blocks,
+        run.work.T,
+    )
     factor(run.pattern, run.work.blocks, run.factors)
     scaled_pivots(run.model, run.start, run.pattern, run.factors, run.work.pivots)
     return int(np.sum(run.work.pivots < 1e-6))
 
 
 def integrate(
-    problem: Problem, control: StepControl, run: Run, max_cuts: int, max_turn: float, watch: Callable[[Run, marching.Record], None] | None = None
+    problem: Problem,
+    control: StepControl,
+    run: Run,
+    max_cuts: int,
+    max_turn: float,
+    watch: Callable[[Run, marching.Record], None] | None = None,
 ) -> Trajectory:
     """March to the end or to the failure; ``watch`` sees each stretch."""
     began = time.perf_counter()
@@ -127,7 +143,10 @@ def integrate(
             status, message = Status.STALLED, f"max_steps = {control.max_steps} reached at t = {stretch.t[-1]:g} s"
             break
         if control.wall_limit is not None and time.perf_counter() - began > control.wall_limit:
-            status, message = Status.STALLED, f"wall limit of {control.wall_limit:g} s reached at t = {stretch.t[-1]:g} s"
+            status, message = (
+                Status.STALLED,
+                f"wall limit of {control.wall_limit:g} s reached at t = {stretch.t[-1]:g} s",
+            )
             break
     return hand_back(problem, run, log, status, message, time.process_time() - cpu, set_up)
 

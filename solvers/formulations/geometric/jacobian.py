@@ -17,280 +17,296 @@ from solvers.formulations.geometric.kinematics import spring_line
 from solvers.formulations.geometric.residual import axis_torque
 from solvers.formulations.geometric.small import (
     JIT,
+    add_hat_hat,
+    add_product,
+    back3,
     cross,
+    cross3,
     dot,
     hat_hat,
     product,
     right_differential,
     times_hat,
+    turn3,
     turn_back,
 )
 
 
 @njit(**JIT)
 def assemble(model, m0, m1, rows, dt, settings, diagonal, index, blocks, T):
-    """Fill ``blocks`` (npairs, 6, 6); ``index`` says which block is whose; ``diagonal`` (nrows,) is (Xi M_bar)^-1."""
+    """Fill ``blocks`` (npairs, 6, 6); ``index`` says which block is whose; ``diagonal`` (nrows,) is (Xi M_bar)^-1.
+
+    Each part loops over all joints itself: a call of a compiled function with these tuples costs more than a joint.
+    """
     blocks[:] = 0.0
-    x = np.empty(3)
-    A = np.empty((3, 3))
-    H = np.empty((3, 3))
-    for b in range(len(model.mass)):
-        for k in range(3):
-            x[k] = 0.5 * dt * (m0.v[b, 3 + k] + m1.v[b, 3 + k])
-        right_differential(x, 0.5 * dt, T[b])
-        K = blocks[index.body[b]]
-        for k in range(3):
-            K[k, k] = model.mass[b]
-            x[k] = dot(model.J[b, k], m1.v[b, 3:])
-        # d(R J Omega) = R (J dOmega - hat(J Omega) theta)
-        H[0, 0], H[0, 1], H[0, 2] = 0.0, -x[2], x[1]
-        H[1, 0], H[1, 1], H[1, 2] = x[2], 0.0, -x[0]
-        H[2, 0], H[2, 1], H[2, 2] = -x[1], x[0], 0.0
-        product(H, T[b], A)
-        for k in range(3):
-            for c in range(3):
-                K[3 + k, 3 + c] = model.J[b, k, c] - A[k, c]
+    _inertia(model, m0, m1, dt, index, blocks, T)
+    _point_forces(model, m0, m1, rows, dt, settings, index, blocks, T)
+    _point_constraints(model, m1, rows, dt, index, blocks, T)
+    if settings.couple and settings.use_f_bar and settings.direction != 2:
+        _f_bar(model, m1, 0.5 * dt, index, blocks, T, settings)
+    _axis_columns(model, m0, m1, rows, dt, settings, index, blocks)
+    _axis_forces(model, m1, rows, dt, settings, index, blocks, T)
+    _axis_constraints(model, m1, rows, dt, index, blocks, T)
     for j in range(len(model.end)):
-        _point_rows(model, m0, m1, rows, dt, settings, index, blocks, T, j)
-        if model.hinged[j]:
-            _axis_rows(model, m0, m1, rows, dt, settings, index, blocks, T, j)
-        D = blocks[index.diagonal[j]]
         for k in range(model.row[j + 1] - model.row[j]):
-            D[k, k] = diagonal[model.row[j] + k]
+            blocks[index.diagonal[j], k, k] = diagonal[model.row[j] + k]
     for s in range(len(model.k)):
         _spring(model, m1, dt, index, blocks, T, s)
 
 
 @njit(**JIT)
-def _point_rows(model, m0, m1, rows, dt, settings, index, blocks, T, j):
-    half = 0.5 * dt
-    B = half * settings.b_term
-    row = model.row[j]
-    g = settings.gauge
-    x = np.empty((8, 3))
-    A = np.empty((3, 3))
-    H = np.empty((3, 3))
-    for k in range(3):
-        x[0, k] = rows.nu1[row + k]
-        x[1, k] = half * rows.G1[row + k]
-    for e in range(2):
-        b = model.end[j, e]
-        if b < 0:
-            continue
-        sign = 1.0 - 2.0 * e
-        s = model.s[j, e]
-        R = m1.R[b]
-        K = blocks[index.body[b]]
-        turn_back(R, x[0], x[2])  # f
-        turn_back(R, x[1], x[3])  # half G in the body
-        cross(m1.v[b, 3:], s, x[4])  # Omega x s
+def _inertia(model, m0, m1, dt, index, blocks, T):
+    """d(R J Omega) = R (J dOmega - hat(J Omega) theta); T of the body."""
+    for b in range(len(model.mass)):
+        half = 0.5 * dt
+        right_differential(
+            half * (m0.v[b, 3] + m1.v[b, 3]),
+            half * (m0.v[b, 4] + m1.v[b, 4]),
+            half * (m0.v[b, 5] + m1.v[b, 5]),
+            half,
+            T,
+            b,
+        )
+        x0, x1, x2 = turn3(model.J, b, m1.v[b, 3], m1.v[b, 4], m1.v[b, 5])
+        p = index.body[b]
         for k in range(3):
-            x[5, k] = -s[k] + B * x[4, k]  # beta
-        hat_hat(x[2], x[5], A)
-        hat_hat(x[3], s, H)
-        for k in range(3):
-            for c in range(3):
-                A[k, c] -= H[k, c]
-        product(A, T[b], H)
-        hat_hat(x[2], s, A)
-        for k in range(3):
-            for c in range(3):
-                K[3 + k, 3 + c] += sign * (H[k, c] + B * A[k, c])
-        # columns of nu1: translation sign (g - 1 - half dG), moments R^T (b1 + g b0 - half dG arm1) x e_k
-        C = blocks[index.column[j, e]]
-        for k in range(3):
-            slope = half * rows.dG[row + k]
-            C[k, k] = sign * (g - 1.0 - slope)
-            for q in range(3):
-                b0 = m0.arm[j, e, q] + B * m0.arm_dot[j, e, q]
-                x[6, q] = -m1.arm[j, e, q] + B * m1.arm_dot[j, e, q] + g * b0 - slope * m1.arm[j, e, q]
-            turn_back(R, x[6], x[7])
-            for q in range(3):
-                x[6, q] = R[k, q]  # R^T e_k
-            cross(x[7], x[6], x[4])
-            for q in range(3):
-                C[3 + q, k] = sign * x[4, q]
-        _point_constraint(m1, rows, half, index, blocks, T, j, e, b, sign, s, row, A, H)
-    if settings.use_f_bar and settings.direction != 2:
-        _f_bar(model, m1, half, index, blocks, T, settings, j, x)
-
-
-@njit(**JIT)
-def _point_constraint(m1, rows, half, index, blocks, T, j, e, b, sign, s, row, A, H):
-    """Rows: d phi_dot = dr_dot - R (hat(Omega x s) theta + hat(s) dOmega), d phi = half dr_dot - R hat(s) theta."""
-    C = blocks[index.row[j, e]]
-    local = np.empty(3)
-    cross(m1.v[b, 3:], s, local)
-    S = np.empty((3, 3))
-    times_hat(m1.R[b], local, A)
-    times_hat(m1.R[b], s, S)
-    product(A, T[b], H)
-    product(S, T[b], A)
-    for k in range(3):
-        w, p = rows.weight[0, row + k], rows.weight[1, row + k]
-        C[k, k] = sign * (w + half * p)
+            blocks[p, k, k] = model.mass[b]
         for c in range(3):
-            C[k, 3 + c] = -sign * (w * (H[k, c] + S[k, c]) + p * A[k, c])
+            y0, y1, y2 = cross3(x0, x1, x2, T[b, 0, c], T[b, 1, c], T[b, 2, c])
+            blocks[p, 3, 3 + c] = model.J[b, 0, c] - y0
+            blocks[p, 4, 3 + c] = model.J[b, 1, c] - y1
+            blocks[p, 5, 3 + c] = model.J[b, 2, c] - y2
 
 
 @njit(**JIT)
-def _f_bar(model, m1, half, index, blocks, T, settings, j, x):
-    """-half D1 G1 with G1 = -f_bar = -N / size: size depends on the arms, f_bar' = -f_bar size' / size."""
-    row = model.row[j]
-    for k in range(3):
-        size = 0.0
-        for e in range(2):  # size = a . a or a . M^-1 a; its gradient on theta of each end into x[e]
-            b = model.end[j, e]
-            x[e, :] = 0.0
-            if b < 0:
-                continue
-            for q in range(3):
-                x[2, q] = m1.R[b, k, q]  # R^T e_k
-            cross(model.s[j, e], x[2], x[3])  # rotational part of a
-            if settings.direction == 0:
-                x[4, :] = x[3, :]
-                size += 1.0
-            else:
-                for q in range(3):
-                    x[4, q] = dot(model.J_inv[b, q], x[3])
-                size += 1.0 / model.mass[b]
-            size += dot(x[3], x[4])
-            # d a_rot = s x (R^T e_k x theta): 2 a' . W a = 2 ((x4 x s) x R^T e_k) . theta
-            cross(x[4], model.s[j, e], x[5])
-            cross(x[5], x[2], x[6])
-            for q in range(3):
-                x[e, q] = 2.0 * x[6, q]
-        for e in range(2):  # force half f_bar' on row k acts on end e (residual has -half D G = +half D f_bar)
-            b = model.end[j, e]
-            if b < 0:
-                continue
-            sign = 1.0 - 2.0 * e
-            for q in range(3):
-                x[2, q] = m1.R[b, k, q]
-            cross(model.s[j, e], x[2], x[3])
-            for o in range(2):
-                other = model.end[j, o]
-                if other < 0:
-                    continue
-                pair = index.body[b] if o == e else index.couple[j, e]
-                if pair < 0:
-                    continue
-                K = blocks[pair]
-                f = -sign * half * m1.f_bar[row + k] / size
-                for c in range(3):
-                    slope = f * (x[o, 0] * T[other, 0, c] + x[o, 1] * T[other, 1, c] + x[o, 2] * T[other, 2, c])
-                    K[k, 3 + c] += slope
-                    for q in range(3):
-                        K[3 + q, 3 + c] += slope * x[3, q]
-
-
-@njit(**JIT)
-def _axis_rows(model, m0, m1, rows, dt, settings, index, blocks, T, j):
-    """Torque t = sum_k (-a + B a_dot) nu - half a G, a = u x n_k, on i and -t on j; and the rows phi_dot."""
-    half = 0.5 * dt
-    B = half * settings.b_term
-    ends = model.end[j]
-    x = np.empty((6, 3))
-    space = np.empty((2, 2, 3, 3))  # derivative of t on (end, theta | dOmega), space
-    space[:] = 0.0
-    M = np.empty((3, 3))
-    for k in range(2):
-        row = model.row[j] + 3 + k
-        nu, G = rows.nu1[row], half * rows.G1[row]
-        x[0, 0], x[0, 1], x[0, 2], x[1, 0], x[1, 1], x[1, 2] = axis_torque(m1, j, k)
-        x[3, 0], x[3, 1], x[3, 2], x[4, 0], x[4, 1], x[4, 2] = axis_torque(m0, j, k)
-        for q in range(3):
-            x[5, q] = (-1.0 - half * rows.dG[row]) * x[0, q] + B * x[1, q]
-            x[5, q] += settings.gauge * (x[3, q] + B * x[4, q])
+def _point_forces(model, m0, m1, rows, dt, settings, index, blocks, T):
+    """Moments of nu1 and G1 as the body turns, and the columns of nu1."""
+    theta = np.zeros((3, 3))
+    spin = np.zeros((3, 3))
+    for j in range(len(model.end)):
         for e in range(2):
-            b = ends[e]
-            if b < 0:
+            if model.end[j, e] < 0:
                 continue
-            turn_back(m1.R[b], x[5], x[2])
-            C = blocks[index.column[j, e]]
-            for q in range(3):
-                C[3 + q, 3 + k] = (1.0 - 2.0 * e) * x[2, q]
-        _axis_torque_slope(model, m1, j, k, -nu - G, B * nu, space, x, M)
-        _axis_constraint(model, m1, rows, half, index, blocks, T, j, k, row, x)
-    for e in range(2):
-        b = ends[e]
-        if b < 0:
-            continue
-        for o in range(2):
-            other = ends[o]
-            if other < 0:
-                continue
-            pair = index.body[b] if o == e else index.couple[j, e]
-            if pair < 0:
-                continue
-            product(space[o, 0], T[other], M)
-            K = blocks[pair]
-            for c in range(3):
-                for q in range(3):
-                    x[0, q] = M[q, c] + space[o, 1, q, c]
-                turn_back(m1.R[b], x[0], x[1])
-                for q in range(3):
-                    K[3 + q, 3 + c] += (1.0 - 2.0 * e) * x[1, q]
+            half = 0.5 * dt
+            B = half * settings.b_term
+            b, row, sign, g = model.end[j, e], model.row[j], 1.0 - 2.0 * e, settings.gauge
+            R = m1.R
+            s0, s1, s2 = model.s[j, e, 0], model.s[j, e, 1], model.s[j, e, 2]
+            f0, f1, f2 = back3(R, b, rows.nu1[row], rows.nu1[row + 1], rows.nu1[row + 2])
+            g0, g1, g2 = back3(R, b, half * rows.G1[row], half * rows.G1[row + 1], half * rows.G1[row + 2])
+            w0, w1, w2 = cross3(m1.v[b, 3], m1.v[b, 4], m1.v[b, 5], s0, s1, s2)
+            theta[:, :] = 0.0
+            spin[:, :] = 0.0
+            add_hat_hat(sign, f0, f1, f2, B * w0 - s0, B * w1 - s1, B * w2 - s2, theta)
+            add_hat_hat(-sign, g0, g1, g2, s0, s1, s2, theta)
+            add_hat_hat(sign * B, f0, f1, f2, s0, s1, s2, spin)
+            add_product(theta, T, b, spin, 1.0, blocks, index.body[b])
+            # columns: translation sign (g - 1 - half dG), moment R^T ((b1 + g b0 - half dG arm1) x e_k)
+            C = index.column[j, e]
+            for k in range(3):
+                slope = half * rows.dG[row + k]
+                blocks[C, k, k] = sign * (g - 1.0 - slope)
+                x0 = (
+                    g * (m0.arm[j, e, 0] + B * m0.arm_dot[j, e, 0])
+                    - (1.0 + slope) * m1.arm[j, e, 0]
+                    + B * m1.arm_dot[j, e, 0]
+                )
+                x1 = (
+                    g * (m0.arm[j, e, 1] + B * m0.arm_dot[j, e, 1])
+                    - (1.0 + slope) * m1.arm[j, e, 1]
+                    + B * m1.arm_dot[j, e, 1]
+                )
+                x2 = (
+                    g * (m0.arm[j, e, 2] + B * m0.arm_dot[j, e, 2])
+                    - (1.0 + slope) * m1.arm[j, e, 2]
+                    + B * m1.arm_dot[j, e, 2]
+                )
+                x0, x1, x2 = back3(R, b, x0, x1, x2)
+                x0, x1, x2 = cross3(x0, x1, x2, R[b, k, 0], R[b, k, 1], R[b, k, 2])
+                blocks[C, 3, k], blocks[C, 4, k], blocks[C, 5, k] = sign * x0, sign * x1, sign * x2
 
 
 @njit(**JIT)
-def _axis_torque_slope(model, m1, j, k, weight, rate, space, x, M):
-    """Add d(weight u x n + rate (u_dot x n + u x n_dot)) to ``space``."""
-    i, g = model.end[j, 0], model.end[j, 1]
-    u, n = m1.u[j], m1.n[j, k]
-    # du = -R hat(u_i) theta, du_dot = -R (hat(Omega x u_i) theta + hat(u_i) dOmega); d(u x y) = -hat(y) du
-    for q in range(3):
-        x[2, q] = weight * n[q] + rate * m1.n_dot[j, k, q]
-    times_hat(m1.R[i], model.u[j], M)
-    _add_hat_product(x[2], M, 1.0, space[0, 0])
-    _add_hat_product(n, M, rate, space[0, 1])
-    cross(m1.v[i, 3:], model.u[j], x[3])
-    times_hat(m1.R[i], x[3], M)
-    _add_hat_product(n, M, rate, space[0, 0])
-    if g < 0:
-        return
-    for q in range(3):
-        x[2, q] = weight * u[q] + rate * m1.u_dot[j, q]
-    times_hat(m1.R[g], model.n[j, k], M)
-    _add_hat_product(x[2], M, -1.0, space[1, 0])
-    _add_hat_product(u, M, -rate, space[1, 1])
-    cross(m1.v[g, 3:], model.n[j, k], x[3])
-    times_hat(m1.R[g], x[3], M)
-    _add_hat_product(u, M, -rate, space[1, 0])
+def _point_constraints(model, m1, rows, dt, index, blocks, T):
+    """Rows: d phi_dot = dr_dot - R (hat(Omega x s) theta + hat(s) dOmega), d phi = half dr_dot - R hat(s) theta."""
+    for j in range(len(model.end)):
+        for e in range(2):
+            if model.end[j, e] < 0:
+                continue
+            half = 0.5 * dt
+            b, row, sign = model.end[j, e], model.row[j], 1.0 - 2.0 * e
+            s0, s1, s2 = model.s[j, e, 0], model.s[j, e, 1], model.s[j, e, 2]
+            w0, w1, w2 = cross3(m1.v[b, 3], m1.v[b, 4], m1.v[b, 5], s0, s1, s2)
+            C = index.row[j, e]
+            for k in range(3):
+                w, p = rows.weight[0, row + k], rows.weight[1, row + k]
+                blocks[C, k, k] = sign * (w + half * p)
+                # row k of R hat(x) is (r_k x x)^T with r_k = R^T e_k
+                r0, r1, r2 = m1.R[b, k, 0], m1.R[b, k, 1], m1.R[b, k, 2]
+                a0, a1, a2 = cross3(r0, r1, r2, s0, s1, s2)
+                d0, d1, d2 = cross3(r0, r1, r2, w0, w1, w2)
+                d0, d1, d2 = w * d0 + p * a0, w * d1 + p * a1, w * d2 + p * a2
+                for c in range(3):
+                    turned = d0 * T[b, 0, c] + d1 * T[b, 1, c] + d2 * T[b, 2, c]
+                    blocks[C, k, 3 + c] = -sign * turned
+                blocks[C, k, 3] -= sign * w * a0
+                blocks[C, k, 4] -= sign * w * a1
+                blocks[C, k, 5] -= sign * w * a2
 
 
 @njit(**JIT)
-def _add_hat_product(y, M, weight, out):
-    """out += weight hat(y) M"""
-    for c in range(3):
-        out[0, c] += weight * (y[1] * M[2, c] - y[2] * M[1, c])
-        out[1, c] += weight * (y[2] * M[0, c] - y[0] * M[2, c])
-        out[2, c] += weight * (y[0] * M[1, c] - y[1] * M[0, c])
+def _axis_columns(model, m0, m1, rows, dt, settings, index, blocks):
+    """Columns of nu1 of axis row k: the torque (gauge (a0 + B a0_dot) - a1 + B a1_dot - half dG a1) on i, minus on j."""
+    for j in range(len(model.end)):
+        for k in range(2):
+            if not model.hinged[j]:
+                continue
+            half = 0.5 * dt
+            B = half * settings.b_term
+            g, w = settings.gauge, 1.0 + half * rows.dG[model.row[j] + 3 + k]
+            a0, a1, a2, d0, d1, d2 = axis_torque(m0.u, m0.u_dot, m0.n, m0.n_dot, j, k)
+            b0, b1, b2, e0, e1, e2 = axis_torque(m1.u, m1.u_dot, m1.n, m1.n_dot, j, k)
+            x0 = g * (a0 + B * d0) - w * b0 + B * e0
+            x1 = g * (a1 + B * d1) - w * b1 + B * e1
+            x2 = g * (a2 + B * d2) - w * b2 + B * e2
+            for e in range(2):
+                b = model.end[j, e]
+                if b >= 0:
+                    y0, y1, y2 = back3(m1.R, b, x0, x1, x2)
+                    C, sign = index.column[j, e], 1.0 - 2.0 * e
+                    blocks[C, 3, 3 + k], blocks[C, 4, 3 + k], blocks[C, 5, 3 + k] = sign * y0, sign * y1, sign * y2
 
 
 @njit(**JIT)
-def _axis_constraint(model, m1, rows, half, index, blocks, T, j, k, row, x):
+def _axis_forces(model, m1, rows, dt, settings, index, blocks, T):
+    """Torque t = w u x n_k + r (u_dot x n_k + u x n_dot_k) as the body of end ``e`` turns, seen in that body's frame.
+
+    There u (of i) and n_k (of j) are fixed vectors p: with y, y_dot the other one,
+    ``R^T dt = +-[hat(w y + r y_dot) hat(p) theta + r hat(y) (hat(Omega x p) theta + hat(p) dOmega)]``.
+    """
+    theta = np.zeros((3, 3))
+    spin = np.zeros((3, 3))
+    other_theta = np.zeros((3, 3))
+    other_spin = np.zeros((3, 3))
+    for j in range(len(model.end)):
+        for k in range(2 if model.hinged[j] else 0):
+            for e in range(2):
+                if model.end[j, e] < 0:
+                    continue
+                half = 0.5 * dt
+                row = model.row[j] + 3 + k
+                w = -rows.nu1[row] - half * rows.G1[row]
+                r = half * settings.b_term * rows.nu1[row]
+                b = model.end[j, e]
+                if e == 0:
+                    p0, p1, p2 = model.u[j, 0], model.u[j, 1], model.u[j, 2]
+                    y0, y1, y2 = back3(m1.R, b, m1.n[j, k, 0], m1.n[j, k, 1], m1.n[j, k, 2])
+                    z0, z1, z2 = back3(m1.R, b, m1.n_dot[j, k, 0], m1.n_dot[j, k, 1], m1.n_dot[j, k, 2])
+                else:  # u x n = -(n x u)
+                    p0, p1, p2 = model.n[j, k, 0], model.n[j, k, 1], model.n[j, k, 2]
+                    y0, y1, y2 = back3(m1.R, b, m1.u[j, 0], m1.u[j, 1], m1.u[j, 2])
+                    z0, z1, z2 = back3(m1.R, b, m1.u_dot[j, 0], m1.u_dot[j, 1], m1.u_dot[j, 2])
+                    w, r = -w, -r
+                q0, q1, q2 = cross3(m1.v[b, 3], m1.v[b, 4], m1.v[b, 5], p0, p1, p2)
+                theta[:, :] = 0.0
+                spin[:, :] = 0.0
+                add_hat_hat(1.0, w * y0 + r * z0, w * y1 + r * z1, w * y2 + r * z2, p0, p1, p2, theta)
+                add_hat_hat(r, y0, y1, y2, q0, q1, q2, theta)
+                add_hat_hat(r, y0, y1, y2, p0, p1, p2, spin)
+                sign = 1.0 - 2.0 * e
+                add_product(theta, T, b, spin, sign, blocks, index.body[b])
+                pair = index.couple[j, 1 - e]
+                if pair >= 0:  # the same torque, opposite, on the other body: turned into its frame
+                    other = model.end[j, 1 - e]
+                    for c in range(3):
+                        x0, x1, x2 = turn3(m1.R, b, theta[0, c], theta[1, c], theta[2, c])
+                        x0, x1, x2 = back3(m1.R, other, x0, x1, x2)
+                        other_theta[0, c], other_theta[1, c], other_theta[2, c] = x0, x1, x2
+                        x0, x1, x2 = turn3(m1.R, b, spin[0, c], spin[1, c], spin[2, c])
+                        x0, x1, x2 = back3(m1.R, other, x0, x1, x2)
+                        other_spin[0, c], other_spin[1, c], other_spin[2, c] = x0, x1, x2
+                    add_product(other_theta, T, b, other_spin, -sign, blocks, pair)
+
+
+@njit(**JIT)
+def _axis_constraints(model, m1, rows, dt, index, blocks, T):
     """(R (theta x p)) . y = theta . (p x R^T y) for p = u_i, Omega x u_i and y = n, n_dot; likewise on j."""
-    for e in range(2):
-        b = model.end[j, e]
-        if b < 0:
-            continue
-        p = model.u[j] if e == 0 else model.n[j, k]
-        y = m1.n[j, k] if e == 0 else m1.u[j]
-        y_dot = m1.n_dot[j, k] if e == 0 else m1.u_dot[j]
-        C = blocks[index.row[j, e]]
-        turn_back(m1.R[b], y, x[2])
-        turn_back(m1.R[b], y_dot, x[3])
-        cross(p, x[2], x[4])  # on dOmega, and of phi on theta
-        cross(p, x[3], x[5])
-        cross(m1.v[b, 3:], p, x[3])
-        cross(x[3], x[2], x[1])
-        w, f = rows.weight[0, row], rows.weight[1, row]
-        for q in range(3):
-            x[5, q] = w * (x[5, q] + x[1, q]) + f * x[4, q]
-        for c in range(3):
-            slope = x[5, 0] * T[b, 0, c] + x[5, 1] * T[b, 1, c] + x[5, 2] * T[b, 2, c]
-            C[3 + k, 3 + c] = w * x[4, c] + slope
+    half = 0.5 * dt
+    for j in range(len(model.end)):
+        for k in range(2 if model.hinged[j] else 0):
+            for e in range(2):
+                if model.end[j, e] < 0:
+                    continue
+                b, row = model.end[j, e], model.row[j] + 3 + k
+                if e == 0:
+                    p0, p1, p2 = model.u[j, 0], model.u[j, 1], model.u[j, 2]
+                    y0, y1, y2 = back3(m1.R, b, m1.n[j, k, 0], m1.n[j, k, 1], m1.n[j, k, 2])
+                    z0, z1, z2 = back3(m1.R, b, m1.n_dot[j, k, 0], m1.n_dot[j, k, 1], m1.n_dot[j, k, 2])
+                else:
+                    p0, p1, p2 = model.n[j, k, 0], model.n[j, k, 1], model.n[j, k, 2]
+                    y0, y1, y2 = back3(m1.R, b, m1.u[j, 0], m1.u[j, 1], m1.u[j, 2])
+                    z0, z1, z2 = back3(m1.R, b, m1.u_dot[j, 0], m1.u_dot[j, 1], m1.u_dot[j, 2])
+                q0, q1, q2 = cross3(m1.v[b, 3], m1.v[b, 4], m1.v[b, 5], p0, p1, p2)
+                a0, a1, a2 = cross3(p0, p1, p2, y0, y1, y2)  # on dOmega, and of phi on theta
+                c0, c1, c2 = cross3(p0, p1, p2, z0, z1, z2)
+                d0, d1, d2 = cross3(q0, q1, q2, y0, y1, y2)
+                w, f = rows.weight[0, row], rows.weight[1, row]
+                d0, d1, d2 = w * (c0 + d0) + f * a0, w * (c1 + d1) + f * a1, w * (c2 + d2) + f * a2
+                C = index.row[j, e]
+                for c in range(3):
+                    blocks[C, 3 + k, 3 + c] = d0 * T[b, 0, c] + d1 * T[b, 1, c] + d2 * T[b, 2, c]
+                blocks[C, 3 + k, 3] += w * a0
+                blocks[C, 3 + k, 4] += w * a1
+                blocks[C, 3 + k, 5] += w * a2
+
+
+@njit(**JIT)
+def _f_bar(model, m1, half, index, blocks, T, settings):
+    """-half D1 G1 with G1 = -f_bar = -N / size: size depends on the arms, f_bar' = -f_bar size' / size."""
+    for j in range(len(model.end)):
+        row = model.row[j]
+        x = np.empty((8, 3))
+        for k in range(3):
+            size = 0.0
+            for e in range(2):  # size = a . a or a . M^-1 a; its gradient on theta of each end into x[e]
+                b = model.end[j, e]
+                x[e, :] = 0.0
+                if b < 0:
+                    continue
+                for q in range(3):
+                    x[2, q] = m1.R[b, k, q]  # R^T e_k
+                cross(model.s[j, e], x[2], x[3])  # rotational part of a
+                if settings.direction == 0:
+                    x[4, :] = x[3, :]
+                    size += 1.0
+                else:
+                    for q in range(3):
+                        x[4, q] = dot(model.J_inv[b, q], x[3])
+                    size += 1.0 / model.mass[b]
+                size += dot(x[3], x[4])
+                # d a_rot = s x (R^T e_k x theta): 2 a' . W a = 2 ((x4 x s) x R^T e_k) . theta
+                cross(x[4], model.s[j, e], x[5])
+                cross(x[5], x[2], x[6])
+                for q in range(3):
+                    x[e, q] = 2.0 * x[6, q]
+            for e in range(2):  # force half f_bar' on row k acts on end e (residual has -half D G = +half D f_bar)
+                b = model.end[j, e]
+                if b < 0:
+                    continue
+                for q in range(3):
+                    x[2, q] = m1.R[b, k, q]
+                cross(model.s[j, e], x[2], x[3])
+                for o in range(2):
+                    other = model.end[j, o]
+                    pair = index.body[b] if o == e else index.couple[j, e]
+                    if other < 0 or pair < 0:
+                        continue
+                    f = -(1.0 - 2.0 * e) * half * m1.f_bar[row + k] / size
+                    for c in range(3):
+                        slope = f * (x[o, 0] * T[other, 0, c] + x[o, 1] * T[other, 1, c] + x[o, 2] * T[other, 2, c])
+                        blocks[pair, k, 3 + c] += slope
+                        for q in range(3):
+                            blocks[pair, 3 + q, 3 + c] += slope * x[3, q]
 
 
 @njit(**JIT)

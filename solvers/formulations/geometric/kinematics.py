@@ -32,33 +32,35 @@ def joints(model, m):
             for k in range(3):
                 m.phi[row + k] += sign * (m.r[b, k] + m.arm[j, e, k])
                 m.phi_dot[row + k] += sign * (m.v[b, k] + m.arm_dot[j, e, k])
-        if model.hinged[j]:
-            _axis(model, m, j)
+    _axes(model, m)
 
 
 @njit(**JIT)
-def _axis(model, m, j):
-    i, g = model.end[j, 0], model.end[j, 1]
-    x0, x1, x2 = model.u[j, 0], model.u[j, 1], model.u[j, 2]
-    m.u[j, 0], m.u[j, 1], m.u[j, 2] = turn3(m.R, i, x0, x1, x2)
-    y0, y1, y2 = cross3(m.v[i, 3], m.v[i, 4], m.v[i, 5], x0, x1, x2)
-    m.u_dot[j, 0], m.u_dot[j, 1], m.u_dot[j, 2] = turn3(m.R, i, y0, y1, y2)
-    for k in range(2):
-        x0, x1, x2 = model.n[j, k, 0], model.n[j, k, 1], model.n[j, k, 2]
-        if g < 0:
-            m.n[j, k, 0], m.n[j, k, 1], m.n[j, k, 2] = x0, x1, x2
-            m.n_dot[j, k, 0], m.n_dot[j, k, 1], m.n_dot[j, k, 2] = 0.0, 0.0, 0.0
-        else:
-            m.n[j, k, 0], m.n[j, k, 1], m.n[j, k, 2] = turn3(m.R, g, x0, x1, x2)
-            y0, y1, y2 = cross3(m.v[g, 3], m.v[g, 4], m.v[g, 5], x0, x1, x2)
-            m.n_dot[j, k, 0], m.n_dot[j, k, 1], m.n_dot[j, k, 2] = turn3(m.R, g, y0, y1, y2)
-        phi = 0.0
-        phi_dot = 0.0
-        for q in range(3):
-            phi += m.u[j, q] * m.n[j, k, q]
-            phi_dot += m.u_dot[j, q] * m.n[j, k, q] + m.u[j, q] * m.n_dot[j, k, q]
-        m.phi[model.row[j] + 3 + k] = phi
-        m.phi_dot[model.row[j] + 3 + k] = phi_dot
+def _axes(model, m):
+    for j in range(len(model.end)):
+        if not model.hinged[j]:
+            continue
+        i, g = model.end[j, 0], model.end[j, 1]
+        x0, x1, x2 = model.u[j, 0], model.u[j, 1], model.u[j, 2]
+        m.u[j, 0], m.u[j, 1], m.u[j, 2] = turn3(m.R, i, x0, x1, x2)
+        y0, y1, y2 = cross3(m.v[i, 3], m.v[i, 4], m.v[i, 5], x0, x1, x2)
+        m.u_dot[j, 0], m.u_dot[j, 1], m.u_dot[j, 2] = turn3(m.R, i, y0, y1, y2)
+        for k in range(2):
+            x0, x1, x2 = model.n[j, k, 0], model.n[j, k, 1], model.n[j, k, 2]
+            if g < 0:
+                m.n[j, k, 0], m.n[j, k, 1], m.n[j, k, 2] = x0, x1, x2
+                m.n_dot[j, k, 0], m.n_dot[j, k, 1], m.n_dot[j, k, 2] = 0.0, 0.0, 0.0
+            else:
+                m.n[j, k, 0], m.n[j, k, 1], m.n[j, k, 2] = turn3(m.R, g, x0, x1, x2)
+                y0, y1, y2 = cross3(m.v[g, 3], m.v[g, 4], m.v[g, 5], x0, x1, x2)
+                m.n_dot[j, k, 0], m.n_dot[j, k, 1], m.n_dot[j, k, 2] = turn3(m.R, g, y0, y1, y2)
+            phi = 0.0
+            phi_dot = 0.0
+            for q in range(3):
+                phi += m.u[j, q] * m.n[j, k, q]
+                phi_dot += m.u_dot[j, q] * m.n[j, k, q] + m.u[j, q] * m.n_dot[j, k, q]
+            m.phi[model.row[j] + 3 + k] = phi
+            m.phi_dot[model.row[j] + 3 + k] = phi_dot
 
 
 @njit(**JIT)

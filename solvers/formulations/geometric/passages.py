@@ -11,7 +11,9 @@ from harness.mechanics.system import MultibodySystem
 from harness.types import Trajectory
 
 DENSE_ROWS = 1000  # singular values are dense: beyond this size passages are not looked for
-DECADES = 2.0  # a dip of det(A M^-1 A^T) by less is not taken for a passage: sigma^2 falls by a tenth in 0.1 rad already
+DECADES = (
+    2.0  # a dip of det(A M^-1 A^T) by less is not taken for a passage: sigma^2 falls by a tenth in 0.1 rad already
+)
 LOST = 0.02  # smallest singular value, relative to the start's, below which a dip counts as a loss of rank
 AROUND = 5  # steps on both sides whose penalty, cuts and corrections are told
 

@@ -85,7 +85,9 @@ def analyse(model: Model, couple: bool) -> tuple[Index, Pattern]:
     pattern = _structure(order, behind, place, size, nb, pair_start, column_place)
 
     def numbers(entries: list) -> np.ndarray:
-        return np.array([[-1 if k is None else number[k] for k in two] for two in entries], dtype=np.int64).reshape(-1, 2)
+        return np.array([[-1 if k is None else number[k] for k in two] for two in entries], dtype=np.int64).reshape(
+            -1, 2
+        )
 
     index = Index(
         body=np.array([number[k] for k in body], dtype=np.int64),
@@ -156,7 +158,11 @@ def _sorted_pairs(
     count = np.zeros(len(place) + 1, dtype=np.int64)
     for a, _ in ordered:
         count[place[a] + 1] += 1
-    return {k: q for q, k in enumerate(ordered)}, np.cumsum(count), np.array([place[b] for _, b in ordered], dtype=np.int64)
+    return (
+        {k: q for q, k in enumerate(ordered)},
+        np.cumsum(count),
+        np.array([place[b] for _, b in ordered], dtype=np.int64),
+    )
 
 
 def _structure(

@@ -108,7 +108,8 @@ def balance(model, m0, m1, rows, dt, settings, body, constraint):
         body[b, 3] = -x0 - half * (m0.force[b, 3] + m1.force[b, 3])
         body[b, 4] = -x1 - half * (m0.force[b, 4] + m1.force[b, 4])
         body[b, 5] = -x2 - half * (m0.force[b, 5] + m1.force[b, 5])
-    _reactions(model, m0, m1, rows, dt, settings, body)
+    _point_reactions(model, m0, m1, rows, dt, settings, body)
+    _axis_reactions(model, m0, m1, rows, dt, settings, body)
     for b in range(len(model.mass)):
         x0, x1, x2 = back3(m1.R, b, body[b, 3], body[b, 4], body[b, 5])
         y0, y1, y2 = turn3(J, b, v1[b, 3], v1[b, 4], v1[b, 5])
@@ -124,7 +125,7 @@ def balance(model, m0, m1, rows, dt, settings, body, constraint):
 
 
 @njit(**JIT)
-def _reactions(model, m0, m1, rows, dt, settings, body):
+def _point_reactions(model, m0, m1, rows, dt, settings, body):
     half = 0.5 * dt
     B = half * settings.b_term
     for j in range(len(model.end)):
@@ -154,40 +155,42 @@ def _reactions(model, m0, m1, rows, dt, settings, body):
             body[b, 3] += sign * (t0 + u0 - w0 + z0)
             body[b, 4] += sign * (t1 + u1 - w1 + z1)
             body[b, 5] += sign * (t2 + u2 - w2 + z2)
-        if model.hinged[j]:
-            _axis_reactions(model, m0, m1, rows, half, settings, j, body)
 
 
 @njit(**JIT)
-def _axis_reactions(model, m0, m1, rows, half, settings, j, body):
+def _axis_reactions(model, m0, m1, rows, dt, settings, body):
+    half = 0.5 * dt
     B = half * settings.b_term
-    t0, t1, t2 = 0.0, 0.0, 0.0
-    for k in range(2):
-        row = model.row[j] + 3 + k
-        nu1 = rows.nu1[row]
-        nu0 = settings.gauge * nu1 + rows.nu_start[row]
-        w0, w1 = nu0 - half * rows.G0[row], -nu1 - half * rows.G1[row]
-        a0, a1, a2, d0, d1, d2 = axis_torque(m0, j, k)
-        b0, b1, b2, e0, e1, e2 = axis_torque(m1, j, k)
-        t0 += w0 * a0 + w1 * b0 + B * (nu0 * d0 + nu1 * e0)
-        t1 += w0 * a1 + w1 * b1 + B * (nu0 * d1 + nu1 * e1)
-        t2 += w0 * a2 + w1 * b2 + B * (nu0 * d2 + nu1 * e2)
-    for e in range(2):
-        b = model.end[j, e]
-        if b >= 0:
-            sign = 1.0 - 2.0 * e
-            body[b, 3] += sign * t0
-            body[b, 4] += sign * t1
-            body[b, 5] += sign * t2
+    for j in range(len(model.end)):
+        if not model.hinged[j]:
+            continue
+        t0, t1, t2 = 0.0, 0.0, 0.0
+        for k in range(2):
+            row = model.row[j] + 3 + k
+            nu1 = rows.nu1[row]
+            nu0 = settings.gauge * nu1 + rows.nu_start[row]
+            w0, w1 = nu0 - half * rows.G0[row], -nu1 - half * rows.G1[row]
+            a0, a1, a2, d0, d1, d2 = axis_torque(m0.u, m0.u_dot, m0.n, m0.n_dot, j, k)
+            b0, b1, b2, e0, e1, e2 = axis_torque(m1.u, m1.u_dot, m1.n, m1.n_dot, j, k)
+            t0 += w0 * a0 + w1 * b0 + B * (nu0 * d0 + nu1 * e0)
+            t1 += w0 * a1 + w1 * b1 + B * (nu0 * d1 + nu1 * e1)
+            t2 += w0 * a2 + w1 * b2 + B * (nu0 * d2 + nu1 * e2)
+        for e in range(2):
+            b = model.end[j, e]
+            if b >= 0:
+                sign = 1.0 - 2.0 * e
+                body[b, 3] += sign * t0
+                body[b, 4] += sign * t1
+                body[b, 5] += sign * t2
 
 
 @njit(**JIT)
-def axis_torque(m, j, k):
-    """Components of a = u x n_k, the unit torque of axis row k, and of its rate."""
-    u0, u1, u2, n0, n1, n2 = m.u[j, 0], m.u[j, 1], m.u[j, 2], m.n[j, k, 0], m.n[j, k, 1], m.n[j, k, 2]
+def axis_torque(u, u_dot, n, n_dot, j, k):
+    """Components of a = u x n_k, the unit torque of axis row k of joint ``j``, and of its rate."""
+    u0, u1, u2, n0, n1, n2 = u[j, 0], u[j, 1], u[j, 2], n[j, k, 0], n[j, k, 1], n[j, k, 2]
     a0, a1, a2 = cross3(u0, u1, u2, n0, n1, n2)
-    b0, b1, b2 = cross3(m.u_dot[j, 0], m.u_dot[j, 1], m.u_dot[j, 2], n0, n1, n2)
-    c0, c1, c2 = cross3(u0, u1, u2, m.n_dot[j, k, 0], m.n_dot[j, k, 1], m.n_dot[j, k, 2])
+    b0, b1, b2 = cross3(u_dot[j, 0], u_dot[j, 1], u_dot[j, 2], n0, n1, n2)
+    c0, c1, c2 = cross3(u0, u1, u2, n_dot[j, k, 0], n_dot[j, k, 1], n_dot[j, k, 2])
     return a0, a1, a2, b0 + c0, b1 + c1, b2 + c2
 
 

@@ -90,12 +90,12 @@ def turned_by(R, b, x, y, z, out):
 
 
 @njit(**JIT)
-def right_differential(x, scale, out):
-    """out = scale * dexp: exp(x + d) = exp(x) exp(dexp d) to first order.
+def right_differential(x, y, z, scale, out, b):
+    """out[b] = scale * dexp(x, y, z): exp(a + d) = exp(a) exp(dexp d) to first order.
 
-    dexp = 1 - (1 - cos a)/a^2 hat(x) + (a - sin a)/a^3 hat(x)^2; series where a^2 < 1e-2, cut at a^8: error below 1e-15.
+    dexp = 1 - (1 - cos a)/a^2 hat(x) + (a - sin a)/a^3 hat(x)^2; series where a^2 < 1e-2, cut at a^10: error below 1e-18.
     """
-    s = dot(x, x)
+    s = x * x + y * y + z * z
     if s < 1e-2:
         g = 0.5 * (1.0 - s / 12.0 * (1.0 - s / 30.0 * (1.0 - s / 56.0 * (1.0 - s / 90.0))))
         h = (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0)))) / 6.0
@@ -104,16 +104,11 @@ def right_differential(x, scale, out):
         half = math.sin(0.5 * a)
         g = 2.0 * half * half / s
         h = (a - math.sin(a)) / (a * s)
-    for k in range(3):
-        for c in range(3):
-            out[k, c] = scale * h * x[k] * x[c]
-        out[k, k] += scale * (1.0 - h * s)
-    out[0, 1] += scale * g * x[2]
-    out[0, 2] -= scale * g * x[1]
-    out[1, 0] -= scale * g * x[2]
-    out[1, 2] += scale * g * x[0]
-    out[2, 0] += scale * g * x[1]
-    out[2, 1] -= scale * g * x[0]
+    d = 1.0 - h * s
+    g, h, d = scale * g, scale * h, scale * d
+    out[b, 0, 0], out[b, 0, 1], out[b, 0, 2] = d + h * x * x, h * x * y + g * z, h * x * z - g * y
+    out[b, 1, 0], out[b, 1, 1], out[b, 1, 2] = h * x * y - g * z, d + h * y * y, h * y * z + g * x
+    out[b, 2, 0], out[b, 2, 1], out[b, 2, 2] = h * x * z + g * y, h * y * z - g * x, d + h * z * z
 
 
 # The same without views of arrays (each view costs more than the arithmetic): components in, components out.
@@ -150,3 +145,28 @@ def quadratic3(J, b, x0, x1, x2):
     """x . J[b] x"""
     y0, y1, y2 = turn3(J, b, x0, x1, x2)
     return x0 * y0 + x1 * y1 + x2 * y2
+
+
+@njit(**JIT)
+def add_hat_hat(w, a0, a1, a2, b0, b1, b2, out):
+    """out += w hat(a) hat(b) = w (b a^T - (a . b) 1)"""
+    d = w * (a0 * b0 + a1 * b1 + a2 * b2)
+    out[0, 0] += w * b0 * a0 - d
+    out[0, 1] += w * b0 * a1
+    out[0, 2] += w * b0 * a2
+    out[1, 0] += w * b1 * a0
+    out[1, 1] += w * b1 * a1 - d
+    out[1, 2] += w * b1 * a2
+    out[2, 0] += w * b2 * a0
+    out[2, 1] += w * b2 * a1
+    out[2, 2] += w * b2 * a2 - d
+
+
+@njit(**JIT)
+def add_product(A, T, b, S, sign, blocks, p):
+    """Rotational part of block ``p`` += sign (A T[b] + S)."""
+    for k in range(3):
+        for c in range(3):
+            blocks[p, 3 + k, 3 + c] += sign * (
+                A[k, 0] * T[b, 0, c] + A[k, 1] * T[b, 1, c] + A[k, 2] * T[b, 2, c] + S[k, c]
+            )
