@@ -1,0 +1,36 @@
+"""Distance from the exact motion: position, orientation, and out of the plane where the motion is planar."""
+
+from matplotlib.axes import Axes
+
+from reports.drawing import MUTED, Drawn
+from reports.figures.laws import Panel, grid_of
+from reports.figures.lines import Group
+
+NAMES = (
+    ("position_error", "Position, worst body", r"$|r - r_\mathrm{exact}|$ [m]"),
+    ("orientation_error", "Orientation, worst body", r"$\angle(R, R_\mathrm{exact})$ [rad]"),
+    ("out_of_plane", "Out of the plane", "distance [m]"),
+)
+
+
+def errors(name: str, title: str, group: Group, everyone: Group) -> Drawn | None:
+    """Errors over time; what is below the reference's own error is shaded. None when no cell has one."""
+    length = max((c.record.length_scale_m for c in everyone.cells if c.record.length_scale_m > 0.0), default=1.0)
+    scales = {"position_error": length, "orientation_error": 1.0, "out_of_plane": length}
+    panels = [
+        Panel(head, axis, lambda m, key=key: m.norms.get(key), scales[key])
+        for key, head, axis in NAMES
+        if any(len(m.norms.get(key, ())) for m in everyone.motions)
+    ]
+    if not panels:
+        return None
+    own = max((m for m in everyone.motions if m.own_error is not None), key=lambda m: len(m.own_error or ()), default=None)
+
+    def shade(ax: Axes, panel: Panel) -> None:
+        if own is None or own.own_error is None or "R," in panel.axis or panel.axis.startswith("distance"):
+            return
+        low, high = ax.get_ylim()
+        ax.fill_between(own.own_error.t, low, own.own_error.y.clip(low, high), color=MUTED, alpha=0.18, linewidth=0)
+
+    caption = "Largest in each span of time, up to the reference's horizon. Shaded: below the reference's own error."
+    return Drawn(name, title, caption, lambda: grid_of(panels, group, everyone, shade))

@@ -1,0 +1,81 @@
+"""What ran, where and with which versions, for the head of a page."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from reports.reading import Cell, Run
+
+UNKNOWN = "not recorded"
+
+
+def facts(run: Run) -> list[tuple[str, str]]:
+    """Name and value, those a reader checks first at the top."""
+    e = run.environment
+    commit = str(e.get("commit") or UNKNOWN)
+    return [
+        ("Suite", str(e.get("suite") or _all(run.cells, "suite"))),
+        ("Run", str(e.get("run") or run.folder.name)),
+        ("Started", str(e.get("started") or UNKNOWN)),
+        ("Commit", commit + (" with uncommitted changes (dirty)" if e.get("dirty") else "")),
+        ("Code digest", str(e.get("code") or _all(run.cells, "code"))),
+        ("Steps and tolerances", _asked(run.cells)),
+        ("Limits a cell", _limits(run.cells)),
+        ("Machine", f"{e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores, {e.get('system', '')} {e.get('machine', '')}"),
+        ("Processes at a time", str(e.get("jobs") or UNKNOWN)),
+        ("BLAS", _blas(e.get("blas"))),
+        ("Python", str(e.get("python") or UNKNOWN)),
+        ("Lock file", str(e.get("lock_sha256") or UNKNOWN)[:16]),
+        ("Plugins", ", ".join(map(str, e.get("plugins") or [])) or "none"),
+    ]
+
+
+def cautions(run: Run) -> list[str]:
+    """What a reader must know before trusting a number."""
+    out = []
+    commits = sorted({c.record.commit for c in run.cells if c.record.commit})
+    if len(commits) > 1:
+        out.append(f"Cells come from {len(commits)} states of the code: {', '.join(commits)}.")
+    if run.environment.get("dirty"):
+        out.append("The checkout had uncommitted changes: the commit alone does not give these numbers back.")
+    if isinstance(run.environment.get("jobs"), int) and run.environment["jobs"] > 1:
+        out.append(f"{run.environment['jobs']} cells ran at a time: CPU times include what they cost each other.")
+    if not run.environment:
+        out.append("environment.json is missing or unreadable: machine and versions are not known.")
+    out += [f"Left out: {u.path.name}: {u.why}" for u in run.unreadable]
+    return out
+
+
+def packages(run: Run) -> list[tuple[str, str]]:
+    """Every recorded package."""
+    found = run.environment.get("packages")
+    return sorted((str(k), str(v)) for k, v in found.items()) if isinstance(found, dict) else []
+
+
+def _asked(cells: Sequence[Cell]) -> str:
+    words = []
+    for name, column, unit in (("dt", "dt_s", " s"), ("rtol", "rtol", ""), ("max step", "max_step_s", " s")):
+        values = sorted({v for c in cells if (v := getattr(c.record, column)) == v}, reverse=True)
+        if values:
+            words.append(f"{name} {', '.join(f'{v:g}' for v in values)}{unit}")
+    return "; ".join(words) or UNKNOWN
+
+
+def _limits(cells: Sequence[Cell]) -> str:
+    wall = sorted({c.record.wall_limit_s for c in cells if c.record.wall_limit_s == c.record.wall_limit_s})
+    memory = sorted({c.record.memory_limit_MB for c in cells if c.record.memory_limit_MB == c.record.memory_limit_MB})
+    words = [f"{', '.join(f'{v:g}' for v in wall)} s wall time"] if wall else []
+    words += [f"{', '.join(f'{v:g}' for v in memory)} MB"] if memory else []
+    return ", ".join(words) or UNKNOWN
+
+
+def _blas(given: Any) -> str:
+    if not isinstance(given, list):
+        return UNKNOWN
+    words = [
+        f"{b.get('internal_api')} {b.get('version') or ''}, {b.get('num_threads')} thread(s)" for b in given if isinstance(b, dict)
+    ]
+    return "; ".join(dict.fromkeys(words)) or UNKNOWN
+
+
+def _all(cells: Sequence[Cell], column: str) -> str:
+    return ", ".join(sorted({getattr(c.record, column) for c in cells} - {""})) or UNKNOWN
