@@ -10,7 +10,7 @@ from reports.findings import Finding, findings_of
 from reports.motion import Motion
 from reports.palette import Look
 from reports.reading import Cell, Posing
-from reports.words import NONE, number, plural, unit
+from reports.words import NONE, number, plural, time, unit
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,9 @@ def chapter(posing: Posing, motions: Mapping[str, Motion], looks: Mapping[str, L
         _extra("Largest distance of observables from the reference", posing.cells, lambda c: c.observable_errors),
         _extra("Largest departure of invariants from their start", posing.cells, lambda c: c.invariant_drifts),
     ]
-    return Chapter(posing, _facts(posing, motions), tuple(findings_of(posing)), tuple(sets), tuple(e for e in extras if e.heads))
+    return Chapter(
+        posing, _facts(posing, motions), tuple(findings_of(posing)), tuple(sets), tuple(e for e in extras if e.heads)
+    )
 
 
 def _written(drawn: Drawn) -> Written:
@@ -60,7 +62,7 @@ def _facts(posing: Posing, motions: Mapping[str, Motion]) -> tuple[str, ...]:
     out = [posing.section] if posing.section else []
     times = sorted({r.t_end_s for r in records if not math.isnan(r.t_end_s)})
     if times:
-        out.append(f"{', '.join(number(t) for t in times)} s simulated")
+        out.append(f"{', '.join(time(t) for t in times)} s simulated")
     bodies = max((motions[c.record.cell].bodies for c in posing.cells), default=0)
     if bodies:
         out.append(plural(bodies, "body", "bodies"))
@@ -71,7 +73,7 @@ def _facts(posing: Posing, motions: Mapping[str, Motion]) -> tuple[str, ...]:
     if known:
         out.append(
             f"reference: {known.reference}, certified to {number(known.reference_own_error_m)} m"
-            + (f" up to {number(known.reference_horizon_s)} s" if math.isfinite(known.reference_horizon_s) else "")
+            + (f" up to {time(known.reference_horizon_s)} s" if math.isfinite(known.reference_horizon_s) else "")
         )
     else:
         out.append("no reference: errors are not known, laws are")

@@ -24,7 +24,7 @@ class Curve:
 
 
 def upper(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float) -> Curve:
-    """The largest |a| in each span of time: what a bound has to be above of. Values that are no numbers are left out."""
+    """The largest |a| in each span of time: what a bound must not be below. Values that are no numbers are left out."""
     t, a = _finite(t, np.abs(a))
     at = [k[np.argmax(a[k])] for k in _spans(t, t_end, SPANS_UPPER)]
     return Curve(t[at], a[at])

@@ -18,13 +18,19 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 WIDTH = 7.2  # [in] two columns of a journal
 INK, MUTED, GRID, PAPER = "#1c2126", "#5b646e", "#e1e5ea", "#ffffff"
-THEME = {INK: "--ink", MUTED: "--muted", GRID: "--rule", PAPER: "--card"}  # what the page recolours in the dark; curves keep theirs
+THEME = {
+    INK: "--ink",
+    MUTED: "--muted",
+    GRID: "--rule",
+    PAPER: "--card",
+}  # what the page recolours in the dark; curves keep theirs
 PNG_DPI = 180
 ENDS = ("star-", "cross-")  # names of the marks where runs end, followed by the cell
 
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans", "font.size": 8.0, "mathtext.fontset": "dejavusans",
-    "axes.titlesize": 8.5, "axes.labelsize": 8.5, "legend.fontsize": 7.5, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5,
+    "axes.titlesize": 8.5, "axes.labelsize": 8.5, "legend.fontsize": 7.5,
+    "xtick.labelsize": 7.5, "ytick.labelsize": 7.5,
     "axes.titlelocation": "left", "axes.titleweight": "bold", "axes.titlepad": 5.0,
     "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.7, "axes.edgecolor": MUTED,
     "axes.labelcolor": INK, "axes.titlecolor": INK, "text.color": INK, "xtick.color": MUTED, "ytick.color": MUTED,
@@ -68,6 +74,7 @@ def write(drawn: Drawn) -> Written:
         figure = drawn.draw()
         svg, png = io.BytesIO(), io.BytesIO()
         FigureCanvasAgg(figure).print_png(png, metadata={"Software": None})
+        figure.set_layout_engine("none")  # it is laid out: the SVG need not do so again
         FigureCanvasSVG(figure).print_svg(svg, metadata={"Date": None, "Creator": None})
     text = _lean(svg.getvalue().decode("utf-8"))
     return Written(drawn, text, png.getvalue(), _inline(text, drawn.name))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from reports.accuracy import Measure, drifts, measure_for
 from reports.reading import Cell, Posing, Run
-from reports.words import listed, mark, number, plural, seconds
+from reports.words import listed, mark, number, plural, seconds, time
 
 SAME_ERROR = 1.25  # errors closer than this factor are called equal
 SAME_CPU = 1.3  # so are timings: the spread of single timings on a shared machine
@@ -56,7 +56,8 @@ def _counts(run: Run) -> Iterator[Finding]:
         share = Counter(c.record.solver for c in run.cells if c.status == "wrong")
         whose = listed([f"{s} {n} of {sum(c.record.solver == s for c in run.cells)}" for s, n in share.most_common()])
         yield Finding(
-            f"{plural(wrong, 'cell')} claimed success although energy, constraints, invariants or the reference say no: {whose}.",
+            f"{plural(wrong, 'cell')} claimed success although energy, constraints, invariants or the reference say "
+            f"no: {whose}.",
             "wrong",
         )
 
@@ -101,24 +102,29 @@ def _most_accurate(posing: Posing, measure: Measure) -> Iterator[Finding]:
     close = [c for c in ranked if measure.of(c) <= SAME_ERROR * best]
     who = listed([called(c) for c in close])
     many = f"{who} (within {SAME_ERROR:g} of each other)" if len(close) > 1 else who
-    yield Finding(f"Smallest {measure.what} of {plural(len(ranked), 'success', 'successes')}: {number(best)} {measure.unit}, {many}.")
+    yield Finding(
+        f"Smallest {measure.what} of {plural(len(ranked), 'success', 'successes')}: {number(best)} {measure.unit}, "
+        f"{many}."
+    )
 
 
 def _cheapest(posing: Posing, measure: Measure) -> Iterator[Finding]:
     length = max((c.record.length_scale_m for c in posing.cells if c.record.length_scale_m > 0.0), default=1.0)
     target = ACCURATE * (length if measure.unit == "m" else 1.0)
     good = [c for c in posing.solved() if measure.of(c) <= target and c.record.cpu_median_s >= 0.0]
-    words = f"within {number(target)} {measure.unit} of the exact motion"
+    words = f"within {target:g} {measure.unit} of the exact motion"
     if not good:
         yield Finding(f"No success stays {words} ({measure.what}).")
         return
     good.sort(key=lambda c: c.record.cpu_median_s)
     least = good[0].record.cpu_median_s
-    close = [c for c in good if c.record.cpu_median_s <= SAME_CPU * least or c.record.cpu_min_s <= good[0].record.cpu_max_s]
+    close = [
+        c for c in good if c.record.cpu_median_s <= SAME_CPU * least or c.record.cpu_min_s <= good[0].record.cpu_max_s
+    ]
     who = listed([f"{called(c)} {seconds(c.record.cpu_median_s)}" for c in close])
     single = " (single timings)" if any(c.record.repeats < 2 for c in close) else ""
     told = f", too close to tell apart: {who}" if len(close) > 1 else f": {who}"
-    next_one = next((c for c in good if c not in close and c.record.solver != good[0].record.solver), None)
+    next_one = next((c for c in good if c.record.solver not in {k.record.solver for k in close}), None)
     after = f"; next solver: {called(next_one)} {seconds(next_one.record.cpu_median_s)}" if next_one else ""
     yield Finding(f"Least CPU time {words}{single}{told}{after}. {len(good)} of {len(posing.solved())} successes are.")
 
@@ -140,8 +146,11 @@ def _response(posing: Posing, measure: Measure) -> Iterator[Finding]:
             yield Finding(f"{coarse.method}: from {coarse.step_words} to {fine.step_words} the {measure.what} falls by "
                           f"{number(gain)}: observed order {order:.2f}.")  # fmt: skip
         elif gain < 1.0:
-            yield Finding(f"{coarse.method}: tightening from {coarse.step_words} to {fine.step_words} makes the {measure.what} "
-                          f"larger, from {number(measure.of(coarse))} to {number(measure.of(fine))} {measure.unit}.", "failed")  # fmt: skip
+            yield Finding(
+                f"{coarse.method}: tightening from {coarse.step_words} to {fine.step_words} makes the {measure.what} "
+                f"larger, from {number(measure.of(coarse))} to {number(measure.of(fine))} {measure.unit}.",
+                "failed",
+            )
 
 
 def _energy(posing: Posing) -> Iterator[Finding]:
@@ -150,19 +159,29 @@ def _energy(posing: Posing) -> Iterator[Finding]:
         known.sort(key=lambda c: c.record.energy_drift_max_J)
         least, most = known[0].record.energy_drift_max_J, known[-1].record.energy_drift_max_J
         if most > 0.0:
-            yield Finding(f"Energy errors of successes reach from {number(least)} to {number(most)} J, the largest that of {called(known[-1])}.")
+            yield Finding(
+                f"Energy errors of successes reach from {number(least)} to {number(most)} J, the largest that of "
+                f"{called(known[-1])}."
+            )
     allowed = next((c.record.energy_allowed_J for c in posing.cells if c.record.energy_allowed_J > 0.0), math.nan)
     if not math.isnan(allowed):
         over = [c for c in posing.cells if c.record.energy_drift_max_J > allowed]
         words = f"exceeded by {listed([called(c) for c in over])}" if over else "kept by every cell that made a step"
-        yield Finding(f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}.", "failed" if over else "plain")
+        yield Finding(
+            f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}.",
+            "failed" if over else "plain",
+        )
 
 
 def _ends(posing: Posing) -> Iterator[Finding]:
     early = sorted((c for c in posing.cells if c.stopped), key=lambda c: c.record.t_reached_s)
     for c in early:
         r = c.record
-        where = f"at {number(r.t_reached_s)} of {number(r.t_end_s)} s" if math.isfinite(r.t_reached_s) else "before its first step"
+        where = (
+            f"at {time(r.t_reached_s)} of {time(r.t_end_s)} s"
+            if math.isfinite(r.t_reached_s)
+            else "before its first step"
+        )
         yield Finding(f"{called(c)} ended {where}, {mark(c.status).word}: {c.reasons[0]}", "failed")
     refused: Sequence[Cell] = [c for c in posing.cells if c.status == "refused"]
     for c in refused:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from reports.accuracy import drifts, measure_for
 from reports.reading import Cell, Posing, Run
+from reports.settings import shared_options
 from reports.words import Mark, mark, number, seconds
 
 WORST_FIRST = ("wrong", "failed", "refused", "good")
@@ -30,6 +31,7 @@ class Entry:
     others: tuple[tuple[Cell, Mark], ...]
     figures: tuple[Figure, ...]
     energy: str
+    alike: frozenset[str]  # settings that need not be said
 
     @property
     def kind(self) -> str:
@@ -79,14 +81,14 @@ def entry(posing: Posing, cells: Sequence[Cell]) -> Entry:
     if measure and measure.unit == "m":
         scale = r.length_scale_m
     figures = (
-        Figure("max |E−E₀|", _with(r.energy_drift_max_J, "J"), _lost(r.energy_drift_max_J, r.energy_scale_J)),
-        Figure(measure.what if measure else "error", _with(error, measure.unit) if measure else "no reference", _lost(error, scale)),
-        Figure("max |φ|", _with(r.phi_max, "m"), _lost(r.phi_max, r.length_scale_m)),
+        Figure("ΔE", _with(r.energy_drift_max_J, "J"), _lost(r.energy_drift_max_J, r.energy_scale_J)),
+        Figure("error", _with(error, measure.unit) if measure else "no reference", _lost(error, scale)),
+        Figure("|φ|", _with(r.phi_max, "m"), _lost(r.phi_max, r.length_scale_m)),
         Figure("CPU", seconds(r.cpu_median_s)),
     )  # fmt: skip
-    wanders = drifts(head)
-    energy = "" if wanders is None else "energy drifts" if wanders else "energy bounded"
-    return Entry(head, mark(head.status), tuple((c, mark(c.status)) for c in ranked[1:]), figures, energy)
+    wanders, alike = drifts(head), shared_options(cells)[r.solver]
+    energy = "" if wanders is None else "drifts" if wanders else "bounded"
+    return Entry(head, mark(head.status), tuple((c, mark(c.status)) for c in ranked[1:]), figures, energy, alike)
 
 
 def _with(value: float, unit: str) -> str:

@@ -20,7 +20,10 @@ def facts(run: Run) -> list[tuple[str, str]]:
         ("Code digest", str(e.get("code") or _all(run.cells, "code"))),
         ("Steps and tolerances", _asked(run.cells)),
         ("Limits a cell", _limits(run.cells)),
-        ("Machine", f"{e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores, {e.get('system', '')} {e.get('machine', '')}"),
+        (
+            "Machine",
+            f"{e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores, {e.get('system', '')} {e.get('machine', '')}",
+        ),
         ("Processes at a time", str(e.get("jobs") or UNKNOWN)),
         ("BLAS", _blas(e.get("blas"))),
         ("Python", str(e.get("python") or UNKNOWN)),
@@ -71,10 +74,10 @@ def _limits(cells: Sequence[Cell]) -> str:
 def _blas(given: Any) -> str:
     if not isinstance(given, list):
         return UNKNOWN
-    words = [
-        f"{b.get('internal_api')} {b.get('version') or ''}, {b.get('num_threads')} thread(s)" for b in given if isinstance(b, dict)
-    ]
-    return "; ".join(dict.fromkeys(words)) or UNKNOWN
+    known = [b for b in given if isinstance(b, dict)]
+    names = dict.fromkeys(" ".join(str(b[k]) for k in ("internal_api", "version") if b.get(k)) for b in known)
+    threads = sorted({str(b.get("num_threads")) for b in known})
+    return f"{', '.join(names)}: {' or '.join(threads)} thread(s)" if known else UNKNOWN
 
 
 def _all(cells: Sequence[Cell], column: str) -> str:

@@ -37,6 +37,11 @@ class Cell:
     def parameters(self) -> Mapping[str, Any]:
         return json.loads(self.record.problem_parameters)
 
+    @property
+    def parameter_words(self) -> str:
+        """Parameters of the problem in words; empty where all are its defaults."""
+        return ", ".join(f"{k} = {text_of(v)}" for k, v in self.parameters.items())
+
     @cached_property
     def options(self) -> Mapping[str, Any]:
         return json.loads(self.record.solver_options)
@@ -113,6 +118,15 @@ class Posing:
     def section(self) -> str:
         return self.cells[0].record.section
 
+    @property
+    def problem(self) -> str:
+        return self.cells[0].record.problem
+
+    @property
+    def parameters(self) -> str:
+        """In words; empty for the problem as its file has it."""
+        return self.cells[0].parameter_words
+
     def labels(self) -> dict[str, tuple[Cell, ...]]:
         """The cells by label of the suite, the largest group first."""
         found: dict[str, list[Cell]] = {}
@@ -139,7 +153,7 @@ class Run:
         found: dict[str, list[Cell]] = {}
         for cell in self.cells:
             found.setdefault(cell.posing, []).append(cell)
-        ordered = sorted(found.items(), key=lambda kv: (kv[1][0].record.section or "~", kv[0]))
+        ordered = sorted(found.items(), key=lambda kv: (kv[1][0].record.section or "~", natural(kv[0])))
         taken: set[str] = set()
         return tuple(Posing(title, slug(title, taken), tuple(cells)) for title, cells in ordered)
 
@@ -179,6 +193,12 @@ def text_of(value: Any) -> str:
     if isinstance(value, list):
         return "(" + ", ".join(map(text_of, value)) + ")"
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def natural(text: str) -> list[tuple[int, float, str]]:
+    """A key to sort by that puts ``links=6`` before ``links=30``."""
+    parts = re.split(r"(\d+(?:\.\d+)?)", text)
+    return [(1, float(p), "") if k % 2 else (0, 0.0, p) for k, p in enumerate(parts)]
 
 
 def slug(title: str, taken: set[str]) -> str:

@@ -18,7 +18,7 @@ from reports.palette import looks
 from reports.provenance import cautions, facts, packages
 from reports.reading import Cell, Run, read_run, slug
 from reports.tables import write_tables
-from reports.words import mark, number
+from reports.words import mark, time
 
 TEMPLATES = Path(__file__).parent / "templates"
 PAGE = 13_000_000  # bytes of figures that a page may hold; the largest ones beyond it are put in as pixels
@@ -44,10 +44,16 @@ def build(run_folder: Path) -> Path:
 def page(run: Run, chapters: list[Chapter], scaled: list[Written]) -> str:
     """The HTML page."""
     environment = Environment(
-        loader=FileSystemLoader(TEMPLATES), autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=FileSystemLoader(TEMPLATES),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     written = [w for c in chapters for s in c.sets for w in s.figures] + scaled
-    failures = sorted((c for c in run.cells if not c.succeeded), key=lambda c: (WORST[mark(c.status).kind], c.posing, c.method))
+    failures = sorted(
+        (c for c in run.cells if not c.succeeded), key=lambda c: (WORST[mark(c.status).kind], c.posing, c.method)
+    )
     return environment.get_template("page.html").render(
         run=run,
         title=run.environment.get("run") or run.folder.name,
@@ -65,13 +71,13 @@ def page(run: Run, chapters: list[Chapter], scaled: list[Written]) -> str:
         looks=looks(run.solvers),
         pictures=_pictures(written),
         mark=mark,
-        number=number,
+        time=time,
         sortable=_sortable,
     )
 
 
 def _chapters(run: Run) -> tuple[list[Chapter], list[Written]]:
-    own_looks, bodies = looks(run.solvers), {}
+    own_looks, bodies = looks(run.solvers), dict[str, int]()
     chapters = []
     for posing in run.posings:  # one problem at a time: its series are large
         motions = {c.record.cell: motion_of(run, c) for c in posing.cells}

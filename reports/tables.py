@@ -13,7 +13,8 @@ from reports.words import NONE
 
 LATEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
-    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}", "|": r"\textbar{}",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
+    "|": r"\textbar{}",
 }  # fmt: skip
 
 
@@ -33,7 +34,9 @@ def csv_of(cells: Sequence[Cell]) -> str:
     """All columns, numbers in full; empty where a quantity does not exist."""
     text = io.StringIO()
     out = csv.writer(text, lineterminator="\n")
-    out.writerow(["problem", "solver", "paper_label", *(c.key + (f" [{c.unit}]" if c.unit else "") for c in COLUMNS), "reason"])
+    out.writerow(
+        ["problem", "solver", "paper_label", *(c.key + (f" [{c.unit}]" if c.unit else "") for c in COLUMNS), "reason"]
+    )
     for cell in cells:
         r = cell.record
         values = [_full(c, cell) for c in COLUMNS]

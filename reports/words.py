@@ -55,6 +55,11 @@ def signed(value: float) -> str:
     return f"+{number(value)}" if value > 0.0 else number(value)
 
 
+def time(value: float) -> str:
+    """A simulated time, without needless zeros."""
+    return f"{value:.6g}" if math.isfinite(value) else number(value)
+
+
 def seconds(value: float) -> str:
     """``20.9 ms``, ``1.45 s``."""
     if math.isnan(value):
@@ -64,8 +69,9 @@ def seconds(value: float) -> str:
 
 def unit(text: str) -> str:
     """``kg m2/s`` as ``kg m²/s``."""
-    return "".join(c.translate(SUPERSCRIPTS) if k and c in "23" and text[k - 1].isalpha() else c
-                   for k, c in enumerate(text))
+    return "".join(
+        c.translate(SUPERSCRIPTS) if k and c in "23" and text[k - 1].isalpha() else c for k, c in enumerate(text)
+    )
 
 
 def plural(n: int, one: str, many: str = "") -> str:

@@ -3,7 +3,7 @@
 from matplotlib.axes import Axes
 
 from reports.drawing import MUTED, Drawn
-from reports.figures.laws import Panel, grid_of
+from reports.figures.laws import Panel, grid_of, norm
 from reports.figures.lines import Group
 
 NAMES = (
@@ -18,13 +18,15 @@ def errors(name: str, title: str, group: Group, everyone: Group) -> Drawn | None
     length = max((c.record.length_scale_m for c in everyone.cells if c.record.length_scale_m > 0.0), default=1.0)
     scales = {"position_error": length, "orientation_error": 1.0, "out_of_plane": length}
     panels = [
-        Panel(head, axis, lambda m, key=key: m.norms.get(key), scales[key])
+        Panel(head, axis, norm(key), scales[key])
         for key, head, axis in NAMES
         if any(len(m.norms.get(key, ())) for m in everyone.motions)
     ]
     if not panels:
         return None
-    own = max((m for m in everyone.motions if m.own_error is not None), key=lambda m: len(m.own_error or ()), default=None)
+    own = max(
+        (m for m in everyone.motions if m.own_error is not None), key=lambda m: len(m.own_error or ()), default=None
+    )
 
     def shade(ax: Axes, panel: Panel) -> None:
         if own is None or own.own_error is None or "R," in panel.axis or panel.axis.startswith("distance"):

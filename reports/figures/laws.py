@@ -26,14 +26,14 @@ def laws(name: str, title: str, group: Group, everyone: Group) -> Drawn:
     """Energy error, |phi|, |phi_dot| and step over time; axes as high as ``everyone`` on this problem needs."""
     energy, length = _scale(everyone, "energy_scale_J"), _scale(everyone, "length_scale_m")
     panels = [
-        Panel("Energy error", r"$|E-E_0|$ [J]", lambda m: m.norms.get("energy_error"), energy),
-        Panel("Constraints", r"$\|\phi\|$ [m]", lambda m: m.norms.get("phi_norm"), length),
-        Panel("Constraint rates", r"$\|\dot\phi\|$ [m/s]", lambda m: m.norms.get("phi_dot_norm"), length),
+        Panel("Energy error", r"$|E-E_0|$ [J]", norm("energy_error"), energy),
+        Panel("Constraints", r"$\|\phi\|$ [m]", norm("phi_norm"), length),
+        Panel("Constraint rates", r"$\|\dot\phi\|$ [m/s]", norm("phi_dot_norm"), length),
         Panel("Step", r"$\Delta t$ [s]", lambda m: m.step, group.t_end),
     ]
     caption = (
-        "Largest magnitude in each of 240 spans of time, so that peaks stay; the step as median line in a band from its "
-        "smallest to its largest. Axis rows of phi have no unit and count as metres."
+        "Largest magnitude in each of 240 spans of time, so that peaks stay; the step as median line in a band "
+        "from its smallest to its largest. Axis rows of phi have no unit and count as metres."
     )
     return Drawn(name, title, caption, lambda: grid_of(panels, group, everyone))
 
@@ -74,6 +74,11 @@ def grid_of(panels: list[Panel], group: Group, everyone: Group, decorate: Callab
     return figure
 
 
+def norm(name: str) -> Callable[[Motion], Curve | None]:
+    """The curve of that name, where a motion has it."""
+    return lambda m: m.norms.get(name)
+
+
 def _scale(group: Group, column: str) -> float:
     values = [getattr(c.record, column) for c in group.cells]
     return max((v for v in values if v == v), default=1.0)
@@ -86,4 +91,3 @@ def _largest(group: Group, invariant: str) -> float:
 
 def _invariant(name: str) -> Callable[[Motion], Curve | None]:
     return lambda m: m.invariants.get(name)
-

@@ -14,7 +14,8 @@ from reports.drawing import INK, PAPER, log_axis, plain
 from reports.motion import Motion
 from reports.palette import Look, dashes
 from reports.reading import Cell
-from reports.words import number
+from reports.settings import shared_options
+from reports.words import time
 
 CAP = 1e4  # a motion that blew up is cut at so many times the problem's own scale, or others could not be seen
 SELDOM = 0.02  # of a line may lie below the lower edge: all errors begin at zero
@@ -115,8 +116,16 @@ def legend_of(group: Group, extra: Sequence[Line2D] = ()) -> Legend:
         look, cell = group.looks[m.cell.record.solver], m.cell
         words = plain(f"{cell.record.solver}  {cell.settings(alike[cell.record.solver])}{ended(m)}")
         handles.append(
-            Line2D([], [], color=look.colour, linestyle=strokes[cell.record.cell], marker=look.marker,
-                   label=fill(words, 96), markerfacecolor=PAPER, markeredgewidth=0.9)  # fmt: skip
+            Line2D(
+                [],
+                [],
+                color=look.colour,
+                linestyle=strokes[cell.record.cell],
+                marker=look.marker,
+                label=fill(words, 96),
+                markerfacecolor=PAPER,
+                markeredgewidth=0.9,
+            )
         )
     return Legend((*handles, *extra))
 
@@ -129,18 +138,4 @@ def ended(m: Motion) -> str:
     word = cell.status.replace("_", " ")
     if not m.moved:
         return f"  ★ no step: {word}"
-    return f"  ★ {word} at {number(r.t_reached_s)} s" if cell.stopped else f"  ✖ {word}"
-
-
-def shared_options(cells: Iterable[Cell]) -> dict[str, frozenset[str]]:
-    """By solver, the options that all its cells have alike: the legend need not repeat them."""
-    out: dict[str, frozenset[str]] = {}
-    cells = list(cells)
-    for name in {c.record.solver for c in cells}:
-        own = [c for c in cells if c.record.solver == name]
-        alike = {k for k in own[0].options if all(c.options.get(k) == own[0].options[k] for c in own)}
-        if all(c.record.max_step_s == own[0].record.max_step_s for c in own):
-            alike.add("max_step")
-        out[name] = frozenset(alike)
-    return out
-
+    return f"  ★ {word} at {time(r.t_reached_s)} s" if cell.stopped else f"  ✖ {word}"

@@ -1,5 +1,8 @@
 """Each observable over time on the reference, and its distance from it."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -7,6 +10,7 @@ from matplotlib.lines import Line2D
 from reports.curves import Curve
 from reports.drawing import INK, Drawn, new_figure, panel_title, symbol
 from reports.figures.lines import Group, draw_lines, legend_of, log_limits
+from reports.motion import Motion
 from reports.words import unit
 
 ROWS = 4  # observables a figure
@@ -25,7 +29,7 @@ def observables(name: str, title: str, group: Group, everyone: Group) -> list[Dr
     for k, chunk in enumerate(chunks):
         part = f" ({k + 1} of {len(chunks)})" if len(chunks) > 1 else ""
         here = f"{name}-{k + 1}" if len(chunks) > 1 else name
-        out.append(Drawn(here, title + part, caption, lambda chunk=chunk: _draw(chunk, group, everyone)))
+        out.append(Drawn(here, title + part, caption, partial(_draw, chunk, group, everyone)))
     return out
 
 
@@ -41,7 +45,7 @@ def _draw(names: list[str], group: Group, everyone: Group) -> Figure:
         in_unit = f"[{unit(source.units.get(f'obs_{name}', ''))}]"
         ax, curve = axes[row, 0], exact[name]
         shown = [m.observables[name] for m in everyone.motions if name in m.observables]
-        draw_lines(ax, group, lambda m, name=name: m.observables.get(name), _limits(shown, curve), log=False)
+        draw_lines(ax, group, _of(name, "observables"), _limits(shown, curve), log=False)
         if curve is not None:
             ax.plot(curve.t, curve.y, color=INK, linewidth=0.55, zorder=5)
         panel_title(ax, row * columns, name)
@@ -49,13 +53,17 @@ def _draw(names: list[str], group: Group, everyone: Group) -> Figure:
         if columns == 2:
             ax = axes[row, 1]
             limits = log_limits([m.away.get(name) for m in everyone.motions], _size(shown))
-            draw_lines(ax, group, lambda m, name=name: m.away.get(name), limits, log=True)
+            draw_lines(ax, group, _of(name, "away"), limits, log=True)
             panel_title(ax, row * columns + 1, "distance from the reference")
             ax.set_ylabel(f"|difference| {in_unit}")
     for ax in axes[-1]:
         ax.set_xlabel(r"$t$ [s]")
     legend.put(figure)
     return figure
+
+
+def _of(name: str, kind: str) -> Callable[[Motion], Curve | None]:
+    return lambda m: getattr(m, kind).get(name)
 
 
 def _limits(shown: list[Curve], exact: Curve | None) -> tuple[float, float]:

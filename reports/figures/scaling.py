@@ -49,7 +49,9 @@ def scalings(cells: Sequence[Cell], bodies: Mapping[str, int]) -> list[Scaling]:
 def scaling(name: str, problem: str, found: Sequence[Scaling], looks: Mapping[str, Look]) -> Drawn:
     """All settings of one problem in one panel."""
     own = [s for s in found if s.problem == problem]
-    caption = "CPU time per accepted step over the number of bodies; the slope is that of a power law fitted to all sizes."
+    caption = (
+        "CPU time per accepted step over the number of bodies; the slope is that of a power law fitted to all sizes."
+    )
     return Drawn(name, f"{problem}: cost of a step over its size", caption, lambda: _draw(own, looks))
 
 

@@ -31,11 +31,14 @@ def work(name: str, title: str, everyone: Group) -> Drawn | None:
     errors = [Axis("largest energy error [J]", lambda c: c.record.energy_drift_max_J)]
     if measure is not None:
         errors.insert(0, Axis(f"largest {measure.what} [{measure.unit}]", measure.of))
-    if not any(math.isfinite(e.of(c)) and math.isfinite(x.of(c)) for c in everyone.cells for e in errors for x in costs):
+    if not any(
+        math.isfinite(e.of(c)) and math.isfinite(x.of(c)) for c in everyone.cells for e in errors for x in costs
+    ):
         return None
     caption = (
-        "Lower and further left is better. Lines join the steps or tolerances of the same settings; a cell that stopped early "
-        "(star) has the error up to there and is not comparable. Bars: spread of repeated timings. Zeros lie on the dotted line."
+        "Lower and further left is better. Lines join the steps or tolerances of the same settings; a cell that "
+        "stopped early (star) has the error up to there and is not comparable. Bars: spread of repeated timings. Zeros lie "
+        "on the dotted line."
     )
     return Drawn(name, title, caption, lambda: _draw(everyone, costs, errors, measure))
 
@@ -52,7 +55,8 @@ def _draw(everyone: Group, costs: list[Axis], errors: list[Axis], measure: Measu
             _panel(ax, everyone, cost, error, labels)
             if row == 0 and measure is not None and measure.own > ax.get_ylim()[0]:
                 ax.axhspan(ax.get_ylim()[0], measure.own, color=MUTED, alpha=0.18, linewidth=0)
-            panel_title(ax, 2 * row + column, f"{error.words.split(' [')[0].removeprefix('largest ').capitalize()}")
+            what = error.words.split(" [")[0].removeprefix("largest ").capitalize()
+            panel_title(ax, 2 * row + column, f"{what} over {cost.words.split(' [')[0]}")
             if column == 0:
                 ax.set_ylabel(error.words)
             if row == len(errors) - 1:
@@ -67,14 +71,30 @@ def _legend(everyone: Group, solvers: list[str], labels: list[str]) -> Legend:
         for s in solvers
     ]
     handles += [
-        Line2D([], [], color=MUTED, linestyle=LINES[k % len(LINES)], marker="o", label=plain(label or "no label"),
-               markerfacecolor=MUTED if k == 0 else PAPER)  # fmt: skip
+        Line2D(
+            [],
+            [],
+            color=MUTED,
+            linestyle=LINES[k % len(LINES)],
+            marker="o",
+            label=plain(label or "no label"),
+            markerfacecolor=MUTED if k == 0 else PAPER,
+        )
         for k, label in enumerate(labels)
     ]
     ends = {"*": any(c.stopped for c in everyone.cells), "X": any(c.status == "wrong" for c in everyone.cells)}
     words = {"*": "stopped early", "X": "wrong, though it claims success"}
     handles += [
-        Line2D([], [], color=PAPER, marker=k, linestyle="", label=words[k], markersize=8 if k == "*" else 6, markeredgecolor=INK)
+        Line2D(
+            [],
+            [],
+            color=PAPER,
+            marker=k,
+            linestyle="",
+            label=words[k],
+            markersize=8 if k == "*" else 6,
+            markeredgecolor=INK,
+        )
         for k, there in ends.items()
         if there
     ]
@@ -93,8 +113,14 @@ def _panel(ax: Axes, everyone: Group, cost: Axis, error: Axis, labels: list[str]
         look = everyone.looks[own[0][0].record.solver]
         k = labels.index(label)
         whole = [p for p in own if not p[0].stopped]
-        ax.plot([x for _, x, _ in whole], [y for _, _, y in whole], color=look.colour, linestyle=LINES[k % len(LINES)],
-                linewidth=0.9, zorder=2)  # fmt: skip
+        ax.plot(
+            [x for _, x, _ in whole],
+            [y for _, _, y in whole],
+            color=look.colour,
+            linestyle=LINES[k % len(LINES)],
+            linewidth=0.9,
+            zorder=2,
+        )
         for c, x, y in own:
             if "CPU" in cost.words and c.record.repeats > 1 and c.record.cpu_max_s > c.record.cpu_min_s:
                 ax.plot([max(c.record.cpu_min_s, left), c.record.cpu_max_s], [y, y], color=look.colour, linewidth=2.2,
