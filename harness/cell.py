@@ -51,7 +51,7 @@ class Cell:
 
     def to_plain(self) -> dict[str, Any]:
         """JSON-able."""
-        return dataclasses.asdict(self)
+        return {**dataclasses.asdict(self), "control": self._control()}
 
     @staticmethod
     def from_plain(plain: Mapping[str, Any]) -> "Cell":
@@ -59,14 +59,16 @@ class Cell:
         return Cell(**{**plain, "control": StepControl(**plain["control"])})
 
     def _settings(self) -> dict[str, Any]:
-        control = {k: getattr(self.control, k) for k in ("dt", "rtol", "max_step", "max_steps")}
         return {
             "problem": self.problem,
             "parameters": dict(self.parameters),
             "solver": self.solver,
             "options": dict(self.options),
-            "control": control,
+            "control": self._control(),
         }
+
+    def _control(self) -> dict[str, Any]:
+        return {k: getattr(self.control, k) for k in ("dt", "rtol", "max_step", "max_steps")}
 
 
 def make_cell(

@@ -35,6 +35,11 @@ class Job:
         """Where the process writes its standard error."""
         return self.folder / "stderr" / f"{self.id}.txt"
 
+    @property
+    def spool(self) -> Path:
+        """Where the process keeps accepted steps while it runs."""
+        return self.folder / ".spool" / f"{self.id}.rows"
+
     def to_json(self) -> str:
         """One line."""
         plain = {**dataclasses.asdict(self), "cell": self.cell.to_plain(), "folder": str(self.folder)}

@@ -61,6 +61,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., LocalPool]
     with store.lock(folder):
         before = store.load(folder)
         store.set_aside(folder, before.unreadable)
+        shutil.rmtree(folder / ".spool", ignore_errors=True)  # of cells that a killed runner left half-way
         _stamp(request)
         jobs = jobs_of(suite, folder)[: request.limit]
         done = {r.cell for r in before.records}

@@ -17,6 +17,7 @@ from harness.mechanics.state import States
 from harness.metrics import measure
 from harness.scales import scales
 from harness.series import write_npz
+from harness.spool import FileSpool, kept
 from harness.summary import columns
 from harness.supervisor import GRACE
 from harness.types import Problem, Status, StepControl, Trajectory
@@ -38,23 +39,25 @@ class Outcome:
 
 
 def solve_to_file(cell: Cell, out: Path, wall_limit: float | None) -> Outcome:
-    """Run ``cell`` and write ``out``; a crash or a kill leaves a file with the start alone."""
+    """Run ``cell`` and write ``out``; a crash or a kill leaves a file with the steps it had kept."""
     problem = registry.make_problem(cell.problem, cell.parameters)
     if wall_limit is not None:  # a limit is on the run: compile before its clock starts
         warm_apart_then_here(cells_to_warm([cell]))
     with tempfile.TemporaryDirectory() as place:
         note, stderr = Path(place) / "outcome.json", Path(place) / "stderr"
         cpu = NO_LIMIT if wall_limit is None else 2.0 * wall_limit + 60.0
-        child = fork(lambda tell: _solve(cell, problem, out, note, wall_limit), stderr, cell.memory, cpu)
+        rows = Path(place) / "rows"
+        child = fork(lambda tell: _solve(cell, problem, out, note, wall_limit, rows), stderr, cell.memory, cpu)
         words = _wait(child.pid, wall_limit)
         os.close(child.phase)
         native = stderr.read_text(encoding="utf-8", errors="replace")[-2000:].strip() if stderr.exists() else ""
         if note.exists():
             plain = json.loads(note.read_text(encoding="utf-8"))
             return Outcome(Status(plain["status"]), plain["message"], tuple(plain["lines"]), native)
-    status = Status.STALLED if words.startswith("killed at") else Status.CRASHED
-    _write(out, problem, _start_only(problem, status, words), status, words)
-    return Outcome(status, words, (), native)
+        status = Status.STALLED if words.startswith("killed at") else Status.CRASHED
+        left = kept(rows, problem, status, words) or _start_only(problem, status, words)
+    _write(out, problem, left, status, left.message)
+    return Outcome(status, left.message, (), native)
 
 
 def _wait(pid: int, wall_limit: float | None) -> str:
@@ -81,10 +84,10 @@ def _wait(pid: int, wall_limit: float | None) -> str:
         raise
 
 
-def _solve(cell: Cell, problem: Problem, out: Path, note: Path, wall_limit: float | None) -> None:
+def _solve(cell: Cell, problem: Problem, out: Path, note: Path, wall_limit: float | None, rows: Path) -> None:
     solver = registry.make_solver(cell.solver, cell.options)
     c = cell.control
-    control = StepControl(c.dt, c.rtol, c.max_step, c.max_steps, wall_limit)
+    control = StepControl(c.dt, c.rtol, c.max_step, c.max_steps, wall_limit, FileSpool(rows))
     reason = solver.refuses(problem, control)
     cost: dict[str, float] = {}
     if reason:
@@ -93,9 +96,9 @@ def _solve(cell: Cell, problem: Problem, out: Path, note: Path, wall_limit: floa
         try:
             trajectory, cost = solve_repeatedly(solver, problem, control, 1)
         except MemoryError as error:
-            trajectory = _start_only(problem, Status.MEMORY, f"MemoryError: {error}")
+            trajectory = _left(rows, problem, Status.MEMORY, f"MemoryError: {error}")
         except Exception as error:  # a solver's own exception is its result
-            trajectory = _start_only(problem, Status.CRASHED, f"{type(error).__name__}: {error}")
+            trajectory = _left(rows, problem, Status.CRASHED, f"{type(error).__name__}: {error}")
     measured = measure(problem, trajectory)
     size = scales(problem.system, problem.initial)
     numbers = columns(problem, trajectory, measured, size)
@@ -130,6 +133,10 @@ def _write(out: Path, problem: Problem, trajectory: Trajectory, status: Status, 
         **{f"obs_{name}": values for name, values in m.observables.items()},
     }  # fmt: skip
     write_npz(out, arrays)
+
+
+def _left(rows: Path, problem: Problem, status: Status, message: str) -> Trajectory:
+    return kept(rows, problem, status, message) or _start_only(problem, status, message)
 
 
 def _start_only(problem: Problem, status: Status, message: str) -> Trajectory:

@@ -13,11 +13,13 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
-from harness import store, worker
+from harness import registry, store, worker
 from harness.cell import Cell
 from harness.isolation import CANNOT_WRITE, Child, fork, kill_group, trim
 from harness.job import Job, record_of
+from harness.records import RunRecord
 from harness.types import Status
 from harness.warmup import warm_apart_then_here
 
@@ -38,6 +40,7 @@ class Running:
     measuring: bool = False
     closed: float = 0.0  # when its pipe closed: it is about to end
     killed: str = ""
+    instead: RunRecord | None = None  # of the cell, already gone, whose kept steps this process measures
 
 
 @dataclass(frozen=True)
@@ -78,8 +81,9 @@ class Supervisor:
                 kill_group(run.child.pid)
             pid, status, usage = os.wait4(run.child.pid, os.WNOHANG)
             if pid:
-                error = self._ended(run, os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024.0)
-                yield Ended(run.job, error)
+                ended = self._ended(run, os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024.0)
+                if ended is not None:
+                    yield ended
 
     def kill_all(self) -> None:
         """End every running cell, without records."""
@@ -95,33 +99,60 @@ class Supervisor:
             run.closed = time.monotonic()
             self.selector.unregister(run.child.phase)
 
-    def _ended(self, run: Running, exit_code: int, peak: float) -> str:
+    def _ended(self, run: Running, exit_code: int, peak: float) -> Ended | None:
+        """What became of a process; None when the steps it left are being measured first."""
         kill_group(run.child.pid)  # what the cell may have started and left behind
         if not run.closed:
             self.selector.unregister(run.child.phase)
         os.close(run.child.phase)
         del self.running[run.child.phase]
-        trim(run.job.stderr)
-        written = run.job.folder / "cells" / f"{run.job.id}.json"
+        job, written = run.job, run.job.folder / "cells" / f"{run.job.id}.json"
+        if run.instead is None:
+            trim(job.stderr)
         if exit_code == 0 and written.exists() and not run.killed:
-            return ""
+            job.spool.unlink(missing_ok=True)
+            return Ended(job)
         if exit_code == CANNOT_WRITE:
-            return f"cannot write to {run.job.folder}: no space left"
-        status, message = explain(run, exit_code, peak)
-        record = record_of(
-            run.job,
-            status,
-            message=message,
-            exit_code=max(exit_code, 0),
-            signal=max(-exit_code, 0),
-            wall_s=time.monotonic() - run.began,
-            peak_memory_MB=peak,
-        )
+            return Ended(job, f"cannot write to {job.folder}: no space left")
+        record = run.instead or _bare(run, exit_code, peak)
+        if run.instead is None and not run.measuring and job.spool.exists() and job.spool.stat().st_size > 0:
+            self._salvage(run, record)
+            return None
         try:
-            store.write_record(run.job.folder, record)
+            store.write_record(job.folder, record)
         except OSError as error:
-            return f"cannot write to {run.job.folder}: {error.strerror or error}"
-        return ""
+            return Ended(job, f"cannot write to {job.folder}: {error.strerror or error}")
+        job.spool.unlink(missing_ok=True)
+        return Ended(job)
+
+    def _salvage(self, run: Running, record: RunRecord) -> None:
+        """Measure, in a process of its own, the steps that a cell kept before it was ended."""
+        job, words = run.job, run.job.spool.with_suffix(".stderr")
+
+        def measure_and_store(tell: object) -> None:
+            for plugin in job.plugins:
+                registry.load_plugin(Path(plugin))
+            store.write_record(job.folder, worker.salvaged(job, record))
+
+        child = fork(measure_and_store, words, job.cell.memory, MEASURE_LIMIT)
+        os.set_blocking(child.phase, False)
+        until = time.monotonic() + MEASURE_LIMIT
+        self.running[child.phase] = Running(job, child, run.began, until, measuring=True, instead=record)
+        self.selector.register(child.phase, selectors.EVENT_READ)
+
+
+def _bare(run: Running, exit_code: int, peak: float) -> RunRecord:
+    """The record of a process that left none."""
+    status, message = explain(run, exit_code, peak)
+    return record_of(
+        run.job,
+        status,
+        message=message,
+        exit_code=max(exit_code, 0),
+        signal=max(-exit_code, 0),
+        wall_s=time.monotonic() - run.began,
+        peak_memory_MB=peak,
+    )
 
 
 def explain(run: Running, exit_code: int, peak: float) -> tuple[Status, str]:

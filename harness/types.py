@@ -15,8 +15,8 @@ from harness.mechanics.state import State, States, rotated
 from harness.mechanics.system import MultibodySystem
 
 __all__ = [
-    "Array", "Invariant", "Observable", "Problem", "Reference", "Solver", "State", "States", "Status", "StepControl",
-    "Trajectory",
+    "Array", "Invariant", "Observable", "Problem", "Reference", "Solver", "Spool", "State", "States", "Status",
+    "StepControl", "Trajectory",
 ]  # fmt: skip
 
 Array = np.ndarray
@@ -137,6 +137,20 @@ class _TurnedReference:
         return self.home.error(t)
 
 
+class Spool(Protocol):
+    """Takes accepted steps while a run goes on, so that a process that is killed leaves them (module spool)."""
+
+    rows: int  # taken so far
+
+    def due(self) -> bool:
+        """Whether it is time to hand over what came since; costs next to nothing, ask after every step."""
+        ...
+
+    def take(self, t: Float[np.ndarray, " nt"] | list[float], states: States) -> None:
+        """The steps that followed those taken before, the start first or left out."""
+        ...
+
+
 @dataclass(frozen=True)
 class StepControl:
     """Exactly one of ``dt`` (fixed step [s]) and ``rtol`` (error control, absolute tolerance alike)."""
@@ -146,6 +160,7 @@ class StepControl:
     max_step: float | None = None  # [s] for error control only
     max_steps: int = 10_000_000  # accepted steps before the run counts as stalled
     wall_limit: float | None = None  # [s] the solver stops itself and hands back what it has
+    spool: Spool | None = field(default=None, compare=False, repr=False)  # to hand steps over to as they come
 
     def __post_init__(self) -> None:
         if (self.dt is None) == (self.rtol is None):

@@ -21,6 +21,7 @@ from harness.isolation import DISK_FULL
 from harness.job import Job, record_of
 from harness.measuring import judged
 from harness.records import RunRecord
+from harness.spool import FileSpool, kept
 from harness.types import Problem, Solver, Status, StepControl, Trajectory
 
 SOFT = 0.9  # of the wall limit: there a solver is asked to stop itself and to hand back what it has
@@ -30,20 +31,41 @@ def run(job: Job, tell: Callable[[str], None] = lambda phase: None) -> RunRecord
     """Run ``job`` and store its record. ``tell`` is called with ``"measure"`` when the solver is done."""
     began = time.monotonic()
     columns: dict[str, Any] = {}
+    record, failed = None, (Status.CRASHED, "")
     try:
         record = _attempt(job, tell, columns)
     except MemoryError as error:
-        record = record_of(job, Status.MEMORY, message=_words(error), **columns)
+        failed = Status.MEMORY, _words(error)
     except Exception as error:  # the cell's own failure, kept as its result
         if isinstance(error, OSError) and error.errno in DISK_FULL:
             raise
         traceback.print_exc()
         sys.stderr.flush()
-        status = Status.MEMORY if "bad_alloc" in str(error) else Status.CRASHED
-        record = record_of(job, status, message=_words(error), **columns)
+        failed = Status.MEMORY if "bad_alloc" in str(error) else Status.CRASHED, _words(error)
+    if record is None:  # here the frames that filled the memory are gone
+        tell("measure")
+        record = salvaged(job, record_of(job, failed[0], message=failed[1], **columns))
     record = _with_cost(record, wall_s=time.monotonic() - began)
     store.write_record(job.folder, record)
+    job.spool.unlink(missing_ok=True)
     return record
+
+
+def salvaged(job: Job, bare: RunRecord) -> RunRecord:
+    """``bare``, the record of a run cut short, with the metrics and series of the steps it had kept, if it had any."""
+    try:
+        problem = registry.make_problem(job.cell.problem, job.cell.parameters)
+        trajectory = kept(job.spool, problem, Status(bare.status), bare.message)
+        if trajectory is None:
+            return bare
+        asked = {"setup_s", "cpu_min_s", "cpu_median_s", "cpu_max_s", "exit_code", "signal", "wall_s"}
+        record = judged(job, problem, trajectory, **{name: getattr(bare, name) for name in asked})
+        return dataclasses.replace(record, claimed=bare.claimed)
+    except Exception as error:  # the bare record says all that must be said
+        if isinstance(error, OSError) and error.errno in DISK_FULL:
+            raise
+        traceback.print_exc()
+        return bare
 
 
 def _attempt(job: Job, tell: Callable[[str], None], columns: dict[str, Any]) -> RunRecord:
@@ -53,9 +75,7 @@ def _attempt(job: Job, tell: Callable[[str], None], columns: dict[str, Any]) -> 
     problem = registry.make_problem(cell.problem, cell.parameters)
     columns.update(section=problem.section, t_end_s=problem.t_end)
     solver = registry.make_solver(cell.solver, cell.options)
-    control = StepControl(
-        cell.control.dt, cell.control.rtol, cell.control.max_step, cell.control.max_steps, SOFT * cell.wall_limit
-    )
+    control = dataclasses.replace(cell.control, wall_limit=SOFT * cell.wall_limit, spool=FileSpool(job.spool))
     reason = solver.refuses(problem, control)
     if reason:
         return record_of(job, Status.REFUSED, claimed=str(Status.REFUSED), message=reason, **columns)
@@ -73,6 +93,7 @@ def solve_repeatedly(
     """The first trajectory and the cost columns. Repeats stop when the next would pass the wall limit."""
     began = time.monotonic()
     first, cpu = _timed(solver, problem, control)
+    control = dataclasses.replace(control, spool=None)
     times = [cpu]
     longest = time.monotonic() - began
     while len(times) < repeats and first.status is Status.SUCCESS:

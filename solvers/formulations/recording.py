@@ -86,6 +86,9 @@ def march(
             done.t.append(t)
             done.y.append(y.copy())
             done.reaction.append(reaction.copy())
+            if control.spool is not None and control.spool.due():
+                new = slice(control.spool.rows, None)
+                control.spool.take(done.t[new], _states(layout, np.array(done.y[new])))
             if len(done.t) % LOOK_EVERY == 0:
                 _check_constraints(layout, y)
         done.message = "reached the end"

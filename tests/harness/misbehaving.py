@@ -230,3 +230,25 @@ class Sleeps(_Base):
         """After a while."""
         time.sleep(self.seconds)
         return super().solve(p, control)
+
+
+@solver("hangs_later")
+@dataclass(frozen=True)
+class HangsLater(_Base):
+    """Hands over the first half of its steps, then ends in a way that lets no Python run."""
+
+    end: str = option("loop", "how", choices=("loop", "segfault", "raise"))
+
+    def solve(self, p: Problem, control: StepControl) -> Trajectory:
+        """Half of it."""
+        done = super().solve(p, control)
+        half = slice(0, len(done.t) // 2 + 1)
+        assert control.spool is not None and control.spool.due()
+        control.spool.take(done.t[half], done.states.at(half))
+        if self.end == "raise":
+            raise RuntimeError("after half of it")
+        if self.end == "segfault":
+            ctypes.string_at(0)
+        native = ctypes.PyDLL(None)  # keeps the interpreter's lock: no signal handler, no thread gets through
+        while True:
+            native.sleep(600)

@@ -2,6 +2,7 @@
 
 import os
 
+import numpy as np
 import psutil
 import pytest
 
@@ -33,6 +34,11 @@ problem = "free_fall"
 solver = "eats_memory"
 wall_limit = 20.0
 memory = 300.0
+[[cells]]
+problem = "free_fall"
+solver = "hangs_later"
+options = {{ end = ["loop", "segfault", "raise"] }}
+wall_limit = {LIMIT}
 """
 EXPECTED = {
     "raises": (Status.CRASHED, "RuntimeError: a bug of mine"),
@@ -103,6 +109,39 @@ def test_partial_motion_is_kept(outcome):
     series = store.series_of(folder, record)
     assert series is not None and series["t"][-1] == record.t_reached_s == 1.0
     assert record.position_error_max_m < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("end", "status", "words"),
+    [("", Status.STALLED, "wall limit"), ("[end=segfault]", Status.CRASHED, "SIGSEGV"),
+     ("[end=raise]", Status.CRASHED, "after half")],
+)  # fmt: skip
+def test_steps_of_a_killed_cell_are_kept(outcome, end, status, words):
+    """A native loop that holds the interpreter, a segfault, an exception: what was handed over is measured."""
+    folder, loaded = outcome
+    (record,) = [r for r in loaded.records if r.case == f"free_fall hangs_later{end} dt=0.5"]
+    assert record.status == status and words in record.message and record.claimed == ""
+    series = store.series_of(folder, record)
+    assert series is not None and list(series["t"]) == [0.0, 0.5, 1.0] and record.t_reached_s == 1.0
+    assert record.position_error_max_m < 1e-14 and record.wall_s < record.wall_limit_s + 5.0
+    assert not list((folder / ".spool").glob("*.rows"))
+
+
+def test_our_solvers_hand_their_steps_over(tmp_path):
+    """Both routes: what is on disk when the run ends is a beginning of what is handed back."""
+    from harness import registry
+    from harness.spool import FileSpool, kept
+    from harness.types import StepControl
+
+    problem = registry.make_problem("spherical_pendulum", {"t_end": 1.0, "omega_z": 0.1})
+    for name, step in (("gc_weak_form", {"dt": 1e-3}), ("rk45_strong_form", {"rtol": 1e-10})):
+        spool = FileSpool(tmp_path / name)
+        done = registry.make_solver(name).solve(problem, StepControl(**step, spool=spool))
+        left = kept(spool.path, problem, Status.CRASHED, "x")
+        assert left is not None and len(left.t) > 0.5 * len(done.t)
+        assert np.array_equal(left.t, done.t[: len(left.t)]) and np.array_equal(
+            left.states.v, done.states.v[: len(left.t)]
+        )
 
 
 def test_fork_needs_a_single_thread():

@@ -134,6 +134,8 @@ def integrate(
         steps += done
         if watch is not None and done:
             watch(run, stretch)
+        if control.spool is not None and done:
+            control.spool.take(stretch.t, States(stretch.r, stretch.R, stretch.v[:, :, :3], stretch.v[:, :, 3:]))
         if outcome == marching.FINISHED:
             break
         if outcome == marching.UNDERFLOW:
