@@ -8,7 +8,7 @@ docs/decisions/block-lu.md.
 import numpy as np
 from numba import njit
 
-from solvers.formulations.geometric.small import JIT
+from solvers.formulations.geometric.small import INNER, JIT
 
 
 @njit(**JIT)
@@ -58,7 +58,7 @@ def factor(pattern, blocks, f):
     return 0
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _combine(low, k, a, panel, o, inner, w, strip):
     """strip = low[k, a, :inner] @ panel, unrolled for the three node sizes (rows of the panel are w long, from o)."""
     x0, x1, x2 = low[k, a, 0], low[k, a, 1], low[k, a, 2]
@@ -113,7 +113,7 @@ def solve(pattern, f, x):
             x[own + a] = total
 
 
-@njit(**JIT)
+@njit(**INNER)
 def invert(A, p, m, pivots, at):
     """A[p] := A[p]^-1 by Gauss-Jordan with row pivoting, |pivots| kept; returns the smallest, 0 when singular."""
     smallest = 1e300

@@ -11,12 +11,12 @@ import numpy as np
 from numba import njit
 
 from solvers.formulations.geometric.kinematics import spring_line
-from solvers.formulations.geometric.small import JIT, back3, cross, cross3, dot, turn3, turn_back
+from solvers.formulations.geometric.small import INNER, back3, cross, cross3, dot, turn3, turn_back
 
 CHOICES = ("a", "mass", "translation")
 
 
-@njit(**JIT)
+@njit(**INNER)
 def coefficients(model, m, choice, with_springs):
     """Fill ``m.m_bar, m.f_bar`` and, if ``with_springs``, also ``m.c, m.c_bar, m.k_bar``."""
     _masses_and_forces(model, m, choice)
@@ -30,7 +30,7 @@ def coefficients(model, m, choice, with_springs):
                 _project_springs(model, m, j, row)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _masses_and_forces(model, m, choice):
     """M_bar = c . M c and f_bar = c . f of all rows in closed form.
 
@@ -82,7 +82,7 @@ def _masses_and_forces(model, m, choice):
             m.c_bar[row] = 0.0
 
 
-@njit(**JIT)
+@njit(**INNER)
 def rotation_part(s, R, u, n, j, e, b, k):
     """Rotational part of row k of joint ``j`` on end ``e``, body ``b``, in its frame, without the end's sign."""
     if k < 3:
@@ -91,7 +91,7 @@ def rotation_part(s, R, u, n, j, e, b, k):
     return back3(R, b, x0, x1, x2)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def direction(model, m, j, row, choice, work):
     """Fill ``m.c[row]``: c_R on both ends (translation [space], rotation [body])."""
     if choice == 2:
@@ -126,7 +126,7 @@ def direction(model, m, j, row, choice, work):
             m.c[row, e, q] /= size
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _project_springs(model, m, j, row):
     """Eq. (32): -c . (df/dv) c and -c . (df/dq) c, f = (force [space], torque [body]), spring by spring.
 
@@ -175,7 +175,7 @@ def _project_springs(model, m, j, row):
             m.k_bar[row] -= _turning(model, m, row, end, b, s, e, x[2])
 
 
-@njit(**JIT)
+@njit(**INNER)
 def tension_free_length(model, s, m, line):
     """Present length of spring ``s`` [m]: end points from ``line``'s arms and the bodies' positions."""
     d = 0.0
@@ -189,14 +189,14 @@ def tension_free_length(model, s, m, line):
     return np.sqrt(d)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _rate(m, b, p):
     out = np.empty(3)
     cross(m.v[b, 3:], p, out)
     return out
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _work_of(model, m, row, end, b, s, e, force):
     """c . (force, p x R^T force) of one end."""
     local = np.empty((2, 3))
@@ -205,7 +205,7 @@ def _work_of(model, m, row, end, b, s, e, force):
     return dot(m.c[row, end, :3], force) + dot(m.c[row, end, 3:], local[1])
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _turning(model, m, row, end, b, s, e, force):
     local = np.empty((3, 3))
     turn_back(m.R[b], force, local[0])
@@ -214,12 +214,12 @@ def _turning(model, m, row, end, b, s, e, force):
     return dot(m.c[row, end, 3:], local[2])
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _touches(model, s, j):
     return _end_of(model, j, model.spring_end[s, 0]) >= 0 or _end_of(model, j, model.spring_end[s, 1]) >= 0
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _end_of(model, j, b):
     if b < 0:
         return -1

@@ -16,6 +16,7 @@ from numba import njit
 from solvers.formulations.geometric.kinematics import spring_line
 from solvers.formulations.geometric.residual import axis_torque
 from solvers.formulations.geometric.small import (
+    INNER,
     JIT,
     add_hat_hat,
     add_product,
@@ -54,7 +55,7 @@ def assemble(model, m0, m1, rows, dt, settings, diagonal, index, blocks, T):
         _spring(model, m1, dt, index, blocks, T, s)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _inertia(model, m0, m1, dt, index, blocks, T):
     """d(R J Omega) = R (J dOmega - hat(J Omega) theta); T of the body."""
     for b in range(len(model.mass)):
@@ -78,7 +79,7 @@ def _inertia(model, m0, m1, dt, index, blocks, T):
             blocks[p, 5, 3 + c] = model.J[b, 2, c] - y2
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _point_forces(model, m0, m1, rows, dt, settings, index, blocks, T):
     """Moments of nu1 and G1 as the body turns, and the columns of nu1."""
     theta = np.zeros((3, 3))
@@ -126,7 +127,7 @@ def _point_forces(model, m0, m1, rows, dt, settings, index, blocks, T):
                 blocks[C, 3, k], blocks[C, 4, k], blocks[C, 5, k] = sign * x0, sign * x1, sign * x2
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _point_constraints(model, m1, rows, dt, index, blocks, T):
     """Rows: d phi_dot = dr_dot - R (hat(Omega x s) theta + hat(s) dOmega), d phi = half dr_dot - R hat(s) theta."""
     for j in range(len(model.end)):
@@ -154,7 +155,7 @@ def _point_constraints(model, m1, rows, dt, index, blocks, T):
                 blocks[C, k, 5] -= sign * w * a2
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _axis_columns(model, m0, m1, rows, dt, settings, index, blocks):
     """Columns of nu1 of axis row k: the torque (gauge (a0 + B a0_dot) - a1 + B a1_dot - half dG a1) on i, minus on j."""
     for j in range(len(model.end)):
@@ -177,7 +178,7 @@ def _axis_columns(model, m0, m1, rows, dt, settings, index, blocks):
                     blocks[C, 3, 3 + k], blocks[C, 4, 3 + k], blocks[C, 5, 3 + k] = sign * y0, sign * y1, sign * y2
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _axis_forces(model, m1, rows, dt, settings, index, blocks, T):
     """Torque t = w u x n_k + r (u_dot x n_k + u x n_dot_k) as the body of end ``e`` turns, seen in that body's frame.
 
@@ -228,7 +229,7 @@ def _axis_forces(model, m1, rows, dt, settings, index, blocks, T):
                     add_product(other_theta, T, b, other_spin, -sign, blocks, pair)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _axis_constraints(model, m1, rows, dt, index, blocks, T):
     """(R (theta x p)) . y = theta . (p x R^T y) for p = u_i, Omega x u_i and y = n, n_dot; likewise on j."""
     half = 0.5 * dt
@@ -260,7 +261,7 @@ def _axis_constraints(model, m1, rows, dt, index, blocks, T):
                 blocks[C, 3 + k, 5] += w * a2
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _f_bar(model, m1, half, index, blocks, T, settings):
     """-half D1 G1 with G1 = -f_bar = -N / size: size depends on the arms, f_bar' = -f_bar size' / size."""
     for j in range(len(model.end)):
@@ -309,7 +310,7 @@ def _f_bar(model, m1, half, index, blocks, T, settings):
                             blocks[pair, 3 + q, 3 + c] += slope * x[3, q]
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _spring(model, m1, dt, index, blocks, T, s):
     """-half dw: F = -tension e on i; dF = -(k e e^T + c e (x_dot^T P)/d + tension P/d) dx - c e e^T dx_dot."""
     half = 0.5 * dt

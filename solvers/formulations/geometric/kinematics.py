@@ -5,10 +5,10 @@ import math
 import numpy as np
 from numba import njit
 
-from solvers.formulations.geometric.small import JIT, cross, cross3, dot, turn, turn3
+from solvers.formulations.geometric.small import INNER, cross, cross3, dot, turn, turn3
 
 
-@njit(**JIT)
+@njit(**INNER)
 def joints(model, m):
     """Fill arms, axes and their rates, phi and phi_dot of ``m`` from its poses and velocities."""
     for j in range(len(model.end)):
@@ -35,7 +35,7 @@ def joints(model, m):
     _axes(model, m)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _axes(model, m):
     for j in range(len(model.end)):
         if not model.hinged[j]:
@@ -63,7 +63,7 @@ def _axes(model, m):
             m.phi_dot[model.row[j] + 3 + k] = phi_dot
 
 
-@njit(**JIT)
+@njit(**INNER)
 def applied(model, m):
     """Fill ``m.force``: gravity and spring-dampers, force and torque about C, both in space."""
     for b in range(len(model.mass)):
@@ -88,7 +88,7 @@ def applied(model, m):
                 m.force[b, 3 + k] += line[5, k]
 
 
-@njit(**JIT)
+@njit(**INNER)
 def spring_line(model, m, s, line):
     """Tension [N] of spring ``s``; ``line`` rows: 0 unit vector from j to i, 1 relative velocity, 2 and 3 the arms."""
     local = np.empty(3)

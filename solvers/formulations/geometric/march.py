@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from solvers.formulations.geometric.small import JIT
+from solvers.formulations.geometric.small import INNER, JIT
 from solvers.formulations.geometric.step import (
     CONVERGED,
     LOOSE,
@@ -46,7 +46,7 @@ class Record(NamedTuple):
     norm: np.ndarray  # (room, 2): (80), (81)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def fastest(m):
     """Largest |Omega| of all bodies [rad/s]."""
     square = 0.0
@@ -55,7 +55,7 @@ def fastest(m):
     return np.sqrt(square)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def time_of(clock):
     """Time of the last accepted step [s]; products, not sums, so rounding does not pile up."""
     base = clock.grid[0] * clock.dt
@@ -63,7 +63,7 @@ def time_of(clock):
     return base + length * (clock.grid[1] / 2.0 ** clock.grid[2])
 
 
-@njit(**JIT)
+@njit(**INNER)
 def copy_motion(source, target):
     """target := source, field by field."""
     target.r[:] = source.r

@@ -17,7 +17,7 @@ from numba import njit
 
 from solvers.formulations.geometric.directions import coefficients
 from solvers.formulations.geometric.kinematics import applied, joints
-from solvers.formulations.geometric.small import JIT, back3, cross3, quadratic3, turn3, turned_by
+from solvers.formulations.geometric.small import INNER, JIT, back3, cross3, quadratic3, turn3, turned_by
 
 
 class Settings(NamedTuple):
@@ -58,7 +58,7 @@ def complete(model, m, settings):
     coefficients(model, m, settings.direction, settings.corrective)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def move(m0, m1, dt):
     """Poses of ``m1`` from its velocities, Eq. (66): mean velocity, rotation by the exponential."""
     half = 0.5 * dt
@@ -95,7 +95,7 @@ def end_forces(m0, m1, rows, dt, settings):
             rows.weight[1, k] = 0.5 * dt * m1.k_bar[k] / m1.m_bar[k]
 
 
-@njit(**JIT)
+@njit(**INNER)
 def balance(model, m0, m1, rows, dt, settings, body, constraint):
     """Fill ``body`` (nb, 6) with (74), rotational rows in the body frame of the end, and ``constraint`` with (75)."""
     half = 0.5 * dt
@@ -124,7 +124,7 @@ def balance(model, m0, m1, rows, dt, settings, body, constraint):
             constraint[k] += half * (before + after) / m1.m_bar[k]
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _point_reactions(model, m0, m1, rows, dt, settings, body):
     half = 0.5 * dt
     B = half * settings.b_term
@@ -157,7 +157,7 @@ def _point_reactions(model, m0, m1, rows, dt, settings, body):
             body[b, 5] += sign * (t2 + u2 - w2 + z2)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def _axis_reactions(model, m0, m1, rows, dt, settings, body):
     half = 0.5 * dt
     B = half * settings.b_term
@@ -184,7 +184,7 @@ def _axis_reactions(model, m0, m1, rows, dt, settings, body):
                 body[b, 5] += sign * t2
 
 
-@njit(**JIT)
+@njit(**INNER)
 def axis_torque(u, u_dot, n, n_dot, j, k):
     """Components of a = u x n_k, the unit torque of axis row k of joint ``j``, and of its rate."""
     u0, u1, u2, n0, n1, n2 = u[j, 0], u[j, 1], u[j, 2], n[j, k, 0], n[j, k, 1], n[j, k, 2]
@@ -194,7 +194,7 @@ def axis_torque(u, u_dot, n, n_dot, j, k):
     return a0, a1, a2, b0 + c0, b1 + c1, b2 + c2
 
 
-@njit(**JIT)
+@njit(**INNER)
 def residual_norm(model, m1, body, constraint):
     """sqrt(R_v . M^-1 R_v + R_mu . M_bar^-1 R_mu) [sqrt(J)], Eq. (80), with R_mu = M_bar * (75)."""
     total = 0.0

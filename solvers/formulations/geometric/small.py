@@ -6,9 +6,10 @@ import numpy as np
 from numba import njit
 
 JIT = {"cache": True, "error_model": "numpy"}
+INNER = {**JIT, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # called from kernels only: compiles much faster
 
 
-@njit(**JIT)
+@njit(**INNER)
 def cross(a, b, out):
     """out = a x b; ``out`` may not be ``a`` or ``b``."""
     out[0] = a[1] * b[2] - a[2] * b[1]
@@ -16,27 +17,27 @@ def cross(a, b, out):
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
-@njit(**JIT)
+@njit(**INNER)
 def dot(a, b):
     """a . b"""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-@njit(**JIT)
+@njit(**INNER)
 def turn(R, a, out):
     """out = R a"""
     for k in range(3):
         out[k] = R[k, 0] * a[0] + R[k, 1] * a[1] + R[k, 2] * a[2]
 
 
-@njit(**JIT)
+@njit(**INNER)
 def turn_back(R, a, out):
     """out = R^T a"""
     for k in range(3):
         out[k] = R[0, k] * a[0] + R[1, k] * a[1] + R[2, k] * a[2]
 
 
-@njit(**JIT)
+@njit(**INNER)
 def times_hat(A, b, out):
     """out = A hat(b): column by column, hat(b) = [[0, -b2, b1], [b2, 0, -b0], [-b1, b0, 0]]."""
     for k in range(3):
@@ -45,7 +46,7 @@ def times_hat(A, b, out):
         out[k, 2] = A[k, 0] * b[1] - A[k, 1] * b[0]
 
 
-@njit(**JIT)
+@njit(**INNER)
 def hat_hat(a, b, out):
     """out = hat(a) hat(b) = b a^T - (a . b) 1"""
     ab = dot(a, b)
@@ -55,7 +56,7 @@ def hat_hat(a, b, out):
         out[k, k] -= ab
 
 
-@njit(**JIT)
+@njit(**INNER)
 def product(A, B, out):
     """out = A B; ``out`` may not be ``A`` or ``B``."""
     for k in range(3):
@@ -63,7 +64,7 @@ def product(A, B, out):
             out[k, c] = A[k, 0] * B[0, c] + A[k, 1] * B[1, c] + A[k, 2] * B[2, c]
 
 
-@njit(**JIT)
+@njit(**INNER)
 def turned_by(R, b, x, y, z, out):
     """out[b] = R[b] exp(hat(x, y, z)), Rodrigues; sin(a)/a and (1 - cos a)/a^2 by series where a^2 < 1e-4.
 
@@ -89,7 +90,7 @@ def turned_by(R, b, x, y, z, out):
         out[b, k, 2] = r0 * E02 + r1 * E12 + r2 * E22
 
 
-@njit(**JIT)
+@njit(**INNER)
 def right_differential(x, y, z, scale, out, b):
     """out[b] = scale * dexp(x, y, z): exp(a + d) = exp(a) exp(dexp d) to first order.
 
@@ -114,13 +115,13 @@ def right_differential(x, y, z, scale, out, b):
 # The same without views of arrays (each view costs more than the arithmetic): components in, components out.
 
 
-@njit(**JIT)
+@njit(**INNER)
 def cross3(a0, a1, a2, b0, b1, b2):
     """Components of a x b."""
     return a1 * b2 - a2 * b1, a2 * b0 - a0 * b2, a0 * b1 - a1 * b0
 
 
-@njit(**JIT)
+@njit(**INNER)
 def turn3(R, b, x0, x1, x2):
     """Components of R[b] x."""
     return (
@@ -130,7 +131,7 @@ def turn3(R, b, x0, x1, x2):
     )
 
 
-@njit(**JIT)
+@njit(**INNER)
 def back3(R, b, x0, x1, x2):
     """Components of R[b]^T x."""
     return (
@@ -140,14 +141,14 @@ def back3(R, b, x0, x1, x2):
     )
 
 
-@njit(**JIT)
+@njit(**INNER)
 def quadratic3(J, b, x0, x1, x2):
     """x . J[b] x"""
     y0, y1, y2 = turn3(J, b, x0, x1, x2)
     return x0 * y0 + x1 * y1 + x2 * y2
 
 
-@njit(**JIT)
+@njit(**INNER)
 def add_hat_hat(w, a0, a1, a2, b0, b1, b2, out):
     """out += w hat(a) hat(b) = w (b a^T - (a . b) 1)"""
     d = w * (a0 * b0 + a1 * b1 + a2 * b2)
@@ -162,7 +163,7 @@ def add_hat_hat(w, a0, a1, a2, b0, b1, b2, out):
     out[2, 2] += w * b2 * a2 - d
 
 
-@njit(**JIT)
+@njit(**INNER)
 def add_product(A, T, b, S, sign, blocks, p):
     """Rotational part of block ``p`` += sign (A T[b] + S)."""
     for k in range(3):

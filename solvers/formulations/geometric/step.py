@@ -20,7 +20,7 @@ from solvers.formulations.geometric.residual import (
     residual_norm,
     start_forces,
 )
-from solvers.formulations.geometric.small import JIT, dot, turned_by
+from solvers.formulations.geometric.small import INNER, JIT, dot, turned_by
 
 CONVERGED, LOOSE, SLOW, NOT_FINITE, SINGULAR_MATRIX = 0, 1, 2, 3, 4
 
@@ -60,7 +60,7 @@ SINKING = -0.05  # decades: a determinant that falls so fast may be on its way t
 COUNTERS = ("newton_iterations", "residuals", "factorisations", "solves", "step_cuts", "augmentations", "loose_steps")
 
 
-@njit(**JIT)
+@njit(**INNER)
 def constraint_norm(m1):
     """(81): sqrt(phi_dot . M_bar phi_dot) [sqrt(J)]."""
     total = 0.0
@@ -140,7 +140,7 @@ def correct(model, m1, rows, pattern, f, work):
     work.count[3] += 1
 
 
-@njit(**JIT)
+@njit(**INNER)
 def newton(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work):
     """Drive the residual below the tolerance. A kept factorisation is renewed when it no longer contracts."""
     before = np.inf
@@ -164,7 +164,7 @@ def newton(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work):
     return SLOW
 
 
-@njit(**JIT)
+@njit(**INNER)
 def attempt(model, m0, m1, rows, history, dt, settings, penalty, index, pattern, f, work):
     """One step from ``m0`` into ``m1``, first estimate included.
 
@@ -187,7 +187,7 @@ def attempt(model, m0, m1, rows, history, dt, settings, penalty, index, pattern,
     return nested_loop(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def correct_pose(model, m1, settings, penalty, pattern, f, work):
     """Least change of the poses that takes phi to zero (one correction with the kept factorisation).
 
@@ -212,7 +212,7 @@ def correct_pose(model, m1, settings, penalty, pattern, f, work):
     complete(model, m1, settings)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def soft_penalty(m0, dt, penalty):
     """xi with xi (omega dt)^2 = ``penalty.soft``: above about 0.3 the penalised matrix turns indefinite."""
     omega2 = 0.0
@@ -221,7 +221,7 @@ def soft_penalty(m0, dt, penalty):
     return penalty.soft / (omega2 * dt * dt) if omega2 > 0.0 else penalty.xi
 
 
-@njit(**JIT)
+@njit(**INNER)
 def nested_loop(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work):
     """The paper's loop: Newton to convergence at a fixed multiplier, then (85), until phi_dot is small enough."""
     inner = Penalty(1, 1, penalty.xi, penalty.max_augmentations, penalty.accept, 0, penalty.soft)
@@ -238,7 +238,7 @@ def nested_loop(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, w
     return LOOSE if work.norm[1] < penalty.accept else SLOW
 
 
-@njit(**JIT)
+@njit(**INNER)
 def first_estimate(m0, m1, rows, history, dt, settings):
     """Velocities and nu of the end, extrapolated from the last two steps (``history.ratio`` their step ratio)."""
     ratio = dt / history.last_dt[0] if history.last_dt[0] > 0.0 else 0.0
@@ -261,7 +261,7 @@ class History(NamedTuple):
     last_dt: np.ndarray  # (1,)
 
 
-@njit(**JIT)
+@njit(**INNER)
 def accept(m0, m1, rows, history, dt, settings, force):
     """Carry the end of a step over to the next start; ``force`` receives the mean row force of the step."""
     same = history.last_dt[0] == dt
