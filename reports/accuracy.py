@@ -9,30 +9,52 @@ from reports.reading import Cell
 EXACT = 1e-12  # of the mechanism's size: positions that everybody has to rounding compare nothing
 
 
+PREDICTABLE = 1e-9  # of that size: errors are judged while the reference's own is below (docs/results-format.md)
+
+
 @dataclass(frozen=True)
 class Measure:
     """Which error, with its words and its unit."""
 
     what: str
-    column: str
+    columns: tuple[str, str]  # the error while the motion is predictable, and, where that is not told, over all time
     unit: str
     own: float  # the reference's own error in that unit; NaN if not known
 
     def of(self, cell: Cell) -> float:
         """The error of a cell; NaN where it has none."""
-        return float(getattr(cell.record, self.column))
+        judged, whole = (float(getattr(cell.record, name)) for name in self.columns)
+        return whole if math.isnan(judged) else judged
+
+
+POSITION = ("position_error_judged_m", "position_error_max_m")
+ORIENTATION = ("orientation_error_judged_rad", "orientation_error_max_rad")
 
 
 def measure_for(cells: Sequence[Cell]) -> Measure | None:
     """Position error; orientation where all positions are exact (a body that only turns); None without a reference."""
-    known = [c.record for c in cells if not math.isnan(c.record.position_error_max_m)]
+    known = [c for c in cells if not math.isnan(c.record.position_error_max_m)]
     if not known:
         return None
-    own = max((r.reference_own_error_m for r in known if not math.isnan(r.reference_own_error_m)), default=math.nan)
-    length = max((r.length_scale_m for r in known if r.length_scale_m > 0.0), default=1.0)
-    if max(r.position_error_max_m for r in known) > EXACT * length:
-        return Measure("position error", "position_error_max_m", "m", own)
-    return Measure("orientation error", "orientation_error_max_rad", "rad", own / length)
+    length = max((c.record.length_scale_m for c in known if c.record.length_scale_m > 0.0), default=1.0)
+    own = max((e for c in known if not math.isnan(e := c.record.reference_own_error_m)), default=math.nan)
+    until = judged_until(known)
+    words = "" if until is None else f" to {until:.4g} s"
+    position = Measure(
+        f"position error{words}", POSITION, "m", own if until is None else min(own, PREDICTABLE * length)
+    )
+    if max(map(position.of, known)) > EXACT * length:
+        return position
+    return Measure(f"orientation error{words}", ORIENTATION, "rad", position.own / length)
+
+
+def judged_until(cells: Sequence[Cell]) -> float | None:
+    """[s] the time up to which errors are judged, if that is before the reference or the longest run ends."""
+    times = [c.record.judged_to_s for c in cells if not math.isnan(c.record.judged_to_s)]
+    ends = [min(c.record.t_reached_s, c.record.reference_horizon_s) for c in cells if c.record.reference]
+    if not times or not ends or max(times) > 0.98 * max(ends):
+        return None
+    return max(times)
 
 
 def drifts(cell: Cell) -> bool | None:

@@ -3,14 +3,17 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from reports.drawing import Drawn, Written, write
+from reports.drawing import Written, write
 from reports.figures.plan import chapters
 from reports.findings import Finding, findings_of
 from reports.motion import Motion
 from reports.palette import Look
 from reports.reading import Cell, Posing
 from reports.words import NONE, number, plural, time, unit
+
+MOST_EVENTS = 60  # of one cell in the table
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,15 @@ class Extra:
 
 
 @dataclass(frozen=True)
+class Events:
+    """What solvers reported on their way, e.g. singular passages: a row each, columns as the solvers named them."""
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[Cell, tuple[str, ...]], ...]
+    left_out: int
+
+
+@dataclass(frozen=True)
 class Chapter:
     """All of one problem."""
 
@@ -39,22 +51,26 @@ class Chapter:
     findings: tuple[Finding, ...]
     sets: tuple[Set, ...]
     extras: tuple[Extra, ...]
+    events: Events | None
 
 
-def chapter(posing: Posing, motions: Mapping[str, Motion], looks: Mapping[str, Look]) -> Chapter:
-    """Computed from its cells and their curves."""
-    sets = [Set(c.title, tuple(_written(d) for d in c.figures)) for c in chapters(posing, motions, looks)]
+def chapter(
+    posing: Posing, motions: Mapping[str, Motion], looks: Mapping[str, Look], *, brief: bool = False
+) -> Chapter:
+    """Computed from its cells and their curves; with fewer figures if ``brief``."""
+    sets = [Set(c.title, tuple(write(d) for d in c.figures)) for c in chapters(posing, motions, looks, brief=brief)]
     extras = [
         _extra("Largest distance of observables from the reference", posing.cells, lambda c: c.observable_errors),
         _extra("Largest departure of invariants from their start", posing.cells, lambda c: c.invariant_drifts),
     ]
     return Chapter(
-        posing, _facts(posing, motions), tuple(findings_of(posing)), tuple(sets), tuple(e for e in extras if e.heads)
+        posing,
+        _facts(posing, motions),
+        tuple(findings_of(posing)),
+        tuple(sets),
+        tuple(e for e in extras if e.heads),
+        _events([motions[c.record.cell] for c in posing.cells]),
     )
-
-
-def _written(drawn: Drawn) -> Written:
-    return write(drawn)
 
 
 def _facts(posing: Posing, motions: Mapping[str, Motion]) -> tuple[str, ...]:
@@ -92,3 +108,18 @@ def _value(found: Mapping | None) -> tuple[float, str]:
     except (KeyError, TypeError, ValueError):
         value = math.nan
     return value, number(value) if found else NONE
+
+
+def _events(motions: Sequence[Motion]) -> Events | None:
+    heads = list(dict.fromkeys(k for m in motions for e in m.events for k in e))
+    if not heads:
+        return None
+    rows = [(m.cell, tuple(_said(e.get(k)) for k in heads)) for m in motions for e in m.events[:MOST_EVENTS]]
+    left_out = sum(max(len(m.events) - MOST_EVENTS, 0) for m in motions)
+    return Events(tuple(h.replace("_", " ") for h in heads), tuple(rows), left_out)
+
+
+def _said(value: Any) -> str:
+    if isinstance(value, float):
+        return number(value)
+    return NONE if value is None else str(value)

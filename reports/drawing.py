@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.mathtext import MathTextParser
-from matplotlib.ticker import LogLocator, NullFormatter
+from matplotlib.ticker import LogLocator
 
 WIDTH = 7.2  # [in] two columns of a journal
 INK, MUTED, GRID, PAPER = "#1c2126", "#5b646e", "#e1e5ea", "#ffffff"
@@ -91,11 +91,10 @@ def panel_title(ax: Axes, k: int, text: str) -> None:
 
 
 def log_axis(ax: Axes, which: str = "y") -> None:
-    """Logarithmic, with at most about seven labelled decades."""
+    """Logarithmic, with at most about seven labelled decades; within one decade, parts of it are labelled."""
     (ax.set_yscale if which == "y" else ax.set_xscale)("log")
     axis = ax.yaxis if which == "y" else ax.xaxis
     axis.set_major_locator(LogLocator(numticks=7))
-    axis.set_minor_formatter(NullFormatter())
 
 
 def plain(text: str) -> str:

@@ -158,11 +158,13 @@ def _energy(posing: Posing) -> Iterator[Finding]:
     if len(known) > 1:
         known.sort(key=lambda c: c.record.energy_drift_max_J)
         least, most = known[0].record.energy_drift_max_J, known[-1].record.energy_drift_max_J
-        if most > 0.0:
+        if most > SAME_ERROR * least:
             yield Finding(
-                f"Energy errors of successes reach from {number(least)} to {number(most)} J, the largest that of "
-                f"{called(known[-1])}."
+                f"Energy errors of successes reach from {number(least)} J, {called(known[0])}, "
+                f"to {number(most)} J, {called(known[-1])}."
             )
+        else:
+            yield Finding(f"All successes have about the same largest energy error, {number(most)} J.")
     allowed = next((c.record.energy_allowed_J for c in posing.cells if c.record.energy_allowed_J > 0.0), math.nan)
     if not math.isnan(allowed):
         over = [c for c in posing.cells if c.record.energy_drift_max_J > allowed]

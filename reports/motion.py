@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +28,7 @@ class Motion:
     away: Mapping[str, Curve] = field(default_factory=dict)  # |observable - exact|
     units: Mapping[str, str] = field(default_factory=dict)  # by full name, as in the series file
     symbols: Mapping[str, str] = field(default_factory=dict)
+    events: tuple[Mapping[str, Any], ...] = ()  # what the solver reported on its way
 
     @property
     def moved(self) -> bool:
@@ -53,6 +55,7 @@ def motion_of(run: Run, cell: Cell) -> Motion:
         {n: upper(t, a - exact[n], t_end) for n, a in observables.items() if n in exact},
         series.units,
         series.symbols,
+        series.events,
     )
 
 

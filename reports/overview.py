@@ -34,6 +34,11 @@ class Entry:
     alike: frozenset[str]  # settings that need not be said
 
     @property
+    def measured(self) -> bool:
+        """There is a number at all: not so for a refusal."""
+        return any(f.share is not None for f in self.figures)
+
+    @property
     def kind(self) -> str:
         """The worst of all its cells: it decides the colour."""
         kinds = {self.mark.kind, *(m.kind for _, m in self.others)}
@@ -51,9 +56,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Part:
-    """The rows of one label."""
+    """The rows of one label, over the problems that it took."""
 
     label: str
+    posings: tuple[Posing, ...]
     rows: tuple[Row, ...]
 
 
@@ -62,13 +68,14 @@ def matrix(run: Run) -> list[Part]:
     out = []
     for label in run.labels():
         rows = []
+        posings = tuple(p for p in run.posings if any(c.record.label == label for c in p.cells))
         for solver in run.solvers:
-            own = [[c for c in p.cells if (c.record.solver, c.record.label) == (solver, label)] for p in run.posings]
+            own = [[c for c in p.cells if (c.record.solver, c.record.label) == (solver, label)] for p in posings]
             if any(own):
                 name = next(c.record.paper_label for cells in own for c in cells)
-                entries = [entry(p, cells) if cells else None for p, cells in zip(run.posings, own, strict=True)]
+                entries = [entry(p, cells) if cells else None for p, cells in zip(posings, own, strict=True)]
                 rows.append(Row(solver, name, tuple(entries)))
-        out.append(Part(label, tuple(rows)))
+        out.append(Part(label, posings, tuple(rows)))
     return out
 
 

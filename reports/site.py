@@ -12,7 +12,7 @@ from reports.columns import COLUMNS
 from reports.drawing import Written, write
 from reports.figures.scaling import scaling, scalings
 from reports.findings import findings
-from reports.motion import motion_of
+from reports.motion import bodies_in, motion_of
 from reports.overview import matrix
 from reports.palette import looks
 from reports.provenance import cautions, facts, packages
@@ -77,16 +77,18 @@ def page(run: Run, chapters: list[Chapter], scaled: list[Written]) -> str:
 
 
 def _chapters(run: Run) -> tuple[list[Chapter], list[Written]]:
-    own_looks, bodies = looks(run.solvers), dict[str, int]()
+    own_looks = looks(run.solvers)
+    bodies = {c.record.cell: bodies_in(s) for c in run.cells if (s := run.series(c)) is not None}
+    found = scalings(run.cells, bodies)
+    sizes = {cell for s in found for cell in s.cells}
     chapters = []
     for posing in run.posings:  # one problem at a time: its series are large
         motions = {c.record.cell: motion_of(run, c) for c in posing.cells}
-        bodies |= {k: m.bodies for k, m in motions.items()}
-        chapters.append(chapter(posing, motions, own_looks))
-    found, taken = scalings(run.cells, bodies), {p.slug.lower() for p in run.posings}
+        brief = all(c.record.cell in sizes for c in posing.cells)  # posed for its size alone: the laws are enough
+        chapters.append(chapter(posing, motions, own_looks, brief=brief))
+    taken = {p.slug.lower() for p in run.posings}
     problems = dict.fromkeys(s.problem for s in found)
-    scaled = [write(scaling(slug(f"{p}-scaling", taken), p, found, own_looks)) for p in problems]
-    return chapters, scaled
+    return chapters, [write(scaling(slug(f"{p}-scaling", taken), p, found, own_looks)) for p in problems]
 
 
 def _pictures(written: list[Written]) -> dict[str, Markup]:

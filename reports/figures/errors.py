@@ -2,6 +2,7 @@
 
 from matplotlib.axes import Axes
 
+from reports.accuracy import judged_until
 from reports.drawing import MUTED, Drawn
 from reports.figures.laws import Panel, grid_of, norm
 from reports.figures.lines import Group
@@ -28,11 +29,19 @@ def errors(name: str, title: str, group: Group, everyone: Group) -> Drawn | None
         (m for m in everyone.motions if m.own_error is not None), key=lambda m: len(m.own_error or ()), default=None
     )
 
+    until = judged_until(everyone.cells)
+
     def shade(ax: Axes, panel: Panel) -> None:
-        if own is None or own.own_error is None or "R," in panel.axis or panel.axis.startswith("distance"):
+        if panel.axis == NAMES[2][2]:  # the plane needs no reference
             return
         low, high = ax.get_ylim()
-        ax.fill_between(own.own_error.t, low, own.own_error.y.clip(low, high), color=MUTED, alpha=0.18, linewidth=0)
+        if own is not None and own.own_error is not None and panel.axis == NAMES[0][2]:
+            edge = own.own_error.y.clip(low, high)
+            ax.fill_between(own.own_error.t, low, edge, color=MUTED, alpha=0.18, linewidth=0)
+        if until is not None:
+            ax.axvline(until, color=MUTED, linewidth=0.9, linestyle=(0, (1, 2)))
 
     caption = "Largest in each span of time, up to the reference's horizon. Shaded: below the reference's own error."
+    if until is not None:
+        caption += " Dotted: up to here errors are judged; beyond, the motion is chaotic."
     return Drawn(name, title, caption, lambda: grid_of(panels, group, everyone, shade))

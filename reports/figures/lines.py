@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
 from reports.curves import Curve
 from reports.drawing import INK, PAPER, log_axis, plain
@@ -18,7 +19,7 @@ from reports.settings import shared_options
 from reports.words import time
 
 CAP = 1e4  # a motion that blew up is cut at so many times the problem's own scale, or others could not be seen
-SELDOM = 0.02  # of a line may lie below the lower edge: all errors begin at zero
+SELDOM = 0.05  # of a line may lie below the lower edge: all errors begin at zero
 ROUNDING = 1e-17  # of that scale: what is below is drawn at the lower edge
 
 
@@ -60,6 +61,7 @@ def draw_lines(
                 markevery=every, markersize=3.6, markerfacecolor=PAPER, markeredgewidth=0.9, zorder=3)  # fmt: skip
         draw_end(ax, m.cell, curve.t[-1], float(np.clip(y[-1], *limits)), look)
     ax.set_xlim(0.0, 1.03 * group.t_end)
+    ax.xaxis.set_major_locator(MaxNLocator(5))
     ax.set_ylim(*limits)
 
 

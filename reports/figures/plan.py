@@ -24,11 +24,15 @@ class Chapter:
     figures: tuple[Drawn, ...]
 
 
-def chapters(posing: Posing, motions: Mapping[str, Motion], looks: Mapping[str, Look]) -> list[Chapter]:
-    """In order: work of all cells, then one chapter a label."""
+def chapters(
+    posing: Posing, motions: Mapping[str, Motion], looks: Mapping[str, Look], *, brief: bool = False
+) -> list[Chapter]:
+    """In order: work of all cells, then one chapter a label; only the laws if ``brief``."""
     everyone = Group(tuple(motions[c.record.cell] for c in posing.cells), looks)
     taken: set[str] = set()
     all_work = work(slug(f"{posing.slug}-work", taken), f"{posing.title}: work against error", everyone)
+    if brief:
+        all_work = None
     out = [Chapter("Work against error", (all_work,))] if all_work else []
     for label, cells in posing.labels().items():
         parts = _parts(cells)
@@ -39,6 +43,9 @@ def chapters(posing: Posing, motions: Mapping[str, Motion], looks: Mapping[str, 
             base = slug(f"{posing.slug}-{title}", taken)
             head = f"{posing.title}, {title}"
             drawn: list[Drawn | None] = [laws(f"{base}-laws", f"{head}: laws and step", group, everyone)]
+            if brief:
+                out.append(Chapter(title, tuple(d for d in drawn if d is not None)))
+                continue
             drawn.append(errors(f"{base}-errors", f"{head}: error against the reference", group, everyone))
             drawn += observables(f"{base}-observables", f"{head}: observables", group, everyone)
             drawn.append(invariants(f"{base}-invariants", f"{head}: invariants", group, everyone))

@@ -24,6 +24,7 @@ class Scaling:
     step: str
     bodies: tuple[int, ...]
     cpu_per_step: tuple[float, ...]
+    cells: frozenset[str]
 
     @property
     def slope(self) -> float:
@@ -33,17 +34,18 @@ class Scaling:
 
 def scalings(cells: Sequence[Cell], bodies: Mapping[str, int]) -> list[Scaling]:
     """All there are; ``bodies`` by cell. Only runs that reached the end with a CPU time count."""
-    found: dict[tuple[str, str, str, str], dict[int, list[float]]] = {}
+    found: dict[tuple[str, str, str, str], dict[int, list[Cell]]] = {}
     for c in cells:
         n, r = bodies.get(c.record.cell, 0), c.record
         if c.succeeded and n > 0 and r.steps > 0 and r.cpu_median_s > 0.0:
-            key = (r.problem, c.method, r.solver, c.step_words)
-            found.setdefault(key, {}).setdefault(n, []).append(r.cpu_median_s / r.steps)
-    return [
-        Scaling(*key, tuple(sorted(sizes)), tuple(float(np.median(sizes[n])) for n in sorted(sizes)))
-        for key, sizes in sorted(found.items())
-        if len(sizes) >= SIZES
-    ]
+            found.setdefault((r.problem, c.method, r.solver, c.step_words), {}).setdefault(n, []).append(c)
+    out = []
+    for key, sizes in sorted(found.items()):
+        if len(sizes) >= SIZES:
+            cost = [float(np.median([c.record.cpu_median_s / c.record.steps for c in sizes[n]])) for n in sorted(sizes)]
+            own = frozenset(c.record.cell for same in sizes.values() for c in same)
+            out.append(Scaling(*key, tuple(sorted(sizes)), tuple(cost), own))
+    return out
 
 
 def scaling(name: str, problem: str, found: Sequence[Scaling], looks: Mapping[str, Look]) -> Drawn:

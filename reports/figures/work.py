@@ -37,8 +37,8 @@ def work(name: str, title: str, everyone: Group) -> Drawn | None:
         return None
     caption = (
         "Lower and further left is better. Lines join the steps or tolerances of the same settings; a cell that "
-        "stopped early (star) has the error up to there and is not comparable. Bars: spread of repeated timings. Zeros lie "
-        "on the dotted line."
+        "stopped early (star) has the error up to there and is not comparable. Bars: spread of repeated timings. "
+        "Zeros lie on the dotted line."
     )
     return Drawn(name, title, caption, lambda: _draw(everyone, costs, errors, measure))
 
@@ -132,6 +132,7 @@ def _panel(ax: Axes, everyone: Group, cost: Axis, error: Axis, labels: list[str]
                         markerfacecolor=look.colour if k == 0 else PAPER)  # fmt: skip
     log_axis(ax)
     log_axis(ax, "x")
+    ax.margins(0.12)
     if any(y == 0.0 for _, _, y in points):
         ax.axhline(low, color=MUTED, linewidth=0.8, linestyle=(0, (1, 2)), zorder=1)
         ax.annotate("exactly 0", (0.01, low), xycoords=("axes fraction", "data"), xytext=(0, 3),
