@@ -120,10 +120,16 @@ def _lean(svg: str) -> str:
     """Without comments, metadata, names nobody refers to, and digits nobody sees."""
     svg = re.sub(r"<!--.*?-->\s*|<metadata>.*?</metadata>\s*|<!DOCTYPE.*?>\s*", "", svg, flags=re.DOTALL)
     used = set(re.findall(r'(?:href="#|url\(#)([^")]+)', svg))
-    svg = re.sub(r' id="([^"]*)"', lambda i: i.group() if i[1] in used or i[1].startswith(ENDS) else "", svg)
+    svg = re.sub(r' id="([^"]*)"', lambda i: _name(i[1], used), svg)
     svg = re.sub(r'(?<= d=")[^"]*', lambda d: _short(d.group()), svg)
     svg = re.sub(r' ([xy])="(-?\d+\.\d+)"', lambda x: f' {x[1]}="{float(x[2]):.2f}"', svg)
     return re.sub(r"\n\s*", "\n", svg)
+
+
+def _name(name: str, used: set[str]) -> str:
+    if name.startswith(ENDS):
+        return f' class="{name}"'  # one in each panel
+    return f' id="{name}"' if name in used else ""
 
 
 def _short(path: str) -> str:

@@ -1,0 +1,115 @@
+"""Run folders made by hand: every kind of ending, hostile texts, series that are whole, empty or not numbers."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from harness import store
+from harness.records import RunRecord
+from harness.series import Series, write_series
+from reports import site
+
+HOSTILE = '<script>alert("1")</script> & $x_{ \\frac -->'
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "browser: needs chromium on the machine; skipped without")
+
+
+def series(n: int = 300, t_end: float = 2.0, size: float = 1e-3, bodies: int = 1) -> Series:
+    """A swing with an error of ``size``, and all that a series file may hold."""
+    t = np.linspace(0.0, t_end, n)
+    wave = np.abs(np.sin(5.0 * t)) * size
+    exact = np.cos(3.0 * t)
+    arrays = {
+        "t": t, "dt": np.append(np.nan, np.diff(t)), "energy": 1.0 + wave, "energy_error": wave, "phi_norm": wave,
+        "phi_dot_norm": wave, "eq81_norm": wave, "orthogonality": 1e-15 * np.ones(n), "position_error": wave,
+        "orientation_error": wave, "reference_own_error": 1e-12 * np.ones(n), "obs_theta": exact + wave,
+        "ref_theta": exact, "inv_L": wave, "end_r": np.zeros((bodies, 3)),
+    }  # fmt: skip
+    units = {"obs_theta": "rad", "ref_theta": "rad", "inv_L": "kg m2/s"}
+    names = tuple(f"bar {k}" for k in range(bodies))
+    return Series(arrays, (), names, ("O",), units, {"obs_theta": r"\theta"})
+
+
+def record(cell: str, solver: str = "alpha", status: str = "success", **changes) -> RunRecord:
+    """A cell of a pendulum with numbers of its own."""
+    base = RunRecord(
+        cell=cell, settings=cell, case=f"pendulum {solver} {cell}", suite="hand made", label="soundest",
+        problem="pendulum", section="Sect. 9", solver=solver, paper_label="ODE", control="dt", dt_s=0.01, t_end_s=2.0,
+        status=status, claimed="success", t_reached_s=2.0, energy_start_J=1.0, energy_scale_J=1.0,
+        energy_drift_max_J=1e-3, energy_drift_end_J=1e-4, energy_trend_W=1e-5, energy_mean_first_quarter_J=5e-4,
+        energy_mean_last_quarter_J=5e-4, length_scale_m=1.0, phi_max=1e-3, phi_dot_max=1e-3, eq81_max_sqrtJ=1e-3,
+        orthogonality_max=1e-15, reference="by hand", reference_horizon_s=10.0, reference_own_error_m=1e-12,
+        position_error_max_m=1e-3, orientation_error_max_rad=1e-3, steps=299, step_min_s=0.005, step_median_s=0.006,
+        step_max_s=0.007, evaluations=900.0, repeats=1, cpu_min_s=0.1, cpu_median_s=0.1, cpu_max_s=0.1, setup_s=0.5,
+        observable_errors=json.dumps({"theta": {"max": 1e-3, "end": 1e-4, "unit": "rad"}}), commit="abc",
+    )  # fmt: skip
+    return dataclasses.replace(base, **changes)
+
+
+def put(folder: Path, cell: RunRecord, motion: Series | None = None, stderr: str = "") -> RunRecord:
+    """Store a cell as the runner does."""
+    store.create(folder)
+    if motion is not None:
+        name = f"series/{cell.cell}.npz"
+        cell = dataclasses.replace(cell, series=name, series_sha256=write_series(folder / name, motion))
+    if stderr:
+        cell = dataclasses.replace(cell, stderr=f"stderr/{cell.cell}.txt")
+        store.write_text(folder / cell.stderr, stderr)
+    store.write_record(folder, cell)
+    return cell
+
+
+def every_kind(folder: Path) -> list[RunRecord]:
+    """Success, wrong, refused, stopped, killed without a step, numbers that are none, hostile names."""
+    nan = float("nan")
+    nothing = dict.fromkeys(
+        ("t_reached_s", "energy_drift_max_J", "phi_max", "position_error_max_m", "cpu_median_s"), nan
+    )
+    broken = series()
+    broken.arrays["energy_error"].setflags(write=True)
+    broken.arrays["energy_error"][100:] = np.nan
+    return [
+        put(folder, record("aa01"), series()),
+        put(folder, record("aa02", dt_s=0.005, position_error_max_m=2.5e-4), series(600, size=2.5e-4)),
+        put(folder, record("bb01", "beta", "wrong", wrong_because=json.dumps([f"|phi| is large {HOSTILE}"])),
+            series(size=0.3)),
+        put(folder, record("cc01", "gamma", "refused", claimed="refused", message="rank 325 of 400", **nothing)),
+        put(folder, record("dd01", "delta", "step_underflow", message=f"stuck {HOSTILE}", t_reached_s=0.7),
+            series(90, 0.7), stderr=f"[IDA ERROR] {HOSTILE}"),
+        put(folder, record("ee01", "epsilon", "crashed", signal=11, message="signal 11", **nothing)),
+        put(folder, record("ff01", "alpha", "diverged", label="as printed", energy_drift_max_J=float("inf")), broken),
+        put(folder, record("gg01", HOSTILE, problem=HOSTILE, label=HOSTILE, case=HOSTILE), series()),
+        put(folder, record("hh01", "beta", problem="lonely", status="stalled",
+                           message="the wall limit of 60 s was reached", t_reached_s=0.0, steps=0), series(1)),
+    ]  # fmt: skip
+
+
+@pytest.fixture(scope="session")
+def built(tmp_path_factory) -> tuple[Path, list[RunRecord], str]:
+    """The folder, its records and its page."""
+    folder = tmp_path_factory.mktemp("run")
+    records = every_kind(folder)
+    store.write_text(
+        folder / "environment.json",
+        json.dumps(
+            {
+                "run": "hand-made-1",
+                "suite": "hand made",
+                "started": "2026-01-01T00:00:00Z",
+                "commit": "f00d" * 10,
+                "dirty": True,
+                "cpu": "a processor",
+                "cores": 2,
+                "jobs": 1,
+                "python": "3.11",
+                "packages": {"numpy": "2.4"},
+                "blas": [{"internal_api": "openblas", "version": "0.3", "num_threads": 1}],
+            }
+        ),
+    )
+    return folder, records, site.build(folder).read_text(encoding="utf-8")

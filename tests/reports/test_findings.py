@@ -1,0 +1,81 @@
+"""Sentences follow from the numbers; no winner is named that they do not show."""
+
+from reports.accuracy import drifts, measure_for
+from reports.findings import findings, findings_of
+from reports.reading import Cell, read_run
+from tests.reports.conftest import put, record
+
+
+def said(folder) -> str:
+    run = read_run(folder)
+    return " ".join(f.text for f in [*findings(run), *(f for p in run.posings for f in findings_of(p))])
+
+
+def test_equal_errors_have_no_winner(tmp_path):
+    """Within a quarter, and on both sides of each other in time."""
+    put(tmp_path, record("aa01", "alpha", position_error_max_m=1.00e-3, cpu_median_s=0.10))
+    put(tmp_path, record("bb01", "beta", position_error_max_m=1.10e-3, cpu_median_s=0.11))
+    text = said(tmp_path)
+    assert "alpha (dt = 0.01 s) and beta (dt = 0.01 s) (within 1.25 of each other)" in text
+    assert "too close to tell apart" not in text  # neither is within 1e-3 of the size by much: alpha alone is
+    put(tmp_path, record("cc01", "gamma", position_error_max_m=0.9e-3, cpu_median_s=0.12))
+    assert "too close to tell apart: alpha (dt = 0.01 s) 0.100 s and gamma (dt = 0.01 s) 0.120 s" in said(tmp_path)
+
+
+def test_errors_below_the_reference_own_are_not_ranked(tmp_path):
+    put(tmp_path, record("aa01", "alpha", position_error_max_m=1e-14))
+    put(tmp_path, record("bb01", "beta", position_error_max_m=5e-13))
+    put(tmp_path, record("cc01", "gamma", position_error_max_m=1e-3))
+    text = said(tmp_path)
+    assert "not told apart" in text and "Smallest" not in text
+
+
+def test_a_wrong_cell_wins_nothing(tmp_path):
+    """However cheap and however near at its end."""
+    put(tmp_path, record("aa01", "alpha", "wrong", position_error_max_m=1e-9, cpu_median_s=1e-6, wrong_because='["x"]'))
+    put(tmp_path, record("bb01", "beta"))
+    text = said(tmp_path)
+    assert "Smallest position error of 1 success: 0.00100 m, beta" in text
+    assert "Least CPU time within 0.001 m of the exact motion (single timings): beta" in text
+
+
+def test_order_is_observed_not_declared(tmp_path):
+    """Halving dt quarters the error: order 2."""
+    put(tmp_path, record("aa01", dt_s=0.02, position_error_max_m=4e-3))
+    put(tmp_path, record("aa02", dt_s=0.01, position_error_max_m=1e-3))
+    assert "observed order 2.00" in said(tmp_path)
+
+
+def test_tighter_tolerance_that_hurts_is_said(tmp_path):
+    for cell, rtol, error in (("aa01", 1e-3, 1e-4), ("aa02", 1e-6, 1e-2)):
+        put(tmp_path, record(cell, control="rtol", dt_s=float("nan"), rtol=rtol, position_error_max_m=error))
+    assert "makes the position error larger, from 1.00×10⁻⁴ to 0.0100 m" in said(tmp_path)
+
+
+def test_no_success_is_said(tmp_path):
+    put(tmp_path, record("aa01", status="diverged", message="it blew up", t_reached_s=0.3))
+    text = said(tmp_path)
+    assert "No cell reached the end" in text and "ended at 0.3 of 2 s, diverged: it blew up" in text
+
+
+def test_a_line_drifts_and_a_swing_does_not():
+    """A straight line shifts its mean by three quarters of its largest value, a swing by nothing."""
+    line = record("a", energy_drift_max_J=1.0, energy_mean_first_quarter_J=0.125, energy_mean_last_quarter_J=0.875)
+    swing = record("b", energy_drift_max_J=1.0, energy_mean_first_quarter_J=0.5, energy_mean_last_quarter_J=0.51)
+    unknown = record("c", energy_mean_first_quarter_J=float("nan"))
+    assert [drifts(Cell(r)) for r in (line, swing, unknown)] == [True, False, None]
+
+
+def test_orientation_counts_where_positions_are_exact():
+    """A body that only turns has no position error to compare."""
+    turning = [Cell(record("a", position_error_max_m=0.0)), Cell(record("b", position_error_max_m=1e-15))]
+    measure = measure_for(turning)
+    assert measure is not None and measure.unit == "rad"
+    assert measure_for([Cell(record("c", position_error_max_m=float("nan")))]) is None
+
+
+def test_chaotic_errors_are_compared_while_judged():
+    """Beyond the horizon everybody is wrong: the error up to there is what is compared."""
+    cells = [Cell(record("a", position_error_max_m=1.0, position_error_judged_m=1e-4, judged_to_s=0.5))]
+    measure = measure_for(cells)
+    assert measure is not None and measure.of(cells[0]) == 1e-4 and "to 0.5 s" in measure.what

@@ -1,0 +1,55 @@
+"""CSV and LaTeX hold the numbers of the page, for every cell."""
+
+import csv
+import io
+import math
+
+from reports.reading import read_run
+from reports.tables import csv_of, latex_number, latex_of, latex_text
+from reports.words import number, seconds, signed, unit, whole
+from tests.reports.conftest import HOSTILE
+
+
+def test_csv_has_every_cell_in_full(built):
+    folder, records, _ = built
+    cells = read_run(folder).posings[0].cells
+    rows = list(csv.DictReader(io.StringIO(csv_of(cells))))
+    assert len(rows) == len(cells)
+    for row, cell in zip(rows, cells, strict=True):
+        value = row["energy_drift_max [J]"]
+        expected = cell.record.energy_drift_max_J
+        assert value == "" if math.isnan(expected) else float(value) == expected
+        assert bool(row["reason"]) == (cell.status != "success")
+    assert {c.posing for p in read_run(folder).posings for c in p.cells} >= {r.problem for r in records}
+
+
+def test_latex_has_every_cell_and_no_open_command(built):
+    """As many columns in each row, and nothing of the hostile text works as a command."""
+    folder, _, _ = built
+    for posing in read_run(folder).posings:
+        text = latex_of(posing.title, posing.cells)
+        rows = [line for line in text.splitlines() if line.endswith(r"\\")]
+        assert len(rows) == len(posing.cells) + 1
+        assert len({row.replace(r"\&", "").count("&") for row in rows}) == 1
+        assert r"\frac" not in "\n".join(rows)
+
+
+def test_latex_text_is_safe():
+    assert latex_text("a_b & 5 %\nc") == r"a\_b \& 5 \% c"
+    assert "$x" not in latex_text(HOSTILE).replace(r"\$", "")
+
+
+def test_latex_numbers_have_the_digits_of_the_page():
+    for value in (0.0, 1.234e-7, -0.01234, 5.6789e7, 3.0e12):
+        shown = latex_number(value, number(value)).strip("$").replace(r"\times 10^{", "e").replace("}", "")
+        assert float(shown) == float(f"{value:.2e}")
+    assert latex_number(math.nan, "") == "--"
+
+
+def test_numbers_are_written_for_readers():
+    assert [number(x) for x in (0.0, 1.0, 0.00123, 1.23e-5, -4.5e7, math.nan, math.inf)] == [
+        "0", "1.00", "0.00123", "1.23×10⁻⁵", "−4.50×10⁷", "–", "∞",
+    ]  # fmt: skip
+    assert number(9.999) == "10.0"
+    assert signed(0.5) == "+0.500" and whole(1234567.0) == "1\u202f234\u202f567"
+    assert seconds(0.0123) == "12.3 ms" and unit("kg m2/s") == "kg m²/s"
