@@ -55,7 +55,7 @@ def fastest(m):
     return np.sqrt(square)
 
 
-@njit(**INNER)
+@njit(**JIT)
 def time_of(clock):
     """Time of the last accepted step [s]; products, not sums, so rounding does not pile up."""
     base = clock.grid[0] * clock.dt
@@ -108,11 +108,11 @@ def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, wo
             grid[1] *= 2
             grid[2] += 1
             continue
-        corrections = work.count[0]
+        corrections = work.tally[0]
         result = attempt(model, current, other, rows, history, dt, settings, penalty, index, pattern, f, work)
         if result != CONVERGED and result != LOOSE:
             work.held[0] = 0.0
-            work.count[4] += 1
+            work.tally[4] += 1
             if grid[2] >= clock.max_level:
                 outcome = UNDERFLOW
                 break
@@ -120,7 +120,7 @@ def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, wo
             grid[2] += 1
             continue
         if result == LOOSE:
-            work.count[6] += 1
+            work.tally[6] += 1
             work.held[0] = 0.0
         correct_pose(model, other, settings, penalty, pattern, f, work)
         accept(current, other, rows, history, dt, settings, record.force[done])
@@ -138,7 +138,7 @@ def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, wo
         record.r[done] = other.r
         record.R[done] = other.R
         record.v[done] = other.v
-        record.newton[done] = work.count[0] - corrections
+        record.newton[done] = work.tally[0] - corrections
         record.xi[done] = work.xi[0]
         record.norm[done] = work.norm
         record.log_det[done] = work.log_det[0]

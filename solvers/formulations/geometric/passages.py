@@ -32,7 +32,7 @@ def passages(system: MultibodySystem, run: Trajectory) -> tuple[Mapping[str, Any
     at_start = singular_values(system, run.states[0])
     last = int(np.sum(at_start > 1e-9 * at_start[0])) - 1
     found = []
-    for k in dips + 1:
+    for k in map(int, dips + 1):
         sigma = float(singular_values(system, run.states[k])[last])
         if sigma > LOST * at_start[last]:
             continue

@@ -145,7 +145,7 @@ def _minimum_degree(
         if a < nb:
             for j in joints_of[a]:
                 waiting[j] -= 1
-        for b in alive[a] | ({j for j in joints_of[a]} if a < nb else set()):
+        for b in alive[a] | (set(joints_of[a]) if a < nb else set()):
             if waiting[b] == 0 and not done[b]:
                 heapq.heappush(heap, (degree(b), b))
     return np.array(order, dtype=np.int64), behind

@@ -2,7 +2,6 @@
 
 import math
 
-import numpy as np
 from numba import njit
 
 JIT = {"cache": True, "error_model": "numpy"}
@@ -94,7 +93,8 @@ def turned_by(R, b, x, y, z, out):
 def right_differential(x, y, z, scale, out, b):
     """out[b] = scale * dexp(x, y, z): exp(a + d) = exp(a) exp(dexp d) to first order.
 
-    dexp = 1 - (1 - cos a)/a^2 hat(x) + (a - sin a)/a^3 hat(x)^2; series where a^2 < 1e-2, cut at a^10: error below 1e-18.
+    dexp = 1 - (1 - cos a)/a^2 hat(x) + (a - sin a)/a^3 hat(x)^2; series where a^2 < 1e-2, cut at a^10:
+    error below 1e-18.
     """
     s = x * x + y * y + z * z
     if s < 1e-2:

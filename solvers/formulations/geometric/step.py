@@ -48,7 +48,7 @@ class Work(NamedTuple):
     diagonal: np.ndarray  # (nrows,) (Xi M_bar)^-1
     xi: np.ndarray  # (1,) penalty
     nu_kept: np.ndarray  # (nrows,) multiplier of the nested loop
-    count: np.ndarray  # counters, see COUNTERS
+    tally: np.ndarray  # counters, see COUNTERS
     held: np.ndarray  # [step of the kept factorisation, 0 when none]
     norm: np.ndarray  # [(80), (81)] at the end of the last step
     pivots: np.ndarray  # (nrows,) pivots of the constraint rows times M_bar
@@ -81,7 +81,7 @@ def evaluate(model, m0, m1, rows, dt, settings, penalty, work):
     balance(model, m0, m1, rows, dt, settings, work.body, work.constraint)
     if penalty.nested:
         work.constraint[:] = 0.0
-    work.count[1] += 1
+    work.tally[1] += 1
     return residual_norm(model, m1, work.body, work.constraint)
 
 
@@ -91,7 +91,7 @@ def refresh(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work)
     for k in range(len(work.diagonal)):
         work.diagonal[k] = 1.0 / (work.xi[0] * m1.m_bar[k]) if penalty.active else 0.0
     assemble(model, m0, m1, rows, dt, settings, work.diagonal, index, work.blocks, work.T)
-    work.count[2] += 1
+    work.tally[2] += 1
     bad = factor(pattern, work.blocks, f)
     work.held[0] = 0.0 if bad else dt
     if penalty.active and work.xi[0] == penalty.xi:  # soft steps weigh the redundant rows otherwise
@@ -136,8 +136,8 @@ def correct(model, m1, rows, pattern, f, work):
         at = pattern.joint_at[j]
         for k in range(model.row[j + 1] - model.row[j]):
             rows.nu1[model.row[j] + k] += x[at + k]
-    work.count[0] += 1
-    work.count[3] += 1
+    work.tally[0] += 1
+    work.tally[3] += 1
 
 
 @njit(**INNER)
@@ -208,7 +208,7 @@ def correct_pose(model, m1, settings, penalty, pattern, f, work):
         for k in range(3):
             m1.r[b, k] += x[at + k]
         turned_by(m1.R, b, x[at + 3], x[at + 4], x[at + 5], m1.R)
-    work.count[3] += 1
+    work.tally[3] += 1
     complete(model, m1, settings)
 
 
@@ -232,7 +232,7 @@ def nested_loop(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, w
         if outcome != CONVERGED:
             return outcome
         work.nu_kept[:] = rows.nu1  # (85): mu - xi psi
-        work.count[5] += 1
+        work.tally[5] += 1
         if work.norm[1] < settings.tolerance:
             return CONVERGED
     return LOOSE if work.norm[1] < penalty.accept else SLOW
