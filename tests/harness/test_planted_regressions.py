@@ -1,6 +1,11 @@
-"""The gate turns red when a solver gets worse: step doubled, tolerance loosened, B term dropped."""
+"""The gate turns red when a solver gets worse: a sign, a step doubled, a tolerance loosened, a term dropped.
+
+The B term of Eq. (71) exists in the geometrically consistent steps alone; in the others the gyroscopic torque
+Omega x J Omega is the term that depends on velocity and is lost as easily.
+"""
 
 import dataclasses
+import inspect
 from pathlib import Path
 
 import pytest
@@ -11,6 +16,8 @@ from harness.job import Job
 from harness.suites import load_suite
 from harness.thresholds import FOLDER, read_thresholds
 from harness.types import Status, StepControl
+from solvers.formulations import symbolic, system_elements
+from solvers.formulations.geometric.choices import GaugeChoices
 
 SUITE = load_suite("ci")
 THRESHOLDS = read_thresholds(FOLDER / "ci.toml")
@@ -23,8 +30,8 @@ WORSE_OPTIONS = {  # of solvers that have such an option; a solver without one i
 }
 
 
-def cell_of(solver: str):
-    return next(c for c in SUITE.cells if c.solver == solver and c.case.startswith(MOVING) and not c.options)
+def cell_of(solver: str, begins: str = MOVING):
+    return next(c for c in SUITE.cells if c.solver == solver and c.case.startswith(begins) and not c.options)
 
 
 def planted():
@@ -60,6 +67,38 @@ def test_a_planted_regression_closes_the_gate(cell, worse, tmp_path):
 def test_the_unchanged_solver_passes(solver, tmp_path):
     """The counterpart: the same cell, as it is, is open."""
     assert state_of(cell_of(solver), cell_of(solver), tmp_path) is State.PASS
+
+
+TOP = "heavy_top[t_end=1]"  # spins: the gyroscopic torque is what holds it up
+GYROSCOPIC = "+ ca.cross(Omega, J @ Omega)"  # in solvers/formulations/symbolic.py
+
+
+def classical_with(monkeypatch, new: str) -> None:
+    """The symbolic route as if that line of its source were another."""
+    source = inspect.getsource(symbolic.body_element)
+    assert GYROSCOPIC in source  # else nothing is planted
+    names: dict = {}
+    exec(source.replace(GYROSCOPIC, new), vars(symbolic), names)
+    monkeypatch.setattr(system_elements, "body_element", names["body_element"])
+
+
+def geometric_with(monkeypatch, **change: float) -> None:
+    """The geometric route with a factor in its kernels changed."""
+    sound = GaugeChoices.settings
+    monkeypatch.setattr(GaugeChoices, "settings", lambda self, problem: sound(self, problem)._replace(**change))
+
+
+@pytest.mark.parametrize("solver", sorted({c.solver for c in SUITE.cells}))
+@pytest.mark.parametrize("planted", ["sign", "dropped"])
+def test_a_changed_line_closes_the_gate(solver, planted, monkeypatch, tmp_path):
+    """A sign turned or a term dropped in the source of each solver."""
+    if registry.solvers()[solver].control == "dt":
+        geometric_with(monkeypatch, b_term={"sign": -1.0, "dropped": 0.0}[planted])
+        cell = cell_of(solver)
+    else:
+        classical_with(monkeypatch, {"sign": GYROSCOPIC.replace("+", "-"), "dropped": ""}[planted])
+        cell = cell_of(solver, TOP)
+    assert state_of(cell, cell, tmp_path) is State.FAIL
 
 
 def test_every_solver_is_in_the_gate():
