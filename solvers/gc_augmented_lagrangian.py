@@ -26,7 +26,9 @@ class GcAugmentedLagrangian(GaugeChoices):
 
     max_newton: int = option(12, "corrections before the step counts as singular or is cut", "", at_least=1)
     penalty: float = option(1e7, "xi of Eq. (84), per M_bar", "", above=0.0)
-    loop: str = option("proximal", "correction and augmentation at once, or the paper's nested loop", choices=("proximal", "nested"))
+    loop: str = option(
+        "proximal", "correction and augmentation at once, or the paper's nested loop", choices=("proximal", "nested")
+    )
     max_augmentations: int = option(12, "of the nested loop in a step", "", at_least=1)
     accept: float = option(1e-3, "(81) at which a singular step counts as done", "sqrt(J)", above=0.0)
     soft_penalty: float = option(0.1, "xi (omega dt)^2 of singular steps; indefinite above about 0.3", "", above=0.0)

@@ -40,4 +40,6 @@ class GcWeakForm(GaugeChoices):
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        return integrate(problem, control, prepare(problem, self.settings(problem), mu0=self.mu0), self.max_cuts, self.max_turn)
+        return integrate(
+            problem, control, prepare(problem, self.settings(problem), mu0=self.mu0), self.max_cuts, self.max_turn
+        )

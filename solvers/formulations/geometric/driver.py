@@ -56,13 +56,13 @@ def prepare(problem: Problem, settings: Settings, penalty: Penalty = PLAIN, mu0:
     start, end = empty_motion(model), empty_motion(model)
     load(start, initial)
     complete(model, start, settings)
-    zeros = (np.zeros(nrows) for _ in range(8))
-    rows = Rows(*zeros, weight=np.zeros((2, nrows)))
+    rows = Rows._make([*(np.zeros(nrows) for _ in range(8)), np.zeros((2, nrows))])
     history = History(v=np.zeros((nb, 6)), nu=np.zeros(nrows), increment=np.zeros(nrows), last_dt=np.zeros(1))
     work = Work(
         blocks=np.zeros((len(pattern.pair_column), 6, 6)), T=np.zeros((nb, 3, 3)), body=np.zeros((nb, 6)),
-        constraint=np.zeros(nrows), x=np.zeros(int(pattern.start[-1])), diagonal=np.zeros(nrows), xi=np.full(1, penalty.xi),
-        nu_kept=np.zeros(nrows), count=np.zeros(len(COUNTERS), dtype=np.int64), held=np.zeros(1), norm=np.zeros(2),
+        constraint=np.zeros(nrows), x=np.zeros(int(pattern.start[-1])), diagonal=np.zeros(nrows),
+        xi=np.full(1, penalty.xi),
+        nu_kept=np.zeros(nrows), tally=np.zeros(len(COUNTERS), dtype=np.int64), held=np.zeros(1), norm=np.zeros(2),
         pivots=np.zeros(nrows), log_det=np.zeros(2),
     )  # fmt: skip
     if mu0 == "velocity":
@@ -155,9 +155,10 @@ def integrate(
 
 def warm_up(run: Run, clock: marching.Clock, room: int) -> None:
     """Compile (or load) the march without taking a step: a clock that already stands at its end."""
+    nowhere = marching.empty_record(room, len(run.model.mass), int(run.model.row[-1]))
     marching.march(
         run.model, run.start, run.end, run.rows, run.history, run.settings, run.penalty, run.index, run.pattern,
-        run.factors, run.work, clock._replace(t_end=0.0), marching.empty_record(room, len(run.model.mass), int(run.model.row[-1])),
+        run.factors, run.work, clock._replace(t_end=0.0), nowhere,
     )  # fmt: skip
 
 
@@ -174,7 +175,7 @@ def hand_back(
         np.concatenate((first.v[None], v[:, :, :3])),
         np.concatenate((first.Omega[None], v[:, :, 3:])),
     )
-    counters = {"steps": len(t) - 1, **{name: int(n) for name, n in zip(COUNTERS, run.work.count, strict=True)}}
+    counters = {"steps": len(t) - 1, **{name: int(n) for name, n in zip(COUNTERS, run.work.tally, strict=True)}}
     norm = log.joined("norm").reshape(-1, 2)
     per_step = {
         "newton_iterations": log.joined("newton"), "cut_level": log.joined("level"),
