@@ -12,10 +12,11 @@ from enum import IntEnum
 
 from harness.cell import Cell
 from harness.records import RunRecord
-from harness.thresholds import Threshold, Thresholds
+from harness.thresholds import EQUAL, Threshold, Thresholds
 from harness.types import Status
 
 WORTH = 0.95  # of a bound: less is not worth a commit
+ROUNDED = 1e-11  # in any of the metrics' units: below it, a change is the machine's
 
 
 class State(IntEnum):
@@ -80,6 +81,13 @@ def judge(cells: Sequence[Cell], records: Sequence[RunRecord], thresholds: Thres
     return Verdict(tuple(sorted(found, key=lambda f: (-f.state, f.case, f.what))))
 
 
+def has_moved(f: Finding) -> bool:
+    """By 1 % and by more than rounding."""
+    if math.isnan(f.measured) or math.isnan(f.value):
+        return False
+    return abs(f.measured - f.value) > max(0.01 * abs(f.value), ROUNDED)
+
+
 def tightened(
     old: Thresholds, records: Sequence[RunRecord], proposed: Sequence[Threshold], *, loosen: bool
 ) -> Thresholds:
@@ -90,10 +98,12 @@ def tightened(
         was = bounds.get((new.case, new.metric))
         if was is None:
             bounds[new.case, new.metric] = new
+        elif EQUAL in (new.direction, was.direction):  # another value is neither better nor worse: it must be asked for
+            if loosen:
+                bounds[new.case, new.metric] = dataclasses.replace(new, reason=was.reason, expect=was.expect)
         elif loosen or new.upper < WORTH * was.upper:
-            bounds[new.case, new.metric] = dataclasses.replace(
-                new, lower=was.lower, reason=was.reason, expect=was.expect
-            )
+            lower = dataclasses.replace(new, lower=was.lower, direction=was.direction)
+            bounds[new.case, new.metric] = dataclasses.replace(lower, reason=was.reason, expect=was.expect)
     return dataclasses.replace(old, bounds=tuple(bounds[k] for k in sorted(bounds)))
 
 
@@ -131,6 +141,8 @@ def _fail(case: str, what: str, words: str, b: Threshold | None = None) -> Findi
 
 
 def _range(b: Threshold) -> str:
+    if b.direction == EQUAL:
+        return f"= {b.value:.12g}" + (f" within {b.tolerance:g} of it" if b.tolerance else " exactly")
     low = f">= {b.lower:.3g}" if math.isfinite(b.lower) else ""
     high = f"<= {b.upper:.3g}" if math.isfinite(b.upper) else ""
     return " and ".join(filter(None, (low, high)))

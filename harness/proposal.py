@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from harness.records import RunRecord
-from harness.thresholds import Threshold
+from harness.thresholds import Threshold, equal
 from harness.types import Status
 
 UNITS = {
@@ -34,11 +34,12 @@ LEFT_OVER = Width(
     5.0, "left over by Newton's stop test: one correction more or less changes it; a looser tolerance by far more"
 )
 ROUNDING = Width(10.0, "rounding only, which differs between machines; anything above is a real error")
+SAME_STEPS = "a fixed step that is never cut: the number of steps is t_end / dt on every machine"
 STOP_TEST = 1e-6  # of the size: below it, a fixed-step solver's |phi_dot| is what its Newton iteration leaves over
 
 
 def proposed(records: Sequence[RunRecord]) -> list[Threshold]:
-    """Bounds for energy drift, |phi|, |phi_dot| and the errors, of every cell that succeeded."""
+    """Bounds for energy drift, |phi|, |phi_dot|, the errors and fixed steps, of every cell that succeeded."""
     return [bound for r in records if r.status == Status.SUCCESS for bound in _of(r)]
 
 
@@ -58,6 +59,8 @@ def _of(r: RunRecord) -> list[Threshold]:
         else:
             value_bound = width.factor * value
         out.append(Threshold(r.case, metric, value, value_bound, -math.inf, unit, width.reason))
+    if r.control == "dt" and r.rejected == 0.0:
+        out.append(equal(r.case, "steps", float(r.steps), "", SAME_STEPS))
     return out
 
 

@@ -12,6 +12,10 @@
     unit = "J"
     reason = "deterministic, second order: doubling dt gives 4 times the value"
     expect = "pass"                     # "fail": a known breach; when it passes, that is news (XPASS)
+    direction = "smaller"               # is better; said by the bounds: upper, or lower for "larger", or both
+
+What is the same on every machine is compared exactly: ``direction = "equal"`` with ``value`` and no bounds (steps of
+a fixed size). What may differ between machines only by rounding gets ``tolerance``, relative to ``value``, as well.
 
 A cell is expected to end with status "success", unless an entry without metric says otherwise:
 ``case``, ``status``, ``reason``.
@@ -35,6 +39,10 @@ FOLDER = ROOT / "results" / "baselines"
 METRICS = tuple(c.name for c in COLUMNS if c.type in (float, int))
 
 
+KEYS = ("case", "metric", "value", "upper", "lower", "unit", "reason", "expect", "direction", "tolerance")
+EQUAL = "equal"
+
+
 class ThresholdError(ValueError):
     """A thresholds file that cannot be used; one line with the place."""
 
@@ -51,6 +59,8 @@ class Threshold:
     unit: str
     reason: str
     expect: str = "pass"
+    direction: str = "smaller"
+    tolerance: float = 0.0  # relative, with direction "equal"
 
     def holds(self, measured: float) -> bool:
         """Within the bounds; a measurement that does not exist is not."""
@@ -103,7 +113,13 @@ def write_thresholds(thresholds: Thresholds) -> str:
     for b in thresholds.bounds:
         out += ["", "[[threshold]]"]
         for key, value in dataclasses.asdict(b).items():
-            if isinstance(value, float):
+            if b.direction == EQUAL and key in ("value", "upper", "lower"):
+                out += [f"value = {value!r}"] if key == "value" else []
+            elif key == "tolerance":
+                out += [f"tolerance = {value!r}"] if value else []
+            elif key == "direction" and value == _said_by(b.upper, b.lower):
+                continue
+            elif isinstance(value, float):
                 out += [f"{key} = {value:.4g}"] if math.isfinite(value) else []
             elif not (key == "expect" and value == "pass"):
                 out.append(f"{key} = {json.dumps(value, ensure_ascii=False)}")
@@ -118,23 +134,54 @@ def _tables(plain: dict[str, Any], key: str, path: Path) -> list[dict[str, Any]]
 
 
 def _bound(entry: dict[str, Any], place: str) -> Threshold:
-    _keys(entry, ("case", "metric", "value", "upper", "lower", "unit", "reason", "expect"), place)
+    _keys(entry, KEYS, place)
     for key in ("case", "metric", "reason"):
         _text(entry, key, place)
     if entry["metric"] not in METRICS:
         raise ThresholdError(f"{place}: unknown metric {entry['metric']!r}{nearest(entry['metric'], list(METRICS))}")
-    numbers = {"value": math.nan, "upper": math.inf, "lower": -math.inf}
+    numbers = {"value": math.nan, "upper": math.inf, "lower": -math.inf, "tolerance": 0.0}
     for key in numbers:
         if key in entry:
             if isinstance(entry[key], bool) or not isinstance(entry[key], int | float) or not math.isfinite(entry[key]):
                 raise ThresholdError(f"{place}: {key} must be a finite number (got {entry[key]!r})")
             numbers[key] = float(entry[key])
+    direction = entry.get("direction", _said_by(numbers["upper"], numbers["lower"]))
+    if direction == EQUAL:
+        return _equal(entry, numbers, place)
     if "upper" not in entry and "lower" not in entry:
         raise ThresholdError(f"{place}: give upper or lower; without a bound nothing is checked")
     if entry.get("expect", "pass") not in ("pass", "fail"):
         raise ThresholdError(f"{place}: expect must be pass or fail (got {entry['expect']!r})")
-    words = (str(entry.get("unit", "")), entry["reason"], entry.get("expect", "pass"))
+    if direction != _said_by(numbers["upper"], numbers["lower"]) or "tolerance" in entry:
+        raise ThresholdError(
+            f"{place}: direction must fit the bounds: smaller with upper, larger with lower, between with both, equal "
+            f"(and tolerance) with value alone (got {direction!r})"
+        )
+    if numbers["lower"] > numbers["upper"]:
+        raise ThresholdError(f"{place}: lower is above upper: nothing could pass")
+    words = (str(entry.get("unit", "")), entry["reason"], entry.get("expect", "pass"), direction)
     return Threshold(entry["case"], entry["metric"], numbers["value"], numbers["upper"], numbers["lower"], *words)
+
+
+def equal(
+    case: str, metric: str, value: float, unit: str, reason: str, *, tolerance: float = 0.0, expect: str = "pass"
+) -> Threshold:
+    """A threshold that only ``value`` itself passes, or what is within ``tolerance`` of it."""
+    wide = tolerance * abs(value)
+    return Threshold(case, metric, value, value + wide, value - wide, unit, reason, expect, EQUAL, tolerance)
+
+
+def _equal(entry: dict[str, Any], numbers: dict[str, float], place: str) -> Threshold:
+    if "value" not in entry or "upper" in entry or "lower" in entry or not 0.0 <= numbers["tolerance"] < 1.0:
+        raise ThresholdError(f"{place}: direction equal takes value, and tolerance from 0 to 1, and no bounds")
+    if entry.get("expect", "pass") not in ("pass", "fail"):
+        raise ThresholdError(f"{place}: expect must be pass or fail (got {entry['expect']!r})")
+    named = (entry["case"], entry["metric"], numbers["value"], str(entry.get("unit", "")), entry["reason"])
+    return equal(*named, tolerance=numbers["tolerance"], expect=entry.get("expect", "pass"))
+
+
+def _said_by(upper: float, lower: float) -> str:
+    return "between" if math.isfinite(upper) and math.isfinite(lower) else "larger" if upper == math.inf else "smaller"
 
 
 def _expectation(entry: dict[str, Any], place: str) -> Expectation:

@@ -14,16 +14,15 @@ from rich.text import Text
 from harness import store
 from harness.commands.progress import progress
 from harness.commands.run import add_running, existing, jobs
-from harness.commands.terms import load_plugins
-from harness.gate import Finding, State, Verdict, judge, tightened
+from harness.commands.terms import UsageError, check_writable, load_plugins
+from harness.gate import State, Verdict, has_moved, judge, tightened
+from harness.gate_files import junit, markdown
 from harness.proposal import proposed
 from harness.runner import Request, new_folder, run_suite
 from harness.suites import Suite, load_suite
 from harness.thresholds import FOLDER, Thresholds, read_thresholds, write_thresholds
 
 STYLE = {State.FAIL: "bold red", State.XPASS: "yellow", State.XFAIL: "cyan", State.PASS: "green"}
-
-ROUNDED = 1e-11  # in any of the metrics' units: below it, a change is the machine's
 
 
 def add(commands: Any) -> None:
@@ -36,6 +35,8 @@ def add(commands: Any) -> None:
     p.add_argument("--loosen", action="store_true", help="with --update: propose wider bounds too")
     p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
     p.add_argument("--all", action="store_true", help="show every threshold, not only what failed or moved")
+    p.add_argument("--junit", metavar="FILE", help="write the verdict as JUnit XML")
+    p.add_argument("--markdown", metavar="FILE", help="write what failed or moved as Markdown")
     add_running(p)
     p.set_defaults(run=run)
 
@@ -44,6 +45,11 @@ def run(arguments: argparse.Namespace) -> int:
     """0 if nothing failed and something was judged, else 1."""
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     path = Path(arguments.thresholds) if arguments.thresholds else FOLDER / f"{suite.name}.toml"
+    for given, other in (("junit", "update"), ("markdown", "update"), ("loosen", ""), ("write", "")):
+        if getattr(arguments, given) and (arguments.update if other else not arguments.update):
+            raise UsageError(f"--{given} goes {'without' if other else 'with'} --update")
+    for file in filter(None, (arguments.junit, arguments.markdown)):
+        check_writable(Path(file))
     thresholds = Thresholds(suite.name, (), {})
     if path.exists() or not arguments.update:
         thresholds = read_thresholds(path)
@@ -52,6 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
         return _update(path, thresholds, loaded, loosen=arguments.loosen, write=arguments.write)
     verdict = judge(suite.cells, loaded.records, thresholds)
     _print(verdict, everything=arguments.all)
+    for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
+        if file:
+            store.write_text(Path(file), made(verdict, suite.name))
     return 0 if verdict.is_open else 1
 
 
@@ -72,7 +81,7 @@ def _print(verdict: Verdict, *, everything: bool) -> None:
     table = Table(box=None, padding=(0, 2, 0, 0))
     for name in ("state", "case", "metric", "measured", "was", "bound", "unit", "why"):
         table.add_column(name, overflow="fold")
-    shown = [f for f in verdict.findings if everything or f.state is not State.PASS or _has_moved(f)]
+    shown = [f for f in verdict.findings if everything or f.state is not State.PASS or has_moved(f)]
     for f in shown:
         was = "" if math.isnan(f.value) else f"{f.value:.3g} ({_moved(f.measured, f.value)})"
         measured = "" if math.isnan(f.measured) else f"{f.measured:.4g}"
@@ -87,13 +96,6 @@ def _print(verdict: Verdict, *, everything: bool) -> None:
     counts = {s: sum(f.state is s for f in verdict.findings) for s in sorted(State, reverse=True)}
     words = ", ".join(f"{n} {s.name}" for s, n in counts.items() if n) or "nothing was judged"
     out.print(Text(f"gate {'open' if verdict.is_open else 'CLOSED'}: {words}", STYLE[verdict.state]))
-
-
-def _has_moved(f: Finding) -> bool:
-    """By 1 % and by more than rounding."""
-    if math.isnan(f.measured) or math.isnan(f.value):
-        return False
-    return abs(f.measured - f.value) > max(0.01 * abs(f.value), ROUNDED)
 
 
 def _moved(measured: float, value: float) -> str:

@@ -1,7 +1,6 @@
 """``solve``: one run from the shell, as an NPZ file."""
 
 import argparse
-import os
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,7 @@ from rich.console import Console
 
 from harness import registry
 from harness.cell import make_cell
-from harness.commands.terms import UsageError, assignments, load_plugins
+from harness.commands.terms import UsageError, assignments, check_writable, load_plugins
 from harness.types import Status
 
 CONTROL = ("dt", "rtol", "max_step", "max_steps", "wall_limit")
@@ -49,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     cell = make_cell(problem, arguments.solver, given, control)
     wall = None if limit is None else float(_above_zero(limit, "wall_limit"))
     out = Path(arguments.out)
-    _check_writable(out)
+    check_writable(out)
     from harness.single import solve_to_file
 
     outcome = solve_to_file(cell, out, wall)
@@ -72,16 +71,3 @@ def _above_zero(text: str, name: str = "t_end") -> str:
     if not good:
         raise UsageError(f"{name} must be a finite number > 0 [s] (got {text!r})")
     return text
-
-
-def _check_writable(out: Path) -> None:
-    """Before the run: nobody wants to learn after an hour that the folder is not there."""
-    probe = out.parent / f".{out.name}.{os.getpid()}.probe"
-    try:
-        if out.is_dir():
-            raise UsageError(f"cannot write {out}: it is a folder")
-        with probe.open("xb"):
-            pass
-        probe.unlink()
-    except OSError as error:
-        raise UsageError(f"cannot write {out}: {error.strerror or error}") from None

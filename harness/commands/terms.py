@@ -1,6 +1,7 @@
 """What the subcommands share: words for wrong calls, ``key=value`` arguments, plugins."""
 
 import argparse
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
@@ -38,3 +39,16 @@ def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
     for path in paths:
         registry.load_plugin(Path(path))
     return tuple(str(Path(p).resolve()) for p in paths)
+
+
+def check_writable(out: Path) -> None:
+    """Before the run: nobody wants to learn after an hour that the folder is not there."""
+    probe = out.parent / f".{out.name}.{os.getpid()}.probe"
+    try:
+        if out.is_dir():
+            raise UsageError(f"cannot write {out}: it is a folder")
+        with probe.open("xb"):
+            pass
+        probe.unlink()
+    except OSError as error:
+        raise UsageError(f"cannot write {out}: {error.strerror or error}") from None

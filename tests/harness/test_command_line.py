@@ -82,6 +82,9 @@ BAD = [
     (("report", "nowhere"), "not a run folder"),
     (("gate", "--thresholds", "nowhere.toml"), "cannot read"),
     (("gate", "--suite", "nothing"), "unknown suite"),
+    (("gate", "--junit", "nowhere/gate.xml"), "cannot write"),
+    (("gate", "--junit", "gate.xml", "--update"), "without --update"),
+    (("gate", "--write"), "with --update"),
     (("dance",), "invalid choice"),
     ((), "required"),
 ]
@@ -142,7 +145,8 @@ def test_run_show_and_gate(command, tmp_path):
     judge = ("gate", "--suite", "small.toml", *WITH, "--run", "out", "--thresholds", "bounds.toml")
     assert command(*judge).returncode == 0
     (tmp_path / "bounds.toml").write_text(BOUND.replace("1e-10", "-1.0"))
-    closed = command(*judge)
+    closed = command(*judge, "--junit", "gate.xml", "--markdown", "gate.md")
+    assert "failure" in (tmp_path / "gate.xml").read_text() and "CLOSED" in (tmp_path / "gate.md").read_text()
     assert closed.returncode == 1 and "FAIL" in closed.stdout and "CLOSED" in closed.stdout
     update = command(*judge, "--update")
     assert update.returncode == 0 and "position_error_max_m" in update.stdout and not update.stderr

@@ -2,14 +2,24 @@
 
 import dataclasses
 import math
+from xml.etree import ElementTree
 
 import pytest
 
 from harness.cell import Cell
 from harness.gate import State, judge, tightened
+from harness.gate_files import junit, markdown
 from harness.proposal import proposed
 from harness.records import RunRecord
-from harness.thresholds import Expectation, Threshold, ThresholdError, Thresholds, read_thresholds, write_thresholds
+from harness.thresholds import (
+    Expectation,
+    Threshold,
+    ThresholdError,
+    Thresholds,
+    equal,
+    read_thresholds,
+    write_thresholds,
+)
 from harness.types import Status, StepControl
 
 CELLS = tuple(Cell("free_fall", "exact", StepControl(dt=dt)) for dt in (0.1, 0.5))
@@ -85,6 +95,38 @@ def test_update_only_tightens_unless_told():
     assert {b.case: b.upper for b in new.bounds} == {CASE: 0.6, OTHER: 9.0}
 
 
+def test_equal_is_exact_unless_a_tolerance_is_stated(tmp_path):
+    """One step more is a breach; of a float that a machine may round, so is more than the stated tolerance."""
+    for tolerance, passes, fails in ((0.0, 100.0, 101.0), (1e-6, 100.00009, 100.0002)):
+        bounds = Thresholds("t", (equal(CASE, "phi_max", 100.0, "m", "why", tolerance=tolerance), threshold(OTHER)), {})
+        assert state(changed(phi_max=passes), bounds).state is State.PASS
+        assert state(changed(phi_max=fails), bounds).state is State.FAIL
+        path = tmp_path / "t.toml"
+        path.write_text(write_thresholds(bounds))
+        assert read_thresholds(path) == bounds
+    record = RunRecord(case=CASE, status="success", control="dt", steps=100, rejected=0.0)
+    (steps,) = proposed([record])
+    assert steps.direction == "equal" and steps.holds(100.0) and not steps.holds(99.0)
+    old, new = Thresholds("t", (steps,), {}), dataclasses.replace(steps, value=50.0, upper=50.0, lower=50.0)
+    assert tightened(old, [record], [new], loosen=False).bounds == (steps,)
+    assert tightened(old, [record], [new], loosen=True).bounds == (new,)
+
+
+def test_verdicts_are_written_for_ci():
+    """JUnit that parses, whatever a solver's message holds; Markdown with the same counts."""
+    verdict = state(changed(phi_max=1.3, status="crashed", message="a | b\0<c> ]]> \ud800"))
+    root = ElementTree.fromstring(junit(verdict, "t"))
+    assert root.get("tests") == "4" and root.get("failures") == "2" and len(root.findall(".//failure")) == 2
+    text = markdown(verdict, "t")
+    assert "CLOSED" in text and "2 FAIL, 2 PASS" in text and r"a \| b" in text
+    empty = state([], Thresholds("t", (), {}), ())
+    assert ElementTree.fromstring(junit(empty, "t")).get("failures") == "1" and "nothing was judged" in markdown(
+        empty, "t"
+    )
+    expected = ElementTree.fromstring(junit(state(bounds=with_bound(expect="fail", upper=0.5)), "t"))
+    assert expected.get("skipped") == "1" and expected.get("failures") == "0"
+
+
 def test_proposals_catch_a_doubled_step():
     """Second order: twice the step is 4 times the drift, over any proposed bound."""
     record = RunRecord(
@@ -110,7 +152,8 @@ ENTRY = '[[threshold]]\ncase = "a"\nmetric = "phi_max"\nupper = 1.0\nreason = "r
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [("[", "t.toml"), ("schema = 2", "schema"), ("", "upper or lower"), ("", "unknown metric"), ("", "reason"),
+    [("", "fit the bounds"), ("", "takes value"), ("", "above upper"),
+     ("[", "t.toml"), ("schema = 2", "schema"), ("", "upper or lower"), ("", "unknown metric"), ("", "reason"),
      ("", "expect"), ("", "finite"), ("", "twice"), ("", "unknown key"), ("", "unknown status")],
 )  # fmt: skip
 def test_wrong_thresholds_are_told(tmp_path, text, words):
@@ -119,6 +162,9 @@ def test_wrong_thresholds_are_told(tmp_path, text, words):
         "upper or lower": ENTRY.replace("upper = 1.0\n", ""),
         "unknown metric": ENTRY.replace("phi_max", "phi_mx"),
         "reason": ENTRY.replace('"r"', '""'),
+        "fit the bounds": ENTRY + 'direction = "larger"\n',
+        "takes value": ENTRY + 'direction = "equal"\n',
+        "above upper": ENTRY + "lower = 2.0\n",
         "expect": ENTRY + 'expect = "maybe"\n',
         "finite": ENTRY.replace("1.0", "nan"),
         "twice": ENTRY + ENTRY,
