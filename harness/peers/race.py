@@ -1,0 +1,98 @@
+"""Two or more solvers on one problem, one after the other and again, in one process: times to be compared.
+
+CPU time of the integration alone, in turns (A B A B), so that a machine that slows down slows all. One run before the
+clock starts compiles and warms; one after it records what an engine that is timed without output does not show.
+"""
+
+import json
+import math
+import statistics
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from harness.metrics import measure
+from harness.scales import scales
+from harness.summary import columns
+from harness.types import Problem, Status, Trajectory
+
+
+@dataclass(frozen=True)
+class Runner:
+    """A contestant: ``warm`` a short run, ``timed`` the one that counts, ``shown`` the one whose motion is measured."""
+
+    name: str
+    warm: Callable[[], Trajectory]
+    timed: Callable[[], Trajectory]
+    shown: Callable[[], Trajectory] | None  # None: the first timed one
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of a contestant; NaN where it has nothing to show."""
+
+    name: str
+    status: str
+    message: str
+    notes: str
+    cpu_s: tuple[float, ...]
+    energy_drift_max_J: float
+    energy_drift_end_J: float
+    phi_dot_max: float
+    position_error_m: float  # up to ``judged_to_s``
+    judged_to_s: float
+
+    @property
+    def median_s(self) -> float:
+        """Of the CPU times."""
+        return statistics.median(self.cpu_s) if self.cpu_s else math.nan
+
+
+def race(problem: Problem, runners: Sequence[Runner], repeats: int, budget: float) -> list[Result]:
+    """All of them in turns; one whose next run would pass ``budget`` [s] of CPU in all is not repeated."""
+    times: dict[str, list[float]] = {r.name: [] for r in runners}
+    shown: dict[str, Trajectory] = {}
+    for r in runners:
+        r.warm()
+    for _ in range(repeats):
+        for r in runners:
+            spent = times[r.name]
+            failed = r.name in shown and shown[r.name].status is not Status.SUCCESS
+            if failed or (spent and sum(spent) + spent[-1] > budget):
+                continue
+            trajectory = r.timed()
+            shown.setdefault(r.name, trajectory)
+            spent.append(trajectory.cpu_time)
+    for r in runners:
+        if r.shown is not None and shown[r.name].status is Status.SUCCESS:
+            shown[r.name] = r.shown()
+    return [_result(problem, r.name, shown[r.name], times[r.name]) for r in runners]
+
+
+def write(path: Path, results: Sequence[Result]) -> None:
+    """As JSON, from the process that ran them."""
+    path.write_text(json.dumps([asdict(r) for r in results]), encoding="utf-8")
+
+
+def read(path: Path) -> list[Result]:
+    """The inverse of ``write``."""
+    return [Result(**{**r, "cpu_s": tuple(r["cpu_s"])}) for r in json.loads(path.read_text(encoding="utf-8"))]
+
+
+def _result(problem: Problem, name: str, trajectory: Trajectory, times: Sequence[float]) -> Result:
+    numbers: dict[str, float] = {}
+    if len(trajectory.t) > 1:
+        size = scales(problem.system, problem.initial)
+        numbers = columns(problem, trajectory, measure(problem, trajectory), size)
+    return Result(
+        name=name,
+        status=str(trajectory.status),
+        message=trajectory.message,
+        notes="; ".join(trajectory.notes),
+        cpu_s=tuple(times),
+        energy_drift_max_J=numbers.get("energy_drift_max_J", math.nan),
+        energy_drift_end_J=numbers.get("energy_drift_end_J", math.nan),
+        phi_dot_max=numbers.get("phi_dot_max", math.nan),
+        position_error_m=numbers.get("position_error_judged_m", math.nan),
+        judged_to_s=numbers.get("judged_to_s", math.nan),
+    )
