@@ -61,7 +61,7 @@ def draw_lines(
                 markevery=every, markersize=3.6, markerfacecolor=PAPER, markeredgewidth=0.9, zorder=3)  # fmt: skip
         draw_end(ax, m.cell, curve.t[-1], float(np.clip(y[-1], *limits)), look)
     ax.set_xlim(0.0, 1.03 * group.t_end)
-    ax.xaxis.set_major_locator(MaxNLocator(5))
+    ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
     ax.set_ylim(*limits)
 
 

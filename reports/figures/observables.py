@@ -22,7 +22,7 @@ def observables(name: str, title: str, group: Group, everyone: Group) -> list[Dr
     names = list(dict.fromkeys(n for m in everyone.motions for n in m.observables))
     chunks = [names[k : k + ROWS] for k in range(0, len(names), ROWS)]
     caption = (
-        "Left: values, with smallest and largest of each span of time; the reference is the thin black line. "
+        "Left: values, with smallest and largest of each span of time; the reference is the thin line without markers. "
         "Right: distance from the reference, largest in each span."
     )
     out = []
