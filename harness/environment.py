@@ -24,9 +24,9 @@ THREADS = {  # one thread: timings mean CPU time of one core, and results do not
     "NUMBA_NUM_THREADS": "1",
 }
 SHAPING = (  # of harness/: what a cell's process runs; the rest only arranges, judges or shows
-    "cell.py", "isolation.py", "job.py", "measuring.py", "metrics.py", "options.py", "records.py", "registry.py",
-    "scales.py", "series.py", "spool.py", "summary.py", "supervisor.py", "thinning.py", "types.py", "verdict.py",
-    "warmup.py", "worker.py",
+    "cell.py", "isolation.py", "job.py", "measuring.py", "metrics.py", "options.py", "plugins.py", "records.py",
+    "registry.py", "scales.py", "series.py", "spool.py", "summary.py", "supervisor.py", "thinning.py", "types.py",
+    "verdict.py", "warmup.py", "worker.py",
 )  # fmt: skip
 
 
@@ -37,7 +37,9 @@ def code_digest(plugins: tuple[str, ...] = ()) -> str:
     for folder in ("harness/mechanics", "problems", "solvers"):
         files += sorted((ROOT / folder).rglob("*.py"))
     digest = hashlib.sha256()
-    for path in [*files, LOCK, *map(Path, plugins)]:
+    from harness.plugins import source_of
+
+    for path in [*files, LOCK, *filter(None, map(source_of, plugins))]:
         name = path.relative_to(ROOT) if path.is_relative_to(ROOT) else path.name
         digest.update(f"{name}\0".encode() + _content(path) + b"\0")
     return digest.hexdigest()[:16]

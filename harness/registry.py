@@ -4,12 +4,9 @@ A problem file holds one function marked ``@problem``, a solver file one datacla
 """
 
 import dataclasses
-import hashlib
 import importlib
-import importlib.util
 import inspect
 import pkgutil
-import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -19,6 +16,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 import numpy as np
 
+from harness import plugins
 from harness.mechanics import so3
 from harness.mechanics.consistency import check_start, perturbed
 from harness.mechanics.state import States, rotated
@@ -103,37 +101,31 @@ def is_own_solver(name: str) -> bool:
     return name in _own_solvers()
 
 
-def load_plugin(path: Path) -> None:
-    """Add the entries of a Python file from outside the tree, or ValueError; it runs only because it was named.
+def load_plugin(plugin: Path | str) -> None:
+    """Add the entries of a file or entry point (module plugins), or ValueError; it runs only because it was named.
 
     Unlike a file of ``problems/`` or ``solvers/`` it may mark several entries. A name of ours cannot be taken.
     """
-    path = path.resolve()
-    if path in _plugin_files:
+    where = plugins.resolved(str(plugin))
+    if where in _plugin_files:
         return
     try:
-        name = f"mbsbench_plugin_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
-        spec = importlib.util.spec_from_file_location(name, path)
-        if spec is None or spec.loader is None or not path.is_file():
-            raise ValueError("it is not a Python file")
-        module = importlib.util.module_from_spec(spec)
-        sys.modules[name] = module  # dataclasses look their module up
-        spec.loader.exec_module(module)
-        found = _entries_of(module)
+        named = plugins.loaded(where)
+        found = _entries_of(named) if isinstance(named, ModuleType) else _marks_of([named])
         if not found:
             raise ValueError("it marks no @problem and no @solver")
         made = [(n, _solver_entry(n, o) if isinstance(o, type) else _problem_entry(n, o)) for n, o in found]
         taken = sorted({n for n, _ in made} & {*problems(), *solvers()})
         if taken:
             raise ValueError(f"the name {taken[0]!r} is taken")
-    except Exception as error:  # whatever a foreign file does on import is its own fault, told in a line
-        raise ValueError(f"plugin {path}: {error or type(error).__name__}") from error
-    _plugin_files.add(path)
+    except (Exception, SystemExit) as error:  # whatever a foreign file does on import is its own fault, told in a line
+        raise ValueError(f"plugin {where}: {error or type(error).__name__}") from error
+    _plugin_files.add(where)
     _plugin_solvers.update({n: e for n, e in made if isinstance(e, SolverEntry)})
     _plugin_problems.update({n: e for n, e in made if isinstance(e, ProblemEntry)})
 
 
-_plugin_files: set[Path] = set()  # the catalogue of this process, grown only by load_plugin
+_plugin_files: set[str] = set()  # the catalogue of this process, grown only by load_plugin
 _plugin_problems: dict[str, ProblemEntry] = {}
 _plugin_solvers: dict[str, SolverEntry] = {}
 
@@ -225,10 +217,11 @@ def _marked(package: str) -> list[tuple[str, Any]]:
 
 
 def _entries_of(module: ModuleType) -> list[tuple[str, Any]]:
-    own = [o for o in vars(module).values() if getattr(o, "__module__", None) == module.__name__]
-    return [
-        (vars(o)[_MARK], o) for o in own if _MARK in getattr(o, "__dict__", {})
-    ]  # a subclass is not marked by its base
+    return _marks_of([o for o in vars(module).values() if getattr(o, "__module__", None) == module.__name__])
+
+
+def _marks_of(objects: list[Any]) -> list[tuple[str, Any]]:
+    return [(vars(o)[_MARK], o) for o in objects if _MARK in getattr(o, "__dict__", {})]  # not of a base
 
 
 def _first_line(o: Any) -> str:
@@ -252,5 +245,19 @@ def _problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
 
 
 def _solver_entry(name: str, cls: Any) -> SolverEntry:
+    if not getattr(getattr(cls, "__dataclass_params__", None), "frozen", False):
+        raise TypeError(
+            f"solver {name}: {cls.__name__} must be a frozen dataclass: @dataclass(frozen=True) below @solver"
+        )
+    for what, kinds in (("paper_label", None), ("control", ("dt", "rtol"))):
+        given = getattr(cls, what, None)
+        if not isinstance(given, str) or (kinds and given not in kinds):
+            raise TypeError(f"solver {name}: {what} must be {' or '.join(kinds or ('text',))} (got {given!r})")
+    for what in ("refuses", "solve"):
+        if not callable(getattr(cls, what, None)):
+            raise TypeError(f"solver {name}: the method {what} is missing")
+    for f in dataclasses.fields(cls):
+        if "parameter" not in f.metadata or f.default is dataclasses.MISSING:
+            raise TypeError(f"solver {name}: {f.name} must be made by harness.options.option, with a default")
     own = {f.name: (f.default, f.metadata["parameter"]) for f in dataclasses.fields(cls)}
     return SolverEntry(name, cls, own, _first_line(cls), cls.paper_label, cls.control)

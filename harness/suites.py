@@ -26,6 +26,7 @@ from typing import Any
 from harness import registry
 from harness.cell import Cell, make_cell
 from harness.options import nearest
+from harness.plugins import resolved
 from harness.types import Problem
 
 FOLDER = Path(__file__).parent / "suites"
@@ -84,10 +85,10 @@ def parse_suite(text: str, name: str, where: str, beside: Path = Path(), plugins
     own = _list(plain.get("plugins", []))
     if not all(isinstance(p, str) for p in own):
         raise SuiteError(f"{where}: plugins must be a list of file names")
-    files = tuple(dict.fromkeys([*map(_full, plugins), *(_full(beside / p) for p in own)]))
+    files = tuple(dict.fromkeys([*map(resolved, plugins), *(resolved(p, beside) for p in own)]))
     try:
         for file in files:
-            registry.load_plugin(Path(file))
+            registry.load_plugin(file)
     except ValueError as error:
         raise SuiteError(f"{where}: {error}") from None
     made: dict[tuple[str, str], Problem] = {}
@@ -173,7 +174,3 @@ def _known(given: Mapping[str, Any], known: tuple[str, ...], place: str) -> None
 
 def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [] if value is None else [value]
-
-
-def _full(path: str | Path) -> str:
-    return str(Path(path).resolve())

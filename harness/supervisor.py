@@ -13,7 +13,6 @@ import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from harness import registry, store, worker
 from harness.cell import Cell
@@ -131,7 +130,7 @@ class Supervisor:
 
         def measure_and_store(tell: object) -> None:
             for plugin in job.plugins:
-                registry.load_plugin(Path(plugin))
+                registry.load_plugin(plugin)
             store.write_record(job.folder, worker.salvaged(job, record))
 
         child = fork(measure_and_store, words, job.cell.memory, MEASURE_LIMIT)

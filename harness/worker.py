@@ -70,7 +70,7 @@ def salvaged(job: Job, bare: RunRecord) -> RunRecord:
 
 def _attempt(job: Job, tell: Callable[[str], None], columns: dict[str, Any]) -> RunRecord:
     for plugin in job.plugins:
-        registry.load_plugin(Path(plugin))
+        registry.load_plugin(plugin)
     cell = job.cell
     problem = registry.make_problem(cell.problem, cell.parameters)
     columns.update(section=problem.section, t_end_s=problem.t_end)

@@ -97,9 +97,9 @@ class Watch:
 
 
 @contextmanager
-def progress() -> Iterator[Watch]:
-    """A ``Watch`` with a bar if standard output is a terminal."""
-    console = Console()
+def progress(*, quiet: bool = False) -> Iterator[Watch]:
+    """A ``Watch`` with a bar if standard output is a terminal; ``quiet`` leaves it to what follows."""
+    console = Console(quiet=quiet)
     if not console.is_terminal:
         yield Watch(console, None)
         return

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from harness import registry
+from harness import plugins, registry
 
 
 class UsageError(ValueError):
@@ -35,10 +35,10 @@ def assignments(given: Sequence[str], what: str) -> dict[str, str]:
 
 
 def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
-    """Load the named plugin files; their full names."""
+    """Load the named plugins; their full names."""
     for path in paths:
-        registry.load_plugin(Path(path))
-    return tuple(str(Path(p).resolve()) for p in paths)
+        registry.load_plugin(path)
+    return tuple(plugins.resolved(p) for p in paths)
 
 
 def check_writable(out: Path) -> None:
