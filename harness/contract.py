@@ -30,7 +30,7 @@ LEAST_ORDER = 0.8  # a first-order scheme may show a little less
 LEAST_GAIN = 10.0  # in error, from the loosest to the tightest tolerance, ten thousand times apart
 ROUNDED = 1e-11  # [m] no order can be seen below
 
-FITS = {
+FITS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "motion": ("torque_free_body", {"t_end": 2.0}),
     "pendulum": (BASE, {"omega_z": 0.1, "t_end": 1.0}),
     "top": ("heavy_top", {"t_end": 0.2}),
@@ -137,9 +137,7 @@ def _converges(e: Evidence) -> str | None:
         return None
     if e.control == "dt":
         order = math.log2(errors[-2] / errors[-1])
-        return (
-            None if order > LEAST_ORDER else f"errors {listed} m at dt {STEPS} s: order {order:.2f} at the last halving"
-        )
+        return None if order > LEAST_ORDER else f"errors {listed} m at dt {STEPS} s: order {order:.2f} at the end"
     return None if errors[0] > LEAST_GAIN * errors[-1] else f"errors {listed} m at rtol {TOLERANCES}"
 
 

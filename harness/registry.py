@@ -246,9 +246,7 @@ def _problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
 
 def _solver_entry(name: str, cls: Any) -> SolverEntry:
     if not getattr(getattr(cls, "__dataclass_params__", None), "frozen", False):
-        raise TypeError(
-            f"solver {name}: {cls.__name__} must be a frozen dataclass: @dataclass(frozen=True) below @solver"
-        )
+        raise TypeError(f"solver {name}: {cls.__name__} must be a frozen dataclass (below @solver)")
     for what, kinds in (("paper_label", None), ("control", ("dt", "rtol"))):
         given = getattr(cls, what, None)
         if not isinstance(given, str) or (kinds and given not in kinds):

@@ -1,4 +1,4 @@
-"""The contract of solvers: the worked example keeps it, each misbehaviour is named, entry points run only when named."""
+"""The contract of solvers: the worked example keeps it, each breach is named, entry points run only when named."""
 
 import json
 import re
@@ -20,13 +20,14 @@ from harness.types import Status
 @solver("midpoint_broken")
 @dataclasses.dataclass(frozen=True)
 class Broken(Midpoint):
-    """Half the gravity; no limits; noise."""
+    """Less gravity; no limits; noise."""
 
     def refuses(self, problem, control):
         return "no" if problem.name == "four_bar_grid" else None
 
     def solve(self, problem, control):
-        wrong = dataclasses.replace(problem.system, gravity=0.97 * problem.system.gravity * (1 + 1e-9 * random.random()))
+        gravity = 0.97 * problem.system.gravity * (1 + 1e-9 * random.random())
+        wrong = dataclasses.replace(problem.system, gravity=gravity)
         control = dataclasses.replace(control, max_steps=10**7, wall_limit=1e6)
         return super().solve(dataclasses.replace(problem, system=wrong), control)
 '''
