@@ -37,7 +37,7 @@ def upto_settings(run: Run, dt: float) -> tuple:
 
 def step(run: Run, dt: float) -> None:
     """One step of the march from where the run stands."""
-    clock = marching.Clock(np.zeros(3, dtype=np.int64), dt, dt, 16, np.inf)
+    clock = marching.Clock(np.zeros(3, dtype=np.int64), dt, dt, 16)
     record = marching.empty_record(1, len(run.model.mass), int(run.model.row[-1]))
     outcome, done = marching.march(
         run.model, run.start, run.end, run.rows, run.history, run.settings, run.penalty, run.index, run.pattern,
@@ -88,7 +88,7 @@ def test_call(benchmark):
     """A march that has nothing to do: what a call from Python costs, to be taken off a step."""
     problem = make_problem("spherical_pendulum")
     run = prepare(problem, make_solver("gc_weak_form").settings(problem))
-    clock = marching.Clock(np.zeros(3, dtype=np.int64), 1.0, 0.0, 16, np.inf)
+    clock = marching.Clock(np.zeros(3, dtype=np.int64), 1.0, 0.0, 16)
     record = marching.empty_record(1, len(run.model.mass), int(run.model.row[-1]))
     benchmark(
         marching.march, run.model, run.start, run.end, run.rows, run.history, run.settings, run.penalty, run.index,
