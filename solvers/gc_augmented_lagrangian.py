@@ -14,9 +14,10 @@ from harness.options import option
 from harness.registry import solver
 from harness.types import Problem, StepControl, Trajectory
 from solvers.formulations.geometric.choices import GaugeChoices
-from solvers.formulations.geometric.driver import integrate, prepare, redundant_rows
+from solvers.formulations.geometric.driver import integrate, prepare
 from solvers.formulations.geometric.passages import passages
 from solvers.formulations.geometric.step import Penalty
+from solvers.formulations.rank import rows_to_keep
 
 
 @solver("gc_augmented_lagrangian")
@@ -32,6 +33,10 @@ class GcAugmentedLagrangian(GaugeChoices):
     max_augmentations: int = option(12, "of the nested loop in a step", "", at_least=1)
     accept: float = option(1e-3, "(81) at which a singular step counts as done", "sqrt(J)", above=0.0)
     soft_penalty: float = option(0.1, "xi (omega dt)^2 of singular steps; indefinite above about 0.3", "", above=0.0)
+    singular_turn: float = option(
+        0.005, "limit on the turn of a body in a step once a singular configuration has been met, for the passages "
+        "amplify errors; 0: no limit", "rad", at_least=0.0,
+    )  # fmt: skip
     correct_pose: str = option(
         "redundant", "poses corrected to phi = 0 after each step: in redundant systems, never, or always",
         choices=("redundant", "never", "always"),
@@ -48,11 +53,12 @@ class GcAugmentedLagrangian(GaugeChoices):
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``; singular passages are in ``events``."""
         settings = self.settings(problem)
-        redundant = redundant_rows(problem, settings)
+        redundant = problem.system.nrows - len(rows_to_keep(problem.system, problem.initial))
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)
         penalty = Penalty(
             active=1, nested=int(self.loop == "nested"), xi=self.penalty, max_augmentations=self.max_augmentations,
             accept=self.accept, correct_pose=int(correct), soft=self.soft_penalty,
+            singular_turn=self.singular_turn or float("inf"),
         )  # fmt: skip
         run = prepare(problem, settings, penalty, mu0=self.mu0)
         out = integrate(problem, control, run, self.max_cuts, self.max_turn)

@@ -12,7 +12,8 @@ from typing import ClassVar
 from harness.registry import solver
 from harness.types import Problem, StepControl, Trajectory
 from solvers.formulations.geometric.choices import GaugeChoices
-from solvers.formulations.geometric.driver import integrate, prepare, redundant_rows
+from solvers.formulations.geometric.driver import integrate, prepare
+from solvers.formulations.rank import rows_to_keep
 
 
 @solver("gc_weak_form")
@@ -29,9 +30,9 @@ class GcWeakForm(GaugeChoices):
         reason = self.refuses_choice(problem, control)
         if reason is not None:
             return reason
-        missing = redundant_rows(problem, self.settings(problem))
+        rows = problem.system.nrows
+        missing = rows - len(rows_to_keep(problem.system, problem.initial))
         if missing:
-            rows = problem.system.nrows
             return (
                 f"needs independent constraints: {rows} rows have rank {rows - missing} at the start "
                 f"({missing} redundant); use gc_augmented_lagrangian"

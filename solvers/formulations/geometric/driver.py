@@ -9,11 +9,9 @@ import numpy as np
 from harness.types import Problem, State, States, Status, StepControl, Trajectory
 from solvers.formulations.geometric import march as marching
 from solvers.formulations.geometric.arrays import Model, Motion, empty_motion, model_of
-from solvers.formulations.geometric.block_lu import factor
-from solvers.formulations.geometric.jacobian import assemble
 from solvers.formulations.geometric.pattern import Factors, Index, Pattern, analyse, empty_factors
-from solvers.formulations.geometric.residual import Rows, Settings, complete, end_forces
-from solvers.formulations.geometric.step import COUNTERS, History, Penalty, Work, scaled_pivots, start_mu
+from solvers.formulations.geometric.residual import Rows, Settings, complete
+from solvers.formulations.geometric.step import COUNTERS, History, Penalty, Work, start_mu
 
 STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
 PLAIN = Penalty(active=0, nested=0, xi=1.0, max_augmentations=1, accept=0.0, correct_pose=0, soft=1.0)
@@ -62,7 +60,8 @@ def prepare(problem: Problem, settings: Settings, penalty: Penalty = PLAIN, mu0:
         blocks=np.zeros((len(pattern.pair_column), 6, 6)), T=np.zeros((nb, 3, 3)), body=np.zeros((nb, 6)),
         constraint=np.zeros(nrows), x=np.zeros(int(pattern.start[-1])), diagonal=np.zeros(nrows),
         xi=np.full(1, penalty.xi),
-        nu_kept=np.zeros(nrows), tally=np.zeros(len(COUNTERS), dtype=np.int64), held=np.zeros(1), norm=np.zeros(2),
+        nu_kept=np.zeros(nrows), tally=np.zeros(len(COUNTERS), dtype=np.int64), max_turn=np.full(1, np.inf),
+        held=np.zeros(1), norm=np.zeros(2),
         pivots=np.zeros(nrows), log_det=np.zeros(2),
     )  # fmt: skip
     if mu0 == "velocity":
@@ -74,35 +73,6 @@ def load(motion: Motion, state: State) -> None:
     """Poses and velocities of ``state`` into ``motion``."""
     motion.r[:], motion.R[:] = state.r, state.R
     motion.v[:, :3], motion.v[:, 3:] = state.v, state.Omega
-
-
-def redundant_rows(problem: Problem, settings: Settings) -> int:
-    """Number of dependent constraint rows at the start.
-
-    With the lower block ``eps``, a dependent row leaves a pivot of about eps = 1e-10 / M_bar, an independent one at
-    least sigma^2 of A M^-1/2: rows count as dependent below 1e-6 / M_bar. No dense matrix at any size.
-    """
-    run = prepare(problem, settings)
-    run.work.diagonal[:] = 1e-10 / run.start.m_bar
-    load(run.end, problem.initial)
-    complete(run.model, run.end, settings)
-    end_forces(run.start, run.end, run.rows, 0.0, settings)
-    # a zero step: T = 0, D' = 2 D or D
-    assemble(
-        run.model,
-        run.start,
-        run.end,
-        run.rows,
-        0.0,
-        settings,
-        run.work.diagonal,
-        run.index,
-        run.work.blocks,
-        run.work.T,
-    )
-    factor(run.pattern, run.work.blocks, run.factors)
-    scaled_pivots(run.model, run.start, run.pattern, run.factors, run.work.pivots)
-    return int(np.sum(run.work.pivots < 1e-6))
 
 
 def integrate(
@@ -118,7 +88,8 @@ def integrate(
     assert control.dt is not None  # refuses() has seen to it
     nb, nrows = problem.system.nb, problem.system.nrows
     room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * nb + nrows)))))
-    clock = marching.Clock(np.zeros(3, dtype=np.int64), control.dt, problem.t_end, max_cuts, max_turn or np.inf)
+    clock = marching.Clock(np.zeros(3, dtype=np.int64), control.dt, problem.t_end, max_cuts)
+    run.work.max_turn[0] = max_turn or np.inf
     warm_up(run, clock, room=1)
     set_up = time.perf_counter() - began
     log, steps, cpu = Log(), 0, time.process_time()

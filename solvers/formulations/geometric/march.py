@@ -28,7 +28,6 @@ class Clock(NamedTuple):
     dt: float
     t_end: float
     max_level: int
-    max_turn: float  # [rad] a step in which a body would turn further is cut
 
 
 class Record(NamedTuple):
@@ -104,7 +103,7 @@ def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, wo
         if clock.t_end - base - clock.dt < 1e-9 * clock.dt:  # no sliver of a last step
             length = clock.t_end - base
         dt = length / 2.0 ** grid[2]
-        if fastest(current) * dt > clock.max_turn and grid[2] < clock.max_level:
+        if fastest(current) * dt > work.max_turn[0] and grid[2] < clock.max_level:
             grid[1] *= 2
             grid[2] += 1
             continue
@@ -122,6 +121,8 @@ def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, wo
         if result == LOOSE:
             work.tally[6] += 1
             work.held[0] = 0.0
+            if not penalty.nested:  # a step of the nested loop is loose when it runs out of augmentations, too
+                work.max_turn[0] = min(work.max_turn[0], penalty.singular_turn)
         correct_pose(model, other, settings, penalty, pattern, f, work)
         accept(current, other, rows, history, dt, settings, record.force[done])
         record.level[done] = grid[2]

@@ -15,7 +15,7 @@ DECADES = (
     2.0  # a dip of det(A M^-1 A^T) by less is not taken for a passage: sigma^2 falls by a tenth in 0.1 rad already
 )
 LOST = 0.02  # smallest singular value, relative to the start's, below which a dip counts as a loss of rank
-AROUND = 5  # steps on both sides whose penalty, cuts and corrections are told
+AROUND = 5  # steps on both sides whose penalty, cuts and corrections are told; nearer dips are one passage
 
 
 def passages(system: MultibodySystem, run: Trajectory) -> tuple[Mapping[str, Any], ...]:
@@ -26,7 +26,7 @@ def passages(system: MultibodySystem, run: Trajectory) -> tuple[Mapping[str, Any
     if system.nrows > DENSE_ROWS or len(run.t) < 4:
         return ()
     depth = -run.diagnostics["log_determinant"][1:]
-    dips, _ = find_peaks(depth, prominence=DECADES)
+    dips, _ = find_peaks(depth, prominence=DECADES, distance=AROUND)
     if len(dips) == 0:
         return ()
     at_start = singular_values(system, run.states[0])

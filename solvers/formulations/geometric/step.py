@@ -35,6 +35,7 @@ class Penalty(NamedTuple):
     accept: float  # [sqrt(J)] (81) at which a step counts as done though (81) does not reach the tolerance
     correct_pose: int  # 1: poses corrected to phi = 0 after every step
     soft: float  # xi (omega dt)^2 of the nested loop at singular configurations
+    singular_turn: float = np.inf  # [rad] limit on the turn in a step once a singular configuration has been met
 
 
 class Work(NamedTuple):
@@ -49,6 +50,7 @@ class Work(NamedTuple):
     xi: np.ndarray  # (1,) penalty
     nu_kept: np.ndarray  # (nrows,) multiplier of the nested loop
     tally: np.ndarray  # counters, see COUNTERS
+    max_turn: np.ndarray  # (1,) [rad] a step in which a body would turn further is cut
     held: np.ndarray  # [step of the kept factorisation, 0 when none]
     norm: np.ndarray  # [(80), (81)] at the end of the last step
     pivots: np.ndarray  # (nrows,) pivots of the constraint rows times M_bar
@@ -102,7 +104,7 @@ def refresh(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work)
     return bad
 
 
-@njit(**JIT)
+@njit(**INNER)
 def scaled_pivots(model, m, pattern, f, out):
     """|Pivots| of the constraint rows times M_bar.
 
@@ -224,7 +226,7 @@ def soft_penalty(m0, dt, penalty):
 @njit(**INNER)
 def nested_loop(model, m0, m1, rows, dt, settings, penalty, index, pattern, f, work):
     """The paper's loop: Newton to convergence at a fixed multiplier, then (85), until phi_dot is small enough."""
-    inner = Penalty(1, 1, penalty.xi, penalty.max_augmentations, penalty.accept, 0, penalty.soft)
+    inner = Penalty(1, 1, penalty.xi, penalty.max_augmentations, penalty.accept, 0, penalty.soft, np.inf)
     work.nu_kept[:] = rows.nu1
     for _ in range(penalty.max_augmentations):
         outcome = newton(model, m0, m1, rows, dt, settings, inner, index, pattern, f, work)
