@@ -10,13 +10,13 @@ os.environ.update(THREADS)  # before numpy is loaded, which reads them once
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse and run a subcommand; returns the exit code."""
-    from harness.commands import catalogue, check, gate, peers, report, run, show, solve
+    from harness.commands import catalogue, check, diff, gate, kernels, merge, peers, report, run, show, solve, verify
     from harness.commands.terms import Parser
     from harness.pool import PoolError
 
     parser = Parser(prog="python -m harness", description="The referee of constrained multibody dynamics.")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
-    for command in (catalogue, solve, run, show, report, gate, check, peers):
+    for command in (catalogue, solve, run, show, report, gate, check, verify, diff, merge, kernels, peers):
         command.add(commands)
     try:
         parsed = parser.parse_args(arguments)

@@ -82,6 +82,13 @@ def stamp(run: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[str, 
     }
 
 
+def files_between(before: str, after: str) -> list[str]:
+    """Files that shape results and differ between two commits of this checkout; empty if one is not known here."""
+    own = [f"harness/{name}" for name in SHAPING]
+    said = _git("diff", "--name-only", before, after, "--", "harness/mechanics", "problems", "solvers", LOCK.name, *own)
+    return said.splitlines()
+
+
 def now() -> str:
     """UTC, ISO 8601."""
     return datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

@@ -74,6 +74,7 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
         dt_s=_or_nan(control.dt),
         rtol=_or_nan(control.rtol),
         max_step_s=_or_nan(control.max_step),
+        max_steps=control.max_steps,
         wall_limit_s=cell.wall_limit,
         memory_limit_MB=cell.memory,
         status=str(status),

@@ -45,6 +45,7 @@ class RunRecord:
     dt_s: float = column("fixed step asked for")
     rtol: float = column("relative tolerance asked for")
     max_step_s: float = column("largest step allowed under error control")
+    max_steps: int = column("limit on accepted steps, 0 if older than this column", 0)
     t_end_s: float = column("simulated time asked for")
     wall_limit_s: float = column("limit on the wall time of the cell")
     memory_limit_MB: float = column("limit on the memory of the cell's process")

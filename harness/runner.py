@@ -4,7 +4,7 @@ import datetime
 import json
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -15,6 +15,14 @@ from harness.pool import LocalPool
 from harness.records import RunRecord
 from harness.store import Loaded, Unreadable
 from harness.suites import Suite
+
+
+class Executor(Protocol):
+    """Runs cells somewhere: ``harness.pool`` on this machine, ``harness.cluster`` on others."""
+
+    def run(self, jobs: Sequence[Job]) -> None:
+        """Run all ``jobs``; returns when each has a record in its folder. PoolError when that cannot be."""
+        ...
 
 
 class Watcher(Protocol):
@@ -50,9 +58,10 @@ class Request:
     jobs: int
     resume: bool = False
     limit: int | None = None  # only the first cells
+    shard: tuple[int, int] = (1, 1)  # (k, n): of every n cells the k-th
 
 
-def run_suite(request: Request, watcher: Watcher, pool: Callable[..., LocalPool] = LocalPool) -> Loaded:
+def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] = LocalPool) -> Loaded:
     """Run what is not done yet; returns the records of this suite's cells, damaged files apart."""
     suite, folder = request.suite, request.folder
     if not request.resume and (folder / "cells").exists() and any((folder / "cells").iterdir()):
@@ -63,7 +72,8 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., LocalPool]
         store.set_aside(folder, before.unreadable)
         shutil.rmtree(folder / ".spool", ignore_errors=True)  # of cells that a killed runner left half-way
         _stamp(request)
-        jobs = jobs_of(suite, folder)[: request.limit]
+        k, n = request.shard
+        jobs = jobs_of(suite, folder)[k - 1 :: n][: request.limit]
         done = {r.cell for r in before.records}
         waiting = [job for job in jobs if job.id not in done]
         watcher.begin(folder, len(jobs), len(jobs) - len(waiting), before.unreadable)

@@ -2,13 +2,15 @@
 
 import argparse
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from harness import store
 from harness.commands.progress import progress
 from harness.commands.terms import UsageError, load_plugins
-from harness.runner import Request, last_folder, new_folder, run_suite
+from harness.pool import LocalPool
+from harness.runner import Executor, Request, last_folder, new_folder, run_suite
 from harness.suites import load_suite
 
 
@@ -19,6 +21,8 @@ def add(commands: Any) -> None:
     add_running(p)
     p.add_argument("--resume", action="store_true", help="go on with --out, or with the newest run of the suite")
     p.add_argument("--limit", metavar="N", help="only the first N cells")
+    p.add_argument("--shard", metavar="K/N", help="of every N cells the K-th, for N machines; then merge the folders")
+    p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
     p.set_defaults(run=run)
 
 
@@ -38,11 +42,33 @@ def run(arguments: argparse.Namespace) -> int:
     if folder is None and arguments.resume:
         folder = last_folder(suite.name)
     limit = whole(arguments.limit, "--limit") if arguments.limit is not None else None
-    request = Request(suite, folder or new_folder(suite.name), jobs(arguments.jobs), arguments.resume, limit)
+    if arguments.cluster is not None and arguments.jobs is not None:
+        raise UsageError("--jobs is for this machine; a cluster has the size it has")
+    target, part = folder or new_folder(suite.name), shard(arguments.shard)
+    request = Request(suite, target, jobs(arguments.jobs), arguments.resume, limit, part)
     with progress() as watcher:
-        loaded = run_suite(request, watcher)
+        loaded = run_suite(request, watcher, executor(arguments.cluster))
     watcher.finish(request.folder, loaded)
     return 0
+
+
+def executor(address: str | None) -> Callable[..., Executor]:
+    """Local processes, or the cluster at ``address``."""
+    if address is None:
+        return LocalPool
+    from harness.cluster import DaskPool
+
+    return lambda size, *watching: DaskPool(address, *watching)
+
+
+def shard(given: str | None) -> tuple[int, int]:
+    """``"2/5"`` as (2, 5)."""
+    if given is None:
+        return 1, 1
+    k, _, n = given.partition("/")
+    if not (k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
+        raise UsageError(f"--shard must be K/N with K from 1 to N (got {given!r})")
+    return int(k), int(n)
 
 
 def jobs(given: str | None) -> int:

@@ -1,0 +1,85 @@
+"""Cells on a real Dask scheduler with two workers, one of which is killed: every cell has its row all the same."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from harness import store
+from harness.environment import ROOT
+from harness.pool import LocalPool, PoolError
+from harness.runner import Request, run_suite
+from harness.suites import parse_suite
+from tests.harness.conftest import PLUGIN, Silent
+
+distributed = pytest.importorskip("distributed", reason="needs the extra 'cluster'")
+from harness.cluster import DaskPool  # noqa: E402
+
+SECONDS = ", ".join(f"0.{k}" for k in range(20, 36))
+TEXT = f"""
+[[cells]]
+problem = "free_fall"
+solver = "sleeps"
+options = {{ seconds = [{SECONDS}] }}
+[[cells]]
+problem = "free_fall"
+solver = ["segfaults", "gives_up", "refuses", "spins"]
+wall_limit = 1.0
+"""
+TIMED = ["cpu_min_s", "cpu_median_s", "cpu_max_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB", "finished"]
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """A scheduler file and the workers' processes."""
+    file = tmp_path / "scheduler.json"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+
+    def start(*arguments):
+        line = (sys.executable, "-m", *arguments)
+        quiet = subprocess.DEVNULL
+        return subprocess.Popen(line, cwd=tmp_path, env=environment, stdout=quiet, stderr=quiet)
+
+    serving = ("--port", "0", "--scheduler-file", str(file), "--no-dashboard")
+    started = [start("distributed.cli.dask_scheduler", *serving)]
+    until = time.monotonic() + 30.0
+    while not file.exists() and time.monotonic() < until:
+        time.sleep(0.1)
+    one = ("--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard")
+    started += [start("distributed.cli.dask_worker", *one) for _ in range(2)]
+    yield file, started[1:]
+    for process in started:
+        process.kill()
+        process.wait()
+
+
+@pytest.mark.slow
+def test_a_killed_worker_costs_nothing(cluster, tmp_path):
+    """SIGKILL to one of two workers in mid-run: the table is that of this machine's own pool."""
+    file, workers = cluster
+    suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
+
+    class Killer(Silent):
+        def ended(self, job, record):
+            super().ended(job, record)
+            if len(self.ran) == 4:
+                workers[0].send_signal(signal.SIGKILL)
+
+    watcher = Killer()
+    far = run_suite(Request(suite, tmp_path / "far", 2), watcher, lambda size, *w: DaskPool(str(file), *w))
+    assert workers[0].wait(timeout=10) == -signal.SIGKILL and len(watcher.ran) == 20
+    near = run_suite(Request(suite, tmp_path / "near", 2), Silent(), LocalPool)
+    a, b = (store.table(x.records).drop(columns=[*TIMED, "message"]) for x in (far, near))
+    assert a.equals(b)
+    stderr = next(r.stderr for r in far.records if r.solver == "segfaults")
+    assert "native words" in (tmp_path / "far" / stderr).read_text()
+    assert not store.load(tmp_path / "far").unreadable
+
+
+def test_no_cluster_is_told_in_a_line(tmp_path, monkeypatch):
+    """Nobody listens, or the file is not there."""
+    with pytest.raises(PoolError, match="scheduler file"):
+        DaskPool(str(tmp_path / "x.json")).run([object()])  # type: ignore[list-item]

@@ -1,0 +1,80 @@
+"""Two result sets: what changed, which input may be why; a sample run again agrees bit for bit."""
+
+import dataclasses
+import json
+
+import pytest
+
+from harness import store
+from harness.comparison import Likeness, compare, is_repeatable
+from harness.provenance import differences, same_platform, why
+from harness.records import RunRecord
+from tests.harness.conftest import PLUGIN
+
+BASE = RunRecord(
+    cell="a", settings="a", case="p s dt=0.1", problem="p", solver="s", status="success", control="dt", steps=10,
+    energy_drift_max_J=1e-3, energy_scale_J=1.0, length_scale_m=1.0, phi_max=1e-5,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "likeness"),
+    [({}, None), ({"wall_s": 3.0}, None), ({"energy_drift_max_J": 1e-3 * (1 + 1e-9)}, Likeness.ROUNDING),
+     ({"energy_drift_max_J": 1.01e-3}, Likeness.CHANGED), ({"steps": 11}, Likeness.CHANGED),
+     ({"status": "wrong"}, Likeness.CHANGED), ({"phi_max": float("nan")}, Likeness.CHANGED),
+     ({"phi_max": float("inf")}, Likeness.CHANGED)],
+)  # fmt: skip
+def test_differences_are_told_apart(change, likeness):
+    """Times are not compared; a last digit is rounding; one step, a status or a lost number is a change."""
+    found = compare([BASE], [dataclasses.replace(BASE, **change)])
+    assert {c.likeness for c in found.changes} == ({likeness} if likeness else set())
+    assert found.alike == (likeness is not Likeness.CHANGED) and found.same == (likeness is None)
+
+
+def test_cells_that_come_and_go_are_named():
+    """A lost cell is the largest change of all."""
+    found = compare([BASE], [dataclasses.replace(BASE, settings="b", case="new")])
+    assert found.only_before == (BASE.case,) and found.only_after == ("new",) and not found.alike
+
+
+def test_limits_make_a_run_unrepeatable():
+    """Where the clock decides how far a run gets, two runs differ by right."""
+    assert is_repeatable(BASE) and not is_repeatable(dataclasses.replace(BASE, status="stalled"))
+
+
+def test_inputs_that_differ_are_named():
+    """A package, the machine, the code with the files that changed between two commits."""
+    stamp = {"code": "1", "python": "3.11.1", "packages": {"numpy": "2.1", "scipy": "1.15"}, "cpu": "x", "commit": "c"}
+    other = {**stamp, "code": "2", "packages": {"numpy": "2.2"}, "dirty": True}
+    words = why(differences(stamp, other))
+    assert "code" in words and "numpy 2.1 -> 2.2" in words and "scipy" in words and "uncommitted" in words
+    assert same_platform(stamp, {**stamp, "code": "2"}) and not same_platform(stamp, other)
+    assert "not deterministic" in why(differences(stamp, stamp))
+    assert "missing" in why(differences({}, stamp))
+
+
+SUITE = '[[cells]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "refuses", "raises"]\ndt = [0.25, 0.5]\n'
+WITH = ("--plugin", str(PLUGIN))
+
+
+def test_verify_and_diff(command, tmp_path):
+    """The same code: every cell again bit for bit. A record that says otherwise: found, with its numbers."""
+    (tmp_path / "small.toml").write_text(SUITE)
+    assert command("run", "small.toml", *WITH, "--out", "a").returncode == 0
+    good = command("verify", "a", *WITH, "--sample", "8")
+    assert good.returncode == 0 and "verified: 8 of 8" in good.stdout and "bit for bit" in good.stdout, good.stderr
+    assert command("verify", "a").returncode == 2  # without the plugin its cells cannot be run
+    folder, other = tmp_path / "a", tmp_path / "b"
+    store.create(other)
+    for record in store.load(folder).records:
+        told = dataclasses.replace(record, series="", energy_drift_max_J=record.energy_drift_max_J + 1e-3)
+        store.write_record(other, told)
+    stamp = json.loads((folder / "environment.json").read_text())
+    (other / "environment.json").write_text(json.dumps({**stamp, "cpu": "z"}))
+    changed = command("diff", "a", "b")
+    assert changed.returncode == 1 and "energy_drift_max_J" in changed.stdout and "processor" in changed.stdout
+    plain = json.loads(command("diff", "a", "b", "--json").stdout)
+    assert not plain["same"] and plain["compared"] == 8 and plain["inputs"][0]["after"] == "z"
+    assert command("diff", "a", "a").returncode == 0
+    bad = command("verify", "b", *WITH, "--sample", "3", "--json")
+    assert bad.returncode == 1 and not json.loads(bad.stdout)["same"]
