@@ -1,0 +1,231 @@
+"""Random input of every kind: told in a line or right, never a traceback, never good for nothing."""
+
+import dataclasses
+import json
+import math
+import tomllib
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from harness import registry, store, worker
+from harness.__main__ import main
+from harness.cell import make_cell
+from harness.job import Job
+from harness.mechanics.consistency import InconsistentStart, check_start, project
+from harness.mechanics.state import State
+from harness.mechanics.system import GROUND, Joint, RigidBody, assemble
+from harness.records import BadRecord, RunRecord, from_json, to_json
+from harness.series import BadSeries, read_series
+from harness.suites import SuiteError, parse_suite
+from harness.thresholds import ThresholdError, read_thresholds, write_thresholds
+from harness.types import Problem, Status
+from tests.harness.conftest import PLUGIN
+
+MORE = settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+
+scalars = st.one_of(
+    st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=8),
+    st.sampled_from(["free_fall", "exact", "success", "pass", "fail", "equal", "phi_max", "steps", 1e308, -0.0, 0.1]),
+)  # fmt: skip
+values = st.recursive(scalars, lambda x: st.lists(x, max_size=3) | st.dictionaries(st.text(max_size=5), x, max_size=3))
+
+
+def toml(value) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(k)} = {toml(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return json.dumps("" if value is None else value)
+
+
+def in_a_line(error: Exception) -> bool:
+    return bool(str(error)) and "\n" not in str(error)
+
+
+def told(call, *kinds):
+    """What ``call`` gives, or None when it refuses in a line."""
+    try:
+        return call()
+    except kinds as error:
+        words = error
+    assert in_a_line(words)
+    return None
+
+
+GROUP = {"problem": "free_fall", "solver": "exact", "dt": 0.5}
+keys = st.sampled_from(
+    ["problem", "solver", "parameters", "options", "dt", "rtol", "max_step", "max_steps", "wall_limit", "memory",
+     "repeats", "label", "nonsense"]
+)  # fmt: skip
+
+
+@MORE
+@given(st.dictionaries(keys, values, max_size=4), st.sampled_from(["cells", "defaults"]))
+def test_suites_are_read_or_refused_in_a_line(change, place):
+    """Any value for any key: cells whose steps and limits are finite and positive, or one line."""
+    groups = {"cells": dict(GROUP), "defaults": {}}
+    groups[place].update(change)
+    text = "".join(
+        f"{head}\n" + "".join(f"{k} = {toml(v)}\n" for k, v in groups[name].items())
+        for head, name in (("[defaults]", "defaults"), ("[[cells]]", "cells"))
+    )
+    suite = told(lambda: parse_suite(text, "fuzz", "fuzz", plugins=(str(PLUGIN),)), SuiteError)
+    assert suite is None or suite.cells
+    for c in suite.cells if suite else ():
+        assert all(math.isfinite(x) and x > 0 for x in (c.wall_limit, c.memory, c.repeats, c.control.dt))
+
+
+@MORE
+@given(st.text(max_size=60) | st.binary(max_size=60).map(lambda b: b.decode("latin-1")))
+def test_any_text_is_no_suite(text):
+    """Nor does it hang the parser."""
+    with pytest.raises(SuiteError) as error:
+        parse_suite(text, "fuzz", "fuzz")
+    assert in_a_line(error.value)
+
+
+bound_keys = st.sampled_from(
+    ["case", "metric", "value", "upper", "lower", "unit", "reason", "expect", "direction", "tolerance", "nonsense"]
+)
+
+
+@MORE
+@given(change=st.dictionaries(bound_keys, values, max_size=4))
+def test_thresholds_are_read_or_refused_in_a_line(change, tmp_path_factory):
+    """What is read can fail, and comes back as written: no bound is lost between."""
+    entry = {"case": "a", "metric": "phi_max", "value": 1.0, "upper": 2.0, "reason": "r", **change}
+    path = tmp_path_factory.mktemp("t") / "t.toml"
+    lines = "".join(f"{k} = {toml(v)}\n" for k, v in entry.items())
+    path.write_text(f'schema = 1\nsuite = "t"\n[[threshold]]\n{lines}')
+    read = told(lambda: read_thresholds(path), ThresholdError)
+    if read is None:
+        return
+    (bound,) = read.bounds
+    assert not bound.holds(math.nan) and not (bound.holds(math.inf) and bound.holds(-math.inf))
+    path.write_text(write_thresholds(read))
+    (again,) = read_thresholds(path).bounds
+    assert (again.case, again.metric, again.expect, again.direction) == (
+        bound.case, bound.metric, bound.expect, bound.direction,
+    )  # fmt: skip
+
+
+GOOD = json.loads(to_json(RunRecord(cell="abc", case="c", problem="p", solver="s", status="success")))
+
+
+@MORE
+@given(change=st.dictionaries(st.sampled_from(sorted(GOOD)), values, max_size=3))
+def test_records_are_read_or_refused(change):
+    """A record that is read has the types of its columns and goes back to the same text."""
+    record = told(lambda: from_json(json.dumps({**GOOD, **change})), BadRecord)
+    assert record is None or to_json(from_json(to_json(record))) == to_json(record)
+
+
+@MORE
+@given(cut=st.integers(0, 400), flip=st.integers(0, 400), noise=st.binary(max_size=40))
+def test_damaged_record_files_are_never_good(cut, flip, noise, tmp_path_factory):
+    """Cut, changed or replaced: the digest tells."""
+    folder = store.create(tmp_path_factory.mktemp("r"))
+    path = store.write_record(folder, RunRecord(cell="abc", case="c", problem="p", solver="s", status="success"))
+    whole = path.read_bytes()
+    changed = bytearray(whole[: len(whole) - cut])
+    if changed:
+        changed[flip % len(changed)] ^= 0x15
+    path.write_bytes(bytes(changed) + noise)
+    loaded = store.load(folder)
+    assert not loaded.records and len(loaded.unreadable) == 1
+
+
+@MORE
+@given(noise=st.binary(max_size=200))
+def test_noise_is_no_series(noise, tmp_path_factory):
+    """Not even when it begins like a ZIP file."""
+    path = tmp_path_factory.mktemp("s") / "x.npz"
+    for content in (noise, b"PK\x03\x04" + noise, b"\x93NUMPY" + noise):
+        path.write_bytes(content)
+        with pytest.raises(BadSeries):
+            read_series(path)
+
+
+words = st.one_of(
+    st.text(st.characters(blacklist_categories=("Cs",), blacklist_characters="\0"), max_size=10),
+    st.sampled_from(["nan", "inf", "-1", "0", "1e400", "0x1", "1_0", "true", "[]", "dt", "1e-320", "٣", "½"]),
+)
+
+
+@MORE
+@given(key=st.sampled_from(["dt", "max_steps", "wall_limit", "lift", "rtol"]) | words, value=words, mass=words)
+def test_values_on_the_command_line_are_told_in_a_line(key, value, mass, capsys, tmp_path_factory):
+    """Exit code 2, one line, nothing written; only numbers that make sense get any further."""
+    folder = tmp_path_factory.mktemp("c") / "gone"
+    line = ["solve", "free_fall", "exact", "--plugin", str(PLUGIN), "--out", str(folder / "x.npz")]
+    code = main([*line, f"--set={key}={value}", f"--problem-set=mass={mass}"])
+    out, err = capsys.readouterr()
+    assert code == 2 and err.count("\n") == 1 and err.startswith("error: ") and not out and not folder.exists()
+
+
+masses = st.sampled_from([1e-6, 1e-3, 1.0, 1e3, 1e6])
+
+
+@st.composite
+def mechanisms(draw):
+    """One to four bodies in a tree of joints, then loops and doubled joints; masses over twelve decades."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    nb = draw(st.integers(1, 4))
+    mass = [draw(masses) for _ in range(nb)]
+    bodies = [RigidBody(m, np.diag(m * rng.uniform(0.5, 0.9, 3))) for m in mass]
+    r = np.cumsum(rng.uniform(0.2, 0.6, (nb, 3)), axis=0)
+    pairs = [(b, draw(st.integers(-1, b - 1))) for b in range(nb)]
+    pairs += draw(st.lists(st.tuples(st.integers(0, nb - 1), st.integers(-1, nb - 1)), max_size=2))  # loops, doubles
+    joints = []
+    for k, (i, j) in enumerate(pairs):
+        if i == j:
+            continue
+        at = r[i] + rng.uniform(-0.3, 0.3, 3) if k < nb else r[i]
+        axis = tuple(rng.normal(size=3)) if draw(st.booleans()) else None
+        arm = (at if j == GROUND else at - r[j]).tolist()
+        joints.append(Joint(i, (at - r[i]).tolist(), j=j, s_j=arm, axis_i=axis, axis_j=axis))
+    system = assemble(bodies, joints, (0.0, 0.0, -9.81))
+    spin = np.zeros((nb, 3)) if len(joints) > nb else rng.normal(size=(nb, 3))
+    start = State(r, np.broadcast_to(np.eye(3), (nb, 3, 3)), np.zeros((nb, 3)), spin)
+    return Problem("random", system, start, t_end=0.05, dt=0.005, section="", source="drawn")
+
+
+def consistent(problem):
+    """The start made consistent, or InconsistentStart."""
+    state = project(problem.system, problem.initial)
+    check_start(problem.system, state)
+    return state
+
+
+@settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@given(problem=mechanisms(), solver=st.sampled_from(["gc_augmented_lagrangian", "ida_index1", "rk45_strong_form"]))
+def test_random_mechanisms_have_no_wrong_success(problem, solver, tmp_path_factory):
+    """Whatever is drawn ends as a status; a success keeps energy and constraints to what the method can."""
+    moving = told(lambda: consistent(problem), InconsistentStart, ValueError)  # e.g. a loop that cannot turn as drawn
+    if moving is None:
+        return
+    problem = dataclasses.replace(problem, initial=moving)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registry, "make_problem", lambda name, parameters=None: problem)
+        cell = make_cell(problem, solver, None, {}, wall_limit=20.0)
+        folder = store.create(tmp_path_factory.mktemp("m"))
+        record = worker.run(Job(cell, folder))
+    assert record.status in set(Status) and (record.message or record.status == Status.SUCCESS)
+    assert record.status != Status.CRASHED, record.message
+    if record.status == Status.SUCCESS:
+        assert record.t_reached_s == problem.t_end
+        assert record.phi_max < 1e-2 * record.length_scale_m
+        assert record.energy_drift_max_J < 0.1 * record.energy_scale_J
+    series = store.series_of(folder, record)
+    assert series is None or np.all(np.diff(series["t"]) > 0.0)
+
+
+def test_toml_of_the_fuzzer_is_toml():
+    """Else it would only test the parser's complaint."""
+    value = {"a": [1.5, "x\n", {"b": True}], "c": math.inf}
+    assert tomllib.loads(f"v = {toml(value)}")["v"] == value
