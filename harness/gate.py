@@ -101,10 +101,16 @@ def tightened(
         elif EQUAL in (new.direction, was.direction):  # another value is neither better nor worse: it must be asked for
             if loosen:
                 bounds[new.case, new.metric] = dataclasses.replace(new, reason=was.reason, expect=was.expect)
-        elif loosen or new.upper < WORTH * was.upper:
-            lower = dataclasses.replace(new, lower=was.lower, direction=was.direction)
-            bounds[new.case, new.metric] = dataclasses.replace(lower, reason=was.reason, expect=was.expect)
+        else:
+            upper = max(new.upper, new.value * _width(was))  # a width somebody gave a reason for stays
+            if loosen or upper < WORTH * was.upper:
+                kept = {k: getattr(was, k) for k in ("lower", "direction", "reason", "expect")}
+                bounds[new.case, new.metric] = dataclasses.replace(new, upper=upper, **kept)
     return dataclasses.replace(old, bounds=tuple(bounds[k] for k in sorted(bounds)))
+
+
+def _width(b: Threshold) -> float:
+    return b.upper / b.value if b.value > 0.0 and math.isfinite(b.upper) else 0.0
 
 
 def _status(case: str, record: RunRecord | None, thresholds: Thresholds) -> Finding:

@@ -18,7 +18,7 @@ from harness.types import Problem, Trajectory
 PREDICTABLE = 1e-9
 
 COUNTER_NAMES: Mapping[str, tuple[str, ...]] = {  # column: names solvers use for it, the first one preferred
-    "rejected": ("rejected", "rejections", "rejected_steps", "cut_backs", "error_test_failures"),
+    "rejected": ("rejected", "rejections", "rejected_steps", "cut_backs", "step_cuts", "error_test_failures"),
     "newton_iterations": ("newton_iterations", "newton", "nonlinear_iterations"),
     "evaluations": ("evaluations", "residual_evaluations", "rhs_evaluations", "residuals"),
     "jacobians": ("jacobians", "jacobian_evaluations"),

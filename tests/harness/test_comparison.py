@@ -6,6 +6,7 @@ import json
 import pytest
 
 from harness import store
+from harness.__main__ import main
 from harness.comparison import Likeness, compare, is_repeatable
 from harness.provenance import differences, same_platform, why
 from harness.records import RunRecord
@@ -57,7 +58,7 @@ SUITE = '[[cells]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "refus
 WITH = ("--plugin", str(PLUGIN))
 
 
-def test_verify_and_diff(command, tmp_path):
+def test_verify_and_diff(command, tmp_path, capsys, monkeypatch):
     """The same code: every cell again bit for bit. A record that says otherwise: found, with its numbers."""
     (tmp_path / "small.toml").write_text(SUITE)
     assert command("run", "small.toml", *WITH, "--out", "a").returncode == 0
@@ -71,10 +72,14 @@ def test_verify_and_diff(command, tmp_path):
         store.write_record(other, told)
     stamp = json.loads((folder / "environment.json").read_text())
     (other / "environment.json").write_text(json.dumps({**stamp, "cpu": "z"}))
-    changed = command("diff", "a", "b")
-    assert changed.returncode == 1 and "energy_drift_max_J" in changed.stdout and "processor" in changed.stdout
-    plain = json.loads(command("diff", "a", "b", "--json").stdout)
+    monkeypatch.chdir(tmp_path)
+    assert main(["diff", "a", "b"]) == 1
+    changed = capsys.readouterr().out
+    assert "energy_drift_max_J" in changed and "processor" in changed
+    assert main(["diff", "a", "b", "--json"]) == 1
+    plain = json.loads(capsys.readouterr().out)
     assert not plain["same"] and plain["compared"] == 8 and plain["inputs"][0]["after"] == "z"
-    assert command("diff", "a", "a").returncode == 0
-    bad = command("verify", "b", *WITH, "--sample", "3", "--json")
-    assert bad.returncode == 1 and not json.loads(bad.stdout)["same"]
+    assert main(["diff", "a", "a"]) == 0
+    capsys.readouterr()
+    assert main(["verify", "b", *WITH, "--sample", "3", "--json"]) == 1
+    assert not json.loads(capsys.readouterr().out)["same"]

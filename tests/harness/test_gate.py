@@ -95,6 +95,15 @@ def test_update_only_tightens_unless_told():
     assert {b.case: b.upper for b in new.bounds} == {CASE: 0.6, OTHER: 9.0}
 
 
+def test_update_keeps_a_width_that_has_its_reason():
+    """The value has not moved: a bound set five times above it by hand is not narrowed; half the value halves it."""
+    wide = Thresholds("t", (threshold(CASE, upper=5.0),), {})
+    same, better = threshold(CASE, upper=1.2), threshold(CASE, value=0.5, upper=0.6)
+    assert tightened(wide, RECORDS, [same], loosen=False) == wide
+    (new,) = tightened(wide, RECORDS, [better], loosen=False).bounds
+    assert new.upper == 2.5 and new.value == 0.5
+
+
 def test_equal_is_exact_unless_a_tolerance_is_stated(tmp_path):
     """One step more is a breach; of a float that a machine may round, so is more than the stated tolerance."""
     for tolerance, passes, fails in ((0.0, 100.0, 101.0), (1e-6, 100.00009, 100.0002)):
