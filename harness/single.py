@@ -108,12 +108,16 @@ def _solve(cell: Cell, problem: Problem, out: Path, note: Path, wall_limit: floa
         if because:
             status, message = Status.WRONG, "; ".join([*([message] if message else []), *because])
     _write(out, problem, trajectory, status, message)
-    lines = [
-        f"t reached          {numbers['t_reached_s']:.9g} s of {problem.t_end:g} s in {numbers['steps']} steps",
-        f"energy drift       {numbers['energy_drift_max_J']:.3e} J (scale {size.energy:.3g} J)",
-        f"|phi|, |phi_dot|   {numbers['phi_max']:.3e} m, {numbers['phi_dot_max']:.3e} m/s",
-    ]
-    if "position_error_max_m" in numbers:
+    lines = (
+        []
+        if status is Status.REFUSED
+        else [
+            f"t reached          {numbers['t_reached_s']:.9g} s of {problem.t_end:g} s in {numbers['steps']} steps",
+            f"energy drift       {numbers['energy_drift_max_J']:.3e} J (scale {size.energy:.3g} J)",
+            f"|phi|, |phi_dot|   {numbers['phi_max']:.3e} m, {numbers['phi_dot_max']:.3e} m/s",
+        ]
+    )
+    if lines and "position_error_max_m" in numbers:
         compared = min(numbers["reference_horizon_s"], numbers["t_reached_s"])
         worst = f"{numbers['position_error_max_m']:.3e} m, {numbers['orientation_error_max_rad']:.3e} rad"
         lines.append(f"error              {worst} (to {compared:g} s)")
@@ -132,6 +136,8 @@ def _write(out: Path, problem: Problem, trajectory: Trajectory, status: Status, 
         "counters": np.asarray(json.dumps({k: int(v) for k, v in trajectory.counters.items()})),
         **{f"obs_{name}": values for name, values in m.observables.items()},
     }  # fmt: skip
+    if trajectory.reaction is not None:
+        arrays["reaction"] = trajectory.reaction  # (nt, nrows), conjugate to phi: N for point rows, N m for axis rows
     write_npz(out, arrays)
 
 

@@ -10,6 +10,8 @@ with phi = O(dt^2) a mechanism cannot pass its singular configurations (docs/dec
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+import numpy as np
+
 from harness.options import option
 from harness.registry import solver
 from harness.types import Problem, StepControl, Trajectory
@@ -64,5 +66,15 @@ class GcAugmentedLagrangian(GaugeChoices):
         out = integrate(problem, control, run, self.max_cuts, self.max_turn)
         rank = f"{problem.system.nrows} constraint rows of rank {problem.system.nrows - redundant} at the start"
         crossed = passages(problem.system, out)
-        notes = (rank, f"{len(crossed)} singular passages") if crossed else (rank,)
-        return replace(out, events=crossed, notes=notes)
+        notes = [rank]
+        if correct:
+            notes.append("poses corrected to phi = 0 after every step, which Sect. 4.3 does not do")
+        loose = np.flatnonzero(np.nan_to_num(out.diagnostics["penalty"], nan=self.penalty) < self.penalty)
+        if len(loose) and self.loop == "proximal" and self.singular_turn:
+            after = out.t[loose[0]]
+            notes.append(
+                f"from t = {after:.6g} s on, steps cut where a body would turn further than {self.singular_turn:g} rad"
+            )
+        if crossed:
+            notes.append(f"{len(crossed)} singular passages")
+        return replace(out, events=crossed, notes=tuple(notes))

@@ -38,12 +38,13 @@ def run(arguments: argparse.Namespace) -> int:
     out.print("[bold]Solvers[/bold]   --set name=value\n")
     for solver in registry.solvers().values():
         step = (
-            "dt (fixed step, default: the problem's)"
+            "dt [s] (fixed step, default: the problem's)"
             if solver.control == "dt"
-            else f"rtol (default {DEFAULT_RTOL:g}), max_step"
+            else f"rtol (default {DEFAULT_RTOL:g}), max_step [s] (default: none)"
         )
         out.print(f"[bold green]{solver.name}[/bold green]  [{escape(solver.paper_label)}]  {escape(solver.doc)}")
-        out.print(f"  control: {step}; max_steps; wall_limit", style="dim")
+        limits = "max_steps (default 10000000); wall_limit [s] (default: none)"
+        out.print(escape(f"  control: {step}; {limits}"), style="dim")
         _options(out, solver.parameters)
     out.print("[bold]Suites[/bold]   " + ", ".join(suite_names()))
     return 0

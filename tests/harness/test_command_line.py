@@ -123,7 +123,7 @@ def test_list_names_everything(command):
     """Problems, solvers, options with units and defaults."""
     done = command("list", *WITH)
     assert done.returncode == 0
-    for words in ("heavy_top", "rad/s", "yaw", "segfaults", "lift", "[m]", "test", "dt (fixed step"):
+    for words in ("heavy_top", "rad/s", "yaw", "segfaults", "lift", "[m]", "test", "dt [s] (fixed step"):
         assert words in done.stdout
 
 

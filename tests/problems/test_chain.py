@@ -10,7 +10,7 @@ from problems.chain import start_angles
 
 
 def test_the_start_matches_the_five_bar_span() -> None:
-    """1 + 2/sqrt(1 + a^2) + 2/sqrt(1 + 4 a^2) = 3 gives a = 1.24304 (METHOD, section 5)."""
+    """1 + 2/sqrt(1 + a^2) + 2/sqrt(1 + 4 a^2) = 3 gives a = 1.24304."""
     slope = np.tan(start_angles(15, 0.6))
     a = slope[3]
     assert abs(1.0 + 2.0 / np.sqrt(1.0 + a**2) + 2.0 / np.sqrt(1.0 + 4.0 * a**2) - 3.0) < 1e-14

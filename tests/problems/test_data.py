@@ -1,4 +1,4 @@
-"""The numbers of the paper and of METHOD, section 5, and parameters that mean what they say."""
+"""The numbers of the paper, those that follow from it, and parameters that mean what they say."""
 
 import numpy as np
 

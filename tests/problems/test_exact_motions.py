@@ -69,7 +69,7 @@ def test_the_bound_holds_for_hundreds_of_periods() -> None:
 
 
 def test_the_top_nutates_to_138_93_degrees() -> None:
-    """The other root of (1 - u^2) beta = a^2 (u0 - u) for a cuspidal start: 138.931 deg; METHOD gives 138.93."""
+    """The other root of (1 - u^2) beta = a^2 (u0 - u) for a cuspidal start: 138.931 deg."""
     p = make_problem("heavy_top")
     theta = p.observe(p.reference().states(np.linspace(0.0, 5.0, 20001)))["theta"]
     beta, a = 2.0 * 5.0 * 9.81 * 0.1 / 0.1, 0.01 * 50.0 / 0.1

@@ -10,7 +10,7 @@ from problems.exact.passages import singular_passages
 
 
 def test_the_grid_is_as_specified() -> None:
-    """Sect. 5.5 and METHOD: 55 bodies, 80 joints (6 + 64 + 10), 400 rows of rank 325, 5 degrees of freedom."""
+    """Sect. 5.5: 55 bodies, 80 joints (6 + 64 + 10), 400 rows of rank 325, 5 degrees of freedom."""
     p = make_problem("four_bar_grid")
     assert (p.system.nb, p.system.nj, p.system.nrows) == (55, 80, 400)
     assert len(independent_rows(p.system, p.initial)) == 325

@@ -59,6 +59,12 @@ class GaugeChoices:
         """Why these options do not fit the problem, or None."""
         if control.dt is None:
             return "takes a fixed step: give dt, not rtol"
+        steps = problem.t_end / control.dt
+        if steps > control.max_steps:
+            return (
+                f"dt = {control.dt:g} s needs {steps:.3g} steps to t = {problem.t_end:g} s, "
+                f"more than max_steps = {control.max_steps}"
+            )
         if self.direction == "translation" and np.any(problem.system.joint_revolute):
             return "direction 'translation' needs spherical joints: an axis row has no translation"
         return None

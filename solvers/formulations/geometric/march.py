@@ -104,6 +104,7 @@ def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, wo
             length = clock.t_end - base
         dt = length / 2.0 ** grid[2]
         if fastest(current) * dt > work.max_turn[0] and grid[2] < clock.max_level:
+            work.tally[4] += 1
             grid[1] *= 2
             grid[2] += 1
             continue

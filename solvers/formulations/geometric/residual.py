@@ -21,7 +21,7 @@ from solvers.formulations.geometric.small import INNER, JIT, back3, cross3, quad
 
 
 class Settings(NamedTuple):
-    """The choices of METHOD section 2 that the kernels branch on."""
+    """The choices of docs/notation.md that the kernels branch on."""
 
     gauge: float  # -1 symmetric, 0 zero and accumulate
     keep_nu: int  # 1: nu is carried from step to step (accumulate, or C_bar, K_bar != 0)

@@ -8,7 +8,7 @@ from scipy.optimize import root
 
 from harness.mechanics import so3
 from harness.mechanics.motion import angular_momentum, constraint, damping_power, energy
-from harness.mechanics.state import State, States
+from harness.mechanics.state import State
 from harness.mechanics.system import Joint, RigidBody, assemble
 from harness.registry import make_problem, make_solver
 from harness.types import Problem, Status, StepControl, Trajectory
@@ -113,7 +113,10 @@ def test_accumulating_gauge_is_the_minimal_lie_trapezoid():
 
 
 def test_time_reversal_returns_to_the_start():
-    """The symmetric gauge makes the step its own inverse under reversed velocities."""
+    """The symmetric gauge makes the step its own inverse under reversed velocities, as far as (74) is solved: to 1e-12.
+
+    At the default tolerance of 1e-8 the positions return to 5e-9 m, the free spin about the bar to 3e-6 rad only.
+    """
     problem = make_problem("spherical_pendulum", {"omega_z": 0.1, "t_end": 5.0})
     there = run(problem, 0.01, tolerance=1e-12)
     last = there.states[-1]
@@ -256,7 +259,6 @@ def test_a_step_that_is_too_long_is_cut_and_regrown():
     assert out.counters["step_cuts"] > 0
     assert np.all(np.isin(np.arange(0.0, 10.01, 0.5), out.t))
     assert out.diagnostics["cut_level"][1:].max() > 0
-    assert len(out.states) == len(States(out.states.r, out.states.R, out.states.v, out.states.Omega))
 
 
 def test_a_tolerance_below_rounding_ends_in_step_underflow_with_the_steps_so_far():
@@ -265,7 +267,7 @@ def test_a_tolerance_below_rounding_ends_in_step_underflow_with_the_steps_so_far
     out = make_solver("gc_weak_form", {"tolerance": 1e-18, "max_cuts": 3}).solve(problem, StepControl(dt=1e-3))
     assert out.status == Status.STEP_UNDERFLOW
     assert "Newton" in out.message
-    assert len(out.t) >= 1
+    assert 0.0 < out.t[-1] < 1.0
 
 
 def test_max_turn_cuts_fast_rotations():
