@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from harness.job import Job, record_of
 from harness.mechanics.state import States
 from harness.metrics import Measured, measure
+from harness.reactions import largest_joint_force
 from harness.records import RunRecord
 from harness.scales import scales
 from harness.series import Series, write_series
@@ -64,8 +65,12 @@ def _series(problem: Problem, trajectory: Trajectory, m: Measured) -> Series:
         **{f"inv_{k}": a - a[0] for k, a in m.invariants.items()},
         **{f"diag_{k}": np.asarray(a, dtype=float) for k, a in trajectory.diagnostics.items()},
     }
+    if trajectory.reaction is not None:  # shown beside the observables; the references carry no reactions
+        full["obs_joint_force"] = largest_joint_force(problem.system, np.asarray(trajectory.reaction, dtype=float))
+        full["ref_joint_force"] = np.full(len(m.t), math.nan)
     arrays = {k: a[keep] for k, a in full.items() if a is not None}
     units = {f"{p}_{o.name}": o.unit for o in problem.observables for p in ("obs", "ref")}
+    units |= {"obs_joint_force": "N", "ref_joint_force": "N"}
     units |= {f"inv_{i.name}": i.unit for i in problem.invariants}
     return Series(
         {**arrays, **_poses(m.t, trajectory, frames), **_drawing(problem)},
@@ -73,7 +78,7 @@ def _series(problem: Problem, trajectory: Trajectory, m: Measured) -> Series:
         tuple(problem.system.body_names),
         tuple(problem.system.joint_names),
         units,
-        {f"obs_{o.name}": o.symbol for o in problem.observables},
+        {f"obs_{o.name}": o.symbol for o in problem.observables} | {"obs_joint_force": r"\max_j |F_j|"},
     )
 
 

@@ -15,6 +15,7 @@ from harness.cell import Cell
 from harness.isolation import fork, kill_group
 from harness.mechanics.state import States
 from harness.metrics import measure
+from harness.reactions import largest_joint_force
 from harness.scales import scales
 from harness.series import write_npz
 from harness.spool import FileSpool, kept
@@ -137,6 +138,7 @@ def _write(out: Path, problem: Problem, trajectory: Trajectory, status: Status, 
         **{f"obs_{name}": values for name, values in m.observables.items()},
     }  # fmt: skip
     if trajectory.reaction is not None:
+        arrays["obs_joint_force"] = largest_joint_force(problem.system, np.asarray(trajectory.reaction, dtype=float))
         arrays["reaction"] = trajectory.reaction  # (nt, nrows), conjugate to phi: N for point rows, N m for axis rows
     write_npz(out, arrays)
 
