@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Protocol
 
 from harness import environment, store
+from harness.including import OWN_COPY
 from harness.job import Job
 from harness.pool import LocalPool
 from harness.records import RunRecord
@@ -116,11 +117,13 @@ def _of_suite(folder: Path, cells: set[str], unreadable: tuple[Unreadable, ...])
 
 
 def _stamp(request: Request) -> None:
-    """``environment.json`` and ``suite.toml``; those of an earlier start of the same run are kept beside."""
+    """``environment.json``, ``suite.toml`` and what it includes; the stamp of an earlier start is kept beside."""
     folder, suite = request.folder, request.suite
     stamp = environment.stamp(folder.name, suite.name, request.jobs, suite.plugins)
     path = folder / "environment.json"
     if path.exists():
         shutil.copy(path, folder / f"environment.{stamp['started'].replace(':', '')}.json")
     store.write_text(path, json.dumps(stamp, indent=1))
-    store.write_text(folder / "suite.toml", suite.text)
+    store.write_text(folder / f"{OWN_COPY}.toml", suite.text)
+    for name, text in suite.included:  # beside it: the copy is a suite that can be run
+        store.write_text(folder / f"{name}.toml", text)

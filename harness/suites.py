@@ -4,7 +4,9 @@
 
     name = "example"
     description = "one line"
-    [defaults]                  # any key of a group but problem and solver
+    include = ["ci"]            # suites beside this file or in harness/suites/: their cells and plugins come first
+    total_limit = 900.0         # [s] the whole run: what runs then is killed (stalled), what has not begun is left
+    [defaults]                  # any key of a group but problem and solver; of this file alone
     wall_limit = 60.0           # [s] a cell
     [[cells]]
     label = "soundest"
@@ -14,10 +16,11 @@
     options = { }
     dt = [0.02, 0.01]           # goes to the solvers controlled by dt, rtol and max_step to the others
     rtol = 1e-8
+
+A cell met again through an include is kept as first met, label and limits included; twice in one file it is an error.
 """
 
 import itertools
-import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,76 +28,91 @@ from typing import Any
 
 from harness import registry
 from harness.cell import Cell, make_cell
+from harness.including import Source, SuiteError, path_of, read_source, source, suite_names, with_included
 from harness.options import nearest
 from harness.plugins import resolved
 from harness.types import Problem
 
-FOLDER = Path(__file__).parent / "suites"
+__all__ = ["Suite", "SuiteError", "load_suite", "parse_suite", "suite_names"]
 LIMITS = ("wall_limit", "memory", "repeats", "label")
 CONTROL = ("dt", "rtol", "max_step", "max_steps")
 KEYS = (*LIMITS, *CONTROL, "parameters", "options", "problem", "solver")
-
-
-class SuiteError(ValueError):
-    """A suite that cannot be run; the message is one line with the place."""
+HEAD = ("schema", "name", "description", "include", "total_limit", "plugins", "defaults", "cells")
 
 
 @dataclass(frozen=True)
 class Suite:
-    """Cells in the order of the file, each once."""
+    """Cells in the order of the files, each once."""
 
     name: str
     description: str
     cells: tuple[Cell, ...]
     text: str
     plugins: tuple[str, ...] = ()
-
-
-def suite_names() -> list[str]:
-    """The suites of ``harness/suites/``."""
-    return sorted(p.stem for p in FOLDER.glob("*.toml"))
+    included: tuple[tuple[str, str], ...] = ()  # name and text of the suites it includes, for the run folder
+    total_limit: float | None = None  # [s] wall time of a whole run
 
 
 def load_suite(name: str, plugins: tuple[str, ...] = ()) -> Suite:
     """The suite of that name, or in that file."""
-    path = FOLDER / f"{name}.toml"
-    if name.endswith(".toml") or "/" in name:
-        path = Path(name)
-    elif not path.exists():
-        raise SuiteError(f"unknown suite {name!r}{nearest(name, suite_names())}")
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SuiteError(f"cannot read suite {path}: {getattr(error, 'strerror', None) or error}") from None
-    return parse_suite(text, path.stem, str(path), path.parent, plugins)
+    return _suite(read_source(path_of(name)), plugins)
 
 
 def parse_suite(text: str, name: str, where: str, beside: Path = Path(), plugins: tuple[str, ...] = ()) -> Suite:
-    """The suite in ``text``; ``where`` names it in messages, plugins are found ``beside`` it."""
-    try:
-        plain = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise SuiteError(f"{where}: {error}") from None
-    _known(plain, ("schema", "name", "description", "plugins", "defaults", "cells"), where)
-    groups, defaults = plain.get("cells", []), plain.get("defaults", {})
-    if not isinstance(groups, list) or not groups or not all(isinstance(g, dict) for g in groups):
-        raise SuiteError(f"{where}: a suite needs at least one [[cells]] group")
-    if not isinstance(defaults, dict):
-        raise SuiteError(f"{where}: defaults must be a table")
-    _known(defaults, KEYS[:-2], f"{where}: defaults")
-    own = _list(plain.get("plugins", []))
-    if not all(isinstance(p, str) for p in own):
-        raise SuiteError(f"{where}: plugins must be a list of file names")
-    files = tuple(dict.fromkeys([*map(resolved, plugins), *(resolved(p, beside) for p in own)]))
+    """The suite in ``text``; ``where`` names it in messages, plugins and includes are found ``beside`` it."""
+    return _suite(source(text, name, where, beside), plugins)
+
+
+def _suite(own: Source, plugins: tuple[str, ...]) -> Suite:
+    sources = with_included(own)
+    files = tuple(dict.fromkeys([*map(resolved, plugins), *(p for s in sources for p in _plugins(s))]))
+    for s in sources:
+        _known(s.plain, HEAD, s.where)
+        if not s.plain.get("include") or "cells" in s.plain:
+            _groups(s)
     try:
         for file in files:
             registry.load_plugin(file)
     except ValueError as error:
-        raise SuiteError(f"{where}: {error}") from None
+        raise SuiteError(f"{own.where}: {error}") from None
     made: dict[tuple[str, str], Problem] = {}
     cells: dict[str, Cell] = {}
-    for k, group in enumerate(groups, start=1):
-        place = f"{where}: cells group {k}"
+    for s in sources:
+        for settings, cell in _cells(s, made).items():
+            cells.setdefault(settings, cell)
+    title = own.plain.get("name", own.name)
+    if not isinstance(title, str) or not title or not title.replace("-", "").replace("_", "").isalnum():
+        raise SuiteError(f"{own.where}: name must be letters, digits, - and _ (got {title!r})")
+    total = own.plain.get("total_limit")
+    if total is not None:
+        _finite("total_limit", total, own.where)
+    included = tuple((s.name, s.text) for s in sources[:-1])
+    return Suite(title, str(own.plain.get("description", "")), tuple(cells.values()), own.text, files, included, total)
+
+
+def _plugins(s: Source) -> list[str]:
+    own = _list(s.plain.get("plugins", []))
+    if not all(isinstance(p, str) for p in own):
+        raise SuiteError(f"{s.where}: plugins must be a list of file names")
+    return [resolved(p, s.beside) for p in own]
+
+
+def _groups(s: Source) -> list[dict[str, Any]]:
+    groups = s.plain.get("cells", [])
+    if not isinstance(groups, list) or not groups or not all(isinstance(g, dict) for g in groups):
+        raise SuiteError(f"{s.where}: a suite needs at least one [[cells]] group")
+    return groups
+
+
+def _cells(s: Source, made: dict[tuple[str, str], Problem]) -> dict[str, Cell]:
+    """The cells of one file by their settings."""
+    defaults = s.plain.get("defaults", {})
+    if not isinstance(defaults, dict):
+        raise SuiteError(f"{s.where}: defaults must be a table")
+    _known(defaults, KEYS[:-2], f"{s.where}: defaults")
+    cells: dict[str, Cell] = {}
+    for k, group in enumerate(s.plain.get("cells", []), start=1):
+        place = f"{s.where}: cells group {k}"
         try:
             for cell in _expand({**defaults, **group}, place, made):
                 if cell.settings in cells:
@@ -104,10 +122,7 @@ def parse_suite(text: str, name: str, where: str, beside: Path = Path(), plugins
             raise
         except ValueError as error:  # of the registry or a problem: its words, our place
             raise SuiteError(f"{place}: {' '.join(str(error).split())}") from None
-    title = plain.get("name", name)
-    if not isinstance(title, str) or not title or not title.replace("-", "").replace("_", "").isalnum():
-        raise SuiteError(f"{where}: name must be letters, digits, - and _ (got {title!r})")
-    return Suite(title, str(plain.get("description", "")), tuple(cells.values()), text, files)
+    return cells
 
 
 def _expand(group: Mapping[str, Any], place: str, made: dict[tuple[str, str], Problem]) -> Iterator[Cell]:
@@ -156,14 +171,17 @@ def _product(given: Any, known: Mapping[str, tuple[Any, Any]], place: str) -> It
 
 def _limits(given: dict[str, Any], place: str) -> dict[str, Any]:
     for key in ("wall_limit", "memory", "repeats"):
-        value = given.get(key, 1)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
-            raise SuiteError(f"{place}: {key} must be a finite number > 0 (got {value!r})")
+        _finite(key, given.get(key, 1), place)
     if not isinstance(given.get("repeats", 1), int):
         raise SuiteError(f"{place}: repeats must be a whole number (got {given['repeats']!r})")
     if not isinstance(given.get("label", ""), str):
         raise SuiteError(f"{place}: label must be text (got {given['label']!r})")
     return given
+
+
+def _finite(key: str, value: Any, place: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
+        raise SuiteError(f"{place}: {key} must be a finite number > 0 (got {value!r})")
 
 
 def _known(given: Mapping[str, Any], known: tuple[str, ...], place: str) -> None:

@@ -3,6 +3,7 @@
 import pytest
 
 from harness.suites import SuiteError, load_suite, parse_suite, suite_names
+from tests.harness.conftest import PLUGIN
 
 GROUP = '[[cells]]\nproblem = "free_fall"\nsolver = "exact"\n'
 
@@ -46,6 +47,81 @@ def test_cells_survive_their_trip_to_the_worker(tmp_path):
     ):
         job = Job(cell, tmp_path, "s", "code", "commit", ("p",))
         assert Job.from_json(job.to_json()).id == job.id
+
+
+def written(folder, **files: str):
+    """Suite files in a folder; the last one is loaded."""
+    for name, text in files.items():
+        (folder / f"{name}.toml").write_text(text)
+    return lambda: load_suite(str(folder / f"{list(files)[-1]}.toml"))
+
+
+def test_included_cells_come_first_and_once(tmp_path):
+    """Through two ways to one cell, its first label and limits are kept; defaults stay in their own file."""
+    base = 'label = "base"\nwall_limit = 7'
+    load = written(
+        tmp_path,
+        base=f'plugins = ["{PLUGIN}"]\ntotal_limit = 9\n{GROUP}dt = [0.5, 0.25]\n{base}',
+        left=f'include = ["base"]\n[defaults]\nlabel = "left"\n{GROUP}dt = [0.5, 0.1]',
+        right='include = ["base"]',
+        top=f'include = ["left", "right", "./base.toml"]\n{GROUP}dt = [0.1, 0.05, 0.25]',
+    )
+    suite = load()
+    assert [(c.control.dt, c.label, c.wall_limit) for c in suite.cells] == [
+        (0.5, "base", 7), (0.25, "base", 7), (0.1, "left", 60.0), (0.05, "", 60.0),
+    ]  # fmt: skip
+    assert suite.plugins == (str(PLUGIN),) and [n for n, _ in suite.included] == ["base", "left", "right"]
+    assert suite.total_limit is None  # a limit is on the run that was asked for
+
+
+def test_shipped_suites_can_be_included(tmp_path):
+    """A name that is not beside the file is one of ours; the file beside it goes first."""
+    ci = load_suite("ci")
+    suite = written(tmp_path, mine='include = ["ci"]\ntotal_limit = 60')()
+    assert suite.cells == ci.cells and suite.total_limit == 60
+    assert len(written(tmp_path, ci=GROUP, mine='include = ["ci"]')().cells) == 1
+
+
+def test_a_run_folder_holds_a_suite_that_includes(tmp_path):
+    """The copies, run again, are the same cells."""
+    from harness.runner import Request, run_suite
+    from tests.harness.conftest import Silent
+
+    suite = written(tmp_path, base=GROUP, top=f'include = ["base"]\nplugins = ["{PLUGIN}"]')()
+    run_suite(Request(suite, tmp_path / "run", 1), Silent())
+    assert load_suite(str(tmp_path / "run" / "suite.toml")).cells == suite.cells
+
+
+INCLUDES = {
+    'include = "base"': "must be a list",
+    "include = [1]": "must be a list",
+    'include = [""]': "must be a list",
+    'include = ["bse"]': "did you mean 'base'",
+    'include = ["top"]': "top includes top",
+    'include = ["round"]': "top includes round includes top",
+    'include = ["broken"]': "broken.toml: cells group 1: unknown problem",
+    'include = ["nowhere.toml"]': "cannot read suite",
+    'include = ["other/base.toml", "base"]': "the same name",
+    'include = ["suite"]': "the same name",
+    "include = []": "at least one",
+    'include = ["base"]\ncells = 3': "at least one",
+    "total_limit = 0\n" + GROUP: "total_limit",
+    "total_limit = true\n" + GROUP: "total_limit",
+    'total_limit = "1 h"\n' + GROUP: "total_limit",
+}
+
+
+@pytest.mark.parametrize("text", INCLUDES, ids=range(len(INCLUDES)))
+def test_wrong_includes_are_told_in_a_line(text, tmp_path):
+    """Unknown, circular, ambiguous, or wrong themselves."""
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "base.toml").write_text(GROUP)
+    load = written(
+        tmp_path, base=GROUP, round='include = ["top"]', broken=GROUP.replace("free", "fre"), suite=GROUP, top=text
+    )
+    with pytest.raises(SuiteError) as error:
+        load()
+    assert INCLUDES[text] in str(error.value) and "\n" not in str(error.value)
 
 
 BAD = {
