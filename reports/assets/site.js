@@ -1,0 +1,63 @@
+// What every page has: the theme, sorting of tables, typed arrays from data files.
+(() => {
+  const MBS = (window.MBS ||= {});
+  const kinds = { f4: Float32Array, u2: Uint16Array, i4: Int32Array };
+
+  // {dtype, bdata} of reports/packing.py as a typed array
+  MBS.array = ({ dtype, bdata }) => new kinds[dtype](Uint8Array.from(atob(bdata), (c) => c.charCodeAt(0)).buffer);
+
+  const listeners = [];
+  MBS.onTheme = (f) => listeners.push(f);
+  const changed = () => listeners.forEach((f) => f());
+  // the colour that a custom property has now, as the browser resolves it
+  MBS.colour = (name) => {
+    const probe = document.createElement("i");
+    probe.style.cssText = `display: none; color: var(${name})`;
+    document.body.append(probe);
+    const found = getComputedStyle(probe).color;
+    probe.remove();
+    return found;
+  };
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", changed);
+  const button = document.querySelector("[data-theme-button]");
+  const themes = ["", "light", "dark"];
+  const words = { "": "Theme: system", light: "Theme: light", dark: "Theme: dark" };
+  const show = () => { button.textContent = words[document.documentElement.dataset.theme || ""]; };
+  button.hidden = false;
+  show();
+  button.addEventListener("click", () => {
+    const next = themes[(themes.indexOf(document.documentElement.dataset.theme || "") + 1) % themes.length];
+    if (next) document.documentElement.dataset.theme = next;
+    else delete document.documentElement.dataset.theme;
+    try { next ? localStorage.setItem("mbs-theme", next) : localStorage.removeItem("mbs-theme"); } catch { /* not kept */ }
+    show();
+    changed();
+  });
+
+  // Tables with class "sortable": a click on a head sorts by it, another one the other way; empty values stay last.
+  const number = (text) => (text === "inf" ? Infinity : text === "-inf" ? -Infinity : Number(text));
+  const ordered = (x, y, up) => {
+    if (x === "" || y === "") return (x === "") - (y === "");
+    const [p, q] = [number(x), number(y)];
+    const order = Number.isNaN(p) || Number.isNaN(q) ? x.localeCompare(y, undefined, { numeric: true }) : p === q ? 0 : p - q;
+    return up ? order : -order;
+  };
+  for (const table of document.querySelectorAll("table.sortable")) {
+    const heads = [...table.tHead.rows[table.tHead.rows.length - 1].cells];
+    heads.forEach((head, column) => {
+      const sorter = document.createElement("button");
+      sorter.type = "button";
+      sorter.append(...head.childNodes);
+      head.append(sorter);
+      sorter.addEventListener("click", () => {
+        const up = head.getAttribute("aria-sort") !== "ascending";
+        heads.forEach((other) => other.removeAttribute("aria-sort"));
+        head.setAttribute("aria-sort", up ? "ascending" : "descending");
+        const body = table.tBodies[0];
+        const value = (row) => row.cells[column].dataset.v ?? row.cells[column].textContent.trim();
+        const rows = [...body.rows].map((row) => [value(row), row]);
+        body.append(...rows.sort((a, b) => ordered(a[0], b[0], up)).map((pair) => pair[1]));
+      });
+    });
+  }
+})();

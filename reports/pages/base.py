@@ -1,0 +1,184 @@
+"""What a page of the report's site is made with, and all that a page module needs to know.
+
+A module of ``reports/pages/`` (or ``reports/<package>/page.py``) that has a function ::
+
+    def write(run: Run, site: Site) -> Page | None
+
+is found and called once; there is no list to edit. It computes from ``run`` (cells, problems as posed, series) and from
+``site.judgement("claims")`` (a file of ``<run>/judgement/``, None when it is not there), then hands its page over ::
+
+    page = Page("Claims", "claims.html", nav=True, order=20)
+    return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
+
+The template ``reports/templates/claims.html`` starts with ``{% extends "base.html" %}`` and fills ``{% block main %}``;
+it comes with a head, the navigation, the theme, and a footer that says where the numbers are from. Text is escaped.
+Pages are rendered after all modules have run, so each may ask whether another one exists. In templates:
+
+- ``url(x)`` of a cell, a posing, or a solver's name: its address from the top folder. ``{{ root }}`` before it leads
+  there ("" at the top, "../" in a subfolder). ``exists("theatre-chain.html")``; ``pages``: all, in order.
+- ``{% import "marks.html" as marks with context %}``: ``marks.status(cell)`` (symbol, word, colour: wrong ones loud),
+  ``marks.solver(name)`` (with its colour), ``marks.cell(cell)`` (a link with its settings and its mark),
+  ``marks.plots_bar()`` (one legend and the switches for all plots of the page; put it before them),
+  ``marks.plot(p)`` for each ``p`` of ``plots`` (``reports.plots.Plot``) inside ``<div class="plots">``.
+- ``looks[solver].colour``; ``number``, ``whole``, ``signed``, ``seconds``, ``time``, ``unit``, ``mark``.
+
+``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``; NaN becomes null, an array of
+numpy a base64 text that ``MBS.array(x)`` turns into a typed array. Scripts are classic, deferred and in the order
+given: from a disk neither modules nor ``fetch`` work. ``MBS.onTheme(f)`` calls f when light and dark change;
+``MBS.colour("--ink")`` is a colour of the theme. Assets of ``reports/assets/`` are all copied. A page that is ``about``
+a posing's slug, a solver or a cell is linked from that one's page. Return None when a run has nothing for the page.
+"""
+
+import importlib
+import json
+import pkgutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from jinja2 import Environment, FileSystemLoader, StrictUndefined
+
+from harness import store
+from reports import words
+from reports.packing import script
+from reports.palette import Look, looks
+from reports.plots import Plot, plain
+from reports.provenance import cautions, facts, packages
+from reports.reading import Cell, Posing, Run, slug
+
+FOLDER = Path(__file__).parent.parent
+ALWAYS = ("assets/site.js",)
+PLOTTING = ("assets/plotly-basic.min.js", "assets/plots.js")
+SPEAKING = ("number", "whole", "signed", "seconds", "time", "unit", "mark", "plural", "listed")  # of reports.words
+
+
+@dataclass(frozen=True)
+class Page:
+    """``file`` is its path in the report folder; ``nav`` puts it into the navigation, smallest ``order`` first."""
+
+    title: str
+    file: str
+    nav: bool = False
+    order: int = 50
+    about: str = ""
+
+    @property
+    def root(self) -> str:
+        """The way up to the report folder."""
+        return "../" * self.file.count("/")
+
+
+@dataclass
+class Site:
+    """The report folder of a run while its pages are written."""
+
+    run: Run
+    folder: Path
+    _pending: dict[str, tuple[Page, str, dict[str, Any]]] = field(default_factory=dict)
+
+    def write(
+        self, page: Page, template: str, scripts: Sequence[str] = (), plots: Sequence[Plot] = (), **values: Any
+    ) -> Page:
+        """Take a page: ``template`` of reports/templates with ``values`` and ``plots``; returns the page."""
+        if page.file in self._pending:
+            raise ValueError(f"two pages want to be {page.file}: {self._pending[page.file][0].title}, {page.title}")
+        if plots:
+            name = "plots-" + page.file.removesuffix(".html").replace("/", "-")
+            own = {p.name: plain(p, self.looks) for p in plots}
+            scripts = [*PLOTTING, self.data(name, own), *scripts]
+            values["plots_data"] = name
+        self._pending[page.file] = (page, template, {"scripts": scripts, "plots": list(plots), **values})
+        return page
+
+    def data(self, name: str, value: Any) -> str:
+        """Write ``data/<name>.js``; returns its path, for ``scripts``."""
+        path = f"data/{name}.js"
+        store.write_text(self.folder / path, script(name, value))
+        return path
+
+    def url(self, about: Cell | Posing | str) -> str:
+        """The page of a cell, of a problem as posed, or of a solver, from the report folder."""
+        if isinstance(about, Cell):
+            return f"cells/{about.record.cell}.html"
+        if isinstance(about, Posing):
+            return f"problem-{about.slug}.html"
+        return self._solver_urls[about]
+
+    def judgement(self, name: str) -> Any:
+        """``<run>/judgement/<name>.json``, or None where it is missing or cannot be read."""
+        try:
+            return json.loads((self.run.folder / "judgement" / f"{name}.json").read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+
+    @property
+    def figures(self) -> Path:
+        """Where figures that are files go."""
+        return self.folder / "figures"
+
+    @cached_property
+    def looks(self) -> Mapping[str, Look]:
+        """Colour and marker by solver, the same on every page."""
+        return looks(self.run.solvers)
+
+    def pages(self) -> list[Page]:
+        """All pages so far, those of the navigation first."""
+        return sorted((p for p, _, _ in self._pending.values()), key=lambda p: (not p.nav, p.order, p.title))
+
+    def finish(self) -> None:
+        """Render what was handed over."""
+        environment = self._environment()
+        pages = self.pages()
+        for page, template, values in self._pending.values():
+            values = {**values, "page": page, "root": page.root, "pages": pages}
+            values["scripts"] = [*ALWAYS, *values["scripts"]]
+            text = environment.get_template(template).render(values)
+            path = self.folder / page.file
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text, encoding="utf-8")
+
+    @cached_property
+    def _solver_urls(self) -> Mapping[str, str]:
+        taken: set[str] = set()
+        return {name: f"solver-{slug(name, taken)}.html" for name in self.run.solvers}
+
+    def _environment(self) -> Environment:
+        environment = Environment(
+            loader=FileSystemLoader(FOLDER / "templates"),
+            autoescape=True,
+            undefined=StrictUndefined,
+            trim_blocks=True,
+            lstrip_blocks=True,
+        )
+        named = {
+            k: getattr(words, k) for k in ("number", "whole", "signed", "seconds", "time", "unit", "mark", "plural")
+        }
+        environment.globals.update(named)
+        environment.globals.update(
+            run=self.run, looks=self.looks, url=self.url, exists=self._pending.__contains__,
+            run_title=self.run.environment.get("run") or self.run.folder.name, facts=facts(self.run),
+            cautions=cautions(self.run), packages=packages(self.run),
+            related=lambda about: [p for p in self.pages() if p.about and p.about == about],
+        )  # fmt: skip
+        return environment
+
+
+def writers() -> Iterator[tuple[str, Callable[[Run, Site], Page | None]]]:
+    """Every ``write`` of the page modules, by module name, in alphabetic order."""
+    for module in _modules():
+        write = getattr(module, "write", None)
+        if write is not None:
+            yield module.__name__, write
+
+
+def _modules() -> Iterator[ModuleType]:
+    import reports.pages
+
+    for found in sorted(pkgutil.iter_modules(reports.pages.__path__), key=lambda m: m.name):
+        yield importlib.import_module(f"reports.pages.{found.name}")
+    for found in sorted(pkgutil.iter_modules(reports.__path__), key=lambda m: m.name):
+        if found.ispkg and (FOLDER / found.name / "page.py").is_file():
+            yield importlib.import_module(f"reports.{found.name}.page")
