@@ -11,6 +11,7 @@ from harness import store
 from harness.records import RunRecord
 from harness.series import Series, write_series
 from reports import site
+from tests.reports.browser import CHROMIUM, Browser
 
 HOSTILE = '<script>alert("1")</script> & $x_{ \\frac -->'
 
@@ -113,3 +114,12 @@ def built(tmp_path_factory) -> tuple[Path, list[RunRecord], str]:
         ),
     )
     return folder, records, site.build(folder).read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="session")
+def browser():
+    """One headless Chromium for all tests of a process."""
+    if CHROMIUM is None:
+        pytest.skip("no chromium on this machine")
+    with Browser() as running:
+        yield running
