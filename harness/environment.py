@@ -24,8 +24,8 @@ THREADS = {  # one thread: timings mean CPU time of one core, and results do not
     "NUMBA_NUM_THREADS": "1",
 }
 SHAPING = (  # of harness/: what a cell's process runs; the rest only arranges, judges or shows
-    "cell.py", "isolation.py", "job.py", "measuring.py", "metrics.py", "options.py", "plugins.py", "records.py",
-    "reactions.py",
+    "cell.py", "isolation.py", "job.py", "measuring.py", "metrics.py", "options.py", "plugins.py", "posed.py",
+    "records.py", "reactions.py",
     "registry.py", "scales.py", "series.py", "spool.py", "summary.py", "supervisor.py", "thinning.py", "types.py",
     "verdict.py", "warmup.py", "worker.py",
 )  # fmt: skip

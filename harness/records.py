@@ -90,11 +90,21 @@ class RunRecord:
     position_error_end_m: float = column("the same at the last compared step")
     orientation_error_max_rad: float = column("max over time and bodies of the angle between R and R_exact")
     orientation_error_end_rad: float = column("the same at the last compared step")
+    velocity_error_max_m_per_s: float = column("max over time and bodies of |v - v_exact| of the C's")
+    angular_velocity_error_max_rad_per_s: float = column("max over time and bodies of |Omega - Omega_exact|")
+    reaction_error_max_N: float = column("max over instants and bodies of the error of the joint forces' sum on a body")
+    reaction_size_N: float = column("largest such sum of the exact motion")
     judged_to_s: float = column("errors are judged up to here: beyond, the motion is chaotic (harness.summary)")
     position_error_judged_m: float = column("max of the position error up to there")
     orientation_error_judged_rad: float = column("max of the orientation error up to there")
     observable_errors: str = column("JSON: {name: {max, end, unit}} of |observable - exact|", "{}")
     invariant_drifts: str = column("JSON: {name: {max, end, start, unit}} of |invariant - its start|", "{}")
+
+    # the way back, where the problem asks for it (retrace): what misses the start, worst body
+    return_error_m: float = column("distance of C from its start after the way back; NaN if that failed, see notes")
+    return_error_rad: float = column("angle of R to its start")
+    return_error_m_per_s: float = column("difference of v, turned again, to its start")
+    return_error_rad_per_s: float = column("difference of Omega, turned again, to its start")
 
     # steps and work
     steps: int = column("accepted steps", 0)

@@ -19,12 +19,14 @@ import numpy as np
 from harness import plugins
 from harness.mechanics import so3
 from harness.mechanics.consistency import check_start, perturbed
+from harness.mechanics.posing import SPACE_AXES, Posing
 from harness.mechanics.state import States, rotated
 from harness.mechanics.system import GROUND, MultibodySystem
 from harness.options import Parameter, nearest, read_value
 from harness.types import Problem, Solver
 
 _MARK = "__mbsbench_name__"
+MIRRORS = tuple(SPACE_AXES)
 
 COMMON_PARAMETERS: dict[str, tuple[Any, Parameter]] = {
     "t_end": (0.0, Parameter("simulated time; 0 takes the problem's own", "s", at_least=0.0)),
@@ -35,7 +37,16 @@ COMMON_PARAMETERS: dict[str, tuple[Any, Parameter]] = {
         Parameter("relative size of a random change of the start, made consistent again", "", at_least=0.0),
     ),
     "seed": (0, Parameter("seed of perturb", "", at_least=0)),
+    "mirror": ("none", Parameter("tell the solver the image in the plane with this normal", "", choices=MIRRORS)),
+    "duplicate": (0, Parameter("tell it this joint twice, counted from 1; 0: none", "", at_least=0)),
+    "renumber": (0, Parameter("tell it bodies and joints in the random order of this seed; 0: as is", "", at_least=0)),
+    "unit_length": (1.0, Parameter("tell it all lengths times this number", "", at_least=1e-6, at_most=1e6)),
+    "unit_mass": (1.0, Parameter("tell it all masses times this number", "", at_least=1e-6, at_most=1e6)),
+    "unit_time": (1.0, Parameter("tell it all times times this number, dt too", "", at_least=1e-6, at_most=1e6)),
+    "retrace": (False, Parameter("send it back from the end, velocities reversed: what misses the start", "")),
 }
+# The last seven change what the solver is told, not the problem: its motion is brought back before it is measured.
+POSED = ("mirror", "duplicate", "renumber", "unit_length", "unit_mass", "unit_time")
 
 
 @dataclass(frozen=True)
@@ -154,9 +165,11 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
         start = perturbed(made.system, made.initial, values["perturb"], values["seed"])
         made = dataclasses.replace(made, initial=start)
     made = in_frame(made, so3.exp(np.array(values["rotation"])) @ _yaw(made.system, values["yaw"]))
+    posing = Posing(**{k: values[k] for k in POSED})
+    posing.system(made.system)  # says no to a joint that is not there
     t_end = values["t_end"] or made.t_end
     given = {k: v for k, v in values.items() if v != entry.parameters[k][0]}
-    return dataclasses.replace(made, t_end=t_end, parameters=given)
+    return dataclasses.replace(made, t_end=t_end, parameters=given, posing=posing, retrace=values["retrace"])
 
 
 def make_solver(name: str, options: Mapping[str, Any] | None = None) -> Solver:

@@ -15,6 +15,7 @@ from harness.cell import Cell
 from harness.isolation import fork, kill_group
 from harness.mechanics.state import States
 from harness.metrics import measure
+from harness.posed import posed
 from harness.reactions import largest_joint_force
 from harness.scales import scales
 from harness.series import write_npz
@@ -86,7 +87,7 @@ def _wait(pid: int, wall_limit: float | None) -> str:
 
 
 def _solve(cell: Cell, problem: Problem, out: Path, note: Path, wall_limit: float | None, rows: Path) -> None:
-    solver = registry.make_solver(cell.solver, cell.options)
+    solver = posed(registry.make_solver(cell.solver, cell.options), problem)
     c = cell.control
     control = StepControl(c.dt, c.rtol, c.max_step, c.max_steps, wall_limit, FileSpool(rows))
     reason = solver.refuses(problem, control)

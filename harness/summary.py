@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from harness.mechanics import so3
 from harness.metrics import Measured
 from harness.scales import Scales
 from harness.types import Problem, Trajectory
@@ -42,6 +43,7 @@ def columns(problem: Problem, trajectory: Trajectory, m: Measured, size: Scales)
             "orthogonality_max": largest(m.orthogonality),
             "out_of_plane_max_m": math.nan if m.out_of_plane is None else largest(m.out_of_plane),
             **_errors(problem, m, size),
+            **_way_back(problem, trajectory),
             "invariant_drifts": json.dumps({i.name: _drift(m.invariants[i.name], i.unit) for i in problem.invariants}),
             **_steps(m.t),
             **_counted(trajectory.counters),
@@ -115,10 +117,31 @@ def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
         "position_error_end_m": float(position[last]),
         "orientation_error_max_rad": largest(orientation),
         "orientation_error_end_rad": float(orientation[last]),
+        **_rates(m, compared),
         "judged_to_s": float(m.t[max(predictable - 1, 0)]),
         "position_error_judged_m": largest(position[:predictable]),
         "orientation_error_judged_rad": largest(orientation[:predictable]),
         "observable_errors": json.dumps(by_name),
+    }
+
+
+def _rates(m: Measured, compared: int) -> dict[str, float]:
+    out = {"reaction_error_max_N": m.reaction_error, "reaction_size_N": m.reaction_size}
+    if m.velocity_error is not None and m.angular_velocity_error is not None:
+        out["velocity_error_max_m_per_s"] = largest(m.velocity_error[:compared])
+        out["angular_velocity_error_max_rad_per_s"] = largest(m.angular_velocity_error[:compared])
+    return out
+
+
+def _way_back(problem: Problem, trajectory: Trajectory) -> dict[str, float]:
+    back, start = trajectory.returned, problem.initial
+    if back is None:
+        return {}
+    return {
+        "return_error_m": float(np.max(np.linalg.norm(back.r - start.r, axis=1))),
+        "return_error_rad": float(np.max(so3.angle_between(back.R, start.R))),
+        "return_error_m_per_s": float(np.max(np.linalg.norm(back.v - start.v, axis=1))),
+        "return_error_rad_per_s": float(np.max(np.linalg.norm(back.Omega - start.Omega, axis=1))),
     }
 
 

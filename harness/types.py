@@ -11,12 +11,13 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from harness.mechanics.posing import Posing
 from harness.mechanics.state import State, States, rotated
 from harness.mechanics.system import MultibodySystem
 
 __all__ = [
-    "Array", "Invariant", "Observable", "Problem", "Reference", "Solver", "Spool", "State", "States", "Status",
-    "StepControl", "Trajectory",
+    "Array", "Invariant", "Observable", "Posing", "Problem", "Reference", "Solver", "Spool", "State", "States",
+    "Status", "StepControl", "Trajectory",
 ]  # fmt: skip
 
 Array = np.ndarray
@@ -99,6 +100,8 @@ class Problem:
     frame: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
     planar_normal: Float[np.ndarray, " 3"] | None = None  # home frame; given when the exact motion is planar
     energy_allowed: float | None = None  # [J] the benchmark's own limit on max |E - E0|, if it has one
+    posing: Posing = field(default_factory=Posing)  # how a solver is told of it (module posed); nothing here changes
+    retrace: bool = False  # whether the solver is sent back from the end with velocities reversed
 
     def home(self, s: States) -> States:
         """``s`` seen from the home frame."""
@@ -197,6 +200,7 @@ class Trajectory:
     notes: tuple[str, ...] = ()  # choices the solver made, e.g. which redundant rows it dropped
     cpu_time: float = float("nan")  # [s] the integration alone, without compilation and set-up
     setup_time: float = float("nan")  # [s] compilation, symbolic analysis, consistent start
+    returned: State | None = None  # where the way back ended, velocities turned again (module posed)
 
     def __post_init__(self) -> None:
         t = np.asarray(self.t, dtype=float)

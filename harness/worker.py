@@ -20,6 +20,7 @@ from harness import registry, store
 from harness.isolation import DISK_FULL
 from harness.job import Job, record_of
 from harness.measuring import judged
+from harness.posed import Posed, posed
 from harness.records import RunRecord
 from harness.spool import FileSpool, kept
 from harness.types import Problem, Solver, Status, StepControl, Trajectory
@@ -74,7 +75,7 @@ def _attempt(job: Job, tell: Callable[[str], None], columns: dict[str, Any]) -> 
     cell = job.cell
     problem = registry.make_problem(cell.problem, cell.parameters)
     columns.update(section=problem.section, t_end_s=problem.t_end)
-    solver = registry.make_solver(cell.solver, cell.options)
+    solver = posed(registry.make_solver(cell.solver, cell.options), problem)
     control = dataclasses.replace(cell.control, wall_limit=SOFT * cell.wall_limit, spool=FileSpool(job.spool))
     reason = solver.refuses(problem, control)
     if reason:
@@ -88,7 +89,7 @@ def _attempt(job: Job, tell: Callable[[str], None], columns: dict[str, Any]) -> 
 
 
 def solve_repeatedly(
-    solver: Solver, problem: Problem, control: StepControl, repeats: int
+    solver: Solver | Posed, problem: Problem, control: StepControl, repeats: int
 ) -> tuple[Trajectory, dict[str, Any]]:
     """The first trajectory and the cost columns. Repeats stop when the next would pass the wall limit."""
     began = time.monotonic()
@@ -110,7 +111,7 @@ def solve_repeatedly(
     return first, cost
 
 
-def _timed(solver: Solver, problem: Problem, control: StepControl) -> tuple[Trajectory, float]:
+def _timed(solver: Solver | Posed, problem: Problem, control: StepControl) -> tuple[Trajectory, float]:
     """A trajectory and its CPU time: the solver's own figure if it has one, else that of the whole call."""
     began = time.process_time()
     trajectory = solver.solve(problem, control)

@@ -1,0 +1,186 @@
+"""The same system told otherwise: mirrored, a joint repeated, bodies and joints renumbered, other units of measure.
+
+A solver is given the posed system; its motion is brought back before anything is measured, so that numbers of cells
+that differ only in their posing may be compared as they stand. Order: mirror, repeat, renumber, units.
+"""
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from harness.mechanics.state import State, States
+from harness.mechanics.system import GROUND, MultibodySystem
+
+SPACE_AXES = {"none": -1, "X": 0, "Y": 1, "Z": 2}
+BODY_MIRROR = np.diag([1.0, 1.0, -1.0])  # of every body frame, so that a mirrored R is a rotation again
+
+
+@dataclass(frozen=True)
+class Posing:
+    """How a system is told. The numbers of a length, a mass, a time are multiplied by the ``unit_`` factors."""
+
+    mirror: str = "none"  # the plane through the origin of space with this normal
+    duplicate: int = 0  # joint that is there twice, counted from 1; 0: none
+    renumber: int = 0  # seed of the permutations; 0: as it stands
+    unit_length: float = 1.0
+    unit_mass: float = 1.0
+    unit_time: float = 1.0
+
+    @property
+    def speed(self) -> float:
+        """Factor of m/s."""
+        return self.unit_length / self.unit_time
+
+    @property
+    def force(self) -> float:
+        """Factor of N."""
+        return self.unit_mass * self.unit_length / self.unit_time**2
+
+    def system(self, s: MultibodySystem) -> MultibodySystem:
+        """``s`` as a solver sees it."""
+        if self.duplicate > s.nj:
+            raise ValueError(f"duplicate must be 0..{s.nj}, a joint of this system (got {self.duplicate})")
+        return _in_units(_renumbered(_repeated(_mirrored(s, self._space()), self.duplicate), *self._orders(s)), self)
+
+    def state(self, s: MultibodySystem, state: State) -> State:
+        """A state of the system ``s`` as a solver sees it."""
+        bodies, _ = self._orders(s)
+        m = _mirrored_states(States.one(state), self._space()).at(slice(None))
+        return State(
+            m.r[0, bodies] * self.unit_length,
+            m.R[0, bodies],
+            m.v[0, bodies] * self.speed,
+            m.Omega[0, bodies] / self.unit_time,
+        )
+
+    def states_back(self, s: MultibodySystem, posed: States) -> States:
+        """What a solver found, as states of the system ``s``."""
+        back = np.argsort(self._orders(s)[0])
+        home = States(
+            posed.r[:, back] / self.unit_length,
+            posed.R[:, back],
+            posed.v[:, back] / self.speed,
+            posed.Omega[:, back] * self.unit_time,
+        )
+        return _mirrored_states(home, self._space())
+
+    def reaction_back(self, s: MultibodySystem, posed: Float[np.ndarray, "nt n"]) -> Float[np.ndarray, "nt nrows"]:
+        """Forces conjugate to phi of ``s``; a repeated joint carries what both copies do."""
+        _, joints = self._orders(s)
+        repeated = _repeated(s, self.duplicate)
+        start = repeated.row_start
+        rows = np.concatenate([np.arange(start[j], start[j + 1]) for j in joints]) if s.nj else np.zeros(0, np.int64)
+        home = np.empty_like(posed)
+        home[:, rows] = posed / self.force
+        axis_rows = (start[np.flatnonzero(repeated.joint_revolute)][:, None] + np.array([3, 4])).ravel()
+        home[:, axis_rows] /= self.unit_length
+        if self.duplicate:
+            k, n = self.duplicate - 1, s.nrows
+            home[:, start[k] : start[k + 1]] += home[:, n:]
+            home = home[:, :n]
+        point_rows = s.row_start[:-1, None] + np.arange(3)
+        home[:, point_rows] = home[:, point_rows] @ self._space()
+        return home
+
+    def _space(self) -> Float[np.ndarray, "3 3"]:
+        signs = np.ones(3)
+        if self.mirror != "none":
+            signs[SPACE_AXES[self.mirror]] = -1.0
+        return np.diag(signs)
+
+    def _orders(self, s: MultibodySystem) -> tuple[Int[np.ndarray, " nb"], Int[np.ndarray, " nj"]]:
+        """Old numbers of bodies and joints (the repeated one last) in their new order."""
+        nj = s.nj + (1 if self.duplicate else 0)
+        if self.renumber == 0:
+            return np.arange(s.nb), np.arange(nj)
+        random = np.random.default_rng(self.renumber)
+        return random.permutation(s.nb), random.permutation(nj)
+
+
+def _mirrored(s: MultibodySystem, S: np.ndarray) -> MultibodySystem:
+    if np.array_equal(S, np.eye(3)):
+        return s
+
+    def image(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        at_ground = (ends == GROUND).reshape(-1, *[1] * (a.ndim - 1))
+        return _frozen(np.where(at_ground, a @ S, a @ BODY_MIRROR))
+
+    return dataclasses.replace(
+        s,
+        inertia=_frozen(BODY_MIRROR @ s.inertia @ BODY_MIRROR),
+        gravity=_frozen(S @ s.gravity),
+        joint_s_i=image(s.joint_s_i, s.joint_i),
+        joint_s_j=image(s.joint_s_j, s.joint_j),
+        joint_u=image(s.joint_u, s.joint_i),
+        joint_n=image(s.joint_n, s.joint_j),
+        spring_p_i=image(s.spring_p_i, s.spring_i),
+        spring_p_j=image(s.spring_p_j, s.spring_j),
+    )
+
+
+def _mirrored_states(s: States, S: np.ndarray) -> States:
+    """Its own inverse. Omega is a pseudovector: it turns the other way about the mirrored axis."""
+    if np.array_equal(S, np.eye(3)):
+        return s
+    return States(s.r @ S, S @ s.R @ BODY_MIRROR, s.v @ S, -(s.Omega @ BODY_MIRROR))
+
+
+def _repeated(s: MultibodySystem, joint: int) -> MultibodySystem:
+    if joint == 0:
+        return s
+    names = ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "joint_revolute", "joint_u", "joint_n")
+    more: dict[str, Any] = {
+        n: _frozen(np.concatenate((getattr(s, n), getattr(s, n)[joint - 1 : joint]))) for n in names
+    }
+    title = f"{s.joint_names[joint - 1]} again" if s.joint_names else ""
+    return dataclasses.replace(s, **more, joint_names=(*s.joint_names, title))
+
+
+def _renumbered(s: MultibodySystem, bodies: np.ndarray, joints: np.ndarray) -> MultibodySystem:
+    if np.array_equal(bodies, np.arange(s.nb)) and np.array_equal(joints, np.arange(s.nj)):
+        return s
+    new = np.append(np.argsort(bodies), GROUND)  # new number of each body; the last entry, at -1, is the ground
+    return dataclasses.replace(
+        s,
+        mass=_frozen(s.mass[bodies]),
+        inertia=_frozen(s.inertia[bodies]),
+        joint_i=_frozen(new[s.joint_i[joints]]),
+        joint_j=_frozen(new[s.joint_j[joints]]),
+        joint_s_i=_frozen(s.joint_s_i[joints]),
+        joint_s_j=_frozen(s.joint_s_j[joints]),
+        joint_revolute=_frozen(s.joint_revolute[joints]),
+        joint_u=_frozen(s.joint_u[joints]),
+        joint_n=_frozen(s.joint_n[joints]),
+        spring_i=_frozen(new[s.spring_i]),
+        spring_j=_frozen(new[s.spring_j]),
+        body_names=tuple(s.body_names[b] for b in bodies) if s.body_names else (),
+        joint_names=tuple(s.joint_names[j] for j in joints) if s.joint_names else (),
+    )
+
+
+def _in_units(s: MultibodySystem, p: Posing) -> MultibodySystem:
+    L, M, T = p.unit_length, p.unit_mass, p.unit_time
+    if L == M == T == 1.0:
+        return s
+    return dataclasses.replace(
+        s,
+        mass=_frozen(s.mass * M),
+        inertia=_frozen(s.inertia * (M * L**2)),
+        gravity=_frozen(s.gravity * (L / T**2)),
+        joint_s_i=_frozen(s.joint_s_i * L),
+        joint_s_j=_frozen(s.joint_s_j * L),
+        spring_p_i=_frozen(s.spring_p_i * L),
+        spring_p_j=_frozen(s.spring_p_j * L),
+        spring_k=_frozen(s.spring_k * (M / T**2)),
+        spring_d0=_frozen(s.spring_d0 * L),
+        spring_c=_frozen(s.spring_c * (M / T)),
+    )
+
+
+def _frozen(a: np.ndarray) -> np.ndarray:
+    out = np.array(a)
+    out.setflags(write=False)
+    return out
