@@ -1,13 +1,12 @@
 """Series made small enough to draw, with every peak kept: largest value, or smallest and largest, per span of time."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 SPANS_UPPER = 240  # a panel is about 3 in wide: more spans than that are not seen
-SPANS_SIGNED = 320
+SPANS_SIGNED = 200
 
 
 @dataclass(frozen=True)
@@ -26,29 +25,40 @@ class Curve:
 def upper(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float) -> Curve:
     """The largest |a| in each span of time: what a bound must not be below. Values that are no numbers are left out."""
     t, a = _finite(t, np.abs(a))
-    at = [k[np.argmax(a[k])] for k in _spans(t, t_end, SPANS_UPPER)]
+    at = _firsts(a, _starts(t, t_end, SPANS_UPPER), np.maximum)
     return Curve(t[at], a[at])
 
 
 def signed(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float) -> Curve:
     """First, smallest, largest and last value in each span, in their order of time."""
     t, a = _finite(t, a)
-    at: list[int] = []
-    for k in _spans(t, t_end, SPANS_SIGNED):
-        at += sorted({int(k[0]), int(k[np.argmin(a[k])]), int(k[np.argmax(a[k])]), int(k[-1])})
+    starts = _starts(t, t_end, SPANS_SIGNED)
+    last = np.append(starts[1:], len(t)) - 1 if len(starts) else starts
+    at = np.unique(np.concatenate([starts, _firsts(a, starts, np.minimum), _firsts(a, starts, np.maximum), last]))
     return Curve(t[at], a[at])
 
 
 def band(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float) -> Curve:
     """Median, smallest and largest value in each span."""
     t, a = _finite(t, a)
-    spans = list(_spans(t, t_end, SPANS_UPPER))
-    return Curve(
-        np.array([t[k[-1]] for k in spans]),
-        np.array([np.median(a[k]) for k in spans]),
-        np.array([np.min(a[k]) for k in spans]),
-        np.array([np.max(a[k]) for k in spans]),
-    )
+    starts = _starts(t, t_end, SPANS_UPPER)
+    if not len(starts):
+        return Curve(t, a, a, a)
+    counts = np.diff(np.append(starts, len(t)))
+    ranked = a[np.lexsort((a, np.repeat(np.arange(len(starts)), counts)))]  # sorted within each span
+    middle = 0.5 * (ranked[starts + (counts - 1) // 2] + ranked[starts + counts // 2])
+    return Curve(t[starts + counts - 1], middle, ranked[starts], ranked[starts + counts - 1])
+
+
+def level(curve: Curve) -> Curve:
+    """Without the points inside stretches where nothing changes: a constant step needs two points."""
+    rows = [e for e in (curve.y, curve.low, curve.high) if e is not None]
+    if len(curve) < 3:
+        return curve
+    same = np.all([(e[1:-1] == e[:-2]) & (e[1:-1] == e[2:]) for e in rows], axis=0)
+    keep = np.flatnonzero(np.concatenate([[True], ~same, [True]]))
+    edges = [None if e is None else e[keep] for e in (curve.low, curve.high)]
+    return Curve(curve.t[keep], curve.y[keep], *edges)
 
 
 def _finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -58,10 +68,20 @@ def _finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return t[:n][good].astype(float), a[:n][good].astype(float)
 
 
-def _spans(t: np.ndarray, t_end: float, n: int) -> Iterator[np.ndarray]:
-    """Rows by span; all of [0, t_end] in ``n`` equal ones, so that curves of one figure have the same spans."""
+def _starts(t: np.ndarray, t_end: float, n: int) -> Int[np.ndarray, " spans"]:
+    """First row of each span; [0, t_end] in ``n`` equal ones, so that curves of one figure have the same spans."""
     if len(t) == 0:
-        return
+        return np.zeros(0, dtype=np.int64)
     whole = max(t_end if t_end > 0.0 else 0.0, float(t[-1]), 1e-300)
     span = np.minimum((t / whole * n).astype(np.int64), n - 1)
-    yield from np.split(np.arange(len(t)), np.flatnonzero(np.diff(span)) + 1)
+    return np.append(0, np.flatnonzero(np.diff(span)) + 1)
+
+
+def _firsts(a: np.ndarray, starts: np.ndarray, extreme: np.ufunc) -> Int[np.ndarray, " spans"]:
+    """The first row of each span that has its extreme value."""
+    if not len(starts):
+        return starts
+    counts = np.diff(np.append(starts, len(a)))
+    span = np.repeat(np.arange(len(starts)), counts)
+    hits = np.flatnonzero(a == extreme.reduceat(a, starts)[span])
+    return hits[np.unique(span[hits], return_index=True)[1]]

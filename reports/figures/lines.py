@@ -1,6 +1,6 @@
 """Lines of many cells in one panel: colour and marker by solver, dash by settings, a star where a run stopped."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from textwrap import fill
 
@@ -12,15 +12,12 @@ from matplotlib.ticker import MaxNLocator
 
 from reports.curves import Curve
 from reports.drawing import INK, PAPER, log_axis, plain
+from reports.limits import log_limits as log_limits
 from reports.motion import Motion
 from reports.palette import Look, dashes
 from reports.reading import Cell
 from reports.settings import shared_options
 from reports.words import time
-
-CAP = 1e4  # a motion that blew up is cut at so many times the problem's own scale, or others could not be seen
-SELDOM = 0.05  # of a line may lie below the lower edge: all errors begin at zero
-ROUNDING = 1e-17  # of that scale: what is below is drawn at the lower edge
 
 
 @dataclass(frozen=True)
@@ -73,19 +70,6 @@ def draw_end(ax: Axes, cell: Cell, x: float, y: float, look: Look) -> None:
     elif not cell.succeeded:
         ax.plot([x], [y], "X", color=look.colour, markersize=6.5, markeredgecolor=INK, markeredgewidth=0.6, zorder=6,
                 clip_on=False, gid=f"cross-{cell.record.cell}")  # fmt: skip
-
-
-def log_limits(curves: Iterable[Curve | None], scale: float) -> tuple[float, float]:
-    """Limits for a logarithmic axis: from rounding (of ``scale``) at the lowest to a cap at the highest."""
-    size = scale if np.isfinite(scale) and scale > 0.0 else 1.0
-    values = [e for c in curves if c is not None for e in (c.y, c.low, c.high) if e is not None]
-    seen = [v[v > size * ROUNDING] for v in values]
-    seen = [v for v in seen if len(v)]
-    if not seen:
-        return size * ROUNDING, size * ROUNDING * 1e3
-    top = min(max(float(np.max(v)) for v in seen), size * CAP)
-    low = min(float(np.quantile(v, SELDOM)) for v in seen)
-    return max(min(low, top) / 2.0, size * ROUNDING), top * 3.0
 
 
 @dataclass(frozen=True)
