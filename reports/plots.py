@@ -72,7 +72,7 @@ def plain(plot: Plot, looks: Mapping[str, Look]) -> dict[str, Any]:
 
 
 def _axis(axis: Axis) -> dict[str, Any]:
-    return {k: v for k, v in vars(axis).items() if v == v and v not in ("", False)}
+    return {k: v for k, v in vars(axis).items() if v == v and v != "" and v is not False}
 
 
 def _trace(trace: Trace, looks: Mapping[str, Look]) -> dict[str, Any]:

@@ -88,7 +88,7 @@ class Site:
         if plots:
             name = "plots-" + page.file.removesuffix(".html").replace("/", "-")
             own = {p.name: plain(p, self.looks) for p in plots}
-            scripts = [*PLOTTING, self.data(name, own), *scripts]
+            scripts = [self.data(name, own), *PLOTTING, *scripts]
             values["plots_data"] = name
         self._pending[page.file] = (page, template, {"scripts": scripts, "plots": list(plots), **values})
         return page
