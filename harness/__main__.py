@@ -1,22 +1,29 @@
 """``python -m harness``: the command line. 0 done, 1 a run or gate failed, 2 a wrong call (one line, no traceback)."""
 
+import importlib
 import os
+import pkgutil
+import signal
 import sys
+from types import ModuleType
+from typing import NoReturn
 
+import harness.commands
 from harness.environment import THREADS
+
+FIRST = ("catalogue", "solve", "run", "show", "report", "judge", "gate", "check", "verify", "diff", "merge", "history")
 
 os.environ.update(THREADS)  # before numpy is loaded, which reads them once
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse and run a subcommand; returns the exit code."""
-    from harness.commands import catalogue, check, diff, gate, kernels, merge, peers, report, run, show, solve, verify
     from harness.commands.terms import Parser
     from harness.pool import PoolError
 
     parser = Parser(prog="python -m harness", description="The referee of constrained multibody dynamics.")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
-    for command in (catalogue, solve, run, show, report, gate, check, verify, diff, merge, kernels, peers):
+    for command in _commands():
         command.add(commands)
     try:
         parsed = parser.parse_args(arguments)
@@ -32,5 +39,18 @@ def main(arguments: list[str] | None = None) -> int:
         return 0
 
 
+def _commands() -> list[ModuleType]:
+    """The modules of ``harness/commands/`` that add a command, those of ``FIRST`` first."""
+    names = [m.name for m in pkgutil.iter_modules(harness.commands.__path__)]
+    ordered = sorted(names, key=lambda n: (FIRST.index(n) if n in FIRST else len(FIRST), n))
+    modules = [importlib.import_module(f"harness.commands.{name}") for name in ordered]
+    return [m for m in modules if hasattr(m, "add")]
+
+
+def _terminated(number: int, frame: object) -> NoReturn:
+    raise SystemExit(128 + number)  # through every ``finally``: what runs is ended, nothing is left half-written
+
+
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, _terminated)
     sys.exit(main())

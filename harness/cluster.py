@@ -5,8 +5,10 @@ dies takes its supervisor's cells with it; Dask gives them to another. What is m
 a worker with other code than this checkout's is refused.
 """
 
+import contextlib
 import json
 import os
+import secrets
 import subprocess
 import sys
 import tempfile
@@ -19,9 +21,9 @@ from typing import Any
 
 from harness import environment
 from harness.job import Job, record_of
-from harness.pool import TICK, PoolError
+from harness.pool import TICK, PoolError, TimeLimit
 from harness.store import write_record
-from harness.supervisor import WARM
+from harness.supervisor import STOP, WARM
 from harness.types import Status
 from harness.warmup import cells_to_warm
 
@@ -41,11 +43,13 @@ class DaskPool:
     warmed: Callable[[dict[str, float]], None] = lambda times: None
     _flying: dict[Any, Job] = field(default_factory=dict)
 
-    def run(self, jobs: Sequence[Job]) -> None:
-        """Run all ``jobs``; returns when each has a record."""
+    def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
+        """Run all ``jobs``; returns when each has a record, or at the limit, when those that had begun have one."""
         if not jobs:
             return
         client = _client(self.address)
+        ticket = secrets.token_hex(8)  # names this run to the workers, which may serve others after it
+        stopped = False
         try:
             waiting = list(jobs)[::-1]
             seen = time.monotonic()
@@ -56,10 +60,16 @@ class DaskPool:
                     raise PoolError(
                         f"no worker at {self.address} for {PATIENCE:g} s; finished cells are kept (--resume)"
                     )
+                if limit is not None and not stopped and time.monotonic() > limit.until:
+                    waiting.clear()
+                    client.run(stop_here, ticket, limit.words)  # what has not begun there comes back without files
+                    stopped = True
                 while waiting and len(self._flying) < AHEAD * threads:
                     job = waiting.pop()
                     self.started(job)
-                    self._flying[client.submit(run_cell, job.to_json(), key=f"cell-{job.id}", retries=0)] = job
+                    self._flying[
+                        client.submit(run_cell, job.to_json(), ticket, key=f"{ticket}-{job.id}", retries=0)
+                    ] = job
                 self._collect()
                 self.tick()
         except OSError as error:
@@ -80,6 +90,8 @@ class DaskPool:
         for future in [f for f in self._flying if f.done()]:
             job = self._flying.pop(future)
             failed = future.exception()
+            if failed is None and not future.result():
+                continue
             if failed is None:
                 _store(job, future.result())
             elif isinstance(failed, distributed.KilledWorker):
@@ -90,9 +102,22 @@ class DaskPool:
             self.ended(job)
 
 
-def run_cell(text: str) -> dict[str, bytes]:
-    """On a worker: run the job and return its files by place in the run folder."""
+_stopped: set[str] = set()  # on a worker: tickets of runs that have met their limit
+_serving: dict[str, list["_Supervisor"]] = {}  # on a worker: the supervisors that run a ticket's cells
+
+
+def stop_here(ticket: str, words: str) -> None:
+    """On a worker: end the cells of that run, and let no other of it begin."""
+    _stopped.add(ticket)
+    for supervisor in list(_serving.get(ticket, ())):
+        supervisor.stop(words)
+
+
+def run_cell(text: str, ticket: str = "") -> dict[str, bytes]:
+    """On a worker: run the job and return its files by place in the run folder; none if its run was stopped before."""
     job = Job.from_json(text)
+    if ticket in _stopped:
+        return {}
     here = environment.code_digest(job.plugins)
     if here != job.code:
         raise RuntimeError(f"its code {here} is not the runner's {job.code}: use the same checkout and packages")
@@ -100,7 +125,12 @@ def run_cell(text: str) -> dict[str, bytes]:
         local = replace(job, folder=Path(place))
         for part in ("cells", "series", "stderr"):
             (local.folder / part).mkdir()
-        _supervisor().run(local)
+        supervisor = _supervisor()
+        _serving.setdefault(ticket, []).append(supervisor)
+        try:
+            supervisor.run(local)
+        finally:
+            _serving[ticket].remove(supervisor)
         parts = ("cells", "series", "stderr")
         return {f"{part}/{p.name}": p.read_bytes() for part in parts for p in (local.folder / part).iterdir()}
 
@@ -136,6 +166,13 @@ class _Supervisor:
         answer = self._ask(job.to_json().encode())
         if answer["error"]:
             raise RuntimeError(answer["error"])
+
+    def stop(self, words: str) -> None:
+        """From another thread: end the cell that runs; its record says why."""
+        assert self.process.stdin is not None
+        with contextlib.suppress(OSError):  # it has just gone
+            self.process.stdin.write(STOP + words.encode() + b"\n")
+            self.process.stdin.flush()
 
     def _ask(self, line: bytes) -> dict[str, Any]:
         assert self.process.stdin is not None and self.process.stdout is not None

@@ -2,6 +2,7 @@
 
 import math
 import re
+from typing import Any
 from xml.etree import ElementTree
 
 from harness.gate import Finding, State, Verdict, has_moved
@@ -42,6 +43,29 @@ def markdown(verdict: Verdict, suite: str) -> str:
             out.append("| " + " | ".join(map(_markdown, cells)) + " |")
         out.append("")
     return "\n".join(out)
+
+
+def as_plain(verdict: Verdict, suite: str) -> dict[str, Any]:
+    """JSON-able: None for numbers that do not exist."""
+    findings = [
+        {
+            "state": f.state.name, "case": f.case, "metric": f.what, "measured": _or_none(f.measured),
+            "value": _or_none(f.value), "bound": f.bound, "unit": f.unit, "why": f.words, "moved": has_moved(f),
+        }
+        for f in verdict.findings
+    ]  # fmt: skip
+    counts = {s.name: sum(f.state is s for f in verdict.findings) for s in sorted(State, reverse=True)}
+    return {
+        "suite": suite,
+        "open": verdict.is_open,
+        "state": verdict.state.name,
+        "counts": counts,
+        "findings": findings,
+    }
+
+
+def _or_none(x: float) -> float | None:
+    return x if math.isfinite(x) else None
 
 
 def said(f: Finding) -> str:

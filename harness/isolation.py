@@ -4,6 +4,7 @@ Forked from a single-threaded parent that has numpy, numba, casadi and the catal
 milliseconds where a fresh interpreter takes a second.
 """
 
+import ctypes
 import errno
 import os
 import resource
@@ -18,6 +19,7 @@ from pathlib import Path
 OUTPUT_LIMIT = 2**30  # [bytes] largest file a cell may write
 CANNOT_WRITE = 74  # exit code (EX_IOERR): the disk is full, which is nobody's result
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+PR_SET_PDEATHSIG = 1  # prctl(2)
 STDERR_KEPT = 2**16  # [bytes] of each end of a longer standard error
 
 
@@ -37,6 +39,7 @@ def fork(target: Callable[[Callable[[str], None]], None], stderr: Path, memory: 
     if threading.active_count() > 1:
         raise RuntimeError(f"fork needs a single thread (got {threading.active_count()})")
     stderr.parent.mkdir(parents=True, exist_ok=True)
+    parent = os.getpid()
     read, write = os.pipe()
     sys.stdout.flush()
     sys.stderr.flush()
@@ -49,6 +52,7 @@ def fork(target: Callable[[Callable[[str], None]], None], stderr: Path, memory: 
         os.closerange(3, write)  # the parent's own
         os.closerange(write + 1, 1024)
         os.setsid()  # a group of its own: killed whole, with whatever it started
+        _end_with(parent)
         _redirect(stderr)
         _limit(memory, cpu)
         for name in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
@@ -62,6 +66,14 @@ def fork(target: Callable[[Callable[[str], None]], None], stderr: Path, memory: 
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
+
+
+def _end_with(parent: int) -> None:
+    """Die when the parent does, even by SIGKILL: nobody is left who could end this process at its limits."""
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it went before we asked
+            os._exit(70)
 
 
 def kill_group(pid: int) -> None:

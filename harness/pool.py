@@ -8,6 +8,7 @@ import os
 import select
 import subprocess
 import sys
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 from harness.environment import ROOT, THREADS
 from harness.job import Job, record_of
 from harness.store import write_record
-from harness.supervisor import WARM
+from harness.supervisor import STOP, WARM
 from harness.types import Status
 from harness.warmup import cells_to_warm
 
@@ -24,6 +25,14 @@ TICK = 0.25  # [s] between two looks at the clock
 
 class PoolError(RuntimeError):
     """The cells cannot be run here; finished ones are stored."""
+
+
+@dataclass(frozen=True)
+class TimeLimit:
+    """When a whole run has to end."""
+
+    until: float  # of time.monotonic()
+    words: str  # the message of cells that ran then
 
 
 @dataclass
@@ -38,9 +47,12 @@ class LocalPool:
     _flying: dict[str, Job] = field(default_factory=dict)
     _compiling: bool = False
     _attempts: dict[str, int] = field(default_factory=dict)
+    _limit: TimeLimit | None = None
+    _stopped: bool = False
 
-    def run(self, jobs: Sequence[Job]) -> None:
-        """Run all ``jobs``; returns when each has a record."""
+    def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
+        """Run all ``jobs``; returns when each has a record, or at the limit, when those that had begun have one."""
+        self._limit = limit
         waiting = list(jobs)[::-1]
         deaths = 0
         while waiting or self._flying:
@@ -49,9 +61,13 @@ class LocalPool:
             if code is None:
                 return
             deaths = deaths + 1 if len(waiting) == before else 1  # the supervisor died; a cell may have done it
-            if deaths > 3:
+            if deaths > 3 and not self._over():
                 raise PoolError(f"the supervisor process ends with code {code} again and again")
             for job in self._flying.values():
+                if self._limit is not None and self._over():
+                    write_record(job.folder, record_of(job, Status.STALLED, message=self._limit.words))
+                    self.ended(job)
+                    continue
                 if self._attempts[job.id] < 2:
                     waiting.append(job)
                     continue
@@ -74,6 +90,10 @@ class LocalPool:
         try:
             self._warm(process, waiting)
             while True:
+                if self._limit is not None and self._over():
+                    waiting.clear()
+                    self._compiling = False
+                    self._stop(process, self._limit.words)
                 while waiting and not self._compiling and len(self._flying) < self.size:
                     self._send(process, waiting.pop())
                 if not self._flying and not self._compiling:
@@ -94,6 +114,18 @@ class LocalPool:
             process.stdin.close()  # tells it to kill what runs and to leave
             process.wait()
             process.stdout.close()
+
+    def _over(self) -> bool:
+        return self._limit is not None and time.monotonic() > self._limit.until
+
+    def _stop(self, process: subprocess.Popen, words: str) -> None:
+        """Once: end what runs."""
+        if self._stopped or not self._flying:
+            return
+        self._stopped = True
+        assert process.stdin is not None
+        process.stdin.write(STOP + words.encode() + b"\n")
+        process.stdin.flush()
 
     def _warm(self, process: subprocess.Popen, waiting: list[Job]) -> None:
         """Let the supervisor compile before any clock runs."""

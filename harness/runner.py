@@ -4,6 +4,7 @@ import datetime
 import json
 import os
 import shutil
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from typing import Protocol
 from harness import environment, store
 from harness.including import OWN_COPY
 from harness.job import Job
-from harness.pool import LocalPool
+from harness.pool import LocalPool, TimeLimit
 from harness.records import RunRecord
 from harness.store import Loaded, Unreadable
 from harness.suites import Suite
@@ -21,8 +22,11 @@ from harness.suites import Suite
 class Executor(Protocol):
     """Runs cells somewhere: ``harness.pool`` on this machine, ``harness.cluster`` on others."""
 
-    def run(self, jobs: Sequence[Job]) -> None:
-        """Run all ``jobs``; returns when each has a record in its folder. PoolError when that cannot be."""
+    def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
+        """Run all ``jobs``; returns when each has a record in its folder. PoolError when that cannot be.
+
+        At the ``limit`` running cells are ended as stalled with its words, and those that have not begun are left.
+        """
         ...
 
 
@@ -49,6 +53,10 @@ class Watcher(Protocol):
         """Time passes."""
         ...
 
+    def stopped(self, left: Sequence[Job], limit: float) -> None:
+        """The run has met its limit [s]; the cells ``left`` had not begun and have no record."""
+        ...
+
 
 @dataclass(frozen=True)
 class Request:
@@ -65,6 +73,7 @@ class Request:
 def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] = LocalPool) -> Loaded:
     """Run what is not done yet; returns the records of this suite's cells, damaged files apart."""
     suite, folder = request.suite, request.folder
+    limit = _limit(suite)
     if not request.resume and (folder / "cells").exists() and any((folder / "cells").iterdir()):
         raise store.StoreError(f"{folder} already holds results; add --resume to go on with it, or give another --out")
     store.create(folder)
@@ -83,12 +92,24 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
             watcher.ended(job, store.read_record(folder / "cells" / f"{job.id}.json"))
 
         try:
-            pool(request.jobs, watcher.started, ended, watcher.tick, watcher.warmed).run(waiting)
+            pool(request.jobs, watcher.started, ended, watcher.tick, watcher.warmed).run(waiting, limit)
         finally:
             loaded = _of_suite(folder, {job.id for job in jobs}, before.unreadable)
             store.write_table(folder, loaded.records)
             store.point_latest(folder)
+        there = {r.cell for r in loaded.records}
+        left = [job for job in waiting if job.id not in there]
+        if limit is not None and suite.total_limit and (left or time.monotonic() > limit.until):
+            watcher.stopped(left, suite.total_limit)
     return loaded
+
+
+def _limit(suite: Suite) -> TimeLimit | None:
+    """Counted from here, compilation included; going on with a run begins anew."""
+    if suite.total_limit is None:
+        return None
+    words = f"killed when the whole run met its limit of {suite.total_limit:g} s (total_limit of the suite)"
+    return TimeLimit(time.monotonic() + suite.total_limit, words)
 
 
 def jobs_of(suite: Suite, folder: Path) -> list[Job]:

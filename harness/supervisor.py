@@ -1,12 +1,13 @@
 """Forks one process a cell, keeps its limits, and sees that every cell ends as a record.
 
 ``python -m harness.supervisor`` is the long-lived, single-threaded parent of the cells: jobs come as JSON lines on
-standard input, the address of each finished cell goes out as one. At the end of its input (the runner is
-gone) it kills what runs and leaves.
+standard input, the address of each finished cell goes out as one. ``stop WORDS`` ends every running cell as stalled
+for that reason. At the end of its input (the runner is gone) it kills what runs and leaves.
 """
 
 import json
 import os
+import select
 import selectors
 import signal
 import sys
@@ -24,8 +25,10 @@ from harness.warmup import warm_apart_then_here
 
 GRACE = 2.0  # [s] over the wall limit, then killed: a solver was asked to stop at 0.9 of the limit
 MEASURE_LIMIT = 120.0  # [s] for metrics once the solver is done, reference included
+STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a cell had kept, when the whole run is stopped
 POLL = 0.1  # [s]
 WARM = b"warm "  # begins the line that asks for compilation ahead of the cells
+STOP = b"stop "  # begins the line that ends all cells, followed by the reason
 
 
 @dataclass
@@ -56,6 +59,7 @@ class Supervisor:
     def __init__(self) -> None:
         self.running: dict[int, Running] = {}  # by pipe
         self.selector = selectors.DefaultSelector()
+        self.stopped = ""  # why all cells were ended
 
     def start(self, job: Job) -> None:
         """Fork the cell's process."""
@@ -83,6 +87,16 @@ class Supervisor:
                 ended = self._ended(run, os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024.0)
                 if ended is not None:
                     yield ended
+
+    def stop(self, words: str) -> None:
+        """End every running cell now; each comes back with a record that says why, and with the steps it had kept."""
+        self.stopped = words
+        for run in self.running.values():
+            if run.instead is not None:
+                run.deadline = min(run.deadline, time.monotonic() + STOPPED_MEASURE_LIMIT)
+            elif not run.killed:
+                run.killed = "stop"
+                kill_group(run.child.pid)
 
     def kill_all(self) -> None:
         """End every running cell, without records."""
@@ -113,7 +127,7 @@ class Supervisor:
             return Ended(job)
         if exit_code == CANNOT_WRITE:
             return Ended(job, f"cannot write to {job.folder}: no space left")
-        record = run.instead or _bare(run, exit_code, peak)
+        record = run.instead or _bare(run, exit_code, peak, self.stopped)
         if run.instead is None and not run.measuring and job.spool.exists() and job.spool.stat().st_size > 0:
             self._salvage(run, record)
             return None
@@ -133,16 +147,17 @@ class Supervisor:
                 registry.load_plugin(plugin)
             store.write_record(job.folder, worker.salvaged(job, record))
 
-        child = fork(measure_and_store, words, job.cell.memory, MEASURE_LIMIT)
+        limit = STOPPED_MEASURE_LIMIT if self.stopped else MEASURE_LIMIT
+        child = fork(measure_and_store, words, job.cell.memory, limit)
         os.set_blocking(child.phase, False)
-        until = time.monotonic() + MEASURE_LIMIT
+        until = time.monotonic() + limit
         self.running[child.phase] = Running(job, child, run.began, until, measuring=True, instead=record)
         self.selector.register(child.phase, selectors.EVENT_READ)
 
 
-def _bare(run: Running, exit_code: int, peak: float) -> RunRecord:
+def _bare(run: Running, exit_code: int, peak: float, stopped: str) -> RunRecord:
     """The record of a process that left none."""
-    status, message = explain(run, exit_code, peak)
+    status, message = (Status.STALLED, stopped) if run.killed == "stop" else explain(run, exit_code, peak)
     return record_of(
         run.job,
         status,
@@ -195,12 +210,21 @@ def serve(jobs: int, results: int) -> None:
             for line in lines:
                 if line.startswith(WARM):
                     cells = [Cell.from_plain(plain) for plain in json.loads(line.removeprefix(WARM))]
-                    answer = {"warm": warm_apart_then_here(cells)}
+                    answer = {"warm": warm_apart_then_here(cells, lambda: _closed(jobs))}
                     os.write(results, (json.dumps(answer) + "\n").encode())
+                elif line.startswith(STOP):
+                    supervisor.stop(line.removeprefix(STOP).decode())
                 else:
                     supervisor.start(Job.from_json(line.decode()))
     finally:
         supervisor.kill_all()
+
+
+def _closed(descriptor: int) -> bool:
+    """Whether nobody can write to this pipe any more."""
+    poll = select.poll()
+    poll.register(descriptor, select.POLLHUP)
+    return any(event & select.POLLHUP for _, event in poll.poll(0))
 
 
 def preload() -> None:

@@ -48,16 +48,17 @@ def warm(cells: Sequence[Cell]) -> dict[str, float]:
     return out
 
 
-def warm_apart_then_here(cells: Sequence[Cell]) -> dict[str, float]:
-    """Warm in a forked process, then here what went well there; the times [s] of the first."""
+def warm_apart_then_here(cells: Sequence[Cell], unwanted: Callable[[], bool] = lambda: False) -> dict[str, float]:
+    """Warm in a forked process, then here what went well there; the times [s] of the first. Ends when ``unwanted``."""
     with tempfile.TemporaryDirectory() as place:
         note = Path(place) / "times.json"
-        times = _apart(cells, note, Path(place) / "stderr")
-    warm([cell for cell in cells if cell.solver in times])
+        times = _apart(cells, note, Path(place) / "stderr", unwanted)
+    if not unwanted():
+        warm([cell for cell in cells if cell.solver in times])
     return times
 
 
-def _apart(cells: Sequence[Cell], note: Path, stderr: Path) -> dict[str, float]:
+def _apart(cells: Sequence[Cell], note: Path, stderr: Path, unwanted: Callable[[], bool]) -> dict[str, float]:
     def run(tell: Callable[[str], None]) -> None:
         done: dict[str, float] = {}
         for cell in cells:
@@ -70,7 +71,7 @@ def _apart(cells: Sequence[Cell], note: Path, stderr: Path) -> dict[str, float]:
     while True:
         if os.waitpid(child.pid, os.WNOHANG)[0]:
             break
-        if time.monotonic() > until:
+        if time.monotonic() > until or unwanted():
             kill_group(child.pid)
             os.waitpid(child.pid, 0)
             break

@@ -1,27 +1,42 @@
 """``gate``: run the short suite and hold it against the committed thresholds."""
 
 import argparse
+import contextlib
 import difflib
+import json
 import math
 import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from harness import store
 from harness.commands.progress import progress
 from harness.commands.run import add_running, existing, jobs
+from harness.commands.screen import Column, fitted, lines, screen
 from harness.commands.terms import UsageError, check_writable, load_plugins
 from harness.gate import State, Verdict, has_moved, judge, tightened
-from harness.gate_files import junit, markdown
+from harness.gate_files import as_plain, junit, markdown
+from harness.history import GATES, rows_of, write_rows
 from harness.proposal import proposed
+from harness.provenance import stamp_of
 from harness.runner import Request, new_folder, run_suite
 from harness.suites import Suite, load_suite
 from harness.thresholds import FOLDER, Thresholds, read_thresholds, write_thresholds
 
+COLUMNS = (
+    Column("state", right=False),
+    Column("case", right=False, fold=True),
+    Column("metric", right=False, fold=True, least=12),
+    Column("measured"),
+    Column("was", rank=2),
+    Column("bound", rank=1, right=False, fold=True, least=10),
+    Column("unit", rank=3, right=False),
+    Column("why", right=False, fold=True, least=16),
+)
 STYLE = {State.FAIL: "bold red", State.XPASS: "yellow", State.XFAIL: "cyan", State.PASS: "green"}
 
 
@@ -35,6 +50,7 @@ def add(commands: Any) -> None:
     p.add_argument("--loosen", action="store_true", help="with --update: propose wider bounds too")
     p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
     p.add_argument("--all", action="store_true", help="show every threshold, not only what failed or moved")
+    p.add_argument("--json", action="store_true", help="one JSON object, for machines")
     p.add_argument("--junit", metavar="FILE", help="write the verdict as JUnit XML")
     p.add_argument("--markdown", metavar="FILE", help="write what failed or moved as Markdown")
     add_running(p)
@@ -45,7 +61,13 @@ def run(arguments: argparse.Namespace) -> int:
     """0 if nothing failed and something was judged, else 1."""
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     path = Path(arguments.thresholds) if arguments.thresholds else FOLDER / f"{suite.name}.toml"
-    for given, other in (("junit", "update"), ("markdown", "update"), ("loosen", ""), ("write", "")):
+    for given, other in (
+        ("junit", "update"),
+        ("markdown", "update"),
+        ("json", "update"),
+        ("loosen", ""),
+        ("write", ""),
+    ):
         if getattr(arguments, given) and (arguments.update if other else not arguments.update):
             raise UsageError(f"--{given} goes {'without' if other else 'with'} --update")
     for file in filter(None, (arguments.junit, arguments.markdown)):
@@ -53,44 +75,65 @@ def run(arguments: argparse.Namespace) -> int:
     thresholds = Thresholds(suite.name, (), {})
     if path.exists() or not arguments.update:
         thresholds = read_thresholds(path)
-    loaded = _loaded(arguments, suite)
+    done = _done(arguments, suite)
+    loaded = done.loaded
     if arguments.update:
         return _update(path, thresholds, loaded, loosen=arguments.loosen, write=arguments.write)
     verdict = judge(suite.cells, loaded.records, thresholds)
-    _print(verdict, everything=arguments.all)
+    if arguments.json:
+        lines().print(json.dumps(as_plain(verdict, suite.name), ensure_ascii=False, allow_nan=False))
+    else:
+        _print(verdict, everything=arguments.all)
     for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
         if file:
             store.write_text(Path(file), made(verdict, suite.name))
+    _remember(done, verdict)
     return 0 if verdict.is_open else 1
 
 
-def _loaded(arguments: argparse.Namespace, suite: Suite) -> store.Loaded:
+@dataclass(frozen=True)
+class Done:
+    """A run to be judged."""
+
+    name: str
+    stamp: Mapping[str, Any]
+    loaded: store.Loaded
+
+
+def _done(arguments: argparse.Namespace, suite: Suite) -> Done:
     if arguments.folder:
-        return store.load(existing(arguments.folder))
+        folder = existing(arguments.folder)
+        return Done(folder.resolve().name, stamp_of(folder), store.load(folder))
     with tempfile.TemporaryDirectory() as place:
-        folder = Path(arguments.out) if arguments.out else Path(place) / new_folder(suite.name).name
-        with progress() as watcher:
+        name = new_folder(suite.name).name
+        folder = Path(arguments.out) if arguments.out else Path(place) / name
+        with progress(quiet=arguments.json) as watcher:
             loaded = run_suite(Request(suite, folder, jobs(arguments.jobs)), watcher)
-    return loaded
+        return Done(name, stamp_of(folder), loaded)
+
+
+def _remember(done: Done, verdict: Verdict) -> None:
+    """Rows for the history, with each cell's worst state; a folder that cannot be written costs the history only."""
+    worst: dict[str, str] = {}
+    for f in verdict.findings:  # the worst come first
+        worst.setdefault(f.case, f.state.name)
+    with contextlib.suppress(OSError):
+        write_rows(
+            store.LOCAL / GATES / f"{done.name}.jsonl", rows_of(done.name, done.stamp, done.loaded.records, worst)
+        )
 
 
 def _print(verdict: Verdict, *, everything: bool) -> None:
-    out = Console()
-    if not out.is_terminal:
-        out = Console(width=220)
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for name in ("state", "case", "metric", "measured", "was", "bound", "unit", "why"):
-        table.add_column(name, overflow="fold")
+    out = screen()
     shown = [f for f in verdict.findings if everything or f.state is not State.PASS or has_moved(f)]
+    rows = []
     for f in shown:
         was = "" if math.isnan(f.value) else f"{f.value:.3g} ({_moved(f.measured, f.value)})"
         measured = "" if math.isnan(f.measured) else f"{f.measured:.4g}"
         words = f.words if f.state is not State.PASS else ""
-        table.add_row(
-            Text(f.state.name, STYLE[f.state]), Text(f.case), f.what, measured, was, f.bound, Text(f.unit), Text(words)
-        )
-    if shown:
-        out.print(table)
+        rows.append((Text(f.state.name, STYLE[f.state]), f.case, f.what, measured, was, f.bound, f.unit, words))
+    if rows:
+        out.print(fitted(COLUMNS, rows, out.width))
     if len(shown) < len(verdict.findings):
         out.print(f"{len(verdict.findings) - len(shown)} more pass and have not moved by 1 % (--all shows them)")
     counts = {s: sum(f.state is s for f in verdict.findings) for s in sorted(State, reverse=True)}
@@ -107,7 +150,7 @@ def _moved(measured: float, value: float) -> str:
 def _update(path: Path, old: Thresholds, loaded: store.Loaded, *, loosen: bool, write: bool) -> int:
     new = write_thresholds(tightened(old, loaded.records, proposed(loaded.records), loosen=loosen))
     before = path.read_text(encoding="utf-8") if path.exists() else ""
-    out = Console(highlight=False, markup=False, soft_wrap=True)
+    out = lines()
     if write:
         store.write_text(path, new)
         out.print(f"written: {path}")

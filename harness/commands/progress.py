@@ -3,7 +3,7 @@
 import json
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,6 +15,7 @@ from harness.records import RunRecord
 from harness.store import Loaded, Unreadable
 from harness.types import Status
 
+LISTED = 50  # cells named at most
 STYLE = {Status.SUCCESS: "green", Status.REFUSED: "cyan", Status.WRONG: "bold red"}
 
 
@@ -28,6 +29,7 @@ class Watch:
         self.opened = self.began = time.monotonic()
         self.running: dict[str, tuple[Job, float]] = {}
         self.worst = (0.0, "")
+        self.left = 0  # cells that a limit on the whole run has kept from beginning
 
     def begin(self, folder: Path, total: int, done: int, unreadable: tuple[Unreadable, ...]) -> None:
         self.total, self.before, self.began = total, done, time.monotonic()
@@ -74,6 +76,15 @@ class Watch:
             left=self._left(),
         )
         self.bar.refresh()
+
+    def stopped(self, left: Sequence[Job], limit: float) -> None:
+        self.left = len(left)
+        self._say(f"stopped at the limit of {limit:g} s for the whole run (total_limit)", "yellow")
+        for job in left[:LISTED]:
+            self._say(f"left: {job.cell.case}")
+        if left:
+            more = f" ({len(left) - LISTED} more are not listed)" if left[LISTED:] else ""
+            self._say(f"{len(left)} cells were not begun and have no result; --resume runs them{more}")
 
     def finish(self, folder: Path, loaded: Loaded) -> None:
         """The last line: how many ended how, and where they are."""

@@ -36,7 +36,7 @@ def add_running(p: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run; 0 whatever the cells' statuses are (failures are results), 2 for a wrong call."""
+    """Run; 0 whatever the cells' statuses are (failures are results), 1 if a limit left cells out."""
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     folder = Path(arguments.out) if arguments.out else None
     if folder is None and arguments.resume:
@@ -49,7 +49,7 @@ def run(arguments: argparse.Namespace) -> int:
     with progress() as watcher:
         loaded = run_suite(request, watcher, executor(arguments.cluster))
     watcher.finish(request.folder, loaded)
-    return 0
+    return 1 if watcher.left else 0
 
 
 def executor(address: str | None) -> Callable[..., Executor]:
@@ -58,7 +58,10 @@ def executor(address: str | None) -> Callable[..., Executor]:
         return LocalPool
     from harness.cluster import DaskPool
 
-    return lambda size, *watching: DaskPool(address, *watching)
+    def dask(size: int, *watching: Any) -> Executor:
+        return DaskPool(address, *watching)
+
+    return dask
 
 
 def shard(given: str | None) -> tuple[int, int]:

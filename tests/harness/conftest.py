@@ -35,6 +35,7 @@ class Silent:
     def __init__(self) -> None:
         self.ran: list[str] = []
         self.set_aside: list[str] = []
+        self.left: list[str] = []
 
     def begin(self, folder, total, done, unreadable):
         self.set_aside = [u.path.name for u in unreadable]
@@ -47,6 +48,9 @@ class Silent:
 
     def warmed(self, times):
         pass
+
+    def stopped(self, left, limit):
+        self.left = [job.cell.case for job in left]
 
     def tick(self):
         pass

@@ -1,0 +1,117 @@
+"""The terminal: consoles of the right width, tables that fit, numbers and series in a few characters."""
+
+import itertools
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from rich.cells import cell_len
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+PIPED = 200  # columns where no terminal says how many: a case on one line, for grep
+BARS = "▁▂▃▄▅▆▇█"
+DECADES = 16.0  # shown at most
+GAP = 2  # columns of text between two columns of a table
+
+
+def screen() -> Console:
+    """For tables: as wide as the terminal (or COLUMNS), else wide enough to fold nothing."""
+    out = Console(highlight=False)
+    return out if out.is_terminal or os.environ.get("COLUMNS") else Console(width=PIPED, highlight=False)
+
+
+def lines() -> Console:
+    """For lines that are not to be folded: messages and JSON."""
+    return Console(highlight=False, markup=False, soft_wrap=True)
+
+
+def errors() -> Console:
+    """The same on standard error."""
+    return Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of a table; those with the largest ``rank`` go first where a terminal is too narrow."""
+
+    name: str
+    rank: int = 0
+    right: bool = True
+    fold: bool = False  # may be folded to ``least`` characters
+    least: int = 24
+
+
+def fitted(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], width: int) -> Table:
+    """A table of at most ``width`` columns of text: first columns of large rank are left out, then text folds."""
+    needs = [
+        max([cell_len(c.name), *(cell_len(str(row[k])) for row in rows)]) for k, c in enumerate(columns)
+    ]  # what each would take unfolded
+    kept = list(range(len(columns)))
+
+    def least() -> int:
+        return sum(min(needs[k], columns[k].least) if columns[k].fold else needs[k] for k in kept) + GAP * len(kept)
+
+    while least() > width and any(columns[k].rank for k in kept):
+        kept.remove(max(kept, key=lambda k: columns[k].rank))
+    room = _room(columns, kept, needs, width)
+    table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False)
+    for k in kept:
+        c = columns[k]
+        justify: Literal["left", "right"] = "right" if c.right else "left"
+        table.add_column(Text(c.name), justify=justify, overflow="fold", no_wrap=not c.fold, width=room[k])
+    for row in rows:
+        cells = [row[k] if isinstance(row[k], Text) else Text(_loose(str(row[k]), room[k])) for k in kept]
+        table.add_row(*cells)
+    return table
+
+
+def _room(columns: Sequence[Column], kept: Sequence[int], needs: Sequence[int], width: int) -> dict[int, int]:
+    """Characters for each column: what it needs, or a share of what is left for those that may be folded."""
+    room = {k: needs[k] for k in kept if not columns[k].fold}
+    left = width - sum(room.values()) - GAP * len(kept)
+    folding = sorted((k for k in kept if columns[k].fold), key=lambda k: needs[k])
+    for n, k in enumerate(folding):  # the shortest first: what it does not need is for the others
+        room[k] = max(1, min(needs[k], left // (len(folding) - n)))
+        left -= room[k]
+    return room
+
+
+def _loose(text: str, room: int) -> str:
+    """Lists of options with blanks where they would be broken at any character otherwise."""
+    return text if cell_len(text) <= room else text.replace(",", ", ").replace("[", " [")
+
+
+def number(value: float) -> str:
+    """Three digits, or a dash where there is none."""
+    return "-" if math.isnan(value) else f"{value:.3g}"
+
+
+def sparkline(values: Sequence[float], width: int, *, log: bool = True) -> str:
+    """``values`` in ``width`` characters, the largest of each stretch; ``log``: a bar is a power of ten or more.
+
+    A blank stands for values that are not there; values of zero stand at the bottom.
+    """
+    if not values:
+        return ""
+    width = min(width, len(values))
+    edges = [round(k * len(values) / width) for k in range(width + 1)]
+    parts = [[x for x in values[a:b] if math.isfinite(x)] for a, b in itertools.pairwise(edges)]
+    tops = [max(part, key=abs) if part else math.nan for part in parts]
+    if log:
+        tops = [math.log10(abs(x)) if x else -math.inf for x in tops]  # NaN stays NaN
+    seen = [x for x in tops if math.isfinite(x)]
+    high, low = max(seen, default=0.0), min(seen, default=0.0)
+    if log:  # a bar a decade at least, nothing below rounding
+        low = max(min(low, high - (len(BARS) - 1)), high - DECADES)
+    return "".join(_bar(x, low, high) for x in tops)
+
+
+def _bar(x: float, low: float, high: float) -> str:
+    if math.isnan(x):
+        return " "
+    share = (x - low) / (high - low) if high > low else 0.0
+    return BARS[round(min(max(share, 0.0), 1.0) * (len(BARS) - 1))]
