@@ -69,6 +69,7 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
         problem_parameters=_json(cell.parameters),
         solver=cell.solver,
         paper_label=_label(cell.solver),
+        declared_order=_order(cell.solver),
         solver_options=_json(cell.options),
         control="rtol" if control.dt is None else "dt",
         dt_s=_or_nan(control.dt),
@@ -88,6 +89,11 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
 def _label(solver: str) -> str:
     entry = registry.solvers().get(solver)
     return entry.paper_label if entry else ""
+
+
+def _order(solver: str) -> float:
+    entry = registry.solvers().get(solver)
+    return entry.order if entry else math.nan
 
 
 def _json(values: Mapping[str, Any]) -> str:

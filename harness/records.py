@@ -40,6 +40,7 @@ class RunRecord:
     problem_parameters: str = column("JSON: those that differ from the defaults", "{}")
     solver: str = column("name in solvers/", "")
     paper_label: str = column("the paper's name of such a solver", "")
+    declared_order: float = column("order in dt the solver claims for its fixed steps; NaN if it claims none")
     solver_options: str = column("JSON: those that differ from the defaults", "{}")
     control: str = column("'dt' (fixed step) or 'rtol' (error control)", "")
     dt_s: float = column("fixed step asked for")

@@ -6,6 +6,7 @@ A problem file holds one function marked ``@problem``, a solver file one datacla
 import dataclasses
 import importlib
 import inspect
+import math
 import pkgutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -69,6 +70,7 @@ class SolverEntry:
     doc: str
     paper_label: str
     control: str
+    order: float = math.nan  # the solver's own claim, of its fixed steps; certificates hold it to that
 
 
 def problem(name: str) -> Callable[[Callable[..., Problem]], Callable[..., Problem]]:
@@ -271,4 +273,7 @@ def _solver_entry(name: str, cls: Any) -> SolverEntry:
         if "parameter" not in f.metadata or f.default is dataclasses.MISSING:
             raise TypeError(f"solver {name}: {f.name} must be made by harness.options.option, with a default")
     own = {f.name: (f.default, f.metadata["parameter"]) for f in dataclasses.fields(cls)}
-    return SolverEntry(name, cls, own, _first_line(cls), cls.paper_label, cls.control)
+    order = getattr(cls, "order", math.nan)
+    if isinstance(order, bool) or not isinstance(order, int | float):
+        raise TypeError(f"solver {name}: order must be a number, the order in dt it claims (got {order!r})")
+    return SolverEntry(name, cls, own, _first_line(cls), cls.paper_label, cls.control, float(order))

@@ -214,7 +214,10 @@ class Trajectory:
 
 @runtime_checkable
 class Solver(Protocol):
-    """A frozen dataclass of options (module ``harness.options``) with two methods; one file in ``solvers/`` each."""
+    """A frozen dataclass of options (module ``harness.options``) with two methods; one file in ``solvers/`` each.
+
+    A solver of fixed steps may also say ``order: ClassVar[float]``, the order in dt that certificates hold it to.
+    """
 
     name: ClassVar[str]
     paper_label: ClassVar[str]

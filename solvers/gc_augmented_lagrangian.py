@@ -47,6 +47,7 @@ class GcAugmentedLagrangian(GaugeChoices):
     name: ClassVar[str]
     paper_label: ClassVar[str] = "ODE-GC (AL)"
     control: ClassVar[str] = "dt"
+    order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Only options that do not fit."""

@@ -24,6 +24,7 @@ class GcWeakForm(GaugeChoices):
     name: ClassVar[str]
     paper_label: ClassVar[str] = "ODE-GC"
     control: ClassVar[str] = "dt"
+    order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Redundant constraints make the Newton matrix singular; options may not fit."""
