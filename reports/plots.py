@@ -40,6 +40,7 @@ class Trace:
     high: np.ndarray | None = None
     group: str = ""
     main: bool = True
+    hollow: bool = False  # markers as outlines
     end: str = ""
     ends: Sequence[str] = ()  # for points: "", "failed" or "wrong" each
     urls: Sequence[str] = ()
@@ -87,6 +88,8 @@ def _trace(trace: Trace, looks: Mapping[str, Look]) -> dict[str, Any]:
         out |= {"low": np.asarray(trace.low), "high": np.asarray(trace.high)}
     if not trace.main:
         out["main"] = False
+    if trace.hollow:
+        out["hollow"] = True
     if trace.solver in looks:
         out |= {"colour": looks[trace.solver].colour, "marker": looks[trace.solver].marker}
     return out
