@@ -46,6 +46,11 @@ class Cell:
     def options(self) -> Mapping[str, Any]:
         return json.loads(self.record.solver_options)
 
+    @property
+    def option_words(self) -> str:
+        """Options of the solver in words; empty where all are its defaults."""
+        return ", ".join(f"{k} = {text_of(v)}" for k, v in self.options.items())
+
     @cached_property
     def counters(self) -> Mapping[str, Any]:
         return json.loads(self.record.counters)

@@ -6,6 +6,16 @@
   // {dtype, bdata} of reports/packing.py as a typed array
   MBS.array = ({ dtype, bdata }) => new kinds[dtype](Uint8Array.from(atob(bdata), (c) => c.charCodeAt(0)).buffer);
 
+  // three digits, powers of ten: as reports/words.py writes numbers
+  const raised = (n) => String(n).replace(/[-0-9]/g, (c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]);
+  MBS.number = (v) => {
+    if (v === null || v === undefined || Number.isNaN(v)) return "–";
+    if (!Number.isFinite(v)) return v > 0 ? "∞" : "−∞";
+    if (v === 0) return "0";
+    const [mantissa, exponent] = Math.abs(v).toExponential(2).split("e"), power = Number(exponent), sign = v < 0 ? "−" : "";
+    return sign + (power >= -3 && power < 5 ? Math.abs(v).toFixed(Math.max(2 - power, 0)) : `${mantissa}×10${raised(power)}`);
+  };
+
   const listeners = [];
   MBS.onTheme = (f) => listeners.push(f);
   const changed = () => listeners.forEach((f) => f());

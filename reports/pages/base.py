@@ -4,8 +4,9 @@ A module of ``reports/pages/`` (or ``reports/<package>/page.py``) that has a fun
 
     def write(run: Run, site: Site) -> Page | None
 
-is found and called once; there is no list to edit. It computes from ``run`` (cells, problems as posed, series) and from
-``site.judgement("claims")`` (a file of ``<run>/judgement/``, None when it is not there), then hands its page over ::
+is found and called once; there is no list to edit (a module's ``RANK``, 0 without one, puts it later). It computes
+from ``run`` (cells, problems as posed, series) and from ``site.judgement("claims")`` (a file of ``<run>/judgement/``,
+None when it is not there), then hands its page over ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
@@ -20,7 +21,8 @@ Pages are rendered after all modules have run, so each may ask whether another o
   ``marks.solver(name)`` (with its colour), ``marks.cell(cell)`` (a link with its settings and its mark),
   ``marks.plots_bar()`` (one legend and the switches for all plots of the page; put it before them),
   ``marks.plot(p)`` for each ``p`` of ``plots`` (``reports.plots.Plot``) inside ``<div class="plots">``.
-- ``looks[solver].colour``; ``number``, ``whole``, ``signed``, ``seconds``, ``time``, ``unit``, ``mark``.
+- ``num(value, show)``: a table's entry that sorts by its value; ``looks[solver].colour``; ``number``, ``whole``,
+  ``signed``, ``seconds``, ``time``, ``unit``, ``mark``, ``plural``, ``listed`` of reports.words.
 
 ``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``; NaN becomes null, an array of
 numpy a base64 text that ``MBS.array(x)`` turns into a typed array. Scripts are classic, deferred and in the order
@@ -40,14 +42,17 @@ from types import ModuleType
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 
 from harness import store
 from reports import words
+from reports.accuracy import drifts
 from reports.packing import script
 from reports.palette import Look, looks
 from reports.plots import Plot, plain
 from reports.provenance import cautions, facts, packages
 from reports.reading import Cell, Posing, Run, slug
+from reports.scores import score
 
 FOLDER = Path(__file__).parent.parent
 ALWAYS = ("assets/site.js",)
@@ -77,6 +82,7 @@ class Site:
 
     run: Run
     folder: Path
+    drawn: dict[str, tuple[Plot, ...]] = field(default_factory=dict)  # by cell: its curves on its problem's page
     _pending: dict[str, tuple[Page, str, dict[str, Any]]] = field(default_factory=dict)
 
     def write(
@@ -153,22 +159,27 @@ class Site:
             trim_blocks=True,
             lstrip_blocks=True,
         )
-        named = {
-            k: getattr(words, k) for k in ("number", "whole", "signed", "seconds", "time", "unit", "mark", "plural")
-        }
-        environment.globals.update(named)
+        slugs = {p.title: p.slug for p in self.run.posings}
+        environment.globals.update({k: getattr(words, k) for k in SPEAKING})
         environment.globals.update(
             run=self.run, looks=self.looks, url=self.url, exists=self._pending.__contains__,
             run_title=self.run.environment.get("run") or self.run.folder.name, facts=facts(self.run),
             cautions=cautions(self.run), packages=packages(self.run),
+            nan=float("nan"), num=_num, wanders=drifts, score_of=score, slug_of=lambda cell: slugs[cell.posing],
             related=lambda about: [p for p in self.pages() if p.about and p.about == about],
         )  # fmt: skip
         return environment
 
 
+def _num(value: float | None, show: Callable[[float], str] = words.number) -> Markup:
+    """A number as a table's entry that sorts by its value."""
+    v = float("nan") if value is None else float(value)
+    return Markup('<td class="n" data-v="{}">{}</td>').format("" if v != v else repr(v), show(v))
+
+
 def writers() -> Iterator[tuple[str, Callable[[Run, Site], Page | None]]]:
-    """Every ``write`` of the page modules, by module name, in alphabetic order."""
-    for module in _modules():
+    """Every ``write`` of the page modules: smallest ``RANK`` of the module first (0 without one), then by name."""
+    for module in sorted(_modules(), key=lambda m: (getattr(m, "RANK", 0), m.__name__)):
         write = getattr(module, "write", None)
         if write is not None:
             yield module.__name__, write

@@ -1,27 +1,15 @@
-"""A problem's chapter of the page: its facts, findings, figures and tables."""
+"""What only one problem has: its facts, its observables and invariants, the events its solvers met."""
 
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from reports.drawing import Written, write
-from reports.figures.plan import chapters
-from reports.findings import Finding, findings_of
 from reports.motion import Motion
-from reports.palette import Look
 from reports.reading import Cell, Posing
 from reports.words import NONE, number, plural, time, unit
 
 MOST_EVENTS = 60  # of one cell in the table
-
-
-@dataclass(frozen=True)
-class Set:
-    """Figures under one heading."""
-
-    title: str
-    figures: tuple[Written, ...]
 
 
 @dataclass(frozen=True)
@@ -42,44 +30,22 @@ class Events:
     left_out: int
 
 
-@dataclass(frozen=True)
-class Chapter:
-    """All of one problem."""
-
-    posing: Posing
-    facts: tuple[str, ...]
-    findings: tuple[Finding, ...]
-    sets: tuple[Set, ...]
-    extras: tuple[Extra, ...]
-    events: Events | None
-
-
-def chapter(
-    posing: Posing, motions: Mapping[str, Motion], looks: Mapping[str, Look], *, brief: bool = False
-) -> Chapter:
-    """Computed from its cells and their curves; with fewer figures if ``brief``."""
-    sets = [Set(c.title, tuple(write(d) for d in c.figures)) for c in chapters(posing, motions, looks, brief=brief)]
-    extras = [
-        _extra("Largest distance of observables from the reference", posing.cells, lambda c: c.observable_errors),
-        _extra("Largest departure of invariants from their start", posing.cells, lambda c: c.invariant_drifts),
+def extras(cells: Sequence[Cell]) -> list[Extra]:
+    """Observables against the reference, invariants against their start; only tables that have a column."""
+    found = [
+        _extra("Largest distance of observables from the reference", cells, lambda c: c.observable_errors),
+        _extra("Largest departure of invariants from their start", cells, lambda c: c.invariant_drifts),
     ]
-    return Chapter(
-        posing,
-        _facts(posing, motions),
-        tuple(findings_of(posing)),
-        tuple(sets),
-        tuple(e for e in extras if e.heads),
-        _events([motions[c.record.cell] for c in posing.cells]),
-    )
+    return [e for e in found if e.heads]
 
 
-def _facts(posing: Posing, motions: Mapping[str, Motion]) -> tuple[str, ...]:
+def facts_of(posing: Posing, bodies: int) -> tuple[str, ...]:
+    """What a reader must know about the problem before its numbers."""
     records = [c.record for c in posing.cells]
     out = [posing.section] if posing.section else []
     times = sorted({r.t_end_s for r in records if not math.isnan(r.t_end_s)})
     if times:
         out.append(f"{', '.join(time(t) for t in times)} s simulated")
-    bodies = max((motions[c.record.cell].bodies for c in posing.cells), default=0)
     if bodies:
         out.append(plural(bodies, "body", "bodies"))
     scale = next((r for r in records if r.energy_scale_J > 0.0), None)
@@ -110,7 +76,8 @@ def _value(found: Mapping | None) -> tuple[float, str]:
     return value, number(value) if found else NONE
 
 
-def _events(motions: Sequence[Motion]) -> Events | None:
+def events(motions: Sequence[Motion]) -> Events | None:
+    """One table of all events of these motions; None when there is none."""
     heads = list(dict.fromkeys(k for m in motions for e in m.events for k in e))
     if not heads:
         return None

@@ -1,0 +1,271 @@
+// Interactive plots from the plain data of reports/plots.py: one legend for the page, linked zoom, files for papers.
+(() => {
+  const MBS = window.MBS;
+  const DASHES = ["solid", "8px,3px", "2px,3px", "8px,3px,2px,3px"];
+  const SYMBOLS = { o: "circle", P: "cross", s: "square", "^": "triangle-up", v: "triangle-down", D: "diamond", h: "hexagon", p: "pentagon" };
+  const ENDS = { failed: "star", wrong: "x" };
+  const END_WORDS = { failed: "★ stopped here", wrong: "✗ wrong, though success was claimed" };
+  const LIGHT = { ink: "#1c2126", muted: "#57606a", rule: "#dfe3e8", card: "#ffffff" };
+  const coarse = matchMedia("(pointer: coarse)").matches;
+  const shown = { hidden: new Set(), group: "*", all: false };
+  const plots = [];
+
+  const theme = () => Object.fromEntries(Object.keys(LIGHT).map((k) => [k, MBS.colour(`--${k}`)]));
+  const escaped = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
+  const list = (a) => (a && a.bdata !== undefined ? Array.from(MBS.array(a)) : a || []);
+  const axisTitle = (axis) => (axis.unit ? `${axis.title} [${axis.unit}]` : axis.title);
+  const number = MBS.number;
+  const tint = (hex, alpha) => `rgba(${[1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16)).join(", ")}, ${alpha})`;
+
+  // a trace with typed arrays unpacked; once
+  const unpack = (t) => ({ ...t, x: list(t.x), y: list(t.y), low: t.low && list(t.low), high: t.high && list(t.high), end: t.end || "" });
+  const visible = (t) => !(t.solver && shown.hidden.has(t.solver))
+    && (shown.group === "*" || t.group === undefined || t.group === shown.group) && (shown.all || t.main !== false);
+
+  // zeros have no place on a logarithmic axis: points get one below the smallest value, lines a gap
+  const floorOf = (traces, key) => {
+    const positive = traces.flatMap((t) => t[key]).filter((v) => v > 0);
+    return positive.length ? positive.reduce((a, b) => Math.min(a, b)) / 20 : 1e-16;
+  };
+  const placed = (values, axis, floor, points) => (axis.log
+    ? values.map((v) => (v > 0 ? v : v === 0 && points ? floor : null)) : values);
+
+  const drawn = (plot, colours) => {
+    const own = plot.traces.filter(visible);
+    const [fx, fy] = [floorOf(own, "x"), floorOf(own, "y")];
+    const out = [];
+    for (const t of own) {
+      const points = t.mode !== "lines", colour = t.colour || colours.ink;
+      const x = placed(t.x, plot.x, fx, points), y = placed(t.y, plot.y, fy, points);
+      const base = { type: "scatter", x, showlegend: false, name: escaped(t.name), meta: t, line: { color: colour } };
+      if (t.low) {
+        const edge = { ...base, mode: "lines", line: { width: 0 }, hoverinfo: "skip" };
+        out.push({ ...edge, y: placed(t.low, plot.y, fy, true) });
+        out.push({ ...edge, y: placed(t.high, plot.y, fy, true), fill: "tonexty", fillcolor: t.colour ? tint(t.colour, 0.16) : "rgba(128,128,128,.16)" });
+      }
+      const ends = x.map((_, k) => (t.ends && t.ends[k]) || (t.end && k === x.length - 1 ? t.end : ""));
+      const at = ends.flatMap((e, k) => (e ? [k] : []));
+      const text = x.map((_, k) => escaped(
+        [`${plot.x.title} ${number(t.x[k])} ${plot.x.unit || ""}`, `${plot.y.title} ${number(t.y[k])} ${plot.y.unit || ""}`,
+          t.words && t.words[k], ends[k] && END_WORDS[ends[k]]].filter(Boolean).join("\n")).replace(/\n/g, "<br>"));
+      const hover = { text, hovertemplate: "<b>%{fullData.name}</b><br>%{text}<extra></extra>" };
+      out.push({ ...base, ...hover, y, mode: t.mode, connectgaps: !points,
+        line: { color: colour, width: t.solver ? 1.7 : 1.1, dash: DASHES[(t.dash || 0) % DASHES.length] },
+        marker: { color: colour, size: t.hollow ? 11 : 8, symbol: (SYMBOLS[t.marker] || "circle") + (t.hollow ? "-open" : ""), line: { color: t.hollow ? colour : colours.card, width: t.hollow ? 1.8 : 0.8 },
+          opacity: x.map((_, k) => (points && ends[k] ? 0 : 1)) } });
+      if (at.length) {
+        out.push({ ...base, x: at.map((k) => x[k]), y: at.map((k) => y[k]), mode: "markers", cliponaxis: false,
+          text: at.map((k) => text[k]), hovertemplate: hover.hovertemplate, customdata: at,
+          marker: { color: colour, size: 13, symbol: at.map((k) => ENDS[ends[k]] || "star"), line: { color: colours.ink, width: 1.2 } } });
+      }
+    }
+    return out;
+  };
+
+  const layoutOf = (plot, colours) => {
+    const axis = (a, name) => {
+      const log = Boolean(a.log), limits = [a.low, a.high];
+      const given = limits.every((v) => v !== undefined && v !== null && (!log || v > 0));
+      return { type: log ? "log" : "linear", title: { text: escaped(axisTitle(a)), standoff: 8, font: { size: 12 } }, automargin: true,
+        gridcolor: colours.rule, linecolor: colours.muted, tickcolor: colours.muted, showline: true, zeroline: false, ticks: "outside",
+        ticklen: 4, exponentformat: "power", tickfont: { size: 11, color: colours.muted }, nticks: name === "x" ? 7 : 6, minorloglabels: "none",
+        uirevision: `${log}`, ...(given ? { range: log ? limits.map(Math.log10) : limits } : { autorange: true }) };
+    };
+    const lines = Object.values(plot.marks || {}).flat().map((at) => ({ type: "line", x0: at, x1: at, y0: 0, y1: 1, yref: "paper",
+      line: { color: colours.muted, width: 1, dash: "dot" }, layer: "below" }));
+    const empty = plot.traces.some(visible) ? [] : [{ text: "nothing is selected", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 }];
+    return { xaxis: axis(plot.x, "x"), yaxis: axis(plot.y, "y"), margin: { l: 56, r: 14, t: 10, b: 44 }, paper_bgcolor: colours.card,
+      plot_bgcolor: colours.card, font: { family: getComputedStyle(document.body).fontFamily, color: colours.ink, size: 12 }, hovermode: "closest",
+      hoverlabel: { bgcolor: colours.card, bordercolor: colours.muted, font: { color: colours.ink, size: 12 }, align: "left", namelength: -1 },
+      dragmode: coarse ? false : "zoom", shapes: lines, annotations: empty, uirevision: "kept", showlegend: false };
+  };
+
+  const render = (plot) => {
+    if (!plot.ready) return;
+    const colours = theme();
+    Plotly.react(plot.canvas, drawn(plot, colours), layoutOf(plot, colours), { displayModeBar: false, responsive: true });
+    if (plot.table.open) fill(plot);
+  };
+
+  // axes with the same link show the same stretch
+  let following = false;
+  const follow = (plot, change) => {
+    if (following || !plot.x.link || !Object.keys(change).some((k) => k.startsWith("xaxis"))) return;
+    const { range, autorange } = plot.canvas.layout.xaxis;
+    following = true;
+    const others = plots.filter((p) => p !== plot && p.ready && p.x.link === plot.x.link && Boolean(p.x.log) === Boolean(plot.x.log));
+    const to = autorange ? { "xaxis.autorange": true } : { "xaxis.range": [...range] };
+    Promise.all(others.map((p) => Plotly.relayout(p.canvas, to))).finally(() => { following = false; });
+  };
+  const reset = (plot) => {
+    const colours = theme(), layout = layoutOf(plot, colours);
+    const to = {};
+    for (const name of ["xaxis", "yaxis"]) {
+      if (layout[name].range) to[`${name}.range`] = layout[name].range;
+      else to[`${name}.autorange`] = true;
+    }
+    Plotly.relayout(plot.canvas, to);
+  };
+
+  const save = (name, kind, text) => {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(new Blob([text], { type: kind }));
+    link.download = name;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+  };
+  const csv = (plot) => {
+    const quote = (v) => (/[",\n]/.test(v) ? `"${String(v).replace(/"/g, '""')}"` : v);
+    const band = plot.traces.some((t) => t.low);
+    const rows = [["series", axisTitle(plot.x), axisTitle(plot.y), ...(band ? ["lowest", "highest"] : []), "end"].map(quote)];
+    for (const t of plot.traces.filter(visible)) {
+      t.x.forEach((x, k) => rows.push([quote(t.name), x, t.y[k], ...(band ? [t.low ? t.low[k] : "", t.high ? t.high[k] : ""] : []),
+        (t.ends && t.ends[k]) || (k === t.x.length - 1 ? t.end : "")]));
+    }
+    return rows.map((r) => r.map((v) => v ?? "").join(",")).join("\n") + "\n";
+  };
+  // for papers: the light theme, whatever the page wears, with a legend, as the range is now
+  const svg = async (plot) => {
+    const layout = layoutOf(plot, LIGHT), full = plot.canvas._fullLayout;
+    for (const name of ["xaxis", "yaxis"]) layout[name] = { ...layout[name], autorange: false, range: [...full[name].range] };
+    const data = drawn(plot, LIGHT).map((t) => ({ ...t, showlegend: t.hoverinfo !== "skip" && !t.customdata }));
+    Object.assign(layout, { showlegend: true, legend: { orientation: "h", y: -0.25, font: { size: 10 } }, title: { text: escaped(plot.title), font: { size: 13 } } });
+    layout.margin = { ...layout.margin, t: 40 };
+    const url = await Plotly.toImage({ data, layout }, { format: "svg", width: 720, height: 460 });
+    return decodeURIComponent(url.slice(url.indexOf(",") + 1));
+  };
+
+  const row = (cells, kind = "td") => {
+    const tr = document.createElement("tr");
+    cells.forEach((text, k) => {
+      const cell = document.createElement(k === 0 ? "th" : kind);
+      cell.scope = kind === "th" ? "col" : k === 0 ? "row" : "";
+      if (k > 0) cell.className = "n";
+      cell.textContent = text;
+      tr.append(cell);
+    });
+    return tr;
+  };
+  const fill = (plot) => {
+    const own = plot.traces.filter(visible), points = own.some((t) => t.mode !== "lines");
+    const table = document.createElement("table"), [x, y] = [axisTitle(plot.x), axisTitle(plot.y)];
+    table.createCaption().textContent = `${plot.title}, as selected`;
+    table.caption.className = "hidden";
+    table.createTHead().append(row(points ? ["Series", x, y, "End"] : ["Series", `Smallest ${y}`, `Largest ${y}`, `at ${x}`, `Last ${y}`, `at ${x}`], "th"));
+    const body = table.createTBody();
+    for (const t of own) {
+      if (points) t.x.forEach((v, k) => body.append(row([t.name, number(v), number(t.y[k]), (t.ends && END_WORDS[t.ends[k]]) || ""])));
+      else if (t.y.length) {
+        let [low, high] = [0, 0];
+        t.y.forEach((v, k) => { if (v < t.y[low]) low = k; if (v > t.y[high]) high = k; });
+        const last = t.y.length - 1;
+        body.append(row([t.name, number(t.y[low]), number(t.y[high]), number(t.x[high]), number(t.y[last]), `${number(t.x[last])} ${END_WORDS[t.end] || ""}`]));
+      }
+    }
+    const box = document.createElement("div");
+    box.className = "scroll";
+    box.tabIndex = 0;
+    box.append(table);
+    plot.table.querySelector("div").replaceChildren(box);
+  };
+
+  const button = (words, label, act) => {
+    const b = document.createElement("button");
+    b.type = "button";
+    b.textContent = words;
+    b.setAttribute("aria-label", label);
+    b.addEventListener("click", () => act(b));
+    return b;
+  };
+  const toggle = (plot, which) => {
+    const b = button(`log ${which}`, `Logarithmic ${which} axis of ${plot.title}`, () => {
+      plot[which] = { ...plot[which], log: !plot[which].log };
+      b.setAttribute("aria-pressed", Boolean(plot[which].log));
+      render(plot);
+      reset(plot);
+    });
+    b.setAttribute("aria-pressed", Boolean(plot[which].log));
+    return b;
+  };
+  const keys = (plot) => (event) => {
+    const by = { ArrowLeft: [-0.15, -0.15], ArrowRight: [0.15, 0.15], "+": [0.2, -0.2], "-": [-0.3, 0.3] }[event.key];
+    if (event.key === "0") reset(plot);
+    if (!by) return;
+    event.preventDefault();
+    const [a, b] = plot.canvas._fullLayout.xaxis.range, wide = b - a;
+    Plotly.relayout(plot.canvas, { "xaxis.range": [a + by[0] * wide, b + by[1] * wide] });
+  };
+
+  const begin = (plot) => {
+    if (plot.ready) return;
+    plot.ready = true;
+    plot.traces = plot.traces.map(unpack);
+    render(plot);
+    plot.canvas.on("plotly_relayout", (change) => follow(plot, change));
+    plot.canvas.on("plotly_click", ({ points: [p] }) => {
+      const urls = p.data.meta.urls, k = p.data.customdata ? p.data.customdata[p.pointIndex] : p.pointIndex;
+      if (urls) location.href = urls.length === 1 ? urls[0] : urls[k];
+    });
+  };
+
+  const legend = (bar) => {
+    const solvers = new Map();
+    plots.forEach((p) => p.traces.forEach((t) => { if (t.solver) solvers.set(t.solver, t.colour); }));
+    const box = bar.querySelector(".legend");
+    for (const [name, colour] of [...solvers].sort()) {
+      const b = button(name, `Show ${name}`, () => {
+        shown.hidden.has(name) ? shown.hidden.delete(name) : shown.hidden.add(name);
+        b.setAttribute("aria-pressed", !shown.hidden.has(name));
+        plots.forEach(render);
+      });
+      b.className = "solver";
+      b.style.setProperty("--c", colour);
+      b.setAttribute("aria-pressed", "true");
+      b.title = "Click: show or hide. Double click: this one alone.";
+      b.addEventListener("dblclick", () => {
+        const alone = shown.hidden.size === solvers.size - 1 && !shown.hidden.has(name);
+        shown.hidden = new Set(alone ? [] : [...solvers.keys()].filter((s) => s !== name));
+        for (const other of box.children) other.setAttribute("aria-pressed", !shown.hidden.has(other.textContent));
+        plots.forEach(render);
+      });
+      box.append(b);
+    }
+    const all = bar.querySelector("[data-switch=all]"), group = bar.querySelector("[data-switch=group]");
+    all.closest("label").hidden = !plots.some((p) => p.traces.some((t) => t.main === false));
+    all.addEventListener("change", () => { shown.all = all.checked; plots.forEach(render); });
+    if (group) {
+      shown.group = group.value;
+      group.addEventListener("change", () => { shown.group = group.value; plots.forEach(render); });
+    }
+  };
+
+  for (const canvas of document.querySelectorAll("[data-plot]")) {
+    const own = MBS[canvas.dataset.from][canvas.dataset.plot];
+    const plot = { ...own, traces: own.traces.map((t) => ({ ...t })), name: canvas.dataset.plot, canvas, ready: false };
+    const only = canvas.dataset.only;  // a cell's page shows its own curve out of its problem's
+    if (only) {
+      plot.traces = plot.traces.filter((t) => !t.solver || (t.urls && t.urls.includes(only)));
+      plot.traces.forEach((t) => { delete t.urls; });
+      shown.all = true;
+    }
+    const figure = canvas.closest("figure");
+    plot.table = figure.querySelector("details.numbers");
+    plot.table.addEventListener("toggle", () => { if (plot.table.open) { begin(plot); fill(plot); } });
+    const tools = figure.querySelector(".tools");
+    if (!plot.x.link) tools.append(toggle(plot, "x"));
+    tools.append(toggle(plot, "y"), button("reset", `Show all of ${plot.title}`, () => reset(plot)),
+      button("SVG", `Save ${plot.title} as SVG`, async () => save(`${plot.name}.svg`, "image/svg+xml", await svg(plot))),
+      button("CSV", `Save the numbers of ${plot.title} as CSV`, () => save(`${plot.name}.csv`, "text/csv", csv(plot))));
+    canvas.tabIndex = 0;
+    canvas.title = "";
+    canvas.addEventListener("keydown", keys(plot));
+    plots.push(plot);
+  }
+  document.querySelectorAll("[data-plots-bar]").forEach(legend);
+  MBS.onTheme(() => plots.forEach(render));
+  MBS.plotted = { plots, csv: (name) => csv(plots.find((p) => p.name === name)), svg: (name) => svg(plots.find((p) => p.name === name)) };
+  const near = new IntersectionObserver((seen) => {
+    for (const e of seen) if (e.isIntersecting) { near.unobserve(e.target); begin(plots.find((p) => p.canvas === e.target)); }
+  }, { rootMargin: "300px" });
+  plots.forEach((p) => near.observe(p.canvas));
+})();

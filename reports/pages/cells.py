@@ -1,0 +1,54 @@
+"""A page for each cell: what was asked, how it ended, every number with its meaning, and how to run it again."""
+
+from harness.reproduce import command
+from reports.columns import COLUMNS
+from reports.pages.base import PLOTTING, Page, Site
+from reports.reading import Cell, Run
+from reports.words import number, time
+
+RANK = 10  # after the problems: their pages' data files hold the curves
+LEFT_OUT = ("label", "settings", "status", "energy_kind")  # said elsewhere on the page
+
+
+def write(run: Run, site: Site) -> Page | None:
+    """``cells/<cell>.html``; none of them in the navigation."""
+    plugins = [str(p) for p in run.environment.get("plugins") or []]
+    posings = {c.record.cell: p for p in run.posings for c in p.cells}
+    for cell in run.cells:
+        posing = posings[cell.record.cell]
+        plots = site.drawn.get(cell.record.cell, ())
+        data = f"plots-problem-{posing.slug}"
+        scripts = [*PLOTTING[:1], f"data/{data}.js", *PLOTTING[1:]] if plots else []
+        site.write(
+            Page(f"{cell.record.solver} on {cell.posing}", site.url(cell)), "cell.html", scripts=scripts, cell=cell,
+            posing=posing, asked=_asked(cell), numbers=_numbers(cell), command=command(cell.record, plugins),
+            drawn=plots, plots_data=data,
+        )  # fmt: skip
+    return None
+
+
+def _asked(cell: Cell) -> list[tuple[str, str]]:
+    r = cell.record
+    limits = [f"{time(r.wall_limit_s)} s wall time"] if r.wall_limit_s == r.wall_limit_s else []
+    limits += [f"{r.max_steps:,} steps".replace(",", "\u202f")] if r.max_steps else []
+    limits += [f"{time(r.memory_limit_MB)} MB"] if r.memory_limit_MB == r.memory_limit_MB else []
+    return [(k, v) for k, v in (
+        ("Problem", r.problem), ("Parameters", cell.parameter_words or "its defaults"), ("Section", r.section),
+        ("Solver", r.solver), ("The paper calls such", r.paper_label), ("Options", cell.option_words or "its defaults"),
+        ("Step or tolerance", cell.step_words),
+        ("Largest step", f"{time(r.max_step_s)} s" if r.max_step_s == r.max_step_s else ""),
+        ("Simulated time", f"{time(r.t_end_s)} s"), ("Limits", ", ".join(limits)), ("Group", r.label),
+        ("Case", r.case), ("Ended", r.finished), ("Code", r.code), ("Commit", r.commit), ("Series", r.series),
+    ) if v]  # fmt: skip
+
+
+def _numbers(cell: Cell) -> list[tuple[str, str, str]]:
+    """Heading, value, meaning; only what exists for this cell."""
+    out = []
+    for c in COLUMNS:
+        value = c.of(cell)
+        if c.key not in LEFT_OUT and value == value and value not in ("", "–"):
+            out.append((c.heading, c.text(cell), c.doc))
+    counted = {k: v for k, v in cell.counters.items() if isinstance(v, int | float)}
+    out += [(f"counted: {k.replace('_', ' ')}", number(float(v)), "By the solver itself.") for k, v in counted.items()]
+    return out

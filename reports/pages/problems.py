@@ -1,0 +1,41 @@
+"""A page for each problem as posed: what holds there, all its cells, and its interactive plots."""
+
+from reports.accuracy import measure_for
+from reports.charts.group import lines_of
+from reports.charts.time import Chapter, Drawing, errors, invariants, laws, observables
+from reports.charts.work import work
+from reports.extras import events, extras, facts_of
+from reports.findings import findings_of
+from reports.motion import motion_of
+from reports.pages.base import Page, Site
+from reports.reading import Posing, Run
+
+
+def write(run: Run, site: Site) -> Page | None:
+    """``problem-<slug>.html`` of every posing; none of them in the navigation."""
+    for posing in run.posings:  # one problem at a time: its series are large
+        _write(run, site, posing)
+    return None
+
+
+def _write(run: Run, site: Site, posing: Posing) -> None:
+    lines = lines_of(posing, site.url)
+    motions = {line.cell.record.cell: motion_of(run, line.cell) for line in lines}
+    drawing = Drawing(posing, lines, motions)
+    made = (work(posing, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))
+    chapters: list[Chapter] = [c for c in made if c is not None]
+    page = Page(posing.title, site.url(posing))
+    drifts = [d for d in site.judgement("drift") or [] if isinstance(d, dict) and d.get("posing") == posing.title]
+    site.write(
+        page, "problem.html", posing=posing, chapters=chapters, measure=measure_for(posing.cells), drifts=drifts,
+        plots=[p for c in chapters for p in c.plots], left_out=len(posing.cells) - len(lines),
+        facts_of_it=facts_of(posing, max((m.bodies for m in motions.values()), default=0)),
+        findings=findings_of(posing), extras=extras([line.cell for line in lines]),
+        events=events([m for m in motions.values() if m.events]),
+    )  # fmt: skip
+    for line in lines:
+        site.drawn[line.cell.record.cell] = tuple(p for c in chapters[1:] for p in c.plots if _has(p, line.url))
+
+
+def _has(plot, url: str) -> bool:  # type: ignore[no-untyped-def]
+    return any(tuple(t.urls) == (url,) for t in plot.traces)

@@ -1,0 +1,49 @@
+"""A page for each solver: where it holds, where it fails and why, and what its options did."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from reports.pages.base import Page, Site
+from reports.reading import Cell, Run, text_of
+from reports.scores import Score, score
+
+
+@dataclass(frozen=True)
+class Option:
+    """One value of one option, with how its cells ended."""
+
+    words: str
+    score: Score
+
+
+def write(run: Run, site: Site) -> Page | None:
+    """``solver-<name>.html`` of every solver; none of them in the navigation."""
+    for name in run.solvers:
+        cells = [c for c in run.cells if c.record.solver == name]
+        rows = [(p, label, [c for c in own if c.record.solver == name]) for p in run.posings
+                for label, own in p.labels().items()]  # fmt: skip
+        site.write(
+            Page(name, site.url(name)), "solver.html", solver=name, cells=cells, score=score(cells),
+            paper_label=cells[0].record.paper_label, options=_options(cells), reasons=_reasons(cells),
+            rows=[(p, label, own) for p, label, own in rows if own],
+        )  # fmt: skip
+    return None
+
+
+def _options(cells: Sequence[Cell]) -> list[Option]:
+    """Every option that differs from its default somewhere; first the cells at all defaults."""
+    found: dict[str, list[Cell]] = {}
+    for c in cells:
+        for words in [f"{k} = {text_of(v)}" for k, v in c.options.items()] or ["all at their defaults"]:
+            found.setdefault(words, []).append(c)
+    ordered = sorted(found, key=lambda words: (words != "all at their defaults", words))
+    return [Option(words, score(found[words])) for words in ordered]
+
+
+def _reasons(cells: Sequence[Cell]) -> list[tuple[str, list[Cell]]]:
+    """Cells that did not hold, together where they ended alike; the most frequent ending first."""
+    found: dict[str, list[Cell]] = {}
+    for c in cells:
+        if not c.succeeded:
+            found.setdefault(c.status, []).append(c)
+    return sorted(found.items(), key=lambda kv: (kv[0] != "wrong", -len(kv[1])))
