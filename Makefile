@@ -3,11 +3,14 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+RUN ?= latest
+PROBLEM ?= chain
+OUT ?= $(PROBLEM).gif
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-slow check format bench bench-kernels gate report clean
+.PHONY: help setup test test-slow check format bench bench-kernels gate report paper figures animate clean
 
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -39,6 +42,18 @@ format: $(READY) ## put the code into the agreed form
 bench: $(READY) ## the suite `paper` and its report: the main result
 	$(BIN)/python -m harness run paper
 	$(BIN)/python -m harness report
+
+paper: $(READY) ## the paper judged: suite `referee` (goes on where it stopped), verdicts, figures 1 to 12, report
+	$(BIN)/python -m harness run referee --resume
+	$(BIN)/python -m harness judge
+	$(BIN)/python -m harness figures --paper
+	$(BIN)/python -m harness report
+
+figures: $(READY) ## publication figures and tables of RUN (the newest)
+	$(BIN)/python -m harness figures $(RUN)
+
+animate: $(READY) ## PROBLEM (chain) of RUN (the newest) as OUT (chain.gif)
+	$(BIN)/python -m harness animate $(RUN) --problem $(PROBLEM) --out $(OUT)
 
 report: $(READY) ## the report of the newest run
 	$(BIN)/python -m harness report

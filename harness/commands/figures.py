@@ -1,0 +1,33 @@
+"""``figures``: publication figures and tables of a run, or the paper's own figures from it."""
+
+import argparse
+import importlib
+from typing import Any
+
+from rich.console import Console
+
+from harness.commands.run import existing
+from harness.commands.terms import UsageError
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    p = commands.add_parser("figures", help="vector figures and tables of a run, for papers")
+    p.add_argument("folder", nargs="?", default="latest", help="run folder (default: the newest)")
+    p.add_argument("--paper", action="store_true", help="figures 1 to 12 of the paper, with notes, from this run")
+    p.add_argument("--only", action="append", default=[], metavar="NAME", help="this figure alone, e.g. fig05")
+    p.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write them and say where they are."""
+    folder = existing(arguments.folder)
+    name = "reports.paper.build" if arguments.paper else "reports.publication.build"
+    try:
+        module = importlib.import_module(name)  # by name: the harness does not know its readers
+    except ModuleNotFoundError as error:
+        raise UsageError(f"no figures can be made: {error}") from None
+    out = Console(highlight=False, markup=False, soft_wrap=True)
+    module.command(folder, arguments.only, out.print)
+    out.print(f"figures: {folder / module.FOLDER}")
+    return 0

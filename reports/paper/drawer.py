@@ -1,0 +1,102 @@
+"""Any figure of the catalogue on a sheet: panels lettered as in the paper, one legend, missing cells named in it."""
+
+from collections.abc import Mapping, Sequence
+from textwrap import fill
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from harness.series import Series
+from reports.drawing import INK, MUTED, PAPER, plain
+from reports.palette import Look
+from reports.paper.lines import Line, draw_panel, lines_of, shown
+from reports.paper.picking import Chosen, settings_of
+from reports.paper.printed import role
+from reports.paper.sketch import draw_sketch
+from reports.paper.spec import Panel, PaperFigure, Sketch
+from reports.publication.style import DOUBLE, SINGLE, sheet
+from reports.words import time
+
+COLUMNS = 12
+WRAP = 64  # characters of a label: two columns of them fill the sheet
+
+
+def draw(
+    spec: PaperFigure, chosen: Sequence[Chosen], series: Mapping[str, Series | None], looks: Mapping[str, Look]
+) -> Figure:
+    """``series`` by cell, ``looks`` by solver."""
+    lines = lines_of(chosen, series, looks)
+    alone = all(isinstance(p, Sketch) for p in spec.panels())
+    handles = [] if alone else _handles(spec, lines)
+    columns = legend_columns(handles)
+    deep = [str(h.get_label()).count("\n") + 1 for h in handles]
+    each = -(-len(deep) // columns)  # the legend fills its columns one after the other
+    rows = max((sum(deep[k : k + each]) for k in range(0, len(deep), each or 1)), default=0)
+    figure = sheet(SINGLE if alone else DOUBLE, spec.height * len(spec.rows) + 0.16 * rows + 0.1)
+    places = figure.add_gridspec(len(spec.rows), COLUMNS)
+    letter = 0
+    for i, row in enumerate(spec.rows):
+        left, before = 0, None
+        for part in row:
+            continued = isinstance(part, Panel) and part.continued
+            ax = figure.add_subplot(places[i, left : left + part.width], sharey=before if continued else None)
+            left, before = left + part.width, ax
+            if not continued and not alone:
+                ax.set_title(f"{chr(ord('a') + letter)}  {part.title}")
+                letter += 1
+            _fill(ax, part, lines)
+    if handles:
+        figure.legend(handles=handles, loc="outside lower left", ncols=columns)
+    return figure
+
+
+def _fill(ax: Axes, part: Panel | Sketch, lines: Sequence[Line]) -> None:
+    if isinstance(part, Panel):
+        draw_panel(ax, part, lines)
+        ax.set_xlabel(r"$t$ [s]")
+        return
+    source = next((k.series for k in lines if k.series is not None and "frame_t" in k.series), None)
+    if not draw_sketch(ax, part.view, source):
+        asked = lines[0].chosen
+        why = "no poses recorded" if asked.cell else "not in this run"
+        words = f"{asked.pick.solver}, {settings_of(asked.pick)}: {why}"
+        ax.text(0.5, 0.5, plain(fill(words, 40)), transform=ax.transAxes, ha="center", va="center", color=MUTED)
+
+
+def _handles(spec: PaperFigure, lines: Sequence[Line]) -> list[Line2D]:
+    panels = [p for p in spec.panels() if isinstance(p, Panel)]
+    used = {k.key for p in panels for k in shown(p, lines)}
+    out = [_handle(k) for k in lines if k.key in used]
+    exact = any(p.exact and k.series is not None and p.exact in k.series for p in panels for k in shown(p, lines))
+    if exact:
+        out.append(Line2D([], [], color=INK, linewidth=0.7, label="exact motion"))
+    return out
+
+
+def _handle(line: Line) -> Line2D:
+    there = line.chosen.cell is not None
+    return Line2D([], [], color=line.look.colour if there else MUTED, linestyle=line.dash if there else "",
+                  marker=line.look.marker if there else "x", markersize=3.6, markerfacecolor=PAPER,
+                  markeredgewidth=0.8, label=fill(plain(label_of(line)), WRAP))  # fmt: skip
+
+
+def label_of(line: Line) -> str:
+    """The paper's name, ours, the step, and how it ended; said too where the cell or its series is not there."""
+    pick, cell = line.chosen.pick, line.chosen.cell
+    step = f"dt = {pick.dt:g} s" if pick.dt is not None else f"rtol = {pick.rtol:g}"
+    words = ", ".join(w for w in (f"{role(pick)} ({pick.solver})", step, pick.words) if w)
+    if cell is None:
+        return f"{words}: not in this run"
+    if cell.succeeded and line.series is not None:
+        return words
+    end = cell.status.replace("_", " ")
+    if line.series is None:
+        return f"{words}  ★ no step: {end}"
+    return f"{words}  ★ {end} at {time(round(cell.record.t_reached_s, 3))} s" if cell.stopped else f"{words}  ✖ {end}"
+
+
+def legend_columns(handles: Sequence[Line2D]) -> int:
+    """As many as the longest label leaves room for."""
+    longest = max((len(str(h.get_label())) for h in handles), default=1)
+    return 3 if longest <= 36 else 2

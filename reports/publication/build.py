@@ -1,0 +1,69 @@
+"""Publication figures and tables of a run, in ``publication/``: PDF, SVG, LaTeX, CSV, and ``captions.json``."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from harness import store
+from reports.figures.lines import Group
+from reports.motion import motion_of
+from reports.palette import looks
+from reports.publication import tables
+from reports.publication.figures import Printed, figures_of, work_of
+from reports.publication.style import save
+from reports.reading import Cell, Posing, Run, read_run, slug
+
+FOLDER = "publication"
+SUFFIXES = ("pdf", "svg")
+MOST = 14  # lines in one figure; more are parted by solver
+LEAST = 2  # cells of a problem: with fewer there is nothing to compare
+
+
+def command(run_folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> list[Path]:
+    """What ``python -m harness figures`` does; ``only`` are names of problems as posed."""
+    run = read_run(Path(run_folder))
+    posings = [p for p in run.posings if p.title in only or p.problem in only or not only]
+    known = {p.title for p in run.posings} | {p.problem for p in run.posings}
+    unknown = [name for name in only if name not in known]
+    if unknown:
+        raise ValueError(f"no problem {unknown[0]!r} in this run; there are {', '.join(sorted(known))}")
+    folder = Path(run_folder) / FOLDER
+    captions: list[dict[str, object]] = []
+    files: list[Path] = []
+    for posing in posings:
+        files += tables.write(posing, folder, posing.slug)
+        for printed in _figures(run, posing):
+            made = save(printed.draw, folder, printed.name, SUFFIXES)
+            files += made
+            said = {"name": printed.name, "caption": printed.caption, "problem": posing.title}
+            captions.append({**said, "width_mm": round(printed.width * 25.4, 1), "files": [p.name for p in made]})
+        tell(f"{posing.title}: {len(posing.cells)} cells")
+    store.write_text(folder / "captions.json", json.dumps(captions, indent=1, ensure_ascii=False))
+    return files
+
+
+def _figures(run: Run, posing: Posing) -> Iterator[Printed]:
+    own = looks(run.solvers)
+    motions = {c.record.cell: motion_of(run, c) for c in posing.cells}
+    taken: set[str] = set()
+
+    def group(cells: Sequence[Cell]) -> Group:
+        return Group(tuple(motions[c.record.cell] for c in cells), own)
+
+    if len(posing.cells) >= LEAST and (printed := work_of(posing.slug, posing.title, group(posing.cells))):
+        yield printed
+    for label, cells in posing.labels().items():
+        for part in parts(cells):
+            base = slug(f"{posing.slug}-{label or 'all'}", taken)
+            yield from figures_of(base, f"{posing.title}, {label or 'all cells'}", group(part))
+
+
+def parts(cells: Sequence[Cell]) -> list[list[Cell]]:
+    """Whole solvers together, as many lines as one figure can bear."""
+    out: list[list[Cell]] = [[]]
+    for solver in dict.fromkeys(c.record.solver for c in cells):
+        own = [c for c in cells if c.record.solver == solver]
+        if out[-1] and len(out[-1]) + len(own) > MOST:
+            out.append([])
+        out[-1] += own
+    return out

@@ -1,0 +1,61 @@
+"""Tables for papers, LaTeX and CSV: each number is rounded once, and both files have that one."""
+
+import csv
+import io
+from collections.abc import Sequence
+from pathlib import Path
+
+from harness import store
+from reports.columns import COLUMNS, Column
+from reports.reading import Cell, Posing
+from reports.tables import latex_number, latex_text
+from reports.words import NONE
+
+DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
+SHOWN: Sequence[Column] = tuple(c for c in COLUMNS if c.latex)
+
+
+def write(posing: Posing, folder: Path, slug: str) -> list[Path]:
+    """``<slug>.tex`` and ``<slug>.csv``."""
+    folder.mkdir(parents=True, exist_ok=True)
+    texts = {"tex": latex_of(posing.title, posing.cells), "csv": csv_of(posing.cells)}
+    for suffix, text in texts.items():
+        store.write_text(folder / f"{slug}.{suffix}", text)
+    return [folder / f"{slug}.{suffix}" for suffix in texts]
+
+
+def csv_of(cells: Sequence[Cell]) -> str:
+    """A row a cell; empty where a quantity does not exist."""
+    text = io.StringIO()
+    out = csv.writer(text, lineterminator="\n")
+    out.writerow(["solver", *(c.key + (f" [{c.unit}]" if c.unit else "") for c in SHOWN)])
+    out.writerows([cell.record.solver, *(_plain(c, cell) for c in SHOWN)] for cell in cells)
+    return text.getvalue()
+
+
+def latex_of(title: str, cells: Sequence[Cell]) -> str:
+    """For booktabs."""
+    kinds = "".join("l" if all(isinstance(c.of(k), str) for k in cells) else "r" for c in SHOWN)
+    lines = [
+        f"% {' '.join(title.split())}",
+        "% needs \\usepackage{booktabs}",
+        f"\\begin{{tabular}}{{l{kinds}}}",
+        "\\toprule",
+        " & ".join(["Solver", *(c.latex for c in SHOWN)]) + r" \\",
+        "\\midrule",
+    ]
+    lines += [" & ".join([latex_text(k.record.solver), *(_latex(c, k) for c in SHOWN)]) + r" \\" for k in cells]
+    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", ""])
+
+
+def _latex(column: Column, cell: Cell) -> str:
+    value = column.of(cell)
+    return latex_text(value) if isinstance(value, str) else latex_number(value, column.text(cell))
+
+
+def _plain(column: Column, cell: Cell) -> str:
+    value, shown = column.of(cell), column.text(cell)
+    if isinstance(value, str) or shown == NONE:
+        return "" if shown == NONE else str(value)
+    mantissa, times, power = shown.replace("\u202f", "").replace("−", "-").replace("∞", "inf").partition("×10")
+    return mantissa + (f"e{power.translate(DIGITS)}" if times else "")
