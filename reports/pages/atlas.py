@@ -1,0 +1,132 @@
+"""The failure atlas: how long each solver goes on, and for every stop its last steps and its cause."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from harness.series import Series
+from reports.pages.base import Page, Site
+from reports.pages.causes import CAUSES, LAST, Autopsy, Cause, autopsy
+from reports.pages.survival import Survival, part_reached, survival
+from reports.pages.svg import Zoom, panel
+from reports.plots import Axis, Plot, Trace
+from reports.reading import Cell, Run, slug
+
+SHOWN = (("dt", "step size", "s"), ("energy_error", "|energy error|", "J"), ("phi_norm", "|φ|", "m"))
+
+
+@dataclass(frozen=True)
+class Stop:
+    """One cell that stopped before its end."""
+
+    cell: Cell
+    autopsy: Autopsy
+    panels: tuple[Markup, ...]
+
+
+@dataclass(frozen=True)
+class Group:
+    """The stops of one cause."""
+
+    cause: Cause
+    stops: tuple[Stop, ...]
+
+
+@dataclass(frozen=True)
+class Broken:
+    """Cells that reached the end and broke the same law."""
+
+    law: str
+    cells: tuple[Cell, ...]
+
+
+def groups(run: Run, colours: dict[str, str]) -> tuple[Group, ...]:
+    """Every cell that stopped, by cause in the order of ``CAUSES``."""
+    stops = []
+    for cell in run.cells:
+        if cell.stopped:
+            series = run.series(cell)
+            colour = colours.get(cell.record.solver, "currentColor")
+            stops.append(Stop(cell, autopsy(cell, series), zoom(cell, series, colour)))
+    found = []
+    for cause in CAUSES:
+        own = [s for s in stops if s.autopsy.cause is cause]
+        if own:
+            found.append(Group(cause, tuple(sorted(own, key=lambda s: (s.cell.posing, s.cell.method)))))
+    return tuple(found)
+
+
+def zoom(cell: Cell, series: Series | None, colour: str) -> tuple[Markup, ...]:
+    """Step, energy error and |phi| of the last steps; nothing without a series."""
+    if series is None or "t" not in series or len(series["t"]) < 3:
+        return ()
+    rows = min(LAST, len(series["t"]) - 1)
+    return tuple(
+        panel(Zoom(title, unit, tuple(map(float, series[name][-rows:])), cell.stopped, colour, rows - 1))
+        for name, title, unit in SHOWN
+        if name in series
+    )
+
+
+def broken(cells: Sequence[Cell]) -> tuple[Broken, ...]:
+    """The wrong ones by the first law they break, the most frequent first."""
+    found: dict[str, list[Cell]] = {}
+    for c in cells:
+        if c.status == "wrong":
+            found.setdefault(law_of(c.reasons[0]), []).append(c)
+    ordered = sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))
+    return tuple(Broken(law, tuple(own)) for law, own in ordered)
+
+
+def law_of(reason: str) -> str:
+    """``the energy error reaches 3 J, more than 1 J``: the words before the numbers."""
+    return reason.split(" reaches ")[0].split(":")[0].strip()[:80]
+
+
+@dataclass(frozen=True)
+class Curves:
+    """Survival on one problem, or on all."""
+
+    title: str
+    solvers: tuple[Survival, ...]
+
+
+def survivals(run: Run) -> tuple[Curves, ...]:
+    """On all problems, then on each where some cell stopped."""
+    out = [Curves("All problems", survival(run.cells))]
+    by_problem: dict[str, list[Cell]] = {}
+    for c in run.cells:
+        by_problem.setdefault(c.record.problem, []).append(c)
+    if len(by_problem) > 1:
+        out += [Curves(name, survival(own)) for name, own in sorted(by_problem.items()) if any(c.stopped for c in own)]
+    return tuple(out)
+
+
+def plot_of(curves: Curves, slug: str) -> Plot:
+    """Step lines; where some are wrong, a cross at the share that is right."""
+    traces = []
+    for s in (s for s in curves.solvers if s.total):
+        traces.append(Trace(f"{s.solver}: {s.reached} of {s.total} reach the end", np.array(s.x), np.array(s.y),
+                            solver=s.solver))  # fmt: skip
+        if s.wrong:
+            traces.append(Trace(f"{s.solver}: {s.good} of {s.total} right", np.array([1.0]),
+                                np.array([s.good / s.total]), solver=s.solver, mode="markers", ends=["wrong"],
+                                words=[f"{s.solver}: {s.good} of {s.total} right at the end"]))  # fmt: skip
+    axes = Axis("part of the simulated time", low=0.0, high=1.02), Axis("share still going", low=0.0, high=1.03)
+    return Plot(f"survival-{slug}", curves.title, "", *axes, tuple(traces), wide=True)
+
+
+def write(run: Run, site: Site) -> Page | None:
+    """``atlas.html``."""
+    colours = {name: look.colour for name, look in site.looks.items()}
+    found, curves, taken = groups(run, colours), survivals(run), set[str]()
+    stopped = [c for c in run.cells if c.stopped]
+    return site.write(
+        Page("Failures", "atlas.html", nav=True, order=40), "atlas.html", scripts=["assets/judgement.js"],
+        plots=[plot_of(c, slug(c.title, taken)) for c in curves] if run.cells else [], groups=found,
+        survivals=curves, broken=broken(run.cells), refused=[c for c in run.cells if c.status == "refused"],
+        part=part_reached, stopped_solvers=sorted({c.record.solver for c in stopped}),
+        stopped_problems=sorted({c.record.problem for c in stopped}),
+    )  # fmt: skip

@@ -1,0 +1,157 @@
+"""Why a run stopped, as far as its record and its series tell: one cause to group by, and all the evidence."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from harness.series import Series
+from harness.types import Status
+from reports.reading import Cell
+from reports.words import number
+
+LAST = 120  # rows at the end that are looked at and drawn
+COLLAPSE = 1e-3  # of the usual step: a step this small is no longer a choice of accuracy
+NEAR_CHART = 0.05  # of |sin theta|: the angles' rates are 20 times the body's there
+ENERGY = 0.1  # of the energy there is to exchange: what a claimed success is called wrong at
+APART = 0.01  # of the mechanism's size, the same for joints
+GROWTH = 100.0  # within the last rows: more than a swing
+
+
+@dataclass(frozen=True)
+class Cause:
+    """A group of the atlas."""
+
+    key: str
+    title: str
+    words: str
+
+
+CAUSES = (
+    Cause("killed", "The process died", "An exception, a signal or the limit on memory ended it from outside."),
+    Cause("unmoved", "Never began", "Not one step was accepted: the start or the first step failed."),
+    Cause("chart", "Singular angles", "The angles that describe an orientation lose their rates where sin θ = 0: a "
+          "fault of the coordinates, not of the motion."),
+    Cause("dependent", "Constraints became dependent", "The solver reports a singular system: rows of the constraint "
+          "matrix lost their independence, as in the mechanism's singular positions."),
+    Cause("energy", "Energy blew up", "The energy error passed a tenth of all the energy there is to exchange."),
+    Cause("apart", "Joints came apart", "|φ| passed a hundredth of the mechanism's size."),
+    Cause("collapse", "The step collapsed", "The last steps are less than a thousandth of the usual one: nothing "
+          "large was wrong yet, but no step was small enough."),
+    Cause("corrector", "The corrector failed", "The nonlinear solver gave up at steps of ordinary size."),
+    Cause("limit", "A limit was reached", "The number of steps or the time allowed ran out while it was going on."),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Autopsy:
+    """What is known of one stop."""
+
+    cause: Cause
+    evidence: tuple[str, ...]
+
+
+def autopsy(cell: Cell, series: Series | None) -> Autopsy:
+    """The first cause that applies, in the order of ``CAUSES``, and what each series shows."""
+    r = cell.record
+    if series is None or "t" not in series or len(series["t"]) < 2:
+        died = cell.status in (Status.CRASHED, Status.MEMORY)
+        return Autopsy(_named("killed" if died else "unmoved"), ())
+    found: dict[str, str] = {}
+    told = (_chart(series), _energy(cell, series), _joints(cell, series), _step(cell, series))
+    evidence = []
+    for key, applies, words in (t for t in told if t is not None):
+        evidence.append(words)
+        if applies:
+            found[key] = words
+    ends: dict[str, Callable[[], bool]] = {
+        "killed": lambda: cell.status in (Status.CRASHED, Status.MEMORY),
+        "dependent": lambda: cell.status == Status.SINGULAR,
+        "corrector": lambda: cell.status in (Status.DIVERGED, Status.STEP_UNDERFLOW),
+        "limit": lambda: True,
+    }
+    cause = next(c for c in CAUSES if c.key in found or (c.key in ends and ends[c.key]()))
+    if r.steps and r.series_rows and r.series_rows < r.steps + 1:
+        evidence.append(
+            f"the series is thinned to {r.series_rows} of {r.steps + 1} rows: its last rows span more steps"
+        )
+    return Autopsy(cause, tuple(evidence))
+
+
+def _named(key: str) -> Cause:
+    return next(c for c in CAUSES if c.key == key)
+
+
+def _step(cell: Cell, series: Series) -> tuple[str, bool, str] | None:
+    if "dt" not in series:
+        return None
+    dt = series["dt"][1:]
+    dt = dt[np.isfinite(dt)]
+    if len(dt) < 2:
+        return None
+    usual, last = usual_step(dt), float(np.min(dt[-3:]))
+    if last < COLLAPSE * usual:
+        return "collapse", True, f"the step fell from its usual {number(usual)} s to {number(last)} s"
+    return "collapse", False, f"the step did not collapse: {number(last)} s at the end, usually {number(usual)} s"
+
+
+def usual_step(dt: Float[np.ndarray, " n"]) -> float:
+    """[s] half of the time was covered by steps at least as long: the many small ones before a stop do not count."""
+    ordered = np.sort(dt)
+    return float(ordered[np.searchsorted(np.cumsum(ordered), 0.5 * np.sum(ordered))])
+
+
+def _energy(cell: Cell, series: Series) -> tuple[str, bool, str] | None:
+    scale = cell.record.energy_scale_J
+    size = _sizes(series, "energy_error")
+    if size is None or not scale > 0.0:
+        return None
+    last = float(size[-1])
+    words = f"energy error {number(last)} J at the end, {_percent(last / scale)} of the energy to exchange"
+    return "energy", not last <= ENERGY * scale, words + _grown(size)
+
+
+def _joints(cell: Cell, series: Series) -> tuple[str, bool, str] | None:
+    length = cell.record.length_scale_m
+    size = _sizes(series, "phi_norm")
+    if size is None or not length > 0.0:
+        return None
+    last = float(size[-1])
+    words = f"|φ| {number(last)} m at the end, {_percent(last / length)} of the mechanism's size"
+    return "apart", not last <= APART * length, words + _grown(size)
+
+
+def _chart(series: Series) -> tuple[str, bool, str] | None:
+    """Solvers in angles record how far they are from their chart's singularity."""
+    if "diag_chart_margin" not in series:
+        return None
+    margin = np.abs(series["diag_chart_margin"][-LAST:])
+    if len(margin) == 0 or not np.any(np.isfinite(margin)):
+        return None
+    least = float(np.nanmin(margin))
+    if least >= NEAR_CHART:
+        return None
+    return "chart", True, f"|sin θ| came down to {number(least)} within the last {len(margin)} steps"
+
+
+def _sizes(series: Series, name: str) -> np.ndarray | None:
+    return np.abs(series[name]) if name in series and len(series[name]) else None
+
+
+def _grown(size: np.ndarray) -> str:
+    """How much the last rows grew, where that is more than a swing."""
+    tail = size[-LAST:]
+    before = tail[: len(tail) // 2]
+    before = before[np.isfinite(before) & (before > 0.0)]
+    if len(before) == 0 or not math.isfinite(float(size[-1])):
+        return ""
+    factor = float(size[-1]) / float(np.median(before))
+    return (
+        f", {number(factor)} times its median {len(tail) // 2} to {len(tail)} steps before" if factor > GROWTH else ""
+    )
+
+
+def _percent(share: float) -> str:
+    return f"{number(100.0 * share)} %" if not share < 1e-5 else "less than 0.001 %"

@@ -1,0 +1,96 @@
+"""The map of a claim: tolerance across, Baumgarte's gain down, a grid for each form, chart, error test and start."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from reports.pages.judgement import Entry
+from reports.pages.links import Links
+from reports.words import Mark, mark, number
+
+FACETS = ("form", "chart", "lambda_in_error_test", "consistent_start", "frame")
+SAID = {
+    "lambda_in_error_test": ("λ in the error test", "λ outside the error test"),
+    "consistent_start": ("consistent start", "start not made consistent"),
+}
+HOLDS = Mark("✓", "holds", "good")
+NOT = Mark("✗", "does not hold", "wrong")
+FAILED = Mark("★", "the run stopped", "failed")
+UNKNOWN = Mark("?", "not judged", "refused")
+
+
+@dataclass(frozen=True)
+class Box:
+    """One tried setting; several runs may share a place (other frames, other cases)."""
+
+    mark: Mark
+    words: str  # all of it, for hover, focus and screen readers
+    page: str
+
+
+@dataclass(frozen=True)
+class Grid:
+    """One facet."""
+
+    title: str
+    tolerances: tuple[str, ...]
+    gains: tuple[str, ...]
+    rows: tuple[tuple[tuple[Box, ...], ...], ...]  # by gain, by tolerance
+
+
+def grids(rows: Sequence[Entry], links: Links) -> tuple[Grid, ...]:
+    """One a facet, all with the same tolerances and gains, so that places can be compared."""
+    tolerances, gains = (_values(rows, key) for key in ("tolerance", "gain"))
+    found: dict[tuple[str, ...], list[Entry]] = {}
+    for e in rows:
+        found.setdefault(tuple(_said(e, f) for f in FACETS), []).append(e)
+    varies = [k for k in range(len(FACETS)) if len({key[k] for key in found}) > 1]
+    out = []
+    for key, own in found.items():
+        title = ", ".join(key[k] for k in varies if key[k]) or ", ".join(filter(None, key)) or "all settings"
+        boxes = tuple(
+            tuple(tuple(_box(e, links) for e in own if (_value(e, "gain"), _value(e, "tolerance")) == (g, t))
+                  for t in tolerances) for g in gains
+        )  # fmt: skip
+        out.append(Grid(title, tolerances, gains, boxes))
+    return tuple(sorted(out, key=lambda g: g.title))
+
+
+def state(e: Entry) -> Mark:
+    """Whether the claim holds there; a run that stopped and was not judged is a failure."""
+    holds = e.flag("holds")
+    stopped = bool(e.text("status")) and mark(e.text("status")).kind == "failed"
+    if holds is None:
+        return FAILED if stopped else UNKNOWN
+    return HOLDS if holds else FAILED if stopped else NOT
+
+
+def _box(e: Entry, links: Links) -> Box:
+    here = state(e)
+    measured = e.number("measured")
+    words = [e.text("case") or links.words(e.text("cell")), here.word]
+    if not math.isnan(measured):
+        words.append(f"measured {number(measured)}")
+    if e.text("status"):
+        words.append(f"ended {mark(e.text('status')).word}")
+    return Box(here, ": ".join(words[:1]) + " – " + ", ".join(words[1:]), links.page(e.text("cell")))
+
+
+def _values(rows: Sequence[Entry], key: str) -> tuple[str, ...]:
+    """All values of an axis; numbers in their order, texts (``1/h``) after them."""
+    seen = {_value(e, key): e.number(key) for e in rows}
+    return tuple(sorted(seen, key=lambda text: (math.isnan(seen[text]), -seen[text] if key == "tolerance" else
+                                                seen[text], text)))  # fmt: skip
+
+
+def _value(e: Entry, key: str) -> str:
+    value = e.number(key)
+    return e.text(key) or "none" if math.isnan(value) else f"{value:g}"
+
+
+def _said(e: Entry, facet: str) -> str:
+    flag = e.flag(facet)
+    if flag is not None:
+        yes, no = SAID.get(facet, (facet, f"not {facet}"))
+        return yes if flag else no
+    return e.text(facet)

@@ -1,0 +1,174 @@
+"""Every claim of the paper with its verdict, the number measured against its band, its settings and its map."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from reports.pages.base import Page, Site
+from reports.pages.claim_map import Grid, grids
+from reports.pages.judgement import JUDGE, PUBLISHED, Entry, judged, rows_of
+from reports.pages.links import Links, links_of
+from reports.pages.svg import number_line, said
+from reports.reading import Run, natural, slug
+from reports.words import Mark, number, unit
+
+VERDICTS: Mapping[str, Mark] = {
+    "SUPPORTED": Mark("✓", "supported", "good"),
+    "CONDITIONAL": Mark("◐", "conditional", "failed"),
+    "REFUTED": Mark("✗", "refuted", "wrong"),
+    "UNTESTABLE": Mark("?", "untestable", "refused"),
+}
+ORDER = ("REFUTED", "CONDITIONAL", "SUPPORTED", "UNTESTABLE")
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claim as the page shows it."""
+
+    id: str
+    anchor: str
+    section: str
+    figure: str
+    quote: str
+    claim: str
+    verdict: Mark
+    measured: str
+    band: str
+    line: Markup | None
+    because: str
+    missing: str
+    settings: tuple[tuple[str, str], ...]
+    cells: tuple[tuple[str, str], ...]  # words and address; the address is empty for a cell this run does not hold
+    solvers: tuple[str, ...]
+    grids: tuple[Grid, ...]
+    tried: str  # how many settings of the map hold
+
+
+@dataclass(frozen=True)
+class Difference:
+    """A claim that is judged otherwise than in the published results."""
+
+    id: str
+    anchor: str
+    before: Mark | None
+    after: Mark | None
+    words: str
+
+
+def claims_of(rows: Sequence[Entry], links: Links) -> tuple[Claim, ...]:
+    """In the order of the paper: by section, then by name."""
+    ordered = sorted(rows, key=lambda e: (natural(e.text("section")), natural(e.text("figure")), natural(e.text("id"))))
+    taken: set[str] = set()
+    return tuple(_claim(e, links, slug(e.text("id"), taken)) for e in ordered)
+
+
+def counts(claims: Iterable[Claim]) -> list[tuple[Mark, int]]:
+    """How many of each verdict, also those of which there is none."""
+    found = Counter(c.verdict.word for c in claims)
+    known = [(VERDICTS[v], found.pop(VERDICTS[v].word, 0)) for v in ORDER]
+    return known + [(verdict(word), n) for word, n in found.items()]
+
+
+def verdict(text: str) -> Mark:
+    """The mark of a verdict; one we do not know counts against us."""
+    return VERDICTS.get(text.upper(), Mark("?", text.lower() or "no verdict", "failed"))
+
+
+def differences(rows: Sequence[Entry], published: Sequence[Entry], claims: Sequence[Claim]) -> list[Difference]:
+    """Against the published verdicts: changed ones first, then claims that came and went."""
+    now, then = ({e.text("id"): e for e in found} for found in (rows, published))
+    anchors = {c.id: c.anchor for c in claims}
+    out = []
+    for name, e in now.items():
+        old = then.get(name)
+        if old is None:
+            out.append(Difference(name, anchors.get(name, ""), None, verdict(e.text("verdict")), "not published yet"))
+        elif old.text("verdict") != e.text("verdict"):
+            pair = verdict(old.text("verdict")), verdict(e.text("verdict"))
+            words = f"{_measured(old)} before, {_measured(e)} now"
+            out.append(Difference(name, anchors.get(name, ""), *pair, words))
+    gone = [n for n in then if n not in now]
+    out += [Difference(n, "", verdict(then[n].text("verdict")), None, "published, but not judged here") for n in gone]
+    return sorted(out, key=lambda d: (d.before is None, d.after is None, natural(d.id)))
+
+
+def band_of(e: Entry) -> tuple[float, float] | None:
+    """The two ends, infinite where open; None where the band is no pair of numbers."""
+    given = e.given.get("band")
+    if isinstance(given, dict):
+        inner = Entry(given)
+        low, high = (inner.number(k) for k in ("low", "high"))
+    elif isinstance(given, list) and len(given) == 2:
+        low, high = e.numbers("band")
+    else:
+        return None
+    low, high = (-math.inf if math.isnan(low) else low), (math.inf if math.isnan(high) else high)
+    return None if math.isinf(low) and math.isinf(high) else (low, high)
+
+
+def _claim(e: Entry, links: Links, anchor: str) -> Claim:
+    mark, band, measured = verdict(e.text("verdict")), band_of(e), e.number("measured")
+    measure_unit = unit(e.text("unit"))
+    line = None if band is None else number_line(measured, *band, measure_unit, mark.kind)
+    map_rows = e.entries("map")
+    keys = dict.fromkeys((*e.texts("cells"), *(m.text("cell") for m in map_rows)))
+    solvers = sorted({s for k in keys if (s := links.solver(k))})
+    holding = sum(m.flag("holds") is True for m in map_rows)
+    return Claim(
+        e.text("id"),
+        anchor,
+        e.text("section"),
+        e.text("figure"),
+        e.text("quote"),
+        e.text("claim"),
+        mark,
+        _measured(e),
+        e.text("band") if band is None else said(math.nan, *band, measure_unit).split("; band ")[1],
+        line,
+        e.text("because"),
+        e.text("missing"),
+        _settings(e),
+        tuple((links.words(k), links.page(k)) for k in e.texts("cells")),
+        tuple(solvers),
+        grids(map_rows, links),
+        f"{holding} of {len(map_rows)} settings hold" if map_rows else "",
+    )
+
+
+def _measured(e: Entry) -> str:
+    value = e.number("measured")
+    if math.isnan(value):
+        return e.text("measured") or "nothing measured"
+    return f"{number(value)} {unit(e.text('unit'))}".strip()
+
+
+def _settings(e: Entry) -> tuple[tuple[str, str], ...]:
+    given = e.given.get("settings")
+    if isinstance(given, dict):
+        inner = Entry(given)
+        return tuple((str(k).replace("_", " "), inner.text(k)) for k in given)
+    return tuple(("", text) for text in e.texts("settings"))
+
+
+def sections_of(claims: Sequence[Claim]) -> list[tuple[str, tuple[Claim, ...]]]:
+    """Claims by section, in their order."""
+    found: dict[str, list[Claim]] = {}
+    for c in claims:
+        found.setdefault(c.section, []).append(c)
+    return [(k, tuple(v)) for k, v in found.items()]
+
+
+def write(run: Run, site: Site) -> Page | None:
+    """``claims.html``."""
+    links, found = links_of(run.cells), judged(run.folder, "claims")
+    published = rows_of(PUBLISHED / "claims.json", command=JUDGE)
+    claims = claims_of(found.rows, links)
+    page = Page("Claims", "claims.html", nav=True, order=20)
+    return site.write(
+        page, "claims.html", scripts=["assets/judgement.js"], why=found.why, claims=claims, counts=counts(claims),
+        sections=sections_of(claims), solvers=sorted({s for c in claims for s in c.solvers}),
+        differences=differences(found.rows, published.rows, claims), published_why=published.why,
+    )  # fmt: skip

@@ -1,0 +1,122 @@
+"""Order certificates as a page shows them: each fit with its points, and which of them it was made from."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from reports.pages.judgement import Entry
+from reports.pages.links import Links
+from reports.reading import natural
+from reports.words import Mark, number, unit
+
+FLOOR = 3.0  # of the floor: points below so many times it are said to lie on it
+USED, EARLY, FLOORED = "used", "pre-asymptotic", "at the floor"
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run of the ladder of steps."""
+
+    dt: float
+    error: float
+    kind: str
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """The order of one quantity of one solver on one problem."""
+
+    posing: str
+    solver: str
+    case: str
+    quantity: str
+    symbol: str
+    unit: str
+    declared: float
+    order: float
+    low: float
+    high: float
+    floor: float
+    points: tuple[Point, ...]
+    mark: Mark
+    words: str
+    cells: tuple[tuple[str, str], ...]
+
+    @property
+    def fit(self) -> tuple[tuple[float, float], ...]:
+        """Two points of the line through those used, in the mean of their logarithms; none if there is no order."""
+        used = [(math.log(p.dt), math.log(p.error)) for p in self.points if p.kind == USED and p.error > 0.0 < p.dt]
+        if len(used) < 2 or not math.isfinite(self.order):
+            return ()
+        x, y = (sum(p[k] for p in used) / len(used) for k in (0, 1))
+        ends = min(p[0] for p in used), max(p[0] for p in used)
+        return tuple((math.exp(e), math.exp(y + self.order * (e - x))) for e in ends)
+
+    @property
+    def interval(self) -> str:
+        """``1.98 to 2.03``."""
+        return f"{self.low:.2f} to {self.high:.2f}" if math.isfinite(self.low) and math.isfinite(self.high) else "none"
+
+
+def certificates(rows: Sequence[Entry], links: Links) -> tuple[Certificate, ...]:
+    """By problem, solver and quantity."""
+    found = [_certificate(e, links) for e in rows]
+    return tuple(sorted(found, key=lambda c: (natural(c.posing), c.solver, natural(c.case))))
+
+
+def verdict_mark(word: str) -> Mark:
+    """Of a certificate, a drift, a check: good words are few, all others are told as they are."""
+    low = word.lower().strip()
+    if low in GOOD:
+        return Mark("✓", low, "good")
+    if low in BAD:
+        return Mark("✗", low, "wrong")
+    if low in NEITHER:
+        return Mark("⊘", low, "refused")
+    return Mark("★", low or "no verdict", "failed")
+
+
+GOOD = {"certified", "confirmed", "holds", "bounded", "order holds", "as declared", "no drift", "oscillates", "ok"}
+BAD = {"broken", "refuted", "not certified", "drifts", "trend", "secular", "lower than declared", "below declared"}
+NEITHER = {"refused", "not applicable", "not told", "undecided", "floor", "exact", "no fit", "not resolved"}
+
+
+def _certificate(e: Entry, links: Links) -> Certificate:
+    floor, declared = e.number("floor"), e.number("declared")
+    used = e.given.get("used")
+    flags = used if isinstance(used, list) else []
+    rows = zip(e.numbers("dt"), e.numbers("error"), strict=False)
+    given = [(dt, error, k < len(flags) and flags[k] is True) for k, (dt, error) in enumerate(rows)]
+    coarsest = max((dt for dt, _, good in given if good), default=math.inf)
+    points = tuple(Point(dt, error, _kind(dt, error, good, floor, coarsest)) for dt, error, good in given)
+    return Certificate(
+        e.text("posing") or e.text("problem"),
+        e.text("solver"),
+        e.text("case"),
+        e.text("quantity"),
+        e.text("symbol"),
+        unit(e.text("unit")),
+        declared,
+        e.number("order"),
+        e.number("low"),
+        e.number("high"),
+        floor,
+        points,
+        verdict_mark(e.text("verdict")),
+        e.text("words"),
+        tuple((links.words(k), links.page(k)) for k in e.texts("cells")),
+    )
+
+
+def _kind(dt: float, error: float, used: bool, floor: float, coarsest: float) -> str:
+    """A point left out of the fit is coarser than all used ones, or it lies on the floor."""
+    if used:
+        return USED
+    if dt > coarsest and not error <= FLOOR * floor:
+        return EARLY
+    return FLOORED
+
+
+def told(c: Certificate) -> str:
+    """The order in a cell of the table."""
+    return number(c.order) if not math.isfinite(c.order) else f"{c.order:.2f}"

@@ -1,0 +1,72 @@
+"""The page of work against precision, with the profile over all targets, and its static twins for papers."""
+
+import io
+import math
+from collections.abc import Sequence
+
+import matplotlib as mpl
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+from reports.drawing import Drawn, style
+from reports.figures.lines import Group
+from reports.figures.profile import profile_figure
+from reports.figures.work import work as work_figure
+from reports.motion import Motion
+from reports.pages.base import Page, Site
+from reports.pages.judgement import judged
+from reports.pages.links import links_of
+from reports.pages.work_plots import named, plots_of, profile_plot
+from reports.pages.work_points import ERRORS, WORKS, Profile, fields, profiles
+from reports.reading import Run
+
+COMPARED = 3  # solvers on a problem, for a figure of its own: others are posed for size or one effect
+
+
+def write(run: Run, site: Site) -> Page | None:
+    """``work.html``, and ``figures/work-*.svg`` and ``.pdf``."""
+    links = links_of(run.cells)
+    points, profile = judged(run.folder, "work", "points"), profiles(judged(run.folder, "work", "profile").rows)
+    found = [(f, plots_of(f)) for f in fields(run, points.rows, links)]
+    works = list(dict.fromkeys(p.work for p in profile))
+    profile_plots = [profile_plot(profile, w) for w in works]
+    figures = {p.slug: files(site, d) for p in run.posings if (d := _figure(run, site, p.slug)) is not None}
+    drawn = [profile_figure([(p.solver, p.total, p.at) for p in profile if p.work == w], *named(w), site.looks)
+             for w in works]  # fmt: skip
+    return site.write(
+        Page("Work", "work.html", nav=True, order=25), "work.html", scripts=["assets/judgement.js"],
+        plots=[*profile_plots, *(p for _, own in found for p in own.values())], why=points.why, errors=ERRORS,
+        works=WORKS, fields=found, profiles=profile, profile_plots=profile_plots, work_at=work_at,
+        figures={f.slug: figures.get(f.slug, []) for f, _ in found},
+        profile_figures=[name for d in drawn for name in files(site, d)],
+    )  # fmt: skip
+
+
+def work_at(p: Profile, share: float) -> float:
+    """The work at which a share of all targets is reached; NaN if it never is."""
+    needed = math.ceil(share * p.total)
+    return p.at[needed - 1] if 0 < needed <= len(p.at) else math.nan
+
+
+def files(site: Site, drawn: Drawn) -> Sequence[str]:
+    """Write a figure as SVG and PDF, laid out once; the names of the files."""
+    site.figures.mkdir(parents=True, exist_ok=True)
+    svg, pdf = io.BytesIO(), io.BytesIO()
+    with style(), mpl.rc_context({"svg.hashsalt": drawn.name}):
+        figure = drawn.draw()
+        figure.set_dpi(72)
+        FigureCanvasSVG(figure).print_svg(svg, metadata={"Date": None, "Creator": None})
+        figure.set_layout_engine("none")
+        FigureCanvasPdf(figure).print_pdf(pdf, metadata={"CreationDate": None, "Producer": None, "Creator": None})
+    for suffix, out in (("svg", svg), ("pdf", pdf)):
+        (site.figures / f"{drawn.name}.{suffix}").write_bytes(out.getvalue())
+    return [f"{drawn.name}.svg", f"{drawn.name}.pdf"]
+
+
+def _figure(run: Run, site: Site, slug: str) -> Drawn | None:
+    """The static twin of a problem's plots; None where there is nothing to compare."""
+    posing = next(p for p in run.posings if p.slug == slug)
+    if len({c.record.solver for c in posing.cells}) < COMPARED:
+        return None
+    everyone = Group(tuple(Motion(c) for c in posing.cells), site.looks)
+    return work_figure(f"work-{slug}", f"{posing.title}: work against error", everyone)

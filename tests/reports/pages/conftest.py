@@ -1,0 +1,67 @@
+"""A run of every ending with judgements made by hand, and its pages."""
+
+import shutil
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from reports.pages import atlas, certificates, claims, work
+from reports.pages.base import FOLDER, Site
+from reports.reading import Run, read_run
+from tests.reports.conftest import every_kind
+from tests.reports.pages.synthetic import judge
+
+PAGES = {"claims.html": claims, "certificates.html": certificates, "work.html": work, "atlas.html": atlas}
+
+
+class Outline(HTMLParser):
+    """Tags with attributes, and the text that a reader sees."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.parts: list[str] = []
+        self.inside = 0
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, dict(attrs)))
+        self.inside += tag in ("script", "style")
+
+    def handle_endtag(self, tag):
+        self.inside -= tag in ("script", "style")
+
+    def handle_data(self, data):
+        if not self.inside:
+            self.parts.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(" ".join(self.parts).split())
+
+
+def render(run: Run, modules) -> dict[str, str]:
+    """The pages of ``modules`` by file name, as they stand in the report folder."""
+    folder = run.folder / "report"
+    shutil.rmtree(folder, ignore_errors=True)
+    shutil.copytree(FOLDER / "assets", folder / "assets")
+    (folder / "data").mkdir()
+    site = Site(run, folder)
+    for module in modules:
+        module.write(run, site)
+    site.finish()
+    return {path.name: path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.html"))}
+
+
+@pytest.fixture(scope="session")
+def judged_run(tmp_path_factory) -> Run:
+    folder: Path = tmp_path_factory.mktemp("judged")
+    cells = [r.settings for r in every_kind(folder)]
+    judge(folder, cells)
+    return read_run(folder)
+
+
+@pytest.fixture(scope="session")
+def judged_pages(judged_run) -> dict[str, str]:
+    return render(judged_run, PAGES.values())

@@ -1,0 +1,102 @@
+"""The atlas: survival counts every cell once, and the cause of a stop is found in series made to show it."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from reports.pages.atlas import broken, law_of, zoom
+from reports.pages.causes import CAUSES, autopsy, usual_step
+from reports.pages.survival import survival
+from reports.pages.svg import ticks
+from reports.reading import Cell
+from tests.reports.conftest import record, series
+
+
+def stopped(status: str = "diverged", **changes) -> Cell:
+    return Cell(record("aa01", status=status, t_reached_s=1.0, message="it stopped", **changes))
+
+
+def made(**arrays):
+    """The series of a swing, with some arrays put in their place."""
+    base = series(200, 1.0)
+    return dataclasses.replace(base, arrays={**base.arrays, **arrays})
+
+
+def test_each_cause_is_read_from_the_series_that_shows_it():
+    t = np.linspace(0.0, 1.0, 200)
+    falling = np.append(np.full(190, 0.01), 10.0 ** -np.arange(3.0, 13.0))
+    rising = np.append(np.full(190, 1e-6), 10.0 ** np.linspace(-6.0, 1.0, 10))
+    margin = np.append(np.full(190, 0.9), np.linspace(0.9, 1e-3, 10))
+    cases = {
+        "collapse": (stopped("step_underflow"), made(dt=falling)),
+        "energy": (stopped(), made(energy_error=rising)),
+        "apart": (stopped(), made(phi_norm=rising)),
+        "chart": (stopped("singular"), made(diag_chart_margin=margin, dt=falling)),
+        "dependent": (stopped("singular"), made(dt=falling)),
+        "corrector": (stopped("diverged"), made()),
+        "limit": (stopped("stalled"), made()),
+        "killed": (stopped("crashed"), made(energy_error=rising)),
+        "unmoved": (stopped("diverged"), None),
+    }
+    assert set(cases) == {c.key for c in CAUSES}
+    for key, (cell, shown) in cases.items():
+        assert autopsy(cell, shown).cause.key == key, key
+    assert len(t) == 200
+
+
+def test_values_that_are_no_numbers_are_a_blow_up():
+    """An energy error of NaN is over every limit."""
+    broken_off = np.append(np.zeros(199), math.nan)
+    assert autopsy(stopped(), made(energy_error=broken_off)).cause.key == "energy"
+
+
+def test_usual_step_is_not_that_of_the_many_small_ones_before_a_stop():
+    """A thousand steps of 1e-9 s cover nothing of the second that a hundred steps covered."""
+    dt = np.append(np.full(100, 0.01), np.full(1000, 1e-9))
+    assert usual_step(dt) == 0.01
+    assert np.median(dt) == 1e-9
+
+
+def test_evidence_says_numbers_with_units():
+    told = autopsy(stopped(), made())
+    assert any(" J at the end" in e for e in told.evidence) and any(" m at the end" in e for e in told.evidence)
+
+
+def test_survival_counts_every_cell_once():
+    """Of ten cells: two stop, one is refused, three are wrong: 7 of 9 reach the end, 4 right."""
+    cells = [Cell(record(f"w{k}", status="wrong")) for k in range(3)] + [Cell(record(f"s{k}")) for k in range(4)]
+    cells += [Cell(record("d1", status="diverged", t_reached_s=0.5)), Cell(record("r1", status="refused"))]
+    cells += [Cell(record("d2", status="crashed", t_reached_s=math.nan))]
+    (found,) = survival(cells)
+    assert (found.total, found.refused, found.stopped, found.wrong, found.reached, found.good) == (9, 1, 2, 3, 7, 4)
+    assert found.x == pytest.approx((0.0, 0.0, 0.0, 0.25, 0.25, 1.0))
+    assert found.y == pytest.approx((1.0, 1.0, 8 / 9, 8 / 9, 7 / 9, 7 / 9))
+    assert found.least == 0.0
+    assert all(b <= a for a, b in zip(found.y, found.y[1:], strict=False))
+
+
+def test_wrong_ones_are_grouped_by_the_law_they_break():
+    reasons = ['["the energy error reaches 3 J, more than 1 J"]', '["the energy error reaches 9 J, more than 1 J"]',
+               '["|phi| reaches 1 m, more than 0.1 m"]']  # fmt: skip
+    cells = [Cell(record(f"w{k}", status="wrong", wrong_because=why)) for k, why in enumerate(reasons)]
+    assert [(b.law, len(b.cells)) for b in broken([*cells, Cell(record("aa01"))])] == [
+        ("the energy error", 2),
+        ("|phi|", 1),
+    ]
+    assert law_of("no numbers in it") == "no numbers in it"
+
+
+def test_zoom_ends_with_a_star_and_survives_what_is_no_number():
+    assert zoom(stopped(), None, "#000") == ()
+    panels = zoom(stopped(), made(energy_error=np.full(200, math.nan)), "#123456")
+    assert len(panels) == 3 and 'class="star"' in panels[0] and "#123456" in panels[0]
+    assert "no number" in panels[1] and 'class="star"' not in panels[1]
+
+
+@pytest.mark.parametrize(("low", "high"), [(1e-15, 1e3), (2e-4, 9e-4), (0.5, 2.0), (3e-7, 3.1e-7), (1.0, 1000.0)])
+def test_ticks_are_few_round_and_inside(low, high):
+    found = ticks(low, high)
+    assert len(found) <= 4 and all(low <= v <= high for v in found)
+    assert found == sorted(found)

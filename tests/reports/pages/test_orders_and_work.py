@@ -1,0 +1,101 @@
+"""Certificates, drift, the scorecard and work: numbers of known answer come out as they went in."""
+
+import math
+
+import numpy as np
+import pytest
+
+from reports.pages.drifts import anatomies, common_scale
+from reports.pages.judgement import Entry
+from reports.pages.links import links_of
+from reports.pages.orders import EARLY, FLOORED, USED, certificates
+from reports.pages.scorecard import card
+from reports.pages.work import work_at
+from reports.pages.work_plots import plots_of, profile_plot, steps_of
+from reports.pages.work_points import Profile, fields, profiles
+from reports.reading import read_run
+from tests.reports.conftest import every_kind
+from tests.reports.pages import synthetic
+
+NONE = links_of([])
+
+
+def entries(rows):
+    return [Entry(row) for row in rows]
+
+
+def test_points_left_out_of_a_fit_say_why():
+    """Coarser than all used ones: pre-asymptotic; else on the floor."""
+    row = {"dt": [0.4, 0.2, 0.1, 0.05, 0.025], "error": [9.0, 0.04, 0.01, 1.1e-12, 1e-12], "floor": 1e-12,
+           "used": [False, True, True, False, False]}  # fmt: skip
+    (found,) = certificates(entries([row]), NONE)
+    assert [p.kind for p in found.points] == [EARLY, USED, USED, FLOORED, FLOORED]
+
+
+def test_drawn_fit_has_the_order_and_goes_through_the_points():
+    """error = dt^2 exactly: the drawn line is that law."""
+    found = next(c for c in certificates(entries(synthetic.certificates(["aa01"])), NONE) if c.quantity == "q")
+    (x0, y0), (x1, y1) = found.fit
+    assert math.log(y1 / y0) / math.log(x1 / x0) == pytest.approx(found.order)
+    assert y0 == pytest.approx(x0**2) and y1 == pytest.approx(x1**2)
+    assert found.interval == "1.98 to 2.02"
+
+
+def test_trend_and_walk_are_shown_in_joules_over_the_run():
+    """1e-5 W over 600 s is 6e-3 J; 1e-8 J/sqrt(s) over 600 s is 2.45e-7 J; about zero it is unsure."""
+    found = {a.solver: a for a in anatomies(entries(synthetic.drift(["aa01"])), NONE)}
+    swing, trend, walk = found["beta"].parts
+    assert (swing.size, trend.size) == (1e-3, pytest.approx(6e-3))
+    assert trend.sure and not found["alpha"].parts[1].sure
+    assert walk.size == pytest.approx(1e-8 * math.sqrt(600.0)) and not walk.sure
+    scale = common_scale(list(found.values()))
+    assert scale.low <= walk.size < trend.high <= scale.high
+
+
+def test_box_of_the_scorecard_shows_its_worst_outcome():
+    found = card(entries(synthetic.metamorphic(["aa01"])), NONE)
+    boxes = {solver: dict(zip(found.checks, row, strict=True)) for solver, row in found.rows}
+    assert boxes["alpha"]["time reversal"].mark.word == "broken" and boxes["alpha"]["time reversal"].tally == "1 of 2"
+    assert boxes["alpha"]["yaw"].mark.word == "holds"
+    assert boxes["gamma"]["yaw"].tally == ""  # what does not apply is not counted
+    assert boxes["gamma"]["time reversal"] is None
+    assert boxes[synthetic.HOSTILE][synthetic.HOSTILE].mark.kind == "failed"  # a verdict nobody knows is no success
+
+
+def test_profile_rises_by_one_target_at_its_work():
+    p = Profile("alpha", "evaluations", 4, (10.0, 100.0, 1000.0))
+    x, y = steps_of(p)
+    assert np.array_equal(x, [10, 10, 100, 100, 1000, 1000])
+    assert y == pytest.approx([0.0, 0.25, 0.25, 0.5, 0.5, 0.75])
+    assert (work_at(p, 0.5), p.share) == (100.0, 0.75)
+    assert math.isnan(work_at(p, 1.0))
+    plot = profile_plot(profiles(entries(synthetic.work(["aa01"])["profile"])), "evaluations")
+    assert len(plot.traces) == 3 and plot.x.log
+
+
+def test_work_of_records_stands_in_until_it_is_judged(tmp_path):
+    """Without work.json every cell with an error is a point all the same; wrong and stopped ones are marked."""
+    every_kind(tmp_path)
+    run = read_run(tmp_path)
+    found = next(f for f in fields(run, [], links_of(run.cells)) if f.posing == "pendulum")
+    traces = plots_of(found)["error-evaluations"].traces
+    ends = {t.solver: list(t.ends) for t in traces if t.solver}
+    assert ends["beta"] == ["wrong"] and ends["delta"] == ["failed"]
+    region = traces[0]
+    assert not region.solver and region.high[0] == pytest.approx(1e-12)  # the reference's own error
+
+
+def test_best_settings_get_a_ring_and_zeros_a_place(tmp_path):
+    run = read_run_of(tmp_path)
+    found = next(f for f in fields(run, entries(synthetic.work(["aa01"])["points"]), NONE) if f.posing == "pendulum")
+    plots = plots_of(found)
+    ring = next(t for t in plots["error-evaluations"].traces if t.hollow)
+    assert ring.x == pytest.approx([1200.0]) and ring.y == pytest.approx([0.01])
+    zeros = next(t for t in plots["phi-evaluations"].traces if t.solver)
+    assert np.all(zeros.y > 0.0)
+    assert "error-factorisations" not in plots  # nobody counted them
+
+
+def read_run_of(folder):
+    (folder / "cells").mkdir()
+    return read_run(folder)

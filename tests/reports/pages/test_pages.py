@@ -1,0 +1,79 @@
+"""Every page of judgements: escapes what it is given, needs only its files, is never empty, tells all readers."""
+
+import json
+import re
+from itertools import pairwise
+
+import pytest
+
+from reports.reading import read_run
+from tests.reports.conftest import HOSTILE, put, record, series
+from tests.reports.pages.conftest import PAGES, Outline, render
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_text_of_results_and_judgements_is_escaped(judged_pages, name):
+    """Claims, solvers, messages, digests: all come from files, and files may attack."""
+    html = judged_pages[name]
+    assert "<script>alert" not in html
+    assert HOSTILE in Outline(html).text  # it is there, as text
+    scripts = [a for t, a in Outline(html).tags if t == "script"]
+    assert sum("src" not in a for a in scripts) <= 1  # the theme's
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_page_needs_only_files_beside_it(judged_run, judged_pages, name):
+    """No address of a network; what is linked exists."""
+    assert not re.search(r"https?:|//[a-z]+\.|@import", judged_pages[name])
+    folder = judged_run.folder / "report"
+    for tag, attributes in Outline(judged_pages[name]).tags:
+        target = attributes.get("src") or attributes.get("href") or ""
+        if tag in ("script", "img", "link") or target.startswith(("figures/", "cells/")):
+            assert target.startswith("data:") or not target or (folder / target).is_file(), target
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_readers_without_eyes_are_told(judged_pages, name):
+    """Tables have captions and scoped heads, drawings a description, headings their order, names are unique."""
+    tags = Outline(judged_pages[name]).tags
+    assert sum(t == "table" for t, _ in tags) == sum(t == "caption" for t, _ in tags)
+    assert all(a.get("scope") in ("row", "col") for t, a in tags if t == "th")
+    assert all(a.get("aria-label") for t, a in tags if t == "svg" or a.get("role") == "img")
+    levels = [int(t[1]) for t, _ in tags if re.fullmatch(r"h[1-6]", t)]
+    assert levels[0] == 1 and levels.count(1) == 1 and all(b - a <= 1 for a, b in pairwise(levels))
+    names = [a["id"] for _, a in tags if "id" in a]
+    assert len(names) == len(set(names))
+    targets = [a["href"][1:] for t, a in tags if t == "a" and (a.get("href") or "").startswith("#")]
+    assert set(targets) <= set(names)
+
+
+@pytest.mark.parametrize("name", ["claims.html", "certificates.html", "work.html"])
+@pytest.mark.parametrize("state", ["missing", "broken", "foreign"])
+def test_without_a_judgement_the_page_names_the_command(tmp_path, name, state):
+    """A reader who finds nothing is told how to get it."""
+    put(tmp_path, record("aa01"), series(40))
+    if state != "missing":
+        (tmp_path / "judgement").mkdir()
+        for file in ("claims", "certificates", "drift", "metamorphic", "work", "wrong"):
+            text = "{" if state == "broken" else json.dumps({"something": "else"})
+            (tmp_path / "judgement" / f"{file}.json").write_text(text)
+    pages = render(read_run(tmp_path), [PAGES[name]])
+    assert f"python -m harness judge {tmp_path.name}" in Outline(pages[name]).text
+
+
+def test_rows_with_holes_are_shown_with_dashes(tmp_path):
+    """A row of nothing is a row of nothing, not a traceback."""
+    put(tmp_path, record("aa01"), series(40))
+    (tmp_path / "judgement").mkdir()
+    rows = [{}, {"verdict": 3, "measured": "much", "band": "wide", "map": [{}], "cells": 7, "settings": 5, "dt": "x"}]
+    for file in ("claims", "certificates", "drift", "metamorphic", "wrong"):
+        (tmp_path / "judgement" / f"{file}.json").write_text(json.dumps(rows))
+    (tmp_path / "judgement" / "work.json").write_text(json.dumps({"points": rows, "profile": rows}))
+    pages = render(read_run(tmp_path), PAGES.values())
+    assert set(PAGES) <= set(pages)
+
+
+def test_a_run_without_cells_has_its_pages_too(tmp_path):
+    (tmp_path / "cells").mkdir()
+    pages = render(read_run(tmp_path), PAGES.values())
+    assert "no finished cell" in Outline(pages["atlas.html"]).text
