@@ -79,7 +79,7 @@ def _traces(points: Sequence[Work], work: str, error: str, own: float) -> tuple[
     best = [p for p in points if p.best]
     if best:
         x, y = (np.array([spots[id(p)][k] for p in best]) for k in (0, 1))
-        out.append(Trace("best-tuned", x, y, mode="markers", hollow=True, words=[f"best-tuned: {said(p)}" for p in best],
+        out.append(Trace("best-tuned", x, y, mode="markers", hollow=True, words=[f"best: {said(p)}" for p in best],
                          urls=[p.page for p in best]))  # fmt: skip
     return tuple(out)
 
