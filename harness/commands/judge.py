@@ -1,0 +1,76 @@
+"""``judge``: the verdicts on the paper's claims from a run, and what changed against the published ones."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from harness import store
+from harness.commands.run import existing
+from harness.referee.claims import REGISTER, read_register
+from harness.referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
+
+STYLE = {"SUPPORTED": "green", "CONDITIONAL": "yellow", "REFUTED": "bold red", "UNTESTABLE": "dim"}
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    p = commands.add_parser("judge", help="verdicts on the paper's claims; 1 where they differ from the published")
+    p.add_argument("folder", nargs="?", default="latest", metavar="RUN", help="run folder (default: the newest)")
+    p.add_argument("--publish", action="store_true", help="write them to results/published/ as well")
+    p.add_argument("--claims", metavar="FILE.toml", help="another register than results/claims.toml")
+    p.add_argument("--published", metavar="DIR", help="another folder than results/published")
+    p.add_argument("--json", action="store_true", help="the claims as JSON, for machines")
+    p.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """0, or 1 where a verdict differs from the published one and is not published now."""
+    register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
+    folder = existing(arguments.folder)
+    published = Path(arguments.published) if arguments.published else PUBLISHED
+    told = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
+    before = None if arguments.publish else read_claims(published)
+    unreadable = store.load(folder, check_series=False).unreadable
+    for item in unreadable:
+        told.print(f"not read: {item.path}: {item.why}")
+    judged = judgements(folder, register, lambda part: told.print(f"judging: {part}"))
+    write(folder / FOLDER, judged)
+    changed = changes(before, judged["claims"]) if before is not None else []
+    if arguments.json:
+        Console(highlight=False, markup=False, soft_wrap=True).print(as_text(judged["claims"]), end="")
+    else:
+        show(judged["claims"], changed, before is not None, arguments.publish)
+    if arguments.publish:
+        write(published, judged)
+        told.print(f"published: {published}")
+    return 1 if changed else 0
+
+
+def show(claims: list[dict[str, Any]], changed: list[Change], compared: bool, publishing: bool) -> None:
+    """The table of verdicts, how many of each, and the changes."""
+    out = Console()
+    if not out.is_terminal:
+        out = Console(width=160)
+    table = Table(box=None, padding=(0, 2, 0, 0))
+    for name in ("claim", "figure", "verdict", "measured", "band", "holds in"):
+        table.add_column(name, overflow="fold")
+    for c in claims:
+        holding = sum(row["holds"] is True for row in c["map"])
+        band = c["tests"][0]["band"] if c["tests"] else ""
+        tried = f"{holding} of {len(c['map'])}" if c["map"] else "; ".join(c["missing"])
+        verdict = Text(c["verdict"], STYLE[c["verdict"]])
+        table.add_row(Text(c["id"]), c["figure"], verdict, Text(c["measured_words"]), Text(band), Text(tried))
+    out.print(table)
+    counts = {v: sum(c["verdict"] == v for c in claims) for v in STYLE}
+    out.print(Text(", ".join(f"{n} {v}" for v, n in counts.items())))
+    for change in changed:
+        words = f"{change.before or 'not published'} -> {change.after or 'no longer judged'}"
+        out.print(Text(f"changed: {change.id}: {words}"))
+    if not compared and not publishing:
+        out.print("nothing is published yet; --publish does it")
+    elif compared:
+        out.print(f"{len(changed)} verdicts differ from the published ones" if changed else "as published")

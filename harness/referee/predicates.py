@@ -1,0 +1,82 @@
+"""When a measured number lies in its band, and how several numbers become the one that is judged."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+NAN = math.nan
+
+
+@dataclass(frozen=True)
+class Band:
+    """A closed interval; infinite where it is open. A number that does not exist lies in no band."""
+
+    low: float
+    high: float
+
+    def holds(self, value: float) -> bool:
+        return self.low <= value <= self.high  # False for NaN
+
+    def words(self, unit: str) -> str:
+        """``at least 0.05 m``."""
+        unit = f" {unit}" if unit else ""
+        if math.isinf(self.high):
+            return f"at least {self.low:g}{unit}"
+        if math.isinf(self.low):
+            return f"at most {self.high:g}{unit}"
+        return f"{self.low:g} to {self.high:g}{unit}"
+
+
+def _ratio(above: float, below: float) -> float:
+    """above/below; 1 for two that are equally good or, both unbounded, equally bad."""
+    if math.isnan(above) or math.isnan(below):
+        return NAN
+    if above == below:
+        return 1.0
+    if below == 0.0:
+        return math.inf
+    return above / below
+
+
+def _last_over_first(values: Sequence[float]) -> float:
+    return _ratio(values[-1], values[0]) if len(values) > 1 else NAN
+
+
+def _worst_step(values: Sequence[float]) -> float:
+    """Largest ratio of a value to the one before: below 1, each is smaller than the last."""
+    return max((_ratio(b, a) for a, b in pairwise(values)), default=NAN, key=_nan_last)
+
+
+def _nan_last(value: float) -> float:
+    return math.inf if math.isnan(value) else value
+
+
+def _of_all(function: Callable[[Sequence[float]], float]) -> Callable[[Sequence[float]], float]:
+    """NaN as soon as one is: a run that has no such number must not be passed over."""
+
+    def guarded(values: Sequence[float]) -> float:
+        return NAN if not values or any(math.isnan(v) for v in values) else float(function(values))
+
+    return guarded
+
+
+# values in order of the dimension: the loosest tolerance first, the smallest of any other first
+COMBINE: dict[str, Callable[[Sequence[float]], float]] = {
+    "last over first": _last_over_first,
+    "worst step": _of_all(_worst_step),
+    "largest": _of_all(max),
+    "smallest": _of_all(min),
+    "spread": _of_all(lambda v: max(v) - min(v)),
+    "relative spread": _of_all(lambda v: _ratio(max(v) - min(v), float(np.mean(np.abs(v))))),
+}
+
+# a value against those of other runs
+COMPARE: dict[str, Callable[[float, Sequence[float]], float]] = {
+    "over largest": lambda a, others: _ratio(a, _of_all(max)(others)),
+    "over smallest": lambda a, others: _ratio(a, _of_all(min)(others)),
+    "minus largest": lambda a, others: a - _of_all(max)(others),
+    "largest distance": lambda a, others: _of_all(max)(others),  # distances are measured pair by pair: see evidence
+}
