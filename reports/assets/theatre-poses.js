@@ -1,0 +1,106 @@
+// Data files of the theatre made usable: the inverse of reports/theatre/packing.py, and poses at any time.
+(() => {
+  const T = ((window.MBS ||= {}).theatre ||= {});
+
+  // bytes by plane, compressed, base64 -> bytes in their order
+  const bytes = (text, width) => {
+    const planes = THREE.unzlibSync(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)));
+    const n = planes.length / width, out = new Uint8Array(planes.length);
+    for (let k = 0; k < width; k++) for (let i = 0; i < n; i++) out[i * width + k] = planes[k * n + i];
+    return out.buffer;
+  };
+  T.floats = (text) => new Float32Array(bytes(text, 4));
+  // columns of differences -> rows of values, one row a pose
+  T.rows = (text, frames) => {
+    const steps = new Uint16Array(bytes(text, 2)), columns = steps.length / frames, out = new Int16Array(steps.length);
+    for (let c = 0; c < columns; c++) {
+      for (let f = 0, sum = 0; f < frames; f++) out[f * columns + c] = sum = (sum + steps[c * frames + f]) & 0xffff;
+    }
+    return out;
+  };
+
+  // A player with its motion: at(t) fills `body` with 12 numbers a body, the columns of R and then r.
+  T.Motion = class {
+    constructor(player, play) {
+      this.t = T.floats(player.t);
+      this.n = player.frames;
+      this.rows = T.rows(player.poses, player.frames);
+      this.bodies = play.bodies;
+      this.middle = play.middle;
+      this.quantum = play.quantum;
+      this.body = new Float32Array(12 * play.bodies);
+      this.k = 0;
+    }
+
+    // the last stored pose that is not after t; times are asked for mostly in order
+    index(t) {
+      if (this.t[this.k] > t || this.k >= this.n) this.k = 0;
+      if (this.k + 8 < this.n && this.t[this.k + 8] <= t) {
+        let low = this.k, high = this.n - 1;
+        while (low < high) {
+          const half = (low + high + 1) >> 1;
+          if (this.t[half] <= t) low = half; else high = half - 1;
+        }
+        this.k = low;
+      }
+      while (this.k + 1 < this.n && this.t[this.k + 1] <= t) this.k++;
+      return this.k;
+    }
+
+    at(t) {
+      const k = this.index(t), j = Math.min(k + 1, this.n - 1), gap = this.t[j] - this.t[k];
+      const u = gap > 0 ? Math.min(Math.max((t - this.t[k]) / gap, 0), 1) : 0;
+      const { rows, body, middle: m, quantum: h } = this, width = 7 * this.bodies;
+      for (let b = 0; b < this.bodies; b++) {
+        const p = k * width + 7 * b, q = j * width + 7 * b, o = 12 * b;
+        for (let c = 0; c < 3; c++) body[o + 9 + c] = m[c] + h[c] * (rows[p + c] + u * (rows[q + c] - rows[p + c]));
+        this.turn(rows, p + 3, q + 3, u, o);
+      }
+      return body;
+    }
+
+    // on the great circle between two quaternions (x, y, z, w), as a matrix
+    turn(rows, p, q, u, o) {
+      let x = rows[p], y = rows[p + 1], z = rows[p + 2], w = rows[p + 3];
+      if (u > 0) {
+        const X = rows[q], Y = rows[q + 1], Z = rows[q + 2], W = rows[q + 3];
+        const dot = (x * X + y * Y + z * Z + w * W) / (32767 * 32767);
+        let f = 1 - u, g = dot < 0 ? -u : u;
+        if (Math.abs(dot) < 0.9995) {
+          const angle = Math.acos(Math.abs(dot)), sine = Math.sin(angle);
+          f = Math.sin((1 - u) * angle) / sine;
+          g = (Math.sin(u * angle) / sine) * (dot < 0 ? -1 : 1);
+        }
+        x = f * x + g * X; y = f * y + g * Y; z = f * z + g * Z; w = f * w + g * W;
+      }
+      const s = 2 / (x * x + y * y + z * z + w * w), R = this.body;
+      R[o] = 1 - s * (y * y + z * z); R[o + 1] = s * (x * y + z * w); R[o + 2] = s * (x * z - y * w);
+      R[o + 3] = s * (x * y - z * w); R[o + 4] = 1 - s * (x * x + z * z); R[o + 5] = s * (y * z + x * w);
+      R[o + 6] = s * (x * z + y * w); R[o + 7] = s * (y * z - x * w); R[o + 8] = 1 - s * (x * x + y * y);
+    }
+
+    // a point of a body in space, from the last at(t), into out at i
+    point(b, s, out, i) {
+      const R = this.body, o = 12 * b;
+      for (let c = 0; c < 3; c++) out[i + c] = R[o + c] * s[0] + R[o + 3 + c] * s[1] + R[o + 6 + c] * s[2] + R[o + 9 + c];
+    }
+
+    // where a point goes, one place a stored pose
+    path(b, s) {
+      const out = new Float32Array(3 * this.n);
+      for (let f = 0; f < this.n; f++) {
+        this.k = f;
+        this.one(b, f);
+        this.point(b, s, out, 3 * f);
+      }
+      this.k = 0;
+      return out;
+    }
+
+    one(b, f) {
+      const p = f * 7 * this.bodies + 7 * b;
+      for (let c = 0; c < 3; c++) this.body[12 * b + 9 + c] = this.middle[c] + this.quantum[c] * this.rows[p + c];
+      this.turn(this.rows, p + 3, p + 3, 0, 12 * b);
+    }
+  };
+})();

@@ -1,0 +1,169 @@
+// The stage in WebGL: every kind of shape is two instanced meshes, one of the solid player and one of all ghosts.
+(() => {
+  const T = ((window.MBS ||= {}).theatre ||= {});
+  const GHOST = 0.34; // opacity
+  const MANY = 600; // instances
+  const SLIM = [0.84, 0.66, 0.52]; // ghosts are thinner than the solid player, so that it hides those that agree
+
+  T.webgl = () => {
+    const gl = document.createElement("canvas").getContext("webgl2");
+    gl?.getExtension("WEBGL_lose_context")?.loseContext();
+    return Boolean(gl);
+  };
+
+  // a shape's place in its body: columns of a 3 x 4 matrix that takes the unit shape there
+  T.local = (s) => {
+    if (s.kind === "ball") return [s.radius, 0, 0, 0, s.radius, 0, 0, 0, s.radius, ...s.a];
+    const [a, b] = s.kind === "cone" ? [s.b, s.a] : [s.a, s.b]; // a cone's tip is up
+    const u = b.map((x, k) => x - a[k]), length = Math.hypot(...u) || 1e-12, e = u.map((x) => x / length);
+    const k = e.map(Math.abs).indexOf(Math.min(...e.map(Math.abs))), n = [0, 0, 0];
+    n[k] = 1;
+    const cross = (p, q) => [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
+    const across = cross(n, e), size = Math.hypot(...across), x = across.map((v) => (v / size) * s.radius), z = cross(x, e);
+    return [...x, ...u, ...z, ...a.map((v, c) => 0.5 * (v + b[c]))];
+  };
+
+  T.Solid = class {
+    constructor(canvas, play, view) {
+      this.play = play;
+      this.view = view;
+      this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
+      this.scene = new THREE.Scene();
+      this.light = new THREE.DirectionalLight(0xffffff, 2.1);
+      this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8a8f98, 1.9), this.light, this.light.target);
+      const many = play.shapes.length * play.players.length > MANY; // thin bodies then: fewer sides are not seen
+      const geometry = {
+        rod: new THREE.CylinderGeometry(1, 1, 1, many ? 6 : 14, 1, many), disc: new THREE.CylinderGeometry(1, 1, 1, 48, 1),
+        cone: new THREE.ConeGeometry(1, 1, 48, 1, true), ball: many ? new THREE.SphereGeometry(1, 6, 4) : new THREE.SphereGeometry(1, 16, 10),
+      };
+      this.kinds = Object.keys(geometry).map((kind) => {
+        const shapes = play.shapes.filter((s) => s.kind === kind);
+        const local = new Float32Array(shapes.flatMap(T.local));
+        return { kind, shapes, local, solid: this.mesh(geometry[kind], shapes.length, false), ghosts: this.mesh(geometry[kind], shapes.length * (play.players.length - 1), true) };
+      }).filter((k) => k.shapes.length);
+      this.colours = play.players.map((p) => new THREE.Color(p.colour));
+      this.ground = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial());
+      this.ground.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(view.ground().flat(2)), 3));
+      this.scene.add(this.ground);
+      this.feet(play.ground);
+      this.trails = play.players.map((p) => {
+        const geometry_ = new THREE.BufferGeometry();
+        const line = new THREE.Line(geometry_, new THREE.LineBasicMaterial({ color: p.colour, transparent: true, opacity: 0.85 }));
+        line.frustumCulled = false;
+        this.scene.add(line);
+        return line;
+      });
+      this.shown = "";
+    }
+
+    mesh(geometry, count, ghost) {
+      const material = new THREE.MeshLambertMaterial(ghost ? { transparent: true, opacity: GHOST, depthWrite: false } : {});
+      const mesh = new THREE.InstancedMesh(geometry, material, Math.max(count, 1));
+      mesh.count = 0;
+      mesh.frustumCulled = false;
+      mesh.renderOrder = ghost ? 2 : 1;
+      mesh.setColorAt(0, new THREE.Color(1, 1, 1)); // makes room for colours
+      mesh.instanceMatrix.setUsage?.(35048);
+      this.scene.add(mesh);
+      return mesh;
+    }
+
+    // a small cone under every place that holds on to the ground
+    feet(points) {
+      const size = 0.022 * this.view.size / Math.max(1, Math.sqrt(points.length / 4));
+      this.foot = new THREE.MeshLambertMaterial({ color: 0x888888 });
+      const mesh = new THREE.InstancedMesh(new THREE.ConeGeometry(0.6, 1, 4), this.foot, Math.max(points.length, 1));
+      mesh.count = points.length;
+      mesh.frustumCulled = false;
+      const up = this.view.up, hang = [up.x, up.y, up.z];
+      points.forEach((p, k) => {
+        const away = this.view.heavy ? 1 : 0; // supports hold from above what hangs, from below what stands
+        const stands = this.play.high.reduce((s, h, c) => s + (0.5 * (h + this.play.low[c]) - p[c]) * hang[c], 0) > 0;
+        const sign = stands ? -1 : 1, base = p.map((x, c) => x + sign * away * size * hang[c]);
+        const m = T.local({ kind: "cone", a: p, b: base.map((x, c) => (away ? x : p[c] - size * hang[c])), radius: size });
+        for (let c = 0; c < 4; c++) for (let r = 0; r < 4; r++) mesh.instanceMatrix.array[16 * k + 4 * c + r] = r < 3 ? m[3 * c + r] : c === 3 ? 1 : 0;
+      });
+      this.scene.add(mesh);
+    }
+
+    theme({ muted, rule }) {
+      this.ground.material.color.set(rule);
+      this.foot.color.set(muted);
+    }
+
+    resize(width, height, ratio) {
+      this.renderer.setPixelRatio(ratio);
+      this.renderer.setSize(width, height, false);
+    }
+
+    // instances of one player from i on; returns the next free one
+    fill(kind, mesh, i, body, slim, player, paint) {
+      const out = mesh.instanceMatrix.array, { shapes, local } = kind, colour = this.colours[player], ball = kind.kind === "ball";
+      for (let s = 0; s < shapes.length; s++, i++) {
+        const o = 12 * shapes[s].body, l = 12 * s, m = 16 * i;
+        for (let c = 0; c < 4; c++) {
+          const f = c === 3 || (c === 1 && !ball) ? 1 : slim;
+          const x = local[l + 3 * c] * f, y = local[l + 3 * c + 1] * f, z = local[l + 3 * c + 2] * f;
+          out[m + 4 * c] = body[o] * x + body[o + 3] * y + body[o + 6] * z;
+          out[m + 4 * c + 1] = body[o + 1] * x + body[o + 4] * y + body[o + 7] * z;
+          out[m + 4 * c + 2] = body[o + 2] * x + body[o + 5] * y + body[o + 8] * z;
+          out[m + 4 * c + 3] = 0;
+        }
+        out[m + 12] += body[o + 9];
+        out[m + 13] += body[o + 10];
+        out[m + 14] += body[o + 11];
+        out[m + 15] = 1;
+        if (paint) {
+          const tint = shapes[s].tint;
+          mesh.instanceColor.array.set([colour.r * tint, colour.g * tint, colour.b * tint], 3 * i);
+        }
+      }
+      return i;
+    }
+
+    // bodies[player] are 12 numbers a body; shown[player]; solid is a player
+    draw({ motions, shown, solid, trails }) {
+      const key = shown.join() + solid, paint = key !== this.shown;
+      this.shown = key;
+      for (const kind of this.kinds) {
+        kind.solid.count = shown[solid] ? this.fill(kind, kind.solid, 0, motions[solid].body, 1, solid, paint) : 0;
+        let i = 0;
+        for (let p = 0; p < motions.length; p++) {
+          if (p !== solid && shown[p]) i = this.fill(kind, kind.ghosts, i, motions[p].body, SLIM[Math.min(this.play.players[p].rank, 2)], p, paint);
+        }
+        kind.ghosts.count = i;
+        for (const mesh of [kind.solid, kind.ghosts]) {
+          mesh.instanceMatrix.needsUpdate = true;
+          if (paint) mesh.instanceColor.needsUpdate = true;
+        }
+      }
+      this.trails.forEach((line, p) => this.trail(line, trails[p]));
+      this.light.position.copy(this.view.camera.position).addScaledVector(this.view.up, 0.6 * this.view.size);
+      this.light.target.position.copy(this.view.centre);
+      this.renderer.render(this.scene, this.view.camera);
+    }
+
+    // {path, from, to, head}: stored places from..to and then where the point is now
+    trail(line, t) {
+      line.visible = Boolean(t) && t.to >= t.from;
+      if (!line.visible) return;
+      let own = line.geometry.attributes.position;
+      if (!own) {
+        own = new THREE.BufferAttribute(new Float32Array(t.path.length + 3), 3);
+        own.array.set(t.path);
+        line.geometry.setAttribute("position", own);
+      }
+      if (line.lent !== undefined) own.array.set(t.path.subarray(3 * line.lent, 3 * line.lent + 3), 3 * line.lent);
+      own.array.set(t.head, 3 * (t.to + 1));
+      line.lent = t.to + 1;
+      own.needsUpdate = true;
+      line.geometry.setDrawRange(t.from, t.to - t.from + 2);
+    }
+
+    facts() {
+      const gl = this.renderer.getContext(), told = gl.getExtension("WEBGL_debug_renderer_info");
+      const { calls, triangles, lines } = this.renderer.info.render;
+      return { renderer: `WebGL 2, ${told ? gl.getParameter(told.UNMASKED_RENDERER_WEBGL) : gl.getParameter(gl.RENDERER)}`, calls, triangles, lines };
+    }
+  };
+})();

@@ -1,0 +1,271 @@
+// The theatre's clock and controls: one time for the stage, the strips and the table.
+(() => {
+  const T = MBS.theatre, root = document.querySelector("[data-theatre]"), play = MBS[root.dataset.theatre];
+  const find = (name) => root.querySelector(`[data-${name}]`);
+  const players = play.players, players_ = players.map((_, k) => k);
+  const canvas = find("canvas"), labels = find("labels"), scrub = find("scrub"), note = find("note");
+  const asked = new URLSearchParams(location.hash.slice(1));
+  const still = matchMedia("(prefers-reduced-motion: reduce)");
+  const state = { t: 0, playing: false, speed: 1, solid: 0, shown: players.map(() => true), trail: "short" };
+  const solidAsked = players.findIndex((p) => p.cell === asked.get("solid"));
+  if (solidAsked >= 0) state.solid = solidAsked;
+
+  const motions = players.map((p) => new T.Motion(p, play));
+  const paths = motions.map((m) => m.path(play.trail.body, play.trail.at));
+  const heads = motions.map(() => new Float32Array(3));
+  let dirty = true;
+  const moved = () => { dirty = true; wake(); };
+  const view = new T.View(canvas, play, moved);
+  for (const s of play.shapes) s.radius = Math.max(s.radius, (s.kind === "ball" ? 0.002 : 0.0016) * view.size); // seen from afar
+  const flat = asked.has("flat") || !T.webgl();
+  const stage = flat ? new T.Flat(canvas, play, view) : new T.Solid(canvas, play, view);
+  find("flat").hidden = !flat;
+  const strips = new T.Strips(find("strips"), find("cursor"), play, (t) => { pause(); seek(t); });
+
+  // labels over the stage: g, axes, a star where a player stopped
+  const label = (text, kind) => {
+    const e = document.createElement("span");
+    e.textContent = text;
+    e.className = kind;
+    labels.append(e);
+    return e;
+  };
+  const compass = find("compass");
+  const stars = players.map((p) => {
+    if (!p.stopped) return null;
+    const e = label("★", "star");
+    e.style.color = p.colour;
+    const words = document.createElement("small");
+    words.textContent = `${p.solver}, ${T.number(p.last, 4)} s: ${p.status.replaceAll("_", " ")}`;
+    e.append(words);
+    return e;
+  });
+  const put = (e, at) => {
+    e.hidden = !at || at[0] < 0 || at[1] < 0 || at[0] > view.width || at[1] > view.height;
+    if (!e.hidden) e.style.transform = `translate(${at[0].toFixed(1)}px, ${at[1].toFixed(1)}px)`;
+  };
+
+  // a star where a player stopped; words of stars that lie side by side go below each other
+  const mark = () => {
+    const placed = [];
+    stars.forEach((e, p) => {
+      if (!e) return;
+      const at = state.shown[p] && state.t >= players[p].last ? view.place(heads[p]) : null;
+      put(e, at);
+      if (!e.hidden) placed.push([at[1], e]);
+    });
+    let last = -Infinity;
+    for (const [y, e] of placed.sort((a, b) => a[0] - b[0])) {
+      last = Math.max(y, last + 15);
+      e.firstElementChild.style.marginTop = `${(last - y).toFixed(0)}px`;
+    }
+  };
+
+  // one frame
+  const times = new Float64Array(120);
+  let frames = 0, before = 0, waiting = 0, told = 0;
+  const trailOf = (p) => {
+    if (!state.shown[p] || state.trail === "none") return null;
+    const m = motions[p], back = state.trail === "whole" ? 0 : state.t - play.t_end / 16;
+    let from = m.k;
+    while (from > 0 && m.t[from] > back) from--;
+    return { path: paths[p], from, to: m.k, head: heads[p] };
+  };
+  const frame = (now) => {
+    waiting = 0;
+    const began = performance.now();
+    if (state.playing) {
+      const gone = before ? Math.min((now - before) / 1000, 0.1) : 0;
+      state.t = Math.min(state.t + gone * state.speed, play.t_end);
+      if (state.t >= play.t_end) pause();
+    }
+    before = state.playing ? now : 0;
+    for (const p of players_) {
+      if (!state.shown[p]) continue;
+      motions[p].at(state.t);
+      motions[p].point(play.trail.body, play.trail.at, heads[p], 0);
+    }
+    stage.draw({ motions, shown: state.shown, solid: state.solid, trails: players_.map(trailOf) });
+    view.point(compass);
+    mark();
+    if (strips.left(state.t)) {
+      strips.stretch(strips.zoom, state.playing ? state.t + 0.45 * strips.span : state.t);
+      strips.draw(state.shown, state.solid);
+    }
+    strips.seek(state.t);
+    if (!scrub.matches(":active")) scrub.value = state.t;
+    find("time").textContent = clock(state.t);
+    if (!state.playing || now - told > 120) { told = now; values(); }
+    times[frames++ % times.length] = performance.now() - began;
+    dirty = false;
+    if (state.playing) wake();
+  };
+  const wake = () => { waiting ||= requestAnimationFrame(frame); };
+  const digits = Math.max(0, Math.min(6, 4 - Math.ceil(Math.log10(play.t_end))));
+  const clock = (t) => t.toFixed(digits);
+  T.stats = () => {
+    const some = times.slice(0, Math.min(frames, times.length)).sort();
+    return { frames, script_ms: some[some.length >> 1], script_worst_ms: some[some.length - 1], ...stage.facts(), t: state.t, playing: state.playing };
+  };
+
+  // the table: values at the cursor
+  const rows = [...root.querySelectorAll("[data-player]")];
+  const cells = rows.map((row) => [...row.querySelectorAll("[data-value]")]);
+  function values() {
+    scrub.setAttribute("aria-valuetext", `${clock(state.t)} s`);
+    for (const p of players_) cells[p].forEach((e, s) => { e.textContent = T.number(strips.value(p, s, state.t), 2); });
+  }
+
+  // moving through time
+  const seek = (t) => { state.t = Math.min(Math.max(t, 0), play.t_end); say(); moved(); };
+  const playing = find("play");
+  function pause() {
+    state.playing = false;
+    playing.textContent = "▶ Play";
+    playing.setAttribute("aria-pressed", "false");
+    wake();
+  }
+  const start = () => {
+    if (state.t >= play.t_end) state.t = 0;
+    state.playing = true;
+    note.textContent = "";
+    playing.textContent = "❚❚ Pause";
+    playing.setAttribute("aria-pressed", "true");
+    wake();
+  };
+  const toggle = () => (state.playing ? pause() : start());
+  playing.addEventListener("click", toggle);
+  find("home").addEventListener("click", () => { pause(); seek(0); });
+  scrub.max = play.t_end;
+  scrub.addEventListener("input", () => { pause(); seek(Number(scrub.value)); });
+
+  const speeds = [0.125, 0.25, 0.5, 1, 2, 4, 8], speed = find("speed");
+  const setSpeed = (x) => { state.speed = x; speed.value = String(x); };
+  speed.addEventListener("change", () => setSpeed(Number(speed.value)));
+  setSpeed([1, 0.5, 0.25, 0.125].find((x) => play.t_end / x >= 4) ?? 0.125);
+  if (play.t_end > 60) setSpeed([2, 4, 8].find((x) => play.t_end / x <= 60) ?? 8);
+  const faster = (by) => setSpeed(speeds[Math.min(Math.max(speeds.indexOf(state.speed) + by, 0), speeds.length - 1)]);
+
+  // moments to jump to
+  const marks = play.marks.map((m) => m).sort((a, b) => a.t - b.t);
+  const words = (m) => `${T.number(m.t, 4)} s, ${players[m.player].solver} (${players[m.player].settings}): ${m.words}`;
+  function say() {
+    const near = marks.filter((m) => Math.abs(m.t - state.t) <= 1e-9 * play.t_end && state.shown[m.player]);
+    const first = near.find((m) => m === aimed) || near[0];
+    note.textContent = first ? words(first) : "";
+  }
+  let aimed = null;
+  const jump = (m) => {
+    aimed = m;
+    pause();
+    if (!state.shown[m.player]) { state.shown[m.player] = true; changed(); }
+    seek(m.t);
+  };
+  const next = (kind, by = 1) => {
+    const some = marks.filter((m) => kind === "*" || m.kind === kind);
+    const beyond = some.filter((m) => (m.t - state.t) * by > 1e-9 * play.t_end);
+    const m = by > 0 ? beyond[0] : beyond[beyond.length - 1];
+    const to = m || (by > 0 ? some[0] : some[some.length - 1]);
+    if (to) jump(to);
+  };
+  const whip = () => { const m = marks.find((k) => k.kind === "whip" && k.player === state.solid); if (m) jump(m); };
+  for (const [name, kind] of [["stop", "stop"], ["event", "event"], ["whip", "whip"]]) {
+    const button = find(name);
+    button.disabled = !marks.some((m) => m.kind === kind);
+    button.addEventListener("click", kind === "whip" ? whip : () => next(kind));
+  }
+  const list = find("jump");
+  marks.forEach((m, k) => {
+    const option = document.createElement("option");
+    option.value = k;
+    option.textContent = `${{ stop: "★", event: "◆", whip: "▲" }[m.kind]} ${words(m)}`.slice(0, 110);
+    list.append(option);
+  });
+  list.disabled = !marks.length;
+  list.addEventListener("change", () => { if (list.value) jump(marks[Number(list.value)]); list.value = ""; });
+  const ticks = find("ticks");
+  for (const m of marks) {
+    const tick = document.createElement("i");
+    tick.className = m.kind;
+    tick.style.left = `${(100 * m.t) / play.t_end}%`;
+    tick.style.setProperty("--c", players[m.player].colour);
+    ticks.append(tick);
+  }
+
+  // who is shown, who is solid
+  function changed() {
+    rows.forEach((row, p) => {
+      row.querySelector("[data-show]").checked = state.shown[p];
+      row.querySelector("[data-solid]").checked = state.solid === p;
+      row.classList.toggle("solid", state.solid === p);
+    });
+    const s = players[state.solid];
+    find("who").textContent = `Solid: ${s.solver}, ${s.settings}`;
+    find("who").style.setProperty("--c", s.colour);
+    find("whip").disabled = !marks.some((m) => m.kind === "whip" && m.player === state.solid);
+    strips.draw(state.shown, state.solid);
+    moved();
+  }
+  rows.forEach((row, p) => {
+    row.querySelector("[data-show]").addEventListener("change", (e) => { state.shown[p] = e.target.checked; changed(); });
+    row.querySelector("[data-solid]").addEventListener("change", () => { state.solid = p; state.shown[p] = true; changed(); });
+  });
+  find("all").addEventListener("click", () => { state.shown.fill(true); changed(); });
+  find("alone").addEventListener("click", () => { state.shown = players.map((_, p) => p === state.solid); changed(); });
+  find("trail").addEventListener("change", (e) => { state.trail = e.target.value; moved(); });
+  find("linear").addEventListener("click", (e) => {
+    strips.linear = !strips.linear;
+    e.target.setAttribute("aria-pressed", String(strips.linear));
+    strips.draw(state.shown, state.solid);
+  });
+  find("zoom").addEventListener("change", (e) => {
+    strips.stretch(Number(e.target.value), state.t);
+    strips.draw(state.shown, state.solid);
+    moved();
+  });
+  for (const b of root.querySelectorAll("[data-view]")) b.addEventListener("click", () => { view.show(b.dataset.view); moved(); });
+
+  document.addEventListener("keydown", (e) => {
+    if (e.ctrlKey || e.metaKey || e.altKey || e.target.closest("select, input:not([type=range]), textarea")) return;
+    const at = motions[state.solid], stored = (by) => { at.at(state.t); seek(at.t[Math.min(Math.max(at.k + by, 0), at.n - 1)]); };
+    const does = {
+      ArrowRight: () => seek(state.t + play.t_end * (e.shiftKey ? 0.02 : 0.002)), ArrowLeft: () => seek(state.t - play.t_end * (e.shiftKey ? 0.02 : 0.002)),
+      Home: () => seek(0), End: () => seek(play.t_end), ".": () => stored(1), ",": () => stored(-1),
+      n: () => next("*"), p: () => next("*", -1), "+": () => faster(1), "-": () => faster(-1),
+    }[e.key];
+    if (e.key === " " && !e.target.closest("button, a, summary")) { e.preventDefault(); toggle(); }
+    else if (does) {
+      e.preventDefault();
+      if (e.key.length > 1 || "np.,".includes(e.key)) pause();
+      does();
+    }
+  });
+
+  // size and theme
+  const fit = () => {
+    const ratio = Math.min(devicePixelRatio || 1, 2), box = canvas.parentElement.getBoundingClientRect();
+    view.resize(box.width, box.height);
+    stage.resize(box.width, box.height, ratio);
+    const own = find("strips").parentElement.getBoundingClientRect();
+    strips.resize(own.width, own.height, Math.max(ratio, 1));
+    strips.draw(state.shown, state.solid);
+    strips.seek(state.t);
+    moved();
+  };
+  const theme = () => {
+    const colours = Object.fromEntries(["ink", "muted", "rule", "card"].map((c) => [c, MBS.colour(`--${c}`)]));
+    stage.theme(colours);
+    strips.theme(colours);
+  };
+  MBS.onTheme(() => { theme(); strips.draw(state.shown, state.solid); moved(); });
+  theme();
+  new ResizeObserver(fit).observe(root);
+  fit();
+  view.show(asked.get("view") in { front: 1, side: 1, above: 1, oblique: 1 } ? asked.get("view") : "start");
+  changed();
+  const facts = stage.facts();
+  document.querySelector("[data-renderer]").textContent = facts.renderer;
+  if (asked.has("t")) seek(Number(asked.get("t")) || 0);
+  else if (!still.matches) start();
+  root.dataset.ready = flat ? "flat" : "solid";
+})();

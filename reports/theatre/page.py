@@ -1,0 +1,75 @@
+"""The mechanism theatre: ``theatre-<slug>.html`` for each problem as posed that has poses to show."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from reports.pages.base import Page, Site
+from reports.reading import Cell, Posing, Run
+from reports.theatre.cast import RULE
+from reports.theatre.scene import POSE_BYTES, players, scene
+
+ALL_BYTES = 11_000_000  # of the data files of all theatres
+ROUNDS = 3  # of making a page smaller: its size does not fall evenly with its poses
+SCRIPTS = (
+    "assets/three.bundle.min.js", "assets/theatre-poses.js", "assets/theatre-view.js", "assets/theatre-solid.js",
+    "assets/theatre-flat.js", "assets/theatre-strips.js", "assets/theatre.js",
+)  # fmt: skip
+
+
+def write(run: Run, site: Site) -> Page | None:
+    """Write every theatre; the first page, or None if no cell has poses."""
+    told = {p.slug: t for p in run.posings if (t := _stage(run, site, p, POSE_BYTES)) is not None}
+    level = fair([t.size for t in told.values()], ALL_BYTES)
+    pages = []
+    for posing in run.posings:
+        own = told.get(posing.slug)
+        poses = float(POSE_BYTES)
+        for _ in range(ROUNDS):
+            if own is not None and own.size > level:
+                poses *= 0.97 * level / own.size
+                own = _stage(run, site, posing, poses)
+        if own is not None:
+            page = Page(f"Theatre: {posing.title}", f"theatre-{posing.slug}.html", order=60, about=posing.slug)
+            pages.append(site.write(page, "theatre.html", [*SCRIPTS[:-1], own.path, SCRIPTS[-1]], **_said(own)))
+    return pages[0] if pages else None
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A data file that was written, and what the page says without it."""
+
+    posing: Posing
+    name: str
+    path: str
+    size: int
+    play: Mapping[str, Any]
+    players: tuple[Cell, ...]
+    left_out: tuple[Cell, ...]
+
+
+def _said(own: Stage) -> dict[str, Any]:
+    players = own.play["players"]
+    worst = {f"worst_{k}": max(p[f"off_{k}"] for p in players) for k in ("m", "rad")}
+    return {"own": own, "rule": RULE, **worst}
+
+
+def _stage(run: Run, site: Site, posing: Posing, pose_bytes: float) -> Stage | None:
+    cast, left_out = players(run, posing)
+    if not cast:
+        return None
+    play = scene(posing, cast, left_out, site.looks, pose_bytes)
+    name = f"theatre-{posing.slug}"
+    path = site.data(name, play)
+    return Stage(posing, name, path, (site.folder / path).stat().st_size, play, tuple(p.cell for p in cast), left_out)
+
+
+def fair(sizes: Sequence[int], whole: float) -> float:
+    """The level to which the largest are cut so that all fit into ``whole``; infinite if they do as they are."""
+    left, ordered = whole, sorted(sizes)
+    for k, size in enumerate(ordered):
+        share = left / (len(ordered) - k)
+        if size > share:
+            return share
+        left -= size
+    return float("inf")

@@ -1,0 +1,88 @@
+"""Which of the stored poses are drawn, and how far a pose between two of them is from the stored one it replaces."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+
+@dataclass(frozen=True)
+class Poses:
+    """Of one cell over time; quaternions (x, y, z, w)."""
+
+    t: Float[np.ndarray, " nf"]
+    r: Float[np.ndarray, "nf nb 3"]
+    q: Float[np.ndarray, "nf nb 4"]
+
+    def at(self, k: Int[np.ndarray, " n"]) -> "Poses":
+        return Poses(self.t[k], self.r[k], self.q[k])
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+def finite(poses: Poses) -> Poses:
+    """Up to the first pose that is no number."""
+    good = np.isfinite(poses.t) & np.isfinite(poses.r).all(axis=(1, 2)) & np.isfinite(poses.q).all(axis=(1, 2))
+    n = len(good) if good.all() else int(np.argmin(good))
+    return Poses(poses.t[:n], poses.r[:n], poses.q[:n])
+
+
+def thinned(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
+    """Rows to draw, first and last among them: half even in time, half along the way of the body that goes furthest.
+
+    ``size`` [m] makes a turn a way: a turn of 1 rad counts as a way of ``size``.
+    """
+    n = len(poses)
+    if n <= max(at_most, 2):
+        return np.arange(n)
+    way = np.max(np.linalg.norm(np.diff(poses.r, axis=0), axis=-1) + size * turns(poses.q), axis=1)
+    time = np.diff(poses.t)
+    measure = time / max(float(np.sum(time)), 1e-300) + way / max(float(np.sum(way)), 1e-300)
+    along = np.concatenate(([0.0], np.cumsum(measure)))
+    rows = np.searchsorted(along, np.linspace(0.0, along[-1], max(at_most, 2)))
+    rows[-1] = n - 1
+    return np.unique(np.minimum(rows, n - 1))
+
+
+def turns(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "m nb"]:
+    """Angle [rad] from each orientation to the next."""
+    return 2.0 * np.arccos(np.clip(np.abs(np.sum(q[1:] * q[:-1], axis=-1)), 0.0, 1.0))
+
+
+def rates(poses: Poses) -> Float[np.ndarray, "m nb 3"]:
+    """Mean angular velocity [rad/s] between stored poses, body frame, on the shorter way round."""
+    a, b = poses.q[:-1].astype(float), poses.q[1:].astype(float)
+    vector = a[..., 3:] * b[..., :3] - b[..., 3:] * a[..., :3] - np.cross(a[..., :3], b[..., :3])  # of conj(a) b
+    scalar = np.sum(a * b, axis=-1, keepdims=True)
+    vector, scalar = np.where(scalar < 0.0, -vector, vector), np.abs(scalar)
+    sine = np.linalg.norm(vector, axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, scalar)
+    direction = np.divide(vector, sine, out=np.zeros_like(vector), where=sine > 0.0)
+    dt = np.maximum(np.diff(poses.t), 1e-300)[:, None, None]
+    return direction * angle / dt
+
+
+def between(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
+    """Positions on the chord, orientations on the great circle: what the page draws between two poses."""
+    k = np.clip(np.searchsorted(poses.t, t, side="right") - 1, 0, max(len(poses) - 2, 0))
+    j = np.minimum(k + 1, len(poses) - 1)
+    gap = poses.t[j] - poses.t[k]
+    u = np.clip(np.divide(t - poses.t[k], gap, out=np.zeros(len(t)), where=gap > 0.0), 0.0, 1.0)[:, None, None]
+    a, b = poses.q[k].astype(float), poses.q[j].astype(float)
+    cosine = np.sum(a * b, axis=-1, keepdims=True)
+    b, cosine = np.where(cosine < 0.0, -b, b), np.minimum(np.abs(cosine), 1.0)
+    angle = np.arccos(cosine)
+    small = angle < 1e-4
+    sine = np.where(small, 1.0, np.sin(angle))
+    q = np.where(small, (1.0 - u) * a + u * b, (np.sin((1.0 - u) * angle) * a + np.sin(u * angle) * b) / sine)
+    q /= np.linalg.norm(q, axis=-1, keepdims=True)
+    return Poses(t, (1.0 - u) * poses.r[k] + u * poses.r[j], q)
+
+
+def off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[float, float]:
+    """The worst body's distance [m] and angle [rad] between the stored poses and what is drawn in their place."""
+    drawn = between(poses.at(kept), poses.t)
+    distance = np.max(np.linalg.norm(drawn.r - poses.r, axis=-1))
+    half = np.linalg.norm(drawn.q - np.sign(np.sum(drawn.q * poses.q, axis=-1, keepdims=True)) * poses.q, axis=-1)
+    return float(distance), float(np.max(4.0 * np.arcsin(np.clip(0.5 * half, 0.0, 1.0))))
