@@ -45,7 +45,7 @@
   for (const grid of document.querySelectorAll("[data-grid]")) {
     const boxes = [...grid.querySelectorAll(".box")];
     const out = grid.querySelector(".readout");
-    const tell = (box) => { if (out && box) out.textContent = box.getAttribute("aria-label"); };
+    const tell = (box) => { if (out && box) out.textContent = box.title = box.getAttribute("aria-label"); };
     boxes.forEach((box, k) => { box.tabIndex = k ? -1 : 0; });
     grid.addEventListener("focusin", (e) => tell(e.target.closest(".box")));
     grid.addEventListener("mouseover", (e) => tell(e.target.closest(".box")));

@@ -8,7 +8,7 @@ from reports.pages.judgement import Entry
 from reports.pages.links import Links
 from reports.words import Mark, mark, number
 
-FACETS = ("form", "chart", "lambda_in_error_test", "consistent_start", "frame")
+PLACES = ("cell", "case", "tolerance", "gain", "holds", "measured", "status", "printed")  # all else makes facets
 SAID = {
     "lambda_in_error_test": ("λ in the error test", "λ outside the error test"),
     "consistent_start": ("consistent start", "start not made consistent"),
@@ -26,6 +26,7 @@ class Box:
     mark: Mark
     words: str  # all of it, for hover, focus and screen readers
     page: str
+    printed: bool  # the settings that the paper prints
 
 
 @dataclass(frozen=True)
@@ -41,10 +42,11 @@ class Grid:
 def grids(rows: Sequence[Entry], links: Links) -> tuple[Grid, ...]:
     """One a facet, all with the same tolerances and gains, so that places can be compared."""
     tolerances, gains = (_values(rows, key) for key in ("tolerance", "gain"))
+    facets = tuple(dict.fromkeys(k for e in rows for k in e.given if k not in PLACES))
     found: dict[tuple[str, ...], list[Entry]] = {}
     for e in rows:
-        found.setdefault(tuple(_said(e, f) for f in FACETS), []).append(e)
-    varies = [k for k in range(len(FACETS)) if len({key[k] for key in found}) > 1]
+        found.setdefault(tuple(_said(e, f) for f in facets), []).append(e)
+    varies = [k for k in range(len(facets)) if len({key[k] for key in found}) > 1]
     out = []
     for key, own in found.items():
         title = ", ".join(key[k] for k in varies if key[k]) or ", ".join(filter(None, key)) or "all settings"
@@ -73,7 +75,9 @@ def _box(e: Entry, links: Links) -> Box:
         words.append(f"measured {number(measured)}")
     if e.text("status"):
         words.append(f"ended {mark(e.text('status')).word}")
-    return Box(here, ": ".join(words[:1]) + " – " + ", ".join(words[1:]), links.page(e.text("cell")))
+    if e.flag("printed"):
+        words.append("as the paper prints it")
+    return Box(here, f"{words[0]} – {', '.join(words[1:])}", links.page(e.text("cell")), e.flag("printed") is True)
 
 
 def _values(rows: Sequence[Entry], key: str) -> tuple[str, ...]:

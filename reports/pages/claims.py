@@ -25,6 +25,23 @@ ORDER = ("REFUTED", "CONDITIONAL", "SUPPORTED", "UNTESTABLE")
 
 
 @dataclass(frozen=True)
+class Asked:
+    """One number asked for, in words."""
+
+    metric: str
+    band: str
+    measured: str
+
+
+@dataclass(frozen=True)
+class Factor:
+    """A dimension of the map: each value with how many settings hold, of how many."""
+
+    name: str
+    values: tuple[tuple[str, int, int], ...]
+
+
+@dataclass(frozen=True)
 class Claim:
     """One claim as the page shows it."""
 
@@ -40,8 +57,11 @@ class Claim:
     line: Markup | None
     because: str
     missing: str
+    tests: tuple[Asked, ...]  # all that is asked; the line shows the first
+    factors: tuple[Factor, ...]
     settings: tuple[tuple[str, str], ...]
-    cells: tuple[tuple[str, str], ...]  # words and address; the address is empty for a cell this run does not hold
+    total: int  # cells it was judged from
+    cells: tuple[tuple[str, str], ...]  # those not on the map: words and address, empty for one this run does not hold
     solvers: tuple[str, ...]
     grids: tuple[Grid, ...]
     tried: str  # how many settings of the map hold
@@ -112,16 +132,17 @@ def band_of(e: Entry) -> tuple[float, float] | None:
 def _claim(e: Entry, links: Links, anchor: str) -> Claim:
     mark, band, measured = verdict(e.text("verdict")), band_of(e), e.number("measured")
     measure_unit = unit(e.text("unit"))
-    line = None if band is None else number_line(measured, *band, measure_unit, mark.kind)
+    spread = e.numbers("measured_range")
+    line = None if band is None else number_line(measured, *band, measure_unit, mark.kind, spread)
     map_rows = e.entries("map")
-    keys = dict.fromkeys((*e.texts("cells"), *(m.text("cell") for m in map_rows)))
-    solvers = sorted({s for k in keys if (s := links.solver(k))})
+    on_map = [m.text("cell") for m in map_rows]
+    keys = dict.fromkeys((*e.texts("cells"), *on_map))
     holding = sum(m.flag("holds") is True for m in map_rows)
     return Claim(
         e.text("id"),
         anchor,
-        e.text("section"),
-        e.text("figure"),
+        _numbered("Sect.", e.text("section")),
+        _numbered("Fig.", e.text("figure")),
         e.text("quote"),
         e.text("claim"),
         mark,
@@ -129,20 +150,42 @@ def _claim(e: Entry, links: Links, anchor: str) -> Claim:
         e.text("band") if band is None else said(math.nan, *band, measure_unit).split("; band ")[1],
         line,
         e.text("because"),
-        e.text("missing"),
+        "; ".join(e.texts("missing")),
+        tuple(Asked(t.text("metric"), t.text("band"), t.text("measured_words")) for t in e.entries("tests")),
+        _factors(e),
         _settings(e),
-        tuple((links.words(k), links.page(k)) for k in e.texts("cells")),
-        tuple(solvers),
+        len(keys),
+        tuple((links.words(k), links.page(k)) for k in e.texts("cells") if k not in set(on_map)),
+        tuple(sorted({s for k in keys if (s := links.solver(k))})),
         grids(map_rows, links),
         f"{holding} of {len(map_rows)} settings hold" if map_rows else "",
     )
 
 
+def _numbered(what: str, text: str) -> str:
+    """``5.1`` as ``Sect. 5.1``; a text that says so already as it is."""
+    return f"{what} {text}" if text[:1].isdigit() else text
+
+
 def _measured(e: Entry) -> str:
+    if e.text("measured_words"):
+        return unit(e.text("measured_words"))
     value = e.number("measured")
     if math.isnan(value):
-        return e.text("measured") or "nothing measured"
+        return e.text("measured") or "nothing"
     return f"{number(value)} {unit(e.text('unit'))}".strip()
+
+
+def _factors(e: Entry) -> tuple[Factor, ...]:
+    given = e.given.get("factors")
+    out = []
+    for name, values in given.items() if isinstance(given, dict) else ():
+        pairs = [(str(k), v) for k, v in values.items()] if isinstance(values, dict) else []
+        counted = tuple((k, v[0], v[1]) for k, v in pairs if isinstance(v, list) and len(v) == 2
+                        and all(isinstance(n, int) for n in v))  # fmt: skip
+        if counted:
+            out.append(Factor(str(name).replace("_", " "), counted))
+    return tuple(out)
 
 
 def _settings(e: Entry) -> tuple[tuple[str, str], ...]:

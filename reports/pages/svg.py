@@ -44,11 +44,12 @@ def scale_for(values: Sequence[float], start: float, end: float, *, log: bool | 
     return Scale(low - room, high + room, start, end)
 
 
-def number_line(measured: float, low: float, high: float, unit: str, kind: str) -> Markup:
-    """The measured number against its band; infinite ends of the band run to the edge of the line."""
+def number_line(measured: float, low: float, high: float, unit: str, kind: str, spread: Sequence[float] = ()) -> Markup:
+    """The measured number against its band, with its spread over all settings; open ends reach the edge."""
     width, y = 240.0, 20.0
-    scale = scale_for([v for v in (measured, low, high) if math.isfinite(v)], 8.0, width - 8.0)
-    if not scale.log and low == 0.0 and measured >= 0.0:
+    around = [v for v in spread if math.isfinite(v)]
+    scale = scale_for([v for v in (measured, low, high, *around) if math.isfinite(v)], 8.0, width - 8.0)
+    if not scale.log and low == 0.0 and min((measured, *around)) >= 0.0:
         scale = Scale(0.0, scale.high, scale.start, scale.end)
     ends = [8.0 if not math.isfinite(low) else scale(low), width - 8.0 if not math.isfinite(high) else scale(high)]
     parts = [Markup('<line class="axis" x1="4" x2="236" y1="{y}" y2="{y}"/>').format(y=y)]
@@ -56,6 +57,10 @@ def number_line(measured: float, low: float, high: float, unit: str, kind: str) 
         parts.append(Markup('<rect class="band" x="{:.1f}" y="{:.1f}" width="{:.1f}" height="12" rx="2"/>').format(
             ends[0], y - 6.0, max(ends[1] - ends[0], 3.0)))  # fmt: skip
     parts += [_tick(scale(v), y, number(v)) for v in (low, high) if math.isfinite(v)]
+    if len(around) == 2 and around[0] < around[1]:
+        parts.append(Markup('<line class="spread" x1="{:.1f}" x2="{:.1f}" y1="{y}" y2="{y}"><title>{}</title></line>')
+                     .format(scale(around[0]), scale(around[1]),
+                             f"from {number(around[0])} to {number(around[1])} over all settings", y=y))  # fmt: skip
     if not math.isnan(measured):
         parts.append(_diamond(scale(measured), y, kind))
     words = said(measured, low, high, unit)

@@ -14,24 +14,27 @@ def claims(cells: Sequence[str]) -> list[dict[str, Any]]:
         {"cell": cells[k % len(cells)], "case": f"case {k}", "tolerance": tolerance, "gain": gain, "form": "fi",
          "chart": chart, "lambda_in_error_test": True, "consistent_start": start, "frame": "aligned",
          "holds": None if k % 7 == 6 else (tolerance < 1e-4 or gain == 0.0), "measured": 0.01 * k,
-         "status": "step_underflow" if k % 5 == 4 else "success"}
+         "status": "step_underflow" if k % 5 == 4 else "success", "printed": k == 0}
         for k, (chart, start, tolerance, gain) in enumerate(
             (c, s, t, g) for c in ("euler313", "quaternion") for s in (True, False)
             for t in (1e-3, 1e-5, 1e-7) for g in (0.0, 5.0, 20.0, "1/h"))
     ]  # fmt: skip
 
     def claim(name: str, verdict: str, **more: Any) -> dict[str, Any]:
-        return {"id": name, "section": "Sect. 5.2", "figure": "Fig. 6", "quote": "failed to run further at about 32 s",
+        return {"id": name, "section": "5.2", "figure": "6, 7", "quote": "failed to run further at about 32 s",
                 "claim": f"A claim that is {verdict.lower()}", "verdict": verdict, "measured": 0.02, "unit": "m",
                 "band": [0.0, 0.05], "because": "it was measured", "settings": {"rtol": 1e-3, "max_step_s": 0.01},
                 "cells": list(cells[:2]), "map": [], "missing": ""} | more  # fmt: skip
 
     return [
         claim("first-claim", "SUPPORTED"),
-        claim("second-claim", "REFUTED", measured=3.0, band=[None, 0.05], section="Sect. 5.10"),
-        claim("third-claim", "CONDITIONAL", map=at, figure="Fig. 7"),
-        claim("fourth-claim", "UNTESTABLE", measured=None, band=None, missing="the commercial code", cells=[],
-              settings=None, section="Sect. 5.3"),
+        claim("second-claim", "REFUTED", measured=3.0, band=[None, 0.05], section="5.4"),
+        claim("third-claim", "CONDITIONAL", map=at, measured_range=[0.001, 0.4],
+              factors={"gain": {"gain 0": [6, 6], "gain 5": [2, 6]}, HOSTILE: {HOSTILE: [1, 2]}, "odd": 3},
+              tests=[{"metric": "largest [series x]", "band": "at most 0.05 m", "measured_words": "0.02 m"},
+                     {"metric": HOSTILE, "band": HOSTILE, "measured_words": HOSTILE}]),
+        claim("fourth-claim", "UNTESTABLE", measured=None, band=None, missing=["the commercial code", "its data"],
+              cells=[], settings=None, section="5.3"),
         claim(HOSTILE, "SUPPORTED", section=HOSTILE, figure=HOSTILE, quote=HOSTILE, claim=HOSTILE, because=HOSTILE,
               unit=HOSTILE, settings={HOSTILE: HOSTILE}, cells=[HOSTILE, "unknown"],
               map=[{"form": HOSTILE, "case": HOSTILE, "cell": HOSTILE}], missing=HOSTILE),
