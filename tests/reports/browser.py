@@ -137,7 +137,9 @@ class Tab:
         """Another page in the same tab; ``opened_s`` is the wall time until it was loaded and drawn."""
         path, hash_, anchor = page.partition("#")
         began = time.monotonic()
-        self.call("Page.navigate", url=Path(path).resolve().as_uri() + hash_ + anchor)
+        answer = self.call("Page.navigate", url=Path(path).resolve().as_uri() + hash_ + anchor)
+        if answer.get("errorText"):
+            raise RuntimeError(f"{page}: {answer['errorText']}")
         self.browser.wait(
             lambda m: m.get("method") == "Page.loadEventFired" and m.get("sessionId") == self.session, f"load {page}"
         )
