@@ -1,0 +1,42 @@
+"""``animate``: a mechanism of a run as GIF or MP4."""
+
+import argparse
+import importlib
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from harness.commands.run import existing
+from harness.commands.terms import UsageError, check_writable
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    p = commands.add_parser("animate", help="a mechanism in motion as GIF or MP4, from stored poses")
+    p.add_argument("folder", nargs="?", default="latest", help="run folder (default: the newest)")
+    p.add_argument("--problem", required=True, metavar="NAME", help="as posed, e.g. chain or 'chain[t_end=2]'")
+    cells = "a cell, or the start of its name, or a solver; may be given again (default: one a solver)"
+    p.add_argument("--cell", action="append", default=[], metavar="CELL", help=cells)
+    p.add_argument("--out", required=True, metavar="FILE", help="file.gif or file.mp4 (which needs ffmpeg)")
+    p.add_argument("--ghosts", action="store_true", help="all in one picture (default: side by side)")
+    p.add_argument("--frames", type=int, default=150, metavar="N", help="pictures (default: 150)")
+    p.add_argument("--fps", type=int, default=25, metavar="N", help="pictures a second (default: 25)")
+    p.add_argument("--start", type=float, default=None, metavar="T", help="from this simulated time [s]")
+    p.add_argument("--end", type=float, default=None, metavar="T", help="to this simulated time [s]")
+    p.set_defaults(run=run)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write it and say how large it is."""
+    folder, out = existing(arguments.folder), Path(arguments.out)
+    try:
+        module = importlib.import_module("reports.animation")  # by name: the harness does not know its readers
+    except ModuleNotFoundError as error:
+        raise UsageError(f"no animation can be made: {error}") from None
+    check_writable(out)
+    window = (arguments.start, arguments.end)
+    made = module.animate(folder, arguments.problem, arguments.cell, out, ghosts=arguments.ghosts,
+                          frames=arguments.frames, fps=arguments.fps, window=window)  # fmt: skip
+    Console(highlight=False, markup=False, soft_wrap=True).print(f"animation: {out} ({made})")
+    return 0
