@@ -25,6 +25,7 @@ def main(arguments: list[str] | None = None) -> int:
     commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
     for command in _commands():
         command.add(commands)
+    parsed = None
     try:
         parsed = parser.parse_args(arguments)
         return int(parsed.run(parsed))
@@ -32,7 +33,8 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
         return 1 if isinstance(error, PoolError) else 2
     except KeyboardInterrupt:
-        sys.stderr.write("interrupted; finished cells are kept (--resume goes on)\n")
+        if parsed is not None and parsed.run.__module__ == "harness.commands.run":
+            sys.stderr.write("interrupted; finished cells are kept (--resume goes on)\n")
         return 130
     except BrokenPipeError:  # the reader (head, less) has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

@@ -89,6 +89,8 @@ def make_cell(
 def step_control(solver: str, kind: str, problem: Problem, given: Mapping[str, Any]) -> StepControl:
     """``StepControl`` from text or numbers; a solver given no step takes the problem's dt, or rtol 1e-8."""
     values = {k: _positive(k, v) for k, v in given.items()}
+    if values.get("rtol", 0.0) >= 1.0:
+        raise ValueError(f"rtol must be < 1: it is a share of the motion itself (got {given['rtol']!r})")
     if "dt" in values and "rtol" in values:
         raise ValueError("give exactly one of dt and rtol")
     other = {"dt": "rtol", "rtol": "dt"}[kind]

@@ -33,8 +33,8 @@ class Executor(Protocol):
 class Watcher(Protocol):
     """Who wants to know how a run goes."""
 
-    def begin(self, folder: Path, total: int, done: int, unreadable: tuple[Unreadable, ...]) -> None:
-        """``done`` of ``total`` cells were there already."""
+    def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
+        """Of ``total`` cells those ``waiting`` will be run; the others were there already."""
         ...
 
     def started(self, job: Job) -> None:
@@ -86,7 +86,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         jobs = jobs_of(suite, folder)[k - 1 :: n][: request.limit]
         done = {r.cell for r in before.records}
         waiting = [job for job in jobs if job.id not in done]
-        watcher.begin(folder, len(jobs), len(jobs) - len(waiting), before.unreadable)
+        watcher.begin(folder, len(jobs), waiting, before.unreadable)
 
         def ended(job: Job) -> None:
             watcher.ended(job, store.read_record(folder / "cells" / f"{job.id}.json"))

@@ -84,9 +84,14 @@ def read_series(path: Path, sha256: str = "") -> Series:
     return Series(arrays, tuple(meta["events"]), *names, meta["units"], meta["symbols"])
 
 
+def partial_of(path: Path, pid: int) -> Path:
+    """Where process ``pid`` writes what will be ``path``."""
+    return path.with_name(f".{path.name}.{pid}.part")
+
+
 def write_npz(path: Path, arrays: Mapping[str, np.ndarray]) -> str:
     """Write ``arrays`` to ``path`` whole or not at all; returns the sha256 of the file."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    partial = partial_of(path, os.getpid())
     try:
         with partial.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]

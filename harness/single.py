@@ -1,10 +1,12 @@
 """One run from the shell: solved in a process of its own, written as one NPZ file, whatever happens."""
 
+import contextlib
 import json
 import os
 import signal
 import tempfile
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,7 +20,7 @@ from harness.metrics import measure
 from harness.posed import posed
 from harness.reactions import largest_joint_force
 from harness.scales import scales
-from harness.series import write_npz
+from harness.series import partial_of, write_npz
 from harness.spool import FileSpool, kept
 from harness.summary import columns
 from harness.supervisor import GRACE
@@ -27,6 +29,7 @@ from harness.verdict import doubts
 from harness.warmup import cells_to_warm, warm_apart_then_here
 from harness.worker import solve_repeatedly
 
+PATIENCE = 3.0  # [s] until it is said that compilation may go on
 NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
 
 
@@ -40,17 +43,30 @@ class Outcome:
     native: str  # the last of what the process wrote to standard error
 
 
-def solve_to_file(cell: Cell, out: Path, wall_limit: float | None) -> Outcome:
-    """Run ``cell`` and write ``out``; a crash or a kill leaves a file with the steps it had kept."""
+def solve_to_file(
+    cell: Cell, out: Path, wall_limit: float | None, say: Callable[[str], object] = lambda words: None
+) -> Outcome:
+    """Run ``cell`` and write ``out``; a run that crashes or is killed leaves a file with the steps it had kept.
+
+    Interrupted itself, it ends the run and leaves ``out`` as it was: whole, or not there.
+    """
     problem = registry.make_problem(cell.problem, cell.parameters)
+    patience = _Patience(say)
     if wall_limit is not None:  # a limit is on the run: compile before its clock starts
-        warm_apart_then_here(cells_to_warm([cell]))
+        warm_apart_then_here(cells_to_warm([cell]), patience.over)
     with tempfile.TemporaryDirectory() as place:
         note, stderr = Path(place) / "outcome.json", Path(place) / "stderr"
         cpu = NO_LIMIT if wall_limit is None else 2.0 * wall_limit + 60.0
         rows = Path(place) / "rows"
         child = fork(lambda tell: _solve(cell, problem, out, note, wall_limit, rows), stderr, cell.memory, cpu)
-        words = _wait(child.pid, wall_limit)
+        try:
+            words = _wait(child.pid, wall_limit, patience)
+        except BaseException:
+            kill_group(child.pid)
+            with contextlib.suppress(ChildProcessError):  # it may have ended just now
+                os.waitpid(child.pid, 0)
+            partial_of(out, child.pid).unlink(missing_ok=True)
+            raise
         os.close(child.phase)
         native = stderr.read_text(encoding="utf-8", errors="replace")[-2000:].strip() if stderr.exists() else ""
         if note.exists():
@@ -62,28 +78,38 @@ def solve_to_file(cell: Cell, out: Path, wall_limit: float | None) -> Outcome:
     return Outcome(status, left.message, (), native)
 
 
-def _wait(pid: int, wall_limit: float | None) -> str:
+class _Patience:
+    """Says once that a run takes its time, and why it may."""
+
+    def __init__(self, say: Callable[[str], object]) -> None:
+        self.say, self.until, self.told = say, time.monotonic() + PATIENCE, False
+
+    def over(self) -> bool:
+        """Never; but looks at the clock."""
+        if not self.told and time.monotonic() > self.until:
+            self.told = True
+            self.say(
+                "running; the first run after an installation or a change compiles kernels for half a minute or more"
+            )
+        return False
+
+
+def _wait(pid: int, wall_limit: float | None, patience: _Patience) -> str:
     """Wait for the child; words for its end."""
     hard = None if wall_limit is None else time.monotonic() + wall_limit + GRACE
-    try:
-        while True:
-            done, status = os.waitpid(pid, os.WNOHANG if hard else 0)
-            if done:
-                code = os.waitstatus_to_exitcode(status)
-                return (
-                    f"its process ended by {signal.Signals(-code).name}"
-                    if code < 0
-                    else f"its process exited with {code}"
-                )
-            if hard and time.monotonic() > hard:
-                kill_group(pid)
-                os.waitpid(pid, 0)
-                return f"killed at the wall limit of {wall_limit:g} s; it did not stop when asked"
-            time.sleep(0.02)
-    except KeyboardInterrupt:
-        kill_group(pid)
-        os.waitpid(pid, 0)
-        raise
+    while True:
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            code = os.waitstatus_to_exitcode(status)
+            return (
+                f"its process ended by {signal.Signals(-code).name}" if code < 0 else f"its process exited with {code}"
+            )
+        if hard and time.monotonic() > hard:
+            kill_group(pid)
+            os.waitpid(pid, 0)
+            return f"killed at the wall limit of {wall_limit:g} s; it did not stop when asked"
+        patience.over()
+        time.sleep(0.02)
 
 
 def _solve(cell: Cell, problem: Problem, out: Path, note: Path, wall_limit: float | None, rows: Path) -> None:

@@ -1,6 +1,8 @@
 """``list``: problems, solvers and suites, each option with its unit and default."""
 
 import argparse
+import dataclasses
+import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -10,6 +12,7 @@ from rich.table import Table
 
 from harness import registry
 from harness.cell import DEFAULT_RTOL
+from harness.commands.screen import lines, screen
 from harness.commands.terms import load_plugins
 from harness.options import Parameter
 from harness.suites import suite_names
@@ -19,15 +22,17 @@ def add(commands: Any) -> None:
     """The subcommand's arguments."""
     p = commands.add_parser("list", help="problems, solvers, their options with units and defaults, suites")
     p.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help="also those of this file")
+    p.add_argument("--json", action="store_true", help="one JSON object, for machines")
     p.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the catalogues."""
     load_plugins(arguments.plugin)
-    out = Console()
-    width = None if out.is_terminal else 160  # piped: wide enough not to fold the option tables
-    out = Console(width=width)
+    if arguments.json:
+        lines().print(json.dumps(as_plain(), ensure_ascii=False))
+        return 0
+    out = screen()
     out.print("[bold]Problems[/bold]   --problem-set name=value\n")
     for problem in registry.problems().values():
         own = {k: v for k, v in problem.parameters.items() if k not in registry.COMMON_PARAMETERS}
@@ -48,6 +53,35 @@ def run(arguments: argparse.Namespace) -> int:
         _options(out, solver.parameters)
     out.print("[bold]Suites[/bold]   " + ", ".join(suite_names()))
     return 0
+
+
+def as_plain() -> dict[str, Any]:
+    """JSON-able: problems, solvers, suites."""
+    problems = [
+        {"name": p.name, "doc": p.doc, "parameters": _plain(p.parameters)} for p in registry.problems().values()
+    ]
+    solvers = [
+        {
+            "name": s.name,
+            "paper_label": s.paper_label,
+            "doc": s.doc,
+            "control": s.control,
+            "options": _plain(s.parameters),
+        }
+        for s in registry.solvers().values()
+    ]
+    return {"problems": problems, "solvers": solvers, "suites": suite_names()}
+
+
+def _plain(parameters: Mapping[str, tuple[Any, Parameter]]) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": name,
+            "default": default,
+            **{k: v for k, v in dataclasses.asdict(meaning).items() if v not in (None, ())},
+        }
+        for name, (default, meaning) in parameters.items()
+    ]
 
 
 def _options(out: Console, parameters: Mapping[str, tuple[Any, Parameter]]) -> None:

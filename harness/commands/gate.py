@@ -107,7 +107,7 @@ def _done(arguments: argparse.Namespace, suite: Suite) -> Done:
     with tempfile.TemporaryDirectory() as place:
         name = new_folder(suite.name).name
         folder = Path(arguments.out) if arguments.out else Path(place) / name
-        with progress(quiet=arguments.json) as watcher:
+        with progress(quiet=arguments.json, size=jobs(arguments.jobs)) as watcher:
             loaded = run_suite(Request(suite, folder, jobs(arguments.jobs)), watcher)
         return Done(name, stamp_of(folder), loaded)
 

@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import json
 import math
 import os
 import tempfile
@@ -16,6 +17,7 @@ from rich.text import Text
 from harness import registry
 from harness.cell import step_control
 from harness.commands.run import whole
+from harness.commands.screen import lines, screen
 from harness.commands.terms import UsageError, assignments
 from harness.isolation import fork
 from harness.peers import exudyn_engine
@@ -41,6 +43,7 @@ def add(commands: Any) -> None:
     p.add_argument(
         "--budget", default="60", metavar="S", help="CPU time [s] beyond which a run is not repeated (default: 60)"
     )
+    p.add_argument("--json", action="store_true", help="one JSON object a problem and line, for machines")
     p.set_defaults(run=run)
 
 
@@ -50,18 +53,32 @@ def run(arguments: argparse.Namespace) -> int:
     repeats, budget = whole(arguments.repeats, "--repeats"), float(whole(arguments.budget, "--budget"))
     options = assignments(arguments.set, "--set")
     parameters = assignments(arguments.problem_set, "--problem-set")
-    out = Console(highlight=False)
-    if not out.is_terminal:
-        out = Console(width=160, highlight=False)
-    out.print(f"{exudyn_engine.NAME} {exudyn_engine.version()}, index-2 trapezoidal integrator; CPU time, one thread")
+    names = arguments.problem or PROBLEMS
+    posed = [registry.make_problem(name, parameters) for name in names]  # all that may be a wrong call comes first
+    ours = [_ours(problem, arguments.solver, options, arguments.dt) for problem in posed]
+    out = screen()
+    engine = f"{exudyn_engine.NAME} {exudyn_engine.version()}"
+    if not arguments.json:
+        out.print(f"{engine}, index-2 trapezoidal integrator; CPU time, one thread")
     good = True
-    for name in arguments.problem or PROBLEMS:
-        problem = registry.make_problem(name, parameters)
-        solver, control = _ours(problem, arguments.solver, options, arguments.dt)
+    for problem, (solver, control) in zip(posed, ours, strict=True):
         results = _apart(problem, solver, control, repeats, budget)
-        _print(out, problem, control, results)
+        if arguments.json:
+            plain = {"problem": problem.name, "engine": engine, "dt_s": control.dt, "results": _plain(results)}
+            lines().print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
+        else:
+            _print(out, problem, control, results)
         good = good and all(r.status == "success" for r in results)
     return 0 if good else 1
+
+
+def _plain(results: list[Result]) -> list[dict[str, Any]]:
+    """JSON-able: None for a number that does not exist."""
+    out = []
+    for r in results:
+        plain = {**dataclasses.asdict(r), "cpu_median_s": r.median_s, "ratio": r.median_s / results[0].median_s}
+        out.append({k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in plain.items()})
+    return out
 
 
 def _ours(problem: Problem, name: str | None, options: dict[str, str], dt: str | None) -> tuple[Solver, StepControl]:

@@ -1,4 +1,4 @@
-"""How a run goes, on the terminal: a bar with what runs, what is left and the time to go; plain lines elsewhere."""
+"""How a run goes, on the terminal: a bar, the time to go, the worst drift, what runs; plain lines elsewhere."""
 
 import json
 import time
@@ -7,45 +7,61 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
+from rich.console import Console, Group
+from rich.live import Live
+from rich.text import Text
 
+from harness.eta import Estimate, durations, in_words
 from harness.job import Job
 from harness.records import RunRecord
 from harness.store import Loaded, Unreadable
 from harness.types import Status
+from harness.warmup import cells_to_warm
 
-LISTED = 50  # cells named at most
 STYLE = {Status.SUCCESS: "green", Status.REFUSED: "cyan", Status.WRONG: "bold red"}
+LISTED = 50  # cells named at most
+BAR = 30  # characters
+SHOWN = 8  # running cells on the screen at most
+PATIENCE = 3.0  # [s] until it is said that compilation goes on
+EVERY = 30.0  # [s] between two lines on how far it is, where there is no bar
 
 
 class Watch:
-    """Prints one line a finished cell, and keeps the bar."""
+    """Prints one line a finished cell, and keeps the lines at the foot of a terminal."""
 
-    def __init__(self, console: Console, bar: Progress | None) -> None:
-        self.console, self.bar = console, bar
-        self.task = bar.add_task("", total=None, left="") if bar else None
+    def __init__(self, console: Console, live: Live | None, size: int = 1) -> None:
+        self.console, self.live, self.size = console, live, size
         self.total = self.before = self.done = 0
-        self.opened = self.began = time.monotonic()
+        self.opened = self.told = time.monotonic()
+        self.waiting: dict[str, Job] = {}
         self.running: dict[str, tuple[Job, float]] = {}
+        self.estimate = Estimate({})
+        self.compiling = False  # and it has not been said
         self.worst = (0.0, "")
         self.left = 0  # cells that a limit on the whole run has kept from beginning
 
-    def begin(self, folder: Path, total: int, done: int, unreadable: tuple[Unreadable, ...]) -> None:
-        self.total, self.before, self.began = total, done, time.monotonic()
-        kept = f", {done} of them done before" if done else ""
+    def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
+        self.total, self.before = total, total - len(waiting)
+        self.waiting = {job.id: job for job in waiting}
+        self.compiling = bool(cells_to_warm([job.cell for job in waiting]))
+        self.estimate = Estimate(durations(suite=waiting[0].suite) if waiting else {})
+        kept = f", {self.before} of them done before" if self.before else ""
         self._say(f"{total} cells{kept} into {folder}")
         for item in unreadable:
             self._say(f"set aside: {item.path.name}: {item.why}")
         self.tick()
 
     def started(self, job: Job) -> None:
+        self.compiling = False
+        self.waiting.pop(job.id, None)
         self.running[job.id] = (job, time.monotonic())
         self.tick()
 
     def ended(self, job: Job, record: RunRecord) -> None:
         self.running.pop(job.id, None)
         self.done += 1
+        if record.wall_s > 0.0:
+            self.estimate.learn(job.cell, record.wall_s)
         relative = record.energy_drift_max_J / record.energy_scale_J
         if record.status != Status.REFUSED and relative > self.worst[0]:
             self.worst = (relative, job.cell.case)
@@ -58,24 +74,20 @@ class Watch:
         self.tick()
 
     def warmed(self, times: dict[str, float]) -> None:
-        slow = [f"{solver} {seconds:.0f} s" for solver, seconds in times.items() if seconds > 3.0]
+        slow = [f"{solver} {seconds:.0f} s" for solver, seconds in times.items() if seconds > PATIENCE]
         if slow:
             self._say(f"compiled once, before any clock runs: {', '.join(slow)}")
-        self.began = time.monotonic()
 
     def tick(self) -> None:
-        if self.bar is None or self.task is None:
-            return
         now = time.monotonic()
-        running = " | ".join(f"{j.cell.case} {now - t:.0f} s" for j, t in self.running.values())
-        self.bar.update(
-            self.task,
-            total=self.total,
-            completed=self.before + self.done,
-            description=running or "starting",
-            left=self._left(),
-        )
-        self.bar.refresh()
+        if self.compiling and now - self.opened > PATIENCE:
+            self.compiling = False
+            self._say("compiling the solvers' kernels, before any clock runs: half a minute or more the first time")
+        if self.live is not None:
+            self.live.update(Group(*self.foot(now)), refresh=True)
+        elif now - self.told > EVERY and self.running:
+            self.told = now
+            self._say(f"    {self.count()}; {self.drift()}" if self.worst[1] else f"    {self.count()}")
 
     def stopped(self, left: Sequence[Job], limit: float) -> None:
         self.left = len(left)
@@ -94,33 +106,45 @@ class Watch:
             f"{len(loaded.records)} cells: {words} in {time.monotonic() - self.opened:.1f} s; {folder}/cells.parquet"
         )
         if self.worst[1]:
-            self._say(f"largest energy drift: {self.worst[0]:.2g} of the energy scale, {self.worst[1]}")
+            self._say(f"largest energy drift: {self.drift()}")
 
-    def _left(self) -> str:
-        left = self.total - self.before - self.done
-        if not self.done:
-            return f"{left} left"
-        rate = (time.monotonic() - self.began) / self.done
-        return f"{left} left, about {rate * left:.0f} s"
+    def foot(self, now: float) -> list[Text]:
+        """The lines under all others, none longer than the terminal is wide."""
+        share = (self.before + self.done) / self.total if self.total else 0.0
+        full = round(share * BAR)
+        lines = [Text.assemble(("━" * full, "green"), ("─" * (BAR - full), "dim"), f" {self.count()}")]
+        if self.worst[1]:
+            lines.append(Text(f"worst drift: {self.drift()}"))
+        for job, since in list(self.running.values())[:SHOWN]:
+            guess = self.estimate.guess(job.cell)
+            of = f" of about {in_words(guess)}" if guess is not None else ""
+            lines.append(Text(f"  {now - since:.0f} s{of}: {job.cell.case}", "dim"))
+        for line in lines:
+            line.no_wrap, line.overflow = True, "ellipsis"
+        return lines
+
+    def count(self) -> str:
+        """How many are done, and the time to go."""
+        now = time.monotonic()
+        running = [(job.cell, now - since) for job, since in self.running.values()]
+        left = self.estimate.left(running, (job.cell for job in self.waiting.values()), self.size)
+        words = "" if left is None or not (running or self.waiting) else f", about {in_words(left)} left"
+        return f"{self.before + self.done} of {self.total}{words}"
+
+    def drift(self) -> str:
+        """The worst so far."""
+        return f"{self.worst[0]:.2g} of the energy scale, {self.worst[1]}"
 
     def _say(self, words: str, style: str = "") -> None:
-        self.console.print(words, style=style or None, highlight=False, markup=False, soft_wrap=True)
+        self.console.print(Text(words, style), highlight=False, soft_wrap=True)
 
 
 @contextmanager
-def progress(*, quiet: bool = False) -> Iterator[Watch]:
-    """A ``Watch`` with a bar if standard output is a terminal; ``quiet`` leaves it to what follows."""
+def progress(*, quiet: bool = False, size: int = 1) -> Iterator[Watch]:
+    """A ``Watch`` with lines at the foot if standard output is a terminal; ``quiet`` leaves it to what follows."""
     console = Console(quiet=quiet)
-    if not console.is_terminal:
-        yield Watch(console, None)
+    if quiet or not console.is_terminal or console.is_dumb_terminal:
+        yield Watch(console, None, size)
         return
-    columns = (
-        BarColumn(30),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[left]}"),
-        TextColumn("{task.description}", markup=False),
-    )
-    bar = Progress(*columns, console=console, auto_refresh=False, transient=True)
-    with bar:
-        task = Watch(console, bar)
-        yield task
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+        yield Watch(console, live, size)

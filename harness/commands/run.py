@@ -1,13 +1,16 @@
 """``run``: a suite into a run folder, with progress."""
 
 import argparse
+import json
 import os
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from harness import store
 from harness.commands.progress import progress
+from harness.commands.screen import lines
 from harness.commands.terms import UsageError, load_plugins
 from harness.pool import LocalPool
 from harness.runner import Executor, Request, last_folder, new_folder, run_suite
@@ -23,6 +26,7 @@ def add(commands: Any) -> None:
     p.add_argument("--limit", metavar="N", help="only the first N cells")
     p.add_argument("--shard", metavar="K/N", help="of every N cells the K-th, for N machines; then merge the folders")
     p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
+    p.add_argument("--json", action="store_true", help="one JSON object at the end, for machines")
     p.set_defaults(run=run)
 
 
@@ -46,9 +50,14 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--jobs is for this machine; a cluster has the size it has")
     target, part = folder or new_folder(suite.name), shard(arguments.shard)
     request = Request(suite, target, jobs(arguments.jobs), arguments.resume, limit, part)
-    with progress() as watcher:
+    with progress(size=request.jobs, quiet=arguments.json) as watcher:
         loaded = run_suite(request, watcher, executor(arguments.cluster))
     watcher.finish(request.folder, loaded)
+    if arguments.json:
+        counted = Counter(r.status for r in loaded.records)
+        drift = dict(zip(("relative", "case"), watcher.worst, strict=True)) if watcher.worst[1] else None
+        plain = {"folder": str(request.folder), "cells": len(loaded.records), "statuses": dict(counted)}
+        lines().print(json.dumps({**plain, "not_begun": watcher.left, "worst_drift": drift}, ensure_ascii=False))
     return 1 if watcher.left else 0
 
 

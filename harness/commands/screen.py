@@ -3,10 +3,12 @@
 import itertools
 import math
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+import numpy as np
 from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
@@ -82,7 +84,7 @@ def _room(columns: Sequence[Column], kept: Sequence[int], needs: Sequence[int], 
 
 def _loose(text: str, room: int) -> str:
     """Lists of options with blanks where they would be broken at any character otherwise."""
-    return text if cell_len(text) <= room else text.replace(",", ", ").replace("[", " [")
+    return text if cell_len(text) <= room else re.sub(r",(?! )", ", ", text).replace("[", " [")
 
 
 def number(value: float) -> str:
@@ -115,3 +117,20 @@ def _bar(x: float, low: float, high: float) -> str:
         return " "
     share = (x - low) / (high - low) if high > low else 0.0
     return BARS[round(min(max(share, 0.0), 1.0) * (len(BARS) - 1))]
+
+
+def timeline(t: np.ndarray, values: np.ndarray, t_end: float, width: int) -> str:
+    """``values`` over the time from 0 to ``t_end``; a motion that ended before has a star where it stopped."""
+    if not len(t) or not t_end > 0.0:
+        return ""
+    place = np.minimum((np.asarray(t) / t_end * width).astype(int), width - 1)
+    tops = [math.nan] * width
+    for k in range(width):
+        here = np.abs(np.asarray(values)[place == k])
+        here = here[np.isfinite(here)]
+        tops[k] = float(here.max()) if len(here) else math.nan
+    last = int(place[-1])
+    for k in range(1, last):  # a long step leaves stretches without a value of their own
+        tops[k] = tops[k - 1] if math.isnan(tops[k]) and not math.isnan(tops[k - 1]) else tops[k]
+    line = sparkline(tops, width)
+    return line if t[-1] > t_end * (1.0 - 1e-6) else (line[: last + 1] + "*").ljust(width)[:width]

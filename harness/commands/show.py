@@ -1,29 +1,60 @@
-"""``show``: a run folder as a table on the terminal."""
+"""``show``: a run folder as a table on the terminal, or one of its cells with all there is to know."""
 
 import argparse
 import json
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from harness import records, store
+from harness.commands.cell_view import show_cell
 from harness.commands.progress import STYLE
-from harness.commands.run import existing
+from harness.commands.run import existing, whole
+from harness.commands.screen import Column, errors, fitted, lines, number, screen, timeline
+from harness.commands.terms import UsageError
+from harness.options import nearest
+from harness.provenance import stamp_of
+from harness.records import RunRecord
+from harness.reproduce import command
+from harness.series import BadSeries
+from harness.store import Unreadable
 from harness.types import Status
 
+SPARK = 12  # characters of the energy error over time
+PREFIX = 7  # characters of a cell's address in the table
+FILTERS = ("problem", "solver", "status", "label")
 SHOWN = {
-    "energy_drift_max_J": "|dE| [J]", "phi_max": "|phi| [m]", "phi_dot_max": "|phi'| [m/s]",
-    "position_error_max_m": "error [m]", "orientation_error_max_rad": "error [rad]", "cpu_min_s": "CPU [s]",
-}  # fmt: skip
+    "energy_drift_max_J": Column("|dE| [J]"),
+    "position_error_max_m": Column("error [m]", rank=2),
+    "orientation_error_max_rad": Column("error [rad]", rank=4),
+    "phi_max": Column("|phi| [m]", rank=5),
+    "phi_dot_max": Column("|phi'| [m/s]", rank=6),
+    "cpu_min_s": Column("CPU [s]", rank=3),
+}
+SORTS = {"drift": "energy_drift_max_J", "error": "position_error_max_m", "phi": "phi_max", "cpu": "cpu_min_s"}
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A record and its energy error over time."""
+
+    record: RunRecord
+    spark: str
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("show", help="a run folder as a table")
+    p = commands.add_parser("show", help="a run folder as a table, or one cell of it")
     p.add_argument("folder", nargs="?", default="latest", help="run folder (default: the newest)")
+    p.add_argument("cell", nargs="?", help="one cell: its address as in the table (or its start), or its case")
+    for name in FILTERS:
+        p.add_argument(f"--{name}", metavar="A,B", help=f"only cells with one of these (default: any {name})")
+    p.add_argument("--sort", metavar="KEY", help=f"largest first: {', '.join(SORTS)}, or any numeric column")
+    p.add_argument("--limit", metavar="N", help="only the first N cells")
     p.add_argument("--json", action="store_true", help="one JSON record a line, for machines")
     p.set_defaults(run=run)
 
@@ -31,34 +62,89 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print it; 1 if files in it could not be read."""
     folder = existing(arguments.folder)
-    loaded = store.load(folder)
-    plain = Console(highlight=False, markup=False, soft_wrap=True)
+    loaded = store.load(folder, check_series=arguments.json)
+    plugins = [p for p in stamp_of(folder).get("plugins", []) if isinstance(p, str)]
+    unreadable = list(loaded.unreadable)
+    chosen = _chosen(loaded.records, arguments)
     if arguments.json:
-        for record in loaded.records:
-            plain.print(json.dumps(json.loads(records.to_json(record)), ensure_ascii=False))
+        for record in chosen:
+            plain = json.loads(records.to_json(record))
+            lines().print(json.dumps({**plain, "command": command(record, plugins)}, ensure_ascii=False))
+    elif arguments.cell:
+        show_cell(folder, chosen[0], command(chosen[0], plugins))
     else:
-        _table(loaded)
-    for item in loaded.unreadable:
-        Console(stderr=True, highlight=False, markup=False, soft_wrap=True).print(f"not read: {item.path}: {item.why}")
-    return 1 if loaded.unreadable else 0
+        _table([_with_spark(folder, r, unreadable) for r in chosen])
+    for item in unreadable:
+        errors().print(f"not read: {item.path}: {item.why}")
+    return 1 if unreadable else 0
 
 
-def _table(loaded: store.Loaded) -> None:
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for name in ("case", "status", "steps", *SHOWN.values()):
-        table.add_column(Text(name), justify="left" if name in ("case", "status") else "right", overflow="fold")
-    for r in loaded.records:
-        numbers = [_short(getattr(r, name)) for name in SHOWN]
-        table.add_row(Text(r.case), Text(r.status, STYLE.get(Status(r.status), "yellow")), str(r.steps), *numbers)
-    out = Console()
-    if not out.is_terminal:
-        out = Console(width=200)
-    out.print(table)
-    for r in loaded.records:
+def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[RunRecord]:
+    """Filtered, sorted, cut; UsageError where a filter names what is not there."""
+    if arguments.cell:
+        return [one(found, arguments.cell)]
+    chosen = list(found)
+    for name in FILTERS:
+        given = getattr(arguments, name)
+        if given is None:
+            continue
+        wanted, known = given.split(","), sorted({str(getattr(r, name)) for r in found})
+        for word in wanted:
+            if word not in known:
+                raise UsageError(f"--{name}: no cell of the run has {word!r}{nearest(word, known)}")
+        chosen = [r for r in chosen if getattr(r, name) in wanted]
+    if arguments.sort is not None:
+        key = SORTS.get(arguments.sort, arguments.sort)
+        numeric = [c.name for c in records.COLUMNS if c.type in (float, int)]
+        if key not in numeric:
+            raise UsageError(f"--sort: unknown column {key!r}{nearest(key, [*SORTS, *numeric])}")
+        chosen.sort(key=lambda r: -_size(getattr(r, key)))
+    return chosen[: whole(arguments.limit, "--limit")] if arguments.limit is not None else chosen
+
+
+def one(found: Sequence[RunRecord], given: str) -> RunRecord:
+    """The cell of that address, case, or start of an address."""
+    match = [r for r in found if given in (r.cell, r.case)] or [r for r in found if given and r.cell.startswith(given)]
+    if not match:
+        raise UsageError(f"no cell {given!r} in the run{nearest(given, [r.case for r in found][:500])[:200]}")
+    if len(match) > 1:
+        raise UsageError(f"{given!r} is the start of {len(match)} cells: {', '.join(r.cell for r in match[:5])}")
+    return match[0]
+
+
+def _with_spark(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> Shown:
+    try:
+        series = store.series_of(folder, record)
+    except BadSeries as error:
+        unreadable.append(Unreadable(folder / record.series, str(error)))
+        return Shown(record, "")
+    line = "" if series is None else timeline(series["t"], series["energy_error"], record.t_end_s, SPARK)
+    return Shown(record, line)
+
+
+def _table(shown: Sequence[Shown]) -> None:
+    out = screen()
+    columns = [
+        Column("cell", rank=1, right=False), Column("case", right=False, fold=True), Column("status", right=False),
+        Column("steps", rank=7), next(iter(SHOWN.values())), Column("dE over time", right=False),
+        *list(SHOWN.values())[1:],
+    ]  # fmt: skip
+    rows: list[tuple[Text | str, ...]] = []
+    for s in shown:
+        r = s.record
+        first, *rest = [number(getattr(r, name)) for name in SHOWN]
+        status = Text(r.status, STYLE.get(Status(r.status) if r.status in set(Status) else Status.CRASHED, "yellow"))
+        rows.append((r.cell[:PREFIX], r.case, status, str(r.steps), first, s.spark, *rest))
+    if rows:
+        out.print(fitted(columns, rows, out.width))
+    for s in shown:
+        r = s.record
         if r.status != Status.SUCCESS:
             why = "; ".join(json.loads(r.wrong_because)) or r.message
-            out.print(Text(f"{r.status}: {r.case}: {why}"))
+            out.print(Text(f"{r.cell[:PREFIX]} {r.status}: {r.case}: {why}"))
+    good = sum(s.record.status == Status.SUCCESS for s in shown)
+    out.print(Text(f"{len(shown)} cells, {good} success; `show RUN CELL` tells all about one"))
 
 
-def _short(value: float) -> str:
-    return "-" if math.isnan(value) else f"{value:.3g}"
+def _size(value: float) -> float:
+    return -math.inf if math.isnan(value) else abs(value)

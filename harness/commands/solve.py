@@ -1,13 +1,13 @@
 """``solve``: one run from the shell, as an NPZ file."""
 
 import argparse
+import json
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from harness import registry
 from harness.cell import make_cell
+from harness.commands.screen import errors, lines
 from harness.commands.terms import UsageError, assignments, check_writable, load_plugins
 from harness.types import Status
 
@@ -28,6 +28,7 @@ def add(commands: Any) -> None:
     p.add_argument(
         "--plugin", action="append", default=[], metavar="FILE.py", help="file with more problems or solvers"
     )
+    p.add_argument("--json", action="store_true", help="one JSON object instead of lines, for machines")
     p.set_defaults(run=run)
 
 
@@ -48,11 +49,22 @@ def run(arguments: argparse.Namespace) -> int:
     cell = make_cell(problem, arguments.solver, given, control)
     wall = None if limit is None else float(_above_zero(limit, "wall_limit"))
     out = Path(arguments.out)
+    if out.suffix != ".npz":
+        raise UsageError(f"--out must end in .npz, the one format that is written (got {arguments.out!r})")
     check_writable(out)
     from harness.single import solve_to_file
 
-    outcome = solve_to_file(cell, out, wall)
-    console = Console(highlight=False, markup=False, soft_wrap=True)
+    console = lines()
+    said = (lambda words: None) if arguments.json else console.print
+    try:
+        outcome = solve_to_file(cell, out, wall, said)
+    except (KeyboardInterrupt, SystemExit):
+        errors().print(f"interrupted; nothing was written to {out}")
+        raise
+    if arguments.json:
+        plain = {"case": cell.case, "status": str(outcome.status), "message": outcome.message, "out": str(out)}
+        console.print(json.dumps({**plain, "lines": outcome.lines}, ensure_ascii=False))
+        return 0 if outcome.status is Status.SUCCESS else 1
     console.print(f"{cell.case}")
     console.print(f"{'status':<18} {outcome.status}" + (f": {outcome.message}" if outcome.message else ""))
     for line in outcome.lines:

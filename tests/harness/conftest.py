@@ -37,7 +37,7 @@ class Silent:
         self.set_aside: list[str] = []
         self.left: list[str] = []
 
-    def begin(self, folder, total, done, unreadable):
+    def begin(self, folder, total, waiting, unreadable):
         self.set_aside = [u.path.name for u in unreadable]
 
     def started(self, job):

@@ -1,0 +1,119 @@
+"""One cell on the terminal: settings, numbers, series over time, standard error, and the command that runs it again."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from harness import store
+from harness.commands.progress import STYLE
+from harness.commands.screen import Column, fitted, lines, screen, timeline
+from harness.records import COLUMNS, RunRecord
+from harness.series import BadSeries
+from harness.types import Status
+
+SERIES = {  # name in the series file: what the line is called
+    "energy_error": "|dE| [J]", "position_error": "error [m]", "orientation_error": "error [rad]",
+    "phi_norm": "|phi| [m]", "phi_dot_norm": "|phi'| [m/s]", "dt": "step [s]",
+}  # fmt: skip
+SETTINGS = ("label", "section", "suite", "dt_s", "rtol", "max_step_s", "max_steps", "t_end_s", "wall_limit_s")
+NOT_NUMBERS = {*SETTINGS, "schema", "exit_code", "signal", "memory_limit_MB"}
+LAST = 5  # lines of standard error
+
+
+def show_cell(folder: Path, record: RunRecord, command: str) -> None:
+    """Print all of it."""
+    out = screen()
+    style = STYLE.get(Status(record.status) if record.status in set(Status) else Status.CRASHED, "yellow")
+    out.print(Text(record.case, "bold"))
+    out.print(Text.assemble((record.status, style), f": {record.message}" if record.message else ""))
+    for words in json.loads(record.wrong_because):
+        out.print(Text(f"  because: {words}"))
+    for words in json.loads(record.notes):
+        out.print(Text(f"  note: {words}"))
+    _heading(out, "Settings")
+    for name, value in _settings(record).items():
+        out.print(Text(f"  {name:<18} {value}"))
+    _series(out, folder, record)
+    _heading(out, "Measured")
+    _numbers(out, record)
+    native = folder / record.stderr if record.stderr else None
+    if native is not None and native.is_file():
+        _heading(out, f"Standard error ({record.stderr}), the last lines")
+        for line in native.read_text(encoding="utf-8", errors="replace").splitlines()[-LAST:]:
+            out.print(Text("  " + _printable(line)))
+    _heading(out, "Again")
+    lines().print(f"  {command}")
+
+
+def _settings(r: RunRecord) -> dict[str, str]:
+    out = {
+        "problem": " ".join([r.problem, *_assigned(r.problem_parameters)]),
+        "solver": " ".join([r.solver, *_assigned(r.solver_options)]),
+    }
+    for name in SETTINGS:
+        value = getattr(r, name)
+        if value not in ("", 0) and not (isinstance(value, float) and math.isnan(value)):
+            out[name] = f"{value:.12g}" if isinstance(value, float) else str(value)
+    return {**out, "cell": r.cell, "code, commit": f"{r.code}, {r.commit or 'none'}", "finished": r.finished}
+
+
+def _assigned(text: str) -> list[str]:
+    return [f"{k}={json.dumps(v)}" for k, v in json.loads(text).items()]
+
+
+def _series(out: Console, folder: Path, record: RunRecord) -> None:
+    _heading(out, f"Over time, 0 to {record.t_end_s:g} s (a bar more is ten times more; * where it stopped)")
+    try:
+        series = store.series_of(folder, record)
+    except BadSeries as error:
+        out.print(Text(f"  not read: {error}"))
+        return
+    if series is None:
+        out.print("  no steps were kept")
+        return
+    width = max(10, min(60, out.width - 46))
+    for name, words in SERIES.items():
+        if name in series:
+            values = np.abs(series[name])
+            finite = values[np.isfinite(values)]
+            ends = f"{finite.min():.2e} to {finite.max():.2e}" if len(finite) else "-"
+            line = timeline(series["t"], series[name], record.t_end_s, width)
+            out.print(Text(f"  {words:<12} {line}  {ends}"))
+
+
+def _numbers(out: Console, record: RunRecord) -> None:
+    rows = []
+    for c in COLUMNS:
+        value = getattr(record, c.name)
+        if c.type in (float, int) and c.name not in NOT_NUMBERS and not math.isnan(value):
+            rows.append((f"  {c.name}", f"{value:.6g}", str(c.metadata["doc"])))
+    for name in ("invariant_drifts", "observable_errors"):
+        for key, entry in json.loads(getattr(record, name)).items():
+            rows.append((f"  {name[:-1]}: {key}", f"{_of(entry, 'max'):.6g}", f"{entry.get('unit', '')}, max"))
+    columns = (
+        Column("  column", right=False, fold=True),
+        Column("value"),
+        Column("meaning", right=False, fold=True, least=20),
+    )
+    out.print(fitted(columns, rows, out.width))
+
+
+def _of(entry: Any, key: str) -> float:
+    try:
+        return float(entry[key])
+    except (TypeError, KeyError, ValueError):
+        return math.nan
+
+
+def _heading(out: Console, words: str) -> None:
+    out.print(Text(f"\n{words}", "bold"))
+
+
+def _printable(line: str) -> str:
+    """What a process wrote must not move the cursor."""
+    return "".join(c if c.isprintable() or c == "\t" else "?" for c in line)
