@@ -1,4 +1,4 @@
-"""The matrix of solver against problem: one entry each, never empty."""
+"""The matrix of problem against solver: one entry each, never empty."""
 
 import math
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from reports.accuracy import drifts, measure_for
 from reports.reading import Cell, Posing, Run
-from reports.settings import shared_options
+from reports.scores import Score, broadest, score
 from reports.words import Mark, mark, number, seconds
 
 WORST_FIRST = ("wrong", "failed", "refused", "good")
@@ -17,6 +17,7 @@ FEWEST_DIGITS, MOST_DIGITS = 0.0, 14.0  # of a bar: empty when exact to 14 digit
 class Figure:
     """One number of an entry; ``share`` of a bar is how many digits are lost, 0 to 100, or None for no bar."""
 
+    key: str
     name: str
     text: str
     share: float | None = None
@@ -24,78 +25,74 @@ class Figure:
 
 @dataclass(frozen=True)
 class Entry:
-    """What a solver made of a problem: its finest settings in numbers, the others by their marks."""
+    """What a solver made of a problem: its finest settings in numbers, all of them counted."""
 
     head: Cell
     mark: Mark
-    others: tuple[tuple[Cell, Mark], ...]
+    score: Score
     figures: tuple[Figure, ...]
     energy: str
-    alike: frozenset[str]  # settings that need not be said
+
+    @property
+    def kind(self) -> str:
+        """That of the finest settings, but one wrong cell colours all."""
+        return "wrong" if self.score.wrong else self.mark.kind
 
     @property
     def measured(self) -> bool:
         """There is a number at all: not so for a refusal."""
         return any(f.share is not None for f in self.figures)
 
-    @property
-    def kind(self) -> str:
-        """The worst of all its cells: it decides the colour."""
-        kinds = {self.mark.kind, *(m.kind for _, m in self.others)}
-        return next(k for k in WORST_FIRST if k in kinds)
-
 
 @dataclass(frozen=True)
 class Row:
-    """A solver under one label of the suite; None where that was not run."""
+    """A problem under one label of the suite; None for a solver that did not take it."""
 
-    solver: str
-    paper_label: str
+    posing: Posing
     entries: tuple[Entry | None, ...]
 
 
 @dataclass(frozen=True)
 class Part:
-    """The rows of one label, over the problems that it took."""
+    """The rows of one label, over the solvers that it has."""
 
     label: str
-    posings: tuple[Posing, ...]
+    solvers: tuple[str, ...]
     rows: tuple[Row, ...]
 
 
 def matrix(run: Run) -> list[Part]:
-    """One part a label, one row a solver, one entry a problem."""
+    """One part a label, the broadest first; one row a problem, one entry a solver."""
+    first = broadest(run)
     out = []
-    for label in run.labels():
+    for label in sorted(run.labels(), key=lambda name: name != first):
+        own = [c for c in run.cells if c.record.label == label]
+        solvers = tuple(s for s in run.solvers if any(c.record.solver == s for c in own))
         rows = []
-        posings = tuple(p for p in run.posings if any(c.record.label == label for c in p.cells))
-        for solver in run.solvers:
-            own = [[c for c in p.cells if (c.record.solver, c.record.label) == (solver, label)] for p in posings]
-            if any(own):
-                name = next(c.record.paper_label for cells in own for c in cells)
-                entries = [entry(p, cells) if cells else None for p, cells in zip(posings, own, strict=True)]
-                rows.append(Row(solver, name, tuple(entries)))
-        out.append(Part(label, posings, tuple(rows)))
+        for posing in run.posings:
+            cells = [[c for c in posing.cells if (c.record.solver, c.record.label) == (s, label)] for s in solvers]
+            if any(cells):
+                rows.append(Row(posing, tuple(entry(posing, some) if some else None for some in cells)))
+        out.append(Part(label, solvers, tuple(rows)))
     return out
 
 
 def entry(posing: Posing, cells: Sequence[Cell]) -> Entry:
     """The finest settings stand for the entry, whatever became of them."""
-    ranked = sorted(cells, key=lambda c: (c.fineness, len(c.options), c.record.case))
-    head, r = ranked[0], ranked[0].record
-    measure = measure_for(posing.cells)
+    head = min(cells, key=lambda c: (c.fineness, len(c.options), c.record.case))
+    r, measure = head.record, measure_for(posing.cells)
     error, scale = (measure.of(head), 1.0) if measure else (math.nan, 1.0)
     if measure and measure.unit == "m":
         scale = r.length_scale_m
     figures = (
-        Figure("ΔE", _with(r.energy_drift_max_J, "J"), _lost(r.energy_drift_max_J, r.energy_scale_J)),
-        Figure("error", _with(error, measure.unit) if measure else "no reference", _lost(error, scale)),
-        Figure("|φ|", _with(r.phi_max, "m"), _lost(r.phi_max, r.length_scale_m)),
-        Figure("CPU", seconds(r.cpu_median_s)),
+        Figure("error", "error", _with(error, measure.unit) if measure else "no reference", _lost(error, scale)),
+        Figure("energy", "ΔE", _with(r.energy_drift_max_J, "J"), _lost(r.energy_drift_max_J, r.energy_scale_J)),
+        Figure("phi", "|φ|", _with(r.phi_max, "m"), _lost(r.phi_max, r.length_scale_m)),
+        Figure("cost", "CPU", seconds(r.cpu_median_s)),
     )  # fmt: skip
-    wanders, alike = drifts(head), shared_options(cells)[r.solver]
+    wanders = drifts(head)
     energy = "" if wanders is None else "drifts" if wanders else "bounded"
-    return Entry(head, mark(head.status), tuple((c, mark(c.status)) for c in ranked[1:]), figures, energy, alike)
+    return Entry(head, mark(head.status), score(cells), figures, energy)
 
 
 def _with(value: float, unit: str) -> str:

@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from harness.types import Status
 from reports.accuracy import drifts
 from reports.reading import Cell, Posing, Run
 from reports.words import listed, mark, plural, time
@@ -105,7 +106,6 @@ def headline(found: Sequence[Verdict], label: str) -> list[tuple[str, str, str]]
     partly = [v for v in found if 0 < v.finest.held < v.finest.cells]
     never = [v.solver for v in found if v.finest.cells and not v.finest.held]
     drifting = [v for v in found if v.drifts_on]
-    broken = [v for v in found if v.breaks_on]
     what = f"finest settings, “{label}”" if label else "finest settings"
     holds = (
         f"On every problem it took ({what}): {listed(whole, 12)}." if whole else f"No solver on every problem ({what})."
@@ -120,13 +120,20 @@ def headline(found: Sequence[Verdict], label: str) -> list[tuple[str, str, str]]
         + ". A drift may be small and a swing large: sizes are below."
     )  # fmt: skip
     wrong = sum(v.everything.wrong for v in found)
-    breaks = "None at its finest settings." if not broken else (
-        listed([f"{v.solver} on {listed([c.posing for c, _ in v.breaks_on], 3)}" for v in broken], 12) + "."
-    )  # fmt: skip
+    breaks = _breaks(found)
     if wrong:
         breaks += f" Of all settings {plural(wrong, 'cell')} claimed success and {'is' if wrong == 1 else 'are'} wrong."
-    return [
-        ("good", "Who holds", holds),
-        ("plain", "Who drifts", drift),
-        ("wrong" if wrong else "failed", "Who breaks", breaks),
-    ]
+    kind = "wrong" if wrong else "failed"
+    return [("good", "Who holds", holds), ("plain", "Who drifts", drift), (kind, "Who breaks, and why", breaks)]
+
+
+def _breaks(found: Sequence[Verdict]) -> str:
+    """Stopped or wrong, with the first reason; refusals apart: they are said beforehand."""
+    told = []
+    for v in found:
+        own = [(c, reason) for c, reason in v.breaks_on if c.status != Status.REFUSED]
+        told += [f"{v.solver} on {c.posing} ({reason})" for c, reason in own[:2]]
+        told += [f"{v.solver} on {len(own) - 2} more"] if len(own) > 2 else []
+    refusals = [f"{v.solver} {c.posing}" for v in found for c, _ in v.breaks_on if c.status == Status.REFUSED]
+    words = f"{'; '.join(told[:5])}{'; …' if len(told) > 5 else ''}." if told else "None at its finest settings."
+    return words + (f" Refused beforehand: {listed(refusals, 4)}." if refusals else "")

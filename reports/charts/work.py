@@ -43,10 +43,10 @@ def work(posing: Posing, url: Callable[[Cell], str]) -> Chapter | None:
 
 def _traces(cells: Sequence[Cell], cost: Callable[[Cell], float], error: Callable[[Cell], float],
             url: Callable[[Cell], str]) -> list[Trace]:  # fmt: skip
-    families: dict[tuple[str, float, str], list[Cell]] = {}
+    families: dict[tuple[str, str, str], list[Cell]] = {}
     for c in cells:
         if math.isfinite(cost(c)) and math.isfinite(error(c)):
-            families.setdefault((c.method, c.record.max_step_s, c.record.label), []).append(c)
+            families.setdefault((c.method, f"{c.record.max_step_s}", c.record.label), []).append(c)
     out, seen = [], dict.fromkeys((c.record.solver for c in cells), 0)
     for (method, _, label), own in families.items():
         own.sort(key=lambda c: c.fineness)

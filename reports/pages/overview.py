@@ -1,12 +1,53 @@
-"""The first page: who holds, who drifts, who breaks, and the matrix of solver against problem."""
+"""The first page: who holds, who drifts, who breaks, and why; the matrix; and all cells, to sort and to filter."""
 
+from typing import Any
+
+from reports.accuracy import drifts, measure_for
 from reports.findings import findings
 from reports.overview import matrix
 from reports.pages.base import Page, Site
-from reports.reading import Run
+from reports.reading import Cell, Run
+from reports.scores import broadest, headline, score, verdicts
+from reports.words import mark
+
+DIGITS = 6  # of numbers in the table's data file: twice what is shown
 
 
 def write(run: Run, site: Site) -> Page | None:
     """``index.html``."""
+    found, label = verdicts(run), broadest(run)
     page = Page("Overview", "index.html", nav=True, order=0)
-    return site.write(page, "overview.html", findings=findings(run), matrix=matrix(run))
+    return site.write(
+        page, "overview.html", scripts=[site.data("cells", _table(run, site)), "assets/overview.js"],
+        findings=findings(run), matrix=matrix(run), verdicts=found, answers=headline(found, label), label=label,
+        score=score(run.cells), loud=sorted(run.cells, key=lambda c: c.record.label != label),
+    )  # fmt: skip
+
+
+def _table(run: Run, site: Site) -> dict[str, Any]:
+    """All cells as rows of numbers and texts; problems, solvers and labels by their place in a list."""
+    posings, labels = {p.title: k for k, p in enumerate(run.posings)}, {name: k for k, name in enumerate(run.labels())}
+    solvers = {s: k for k, s in enumerate(run.solvers)}
+    measures = [measure_for(p.cells) for p in run.posings]
+    rows = []
+    for c in run.cells:
+        r, m = c.record, mark(c.status)
+        measure = measures[posings[c.posing]]
+        rows.append([
+            r.cell, m.kind, f"{m.symbol} {m.word}", solvers[r.solver], posings[c.posing], labels[r.label], c.settings(),
+            "" if c.succeeded else " ".join(c.reasons[0].split())[:160],
+            *_numbers(c, measure.of(c) if measure else None),
+        ])  # fmt: skip
+    return {
+        "rows": rows,
+        "solvers": [[s, site.url(s), site.looks[s].colour] for s in run.solvers],
+        "problems": [[p.title, site.url(p)] for p in run.posings],
+        "labels": list(run.labels()),
+    }
+
+
+def _numbers(c: Cell, error: float | None) -> list[Any]:
+    r, wanders = c.record, drifts(c)
+    values = [r.t_reached_s, r.energy_drift_max_J, error, r.phi_max, r.evaluations, r.cpu_median_s]
+    return [*(None if v is None or v != v else float(f"{v:.{DIGITS}g}") for v in values),
+            "" if wanders is None else "drifts" if wanders else "bounded"]  # fmt: skip
