@@ -1,0 +1,77 @@
+"""A run with poses made by hand: two bars on hinges, a top, a body held at its centre, one that flies apart."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+
+from harness.series import Series
+from reports.pages.base import FOLDER, Site
+from reports.reading import read_run
+from reports.theatre import page
+from tests.reports.conftest import HOSTILE, put, record
+
+ALONG_X = np.array([0.5, 0.0, 0.0])
+JOINTS = {"joint_i": [0, 0], "joint_j": [-1, 1], "joint_s_i": [-ALONG_X, ALONG_X], "joint_s_j": [0 * ALONG_X, -ALONG_X]}
+
+
+def about_z(angle: np.ndarray) -> np.ndarray:
+    """Quaternions (x, y, z, w) of turns about OZ."""
+    zero = np.zeros_like(angle)
+    return np.stack((zero, zero, np.sin(angle / 2), np.cos(angle / 2)), axis=-1)
+
+
+def two_bars(n=400, t_end=2.0, *, stretch=1.0, size=1e-3, events=(), bar="bar") -> Series:
+    """A double pendulum in OXY at angles of our own; the energy error has one sharp peak at a quarter of the time."""
+    t = np.linspace(0.0, t_end, n)
+    angle = np.stack((-1.0 + np.sin(4.0 * t), -1.5 + np.sin(5.0 * t)), axis=-1)
+    along = stretch * np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=-1)
+    r = np.stack((0.5 * along[:, 0], along[:, 0] + 0.5 * along[:, 1]), axis=1)
+    error = size * np.sin(3.0 * t)
+    error[n // 4] = -20.0 * size
+    return series(t, r, about_z(angle), JOINTS, error, (0.0, -9.81, 0.0), events, (f"{bar} 1", f"{bar} 2"))
+
+
+def series(t, r, q, joints, error, gravity=(0.0, 0.0, -9.81), events=(), names=("body",)) -> Series:
+    """A series file with poses."""
+    arrays = {
+        "t": t, "dt": np.append(np.nan, np.diff(t)), "energy_error": error, "phi_norm": np.abs(error) + 1e-12,
+        "phi_dot_norm": np.abs(error), "frame_t": t, "frame_r": r.astype(np.float32), "frame_q": q.astype(np.float32),
+        "gravity": np.array(gravity), "end_r": r[-1], **{k: np.array(v) for k, v in joints.items()},
+    }  # fmt: skip
+    return Series(arrays, tuple(events), names, ("A",), {}, {})
+
+
+def held(spin: float, offset, n: int = 200, t_end: float = 2.0) -> Series:
+    """A body on one joint ``offset`` from its centre, turning about OZ."""
+    t = np.linspace(0.0, t_end, n)
+    q = about_z(spin * t)[:, None]
+    c, s = np.cos(spin * t), np.sin(spin * t)
+    x, y, z = -np.asarray(offset, dtype=float)
+    r = np.stack((c * x - s * y, s * x + c * y, np.full(n, z)), axis=-1)[:, None]
+    joints = {"joint_i": [0], "joint_j": [-1], "joint_s_i": [offset], "joint_s_j": [(0.0, 0.0, 0.0)]}
+    return series(t, r, q, joints, np.full(n, 1e-9))
+
+
+@pytest.fixture(scope="session")
+def staged(tmp_path_factory):
+    """The run and the folder of its theatres."""
+    folder = tmp_path_factory.mktemp("theatre")
+    event = {"kind": "singular passage", "t": 0.5, "smallest_singular_value": 1e-4, "note": HOSTILE}
+    put(folder, record("a1"), two_bars())
+    put(folder, record("a2", "beta", dt_s=0.02), two_bars(size=0.1, events=[event, {"kind": "no time"}]))
+    put(folder, record("a3", "gamma", "diverged", label="as printed", message=f"lost {HOSTILE}", t_reached_s=0.8),
+        two_bars(160, 0.8, size=0.3))  # fmt: skip
+    put(folder, record("a4", "delta", "wrong", label=HOSTILE, wrong_because=json.dumps([HOSTILE])),
+        two_bars(stretch=1e6, bar=HOSTILE))  # fmt: skip
+    put(folder, record("a5", "epsilon", "refused", message="not for two bars"))
+    put(folder, record("b1", HOSTILE, problem=HOSTILE), held(20.0, (0.0, 0.0, -0.1)))
+    put(folder, record("c1", problem="lonely", status="refused"))
+    run = read_run(folder)
+    site = Site(run, folder / "report")
+    shutil.copytree(FOLDER / "assets", folder / "report" / "assets")
+    (folder / "report" / "data").mkdir()
+    page.write(run, site)
+    site.finish()
+    return run, folder / "report"

@@ -1,0 +1,53 @@
+"""Who plays: every solver, what broke under each label, never more than ten, nobody silently dropped."""
+
+import numpy as np
+import pytest
+
+from reports.reading import Cell, Posing
+from reports.theatre.cast import AT_MOST, cast
+from tests.reports.conftest import record
+
+
+def posing(*cells) -> Posing:
+    return Posing("p", "p", tuple(Cell(c) for c in cells))
+
+
+def names(cells) -> list[str]:
+    return [c.record.cell for c in cells]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_everyone_plays_or_is_told(seed):
+    """The cast and those left out are all cells, once each; every solver with a motion is on the stage."""
+    random = np.random.default_rng(seed)
+    cells = [
+        record(f"c{k}", f"s{random.integers(6)}", str(random.choice(["success", "diverged", "wrong"])),
+               label=str(random.choice(["a", "b", "c"])), dt_s=float(random.choice([0.1, 0.01])))
+        for k in range(30)
+    ]  # fmt: skip
+    moved = [c.cell for c in cells if random.uniform() < 0.8]
+    chosen, left = cast(posing(*cells), moved)
+    assert sorted(names(chosen) + names(left)) == sorted(c.cell for c in cells)
+    assert len(chosen) == AT_MOST and set(names(chosen)) <= set(moved)
+    assert {c.record.solver for c in chosen} == {c.solver for c in cells if c.cell in moved}
+
+
+def test_the_solid_one_is_sound_and_plain():
+    """Not the least drift of all: one with options of its own shows less of its solver."""
+    chosen, _ = cast(
+        posing(
+            record("odd", solver_options='{"gauge": "zero"}', energy_drift_max_J=1e-12),
+            record("plain", energy_drift_max_J=1e-3),
+            record("lost", "beta", "diverged", energy_drift_max_J=1e-15),
+        ),
+        ["odd", "plain", "lost"],
+    )
+    assert names(chosen)[0] == "plain"
+
+
+def test_failures_come_before_more_of_the_same():
+    """Of a solver's other label the cell that stopped is shown, not the one that held."""
+    cells = [record("fine", dt_s=0.001), record("coarse", dt_s=0.1)]
+    cells += [record("held", label="as printed", dt_s=0.001), record("broke", "alpha", "diverged", label="as printed")]
+    chosen, left = cast(posing(*cells), [c.cell for c in cells], at_most=2)
+    assert set(names(chosen)) == {"fine", "broke"} and set(names(left)) == {"coarse", "held"}

@@ -1,0 +1,63 @@
+"""Thinned poses hold the motion: ends stay, dropped poses lie near what is drawn, turns are measured right."""
+
+import numpy as np
+
+from reports.theatre.poses import Poses, between, finite, off, rates, thinned, turns
+from tests.reports.theatre.conftest import about_z
+
+
+def spinning(rate: float, n: int = 300, t_end: float = 3.0) -> Poses:
+    """One body on a circle of radius 1, turning evenly about OZ, in steps that are not even."""
+    t = t_end * np.linspace(0.0, 1.0, n) ** 1.5
+    c, s = np.cos(rate * t), np.sin(rate * t)
+    return Poses(t, np.stack((c, s, 0 * t), axis=-1)[:, None], about_z(rate * t)[:, None])
+
+
+def test_first_and_last_pose_stay():
+    """Where a cell stopped is its last pose."""
+    poses = spinning(5.0)
+    for n in (2, 3, 10, 299, 300, 1000):
+        rows = thinned(poses, n, 1.0)
+        assert rows[0] == 0 and rows[-1] == len(poses) - 1
+        assert len(rows) <= max(n, 2) and np.all(np.diff(rows) > 0)
+
+
+def test_fast_motion_gets_more_poses():
+    """At rest for nine tenths of the time, then a whip: half of the poses go there."""
+    t = np.linspace(0.0, 1.0, 1001)
+    x = np.where(t > 0.9, (t - 0.9) * 50.0, 0.0)
+    poses = Poses(t, np.stack((x, 0 * x, 0 * x), axis=-1)[:, None], np.tile([0.0, 0.0, 0.0, 1.0], (1001, 1, 1)))
+    rows = thinned(poses, 100, 1.0)
+    assert np.sum(t[rows] > 0.9) > 50
+
+
+def test_even_turning_is_drawn_exactly():
+    """Great circles between orientations about one axis are that turning; chords are off by the sagitta."""
+    poses = spinning(4.0)
+    rows = np.arange(0, len(poses), 23)
+    rows = np.append(rows, len(poses) - 1)
+    distance, angle = off(poses, rows)
+    widest = np.max(np.diff(4.0 * poses.t[rows]))
+    assert angle < 1e-6
+    assert 0.5 * (1.0 - np.cos(widest / 2)) < distance <= (1.0 - np.cos(widest / 2)) * (1.0 + 1e-6)
+    assert off(poses, np.arange(len(poses))) < (1e-12, 1e-6)
+
+
+def test_between_takes_the_shorter_way():
+    """q and -q are one orientation."""
+    q = about_z(np.array([0.0, 1.0]))[:, None] * np.array([1.0, -1.0])[:, None, None]
+    half = between(Poses(np.array([0.0, 2.0]), np.zeros((2, 1, 3)), q), np.array([1.0]))
+    assert np.allclose(np.abs(np.sum(half.q[0, 0] * about_z(np.array(0.5)))), 1.0)
+
+
+def test_rates_of_even_turning():
+    """Body and space axis agree; sign and size do."""
+    for rate in (7.0, -0.3):
+        assert np.allclose(rates(spinning(rate))[:, 0], [0.0, 0.0, rate], atol=1e-9)
+    assert np.allclose(turns(spinning(3.0).q)[:, 0], 3.0 * np.diff(spinning(3.0).t), atol=1e-7)
+
+
+def test_poses_end_before_the_first_that_is_no_number():
+    poses = spinning(1.0)
+    poses.r[40:, 0, 1] = np.inf
+    assert len(finite(poses)) == 40

@@ -1,0 +1,104 @@
+"""What a page plays follows from the series: peaks, moments, shapes, the plane of motion; sizes are shared fairly."""
+
+import numpy as np
+import pytest
+
+from reports.reading import Cell
+from reports.theatre.marks import marks_of
+from reports.theatre.page import fair
+from reports.theatre.poses import Poses
+from reports.theatre.scene import players, scene
+from reports.theatre.shapes import shapes_of
+from reports.theatre.strips import STRIPS, strip, strips_of
+from tests.reports.conftest import HOSTILE, record
+from tests.reports.theatre.conftest import held, two_bars
+
+
+@pytest.mark.parametrize("n", [1, 7, 5000])
+def test_strips_keep_every_extreme(n):
+    """The least and largest of all spans are those of the series, in their span of time."""
+    random = np.random.default_rng(n)
+    t = np.sort(random.uniform(0.0, 2.0, n))
+    a = random.normal(size=n) * 10.0 ** random.integers(-12, 3, n)
+    a[random.uniform(size=n) < 0.2] = np.nan
+    a[0] = 1.0
+    low, high = strip(t, a, 2.0, 50)
+    assert np.nanmin(low) == np.nanmin(a) and np.nanmax(high) == np.nanmax(a)
+    assert np.nanargmax(high) == min(int(t[np.nanargmax(a)] / 2.0 * 50), 49)
+    assert np.all(low[np.isfinite(low)] <= high[np.isfinite(high)])
+
+
+def test_the_step_cut_to_end_at_t_end_is_no_small_step():
+    """Of a cell that stopped it is the point, and stays."""
+    series = two_bars(50)
+    series.arrays["dt"][-1] = 1e-9
+    whole = strips_of(series, Cell(record("x")), 2.0)
+    stopped = strips_of(series, Cell(record("x", "a", "diverged")), 2.0)
+    row = sum(2 if both else 1 for *_, both in STRIPS[:-1])
+    assert np.nanmin(whole[row]) > 1e-3 and np.nanmin(stopped[row]) == 1e-9
+
+
+def test_moments_are_the_stop_the_events_and_the_whip():
+    events = [{"kind": "singular passage", "t": 0.5, "value": 0.125}, {"kind": "x"}, {"kind": "y", "t": float("nan")}]
+    series = two_bars(events=events)
+    found = marks_of(series, Cell(record("x", "a", "diverged", message="lost")), 3)
+    assert [(m.kind, m.t) for m in found] == [("event", 0.5), ("whip", series["t"][100]), ("stop", 2.0)]
+    assert found[0].words == "singular passage, value 0.125" and "lost" in found[2].words
+    assert {m.player for m in found} == {3}
+    assert "-0.02 J" in found[1].words  # with its sign
+
+
+def kinds(series) -> list[str]:
+    poses = Poses(series["frame_t"], series["frame_r"], series["frame_q"])
+    return [s.kind for s in shapes_of(series, poses, 1.0)]
+
+
+def test_shapes_follow_from_joints_and_turning():
+    """Bars between joints, a rod on one joint, a top if it spins about that line, three rods if held at its centre."""
+    assert kinds(two_bars()) == ["rod", "ball", "ball", "rod"]  # the second bar hangs on one joint
+    assert kinds(held(0.5, (-0.5, 0.0, 0.0))) == ["rod"]
+    assert "disc" in kinds(held(20.0, (0.0, 0.0, -0.1))) and "cone" in kinds(held(20.0, (0.0, 0.0, -0.1)))
+    assert kinds(held(1.0, (0.0, 0.0, 0.0))).count("rod") == 3
+
+
+def test_a_bar_reaches_from_joint_to_joint():
+    series = two_bars()
+    rod = shapes_of(series, Poses(series["frame_t"], series["frame_r"], series["frame_q"]), 1.0)[0]
+    assert sorted([rod.a, rod.b]) == [(-0.5, 0.0, 0.0), (0.5, 0.0, 0.0)]
+
+
+def test_a_scene_holds_the_plane_the_farthest_end_and_the_sound_motions(staged):
+    """A player that flies apart must not make the others a dot."""
+    run, _ = staged
+    posing = next(p for p in run.posings if p.problem == "pendulum")
+    cast, left_out = players(run, posing)
+    play = scene(posing, cast, left_out, {c.record.solver: _Look for c in posing.cells})
+    assert np.allclose(np.abs(play["normal"]), [0.0, 0.0, 1.0], atol=1e-6)
+    assert play["trail"] == {"body": 1, "at": [0.5, 0.0, 0.0]}
+    assert np.all(np.abs(play["low"]) < 3.0) and np.all(np.abs(play["high"]) < 3.0)
+    assert [c["solver"] for c in play["left_out"]] == ["epsilon"]
+    assert {p["status"] for p in play["players"]} == {"success", "diverged", "wrong"}
+    assert [p["rank"] for p in play["players"]] == [0, 0, 0, 0]
+
+
+class _Look:
+    colour = "#123456"
+
+
+@pytest.mark.parametrize("whole", [1, 50, 200, 10**9])
+def test_the_largest_are_cut_so_that_all_fit(whole):
+    sizes = [3, 100, 20, 55, 20]
+    level = fair(sizes, whole)
+    cut = sum(min(s, level) for s in sizes)
+    assert cut <= whole * (1 + 1e-12)
+    assert cut == pytest.approx(min(sum(sizes), whole))
+
+
+def test_pages_are_written_for_motions_alone_and_escaped(staged):
+    """Names, labels, messages and events of a result file may hold anything."""
+    _, report = staged
+    pages = sorted(p.name for p in report.glob("theatre-*.html"))
+    assert len(pages) == 2 and not any("lonely" in p for p in pages)
+    assert not any("</script" in p.read_text(encoding="utf-8") for p in report.glob("data/*.js"))
+    both = [(report / p).read_text(encoding="utf-8") for p in pages]
+    assert any("&lt;script&gt;alert" in text for text in both) and HOSTILE not in "".join(both)

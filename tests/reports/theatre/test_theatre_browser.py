@@ -1,0 +1,113 @@
+"""The theatre in a headless Chromium, from the disk: it draws, plays, jumps to the star, fits a phone."""
+
+import numpy as np
+import pytest
+
+from reports.theatre.poses import Poses, between
+from tests.reports.browser import CHROMIUM
+
+pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")]
+READY = "document.querySelector('[data-theatre]').dataset.ready"
+STATS = "MBS.theatre.stats()"
+
+
+@pytest.fixture
+def open_(browser, staged):
+    """Opens the page of the two bars at a time, and waits until it is drawn."""
+    tabs = []
+
+    def page(at: str = "t=0", **size):
+        tab = browser.open(f"{staged[1] / 'theatre-pendulum.html'}#{at}", **size)
+        tabs.append(tab)
+        tab.until(READY)
+        return tab
+
+    yield page
+    for tab in tabs:
+        tab.close()
+
+
+def faults(tab) -> list[str]:
+    """Complaints of the console; not those of software drivers that reading pixels back is slow: the test does that."""
+    return [f for f in tab.faults if "GL Driver Message" not in f]
+
+
+@pytest.mark.parametrize(("width", "dark", "flat"), [(1280, False, False), (390, True, False), (390, False, True)])
+def test_it_draws_without_network_or_complaint(open_, width, dark, flat):
+    tab = open_("t=0.4&flat" if flat else "t=0.4", width=width, dark=dark)
+    assert tab.evaluate(READY) == ("flat" if flat else "solid")
+    assert tab.ink("[data-canvas]", far=30) > 0.004  # bars are thin
+    assert tab.ink("[data-strips]", far=30) > 0.01
+    assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    assert tab.evaluate("document.querySelector('[data-flat]').hidden") is not flat
+    assert faults(tab) == [] and tab.requests == []
+
+
+def test_play_moves_the_cursor_and_space_stops_it(open_):
+    tab = open_()
+    start = tab.evaluate("document.querySelector('[data-cursor]').style.transform")
+    tab.click("[data-play]")
+    tab.until(f"{STATS}.t > 0.05")
+    tab.evaluate("document.activeElement.blur()")
+    tab.press("Space")
+    assert tab.evaluate(f"{STATS}.playing") is False
+    assert tab.evaluate("document.querySelector('[data-cursor]').style.transform") != start
+    t = tab.evaluate(f"{STATS}.t")
+    tab.press("ArrowRight")
+    assert tab.evaluate(f"{STATS}.t") > t
+    tab.press("Home")
+    assert tab.evaluate(f"{STATS}.t") == 0.0
+
+
+def test_jumps_go_to_the_star_the_event_and_the_whip(open_):
+    """Each at its time to the last digit, with its words."""
+    tab = open_()
+    assert tab.evaluate("document.querySelector('.star').hidden") is True
+    tab.click("[data-stop]")
+    assert tab.evaluate(f"{STATS}.t") == 0.8
+    tab.until("!document.querySelector('.star').hidden")
+    assert "diverged: lost <script>" in tab.evaluate("document.querySelector('[data-note]').textContent")
+    tab.click("[data-event]")
+    assert tab.evaluate(f"{STATS}.t") == 0.5
+    tab.click("[data-whip]")
+    assert tab.evaluate(f"{STATS}.t") == pytest.approx(2.0 * 100 / 399)
+    assert faults(tab) == []
+
+
+def test_one_can_be_hidden_and_another_solid(open_):
+    tab = open_("t=1.9")
+    before = tab.screenshot(selector="[data-canvas]")
+    tab.click("tr[data-player]:nth-child(2) [data-solid]")
+    assert "beta" in tab.evaluate("document.querySelector('[data-who]').textContent")
+    tab.click("[data-alone]")
+    tab.until("document.querySelectorAll('[data-show]:checked').length === 1")
+    assert np.any(before != tab.screenshot(selector="[data-canvas]"))
+
+
+def test_reduced_motion_does_not_start_by_itself(open_):
+    """Without a wish and without a time in the address it plays."""
+    tab = open_("")
+    assert tab.evaluate(f"{STATS}.playing") is True
+    tab.call("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": "reduce"}])
+    tab.call("Page.reload")
+    tab.until(f"window.MBS && MBS.theatre && MBS.theatre.stats && {READY}")
+    assert tab.evaluate(f"{STATS}.playing") is False and tab.evaluate(f"{STATS}.t") == 0.0
+
+
+def test_the_page_has_the_poses_of_the_series(open_, staged):
+    """Unpacked and interpolated in the page, against the series interpolated here: off by the grid of the int16."""
+    run, _ = staged
+    tab = open_()
+    series = next(run.series(c) for c in run.cells if c.record.cell == "a1")
+    poses = Poses(series["frame_t"], series["frame_r"].astype(float), series["frame_q"])
+    times = np.array([0.0, 0.1234, 1.0, 1.999, 2.0, 0.7])
+    found = tab.evaluate(f"""(() => {{ const play = MBS["theatre-pendulum"];
+        const m = new MBS.theatre.Motion(play.players.find((p) => p.cell === "a1"), play);
+        return {times.tolist()}.map((t) => [...m.at(t)]); }})()""")
+    body = np.array(found).reshape(len(times), 2, 4, 3)
+    wanted = between(poses, times)
+    quantum = np.array(tab.evaluate('MBS["theatre-pendulum"].quantum'))
+    assert np.all(np.abs(body[:, :, 3] - wanted.r) <= 0.51 * quantum + 1e-6)  # the page holds float32
+    x, y, z, w = np.moveaxis(wanted.q, -1, 0)
+    first = np.stack((1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)), axis=-1)
+    assert np.allclose(body[:, :, 0], first, atol=2e-4)
