@@ -61,8 +61,10 @@ report: $(READY) ## the report of the newest run
 gate: $(READY) ## the suite `ci` against results/baselines/ci.toml
 	$(BIN)/python -m harness gate
 
-bench-kernels: $(READY) ## timings of the kernels (pytest-benchmark)
-	$(BIN)/python -m pytest -q --benchmark-only
+bench-kernels: $(READY) ## timings of the kernels, compared with results/baselines/kernels.json
+	@mkdir -p results/local/kernels
+	$(BIN)/python -m pytest -q tests/benchmarks --benchmark-only --benchmark-json results/local/kernels/$$(date -u +%Y%m%d-%H%M%S).json
+	$(BIN)/python -m harness kernels compare
 
 clean: ## results/local and caches; the .venv stays
 	rm -rf results/local .pytest_cache .hypothesis .benchmarks .mypy_cache .ruff_cache .import_linter_cache

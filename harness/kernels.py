@@ -1,4 +1,8 @@
-"""Timings of kernels as ratios to a calibration kernel of the same run, so that machines and their load may differ."""
+"""Timings of kernels as ratios to a calibration kernel of the same run, so that machines and their load may differ.
+
+``make bench-kernels`` leaves pytest-benchmark's file in ``results/local/kernels/``; the committed baseline is such a
+file with what is compared, and no more.
+"""
 
 import json
 import math
@@ -6,6 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from harness import store
+from harness.environment import ROOT
+
+LOCAL = store.LOCAL / "kernels"
+BASELINE = ROOT / "results" / "baselines" / "kernels.json"
 CALIBRATION = "calibration"  # in the name of the kernel the others are divided by
 
 
@@ -36,6 +45,31 @@ def compared(before: Path, after: Path) -> list[Timing]:
     a, b = ratios(before), ratios(after)
     both = [Timing(k, a.get(k, math.nan), b.get(k, math.nan)) for k in {**a, **b}]
     return sorted(both, key=lambda t: (-t.factor if not math.isnan(t.factor) else -math.inf, t.kernel))
+
+
+def newest(folder: Path = LOCAL) -> Path:
+    """The last timings taken here."""
+    found = sorted(folder.glob("*.json"))
+    if not found:
+        raise TimingError(f"no timings in {folder}: take some with make bench-kernels")
+    return found[-1]
+
+
+def trimmed(path: Path) -> str:
+    """The text of a baseline: least times, rounds, machine and commit of a file of timings."""
+    ratios(path)  # it is one
+    plain = json.loads(path.read_text(encoding="utf-8"))
+    kept = [
+        {"fullname": _name(b), "stats": {"min": b["stats"]["min"], "rounds": b["stats"].get("rounds", 0)}}
+        for b in plain["benchmarks"]
+    ]
+    machine = (plain.get("machine_info") or {}).get("cpu") or {}
+    words = {
+        "datetime": str(plain.get("datetime", "")),
+        "commit": str((plain.get("commit_info") or {}).get("id", "")),
+        "processor": str(machine.get("brand_raw", "")),
+    }
+    return json.dumps({**words, "benchmarks": kept}, indent=1) + "\n"
 
 
 def ratios(path: Path) -> dict[str, float]:

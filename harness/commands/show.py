@@ -70,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
         for record in chosen:
             plain = json.loads(records.to_json(record))
             lines().print(json.dumps({**plain, "command": command(record, plugins)}, ensure_ascii=False))
-    elif arguments.cell:
+    elif arguments.cell is not None:
         show_cell(folder, chosen[0], command(chosen[0], plugins))
     else:
         _table([_with_spark(folder, r, unreadable) for r in chosen])
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[RunRecord]:
     """Filtered, sorted, cut; UsageError where a filter names what is not there."""
-    if arguments.cell:
+    if arguments.cell is not None:
         return [one(found, arguments.cell)]
     chosen = list(found)
     for name in FILTERS:

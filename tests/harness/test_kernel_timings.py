@@ -1,6 +1,7 @@
 """Timings are compared in units of a calibration kernel, so a slower machine is no regression."""
 
 import json
+import re
 
 import pytest
 
@@ -28,6 +29,52 @@ def test_a_slower_machine_is_no_regression_but_a_slower_kernel_is(tmp_path, caps
     capsys.readouterr()
     assert main(["kernels", "compare", str(a), str(gone), "--json"]) == 1
     assert {json.loads(x)["kernel"] for x in capsys.readouterr().out.splitlines()} == {"step", "residual"}
+
+
+def test_a_file_is_kept_trimmed_and_is_then_what_newer_ones_are_compared_with(tmp_path, capsys, monkeypatch):
+    """Times and where they come from, nothing else; the newest of the folder is the other side."""
+    from harness import kernels
+    from harness.commands import kernels as command
+
+    long = {"min": 1e-3, "rounds": 5, "data": [1.0] * 1000}
+    plain = {
+        "benchmarks": [{"name": n, "stats": long, "params": 1} for n in ("test_calibration", "step")],
+        "machine_info": {"cpu": {"brand_raw": "a processor"}, "node": "name of a machine"},
+        "commit_info": {"id": "abc"}, "datetime": "2026",
+    }  # fmt: skip
+    local, baseline = tmp_path / "local", tmp_path / "kernels.json"
+    local.mkdir()
+    (local / "20260101-000000.json").write_text("{")
+    (local / "20260102-000000.json").write_text(json.dumps(plain))
+    monkeypatch.setattr(command, "newest", lambda: kernels.newest(local))
+    monkeypatch.setattr(command, "BASELINE", baseline)
+    assert main(["kernels", "keep", "--out", str(baseline)]) == 0
+    text = baseline.read_text()
+    assert len(text) < 500 and "a processor" in text and "abc" in text and "name of a machine" not in text
+    assert main(["kernels", "compare"]) == 0
+    timings(local / "20260103-000000.json", test_calibration=1e-3, step=2e-3)
+    assert main(["kernels", "compare"]) == 1
+    assert "step" in capsys.readouterr().out
+    assert main(["kernels", "keep", str(local / "20260101-000000.json"), "--out", str(baseline)]) == 2
+    assert baseline.read_text() == text
+
+
+def test_without_timings_the_command_says_how_to_take_some(tmp_path, capsys, monkeypatch):
+    """Exit code 2, one line."""
+    monkeypatch.chdir(tmp_path)
+    assert main(["kernels", "compare"]) == 2
+    assert "make bench-kernels" in capsys.readouterr().err
+
+
+def test_the_committed_baseline_has_every_kernel():
+    """One that is timed and not in it would never be compared."""
+    from harness.environment import ROOT
+    from harness.kernels import BASELINE, ratios
+
+    held = {name.split("::")[1].split("[")[0] for name in ratios(BASELINE)}
+    files = [p.read_text() for p in (ROOT / "tests" / "benchmarks").glob("test_*.py")]
+    written = {w for text in files for w in re.findall(r"^def (test_\w+)\(benchmark", text, flags=re.M)}
+    assert held == written - {"test_calibration"}
 
 
 @pytest.mark.parametrize(
