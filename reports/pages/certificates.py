@@ -47,7 +47,10 @@ def ladders(found: Sequence[Certificate]) -> tuple[Plot, ...]:
     for posing, quantity in keys:
         own = [c for c in found if (c.posing, c.quantity) == (posing, quantity) and c.points]
         if own:
-            axes = Axis("step", "s", log=True), Axis(f"error of {quantity}", own[0].unit, log=True)
+            axes = (
+                Axis("step, or mean step under error control", "s", log=True),
+                Axis(f"error of {quantity}", own[0].unit, log=True),
+            )
             name, title = slug(f"order-{posing}-{quantity}", taken), f"{posing}: {quantity}"
             plots.append(Plot(name, title, "", *axes, tuple(t for c in own for t in _traces(c)), wide=True))
     return tuple(plots)

@@ -72,13 +72,13 @@ def verdict_mark(word: str) -> Mark:
     if low in BAD:
         return Mark("✗", low, "wrong")
     if low in NEITHER:
-        return Mark("⊘", low, "refused")
+        return Mark("○", low, "refused")
     return Mark("★", low or "no verdict", "failed")
 
 
 GOOD = {"certified", "confirmed", "holds", "bounded", "order holds", "as declared", "no drift", "oscillates", "ok"}
 BAD = {"broken", "refuted", "not certified", "drifts", "trend", "secular", "lower than declared", "below declared"}
-NEITHER = {"refused", "not applicable", "not told", "undecided", "floor", "exact", "no fit", "not resolved"}
+NEITHER = {"refused", "not applicable", "not told", "undecided", "measured", "floor", "exact", "no fit"}
 
 
 def _certificate(e: Entry, links: Links) -> Certificate:

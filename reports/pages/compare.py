@@ -1,0 +1,143 @@
+"""Two runs side by side: what changed, ranked by how much it matters, and which inputs may be why."""
+
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from harness.comparison import Comparison, Likeness, compare
+from harness.provenance import differences, stamp_of
+from reports.curves import upper
+from reports.pages import ranking
+from reports.pages.base import FOLDER, Page, Site
+from reports.pages.judgement import judged
+from reports.pages.ranking import Rank, Ranked
+from reports.plots import Axis, Plot, Trace
+from reports.provenance import facts
+from reports.reading import Cell, Run, read_run, slug
+
+OVERLAYS = 24  # cells whose energy errors are drawn over each other, the gravest changes first
+ASSETS = ("site.css", "site.js", "judgement.css", "judgement.js", "plots.js", "plotly-basic.min.js",
+          "plotly-LICENSE.txt")  # fmt: skip
+HEADS = {
+    Rank.ENDING: ("Endings", "Runs that end otherwise. Those that became wrong come first."),
+    Rank.CLAIM: ("Claims", "Verdicts on the paper that differ."),
+    Rank.PHYSICS: (
+        "Motion",
+        "Energy, constraints, errors: those that differ by more than two machines may, as parts of the problem's own "
+        "energy, size or time.",
+    ),
+    Rank.WORK: ("Work", "Steps and evaluations, which do not depend on the machine."),
+    Rank.TIMING: (
+        "Timings",
+        "Only where spreads do not touch and the ratio is above 1.3. They depend on the machine, on what else ran, and "
+        "on how many cells ran at a time: a ratio is not a finding about a solver.",
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Part:
+    """The changes of one rank."""
+
+    name: str
+    words: str
+    rows: tuple[Ranked, ...]
+
+
+def write_compare(a: Path, b: Path, folder: Path) -> Path:
+    """Write ``compare.html`` with what it needs into ``folder``; returns its path."""
+    runs = read_run(Path(a)), read_run(Path(b))
+    folder = Path(folder)
+    (folder / "assets").mkdir(parents=True, exist_ok=True)
+    (folder / "data").mkdir(exist_ok=True)
+    for name in ASSETS:
+        shutil.copyfile(FOLDER / "assets" / name, folder / "assets" / name)
+    known = {c.record.settings for c in runs[1].cells}
+    everyone = (*runs[1].cells, *(c for c in runs[0].cells if c.record.settings not in known))
+    site = Site(replace(runs[1], cells=everyone), folder)  # solvers of either run have their colour
+    write_page(*runs, site)
+    site.finish()
+    return folder / "compare.html"
+
+
+def write_page(a: Run, b: Run, site: Site) -> Page:
+    """The page of the two runs."""
+    before, after = ([c.record for c in run.cells] for run in (a, b))
+    found, parts = compare(before, after), changes(a, b)
+    unknown = ranking.unmeasured(before, after)
+    return site.write(
+        Page("Comparison", "compare.html", nav=True, order=90), "compare.html", scripts=["assets/judgement.js"],
+        plots=overlays(a, b, parts), parts=parts, found=found, alike=alike(found, set.union(*unknown)),
+        unmeasured=[sorted(u) for u in unknown],
+        inputs=differences(stamp_of(a.folder), stamp_of(b.folder)), names=[titled(a), titled(b)],
+        both=list(zip(facts(a), facts(b), strict=True)), shown=OVERLAYS,
+        pages={s: address for s in {r.settings for p in parts for r in p.rows}
+               if (address := _page(b, s, site.folder) or _page(a, s, site.folder))},
+    )  # fmt: skip
+
+
+def changes(a: Run, b: Run) -> tuple[Part, ...]:
+    """By rank, the gravest first; ranks without a change are left out."""
+    before, after = ([c.record for c in run.cells] for run in (a, b))
+    rows = [
+        *ranking.endings(before, after),
+        *ranking.claims(judged(a.folder, "claims").rows, judged(b.folder, "claims").rows),
+        *ranking.physics(before, after),
+        *ranking.work(before, after),
+        *ranking.timings(before, after),
+    ]
+    parts = (Part(*HEADS[rank], tuple(r for r in rows if r.rank is rank)) for rank in Rank)
+    return tuple(p for p in parts if p.rows)
+
+
+def alike(found: Comparison, unknown: set[str]) -> tuple[int, int]:
+    """How many cells are the same bit for bit, and how many differ by rounding alone; but for ``unknown`` columns."""
+    known = [c for c in found.changes if c.metric not in unknown]
+    touched = {c.case for c in known}
+    changed = {c.case for c in known if c.likeness is Likeness.CHANGED}
+    return found.compared - len(touched), len(touched) - len(changed)
+
+
+def overlays(a: Run, b: Run, parts: Sequence[Part]) -> list[Plot]:
+    """The energy errors of both runs, for the cells whose ending or motion changed, the gravest first."""
+    cells = [{c.record.settings: c for c in run.cells} for run in (a, b)]
+    ranks = (Rank.ENDING, Rank.PHYSICS)
+    wanted = dict.fromkeys(r.settings for p in parts for r in p.rows if r.rank in ranks)
+    taken: set[str] = set()
+    plots = []
+    for settings in wanted:
+        pair = [(run, cells[k][settings], name) for k, (run, name) in enumerate(((a, "A"), (b, "B")))]
+        traces = [t for k, (run, cell, name) in enumerate(pair) if (t := _trace(run, cell, name, 1 - k)) is not None]
+        if traces:
+            title = pair[1][1].record.case
+            axes = Axis("time", "s"), Axis("|energy error|", "J", log=True)
+            plots.append(Plot(f"energy-{slug(title, taken)}", title, "", *axes, tuple(traces)))
+        if len(plots) == OVERLAYS:
+            break
+    return plots
+
+
+def titled(run: Run) -> str:
+    """The name of a run."""
+    return str(run.environment.get("run") or run.folder.name)
+
+
+def _trace(run: Run, cell: Cell, name: str, dash: int) -> Trace | None:
+    series = run.series(cell)
+    if series is None or "energy_error" not in series:
+        return None
+    curve = upper(series["t"], series["energy_error"], cell.record.t_end_s)
+    end = "failed" if cell.stopped else "wrong" if cell.status == "wrong" else ""
+    return Trace(f"{name}: {cell.record.solver}, {cell.status}", curve.t, curve.y, solver=cell.record.solver, dash=dash,
+                 end=end) if len(curve) else None  # fmt: skip
+
+
+def _page(run: Run, settings: str, folder: Path) -> str:
+    """The address of a cell's page in its own report, if that was written."""
+    cell = next((c for c in run.cells if c.record.settings == settings), None)
+    if cell is None:
+        return ""
+    path = run.folder / "report" / "cells" / f"{cell.record.cell}.html"
+    return os.path.relpath(path, folder).replace(os.sep, "/") if path.is_file() else ""

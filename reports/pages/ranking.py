@@ -1,0 +1,190 @@
+"""What changed between two runs, ranked by how much it matters: endings, then physics, then work, timings last."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from enum import IntEnum
+
+from harness.comparison import METRICS, Change, Likeness, compare
+from harness.records import RunRecord
+from reports.pages.judgement import Entry
+from reports.words import mark, number
+
+PHYSICS = {  # column: words, unit, the scale of the record it is measured by
+    "energy_drift_max_J": ("largest energy error", "J", "energy_scale_J"),
+    "energy_drift_end_J": ("energy error at the end", "J", "energy_scale_J"),
+    "position_error_judged_m": ("position error judged", "m", "length_scale_m"),
+    "position_error_max_m": ("largest position error", "m", "length_scale_m"),
+    "orientation_error_judged_rad": ("orientation error judged", "rad", ""),
+    "orientation_error_max_rad": ("largest orientation error", "rad", ""),
+    "phi_max": ("largest |φ|", "m", "length_scale_m"),
+    "phi_dot_max": ("largest |φ̇|", "m/s", "length_scale_m"),
+    "out_of_plane_max_m": ("out of plane", "m", "length_scale_m"),
+    "orthogonality_max": ("|RᵀR−1|", "", ""),
+    "t_reached_s": ("time reached", "s", "t_end_s"),
+}
+WORK = {
+    "steps": "steps", "rejected": "rejected steps", "evaluations": "evaluations", "jacobians": "Jacobians",
+    "factorisations": "factorisations", "newton_iterations": "Newton's corrections",
+}  # fmt: skip
+BETTER = ("good", "refused", "failed", "wrong")  # endings, best first
+CLAIM_ORDER = ("SUPPORTED", "CONDITIONAL", "UNTESTABLE", "REFUTED")
+SAME = 0.01  # relative: a change this small is neither better nor worse
+LITTLE = 1e-5  # of a problem's scale: said as "less than"
+SPREAD = 1.3  # timings closer than this factor are called equal
+
+
+class Rank(IntEnum):
+    """What kind of change, the gravest first."""
+
+    ENDING = 0
+    CLAIM = 1
+    PHYSICS = 2
+    WORK = 3
+    TIMING = 4
+
+
+@dataclass(frozen=True)
+class Ranked:
+    """One change in words."""
+
+    rank: Rank
+    settings: str  # of the cell, or the claim's name
+    title: str
+    what: str
+    before: str
+    after: str
+    size: str
+    worse: bool | None  # None where neither is better
+    weight: float  # within its rank, the largest first
+    others: tuple["Ranked", ...] = ()  # smaller changes of the same kind in the same cell
+
+
+def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
+    """Cells whose status changed; those that became wrong first."""
+    out = []
+    for a, b in pairs(before, after):
+        if a.status != b.status:
+            old, new = (BETTER.index(mark(r.status).kind) for r in (a, b))
+            out.append(Ranked(Rank.ENDING, a.settings, a.case, "ending", mark(a.status).word, mark(b.status).word, "",
+                              None if old == new else new > old, 10.0 * (new > old) + max(old, new)))  # fmt: skip
+    return ordered(out)
+
+
+def claims(before: Sequence[Entry], after: Sequence[Entry]) -> list[Ranked]:
+    """Claims that are judged otherwise."""
+    then = {e.text("id"): e for e in before}
+    out = []
+    for e in after:
+        old = then.get(e.text("id"))
+        if old is None or old.text("verdict") == e.text("verdict"):
+            continue
+        words = old.text("verdict"), e.text("verdict")
+        known = [CLAIM_ORDER.index(w) if w in CLAIM_ORDER else len(CLAIM_ORDER) for w in words]
+        out.append(Ranked(Rank.CLAIM, e.text("id"), e.text("claim") or e.text("id"), "verdict", words[0].lower(),
+                          words[1].lower(), "", known[1] > known[0], float(abs(known[1] - known[0]))))  # fmt: skip
+    return ordered(out)
+
+
+def physics(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
+    """Numbers that changed by more than two machines may differ by, as parts of the problem's own scale."""
+    return gathered([r for a, b, c in _changes(before, after) if c.metric in PHYSICS for r in _physics(a, b, c)])
+
+
+def work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
+    """Counts that changed, the largest ratio first."""
+    out = []
+    for a, _, c in _changes(before, after):
+        if c.metric in WORK and not isinstance(c.before, str) and not isinstance(c.after, str):
+            ratio = _ratio(c.before, c.after)
+            out.append(Ranked(Rank.WORK, a.settings, a.case, WORK[c.metric], number(c.before), number(c.after),
+                              said(ratio), ratio > 1.0, abs(math.log(ratio)) if ratio > 0.0 else 99.0))  # fmt: skip
+    return gathered(out)
+
+
+def timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
+    """CPU times further apart than their spreads and than a factor that says nothing."""
+    out = []
+    for a, b in pairs(before, after):
+        x, y = a.cpu_median_s, b.cpu_median_s
+        apart = a.cpu_max_s < b.cpu_min_s or b.cpu_max_s < a.cpu_min_s
+        if x > 0.0 and y > 0.0 and apart and max(x / y, y / x) > SPREAD:
+            out.append(Ranked(Rank.TIMING, a.settings, a.case, "CPU time", f"{number(x)} s", f"{number(y)} s",
+                              said(y / x), y > x, abs(math.log(y / x))))  # fmt: skip
+    return ordered(out)
+
+
+def pairs(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord]]:
+    """Cells of the same settings."""
+    there = {r.settings: r for r in after}
+    return [(r, there[r.settings]) for r in before if r.settings in there]
+
+
+def ordered(found: list[Ranked]) -> list[Ranked]:
+    """Worst first."""
+    return sorted(found, key=lambda r: (r.rank, -r.weight, r.title, r.what))
+
+
+def gathered(found: list[Ranked]) -> list[Ranked]:
+    """One a cell: its gravest change, with the others beneath."""
+    by_cell: dict[str, list[Ranked]] = {}
+    for r in ordered(found):
+        by_cell.setdefault(r.settings, []).append(r)
+    return [replace(own[0], others=tuple(own[1:])) for own in by_cell.values()]
+
+
+def unmeasured(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> tuple[set[str], set[str]]:
+    """Columns that no record of one run has and some of the other do: what is measured changed, not the motion."""
+    both = pairs(before, after)
+    none = [{m for m in METRICS if all(math.isnan(float(getattr(p[k], m))) for p in both)} for k in (0, 1)]
+    return none[0] - none[1], none[1] - none[0]
+
+
+def said(ratio: float) -> str:
+    """``2.1 times``."""
+    return f"{number(ratio)} times" if math.isfinite(ratio) and ratio > 0.0 else "–"
+
+
+def _changes(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord, Change]]:
+    """What the comparison of runs calls changed, with the two records."""
+    out = []
+    unknown = set.union(*unmeasured(before, after))
+    for a, b in pairs(before, after):
+        found = compare([a], [b]).changes
+        out += [(a, b, c) for c in found if c.likeness is Likeness.CHANGED and c.metric not in {"status", *unknown}]
+    return out
+
+
+def _physics(a: RunRecord, b: RunRecord, c: Change) -> list[Ranked]:
+    words, unit, column = PHYSICS[c.metric]
+    x, y = (math.nan if isinstance(v, str) else v for v in (c.before, c.after))
+    scale = float(getattr(a, column)) if column else 1.0
+    scale = scale if scale > 0.0 and math.isfinite(scale) else 1.0
+    gap = abs(abs(y) - abs(x)) if c.metric.endswith("_end_J") else abs(y - x)
+    weight = gap / scale if math.isfinite(gap) else math.inf
+    worse = None if math.isnan(x) or math.isnan(y) else abs(y) > abs(x)
+    if c.metric == "t_reached_s" and worse is not None:
+        worse = y < x
+    share = f"{number(100.0 * weight)} %" if weight >= LITTLE else f"less than {100.0 * LITTLE:g} %"
+    size = f"{share} of the problem's scale" if math.isfinite(weight) else "came or went"
+    if gap <= SAME * max(abs(x), abs(y)):
+        worse = None
+    if a.status != b.status and not math.isfinite(weight):
+        return []  # said already: a run that ended otherwise has other numbers
+    limit = a.energy_allowed_J
+    if c.metric == "energy_drift_max_J" and (x > limit) != (y > limit) and limit > 0.0:
+        weight, size = math.inf, f"crosses the benchmark's limit of {number(limit)} J"
+    shown, now = (f"{v} {unit}".strip() for v in apart(x, y))
+    return [Ranked(Rank.PHYSICS, a.settings, a.case, words, shown, now, size, worse, weight)]
+
+
+def apart(x: float, y: float) -> tuple[str, str]:
+    """Both with as many digits as it takes to see that they differ."""
+    pairs_of = ((number(x, digits), number(y, digits)) for digits in range(3, 13))
+    return next((p for p in pairs_of if p[0] != p[1]), (number(x), number(y)))
+
+
+def _ratio(x: float, y: float) -> float:
+    if not (math.isfinite(x) and math.isfinite(y)):
+        return math.nan
+    return y / x if x > 0.0 else math.inf if y > 0.0 else 1.0
