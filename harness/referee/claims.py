@@ -49,7 +49,7 @@ class Map:
     name: str
     over: tuple[Mapping[str, Any], ...]
     dimensions: Mapping[str, int] = field(default_factory=dict)
-    printed: Mapping[str, Any] = field(default_factory=dict)
+    printed: tuple[Mapping[str, Any], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -192,7 +192,9 @@ def _map(name: str, row: Any, at: str) -> Map:
     dimensions = _table(row.get("dimensions", {}), f"{at}: dimensions")
     if not all(isinstance(n, int) and n > 0 for n in dimensions.values()):
         raise ClaimsError(f"{at}: dimensions must be whole numbers > 0, how many values each has")
-    return Map(name, tuple(over), dimensions, _table(row.get("printed", {}), f"{at}: printed"))
+    given = row.get("printed", [])
+    printed = [_table(p, f"{at}: printed") for p in (given if isinstance(given, list) else [given])]
+    return Map(name, tuple(over), dimensions, tuple(printed))
 
 
 def _named_map(name: Any, maps: Mapping[str, Map], at: str) -> Map:

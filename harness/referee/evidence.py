@@ -206,6 +206,15 @@ def grows(record: RunRecord, s: Series, series: str) -> float:
     return 1.0 if a == b == 0.0 else math.inf if b == 0.0 or not math.isfinite(a) else a / b
 
 
+@measure("series to")
+def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
+    """max |series| up to a time over that of the whole run: small for what grows gradually."""
+    first, whole = _stretch(record, s, series, 0.0, to, False), _stretch(record, s, series, 0.0, NAN, False)
+    if first is None or whole is None or not np.max(np.abs(whole)) > 0.0:
+        return NAN
+    return float(np.max(np.abs(first)) / np.max(np.abs(whole)))
+
+
 @measure()
 def energy_ratio(record: RunRecord, s: Series) -> float:
     """Largest mechanical energy over that of the start, whatever part of the run there is."""

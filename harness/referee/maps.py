@@ -90,9 +90,9 @@ def values_of(given: Iterable[Any]) -> list[Any]:
     return sorted(dict.fromkeys(given), key=_order)
 
 
-def is_printed(p: Place, printed: Mapping[str, Any]) -> bool:
-    """Whether these are the settings the paper prints, as far as it prints any."""
-    return bool(printed) and all(_allowed(p.dimensions.get(k), v) for k, v in printed.items())
+def is_printed(p: Place, printed: Iterable[Mapping[str, Any]]) -> bool:
+    """Whether these are settings the paper prints, as far as it prints any."""
+    return any(all(_allowed(p.dimensions.get(k), v) for k, v in one.items()) for one in printed)
 
 
 def _options(cell: Cell) -> tuple[dict[str, Any], set[str]]:

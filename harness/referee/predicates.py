@@ -20,6 +20,10 @@ class Band:
     def holds(self, value: float) -> bool:
         return self.low <= value <= self.high  # False for NaN
 
+    def beyond(self, value: float) -> float:
+        """How far outside, or (negative) how near to the end of the band; endless for no number."""
+        return math.inf if math.isnan(value) else max(self.low - value, value - self.high)
+
     def words(self, unit: str) -> str:
         """``at least 0.05 m``."""
         unit = f" {unit}" if unit else ""

@@ -80,7 +80,7 @@ def _judged(
     if not missing:
         missing = _unmeasured(claim, counted)
     verdict = UNTESTABLE if missing else _verdict(claim, counted)
-    shown = _shown(counted)
+    shown = _shown(claim, counted)
     first = claim.tests[0] if claim.tests else None
     values = [p.numbers[0] for p in counted]
     return {
@@ -142,7 +142,7 @@ def _points(claim: Claim, own: Sequence[Place], others: Sequence[Place], numbers
     for p in own:
         rest = {k: str(v) for k, v in p.dimensions.items() if k != claim.across} if claim.across else p.cell.settings
         groups.setdefault(repr(rest), []).append(p)
-    printed = claim.map.printed if claim.map else {}
+    printed = claim.map.printed if claim.map else ()
     out = []
     for group in groups.values():
         ordered = sorted(group, key=lambda p: p.dimensions.get(claim.across) or 0.0) if claim.across else group
@@ -180,11 +180,13 @@ def _number(test: Test, ordered: Sequence[Place], partners: Mapping[str, Sequenc
     return COMBINE[test.combine](values) if test.combine else values[0]
 
 
-def _shown(counted: Sequence[Point]) -> Point | None:
-    """The setting whose numbers stand in the table: printed and measurable, if there is such a one."""
-    ranked = sorted(counted, key=lambda p: (not p.printed, p.numbers[0] != p.numbers[0]))
-    measurable = [p for p in ranked if p.numbers[0] == p.numbers[0]]
-    return next(iter(measurable or ranked), None)
+def _shown(claim: Claim, counted: Sequence[Point]) -> Point | None:
+    """The setting whose numbers stand in the table: the first printed one, else the one that speaks most against it."""
+    measurable = [p for p in counted if p.numbers[0] == p.numbers[0]] or list(counted)
+    printed = [p for p in measurable if p.printed]
+    if printed or not measurable:
+        return next(iter(printed), None)
+    return max(measurable, key=lambda p: (not p.holds, claim.tests[0].band.beyond(p.numbers[0])))
 
 
 def _verdict(claim: Claim, counted: Sequence[Point]) -> str:
