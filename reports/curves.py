@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 SPANS_UPPER = 240  # a panel is about 3 in wide: more spans than that are not seen
-SPANS_SIGNED = 200
+SPANS_SIGNED = 180
 
 
 @dataclass(frozen=True)
@@ -30,11 +30,11 @@ def upper(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float
 
 
 def signed(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float) -> Curve:
-    """First, smallest, largest and last value in each span, in their order of time."""
+    """Smallest and largest value in each span, in their order of time, and the ends."""
     t, a = _finite(t, a)
     starts = _starts(t, t_end, SPANS_SIGNED)
-    last = np.append(starts[1:], len(t)) - 1 if len(starts) else starts
-    at = np.unique(np.concatenate([starts, _firsts(a, starts, np.minimum), _firsts(a, starts, np.maximum), last]))
+    ends = [0, len(t) - 1] if len(t) else starts
+    at = np.unique(np.concatenate([ends, _firsts(a, starts, np.minimum), _firsts(a, starts, np.maximum)]))
     return Curve(t[at], a[at])
 
 

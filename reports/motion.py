@@ -41,7 +41,7 @@ def motion_of(run: Run, cell: Cell) -> Motion:
     series = run.series(cell)
     if series is None or "t" not in series or len(series["t"]) == 0:
         return Motion(cell)
-    t, t_end = series["t"], cell.record.t_end_s
+    t, t_end = series["t"], 0.0 if cell.stopped else cell.record.t_end_s  # who stopped is drawn up to there, as fine
     observables, exact = series.named("obs_"), series.named("ref_")
     return Motion(
         cell,
@@ -69,7 +69,7 @@ def bodies_in(series: Series) -> int:
 def _steps(series: Series, cell: Cell) -> Curve | None:
     if "dt" not in series:
         return None
-    t, dt, t_end = series["t"], series["dt"], cell.record.t_end_s
+    t, dt, t_end = series["t"], series["dt"], 0.0 if cell.stopped else cell.record.t_end_s
     if len(dt) < 3:
         return band(t, dt, t_end)
     whole = band(t[:-1], dt[:-1], t_end)  # the last step may be cut to end at t_end

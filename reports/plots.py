@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from reports.packing import in_steps
 from reports.palette import Look
 
 
@@ -67,7 +68,7 @@ def plain(plot: Plot, looks: Mapping[str, Look]) -> dict[str, Any]:
         "title": plot.title,
         "x": _axis(plot.x),
         "y": _axis(plot.y),
-        "traces": [_trace(t, looks) for t in plot.traces],
+        "traces": [_trace(t, looks, rough=bool(plot.x.link)) for t in plot.traces],
         "marks": {k: list(v) for k, v in plot.marks.items()},
     }
 
@@ -76,8 +77,11 @@ def _axis(axis: Axis) -> dict[str, Any]:
     return {k: v for k, v in vars(axis).items() if v == v and v != "" and v is not False}
 
 
-def _trace(trace: Trace, looks: Mapping[str, Look]) -> dict[str, Any]:
-    out: dict[str, Any] = {"name": trace.name, "x": np.asarray(trace.x), "y": np.asarray(trace.y), "mode": trace.mode}
+def _trace(trace: Trace, looks: Mapping[str, Look], *, rough: bool) -> dict[str, Any]:
+    x = np.asarray(trace.x)
+    out: dict[str, Any] = {"name": trace.name, "x": in_steps(x) if rough else x, "y": np.asarray(trace.y)}
+    if trace.mode != "lines":
+        out["mode"] = trace.mode
     for key in ("solver", "dash", "group", "end"):
         if getattr(trace, key):
             out[key] = getattr(trace, key)

@@ -18,7 +18,7 @@
   const tint = (hex, alpha) => `rgba(${[1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16)).join(", ")}, ${alpha})`;
 
   // a trace with typed arrays unpacked; once
-  const unpack = (t) => ({ ...t, x: list(t.x), y: list(t.y), low: t.low && list(t.low), high: t.high && list(t.high), end: t.end || "" });
+  const unpack = (t) => ({ mode: "lines", ...t, x: list(t.x), y: list(t.y), low: t.low && list(t.low), high: t.high && list(t.high), end: t.end || "" });
   const visible = (t) => !(t.solver && shown.hidden.has(t.solver))
     && (shown.group === "*" || t.group === undefined || t.group === shown.group) && (shown.all || t.main !== false);
 
@@ -200,6 +200,8 @@
     if (plot.ready) return;
     plot.ready = true;
     plot.traces = plot.traces.map(unpack);
+    const last = Math.max(...plot.traces.filter((t) => t.solver && t.x.length).map((t) => t.x[t.x.length - 1]));
+    if (plot.canvas.dataset.only && plot.x.link && last > 0) plot.x = { ...plot.x, low: 0, high: 1.04 * last };
     render(plot);
     plot.canvas.on("plotly_relayout", (change) => follow(plot, change));
     plot.canvas.on("plotly_click", ({ points: [p] }) => {
@@ -239,14 +241,34 @@
     }
   };
 
+  // a cell's page shows its own curves out of its problem's plots: those where it moves off zero
+  const moves = (t) => t.y.length && t.y.some((v) => v !== 0);
+  for (const box of document.querySelectorAll("[data-plots-of]")) {
+    const { plotsOf: from, only } = box.dataset;
+    for (const [name, p] of Object.entries(MBS[from])) {
+      const own = p.traces.find((t) => t.urls && t.urls.length === 1 && t.urls[0] === only);
+      if (!p.x.link || !own || !moves({ y: list(own.y) })) continue;
+      const figure = document.createElement("figure");
+      figure.className = "panel";
+      figure.innerHTML = '<figcaption><b></b></figcaption><div class="canvas" role="img"></div><div class="tools"></div>'
+        + '<details class="numbers"><summary>The numbers</summary><div></div></details>';
+      figure.querySelector("b").textContent = p.title;
+      const canvas = figure.querySelector(".canvas");
+      Object.assign(canvas.dataset, { plot: name, from, only });
+      canvas.setAttribute("aria-label", `${p.title}: ${p.y.title} over ${p.x.title}. The numbers are in the table below.`);
+      box.append(figure);
+    }
+  }
   for (const canvas of document.querySelectorAll("[data-plot]")) {
     const own = MBS[canvas.dataset.from][canvas.dataset.plot];
     const plot = { ...own, traces: own.traces.map((t) => ({ ...t })), name: canvas.dataset.plot, canvas, ready: false };
-    const only = canvas.dataset.only;  // a cell's page shows its own curve out of its problem's
+    const only = canvas.dataset.only;
     if (only) {
       plot.traces = plot.traces.filter((t) => !t.solver || (t.urls && t.urls.includes(only)));
       plot.traces.forEach((t) => { delete t.urls; });
       shown.all = true;
+      plot.x = { ...plot.x, high: undefined };
+      plot.y = { ...plot.y, low: undefined, high: undefined };
     }
     const figure = canvas.closest("figure");
     plot.table = figure.querySelector("details.numbers");

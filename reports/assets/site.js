@@ -4,7 +4,10 @@
   const kinds = { f4: Float32Array, u2: Uint16Array, i4: Int32Array };
 
   // {dtype, bdata} of reports/packing.py as a typed array
-  MBS.array = ({ dtype, bdata }) => new kinds[dtype](Uint8Array.from(atob(bdata), (c) => c.charCodeAt(0)).buffer);
+  MBS.array = ({ dtype, bdata, scale }) => {
+    const values = new kinds[dtype](Uint8Array.from(atob(bdata), (c) => c.charCodeAt(0)).buffer);
+    return scale ? Float64Array.from(values, (v) => Number((v * scale).toPrecision(6))) : values;
+  };
 
   // three digits, powers of ten: as reports/words.py writes numbers
   const raised = (n) => String(n).replace(/[-0-9]/g, (c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]);
@@ -31,8 +34,11 @@
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", changed);
   const button = document.querySelector("[data-theme-button]");
   const themes = ["", "light", "dark"];
-  const words = { "": "Theme: system", light: "Theme: light", dark: "Theme: dark" };
-  const show = () => { button.textContent = words[document.documentElement.dataset.theme || ""]; };
+  const words = { "": "◐ system", light: "☀ light", dark: "☾ dark" };
+  const show = () => {
+    button.textContent = words[document.documentElement.dataset.theme || ""];
+    button.setAttribute("aria-label", `Theme: ${button.textContent.slice(2)}`);
+  };
   button.hidden = false;
   show();
   button.addEventListener("click", () => {

@@ -162,17 +162,17 @@
     seek(m.t);
   };
   const next = (kind, by = 1) => {
-    const some = marks.filter((m) => kind === "*" || m.kind === kind);
+    const all = marks.filter((m) => kind === "*" || m.kind === kind), seen = all.filter((m) => state.shown[m.player]);
+    const some = seen.length ? seen : all;
     const beyond = some.filter((m) => (m.t - state.t) * by > 1e-9 * play.t_end);
     const m = by > 0 ? beyond[0] : beyond[beyond.length - 1];
     const to = m || (by > 0 ? some[0] : some[some.length - 1]);
     if (to) jump(to);
   };
-  const whip = () => { const m = marks.find((k) => k.kind === "whip" && k.player === state.solid); if (m) jump(m); };
   for (const [name, kind] of [["stop", "stop"], ["event", "event"], ["whip", "whip"]]) {
     const button = find(name);
     button.disabled = !marks.some((m) => m.kind === kind);
-    button.addEventListener("click", kind === "whip" ? whip : () => next(kind));
+    button.addEventListener("click", () => next(kind));
   }
   const list = find("jump");
   marks.forEach((m, k) => {
@@ -193,16 +193,25 @@
   }
 
   // who is shown, who is solid
+  const chips = [...root.querySelectorAll("[data-solver]")];
+  const of = (chip) => players_.filter((p) => players[p].solver === chip.dataset.solver);
+  for (const b of chips) {
+    b.addEventListener("click", () => {
+      const on = !of(b).some((p) => state.shown[p]);
+      for (const p of of(b)) state.shown[p] = on;
+      changed();
+    });
+  }
   function changed() {
     rows.forEach((row, p) => {
       row.querySelector("[data-show]").checked = state.shown[p];
       row.querySelector("[data-solid]").checked = state.solid === p;
       row.classList.toggle("solid", state.solid === p);
     });
+    for (const b of chips) b.setAttribute("aria-pressed", String(of(b).some((p) => state.shown[p])));
     const s = players[state.solid];
     find("who").textContent = `Solid: ${s.solver}, ${s.settings}`;
     find("who").style.setProperty("--c", s.colour);
-    find("whip").disabled = !marks.some((m) => m.kind === "whip" && m.player === state.solid);
     strips.draw(state.shown, state.solid);
     moved();
   }

@@ -12,7 +12,7 @@ from reports.reading import Cell, Posing
 from reports.settings import shared_options
 from reports.words import time
 
-MOST = 24  # cells drawn under one label: more cannot be told apart, and the page would grow without end
+MOST = 16  # cells drawn under one label: more cannot be told apart, and the page would grow without end
 
 
 @dataclass(frozen=True)

@@ -82,7 +82,7 @@ class Site:
 
     run: Run
     folder: Path
-    drawn: dict[str, tuple[Plot, ...]] = field(default_factory=dict)  # by cell: its curves on its problem's page
+    drawn: dict[str, str] = field(default_factory=dict)  # by cell: the posing whose data file has its curves
     _pending: dict[str, tuple[Page, str, dict[str, Any]]] = field(default_factory=dict)
 
     def write(

@@ -16,13 +16,13 @@ def write(run: Run, site: Site) -> Page | None:
     posings = {c.record.cell: p for p in run.posings for c in p.cells}
     for cell in run.cells:
         posing = posings[cell.record.cell]
-        plots = site.drawn.get(cell.record.cell, ())
-        data = f"plots-problem-{posing.slug}"
-        scripts = [*PLOTTING[:1], f"data/{data}.js", *PLOTTING[1:]] if plots else []
+        slug = site.drawn.get(cell.record.cell)
+        data = f"plots-problem-{slug}" if slug else ""
+        scripts = [*PLOTTING[:1], f"data/{data}.js", *PLOTTING[1:]] if data else []
         site.write(
             Page(f"{cell.record.solver} on {cell.posing}", site.url(cell)), "cell.html", scripts=scripts, cell=cell,
             posing=posing, asked=_asked(cell), numbers=_numbers(cell), command=command(cell.record, plugins),
-            drawn=plots, plots_data=data,
+            plots_data=data,
         )  # fmt: skip
     return None
 

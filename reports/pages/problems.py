@@ -33,9 +33,4 @@ def _write(run: Run, site: Site, posing: Posing) -> None:
         findings=findings_of(posing), extras=extras([line.cell for line in lines]),
         events=events([m for m in motions.values() if m.events]),
     )  # fmt: skip
-    for line in lines:
-        site.drawn[line.cell.record.cell] = tuple(p for c in chapters[1:] for p in c.plots if _has(p, line.url))
-
-
-def _has(plot, url: str) -> bool:  # type: ignore[no-untyped-def]
-    return any(tuple(t.urls) == (url,) for t in plot.traces)
+    site.drawn.update((line.cell.record.cell, posing.slug) for line in lines if motions[line.cell.record.cell].moved)
