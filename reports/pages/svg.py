@@ -8,6 +8,7 @@ from markupsafe import Markup, escape
 
 from reports.words import number
 
+FLAT = 0.01  # relative: a smaller change is not drawn as one
 STEEP = 30.0  # values further apart than this factor are drawn on a logarithmic line
 
 
@@ -80,9 +81,13 @@ def said(measured: float, low: float, high: float, unit: str) -> str:
 
 
 def sparkline(values: Sequence[float], words: str) -> Markup:
-    """A line through values in their order, logarithmic where they span decades; gaps where there is none."""
+    """A line through values in their order, logarithmic where they span decades; flat where they hardly differ."""
     width, height = 110.0, 26.0
     scale = scale_for(values, height - 4.0, 4.0)
+    known = [v for v in values if math.isfinite(v)]
+    if known and max(known) - min(known) <= FLAT * max(map(abs, known)):
+        scale = Scale(*(sum(known) / len(known) + k * (max(map(abs, known)) or 1.0) for k in (-1.0, 1.0)),
+                      height - 4.0, 4.0)  # fmt: skip
     step = (width - 8.0) / max(len(values) - 1, 1)
     dots = [(4.0 + k * step, scale(v)) for k, v in enumerate(values) if math.isfinite(v)]
     line = " ".join(f"{x:.1f},{y:.1f}" for x, y in dots)

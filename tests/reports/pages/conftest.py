@@ -6,13 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from reports.pages import atlas, certificates, claims, work
+from reports.pages import atlas, certificates, claims, history, work
 from reports.pages.base import FOLDER, Site
 from reports.reading import Run, read_run
 from tests.reports.conftest import every_kind
 from tests.reports.pages.synthetic import judge
 
-PAGES = {"claims.html": claims, "certificates.html": certificates, "work.html": work, "atlas.html": atlas}
+PAGES = {"claims.html": claims, "certificates.html": certificates, "work.html": work, "atlas.html": atlas,
+         "history.html": history}  # fmt: skip
 
 
 class Outline(HTMLParser):
@@ -56,7 +57,7 @@ def render(run: Run, modules) -> dict[str, str]:
 
 @pytest.fixture(scope="session")
 def judged_run(tmp_path_factory) -> Run:
-    folder: Path = tmp_path_factory.mktemp("judged")
+    folder: Path = tmp_path_factory.mktemp("judged") / "run"
     cells = [r.settings for r in every_kind(folder)]
     judge(folder, cells)
     return read_run(folder)

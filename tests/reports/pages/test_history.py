@@ -1,0 +1,85 @@
+"""History: a line a cell over the runs, what changed first, and a word when there is nothing to compare."""
+
+import json
+import math
+
+import pytest
+
+from reports.pages import history, timeline
+from reports.pages.svg import sparkline
+from reports.pages.timeline import gather, lines, moments, moved
+from reports.reading import read_run
+from tests.reports.conftest import HOSTILE, put, record, series
+from tests.reports.pages.conftest import Outline, render
+
+
+def run_folder(parent, name, commit, cells):
+    folder = parent / name
+    for cell in cells:
+        put(folder, cell, series(40))
+    stamp = {"run": name, "started": f"2026-01-0{name[-1]}T00:00:00Z", "commit": commit, "cpu": "a processor"}
+    (folder / "environment.json").write_text(json.dumps(stamp))
+    return folder
+
+
+@pytest.fixture
+def three_runs(tmp_path, monkeypatch):
+    """aa01 stays, aa02 drifts more each time, aa03 becomes wrong, aa04 is new in the last."""
+    monkeypatch.setattr(timeline, "COMMITTED", tmp_path / "none")
+    for k in (1, 2, 3):
+        commit = str(k) * 40
+        cells = [record("aa01", commit=commit), record("aa02", commit=commit, energy_drift_max_J=1e-3 * 10.0**k),
+                 record("aa03", commit=commit, status="wrong" if k == 3 else "success")]  # fmt: skip
+        cells += [record("aa04", commit=commit, case=HOSTILE)] if k == 3 else []
+        run_folder(tmp_path, f"run-{k}", commit, cells)
+    return read_run(tmp_path / "run-3")
+
+
+def test_a_line_for_each_cell_those_that_changed_first(three_runs, tmp_path):
+    rows, bad = gather(three_runs, tmp_path / "none")
+    found = lines(three_runs, rows)
+    assert bad == []
+    assert [line.settings for line in found][:3] == ["aa02", "aa03", "aa01"]
+    assert [line.changed for line in found] == [True, True, False, False]
+    assert found[0].values("energy_drift_max_J") == pytest.approx((0.01, 0.1, 1.0))
+    assert [m.kind for m in found[1].marks] == ["good", "good", "wrong"]
+    assert len(found[3].rows) == 1
+
+
+def test_runs_are_told_in_their_order_with_their_endings(three_runs, tmp_path):
+    found = moments(gather(three_runs, tmp_path / "none")[0])
+    assert [m.run for m in found] == ["run-1", "run-2", "run-3"]
+    assert [(m.word, n) for m, n in found[2].counts] == [("success", 3), ("wrong", 1)]
+
+
+def test_page_of_three_commits(three_runs):
+    html = render(three_runs, [history])["history.html"]
+    assert "<script>alert" not in html and HOSTILE in Outline(html).text
+    assert "3 runs, 3 commits" in Outline(html).text and "no history yet" not in html
+
+
+def test_one_commit_is_said(tmp_path, monkeypatch):
+    monkeypatch.setattr(timeline, "COMMITTED", tmp_path / "none")
+    run = read_run(run_folder(tmp_path, "run-1", "1" * 40, [record("aa01", commit="1" * 40)]))
+    assert "there is no history yet" in Outline(render(run, [history])["history.html"]).text
+
+
+def test_a_file_of_rows_that_cannot_be_read_is_named(three_runs, tmp_path):
+    (tmp_path / "rows").mkdir()
+    (tmp_path / "rows" / "odd.jsonl").write_text("{")
+    rows, bad = gather(three_runs, tmp_path / "rows")
+    assert len(rows) == 10 and len(bad) == 1 and "odd.jsonl" in bad[0]
+
+
+def test_less_than_a_hundredth_is_no_move():
+    assert not moved([1.0, 1.005, math.nan], 0.0)
+    assert moved([1.0, 1.02], 0.0) and not moved([1e-12, 1e-11], 1e-9) and not moved([1.0], 0.0)
+
+
+def test_a_hair_is_drawn_flat_and_a_decade_is_not():
+    def heights(svg) -> set[str]:
+        return {p.split(",")[1] for p in svg.split('points="')[1].split('"')[0].split()}
+
+    assert len(heights(sparkline([1.0, 1.0001, 0.9999], "x"))) == 1
+    assert len(heights(sparkline([1.0, 10.0, 100.0], "x"))) == 3
+    assert len(heights(sparkline([0.0, 0.0], "x"))) == 1
