@@ -1,0 +1,104 @@
+"""Orders from ladders: the range of steps where the error is a power of the step, found and fitted, not chosen by eye.
+
+``ladder`` is for fixed steps, whose errors are smooth in dt: coarse steps are pre-asymptotic, fine ones lie on a floor
+of rounding or of the solver's own tolerance, and between them slopes agree. ``scattered`` is for error control, where
+every run has steps of its own and errors scatter: Theil and Sen's median of slopes needs no such range.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.stats import t as student
+from scipy.stats import theilslopes
+
+AGREE = 0.15  # slopes of halvings that differ by less are one power: C dt^p (1 + K dt) at K dt = 0.1 bends by as much
+FLAT = 0.3  # a slope below this is a floor, not a power
+LOSING = 0.7  # slopes between this and the order are an order lost; below, errors of the steps' solution pile up
+FEWEST = 3  # slopes that must agree, four steps
+HUBER = 0.05  # in ln(error): a residual of 5 % counts as an outlier; max over steps jitters by less
+LEVEL = 0.95
+
+
+@dataclass(frozen=True)
+class Fit:
+    """``order`` with its interval over the points ``used``; ``kind`` says what the ladder looks like."""
+
+    kind: str  # "power", "flat" (no error depends on the step), "falling" (the order is lost at small steps), "none"
+    order: float
+    low: float
+    high: float
+    used: tuple[bool, ...]
+    floor: float  # median error of the finer points left out; NaN without such
+    slopes: tuple[float, ...]  # between neighbours among the points given
+
+
+def ladder(dt: Sequence[float], error: Sequence[float], small: float = 0.0) -> Fit:
+    """From errors > 0 at decreasing steps; below ``small`` a tolerance may hold them: no order is lost there."""
+    x, y = np.log(np.asarray(dt, dtype=float)), np.log(np.asarray(error, dtype=float))
+    slopes = np.diff(y) / np.diff(x)
+    nothing = (False,) * len(x)
+    if len(x) < FEWEST + 1:
+        return Fit("none", math.nan, math.nan, math.nan, nothing, math.nan, tuple(slopes))
+    window = _longest_agreement(slopes)
+    if window is None:
+        kind = "flat" if np.median(np.abs(slopes)) < FLAT else "none"
+        return Fit(kind, math.nan, math.nan, math.nan, nothing, math.nan, tuple(slopes))
+    first, last = window  # slopes first..last agree: points first..last + 1
+    used = tuple(first <= k <= last + 1 for k in range(len(x)))
+    order, low, high = _robust_line(x[first : last + 2], y[first : last + 2])
+    low, high = min(low, float(slopes[last])), max(high, float(slopes[last]))  # the finest pair has the least bias
+    finer = slopes[last + 1 :]
+    floor = float(np.exp(np.median(y[last + 2 :]))) if len(finer) else math.nan
+    lost = np.all(finer > LOSING) and np.all(finer < order - AGREE) and np.exp(y[-1]) > small
+    if len(finer) >= 2 and lost:
+        return Fit("falling", order, low, high, used, math.nan, tuple(slopes))
+    return Fit("power", order, low, high, used, floor, tuple(slopes))
+
+
+def scattered(x: Sequence[float], error: Sequence[float]) -> Fit:
+    """From errors > 0 of runs under error control, finest last; ``x`` is their mean step or their tolerance."""
+    a, y = np.log(np.asarray(x, dtype=float)), np.log(np.asarray(error, dtype=float))
+    slopes = np.diff(y) / np.diff(a) if len(np.unique(a)) == len(a) else np.full(max(len(a) - 1, 0), math.nan)
+    n = len(a)
+    while n > 2 and y[n - 2] - y[n - 1] < FLAT * abs(a[n - 2] - a[n - 1]):
+        n -= 1  # the finest ones that gain nothing any more
+    n = len(a) if n == len(a) - 1 else n  # a single one may be scatter
+    used = tuple(k < n for k in range(len(a)))
+    if n < FEWEST + 1:
+        return Fit("none", math.nan, math.nan, math.nan, (False,) * len(a), math.nan, tuple(slopes))
+    order, _, low, high = (float(v) for v in theilslopes(y[:n], a[:n], LEVEL))
+    floor = float(np.exp(np.median(y[n:]))) if n < len(a) else math.nan
+    return Fit("power", order, low, high, used, floor, tuple(slopes))
+
+
+def _longest_agreement(slopes: np.ndarray) -> tuple[int, int] | None:
+    """First and last of the longest run of slopes that agree and are no floor; of equal ones the finest."""
+    best: tuple[int, int] | None = None
+    for first in range(len(slopes)):
+        for last in range(first + FEWEST - 1, len(slopes)):
+            part = slopes[first : last + 1]
+            if np.ptp(part) > AGREE or np.median(part) < FLAT:
+                continue
+            if best is None or last - first >= best[1] - best[0]:
+                best = (first, last)
+    return best
+
+
+def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+    """Slope of Huber's line with Student's interval from the weighted residuals."""
+    middle = np.mean(x)
+
+    def residual(p: np.ndarray) -> np.ndarray:
+        return p[0] + p[1] * (x - middle) - y
+
+    slope, intercept = np.polyfit(x - middle, y, 1)
+    p = least_squares(residual, (intercept, slope), loss="huber", f_scale=HUBER).x
+    r = residual(p)
+    weight = np.minimum(1.0, HUBER / np.maximum(np.abs(r), 1e-300))
+    free = len(x) - 2
+    variance = float(np.sum(weight * r**2)) / free / float(np.sum(weight * (x - middle) ** 2))
+    half = float(student.ppf(0.5 + 0.5 * LEVEL, free)) * math.sqrt(variance)
+    return float(p[1]), float(p[1]) - half, float(p[1]) + half

@@ -1,0 +1,126 @@
+"""Trend and random walk in block means, with intervals: a line, Brownian motion and white noise, by likelihood.
+
+Block means of equal length tau are y = a + b t + W + e, W the mean over a block of a Brownian motion of variance
+sigma^2 t, e independent of variance s^2. For each ratio lambda = sigma^2 tau / s^2 the line is generalised least
+squares and b is Student's t; lambda is not known, so everything is averaged over it with the weight of its restricted
+likelihood, evenly in log lambda. A line seen through a wandering curve thus has the wide interval it deserves (ordinary
+least squares and Newey and West's correction promise far too much there), and without wandering little is lost.
+``still`` weighs no walk at all against that, evenly. How often the intervals hold the truth is measured in the tests.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from jaxtyping import Float
+from scipy.stats import chi2
+from scipy.stats import t as student
+
+LEVEL = 0.95
+FEWEST = 8  # blocks: six degrees of freedom
+RATIOS = np.concatenate(([0.0], np.logspace(-3.0, 4.0, 57)))
+PRIOR = 1.0 / (len(RATIOS) - 1)  # of each ratio above zero
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Slope [unit/s] and wandering [unit/sqrt(s)], each with its interval; ``still`` is the probability of no walk."""
+
+    trend: float
+    trend_low: float
+    trend_high: float
+    walk: float
+    walk_low: float
+    walk_high: float
+    still: float
+
+
+def drift(y: Float[np.ndarray, " blocks"], tau: float) -> Drift:
+    """From means of blocks of ``tau`` [s] that follow each other."""
+    n = len(y)
+    if n < FEWEST:
+        raise ValueError(f"at least {FEWEST} blocks are needed (got {n})")
+    size = float(np.max(np.abs(y - np.mean(y))))
+    if size == 0.0:
+        return Drift(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+    scaled = (y - np.mean(y)) / size
+    free = n - 2
+    solve, information, log_det = _designs(n)
+    beta = np.einsum("lpn,n->lp", solve, scaled)
+    rest = scaled - beta[:, 0, None] - beta[:, 1, None] * _time(n)
+    precision = _precisions(n)
+    rss = np.maximum(np.einsum("ln,lnm,lm->l", rest, precision, rest), 1e-300)
+    weight = -0.5 * log_det - 0.5 * free * np.log(rss)
+    weight = np.exp(weight - np.max(weight))
+    still = float(weight[0] / (weight[0] + PRIOR * np.sum(weight[1:])))
+    weight[0] = 0.0  # intervals allow for a walk, however small: a wrong "none" would make them too narrow
+    weight /= np.sum(weight)
+    s2 = rss / free
+    spread = np.sqrt(s2 * information)
+    unit = size / tau
+
+    def slope_below(x: float) -> float:
+        return float(np.sum(weight * student.cdf((x - beta[:, 1]) / spread, free)))
+
+    reach = float(np.max(np.abs(beta[:, 1]) + 60.0 * spread))
+    low, high = (_root(slope_below, -reach, reach, p) for p in (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
+    walks = np.sqrt(RATIOS * rss)  # times 1/sqrt(chi2)
+
+    def walk_below(x: float) -> float:
+        with np.errstate(divide="ignore"):
+            part = np.where(walks > 0.0, chi2.sf((walks / max(x, 1e-300)) ** 2, free), 1.0)
+        return float(np.sum(weight * part))
+
+    most = float(np.max(walks)) + 1e-300
+    walk_low, walk_mid, walk_high = (
+        _root(walk_below, 0.0, most, p) for p in (0.5 - 0.5 * LEVEL, 0.5, 0.5 + 0.5 * LEVEL)
+    )
+    seen = still < 1.0 - LEVEL
+    root = size / math.sqrt(tau)
+    return Drift(
+        trend=float(np.sum(weight * beta[:, 1])) * unit,
+        trend_low=low * unit,
+        trend_high=high * unit,
+        walk=walk_mid * root if seen else 0.0,
+        walk_low=walk_low * root if seen else 0.0,
+        walk_high=walk_high * root,
+        still=still,
+    )
+
+
+def _time(n: int) -> Float[np.ndarray, " n"]:
+    """Middles of the blocks, in blocks, about their mean."""
+    return np.arange(n) - 0.5 * (n - 1)
+
+
+@cache
+def _precisions(n: int) -> Float[np.ndarray, "ratios n n"]:
+    """Inverse covariance of the block means for each ratio, in units of s^2."""
+    k = np.arange(n)
+    first = np.minimum(k[:, None], k[None])
+    brownian = first + np.where(k[:, None] == k[None], 1.0 / 3.0, 0.5)  # means over blocks of min(s, t)
+    return np.linalg.inv(np.eye(n) + RATIOS[:, None, None] * brownian)
+
+
+@cache
+def _designs(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """For each ratio: (X^T P X)^-1 X^T P, variance of the slope, ln|S| + ln|X^T P X|."""
+    X = np.stack((np.ones(n), _time(n)), axis=1)
+    P = _precisions(n)
+    normal = np.einsum("np,lnm,mq->lpq", X, P, X)
+    inverse = np.linalg.inv(normal)
+    solve = np.einsum("lpq,nq,lnm->lpm", inverse, X, P)
+    log_det = -np.linalg.slogdet(P)[1] + np.linalg.slogdet(normal)[1]
+    return solve, inverse[:, 1, 1], log_det
+
+
+def _root(rising: Callable[[float], float], low: float, high: float, value: float) -> float:
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        if rising(middle) < value:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
