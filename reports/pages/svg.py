@@ -86,8 +86,8 @@ def sparkline(values: Sequence[float], words: str) -> Markup:
     scale = scale_for(values, height - 4.0, 4.0)
     known = [v for v in values if math.isfinite(v)]
     if known and max(known) - min(known) <= FLAT * max(map(abs, known)):
-        scale = Scale(*(sum(known) / len(known) + k * (max(map(abs, known)) or 1.0) for k in (-1.0, 1.0)),
-                      height - 4.0, 4.0)  # fmt: skip
+        middle, room = sum(known) / len(known), max(map(abs, known)) or 1.0
+        scale = Scale(middle - room, middle + room, height - 4.0, 4.0)
     step = (width - 8.0) / max(len(values) - 1, 1)
     dots = [(4.0 + k * step, scale(v)) for k, v in enumerate(values) if math.isfinite(v)]
     line = " ".join(f"{x:.1f},{y:.1f}" for x, y in dots)
