@@ -101,7 +101,7 @@
     if (state.playing) wake();
   };
   const wake = () => { waiting ||= requestAnimationFrame(frame); };
-  const digits = Math.max(0, Math.min(6, 4 - Math.ceil(Math.log10(play.t_end))));
+  const digits = Math.max(0, Math.min(6, 5 - Math.ceil(Math.log10(play.t_end))));
   const clock = (t) => t.toFixed(digits);
   T.stats = () => {
     const some = times.slice(0, Math.min(frames, times.length)).sort();
@@ -274,6 +274,10 @@
   changed();
   const facts = stage.facts();
   document.querySelector("[data-renderer]").textContent = facts.renderer;
+  addEventListener("hashchange", () => {
+    const t = Number(new URLSearchParams(location.hash.slice(1)).get("t"));
+    if (t > 0) { pause(); seek(t); }
+  });
   if (asked.has("t")) seek(Number(asked.get("t")) || 0);
   else if (!still.matches) start();
   root.dataset.ready = flat ? "flat" : "solid";

@@ -33,7 +33,9 @@ def marks_of(series: Series, cell: Cell, player: int) -> list[Mark]:
         if error[k] > 0.0:
             out.append(Mark(float(t[k]), "whip", player, f"largest energy error, {series['energy_error'][k]:.3g} J"))
     if cell.stopped:
-        out.append(Mark(float(t[-1]), "stop", player, f"{cell.status}: {'; '.join(cell.reasons)}"[:400]))
+        out.append(
+            Mark(float(t[-1]), "stop", player, f"{cell.status.replace('_', ' ')}: {'; '.join(cell.reasons)}"[:400])
+        )
     return sorted(out, key=lambda m: m.t)
 
 

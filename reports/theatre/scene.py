@@ -22,7 +22,8 @@ from reports.theatre.strips import SPANS, STRIP, STRIPS, strips_of
 POSE_BYTES = 3_500_000  # of all players of a page, before compression
 BODY_BYTES = 14  # three int16 and four
 MOST_POSES = 2000  # as many as are stored
-VIEWS = 150  # poses from which the camera's box is taken
+VIEWS = 60  # poses from which the camera's box is taken
+FEW = 0.2  # [of POSE_BYTES] below, strips too are coarser
 FLAT = 0.02  # motion this thin, compared with its width, is planar
 
 
@@ -72,6 +73,7 @@ def scene(
     sound = [p for p in cast_ if p.cell.succeeded] or [lead]
     stage = _reach(sound, shapes, ground)
     box = stage.grown(0.75)  # players that fly apart stay at its walls
+    spans = SPANS if pose_bytes > FEW * POSE_BYTES else SPANS // 3
     at_most = max(2, min(MOST_POSES, int(pose_bytes / (BODY_BYTES * bodies * len(cast_)))))
     rank = _rank(cast_)
     trail_body, trail_at = _trail(lead, shapes)
@@ -82,8 +84,8 @@ def scene(
         "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
         "ground": ground.tolist(), "shapes": [_shape(s) for s in shapes],
         "trail": {"body": trail_body, "at": trail_at},
-        "spans": SPANS, "strips": [dict(zip(STRIP, s, strict=True)) for s in STRIPS],
-        "players": [_player(p, box, scale, at_most, t_end, looks, rank) for p in cast_],
+        "spans": spans, "strips": [dict(zip(STRIP, s, strict=True)) for s in STRIPS],
+        "players": [_player(p, box, scale, at_most, (t_end, spans), looks, rank) for p in cast_],
         "marks": [{"t": m.t, "kind": m.kind, "player": m.player, "words": m.words} for m in marks],
         "events_cut": any(len(p.series.events) > EVENTS for p in cast_),
         "left_out": [_told(c) for c in left_out],
@@ -95,7 +97,7 @@ def _player(
     box: Box,
     scale: float,
     at_most: int,
-    t_end: float,
+    axis: tuple[float, int],
     looks: Mapping[str, Look],
     rank: Mapping[str, int],
 ) -> dict[str, Any]:
@@ -104,7 +106,7 @@ def _player(
     n, bodies = len(kept), kept.r.shape[1]
     both = np.concatenate((packing.positions(kept.r, box), packing.quaternions(kept.q)), axis=-1)
     distance, angle = off(p.poses, rows)
-    strips = packing.rounded(strips_of(p.series, p.cell, t_end))
+    strips = packing.rounded(strips_of(p.series, p.cell, *axis))
     return {
         **_told(p.cell),
         "cell": p.cell.record.cell, "colour": looks[p.cell.record.solver].colour, "rank": rank[p.cell.record.cell],

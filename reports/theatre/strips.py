@@ -29,13 +29,13 @@ def strip(
     return np.stack((low, high))
 
 
-def strips_of(series: Series, cell: Cell, t_end: float) -> Float[np.ndarray, "n spans"]:
+def strips_of(series: Series, cell: Cell, t_end: float, spans: int = SPANS) -> Float[np.ndarray, "n spans"]:
     """All strips of a cell in the order of ``STRIPS``: smallest values, where they matter, and largest ones."""
     t, out = series["t"], []
     for name, _, _, _, both in STRIPS:
         a = series[name] if name in series else np.full(len(t), np.nan)
         if name == "dt" and len(a) > 2 and not cell.stopped:
             a = a[:-1]  # cut to end at t_end; of a failure it is the point
-        low_high = strip(t[: len(a)], a, t_end)
+        low_high = strip(t[: len(a)], a, t_end, spans)
         out += list(low_high) if both else [low_high[1]]
     return np.stack(out)
