@@ -157,7 +157,10 @@ def view_of(mechanism: Mechanism) -> Float[np.ndarray, "2 3"]:
     """Directions of space that are right and up: against gravity is up, a planar motion is seen from the front."""
     g = mechanism.gravity
     up = -g / np.linalg.norm(g) if np.any(g) else np.array([0.0, 0.0, 1.0])
-    points = np.concatenate([mechanism.segments(k).reshape(-1, 3) for k in _some(len(mechanism.t))])
+    seen = _some(len(mechanism.t))
+    points = np.concatenate([mechanism.r[seen].reshape(-1, 3), *(mechanism.joints(k) for k in seen)])
+    if np.ptp(points, axis=0).max() <= FLAT * mechanism.size:  # it turns about one point: then by its segments
+        points = np.concatenate([mechanism.segments(k).reshape(-1, 3) for k in seen])
     level = points - np.outer(points @ up, up)
     level -= level.mean(axis=0)
     _, sizes, axes = np.linalg.svd(level, full_matrices=False)

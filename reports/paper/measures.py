@@ -126,7 +126,7 @@ def deepest(says: Says, lines: Sequence[Line]) -> Fact:
     for k in lines:
         t, gap = _rows(k, "energy_error", says)
         _, height = _rows(k, "obs_E_y", says)
-        at, low = int(np.nanargmax(np.abs(gap))), _first_low(height)
+        at, low = int(np.argmax(np.nan_to_num(np.abs(gap)))), _first_low(height)
         values[k.key] = {"energy_error_J": float(gap[at]), "t_s": float(t[at]), "t_lowest_s": float(t[low])}
         words.append(
             f"{k.name} {signed(float(gap[at]))} J at {time(round(float(t[at]), 4))} s"
@@ -140,7 +140,7 @@ def recovery(says: Says, lines: Sequence[Line]) -> Fact:
     words, values = [], {}
     for k in lines:
         _, gap = _rows(k, "energy_error", says)
-        values[k.key] = {"largest": float(np.nanmax(np.abs(gap))), "end": float(gap[-1])}
+        values[k.key] = {"largest": _peak(gap), "end": float(gap[-1])}
         words.append(f"{k.name} {number(values[k.key]['largest'])} J, then {signed(float(gap[-1]))} J")
     return Fact(f"largest energy error and that at the end of the window: {listed(words, 12)}", values)
 
@@ -189,9 +189,12 @@ def _rows(line: Line, name: str, says: Says) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _largest(line: Line, says: Says) -> float:
-    values = np.abs(_rows(line, says.series, says)[1])
-    values = values[np.isfinite(values)]
-    return float(values.max()) if len(values) else math.nan
+    return _peak(_rows(line, says.series, says)[1])
+
+
+def _peak(values: np.ndarray) -> float:
+    """Largest magnitude; NaN where there is no number."""
+    return float(np.abs(values[np.isfinite(values)]).max(initial=-1.0)) if np.isfinite(values).any() else math.nan
 
 
 def _first_low(height: np.ndarray) -> int:

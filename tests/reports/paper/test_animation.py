@@ -1,0 +1,121 @@
+"""Animations: as many pictures as asked for, at their times, and clear words for what cannot be shown."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from harness import registry
+from harness.__main__ import main
+from reports.animation import animate, choosing, files
+from reports.animation.stage import Stage, actors_of, flat, view_of
+from reports.mechanism import mechanism_of
+from reports.paper.spec import Pick
+from tests.reports.conftest import put
+from tests.reports.paper.conftest import record_for, series_for
+
+GC = Pick("gc", "gc_weak_form", "spherical_pendulum", dt=0.01)
+RK = Pick("rk", "rk45_strong_form", "spherical_pendulum", rtol=1e-8)
+
+
+def turning(t_end: float = 2.0, n: int = 81):
+    """A pendulum that turns once about OZ in two seconds, as a series file."""
+    problem = registry.make_problem("spherical_pendulum", {})
+    still = series_for(problem, t_end, 1e-3)
+    t = np.linspace(0.0, t_end, n)
+    angle = np.pi * t
+    arm = still["frame_r"][0, 0]
+    c, s, zero = np.cos(angle), np.sin(angle), np.zeros(n)
+    Q = np.array([[c, -s, zero], [s, c, zero], [zero, zero, 1.0 + zero]]).transpose(2, 0, 1)
+    from scipy.spatial.transform import Rotation
+
+    R = Q @ Rotation.from_quat(still["frame_q"][0, 0]).as_matrix()
+    poses = {"frame_t": t, "frame_r": (Q @ arm)[:, None], "frame_q": Rotation.from_matrix(R).as_quat()[:, None]}
+    return dataclasses.replace(still, arrays={**still.arrays, **poses})
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    path = tmp_path_factory.mktemp("run")
+    put(path, record_for("a" * 16, GC, t_end_s=2.0, t_reached_s=2.0), turning())
+    put(path, record_for("b" * 16, RK, t_end_s=2.0, t_reached_s=1.0, status="singular"), turning(1.0))
+    put(path, record_for("c" * 16, dataclasses.replace(GC, dt=0.02), status="refused"), None)
+    return path
+
+
+def test_gif_has_the_pictures_asked_for(folder, tmp_path):
+    """Their number, their pace, and a body that moves in them."""
+    out = tmp_path / "p.gif"
+    said = animate(folder, "spherical_pendulum", ["gc_weak_form"], out, frames=12, fps=20)
+    assert "12 pictures, 0 to 2 s" in said
+    with Image.open(out) as picture:
+        assert picture.n_frames == 12 and picture.info["duration"] == 50
+        first = np.asarray(picture.convert("RGB")).astype(int)
+        picture.seek(3)
+        later = np.asarray(picture.convert("RGB")).astype(int)
+    assert (first[0, 0] == 255).all()
+    assert np.count_nonzero(np.abs(first - later).sum(axis=2) > 60) > 500
+    assert out.stat().st_size < 1_000_000
+
+
+def test_the_body_is_where_its_pose_says(folder):
+    """At 0.5 s it has turned by a quarter: upright, seen from the front."""
+    (actor,) = actors_of(folder, choosing.choose(choosing.cells_of(folder), "spherical_pendulum", ["gc_weak_form"]))
+    stage = Stage([actor], ghosts=False, frames=3, window=(0.0, 1.0))
+    pictures = list(stage.pictures())
+    assert len(pictures) == 3 and stage.t.tolist() == [0.0, 0.5, 1.0]
+    assert np.allclose(view_of(actor.mechanism), [[1, 0, 0], [0, 1, 0]], atol=1e-6)
+    k = actor.mechanism.frame(0.5)
+    ends = flat(actor.mechanism.segments(k), stage.view)[0]
+    assert np.allclose(ends[1] - ends[0], [0.0, 1.0], atol=1e-6)
+
+
+def test_spatial_motion_is_seen_at_an_angle():
+    """Right and up stay square and of unit length, whatever the view."""
+    m = mechanism_of(series_for(registry.make_problem("torque_free_body", {}), 1.0, 0.0))
+    view = view_of(m)
+    assert np.allclose(view @ view.T, np.eye(2), atol=1e-12)
+    assert np.abs(view).max() < 0.999
+
+
+def test_side_by_side_and_as_ghosts(folder):
+    """A panel each, or one for all; the one that stopped turns grey after its end."""
+    actors = actors_of(folder, choosing.choose(choosing.cells_of(folder), "spherical_pendulum", []))
+    assert [a.cell.record.solver for a in actors] == ["gc_weak_form", "rk45_strong_form"]
+    assert len(Stage(actors, ghosts=False, frames=2).figure.axes) == 3
+    ghosts = Stage(actors, ghosts=True, frames=4)
+    assert len(ghosts.figure.axes) == 2
+    assert "singular at 1 s" in ghosts.strip.get_legend().get_texts()[1].get_text()
+    colours = []
+    for _ in ghosts.pictures():
+        colours.append(tuple(ghosts.bodies[1][1].get_color()[0]))
+    assert colours[0] == colours[1] != colours[-1]
+
+
+def test_wrong_calls_are_told_in_one_line(folder, tmp_path, capsys):
+    """Kind of file, problem, cell, numbers, window: each with what would be right."""
+    for words, said in (
+        (["--problem", "spherical_pendulum", "--out", str(tmp_path / "x.avi")], "a .gif or an .mp4"),
+        (["--problem", "nobody", "--out", str(tmp_path / "x.gif")], "there are spherical_pendulum"),
+        (["--problem", "spherical_pendulum", "--cell", "zz", "--out", str(tmp_path / "x.gif")], "no cell of this"),
+        (["--problem", "spherical_pendulum", "--cell", "c" * 16, "--out", str(tmp_path / "x.gif")], "no cell of this"),
+        (["--problem", "spherical_pendulum", "--frames", "1", "--out", str(tmp_path / "x.gif")], "from 2 to"),
+        (["--problem", "spherical_pendulum", "--start", "5", "--out", str(tmp_path / "x.gif")], "nothing to show"),
+    ):
+        assert main(["animate", str(folder), *words]) == 2
+        told = capsys.readouterr().err
+        assert said in told and told.startswith("error: ") and told.count("\n") == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_mp4_without_ffmpeg_says_what_to_do(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "ffmpeg", lambda: None)
+    with pytest.raises(ValueError, match=r"needs ffmpeg: install it, or `pip install imageio-ffmpeg`"):
+        animate(folder, "spherical_pendulum", [], tmp_path / "x.mp4")
+
+
+@pytest.mark.skipif(files.ffmpeg() is None, reason="no ffmpeg on this machine")
+def test_mp4_is_written(folder, tmp_path):
+    animate(folder, "spherical_pendulum", ["gc_weak_form"], tmp_path / "x.mp4", frames=5)
+    assert b"ftyp" in (tmp_path / "x.mp4").read_bytes()[:16]
