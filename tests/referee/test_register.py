@@ -1,4 +1,4 @@
-"""The register is sound: its claims are about cells that the suite has, every figure is there, and bad ones are refused."""
+"""The register is sound: its claims are about cells the suite has, every figure is there, bad ones are refused."""
 
 import re
 from pathlib import Path

@@ -1,0 +1,167 @@
+"""The command: files in the run folder, a table, changes, exit codes; and verdicts that do not depend on the run."""
+
+import dataclasses
+import json
+from functools import partial
+
+import pytest
+
+from harness import store
+from harness.__main__ import main
+from harness.commands import judge as command
+from harness.pool import LocalPool
+from harness.referee import judge as judging
+from harness.referee.claims import read_register
+from harness.referee.maps import place, select
+from harness.referee.verdicts import judge
+from harness.runner import Request, run_suite
+from harness.suites import Suite, load_suite
+from tests.harness.conftest import Silent
+from tests.referee.synthetic import HEAD, cells_of, record
+from tests.referee.test_verdicts import MAP, SUITE, TEST
+
+CELLS = cells_of(SUITE)
+
+
+@pytest.fixture
+def made(tmp_path, monkeypatch):
+    """A run folder of made-up records and a register of one claim, judged on the suite of the tests alone."""
+    monkeypatch.setattr(judging, "load_suite", lambda _: Suite("test", "", CELLS, SUITE))
+    monkeypatch.setattr(judging, "OTHERS", ())
+    register = tmp_path / "claims.toml"
+    register.write_text(MAP + HEAD + TEST)
+
+    def write(phi_max):
+        folder = store.create(tmp_path / "run")
+        for x in CELLS:
+            store.write_record(folder, record(x, phi_max=phi_max, series=""))
+        return folder
+
+    def call(*arguments):
+        fixed = ["--claims", str(register), "--published", str(tmp_path / "published")]
+        return main(["judge", str(tmp_path / "run"), *fixed, *arguments])
+
+    return write, call, register
+
+
+def test_judging_writes_files_and_publishing_compares(made, tmp_path, capsys):
+    """Nothing published: 0. Published: the same verdicts 0, a changed one 1 and named, until it is published too."""
+    write, call, _ = made
+    folder = write(0.5)
+    assert call() == 0
+    assert "nothing is published yet" in capsys.readouterr().out
+    assert json.loads((folder / "judgement" / "claims.json").read_text())[0]["verdict"] == "SUPPORTED"
+    assert call("--publish") == 0 and (tmp_path / "published" / "claims.json").exists()
+    capsys.readouterr()
+    assert call() == 0
+    assert "as published" in capsys.readouterr().out
+    write(1.5)
+    assert call() == 1
+    assert "changed: c: SUPPORTED -> REFUTED" in capsys.readouterr().out
+    assert call("--publish") == 0 and call() == 0
+
+
+def test_refuted_claims_are_no_failure_of_the_command(made):
+    write, call, _ = made
+    write(1.5)
+    assert call() == 0
+
+
+def test_json_is_the_file(made, capsys):
+    write, call, _ = made
+    folder = write(0.5)
+    assert call("--json") == 0
+    assert capsys.readouterr().out == (folder / "judgement" / "claims.json").read_text()
+
+
+def test_wrong_calls_are_one_line(made, capsys, tmp_path):
+    """No run, a bad register, published results that cannot be read: 2 and a line."""
+    write, call, register = made
+    assert main(["judge", "nowhere"]) == 2
+    write(0.5)
+    (tmp_path / "published").mkdir()
+    (tmp_path / "published" / "claims.json").write_text("{")
+    assert call() == 2
+    register.write_text("[[claims]]\nid = 'x'")
+    assert call() == 2
+    errors = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("judging")]
+    assert len(errors) == 3 and all(line.startswith("error: ") for line in errors)
+
+
+def test_claims_that_come_and_go_are_changes():
+    before = [{"id": "a", "verdict": "SUPPORTED"}, {"id": "b", "verdict": "REFUTED"}]
+    after = [{"id": "b", "verdict": "CONDITIONAL"}, {"id": "c", "verdict": "SUPPORTED"}]
+    assert [dataclasses.astuple(c) for c in judging.changes(before, after)] == [
+        ("b", "REFUTED", "CONDITIONAL"),
+        ("c", "", "SUPPORTED"),
+        ("a", "SUPPORTED", ""),
+    ]
+
+
+def test_texts_of_a_register_are_not_markup(made, capsys):
+    """Words in brackets are words, in the table too."""
+    write, call, register = made
+    register.write_text((MAP + HEAD + TEST).replace('id = "c"', 'id = "[bold]c[/]"'))
+    write(0.5)
+    assert call() == 0
+    assert "[bold]c[/]" in capsys.readouterr().out
+    assert command.STYLE.keys() == {"SUPPORTED", "CONDITIONAL", "REFUTED", "UNTESTABLE"}
+
+
+CHEAP = (  # claims whose cells take seconds
+    "1-one-step",
+    "1-any-tolerance",
+    "1-ode45-converges",
+    "11-gc-coincident",
+    "11-ode45-step-decrease",
+    "12-redundant",
+)
+
+
+@pytest.fixture(scope="module")
+def twice(tmp_path_factory):
+    """The verdicts on some claims from their cells run with one and with two processes."""
+    register, suite = read_register(), load_suite("referee")
+    few = dataclasses.replace(register, claims=tuple(c for c in register.claims if c.id in CHEAP))
+    places = [place(c) for c in suite.cells]
+    cells = {p.cell.settings: p.cell for c in few.claims for p in select(places, c.map.over)}
+    part = dataclasses.replace(suite, cells=tuple(cells.values()), total_limit=None)
+    out = []
+    for jobs in (1, 2):
+        folder = tmp_path_factory.mktemp(f"jobs{jobs}")
+        loaded = run_suite(Request(part, folder, jobs), Silent(), LocalPool)
+        out.append(judge(few, suite.cells, loaded.records, partial(judging.series_of, folder)))
+    return out
+
+
+@pytest.mark.slow
+def test_verdicts_are_the_same_with_one_and_two_processes(twice):
+    """Two runs, each of its own processes: the same judgement, byte for byte."""
+    first, second = map(judging.as_text, twice)
+    assert first == second
+    assert {c["id"] for c in twice[0]} == set(CHEAP)
+
+
+@pytest.mark.slow
+def test_verdicts_are_those_published(twice):
+    """A verdict that changes against results/published is a change of the result, to be published or mended."""
+    published = judging.read_claims(judging.PUBLISHED)
+    if published is None:
+        pytest.skip("nothing is published: python -m harness judge --publish")
+    known = {c["id"]: c["verdict"] for c in published}
+    assert {c["id"]: c["verdict"] for c in twice[0]} == {c: known.get(c) for c in CHEAP}
+
+
+@pytest.mark.slow
+def test_the_newest_whole_run_is_judged_as_published():
+    """Where a run of the suite is at hand, every claim of it is as published."""
+    published = judging.read_claims(judging.PUBLISHED)
+    runs = sorted((p for p in store.LOCAL.glob("referee-*") if (p / "cells").is_dir()), key=lambda p: p.name)
+    if published is None or not runs:
+        pytest.skip("nothing is published, or no run of the suite referee is in results/local")
+    records = store.load(runs[-1], check_series=False).records
+    cells = load_suite("referee").cells
+    if {c.settings for c in cells} - {r.settings for r in records}:
+        pytest.skip(f"{runs[-1]} does not hold all cells of the suite")
+    judged = judge(read_register(), cells, records, partial(judging.series_of, runs[-1]))
+    assert judging.changes(published, judged) == []
