@@ -6,7 +6,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 SPANS_UPPER = 240  # a panel is about 3 in wide: more spans than that are not seen
-SPANS_SIGNED = 180
+SPANS_SIGNED = 320
+SPANS_SCREEN = 180  # of signed curves on pages, which hold dozens of them
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,12 @@ def upper(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float
     return Curve(t[at], a[at])
 
 
-def signed(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float) -> Curve:
+def signed(
+    t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_SIGNED
+) -> Curve:
     """Smallest and largest value in each span, in their order of time, and the ends."""
     t, a = _finite(t, a)
-    starts = _starts(t, t_end, SPANS_SIGNED)
+    starts = _starts(t, t_end, spans)
     ends = [0, len(t) - 1] if len(t) else starts
     at = np.unique(np.concatenate([ends, _firsts(a, starts, np.minimum), _firsts(a, starts, np.maximum)]))
     return Curve(t[at], a[at])

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from harness.series import Series
-from reports.curves import Curve, band, signed, upper
+from reports.curves import SPANS_SCREEN, Curve, band, signed, upper
 from reports.reading import Cell, Run
 
 NORMS = ("energy_error", "phi_norm", "phi_dot_norm", "position_error", "orientation_error", "out_of_plane")
@@ -50,8 +50,8 @@ def motion_of(run: Run, cell: Cell) -> Motion:
         {n: upper(t, a, t_end) for n, a in series.named("inv_").items()},
         _steps(series, cell),
         upper(t, series["reference_own_error"], t_end) if "reference_own_error" in series else None,
-        {n: signed(t, a, t_end) for n, a in observables.items()},
-        {n: signed(t, a, t_end) for n, a in exact.items() if np.any(np.isfinite(a))},
+        {n: signed(t, a, t_end, SPANS_SCREEN) for n, a in observables.items()},
+        {n: signed(t, a, t_end, SPANS_SCREEN) for n, a in exact.items() if np.any(np.isfinite(a))},
         {n: upper(t, a - exact[n], t_end) for n, a in observables.items() if n in exact},
         series.units,
         series.symbols,

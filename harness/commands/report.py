@@ -1,29 +1,45 @@
-"""``report``: the pages of a run folder."""
+"""``report``: the site of a run folder, or what changed between two."""
 
 import argparse
 import importlib
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
 from harness.commands.run import existing
 from harness.commands.terms import UsageError
+from harness.store import StoreError
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("report", help="write the report of a run")
-    p.add_argument("folder", nargs="?", default="latest", help="run folder (default: the newest)")
+    p = commands.add_parser("report", help="write the report of a run, or compare two runs")
+    p.add_argument("folder", nargs="*", default=["latest"], help="run folder (default: the newest), or two to compare")
+    p.add_argument("--out", type=Path, help="folder of the comparison (default: report/ of the second run)")
     p.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Build it and say where it is."""
-    folder = existing(arguments.folder)
+    if len(arguments.folder) > 2:
+        raise UsageError(f"report takes one run folder, or two to compare (got {len(arguments.folder)})")
+    folders = [existing(name) for name in arguments.folder]
+    if arguments.out is not None and len(folders) < 2:
+        raise UsageError("--out is for the comparison of two runs; the report of one is in its folder")
+    module = "reports.pages.compare" if len(folders) == 2 else "reports.site"
     try:
-        site = importlib.import_module("reports.site")  # by name: the harness does not know its readers
+        reports = importlib.import_module(module)  # by name: the harness does not know its readers
     except ModuleNotFoundError as error:
         raise UsageError(f"no report can be built: {error}") from None
-    index = site.build(folder)
-    Console(highlight=False, soft_wrap=True).print(f"report: {index}")
+    try:
+        if len(folders) == 2:
+            index = reports.write_compare(*folders, arguments.out or folders[1] / "report")
+        else:
+            index = reports.build(folders[0])
+    except StoreError as error:
+        raise UsageError(str(error)) from None
+    except OSError as error:
+        raise UsageError(f"cannot write the report: {error}") from None
+    Console(highlight=False, soft_wrap=True).print(f"report: {index}", markup=False)
     return 0
