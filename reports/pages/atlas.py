@@ -1,6 +1,6 @@
 """The failure atlas: how long each solver goes on, and for every stop its last steps and its cause."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,12 +8,13 @@ from markupsafe import Markup
 
 from harness.series import Series
 from reports.pages.base import Page, Site
-from reports.pages.causes import CAUSES, LAST, Autopsy, Cause, autopsy
+from reports.pages.causes import CAUSES, Autopsy, Cause, autopsy
 from reports.pages.survival import Survival, part_reached, survival
 from reports.pages.svg import Zoom, panel
 from reports.plots import Axis, Plot, Trace
 from reports.reading import Cell, Run, slug
 
+DRAWN = 80  # of the last rows
 SHOWN = (("dt", "step size", "s"), ("energy_error", "|energy error|", "J"), ("phi_norm", "|φ|", "m"))
 
 
@@ -27,22 +28,45 @@ class Stop:
 
 
 @dataclass(frozen=True)
+class Family:
+    """Stops of one solver on one problem as posed, for one cause; the plainest settings stand for all."""
+
+    stops: tuple[Stop, ...]
+
+    @property
+    def head(self) -> Stop:
+        return self.stops[0]
+
+
+@dataclass(frozen=True)
 class Group:
     """The stops of one cause."""
 
     cause: Cause
-    stops: tuple[Stop, ...]
+    families: tuple[Family, ...]
+
+    @property
+    def count(self) -> int:
+        return sum(len(f.stops) for f in self.families)
+
+    def of(self, solver: str) -> int:
+        """How many are a solver's."""
+        return sum(len(f.stops) for f in self.families if f.head.cell.record.solver == solver)
 
 
 @dataclass(frozen=True)
 class Broken:
-    """Cells that reached the end and broke the same law."""
+    """Cells that reached the end and broke the same law, by solver and problem."""
 
     law: str
-    cells: tuple[Cell, ...]
+    families: tuple[tuple[Cell, ...], ...]
+
+    @property
+    def count(self) -> int:
+        return sum(map(len, self.families))
 
 
-def groups(run: Run, colours: dict[str, str]) -> tuple[Group, ...]:
+def groups(run: Run, colours: Mapping[str, str]) -> tuple[Group, ...]:
     """Every cell that stopped, by cause in the order of ``CAUSES``."""
     stops = []
     for cell in run.cells:
@@ -52,9 +76,12 @@ def groups(run: Run, colours: dict[str, str]) -> tuple[Group, ...]:
             stops.append(Stop(cell, autopsy(cell, series), zoom(cell, series, colour)))
     found = []
     for cause in CAUSES:
-        own = [s for s in stops if s.autopsy.cause is cause]
-        if own:
-            found.append(Group(cause, tuple(sorted(own, key=lambda s: (s.cell.posing, s.cell.method)))))
+        own = {s.cell.record.cell: s for s in stops if s.autopsy.cause is cause}
+        families = tuple(
+            Family(tuple(own[c.record.cell] for c in f)) for f in _families([s.cell for s in own.values()])
+        )
+        if families:
+            found.append(Group(cause, families))
     return tuple(found)
 
 
@@ -62,7 +89,7 @@ def zoom(cell: Cell, series: Series | None, colour: str) -> tuple[Markup, ...]:
     """Step, energy error and |phi| of the last steps; nothing without a series."""
     if series is None or "t" not in series or len(series["t"]) < 3:
         return ()
-    rows = min(LAST, len(series["t"]) - 1)
+    rows = min(DRAWN, len(series["t"]) - 1)
     return tuple(
         panel(Zoom(title, unit, tuple(map(float, series[name][-rows:])), cell.stopped, colour, rows - 1))
         for name, title, unit in SHOWN
@@ -77,12 +104,20 @@ def broken(cells: Sequence[Cell]) -> tuple[Broken, ...]:
         if c.status == "wrong":
             found.setdefault(law_of(c.reasons[0]), []).append(c)
     ordered = sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))
-    return tuple(Broken(law, tuple(own)) for law, own in ordered)
+    return tuple(Broken(law, _families(own)) for law, own in ordered)
 
 
 def law_of(reason: str) -> str:
     """``the energy error reaches 3 J, more than 1 J``: the words before the numbers."""
     return reason.split(" reaches ")[0].split(":")[0].strip()[:80]
+
+
+def _families(cells: Sequence[Cell]) -> tuple[tuple[Cell, ...], ...]:
+    """By problem as posed and solver, the plainest settings first."""
+    found: dict[tuple[str, str], list[Cell]] = {}
+    for c in sorted(cells, key=lambda c: (c.posing, c.record.solver, len(c.options), c.record.case)):
+        found.setdefault((c.posing, c.record.solver), []).append(c)
+    return tuple(map(tuple, found.values()))
 
 
 @dataclass(frozen=True)

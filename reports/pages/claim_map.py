@@ -13,6 +13,7 @@ SAID = {
     "lambda_in_error_test": ("λ in the error test", "λ outside the error test"),
     "consistent_start": ("consistent start", "start not made consistent"),
 }
+MOST = 6  # boxes in one place
 HOLDS = Mark("✓", "holds", "good")
 NOT = Mark("✗", "does not hold", "wrong")
 FAILED = Mark("★", "the run stopped", "failed")
@@ -51,7 +52,7 @@ def grids(rows: Sequence[Entry], links: Links) -> tuple[Grid, ...]:
     for key, own in found.items():
         title = ", ".join(key[k] for k in varies if key[k]) or ", ".join(filter(None, key)) or "all settings"
         boxes = tuple(
-            tuple(tuple(_box(e, links) for e in own if (_value(e, "gain"), _value(e, "tolerance")) == (g, t))
+            tuple(_place([e for e in own if (_value(e, "gain"), _value(e, "tolerance")) == (g, t)], links)
                   for t in tolerances) for g in gains
         )  # fmt: skip
         out.append(Grid(title, tolerances, gains, boxes))
@@ -65,6 +66,18 @@ def state(e: Entry) -> Mark:
     if holds is None:
         return FAILED if stopped else UNKNOWN
     return HOLDS if holds else FAILED if stopped else NOT
+
+
+def _place(rows: Sequence[Entry], links: Links) -> tuple[Box, ...]:
+    """A box a run; one box for all of a place that many share."""
+    if len(rows) <= MOST:
+        return tuple(_box(e, links) for e in rows)
+    held = sum(e.flag("holds") is True for e in rows)
+    kind = HOLDS.kind if held == len(rows) else NOT.kind if held == 0 else FAILED.kind
+    stopped = sum(state(e) is FAILED for e in rows)
+    words = f"{held} of {len(rows)} runs hold, {stopped} do not and stopped; first {_box(rows[0], links).words}"
+    mark_of = Mark(f"{held}/{len(rows)}", "", kind)
+    return (Box(mark_of, words, links.page(rows[0].text("cell")), any(e.flag("printed") is True for e in rows)),)
 
 
 def _box(e: Entry, links: Links) -> Box:

@@ -21,6 +21,7 @@ VERDICTS: Mapping[str, Mark] = {
     "REFUTED": Mark("✗", "refuted", "wrong"),
     "UNTESTABLE": Mark("?", "untestable", "refused"),
 }
+LISTED = 40  # cells beside the map
 ORDER = ("REFUTED", "CONDITIONAL", "SUPPORTED", "UNTESTABLE")
 
 
@@ -155,11 +156,21 @@ def _claim(e: Entry, links: Links, anchor: str) -> Claim:
         _factors(e),
         _settings(e),
         len(keys),
-        tuple((links.words(k), links.page(k)) for k in e.texts("cells") if k not in set(on_map)),
+        _elsewhere(e.texts("cells"), set(on_map), links),
         tuple(sorted({s for k in keys if (s := links.solver(k))})),
         grids(map_rows, links),
         f"{holding} of {len(map_rows)} settings hold" if map_rows else "",
     )
+
+
+def _elsewhere(keys: Sequence[str], on_map: set[str], links: Links) -> tuple[tuple[str, str], ...]:
+    """Cells that are not on the map, a few of them; those that this run does not hold are counted."""
+    rest = [k for k in keys if k not in on_map]
+    here = [k for k in rest if links.cell(k) is not None]
+    out = [(links.words(k), links.page(k)) for k in here[:LISTED]]
+    for n, words in ((len(here) - LISTED, "more in this run"), (len(rest) - len(here), "not in this run")):
+        out += [(f"{n} {words}", "")] if n > 0 else []
+    return tuple(out)
 
 
 def _numbered(what: str, text: str) -> str:

@@ -6,12 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from reports.pages.atlas import broken, law_of, zoom
+from reports.pages.atlas import broken, groups, law_of, zoom
 from reports.pages.causes import CAUSES, autopsy, usual_step
 from reports.pages.survival import survival
 from reports.pages.svg import ticks
-from reports.reading import Cell
-from tests.reports.conftest import record, series
+from reports.reading import Cell, read_run
+from tests.reports.conftest import put, record, series
 
 
 def stopped(status: str = "diverged", **changes) -> Cell:
@@ -81,7 +81,7 @@ def test_wrong_ones_are_grouped_by_the_law_they_break():
     reasons = ['["the energy error reaches 3 J, more than 1 J"]', '["the energy error reaches 9 J, more than 1 J"]',
                '["|phi| reaches 1 m, more than 0.1 m"]']  # fmt: skip
     cells = [Cell(record(f"w{k}", status="wrong", wrong_because=why)) for k, why in enumerate(reasons)]
-    assert [(b.law, len(b.cells)) for b in broken([*cells, Cell(record("aa01"))])] == [
+    assert [(b.law, b.count) for b in broken([*cells, Cell(record("aa01"))])] == [
         ("the energy error", 2),
         ("|phi|", 1),
     ]
@@ -100,3 +100,16 @@ def test_ticks_are_few_round_and_inside(low, high):
     found = ticks(low, high)
     assert len(found) <= 4 and all(low <= v <= high for v in found)
     assert found == sorted(found)
+
+
+def test_stops_of_one_solver_on_one_problem_stand_together(tmp_path):
+    """Five runs, two causes: each is in one family, the plainest settings at its head."""
+    for k, options in enumerate(('{"a": 1}', "{}", '{"a": 2}')):
+        put(tmp_path, record(f"s{k}", status="stalled", solver_options=options, t_reached_s=1.0), series(40, 1.0))
+    put(tmp_path, record("c1", status="crashed", t_reached_s=1.0), series(40, 1.0))
+    put(tmp_path, record("o1", "beta", status="stalled", t_reached_s=1.0), series(40, 1.0))
+    found = {g.cause.key: g for g in groups(read_run(tmp_path), {})}
+    assert {k: g.count for k, g in found.items()} == {"killed": 1, "limit": 4}
+    heads = [(f.head.cell.record.solver, len(f.stops), f.head.cell.record.cell) for f in found["limit"].families]
+    assert heads == [("alpha", 3, "s1"), ("beta", 1, "o1")]
+    assert found["limit"].of("alpha") == 3

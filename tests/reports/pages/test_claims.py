@@ -88,3 +88,10 @@ def test_changed_verdicts_against_the_published_are_found_and_put_first():
     assert [d.id for d in found] == ["second-claim", "third-claim", "gone", "fourth-claim"]
     assert found[0].before.word == "supported" and found[0].after.word == "refuted"
     assert differences(now, now, claims_of(now, NONE)) == []
+
+
+def test_a_place_that_many_runs_share_is_one_box_with_their_count():
+    many = [Entry({"tolerance": 1e-3, "gain": 5.0, "holds": k < 3, "case": f"case {k}"}) for k in range(8)]
+    (box,) = grids(many, NONE)[0].rows[0][0]
+    assert (box.mark.symbol, box.mark.kind) == ("3/8", "failed")
+    assert box.words.startswith("3 of 8 runs hold, 0 do not and stopped; first case 0")
