@@ -1,4 +1,4 @@
-"""``check``: the contract of solvers, on one from outside the tree."""
+"""``check``: the contracts of solvers and problems, on those of a file from outside the tree."""
 
 import argparse
 import json
@@ -6,11 +6,12 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
+from rich.text import Text
 
-from harness import registry
+from harness import problem_contract, registry
 from harness.commands.progress import progress
 from harness.commands.run import jobs
+from harness.commands.screen import lines
 from harness.commands.terms import UsageError, load_plugins
 from harness.contract import Finding, as_plain, judged, suite_of
 from harness.options import nearest
@@ -19,8 +20,8 @@ from harness.runner import Request, run_suite
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("check", help="the contract suite on a solver of yours; explains each failure")
-    p.add_argument("plugin", metavar="FILE.py", help="file, or entry point, or a solver of ours")
+    p = commands.add_parser("check", help="the contract suite on a solver or problem of yours; explains each failure")
+    p.add_argument("plugin", metavar="FILE.py", help="file, or entry point, or a solver or problem of ours")
     p.add_argument("--jobs", metavar="N", help="processes at a time (default: cores)")
     p.add_argument("--json", action="store_true", help="one JSON object a claim and line, for machines")
     p.set_defaults(run=run)
@@ -28,16 +29,22 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """0 if every claim holds, else 1."""
-    plugins, names = _solvers(arguments.plugin)
-    findings = [f for name in names for f in _findings(name, plugins, jobs(arguments.jobs), quiet=arguments.json)]
-    out = Console(highlight=False, markup=False, soft_wrap=True)
+    size = jobs(arguments.jobs)
+    plugins, names = _named(arguments.plugin)
+    findings: list[Finding] = []
+    for name in names:
+        if name in registry.problems():
+            findings += problem_contract.findings(name, plugins)
+        else:
+            findings += _findings(name, plugins, size, quiet=arguments.json)
+    out = lines()
     for f in findings:
         if arguments.json:
             out.print(json.dumps(as_plain(f), ensure_ascii=False))
         elif f.holds:
-            out.print(f"ok    {f.solver}: {f.claim}")
+            out.print(f"ok    {f.solver}: {f.claim}" + (f" ({f.found})" if f.found else ""))
         else:
-            out.print(f"FAIL  {f.solver}: {f.claim}", style="bold red")
+            out.print(Text(f"FAIL  {f.solver}: {f.claim}", "bold red"))
             out.print(f"      found:  {f.found}\n      why:    {f.why}\n      remedy: {f.remedy}")
     broken = sum(not f.holds for f in findings)
     if not arguments.json:
@@ -45,19 +52,20 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if broken else 0
 
 
-def _solvers(given: str) -> tuple[tuple[str, ...], list[str]]:
-    before = set(registry.solvers())
+def _named(given: str) -> tuple[tuple[str, ...], list[str]]:
+    """The plugin, and the problems and solvers it brings, problems first; or one of ours by name."""
+    before = {*registry.problems(), *registry.solvers()}
     if given in before:
         return (), [given]
     plugins = load_plugins([given])
-    names = sorted(set(registry.solvers()) - before)
+    names = [n for n in (*sorted(registry.problems()), *sorted(registry.solvers())) if n not in before]
     if not names:
-        raise UsageError(f"{given} brings no solver{nearest(given, list(before))}")
+        raise UsageError(f"{given} brings nothing that was not there{nearest(given, sorted(before))}")
     return plugins, names
 
 
 def _findings(solver: str, plugins: tuple[str, ...], size: int, *, quiet: bool) -> list[Finding]:
-    with tempfile.TemporaryDirectory() as place, progress(quiet=quiet) as watcher:
+    with tempfile.TemporaryDirectory() as place, progress(quiet=quiet, size=size) as watcher:
         folder = Path(place) / "run"
         loaded = run_suite(Request(suite_of(solver, plugins), folder, size), watcher)
         return judged(solver, folder, loaded.records)
