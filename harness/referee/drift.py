@@ -144,7 +144,11 @@ def _entry(r: RunRecord, found: Anatomy | None) -> dict[str, Any]:
             "walk_high",
         )
         failed = r.claimed != "success"
-        words = f"it ended with {r.status} at {r.t_reached_s:.4g} s" if failed else "too few periods in it"
+        words = (
+            f"it ended with {r.status} at {r.t_reached_s:.4g} s"
+            if failed
+            else f"no motion that comes round more than {PERIODS} times in it"
+        )
         nothing = dict.fromkeys(names, math.nan)
         return {**entry, "periods": 0, "span_s": r.t_reached_s, **nothing,
                 "verdict": "failed" if failed else "too short", "words": words}  # fmt: skip

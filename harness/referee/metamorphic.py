@@ -1,0 +1,248 @@
+"""The metamorphic scorecard: what must hold of a solver whatever the motion is, so that no reference is needed.
+
+Each check compares two runs that differ in one thing the physics does not see: frame, mirror image, numbering, units, a
+joint told twice, or the direction of time. How far apart they may end is not chosen: it is ``SLACK`` times what the
+same solver's end moves by at a tenth of its tolerance, plus rounding times the growth of a start changed by 1e-10.
+Distances are of whole poses, max over bodies of |r - r'| and L times the angle of R to R', L the mechanism's size.
+"""
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from harness import store
+from harness.mechanics import so3
+from harness.records import RunRecord
+
+SLACK = 10.0  # errors of one tolerance scatter by several times: steps fall differently
+TENTH = (0.05, 0.2)  # of the tolerance: what counts as a tenth
+ROUNDING = 2.2e-16  # a step, relative; steps add up
+CHANGES: Mapping[str, str] = {
+    "retrace": "time reversal",
+    "yaw": "yaw",
+    "rotation": "rotation",
+    "mirror": "mirror image",
+    "renumber": "renumbering",
+    "unit_length": "unit of length",
+    "unit_mass": "unit of mass",
+    "unit_time": "unit of time",
+    "duplicate": "repeated joint",
+}
+TOLERANCE = 1e-8  # default of solvers with a fixed step; they take it from options, where it stands if it differs
+
+
+@dataclass(frozen=True)
+class Yardstick:
+    """What two runs of a solver on a posing may differ by."""
+
+    level: float  # [m] change of the end at a tenth of the tolerance
+    growth: float  # of a relative change of the start, at the end
+    steps: int
+    size: float  # [m] of the mechanism
+
+    @property
+    def bound(self) -> float:
+        """[m]"""
+        return SLACK * self.level + self.rounding
+
+    @property
+    def rounding(self) -> float:
+        """[m] every step's rounding, grown to the end."""
+        return SLACK * ROUNDING * self.steps * max(self.growth, 1.0) * self.size
+
+    @property
+    def bound_back(self) -> float:
+        """[m] after the way back: what is off at the end grows once more."""
+        return self.bound * (1.0 + max(self.growth, 1.0))
+
+
+def scorecard(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]]:
+    """One entry a solver, check and posing, as in ``metamorphic.json``."""
+    known = {_key(r): r for r in sorted(records, key=lambda r: r.finished)}
+    ends = _Ends(folder)
+    out = []
+    for base in sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.case)):
+        told = [r for r in known.values() if _changed(base, r)]
+        tighter = next((r for r in known.values() if _is_tighter(base, r)), None)
+        nudged = next((r for r in known.values() if _is_nudged(base, r)), None)
+        if not told or tighter is None or nudged is None:
+            continue
+        yard = _yardstick(base, tighter, nudged, ends)
+        for r in sorted(told, key=lambda r: (list(CHANGES).index(_changed(base, r)), r.case)):
+            out.append(_entry(base, r, _changed(base, r), yard, ends))
+        out += [e for r in (base, *told) if (e := _planarity(base, r, yard)) is not None]
+    return out
+
+
+class _Ends:
+    """Last poses of runs, read once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._known: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray] | None] = {}
+
+    def of(self, r: RunRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+        """r, R of all bodies and gravity, space frame; None where the run has none."""
+        if r.cell not in self._known:
+            s = store.series_of(self._folder, r)
+            self._known[r.cell] = None if s is None else (s["end_r"], s["end_R"], s["gravity"])
+        return self._known[r.cell]
+
+    def apart(self, one: RunRecord, other: RunRecord, turned: np.ndarray) -> float:
+        """Distance [m] of the ends, ``other`` brought back from the frame ``turned``; NaN if one has none."""
+        a, b = self.of(one), self.of(other)
+        if a is None or b is None:
+            return math.nan
+        r, R = b[0] @ turned, turned.T @ b[1]
+        gap = float(np.max(np.linalg.norm(r - a[0], axis=-1)))
+        return max(gap, one.length_scale_m * float(np.max(so3.angle_between(R, a[1]))))
+
+
+def _parameters(r: RunRecord) -> dict[str, Any]:
+    return json.loads(r.problem_parameters)
+
+
+def _rest(r: RunRecord) -> tuple:
+    """All that is asked but the problem's parameters."""
+    return (r.problem, r.solver, r.solver_options, r.control, str(r.dt_s), str(r.rtol), str(r.max_step_s), r.max_steps)
+
+
+def _key(r: RunRecord) -> tuple:
+    return (*_rest(r), r.problem_parameters)
+
+
+def _changed(base: RunRecord, r: RunRecord) -> str:
+    """The one thing told otherwise in ``r``; empty if it is none or more."""
+    if _rest(base) != _rest(r):
+        return ""
+    here, there = _parameters(base), _parameters(r)
+    if any(k in CHANGES for k in here) or any(there.get(k) != v for k, v in here.items()):
+        return ""
+    more = [k for k in there if k not in here]
+    return more[0] if len(more) == 1 and more[0] in CHANGES else ""
+
+
+def _is_nudged(base: RunRecord, r: RunRecord) -> bool:
+    return _rest(base) == _rest(r) and _nudge(r) > 0.0 and _without(r, "perturb") == _parameters(base)
+
+
+def _nudge(r: RunRecord) -> float:
+    return float(_parameters(r).get("perturb", 0.0))
+
+
+def _without(r: RunRecord, name: str) -> dict[str, Any]:
+    return {k: v for k, v in _parameters(r).items() if k != name}
+
+
+def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
+    same = (base.problem, base.solver, base.control, base.problem_parameters, str(base.dt_s))
+    if same != (r.problem, r.solver, r.control, r.problem_parameters, str(r.dt_s)):
+        return False
+    mine, theirs = json.loads(base.solver_options), json.loads(r.solver_options)
+    if base.control == "rtol":
+        return mine == theirs and TENTH[0] < r.rtol / base.rtol < TENTH[1]
+    ratio = theirs.pop("tolerance", TOLERANCE) / mine.pop("tolerance", TOLERANCE)
+    return mine == theirs and TENTH[0] < ratio < TENTH[1]
+
+
+def _yardstick(base: RunRecord, tighter: RunRecord, nudged: RunRecord, ends: _Ends) -> Yardstick | None:
+    """None where one of the runs did not end well."""
+    if any(r.claimed != "success" for r in (base, tighter, nudged)):
+        return None
+    level = ends.apart(base, tighter, np.eye(3))
+    growth = ends.apart(base, nudged, np.eye(3)) / (_nudge(nudged) * base.length_scale_m)
+    return Yardstick(level, growth, base.steps, base.length_scale_m)
+
+
+def _entry(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, ends: _Ends) -> dict[str, Any]:
+    told = _parameters(r)[change]
+    title = f"{CHANGES[change]}{_how(change, told)}"
+    deviation, bound = math.nan, math.nan
+    if base.claimed != "success":
+        verdict = "refused" if base.status == "refused" else "failed"
+        words = f"as it stands: {base.status}: {base.message}" if base.message else f"as it stands: {base.status}"
+    elif yard is None:
+        verdict, words = "failed", "no bound: the run at a tenth of the tolerance or from the changed start failed"
+    elif r.claimed != "success":
+        verdict = "refused" if r.status == "refused" else "failed"
+        words = f"{r.status}: {r.message}"
+    elif change == "renumber" and _single(ends, base):
+        verdict, words = "not applicable", "one body and one joint have no order"
+    elif change == "retrace":
+        deviation = max(r.return_error_m, r.length_scale_m * r.return_error_rad)
+        bound = yard.bound_back
+        verdict, words = _compared(deviation, bound, yard, "misses the start")
+        if math.isnan(deviation):
+            verdict, words = "failed", "; ".join(n for n in json.loads(r.notes) if "the way back" in n) or "no way back"
+    else:
+        found = ends.of(base)
+        turned = np.eye(3) if found is None else _frame(change, told, found[2])
+        deviation, bound = ends.apart(base, r, turned), yard.bound
+        verdict, words = _compared(deviation, bound, yard, "ends elsewhere")
+    return _row(base, title, deviation, bound, verdict, words, [base.settings, r.settings])
+
+
+def _planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> dict[str, Any] | None:
+    """Planar motion must stay in its plane, as it stands and however it is told."""
+    if math.isnan(r.out_of_plane_max_m) or yard is None or r.claimed != "success":
+        return None
+    if r is not base and _changed(base, r) not in ("yaw", "rotation"):
+        return None
+    title = "planar symmetry" if r is base else f"planar symmetry, {CHANGES[_changed(base, r)]}"
+    deviation = r.out_of_plane_max_m
+    verdict, words = _compared(deviation, yard.bound, yard, "leaves the plane")
+    return _row(base, title, deviation, yard.bound, verdict, words, [r.settings])
+
+
+def _compared(deviation: float, bound: float, yard: Yardstick, what: str) -> tuple[str, str]:
+    verdict = "holds" if deviation <= bound else "broken"
+    parts = (
+        f"a tenth of the tolerance moves the end by {yard.level:.1e} m, rounding by {yard.rounding / SLACK:.1e} m "
+        f"at most, a change of the start grows {yard.growth:.2g}-fold"
+    )
+    return verdict, f"{what} by {deviation:.1e} m, {bound:.1e} m allowed ({parts})"
+
+
+def _how(change: str, told: Any) -> str:
+    if change.startswith("unit_"):
+        return f" x {told:g}"
+    return ""
+
+
+def _single(ends: _Ends, r: RunRecord) -> bool:
+    found = ends.of(r)
+    return found is not None and len(found[0]) == 1
+
+
+def _frame(change: str, told: Any, gravity: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+    """Rotation from the frame as it stands to the one told, as the registry turns problems."""
+    if change == "rotation":
+        return so3.exp(np.array(told, dtype=float))
+    if change == "yaw":
+        g = float(np.linalg.norm(gravity))
+        return so3.exp(float(told) * (-gravity / g if g > 0.0 else np.array([0.0, 0.0, 1.0])))
+    return np.eye(3)
+
+
+def _row(
+    base: RunRecord, check: str, deviation: float, bound: float, verdict: str, words: str, cells: list[str]
+) -> dict[str, Any]:
+    return {
+        "solver": base.solver,
+        "options": json.loads(base.solver_options),
+        "check": check,
+        "problem": base.problem,
+        "posing": base.case.split(" ")[0],
+        "deviation": deviation,
+        "bound": bound,
+        "unit": "m",
+        "verdict": verdict,
+        "words": words,
+        "cells": cells,
+    }

@@ -1,0 +1,36 @@
+"""Wrong but successful: runs whose solver claims success while laws, symmetry or the reference say no."""
+
+import json
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from harness.records import RunRecord
+
+OUT_OF_PLANE = 0.01  # of the mechanism's size, where the motion is planar and predictable to the end
+PREDICTABLE = 0.98  # of the time, judged against the reference: beyond it a planar chain may leave its plane
+
+
+def wrong(
+    folder: Path, records: Iterable[RunRecord], scorecard: Sequence[Mapping[str, Any]] = ()
+) -> list[dict[str, Any]]:
+    """One entry a run, as in ``wrong.json``: what the verdict on its record says, and what symmetries add."""
+    broken: dict[str, list[str]] = {}
+    for row in scorecard:
+        if row["verdict"] == "broken":
+            broken.setdefault(row["cells"][-1], []).append(f"{row['check']}: {row['words']}")
+    out = []
+    for r in sorted(records, key=lambda r: (r.problem, r.solver, r.case)):
+        because = [*json.loads(r.wrong_because), *_out_of_plane(r), *broken.get(r.settings, [])]
+        if r.claimed == "success" and because:
+            out.append({"case": r.case, "cell": r.settings, "solver": r.solver, "problem": r.problem,
+                        "because": because})  # fmt: skip
+    return out
+
+
+def _out_of_plane(r: RunRecord) -> list[str]:
+    away, allowed = r.out_of_plane_max_m, OUT_OF_PLANE * r.length_scale_m
+    if math.isnan(away) or away <= allowed or not r.judged_to_s >= PREDICTABLE * r.t_end_s:
+        return []
+    return [f"planar motion leaves its plane by {away:.3g} m, more than {allowed:.3g} m"]
