@@ -22,6 +22,8 @@
       this.ratio = ratio;
     }
 
+    calm() {}
+
     draw({ motions, shown, solid, trails }) {
       const { pen, view } = this;
       this.calls = 0;

@@ -5,11 +5,16 @@
   const MANY = 600; // instances
   const SLIM = [0.84, 0.66, 0.52]; // ghosts are thinner than the solid player, so that it hides those that agree
 
+  const driver = (gl) => gl.getParameter(gl.getExtension("WEBGL_debug_renderer_info")?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER);
+
+  // "" without WebGL 2, else who draws
   T.webgl = () => {
     const gl = document.createElement("canvas").getContext("webgl2");
+    const name = gl ? driver(gl) : "";
     gl?.getExtension("WEBGL_lose_context")?.loseContext();
-    return Boolean(gl);
+    return name;
   };
+  T.slow = (name) => /swiftshader|llvmpipe|software|basic render/i.test(name); // pixels cost the processor's time
 
   // a shape's place in its body: columns of a 3 x 4 matrix that takes the unit shape there
   T.local = (s) => {
@@ -24,10 +29,11 @@
   };
 
   T.Solid = class {
-    constructor(canvas, play, view) {
+    constructor(canvas, play, view, slow) {
       this.play = play;
       this.view = view;
-      this.renderer = new THREE.WebGLRenderer({ canvas, antialias: true, alpha: true });
+      this.slow = slow;
+      this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !slow, alpha: true });
       this.scene = new THREE.Scene();
       this.light = new THREE.DirectionalLight(0xffffff, 2.1);
       this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8a8f98, 1.9), this.light, this.light.target);
@@ -92,8 +98,15 @@
     }
 
     resize(width, height, ratio) {
-      this.renderer.setPixelRatio(ratio);
+      this.own = this.slow ? 1 : ratio;
+      this.renderer.setPixelRatio(this.own);
       this.renderer.setSize(width, height, false);
+    }
+
+    // where pixels are dear, only a picture that stands still gets many
+    calm(still) {
+      const ratio = this.slow && still ? 2 : this.own;
+      if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio);
     }
 
     // instances of one player from i on; returns the next free one
@@ -161,9 +174,8 @@
     }
 
     facts() {
-      const gl = this.renderer.getContext(), told = gl.getExtension("WEBGL_debug_renderer_info");
       const { calls, triangles, lines } = this.renderer.info.render;
-      return { renderer: `WebGL 2, ${told ? gl.getParameter(told.UNMASKED_RENDERER_WEBGL) : gl.getParameter(gl.RENDERER)}`, calls, triangles, lines };
+      return { renderer: `WebGL 2, ${driver(this.renderer.getContext())}`, calls, triangles, lines };
     }
   };
 })();

@@ -20,7 +20,8 @@
       this.controls.minDistance = this.size / 40;
       this.controls.maxDistance = this.size * 12;
       this.controls.addEventListener("change", moved);
-      this.controls.addEventListener("start", () => { this.name = ""; });
+      this.controls.addEventListener("start", () => { this.name = ""; this.held = true; });
+      this.controls.addEventListener("end", () => { this.held = false; moved(); });
       this.name = "start";
     }
 

@@ -17,8 +17,8 @@
   const moved = () => { dirty = true; wake(); };
   const view = new T.View(canvas, play, moved);
   for (const s of play.shapes) s.radius = Math.max(s.radius, (s.kind === "ball" ? 0.002 : 0.0016) * view.size); // seen from afar
-  const flat = asked.has("flat") || !T.webgl();
-  const stage = flat ? new T.Flat(canvas, play, view) : new T.Solid(canvas, play, view);
+  const driver = asked.has("flat") ? "" : T.webgl(), flat = !driver;
+  const stage = flat ? new T.Flat(canvas, play, view) : new T.Solid(canvas, play, view, T.slow(driver));
   find("flat").hidden = !flat;
   const strips = new T.Strips(find("strips"), find("cursor"), play, (t) => { pause(); seek(t); });
 
@@ -75,7 +75,7 @@
     waiting = 0;
     const began = performance.now();
     if (state.playing) {
-      const gone = before ? Math.min((now - before) / 1000, 0.1) : 0;
+      const gone = before ? Math.min((now - before) / 1000, 0.25) : 0;
       state.t = Math.min(state.t + gone * state.speed, play.t_end);
       if (state.t >= play.t_end) pause();
     }
@@ -85,6 +85,7 @@
       motions[p].at(state.t);
       motions[p].point(play.trail.body, play.trail.at, heads[p], 0);
     }
+    stage.calm(!state.playing && !view.held);
     stage.draw({ motions, shown: state.shown, solid: state.solid, trails: players_.map(trailOf) });
     view.point(compass);
     mark();
