@@ -61,7 +61,7 @@ def show(claims: list[dict[str, Any]], changed: list[Change], compared: bool, pu
     for c in claims:
         holding = sum(row["holds"] is True for row in c["map"])
         band = c["tests"][0]["band"] if c["tests"] else ""
-        tried = f"{holding} of {len(c['map'])}" if c["map"] else "; ".join(c["missing"])
+        tried = f"{holding} of {len(c['map'])}" if c["map"] else c["missing"]
         verdict = Text(c["verdict"], STYLE[c["verdict"]])
         table.add_row(Text(c["id"]), c["figure"], verdict, Text(c["measured_words"]), Text(band), Text(tried))
     out.print(table)

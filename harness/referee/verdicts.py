@@ -101,7 +101,7 @@ def _judged(
         "cells": [p.cell.settings for p in (*own, *others)],
         "factors": factors([_dimensions(claim, p) for p in counted]) if counted else {},
         "map": [_row(claim, p, numbers.records) for p in points],
-        "missing": [*missing, *(claim.caveats if missing else ())],
+        "missing": "; ".join(missing),
         "caveats": list(claim.caveats),
     }
 
