@@ -177,9 +177,9 @@ class Run:
         return store.series_of(self.folder, cell.record)
 
 
-def read_run(folder: Path) -> Run:
-    """The run in ``folder``; what cannot be read is listed, not hidden."""
-    loaded = store.load(folder)
+def read_run(folder: Path, *, check_series: bool = True) -> Run:
+    """The run in ``folder``; what cannot be read is listed, not hidden. Unchecked series are checked when taken."""
+    loaded = store.load(folder, check_series=check_series)
     cells = [Cell(r, _stderr(folder, r)) for r in loaded.records]
     cells.sort(key=lambda c: (c.record.solver, c.method, -c.fineness, c.record.case))
     return Run(folder, _environment(folder), tuple(cells), loaded.unreadable)

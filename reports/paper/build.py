@@ -4,8 +4,10 @@ import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from harness import store
+from harness.series import BadSeries, Series
 from reports.palette import looks
 from reports.paper.catalogue import FIGURES
 from reports.paper.drawer import draw
@@ -14,7 +16,7 @@ from reports.paper.notes import Caption, caption, claims_of, jsonable
 from reports.paper.picking import choose
 from reports.paper.spec import PaperFigure
 from reports.publication.style import SUFFIXES, save
-from reports.reading import Run, read_run
+from reports.reading import Cell, Run, read_run
 
 FOLDER = "paper"
 
@@ -26,27 +28,46 @@ def build(
     tell: Callable[[str], None] = lambda words: None,
 ) -> list[Caption]:
     """Write all figures and the captions; what each is called is told as it is done."""
-    run = read_run(Path(run_folder))
+    run = read_run(Path(run_folder), check_series=False)
     out = []
     for spec in specs:
         out.append(one(run, spec, suffixes))
         missing = sum(not c["found"] for c in out[-1].cells)
         tell(f"{spec.name}: {spec.title}" + (f" ({missing} of {len(spec.picks)} cells missing)" if missing else ""))
+    figures = _others(run.folder, out) + [jsonable(asdict(c)) for c in out]
+    order = [s.name for s in FIGURES]
+    figures.sort(key=lambda f: order.index(f["name"]))
     plain = {"run": run.environment.get("run") or run.folder.name, "commit": run.environment.get("commit", ""),
-             "figures": [jsonable(asdict(c)) for c in out]}  # fmt: skip
-    store.write_text(
-        Path(run_folder) / FOLDER / "captions.json", json.dumps(plain, indent=1, ensure_ascii=False, allow_nan=False)
-    )
+             "figures": figures}  # fmt: skip
+    path = Path(run_folder) / FOLDER / "captions.json"
+    store.write_text(path, json.dumps(plain, indent=1, ensure_ascii=False, allow_nan=False))
     return out
 
 
 def one(run: Run, spec: PaperFigure, suffixes: Sequence[str] = SUFFIXES) -> Caption:
     """Draw one figure and write its caption."""
     chosen = choose(spec.picks, run.cells)
-    series = {c.cell.record.cell: run.series(c.cell) for c in chosen if c.cell}
+    series = {c.cell.record.cell: _series(run, c.cell) for c in chosen if c.cell}
     own = looks({*run.solvers, *(p.solver for p in spec.picks)})
     files = save(lambda: draw(spec, chosen, series, own), run.folder / FOLDER, spec.name, suffixes)
     return caption(spec, lines_of(chosen, series, own), claims_of(run.folder), [p.name for p in files])
+
+
+def _series(run: Run, cell: Cell) -> Series | None:
+    """None where the file is damaged: the figure says so."""
+    try:
+        return run.series(cell)
+    except BadSeries:
+        return None
+
+
+def _others(folder: Path, made: Sequence[Caption]) -> list[dict[str, Any]]:
+    """Captions of figures made before and not now."""
+    try:
+        found = json.loads((folder / FOLDER / "captions.json").read_text(encoding="utf-8"))["figures"]
+        return [f for f in found if f["name"] in {s.name for s in FIGURES} - {c.name for c in made}]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
 
 
 def command(run_folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> list[Caption]:

@@ -91,6 +91,8 @@ def label_of(line: Line) -> str:
     if cell.succeeded and line.series is not None:
         return words
     end = cell.status.replace("_", " ")
+    if line.series is None and cell.record.series:
+        return f"{words}: its series cannot be read"
     if line.series is None:
         return f"{words}  ★ no step: {end}"
     return f"{words}  ★ {end} at {time(round(cell.record.t_reached_s, 3))} s" if cell.stopped else f"{words}  ✖ {end}"

@@ -19,8 +19,8 @@ class Chosen:
 
 
 def choose(picks: Iterable[Pick], cells: Iterable[Cell]) -> list[Chosen]:
-    """Each pick with its cell. Two cells of the same settings (of two states of the code): the one finished last."""
-    ordered = sorted(cells, key=lambda c: c.record.finished)
+    """Each pick with its cell. Of two cells that differ in limits, the one with more room; else the later one."""
+    ordered = sorted(cells, key=lambda c: (c.record.max_steps, c.record.finished))
     return [Chosen(p, next((c for c in reversed(ordered) if fits(p, c)), None)) for p in picks]
 
 

@@ -1,12 +1,13 @@
 """Publication figures and tables of a run, in ``publication/``: PDF, SVG, LaTeX, CSV, and ``captions.json``."""
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from harness import store
+from harness.series import BadSeries
 from reports.figures.lines import Group
-from reports.motion import motion_of
+from reports.motion import Motion, motion_of
 from reports.palette import looks
 from reports.publication import tables
 from reports.publication.figures import Printed, figures_of, work_of
@@ -17,11 +18,12 @@ FOLDER = "publication"
 SUFFIXES = ("pdf", "svg")
 MOST = 14  # lines in one figure; more are parted by solver
 LEAST = 2  # cells of a problem: with fewer there is nothing to compare
+MAP = 2 * MOST  # cells of one label: with more it is a map of settings, for tables and work alone
 
 
 def command(run_folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> list[Path]:
     """What ``python -m harness figures`` does; ``only`` are names of problems as posed."""
-    run = read_run(Path(run_folder))
+    run = read_run(Path(run_folder), check_series=False)
     posings = [p for p in run.posings if p.title in only or p.problem in only or not only]
     known = {p.title for p in run.posings} | {p.problem for p in run.posings}
     unknown = [name for name in only if name not in known]
@@ -37,25 +39,38 @@ def command(run_folder: Path, only: Sequence[str], tell: Callable[[str], None]) 
             files += made
             said = {"name": printed.name, "caption": printed.caption, "problem": posing.title}
             captions.append({**said, "width_mm": round(printed.width * 25.4, 1), "files": [p.name for p in made]})
-        tell(f"{posing.title}: {len(posing.cells)} cells")
+        maps = [label or "no label" for label, cells in posing.labels().items() if len(cells) > MAP]
+        left = f"; too many for lines over time: {', '.join(maps)}" if maps else ""
+        tell(f"{posing.title}: {len(posing.cells)} cells{left}")
     store.write_text(folder / "captions.json", json.dumps(captions, indent=1, ensure_ascii=False))
     return files
 
 
 def _figures(run: Run, posing: Posing) -> Iterator[Printed]:
     own = looks(run.solvers)
-    motions = {c.record.cell: motion_of(run, c) for c in posing.cells}
     taken: set[str] = set()
-
-    def group(cells: Sequence[Cell]) -> Group:
-        return Group(tuple(motions[c.record.cell] for c in cells), own)
-
-    if len(posing.cells) >= LEAST and (printed := work_of(posing.slug, posing.title, group(posing.cells))):
+    bare = Group(tuple(Motion(c) for c in posing.cells), own)  # work needs no curves
+    if len(posing.cells) >= LEAST and (printed := work_of(posing.slug, posing.title, bare)):
         yield printed
     for label, cells in posing.labels().items():
+        if len(cells) > MAP:
+            continue
+        motions = {c.record.cell: _motion(run, c) for c in cells}
+
+        def group(part: Sequence[Cell], motions: Mapping[str, Motion] = motions) -> Group:
+            return Group(tuple(motions[c.record.cell] for c in part), own)
+
         for part in parts(cells):
             base = slug(f"{posing.slug}-{label or 'all'}", taken)
             yield from figures_of(base, f"{posing.title}, {label or 'all cells'}", group(part))
+
+
+def _motion(run: Run, cell: Cell) -> Motion:
+    """Without curves where the series file is damaged."""
+    try:
+        return motion_of(run, cell)
+    except BadSeries:
+        return Motion(cell)
 
 
 def parts(cells: Sequence[Cell]) -> list[list[Cell]]:

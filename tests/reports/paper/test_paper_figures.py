@@ -157,12 +157,37 @@ def test_a_solver_has_its_colour_and_its_settings_dashes(whole):
     assert min(fi, key=lambda k: k.chosen.pick.rtol).dash == palette.DASHES[0]
 
 
+def test_a_damaged_series_is_said(tmp_path):
+    """The record is there, its file is not what was recorded."""
+    records = fill(tmp_path, "fig12")
+    cell = next(c for c, r in records.items() if '"loop"' in r.solver_options)
+    (tmp_path / "series" / f"{cell}.npz").write_bytes(b"not a file of numbers")
+    build.build(tmp_path, [BY_NAME["fig12"]], ("png",))
+    assert (tmp_path / "paper" / "fig12.png").exists()
+    run, spec = read_run(tmp_path, check_series=False), BY_NAME["fig12"]
+    chosen = picking.choose(spec.picks, run.cells)
+    series = {c.cell.record.cell: build._series(run, c.cell) for c in chosen}
+    line = lines.lines_of(chosen, series, palette.looks({"gc_augmented_lagrangian"}))[0]
+    assert drawer.label_of(line).endswith("its series cannot be read")
+
+
+def test_one_figure_made_again_keeps_the_captions_of_the_others(tmp_path):
+    fill(tmp_path, "fig08", "fig10")
+    build.build(tmp_path, [BY_NAME["fig10"]], ("png",))
+    build.build(tmp_path, [BY_NAME["fig08"]], ("png",))
+    told = json.loads((tmp_path / "paper" / "captions.json").read_text(encoding="utf-8"))
+    assert [f["name"] for f in told["figures"]] == ["fig08", "fig10"]
+
+
 def test_a_cell_run_again_takes_the_place_of_the_old_one(tmp_path, whole):
     """Two states of the code in one folder: the later counts."""
     record = next(iter(whole[1].values()))
     old, new = record, dataclasses.replace(record, cell="f" * 16, finished="2026-02-02")
     pick = next(p for s in FIGURES for p in s.picks if picking.fits(p, Cell(record)))
     assert picking.choose([pick], [Cell(new), Cell(old)])[0].cell.record is new
+    limited = dataclasses.replace(new, max_steps=500, finished="2026-03-03")
+    roomy = dataclasses.replace(new, max_steps=10**7)
+    assert picking.choose([pick], [Cell(limited), Cell(roomy)])[0].cell.record is roomy
     assert not picking.fits(pick, Cell(dataclasses.replace(record, max_step_s=0.5)))
     assert not picking.fits(pick, Cell(dataclasses.replace(record, problem_parameters='{"gravity": 1.0}')))
 
