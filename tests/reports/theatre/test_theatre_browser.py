@@ -43,6 +43,13 @@ def test_it_draws_without_network_or_complaint(open_, width, dark, flat):
     assert faults(tab) == [] and tab.requests == []
 
 
+def test_draw_calls_do_not_grow_with_bodies(open_):
+    """Instances: a solid and a ghost mesh a kind of shape, ground, supports, and a trail a player."""
+    tab = open_()
+    kinds = tab.evaluate("new Set(MBS['theatre-pendulum'].shapes.map((s) => s.kind)).size")
+    assert tab.evaluate(f"{STATS}.calls") <= 2 * kinds + 2 + 4
+
+
 def test_play_moves_the_cursor_and_space_stops_it(open_):
     tab = open_()
     start = tab.evaluate("document.querySelector('[data-cursor]').style.transform")
