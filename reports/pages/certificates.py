@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reports.pages.base import Page, Site
-from reports.pages.drifts import anatomies, common_scale, drawn
+from reports.pages.drifts import anatomies, common_scale, drawn, parted
 from reports.pages.judgement import Entry, judged
 from reports.pages.links import Links, links_of
 from reports.pages.orders import USED, Certificate, certificates, told
@@ -80,11 +80,12 @@ def write(run: Run, site: Site) -> Page | None:
     links = links_of(run.cells)
     files = {name: judged(run.folder, name) for name in NAMES}
     orders, drifts = certificates(files["certificates"].rows, links), anatomies(files["drift"].rows, links)
-    scale, plots = common_scale(drifts), ladders(orders)
+    long, short, none = parted(drifts)
+    scale, plots = common_scale((*long, *short)), ladders(orders)
     return site.write(
         Page("Certificates", "certificates.html", nav=True, order=30), "certificates.html",
         scripts=["assets/judgement.js"], plots=plots, whys={k: v.why for k, v in files.items()}, certificates=orders,
-        order_counts=tally(orders), ladders=plots, told=told, anatomies=drifts, scale=scale,
-        strips=[drawn(a, scale) for a in drifts], card=card(files["metamorphic"].rows, links),
+        order_counts=tally(orders), ladders=plots, told=told, drifts=drifts, long=long, short=short,
+        periodless=none, scale=scale, strip=lambda a: drawn(a, scale), card=card(files["metamorphic"].rows, links),
         wrong=wrongs(files["wrong"].rows, links),
     )  # fmt: skip

@@ -80,8 +80,8 @@ class Difference:
 
 
 def claims_of(rows: Sequence[Entry], links: Links) -> tuple[Claim, ...]:
-    """In the order of the paper: by section, then by name."""
-    ordered = sorted(rows, key=lambda e: (natural(e.text("section")), natural(e.text("figure")), natural(e.text("id"))))
+    """By section and figure, else in the order of the register."""
+    ordered = sorted(rows, key=lambda e: (natural(e.text("section")), natural(e.text("figure"))))
     taken: set[str] = set()
     return tuple(_claim(e, links, slug(e.text("id"), taken)) for e in ordered)
 
@@ -133,7 +133,7 @@ def band_of(e: Entry) -> tuple[float, float] | None:
 def _claim(e: Entry, links: Links, anchor: str) -> Claim:
     mark, band, measured = verdict(e.text("verdict")), band_of(e), e.number("measured")
     measure_unit = unit(e.text("unit"))
-    spread = e.numbers("measured_range")
+    spread, missing = e.numbers("measured_range"), "; ".join(e.texts("missing"))
     line = None if band is None else number_line(measured, *band, measure_unit, mark.kind, spread)
     map_rows = e.entries("map")
     on_map = [m.text("cell") for m in map_rows]
@@ -150,8 +150,8 @@ def _claim(e: Entry, links: Links, anchor: str) -> Claim:
         _measured(e),
         e.text("band") if band is None else said(math.nan, *band, measure_unit).split("; band ")[1],
         line,
-        e.text("because"),
-        "; ".join(e.texts("missing")),
+        "" if e.text("because") and e.text("because") in missing else e.text("because"),
+        missing,
         tuple(Asked(t.text("metric"), t.text("band"), t.text("measured_words")) for t in e.entries("tests")),
         _factors(e),
         _settings(e),

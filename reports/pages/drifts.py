@@ -13,6 +13,8 @@ from reports.pages.svg import Scale, strip
 from reports.reading import natural
 from reports.words import Mark, number
 
+LONG = 100.0  # periods
+
 
 @dataclass(frozen=True)
 class Part:
@@ -47,6 +49,13 @@ def anatomies(rows: Sequence[Entry], links: Links) -> tuple[Anatomy, ...]:
     """By problem and solver."""
     found = [_anatomy(e, links) for e in rows]
     return tuple(sorted(found, key=lambda a: (natural(a.posing), a.solver, natural(a.case))))
+
+
+def parted(found: Sequence[Anatomy]) -> tuple[tuple[Anatomy, ...], tuple[Anatomy, ...], int]:
+    """The long runs, those too short to tell growth from a swing, and how many have no period to speak of."""
+    told = [a for a in found if a.periods > 0.0 or a.mark.word == "failed"]
+    long = tuple(a for a in told if not a.periods < LONG)
+    return (long or tuple(told)), tuple(a for a in told if long and a.periods < LONG), len(found) - len(told)
 
 
 def common_scale(found: Sequence[Anatomy]) -> Scale:

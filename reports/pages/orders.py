@@ -64,21 +64,19 @@ def certificates(rows: Sequence[Entry], links: Links) -> tuple[Certificate, ...]
     return tuple(sorted(found, key=lambda c: (natural(c.posing), c.solver, natural(c.case))))
 
 
+VERDICTS = {  # of certificates and of drifts
+    "certified": ("✓", "good"), "exact": ("✓", "good"), "bounded": ("✓", "good"), "holds": ("✓", "good"),
+    "below declared": ("✗", "wrong"), "trend": ("↗", "failed"), "wanders": ("≈", "failed"),
+    "measured": ("○", "refused"), "undecided": ("○", "refused"), "floor": ("○", "refused"),
+    "too short": ("–", "refused"),
+}  # fmt: skip
+
+
 def verdict_mark(word: str) -> Mark:
-    """Of a certificate, a drift, a check: good words are few, all others are told as they are."""
+    """The mark of a verdict; one we do not know is no success."""
     low = word.lower().strip()
-    if low in GOOD:
-        return Mark("✓", low, "good")
-    if low in BAD:
-        return Mark("✗", low, "wrong")
-    if low in NEITHER:
-        return Mark("○", low, "refused")
-    return Mark("★", low or "no verdict", "failed")
-
-
-GOOD = {"certified", "confirmed", "holds", "bounded", "order holds", "as declared", "no drift", "oscillates", "ok"}
-BAD = {"broken", "refuted", "not certified", "drifts", "trend", "secular", "lower than declared", "below declared"}
-NEITHER = {"refused", "not applicable", "not told", "undecided", "measured", "floor", "exact", "no fit"}
+    symbol, kind = VERDICTS.get(low, ("★", "failed"))
+    return Mark(symbol, low or "no verdict", kind)
 
 
 def _certificate(e: Entry, links: Links) -> Certificate:

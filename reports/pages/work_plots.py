@@ -8,6 +8,7 @@ import numpy as np
 from reports.pages.work_points import ERRORS, WORKS, Field, Profile, Work, ended
 from reports.plots import Axis, Plot, Trace
 
+NEAR = 100.0  # the reference's own error is drawn where a point comes that close to it
 ZERO = 20.0  # zeros are put so many times below the smallest value above zero
 
 
@@ -33,7 +34,8 @@ def profile_plot(found: Sequence[Profile], work: str) -> Plot:
     traces = []
     for p in own:
         x, y = steps_of(p)
-        traces.append(Trace(f"{p.solver}: {len(p.at)} of {p.total}", x, y, solver=p.solver))
+        name = f"{p.solver}, {'best of its settings' if p.tuned else 'default settings'}: {len(p.at)} of {p.total}"
+        traces.append(Trace(name, x, y, solver=p.solver, dash=0 if p.tuned else 2))
     right = max((p.at[-1] for p in own if p.at), default=1.0)
     words, unit = named(work)
     return Plot(f"profile-{work}", f"Targets reached over {words}", "", Axis(words, unit, log=True, high=2.0 * right),
@@ -61,7 +63,7 @@ def _traces(points: Sequence[Work], work: str, error: str, own: float) -> tuple[
     left, low = (_zero([p.works[work] for p in points]), _zero([p.errors[error] for p in points]))
     spots = {id(p): (max(p.works[work], left), max(p.errors[error], low)) for p in points}
     out = []
-    if own > 0.0:
+    if own * NEAR > min(y for _, y in spots.values()):
         ends = np.array([min(x for x, _ in spots.values()) / 2.0, max(x for x, _ in spots.values()) * 2.0])
         edge = np.full(2, own)
         bottom = np.full(2, min(own / ZERO, min(y for _, y in spots.values()) / 2.0))
@@ -79,14 +81,22 @@ def _traces(points: Sequence[Work], work: str, error: str, own: float) -> tuple[
     best = [p for p in points if p.best]
     if best:
         x, y = (np.array([spots[id(p)][k] for p in best]) for k in (0, 1))
-        out.append(Trace("best-tuned", x, y, mode="markers", hollow=True, words=[f"best: {said(p)}" for p in best],
-                         urls=[p.page for p in best]))  # fmt: skip
+        words = [f"on its solver's envelope: {said(p)}" for p in best]
+        urls = [p.page for p in best]
+        out.append(Trace("best-tuned", x, y, mode="markers", hollow=True, words=words, urls=urls))
     return tuple(out)
 
 
 def said(p: Work) -> str:
     """A point in words."""
-    marks = [w for w, on in (("default settings", p.default), ("best-tuned", p.best)) if on]
+    marks = [
+        w
+        for w, on in (
+            ("default settings", p.default),
+            ("no other run of its solver is cheaper and as accurate", p.best),
+        )
+        if on
+    ]
     return ", ".join([p.words, *marks, *([p.status.replace("_", " ")] if p.status != "success" else [])])
 
 

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from reports.accuracy import measure_for
 from reports.pages.judgement import Entry
@@ -10,6 +10,7 @@ from reports.pages.links import Links, page_of
 from reports.reading import Run
 
 WORKS = (
+    ("operations", "evaluations and factorisations", ""),
     ("evaluations", "evaluations", ""),
     ("factorisations", "factorisations", ""),
     ("steps", "accepted steps", ""),
@@ -67,7 +68,8 @@ class Profile:
     solver: str
     work: str
     total: int
-    at: tuple[float, ...] = field(default=())  # work at each target reached, sorted
+    at: tuple[float, ...] = ()  # work at each target reached, sorted
+    tuned: bool = True  # by the best of all settings; else by default options alone
 
     @property
     def share(self) -> float:
@@ -87,13 +89,13 @@ def fields(run: Run, rows: Sequence[Entry], links: Links) -> tuple[Field, ...]:
     return tuple(out)
 
 
-def profiles(rows: Sequence[Entry]) -> tuple[Profile, ...]:
+def profiles(rows: Sequence[Entry], *, tuned: bool = True) -> tuple[Profile, ...]:
     """As judged, by kind of work and solver."""
     found = []
     for e in rows:
         at = tuple(sorted(v for v in e.numbers("target_work") if math.isfinite(v)))
         total = e.number("total")
-        found.append(Profile(e.text("solver"), e.text("work"), int(total) if total >= 0.0 else len(at), at))
+        found.append(Profile(e.text("solver"), e.text("work"), int(total) if total >= 0.0 else len(at), at, tuned))
     return tuple(sorted(found, key=lambda p: (p.work, p.solver)))
 
 
@@ -105,8 +107,7 @@ def _judged(e: Entry, links: Links) -> Work | None:
     cell = links.cell(e.text("cell"))
     if cell is None and not e.text("solver"):
         return None
-    works = {"evaluations": e.number("evaluations"), "factorisations": e.number("factorisations"),
-             "steps": e.number("steps"), "cpu": e.number("cpu_s")}  # fmt: skip
+    works = {key: e.number("cpu_s" if key == "cpu" else key) for key, _, _ in WORKS}
     errors = {"error": e.number("error"), "energy": e.number("energy_drift_J"), "phi": e.number("phi_max")}
     return Work(
         e.text("posing") or (cell.posing if cell else e.text("problem")),
@@ -114,7 +115,7 @@ def _judged(e: Entry, links: Links) -> Work | None:
         e.text("solver"),
         e.text("case") or links.words(e.text("cell")),
         links.page(e.text("cell")),
-        cell.status if cell else "unknown",
+        e.text("status") or (cell.status if cell else "unknown"),
         e.text("label"),
         cell is not None and not cell.options,
         e.flag("best") is True,
@@ -135,8 +136,9 @@ def _recorded(run: Run) -> list[Work]:
         measure = measure_for(posing.cells)
         for c in posing.cells:
             r = c.record
-            works = {"evaluations": r.evaluations, "factorisations": r.factorisations, "steps": float(r.steps),
-                     "cpu": r.cpu_median_s}  # fmt: skip
+            counted = {"evaluations": r.evaluations, "factorisations": r.factorisations, "steps": float(r.steps)}
+            both = r.evaluations + (0.0 if math.isnan(r.factorisations) else r.factorisations)
+            works = {"operations": both, **counted, "cpu": r.cpu_median_s}
             error = measure.of(c) if measure else math.nan
             errors = {"error": error, "energy": r.energy_drift_max_J, "phi": r.phi_max}
             kind, unit, own = (measure.what, measure.unit, measure.own) if measure else ("error", "", math.nan)

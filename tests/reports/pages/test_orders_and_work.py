@@ -1,11 +1,12 @@
 """Certificates, drift, the scorecard and work: numbers of known answer come out as they went in."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
-from reports.pages.drifts import anatomies, common_scale
+from reports.pages.drifts import anatomies, common_scale, parted
 from reports.pages.judgement import Entry
 from reports.pages.links import links_of
 from reports.pages.orders import EARLY, FLOORED, USED, certificates
@@ -81,8 +82,10 @@ def test_work_of_records_stands_in_until_it_is_judged(tmp_path):
     traces = plots_of(found)["error-evaluations"].traces
     ends = {t.solver: list(t.ends) for t in traces if t.solver}
     assert ends["beta"] == ["wrong"] and ends["delta"] == ["failed"]
-    region = traces[0]
-    assert not region.solver and region.high[0] == pytest.approx(1e-12)  # the reference's own error
+    assert all(t.solver for t in traces)  # no run comes near the reference's own error: it is not drawn
+    near = dataclasses.replace(found, points=tuple(dataclasses.replace(p, own=1e-4) for p in found.points))
+    region = plots_of(near)["error-evaluations"].traces[0]
+    assert not region.solver and region.high[0] == pytest.approx(1e-4) and region.low[0] < 1e-4
 
 
 def test_best_settings_get_a_ring_and_zeros_a_place(tmp_path):
@@ -99,3 +102,12 @@ def test_best_settings_get_a_ring_and_zeros_a_place(tmp_path):
 def read_run_of(folder):
     (folder / "cells").mkdir()
     return read_run(folder)
+
+
+def test_only_long_runs_are_shown_first():
+    """Of 400, 30 and 0 periods: growth is judged by the long one; without long ones all are shown."""
+    rows = [{"case": str(n), "periods": n, "verdict": "bounded"} for n in (400, 30, 0)]
+    long, short, none = parted(anatomies(entries(rows), NONE))
+    assert ([a.case for a in long], [a.case for a in short], none) == (["400"], ["30"], 1)
+    long, short, none = parted(anatomies(entries(rows[1:]), NONE))
+    assert ([a.case for a in long], [a.case for a in short], none) == (["30"], [], 1)
