@@ -1,6 +1,5 @@
 """All judgements of a run, as files: ``<run>/judgement/*.json``, and what changed against the published ones."""
 
-import importlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,20 +7,26 @@ from pathlib import Path
 from typing import Any
 
 from harness import store
+from harness.cell import Cell
 from harness.records import RunRecord
 from harness.referee.claims import Register
+from harness.referee.drift import anatomy
+from harness.referee.metamorphic import scorecard
+from harness.referee.orders import certify
 from harness.referee.verdicts import judge
+from harness.referee.work import work
+from harness.referee.wrong import wrong
 from harness.suites import load_suite
 
 FOLDER = "judgement"
 PUBLISHED = Path(__file__).resolve().parents[2] / "results" / "published"
-SUITE = "referee"  # its cells are what every claim is tried on
-OTHERS = (  # file, module, function of (folder, records); what stands here later may read what stands before
-    ("certificates", "harness.referee.orders", "certify"),
-    ("drift", "harness.referee.drift", "anatomy"),
-    ("metamorphic", "harness.referee.metamorphic", "scorecard"),
-    ("work", "harness.referee.work", "work"),
-    ("wrong", "harness.referee.wrong", "wrong"),
+SUITES = ("paper", "claims")  # their cells are what claims are tried on; both are in the suite ``referee``
+OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
+    ("certificates", certify),
+    ("drift", anatomy),
+    ("metamorphic", scorecard),
+    ("work", work),
+    ("wrong", wrong),
 )
 
 
@@ -38,18 +43,17 @@ def judgements(folder: Path, register: Register, watch: Callable[[str], None] = 
     """Every judgement by the name of its file; a run that holds too little has claims that say so."""
     records = store.load(folder, check_series=False).records
     watch("claims")
-    cells = load_suite(SUITE).cells
-    out: dict[str, Any] = {"claims": judge(register, cells, records, lambda r: series_of(folder, r))}
-    for name, module, function in OTHERS:
+    out: dict[str, Any] = {"claims": judge(register, tried_on(), records, lambda r: series_of(folder, r))}
+    for name, function in OTHERS:
         watch(name)
-        try:
-            found = importlib.import_module(module)
-        except ModuleNotFoundError as error:
-            if error.name != module:
-                raise
-            continue
-        out[name] = getattr(found, function)(folder, records)
+        out[name] = function(folder, records)
     return out
+
+
+def tried_on() -> tuple[Cell, ...]:
+    """The cells of the maps, each once."""
+    found = {c.settings: c for name in SUITES for c in load_suite(name).cells}
+    return tuple(found.values())
 
 
 def series_of(folder: Path, record: RunRecord) -> Any:

@@ -15,7 +15,7 @@ from harness.referee.claims import read_register
 from harness.referee.maps import place, select
 from harness.referee.verdicts import judge
 from harness.runner import Request, run_suite
-from harness.suites import Suite, load_suite
+from harness.suites import Suite
 from tests.harness.conftest import Silent
 from tests.referee.synthetic import HEAD, cells_of, record
 from tests.referee.test_verdicts import MAP, SUITE, TEST
@@ -26,7 +26,7 @@ CELLS = cells_of(SUITE)
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """A run folder of made-up records and a register of one claim, judged on the suite of the tests alone."""
-    monkeypatch.setattr(judging, "load_suite", lambda _: Suite("test", "", CELLS, SUITE))
+    monkeypatch.setattr(judging, "tried_on", lambda: CELLS)
     monkeypatch.setattr(judging, "OTHERS", ())
     register = tmp_path / "claims.toml"
     register.write_text(MAP + HEAD + TEST)
@@ -121,16 +121,16 @@ CHEAP = (  # claims whose cells take seconds
 @pytest.fixture(scope="module")
 def twice(tmp_path_factory):
     """The verdicts on some claims from their cells run with one and with two processes."""
-    register, suite = read_register(), load_suite("referee")
+    register, cells_tried = read_register(), judging.tried_on()
     few = dataclasses.replace(register, claims=tuple(c for c in register.claims if c.id in CHEAP))
-    places = [place(c) for c in suite.cells]
+    places = [place(c) for c in cells_tried]
     cells = {p.cell.settings: p.cell for c in few.claims for p in select(places, c.map.over)}
-    part = dataclasses.replace(suite, cells=tuple(cells.values()), total_limit=None)
+    part = Suite("part", "", tuple(cells.values()), "")
     out = []
     for jobs in (1, 2):
         folder = tmp_path_factory.mktemp(f"jobs{jobs}")
         loaded = run_suite(Request(part, folder, jobs), Silent(), LocalPool)
-        out.append(judge(few, suite.cells, loaded.records, partial(judging.series_of, folder)))
+        out.append(judge(few, cells_tried, loaded.records, partial(judging.series_of, folder)))
     return out
 
 
@@ -160,7 +160,7 @@ def test_the_newest_whole_run_is_judged_as_published():
     if published is None or not runs:
         pytest.skip("nothing is published, or no run of the suite referee is in results/local")
     records = store.load(runs[-1], check_series=False).records
-    cells = load_suite("referee").cells
+    cells = judging.tried_on()
     if {c.settings for c in cells} - {r.settings for r in records}:
         pytest.skip(f"{runs[-1]} does not hold all cells of the suite")
     judged = judge(read_register(), cells, records, partial(judging.series_of, runs[-1]))

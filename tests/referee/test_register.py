@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from harness.referee.claims import ClaimsError, parse_register, read_register
+from harness.referee.judge import tried_on
 from harness.referee.maps import place, select, values_of
 from harness.suites import load_suite
 from tests.referee.test_verdicts import HEAD, MAP, TEST
@@ -15,7 +16,7 @@ REGISTER = read_register()
 
 @pytest.fixture(scope="module")
 def places():
-    return [place(c) for c in load_suite("referee").cells]
+    return [place(c) for c in tried_on()]
 
 
 def test_there_are_enough_claims_and_every_figure_has_one():
@@ -35,6 +36,11 @@ def test_every_map_matches_cells_of_the_suite_and_has_its_dimensions(places):
             values = values_of(p.dimensions.get(name) for p in found)
             assert len(values) == wanted, f"{m.name}: {name} has the values {values}"
         assert not m.printed or any(p for p in found), m.name
+
+
+def test_the_suite_of_the_referee_runs_all_of_them(places):
+    """What `make paper` runs holds every cell a claim is tried on."""
+    assert {p.cell.settings for p in places} <= {c.settings for c in load_suite("referee").cells}
 
 
 def test_every_map_is_used():
