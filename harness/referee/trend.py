@@ -15,8 +15,7 @@ from functools import cache
 
 import numpy as np
 from jaxtyping import Float
-from scipy.stats import chi2
-from scipy.stats import t as student
+from scipy.special import chdtrc, stdtr
 
 LEVEL = 0.95
 FEWEST = 8  # blocks: six degrees of freedom
@@ -62,7 +61,7 @@ def drift(y: Float[np.ndarray, " blocks"], tau: float) -> Drift:
     unit = size / tau
 
     def slope_below(x: float) -> float:
-        return float(np.sum(weight * student.cdf((x - beta[:, 1]) / spread, free)))
+        return float(np.sum(weight * stdtr(free, (x - beta[:, 1]) / spread)))
 
     reach = float(np.max(np.abs(beta[:, 1]) + 60.0 * spread))
     low, high = (_root(slope_below, -reach, reach, p) for p in (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
@@ -70,7 +69,7 @@ def drift(y: Float[np.ndarray, " blocks"], tau: float) -> Drift:
 
     def walk_below(x: float) -> float:
         with np.errstate(divide="ignore"):
-            part = np.where(walks > 0.0, chi2.sf((walks / max(x, 1e-300)) ** 2, free), 1.0)
+            part = np.where(walks > 0.0, chdtrc(free, (walks / max(x, 1e-300)) ** 2), 1.0)
         return float(np.sum(weight * part))
 
     most = float(np.max(walks)) + 1e-300
@@ -117,7 +116,7 @@ def _designs(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _root(rising: Callable[[float], float], low: float, high: float, value: float) -> float:
-    for _ in range(80):
+    for _ in range(60):
         middle = 0.5 * (low + high)
         if rising(middle) < value:
             low = middle

@@ -7,17 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from harness.records import RunRecord
+from harness.referee.metamorphic import scorecard
 
 OUT_OF_PLANE = 0.01  # of the mechanism's size, where the motion is planar and predictable to the end
 PREDICTABLE = 0.98  # of the time, judged against the reference: beyond it a planar chain may leave its plane
 
 
 def wrong(
-    folder: Path, records: Iterable[RunRecord], scorecard: Sequence[Mapping[str, Any]] = ()
+    folder: Path, records: Iterable[RunRecord], card: Sequence[Mapping[str, Any]] | None = None
 ) -> list[dict[str, Any]]:
     """One entry a run, as in ``wrong.json``: what the verdict on its record says, and what symmetries add."""
+    records = list(records)
     broken: dict[str, list[str]] = {}
-    for row in scorecard:
+    for row in scorecard(folder, records) if card is None else card:
         if row["verdict"] == "broken":
             broken.setdefault(row["cells"][-1], []).append(f"{row['check']}: {row['words']}")
     out = []
