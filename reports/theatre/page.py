@@ -58,7 +58,7 @@ def _stage(run: Run, site: Site, posing: Posing, pose_bytes: float) -> Stage | N
     cast, left_out = players(run, posing)
     if not cast:
         return None
-    play = scene(posing, cast, left_out, site.looks, pose_bytes)
+    play = scene(posing, cast, site.looks, pose_bytes)
     name = f"theatre-{posing.slug}"
     path = site.data(name, play)
     return Stage(posing, name, path, (site.folder / path).stat().st_size, play, tuple(p.cell for p in cast), left_out)

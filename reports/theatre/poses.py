@@ -5,6 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
+FIRST = 48  # poses tried at first
+NEAR = 0.003  # [of the size] drawn poses may be so far off stored ones where there is room for more
+TURNED = 0.03  # [rad]
+
 
 @dataclass(frozen=True)
 class Poses:
@@ -43,6 +47,18 @@ def thinned(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
     rows = np.searchsorted(along, np.linspace(0.0, along[-1], max(at_most, 2)))
     rows[-1] = n - 1
     return np.unique(np.minimum(rows, n - 1))
+
+
+def enough(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
+    """As few rows as give all stored poses to ``NEAR`` and ``TURNED``, to a factor of two; ``at_most`` in any case."""
+    n = FIRST
+    while n < at_most:
+        rows = thinned(poses, n, size)
+        distance, angle = off(poses, rows)
+        if distance <= NEAR * size and angle <= TURNED:
+            return rows
+        n *= 2
+    return thinned(poses, at_most, size)
 
 
 def turns(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "m nb"]:

@@ -15,7 +15,7 @@ from reports.theatre import packing
 from reports.theatre.cast import cast
 from reports.theatre.marks import EVENTS, marks_of
 from reports.theatre.packing import Box, box_of
-from reports.theatre.poses import Poses, finite, off, thinned
+from reports.theatre.poses import Poses, enough, finite, off, thinned
 from reports.theatre.shapes import Shape, ends, ground_points, shapes_of
 from reports.theatre.strips import SPANS, STRIP, STRIPS, strips_of
 
@@ -24,6 +24,7 @@ BODY_BYTES = 14  # three int16 and four
 MOST_POSES = 2000  # as many as are stored
 VIEWS = 60  # poses from which the camera's box is taken
 FEW = 0.2  # [of POSE_BYTES] below, strips too are coarser
+LONG = 3000  # [rows] of a series that needs the finer strips
 FLAT = 0.02  # motion this thin, compared with its width, is planar
 
 
@@ -57,7 +58,6 @@ def players(run: Run, posing: Posing) -> tuple[list[Player], tuple[Cell, ...]]:
 def scene(
     posing: Posing,
     cast_: Sequence[Player],
-    left_out: Sequence[Cell],
     looks: Mapping[str, Look],
     pose_bytes: float = POSE_BYTES,
 ) -> dict[str, Any]:
@@ -73,7 +73,8 @@ def scene(
     sound = [p for p in cast_ if p.cell.succeeded] or [lead]
     stage = _reach(sound, shapes, ground)
     box = stage.grown(0.75)  # players that fly apart stay at its walls
-    spans = SPANS if pose_bytes > FEW * POSE_BYTES else SPANS // 3
+    long = max(len(p.series["t"]) for p in cast_) > LONG and pose_bytes > FEW * POSE_BYTES
+    spans = SPANS if long else SPANS // 3
     at_most = max(2, min(MOST_POSES, int(pose_bytes / (BODY_BYTES * bodies * len(cast_)))))
     rank = _rank(cast_)
     trail_body, trail_at = _trail(lead, shapes)
@@ -88,7 +89,6 @@ def scene(
         "players": [_player(p, box, scale, at_most, (t_end, spans), looks, rank) for p in cast_],
         "marks": [{"t": m.t, "kind": m.kind, "player": m.player, "words": m.words} for m in marks],
         "events_cut": any(len(p.series.events) > EVENTS for p in cast_),
-        "left_out": [_told(c) for c in left_out],
     }  # fmt: skip
 
 
@@ -101,7 +101,7 @@ def _player(
     looks: Mapping[str, Look],
     rank: Mapping[str, int],
 ) -> dict[str, Any]:
-    rows = thinned(p.poses, at_most, scale)
+    rows = enough(p.poses, at_most, scale)
     kept = p.poses.at(rows)
     n, bodies = len(kept), kept.r.shape[1]
     both = np.concatenate((packing.positions(kept.r, box), packing.quaternions(kept.q)), axis=-1)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from reports.theatre.poses import Poses, between, finite, off, rates, thinned, turns
+from reports.theatre.poses import NEAR, TURNED, Poses, between, enough, finite, off, rates, thinned, turns
 from tests.reports.theatre.conftest import about_z
 
 
@@ -41,6 +41,19 @@ def test_even_turning_is_drawn_exactly():
     assert angle < 1e-6
     assert 0.5 * (1.0 - np.cos(widest / 2)) < distance <= (1.0 - np.cos(widest / 2)) * (1.0 + 1e-6)
     assert off(poses, np.arange(len(poses))) < (1e-12, 1e-6)
+
+
+def test_as_few_poses_as_the_eye_needs():
+    """Drawn poses stay near the stored ones; a slow motion needs fewer than a fast one, never more than allowed."""
+    counts = []
+    for rate in (0.5, 5.0, 40.0):
+        poses = spinning(rate, n=6000)
+        rows = enough(poses, 5000, 1.0)
+        distance, angle = off(poses, rows)
+        assert distance <= NEAR and angle <= TURNED
+        counts.append(len(rows))
+    assert counts[0] < counts[1] < counts[2] <= 5000
+    assert len(enough(spinning(300.0, n=1500), 100, 1.0)) <= 100
 
 
 def test_between_takes_the_shorter_way():

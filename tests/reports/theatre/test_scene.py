@@ -72,11 +72,11 @@ def test_a_scene_holds_the_plane_the_farthest_end_and_the_sound_motions(staged):
     run, _ = staged
     posing = next(p for p in run.posings if p.problem == "pendulum")
     cast, left_out = players(run, posing)
-    play = scene(posing, cast, left_out, {c.record.solver: _Look for c in posing.cells})
+    play = scene(posing, cast, {c.record.solver: _Look for c in posing.cells})
     assert np.allclose(np.abs(play["normal"]), [0.0, 0.0, 1.0], atol=1e-6)
     assert play["trail"] == {"body": 1, "at": [0.5, 0.0, 0.0]}
     assert np.all(np.abs(play["low"]) < 3.0) and np.all(np.abs(play["high"]) < 3.0)
-    assert [c["solver"] for c in play["left_out"]] == ["epsilon"]
+    assert [c.record.solver for c in left_out] == ["epsilon"]
     assert {p["status"] for p in play["players"]} == {"success", "diverged", "wrong"}
     assert [p["rank"] for p in play["players"]] == [0, 0, 0, 0]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from reports.theatre.poses import Poses, between
+from reports.theatre.poses import Poses, between, enough
 from tests.reports.browser import CHROMIUM
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")]
@@ -112,7 +112,7 @@ def test_the_page_has_the_poses_of_the_series(open_, staged):
         const m = new MBS.theatre.Motion(play.players.find((p) => p.cell === "a1"), play);
         return {times.tolist()}.map((t) => [...m.at(t)]); }})()""")
     body = np.array(found).reshape(len(times), 2, 4, 3)
-    wanted = between(poses, times)
+    wanted = between(poses.at(enough(poses, 2000, 1.0)), times)
     quantum = np.array(tab.evaluate('MBS["theatre-pendulum"].quantum'))
     assert np.all(np.abs(body[:, :, 3] - wanted.r) <= 0.51 * quantum + 1e-6)  # the page holds float32
     x, y, z, w = np.moveaxis(wanted.q, -1, 0)
