@@ -20,7 +20,7 @@ from reports.pages.work_plots import named, plots_of, profile_plot
 from reports.pages.work_points import ERRORS, WORKS, Profile, fields, profiles
 from reports.reading import Run
 
-COMPARED = 3  # solvers on a problem, for a figure of its own: others are posed for size or one effect
+COMPARED = 4  # solvers on a problem, for a figure of its own: others are posed for size or one effect
 
 
 def write(run: Run, site: Site) -> Page | None:

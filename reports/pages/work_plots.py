@@ -9,6 +9,7 @@ from reports.pages.work_points import ERRORS, WORKS, Field, Profile, Work, ended
 from reports.plots import Axis, Plot, Trace
 
 NEAR = 100.0  # the reference's own error is drawn where a point comes that close to it
+LADDER = 3  # steps of one method that are worth a line
 ZERO = 20.0  # zeros are put so many times below the smallest value above zero
 
 
@@ -29,14 +30,14 @@ def plots_of(f: Field) -> dict[str, Plot]:
 
 
 def profile_plot(found: Sequence[Profile], work: str) -> Plot:
-    """The share of all targets reached, over work; the line ends where the solver's last run does."""
+    """The share of all targets reached, over work; more work than a solver's runs took reaches nothing more."""
     own = [p for p in found if p.work == work]
     traces = []
+    right = max((p.at[-1] for p in own if p.at), default=1.0)
     for p in own:
-        x, y = steps_of(p)
+        x, y = steps_of(p, 2.0 * right)
         name = f"{p.solver}, {'best of its settings' if p.tuned else 'default settings'}: {len(p.at)} of {p.total}"
         traces.append(Trace(name, x, y, solver=p.solver, dash=0 if p.tuned else 2))
-    right = max((p.at[-1] for p in own if p.at), default=1.0)
     words, unit = named(work)
     return Plot(f"profile-{work}", f"Targets reached over {words}", "", Axis(words, unit, log=True, high=2.0 * right),
                 Axis("share of all targets reached", "", low=0.0, high=1.0), tuple(traces), wide=True)  # fmt: skip
@@ -50,12 +51,14 @@ def named(work: str) -> tuple[str, str]:
     return work.replace("_", " "), ""
 
 
-def steps_of(p: Profile) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the step line: up by one target where it is reached."""
+def steps_of(p: Profile, right: float = math.nan) -> tuple[np.ndarray, np.ndarray]:
+    """Corners of the step line: up by one target where it is reached, then level to ``right``."""
     count = np.arange(1, len(p.at) + 1) / max(p.total, 1)
     x = np.repeat(np.array(p.at, dtype=float), 2)
     y = np.empty(2 * len(p.at))
     y[0::2], y[1::2] = count - 1.0 / max(p.total, 1), count
+    if len(x) and right > x[-1]:
+        x, y = np.append(x, right), np.append(y, y[-1])
     return x, y
 
 
@@ -68,36 +71,43 @@ def _traces(points: Sequence[Work], work: str, error: str, own: float) -> tuple[
         edge = np.full(2, own)
         bottom = np.full(2, min(own / ZERO, min(y for _, y in spots.values()) / 2.0))
         out.append(Trace("below the reference's own error", ends, edge, low=bottom, high=edge, dash=2))
-    for method in sorted({p.method for p in points}):
-        family = sorted((p for p in points if p.method == method), key=lambda p: (p.label, -p.fineness))
-        for label in dict.fromkeys(p.label for p in family):
-            group = [p for p in family if p.label == label]
-            x, y = (np.array([spots[id(p)][k] for p in group]) for k in (0, 1))
-            out.append(Trace(
-                f"{method}, {label}" if label else method, x, y, solver=group[0].solver, mode="lines+markers",
-                dash=0 if group[0].default else 1, main=group[0].default or any(p.best for p in group),
-                ends=[ended(p.status) for p in group], urls=[p.page for p in group], words=[said(p) for p in group],
-            ))  # fmt: skip
+    for name, family in _families(points):
+        x, y = (np.array([spots[id(p)][k] for p in family]) for k in (0, 1))
+        first, ladder = family[0], len({p.method for p in family}) == 1
+        out.append(Trace(
+            name, x, y, solver=first.solver, mode="lines+markers" if ladder else "markers",
+            dash=0 if first.default else 1, main=first.default or any(p.best for p in family),
+            ends=[ended(p.status) for p in family], urls=[p.page for p in family],
+            words=[said(p, whole=not ladder) for p in family],
+        ))  # fmt: skip
     best = [p for p in points if p.best]
     if best:
         x, y = (np.array([spots[id(p)][k] for p in best]) for k in (0, 1))
-        words = [f"on its solver's envelope: {said(p)}" for p in best]
+        words = [f"no other run of {p.solver} is both cheaper and as accurate: {said(p)}" for p in best]
         urls = [p.page for p in best]
         out.append(Trace("best-tuned", x, y, mode="markers", hollow=True, words=words, urls=urls))
     return tuple(out)
 
 
-def said(p: Work) -> str:
-    """A point in words."""
-    marks = [
-        w
-        for w, on in (
-            ("default settings", p.default),
-            ("no other run of its solver is cheaper and as accurate", p.best),
-        )
-        if on
-    ]
-    return ", ".join([p.words, *marks, *([p.status.replace("_", " ")] if p.status != "success" else [])])
+def said(p: Work, *, whole: bool = True) -> str:
+    """A point in words; only its step or tolerance where the line already says the method."""
+    marks = [w for w, on in (("default settings", p.default), ("best", p.best)) if on]
+    ending = [] if p.status in ("success", "unknown") else [p.status.replace("_", " ")]
+    return ", ".join([p.words if whole else p.step or p.words, *marks, *ending])
+
+
+def _families(points: Sequence[Work]) -> list[tuple[str, list[Work]]]:
+    """Runs of one method at several steps, coarsest first; of each solver, all others with options together."""
+    methods: dict[tuple[str, str], list[Work]] = {}
+    for p in sorted(points, key=lambda p: (p.method, p.label, -p.fineness)):
+        methods.setdefault((p.method, p.label), []).append(p)
+    found, loose = [], dict[str, list[Work]]()
+    for (method, label), own in methods.items():
+        if own[0].default or len(own) >= LADDER:
+            found.append((f"{method}, {label}" if label else method, own))
+        else:
+            loose.setdefault(own[0].solver, []).extend(own)
+    return found + [(f"{solver} with options", own) for solver, own in loose.items()]
 
 
 def _good(value: float) -> bool:

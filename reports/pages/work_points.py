@@ -35,6 +35,7 @@ class Work:
     works: dict[str, float]
     errors: dict[str, float]
     method: str  # runs of one method at several steps are joined by a line
+    step: str = ""  # step or tolerance in words
     fineness: float = 0.0
     kind: str = "error"
     unit: str = ""
@@ -90,13 +91,14 @@ def fields(run: Run, rows: Sequence[Entry], links: Links) -> tuple[Field, ...]:
 
 
 def profiles(rows: Sequence[Entry], *, tuned: bool = True) -> tuple[Profile, ...]:
-    """As judged, by kind of work and solver."""
-    found = []
+    """As judged, by kind of work, those that no machine changes first, and by solver."""
+    order, found = [key for key, _, _ in WORKS], []
     for e in rows:
         at = tuple(sorted(v for v in e.numbers("target_work") if math.isfinite(v)))
         total = e.number("total")
         found.append(Profile(e.text("solver"), e.text("work"), int(total) if total >= 0.0 else len(at), at, tuned))
-    return tuple(sorted(found, key=lambda p: (p.work, p.solver)))
+    known = {work: k for k, work in enumerate(order)}
+    return tuple(sorted(found, key=lambda p: (known.get(p.work, len(order)), p.work, p.solver)))
 
 
 def _drawable(p: Work) -> bool:
@@ -122,6 +124,7 @@ def _judged(e: Entry, links: Links) -> Work | None:
         works,
         errors,
         cell.method if cell else e.text("solver"),
+        cell.step_words if cell else "",
         cell.fineness if cell else 0.0,
         e.text("error_kind") or "error",
         e.text("unit"),
@@ -143,7 +146,7 @@ def _recorded(run: Run) -> list[Work]:
             errors = {"error": error, "energy": r.energy_drift_max_J, "phi": r.phi_max}
             kind, unit, own = (measure.what, measure.unit, measure.own) if measure else ("error", "", math.nan)
             out.append(Work(c.posing, r.problem, r.solver, r.case, page_of(c), c.status, r.label, not c.options,
-                            False, works, errors, c.method, c.fineness, kind, unit, own))  # fmt: skip
+                            False, works, errors, c.method, c.step_words, c.fineness, kind, unit, own))  # fmt: skip
     return out
 
 
