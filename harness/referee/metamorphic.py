@@ -2,7 +2,9 @@
 
 Each check compares two runs that differ in one thing the physics does not see: frame, mirror image, numbering, units, a
 joint told twice, or the direction of time. How far apart they may end is not chosen: it is ``SLACK`` times what the
-same solver's end moves by at a tenth of its tolerance, plus rounding times the growth of a start changed by 1e-10.
+same solver's end moves by at a tenth of its tolerance, plus rounding times the growth of a start changed by 1e-10, plus
+for fixed steps ``HALVES`` times what it moves by at half the step. Two runs of one motion may differ by their errors,
+all solvers alike; whether a fixed step keeps a symmetry exactly, without that last part, is said beside the verdict.
 Distances are of whole poses, max over bodies of |r - r'| and L times the angle of R to R', L the mechanism's size.
 """
 
@@ -21,6 +23,7 @@ from harness.mechanics import so3
 from harness.records import RunRecord
 
 SLACK = 10.0  # errors of one tolerance scatter by several times: steps fall differently
+HALVES = 3.0  # one run may err by 4/3 of its change at half the step, the other by as much the other way
 TENTH = (0.05, 0.2)  # of the tolerance: what counts as a tenth
 ROUNDING = 2.2e-16  # a step, relative; steps add up
 CHANGES: Mapping[str, str] = {
@@ -42,14 +45,20 @@ class Yardstick:
     """What two runs of a solver on a posing may differ by."""
 
     level: float  # [m] change of the end at a tenth of the tolerance
+    halved: float  # [m] and at half the step; 0 under error control
     growth: float  # of a relative change of the start, at the end
     steps: int
     size: float  # [m] of the mechanism
 
     @property
-    def bound(self) -> float:
-        """[m]"""
+    def exact(self) -> float:
+        """[m] what is left when a scheme keeps a symmetry exactly."""
         return SLACK * self.level + self.rounding
+
+    @property
+    def bound(self) -> float:
+        """[m] what errors of the scheme allow."""
+        return self.exact + HALVES * self.halved
 
     @property
     def rounding(self) -> float:
@@ -57,9 +66,9 @@ class Yardstick:
         return SLACK * ROUNDING * self.steps * max(self.growth, 1.0) * self.size
 
     @property
-    def bound_back(self) -> float:
-        """[m] after the way back: what is off at the end grows once more."""
-        return self.bound * (1.0 + max(self.growth, 1.0))
+    def back(self) -> float:
+        """Factor of the way back: what is off at the end grows once more."""
+        return 1.0 + max(self.growth, 1.0)
 
 
 def scorecard(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]]:
@@ -71,9 +80,10 @@ def scorecard(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]
         told = [r for r in known.values() if _changed(base, r)]
         tighter = next((r for r in known.values() if _is_tighter(base, r)), None)
         nudged = next((r for r in known.values() if _is_nudged(base, r)), None)
-        if not told or tighter is None or nudged is None:
+        halved = next((r for r in known.values() if _is_halved(base, r)), None)
+        if not told or tighter is None or nudged is None or (halved is None and base.control == "dt"):
             continue
-        yard = _yardstick(base, tighter, nudged, ends)
+        yard = _yardstick(base, tighter, nudged, halved, ends)
         for r in sorted(told, key=lambda r: (list(CHANGES).index(_changed(base, r)), r.case)):
             out.append(_entry(base, r, _changed(base, r), yard, ends))
         out += [e for r in (base, *told) if (e := _planarity(base, r, yard)) is not None]
@@ -109,8 +119,8 @@ def _parameters(r: RunRecord) -> dict[str, Any]:
 
 
 def _rest(r: RunRecord) -> tuple:
-    """All that is asked but the problem's parameters."""
-    return (r.problem, r.solver, r.solver_options, r.control, str(r.dt_s), str(r.rtol), str(r.max_step_s), r.max_steps)
+    """All that shapes a run but the problem's parameters."""
+    return (r.problem, r.solver, r.solver_options, r.control, str(r.dt_s), str(r.rtol), str(r.max_step_s))
 
 
 def _key(r: RunRecord) -> tuple:
@@ -151,13 +161,21 @@ def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
     return mine == theirs and TENTH[0] < ratio < TENTH[1]
 
 
-def _yardstick(base: RunRecord, tighter: RunRecord, nudged: RunRecord, ends: _Ends) -> Yardstick | None:
+def _is_halved(base: RunRecord, r: RunRecord) -> bool:
+    same = (base.problem, base.solver, base.solver_options, base.problem_parameters)
+    return same == (r.problem, r.solver, r.solver_options, r.problem_parameters) and 2.0 * r.dt_s == base.dt_s
+
+
+def _yardstick(
+    base: RunRecord, tighter: RunRecord, nudged: RunRecord, halved: RunRecord | None, ends: _Ends
+) -> Yardstick | None:
     """None where one of the runs did not end well."""
-    if any(r.claimed != "success" for r in (base, tighter, nudged)):
+    if any(r is not None and r.claimed != "success" for r in (base, tighter, nudged, halved)):
         return None
     level = ends.apart(base, tighter, np.eye(3))
     growth = ends.apart(base, nudged, np.eye(3)) / (_nudge(nudged) * base.length_scale_m)
-    return Yardstick(level, growth, base.steps, base.length_scale_m)
+    step = 0.0 if halved is None else ends.apart(base, halved, np.eye(3))
+    return Yardstick(level, step, growth, base.steps, base.length_scale_m)
 
 
 def _entry(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, ends: _Ends) -> dict[str, Any]:
@@ -176,16 +194,16 @@ def _entry(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, e
         verdict, words = "not applicable", "one body and one joint have no order"
     elif change == "retrace":
         deviation = max(r.return_error_m, r.length_scale_m * r.return_error_rad)
-        bound = yard.bound_back
-        verdict, words = _compared(deviation, bound, yard, "misses the start")
+        bound = yard.bound * yard.back
+        verdict, words = _compared(deviation, yard, "misses the start", yard.back)
         if math.isnan(deviation):
             verdict, words = "failed", "; ".join(n for n in json.loads(r.notes) if "the way back" in n) or "no way back"
     else:
         found = ends.of(base)
         turned = np.eye(3) if found is None else _frame(change, told, found[2])
         deviation, bound = ends.apart(base, r, turned), yard.bound
-        verdict, words = _compared(deviation, bound, yard, "ends elsewhere")
-    return _row(base, title, deviation, bound, verdict, words, [base.settings, r.settings])
+        verdict, words = _compared(deviation, yard, "ends elsewhere")
+    return _row(base, title, (deviation, bound), yard, verdict, words, [base.settings, r.settings])
 
 
 def _planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> dict[str, Any] | None:
@@ -196,17 +214,24 @@ def _planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> dict[st
         return None
     title = "planar symmetry" if r is base else f"planar symmetry, {CHANGES[_changed(base, r)]}"
     deviation = r.out_of_plane_max_m
-    verdict, words = _compared(deviation, yard.bound, yard, "leaves the plane")
-    return _row(base, title, deviation, yard.bound, verdict, words, [r.settings])
+    verdict, words = _compared(deviation, yard, "leaves the plane")
+    return _row(base, title, (deviation, yard.bound), yard, verdict, words, [r.settings])
 
 
-def _compared(deviation: float, bound: float, yard: Yardstick, what: str) -> tuple[str, str]:
-    verdict = "holds" if deviation <= bound else "broken"
-    parts = (
-        f"a tenth of the tolerance moves the end by {yard.level:.1e} m, rounding by {yard.rounding / SLACK:.1e} m "
-        f"at most, a change of the start grows {yard.growth:.2g}-fold"
-    )
-    return verdict, f"{what} by {deviation:.1e} m, {bound:.1e} m allowed ({parts})"
+def _compared(deviation: float, yard: Yardstick, what: str, grown: float = 1.0) -> tuple[str, str]:
+    """Verdict and words; ``grown`` multiplies all that is allowed."""
+    exact, bound = yard.exact * grown, yard.bound * grown
+    parts = f"a tenth of the tolerance moves the end by {yard.level:.1e} m"
+    if yard.halved > 0.0:
+        parts += f", half the step by {yard.halved:.1e} m"
+    parts += f", rounding by {yard.rounding / SLACK:.1e} m at most, a change of the start grows {yard.growth:.2g}-fold"
+    if deviation > bound:
+        return "broken", f"{what} by {deviation:.1e} m, {bound:.1e} m allowed ({parts})"
+    if yard.halved == 0.0:
+        return "holds", f"{what} by {deviation:.1e} m of {bound:.1e} m allowed ({parts})"
+    if deviation <= exact:
+        return "holds", f"exactly: {what} by {deviation:.1e} m, as far as the steps are solved, {exact:.1e} m ({parts})"
+    return "holds", f"not exactly, within its error: {what} by {deviation:.1e} m of {bound:.1e} m allowed ({parts})"
 
 
 def _how(change: str, told: Any) -> str:
@@ -231,8 +256,15 @@ def _frame(change: str, told: Any, gravity: Float[np.ndarray, " 3"]) -> Float[np
 
 
 def _row(
-    base: RunRecord, check: str, deviation: float, bound: float, verdict: str, words: str, cells: list[str]
+    base: RunRecord,
+    check: str,
+    sizes: tuple[float, float],
+    yard: Yardstick | None,
+    verdict: str,
+    words: str,
+    cells: list[str],
 ) -> dict[str, Any]:
+    deviation, bound = sizes
     return {
         "solver": base.solver,
         "options": json.loads(base.solver_options),
@@ -242,6 +274,7 @@ def _row(
         "deviation": deviation,
         "bound": bound,
         "unit": "m",
+        "exact": words.startswith("exactly") if yard is not None and yard.halved > 0.0 else None,
         "verdict": verdict,
         "words": words,
         "cells": cells,
