@@ -32,8 +32,9 @@ def factors(points: Points) -> dict[str, dict[str, list[int]]]:
 def decision(points: Points) -> str:
     """What separates the settings where the claim holds from those where it does not."""
     names = _varied(points)
+    everywhere = [n for n, values in names.items() if None not in values]  # others exist for some solvers only
     for size in (1, 2):
-        for chosen in itertools.combinations(names, size):
+        for chosen in itertools.combinations(everywhere, size):
             cells = _cross(points, {n: names[n] for n in chosen})
             if all(held in (0, total) for _, held, total in cells):
                 return _separated(chosen, cells)
@@ -81,9 +82,10 @@ def _mixed(points: Points, names: Mapping[str, list[Any]]) -> str:
         pure: list[tuple[Mapping[str, Any], frozenset[int]]] = []
         for size in (1, 2):
             for chosen in itertools.combinations(names, size):
-                for at, held, total in _cross(points, {n: names[n] for n in chosen}):
+                known = {n: [v for v in names[n] if v is not None] for n in chosen}
+                for at, held, total in _cross(points, known):
                     here = _where(points, at)
-                    said_already = any(here <= known for _, known in pure)
+                    said_already = any(here <= wider for _, wider in pure)
                     if held == (total if wanted else 0) and not said_already:
                         pure.append((at, here))
         pure.sort(key=lambda item: -len(item[1]))  # stable: ties stay in the order of the dimensions
@@ -91,7 +93,8 @@ def _mixed(points: Points, names: Mapping[str, list[Any]]) -> str:
         listed = [f"{_said(at)} ({total if wanted else 0} of {total})" for at, total in counts]
         if listed:
             parts.append(f"{word} {'; '.join(listed)}")
-    best = max(names, key=lambda n: _told(points, n, names[n]), default="")
+    telling = [n for n in names if None not in names[n]] or list(names)
+    best = max(telling, key=lambda n: _told(points, n, names[n]), default="")
     if best:
         counted = ", ".join(f"{said(best, v)} {held} of {total}" for v, (held, total) in _by(points, best, names[best]))
         parts.append(f"{best.replace('_', ' ')} tells most: {counted}")
