@@ -1,0 +1,135 @@
+"""The scorecard tells what a solver keeps from what it does not: on solvers that keep it, and on planted breaks."""
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from harness.cell import make_cell
+from harness.job import Job
+from harness.referee.metamorphic import Yardstick, scorecard
+from harness.referee.wrong import wrong
+from harness.registry import make_problem
+from harness.store import create
+from harness.worker import run
+
+START = {"t_end": 0.5, "omega_z": 3.0}
+PENDULUM = "spherical_pendulum"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return create(tmp_path_factory.mktemp("told"))
+
+
+@pytest.fixture(scope="module")
+def told(folder):
+    """Records of a solver on the spatial pendulum, as it stands, its yardsticks, and told as asked."""
+    known = {}
+
+    def of(*ways, solver="gc_weak_form", problem=PENDULUM, start=START, **options):
+        fixed = solver.startswith("gc")
+        steps = {"dt": 0.01} if fixed else {"rtol": 1e-6}
+        finer = {"dt": 0.005} if fixed else {"rtol": 1e-7}
+        tight = {**options, "tolerance": 1e-9} if fixed else options
+        asked = [({}, options, steps), ({}, options, finer), ({"perturb": 1e-10}, options, steps)]
+        asked += [({}, tight, steps)] * fixed + [(way, options, steps) for way in ways]
+        out = []
+        for way, chosen, step in asked:
+            cell = make_cell(make_problem(problem, {**start, **way}), solver, chosen, step)
+            if cell.settings not in known:
+                known[cell.settings] = run(Job(cell, folder))
+            out.append(known[cell.settings])
+        return out
+
+    return of
+
+
+def card(folder, records):
+    return {e["check"]: e for e in scorecard(folder, records)}
+
+
+WAYS = ({"yaw": 0.7}, {"mirror": "X"}, {"retrace": True}, {"unit_mass": 1024.0}, {"renumber": 1})
+
+
+def test_the_weak_form_keeps_its_symmetries_exactly(folder, told):
+    """Frame about the vertical, mirror and the way back: as far as its steps are solved; one body has no order."""
+    found = card(folder, told(*WAYS))
+    for check in ("mirror image", "time reversal", "unit of mass x 1024"):
+        assert found[check]["verdict"] == "holds", found[check]["words"]
+        assert found[check]["exact"], found[check]["words"]
+    assert found["yaw"]["verdict"] == "holds"
+    assert found["renumbering"]["verdict"] == "not applicable"
+
+
+def test_a_one_sided_gauge_does_not_retrace_exactly(folder, told):
+    """Break the physics: the zero gauge is second order all the same, but its way back is another one."""
+    entry = card(folder, told({"retrace": True}, gauge="zero"))["time reversal"]
+    assert entry["exact"] is False, entry["words"]
+    assert "not exactly" in entry["words"] or entry["verdict"] == "broken"
+
+
+def test_the_direction_decides_about_frames_and_units(folder, told):
+    """c_R = a / (a . a) adds metres to numbers and goes by the axes of space; (e_k, 0) does neither."""
+    ways = ({"rotation": [0.3, -0.5, 0.7]}, {"unit_length": 1024.0})
+    plain, sound = card(folder, told(*ways)), card(folder, told(*ways, direction="translation"))
+    for check in ("rotation", "unit of length x 1024"):
+        assert plain[check]["exact"] is False
+        assert sound[check]["exact"] is True, sound[check]["words"]
+
+
+def test_an_error_controlled_solver_is_held_to_its_tolerance(folder, told):
+    """All hold; nothing is said of exactness, as its steps differ."""
+    found = card(folder, told(*WAYS[:3], {"duplicate": 1}, solver="ida_index1"))
+    assert {e["verdict"] for e in found.values()} == {"holds"}, [e["words"] for e in found.values()]
+    assert {e["exact"] for e in found.values()} == {None}
+
+
+def test_planar_motion_stays_planar_however_it_is_told(folder, told):
+    """As it stands and yawed, each a row of its own."""
+    found = card(folder, told({"yaw": 0.7}, start={"t_end": 0.5}))
+    for check in ("planar symmetry", "planar symmetry, yaw"):
+        assert found[check]["verdict"] == "holds", found[check]["words"]
+
+
+def test_a_planted_deviation_is_broken_and_wrong_though_it_succeeds(folder, told):
+    """A run that is told in another frame but ends where another motion does."""
+    records = told({"mirror": "X"})
+    stranger = next(r for r in told({"yaw": 0.7}) if "yaw" in r.problem_parameters)
+    planted = dataclasses.replace(records[-1], series=stranger.series, series_sha256=stranger.series_sha256)
+    entry = card(folder, [*records[:-1], planted])["mirror image"]
+    assert entry["verdict"] == "broken"
+    assert entry["deviation"] > entry["bound"]
+    found = wrong(folder, [*records[:-1], planted])
+    assert [e["cell"] for e in found] == [planted.settings]
+    assert found[0]["because"][0].startswith("mirror image: ends elsewhere")
+    assert wrong(folder, records) == []
+
+
+def test_refusals_failures_and_missing_ways_back_are_told_apart(folder, told):
+    """Each with the solver's own words."""
+    records = told({"duplicate": 1}, {"retrace": True})
+    found = card(folder, records)
+    assert found["repeated joint"]["verdict"] == "refused"
+    assert "rank 3" in found["repeated joint"]["words"]
+    note = json.dumps(["the way back ended with diverged at 0.1 s: no"])
+    lost = dataclasses.replace(records[-1], notes=note, return_error_m=float("nan"), return_error_rad=float("nan"))
+    failed = dataclasses.replace(records[-1], status="diverged", claimed="diverged", message="no")
+    assert card(folder, [*records[:-1], lost])["time reversal"]["verdict"] == "failed"
+    assert "the way back" in card(folder, [*records[:-1], lost])["time reversal"]["words"]
+    assert card(folder, [*records[:-1], failed])["time reversal"]["verdict"] == "failed"
+
+
+def test_without_a_yardstick_nothing_is_judged(folder, told):
+    """A deviation without a bound is no finding."""
+    records = told({"mirror": "X"})
+    assert scorecard(folder, [records[0], records[-1]]) == []
+
+
+def test_rounding_and_growth_make_the_bound_where_a_tolerance_moves_nothing():
+    """Steps times rounding times growth: 1000 steps grown a hundredfold give 2e-10 of the size."""
+    yard = Yardstick(level=0.0, halved=0.0, growth=100.0, steps=1000, size=1.0)
+    assert yard.bound == pytest.approx(10.0 * 2.2e-16 * 1000 * 100.0)
+    assert yard.back == 101.0
+    assert np.isclose(Yardstick(1e-6, 1e-3, 1.0, 100, 1.0).bound, 1e-5 + 3e-3)
