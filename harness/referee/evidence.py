@@ -1,67 +1,30 @@
 """What is measured for a claim: numbers read off the record and the series of one run.
 
-Every measure is NaN where the run has no such number, above all where it ended before the time asked about: a run
-that stopped must not look accurate. ``partial = true`` in a test asks for the part that is there.
+The rules of measures are in ``harness.referee.catalogue``; those of steps and passages in ``harness.referee.passages``.
 """
 
 import json
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from harness.records import RunRecord
+from harness.referee import passages  # enters its measures
+from harness.referee.catalogue import (
+    END,
+    MEASURES,
+    NAN,
+    array,
+    bound,
+    evaluate,
+    evaluate_pair,
+    measure,
+    reached_end,
+    stretch,
+)
 from harness.series import Series
 
-NAN = math.nan
-END = 1e-9  # relative: t_reached this close to t_end is the end
-ORIGIN = 0.01  # of t_end: step sizes are judged after a solver's start-up
-
-
-@dataclass(frozen=True)
-class Measure:
-    """A function of (record, series, arguments) with the arguments it takes and those it cannot do without."""
-
-    of: Callable[..., float]
-    takes: tuple[str, ...]
-    wants: tuple[str, ...]
-    needs_series: bool = True
-    of_pair: bool = False
-    doc: str = ""
-
-
-MEASURES: dict[str, Measure] = {}
-
-
-def measure(wants: str = "", takes: str = "", *, series: bool = True, pair: bool = False) -> Callable[..., Any]:
-    """Enter a function in the catalogue under its name, with spaces for underscores."""
-
-    def enter(function: Callable[..., float]) -> Callable[..., float]:
-        needed, known = tuple(wants.split()), tuple(takes.split())
-        doc = (function.__doc__ or "").strip().splitlines()[0]
-        MEASURES[function.__name__.replace("_", " ")] = Measure(function, (*needed, *known), needed, series, pair, doc)
-        return function
-
-    return enter
-
-
-def evaluate(name: str, record: RunRecord, series: Series | None, arguments: Mapping[str, Any]) -> float:
-    """The number, NaN if the run has none."""
-    m = MEASURES[name]
-    if m.needs_series and series is None:
-        return NAN
-    with np.errstate(all="ignore"):
-        return float(m.of(record, series, **{"begin" if k == "from" else k: v for k, v in arguments.items()}))
-
-
-def evaluate_pair(name: str, one: Series | None, other: Series | None, arguments: Mapping[str, Any]) -> float:
-    """The number of two runs, NaN if one has no series."""
-    if one is None or other is None:
-        return NAN
-    with np.errstate(all="ignore"):
-        return float(MEASURES[name].of(one, other, **arguments))
+__all__ = ["MEASURES", "evaluate", "evaluate_pair", "passages"]
 
 
 @measure("name", "partial", series=False)
@@ -118,8 +81,8 @@ def largest(
     record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
 ) -> float:
     """max |series| over a stretch of time."""
-    a = _stretch(record, s, series, begin, to, partial)
-    return NAN if a is None else _bound(a, np.max(np.abs(a)))
+    a = stretch(record, s, series, begin, to, partial)
+    return NAN if a is None else bound(a, np.max(np.abs(a)))
 
 
 @measure("series", "from to partial")
@@ -127,8 +90,8 @@ def highest(
     record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
 ) -> float:
     """max of the series over a stretch of time, signed."""
-    a = _stretch(record, s, series, begin, to, partial)
-    return NAN if a is None else _bound(a, np.max(a))
+    a = stretch(record, s, series, begin, to, partial)
+    return NAN if a is None else bound(a, np.max(a))
 
 
 @measure("series", "from to partial")
@@ -136,8 +99,8 @@ def lowest(
     record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
 ) -> float:
     """min of the series over a stretch of time, signed."""
-    a = _stretch(record, s, series, begin, to, partial)
-    return NAN if a is None else _bound(a, np.min(a))
+    a = stretch(record, s, series, begin, to, partial)
+    return NAN if a is None else bound(a, np.min(a))
 
 
 @measure("series", "from to partial")
@@ -145,14 +108,14 @@ def extent(
     record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
 ) -> float:
     """max - min of the series over a stretch of time."""
-    a = _stretch(record, s, series, begin, to, partial)
-    return NAN if a is None else _bound(a, np.ptp(a))
+    a = stretch(record, s, series, begin, to, partial)
+    return NAN if a is None else bound(a, np.ptp(a))
 
 
 @measure("series at")
 def value(record: RunRecord, s: Series, series: str, at: float) -> float:
     """The series at a time, between steps by a straight line."""
-    t, a = s["t"], _array(s, series)
+    t, a = s["t"], array(s, series)
     if a is None or at > t[-1] * (1.0 + END):
         return NAN
     return float(np.interp(at, t, a))
@@ -161,7 +124,7 @@ def value(record: RunRecord, s: Series, series: str, at: float) -> float:
 @measure("series at")
 def rate(record: RunRecord, s: Series, series: str, at: float) -> float:
     """|d series/dt| over the first step that ends after ``at``."""
-    t, a = s["t"], _array(s, series)
+    t, a = s["t"], array(s, series)
     if a is None or at >= t[-1]:
         return NAN
     k = int(np.searchsorted(t, at, side="right"))
@@ -177,17 +140,17 @@ def change(record: RunRecord, s: Series, series: str, begin: float, to: float) -
 @measure("of", "from to partial")
 def away(record: RunRecord, s: Series, of: str, begin: float = 0.0, to: float = NAN, partial: bool = False) -> float:
     """max |observable - the reference's| over a stretch of time."""
-    own, exact = (_stretch(record, s, f"{k}_{of}", begin, to, partial) for k in ("obs", "ref"))
+    own, exact = (stretch(record, s, f"{k}_{of}", begin, to, partial) for k in ("obs", "ref"))
     if own is None or exact is None:
         return NAN
     known = ~np.isnan(exact)  # NaN beyond the reference's horizon
-    return _bound(own[known], np.max(np.abs(own[known] - exact[known]), initial=0.0)) if np.any(known) else NAN
+    return bound(own[known], np.max(np.abs(own[known] - exact[known]), initial=0.0)) if np.any(known) else NAN
 
 
 @measure("series limit")
 def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
     """First time |series| passes a limit; infinite if it never does."""
-    a = _array(s, series)
+    a = array(s, series)
     if a is None:
         return NAN
     beyond = np.flatnonzero(~(np.abs(a) <= limit))
@@ -198,8 +161,8 @@ def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
 def grows(record: RunRecord, s: Series, series: str) -> float:
     """max |series| in the last quarter of the time asked for over that in the first quarter."""
     quarter = 0.25 * record.t_end_s
-    first = _stretch(record, s, series, 0.0, quarter, False)
-    last = _stretch(record, s, series, 3.0 * quarter, NAN, False)
+    first = stretch(record, s, series, 0.0, quarter, False)
+    last = stretch(record, s, series, 3.0 * quarter, NAN, False)
     if first is None or last is None:
         return NAN
     a, b = float(np.max(np.abs(last))), float(np.max(np.abs(first)))
@@ -209,7 +172,7 @@ def grows(record: RunRecord, s: Series, series: str) -> float:
 @measure("series to")
 def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
     """max |series| up to a time over that of the whole run: small for what grows gradually."""
-    first, whole = _stretch(record, s, series, 0.0, to, False), _stretch(record, s, series, 0.0, NAN, False)
+    first, whole = stretch(record, s, series, 0.0, to, False), stretch(record, s, series, 0.0, NAN, False)
     if first is None or whole is None or not np.max(np.abs(whole)) > 0.0:
         return NAN
     return float(np.max(np.abs(first)) / np.max(np.abs(whole)))
@@ -219,56 +182,7 @@ def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
 def energy_ratio(record: RunRecord, s: Series) -> float:
     """Largest mechanical energy over that of the start, whatever part of the run there is."""
     E = s["energy"]
-    return _bound(E, np.max(E)) / float(E[0]) if E[0] != 0.0 else NAN
-
-
-@measure("", "from to")
-def step_ratio(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN) -> float:
-    """Largest over smallest step after the start-up, the last step left out."""
-    dt = _steps(record, s, begin, to)
-    return NAN if dt is None else float(np.max(dt) / np.min(dt))
-
-
-@measure("", "from to")
-def irregularity(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN) -> float:
-    """Mean |change of log10 dt| from step to step after the start-up: 0 for a fixed step."""
-    dt = _steps(record, s, begin, to)
-    return NAN if dt is None else float(np.mean(np.abs(np.diff(np.log10(dt)))))
-
-
-@measure("", "from to")
-def typical_step(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN) -> float:
-    """Median step after the start-up [s]."""
-    dt = _steps(record, s, begin, to)
-    return NAN if dt is None else float(np.median(dt))
-
-
-@measure("", "from to")
-def smallest_step(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN) -> float:
-    """Smallest step after the start-up [s], the last step left out."""
-    dt = _steps(record, s, begin, to)
-    return NAN if dt is None else float(np.min(dt))
-
-
-@measure("series low within")
-def drop_at_lowest(record: RunRecord, s: Series, series: str, low: str, within: float) -> float:
-    """Lowest of ``series`` within a time of the first minimum of ``low``, less its value before: a fall is negative."""
-    found = _around_lowest(s, series, low, within)
-    return NAN if found is None else float(np.min(found) - found[0])
-
-
-@measure("series low within")
-def rise_at_lowest(record: RunRecord, s: Series, series: str, low: str, within: float) -> float:
-    """Highest of ``series`` within a time of the first minimum of ``low``, less its value before."""
-    found = _around_lowest(s, series, low, within)
-    return NAN if found is None else float(np.max(found) - found[0])
-
-
-@measure("series low", "to")
-def peak_after_lowest(record: RunRecord, s: Series, series: str, low: str, to: float = NAN) -> float:
-    """|time of the largest |series| up to ``to`` - time of the first minimum of ``low``| [s]."""
-    a, turn = _stretch(record, s, series, 0.0, to, False), _first_minimum(s, low)
-    return NAN if a is None or turn is None else float(abs(s["t"][int(np.argmax(np.abs(a)))] - s["t"][turn]))
+    return bound(E, np.max(E)) / float(E[0]) if E[0] != 0.0 else NAN
 
 
 @measure("series", "from to partial")
@@ -276,7 +190,7 @@ def peak_over_median(
     record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
 ) -> float:
     """max |series| over its median over a stretch of time: how far one moment stands out."""
-    a = _stretch(record, s, series, begin, to, partial)
+    a = stretch(record, s, series, begin, to, partial)
     if a is None or not np.any(np.isfinite(a)):
         return NAN
     known = np.abs(a[np.isfinite(a)])
@@ -291,12 +205,7 @@ def apart(one: Series, other: Series, series: list[str]) -> float:
         return NAN
     gaps = [one[k] - np.interp(t, other["t"], other[k]) for k in series]
     away = np.sqrt(np.sum(np.square(gaps), axis=0))
-    return _bound(away, np.max(away))
-
-
-def reached_end(record: RunRecord) -> bool:
-    """Whether the last accepted step ends at the time asked for."""
-    return record.t_reached_s >= record.t_end_s * (1.0 - END)  # False for NaN
+    return bound(away, np.max(away))
 
 
 def _embedded(record: RunRecord, text: str, of: str, part: str, partial: bool) -> float:
@@ -304,45 +213,3 @@ def _embedded(record: RunRecord, text: str, of: str, part: str, partial: bool) -
     if found is None or not (partial or reached_end(record)):
         return NAN
     return abs(float(found[part]))
-
-
-def _array(s: Series, name: str) -> np.ndarray | None:
-    return s.arrays.get(name)
-
-
-def _stretch(record: RunRecord, s: Series, name: str, begin: float, to: float, partial: bool) -> np.ndarray | None:
-    """The series in [begin, to]; None if it does not exist or the run ended before ``to`` (``partial``: ``begin``)."""
-    a, t = _array(s, name), s["t"]
-    end = record.t_end_s if math.isnan(to) else to
-    if a is None or (not partial and t[-1] < end * (1.0 - END)):
-        return None
-    inside = a[(t >= begin) & (t <= end * (1.0 + END))]
-    if name.endswith("_error") and name != "energy_error":  # against a reference: NaN is beyond its horizon
-        inside = inside[~np.isnan(inside)]
-    return inside if len(inside) else None
-
-
-def _bound(a: np.ndarray, found: Any) -> float:
-    """Infinite as soon as one value is not a number: a motion that became NaN is no small error."""
-    return math.inf if np.any(np.isnan(a)) else float(found)
-
-
-def _steps(record: RunRecord, s: Series, begin: float, to: float) -> np.ndarray | None:
-    t, dt = s["t"][:-1], s["dt"][:-1]
-    begin = ORIGIN * record.t_end_s if math.isnan(begin) else begin
-    end = math.inf if math.isnan(to) else to
-    inside = dt[(t > begin) & (t <= end) & (dt > 0.0)]
-    return inside if len(inside) > 2 else None
-
-
-def _first_minimum(s: Series, low: str) -> int | None:
-    h = _array(s, low)
-    if h is None:
-        return None
-    turns = np.flatnonzero((h[1:-1] < h[:-2]) & (h[1:-1] <= h[2:])) + 1
-    return int(turns[0]) if len(turns) else None
-
-
-def _around_lowest(s: Series, name: str, low: str, within: float) -> np.ndarray | None:
-    a, turn, t = _array(s, name), _first_minimum(s, low), s["t"]
-    return None if a is None or turn is None else a[np.abs(t - t[turn]) <= within]
