@@ -30,6 +30,7 @@ def write(run: Run, site: Site) -> Page | None:
     default = profiles(judged(run.folder, "work", "profile_default").rows, tuned=False)
     found = [(f, plots_of(f)) for f in fields(run, points.rows, links)]
     works = list(dict.fromkeys(p.work for p in profile))
+    kinds = [w for w in WORKS if any(key.endswith(f"-{w[0]}") for _, own in found for key in own)]
     profile_plots = [profile_plot((*profile, *default), w) for w in works]
     figures = {p.slug: files(site, d) for p in run.posings if (d := _figure(run, site, p.slug)) is not None}
     drawn = [profile_figure([(p.solver, p.total, p.at) for p in profile if p.work == w], *named(w), site.looks)
@@ -37,7 +38,7 @@ def write(run: Run, site: Site) -> Page | None:
     return site.write(
         Page("Work", "work.html", nav=True, order=25), "work.html", scripts=["assets/judgement.js"],
         plots=[*profile_plots, *(p for _, own in found for p in own.values())], why=points.why, errors=ERRORS,
-        works=WORKS, fields=found, profiles=(*profile, *default), profile_plots=profile_plots, named=named,
+        works=kinds, fields=found, profiles=(*profile, *default), profile_plots=profile_plots, named=named,
         work_at=work_at,
         figures={f.slug: figures.get(f.slug, []) for f, _ in found},
         profile_figures=[name for d in drawn for name in files(site, d)],

@@ -1,0 +1,105 @@
+"""Pages of judgements in a browser: no fault, no request, a phone's width, filters, keyboard, plots, colours."""
+
+import pytest
+
+from tests.reports.browser import CHROMIUM
+from tests.reports.pages.conftest import PAGES
+
+pytestmark = [
+    pytest.mark.browser,
+    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
+]
+CONTRAST = 4.5  # of text against what is behind it: WCAG AA
+CONTRASTS = """(() => {
+  const parse = (c) => (c.match(/[\\d.]+/g) || []).map(Number);
+  const linear = (v) => v / 255 <= 0.04045 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4;
+  const light = (c) => 0.2126 * linear(c[0]) + 0.7152 * linear(c[1]) + 0.0722 * linear(c[2]);
+  const behind = (e) => {
+    for (; e; e = e.parentElement) {
+      const c = parse(getComputedStyle(e).backgroundColor);
+      if (c.length === 3 || c[3] === 1) return c;
+    }
+    return [255, 255, 255];
+  };
+  const found = [];
+  for (const e of document.querySelectorAll("main *")) {
+    const own = [...e.childNodes].some((n) => n.nodeType === 3 && n.textContent.trim());
+    if (!own || !e.getClientRects().length || e.closest("svg, .canvas")) continue;
+    const [a, b] = [light(parse(getComputedStyle(e).color)), light(behind(e))].sort((x, y) => y - x);
+    found.push([(a + 0.05) / (b + 0.05), e.className + ": " + e.textContent.trim().slice(0, 40)]);
+  }
+  return found.sort((x, y) => x[0] - y[0])[0];
+})()"""
+CHOOSE = """(() => { const s = document.querySelector("select[name=verdict]"); s.value = "%s";
+    s.dispatchEvent(new Event("change")); })()"""
+
+
+@pytest.fixture
+def folder(judged_run, judged_pages):
+    return judged_run.folder / "report"
+
+
+@pytest.mark.parametrize(("width", "dark"), [(390, True), (1280, False)])
+def test_pages_load_without_a_fault_and_fit(browser, folder, width, dark):
+    """From the disk; nothing asked of a network; no sideways scroll; text stands out in light and dark."""
+    for name in PAGES:
+        tab = browser.open(folder / name, width=width, dark=dark)
+        assert (tab.faults, tab.requests) == ([], []), name
+        assert tab.evaluate("document.documentElement.scrollWidth") <= width, name
+        ratio, where = tab.evaluate(CONTRASTS)
+        assert ratio >= CONTRAST, (name, where)
+        tab.close()
+
+
+def test_claims_filter_and_their_map_obeys_the_arrow_keys(browser, folder):
+    tab = browser.open(folder / "claims.html")
+    shown = "[...document.querySelectorAll('[data-item]')].filter((e) => !e.hidden).length"
+    assert tab.evaluate(shown) == 5
+    tab.evaluate(CHOOSE % "conditional")
+    assert tab.evaluate(shown) == 1
+    assert tab.evaluate("document.querySelector('.filters [role=status]').textContent") == "1 of 5 shown"
+    boxes = "document.querySelectorAll('[data-grid] .box')"
+    assert tab.evaluate(f"[...{boxes}].filter((b) => b.tabIndex === 0).length") == tab.evaluate(
+        "document.querySelectorAll('[data-grid]').length"
+    )  # one stop of the tab key a map
+    grid = "document.querySelector('.claim:not([hidden]) [data-grid]')"
+    tab.evaluate(f"{grid}.querySelector('.box').focus()")
+    first = tab.evaluate("document.activeElement.getAttribute('aria-label')")
+    assert tab.evaluate(f"{grid}.querySelector('.readout').textContent") == first
+    tab.press("ArrowRight")
+    second = tab.evaluate("document.activeElement.getAttribute('aria-label')")
+    assert second != first and tab.evaluate(f"{grid}.querySelector('.readout').textContent") == second
+    tab.close()
+
+
+def test_a_link_to_a_hidden_claim_brings_it_back(browser, folder):
+    tab = browser.open(folder / "claims.html")
+    tab.evaluate(CHOOSE % "refuted")
+    tab.evaluate("location.hash = '#first-claim'")
+    tab.until("!document.getElementById('first-claim').hidden")
+    tab.close()
+
+
+@pytest.mark.parametrize("page", ["work.html", "certificates.html", "atlas.html"])
+def test_plots_are_drawn(browser, folder, page):
+    tab = browser.open(folder / page)
+    tab.evaluate("document.querySelector('.canvas').scrollIntoView()")
+    tab.until("document.querySelector('.canvas .main-svg')")
+    tab.evaluate("new Promise((f) => setTimeout(f, 300))")
+    assert tab.ink(".canvas") > 0.002
+    assert tab.faults == []
+    tab.close()
+
+
+def test_another_pair_of_work_and_error_shows_its_plots(browser, folder):
+    tab = browser.open(folder / "work.html")
+    tab.evaluate("""(() => { const [error] = document.querySelectorAll("[data-choose='.field'] select");
+        error.value = "energy"; error.dispatchEvent(new Event("change")); })()""")
+    shown = (
+        "[...document.querySelectorAll('.field [data-choice]')].filter((e) => !e.hidden).map((e) => e.dataset.choice)"
+    )
+    choices = tab.evaluate(shown)
+    assert choices and set(choices) == {"energy-operations"}
+    tab.evaluate("document.querySelector('.field [data-choice]:not([hidden])').scrollIntoView()")  # drawn when seen
+    tab.until("document.querySelector('.field [data-choice]:not([hidden]) .main-svg')")
+    tab.close()
