@@ -9,7 +9,6 @@ from reports.curves import Curve
 from reports.drawing import MUTED, Drawn, new_figure, panel_title
 from reports.figures.lines import Group, draw_lines, legend_of, log_limits
 from reports.motion import Motion
-from reports.words import unit
 
 
 @dataclass(frozen=True)
@@ -35,16 +34,6 @@ def laws(name: str, title: str, group: Group, everyone: Group) -> Drawn:
         "Largest magnitude in each of 240 spans of time, so that peaks stay; the step as median line in a band "
         "from its smallest to its largest. Axis rows of phi have no unit and count as metres."
     )
-    return Drawn(name, title, caption, lambda: grid_of(panels, group, everyone))
-
-
-def invariants(name: str, title: str, group: Group, everyone: Group) -> Drawn | None:
-    """Departure of every invariant from its start; None when the problem has none."""
-    units = {n: m.units.get(f"inv_{n}", "") for m in everyone.motions for n in m.invariants}
-    if not units:
-        return None
-    panels = [Panel(n, f"|{n} − start| [{unit(u)}]", _invariant(n), _largest(everyone, n)) for n, u in units.items()]
-    caption = "Quantities that the exact motion keeps: their departure from the start, largest in each span of time."
     return Drawn(name, title, caption, lambda: grid_of(panels, group, everyone))
 
 
@@ -82,12 +71,3 @@ def norm(name: str) -> Callable[[Motion], Curve | None]:
 def _scale(group: Group, column: str) -> float:
     values = [getattr(c.record, column) for c in group.cells]
     return max((v for v in values if v == v), default=1.0)
-
-
-def _largest(group: Group, invariant: str) -> float:
-    starts = [abs(float(c.invariant_drifts.get(invariant, {}).get("start", 0.0))) for c in group.cells]
-    return max((s for s in starts if 0.0 < s < float("inf")), default=1.0)
-
-
-def _invariant(name: str) -> Callable[[Motion], Curve | None]:
-    return lambda m: m.invariants.get(name)

@@ -27,8 +27,9 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 CHROMIUM = next((p for n in NAMES if (p := shutil.which(n))), None)
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
-    "--disable-sync", "--disable-component-update", "--disable-default-apps", "--disable-extensions", "--hide-scrollbars", "--mute-audio",
-    "--remote-debugging-pipe", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader",
+    "--disable-sync", "--disable-component-update", "--disable-default-apps", "--disable-extensions",
+    "--hide-scrollbars", "--mute-audio", "--remote-debugging-pipe", "--use-gl=angle", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
 )  # fmt: skip
 BECOME = "import os, sys; r, w = map(int, sys.argv[1:3]); r, w = os.dup(os.dup(r)), os.dup(os.dup(w)); " \
     "os.dup2(r, 3); os.dup2(w, 4); os.execv(sys.argv[3], sys.argv[3:])"  # fmt: skip
@@ -133,9 +134,9 @@ class Tab:
         self.call("Emulation.setEmulatedMedia", features=[scheme])
         self.goto(page)
 
-    def goto(self, page: str) -> None:
+    def goto(self, page: Path | str) -> None:
         """Another page in the same tab; ``opened_s`` is the wall time until it was loaded and drawn."""
-        path, hash_, anchor = page.partition("#")
+        path, hash_, anchor = str(page).partition("#")
         began = time.monotonic()
         answer = self.call("Page.navigate", url=Path(path).resolve().as_uri() + hash_ + anchor)
         if answer.get("errorText"):

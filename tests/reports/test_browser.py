@@ -1,64 +1,199 @@
-"""The page in a browser: it loads from disk without an error or a request, fits a phone, and its tables sort."""
+"""The site in a browser: no fault, no request, fits a phone, plots draw, tables sort and filter, colours are read."""
 
-import base64
 import json
 import re
-import shutil
-import subprocess
 
 import pytest
 
-CHROMIUM = next(
-    (p for n in ("chromium", "chromium-browser", "google-chrome", "chrome") if (p := shutil.which(n))), None
+PAGES = ("index.html", "problem-pendulum.html", "solver-beta.html", "cells/dd01.html", "cells/gg01.html")
+OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
+FIRST = "document.querySelectorAll('.plots .main-svg').length > 0"
+CONTRAST = """
+(() => {
+  const numbers = (c) => c.match(/[\\d.]+/g).map(Number);
+  const linear = (v) => (v / 255 <= 0.04045 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4);
+  const light = (c) => 0.2126 * linear(c[0]) + 0.7152 * linear(c[1]) + 0.0722 * linear(c[2]);
+  const behind = (e) => {
+    for (; e; e = e.parentElement) {
+      const c = numbers(getComputedStyle(e).backgroundColor);
+      if (c.length < 4 || c[3] === 1) return c;
+    }
+    return [255, 255, 255];
+  };
+  const says = (e) => [...e.childNodes].some((n) => n.nodeType === 3 && n.data.trim()) && e.getClientRects().length;
+  const out = [];
+  for (const e of document.querySelectorAll("main *, nav *, footer *")) {
+    if (e.closest("svg") || !says(e)) continue;
+    const style = getComputedStyle(e), [a, b] = [light(numbers(style.color)), light(behind(e))];
+    const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05), size = parseFloat(style.fontSize);
+    const large = size >= 24 || (size >= 18.66 && Number(style.fontWeight) >= 700);
+    if (ratio < (large ? 3 : 4.5)) out.push(`${e.tagName}.${e.className} ${ratio.toFixed(2)}`);
+  }
+  return out;
+})()
+"""
+SET = (
+    "((name, value) => {{ const e = document.forms[0].elements[name]; e.value = value; "
+    "e.dispatchEvent(new Event('input', {{bubbles: true}})); }})({}, {})"
 )
-FLAGS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
-    "--disable-component-update", "--disable-sync", "--allow-file-access-from-files", "--virtual-time-budget=8000",
-)  # fmt: skip
-EARLY = """<script>window.faults = [];
-addEventListener("error", (e) => faults.push(String(e.message || e.target)), true);
-console.error = console.warn = (...a) => faults.push(a.join(" "));</script>"""
-PROBE = """<script>addEventListener("load", () => setTimeout(() => {
-  const head = document.querySelector("table.cells thead th:nth-child(7) button");
-  head.click();
-  const order = [...head.closest("table").tBodies[0].rows].map((row) => row.cells[6].dataset.v);
-  parent.postMessage(JSON.stringify({ faults, width: document.documentElement.scrollWidth, inner: innerWidth, order,
-    sorted: head.parentElement.getAttribute("aria-sort"),
-    requests: performance.getEntriesByType("resource").map((r) => r.name).filter((n) => !n.startsWith("data:")),
-    drawn: [...document.querySelectorAll("figure svg")].filter((s) => s.getBBox().width > 100).length }), "*");
-}, 300));</script>"""
 
 
-@pytest.mark.browser
-@pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")
-@pytest.mark.parametrize("width", [390, 1280])
-def test_page_in_a_browser(built, tmp_path, width):
-    """A frame of the width of a phone: headless windows are never that narrow."""
-    _, _, html = built
-    page = html.replace("<head>", "<head>" + EARLY, 1).replace("</body>", PROBE + "</body>", 1)
-    (tmp_path / "page.html").write_text(page, encoding="utf-8")
-    (tmp_path / "outer.html").write_text(
-        f'<iframe src="page.html" style="width: {width}px; height: 900px; border: 0"></iframe><pre></pre>'
-        '<script>addEventListener("message", (m) => '
-        'document.querySelector("pre").textContent = btoa(m.data));</script>',
-        encoding="utf-8",
+@pytest.fixture
+def report(built):
+    return built[0] / "report"
+
+
+@pytest.mark.parametrize(("width", "dark"), [(390, True), (1280, False)], ids=["phone, dark", "desk, light"])
+@pytest.mark.parametrize("name", PAGES)
+def test_page_loads_fits_and_can_be_read(report, browser, name, width, dark):
+    """No console fault, nothing asked of a network, no sideways scroll, contrast of WCAG AA."""
+    tab = browser.open(report / name, width=width, dark=dark)
+    if "plots" in tab.evaluate("[...document.scripts].map((s) => s.src).join()"):
+        tab.evaluate("document.querySelector('.plots').scrollIntoView()")
+        tab.until(FIRST)
+    assert tab.evaluate(OVERFLOW) == 0 and tab.evaluate("innerWidth") == width
+    assert tab.evaluate(CONTRAST) == []
+    assert tab.faults == [] and tab.requests == []
+    tab.close()
+
+
+def test_contrast_is_measured(report, browser):
+    """Grey on grey is found: the measure above is not blind."""
+    tab = browser.open(report / "index.html")
+    tab.evaluate("document.querySelector('h1').style.color = '#bbb'")
+    assert any(found.startswith("H1") for found in tab.evaluate(CONTRAST))
+    tab.close()
+
+
+def test_plots_draw_and_the_legend_switches_them(report, browser):
+    """Curves put pixels on the panel; without solvers there are none but axes."""
+    tab = browser.open(report / "problem-pendulum.html")
+    tab.evaluate("document.querySelector('[data-plot=energy]').scrollIntoView()")
+    tab.until("document.querySelector('[data-plot=energy] .main-svg')")
+    coloured = "document.querySelectorAll('[data-plot=energy] path.js-line, [data-plot=energy] .points path').length"
+    drawn = tab.evaluate(coloured)
+    ink = tab.ink("[data-plot=energy]", far=60)
+    assert drawn >= 3 and ink > 0.01
+    tab.evaluate("document.querySelectorAll('.legend button').forEach((b) => b.click())")
+    tab.until(f"{coloured} === 0")
+    assert tab.ink("[data-plot=energy]", far=60) < ink
+    assert "nothing is selected" in tab.evaluate("document.querySelector('[data-plot=energy]').textContent")
+    assert tab.faults == []
+    tab.close()
+
+
+def test_failures_are_starred_and_wrong_ones_crossed(report, browser):
+    """At the last point that the solver made, in the group where they are."""
+    tab = browser.open(report / "problem-pendulum.html")
+    tab.evaluate("document.querySelector('[data-plot=energy]').scrollIntoView()")
+    tab.until("document.querySelector('[data-plot=energy] .main-svg')")
+    ends = tab.evaluate(
+        "document.querySelector('[data-plot=energy]').data.filter((t) => t.customdata)"
+        ".map((t) => [t.marker.symbol[0], t.x[0], t.meta.solver])"
     )
-    assert CHROMIUM is not None
-    command = [
-        CHROMIUM,
-        *FLAGS,
-        f"--user-data-dir={tmp_path / 'profile'}",
-        "--dump-dom",
-        f"file://{tmp_path}/outer.html",
-    ]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=True)
-    answer = re.search(r"<pre>([\w+/=]+)</pre>", done.stdout)
-    assert answer, f"the page did not answer: {done.stderr[-500:]}"
-    seen = json.loads(base64.b64decode(answer[1]))
-    assert seen["faults"] == []
-    assert seen["requests"] == []
-    assert seen["inner"] == width and seen["width"] <= width
-    assert seen["drawn"] >= 3
-    numbers = [float(v) for v in seen["order"] if v]
-    assert seen["sorted"] == "ascending" and numbers == sorted(numbers)
-    assert all(v == "" for v in seen["order"][len(numbers) :])  # what is not there stays last
+    assert ["star", pytest.approx(0.7, abs=1e-4), "delta"] in ends
+    assert ["x", pytest.approx(2.0, abs=1e-4), "beta"] in ends
+    tab.close()
+
+
+def test_time_axes_zoom_together_and_back_by_the_keyboard(report, browser):
+    tab = browser.open(report / "problem-pendulum.html", height=3000)
+    tab.until("document.querySelectorAll('[data-plot=energy] .main-svg, [data-plot=phi] .main-svg').length >= 2")
+    span = (
+        "(() => { const [a, b] = document.querySelector('[data-plot=phi]')._fullLayout.xaxis.range; return b - a; })()"
+    )
+    whole = tab.evaluate(span)
+    tab.evaluate("document.querySelector('[data-plot=energy]').focus()")
+    tab.press("+")
+    tab.until(f"{span} < {0.7 * whole}")
+    tab.press("0")
+    tab.until(f"Math.abs({span} - {whole}) < 1e-6")
+    tab.close()
+
+
+def test_axis_switch_csv_svg_and_table(report, browser):
+    """Linear axis on demand; what is saved and told in the table are the numbers drawn."""
+    tab = browser.open(report / "problem-pendulum.html")
+    tab.evaluate("document.querySelector('[data-plot=energy]').scrollIntoView()")
+    tab.until("document.querySelector('[data-plot=energy] .main-svg')")
+    figure = "document.querySelector('[data-plot=energy]').closest('figure')"
+    assert tab.evaluate("document.querySelector('[data-plot=energy]').layout.yaxis.type") == "log"
+    tab.evaluate(f"[...{figure}.querySelectorAll('.tools button')].find((b) => b.textContent === 'log y').click()")
+    tab.until("document.querySelector('[data-plot=energy]').layout.yaxis.type === 'linear'")
+    csv = tab.evaluate("MBS.plotted.csv('energy')").splitlines()
+    assert csv[0] == "series,t [s],|E − E₀| [J],end"
+    assert any(line.startswith('"alpha') for line in csv) and any(line.endswith(",failed") for line in csv)
+    svg = tab.evaluate("MBS.plotted.svg('energy')")
+    assert svg.startswith("<svg") and "alpha" in svg and "Energy error" in svg
+    tab.evaluate(f"{figure}.querySelector('details').open = true")
+    tab.until(f"{figure}.querySelector('details table')")
+    assert "stopped here" in tab.evaluate(f"{figure}.querySelector('details').textContent")
+    assert tab.faults == []
+    tab.close()
+
+
+def test_hostile_names_stay_text_in_plots(report, browser):
+    """A solver's name is no markup, in legends, labels and tables made by scripts."""
+    tab = browser.open(report / "cells/gg01.html")
+    tab.until(FIRST)
+    assert tab.evaluate("document.querySelectorAll('main script, main img').length") == 0
+    tab.goto(report / "index.html")
+    assert 'alert("1")' in tab.evaluate("document.querySelector('[data-cells]').textContent")
+    assert tab.evaluate("document.querySelectorAll('main script').length") == 0
+    tab.close()
+
+
+def test_cells_sort_and_filter(report, browser, built):
+    """By status and by words in any text; sorted by value, with what is not there last."""
+    tab = browser.open(report / "index.html")
+    count = "document.querySelectorAll('[data-cells] tbody tr').length"
+    assert tab.evaluate(count) == len(built[1])
+    tab.evaluate(SET.format("'status'", "'wrong'"))
+    assert tab.evaluate(count) == sum(r.status == "wrong" for r in built[1])
+    assert tab.evaluate("document.querySelector('[data-count]').textContent") == f"1 of {len(built[1])} cells"
+    tab.evaluate(SET.format("'status'", "''"))
+    tab.evaluate(SET.format("'text'", "'stuck delta'"))
+    assert tab.evaluate(count) == 1
+    tab.evaluate(SET.format("'text'", "''"))
+    tab.evaluate("document.querySelector('[data-cells] thead th:nth-child(7) button').click()")
+    shown = tab.evaluate("[...document.querySelectorAll('[data-cells] tbody tr')].map((r) => r.cells[6].textContent)")
+    there = [t for t in shown if t not in ("–", "")]
+    assert shown[: len(there)] == there
+    head = "document.querySelector('[data-cells] th:nth-child(7)').getAttribute('aria-sort')"
+    assert tab.evaluate(head) == "ascending"
+    tab.close()
+
+
+def test_tables_of_pages_sort_by_value(report, browser):
+    tab = browser.open(report / "problem-pendulum.html")
+    tab.evaluate("document.querySelector('table.sortable thead th:nth-child(6) button').click()")
+    values = tab.evaluate(
+        "[...document.querySelector('table.sortable').tBodies[0].rows].map((r) => r.cells[5].dataset.v)"
+    )
+    numbers = [float(v) for v in values if v]
+    assert len(numbers) > 3 and numbers == sorted(numbers)
+    assert all(v == "" for v in values[len(numbers) :])
+    tab.close()
+
+
+def test_theme_follows_the_system_until_a_reader_chooses(report, browser):
+    tab = browser.open(report / "index.html", dark=True)
+    ground = "getComputedStyle(document.body).backgroundColor"
+    dark = tab.evaluate(ground)
+    tab.evaluate("document.querySelector('[data-theme-button]').click()")
+    light = tab.evaluate(ground)
+    assert sum(map(int, re.findall(r"\d+", dark))) < 150 < 600 < sum(map(int, re.findall(r"\d+", light)))
+    tab.goto(report / "problem-pendulum.html")
+    assert tab.evaluate(ground) == light  # the choice goes along
+    tab.evaluate("localStorage.clear()")
+    tab.close()
+
+
+def test_numbers_of_scripts_are_those_of_pages(report, browser):
+    """Two writers of numbers, one for the page and one in the browser, must agree."""
+    from reports.words import number
+
+    values = [0.0, 1.0, 0.00123, 1.23e-5, -4.5e7, 9.999, 12345.6, 99999.0, 0.1, 2.5e-300]
+    tab = browser.open(report / "index.html")
+    assert tab.evaluate(f"{json.dumps(values)}.map(MBS.number)") == [number(v) for v in values]
+    tab.close()

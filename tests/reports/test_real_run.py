@@ -23,16 +23,28 @@ class Quiet:
 
 
 def test_real_run_has_a_report(tmp_path, capsys):
-    """Run, then ``report``: every cell is on the page, figures and tables are files."""
+    """Run, then ``report``: every cell has its page, with plots, tables and its command."""
     folder = tmp_path / "run"
     loaded = run_suite(Request(parse_suite(SUITE, "tiny", "here"), folder, 1), Quiet())
     assert main(["report", str(folder)]) == 0
     assert "index.html" in capsys.readouterr().out
-    html = (folder / "report" / "index.html").read_text(encoding="utf-8")
+    report = folder / "report"
     assert len(loaded.records) == 2
     for r in loaded.records:
-        assert f'id="cell-{r.cell}"' in html
-    assert "observed order" in html
-    for suffix in (".svg", ".png"):
-        assert list((folder / "report" / "figures").glob(f"*laws{suffix}"))
-    assert list((folder / "report" / "tables").glob("*.csv"))
+        assert "python -m harness solve spherical_pendulum" in (report / "cells" / f"{r.cell}.html").read_text("utf-8")
+    problem = next(report.glob("problem-*.html")).read_text(encoding="utf-8")
+    assert "observed order" in problem and 'data-plot="energy"' in problem
+    assert list((report / "tables").glob("*.csv")) and list((report / "data").glob("plots-problem-*.js"))
+
+
+def test_wrong_calls_are_told_in_a_line(tmp_path, capsys):
+    """No folder, three folders, a place to write that no single report has."""
+    (tmp_path / "cells").mkdir()
+    for words, said in (
+        (["report", str(tmp_path / "nowhere")], "nowhere"),
+        (["report", "a", "b", "c"], "two to compare (got 3)"),
+        (["report", str(tmp_path), "--out", "x"], "--out is for the comparison"),
+    ):
+        assert main(words) == 2
+        complaint = capsys.readouterr().err
+        assert said in complaint and "Traceback" not in complaint

@@ -1,0 +1,194 @@
+"""Plots: solvers keep their looks, peaks survive, groups stay small, numbers in data files are the numbers measured."""
+
+import base64
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from reports import curves, drawing, palette
+from reports.charts.group import MOST, lines_of, traces
+from reports.charts.growth import growths
+from reports.charts.time import Drawing, errors, invariants, laws, observables
+from reports.charts.work import work
+from reports.motion import motion_of
+from reports.packing import in_steps, script, text
+from reports.plots import plain
+from reports.reading import read_run
+from tests.reports.conftest import HOSTILE, put, record, series
+
+CATALOGUE = ("gc_weak_form", "gc_augmented_lagrangian", "rk45_strong_form", "ndf_index1", "ida_index1", "ida_index3")
+
+
+def url(cell) -> str:
+    return cell.record.cell
+
+
+def unpacked(packed: dict) -> np.ndarray:
+    kinds = {"f4": "<f4", "u2": "<u2", "i4": "<i4"}
+    return np.frombuffer(base64.b64decode(packed["bdata"]), kinds[packed["dtype"]]) * packed.get("scale", 1.0)
+
+
+def drawing_of(folder) -> Drawing:
+    run = read_run(folder)
+    posing = next(p for p in run.posings if p.title == "pendulum")
+    lines = lines_of(posing, url)
+    return Drawing(posing, lines, {k.cell.record.cell: motion_of(run, k.cell) for k in lines})
+
+
+def test_catalogue_has_colours_of_its_own_in_any_run():
+    """The colour follows from the name, whoever else takes part."""
+    together = palette.looks(CATALOGUE)
+    assert len({look.colour for look in together.values()}) == len(CATALOGUE)
+    assert len({look.marker for look in together.values()}) == len(CATALOGUE)
+    for name in CATALOGUE:
+        assert palette.looks([name])[name] == together[name]
+
+
+def test_many_solvers_still_have_looks():
+    """More than there are colours."""
+    assert len(palette.looks(f"solver{k}" for k in range(20))) == 20
+
+
+def test_finest_settings_are_solid_and_stand_for_their_solver(tmp_path):
+    put(tmp_path, record("aa01", dt_s=0.01))
+    put(tmp_path, record("aa02", dt_s=0.005))
+    cells = read_run(tmp_path).cells
+    strokes = palette.dashes(cells)
+    assert strokes["aa02"] == palette.DASHES[0] != strokes["aa01"]
+    by_cell = {k.cell.record.cell: k for k in lines_of(read_run(tmp_path).posings[0], url)}
+    assert (by_cell["aa02"].main, by_cell["aa02"].dash) == (True, 0)
+    assert (by_cell["aa01"].main, by_cell["aa01"].dash) == (False, 1)
+
+
+def test_of_a_large_group_the_finest_and_the_failures_are_drawn(tmp_path):
+    """A map of a hundred cells must not bury its failures, nor fill the disk."""
+    for k in range(60):
+        bad = k in (7, 21)
+        put(tmp_path, record(f"c{k:02}", dt_s=0.001 * (k + 1), label="map", status="wrong" if bad else "success"))
+    drawn = {k.cell.record.cell for k in lines_of(read_run(tmp_path).posings[0], url)}
+    assert len(drawn) == MOST and {"c00", "c07", "c21"} <= drawn
+
+
+def test_ends_are_marked_and_settings_told(built):
+    d = drawing_of(built[0])
+    found = {t.solver: t for t in traces(d.lines, d.motions, lambda m: m.norms.get("energy_error"))}
+    assert found["delta"].end == "failed" and "step underflow at 0.7 s" in found["delta"].name
+    assert found["beta"].end == "wrong" and found["delta"].urls == ("dd01",)
+    assert float(found["delta"].x[-1]) == pytest.approx(0.7)
+
+
+def test_a_motion_that_blew_up_does_not_hide_the_others(tmp_path):
+    """The axis ends at a multiple of the problem's own scale; the curve is cut there, not dropped."""
+    put(tmp_path, record("aa01"), series())
+    put(tmp_path, record("bb01", "beta", "diverged", t_reached_s=2.0), series(size=1e30))
+    chapter = laws(drawing_of(tmp_path))
+    assert chapter is not None
+    energy = chapter.plots[0]
+    assert energy.y.high < 1e5 and max(float(t.y.max()) for t in energy.traces) == pytest.approx(energy.y.high)
+
+
+def test_every_quantity_of_a_series_has_its_plot(built):
+    d = drawing_of(built[0])
+    names = {p.name for make in (laws, errors, observables, invariants) if (c := make(d)) for p in c.plots}
+    assert names >= {"energy", "phi", "phi-dot", "step", "position", "orientation", "obs-theta", "away-theta", "inv-L"}
+
+
+def test_work_has_points_of_every_finite_cell(built):
+    """Bars apart: a star for who stopped, a cross for who is wrong; each with its own link."""
+    posing = next(p for p in read_run(built[0]).posings if p.problem == "pendulum")
+    chapter = work(posing, url)
+    assert chapter is not None
+    points = {u: (e, x) for p in chapter.plots if p.name == "work-error-cpu" for t in p.traces
+              for u, e, x in zip(t.urls, t.ends, t.x, strict=True)}  # fmt: skip
+    assert points["dd01"][0] == "failed" and points["bb01"][0] == "wrong" and points["aa01"] == ("", 0.1)
+    joined = next(t for p in chapter.plots for t in p.traces if set(t.urls) == {"aa01", "aa02"})
+    assert joined.mode == "lines+markers"  # two steps of the same settings
+
+
+def test_lines_are_drawn_for_cells_without_an_observable(tmp_path):
+    """Two plugins' cells of one problem need not hold the same series."""
+    poor = series(30)
+    poor = dataclasses.replace(poor, arrays={k: poor[k] for k in ("t", "energy_error")})
+    put(tmp_path, record("aa01"), series(30))
+    put(tmp_path, record("bb01", "beta"), poor)
+    d = drawing_of(tmp_path)
+    for make in (laws, errors, observables, invariants):
+        chapter = make(d)
+        assert chapter is not None
+        for plot in chapter.plots:
+            text(plain(plot, {}))
+
+
+def test_peaks_survive_decimation():
+    """One sample out of 50,000 stands out: it must be seen."""
+    t = np.linspace(0.0, 1.0, 50_000)
+    a = 1e-6 * np.sin(900.0 * t)
+    a[31_415] = -7.0
+    assert curves.upper(t, a, 1.0).y.max() == 7.0
+    assert curves.signed(t, a, 1.0).y.min() == -7.0
+    assert len(curves.upper(t, a, 1.0)) <= curves.SPANS_UPPER
+    assert len(curves.signed(t, a, 1.0)) <= 2 * curves.SPANS_SIGNED + 2
+
+
+@pytest.mark.parametrize("kind", [curves.upper, curves.signed, curves.band])
+def test_decimation_takes_anything(kind):
+    """Empty, one point, all NaN, a motion that blew up."""
+    for t, a in (([], []), ([0.0], [1.0]), ([0.0, 1.0], [np.nan, np.nan]), ([0.0, 1.0, 2.0], [0.0, np.inf, 1e300])):
+        curve = kind(np.array(t), np.array(a), 1.0)
+        assert np.all(np.isfinite(curve.y))
+
+
+def test_band_holds_median_smallest_and_largest():
+    """Against the plain way, span by span; spans are unequally full."""
+    rng = np.random.default_rng(0)
+    t, a = np.sort(rng.uniform(0.0, 1.0, 3001)), rng.lognormal(size=3001)
+    curve = curves.band(t, a, 1.0)
+    span = np.minimum((t * curves.SPANS_UPPER).astype(int), curves.SPANS_UPPER - 1)
+    expected = [(np.median(a[span == k]), a[span == k].min(), a[span == k].max()) for k in np.unique(span)]
+    assert curve.low is not None and curve.high is not None
+    np.testing.assert_array_equal(np.stack((curve.y, curve.low, curve.high), axis=1), expected)
+
+
+def test_level_keeps_every_change():
+    """A constant step is two points; a jump keeps both of its sides."""
+    t = np.arange(8.0)
+    assert len(curves.level(curves.Curve(t, np.ones(8)))) == 2
+    kept = curves.level(curves.Curve(t, np.array([1.0, 1, 1, 2, 2, 2, 1, 1])))
+    np.testing.assert_array_equal(np.interp(t, kept.t, kept.y), [1, 1, 1, 2, 2, 2, 1, 1])
+
+
+def test_packed_values_are_those_given_to_what_is_told():
+    """float32 to seven digits, times to a part in 65535 of the span, blanks as null."""
+    a = np.array([1.2345678e-9, -3.0, 7e30])
+    np.testing.assert_allclose(unpacked(json.loads(text(a))), a, rtol=1e-7)
+    t = np.linspace(0.0, 40.0, 1001)
+    assert np.abs(unpacked(in_steps(t)) - t).max() <= 40.0 / 65535
+    assert json.loads(text({"a": [float("nan"), float("inf"), np.float64(2.0)]})) == {"a": [None, None, 2.0]}
+
+
+def test_scripts_of_data_cannot_be_left():
+    """Not by an end of script, not by a line that only some count as one."""
+    made = script("x", {HOSTILE: "</script>\u2028"})
+    assert "</" not in made and "\u2028" not in made
+    assert json.loads(made[made.index(" = ") + 3 : made.rindex(";")]) == {HOSTILE: "</script>\u2028"}
+
+
+def test_slope_of_growth_is_that_of_the_data(tmp_path):
+    """CPU per step proportional to the number of bodies: slope 1; a failure does not count."""
+    for n in (3, 6, 12, 24):
+        put(tmp_path, record(f"n{n:02}", problem_parameters=f'{{"links": {n}}}', cpu_median_s=0.01 * n))
+    far = record("n99", status="diverged", problem_parameters='{"links": 99}', cpu_median_s=1e9)
+    put(tmp_path, far)
+    run = read_run(tmp_path)
+    bodies = {c.record.cell: int(c.record.cell[1:]) for c in run.cells}
+    (found,) = growths(run.cells, bodies)
+    assert found.bodies == (3, 6, 12, 24)
+    assert found.slope == pytest.approx(1.0)
+    assert not growths(run.cells[:2], bodies)  # two sizes are no evidence
+
+
+def test_text_of_files_is_plain_in_figures():
+    """Nothing of it is mathematics."""
+    assert drawing.plain("a$b") == r"a\$b"

@@ -1,0 +1,181 @@
+"""The site holds every cell and every reason, escapes what it is given, and needs nothing but itself."""
+
+import json
+import re
+from itertools import pairwise
+from urllib.parse import unquote
+
+import pytest
+
+from reports import site
+from reports.pages import base
+from reports.pages.base import Page, Site
+from reports.reading import read_run
+from tests.reports.conftest import HOSTILE, put, record, series
+from tests.reports.outline import Outline
+
+
+@pytest.fixture(scope="module")
+def pages(built):
+    """Every page of the site, by its path from the report folder."""
+    report = built[0] / "report"
+    return {p.relative_to(report).as_posix(): p.read_text(encoding="utf-8") for p in report.rglob("*.html")}
+
+
+def test_every_cell_problem_and_solver_has_a_page(built, pages):
+    folder, records, _ = built
+    run = read_run(folder)
+    assert {f"cells/{r.cell}.html" for r in records} <= set(pages)
+    assert {f"problem-{p.slug}.html" for p in run.posings} <= set(pages)
+    assert sum(name.startswith("solver-") for name in pages) == len(run.solvers)
+
+
+def test_every_cell_says_how_it_ended_and_why(built, pages):
+    """On its own page, on its problem's and on its solver's."""
+    for r in built[1]:
+        page = pages[f"cells/{r.cell}.html"]
+        words = {"wrong": "✗", "refused": "⊘", "success": "✓"}.get(r.status, "★")
+        assert words in page
+        if r.message:
+            assert r.message.split(HOSTILE)[0] in Outline(page).text
+    assert "[IDA ERROR]" in pages["cells/dd01.html"] and "signal 11" in pages["cells/ee01.html"]
+    problem, solver = pages["problem-pendulum.html"], pages["solver-gamma.html"]
+    for reason in ("rank 325 of 400", "|phi| is large", "stuck"):
+        assert reason in problem
+    assert "rank 325 of 400" in solver
+
+
+def test_command_to_reproduce_is_on_the_page_of_a_cell(pages):
+    assert "python -m harness solve pendulum alpha" in Outline(pages["cells/aa01.html"]).text
+
+
+def test_wrong_is_loud_wherever_it_shows(built, pages):
+    """A wrong success looks like a success unless it is marked."""
+    for name in ("index.html", "problem-pendulum.html", "solver-beta.html", "cells/bb01.html"):
+        assert 'class="mark wrong"' in pages[name], name
+    assert pages["index.html"].index('class="loud"') < pages["index.html"].index('class="matrix')
+
+
+def test_text_of_results_is_escaped(pages):
+    """Messages, standard error, names of plugins: all come from outside; a page's only own script is the theme."""
+    for name, html in pages.items():
+        assert "<script>alert" not in html, name
+        own = [a for t, a in Outline(html).tags if t == "script" and "src" not in a]
+        assert len(own) == 1, name
+    for name in ("index.html", "cells/gg01.html", "cells/dd01.html"):
+        assert 'alert("1")' in Outline(pages[name]).text, name
+
+
+def test_data_files_are_scripts_that_hostile_text_cannot_leave(built):
+    """Strict JSON after the assignment; nothing in it can end a script or a line."""
+    for path in (built[0] / "report" / "data").glob("*.js"):
+        text = path.read_text(encoding="utf-8")
+        assert json.loads(text[text.index(" = ") + 3 : text.rindex(";")]) is not None
+        assert "</" not in text and "\u2028" not in text
+
+
+def test_every_address_is_of_a_file_in_the_folder(built, pages):
+    """No network, no dead link, no anchor that is not there."""
+    report = built[0] / "report"
+    for name, html in pages.items():
+        ids = (
+            {n: {a["id"] for _, a in Outline(t).tags if "id" in a} for n, t in pages.items()}
+            if name == "index.html"
+            else {}
+        )
+        for tag, attributes in Outline(html).tags:
+            for key in ("src", "href", "action", "poster"):
+                value = attributes.get(key)
+                if not value or value.startswith("data:"):
+                    continue
+                assert not re.match(r"[a-z]+:|//", value), (name, tag, value)
+                path, _, anchor = value.partition("#")
+                target = (report / name).parent / unquote(path.partition("?")[0]) if path else report / name
+                assert target.exists(), (name, value)
+                if anchor and ids:
+                    assert anchor in ids[target.resolve().relative_to(report.resolve()).as_posix()], (name, value)
+
+
+def test_readers_without_eyes_are_told(pages):
+    """Tables have captions and scoped heads, headings their order, names are unique, boxes scroll by the keyboard."""
+    for name, html in pages.items():
+        tags = Outline(html).tags
+        assert sum(t == "table" for t, _ in tags) == sum(t == "caption" for t, _ in tags), name
+        assert all(a.get("scope") in ("row", "col") for t, a in tags if t == "th"), name
+        levels = [int(t[1]) for t, _ in tags if re.fullmatch(r"h[1-6]", t)]
+        assert levels[0] == 1 and levels.count(1) == 1, name
+        assert all(b - a <= 1 for a, b in pairwise(levels)), name
+        names = [a["id"] for _, a in tags if "id" in a]
+        assert len(names) == len(set(names)), name
+        assert all("tabindex" in a for _, a in tags if a.get("class") == "scroll"), name
+        assert all(a.get("aria-label") for t, a in tags if a.get("role") == "img"), name
+
+
+def test_every_page_says_where_its_numbers_come_from(pages):
+    for name, html in pages.items():
+        text = Outline(html).text
+        for word in ("f00d" * 10, "dirty", "a processor", "openblas 0.3", "1 thread(s)", "dt 0.01, 0.005 s"):
+            assert word in text, (name, word)
+    assert "numpy 2.4" in Outline(pages["index.html"]).text
+
+
+def test_matrix_has_no_blank(pages):
+    """A number, a reason, or 'not run'."""
+    matrices = re.findall(r'<table class="matrix.*?</table>', pages["index.html"], re.DOTALL)
+    assert matrices
+    for entry in (e for m in matrices for e in re.findall(r"<td.*?</td>", m, re.DOTALL)):
+        assert Outline(entry).text.strip()
+
+
+@pytest.mark.parametrize("kind", ["nothing", "one", "only failures"])
+def test_poor_runs_have_a_site_too(tmp_path, kind):
+    """No cell, no environment, no series: the pages say so and do not fail."""
+    (tmp_path / "cells").mkdir()
+    if kind == "one":
+        put(tmp_path, record("aa01"), series(40))
+    if kind == "only failures":
+        put(tmp_path, record("cc01", "gamma", "refused", message="no", t_reached_s=float("nan")))
+        put(tmp_path, record("ee01", "beta", "crashed", message="", t_reached_s=float("nan")))
+    html = site.build(tmp_path).read_text(encoding="utf-8")
+    words = {"nothing": "no finished cell", "one": "1 cell on 1 problem", "only failures": "crashed, without a message"}
+    assert words[kind] in html
+    assert "environment.json is missing" in html
+
+
+def test_damaged_files_are_named(tmp_path):
+    """What cannot be read is not silently left out."""
+    put(tmp_path, record("aa01"), series(40))
+    (tmp_path / "cells" / "zz99.json").write_text("{")
+    put(tmp_path, record("bb01"), series(40))
+    (tmp_path / "series" / "bb01.npz").write_bytes(b"cut off")
+    html = site.build(tmp_path).read_text(encoding="utf-8")
+    assert "Left out: zz99.json" in html and "Left out: bb01.json" in html
+    assert not (tmp_path / "report" / "cells" / "bb01.html").exists()
+
+
+def test_a_new_report_keeps_no_page_of_an_earlier_one(tmp_path):
+    """Pages of cells that are gone would be taken for this run's."""
+    put(tmp_path, record("aa01"), series(40))
+    put(tmp_path, record("aa02", dt_s=0.005), series(40))
+    site.build(tmp_path)
+    (tmp_path / "cells" / "aa02.json").unlink()
+    (tmp_path / "report" / "figures").mkdir(exist_ok=True)
+    (tmp_path / "report" / "figures" / "kept.svg").write_text("")
+    site.build(tmp_path)
+    assert not (tmp_path / "report" / "cells" / "aa02.html").exists()
+    assert (tmp_path / "report" / "figures" / "kept.svg").exists()  # others put figures there
+
+
+def test_two_pages_cannot_have_one_name(tmp_path):
+    put(tmp_path, record("aa01"))
+    here = Site(read_run(tmp_path), tmp_path)
+    here.write(Page("One", "x.html"), "growth.html")
+    with pytest.raises(ValueError, match="two pages want to be"):
+        here.write(Page("Two", "x.html"), "growth.html")
+
+
+def test_page_modules_are_found_and_late_ones_come_last():
+    """No list to edit: what has a ``write`` is a page; cells need what problems left for them."""
+    names = [name for name, _ in base.writers()]
+    assert {"reports.pages.overview", "reports.pages.problems", "reports.pages.cells"} <= set(names)
+    assert names.index("reports.pages.cells") > names.index("reports.pages.problems")
