@@ -274,7 +274,7 @@ def _row(
         "deviation": deviation,
         "bound": bound,
         "unit": "m",
-        "exact": words.startswith("exactly") if yard is not None and yard.halved > 0.0 else None,
+        "exact": words.startswith("exactly") if yard is not None and yard.halved > 0.0 and deviation >= 0.0 else None,
         "verdict": verdict,
         "words": words,
         "cells": cells,

@@ -3,7 +3,8 @@
 A target is a problem as posed and an accuracy, half decades of the mechanism's size. A solver reaches it with the run
 of least work, whatever its options, whose error is no larger: best-tuned means the lower envelope of the runs at hand.
 Targets nobody's reference can judge, below three times its own error, are left out; those a solver never reaches count
-as never reached. Runs whose success is contradicted reach nothing. The same with default options only is given beside.
+as never reached, a refusal too. Runs whose success is contradicted reach nothing. Profiles count the posings that all
+were tried on and that are predictable to their end, points are of all. The same with default options only is given beside.
 """
 
 import json
@@ -22,6 +23,8 @@ OWN = 3.0  # times the reference's own error: nothing is judged below
 EXACT = 1e-12  # of the size: positions everybody has to rounding compare nothing, orientations then do
 END = 1e-9
 FEWEST = 2  # solvers on a posing: fewer are no comparison
+JUDGED = 0.9  # of the simulated time: a chaotic rest costs work and is not compared
+REGULAR = 0.5  # of the posings: who was tried on fewer is a guest, whose absence elsewhere leaves no posing out
 
 
 def _operations(r: RunRecord) -> float:
@@ -43,7 +46,8 @@ class Field:
     """Runs of one problem as posed, and the error they are compared by."""
 
     posing: str
-    runs: tuple[RunRecord, ...]
+    runs: tuple[RunRecord, ...]  # that have an error
+    tried: frozenset[str]  # solvers, those that refused or failed among them
     kind: str  # "position error" or "orientation error"
     unit: str
     size: float  # in that unit
@@ -54,6 +58,11 @@ class Field:
         return r.position_error_judged_m if self.unit == "m" else r.orientation_error_judged_rad
 
     @property
+    def predictable(self) -> bool:
+        """Whether errors are judged over nearly all of the time that the work was spent on."""
+        return max(r.judged_to_s for r in self.runs) >= JUDGED * self.runs[0].t_end_s
+
+    @property
     def targets(self) -> tuple[float, ...]:
         """Errors that the reference can judge."""
         return tuple(target * self.size for target in TARGETS if target * self.size >= OWN * self.own)
@@ -62,12 +71,15 @@ class Field:
 def work(folder: Path, records: Iterable[RunRecord]) -> dict[str, Any]:
     """Points and profiles, as in ``work.json``."""
     fields = _fields(records)
-    solvers = sorted({r.solver for f in fields for r in f.runs})
+    solvers = sorted({name for f in fields for name in f.tried})
+    regular = {name for name in solvers if sum(name in f.tried for f in fields) >= REGULAR * len(fields)}
+    counted = [f for f in fields if regular <= f.tried and f.predictable]
+    compared = [name for name in solvers if any(name in f.tried for f in counted)]
     return {
         "points": [p for f in fields for p in _points(f)],
-        "profile": _profiles(fields, solvers, lambda r: True),
-        "profile_default": _profiles(fields, solvers, lambda r: r.solver_options == "{}"),
-        "targets": [{"posing": f.posing, "unit": f.unit, "own": f.own, "errors": list(f.targets)} for f in fields],
+        "profile": _profiles(counted, compared, lambda r: True),
+        "profile_default": _profiles(counted, compared, lambda r: r.solver_options == "{}"),
+        "targets": [{"posing": f.posing, "unit": f.unit, "own": f.own, "errors": list(f.targets)} for f in counted],
     }
 
 
@@ -75,21 +87,25 @@ def _fields(records: Iterable[RunRecord]) -> list[Field]:
     groups: dict[tuple[str, str], list[RunRecord]] = {}
     for r in sorted(records, key=lambda r: (r.problem, r.case, r.finished)):
         told = json.loads(r.problem_parameters)
-        if r.reference and not math.isnan(r.position_error_judged_m) and not ({*CHANGES, "perturb"} & set(told)):
+        if not ({*CHANGES, "perturb"} & set(told)):
             groups.setdefault((r.problem, r.problem_parameters), []).append(r)
-    fields = [_field(own) for own in groups.values()]
+    fields = [f for own in groups.values() if (f := _field(own)) is not None]
     return [f for f in fields if len({r.solver for r in f.runs if _sound(r)}) >= FEWEST]
 
 
-def _field(runs: Sequence[RunRecord]) -> Field:
+def _field(all_runs: Sequence[RunRecord]) -> Field | None:
+    runs = tuple(r for r in all_runs if r.reference and not math.isnan(r.position_error_judged_m))
+    if not runs:
+        return None
+    tried = frozenset(r.solver for r in all_runs)
     first = runs[0]
     length = first.length_scale_m if first.length_scale_m > 0.0 else 1.0
     own = min(max(r.reference_own_error_m for r in runs), PREDICTABLE * length)
     moved = any(r.position_error_judged_m > EXACT * length for r in runs)
     posing = first.case.split(" ")[0]
     if moved:
-        return Field(posing, tuple(runs), "position error", "m", length, own)
-    return Field(posing, tuple(runs), "orientation error", "rad", 1.0, own / length)
+        return Field(posing, runs, tried, "position error", "m", length, own)
+    return Field(posing, runs, tried, "orientation error", "rad", 1.0, own / length)
 
 
 def _sound(r: RunRecord) -> bool:

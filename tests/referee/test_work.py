@@ -78,6 +78,25 @@ def test_contradicted_stopped_and_perturbed_runs_reach_nothing():
     assert len([p for p in found["points"] if p["solver"] == "c"]) == 2
 
 
+def test_a_refusal_never_reaches_and_a_posing_not_all_were_tried_on_is_left_out():
+    """Nobody loses targets by not having been asked; who was asked and refused does."""
+    refused = record("c", 0.1, math.nan, 0, status="refused", claimed="refused", reference="")
+    more = {"problem_parameters": '{"t_end": 2.0}', "case": "swing[t_end=2] a dt=1"}
+    elsewhere = [dataclasses.replace(r, **more, settings=r.settings + "2") for r in (*GOOD, *OTHER)]
+    found = work(NOWHERE, [*GOOD, *OTHER, refused, *elsewhere])
+    assert profile(found, "c")["target_work"] == []
+    assert profile(found, "c")["total"] == profile(found, "a")["total"] == len(TARGETS)
+    assert [t["posing"] for t in found["targets"]] == ["swing"]
+    assert {p["posing"] for p in found["points"]} == {"swing", "swing[t_end=2]"}
+
+
+def test_work_on_a_motion_that_is_judged_in_part_is_not_profiled():
+    """A chain over 20 s is compared over 1.9 s: its work bought something else."""
+    chaotic = [dataclasses.replace(r, judged_to_s=0.4) for r in (*GOOD, *OTHER)]
+    assert work(NOWHERE, chaotic)["profile"] == []
+    assert len(work(NOWHERE, chaotic)["points"]) == 5
+
+
 def test_bodies_that_only_turn_are_compared_by_orientation():
     """Where all positions are exact they compare nothing."""
     turning = [dataclasses.replace(r, position_error_judged_m=0.0) for r in (*GOOD, *OTHER)]
