@@ -9,6 +9,7 @@ import contextlib
 import json
 import os
 import secrets
+import shlex
 import subprocess
 import sys
 import tempfile
@@ -49,7 +50,6 @@ class DaskPool:
             return
         client = _client(self.address)
         ticket = secrets.token_hex(8)  # names this run to the workers, which may serve others after it
-        stopped = False
         try:
             waiting = list(jobs)[::-1]
             seen = time.monotonic()
@@ -60,10 +60,9 @@ class DaskPool:
                     raise PoolError(
                         f"no worker at {self.address} for {PATIENCE:g} s; finished cells are kept (--resume)"
                     )
-                if limit is not None and not stopped and time.monotonic() > limit.until:
-                    waiting.clear()
-                    client.run(stop_here, ticket, limit.words)  # what has not begun there comes back without files
-                    stopped = True
+                if limit is not None and time.monotonic() > limit.until:
+                    waiting.clear()  # what has not begun comes back without files; told again to workers that join late
+                    client.run(stop_here, ticket, limit.words)
                 while waiting and len(self._flying) < AHEAD * threads:
                     job = waiting.pop()
                     self.started(job)
@@ -111,6 +110,23 @@ def stop_here(ticket: str, words: str) -> None:
     _stopped.add(ticket)
     for supervisor in list(_serving.get(ticket, ())):
         supervisor.stop(words)
+
+
+def on_slurm(**options: Any) -> Any:
+    """A ``dask_jobqueue.SLURMCluster`` whose workers run cells: one at a time each, one thread, from this checkout.
+
+    ``options`` are its own: memory, walltime, queue, account, job_extra_directives; ``scale`` it, then give its
+    ``scheduler_address`` to ``--cluster``.
+    """
+    try:
+        from dask_jobqueue import SLURMCluster
+    except ModuleNotFoundError:
+        raise PoolError("SLURM needs dask-jobqueue: pip install -r requirements-cluster.lock") from None
+    prologue = [f"cd {shlex.quote(str(environment.ROOT))}"]  # where ``harness`` is found
+    prologue += [f"export {name}={value}" for name, value in environment.THREADS.items()]
+    own = {"cores": 1, "processes": 1, "memory": "8GB", "walltime": "02:00:00", "python": sys.executable}
+    prologue += options.pop("job_script_prologue", [])
+    return SLURMCluster(**{**own, **options}, job_script_prologue=prologue)
 
 
 def run_cell(text: str, ticket: str = "") -> dict[str, bytes]:

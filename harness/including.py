@@ -37,18 +37,25 @@ def path_of(name: str, beside: Path | None = None) -> Path:
     if name.endswith(".toml") or "/" in name:
         return (beside or Path()) / name
     folders = [FOLDER] if beside is None else [beside, FOLDER]
-    found = [path for path in (folder / f"{name}.toml" for folder in folders) if path.is_file()]
+    found = [path for path in (folder / f"{name}.toml" for folder in folders) if _is_file(path)]
     if not found:
         known = sorted({p.stem for folder in folders for p in folder.glob("*.toml")})
         raise SuiteError(f"unknown suite {name!r}{nearest(name, known)}")
     return found[0]
 
 
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name too long, or of characters no file can have
+        return False
+
+
 def read_source(path: Path) -> Source:
     """The file at ``path``, or SuiteError."""
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, ValueError) as error:
         raise SuiteError(f"cannot read suite {path}: {getattr(error, 'strerror', None) or error}") from None
     return source(text, path.stem, str(path), path.parent)
 

@@ -94,7 +94,10 @@ def _plugins(s: Source) -> list[str]:
     own = _list(s.plain.get("plugins", []))
     if not all(isinstance(p, str) for p in own):
         raise SuiteError(f"{s.where}: plugins must be a list of file names")
-    return [resolved(p, s.beside) for p in own]
+    try:
+        return [resolved(p, s.beside) for p in own]
+    except (OSError, ValueError) as error:
+        raise SuiteError(f"{s.where}: plugins: {error}") from None
 
 
 def _groups(s: Source) -> list[dict[str, Any]]:

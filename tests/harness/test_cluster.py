@@ -83,3 +83,39 @@ def test_no_cluster_is_told_in_a_line(tmp_path, monkeypatch):
     """Nobody listens, or the file is not there."""
     with pytest.raises(PoolError, match="scheduler file"):
         DaskPool(str(tmp_path / "x.json")).run([object()])  # type: ignore[list-item]
+
+
+def test_slurm_is_given_the_right_job(tmp_path):
+    """No SLURM is needed to see the script: one thread, one cell at a time, this checkout, this Python, our options."""
+    pytest.importorskip("dask_jobqueue", reason="needs the extra 'cluster'")
+    from harness.cluster import on_slurm
+    from harness.environment import THREADS
+
+    quiet = {"dashboard_address": None, "host": "127.0.0.1"}
+    cluster = on_slurm(queue="short", walltime="00:30:00", log_directory=str(tmp_path), scheduler_options=quiet)
+    try:
+        lines = cluster.job_script().splitlines()
+        address = cluster.scheduler_address
+    finally:
+        cluster.close()
+    for words in ("#SBATCH -p short", "#SBATCH -t 00:30:00", "#SBATCH --cpus-per-task=1", f"cd {ROOT}"):
+        assert words in lines
+    assert all(f"export {name}={value}" in lines for name, value in THREADS.items())
+    (worker,) = [line for line in lines if "dask_worker" in line]
+    assert worker.startswith(sys.executable) and address in worker and "--nthreads 1" in worker
+    assert lines.index(f"cd {ROOT}") < lines.index(worker)
+
+
+@pytest.mark.slow
+def test_a_limit_on_the_whole_run_reaches_the_workers(cluster, tmp_path):
+    """Two cells that never return are ended where they run; what has not begun there comes back without a record."""
+    file, _ = cluster
+    text = 'total_limit = 12\n[[cells]]\nproblem = "free_fall"\nsolver = "spins"\nwall_limit = [100]\n'
+    text = text.replace("wall_limit = [100]", "wall_limit = 100\ndt = [0.1, 0.2, 0.25, 0.5, 1.0, 2.0]")
+    suite = parse_suite(text, "test", "test", plugins=(str(PLUGIN),))
+    watcher = Silent()
+    began = time.monotonic()
+    done = run_suite(Request(suite, tmp_path / "run", 2), watcher, lambda size, *w: DaskPool(str(file), *w))
+    assert time.monotonic() - began < 60.0
+    assert len(done.records) == 2 and all("limit of 12 s" in r.message for r in done.records)
+    assert {r.status for r in done.records} == {"stalled"} and len(watcher.left) == 4
