@@ -4,7 +4,7 @@ A target is a problem as posed and an accuracy, half decades of the mechanism's 
 of least work, whatever its options, whose error is no larger: best-tuned means the lower envelope of the runs at hand.
 Targets nobody's reference can judge, below three times its own error, are left out; those a solver never reaches count
 as never reached, a refusal too. Runs whose success is contradicted reach nothing. Profiles count the posings that all
-were tried on and that are predictable to their end, points are of all. The same with default options only is given beside.
+were tried on and that are predictable to their end, points are of all. Profiles of default options only stand beside.
 """
 
 import json
