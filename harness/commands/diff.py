@@ -5,15 +5,19 @@ import dataclasses
 import json
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from harness import store
 from harness.commands.run import existing, whole
+from harness.commands.screen import Column, errors, fitted, lines, screen
 from harness.comparison import Change, Comparison, Likeness, compare
 from harness.provenance import Difference, differences, stamp_of, why
 
+COLUMNS = (
+    Column("likeness", right=False), Column("case", right=False, fold=True),
+    Column("metric", right=False, fold=True, least=12), Column("before", rank=1), Column("after"),
+    Column("relative", rank=2),
+)  # fmt: skip
 STYLE = {Likeness.CHANGED: "bold red", Likeness.ROUNDING: "yellow", Likeness.SAME: "green"}
 
 
@@ -35,11 +39,11 @@ def run(arguments: argparse.Namespace) -> int:
     found = compare(*(part.records for part in loaded))
     inputs = differences(*map(stamp_of, folders))
     if arguments.json:
-        Console(highlight=False, markup=False, soft_wrap=True).print(as_json(found, inputs))
+        lines().print(as_json(found, inputs))
     else:
         show(found, inputs, limit)
     for item in (u for part in loaded for u in part.unreadable):
-        Console(stderr=True, highlight=False, markup=False, soft_wrap=True).print(f"not read: {item.path}: {item.why}")
+        errors().print(f"not read: {item.path}: {item.why}")
     return 0 if found.same else 1
 
 
@@ -59,17 +63,13 @@ def as_json(found: Comparison, inputs: list[Difference]) -> str:
 
 def show(found: Comparison, inputs: list[Difference], limit: int) -> None:
     """The table of changes, then the inputs."""
-    out = Console()
-    if not out.is_terminal:
-        out = Console(width=220)
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for name in ("", "case", "metric", "before", "after", "relative"):
-        table.add_column(name, overflow="fold")
+    out = screen()
+    rows: list[tuple[Text | str, ...]] = []
     for c in found.changes[:limit]:
         values = [v if isinstance(v, str) else f"{v:.6g}" for v in (c.before, c.after)]
-        table.add_row(Text(c.likeness, STYLE[c.likeness]), Text(c.case), c.metric, *values, f"{c.size:.2g}")
-    if found.changes:
-        out.print(table)
+        rows.append((Text(c.likeness, STYLE[c.likeness]), c.case, c.metric, *values, f"{c.size:.2g}"))
+    if rows:
+        out.print(fitted(COLUMNS, rows, out.width))
     if len(found.changes) > limit:
         out.print(f"{len(found.changes) - limit} smaller changes are not shown (--limit)")
     for words, cases in (("only before", found.only_before), ("only after", found.only_after)):

@@ -7,13 +7,12 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from harness import registry, store
 from harness.cell import Cell, make_cell
 from harness.commands.diff import as_json, show
 from harness.commands.progress import progress
 from harness.commands.run import existing, jobs, whole
+from harness.commands.screen import lines
 from harness.commands.terms import UsageError, load_plugins
 from harness.comparison import compare, is_repeatable
 from harness.provenance import differences, same_platform, stamp_of
@@ -54,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
     inputs = [d for d in differences(*stamps) if d.what != "suite"]
     exact = same_platform(*stamps) and all(r.code == again.records[0].code for r in sample)
     good = found.same if exact else found.alike
-    out = Console(highlight=False, markup=False, soft_wrap=True)
+    out = lines()
     if arguments.json:
         out.print(as_json(found, inputs))
         return 0 if good else 1

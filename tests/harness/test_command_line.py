@@ -170,6 +170,10 @@ def test_run_show_and_gate(command, tmp_path):
     closed = command(*judge, "--junit", "gate.xml", "--markdown", "gate.md")
     assert "failure" in (tmp_path / "gate.xml").read_text() and "CLOSED" in (tmp_path / "gate.md").read_text()
     assert closed.returncode == 1 and "FAIL" in closed.stdout and "CLOSED" in closed.stdout
+    (row, *_) = [json.loads(x) for x in (tmp_path / "results/local/history/out.jsonl").read_text().splitlines()]
+    assert row["solver"] == "exact" and row["gate"] == "FAIL" and row["energy_drift_max_J"] < 1e-10
+    plain = json.loads(command(*judge, "--json").stdout)
+    assert not plain["open"] and plain["counts"]["FAIL"] == sum(f["state"] == "FAIL" for f in plain["findings"]) > 0
     update = command(*judge, "--update")
     assert update.returncode == 0 and "position_error_max_m" in update.stdout and not update.stderr
 

@@ -52,6 +52,10 @@ def test_inputs_that_differ_are_named():
     assert same_platform(stamp, {**stamp, "code": "2"}) and not same_platform(stamp, other)
     assert "not deterministic" in why(differences(stamp, stamp))
     assert "missing" in why(differences({}, stamp))
+    one, two = ({"internal_api": name, "num_threads": 1} for name in ("openblas", "openmp"))
+    there, back = {**stamp, "blas": [one, two]}, {**stamp, "blas": [two, one]}
+    assert same_platform(there, back) and not differences(there, back)  # the order of imports means nothing
+    assert not same_platform(there, {**stamp, "blas": [one]})
 
 
 SUITE = '[[cells]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "refuses", "raises"]\ndt = [0.25, 0.5]\n'

@@ -1,13 +1,18 @@
-"""Random input of every kind: told in a line or right, never a traceback, never good for nothing."""
+"""Random input of every kind: told in a line or right, never a traceback, never good for nothing.
+
+The same few examples every time; ``FUZZ=2000 python -m pytest tests/harness/test_fuzz.py`` draws so many new ones.
+"""
 
 import dataclasses
 import json
 import math
+import os
+import time
 import tomllib
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
 from harness import registry, store, worker
@@ -19,12 +24,15 @@ from harness.mechanics.state import State
 from harness.mechanics.system import GROUND, Joint, RigidBody, assemble
 from harness.records import BadRecord, RunRecord, from_json, to_json
 from harness.series import BadSeries, read_series
-from harness.suites import SuiteError, parse_suite
+from harness.suites import SuiteError, load_suite, parse_suite
+from harness.supervisor import Supervisor
 from harness.thresholds import ThresholdError, read_thresholds, write_thresholds
 from harness.types import Problem, Status
 from tests.harness.conftest import PLUGIN
 
-MORE = settings(max_examples=60, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+DRAWN = int(os.environ.get("FUZZ", "0"))
+CALM = {"deadline": None, "derandomize": not DRAWN, "suppress_health_check": list(HealthCheck)}
+MORE = settings(max_examples=DRAWN or 60, **CALM)
 
 scalars = st.one_of(
     st.none(), st.booleans(), st.integers(), st.floats(), st.text(max_size=8),
@@ -78,6 +86,26 @@ def test_suites_are_read_or_refused_in_a_line(change, place):
     assert suite is None or suite.cells
     for c in suite.cells if suite else ():
         assert all(math.isfinite(x) and x > 0 for x in (c.wall_limit, c.memory, c.repeats, c.control.dt))
+
+
+heads = st.sampled_from(["name", "description", "include", "total_limit", "plugins", "schema", "cells", "defaults"])
+names = st.one_of(
+    st.text(max_size=8),
+    st.sampled_from(["ci", "paper", "\0", "/", "..", "a/b", "x" * 300, "suite", "base", "self", "ci.toml"]),
+)
+
+
+@MORE
+@given(change=st.dictionaries(heads, values | names | st.lists(names, max_size=3), max_size=3))
+def test_heads_of_suites_are_read_or_refused_in_a_line(change, tmp_path_factory):
+    """Includes of anything, itself too; limits of any kind: a suite with cells and a finite limit, or one line."""
+    folder = tmp_path_factory.mktemp("h")
+    group = "[[cells]]\n" + "".join(f"{k} = {toml(v)}\n" for k, v in GROUP.items())
+    (folder / "base.toml").write_text(group)
+    head = "".join(f"{k} = {toml(v)}\n" for k, v in change.items())
+    (folder / "self.toml").write_text(head + ("" if "cells" in change else group))
+    suite = told(lambda: load_suite(str(folder / "self.toml"), (str(PLUGIN),)), SuiteError)
+    assert suite is None or (suite.cells and (suite.total_limit is None or 0 < suite.total_limit < math.inf))
 
 
 @MORE
@@ -158,6 +186,17 @@ words = st.one_of(
 
 
 @MORE
+@given(value=words, flag=st.sampled_from(["--solver", "--status", "--sort", "--limit", "--label"]))
+def test_filters_of_show_are_told_in_a_line(value, flag, capsys, tmp_path_factory):
+    """Whatever is asked of a run of one cell: a table, or one line and exit code 2."""
+    folder = store.create(tmp_path_factory.mktemp("w"))
+    store.write_record(folder, RunRecord(cell="abc", case="c", problem="p", solver="s", status="success"))
+    code = main(["show", str(folder), f"{flag}={value}"])
+    out, err = capsys.readouterr()
+    assert (code == 0 and "1 cells" in out and not err) or (code == 2 and err.count("\n") == 1 and not out)
+
+
+@MORE
 @given(key=st.sampled_from(["dt", "max_steps", "wall_limit", "lift", "rtol"]) | words, value=words, mass=words)
 def test_values_on_the_command_line_are_told_in_a_line(key, value, mass, capsys, tmp_path_factory):
     """Exit code 2, one line, nothing written; only numbers that make sense get any further."""
@@ -202,7 +241,7 @@ def consistent(problem):
     return state
 
 
-@settings(max_examples=25, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@settings(max_examples=DRAWN or 25, **CALM)
 @given(problem=mechanisms(), solver=st.sampled_from(["gc_augmented_lagrangian", "ida_index1", "rk45_strong_form"]))
 def test_random_mechanisms_have_no_wrong_success(problem, solver, tmp_path_factory):
     """Whatever is drawn ends as a status; a success keeps energy and constraints to what the method can."""
@@ -223,6 +262,45 @@ def test_random_mechanisms_have_no_wrong_success(problem, solver, tmp_path_facto
         assert record.energy_drift_max_J < 0.1 * record.energy_scale_J
     series = store.series_of(folder, record)
     assert series is None or np.all(np.diff(series["t"]) > 0.0)
+
+
+SIX = ("gc_weak_form", "gc_augmented_lagrangian", "rk45_strong_form", "ndf_index1", "ida_index1", "ida_index3")
+FINE = {"dt": {"dt": 5e-4}, "rtol": {"rtol": 1e-8}}
+AGREE = 1e-3  # of the length, after 0.05 s: bodies of a millionth of another's mass may turn at 100 rad/s
+
+
+@pytest.mark.slow
+@settings(max_examples=DRAWN or 40, phases=(Phase.explicit, Phase.generate), **CALM)  # shrinking takes minutes
+@given(problem=mechanisms())
+def test_random_mechanisms_move_alike_in_all_solvers(problem, tmp_path_factory):
+    """Each solver in a process of its own, as in runs: no crash, no hang; those that claim success agree."""
+    moving = told(lambda: consistent(problem), InconsistentStart, ValueError)
+    if moving is None:
+        return
+    problem = dataclasses.replace(problem, initial=moving)
+    folder = store.create(tmp_path_factory.mktemp("m"))
+    supervisor, ended = Supervisor(), []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registry, "make_problem", lambda name, parameters=None: problem)
+        for solver in SIX:
+            control = FINE[registry.solvers()[solver].control]
+            supervisor.start(Job(make_cell(problem, solver, None, control, wall_limit=40.0), folder))
+            until = time.monotonic() + 60.0
+            while supervisor.running and time.monotonic() < until:
+                ended += list(supervisor.step())
+            assert not supervisor.running, f"{solver} hangs"
+    records = store.load(folder).records
+    assert len(records) == len(SIX) == len(ended) and not any(e.error for e in ended)
+    size = max(r.length_scale_m for r in records if r.status == Status.SUCCESS) if records else 1.0
+    ends = {}
+    for r in records:
+        assert r.status != Status.CRASHED, f"{r.case}: {r.message}"
+        assert r.status == Status.SUCCESS or r.message
+        if r.status == Status.SUCCESS:
+            ends[r.solver] = store.series_of(folder, r)["end_r"]
+    for solver, end in ends.items():
+        gap = np.max(np.abs(end - next(iter(ends.values()))))
+        assert gap < AGREE * size, f"{solver} is {gap:.3g} m off"
 
 
 def test_toml_of_the_fuzzer_is_toml():
