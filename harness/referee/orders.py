@@ -1,8 +1,9 @@
 """Order certificates: for every ladder of steps or tolerances in a run, the order of each quantity with its interval.
 
 A ladder is all records of one problem, as posed, and one solver with the same options that differ in dt alone, or in
-rtol alone. With dt: the order in dt, held to what the solver declares. With rtol: the order achieved against the mean
-step, and beside it the exponent against rtol; solvers under error control declare no order.
+rtol alone, but for those of the suite ``work``, whose few steps are wide apart and span long motions. With dt: the
+order in dt, held to what the solver declares. With rtol: the order achieved against the mean step, and beside it the
+exponent against rtol; solvers under error control declare no order.
 """
 
 import json
@@ -15,6 +16,7 @@ from typing import Any
 from harness.records import RunRecord
 from harness.referee.fitting import FEWEST, Fit, ladder, scattered
 
+CURVES = "work"  # label of runs that are points of a curve, not steps of a ladder
 WITHIN = 0.1  # of the declared order
 LOOSE = 0.2  # the whole interval must be within this of it
 EXACT = 1e-12  # of its scale: rounding of some thousand steps
@@ -83,6 +85,8 @@ def _ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
     """Runs that differ in their step alone, coarsest first, each step once."""
     groups: dict[tuple, dict[float, RunRecord]] = {}
     for r in sorted(records, key=lambda r: (r.problem, r.problem_parameters, r.solver, r.solver_options, r.finished)):
+        if r.label == CURVES:
+            continue
         key = (r.problem, r.problem_parameters, r.solver, r.solver_options, r.control, str(r.max_step_s))
         groups.setdefault(key, {})[r.dt_s if r.control == "dt" else r.rtol] = r
     runs = [[own[step] for step in sorted(own, reverse=True)] for own in groups.values()]
@@ -204,6 +208,8 @@ def _words(
     if fit.kind == "flat":
         return f"does not depend on the step: about {sorted(errors)[len(errors) // 2]:.1e} {q.unit}"
     slopes = ", ".join(f"{s:.2f}" for s in fit.slopes)
+    if fit.kind == "none" and not fit.slopes[FEWEST - 1 :]:
+        return f"fewer than {FEWEST + 1} steps whose errors can be fitted"
     if fit.kind == "none":
         return f"no range of steps in which the error is a power of them (slopes {slopes or 'none'})"
     inside = [h for h, u in zip(steps, used, strict=True) if u]
