@@ -1,16 +1,21 @@
 """A run folder as reports see it: cells with their texts unpacked, sorted into problems as posed and labels."""
 
+import hashlib
+import io
 import json
 import re
+import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from harness import store
 from harness.records import RunRecord
-from harness.series import Series
+from harness.series import KIND, SERIES_SCHEMA, Series
 from harness.types import Status
 
 STDERR_SHOWN = 4000  # characters, the last ones: a native library says the reason last
@@ -179,10 +184,30 @@ class Run:
 
 def read_run(folder: Path, *, check_series: bool = True) -> Run:
     """The run in ``folder``; what cannot be read is listed, not hidden. Unchecked series are checked when taken."""
-    loaded = store.load(folder, check_series=check_series)
-    cells = [Cell(r, _stderr(folder, r)) for r in loaded.records]
+    loaded = store.load(folder, check_series=False)
+    records = loaded.records if check_series else ()
+    faults = {r.cell: why for r in records if (why := _series_fault(folder, r))}
+    cells = [Cell(r, _stderr(folder, r)) for r in loaded.records if r.cell not in faults]
     cells.sort(key=lambda c: (c.record.solver, c.method, -c.fineness, c.record.case))
-    return Run(folder, _environment(folder), tuple(cells), loaded.unreadable)
+    bad = [store.Unreadable(folder / "cells" / f"{cell}.json", why) for cell, why in faults.items()]
+    return Run(folder, _environment(folder), tuple(cells), (*loaded.unreadable, *bad))
+
+
+def _series_fault(folder: Path, record: RunRecord) -> str:
+    """Why the cell's series file is not the recorded one; its arrays stay packed: pages unpack those they draw."""
+    if not record.series:
+        return ""
+    path = folder / record.series
+    try:
+        content = path.read_bytes()
+        if hashlib.sha256(content).hexdigest() != record.series_sha256:
+            return f"its series file {record.series} is not the recorded one (truncated or changed)"
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            meta = json.loads(str(file["meta"]))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        return f"its series file {record.series} cannot be read: {error}"
+    whole = isinstance(meta, dict) and (meta.get("kind"), meta.get("schema")) == (KIND, SERIES_SCHEMA)
+    return "" if whole else f"its series file {record.series} is of another schema"
 
 
 def named(name: str, given: Mapping[str, Any]) -> str:

@@ -12,7 +12,8 @@ from reports.reading import Cell, Posing
 from reports.settings import shared_options
 from reports.words import time
 
-MOST = 16  # cells drawn under one label: more cannot be told apart, and the page would grow without end
+MOST = 16  # cells drawn under one label: more cannot be told apart
+EVER = 36  # on one page, or it would grow without end
 
 
 @dataclass(frozen=True)
@@ -31,17 +32,26 @@ class Line:
 
 
 def lines_of(posing: Posing, url: Callable[[Cell], str]) -> list[Line]:
-    """Of every label the finest cell of each solver, then wrong and failed ones, then the rest, at most ``MOST``."""
+    """Of every label the finest cell of each solver, then wrong and failed ones, then the rest."""
     alike = shared_options(posing.cells)
-    out = []
+    rank: dict[str, int] = {}
+    chosen: list[Cell] = []
     for cells in posing.labels().values():
-        rank: dict[str, int] = {}
         for solver in dict.fromkeys(c.record.solver for c in cells):
             own = sorted((c for c in cells if c.record.solver == solver), key=_first)
             rank |= {c.record.cell: k for k, c in enumerate(own)}
-        chosen = sorted(cells, key=lambda c: (rank[c.record.cell] > 0, c.succeeded, rank[c.record.cell]))[:MOST]
-        out += [_line(c, rank[c.record.cell], alike[c.record.solver], url(c)) for c in cells if c in chosen]
-    return out
+        chosen += sorted(cells, key=lambda c: _urgency(c, rank))[:MOST]
+    kept = {c.record.cell for c in sorted(chosen, key=lambda c: _urgency(c, rank))[:EVER]}
+    return [
+        _line(c, rank[c.record.cell], alike[c.record.solver], url(c))
+        for cells in posing.labels().values()
+        for c in cells
+        if c.record.cell in kept
+    ]
+
+
+def _urgency(cell: Cell, rank: Mapping[str, int]) -> tuple[bool, bool, int]:
+    return rank[cell.record.cell] > 0, cell.succeeded, rank[cell.record.cell]
 
 
 def _first(cell: Cell) -> tuple[float, int, str]:
