@@ -4,7 +4,6 @@ Pure: the same records in any order give the same verdicts. No time of a clock e
 limit is left out of the count and named.
 """
 
-import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -183,11 +182,10 @@ def _number(test: Test, ordered: Sequence[Place], partners: Mapping[str, Sequenc
 
 def _shown(claim: Claim, counted: Sequence[Point]) -> Point | None:
     """The setting whose numbers stand in the table: the first printed one, else the one that speaks most against it."""
-    printed = [p for p in counted if p.printed and p.numbers[0] == p.numbers[0]]
     measurable = [p for p in counted if p.numbers[0] == p.numbers[0]] or list(counted)
-    if printed:
-        return min(printed, key=lambda p: math.isinf(p.numbers[0]))  # stable: the first of which there is a number
-    return max(measurable, key=lambda p: (not p.holds, claim.tests[0].band.beyond(p.numbers[0])), default=None)
+    printed = next((p for p in measurable if p.printed), None)
+    against = max(measurable, key=lambda p: (not p.holds, claim.tests[0].band.beyond(p.numbers[0])), default=None)
+    return printed or against
 
 
 def _verdict(claim: Claim, counted: Sequence[Point]) -> str:
