@@ -1,6 +1,9 @@
 """A solver that misbehaves costs its own cell only."""
 
 import os
+import signal
+import time
+from types import SimpleNamespace
 
 import numpy as np
 import psutil
@@ -157,3 +160,37 @@ def test_fork_needs_a_single_thread():
     finally:
         stop.set()
         thread.join()
+
+
+def test_cpu_time_is_limited_too(tmp_path):
+    """By rlimit: a process that works past it gets SIGXCPU, whoever else has died; its cell is stalled, in words."""
+    from harness.supervisor import Running, explain
+
+    def work(tell):
+        while True:
+            pass
+
+    began = time.monotonic()
+    child = fork(work, tmp_path / "stderr", 500.0, 0.0)  # [s], rounded up to the next whole one
+    os.close(child.phase)
+    code = os.waitstatus_to_exitcode(os.waitpid(child.pid, 0)[1])
+    assert code == -signal.SIGXCPU and time.monotonic() - began > 0.9
+    job = SimpleNamespace(cell=SimpleNamespace(wall_limit=1.0, memory=500.0))
+    status, words = explain(Running(job, child, began, began), code, 100.0)  # type: ignore[arg-type]
+    assert status is Status.STALLED and "CPU" in words
+
+
+def test_a_cell_ends_with_its_parent(tmp_path):
+    """Even by SIGKILL, which no ``finally`` sees: nobody is left who could end it at its limits."""
+    middle = os.fork()
+    if not middle:
+        try:
+            child = fork(lambda tell: time.sleep(600.0), tmp_path / "stderr", 500.0, 60.0)
+            (tmp_path / "pid").write_text(str(child.pid))
+        finally:
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(middle, 0)
+    pid, until = int((tmp_path / "pid").read_text()), time.monotonic() + 10.0
+    while psutil.pid_exists(pid) and psutil.Process(pid).status() != "zombie" and time.monotonic() < until:
+        time.sleep(0.02)
+    assert not psutil.pid_exists(pid) or psutil.Process(pid).status() == "zombie"

@@ -52,7 +52,8 @@ def test_list(place, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "code", "key"),
     [(("show", "a"), 0, "settings"), (("diff", "a", "b"), 0, "same"), (("history", "a", "b"), 0, "energy_drift_max_J"),
-     (("merge", "d", "a", "b"), 0, "conflicts"), (("verify", "a", "--sample", "1", "--plugin", str(PLUGIN)), 0, "alike"),
+     (("merge", "d", "a", "b"), 0, "conflicts"),
+     (("verify", "a", "--sample", "1", "--plugin", str(PLUGIN)), 0, "alike"),
      (("solve", "free_fall", "exact", "--out", "x.npz"), 0, "status"),
      (("solve", "free_fall", "raises", "--out", "x.npz"), 1, "status")],
 )  # fmt: skip
