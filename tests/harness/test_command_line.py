@@ -153,29 +153,34 @@ reason = "exact"
 """
 
 
-def test_run_show_and_gate(command, tmp_path):
+def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
     """A run, its table, its machine-readable form, and the gate on it: open, then closed by a bound."""
     (tmp_path / "small.toml").write_text(SUITE)
     (tmp_path / "bounds.toml").write_text(BOUND)
     done = command("run", "small.toml", *WITH, "--out", "out")
     assert done.returncode == 0, done.stderr
     assert "[2/2]" in done.stdout and "1 success" in done.stdout and "1 crashed" in done.stdout
-    shown = command("show", "out")
-    assert shown.returncode == 0 and "a bug of mine" in shown.stdout
-    lines = [json.loads(line) for line in command("show", "out", "--json").stdout.splitlines()]
-    assert [r["status"] for r in lines] == ["success", "crashed"]
+    monkeypatch.chdir(tmp_path)
+
+    def said(*arguments, code=0):
+        assert main(list(arguments)) == code
+        out, err = capsys.readouterr()
+        assert not err
+        return out
+
+    assert "a bug of mine" in said("show", "out")
+    assert [json.loads(line)["status"] for line in said("show", "out", "--json").splitlines()] == ["success", "crashed"]
     judge = ("gate", "--suite", "small.toml", *WITH, "--run", "out", "--thresholds", "bounds.toml")
-    assert command(*judge).returncode == 0
+    said(*judge)
     (tmp_path / "bounds.toml").write_text(BOUND.replace("1e-10", "-1.0"))
-    closed = command(*judge, "--junit", "gate.xml", "--markdown", "gate.md")
+    closed = said(*judge, "--junit", "gate.xml", "--markdown", "gate.md", code=1)
     assert "failure" in (tmp_path / "gate.xml").read_text() and "CLOSED" in (tmp_path / "gate.md").read_text()
-    assert closed.returncode == 1 and "FAIL" in closed.stdout and "CLOSED" in closed.stdout
+    assert "FAIL" in closed and "CLOSED" in closed
     (row, *_) = [json.loads(x) for x in (tmp_path / "results/local/history/out.jsonl").read_text().splitlines()]
     assert row["solver"] == "exact" and row["gate"] == "FAIL" and row["energy_drift_max_J"] < 1e-10
-    plain = json.loads(command(*judge, "--json").stdout)
+    plain = json.loads(said(*judge, "--json", code=1))
     assert not plain["open"] and plain["counts"]["FAIL"] == sum(f["state"] == "FAIL" for f in plain["findings"]) > 0
-    update = command(*judge, "--update")
-    assert update.returncode == 0 and "position_error_max_m" in update.stdout and not update.stderr
+    assert "position_error_max_m" in said(*judge, "--update")
 
 
 def test_environment_and_suite_are_kept(command, tmp_path):
