@@ -45,9 +45,8 @@ bench: $(READY) ## the suite `paper` and its report: the main result
 
 paper: $(READY) ## the paper judged: suite `referee` (goes on where it stopped), verdicts, figures 1 to 12, report
 	$(BIN)/python -m harness run referee --resume
-	$(BIN)/python -m harness judge
-	$(BIN)/python -m harness figures --paper
-	$(BIN)/python -m harness report
+	@status=0; $(BIN)/python -m harness judge || status=$$?; test $$status -le 1 || exit $$status; \
+	$(BIN)/python -m harness figures --paper && $(BIN)/python -m harness report && exit $$status
 
 figures: $(READY) ## publication figures and tables of RUN (the newest)
 	$(BIN)/python -m harness figures $(RUN)
