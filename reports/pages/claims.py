@@ -1,6 +1,7 @@
 """Every claim of the paper with its verdict, the number measured against its band, its settings and its map."""
 
 import math
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -152,7 +153,7 @@ def _claim(e: Entry, links: Links, anchor: str) -> Claim:
         line,
         "" if e.text("because") and e.text("because") in missing else e.text("because"),
         missing,
-        tuple(Asked(t.text("metric"), t.text("band"), t.text("measured_words")) for t in e.entries("tests")),
+        tuple(map(_asked, e.entries("tests"))),
         _factors(e),
         _settings(e),
         len(keys),
@@ -179,12 +180,15 @@ def _numbered(what: str, text: str) -> str:
 
 
 def _measured(e: Entry) -> str:
-    if e.text("measured_words"):
-        return unit(e.text("measured_words"))
     value = e.number("measured")
     if math.isnan(value):
-        return e.text("measured") or "nothing"
+        return unit(e.text("measured_words") or e.text("measured")) or "nothing"
     return f"{number(value)} {unit(e.text('unit'))}".strip()
+
+
+def _asked(e: Entry) -> Asked:
+    """A column of the records is named by itself."""
+    return Asked(re.sub(r"^column \[name ([^\],]+)\]", r"\1", e.text("metric")), e.text("band"), _measured(e))
 
 
 def _factors(e: Entry) -> tuple[Factor, ...]:

@@ -73,6 +73,7 @@ def write_page(a: Run, b: Run, site: Site) -> Page:
         unmeasured=[sorted(u) for u in unknown],
         inputs=differences(stamp_of(a.folder), stamp_of(b.folder)), names=[titled(a), titled(b)],
         both=list(zip(facts(a), facts(b), strict=True)), shown=OVERLAYS,
+        beside=(site.folder / "index.html").is_file(),
         pages={s: address for s in {r.settings for p in parts for r in p.rows}
                if (address := _page(b, s, site.folder) or _page(a, s, site.folder))},
     )  # fmt: skip

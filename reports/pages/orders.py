@@ -33,6 +33,7 @@ class Certificate:
     symbol: str
     unit: str
     declared: float
+    fixed: bool  # a ladder of fixed steps; else of tolerances, over the mean step
     order: float
     low: float
     high: float
@@ -95,6 +96,7 @@ def _certificate(e: Entry, links: Links) -> Certificate:
         e.text("symbol"),
         unit(e.text("unit")),
         declared,
+        not e.text("against") or e.text("against") == "dt",
         e.number("order"),
         e.number("low"),
         e.number("high"),

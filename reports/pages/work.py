@@ -15,11 +15,12 @@ from reports.figures.work import work as work_figure
 from reports.motion import Motion
 from reports.pages.base import Page, Site
 from reports.pages.judgement import judged
-from reports.pages.links import links_of
+from reports.pages.links import links_of, page_of
 from reports.pages.work_plots import named, plots_of, profile_plot
-from reports.pages.work_points import ERRORS, WORKS, Profile, fields, profiles
+from reports.pages.work_points import ERRORS, WORKS, Field, Profile, fields, profiles
 from reports.reading import Run
 
+PAPER = ("operations", "evaluations", "cpu")  # works whose profile is drawn for papers
 COMPARED = 4  # solvers on a problem, for a figure of its own: others are posed for size or one effect
 
 
@@ -32,9 +33,9 @@ def write(run: Run, site: Site) -> Page | None:
     works = list(dict.fromkeys(p.work for p in profile))
     kinds = [w for w in WORKS if any(key.endswith(f"-{w[0]}") for _, own in found for key in own)]
     profile_plots = [profile_plot((*profile, *default), w) for w in works]
-    figures = {p.slug: files(site, d) for p in run.posings if (d := _figure(run, site, p.slug)) is not None}
+    figures = {f.slug: files(site, d) for f, _ in found if (d := _figure(run, site, f)) is not None}
     drawn = [profile_figure([(p.solver, p.total, p.at) for p in profile if p.work == w], *named(w), site.looks)
-             for w in works]  # fmt: skip
+             for w in works if w in PAPER]  # fmt: skip
     return site.write(
         Page("Work", "work.html", nav=True, order=25), "work.html", scripts=["assets/judgement.js"],
         plots=[*profile_plots, *(p for _, own in found for p in own.values())], why=points.why, errors=ERRORS,
@@ -66,10 +67,12 @@ def files(site: Site, drawn: Drawn) -> Sequence[str]:
     return [f"{drawn.name}.svg", f"{drawn.name}.pdf"]
 
 
-def _figure(run: Run, site: Site, slug: str) -> Drawn | None:
-    """The static twin of a problem's plots; None where there is nothing to compare."""
-    posing = next(p for p in run.posings if p.slug == slug)
-    if len({c.record.solver for c in posing.cells}) < COMPARED:
+def _figure(run: Run, site: Site, f: Field) -> Drawn | None:
+    """The static twin of a problem's plots, default and best settings; None where there is little to compare."""
+    wanted = {p.page for p in f.points if p.default or p.best}
+    cells = [c for p in run.posings if p.slug == f.slug for c in p.cells if page_of(c) in wanted]
+    if len({c.record.solver for c in cells}) < COMPARED:
         return None
-    everyone = Group(tuple(Motion(c) for c in posing.cells), site.looks)
-    return work_figure(f"work-{slug}", f"{posing.title}: work against error", everyone)
+    return work_figure(
+        f"work-{f.slug}", f"{f.posing}: work against error", Group(tuple(map(Motion, cells)), site.looks)
+    )

@@ -9,6 +9,7 @@ from reports.pages.work_points import ERRORS, WORKS, Field, Profile, Work, ended
 from reports.plots import Axis, Plot, Trace
 
 NEAR = 100.0  # the reference's own error is drawn where a point comes that close to it
+BESIDE = ("operations", "evaluations", "cpu")  # works that energy and joints are drawn over
 LADDER = 3  # steps of one method that are worth a line
 ZERO = 20.0  # zeros are put so many times below the smallest value above zero
 
@@ -21,6 +22,10 @@ def plots_of(f: Field) -> dict[str, Plot]:
             error_words, error_unit)  # fmt: skip
         for work, work_words, work_unit in WORKS:
             points = [p for p in f.points if _good(p.works[work]) and _good(p.errors[error])]
+            if error != "error" and work not in BESIDE:
+                continue  # laws over the other works tell no more
+            if error != "error":
+                points = [p for p in points if p.default or p.best]
             if points:
                 axes = Axis(work_words, work_unit, log=True), Axis(title, unit, log=True)
                 traces = _traces(points, work, error, f.own if error == "error" else math.nan)
@@ -93,7 +98,7 @@ def said(p: Work, *, whole: bool = True) -> str:
     """A point in words; only its step or tolerance where the line already says the method."""
     marks = [w for w, on in (("default settings", p.default), ("best", p.best)) if on]
     ending = [] if p.status in ("success", "unknown") else [p.status.replace("_", " ")]
-    return ", ".join([p.words if whole else p.step or p.words, *marks, *ending])
+    return ", ".join([p.words.removeprefix(f"{p.posing} ") if whole else p.step or p.words, *marks, *ending])
 
 
 def _families(points: Sequence[Work]) -> list[tuple[str, list[Work]]]:
