@@ -10,7 +10,7 @@ from reports.pages.base import Page, Site
 from reports.pages.drifts import anatomies, common_scale, drawn, parted
 from reports.pages.judgement import Entry, judged
 from reports.pages.links import Links, links_of
-from reports.pages.orders import USED, Certificate, certificates, told
+from reports.pages.orders import USED, Certificate, certificates, glance, told
 from reports.pages.scorecard import card
 from reports.plots import Axis, Plot, Trace
 from reports.reading import Run, slug
@@ -81,11 +81,12 @@ def write(run: Run, site: Site) -> Page | None:
     files = {name: judged(run.folder, name) for name in NAMES}
     orders, drifts = certificates(files["certificates"].rows, links), anatomies(files["drift"].rows, links)
     long, short, none = parted(drifts)
+    wrong = wrongs(files["wrong"].rows, links)
     scale, plots = common_scale((*long, *short)), ladders(orders)
     return site.write(
         Page("Certificates", "certificates.html", nav=True, order=30), "certificates.html",
         scripts=["assets/judgement.js"], plots=plots, whys={k: v.why for k, v in files.items()}, certificates=orders,
-        order_counts=tally(orders), ladders=plots, told=told, drifts=drifts, long=long, short=short,
+        order_counts=tally(orders), ladders=plots, told=told, glance=glance(orders), drifts=drifts, long=long, short=short,
         periodless=none, scale=scale, strip=lambda a: drawn(a, scale), card=card(files["metamorphic"].rows, links),
-        wrong=wrongs(files["wrong"].rows, links),
+        wrong=wrong, wrong_count=Counter((w.solver, w.problem) for w in wrong),
     )  # fmt: skip

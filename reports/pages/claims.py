@@ -22,6 +22,7 @@ VERDICTS: Mapping[str, Mark] = {
     "REFUTED": Mark("✗", "refuted", "wrong"),
     "UNTESTABLE": Mark("?", "untestable", "refused"),
 }
+MOST_DIGITS = 1e6
 LISTED = 40  # cells beside the map
 ORDER = ("REFUTED", "CONDITIONAL", "SUPPORTED", "UNTESTABLE")
 
@@ -183,6 +184,8 @@ def _measured(e: Entry) -> str:
     value = e.number("measured")
     if math.isnan(value):
         return unit(e.text("measured_words") or e.text("measured")) or "nothing"
+    if not e.text("unit") and value.is_integer() and abs(value) < MOST_DIGITS:
+        return f"{value:.0f}"  # a count
     return f"{number(value)} {unit(e.text('unit'))}".strip()
 
 

@@ -120,3 +120,25 @@ def _kind(dt: float, error: float, used: bool, floor: float, coarsest: float) ->
 def told(c: Certificate) -> str:
     """The order in a cell of the table."""
     return number(c.order) if not math.isfinite(c.order) else f"{c.order:.2f}"
+
+
+@dataclass(frozen=True)
+class Glance:
+    """Orders of fixed steps: a row a solver and problem, a column a quantity; None where there is no ladder."""
+
+    quantities: tuple[str, ...]
+    rows: tuple[tuple[Certificate, tuple[Certificate | None, ...]], ...]  # one that stands for the row, its columns
+
+
+def glance(found: Sequence[Certificate]) -> Glance:
+    """Of the ladders of fixed steps."""
+    fixed = [c for c in found if c.fixed]
+    quantities = tuple(dict.fromkeys(c.quantity for c in fixed))
+    keys = dict.fromkeys(
+        (c.solver, c.posing, c.case) for c in sorted(fixed, key=lambda c: (c.solver, natural(c.posing)))
+    )
+    rows = []
+    for key in keys:
+        own = {c.quantity: c for c in fixed if (c.solver, c.posing, c.case) == key}
+        rows.append((next(iter(own.values())), tuple(own.get(q) for q in quantities)))
+    return Glance(quantities, tuple(rows))

@@ -9,7 +9,7 @@ import pytest
 from reports.pages.drifts import anatomies, common_scale, parted
 from reports.pages.judgement import Entry
 from reports.pages.links import links_of
-from reports.pages.orders import EARLY, FLOORED, USED, certificates
+from reports.pages.orders import EARLY, FLOORED, USED, certificates, glance
 from reports.pages.scorecard import card
 from reports.pages.work import work_at
 from reports.pages.work_plots import plots_of, profile_plot, steps_of
@@ -111,3 +111,12 @@ def test_only_long_runs_are_shown_first():
     assert ([a.case for a in long], [a.case for a in short], none) == (["400"], ["30"], 1)
     long, short, none = parted(anatomies(entries(rows[1:]), NONE))
     assert ([a.case for a in long], [a.case for a in short], none) == (["30"], [], 1)
+
+
+def test_orders_at_a_glance_have_a_place_for_every_fixed_ladder_and_none_for_tolerances():
+    rows = [{"solver": s, "posing": "p", "case": s, "quantity": q, "against": a, "order": 2.0}
+            for s, q, a in (("alpha", "q", "dt"), ("alpha", "v", "dt"), ("beta", "v", "dt"), ("beta", "q", "mean step"))]  # fmt: skip
+    found = glance(certificates(entries(rows), NONE))
+    assert set(found.quantities) == {"q", "v"}
+    shown = {c.solver: [o and o.quantity for o in own] for c, own in found.rows}
+    assert sorted(shown["alpha"]) == ["q", "v"] and [o for o in shown["beta"] if o] == ["v"]
