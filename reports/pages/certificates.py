@@ -86,7 +86,8 @@ def write(run: Run, site: Site) -> Page | None:
     return site.write(
         Page("Certificates", "certificates.html", nav=True, order=30), "certificates.html",
         scripts=["assets/judgement.js"], plots=plots, whys={k: v.why for k, v in files.items()}, certificates=orders,
-        order_counts=tally(orders), ladders=plots, told=told, glance=glance(orders), drifts=drifts, long=long, short=short,
+        order_counts=tally(orders), ladders=plots, told=told, glance=glance(orders),
+        drifts=drifts, long=long, short=short,
         periodless=none, scale=scale, strip=lambda a: drawn(a, scale), card=card(files["metamorphic"].rows, links),
         wrong=wrong, wrong_count=Counter((w.solver, w.problem) for w in wrong),
     )  # fmt: skip

@@ -17,9 +17,7 @@ from harness.environment import ROOT
 ESCAPE = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]|\x1b\][^\x07]*\x07")
 
 
-def in_terminal(
-    *arguments: str, width: int, where: Path, timeout: float = 60.0, **environment: str
-) -> tuple[int, str]:
+def in_terminal(*arguments: str, width: int, where: Path, timeout: float = 60.0, **environment: str) -> tuple[int, str]:
     """Exit code and all that ``python -m harness ...`` wrote to a terminal ``width`` columns wide."""
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, width, 0, 0))

@@ -19,7 +19,7 @@ def started(tmp_path, *more):
     process = subprocess.Popen(
         (*line, *more), cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(ROOT)}, text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # a background shell has it ignored
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 a background shell has it ignored
     )  # fmt: skip
     until = time.monotonic() + 60.0
     while not (children := psutil.Process(process.pid).children()) and time.monotonic() < until:

@@ -114,8 +114,8 @@ def test_only_long_runs_are_shown_first():
 
 
 def test_orders_at_a_glance_have_a_place_for_every_fixed_ladder_and_none_for_tolerances():
-    rows = [{"solver": s, "posing": "p", "case": s, "quantity": q, "against": a, "order": 2.0}
-            for s, q, a in (("alpha", "q", "dt"), ("alpha", "v", "dt"), ("beta", "v", "dt"), ("beta", "q", "mean step"))]  # fmt: skip
+    ladders = (("alpha", "q", "dt"), ("alpha", "v", "dt"), ("beta", "v", "dt"), ("beta", "q", "mean step"))
+    rows = [{"solver": s, "posing": "p", "case": s, "quantity": q, "against": a, "order": 2.0} for s, q, a in ladders]
     found = glance(certificates(entries(rows), NONE))
     assert set(found.quantities) == {"q", "v"}
     shown = {c.solver: [o and o.quantity for o in own] for c, own in found.rows}
