@@ -13,6 +13,12 @@ from harness.environment import THREADS
 
 FIRST = ("catalogue", "solve", "run", "show", "report", "judge", "gate", "check", "verify", "diff", "merge", "history")
 
+INTERRUPTED = {
+    "run": "interrupted; finished cells are kept (--resume goes on)",
+    "gate": "interrupted; nothing was judged",
+}
+SAYS_SO_ITSELF = ("solve",)
+
 os.environ.update(THREADS)  # before numpy is loaded, which reads them once
 
 
@@ -33,12 +39,20 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
         return 1 if isinstance(error, PoolError) else 2
     except KeyboardInterrupt:
-        if parsed is not None and parsed.run.__module__ == "harness.commands.run":
-            sys.stderr.write("interrupted; finished cells are kept (--resume goes on)\n")
+        command = parsed.run.__module__.rpartition(".")[2] if parsed is not None else ""
+        if command not in SAYS_SO_ITSELF:
+            sys.stderr.write(f"{INTERRUPTED.get(command, 'interrupted')}\n")
         return 130
-    except BrokenPipeError:  # the reader (head, less) has gone
+    except BrokenPipeError:  # the reader (head, less) has gone, and with it what was to be said: never a good end
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
-        return 0
+        return 128 + signal.SIGPIPE
+    except OSError as error:  # a full disk, a folder that may only be read, a name too long
+        where = f"{error.filename}: " if error.filename is not None else ""
+        sys.stderr.write(f"error: {where}{' '.join(str(error.strerror or error).split())}\n")
+        return 2
+    except RecursionError:
+        sys.stderr.write("error: what was to be read is nested too deeply\n")
+        return 2
 
 
 def _commands() -> list[ModuleType]:

@@ -23,6 +23,7 @@ from typing import Any
 from harness import environment
 from harness.job import Job, record_of
 from harness.pool import TICK, PoolError, TimeLimit
+from harness.provisional import WORKERS_DIED
 from harness.store import write_record
 from harness.supervisor import STOP, WARM
 from harness.types import Status
@@ -94,7 +95,7 @@ class DaskPool:
             if failed is None:
                 _store(job, future.result())
             elif isinstance(failed, distributed.KilledWorker):
-                words = f"the workers it was given to died, {GIVEN_TO} or more times"
+                words = f"{WORKERS_DIED}, {GIVEN_TO} or more times"
                 write_record(job.folder, record_of(job, Status.CRASHED, message=words))
             else:
                 raise PoolError(f"a worker cannot run cells: {failed}")
@@ -156,8 +157,14 @@ def _store(job: Job, files: Mapping[str, bytes]) -> None:
     for name in sorted(files, key=lambda n: n.startswith("cells/")):
         target = job.folder / name
         partial = target.with_name(f".{target.name}.{os.getpid()}.part")
-        partial.write_bytes(files[name])
-        os.replace(partial, target)
+        try:
+            partial.write_bytes(files[name])
+            os.replace(partial, target)
+        except OSError as error:  # ours, not the cluster's
+            partial.unlink(missing_ok=True)
+            raise PoolError(
+                f"cannot write to {job.folder}: {error.strerror or error}; finished cells are kept"
+            ) from None
 
 
 class _Supervisor:
@@ -170,6 +177,7 @@ class _Supervisor:
             env={**os.environ, **environment.THREADS},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            start_new_session=True,  # as in the local pool
         )
         self.warm: set[str] = set()
 

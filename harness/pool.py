@@ -3,6 +3,7 @@
 An executor is anything with such a ``run``; a cluster's would be another.
 """
 
+import contextlib
 import json
 import os
 import select
@@ -15,6 +16,7 @@ from typing import Any
 
 from harness.environment import ROOT, THREADS
 from harness.job import Job, record_of
+from harness.provisional import SUPERVISOR_DIED
 from harness.store import write_record
 from harness.supervisor import STOP, WARM
 from harness.types import Status
@@ -64,16 +66,17 @@ class LocalPool:
             if deaths > 3 and not self._over():
                 raise PoolError(f"the supervisor process ends with code {code} again and again")
             for job in self._flying.values():
-                if self._limit is not None and self._over():
+                if (job.folder / "cells" / f"{job.id}.json").exists():  # done; the word of it went with the supervisor
+                    self.ended(job)
+                elif self._limit is not None and self._over():
                     write_record(job.folder, record_of(job, Status.STALLED, message=self._limit.words))
                     self.ended(job)
-                    continue
-                if self._attempts[job.id] < 2:
-                    waiting.append(job)
-                    continue
-                words = f"the supervisor process died twice (code {code}) while this cell ran"
-                write_record(job.folder, record_of(job, Status.CRASHED, message=words))
-                self.ended(job)
+                elif self._attempts[job.id] < 2:
+                    waiting.append(job)  # at the end: it goes next, and alone
+                else:
+                    words = f"{SUPERVISOR_DIED} twice (code {code}) while this cell ran, the second time alone"
+                    write_record(job.folder, record_of(job, Status.CRASHED, message=words))
+                    self.ended(job)
             self._flying.clear()
 
     def _serve(self, waiting: list[Job]) -> int | None:
@@ -84,6 +87,7 @@ class LocalPool:
             env={**os.environ, **THREADS},
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
+            start_new_session=True,  # a signal to our group is for us: we close its input, and it ends what runs, whole
         )
         assert process.stdin is not None and process.stdout is not None
         pending = b""
@@ -94,7 +98,7 @@ class LocalPool:
                     waiting.clear()
                     self._compiling = False
                     self._stop(process, self._limit.words)
-                while waiting and not self._compiling and len(self._flying) < self.size:
+                while waiting and not self._compiling and self._is_room_for(waiting[-1]):
                     self._send(process, waiting.pop())
                 if not self._flying and not self._compiling:
                     return None
@@ -111,9 +115,15 @@ class LocalPool:
         except BrokenPipeError:
             return process.wait()
         finally:
-            process.stdin.close()  # tells it to kill what runs and to leave
+            with contextlib.suppress(OSError):  # it is gone, and what we had to say with it
+                process.stdin.close()  # tells it to kill what runs and to leave
             process.wait()
             process.stdout.close()
+
+    def _is_room_for(self, job: Job) -> bool:
+        """One that a supervisor died with runs alone: if that happens again, it was this one."""
+        alone = job.id in self._attempts or any(self._attempts[j.id] > 1 for j in self._flying.values())
+        return not self._flying if alone else len(self._flying) < self.size
 
     def _over(self) -> bool:
         return self._limit is not None and time.monotonic() > self._limit.until

@@ -1,8 +1,10 @@
 """Runs a suite into a run folder: what is done stays done, what is damaged is set aside, the rest is run."""
 
+import contextlib
 import datetime
 import json
 import os
+import re
 import shutil
 import time
 from collections.abc import Callable, Sequence
@@ -14,6 +16,7 @@ from harness import environment, store
 from harness.including import OWN_COPY
 from harness.job import Job
 from harness.pool import LocalPool, TimeLimit
+from harness.provisional import files_of, is_provisional, limit_words
 from harness.records import RunRecord
 from harness.store import Loaded, Unreadable
 from harness.suites import Suite
@@ -84,19 +87,27 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         _stamp(request)
         k, n = request.shard
         jobs = jobs_of(suite, folder)[k - 1 :: n][: request.limit]
-        done = {r.cell for r in before.records}
+        again = _provisional(folder, {job.id for job in jobs}, before.records)
+        done = {r.cell for r in before.records} - {u.path.stem for u in again}
         waiting = [job for job in jobs if job.id not in done]
-        watcher.begin(folder, len(jobs), waiting, before.unreadable)
+        watcher.begin(folder, len(jobs), waiting, (*before.unreadable, *again))
 
         def ended(job: Job) -> None:
             watcher.ended(job, store.read_record(folder / "cells" / f"{job.id}.json"))
 
-        try:
-            pool(request.jobs, watcher.started, ended, watcher.tick, watcher.warmed).run(waiting, limit)
-        finally:
+        def finished() -> Loaded:
             loaded = _of_suite(folder, {job.id for job in jobs}, before.unreadable)
             store.write_table(folder, loaded.records)
             store.point_latest(folder)
+            return loaded
+
+        try:
+            pool(request.jobs, watcher.started, ended, watcher.tick, watcher.warmed).run(waiting, limit)
+        except BaseException:
+            with contextlib.suppress(OSError):  # a full disk: what ended the run has been told already
+                finished()
+            raise
+        loaded = finished()
         there = {r.cell for r in loaded.records}
         left = [job for job in waiting if job.id not in there]
         if limit is not None and suite.total_limit and (left or time.monotonic() > limit.until):
@@ -108,8 +119,15 @@ def _limit(suite: Suite) -> TimeLimit | None:
     """Counted from here, compilation included; going on with a run begins anew."""
     if suite.total_limit is None:
         return None
-    words = f"killed when the whole run met its limit of {suite.total_limit:g} s (total_limit of the suite)"
-    return TimeLimit(time.monotonic() + suite.total_limit, words)
+    return TimeLimit(time.monotonic() + suite.total_limit, limit_words(suite.total_limit))
+
+
+def _provisional(folder: Path, cells: set[str], records: Sequence[RunRecord]) -> tuple[Unreadable, ...]:
+    """Set aside what only says how an earlier run of these cells ended; the records that were."""
+    found = [files_of(folder, r) for r in records if r.cell in cells and is_provisional(r)]
+    for files in found:
+        store.set_aside(folder, files)
+    return tuple(files[0] for files in found)
 
 
 def jobs_of(suite: Suite, folder: Path) -> list[Job]:
@@ -127,8 +145,10 @@ def new_folder(suite: str, local: Path = store.LOCAL) -> Path:
 
 def last_folder(suite: str, local: Path = store.LOCAL) -> Path | None:
     """The newest run of a suite."""
-    found = sorted(p for p in local.glob(f"{suite}-[0-9]*") if (p / "cells").is_dir() and not p.is_symlink())
-    return found[-1] if found else None
+    own = re.compile(rf"{re.escape(suite)}-\d{{8}}-\d{{6}}(-\d+)?")  # as new_folder names it: not of a suite "NAME-2"
+    found = sorted(p for p in local.glob("*") if own.fullmatch(p.name) and (p / "cells").is_dir())
+    runs = [p for p in found if not p.is_symlink()]
+    return runs[-1] if runs else None
 
 
 def _of_suite(folder: Path, cells: set[str], unreadable: tuple[Unreadable, ...]) -> Loaded:

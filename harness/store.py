@@ -80,11 +80,13 @@ def read_record(path: Path) -> RunRecord:
     try:
         outer = json.loads(path.read_text(encoding="utf-8"))
         body, digest = outer["record"], outer["sha256"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        if not isinstance(body, str) or _digest(body) != digest:
+            raise BadRecord("its digest does not match: truncated or changed")
+        record = from_json(body)
+    except BadRecord:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise BadRecord(f"not a record file: {type(error).__name__}: {error}") from None
-    if not isinstance(body, str) or _digest(body) != digest:
-        raise BadRecord("its digest does not match: truncated or changed")
-    record = from_json(body)
     if record.cell != path.stem:
         raise BadRecord(f"it is the record of cell {record.cell}")
     return record
@@ -110,6 +112,15 @@ def load(folder: Path, *, check_series: bool = True) -> Loaded:
             if (folder / record.series).exists():
                 bad.append(Unreadable(folder / record.series, str(error)))
     return Loaded(tuple(sorted(good, key=lambda r: (r.problem, r.solver, r.case))), tuple(bad))
+
+
+def newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
+    """Of records with the same settings the one that ended last: a resumed folder may hold those of older code."""
+    found: dict[str, RunRecord] = {}
+    for r in records:
+        if r.settings not in found or r.finished > found[r.settings].finished:
+            found[r.settings] = r
+    return tuple(found.values())
 
 
 def set_aside(folder: Path, unreadable: Iterable[Unreadable]) -> None:
@@ -145,8 +156,11 @@ def write_table(folder: Path, records: Iterable[RunRecord]) -> Path:
     frame.attrs["schema"] = SCHEMA
     path = folder / "cells.parquet"
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    frame.to_parquet(partial, index=False)
-    os.replace(partial, path)
+    try:
+        frame.to_parquet(partial, index=False)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
     return path
 
 

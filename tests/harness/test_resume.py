@@ -9,6 +9,9 @@ import time
 import pytest
 
 from harness import environment, store
+from harness.__main__ import main
+from harness.pool import LocalPool
+from harness.runner import last_folder
 from tests.harness.conftest import PLUGIN
 
 SUITE = f"""
@@ -78,6 +81,92 @@ def test_damaged_cells_are_run_again(run_text, tmp_path):
     assert len(second.records) == 3 and sorted(watcher.ran) == sorted([a.case, b.case])
     assert len(watcher.set_aside) == 3  # the record of a, the record of b and its series
     assert store.read_record(folder / "cells" / f"{c.cell}.json").finished == c.finished
+
+
+SLEEPS = '[[cells]]\nproblem = "free_fall"\nsolver = "sleeps"\noptions = { seconds = [0.3, 0.31, 0.32] }\n'
+
+
+def killing(monkeypatch, before=(), after=()):
+    """The supervisor is killed just before or just after these jobs are sent to it; what each was sent beside."""
+    sends, send = [], LocalPool._send
+
+    def deadly(self, process, job):
+        sends.append([j.id for j in self._flying.values()])
+        number = len(sends)
+        if number in before:
+            process.kill()
+            process.wait()
+        send(self, process, job)
+        if number in after:
+            process.kill()
+
+    monkeypatch.setattr(LocalPool, "_send", deadly)
+    return sends
+
+
+def test_a_supervisor_that_dies_before_a_job_is_sent_costs_nothing(tmp_path, monkeypatch, capsys):
+    """What cannot be sent to it any more is sent to the next; a command that has run nothing never ends with 0."""
+    killing(monkeypatch, before=(2,))
+    (tmp_path / "s.toml").write_text(f'name = "s"\nplugins = ["{PLUGIN}"]\n' + SLEEPS)
+    assert main(["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run"), "--jobs", "2"]) == 0
+    assert "3 cells: 3 success" in capsys.readouterr().out
+
+
+def test_output_that_nobody_reads_is_no_success(tmp_path, monkeypatch):
+    """As after SIGPIPE: 141."""
+    monkeypatch.setattr("harness.commands.gate.load_suite", lambda *_: (_ for _ in ()).throw(BrokenPipeError()))
+    monkeypatch.setattr("harness.__main__.os.dup2", lambda *_: None)
+    assert main(["gate"]) == 141
+
+
+def test_a_cell_that_was_beside_a_death_runs_alone_and_again_on_resume(run_text, tmp_path, monkeypatch):
+    """Two deaths from outside: called a crash only when it ran alone, and even that is no result for good."""
+    with monkeypatch.context() as patch:
+        sends = killing(patch, after=(2, 3))
+        first, _ = run_text(SLEEPS)
+    assert [len(beside) for beside in sends[:4]] == [0, 1, 0, 0]
+    (crashed,) = [r for r in first.records if r.status == "crashed"]
+    assert "the second time alone" in crashed.message and len(first.records) == 3
+    second, watcher = run_text(SLEEPS, resume=True)
+    assert {r.status for r in second.records} == {"success"} and watcher.ran == [crashed.case]
+    aside = tmp_path / "run" / "set_aside"
+    assert store.read_record(aside / f"{crashed.cell}.json").message == crashed.message
+    assert "run again" in (aside / f"{crashed.cell}.json.why").read_text()
+
+
+def test_the_newest_run_is_of_this_suite(tmp_path):
+    """``small-2`` is another suite, and its runs are not those of ``small``."""
+    for name in ("small-20260101-000000", "small-20260102-000000-77", "small-2-20260301-000000", "small-3", "small-9x"):
+        (tmp_path / name / "cells").mkdir(parents=True)
+    assert last_folder("small", tmp_path) == tmp_path / "small-20260102-000000-77"
+    assert last_folder("small-2", tmp_path) == tmp_path / "small-2-20260301-000000"
+    assert last_folder("tiny", tmp_path) is None
+
+
+def test_a_full_disk_at_the_end_hides_nothing_and_leaves_no_rest(run_text, tmp_path, monkeypatch):
+    """The table cannot be written: its beginning goes, and what had ended the run is what is told."""
+    import errno
+
+    import pandas as pd
+
+    from harness.pool import PoolError
+
+    def full(self, path, **_):
+        path.write_bytes(b"PAR1")
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(pd.DataFrame, "to_parquet", full)
+    (tmp_path / "s.toml").write_text(f'name = "s"\nplugins = ["{PLUGIN}"]\n' + SLEEPS)
+
+    def ended(*_, **__):
+        raise PoolError("cannot write to x: no space left")
+
+    line = ["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run")]
+    monkeypatch.setattr(LocalPool, "run", lambda *_, **__: None)
+    assert main(line) == 2
+    monkeypatch.setattr(LocalPool, "run", ended)
+    assert main([*line, "--resume"]) == 1
+    assert not [p for p in (tmp_path / "run").iterdir() if p.name.endswith(".part")]
 
 
 def test_a_used_folder_is_not_overwritten(run_text, tmp_path):

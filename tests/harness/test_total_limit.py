@@ -8,8 +8,10 @@ from harness import store
 from harness.__main__ import main
 from harness.gate import State, judge
 from harness.pool import LocalPool
+from harness.provisional import files_of, is_provisional, limit_words
+from harness.records import RunRecord
 from harness.runner import Request, run_suite
-from harness.suites import parse_suite
+from harness.suites import load_suite, parse_suite
 from harness.thresholds import Thresholds
 from tests.harness.conftest import PLUGIN, Silent
 
@@ -44,10 +46,10 @@ class Over(LocalPool):
         return {j.cell.solver for j in self._flying.values()} == {"hangs_later", "spins"} and bool(kept)
 
 
-def stopped_run(folder, *, resume=False):
+def stopped_run(folder):
     watcher = Silent()
     suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
-    return suite, run_suite(Request(suite, folder, 2, resume), watcher, LocalPool if resume else Over), watcher
+    return suite, run_suite(Request(suite, folder, 2), watcher, Over), watcher
 
 
 def test_running_cells_are_ended_and_the_rest_is_left(tmp_path):
@@ -62,8 +64,51 @@ def test_running_cells_are_ended_and_the_rest_is_left(tmp_path):
     words = [f.words for f in verdict.findings if f.what == "status" and f.state is State.FAIL]
     assert not verdict.is_open and sum("cell is missing" in w for w in words) == 4
     assert sum("limit of 600 s" in w for w in words) == 2
-    _, again, watcher = stopped_run(tmp_path / "run", resume=True)
-    assert len(watcher.ran) == 4 and not watcher.left and len(again.records) == 7  # what was ended stays ended
+
+
+class OverAtOnce(LocalPool):
+    """Its time is up as soon as a cell runs."""
+
+    def _over(self) -> bool:
+        return self._stopped or bool(self._flying)
+
+
+def test_what_the_limit_ended_is_run_again_on_resume(tmp_path):
+    """A sound cell that had no time is no stalled one: its record goes aside, and with time enough it succeeds."""
+    text = 'total_limit = 600\n[[cells]]\nproblem = "free_fall"\nsolver = ["sleeps", "raises"]\n'
+    suite = parse_suite(text, "test", "test", plugins=(str(PLUGIN),))
+    first, second = Silent(), Silent()
+    (ended,) = run_suite(Request(suite, tmp_path / "run", 1), first, OverAtOnce).records
+    assert ended.status == "stalled" and len(first.left) == 1
+    loaded = run_suite(Request(suite, tmp_path / "run", 1, True), second, LocalPool)
+    assert {r.solver: r.status for r in loaded.records} == {"sleeps": "success", "raises": "crashed"}
+    assert second.set_aside == [f"{ended.cell}.json"] and len(second.ran) == 2
+    assert store.read_record(tmp_path / "run" / "set_aside" / f"{ended.cell}.json").status == "stalled"
+
+
+def test_what_a_cell_did_itself_is_no_matter_of_the_run():
+    """Its own wall limit, its own words and its own crash stay; files go aside with their record."""
+    ours = limit_words(600.0)
+    for status, message, claimed, wanted in (
+        ("stalled", ours, "", True), ("stalled", "killed at the wall limit of 60 s", "", False),
+        ("stalled", ours, "stalled", False), ("success", ours, "", False), ("crashed", "RuntimeError: x", "", False),
+        ("crashed", "the supervisor process died twice (code -9) while this cell ran", "", True),
+    ):  # fmt: skip
+        assert is_provisional(RunRecord(status=status, message=message, claimed=claimed)) is wanted
+
+
+def test_the_series_of_such_a_record_goes_aside_too(tmp_path):
+    """Nothing is deleted, nothing is written over."""
+    folder = store.create(tmp_path / "run")
+    record = RunRecord(cell="abc", status="stalled", message=limit_words(1.0), series="series/abc.npz", stderr="")
+    store.write_record(folder, record)
+    (folder / record.series).write_bytes(b"x")
+    assert [u.path.name for u in files_of(folder, record)] == ["abc.json", "abc.npz"]
+
+
+def test_the_short_suite_may_take_three_minutes():
+    """The gate of every merge: what takes longer closes it."""
+    assert load_suite("ci").total_limit == 180.0
 
 
 def test_the_run_says_what_is_left(tmp_path, capsys):
