@@ -39,9 +39,9 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
         return 1 if isinstance(error, PoolError) else 2
     except KeyboardInterrupt:
-        command = parsed.run.__module__.rpartition(".")[2] if parsed is not None else ""
-        if command not in SAYS_SO_ITSELF:
-            sys.stderr.write(f"{INTERRUPTED.get(command, 'interrupted')}\n")
+        asked = str(parsed.run.__module__).rpartition(".")[2] if parsed is not None else ""
+        if asked not in SAYS_SO_ITSELF:
+            sys.stderr.write(f"{INTERRUPTED.get(asked, 'interrupted')}\n")
         return 130
     except BrokenPipeError:  # the reader (head, less) has gone, and with it what was to be said: never a good end
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from harness.records import COLUMNS, RunRecord
+from harness.store import newest
 from harness.types import Status
 
 NOT_COMPARED = {
@@ -73,8 +74,8 @@ class Comparison:
 
 
 def compare(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> Comparison:
-    """What differs between two sets of records."""
-    a, b = ({r.settings: r for r in records} for records in (before, after))
+    """What differs between two sets of records; of several of a cell (of older code) the newest counts."""
+    a, b = ({r.settings: r for r in newest(records)} for records in (before, after))
     both = [s for s in a if s in b]
     changes = [c for s in both for c in _changes(a[s], b[s])]
     return Comparison(

@@ -12,10 +12,13 @@ from enum import IntEnum
 
 from harness.cell import Cell
 from harness.records import RunRecord
+from harness.store import newest
 from harness.thresholds import EQUAL, Threshold, Thresholds
 from harness.types import Status
 
 WORTH = 0.95  # of a bound: less is not worth a commit
+MISSING = "no result: the cell is missing"
+OTHER_CODE = "result of other code: the cell is missing at this one (--any-code judges it all the same)"
 ROUNDED = 1e-11  # in any of the metrics' units: below it, a change is the machine's
 
 
@@ -59,14 +62,27 @@ class Verdict:
         return self.state in (State.PASS, State.XFAIL)
 
 
-def judge(cells: Sequence[Cell], records: Sequence[RunRecord], thresholds: Thresholds) -> Verdict:
-    """Every cell's status and every threshold; cells without a threshold and thresholds without a cell fail too."""
-    by_settings = {r.settings: r for r in records}
+def of_code(records: Sequence[RunRecord], code: str) -> tuple[RunRecord, ...]:
+    """Those that ``code`` gave: a gate on a finished run is on the code of today."""
+    return tuple(r for r in records if r.code == code)
+
+
+def judge(
+    cells: Sequence[Cell], records: Sequence[RunRecord], thresholds: Thresholds, code: str | None = None
+) -> Verdict:
+    """Every cell's status and every threshold; cells without a threshold and thresholds without a cell fail too.
+
+    With ``code``, a result of other code counts as missing; of several results of a cell the newest is judged.
+    """
+    judged = records if code is None else of_code(records, code)
+    by_settings = {r.settings: r for r in newest(judged)}
+    other = {r.settings for r in records} - {*by_settings}
     found: list[Finding] = []
     by_case = {c.case: by_settings.get(c.settings) for c in cells}
+    missing = {c.case: OTHER_CODE if c.settings in other else MISSING for c in cells}
     bounded = {b.case for b in thresholds.bounds}
     for case, record in by_case.items():
-        found.append(_status(case, record, thresholds))
+        found.append(_status(case, record, thresholds, missing[case]))
         ended_as_expected = case in thresholds.statuses and thresholds.statuses[case].status is not Status.SUCCESS
         if case not in bounded and not ended_as_expected:
             found.append(_fail(case, "no threshold", "no threshold for this cell: propose one with gate --update"))
@@ -74,7 +90,7 @@ def judge(cells: Sequence[Cell], records: Sequence[RunRecord], thresholds: Thres
         if b.case not in by_case:
             found.append(_fail(b.case, b.metric, "the suite has no such cell", b))
         else:
-            found.append(_bound(b, by_case[b.case]))
+            found.append(_bound(b, by_case[b.case], missing[b.case]))
     for case in thresholds.statuses:
         if case not in by_case:
             found.append(_fail(case, "status", "the suite has no such cell"))
@@ -101,23 +117,35 @@ def tightened(
         elif EQUAL in (new.direction, was.direction):  # another value is neither better nor worse: it must be asked for
             if loosen:
                 bounds[new.case, new.metric] = dataclasses.replace(new, reason=was.reason, expect=was.expect)
-        else:
-            upper = max(new.upper, new.value * _width(was))  # a width somebody gave a reason for stays
-            if loosen or upper < WORTH * was.upper:
-                kept = {k: getattr(was, k) for k in ("lower", "direction", "reason", "expect")}
-                bounds[new.case, new.metric] = dataclasses.replace(new, upper=upper, **kept)
+        elif (changed := _narrowed(was, new, loosen=loosen)) is not None:
+            bounds[new.case, new.metric] = changed
     return dataclasses.replace(old, bounds=tuple(bounds[k] for k in sorted(bounds)))
+
+
+def _narrowed(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
+    """``was`` moved to the value of ``new``, with the bounds it has; None where there is nothing to be moved.
+
+    Only upper bounds are proposed. A lower one is somebody's own: it stays, unless the value has fallen below it and
+    wider bounds are asked for.
+    """
+    lower = min(was.lower, new.value) if loosen else was.lower
+    if was.upper == math.inf:
+        return dataclasses.replace(was, value=new.value, lower=lower) if lower < was.lower else None
+    upper = max(new.upper, new.value * _width(was))  # a width somebody gave a reason for stays
+    if upper < lower or not (loosen or upper < WORTH * was.upper):
+        return None
+    return dataclasses.replace(was, value=new.value, upper=upper, lower=lower, unit=new.unit)
 
 
 def _width(b: Threshold) -> float:
     return b.upper / b.value if b.value > 0.0 and math.isfinite(b.upper) else 0.0
 
 
-def _status(case: str, record: RunRecord | None, thresholds: Thresholds) -> Finding:
+def _status(case: str, record: RunRecord | None, thresholds: Thresholds, missing: str) -> Finding:
     expected = thresholds.statuses.get(case)
     wanted = expected.status if expected else Status.SUCCESS
     if record is None:
-        return _fail(case, "status", "no result: the cell is missing")
+        return _fail(case, "status", missing)
     nan = math.nan
     if record.status == wanted:
         state = State.PASS if wanted is Status.SUCCESS else State.XFAIL
@@ -127,9 +155,9 @@ def _status(case: str, record: RunRecord | None, thresholds: Thresholds) -> Find
     return Finding(state, case, "status", nan, nan, str(wanted), "", words)
 
 
-def _bound(b: Threshold, record: RunRecord | None) -> Finding:
+def _bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
     if record is None:
-        return _fail(b.case, b.metric, "no result: the cell is missing", b)
+        return _fail(b.case, b.metric, missing, b)
     measured = float(getattr(record, b.metric))
     good = b.holds(measured)
     state = {

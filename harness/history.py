@@ -64,7 +64,8 @@ def history(folders: Iterable[Path], files: Iterable[Path] = ()) -> tuple[Row, .
         for row in read_rows(path):
             found[row.run, row.settings] = row
     for folder in folders:
-        for row in rows_of(folder.resolve().name, stamp_of(folder), store.load(folder, check_series=False).records):
+        records = store.newest(store.load(folder, check_series=False).records)
+        for row in rows_of(folder.resolve().name, stamp_of(folder), records):
             found.setdefault((row.run, row.settings), row)
     return _with_ratios(sorted(found.values(), key=lambda r: (r.time, r.run, r.case)))
 
@@ -118,12 +119,15 @@ def _row(line: str, where: str) -> Row:
         plain = json.loads(line)
         words: dict[str, Any] = {k: plain[k] for k in WORDS if k != "gate" or k in plain}
         numbers: dict[str, Any] = {k: NAN if plain.get(k) is None else plain[k] for k in METRICS}
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise HistoryError(f"{where} is not a row of a history") from None
     good = all(isinstance(v, str) for v in words.values())
     if not good or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers.values()):
         raise HistoryError(f"{where} is not a row of a history")
-    return Row(**words, **{k: float(v) for k, v in numbers.items()})  # type: ignore[arg-type]
+    try:
+        return Row(**words, **{k: float(v) for k, v in numbers.items()})  # type: ignore[arg-type]
+    except OverflowError:
+        raise HistoryError(f"{where} holds a number that is too large") from None
 
 
 def _with_ratios(rows: Iterable[Row]) -> tuple[Row, ...]:

@@ -79,7 +79,7 @@ def ratios(path: Path) -> dict[str, float]:
         least = {_name(b): float(b["stats"]["min"]) for b in plain["benchmarks"]}
     except OSError as error:
         raise TimingError(f"cannot read timings {path}: {error.strerror or error}") from None
-    except (ValueError, KeyError, TypeError, AttributeError):
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError):
         raise TimingError(f"{path} is not a file of pytest-benchmark (--benchmark-json FILE)") from None
     if not all(0.0 < t < math.inf for t in least.values()):
         raise TimingError(f"{path}: a time is not a number > 0")

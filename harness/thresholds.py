@@ -88,9 +88,19 @@ class Thresholds:
 def read_thresholds(path: Path) -> Thresholds:
     """The file, every entry checked."""
     try:
-        plain = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        return parse_thresholds(path.read_text(encoding="utf-8"), path)
+    except (OSError, UnicodeDecodeError) as error:
         raise ThresholdError(f"cannot read thresholds {path}: {getattr(error, 'strerror', None) or error}") from None
+
+
+def parse_thresholds(text: str, path: Path) -> Thresholds:
+    """The text of a thresholds file; ``path`` names it in messages."""
+    try:
+        plain = tomllib.loads(text)
+    except ValueError as error:
+        raise ThresholdError(f"cannot read thresholds {path}: {error}") from None
+    except RecursionError:
+        raise ThresholdError(f"cannot read thresholds {path}: nested too deeply") from None
     unknown = [k for k in plain if k not in ("schema", "suite", "threshold", "status")]
     if unknown or plain.get("schema") != 1 or not isinstance(plain.get("suite"), str):
         raise ThresholdError(
@@ -107,9 +117,9 @@ def read_thresholds(path: Path) -> Thresholds:
 
 def write_thresholds(thresholds: Thresholds) -> str:
     """The text of a thresholds file."""
-    out = ["schema = 1", f"suite = {json.dumps(thresholds.suite)}"]
+    out = ["schema = 1", f"suite = {_quoted(thresholds.suite)}"]
     for e in thresholds.statuses.values():
-        out += ["", "[[status]]", *(f"{k} = {json.dumps(str(v))}" for k, v in dataclasses.asdict(e).items())]
+        out += ["", "[[status]]", *(f"{k} = {_quoted(str(v))}" for k, v in dataclasses.asdict(e).items())]
     for b in thresholds.bounds:
         out += ["", "[[threshold]]"]
         for key, value in dataclasses.asdict(b).items():
@@ -122,8 +132,13 @@ def write_thresholds(thresholds: Thresholds) -> str:
             elif isinstance(value, float):
                 out += [f"{key} = {value:.4g}"] if math.isfinite(value) else []
             elif not (key == "expect" and value == "pass"):
-                out.append(f"{key} = {json.dumps(value, ensure_ascii=False)}")
+                out.append(f"{key} = {_quoted(value)}")
     return "\n".join(out) + "\n"
+
+
+def _quoted(text: str) -> str:
+    """A basic string of TOML: as in JSON, but without pairs of surrogates, and with DEL escaped."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
 def _tables(plain: dict[str, Any], key: str, path: Path) -> list[dict[str, Any]]:
@@ -142,9 +157,13 @@ def _bound(entry: dict[str, Any], place: str) -> Threshold:
     numbers = {"value": math.nan, "upper": math.inf, "lower": -math.inf, "tolerance": 0.0}
     for key in numbers:
         if key in entry:
-            if isinstance(entry[key], bool) or not isinstance(entry[key], int | float) or not math.isfinite(entry[key]):
-                raise ThresholdError(f"{place}: {key} must be a finite number (got {entry[key]!r})")
-            numbers[key] = float(entry[key])
+            try:
+                good = isinstance(entry[key], int | float) and not isinstance(entry[key], bool)
+                numbers[key] = float(entry[key]) if good else math.nan
+            except OverflowError:
+                numbers[key] = math.inf
+            if not math.isfinite(numbers[key]):
+                raise ThresholdError(f"{place}: {key} must be a finite number (got {str(entry[key])[:40]})")
     direction = entry.get("direction", _said_by(numbers["upper"], numbers["lower"]))
     if direction == EQUAL:
         return _equal(entry, numbers, place)

@@ -10,6 +10,7 @@ from rich.text import Text
 from harness import store
 from harness.commands.run import existing, whole
 from harness.commands.screen import Column, errors, fitted, lines, screen
+from harness.commands.terms import UsageError
 from harness.comparison import Change, Comparison, Likeness, compare
 from harness.provenance import Difference, differences, stamp_of, why
 
@@ -36,6 +37,8 @@ def run(arguments: argparse.Namespace) -> int:
     limit = whole(arguments.limit, "--limit")
     folders = [existing(f) for f in (arguments.before, arguments.after)]
     loaded = [store.load(f) for f in folders]
+    if not any(part.records for part in loaded):
+        raise UsageError(f"neither {folders[0]} nor {folders[1]} has a result to compare")
     found = compare(*(part.records for part in loaded))
     inputs = differences(*map(stamp_of, folders))
     if arguments.json:

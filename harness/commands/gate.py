@@ -5,8 +5,9 @@ import contextlib
 import difflib
 import json
 import math
+import re
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,14 +19,17 @@ from harness.commands.progress import progress
 from harness.commands.run import add_running, existing, jobs
 from harness.commands.screen import Column, fitted, lines, screen
 from harness.commands.terms import UsageError, check_writable, load_plugins
-from harness.gate import State, Verdict, has_moved, judge, tightened
+from harness.environment import code_digest
+from harness.gate import State, Verdict, has_moved, judge, of_code, tightened
 from harness.gate_files import as_plain, junit, markdown
 from harness.history import GATES, rows_of, write_rows
 from harness.proposal import proposed
 from harness.provenance import stamp_of
+from harness.records import RunRecord
 from harness.runner import Request, new_folder, run_suite
+from harness.store import newest
 from harness.suites import Suite, load_suite
-from harness.thresholds import FOLDER, Thresholds, read_thresholds, write_thresholds
+from harness.thresholds import FOLDER, Thresholds, parse_thresholds, read_thresholds, write_thresholds
 
 COLUMNS = (
     Column("state", right=False),
@@ -37,6 +41,7 @@ COLUMNS = (
     Column("unit", rank=3, right=False),
     Column("why", right=False, fold=True, least=16),
 )
+COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#", re.MULTILINE)  # not in a string
 STYLE = {State.FAIL: "bold red", State.XPASS: "yellow", State.XFAIL: "cyan", State.PASS: "green"}
 
 
@@ -46,6 +51,7 @@ def add(commands: Any) -> None:
     p.add_argument("--suite", default="ci", help="name or TOML file (default: ci)")
     p.add_argument("--thresholds", metavar="FILE", help="default: results/baselines/<suite>.toml")
     p.add_argument("--run", metavar="DIR", dest="folder", help="judge this run folder instead of running")
+    p.add_argument("--any-code", action="store_true", help="with --run: judge results of other code than today's too")
     p.add_argument("--update", action="store_true", help="print a diff that tightens thresholds and adds missing ones")
     p.add_argument("--loosen", action="store_true", help="with --update: propose wider bounds too")
     p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
@@ -59,6 +65,10 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """0 if nothing failed and something was judged, else 1."""
+    for file in filter(None, (arguments.junit, arguments.markdown)):
+        _clear(Path(file))
+    if arguments.any_code and not arguments.folder:
+        raise UsageError("--any-code goes with --run: what is run now is of this code")
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     path = Path(arguments.thresholds) if arguments.thresholds else FOLDER / f"{suite.name}.toml"
     for given, other in (
@@ -70,16 +80,15 @@ def run(arguments: argparse.Namespace) -> int:
     ):
         if getattr(arguments, given) and (arguments.update if other else not arguments.update):
             raise UsageError(f"--{given} goes {'without' if other else 'with'} --update")
-    for file in filter(None, (arguments.junit, arguments.markdown)):
-        check_writable(Path(file))
     thresholds = Thresholds(suite.name, (), {})
     if path.exists() or not arguments.update:
         thresholds = read_thresholds(path)
     done = _done(arguments, suite)
-    loaded = done.loaded
+    code = None if arguments.any_code else code_digest(suite.plugins)
+    judged = newest(done.loaded.records if code is None else of_code(done.loaded.records, code))
     if arguments.update:
-        return _update(path, thresholds, loaded, loosen=arguments.loosen, write=arguments.write)
-    verdict = judge(suite.cells, loaded.records, thresholds)
+        return _update(path, thresholds, judged, loosen=arguments.loosen, write=arguments.write)
+    verdict = judge(suite.cells, done.loaded.records, thresholds, code)
     if arguments.json:
         lines().print(json.dumps(as_plain(verdict, suite.name), ensure_ascii=False, allow_nan=False))
     else:
@@ -87,8 +96,15 @@ def run(arguments: argparse.Namespace) -> int:
     for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
         if file:
             store.write_text(Path(file), made(verdict, suite.name))
-    _remember(done, verdict)
+    _remember(done, judged, verdict)
     return 0 if verdict.is_open else 1
+
+
+def _clear(file: Path) -> None:
+    """The verdict of an earlier gate must not be taken for that of one that came to none."""
+    check_writable(file)
+    if file.is_file() and not file.is_symlink():
+        file.unlink()
 
 
 @dataclass(frozen=True)
@@ -112,15 +128,13 @@ def _done(arguments: argparse.Namespace, suite: Suite) -> Done:
         return Done(name, stamp_of(folder), loaded)
 
 
-def _remember(done: Done, verdict: Verdict) -> None:
+def _remember(done: Done, judged: Sequence[RunRecord], verdict: Verdict) -> None:
     """Rows for the history, with each cell's worst state; a folder that cannot be written costs the history only."""
     worst: dict[str, str] = {}
     for f in verdict.findings:  # the worst come first
         worst.setdefault(f.case, f.state.name)
     with contextlib.suppress(OSError):
-        write_rows(
-            store.LOCAL / GATES / f"{done.name}.jsonl", rows_of(done.name, done.stamp, done.loaded.records, worst)
-        )
+        write_rows(store.LOCAL / GATES / f"{done.name}.jsonl", rows_of(done.name, done.stamp, judged, worst))
 
 
 def _print(verdict: Verdict, *, everything: bool) -> None:
@@ -147,13 +161,18 @@ def _moved(measured: float, value: float) -> str:
     return f"x {measured / value:.3g}" if value else f"{measured:+.3g}"
 
 
-def _update(path: Path, old: Thresholds, loaded: store.Loaded, *, loosen: bool, write: bool) -> int:
-    new = write_thresholds(tightened(old, loaded.records, proposed(loaded.records), loosen=loosen))
+def _update(path: Path, old: Thresholds, judged: Sequence[RunRecord], *, loosen: bool, write: bool) -> int:
+    new = write_thresholds(tightened(old, judged, proposed(judged), loosen=loosen))
+    parse_thresholds(new, path)  # what the gate could not read is not written
     before = path.read_text(encoding="utf-8") if path.exists() else ""
     out = lines()
     if write:
         store.write_text(path, new)
         out.print(f"written: {path}")
+        if COMMENT.search(before):
+            out.print(
+                "its comments are not in it any more: take them over from the version before, or put them in reasons"
+            )
         return 0
     for line in difflib.unified_diff(before.splitlines(), new.splitlines(), str(path), "proposed", lineterm=""):
         out.print(line)

@@ -41,7 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     folder = existing(arguments.folder)
     plugins = load_plugins(arguments.plugin)
     loaded = store.load(folder)
-    able = [r for r in loaded.records if is_repeatable(r)]
+    cells = store.newest(loaded.records)
+    able = [r for r in cells if is_repeatable(r)]
     if not able:
         raise UsageError(f"{folder} has no cell that can be repeated (stopped by limits, or none at all)")
     sample = random.Random(seed).sample(able, min(size, len(able)))
@@ -59,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         return 0 if good else 1
     show(found, inputs, limit=40)
     demand = "bit for bit: same code, same platform" if exact else "within what machines may differ by"
-    out.print(f"{'verified' if good else 'NOT verified'}: {len(sample)} of {len(loaded.records)} cells ({demand})")
+    out.print(f"{'verified' if good else 'NOT verified'}: {len(sample)} of {len(cells)} cells ({demand})")
     for item in loaded.unreadable:
         out.print(f"not read: {item.path}: {item.why}")
     return 0 if good and not loaded.unreadable else 1

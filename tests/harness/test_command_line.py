@@ -181,6 +181,66 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
     plain = json.loads(said(*judge, "--json", code=1))
     assert not plain["open"] and plain["counts"]["FAIL"] == sum(f["state"] == "FAIL" for f in plain["findings"]) > 0
     assert "position_error_max_m" in said(*judge, "--update")
+    (tmp_path / "bounds.toml").write_text("# why\n" + BOUND)
+    assert "comments are not in it" in said(*judge, "--update", "--write")
+    assert "gate open" in said(*judge)
+    monkeypatch.setattr("harness.commands.gate.code_digest", lambda plugins: "other")
+    assert "result of other code" in said(*judge, code=1) and said(*judge, "--any-code")
+    assert not [x for x in said(*judge, "--update").splitlines() if x.startswith("+[[")]  # nor is it proposed from
+
+
+def test_an_old_verdict_does_not_outlive_a_gate_that_came_to_none(tmp_path, capsys, monkeypatch):
+    """Cells that cannot be run, a gate interrupted: no file of an earlier, open gate is left for CI to read."""
+    from harness.pool import PoolError
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bounds.toml").write_text(BOUND)
+    (tmp_path / "small.toml").write_text(SUITE)
+    line = ["gate", "--suite", "small.toml", *WITH, "--thresholds", "bounds.toml"]
+    for error, code, words in ((PoolError("gone"), 1, "gone"), (KeyboardInterrupt(), 130, "nothing was judged")):
+        for name in ("gate.xml", "gate.md"):
+            (tmp_path / name).write_text('failures="0"')
+
+        def ended(*_, error=error, **__):
+            raise error
+
+        monkeypatch.setattr("harness.commands.gate.run_suite", ended)
+        assert main([*line, "--junit", "gate.xml", "--markdown", "gate.md"]) == code
+        assert words in capsys.readouterr().err
+        assert not (tmp_path / "gate.xml").exists() and not (tmp_path / "gate.md").exists()
+
+
+def test_files_that_cannot_be_used_are_told_in_a_line(tmp_path, capsys, monkeypatch):
+    """Names too long, a file where a folder must be, a folder where a file must be, lists in lists without end."""
+    monkeypatch.chdir(tmp_path)
+    long, deep = "x" * 300, tmp_path / "deep"
+    deep.write_text("[" * 100_000)
+    (tmp_path / "deep.jsonl").write_text("[" * 100_000)
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "cells").write_text("")
+    (tmp_path / "b" / "cells").mkdir(parents=True)
+    (tmp_path / "b" / ".lock").mkdir()
+    (tmp_path / "c" / "cells").mkdir(parents=True)
+    (tmp_path / "s.toml").write_text(f'name = "s"\nplugins = ["{PLUGIN}"]\n' + SUITE)
+    for line in (
+        ["show", long], ["run", "s.toml", "--out", long], ["gate", "--thresholds", long], ["judge", long],
+        ["run", "s.toml", "--out", "a"], ["run", "s.toml", "--out", "b"], ["merge", "b", "c"],
+        ["kernels", "compare", "deep", "deep"], ["history", "deep.jsonl"], ["gate", "--thresholds", "deep"],
+        ["judge", "c", "--claims", "deep"], ["diff", "c", "c"],
+    ):  # fmt: skip
+        assert main(line) == 2, line
+        out, err = capsys.readouterr()
+        assert err.startswith("error: ") and err.count("\n") == 1 and not out, line
+
+
+def test_one_foreign_file_costs_no_run(tmp_path):
+    """Nested without end, or with a number beyond any: it is no record, and can be set aside."""
+    from harness import store
+
+    folder = store.create(tmp_path / "run")
+    (folder / "cells" / "deep.json").write_text("[" * 100_000)
+    (folder / "cells" / "long.json").write_text('{"record": 1' + "0" * 5000 + "}")
+    assert len(store.load(folder).unreadable) == 2
 
 
 def test_environment_and_suite_are_kept(command, tmp_path):

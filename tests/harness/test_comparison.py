@@ -38,6 +38,15 @@ def test_cells_that_come_and_go_are_named():
     assert found.only_before == (BASE.case,) and found.only_after == ("new",) and not found.alike
 
 
+def test_of_two_results_of_a_cell_the_newest_counts():
+    """A resumed folder holds those of older code too, in no order."""
+    old, new = (
+        dataclasses.replace(BASE, cell=x, finished=x, phi_max=y) for x, y in (("2026-01-01", 9.0), ("2026-01-02", 1.0))
+    )
+    for folder in ([old, new], [new, old]):
+        assert compare(folder, [new]).same and not compare(folder, [old]).same
+
+
 def test_limits_make_a_run_unrepeatable():
     """Where the clock decides how far a run gets, two runs differ by right."""
     assert is_repeatable(BASE) and not is_repeatable(dataclasses.replace(BASE, status="stalled"))
@@ -66,6 +75,8 @@ def test_verify_and_diff(command, tmp_path, capsys, monkeypatch):
     """The same code: every cell again bit for bit. A record that says otherwise: found, with its numbers."""
     (tmp_path / "small.toml").write_text(SUITE)
     assert command("run", "small.toml", *WITH, "--out", "a").returncode == 0
+    older = {"code": "older", "cell": "0" * 16, "finished": "2000", "series": ""}  # of a cell that is there anew
+    store.write_record(tmp_path / "a", dataclasses.replace(store.load(tmp_path / "a").records[0], **older))
     good = command("verify", "a", *WITH, "--sample", "8")
     assert good.returncode == 0 and "verified: 8 of 8" in good.stdout and "bit for bit" in good.stdout, good.stderr
     assert command("verify", "a").returncode == 2  # without the plugin its cells cannot be run

@@ -74,6 +74,21 @@ def test_the_gate_closes(verdict):
     assert verdict().state is State.FAIL and not verdict().is_open
 
 
+def test_a_result_of_other_code_counts_as_missing():
+    """What the code of today gives is not known from it; asked for by name (no code) the newest is judged."""
+    old, new = (
+        dataclasses.replace(RECORDS[0], code=code, finished=when, phi_max=value)
+        for code, when, value in (("then", "2026-01-02", 9.0), ("now", "2026-01-01", 1.0))
+    )
+    here = dataclasses.replace(RECORDS[1], code="now")
+    for records in ([old, new, here], [here, new, old]):
+        assert judge(CELLS, records, BOUNDS, "now").is_open
+        assert judge(CELLS, records, BOUNDS).state is State.FAIL  # the newest of all is the one of other code
+    closed = judge(CELLS, [old, here], BOUNDS, "now")
+    assert not closed.is_open and all("other code" in f.words for f in closed.findings if f.case == CASE)
+    assert not judge(CELLS, [old, here], BOUNDS, "later").is_open
+
+
 def test_expected_failures_are_told_apart():
     """XFAIL keeps the gate open; XPASS closes it, for the expectation is out of date."""
     bounds = with_bound(expect="fail", upper=0.5)
@@ -102,6 +117,32 @@ def test_update_keeps_a_width_that_has_its_reason():
     assert tightened(wide, RECORDS, [same], loosen=False) == wide
     (new,) = tightened(wide, RECORDS, [better], loosen=False).bounds
     assert new.upper == 2.5 and new.value == 0.5
+
+
+@pytest.mark.parametrize("loosen", [False, True])
+@pytest.mark.parametrize("value", [0.1, 1.0, 3.0, 9.0])
+@pytest.mark.parametrize(("lower", "upper"), [(1.0, math.inf), (1.0, 5.0), (-math.inf, 5.0)])
+def test_what_update_writes_can_be_read_and_goes_the_same_way(tmp_path, lower, upper, value, loosen):
+    """Bounds below, above or on both sides, a value within or outside: no bound comes or goes, none crosses another."""
+    direction = {(False, True): "larger", (True, False): "smaller"}.get((upper < 9, lower > 0), "between")
+    was = threshold(CASE, value=2.0, lower=lower, upper=upper, direction=direction)
+    new = threshold(CASE, value=value, upper=1.2 * value)
+    (after,) = tightened(Thresholds("t", (was,), {}), RECORDS, [new], loosen=loosen).bounds
+    path = tmp_path / "t.toml"
+    path.write_text(write_thresholds(Thresholds("t", (after,), {})))
+    (read,) = read_thresholds(path).bounds
+    assert read == after and read.direction == direction
+    assert loosen or (after.lower >= was.lower and after.upper <= was.upper)
+    assert after.holds(value) or not (loosen or was.holds(value))
+
+
+def test_any_words_come_back_as_written(tmp_path):
+    """Characters beyond the basic plane, DEL, quotes: the file is TOML whatever a case is called."""
+    odd = 'a "b" \\ \x7f \x00 \U0001f600 é #'
+    bounds = Thresholds(odd, (threshold(odd, reason=odd),), {odd: Expectation(odd, Status.REFUSED, odd)})
+    path = tmp_path / "t.toml"
+    path.write_text(write_thresholds(bounds), encoding="utf-8")
+    assert read_thresholds(path) == bounds
 
 
 def test_equal_is_exact_unless_a_tolerance_is_stated(tmp_path):
@@ -163,7 +204,8 @@ ENTRY = '[[threshold]]\ncase = "a"\nmetric = "phi_max"\nupper = 1.0\nreason = "r
     ("text", "words"),
     [("", "fit the bounds"), ("", "takes value"), ("", "above upper"),
      ("[", "t.toml"), ("schema = 2", "schema"), ("", "upper or lower"), ("", "unknown metric"), ("", "reason"),
-     ("", "expect"), ("", "finite"), ("", "twice"), ("", "unknown key"), ("", "unknown status")],
+     ("", "expect"), ("", "finite"), ("", "twice"), ("", "unknown key"), ("", "unknown status"),
+     ("", "too deeply"), ("", "upper must be a finite"), ("", "digits")],
 )  # fmt: skip
 def test_wrong_thresholds_are_told(tmp_path, text, words):
     """A gate with a misread bound would be green for nothing."""
@@ -178,6 +220,9 @@ def test_wrong_thresholds_are_told(tmp_path, text, words):
         "finite": ENTRY.replace("1.0", "nan"),
         "twice": ENTRY + ENTRY,
         "unknown key": ENTRY + "uper = 1\n",
+        "too deeply": "x = " + "[" * 5000,
+        "upper must be a finite": ENTRY.replace("1.0", "1" + "0" * 400),
+        "digits": ENTRY.replace("1.0", "1" * 5000),
         "unknown status": '[[status]]\ncase = "a"\nstatus = "refusd"\nreason = "r"\n',
     }
     path = tmp_path / "t.toml"

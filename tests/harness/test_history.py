@@ -48,6 +48,15 @@ def test_rows_are_in_order_of_time_with_ratios_on_the_same_processor(three):
     assert [r.energy_drift_max_J for r in rows if r.settings == "a"] == [1e-3, 1e-3, 4e-3]
 
 
+def test_of_two_results_of_a_cell_the_newest_is_the_row(tmp_path):
+    """A folder gone on with at newer code holds both."""
+    run = folder(tmp_path, "run", "b", "2026-01-01", a=("success", 1e-3, 1.0))
+    (record,) = store.load(run).records
+    for cell, finished, status in (("a", "2026-01-02", "wrong"), ("c", "2026-01-01", "crashed")):
+        store.write_record(run, dataclasses.replace(record, cell=cell, finished=finished, status=status))
+    assert [r.status for r in history([run])] == ["wrong"]
+
+
 def test_files_of_rows_add_what_folders_no_longer_hold(three, tmp_path):
     """Written, read, and mixed with folders: each cell of a run once, ratios made anew."""
     file = tmp_path / "kept" / "old.jsonl"
@@ -70,7 +79,7 @@ def test_other_files_are_told_in_a_line(tmp_path, line):
 def test_wrong_types_are_told(tmp_path):
     """A number that is text, text that is a number."""
     good = as_plain(Row(*["x"] * 10))
-    for bad in ({"phi_max": "1"}, {"steps": True}, {"case": 3}, {"gate": None}):
+    for bad in ({"phi_max": 10**400}, {"phi_max": "1"}, {"steps": True}, {"case": 3}, {"gate": None}):
         (tmp_path / "x.jsonl").write_text(json.dumps({**good, **bad}))
         with pytest.raises(HistoryError):
             read_rows(tmp_path / "x.jsonl")
