@@ -10,7 +10,7 @@ from rich.text import Text
 
 from harness import store
 from harness.commands.run import existing
-from harness.referee.claims import REGISTER, read_register
+from harness.referee.claims import POSING, REGISTER, read_register
 from harness.referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 
 STYLE = {"SUPPORTED": "green", "CONDITIONAL": "yellow", "REFUTED": "bold red", "UNTESTABLE": "dim"}
@@ -61,12 +61,12 @@ def show(claims: list[dict[str, Any]], changed: list[Change], compared: bool, pu
     for c in claims:
         holding = sum(row["holds"] is True for row in c["map"])
         band = c["tests"][0]["band"] if c["tests"] else ""
-        tried = f"{holding} of {len(c['map'])}" if c["map"] else c["missing"]
+        counted = sum(row["holds"] is not None for row in c["map"])
+        tried = f"{holding} of {counted}" if c["map"] else c["missing"]
         verdict = Text(c["verdict"], STYLE[c["verdict"]])
         table.add_row(Text(c["id"]), c["figure"], verdict, Text(c["measured_words"]), Text(band), Text(tried))
     out.print(table)
-    counts = {v: sum(c["verdict"] == v for c in claims) for v in STYLE}
-    out.print(Text(", ".join(f"{n} {v}" for v, n in counts.items())))
+    out.print(Text(tally(claims)))
     for change in changed:
         words = f"{change.before or 'not published'} -> {change.after or 'no longer judged'}"
         out.print(Text(f"changed: {change.id}: {words}"))
@@ -74,3 +74,12 @@ def show(claims: list[dict[str, Any]], changed: list[Change], compared: bool, pu
         out.print("nothing is published yet; --publish does it")
     elif compared:
         out.print(f"{len(changed)} verdicts differ from the published ones" if changed else "as published")
+
+
+def tally(claims: list[dict[str, Any]]) -> str:
+    """How many of each verdict among the results; checks of how we posed the problems beside them."""
+    results = [c for c in claims if c["kind"] != POSING]
+    words = ", ".join(f"{sum(c['verdict'] == v for c in results)} {v}" for v in STYLE)
+    checks = [c for c in claims if c["kind"] == POSING]
+    good = sum(c["verdict"] == "SUPPORTED" for c in checks)
+    return f"{words}; and checks of the posing: {good} of {len(checks)} SUPPORTED" if checks else words

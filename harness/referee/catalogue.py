@@ -16,30 +16,40 @@ from harness.series import Series
 
 NAN = math.nan
 END = 1e-9  # relative: t_reached this close to t_end is the end
+COMPARED = ("position_error", "orientation_error")  # against a reference: NaN is beyond its horizon
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A function of (record, series, arguments) with the arguments it takes and those it cannot do without."""
+    """A function of (record, series, arguments) with the arguments it takes and those it cannot do without.
+
+    ``until`` says which part of a run settles the number: ``to`` (or ``at``; without either the end), ``end``, or
+    ``known``: once there is a number, it stays. A number that ``grows`` can only become larger as a run goes on.
+    """
 
     of: Callable[..., float]
     takes: tuple[str, ...]
     wants: tuple[str, ...]
     needs_series: bool = True
     of_pair: bool = False
+    until: str = "to"
+    grows: bool = False
     doc: str = ""
 
 
 MEASURES: dict[str, Measure] = {}
 
 
-def measure(wants: str = "", takes: str = "", *, series: bool = True, pair: bool = False) -> Callable[..., Any]:
+def measure(
+    wants: str = "", takes: str = "", *, series: bool = True, pair: bool = False, until: str = "to", grows: bool = False
+) -> Callable[..., Any]:
     """Enter a function in the catalogue under its name, with spaces for underscores."""
 
     def enter(function: Callable[..., float]) -> Callable[..., float]:
         needed, known = tuple(wants.split()), tuple(takes.split())
         doc = (function.__doc__ or "").strip().splitlines()[0]
-        MEASURES[function.__name__.replace("_", " ")] = Measure(function, (*needed, *known), needed, series, pair, doc)
+        name = function.__name__.replace("_", " ")
+        MEASURES[name] = Measure(function, (*needed, *known), needed, series, pair, until, grows, doc)
         return function
 
     return enter
@@ -54,12 +64,17 @@ def evaluate(name: str, record: RunRecord, series: Series | None, arguments: Map
         return float(m.of(record, series, **{"begin" if k == "from" else k: v for k, v in arguments.items()}))
 
 
-def evaluate_pair(name: str, one: Series | None, other: Series | None, arguments: Mapping[str, Any]) -> float:
-    """The number of two runs, NaN if one has no series."""
-    if one is None or other is None:
+def evaluate_pair(
+    name: str,
+    one: tuple[RunRecord, Series | None],
+    other: tuple[RunRecord, Series | None],
+    arguments: Mapping[str, Any],
+) -> float:
+    """The number of two runs, NaN if one has no series or stopped before its end."""
+    if one[1] is None or other[1] is None or not (reached_end(one[0]) and reached_end(other[0])):
         return NAN
     with np.errstate(all="ignore"):
-        return float(MEASURES[name].of(one, other, **arguments))
+        return float(MEASURES[name].of(one[1], other[1], **arguments))
 
 
 def reached_end(record: RunRecord) -> bool:
@@ -79,7 +94,7 @@ def stretch(record: RunRecord, s: Series, name: str, begin: float, to: float, pa
     if a is None or (not partial and t[-1] < end * (1.0 - END)):
         return None
     inside = a[(t >= begin) & (t <= end * (1.0 + END))]
-    if name.endswith("_error") and name != "energy_error":  # against a reference: NaN is beyond its horizon
+    if name in COMPARED:
         inside = inside[~np.isnan(inside)]
     return inside if len(inside) else None
 

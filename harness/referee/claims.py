@@ -12,14 +12,15 @@ from typing import Any
 
 from harness.options import nearest
 from harness.referee.evidence import MEASURES
-from harness.referee.predicates import COMBINE, COMPARE, Band
+from harness.referee.predicates import COMBINE, COMPARE, NEAREST, Band
 
 REGISTER = Path(__file__).resolve().parents[2] / "results" / "claims.toml"
 LONGEST_QUOTE = 140  # a line of the paper, not a paragraph
 QUANTIFIERS = ("all", "some")
+RESULT, POSING = KINDS = ("result", "posing")  # a finding about solvers; a check that we pose what the paper does
 CLAIM_KEYS = (
     "id", "section", "figure", "quote", "claim", "map", "against", "pair_by", "across", "quantifier", "tests",
-    "needs", "caveats",
+    "needs", "caveats", "kind", "starting",
 )  # fmt: skip
 TEST_KEYS = ("metric", "unit", "at_least", "at_most", "combine", "compare")
 MAP_KEYS = ("over", "dimensions", "printed")
@@ -69,6 +70,8 @@ class Claim:
     quantifier: str = "all"
     needs: tuple[Mapping[str, str], ...] = ()
     caveats: tuple[str, ...] = ()
+    kind: str = RESULT
+    starting: bool = False  # about starting: a run that took no step counts
 
 
 @dataclass(frozen=True)
@@ -132,7 +135,14 @@ def _claim(row: Any, maps: Mapping[str, Map], at: str) -> Claim:
     quantifier = row.get("quantifier", "all")
     if quantifier not in QUANTIFIERS:
         raise ClaimsError(f"{at}: quantifier must be all or some (got {quantifier!r})")
+    kind, starting = row.get("kind", RESULT), row.get("starting", False)
+    if kind not in KINDS:
+        raise ClaimsError(f"{at}: kind must be {' or '.join(KINDS)} (got {kind!r})")
+    if not isinstance(starting, bool):
+        raise ClaimsError(f"{at}: starting must be true or false (got {starting!r})")
     across = row.get("across", "")
+    if len({t.combine == NEAREST for t in tests}) > 1:
+        raise ClaimsError(f"{at}: combine = {NEAREST!r} goes with all tests or none: one and the same run meets them")
     for k, t in enumerate(tests):
         if bool(t.combine) != bool(across):
             raise ClaimsError(f"{at}: test {k + 1}: combine goes with across, and across with combine")
@@ -149,6 +159,8 @@ def _claim(row: Any, maps: Mapping[str, Map], at: str) -> Claim:
         quantifier=quantifier,
         needs=needs,
         caveats=tuple(_text(c, f"{at}: caveats") for c in _list(row.get("caveats", []), f"{at}: caveats")),
+        kind=kind,
+        starting=starting,
     )
 
 
@@ -169,7 +181,7 @@ def _test(row: Any, at: str) -> Test:
         raise ClaimsError(f"{at}: a band is needed: at_least, at_most or both")
     if low > high:
         raise ClaimsError(f"{at}: the band is empty: at_least {low:g} is above at_most {high:g}")
-    for key, known in (("combine", COMBINE), ("compare", COMPARE)):
+    for key, known in (("combine", (*COMBINE, NEAREST)), ("compare", COMPARE)):
         if key in given and given[key] not in known:
             raise ClaimsError(f"{at}: {key} must be one of {', '.join(known)} (got {given[key]!r})")
     if not isinstance(given.get("unit"), str):

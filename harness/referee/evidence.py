@@ -27,20 +27,20 @@ from harness.series import Series
 __all__ = ["MEASURES", "evaluate", "evaluate_pair", "passages"]
 
 
-@measure("name", "partial", series=False)
+@measure("name", "partial", series=False, until="end", grows=True)
 def column(record: RunRecord, series: Series | None, name: str, partial: bool = False) -> float:
     """A column of the record; of a run that got to its end, unless ``partial``."""
     value = getattr(record, name, NAN)
     return float(value) if (partial or reached_end(record)) and isinstance(value, int | float) else NAN
 
 
-@measure("of", "part partial", series=False)
+@measure("of", "part partial", series=False, until="end")
 def invariant(record: RunRecord, series: Series | None, of: str, part: str = "max", partial: bool = False) -> float:
     """``max`` or ``end`` of the drift of an invariant."""
     return _embedded(record, record.invariant_drifts, of, part, partial)
 
 
-@measure("of", "part partial", series=False)
+@measure("of", "part partial", series=False, until="end")
 def observable_error(
     record: RunRecord, series: Series | None, of: str, part: str = "max", partial: bool = False
 ) -> float:
@@ -48,7 +48,7 @@ def observable_error(
     return _embedded(record, record.observable_errors, of, part, partial)
 
 
-@measure(series=False)
+@measure(series=False, grows=True)
 def reached(record: RunRecord, series: Series | None) -> float:
     """Part of the time asked for that the run got through: 1 is the end."""
     if reached_end(record):
@@ -56,7 +56,7 @@ def reached(record: RunRecord, series: Series | None) -> float:
     return 0.0 if math.isnan(record.t_reached_s) else min(record.t_reached_s / record.t_end_s, 1.0)
 
 
-@measure(series=False)
+@measure(series=False, grows=True)
 def stops_at(record: RunRecord, series: Series | None) -> float:
     """Time at which the run stopped before its end; infinite if it did not."""
     if reached_end(record):
@@ -76,7 +76,7 @@ def late_energy(record: RunRecord, series: Series | None) -> float:
     return abs(record.energy_mean_last_quarter_J) if reached_end(record) else math.inf
 
 
-@measure("series", "from to partial")
+@measure("series", "from to partial", grows=True)
 def largest(
     record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
 ) -> float:
@@ -85,7 +85,7 @@ def largest(
     return NAN if a is None else bound(a, np.max(np.abs(a)))
 
 
-@measure("series", "from to partial")
+@measure("series", "from to partial", grows=True)
 def highest(
     record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
 ) -> float:
@@ -103,7 +103,7 @@ def lowest(
     return NAN if a is None else bound(a, np.min(a))
 
 
-@measure("series", "from to partial")
+@measure("series", "from to partial", grows=True)
 def extent(
     record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
 ) -> float:
@@ -121,7 +121,7 @@ def value(record: RunRecord, s: Series, series: str, at: float) -> float:
     return float(np.interp(at, t, a))
 
 
-@measure("series at")
+@measure("series at", until="known")
 def rate(record: RunRecord, s: Series, series: str, at: float) -> float:
     """|d series/dt| over the first step that ends after ``at``."""
     t, a = s["t"], array(s, series)
@@ -137,7 +137,7 @@ def change(record: RunRecord, s: Series, series: str, begin: float, to: float) -
     return value(record, s, series, to) - value(record, s, series, begin)
 
 
-@measure("of", "from to partial")
+@measure("of", "from to partial", grows=True)
 def away(record: RunRecord, s: Series, of: str, begin: float = 0.0, to: float = NAN, partial: bool = False) -> float:
     """max |observable - the reference's| over a stretch of time."""
     own, exact = (stretch(record, s, f"{k}_{of}", begin, to, partial) for k in ("obs", "ref"))
@@ -147,7 +147,7 @@ def away(record: RunRecord, s: Series, of: str, begin: float = 0.0, to: float = 
     return bound(own[known], np.max(np.abs(own[known] - exact[known]), initial=0.0)) if np.any(known) else NAN
 
 
-@measure("series limit")
+@measure("series limit", grows=True, until="known")
 def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
     """First time |series| passes a limit; infinite if it never does."""
     a = array(s, series)
@@ -157,7 +157,7 @@ def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
     return float(s["t"][beyond[0]]) if len(beyond) else math.inf
 
 
-@measure("series")
+@measure("series", until="end")
 def grows(record: RunRecord, s: Series, series: str) -> float:
     """max |series| in the last quarter of the time asked for over that in the first quarter."""
     quarter = 0.25 * record.t_end_s
@@ -169,7 +169,7 @@ def grows(record: RunRecord, s: Series, series: str) -> float:
     return 1.0 if a == b == 0.0 else math.inf if b == 0.0 or not math.isfinite(a) else a / b
 
 
-@measure("series to")
+@measure("series to", until="end")
 def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
     """max |series| up to a time over that of the whole run: small for what grows gradually."""
     first, whole = stretch(record, s, series, 0.0, to, False), stretch(record, s, series, 0.0, NAN, False)
@@ -178,7 +178,7 @@ def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
     return float(np.max(np.abs(first)) / np.max(np.abs(whole)))
 
 
-@measure()
+@measure(grows=True)
 def energy_ratio(record: RunRecord, s: Series) -> float:
     """Largest mechanical energy over that of the start, whatever part of the run there is."""
     E = s["energy"]
@@ -199,7 +199,7 @@ def peak_over_median(
 
 @measure("series", "", pair=True)
 def apart(one: Series, other: Series, series: list[str]) -> float:
-    """Largest distance of two runs in the named components, over the time of ``one``; NaN if ``other`` is shorter."""
+    """Largest distance of two whole runs in the named components, over the time of ``one``."""
     t = one["t"]
     if t[-1] > other["t"][-1] * (1.0 + END) or not all(k in one and k in other for k in series):
         return NAN

@@ -66,16 +66,21 @@ def own_duration(problem: str) -> float:
 
 
 def select(places: Iterable[Place], selections: Sequence[Mapping[str, Any]]) -> tuple[Place, ...]:
-    """Those in one of the selections, in their order; of two that differ in limits alone the first."""
-    seen: set[str] = set()
-    out = []
+    """Those in one of the selections, in their order; of two that differ in limits alone that of fewer steps.
+
+    A run without one that is stuck is ended by a clock.
+    """
+    out: dict[str, Place] = {}
     for p in places:
         if any(_matches(p, s) for s in selections):
             key = repr(sorted((k, str(v)) for k, v in p.dimensions.items()))
-            if key not in seen:
-                seen.add(key)
-                out.append(p)
-    return tuple(out)
+            if key not in out or _budget(p) < _budget(out[key]):
+                out[key] = p
+    return tuple(out.values())
+
+
+def _budget(p: Place) -> int:
+    return p.cell.control.max_steps
 
 
 def varied(places: Sequence[Place]) -> dict[str, list[Any]]:

@@ -7,6 +7,7 @@ from typing import Any
 
 from harness.records import RunRecord
 from harness.referee.claims import Test
+from harness.referee.endings import Ending, by_budget, ending
 from harness.referee.evidence import MEASURES, evaluate, evaluate_pair
 from harness.series import Series
 
@@ -23,6 +24,7 @@ class Numbers:
         self._series_of = lru_cache(maxsize=KEPT)(lambda settings: series_of(records[settings]))
         self._read = series_of
         self._found: dict[Key, float] = {}
+        self._ending: dict[str, Ending] = {}
 
     def gather(self, wanted: Iterable[tuple[str, Test]]) -> None:
         """Measure what is asked of each run, run by run."""
@@ -32,8 +34,9 @@ class Numbers:
                 by_run.setdefault(settings, {})[_key(settings, test)] = test
         for settings, tests in by_run.items():
             record = self.records[settings]
-            needs = any(MEASURES[t.metric].needs_series for t in tests.values())
+            needs = any(MEASURES[t.metric].needs_series for t in tests.values()) or by_budget(record)
             series = self._read(record) if needs else None
+            self._ending[settings] = ending(record, series)
             for key, test in tests.items():
                 self._found[key] = evaluate(test.metric, record, series, test.arguments)
 
@@ -46,7 +49,15 @@ class Numbers:
 
     def between(self, one: str, other: str, test: Test) -> float:
         """The number of two runs."""
-        return evaluate_pair(test.metric, self._series_of(one), self._series_of(other), test.arguments)
+        runs = [(self.records[s], self._series_of(s)) for s in (one, other)]
+        return evaluate_pair(test.metric, runs[0], runs[1], test.arguments)
+
+    def ending(self, settings: str) -> Ending:
+        """How a run ended."""
+        if settings not in self._ending:
+            record = self.records[settings]
+            self._ending[settings] = ending(record, self._series_of(settings) if by_budget(record) else None)
+        return self._ending[settings]
 
 
 def _key(settings: str, test: Test) -> Key:

@@ -5,48 +5,48 @@ import math
 import numpy as np
 
 from harness.records import RunRecord
-from harness.referee.catalogue import NAN, array, measure, stretch
+from harness.referee.catalogue import END, NAN, array, measure, stretch
 from harness.series import Series
 
 START_UP = 0.01  # of t_end: step sizes are judged after it
 
 
-@measure("", "from to")
-def step_ratio(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN) -> float:
+@measure("", "from to partial", grows=True)
+def step_ratio(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False) -> float:
     """Largest over smallest step after the start-up, the last step left out."""
-    dt = _steps(record, s, begin, to)
+    dt = _steps(record, s, begin, to, partial)
     return NAN if dt is None else float(np.max(dt) / np.min(dt))
 
 
-@measure("", "from to")
-def irregularity(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN) -> float:
+@measure("", "from to partial")
+def irregularity(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False) -> float:
     """Mean |change of log10 dt| from step to step after the start-up: 0 for a fixed step."""
-    dt = _steps(record, s, begin, to)
+    dt = _steps(record, s, begin, to, partial)
     return NAN if dt is None else float(np.mean(np.abs(np.diff(np.log10(dt)))))
 
 
-@measure("", "from to")
-def typical_step(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN) -> float:
+@measure("", "from to partial")
+def typical_step(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False) -> float:
     """Median step after the start-up [s]."""
-    dt = _steps(record, s, begin, to)
+    dt = _steps(record, s, begin, to, partial)
     return NAN if dt is None else float(np.median(dt))
 
 
-@measure("", "from to")
-def smallest_step(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN) -> float:
+@measure("", "from to partial")
+def smallest_step(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False) -> float:
     """Smallest step after the start-up [s], the last step left out."""
-    dt = _steps(record, s, begin, to)
+    dt = _steps(record, s, begin, to, partial)
     return NAN if dt is None else float(np.min(dt))
 
 
-@measure("series low within")
+@measure("series low within", until="known")
 def drop_at_lowest(record: RunRecord, s: Series, series: str, low: str, within: float) -> float:
     """Lowest of ``series`` within a time of the first minimum of ``low``, less its value before: a fall is negative."""
     found = _around_lowest(s, series, low, within)
     return NAN if found is None else float(np.min(found) - found[0])
 
 
-@measure("series low within")
+@measure("series low within", until="known")
 def rise_at_lowest(record: RunRecord, s: Series, series: str, low: str, within: float) -> float:
     """Highest of ``series`` within a time of the first minimum of ``low``, less its value before."""
     found = _around_lowest(s, series, low, within)
@@ -60,10 +60,12 @@ def peak_after_lowest(record: RunRecord, s: Series, series: str, low: str, to: f
     return NAN if a is None or turn is None else float(abs(s["t"][int(np.argmax(np.abs(a)))] - s["t"][turn]))
 
 
-def _steps(record: RunRecord, s: Series, begin: float, to: float) -> np.ndarray | None:
+def _steps(record: RunRecord, s: Series, begin: float, to: float, partial: bool) -> np.ndarray | None:
     t, dt = s["t"][:-1], s["dt"][:-1]
     begin = START_UP * record.t_end_s if math.isnan(begin) else begin
-    end = math.inf if math.isnan(to) else to
+    end = record.t_end_s if math.isnan(to) else to
+    if not partial and s["t"][-1] < end * (1.0 - END):
+        return None
     inside = dt[(t > begin) & (t <= end) & (dt > 0.0)]
     return inside if len(inside) > 2 else None
 
@@ -78,4 +80,6 @@ def _first_minimum(s: Series, low: str) -> int | None:
 
 def _around_lowest(s: Series, name: str, low: str, within: float) -> np.ndarray | None:
     a, turn, t = array(s, name), _first_minimum(s, low), s["t"]
-    return None if a is None or turn is None else a[np.abs(t - t[turn]) <= within]
+    if a is None or turn is None or t[-1] < (t[turn] + within) * (1.0 - END):
+        return None
+    return a[np.abs(t - t[turn]) <= within]

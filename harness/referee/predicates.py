@@ -35,8 +35,8 @@ class Band:
 
 
 def _ratio(above: float, below: float) -> float:
-    """above/below; 1 for two that are equally good or, both unbounded, equally bad."""
-    if math.isnan(above) or math.isnan(below):
+    """above/below; 1 for two that are equally good. Two that are unbounded cannot be compared: both runs failed."""
+    if math.isnan(above) or math.isnan(below) or (math.isinf(above) and math.isinf(below)):
         return NAN
     if above == below:
         return 1.0
@@ -50,7 +50,7 @@ def _last_over_first(values: Sequence[float]) -> float:
 
 
 def _worst_step(values: Sequence[float]) -> float:
-    """Largest ratio of a value to the one before: below 1, each is smaller than the last."""
+    """Largest ratio of a value to the one before: below 1, each is smaller than the last. NaN as soon as one is."""
     return max((_ratio(b, a) for a, b in pairwise(values)), default=NAN, key=_nan_last)
 
 
@@ -66,6 +66,9 @@ def _of_all(function: Callable[[Sequence[float]], float]) -> Callable[[Sequence[
 
     return guarded
 
+
+NEAREST = "nearest"  # not of values but of runs: the one value of the dimension that meets all tests, or nearly so
+RATIOS = ("last over first", "worst step")  # NaN where there is nothing to compare, which decides nothing
 
 # values in order of the dimension: the loosest tolerance first, the smallest of any other first
 COMBINE: dict[str, Callable[[Sequence[float]], float]] = {

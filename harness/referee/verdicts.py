@@ -1,11 +1,11 @@
 """From the register, the cells of the suite and the records to a verdict with its evidence. Nothing is typed.
 
-Pure: the same records in any order give the same verdicts. No time of a clock enters; a run that ended at the wall
-limit is left out of the count and named.
+Pure: the same records in any order give the same verdicts. No time of a clock enters. Settings whose runs settle
+nothing are left out of the count and named (module points).
 """
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from harness import registry
@@ -13,25 +13,12 @@ from harness.cell import Cell
 from harness.records import RunRecord
 from harness.referee.claims import Claim, Register, Test
 from harness.referee.conditions import decision, factors, said
-from harness.referee.evidence import MEASURES
-from harness.referee.maps import Place, is_printed, place, select, values_of, varied
+from harness.referee.maps import Place, place, select, values_of, varied
 from harness.referee.measured import Numbers, SeriesOf, in_words, shortened
-from harness.referee.predicates import COMBINE, COMPARE
+from harness.referee.points import Point, points
 
 SUPPORTED, REFUTED, CONDITIONAL, UNTESTABLE = "SUPPORTED", "REFUTED", "CONDITIONAL", "UNTESTABLE"
 SHOWN = ("tolerance", "gain", "form", "chart", "lambda_in_error_test", "consistent_start", "frame")
-BY_CLOCK = ("the wall limit", "CPU time")  # what a run says that a clock ended
-
-
-@dataclass(frozen=True)
-class Point:
-    """One setting of the map: its cells (several where a claim looks across a dimension), the numbers, the finding."""
-
-    places: tuple[Place, ...]
-    numbers: tuple[float, ...]  # one a test
-    holds: bool
-    printed: bool
-    by_clock: bool
 
 
 def judge(
@@ -75,16 +62,17 @@ def _judged(
     claim: Claim, register: Register, own: tuple[Place, ...], others: tuple[Place, ...], numbers: Numbers
 ) -> dict[str, Any]:
     missing = untestable(claim) or _gaps(claim, own, others, numbers.records)
-    points = [] if missing else _points(claim, own, others, numbers)
-    counted = [p for p in points if not p.by_clock]
+    found = [] if missing else points(claim, own, others, numbers)
+    counted = [p for p in found if p.holds is not None]
     if not missing:
-        missing = _unmeasured(claim, counted)
+        missing = _unmeasured(claim, found, counted)
     verdict = UNTESTABLE if missing else _verdict(claim, counted)
     shown = _shown(claim, counted)
     first = claim.tests[0] if claim.tests else None
     values = [p.numbers[0] for p in counted]
     return {
         "id": claim.id,
+        "kind": claim.kind,
         "section": claim.section,
         "figure": ", ".join(map(str, claim.figures)),
         "quote": claim.quote,
@@ -96,11 +84,11 @@ def _judged(
         "unit": first.unit if first else "",
         "band": [shortened(first.band.low), shortened(first.band.high)] if first else [],
         "tests": [_test_words(t, shown, k) for k, t in enumerate(claim.tests)],
-        "because": "; ".join(missing) if missing else _because(claim, register, points, counted),
+        "because": "; ".join(missing) if missing else _because(claim, register, found, counted),
         "settings": _settings(own, others),
         "cells": [p.cell.settings for p in (*own, *others)],
         "factors": factors([_dimensions(claim, p) for p in counted]) if counted else {},
-        "map": [_row(claim, p, numbers.records) for p in points],
+        "map": [_row(claim, p, numbers.records) for p in found],
         "missing": "; ".join(missing),
         "caveats": list(claim.caveats),
     }
@@ -126,58 +114,17 @@ def _gaps(claim: Claim, own: Sequence[Place], others: Sequence[Place], records: 
     return out
 
 
-def _unmeasured(claim: Claim, counted: Sequence[Point]) -> list[str]:
+def _unmeasured(claim: Claim, found: Sequence[Point], counted: Sequence[Point]) -> list[str]:
     """What no run of the map has: a number that nowhere exists refutes nothing."""
+    if not found:
+        return [f"no two runs of the map differ in {claim.across} alone"]
     if not counted:
-        return ["every run of the map ended at the wall limit: nothing that another machine would repeat"]
+        return ["no setting of the map settles it", *_left_out(found)]
     return [
         f"no run of the map has the number {t.metric!r} (test {k + 1})"
         for k, t in enumerate(claim.tests)
         if all(p.numbers[k] != p.numbers[k] for p in counted)
     ]
-
-
-def _points(claim: Claim, own: Sequence[Place], others: Sequence[Place], numbers: Numbers) -> list[Point]:
-    groups: dict[str, list[Place]] = {}
-    for p in own:
-        rest = {k: str(v) for k, v in p.dimensions.items() if k != claim.across} if claim.across else p.cell.settings
-        groups.setdefault(repr(rest), []).append(p)
-    printed = claim.map.printed if claim.map else ()
-    out = []
-    for group in groups.values():
-        ordered = sorted(group, key=lambda p: p.dimensions.get(claim.across) or 0.0) if claim.across else group
-        if claim.across == "tolerance":
-            ordered.reverse()  # the loosest first
-        partners = {p.cell.settings: _partners(claim, p, others) for p in ordered}
-        found = tuple(_number(t, ordered, partners, numbers) for t in claim.tests)
-        holds = all(t.band.holds(v) for t, v in zip(claim.tests, found, strict=True))
-        used = [*ordered, *(q for rows in partners.values() for q in rows)]
-        clock = any(by_clock(numbers.records[p.cell.settings]) for p in used)
-        out.append(Point(tuple(ordered), found, holds, any(is_printed(p, printed) for p in ordered), clock))
-    return out
-
-
-def by_clock(record: RunRecord) -> bool:
-    """Whether a clock ended the run: another machine might let it go on."""
-    return record.status == "stalled" and any(words in record.message for words in BY_CLOCK)
-
-
-def _partners(claim: Claim, p: Place, others: Sequence[Place]) -> list[Place]:
-    return [q for q in others if all(q.dimensions.get(k) == p.dimensions.get(k) for k in claim.pair_by)]
-
-
-def _number(test: Test, ordered: Sequence[Place], partners: Mapping[str, Sequence[Place]], numbers: Numbers) -> float:
-    values = []
-    for p in ordered:
-        own, beside = p.cell.settings, partners[p.cell.settings]
-        if MEASURES[test.metric].of_pair:
-            values.append(COMPARE[test.compare](0.0, [numbers.between(own, q.cell.settings, test) for q in beside]))
-        elif test.compare:
-            them = [numbers.of(q.cell.settings, test) for q in beside]
-            values.append(COMPARE[test.compare](numbers.of(own, test), them))
-        else:
-            values.append(numbers.of(own, test))
-    return COMBINE[test.combine](values) if test.combine else values[0]
 
 
 def _shown(claim: Claim, counted: Sequence[Point]) -> Point | None:
@@ -189,30 +136,41 @@ def _shown(claim: Claim, counted: Sequence[Point]) -> Point | None:
 
 
 def _verdict(claim: Claim, counted: Sequence[Point]) -> str:
-    held = sum(p.holds for p in counted)
+    held = sum(p.holds is True for p in counted)
     if held == len(counted) or (held and claim.quantifier == "some"):
         return SUPPORTED
     return CONDITIONAL if held else REFUTED
 
 
 def _dimensions(claim: Claim, p: Point) -> tuple[Mapping[str, Any], bool]:
-    return {k: v for k, v in p.places[0].dimensions.items() if k != claim.across}, p.holds
+    return {k: v for k, v in p.places[0].dimensions.items() if k != claim.across}, p.holds is True
 
 
-def _because(claim: Claim, register: Register, points: Sequence[Point], counted: Sequence[Point]) -> str:
-    held, printed = sum(p.holds for p in counted), [p for p in counted if p.printed]
-    solvers = values_of(q.dimensions["solver"] for p in points for q in p.places)
+def _because(claim: Claim, register: Register, found: Sequence[Point], counted: Sequence[Point]) -> str:
+    held, printed = [p for p in counted if p.holds], [p for p in counted if p.printed]
+    solvers = values_of(q.dimensions["solver"] for p in found for q in p.places)
     out = [register.solvers[s] for s in solvers if s in register.solvers]
-    out.append(f"holds in {held} of {len(counted)} settings")
+    out.append(f"holds in {len(held)} of {len(counted)} settings")
     if claim.across:
         out[-1] += f", each looked at across {claim.across}"
+    stopped = sum(p.stopped for p in held)
+    if stopped:
+        out.append(f"in {stopped} of these {len(held)} because a run did not get to its end")
     if printed:
-        out.append(f"with what the paper prints in {sum(p.holds for p in printed)} of {len(printed)}")
-    if 0 < held < len(counted):
+        out.append(f"with what the paper prints in {sum(p.holds is True for p in printed)} of {len(printed)}")
+    met = Counter(v for p in held for v in p.met_at)
+    if met:
+        each = ", ".join(f"{said(claim.across, v)} in {met[v]}" for v in values_of(met))
+        out.append(f"one {claim.across} that meets it suffices: {each}")
+    if 0 < len(held) < len(counted):
         out.append(decision([_dimensions(claim, p) for p in counted]))
-    if len(points) > len(counted):
-        out.append(f"{len(points) - len(counted)} settings are left out: their runs ended at the wall limit")
-    return ". ".join(s[0].upper() + s[1:] for s in (*out, *claim.caveats)) + "."
+    return ". ".join(s[0].upper() + s[1:] for s in (*out, *_left_out(found), *claim.caveats)) + "."
+
+
+def _left_out(found: Sequence[Point]) -> list[str]:
+    """How many settings do not count, for each reason."""
+    reasons = Counter(p.left_out for p in found if p.holds is None)
+    return [f"{n} {'setting is' if n == 1 else 'settings are'} left out: {why}" for why, n in sorted(reasons.items())]
 
 
 def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, str]:
@@ -250,7 +208,7 @@ def _row(claim: Claim, p: Point, records: Mapping[str, RunRecord]) -> dict[str, 
         "cell": first.cell.settings,
         "case": first.cell.case + more,
         **at,
-        "holds": None if p.by_clock else p.holds,
+        "holds": p.holds,
         "measured": shortened(p.numbers[0]),
         "status": record.status,
         "printed": p.printed,

@@ -22,6 +22,7 @@ VERDICTS: Mapping[str, Mark] = {
     "REFUTED": Mark("✗", "refuted", "wrong"),
     "UNTESTABLE": Mark("?", "untestable", "refused"),
 }
+POSING = "posing"
 MOST_DIGITS = 1e6
 LISTED = 40  # cells beside the map
 ORDER = ("REFUTED", "CONDITIONAL", "SUPPORTED", "UNTESTABLE")
@@ -68,6 +69,7 @@ class Claim:
     solvers: tuple[str, ...]
     grids: tuple[Grid, ...]
     tried: str  # how many settings of the map hold
+    posing: bool  # no result: a check that the problem is posed as the paper poses it
 
 
 @dataclass(frozen=True)
@@ -89,8 +91,8 @@ def claims_of(rows: Sequence[Entry], links: Links) -> tuple[Claim, ...]:
 
 
 def counts(claims: Iterable[Claim]) -> list[tuple[Mark, int]]:
-    """How many of each verdict, also those of which there is none."""
-    found = Counter(c.verdict.word for c in claims)
+    """How many of each verdict among the results, also those of which there is none."""
+    found = Counter(c.verdict.word for c in claims if not c.posing)
     known = [(VERDICTS[v], found.pop(VERDICTS[v].word, 0)) for v in ORDER]
     return known + [(verdict(word), n) for word, n in found.items()]
 
@@ -140,7 +142,6 @@ def _claim(e: Entry, links: Links, anchor: str) -> Claim:
     map_rows = e.entries("map")
     on_map = [m.text("cell") for m in map_rows]
     keys = dict.fromkeys((*e.texts("cells"), *on_map))
-    holding = sum(m.flag("holds") is True for m in map_rows)
     return Claim(
         e.text("id"),
         anchor,
@@ -161,8 +162,18 @@ def _claim(e: Entry, links: Links, anchor: str) -> Claim:
         _elsewhere(e.texts("cells"), set(on_map), links),
         tuple(sorted({s for k in keys if (s := links.solver(k))})),
         grids(map_rows, links),
-        f"{holding} of {len(map_rows)} settings hold" if map_rows else "",
+        _tried(map_rows),
+        e.text("kind") == POSING,
     )
+
+
+def _tried(rows: Sequence[Entry]) -> str:
+    """Of the settings that settle the claim; those left open beside it."""
+    if not rows:
+        return ""
+    open_ = sum(m.flag("holds") is None for m in rows)
+    said_open = f", {open_} left out" if open_ else ""
+    return f"{sum(m.flag('holds') is True for m in rows)} of {len(rows) - open_} settings hold{said_open}"
 
 
 def _elsewhere(keys: Sequence[str], on_map: set[str], links: Links) -> tuple[tuple[str, str], ...]:
@@ -230,6 +241,7 @@ def write(run: Run, site: Site) -> Page | None:
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(
         page, "claims.html", scripts=["assets/judgement.js"], why=found.why, claims=claims, counts=counts(claims),
+        checks=[c for c in claims if c.posing],
         sections=sections_of(claims), solvers=sorted({s for c in claims for s in c.solvers}),
         differences=differences(found.rows, published.rows, claims), published_why=published.why,
     )  # fmt: skip

@@ -99,13 +99,50 @@ def test_steps_are_judged_after_the_start_up_and_without_the_last():
 
 
 def test_distance_of_two_runs_on_different_steps():
-    """Two straight lines 3 and 4 m apart are 5 m apart; a shorter one cannot be compared with."""
-    one = series(T, x=T, y=T)
+    """Two straight lines 3 and 4 m apart are 5 m apart."""
+    one = bare(), series(T, x=T, y=T)
     other = series(np.linspace(0.0, 10.0, 77), x=np.linspace(3.0, 13.0, 77), y=np.linspace(4.0, 14.0, 77))
-    assert evaluate_pair("apart", one, other, {"series": ["x", "y"]}) == pytest.approx(5.0)
-    short = series(SHORT, x=SHORT, y=SHORT)
-    assert math.isnan(evaluate_pair("apart", one, short, {"series": ["x", "y"]}))
-    assert math.isnan(evaluate_pair("apart", one, altered(other, x=np.full(77, np.nan)), {"series": ["z"]}))
+    assert evaluate_pair("apart", one, (bare(), other), {"series": ["x", "y"]}) == pytest.approx(5.0)
+    holed = bare(), altered(other, x=np.full(77, np.nan))
+    assert math.isnan(evaluate_pair("apart", one, holed, {"series": ["z"]}))
+
+
+def test_a_run_that_stopped_is_not_close_to_another():
+    """Stopped at 4 of 10 s, on the other's path so far: neither as the one judged nor as the other is it near."""
+    whole, stopped = (bare(), series(T, x=T)), (bare(t_reached_s=4.0), series(SHORT, x=SHORT))
+    for one, other in ((stopped, whole), (whole, stopped), (stopped, stopped)):
+        assert math.isnan(evaluate_pair("apart", one, other, {"series": ["x"]}))
+    assert evaluate_pair("apart", whole, whole, {"series": ["x"]}) == 0.0
+
+
+STEPS = ("step ratio", "irregularity", "typical step", "smallest step")
+
+
+@pytest.mark.parametrize("name", STEPS)
+def test_a_run_that_stopped_has_no_steps_of_the_whole_time(name):
+    """Nor of a stretch that it did not get through; ``partial`` and a stretch it got through have them."""
+    stopped = bare(t_reached_s=4.0), series(SHORT)
+    assert math.isnan(evaluate(name, *stopped, {})) and math.isnan(evaluate(name, *stopped, {"to": 4.5}))
+    assert not math.isnan(evaluate(name, *stopped, {"to": 3.5}))
+    assert not math.isnan(evaluate(name, *stopped, {"partial": True}))
+
+
+def test_a_run_that_stopped_in_the_passage_has_no_drop():
+    """Lowest at 3 s: 0.5 s later it must still run, or the fall to come would be missed."""
+    for t_reached, known in ((3.2, False), (3.6, True)):
+        t = np.linspace(0.0, t_reached, 10 * int(t_reached * 10) + 1)
+        s = series(t, low=np.abs(t - 3.0), a=np.zeros_like(t))
+        arguments = {"series": "a", "low": "low", "within": 0.5}
+        for name in ("drop at lowest", "rise at lowest"):
+            assert math.isnan(evaluate(name, bare(t_reached_s=t_reached), s, arguments)) != known
+
+
+def test_only_errors_against_a_reference_have_a_horizon():
+    """An observable that became NaN is unbounded, though its name ends as theirs do."""
+    a = np.where(T > 5.0, np.nan, 1.0)
+    s = series(T, obs_axis_error=a, orientation_error=a)
+    assert evaluate("largest", bare(), s, {"series": "obs_axis_error"}) == math.inf
+    assert evaluate("largest", bare(), s, {"series": "orientation_error"}) == 1.0
 
 
 def test_observables_and_invariants_of_records():

@@ -88,6 +88,14 @@ def test_wrong_calls_are_one_line(made, capsys, tmp_path):
     assert len(errors) == 3 and all(line.startswith("error: ") for line in errors)
 
 
+def test_the_tally_is_that_of_results():
+    """That we pose a problem as the paper does is nothing found about a solver."""
+    rows = [{"kind": "result", "verdict": "REFUTED"}] * 2 + [{"kind": "posing", "verdict": "SUPPORTED"}]
+    words = "0 SUPPORTED, 0 CONDITIONAL, 2 REFUTED, 0 UNTESTABLE"
+    assert command.tally(rows) == words + "; and checks of the posing: 1 of 1 SUPPORTED"
+    assert command.tally(rows[:2]) == words
+
+
 def test_claims_that_come_and_go_are_changes():
     before = [{"id": "a", "verdict": "SUPPORTED"}, {"id": "b", "verdict": "REFUTED"}]
     after = [{"id": "b", "verdict": "CONDITIONAL"}, {"id": "c", "verdict": "SUPPORTED"}]

@@ -12,6 +12,11 @@ from harness.suites import load_suite
 from tests.referee.test_verdicts import HEAD, MAP, TEST
 
 REGISTER = read_register()
+NEAREST = (
+    'map = "m"\nacross = "tolerance"\n'
+    'tests = [{ metric = "loss", combine = "nearest", at_most = 1, unit = "m" }, '
+    '{ metric = "loss", combine = "largest", at_most = 1, unit = "m" }]\n'
+)
 
 
 @pytest.fixture(scope="module")
@@ -89,6 +94,9 @@ def test_solvers_with_a_stand_in_are_worded_for_what_was_run(places):
         (MAP + HEAD + TEST + 'across = "tolerance"\n', "combine goes with across"),
         (MAP + HEAD + TEST + 'against = "gc"\n', "compare goes with against"),
         (MAP + HEAD + TEST + 'quantifier = "most"\n', "quantifier must be all or some"),
+        (MAP + HEAD + TEST + 'kind = "guess"\n', "kind must be result or posing"),
+        (MAP + HEAD + TEST + 'starting = "yes"\n', "starting must be true or false"),
+        (MAP + HEAD + NEAREST, "goes with all tests or none"),
         (MAP + HEAD + TEST + 'needs = [{ why = "x" }]\n', "give one of solver, observable, given"),
         (MAP + HEAD.replace("[5]", "[13]") + TEST, "figure must be a list of numbers from 1 to 12"),
         (MAP + HEAD.replace("words", "w" * 200) + TEST, "a line has 140"),

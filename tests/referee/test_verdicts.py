@@ -96,24 +96,105 @@ def test_a_suite_that_shrank_is_untestable():
     assert c["verdict"] == "UNTESTABLE" and "1 of 2 values of chart" in c["missing"]
 
 
+CUT = {"status": "stalled", "t_reached_s": 3.0, "steps": 9, "max_steps": 9}  # of 10 s
+
+
+def one_of(columns, others=None):
+    """The first run with these columns, the others with |phi| = 0.5 m."""
+    return [record(x, **(columns if k == 0 else others or {"phi_max": 0.5})) for k, x in enumerate(CELLS)]
+
+
+def pace(last):
+    """Nine steps to 3 s, the last of ``last`` s: the others take what is left."""
+    return lambda r: series(np.append(np.linspace(0.0, 3.0 - last, 9), 3.0)) if r.t_reached_s == 3.0 else None
+
+
 def test_runs_ended_by_a_clock_are_left_out_and_named():
-    """They would decide it, and another machine might let them go on."""
+    """They would decide it, and another machine might let them go on: by a clock, out of memory, killed."""
+    for columns in (CUT | {"steps": 8}, CUT | {"status": "memory"}):
+        c = claim(records=one_of(columns))
+        assert c["verdict"] == "SUPPORTED" and "Holds in 11 of 11" in c["because"] and c["map"][0]["holds"] is None
+        assert "1 setting is left out: a limit on time or memory ended them" in c["because"]
+    killed = {"status": "crashed", "message": "the solver was done, but measuring its motion took more than 120 s"}
+    assert claim(records=one_of(killed | {"t_reached_s": float("nan")}))["verdict"] == "SUPPORTED"
 
-    def made(message):
-        bad = {"phi_max": 9.0, "status": "stalled", "message": message}
-        return [record(x, **(bad if k == 0 else {"phi_max": 0.5})) for k, x in enumerate(CELLS)]
 
-    c = claim(records=made("wall limit of 108 s reached at t = 3 s; the wall limit"))
-    assert c["verdict"] == "SUPPORTED" and "1 settings are left out" in c["because"] and c["map"][0]["holds"] is None
+def test_a_budget_of_steps_ends_stuck_runs_and_interrupts_slow_ones():
+    """Nine steps to 3 of 10 s, a hundred budgets are 900: at 0.01 s a step 700 more are needed, at 1e-3 s 7000."""
+    slow, stuck = (claim(records=one_of(CUT), of=pace(last)) for last in (0.01, 1e-3))
+    assert slow["verdict"] == "SUPPORTED" and "only slow" in slow["because"] and slow["map"][0]["holds"] is None
+    assert stuck["verdict"] == "CONDITIONAL" and "left out" not in stuck["because"] and not stuck["map"][0]["holds"]
+
+
+def test_what_a_slow_run_had_settled_counts():
+    """Over 2 s it got through, nothing is open; |phi| beyond its band so far is beyond it, within it is not yet."""
+    for asked, phi, holds in (
+        ("to = 2.0, at_most = 1.0", 0.5, True),
+        ("to = 4.0, at_most = 1.0", 0.5, None),
+        ("partial = true, at_most = 1.0", 0.5, None),
+        ("partial = true, at_most = 1.0", 1.5, False),
+        ("partial = true, at_least = 1.0", 1.5, True),
+        ("partial = true, at_least = 1.0", 0.5, None),
+    ):
+        text = f'map = "m"\ntests = [{{ metric = "largest", series = "phi_norm", {asked}, unit = "m" }}]\n'
+
+        def of(r, phi=phi):
+            t = np.append(np.linspace(0.0, 2.99, 9), 3.0) if r.t_reached_s == 3.0 else np.linspace(0.0, 10.0, 9)
+            return series(t, phi_norm=np.full(len(t), phi))
+
+        assert claim(text, one_of(CUT), of)["map"][0]["holds"] is holds, (asked, phi)
+
+
+@pytest.mark.parametrize(("band", "holds"), [("at_least = 5, at_most = 6", None), ("at_least = 1, at_most = 2", False)])
+def test_a_slow_run_stops_later_than_it_was_interrupted(band, holds):
+    """At 3 s: it does not stop between 1 and 2 s; between 5 and 6 s it might."""
+    text = f'map = "m"\ntests = [{{ metric = "stops at", {band}, unit = "s" }}]\n'
+    assert claim(text, one_of(CUT, {"phi_max": 0.5}), pace(0.01))["map"][0]["holds"] is holds
+
+
+def test_a_limit_is_passed_later_than_a_slow_run_was_interrupted():
+    """Not passed by 3 s: not between 1 and 2 s, perhaps between 5 and 6 s. Passed at 1.5 s: that stays."""
+    for leaves, band, holds in (
+        (9.0, "at_least = 1, at_most = 2", False),
+        (9.0, "at_least = 5, at_most = 6", None),
+        (1.5, "at_least = 1, at_most = 2", True),
+    ):
+        text = f'map = "m"\ntests = [{{ metric = "leaves at", series = "x", limit = 0.5, {band}, unit = "s" }}]\n'
+
+        def of(r, leaves=leaves):
+            t = np.append(np.linspace(0.0, 2.99, 200), 3.0) if r.t_reached_s == 3.0 else np.linspace(0.0, 10.0, 200)
+            return series(t, x=(t > leaves).astype(float))
+
+        assert claim(text, one_of(CUT), of)["map"][0]["holds"] is holds
+
+
+def test_runs_that_took_no_step_are_left_out_and_named():
+    """Nothing moved: neither for nor against, unless the claim is about starting. A refusal is the solver's answer."""
+    never = {"status": "step_underflow", "t_reached_s": 0.0, "steps": 0}
+    for band in ("at_most = 5", "at_least = 5"):
+        text = f'map = "m"\ntests = [{{ metric = "stops at", {band}, unit = "s" }}]\n'
+        c = claim(text, one_of(never))
+        assert c["map"][0]["holds"] is None
+        assert "1 setting is left out: they could not take a first step" in c["because"]
+        assert claim(text + "starting = true\n", one_of(never))["map"][0]["holds"] is (band == "at_most = 5")
+    assert claim(text, one_of(never | {"status": "refused"}))["map"][0]["holds"] is False
+
+
+def test_no_setting_that_settles_it_is_untestable():
+    c = claim(records=[record(x, phi_max=0.5, **CUT | {"steps": 8}) for x in CELLS])
+    assert c["verdict"] == "UNTESTABLE" and "12 settings are left out: a limit on time" in c["missing"]
+
+
+def test_it_is_told_how_many_hold_because_a_run_stopped():
+    """Losses of 2 m are above 1 m; two runs have no loss but an end before the end."""
+    text = 'map = "m"\ntests = [{ metric = "loss", at_least = 1, unit = "m" }]\n'
+    ends = [{"t_reached_s": 3.0, "steps": 9, "status": "diverged"}] * 2 + [{}] * len(CELLS)
+    found = [record(x, position_error_max_m=2.0, **e) for x, e in zip(CELLS, ends, strict=False)]
     assert (
-        claim(records=made("stopped at t = 3 s: the limit of 9 accepted steps was reached"))["verdict"] == "CONDITIONAL"
+        "Holds in 12 of 12 settings. In 2 of these 12 because a run did not get to its end"
+        in claim(text, found)["because"]
     )
-
-
-def test_all_ended_by_a_clock_is_untestable():
-    stalled = {"status": "stalled", "message": "killed at the wall limit of 60 s (+3 s)"}
-    c = claim(records=[record(x, phi_max=0.5, **stalled) for x in CELLS])
-    assert c["verdict"] == "UNTESTABLE" and "wall limit" in c["missing"]
+    assert "because a run" not in claim(text, [record(x, position_error_max_m=2.0) for x in CELLS])["because"]
 
 
 def test_a_number_that_nowhere_exists_refutes_nothing():
@@ -154,6 +235,58 @@ def test_across_a_dimension_values_are_taken_in_order():
     grows = claim(text, [record(x, phi_max=(x.control.rtol or 1.0) ** -0.5) for x in CELLS])
     assert falls["verdict"] == "SUPPORTED" and len(falls["map"]) == 4 and "tolerance" not in falls["map"][0]
     assert falls["measured"] == pytest.approx(1e-3**0.5, rel=1e-5) and grows["verdict"] == "REFUTED"
+
+
+def test_two_failures_across_a_dimension_compare_nothing():
+    """Both fail: a tighter tolerance neither helps nor not, whatever the band; one failure can be compared."""
+    stopped = {"t_reached_s": 3.0, "steps": 9, "status": "diverged"}
+    for how in ("last over first", "worst step"):
+        text = f'across = "tolerance"\ntests = [{{ metric = "loss", combine = "{how}", at_least = 1, unit = "" }}]\n'
+        text = 'map = "m"\n' + text
+
+        def made(ends, chart="euler313"):
+            return [
+                record(x, position_error_max_m=1.0, **(ends if options(x)["chart"] == chart else {})) for x in CELLS
+            ]
+
+        c = claim(text, made(stopped))
+        assert [row["holds"] for row in c["map"]].count(None) == 2 and "2 settings are left out: fewer than" in c[
+            "because"
+        ]
+        tight = [record(x, position_error_max_m=1.0, **(stopped if x.control.rtol == 1e-6 else {})) for x in CELLS]
+        assert claim(text, tight)["verdict"] == "SUPPORTED"
+
+
+def test_a_group_of_one_value_across_a_dimension_tests_nothing():
+    """One tolerance alone converges to nothing: its group is no setting."""
+    text = TEST.replace("at_most = 1.0", 'combine = "largest", at_most = 1.0').replace(
+        "map =", 'across = "tolerance"\nmap ='
+    )
+    few = [x for x in CELLS if options(x)["chart"] == "quaternion" or x.control.rtol in (None, 1e-3)]
+    assert len(claim(text, cells=few)["map"]) == 2
+    none = claim(text, cells=[x for x in CELLS if x.control.rtol in (None, 1e-3)])
+    assert none["verdict"] == "UNTESTABLE"
+
+
+def test_one_tolerance_that_meets_all_tests_suffices():
+    """In Euler angles 1e-4 meets both tests; with quaternions each is met, but by different tolerances."""
+    text = (
+        'map = "m"\nacross = "tolerance"\ntests = [\n'
+        '{ metric = "column", name = "phi_max", combine = "nearest", at_most = 1.0, unit = "m" },\n'
+        '{ metric = "column", name = "phi_dot_max", combine = "nearest", at_most = 1.0, unit = "m/s" }]\n'
+    )
+    good = {"euler313": {1e-4: (0.5, 0.5)}, "quaternion": {1e-3: (0.5, 1.5), 1e-6: (1.5, 0.5)}}
+
+    def both(x):
+        phi, phi_dot = good[options(x)["chart"]].get(x.control.rtol, (3.0, 3.0)) if x.control.rtol else (0.5, 0.5)
+        return record(x, phi_max=phi, phi_dot_max=phi_dot)
+
+    c = claim(text, [both(x) for x in CELLS])
+    assert c["verdict"] == "CONDITIONAL" and "Holds in 2 of 4 settings" in c["because"]
+    assert "One tolerance that meets it suffices: tolerance 0.0001 in 2" in c["because"]
+    assert "chart decides alone" in c["because"].lower()
+    (row,) = {(r["case"].split()[2], r["measured"]) for r in c["map"] if r["holds"]}
+    assert row == ("rtol=0.0001", 0.5)
 
 
 def test_against_others_the_worst_of_them_counts():

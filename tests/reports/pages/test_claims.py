@@ -23,6 +23,21 @@ def test_counts_are_those_of_the_file_and_name_absent_verdicts():
     assert {m.word: n for m, n in counts([])}["refuted"] == 0
 
 
+def test_checks_of_the_posing_are_no_results():
+    """They are on the page, but not in the tally of what was found about solvers."""
+    given = [Entry({**e.given, "kind": "posing"}) if e.text("id") == "first-claim" else e for e in rows()]
+    found = claims_of(given, NONE)
+    assert {m.word: n for m, n in counts(found)}["supported"] == 1
+    assert [c.id for c in found if c.posing] == ["first-claim"] and len(found) == len(rows())
+
+
+def test_settings_left_open_are_not_counted_as_failing():
+    (third,) = [c for c in claims_of(rows(), NONE) if c.id == "third-claim"]
+    at = [e.flag("holds") for e in rows()[2].entries("map")]
+    assert at.count(None) > 0
+    assert third.tried == f"{at.count(True)} of {len(at) - at.count(None)} settings hold, {at.count(None)} left out"
+
+
 def test_verdict_has_symbol_and_word_and_an_unknown_one_is_no_success():
     symbols = {verdict(v).symbol for v in ("SUPPORTED", "REFUTED", "CONDITIONAL", "UNTESTABLE")}
     assert len(symbols) == 4
