@@ -7,6 +7,7 @@ would have gone on, and one that took no step has no motion to be judged by: the
 import math
 from enum import StrEnum
 
+from harness.provisional import is_provisional
 from harness.records import RunRecord
 from harness.referee.catalogue import END, MEASURES, reached_end
 from harness.referee.claims import Test
@@ -15,7 +16,7 @@ from harness.types import Status
 
 LAST = 0.1  # of the steps taken: the pace of a run is that of these
 PATIENCE = 100.0  # budgets of steps: a run that would need more than these to its end is stuck
-NO_WORD_OF_THE_SOLVER = ("measuring its motion took more than", "the supervisor process died")
+NOT_MEASURED = "measuring its motion took more than"
 
 
 class Ending(StrEnum):
@@ -45,7 +46,7 @@ def by_budget(record: RunRecord) -> bool:
 def by_machine(record: RunRecord) -> bool:
     """Whether a clock or the memory ended it. Stalled with steps left is: by a clock, in whatever words."""
     stopped = record.status == Status.STALLED and not by_budget(record)
-    return stopped or record.status == Status.MEMORY or any(w in record.message for w in NO_WORD_OF_THE_SOLVER)
+    return stopped or record.status == Status.MEMORY or NOT_MEASURED in record.message or is_provisional(record)
 
 
 def to_end(record: RunRecord, series: Series) -> float:
