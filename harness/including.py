@@ -64,7 +64,7 @@ def source(text: str, name: str, where: str, beside: Path = Path()) -> Source:
     """The suite in ``text``."""
     try:
         return Source(name, where, text, tomllib.loads(text), beside)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # a number of thousands of digits is none of TOML's own errors
         raise SuiteError(f"{where}: {error}") from None
     except RecursionError:
         raise SuiteError(f"{where}: nested too deeply") from None

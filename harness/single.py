@@ -1,6 +1,7 @@
 """One run from the shell: solved in a process of its own, written as one NPZ file, whatever happens."""
 
 import contextlib
+import errno
 import json
 import os
 import signal
@@ -14,7 +15,7 @@ import numpy as np
 
 from harness import registry
 from harness.cell import Cell
-from harness.isolation import fork, kill_group
+from harness.isolation import CANNOT_WRITE, fork, kill_group
 from harness.mechanics.state import States
 from harness.metrics import measure
 from harness.posed import posed
@@ -72,6 +73,9 @@ def solve_to_file(
         if note.exists():
             plain = json.loads(note.read_text(encoding="utf-8"))
             return Outcome(Status(plain["status"]), plain["message"], tuple(plain["lines"]), native)
+        if words == _exited(CANNOT_WRITE):  # nobody's result: the disk is full
+            partial_of(out, child.pid).unlink(missing_ok=True)
+            raise OSError(errno.ENOSPC, "nothing was written: no space left", str(out))
         status = Status.STALLED if words.startswith("killed at") else Status.CRASHED
         left = kept(rows, problem, status, words) or _start_only(problem, status, words)
     _write(out, problem, left, status, left.message)
@@ -101,15 +105,17 @@ def _wait(pid: int, wall_limit: float | None, patience: _Patience) -> str:
         done, status = os.waitpid(pid, os.WNOHANG)
         if done:
             code = os.waitstatus_to_exitcode(status)
-            return (
-                f"its process ended by {signal.Signals(-code).name}" if code < 0 else f"its process exited with {code}"
-            )
+            return f"its process ended by {signal.Signals(-code).name}" if code < 0 else _exited(code)
         if hard and time.monotonic() > hard:
             kill_group(pid)
             os.waitpid(pid, 0)
             return f"killed at the wall limit of {wall_limit:g} s; it did not stop when asked"
         patience.over()
         time.sleep(0.02)
+
+
+def _exited(code: int) -> str:
+    return f"its process exited with {code}"
 
 
 def _solve(cell: Cell, problem: Problem, out: Path, note: Path, wall_limit: float | None, rows: Path) -> None:

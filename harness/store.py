@@ -83,6 +83,9 @@ def read_record(path: Path) -> RunRecord:
         if not isinstance(body, str) or _digest(body) != digest:
             raise BadRecord("its digest does not match: truncated or changed")
         record = from_json(body)
+        long = [c.name for c in COLUMNS if c.type is int and not -(2**63) <= getattr(record, c.name) < 2**63]
+        if long:
+            raise BadRecord(f"column {long[0]} holds a number that no table can")
     except BadRecord:
         raise
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:

@@ -21,7 +21,7 @@ A cell met again through an include is kept as first met, label and limits inclu
 """
 
 import itertools
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,12 +31,16 @@ from harness.cell import Cell, make_cell
 from harness.including import Source, SuiteError, path_of, read_source, source, suite_names, with_included
 from harness.options import nearest
 from harness.plugins import resolved
+from harness.trial import tried
 from harness.types import Problem
 
 __all__ = ["Suite", "SuiteError", "load_suite", "parse_suite", "suite_names"]
 LIMITS = ("wall_limit", "memory", "repeats", "label")
 CONTROL = ("dt", "rtol", "max_step", "max_steps")
 KEYS = (*LIMITS, *CONTROL, "parameters", "options", "problem", "solver")
+MOST = {  # four months, a petabyte, and what a column of whole numbers can hold
+    "total_limit": 1e7, "wall_limit": 1e7, "memory": 1e9, "repeats": 10**6, "max_steps": 2**63 - 1,
+}  # fmt: skip
 HEAD = ("schema", "name", "description", "include", "total_limit", "plugins", "defaults", "cells")
 
 
@@ -70,6 +74,29 @@ def _suite(own: Source, plugins: tuple[str, ...]) -> Suite:
         _known(s.plain, HEAD, s.where)
         if not s.plain.get("include") or "cells" in s.plain:
             _groups(s)
+    cells = _tried(own, lambda: _expanded(own, sources, files)) if files else _expanded(own, sources, files)
+    title = own.plain.get("name", own.name)
+    if not isinstance(title, str) or not title or not title.replace("-", "").replace("_", "").isalnum():
+        raise SuiteError(f"{own.where}: name must be letters, digits, - and _ (got {title!r})")
+    total = own.plain.get("total_limit")
+    if total is not None:
+        _bounded("total_limit", total, own.where)
+    included = tuple((s.name, s.text) for s in sources[:-1])
+    return Suite(title, str(own.plain.get("description", "")), tuple(cells.values()), own.text, files, included, total)
+
+
+def _tried(own: Source, expand: Callable[[], dict[str, Cell]]) -> dict[str, Cell]:
+    """The cells of a suite with foreign code, which may hang, crash or leave when it is loaded or makes a problem."""
+    try:
+        return tried(own.where, expand)
+    except SuiteError:
+        raise
+    except ValueError as error:
+        raise SuiteError(" ".join(str(error).split())) from None
+
+
+def _expanded(own: Source, sources: list[Source], files: tuple[str, ...]) -> dict[str, Cell]:
+    """The cells of all files by their settings, each as first met."""
     try:
         for file in files:
             registry.load_plugin(file)
@@ -80,14 +107,7 @@ def _suite(own: Source, plugins: tuple[str, ...]) -> Suite:
     for s in sources:
         for settings, cell in _cells(s, made).items():
             cells.setdefault(settings, cell)
-    title = own.plain.get("name", own.name)
-    if not isinstance(title, str) or not title or not title.replace("-", "").replace("_", "").isalnum():
-        raise SuiteError(f"{own.where}: name must be letters, digits, - and _ (got {title!r})")
-    total = own.plain.get("total_limit")
-    if total is not None:
-        _finite("total_limit", total, own.where)
-    included = tuple((s.name, s.text) for s in sources[:-1])
-    return Suite(title, str(own.plain.get("description", "")), tuple(cells.values()), own.text, files, included, total)
+    return cells
 
 
 def _plugins(s: Source) -> list[str]:
@@ -123,7 +143,7 @@ def _cells(s: Source, made: dict[tuple[str, str], Problem]) -> dict[str, Cell]:
                 cells[cell.settings] = cell
         except SuiteError:
             raise
-        except ValueError as error:  # of the registry or a problem: its words, our place
+        except (ValueError, OverflowError) as error:  # of the registry or a problem: its words, our place
             raise SuiteError(f"{place}: {' '.join(str(error).split())}") from None
     return cells
 
@@ -150,10 +170,24 @@ def _expand(group: Mapping[str, Any], place: str, made: dict[tuple[str, str], Pr
         for parameters in _product(group.get("parameters", {}), registry.problems()[name].parameters, place):
             posed = (name, repr(sorted(parameters.items())))
             if posed not in made:
-                made[posed] = registry.make_problem(name, parameters)
+                made[posed] = _made(name, parameters, place)
             for options in _product(group.get("options", {}), entry.parameters, place):
                 for steps in _product(control, {}, place):
-                    yield make_cell(made[posed], solver, options, steps, **limits)
+                    cell = make_cell(made[posed], solver, options, steps, **limits)
+                    _bounded("max_steps", cell.control.max_steps, place)
+                    yield cell
+
+
+def _made(name: str, parameters: Mapping[str, Any], place: str) -> Problem:
+    """A plugin's problem may raise anything: that is told in a line; in one of ours it is a bug."""
+    try:
+        return registry.make_problem(name, parameters)
+    except (ValueError, OverflowError):
+        raise
+    except Exception as error:
+        if registry.is_own_problem(name):
+            raise
+        raise SuiteError(f"{place}: problem {name}: {type(error).__name__}: {error}") from error
 
 
 def _product(given: Any, known: Mapping[str, tuple[Any, Any]], place: str) -> Iterator[dict[str, Any]]:
@@ -174,7 +208,7 @@ def _product(given: Any, known: Mapping[str, tuple[Any, Any]], place: str) -> It
 
 def _limits(given: dict[str, Any], place: str) -> dict[str, Any]:
     for key in ("wall_limit", "memory", "repeats"):
-        _finite(key, given.get(key, 1), place)
+        _bounded(key, given.get(key, 1), place)
     if not isinstance(given.get("repeats", 1), int):
         raise SuiteError(f"{place}: repeats must be a whole number (got {given['repeats']!r})")
     if not isinstance(given.get("label", ""), str):
@@ -182,9 +216,9 @@ def _limits(given: dict[str, Any], place: str) -> dict[str, Any]:
     return given
 
 
-def _finite(key: str, value: Any, place: str) -> None:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < float("inf"):
-        raise SuiteError(f"{place}: {key} must be a finite number > 0 (got {value!r})")
+def _bounded(key: str, value: Any, place: str) -> None:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= MOST[key]:
+        raise SuiteError(f"{place}: {key} must be a finite number > 0, at most {MOST[key]:g} (got {str(value)[:40]})")
 
 
 def _known(given: Mapping[str, Any], known: tuple[str, ...], place: str) -> None:

@@ -9,6 +9,8 @@ from harness import registry
 from harness.cell import make_cell
 from harness.commands.screen import errors, lines
 from harness.commands.terms import UsageError, assignments, check_writable, load_plugins
+from harness.suites import MOST
+from harness.trial import made
 from harness.types import Status
 
 CONTROL = ("dt", "rtol", "max_step", "max_steps", "wall_limit")
@@ -44,10 +46,14 @@ def run(arguments: argparse.Namespace) -> int:
     control = {k: given.pop(k) for k in CONTROL if k in given}
     if arguments.solver not in registry.solvers():  # before the problem is made: that can take a while
         registry.make_solver(arguments.solver)
-    problem = registry.make_problem(arguments.problem, parameters)
+    problem = made(arguments.problem, parameters)
     limit = control.pop("wall_limit", None)
     cell = make_cell(problem, arguments.solver, given, control)
+    if cell.control.max_steps > MOST["max_steps"]:
+        raise UsageError(f"max_steps must be at most {MOST['max_steps']} (got {control['max_steps'][:40]})")
     wall = None if limit is None else float(_above_zero(limit, "wall_limit"))
+    if wall is not None and wall > MOST["wall_limit"]:
+        raise UsageError(f"wall_limit must be at most {MOST['wall_limit']:g} s (got {limit})")
     out = Path(arguments.out)
     if out.suffix != ".npz":
         raise UsageError(f"--out must end in .npz, the one format that is written (got {arguments.out!r})")

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from harness import plugins, registry
+from harness.trial import tried
 
 
 class UsageError(ValueError):
@@ -35,9 +36,9 @@ def assignments(given: Sequence[str], what: str) -> dict[str, str]:
 
 
 def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
-    """Load the named plugins; their full names."""
+    """Load the named plugins, each tried in a process of its own first; their full names."""
     for path in paths:
-        registry.load_plugin(path)
+        tried(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
     return tuple(plugins.resolved(p) for p in paths)
 
 

@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from harness import registry, store
+from harness import store
 from harness.cell import Cell, make_cell
 from harness.commands.diff import as_json, show
 from harness.commands.progress import progress
@@ -19,6 +19,7 @@ from harness.provenance import differences, same_platform, stamp_of
 from harness.records import RunRecord
 from harness.runner import Request, run_suite
 from harness.suites import Suite
+from harness.trial import made
 
 SEED = 1  # the same sample every time, unless --seed says otherwise
 
@@ -69,7 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
 def cell_of(record: RunRecord) -> Cell:
     """The cell of a record, or UsageError where this checkout would run another."""
     try:
-        problem = registry.make_problem(record.problem, json.loads(record.problem_parameters))
+        problem = made(record.problem, json.loads(record.problem_parameters))
         control = {"dt": record.dt_s, "rtol": record.rtol, "max_step": record.max_step_s, "max_steps": record.max_steps}
         given = {k: v for k, v in control.items() if v == v and v > 0}
         limits = {"wall_limit": record.wall_limit_s, "memory": record.memory_limit_MB}

@@ -10,10 +10,18 @@ import psutil
 import pytest
 
 from harness import environment, store
-from tests.harness.conftest import PLUGIN
+from harness.runner import Request, run_suite
+from harness.suites import load_suite
+from tests.harness.conftest import PLUGIN, Silent
 
-CELLS, KILLS = 300, 20
-SUITE = f"""
+TIMED = ["cpu_min_s", "cpu_median_s", "cpu_max_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB", "finished"]
+SEED = 20
+
+
+def suite_of(cells):
+    """That many cells, a fifth of them with other endings than success."""
+    other = cells // 5 // 3
+    return f"""
 name = "killed"
 plugins = ["{PLUGIN}"]
 [defaults]
@@ -21,15 +29,13 @@ wall_limit = 10.0
 [[cells]]
 problem = "free_fall"
 solver = "sleeps"
-dt = [{", ".join(f"{0.1 + k / 1000:.3f}" for k in range(CELLS - 60))}]
+dt = [{", ".join(f"{0.1 + k / 1000:.3f}" for k in range(cells - 3 * other))}]
 options = {{ seconds = 0.02 }}
 [[cells]]
 problem = "free_fall"
 solver = ["gives_up", "raises", "refuses"]
-dt = [{", ".join(f"{0.1 + k / 1000:.3f}" for k in range(20))}]
+dt = [{", ".join(f"{0.1 + k / 1000:.3f}" for k in range(other))}]
 """
-TIMED = ["cpu_min_s", "cpu_median_s", "cpu_max_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB", "finished"]
-SEED = 20
 
 
 def start(suite, folder, *more):
@@ -41,11 +47,11 @@ def done(folder):
     return {p.name: p.stat().st_mtime_ns for p in folder.glob("cells/*.json")}
 
 
-@pytest.mark.slow
-def test_twenty_kills_lose_nothing(tmp_path):
+@pytest.mark.parametrize(("CELLS", "KILLS"), [(40, 3), pytest.param(300, 20, marks=pytest.mark.slow)])
+def test_kills_lose_nothing(tmp_path, CELLS, KILLS):
     """SIGKILL to the runner, every fourth time to its supervisor too, from its first moments to its last."""
     suite = tmp_path / "killed.toml"
-    suite.write_text(SUITE)
+    suite.write_text(suite_of(CELLS))
     rng, folder, kept = random.Random(SEED), tmp_path / "run", {}
     for k in range(KILLS):
         process = start(suite, folder, *(("--resume",) if k else ()))
@@ -54,7 +60,7 @@ def test_twenty_kills_lose_nothing(tmp_path):
         while len(done(folder)) < min(aim, CELLS - 1) and process.poll() is None and time.monotonic() < until:
             time.sleep(0.01)
         time.sleep(rng.uniform(0.0, 0.3))
-        if k % 4 == 3:
+        if k % 4 == 3 or k == KILLS - 1:
             for child in psutil.Process(process.pid).children() if process.poll() is None else ():
                 child.kill()
         process.send_signal(signal.SIGKILL)
@@ -67,7 +73,7 @@ def test_twenty_kills_lose_nothing(tmp_path):
     out, _ = start(suite, folder, "--resume").communicate(timeout=300)
     assert f"{len(kept)} of them done before" in out or len(kept) == 0, out
     assert all(done(folder)[name] == when for name, when in kept.items())
-    assert start(suite, tmp_path / "calm").wait(timeout=300) == 0
+    run_suite(Request(load_suite(str(suite)), tmp_path / "calm", 2), Silent())
     loaded = [store.load(x) for x in (folder, tmp_path / "calm")]
     killed, calm = (store.table(x.records).drop(columns=TIMED) for x in loaded)
     assert len(killed) == CELLS and killed.equals(calm)

@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 
+import psutil
 import pytest
 
 from harness import environment, store
@@ -110,6 +111,28 @@ def test_a_supervisor_that_dies_before_a_job_is_sent_costs_nothing(tmp_path, mon
     (tmp_path / "s.toml").write_text(f'name = "s"\nplugins = ["{PLUGIN}"]\n' + SLEEPS)
     assert main(["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run"), "--jobs", "2"]) == 0
     assert "3 cells: 3 success" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_signal_to_all_ends_all(tmp_path, number, code):
+    """To the whole group, as Ctrl-C or a batch system send it: what a solver has started goes too."""
+    suite = tmp_path / "s.toml"
+    suite.write_text(f'plugins = ["{PLUGIN}"]\n[[cells]]\nproblem = "free_fall"\nsolver = "spins"\n')
+    line = (sys.executable, "-m", "harness", "run", str(suite), "--out", str(tmp_path / "run"))
+    process = subprocess.Popen(
+        line, cwd=environment.ROOT, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 a background shell has it ignored
+    )  # fmt: skip
+    until = time.monotonic() + 60.0
+    started: list[psutil.Process] = []
+    while time.monotonic() < until and len(started) < 3:  # supervisor, cell, and the solver's own child
+        time.sleep(0.05)
+        started = psutil.Process(process.pid).children(recursive=True)
+    assert len(started) == 3
+    os.killpg(process.pid, number)
+    process.communicate(timeout=30)
+    assert process.returncode == code
+    assert not psutil.wait_procs(started, timeout=10)[1]
 
 
 def test_output_that_nobody_reads_is_no_success(tmp_path, monkeypatch):
