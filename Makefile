@@ -3,6 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+CLUSTER := $(VENV)/.ready-cluster
 RUN ?= latest
 PROBLEM ?= chain
 OUT ?= $(PROBLEM).gif
@@ -26,7 +27,11 @@ $(READY): requirements.lock
 test: $(READY) ## all tests but the slow ones
 	$(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable
 
-test-slow: $(READY) ## the slow ones too
+$(CLUSTER): requirements-cluster.lock $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-cluster.lock
+	@touch $@
+
+test-slow: $(CLUSTER) ## the slow ones too, with those of a cluster (installs Dask)
 	$(BIN)/python -m pytest -q -n 2 --benchmark-disable
 
 check: $(READY) ## lint, format, types, import rules
