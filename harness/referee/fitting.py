@@ -15,8 +15,7 @@ from scipy.stats import t as student
 from scipy.stats import theilslopes
 
 AGREE = 0.15  # slopes of halvings that differ by less are one power: C dt^p (1 + K dt) at K dt = 0.1 bends by as much
-FLAT = 0.3  # a slope below this is a floor, not a power
-LOSING = 0.7  # slopes between this and the order are an order lost; below, errors of the steps' solution pile up
+FLAT = 0.3  # a slope below this is a floor, not a power; so is a tail of finer steps that on the whole gains no more
 FEWEST = 3  # slopes that must agree, four steps
 HUBER = 0.05  # in ln(error): a residual of 5 % counts as an outlier; max over steps jitters by less
 LEVEL = 0.95
@@ -26,7 +25,7 @@ LEVEL = 0.95
 class Fit:
     """``order`` with its interval over the points ``used``; ``kind`` says what the ladder looks like."""
 
-    kind: str  # "power", "flat" (no error depends on the step), "falling" (the order is lost at small steps), "none"
+    kind: str  # "power", "flat" (no error depends on the step), "lost" (not at the finest steps), "none"
     order: float
     low: float
     high: float
@@ -34,9 +33,18 @@ class Fit:
     floor: float  # median error of the finer points left out; NaN without such
     slopes: tuple[float, ...]  # between neighbours among the points given
 
+    @property
+    def left(self) -> tuple[float, ...]:
+        """Slopes finer than those of the points used."""
+        last = max((k for k, u in enumerate(self.used) if u), default=len(self.slopes))
+        return self.slopes[last:]
+
 
 def ladder(dt: Sequence[float], error: Sequence[float], small: float = 0.0) -> Fit:
-    """From errors > 0 at decreasing steps; below ``small`` a tolerance may hold them: no order is lost there."""
+    """From errors > 0 at decreasing steps; below ``small`` a tolerance may hold them: no order is lost there.
+
+    Finer points left out must have a reason: a floor that is seen (``_is_floor``). Else the order is ``lost``.
+    """
     x, y = np.log(np.asarray(dt, dtype=float)), np.log(np.asarray(error, dtype=float))
     slopes = np.diff(y) / np.diff(x)
     nothing = (False,) * len(x)
@@ -51,11 +59,21 @@ def ladder(dt: Sequence[float], error: Sequence[float], small: float = 0.0) -> F
     order, low, high = _robust_line(x[first : last + 2], y[first : last + 2])
     low, high = min(low, float(slopes[last])), max(high, float(slopes[last]))  # the finest pair has the least bias
     finer = slopes[last + 1 :]
-    floor = float(np.exp(np.median(y[last + 2 :]))) if len(finer) else math.nan
-    lost = np.all(finer > LOSING) and np.all(finer < order - AGREE) and np.exp(y[-1]) > small
-    if len(finer) >= 2 and lost:
-        return Fit("falling", order, low, high, used, math.nan, tuple(slopes))
-    return Fit("power", order, low, high, used, floor, tuple(slopes))
+    if np.all(np.abs(finer - order) <= AGREE):  # scatter about the order: nothing is lost and no floor seen
+        return Fit("power", order, low, high, used, math.nan, tuple(slopes))
+    if not _is_floor(x[last + 2 :], y[last + 2 :], small):
+        return Fit("lost", order, low, high, used, math.nan, tuple(slopes))
+    return Fit("power", order, low, high, used, float(np.exp(np.median(y[last + 2 :]))), tuple(slopes))
+
+
+def _is_floor(x: np.ndarray, y: np.ndarray, small: float) -> bool:
+    """Whether finer points end where a tolerance may hold them, or gain no more from one of them to the finest.
+
+    The slope into the first of them says nothing: a step of 1.1 may be half of a floor or the first of a lost order.
+    """
+    if np.exp(y[-1]) <= small:
+        return True
+    return bool(np.any((y[:-1] - y[-1]) < FLAT * (x[:-1] - x[-1])))
 
 
 def scattered(x: Sequence[float], error: Sequence[float]) -> Fit:

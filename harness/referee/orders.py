@@ -10,16 +10,19 @@ import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
+from harness import registry
 from harness.records import RunRecord
 from harness.referee.fitting import FEWEST, Fit, ladder, scattered
+from harness.scales import scales
 
 CURVES = "work"  # label of runs that are points of a curve, not steps of a ladder
-WITHIN = 0.1  # of the declared order
+WITHIN = 0.1  # of the declared order, on either side
 LOOSE = 0.2  # the whole interval must be within this of it
-EXACT = 1e-12  # of its scale: rounding of some thousand steps
+EXACT = 1e-13  # of its scale: rounding of some thousand steps; what a tolerance of 1e-12 holds is above
 HELD = 1e-9  # of its scale: errors no larger at any step are held by a tolerance, not by the step
 KEPT = 1e-7  # the same where errors are seen not to depend on the step at all
 OWN = 3.0  # times the reference's own error: below, errors are not told apart
@@ -55,20 +58,39 @@ def _none(r: RunRecord) -> float:
     return 0.0
 
 
+def _rate(r: RunRecord) -> float:
+    """speed / length [1/s] of the problem: what a position's error is multiplied by to be a velocity's."""
+    return _rate_of(r.problem, r.problem_parameters)
+
+
+@cache
+def _rate_of(problem: str, parameters: str) -> float:
+    try:
+        made = registry.make_problem(problem, json.loads(parameters))
+    except ValueError:  # judged where it is not installed, or has other parameters by now
+        return math.nan
+    size = scales(made.system, made.initial)
+    return size.speed / size.length
+
+
+def _speed(r: RunRecord) -> float:
+    return _length(r) * _rate(r)
+
+
 QUANTITIES = (
     Quantity("position", "r", "m", "position_error_max_m", _length, _own, 0.3),
     Quantity(
         "orientation", "R", "rad", "orientation_error_max_rad", lambda r: 1.0,
         lambda r: _own(r) / _length(r), 0.6,
     ),
-    Quantity("velocity", "v", "m/s", "velocity_error_max_m_per_s", _length, _own),
+    Quantity("velocity", "v", "m/s", "velocity_error_max_m_per_s", _speed, lambda r: _own(r) * _rate(r)),
     Quantity(
-        "angular velocity", "Omega", "rad/s", "angular_velocity_error_max_rad_per_s", lambda r: 1.0,
-        lambda r: _own(r) / _length(r),
+        "angular velocity", "Omega", "rad/s", "angular_velocity_error_max_rad_per_s", _rate,
+        lambda r: _own(r) / _length(r) * _rate(r),
     ),
     Quantity("energy", "E", "J", "energy_drift_max_J", lambda r: r.energy_scale_J, _none),
     Quantity("|phi|", "|phi|", "m", "phi_max", _length, _none),
-    Quantity("|phi_dot|", "|phi_dot|", "m/s", "phi_dot_max", _length, _none),
+    Quantity("|phi_dot|", "|phi_dot|", "m/s", "phi_dot_max", _speed, _none),
     Quantity(
         "reaction", "A^T lam", "N", "reaction_error_max_N",
         lambda r: r.reaction_size_N if r.reaction_size_N > 0.0 else 1.0, lambda r: DIFFERENCED * r.reaction_size_N,
@@ -113,6 +135,8 @@ def _certificate(run: Sequence[RunRecord], q: Quantity) -> dict[str, Any] | None
     notes = []
     if len(done) < len(run):
         notes.append(f"{len(run) - len(done)} of {len(run)} runs did not finish")
+    if math.isnan(scale):
+        notes.append("the problem is not at hand: what its velocities are compared with is not known")
     if verdict != "exact" and any(_cut(r) for r in done):
         notes.append("steps that were cut are left out")
     if verdict != "exact" and at_own:
@@ -159,12 +183,22 @@ def _fitted(
     x = [h for h, g in zip(steps, good, strict=True) if g]
     y = [e for e, g in zip(errors, good, strict=True) if g]
     if fixed:
-        fit = ladder(x, y, HELD * scale)
+        fit = ladder(x, y, max(HELD, *(_unsolved(r) for r in done)) * scale)
         held = fit.kind == "flat" and max(y) <= KEPT * scale
         return (replace(fit, floor=max(y)) if held else fit), NOTHING
     if len(y) <= FEWEST:
         return Fit("none", math.nan, math.nan, math.nan, (False,) * len(y), math.nan, ()), NOTHING
     return scattered(x, y), scattered([r.rtol for r, g in zip(done, good, strict=True) if g], y)
+
+
+def _unsolved(r: RunRecord) -> float:
+    """What the tolerance of a step's equations [sqrt(J)] may add up to over all steps, of the scale of an error."""
+    known = registry.solvers().get(r.solver)
+    default = 0.0 if known is None else known.parameters.get("tolerance", (0.0,))[0]
+    tolerance = json.loads(r.solver_options).get("tolerance", default)
+    if not isinstance(tolerance, int | float) or not r.energy_scale_J > 0.0:
+        return 0.0
+    return tolerance / math.sqrt(r.energy_scale_J) * r.steps
 
 
 def _cut(r: RunRecord) -> bool:
@@ -180,13 +214,16 @@ def _spread(used: Sequence[bool], good: Sequence[bool]) -> list[bool]:
 
 def _verdict(fit: Fit, declared: float, fixed: bool) -> str:
     if fit.kind in ("exact", "flat"):
-        return "exact" if fit.kind == "exact" else "floor" if math.isfinite(fit.floor) else "below declared"
+        still = "undecided" if math.isnan(declared) else "below declared"
+        return "exact" if fit.kind == "exact" else "floor" if math.isfinite(fit.floor) else still
     if fit.kind != "power":
         return "undecided"
     if not fixed or math.isnan(declared):
         return "measured"
-    if fit.order >= declared - WITHIN and fit.low >= declared - LOOSE:
+    if abs(fit.order - declared) <= WITHIN and fit.low >= declared - LOOSE and fit.high <= declared + LOOSE:
         return "certified"
+    if fit.low > declared + WITHIN:
+        return "above declared"
     return "below declared" if fit.high < declared - WITHIN else "undecided"
 
 
@@ -215,18 +252,21 @@ def _words(
     inside = [h for h, u in zip(steps, used, strict=True) if u]
     over = f"over {len(inside)} {'steps' if fixed else 'mean steps'} of {max(inside):.3g} to {min(inside):.3g} s"
     text = f"order {fit.order:.2f} ({fit.low:.2f} to {fit.high:.2f}) {over}"
-    if fit.kind == "falling":
-        return f"{text}, then falling at smaller steps (slopes {slopes})"
+    left = f"finest {'slope' if len(fit.left) == 1 else 'slopes'} {', '.join(f'{s:.2f}' for s in fit.left)}"
+    if fit.kind == "lost":
+        return f"{text}, but the {left} {'does' if len(fit.left) == 1 else 'do'} not follow it, and no floor is seen"
     if not fixed:
         text += f"; error ~ rtol^{rate.order:.2f} ({rate.low:.2f} to {rate.high:.2f})" if rate.kind == "power" else ""
-    elif verdict == "certified" and fit.order > first.declared_order + WITHIN:
-        text += f", above the declared {first.declared_order:g}"
     elif not math.isnan(first.declared_order):
         text += f", declared {first.declared_order:g}"
     coarser = sum(h > max(inside) for h in steps)
     if coarser:
         text += f"; {coarser} coarser {'step is' if coarser == 1 else 'steps are'} not yet in that range"
-    return text + (f"; floor at {fit.floor:.1e} {q.unit}" if math.isfinite(fit.floor) else "")
+    if not math.isfinite(fit.floor):
+        return text
+    if not fixed:
+        return f"{text}; floor at {fit.floor:.1e} {q.unit}"
+    return f"{text}; {left} left out: at the floor of {fit.floor:.1e} {q.unit}"
 
 
 def _posing(r: RunRecord) -> str:

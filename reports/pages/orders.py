@@ -67,7 +67,8 @@ def certificates(rows: Sequence[Entry], links: Links) -> tuple[Certificate, ...]
 
 VERDICTS = {  # of certificates and of drifts
     "certified": ("✓", "good"), "exact": ("✓", "good"), "bounded": ("✓", "good"), "holds": ("✓", "good"),
-    "below declared": ("✗", "wrong"), "trend": ("↗", "failed"), "wanders": ("≈", "failed"),
+    "above declared": ("△", "refused"), "below declared": ("✗", "wrong"),
+    "trend": ("↗", "failed"), "wanders": ("≈", "failed"),
     "measured": ("○", "refused"), "undecided": ("○", "refused"), "floor": ("○", "refused"),
     "too short": ("–", "refused"),
 }  # fmt: skip

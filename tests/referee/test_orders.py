@@ -11,10 +11,12 @@ import pytest
 from harness.cell import make_cell
 from harness.job import Job
 from harness.referee.fitting import ladder, scattered
-from harness.referee.orders import certify
+from harness.referee.orders import QUANTITIES, certify
 from harness.registry import make_problem
+from harness.scales import scales
 from harness.store import create
 from harness.worker import run
+from tests.referee.synthetic import bare
 
 DT = 0.1 * 0.5 ** np.arange(10)
 NOWHERE = Path()
@@ -69,6 +71,121 @@ def test_an_order_that_is_lost_at_small_steps_is_not_certified():
     """dt^2 + c dt is of first order, however long the second-order range looks."""
     fit = ladder(DT, DT**2 + 2e-3 * DT)
     assert fit.kind != "power" or fit.order < 1.5
+
+
+def following(*slopes):
+    """Errors whose neighbours have these slopes."""
+    return np.exp(np.concatenate(([0.0], np.cumsum(np.asarray(slopes) * -math.log(2.0)))))
+
+
+@pytest.mark.parametrize("tail", [(1.1,), (0.1,), (1.1, 1.1), (1.5, 1.0, 0.9), (3.0,), (0.53, 0.54)])
+def test_finest_slopes_that_no_floor_explains_are_not_left_out_in_silence(tail):
+    """2, 2, 2, 2, 1.1: a floor that takes half of the last step would have bent the step before it too."""
+    error = following(2.0, 2.0, 2.0, 2.0, *tail)
+    fit = ladder(DT[: len(error)], error)
+    assert fit.kind == "lost"
+    assert fit.left == pytest.approx(tail)
+    assert ladder(DT[: len(error)], error, small=float(error[-1])).kind == "power"  # a tolerance may hold the last
+
+
+@pytest.mark.parametrize("tail", [(1.1, 0.1), (1.1, -1.6), (1.6, 1.1, 0.2, 0.0)])
+def test_finest_slopes_into_a_floor_that_is_seen_are_explained(tail):
+    """From one left-out step to the finest nothing is gained: that level is the floor, and is told."""
+    error = following(2.0, 2.0, 2.0, 2.0, *tail)
+    fit = ladder(DT[: len(error)], error)
+    assert fit.kind == "power" and fit.order == pytest.approx(2.0)
+    assert fit.floor == pytest.approx(float(np.exp(np.median(np.log(error[5:])))))
+
+
+def test_noise_alone_loses_no_order():
+    """2 % of noise bends the finest slopes by a tenth; of 200 second orders hardly one is said to be lost."""
+    random = np.random.default_rng(7)
+    kinds = [ladder(DT, DT**2 * np.exp(0.02 * random.standard_normal(10))).kind for _ in range(200)]
+    assert kinds.count("power") >= 198
+
+
+def made_up(column, errors, **columns):
+    """A ladder of the spatial pendulum that declares order two, with these errors of one column."""
+    return [
+        bare(4.0, problem="spherical_pendulum", solver="made_up", case=f"pendulum made_up dt={dt}", control="dt",
+             dt_s=dt, steps=math.ceil(4.0 / dt - 1e-6), claimed="success", status="success", declared_order=2.0,
+             settings=str(dt), length_scale_m=0.5, energy_scale_J=4.9,
+             **{"reference_own_error_m": 1e-12, column: error, **columns})
+        for dt, error in zip(DT, errors, strict=False)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("order", "verdict"),
+    [(1.5, "below declared"), (1.85, "below declared"), (1.95, "certified"), (2.0, "certified"), (2.09, "certified"),
+     (2.15, "above declared"), (2.6, "above declared"), (3.0, "above declared")],
+)  # fmt: skip
+def test_a_certificate_has_two_sides(order, verdict):
+    """Exact powers: within 0.1 of two is certified; what is higher is another order, said apart."""
+    entry = by_quantity(made_up("position_error_max_m", 0.1 * DT**order))["position"]
+    assert entry["verdict"] == verdict
+    assert f"order {order:.2f}" in entry["words"] and "declared 2" in entry["words"]
+
+
+@pytest.mark.parametrize(("order", "wrong"), [(2.0, "above declared"), (2.0, "below declared"), (2.3, "certified")])
+def test_noise_does_not_change_sides(order, wrong):
+    """2 % of noise, 100 ladders: orders 2 and 2.3 are never taken for each other."""
+    random = np.random.default_rng(3)
+    noise = np.exp(0.02 * random.standard_normal((100, 10)))
+    found = [by_quantity(made_up("position_error_max_m", 0.1 * DT**order * n))["position"] for n in noise]
+    assert wrong not in {e["verdict"] for e in found}
+
+
+def test_words_say_why_finest_slopes_are_left_out():
+    """At a floor, with its level; or for no reason that is seen, and then the order is not certified."""
+    lost = by_quantity(made_up("position_error_max_m", 0.1 * following(2.0, 2.0, 2.0, 2.0, 1.1)))["position"]
+    assert lost["verdict"] == "undecided"
+    assert "the finest slope 1.10 does not follow it, and no floor is seen" in lost["words"]
+    floored = by_quantity(made_up("position_error_max_m", 0.1 * following(2.0, 2.0, 2.0, 2.0, 1.1, 0.1)))["position"]
+    assert floored["verdict"] == "certified"
+    assert "finest slopes 1.10, 0.10 left out: at the floor of 1.8e-04 m" in floored["words"]
+
+
+def test_what_steps_leave_unsolved_is_a_floor_and_nothing_above_it():
+    """Tolerance [sqrt(J)] x steps / sqrt(energy) x length: 1e-8 over 1280 steps of the pendulum is 2.9e-6 m."""
+    shape = following(2.0, 2.0, 2.0, 2.0, 1.1)
+    for last, verdict in ((2.8e-6, "certified"), (3.0e-6, "undecided")):
+        errors = last * shape / shape[-1]
+        runs = [dataclasses.replace(r, solver="gc_weak_form") for r in made_up("position_error_max_m", errors)]
+        assert by_quantity(runs)["position"]["verdict"] == verdict
+        sharp = [dataclasses.replace(r, solver_options='{"tolerance": 1e-12}') for r in runs]
+        assert by_quantity(sharp)["position"]["verdict"] == "undecided"
+
+
+def test_velocities_have_scales_and_own_errors_of_their_unit():
+    """[m] becomes [m/s] by speed / length of the problem, 6.26 1/s for the pendulum, and nothing else does."""
+    (r,) = made_up("velocity_error_max_m_per_s", [1.0])
+    problem = make_problem("spherical_pendulum", {})
+    size = scales(problem.system, problem.initial)
+    q = {k.name: k for k in QUANTITIES}
+    assert q["velocity"].scale(r) == pytest.approx(size.speed)
+    assert q["|phi_dot|"].scale(r) == pytest.approx(size.speed)
+    assert q["angular velocity"].scale(r) == pytest.approx(size.speed / size.length)
+    for rate, base in (("velocity", "position"), ("angular velocity", "orientation")):
+        assert q[rate].own(r) == pytest.approx(q[base].own(r) * size.speed / size.length)
+
+
+def test_velocity_errors_the_reference_cannot_resolve_are_left_out():
+    """Own error 1e-6 m: velocities below 3 x 6.26e-6 m/s are not told apart, though above 3e-6."""
+    errors = 1e-2 * DT**2 / DT[0] ** 2
+    entry = by_quantity(made_up("velocity_error_max_m_per_s", errors, reference_own_error_m=1e-6))["velocity"]
+    told = [e > 3.0 * 1e-6 * 6.264 for e in errors]
+    assert entry["used"] == told and sum(told) == 5
+    assert sum(e > 3e-6 for e in errors) == 6
+
+
+def test_a_problem_that_is_not_at_hand_has_no_order_in_velocity():
+    """A plugin's run judged without the plugin: positions as ever, of velocities it is said why not."""
+    runs = made_up("position_error_max_m", 0.1 * DT**2, velocity_error_max_m_per_s=1.0)
+    runs = [dataclasses.replace(r, problem="gone") for r in runs]
+    found = by_quantity(runs)
+    assert found["position"]["verdict"] == "certified"
+    assert found["velocity"]["verdict"] == "undecided" and "not at hand" in found["velocity"]["words"]
 
 
 def test_errors_that_do_not_depend_on_the_step_have_no_order():
