@@ -5,13 +5,14 @@ joint told twice, or the direction of time. How far apart they may end is not ch
 same solver's end moves by at a tenth of its tolerance, plus rounding times the growth of a start changed by 1e-10, plus
 for fixed steps ``HALVES`` times what it moves by at half the step. Two runs of one motion may differ by their errors,
 all solvers alike; whether a fixed step keeps a symmetry exactly, without that last part, is said beside the verdict.
+No verdict is made of what is not a finite number; a bound above the mechanism's size decides nothing.
 Distances are of whole poses, max over bodies of |r - r'| and L times the angle of R to R', L the mechanism's size.
 """
 
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,17 +74,21 @@ class Yardstick:
 
 def scorecard(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]]:
     """One entry a solver, check and posing, as in ``metamorphic.json``."""
-    known = {_key(r): r for r in sorted(records, key=lambda r: r.finished)}
+    known = {_key(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings))}
+    runs = sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.settings))
     ends = _Ends(folder)
-    out = []
-    for base in sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.case)):
-        told = [r for r in known.values() if _changed(base, r)]
-        tighter = next((r for r in known.values() if _is_tighter(base, r)), None)
-        nudged = next((r for r in known.values() if _is_nudged(base, r)), None)
-        halved = next((r for r in known.values() if _is_halved(base, r)), None)
+    found = []
+    for base in runs:
+        told = [r for r in runs if _changed(base, r)]
+        tighter = min((r for r in runs if _is_tighter(base, r)), key=lambda r: _off(base, r), default=None)
+        nudged = min((r for r in runs if _is_nudged(base, r)), key=lambda r: (_nudge(r), r.settings), default=None)
+        halved = next((r for r in runs if _is_halved(base, r)), None)
         if not told or tighter is None or nudged is None or (halved is None and base.control == "dt"):
             continue
-        yard = _yardstick(base, tighter, nudged, halved, ends)
+        found.append((base, told, _yardstick(base, tighter, nudged, halved, ends)))
+    out = []
+    for base, told, own in found:
+        yard = own and replace(own, growth=_least_growth(base, [(b, y) for b, _, y in found if y is not None]))
         for r in sorted(told, key=lambda r: (list(CHANGES).index(_changed(base, r)), r.case)):
             out.append(_entry(base, r, _changed(base, r), yard, ends))
         out += [e for r in (base, *told) if (e := _planarity(base, r, yard)) is not None]
@@ -111,7 +116,7 @@ class _Ends:
             return math.nan
         r, R = b[0] @ turned, turned.T @ b[1]
         gap = float(np.max(np.linalg.norm(r - a[0], axis=-1)))
-        return max(gap, one.length_scale_m * float(np.max(so3.angle_between(R, a[1]))))
+        return float(np.maximum(gap, one.length_scale_m * np.max(so3.angle_between(R, a[1]))))
 
 
 def _parameters(r: RunRecord) -> dict[str, Any]:
@@ -151,19 +156,35 @@ def _without(r: RunRecord, name: str) -> dict[str, Any]:
 
 
 def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
-    same = (base.problem, base.solver, base.control, base.problem_parameters, str(base.dt_s))
-    if same != (r.problem, r.solver, r.control, r.problem_parameters, str(r.dt_s)):
+    if _but_tolerance(base) != _but_tolerance(r):
         return False
-    mine, theirs = json.loads(base.solver_options), json.loads(r.solver_options)
-    if base.control == "rtol":
-        return mine == theirs and TENTH[0] < r.rtol / base.rtol < TENTH[1]
-    ratio = theirs.pop("tolerance", TOLERANCE) / mine.pop("tolerance", TOLERANCE)
-    return mine == theirs and TENTH[0] < ratio < TENTH[1]
+    return TENTH[0] < _tolerance(r) / _tolerance(base) < TENTH[1]
+
+
+def _but_tolerance(r: RunRecord) -> tuple:
+    """All that shapes a run but the tolerance of its errors, or of its steps' equations."""
+    options = json.loads(r.solver_options)
+    if r.control == "dt":
+        options.pop("tolerance", None)
+    step = (str(r.dt_s), str(r.max_step_s))
+    return (r.problem, r.problem_parameters, r.solver, json.dumps(options, sort_keys=True), r.control, *step)
+
+
+def _tolerance(r: RunRecord) -> float:
+    return float(json.loads(r.solver_options).get("tolerance", TOLERANCE)) if r.control == "dt" else r.rtol
+
+
+def _off(base: RunRecord, r: RunRecord) -> tuple[float, str]:
+    """How far from a tenth a tighter run is."""
+    return abs(math.log(10.0 * _tolerance(r) / _tolerance(base))), r.settings
 
 
 def _is_halved(base: RunRecord, r: RunRecord) -> bool:
-    same = (base.problem, base.solver, base.solver_options, base.problem_parameters)
-    return same == (r.problem, r.solver, r.solver_options, r.problem_parameters) and 2.0 * r.dt_s == base.dt_s
+    return _halving(base) == _halving(r) and 2.0 * r.dt_s == base.dt_s
+
+
+def _halving(r: RunRecord) -> tuple:
+    return (r.problem, r.problem_parameters, r.solver, r.solver_options, r.control, str(r.max_step_s))
 
 
 def _yardstick(
@@ -176,6 +197,12 @@ def _yardstick(
     growth = ends.apart(base, nudged, np.eye(3)) / (_nudge(nudged) * base.length_scale_m)
     step = 0.0 if halved is None else ends.apart(base, halved, np.eye(3))
     return Yardstick(level, step, growth, base.steps, base.length_scale_m)
+
+
+def _least_growth(base: RunRecord, found: Iterable[tuple[RunRecord, Yardstick]]) -> float:
+    """Growth belongs to the motion; under error control a changed start moves the steps too, and seems to grow more."""
+    same = [y.growth for b, y in found if (b.problem, b.problem_parameters) == (base.problem, base.problem_parameters)]
+    return min((g for g in same if math.isfinite(g)), default=math.nan)
 
 
 def _entry(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, ends: _Ends) -> dict[str, Any]:
@@ -193,7 +220,7 @@ def _entry(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, e
     elif change == "renumber" and _single(ends, base):
         verdict, words = "not applicable", "one body and one joint have no order"
     elif change == "retrace":
-        deviation = max(r.return_error_m, r.length_scale_m * r.return_error_rad)
+        deviation = float(np.maximum(r.return_error_m, r.length_scale_m * r.return_error_rad))
         bound = yard.bound * yard.back
         verdict, words = _compared(deviation, yard, "misses the start", yard.back)
         if math.isnan(deviation):
@@ -221,15 +248,23 @@ def _planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> dict[st
 def _compared(deviation: float, yard: Yardstick, what: str, grown: float = 1.0) -> tuple[str, str]:
     """Verdict and words; ``grown`` multiplies all that is allowed."""
     exact, bound = yard.exact * grown, yard.bound * grown
+    if not math.isfinite(deviation):
+        return "failed", "no end pose to compare"
+    if not math.isfinite(bound):
+        return "failed", "no bound: no end pose at a tenth of the tolerance, at half the step or from the changed start"
     parts = f"a tenth of the tolerance moves the end by {yard.level:.1e} m"
     if yard.halved > 0.0:
         parts += f", half the step by {yard.halved:.1e} m"
     parts += f", rounding by {yard.rounding / SLACK:.1e} m at most, a change of the start grows {yard.growth:.2g}-fold"
     if deviation > bound:
-        return "broken", f"{what} by {deviation:.1e} m, {bound:.1e} m allowed ({parts})"
+        times = f"{deviation / bound:.3g} times the {bound:.1e} m allowed" if bound > 0.0 else "nothing allowed"
+        return "broken", f"{what} by {deviation:.1e} m, {times} ({parts})"
+    kept = yard.halved > 0.0 and deviation <= exact
+    if (exact if kept else bound) > yard.size:
+        return "undecided", f"{what} by {deviation:.1e} m, but {bound:.1e} m allowed is more than its size ({parts})"
     if yard.halved == 0.0:
         return "holds", f"{what} by {deviation:.1e} m of {bound:.1e} m allowed ({parts})"
-    if deviation <= exact:
+    if kept:
         return "holds", f"exactly: {what} by {deviation:.1e} m, as far as the steps are solved, {exact:.1e} m ({parts})"
     return "holds", f"not exactly, within its error: {what} by {deviation:.1e} m of {bound:.1e} m allowed ({parts})"
 

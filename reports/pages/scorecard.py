@@ -12,10 +12,11 @@ MARKS = {
     "holds": Mark("✓", "holds", "good"),
     "broken": Mark("✗", "broken", "wrong"),
     "failed": Mark("★", "the run failed", "failed"),
+    "undecided": Mark("○", "not decided", "refused"),
     "refused": Mark("⊘", "refused", "refused"),
     "not applicable": Mark("–", "not applicable", "none"),
 }
-WORST_FIRST = ("broken", "failed", "refused", "holds", "not applicable")
+WORST_FIRST = ("broken", "failed", "undecided", "refused", "holds", "not applicable")
 
 
 @dataclass(frozen=True)

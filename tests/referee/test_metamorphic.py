@@ -8,11 +8,13 @@ import pytest
 
 from harness.cell import make_cell
 from harness.job import Job
-from harness.referee.metamorphic import Yardstick, scorecard
+from harness.referee import metamorphic
+from harness.referee.metamorphic import Yardstick, _compared, scorecard
 from harness.referee.wrong import wrong
 from harness.registry import make_problem
 from harness.store import create
 from harness.worker import run
+from tests.referee.synthetic import altered
 
 START = {"t_end": 0.5, "omega_z": 3.0}
 PENDULUM = "spherical_pendulum"
@@ -125,6 +127,80 @@ def test_without_a_yardstick_nothing_is_judged(folder, told):
     """A deviation without a bound is no finding."""
     records = told({"mirror": "X"})
     assert scorecard(folder, [records[0], records[-1]]) == []
+
+
+NAN = float("nan")
+
+
+@pytest.mark.parametrize("column", ["return_error_m", "return_error_rad"])
+def test_half_a_way_back_is_none(folder, told, column):
+    """Distance and angle are both needed, whichever is not a number."""
+    records = told({"retrace": True})
+    lost = dataclasses.replace(records[-1], **{column: NAN})
+    assert card(folder, [*records[:-1], lost])["time reversal"]["verdict"] == "failed"
+
+
+@pytest.mark.parametrize("pose", ["end_r", "end_R"])
+@pytest.mark.parametrize("whose", [-1, 1, 2, 3])
+def test_what_has_no_end_pose_is_no_success_of_a_check(folder, told, monkeypatch, whose, pose):
+    """Not a number in the run told otherwise, at half the step, from the changed start, at a tenth: nothing holds."""
+    records = told({"mirror": "X"})
+    read = metamorphic.store.series_of
+
+    def series_of(where, r):
+        s = read(where, r)
+        return altered(s, **{pose: np.full_like(s[pose], NAN)}) if r.cell == records[whose].cell else s
+
+    monkeypatch.setattr(metamorphic.store, "series_of", series_of)
+    entry = card(folder, records)["mirror image"]
+    assert entry["verdict"] == "failed", entry["words"]
+    assert "no end pose" in entry["words"]
+
+
+def test_a_missing_series_is_a_failure_too(folder, told, monkeypatch):
+    """Its file is lost: there is nothing to compare."""
+    records = told({"mirror": "X"})
+    read = metamorphic.store.series_of
+    gone = records[-1].cell
+    monkeypatch.setattr(metamorphic.store, "series_of", lambda where, r: None if r.cell == gone else read(where, r))
+    assert card(folder, records)["mirror image"]["verdict"] == "failed"
+
+
+def test_a_bound_above_the_size_decides_nothing_and_a_broken_row_says_by_how_much():
+    """Any two ends of a mechanism are closer than that; 4 m of 2 m allowed is twice as much."""
+    wide, narrow = Yardstick(0.2, 0.0, 1.0, 100, 1.0), Yardstick(0.02, 0.0, 1.0, 100, 1.0)
+    assert _compared(0.5, wide, "ends elsewhere")[0] == "undecided"
+    assert _compared(0.1, narrow, "ends elsewhere")[0] == "holds"
+    verdict, words = _compared(0.4, narrow, "ends elsewhere")
+    assert verdict == "broken" and "2 times the 2.0e-01 m allowed" in words
+    exact = Yardstick(1e-6, 5.0, 1.0, 100, 1.0)  # half the step decides nothing, but it is kept exactly
+    assert _compared(1e-6, exact, "ends elsewhere")[0] == "holds"
+    assert _compared(1e-4, exact, "ends elsewhere")[0] == "undecided"
+
+
+def test_the_tighter_run_has_the_same_largest_step_and_is_chosen_by_its_settings(folder, told):
+    """Another largest step is another run; of two tighter ones the one at a tenth, whichever ended last."""
+    solver = {"solver": "ida_index1"}
+    records = told({"mirror": "X"}, **solver)
+    tighter = records[1]
+    other = dataclasses.replace(tighter, max_step_s=0.01, settings="0", cell="0", finished="0")
+    coarse = dataclasses.replace(tighter, rtol=1.5e-7, settings="1", cell="1", series=records[0].series,
+                                 series_sha256=records[0].series_sha256)  # fmt: skip
+    alone = card(folder, records)["mirror image"]
+    for finished in ("0", "9"):
+        coarse = dataclasses.replace(coarse, finished=finished)
+        assert card(folder, [*records, other, coarse])["mirror image"]["bound"] == alone["bound"]
+    assert scorecard(folder, [records[0], other, *records[2:]]) == []
+
+
+def test_growth_is_the_motions_own(folder, told):
+    """Under error control a changed start moves the steps too; the least growth of all solvers is the motion's."""
+    loose = told({"retrace": True}, solver="ida_index1")
+    moved = [dataclasses.replace(r, series=loose[1].series, series_sha256=loose[1].series_sha256)
+             if "perturb" in r.problem_parameters else r for r in loose]  # fmt: skip
+    by = {e["solver"]: e["bound"] for e in scorecard(folder, [*told({"retrace": True}), *moved])}
+    alone = card(folder, moved)["time reversal"]["bound"]
+    assert by["ida_index1"] < 0.1 * alone
 
 
 def test_rounding_and_growth_make_the_bound_where_a_tolerance_moves_nothing():

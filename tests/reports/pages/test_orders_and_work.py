@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+from reports.pages.certificates import tally
 from reports.pages.drifts import anatomies, common_scale, parted
 from reports.pages.judgement import Entry
 from reports.pages.links import links_of
@@ -40,6 +41,24 @@ def test_drawn_fit_has_the_order_and_goes_through_the_points():
     assert math.log(y1 / y0) / math.log(x1 / x0) == pytest.approx(found.order)
     assert y0 == pytest.approx(x0**2) and y1 == pytest.approx(x1**2)
     assert found.interval == "1.98 to 2.02"
+
+
+def test_an_order_above_the_declared_one_has_a_mark_of_its_own_and_is_no_failure():
+    """Neither certified nor failed: counted apart."""
+    words = ("certified", "above declared", "above declared", "below declared", "undecided")
+    found = certificates(entries([{"verdict": w} for w in words]), NONE)
+    above = found[1].mark
+    assert (above.word, above.kind) == ("above declared", "refused")
+    assert above.symbol not in {c.mark.symbol for c in found if c.mark.word != "above declared"}
+    assert {m.word: n for m, n in tally(found)}["above declared"] == 2
+
+
+def test_a_check_that_decides_nothing_is_no_success():
+    """Its box says so, and it is not counted among those that hold."""
+    row = {"solver": "alpha", "check": "yaw", "posing": "p", "verdict": "holds", "words": ""}
+    found = card(entries([row, {**row, "verdict": "undecided"}]), NONE)
+    box = found.rows[0][1][0]
+    assert (box.mark.word, box.mark.kind, box.tally) == ("not decided", "refused", "1 of 2")
 
 
 def test_trend_and_walk_are_shown_in_joules_over_the_run():
