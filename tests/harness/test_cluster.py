@@ -5,17 +5,20 @@ import signal
 import subprocess
 import sys
 import time
+from unittest.mock import MagicMock
 
 import pytest
 
 from harness import store
 from harness.environment import ROOT
+from harness.job import Job
 from harness.pool import LocalPool, PoolError
 from harness.runner import Request, run_suite
 from harness.suites import parse_suite
 from tests.harness.conftest import PLUGIN, Silent
 
 distributed = pytest.importorskip("distributed", reason="needs the extra 'cluster'")
+from harness import cluster as cluster_module  # noqa: E402
 from harness.cluster import DaskPool  # noqa: E402
 
 SECONDS = ", ".join(f"0.{k}" for k in range(20, 36))
@@ -83,6 +86,20 @@ def test_no_cluster_is_told_in_a_line(tmp_path, monkeypatch):
     """Nobody listens, or the file is not there."""
     with pytest.raises(PoolError, match="scheduler file"):
         DaskPool(str(tmp_path / "x.json")).run([object()])  # type: ignore[list-item]
+
+
+def test_a_disk_that_is_full_here_is_no_fault_of_the_cluster(tmp_path):
+    """What a worker sent cannot be written: said with the folder, and no rest is left."""
+    suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
+    job = Job(suite.cells[0], tmp_path / "gone")
+    with pytest.raises(PoolError, match=r"cannot write to .*gone: No such file"):
+        cluster_module._store(job, {"cells/x.json": b""})
+    pool = DaskPool("nowhere")
+    pool._collect = lambda: cluster_module._store(job, {"cells/x.json": b""})  # type: ignore[method-assign]
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cluster_module, "_client", lambda address: MagicMock(nthreads=lambda: {"w": 1}))
+        with pytest.raises(PoolError, match="cannot write"):
+            pool.run([job])
 
 
 def test_slurm_is_given_the_right_job(tmp_path):
