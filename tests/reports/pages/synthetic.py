@@ -9,7 +9,7 @@ from tests.reports.conftest import HOSTILE
 
 
 def claims(cells: Sequence[str]) -> list[dict[str, Any]]:
-    """One of each verdict, with a map of two charts and two starts, and one whose texts attack."""
+    """One of each verdict, one with a map of two charts and two starts, a check of the posing, one that attacks."""
     at = [
         {"cell": cells[k % len(cells)], "case": f"case {k}", "tolerance": tolerance, "gain": gain, "form": "fi",
          "chart": chart, "lambda_in_error_test": True, "consistent_start": start, "frame": "aligned",
@@ -35,6 +35,7 @@ def claims(cells: Sequence[str]) -> list[dict[str, Any]]:
                      {"metric": HOSTILE, "band": HOSTILE, "measured_words": HOSTILE}]),
         claim("fourth-claim", "UNTESTABLE", measured=None, band=None, missing=["the commercial code", "its data"],
               cells=[], settings=None, section="5.3"),
+        claim("posed-claim", "SUPPORTED", kind="posing"),
         claim(HOSTILE, "SUPPORTED", section=HOSTILE, figure=HOSTILE, quote=HOSTILE, claim=HOSTILE, because=HOSTILE,
               unit=HOSTILE, settings={HOSTILE: HOSTILE}, cells=[HOSTILE, "unknown"],
               map=[{"form": HOSTILE, "case": HOSTILE, "cell": HOSTILE}], missing=HOSTILE),
