@@ -60,7 +60,7 @@ def _elsewhere(what: str, attempt: Callable[[], object]) -> str:
                 complaint = _words(what, error)
             note.write_text(complaint, encoding="utf-8", errors="replace")
 
-        child = fork(run, Path(place) / "stderr", MEMORY, LIMIT)
+        child = fork(run, Path(place) / "said", MEMORY, LIMIT)
         until = time.monotonic() + LIMIT
         ended, status = 0, 0
         try:

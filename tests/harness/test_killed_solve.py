@@ -1,5 +1,6 @@
 """``solve`` ended from outside: its file is whole or not there, what was there before stays, nothing runs on."""
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -22,9 +23,18 @@ def started(tmp_path, *more):
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 a background shell has it ignored
     )  # fmt: skip
     until = time.monotonic() + 60.0
-    while not (children := psutil.Process(process.pid).children()) and time.monotonic() < until:
+    while not (children := solving(process.pid)) and time.monotonic() < until:
         time.sleep(0.02)
     return process, children
+
+
+def solving(pid):
+    """The process that integrates; before it, the plugin and its problem are tried in others."""
+    found = []
+    for child in psutil.Process(pid).children():
+        with contextlib.suppress(psutil.NoSuchProcess):
+            found += [child] if any(f.path.endswith("/stderr") for f in child.open_files()) else []
+    return found
 
 
 def gone(process: psutil.Process) -> bool:
