@@ -187,7 +187,7 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
     assert "comments are not in it" in said(*judge, "--update", "--write")
     assert "gate open" in said(*judge)
     monkeypatch.setattr("harness.commands.gate.code_digest", lambda plugins: "other")
-    assert "result of other code" in said(*judge, code=1) and said(*judge, "--any-code")
+    assert "result of other code" in said(*judge, "--json", code=1) and "gate open" in said(*judge, "--any-code")
     assert not [x for x in said(*judge, "--update").splitlines() if x.startswith("+[[")]  # nor is it proposed from
 
 
