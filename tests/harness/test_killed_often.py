@@ -47,7 +47,7 @@ def done(folder):
     return {p.name: p.stat().st_mtime_ns for p in folder.glob("cells/*.json")}
 
 
-@pytest.mark.parametrize(("CELLS", "KILLS"), [(40, 3), pytest.param(300, 20, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("CELLS", "KILLS"), [(30, 2), pytest.param(300, 20, marks=pytest.mark.slow)])
 def test_kills_lose_nothing(tmp_path, CELLS, KILLS):
     """SIGKILL to the runner, every fourth time to its supervisor too, from its first moments to its last."""
     suite = tmp_path / "killed.toml"

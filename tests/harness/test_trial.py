@@ -37,11 +37,6 @@ MADE = {
 }
 
 
-@pytest.fixture(autouse=True)
-def _short(monkeypatch):
-    monkeypatch.setattr(trial, "LIMIT", 1.0)
-
-
 def refused(capsys, words, *line):
     assert main(list(line)) == 2
     out, err = capsys.readouterr()
@@ -49,8 +44,9 @@ def refused(capsys, words, *line):
 
 
 @pytest.mark.parametrize("text", LOADED)
-def test_a_file_that_does_not_come_back_is_no_plugin(text, tmp_path, capsys):
+def test_a_file_that_does_not_come_back_is_no_plugin(text, tmp_path, capsys, monkeypatch):
     """Above all, one that ends the process in good order: nothing was checked, so nothing is good."""
+    monkeypatch.setattr(trial, "LIMIT", 0.5 if "while" in text else trial.LIMIT)
     path = tmp_path / "foreign.py"
     path.write_text(text)
     refused(capsys, LOADED[text], "check", str(path))
@@ -58,8 +54,9 @@ def test_a_file_that_does_not_come_back_is_no_plugin(text, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("text", MADE)
-def test_a_problem_that_cannot_be_made_is_told(text, tmp_path, capsys):
+def test_a_problem_that_cannot_be_made_is_told(text, tmp_path, capsys, monkeypatch):
     """By run and solve alike, without a traceback."""
+    monkeypatch.setattr(trial, "LIMIT", 0.5 if "sleep" in text else trial.LIMIT)
     (tmp_path / "foreign.py").write_text(PROBLEM.format(text))
     (tmp_path / "s.toml").write_text('plugins = ["foreign.py"]' + SUITE)
     refused(capsys, MADE[text], "run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run"))
