@@ -7,7 +7,6 @@ from jaxtyping import Float, Int
 
 SPANS_UPPER = 240  # a panel is about 3 in wide: more spans than that are not seen
 SPANS_SIGNED = 320
-SPANS_SCREEN = 180  # of signed curves on pages, which hold dozens of them
 
 
 @dataclass(frozen=True)
@@ -23,10 +22,10 @@ class Curve:
         return len(self.t)
 
 
-def upper(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float) -> Curve:
+def upper(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER) -> Curve:
     """The largest |a| in each span of time: what a bound must not be below. Values that are no numbers are left out."""
     t, a = _finite(t, np.abs(a))
-    at = _firsts(a, _starts(t, t_end, SPANS_UPPER), np.maximum)
+    at = _firsts(a, _starts(t, t_end, spans), np.maximum)
     return Curve(t[at], a[at])
 
 
@@ -39,10 +38,10 @@ def signed(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: floa
     return Curve(t[at], a[at])
 
 
-def band(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float) -> Curve:
+def band(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], t_end: float, spans: int = SPANS_UPPER) -> Curve:
     """Median, smallest and largest value in each span."""
     t, a = _finite(t, a)
-    starts = _starts(t, t_end, SPANS_UPPER)
+    starts = _starts(t, t_end, spans)
     if not len(starts):
         return Curve(t, a, a, a)
     counts = np.diff(np.append(starts, len(t)))

@@ -9,7 +9,7 @@ from reports.motion import Motion
 from reports.reading import Cell, Posing
 from reports.words import NONE, number, plural, time, unit
 
-MOST_EVENTS = 60  # of one cell in the table
+MOST_EVENTS = 20  # of one cell in the table
 
 
 @dataclass(frozen=True)

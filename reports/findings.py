@@ -6,12 +6,16 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from reports.accuracy import Measure, drifts, measure_for
+from reports.posings import plain_cells
 from reports.reading import Cell, Posing, Run
 from reports.words import listed, mark, number, plural, seconds, time
 
 SAME_ERROR = 1.25  # errors closer than this factor are called equal
 SAME_CPU = 1.3  # so are timings: the spread of single timings on a shared machine
 ACCURATE = 1e-3  # of the mechanism's size, or rad: the accuracy at which costs are compared
+
+
+REASON = 240  # characters of a reason in a sentence: the cell's page has all
 
 
 @dataclass(frozen=True)
@@ -29,17 +33,34 @@ def findings(run: Run) -> list[Finding]:
     return [*_counts(run), *_by_label(run), *_wanderers(run)]
 
 
-def findings_of(posing: Posing) -> list[Finding]:
-    """About one problem."""
+def findings_of(whole: Posing, label: str = "") -> list[Finding]:
+    """About one problem: of the cells that speak for it; the others in a line."""
+    cells = plain_cells(whole, label)
+    posing = Posing(whole.title, whole.slug, cells)
     out: list[Finding] = []
-    measure = measure_for(posing.cells)
+    measure = measure_for(whole.cells)
     if not posing.solved():
         out.append(Finding("No cell reached the end of this problem with a motion that holds.", "failed"))
     if measure is not None:
         out += [*_most_accurate(posing, measure), *_cheapest(posing, measure), *_response(posing, measure)]
     out += _energy(posing)
     out += _ends(posing)
+    if len(cells) < len(whole.cells):
+        here = {c.record.cell for c in cells}
+        out.append(_others([c for c in whole.cells if c.record.cell not in here], cells[0].record.label))
     return out
+
+
+def _others(cells: Sequence[Cell], label: str) -> Finding:
+    """How all other settings ended."""
+    ends = Counter(_ending(c) for c in cells)
+    words = listed([f"{n} {w}" for w, n in ends.most_common()])
+    said = f"All this is about “{label}”" if label else "All this is about default options"
+    return Finding(f"{said}. Of {plural(len(cells), 'cell')} at other settings, folded below, {words}.")
+
+
+def _ending(c: Cell) -> str:
+    return "held" if c.succeeded else c.status if c.status in ("wrong", "refused") else "stopped early"
 
 
 def called(cell: Cell) -> str:
@@ -176,15 +197,27 @@ def _energy(posing: Posing) -> Iterator[Finding]:
 
 
 def _ends(posing: Posing) -> Iterator[Finding]:
+    """The earliest stop of each solver with its reason, the others counted."""
     early = sorted((c for c in posing.cells if c.stopped), key=lambda c: c.record.t_reached_s)
-    for c in early:
-        r = c.record
+    for solver in dict.fromkeys(c.record.solver for c in early):
+        own = [c for c in early if c.record.solver == solver]
+        r = own[0].record
         where = (
             f"at {time(r.t_reached_s)} of {time(r.t_end_s)} s"
             if math.isfinite(r.t_reached_s)
             else "before its first step"
         )
-        yield Finding(f"{called(c)} ended {where}, {mark(c.status).word}: {c.reasons[0]}", "failed")
-    refused: Sequence[Cell] = [c for c in posing.cells if c.status == "refused"]
-    for c in refused:
-        yield Finding(f"{called(c)} refused: {c.reasons[0]}")
+        more = f" So did {len(own) - 1} more of {solver}, later." if len(own) > 1 else ""
+        reason = _short(own[0].reasons[0])
+        yield Finding(f"{called(own[0])} ended {where}, {mark(own[0].status).word}: {reason}{more}", "failed")
+    refused: dict[tuple[str, str], list[Cell]] = {}
+    for c in posing.cells:
+        if c.status == "refused":
+            refused.setdefault((c.record.solver, c.reasons[0]), []).append(c)
+    for (_, reason), own in refused.items():
+        more = f" and {len(own) - 1} more" if len(own) > 1 else ""
+        yield Finding(f"{called(own[0])}{more} refused: {_short(reason)}")
+
+
+def _short(reason: str) -> str:
+    return reason if len(reason) <= REASON else reason[: REASON - 1] + "…"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from harness.series import Series
-from reports.curves import SPANS_SCREEN, Curve, band, signed, upper
+from reports.curves import SPANS_UPPER, Curve, band, signed, upper
 from reports.reading import Cell, Run
 
 NORMS = ("energy_error", "phi_norm", "phi_dot_norm", "position_error", "orientation_error", "out_of_plane")
@@ -36,8 +36,8 @@ class Motion:
         return any(len(c) > 0 for c in self.norms.values())
 
 
-def motion_of(run: Run, cell: Cell) -> Motion:
-    """The curves of a cell; without a series file there are none."""
+def motion_of(run: Run, cell: Cell, spans: int = SPANS_UPPER) -> Motion:
+    """The curves of a cell over ``spans`` of time; without a series file there are none."""
     series = run.series(cell)
     if series is None or "t" not in series or len(series["t"]) == 0:
         return Motion(cell)
@@ -46,13 +46,13 @@ def motion_of(run: Run, cell: Cell) -> Motion:
     return Motion(
         cell,
         bodies_in(series),
-        {n: upper(t, series[n], t_end) for n in NORMS if n in series},
-        {n: upper(t, a, t_end) for n, a in series.named("inv_").items()},
-        _steps(series, cell),
-        upper(t, series["reference_own_error"], t_end) if "reference_own_error" in series else None,
-        {n: signed(t, a, t_end, SPANS_SCREEN) for n, a in observables.items()},
-        {n: signed(t, a, t_end, SPANS_SCREEN) for n, a in exact.items() if np.any(np.isfinite(a))},
-        {n: upper(t, a - exact[n], t_end) for n, a in observables.items() if n in exact},
+        {n: upper(t, series[n], t_end, spans) for n in NORMS if n in series},
+        {n: upper(t, a, t_end, spans) for n, a in series.named("inv_").items()},
+        _steps(series, cell, spans),
+        upper(t, series["reference_own_error"], t_end, spans) if "reference_own_error" in series else None,
+        {n: signed(t, a, t_end, 3 * spans // 4) for n, a in observables.items()},
+        {n: signed(t, a, t_end, 3 * spans // 4) for n, a in exact.items() if np.any(np.isfinite(a))},
+        {n: upper(t, a - exact[n], t_end, spans) for n, a in observables.items() if n in exact},
         series.units,
         series.symbols,
         series.events,
@@ -66,13 +66,13 @@ def bodies_in(series: Series) -> int:
     return len(series["end_r"]) if "end_r" in series else 0
 
 
-def _steps(series: Series, cell: Cell) -> Curve | None:
+def _steps(series: Series, cell: Cell, spans: int) -> Curve | None:
     if "dt" not in series:
         return None
     t, dt, t_end = series["t"], series["dt"], 0.0 if cell.stopped else cell.record.t_end_s
     if len(dt) < 3:
-        return band(t, dt, t_end)
-    whole = band(t[:-1], dt[:-1], t_end)  # the last step may be cut to end at t_end
+        return band(t, dt, t_end, spans)
+    whole = band(t[:-1], dt[:-1], t_end, spans)  # the last step may be cut to end at t_end
     if not cell.stopped or whole.low is None or whole.high is None:
         return whole
     last = [np.append(e, dt[-1]) for e in (whole.y, whole.low, whole.high)]  # of a failure it is the point

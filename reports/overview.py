@@ -5,8 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from reports.accuracy import drifts, measure_for
+from reports.posings import Variants, broadest, themselves
 from reports.reading import Cell, Posing, Run
-from reports.scores import Score, broadest, score
+from reports.scores import Score, score
 from reports.words import Mark, mark, number, seconds
 
 WORST_FIRST = ("wrong", "failed", "refused", "good")
@@ -62,18 +63,29 @@ class Part:
 
 
 def matrix(run: Run) -> list[Part]:
-    """One part a label, the broadest first; one row a problem, one entry a solver."""
+    """One part a label, the plain comparison first; one row a problem as it is posed there, one entry a solver."""
     first = broadest(run)
+    posings = themselves(run, first)
     out = []
     for label in sorted(run.labels(), key=lambda name: name != first):
         own = [c for c in run.cells if c.record.label == label]
         solvers = tuple(s for s in run.solvers if any(c.record.solver == s for c in own))
         rows = []
-        for posing in run.posings:
+        for posing in posings:
             cells = [[c for c in posing.cells if (c.record.solver, c.record.label) == (s, label)] for s in solvers]
             if any(cells):
                 rows.append(Row(posing, tuple(entry(posing, some) if some else None for some in cells)))
-        out.append(Part(label, solvers, tuple(rows)))
+        if rows:
+            out.append(Part(label, solvers, tuple(rows)))
+    return out
+
+
+def tally(run: Run, own: Variants) -> list[tuple[Posing, list[Score | None]]]:
+    """Variants by solvers, counted; None for a solver that did not take one."""
+    out = []
+    for p in own.posings:
+        by = {s: [c for c in p.cells if c.record.solver == s] for s in run.solvers}
+        out.append((p, [score(cells) if cells else None for cells in by.values()]))
     return out
 
 

@@ -1,4 +1,8 @@
-"""Interactive plots as plain data: what is drawn, on which axes, for whom. ``assets/plots.js`` does the drawing."""
+"""Interactive plots as plain data: what is drawn, on which axes, for whom. ``assets/plots.js`` does the drawing.
+
+Points keep their numbers to seven digits. Curves over time, of which a run has thousands, are told in steps: times and
+values on linear axes to 1/32766 of their own range, values on logarithmic ones to a tenth of a percent.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -6,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from reports.packing import in_steps
+from reports.packing import Steps
 from reports.palette import Look
 
 
@@ -62,34 +66,43 @@ class Plot:
     marks: Mapping[str, Sequence[float]] = field(default_factory=dict)  # words: values of x with a thin line
 
 
-def plain(plot: Plot, looks: Mapping[str, Look]) -> dict[str, Any]:
-    """For a data file: short names, nothing that is a default."""
-    return {
-        "title": plot.title,
-        "x": _axis(plot.x),
-        "y": _axis(plot.y),
-        "traces": [_trace(t, looks, rough=bool(plot.x.link)) for t in plot.traces],
-        "marks": {k: list(v) for k, v in plot.marks.items()},
+def plain(plots: Sequence[Plot], looks: Mapping[str, Look]) -> dict[str, Any]:
+    """For a data file: short names, nothing that is a default; texts that come again and again by their number."""
+    texts: dict[str, int] = {}
+    found = {
+        p.name: {
+            "title": p.title,
+            "x": _axis(p.x),
+            "y": _axis(p.y),
+            "traces": [_trace(t, looks, p, texts) for t in p.traces],
+            "marks": {k: list(v) for k, v in p.marks.items()},
+        }
+        for p in plots
     }
+    return {"texts": list(texts), "plots": found}
 
 
 def _axis(axis: Axis) -> dict[str, Any]:
     return {k: v for k, v in vars(axis).items() if v == v and v != "" and v is not False}
 
 
-def _trace(trace: Trace, looks: Mapping[str, Look], *, rough: bool) -> dict[str, Any]:
-    x = np.asarray(trace.x)
-    out: dict[str, Any] = {"name": trace.name, "x": in_steps(x) if rough else x, "y": np.asarray(trace.y)}
+def _trace(trace: Trace, looks: Mapping[str, Look], plot: Plot, texts: dict[str, int]) -> dict[str, Any]:
+    rough = bool(plot.x.link)
+
+    def told(values: np.ndarray, axis: Axis) -> Any:
+        return Steps(values, log=axis.log) if rough else np.asarray(values)
+
+    out: dict[str, Any] = {"name": trace.name, "x": told(trace.x, plot.x), "y": told(trace.y, plot.y)}
     if trace.mode != "lines":
         out["mode"] = trace.mode
     for key in ("solver", "dash", "group", "end"):
         if getattr(trace, key):
             out[key] = getattr(trace, key)
     for key in ("ends", "urls", "words"):
-        if len(getattr(trace, key)):
-            out[key] = list(getattr(trace, key))
+        if any(getattr(trace, key)):
+            out[key] = np.array([texts.setdefault(t, len(texts)) for t in getattr(trace, key)])
     if trace.low is not None and trace.high is not None:
-        out |= {"low": np.asarray(trace.low), "high": np.asarray(trace.high)}
+        out |= {"low": told(trace.low, plot.y), "high": told(trace.high, plot.y)}
     if not trace.main:
         out["main"] = False
     if trace.hollow:

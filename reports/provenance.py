@@ -6,6 +6,7 @@ from typing import Any
 from reports.reading import Cell, Run
 
 UNKNOWN = "not recorded"
+STAMPED = ("numpy", "scipy")  # packages of the short form
 
 
 def facts(run: Run) -> list[tuple[str, str]]:
@@ -30,6 +31,16 @@ def facts(run: Run) -> list[tuple[str, str]]:
         ("Lock file", str(e.get("lock_sha256") or UNKNOWN)[:16]),
         ("Plugins", ", ".join(map(str, e.get("plugins") or [])) or "none"),
     ]
+
+
+def stamp(run: Run) -> str:
+    """The same in a line: commit, dirty flag, versions, machine."""
+    e = run.environment
+    versions = dict(packages(run))
+    known = [f"Python {e.get('python') or UNKNOWN}", *(f"{k} {versions[k]}" for k in STAMPED if k in versions)]
+    commit = str(e.get("commit") or UNKNOWN)[:12] + (" with uncommitted changes (dirty)" if e.get("dirty") else "")
+    machine = f"{e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores"
+    return f"Commit {commit}; {', '.join(known)}; {machine}."
 
 
 def cautions(run: Run) -> list[str]:

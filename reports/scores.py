@@ -3,10 +3,12 @@
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from harness.types import Status
 from reports.accuracy import drifts
+from reports.posings import broadest, themselves
 from reports.reading import Cell, Posing, Run
 from reports.words import listed, mark, plural, time
+
+NAMED = 3  # posings named for a solver in an answer; more are counted
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,7 @@ def score(cells: Iterable[Cell]) -> Score:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of a solver's finest settings on the problems it took under the broadest label, and of all else."""
+    """What became of a solver's finest settings on the problems of the plain comparison, and of all else."""
 
     solver: str
     paper_label: str
@@ -64,24 +66,17 @@ class Verdict:
 def verdicts(run: Run) -> list[Verdict]:
     """One a solver, whose finest settings hold on most problems first; no order among equals but the name's."""
     label = broadest(run)
+    posings = themselves(run, label)
     out = []
     for solver in run.solvers:
         own = [c for c in run.cells if c.record.solver == solver]
-        heads = [h for p in run.posings if (h := finest(p, solver, label)) is not None]
+        heads = [h for p in posings if (h := finest(p, solver, label)) is not None]
         out.append(Verdict(
             solver, own[0].record.paper_label, score(heads), score(own),
             tuple(c for c in heads if c.succeeded and drifts(c)),
             tuple((c, why(c)) for c in heads if not c.succeeded),
         ))  # fmt: skip
     return sorted(out, key=lambda v: (-(v.finest.held / v.finest.cells if v.finest.cells else -1.0), v.solver))
-
-
-def broadest(run: Run) -> str:
-    """The label under which most pairs of problem and solver were run."""
-    pairs = {
-        label: {(c.posing, c.record.solver) for c in run.cells if c.record.label == label} for label in run.labels()
-    }
-    return max(pairs, key=lambda label: len(pairs[label]), default="")
 
 
 def finest(posing: Posing, solver: str, label: str) -> Cell | None:
@@ -100,40 +95,47 @@ def why(cell: Cell, most: int = 90) -> str:
     return f"{mark(cell.status).word}{where}: {reason if len(reason) <= most else reason[: most - 1] + '…'}"
 
 
-def headline(found: Sequence[Verdict], label: str) -> list[tuple[str, str, str]]:
-    """Who holds, who drifts, who breaks: kind, question and answer, for reading first."""
-    whole = [v.solver for v in found if v.finest.cells and v.finest.held == v.finest.cells]
-    partly = [v for v in found if 0 < v.finest.held < v.finest.cells]
-    never = [v.solver for v in found if v.finest.cells and not v.finest.held]
-    drifting = [v for v in found if v.drifts_on]
-    what = f"finest settings, “{label}”" if label else "finest settings"
-    holds = (
-        f"On every problem it took ({what}): {listed(whole, 12)}." if whole else f"No solver on every problem ({what})."
+@dataclass(frozen=True)
+class Answer:
+    """To one question: a sentence, then a line a solver, those to be read first at the top."""
+
+    kind: str
+    question: str
+    words: str
+    lines: tuple[tuple[str, str], ...]
+
+
+def headline(found: Sequence[Verdict], label: str) -> list[Answer]:
+    """Who holds, who drifts, who breaks."""
+    told = [v for v in found if v.finest.cells]
+    settings = f"finest settings, “{label}”" if label else "finest settings"
+    whole = sum(v.finest.held == v.finest.cells for v in told)
+    holds = f"{whole} of {plural(len(told), 'solver')} on every problem it was given ({settings})."
+    held = tuple((v.solver, f"{v.finest.held} of {v.finest.cells}") for v in told)
+    swings = "The energy error of every success swings and comes back."
+    wanders = "The energy error of a success wanders off rather than swings; how far is in the table below."
+    drifting = sorted((v for v in told if v.drifts_on), key=lambda v: (-len(v.drifts_on), v.solver))
+    drift = tuple(
+        (v.solver, f"{len(v.drifts_on)} of {v.finest.held}: {listed([c.posing for c in v.drifts_on], NAMED)}")
+        for v in drifting
     )
-    if partly:
-        holds += " On some: " + listed([f"{v.solver} ({v.finest.held} of {v.finest.cells})" for v in partly], 12) + "."
-    if never:
-        holds += f" On none: {listed(never, 12)}."
-    drift = "The energy error of successes swings and comes back everywhere." if not drifting else (
-        "The energy error of a success wanders off rather than swings: "
-        + listed([f"{v.solver} on {len(v.drifts_on)} of {v.finest.held}" for v in drifting], 12)
-        + ". A drift may be small and a swing large: sizes are below."
-    )  # fmt: skip
-    wrong = sum(v.everything.wrong for v in found)
-    breaks = _breaks(found)
-    if wrong:
-        breaks += f" Of all settings {plural(wrong, 'cell')} claimed success and {'is' if wrong == 1 else 'are'} wrong."
-    kind = "wrong" if wrong else "failed"
-    return [("good", "Who holds", holds), ("plain", "Who drifts", drift), (kind, "Who breaks, and why", breaks)]
+    breaking = sorted((v for v in told if v.breaks_on), key=lambda v: (-len(v.breaks_on), v.solver))
+    cells, wrong, stopped = (sum(getattr(v.everything, k) for v in found) for k in ("cells", "wrong", "stopped"))
+    breaks = "None at its finest settings." if not breaking else f"At those settings, {len(breaking)} of {len(told)}."
+    if wrong + stopped:
+        parts = [f"{wrong} claimed success and {'is' if wrong == 1 else 'are'} wrong"] if wrong else []
+        parts += [f"{stopped} stopped early"] if stopped else []
+        breaks += f" Of all {plural(cells, 'cell')}, every setting and variant, {' and '.join(parts)}."
+    return [
+        Answer("good", "Who holds", holds, held),
+        Answer("plain", "Who drifts", wanders if drift else swings, drift),
+        Answer("wrong" if wrong else "failed", "Who breaks, and why", breaks,
+               tuple((v.solver, _breaks(v)) for v in breaking)),
+    ]  # fmt: skip
 
 
-def _breaks(found: Sequence[Verdict]) -> str:
-    """Stopped or wrong, with the first reason; refusals apart: they are said beforehand."""
-    told = []
-    for v in found:
-        own = [(c, reason) for c, reason in v.breaks_on if c.status != Status.REFUSED]
-        told += [f"{v.solver} on {c.posing} ({reason})" for c, reason in own[:2]]
-        told += [f"{v.solver} on {len(own) - 2} more"] if len(own) > 2 else []
-    refusals = [f"{v.solver} {c.posing}" for v in found for c, _ in v.breaks_on if c.status == Status.REFUSED]
-    words = f"{'; '.join(told[:5])}{'; …' if len(told) > 5 else ''}." if told else "None at its finest settings."
-    return words + (f" Refused beforehand: {listed(refusals, 4)}." if refusals else "")
+def _breaks(v: Verdict) -> str:
+    """On what, how, and the first reason; what is refused is said so."""
+    told = [f"{c.posing} {why(c, most=100)}" for c, _ in v.breaks_on[:NAMED]]
+    more = len(v.breaks_on) - NAMED
+    return "; ".join(told) + (f"; and {more} more" if more > 0 else "")

@@ -1,5 +1,5 @@
 // Interactive plots from the plain data of reports/plots.py: one legend for the page, linked zoom, files for papers.
-(() => {
+(async () => {
   const MBS = window.MBS;
   const DASHES = ["solid", "8px,3px", "2px,3px", "8px,3px,2px,3px"];
   const SYMBOLS = { o: "circle", P: "cross", s: "square", "^": "triangle-up", v: "triangle-down", D: "diamond", h: "hexagon", p: "pentagon" };
@@ -12,13 +12,15 @@
 
   const theme = () => Object.fromEntries(Object.keys(LIGHT).map((k) => [k, MBS.colour(`--${k}`)]));
   const escaped = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
-  const list = (a) => (a && a.bdata !== undefined ? Array.from(MBS.array(a)) : a || []);
+  const list = (a) => (a && a.kind ? MBS.numbers(a) : a || []);
   const axisTitle = (axis) => (axis.unit ? `${axis.title} [${axis.unit}]` : axis.title);
   const number = MBS.number;
   const tint = (hex, alpha) => `rgba(${[1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16)).join(", ")}, ${alpha})`;
 
-  // a trace with typed arrays unpacked; once
-  const unpack = (t) => ({ mode: "lines", ...t, x: list(t.x), y: list(t.y), low: t.low && list(t.low), high: t.high && list(t.high), end: t.end || "" });
+  // a trace with its arrays unpacked; once
+  const unpack = (t) => ({ mode: "lines", ...t, x: list(t.x), y: list(t.y), low: t.low && list(t.low), high: t.high && list(t.high), end: t.end || "",
+    ends: said(t, "ends"), urls: said(t, "urls"), words: said(t, "words") });
+  const said = (t, key) => t[key] && list(t[key]).map((k) => (typeof k === "number" ? t.texts[k] : k));
   const visible = (t) => !(t.solver && shown.hidden.has(t.solver))
     && (shown.group === "*" || t.group === undefined || t.group === shown.group) && (shown.all || t.main !== false);
 
@@ -243,10 +245,18 @@
 
   // a cell's page shows its own curves out of its problem's plots: those where it moves off zero
   const moves = (t) => t.y.length && t.y.some((v) => v !== 0);
+  const bundles = {};
+  for (const e of document.querySelectorAll("[data-plot], [data-plots-of]")) {
+    const from = e.dataset.from || e.dataset.plotsOf;
+    if (bundles[from]) continue;
+    const { texts, plots: own } = await MBS.unpack(MBS[from]);
+    for (const p of Object.values(own)) for (const t of p.traces) t.texts = texts;
+    bundles[from] = own;
+  }
   for (const box of document.querySelectorAll("[data-plots-of]")) {
     const { plotsOf: from, only } = box.dataset;
-    for (const [name, p] of Object.entries(MBS[from])) {
-      const own = p.traces.find((t) => t.urls && t.urls.length === 1 && t.urls[0] === only);
+    for (const [name, p] of Object.entries(bundles[from])) {
+      const own = p.traces.find((t) => t.urls && t.urls.n === 1 && said(t, "urls")[0] === only);
       if (!p.x.link || !own || !moves({ y: list(own.y) })) continue;
       const figure = document.createElement("figure");
       figure.className = "panel";
@@ -260,11 +270,11 @@
     }
   }
   for (const canvas of document.querySelectorAll("[data-plot]")) {
-    const own = MBS[canvas.dataset.from][canvas.dataset.plot];
+    const own = bundles[canvas.dataset.from][canvas.dataset.plot];
     const plot = { ...own, traces: own.traces.map((t) => ({ ...t })), name: canvas.dataset.plot, canvas, ready: false };
     const only = canvas.dataset.only;
     if (only) {
-      plot.traces = plot.traces.filter((t) => !t.solver || (t.urls && t.urls.includes(only)));
+      plot.traces = plot.traces.filter((t) => !t.solver || (t.urls && said(t, "urls").includes(only)));
       plot.traces.forEach((t) => { delete t.urls; });
       shown.all = true;
       plot.x = { ...plot.x, high: undefined };

@@ -4,9 +4,25 @@
   const kinds = { f4: Float32Array, u2: Uint16Array, i4: Int32Array };
 
   // {dtype, bdata} of reports/packing.py as a typed array
-  MBS.array = ({ dtype, bdata, scale }) => {
-    const values = new kinds[dtype](Uint8Array.from(atob(bdata), (c) => c.charCodeAt(0)).buffer);
-    return scale ? Float64Array.from(values, (v) => Number((v * scale).toPrecision(6))) : values;
+  const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  MBS.array = ({ dtype, bdata }) => new kinds[dtype](bytesOf(bdata).buffer);
+
+  // a bundle of reports/packing.py: a promise of its value, whose arrays are still {kind, at, n} and know their bytes
+  MBS.unpack = async ({ packed }) => {
+    const stream = new Blob([bytesOf(packed)]).stream().pipeThrough(new DecompressionStream("deflate"));
+    const whole = new Uint8Array(await new Response(stream).arrayBuffer());
+    const head = new DataView(whole.buffer).getUint32(0, true), bytes = whole.subarray(4 + head);
+    return JSON.parse(new TextDecoder().decode(whole.subarray(4, 4 + head)), (_, v) => (v && v.kind && v.at !== undefined ? { ...v, bytes } : v));
+  };
+  // the numbers of such an array, with as many digits as were stored
+  MBS.numbers = ({ kind, at, n, bytes, low, log, step }) => {
+    const width = kind === "u2" ? 2 : 4, rows = new Uint8Array(width * n);
+    for (let k = 0; k < width; k++) for (let i = 0; i < n; i++) rows[i * width + k] = bytes[at + k * n + i];
+    const values = Array.from(new kinds[kind](rows.buffer));
+    if (kind === "f4") return values.map((v) => Number(v.toPrecision(7)));
+    if (kind === "u2") for (let i = 1; i < n; i++) values[i] = (values[i] + values[i - 1]) & 0xffff;
+    if (step === undefined) return values;
+    return values.map((v) => Number((log === undefined ? low + v * step : v && Math.exp(log + (v - 1) * step)).toPrecision(log === undefined ? 6 : 5)));
   };
 
   // three digits, powers of ten: as reports/words.py writes numbers
@@ -18,6 +34,12 @@
     const [mantissa, exponent] = Math.abs(v).toExponential(2).split("e"), power = Number(exponent), sign = v < 0 ? "−" : "";
     return sign + (power >= -3 && power < 5 ? Math.abs(v).toFixed(Math.max(2 - power, 0)) : `${mantissa}×10${raised(power)}`);
   };
+
+  // what each number of a cell's page means, from one file for all of them
+  document.addEventListener("DOMContentLoaded", () => document.querySelectorAll("[data-meanings] dt").forEach((head) => {
+    const meaning = (MBS.meanings || {})[head.textContent] || (head.textContent.startsWith("counted: ") ? "By the solver itself." : "");
+    if (meaning) head.nextElementSibling.append(Object.assign(document.createElement("small"), { textContent: meaning }));
+  }));
 
   const listeners = [];
   MBS.onTheme = (f) => listeners.push(f);

@@ -7,14 +7,13 @@ import numpy as np
 
 from reports.accuracy import judged_until
 from reports.charts.group import Line, traces
-from reports.curves import Curve
+from reports.curves import SPANS_UPPER, Curve
 from reports.limits import log_limits
 from reports.motion import Motion
 from reports.plots import Axis, Plot, Trace
 from reports.reading import Posing
 from reports.words import number, time, unit
 
-SPANS = "largest in each of 240 spans of time"
 BLOWN_UP = 1e-9  # a reference smaller than this part of what is shown is zero: it gives no scale
 
 
@@ -34,6 +33,12 @@ class Drawing:
     posing: Posing
     lines: Sequence[Line]
     motions: Mapping[str, Motion]
+    spans: int = SPANS_UPPER
+
+    @property
+    def largest(self) -> str:
+        """What a point of a magnitude is."""
+        return f"largest in each of {self.spans} spans of time"
 
     def curves(self, of: Callable[[Motion], Curve | None]) -> list[Curve | None]:
         return [of(self.motions[line.cell.record.cell]) for line in self.lines]
@@ -66,11 +71,12 @@ def laws(d: Drawing) -> Chapter | None:
     """Energy error, |phi|, |phi_dot| and step."""
     energy, length = d.scale("energy_scale_J"), d.scale("length_scale_m")
     plots = [
-        d.log("energy", "Energy error", f"Magnitude, {SPANS}; the work of dampers is taken off.", "|E − E₀|", "J",
+        d.log("energy", "Energy error", f"Magnitude, {d.largest}; the work of dampers is taken off.", "|E − E₀|", "J",
               _norm("energy_error"), energy),
-        d.log("phi", "Constraints", f"How far joints come apart, {SPANS}; axis rows have no unit and count as metres.",
+        d.log("phi", "Constraints",
+              f"How far joints come apart, {d.largest}; axis rows have no unit and count as metres.",
               "|φ|", "m", _norm("phi_norm"), length),
-        d.log("phi-dot", "Constraint rates", f"How fast they do, {SPANS}.", "|φ̇|", "m/s",
+        d.log("phi-dot", "Constraint rates", f"How fast they do, {d.largest}.", "|φ̇|", "m/s",
               _norm("phi_dot_norm"), length),
         d.log("step", "Step", "Median of each span, in a band from smallest to largest.", "Δt", "s",
               lambda m: m.step, d.axis.high),
@@ -88,9 +94,9 @@ def errors(d: Drawing) -> Chapter | None:
     floor = [] if own is None or own.own_error is None else [
         Trace("the reference's own error", own.own_error.t, own.own_error.y, dash=2)]  # fmt: skip
     plots = [
-        d.log("position", "Position error", f"Worst body, {SPANS}, up to the reference's horizon.", "|r − r exact|",
+        d.log("position", "Position error", f"Worst body, {d.largest}, up to the reference's horizon.", "|r − r exact|",
               "m", _norm("position_error"), length, floor),
-        d.log("orientation", "Orientation error", f"Worst body, {SPANS}, up to the reference's horizon.",
+        d.log("orientation", "Orientation error", f"Worst body, {d.largest}, up to the reference's horizon.",
               "∠(R, R exact)", "rad", _norm("orientation_error"), 1.0),
         d.log("plane", "Out of the plane", "Worst body's distance from the plane that the exact motion stays in.",
               "distance", "m", _norm("out_of_plane"), length),
@@ -117,7 +123,7 @@ def observables(d: Drawing) -> Chapter | None:
         own = traces(d.lines, d.motions, of, (2 * low - high, 2 * high - low))
         axis = Axis(name, in_unit, low=low, high=high)
         plots.append(Plot(f"obs-{name}", name, caption, d.axis, axis, [*own, *known]))
-        plots.append(d.log(f"away-{name}", f"{name}: distance from the reference", f"Magnitude, {SPANS}.",
+        plots.append(d.log(f"away-{name}", f"{name}: distance from the reference", f"Magnitude, {d.largest}.",
                            "|difference|", in_unit, _of("away", name), high - low))  # fmt: skip
     return _chapter("Observables", "What the problem asks to be watched.", plots)
 
@@ -129,7 +135,7 @@ def invariants(d: Drawing) -> Chapter | None:
         in_unit = unit(next(m.units.get(f"inv_{name}", "") for m in d.motions.values() if name in m.invariants))
         starts = [abs(float(c.invariant_drifts.get(name, {}).get("start", 0.0))) for c in d.posing.cells]
         size = max((s for s in starts if 0.0 < s < float("inf")), default=1.0)
-        caption = f"Departure from the start ({number(size)} {in_unit}), {SPANS}."
+        caption = f"Departure from the start ({number(size)} {in_unit}), {d.largest}."
         plots.append(d.log(f"inv-{name}", name, caption, f"|{name} − start|", in_unit, _of("invariants", name), size))
     return _chapter("Invariants", "Quantities beside energy that the exact motion keeps.", plots)
 

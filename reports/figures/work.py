@@ -14,6 +14,7 @@ from reports.figures.lines import Group, Legend, draw_end
 from reports.reading import Cell
 
 LINES = ("-", (0, (4, 1.8)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))  # by label
+DECADE = 10.0
 
 
 @dataclass(frozen=True)
@@ -133,6 +134,10 @@ def _panel(ax: Axes, everyone: Group, cost: Axis, error: Axis, labels: list[str]
     log_axis(ax)
     log_axis(ax, "x")
     ax.margins(0.12)
+    heights = {max(y, low) for _, _, y in points}
+    if len(heights) == 1:  # all alike, e.g. exactly zero: a range has to come from somewhere
+        (only,) = heights
+        ax.set_ylim(only / DECADE, only * DECADE)
     if any(y == 0.0 for _, _, y in points):
         ax.axhline(low, color=MUTED, linewidth=0.8, linestyle=(0, (1, 2)), zorder=1)
         ax.annotate("exactly 0", (0.01, low), xycoords=("axes fraction", "data"), xytext=(0, 3),

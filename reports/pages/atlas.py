@@ -15,6 +15,7 @@ from reports.plots import Axis, Plot, Trace
 from reports.reading import Cell, Run, slug
 
 DRAWN = 80  # of the last rows
+LISTED = 40  # cells named beside the one that is worked out; the pages of solvers and problems have all
 SHOWN = (("dt", "step size", "s"), ("energy_error", "|energy error|", "J"), ("phi_norm", "|φ|", "m"))
 
 
@@ -24,14 +25,14 @@ class Stop:
 
     cell: Cell
     autopsy: Autopsy
-    panels: tuple[Markup, ...]
 
 
 @dataclass(frozen=True)
 class Family:
-    """Stops of one solver on one problem as posed, for one cause; the plainest settings stand for all."""
+    """Stops of one solver on one problem, for one cause; the plainest posing and settings stand for all."""
 
     stops: tuple[Stop, ...]
+    panels: tuple[Markup, ...] = ()  # of the head: the last steps drawn
 
     @property
     def head(self) -> Stop:
@@ -68,20 +69,16 @@ class Broken:
 
 def groups(run: Run, colours: Mapping[str, str]) -> tuple[Group, ...]:
     """Every cell that stopped, by cause in the order of ``CAUSES``."""
-    stops = []
-    for cell in run.cells:
-        if cell.stopped:
-            series = run.series(cell)
-            colour = colours.get(cell.record.solver, "currentColor")
-            stops.append(Stop(cell, autopsy(cell, series), zoom(cell, series, colour)))
+    stops = [Stop(c, autopsy(c, run.series(c))) for c in run.cells if c.stopped]
     found = []
     for cause in CAUSES:
         own = {s.cell.record.cell: s for s in stops if s.autopsy.cause is cause}
-        families = tuple(
-            Family(tuple(own[c.record.cell] for c in f)) for f in _families([s.cell for s in own.values()])
-        )
+        families = []
+        for f in families_of([s.cell for s in own.values()]):
+            colour = colours.get(f[0].record.solver, "currentColor")
+            families.append(Family(tuple(own[c.record.cell] for c in f), zoom(f[0], run.series(f[0]), colour)))
         if families:
-            found.append(Group(cause, families))
+            found.append(Group(cause, tuple(families)))
     return tuple(found)
 
 
@@ -104,7 +101,7 @@ def broken(cells: Sequence[Cell]) -> tuple[Broken, ...]:
         if c.status == "wrong":
             found.setdefault(law_of(c.reasons[0]), []).append(c)
     ordered = sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))
-    return tuple(Broken(law, _families(own)) for law, own in ordered)
+    return tuple(Broken(law, families_of(own)) for law, own in ordered)
 
 
 def law_of(reason: str) -> str:
@@ -112,12 +109,12 @@ def law_of(reason: str) -> str:
     return reason.split(" reaches ")[0].split(":")[0].strip()[:80]
 
 
-def _families(cells: Sequence[Cell]) -> tuple[tuple[Cell, ...], ...]:
-    """By problem as posed and solver, the plainest settings first."""
+def families_of(cells: Sequence[Cell]) -> tuple[tuple[Cell, ...], ...]:
+    """By problem and solver, the largest first; in each the plainest posing and settings first."""
     found: dict[tuple[str, str], list[Cell]] = {}
-    for c in sorted(cells, key=lambda c: (c.posing, c.record.solver, len(c.options), c.record.case)):
-        found.setdefault((c.posing, c.record.solver), []).append(c)
-    return tuple(map(tuple, found.values()))
+    for c in sorted(cells, key=lambda c: (len(c.parameters), len(c.options), c.posing, c.record.case)):
+        found.setdefault((c.record.problem, c.record.solver), []).append(c)
+    return tuple(tuple(found[k]) for k in sorted(found, key=lambda k: (-len(found[k]), k)))
 
 
 @dataclass(frozen=True)
@@ -161,7 +158,8 @@ def write(run: Run, site: Site) -> Page | None:
     return site.write(
         Page("Failures", "atlas.html", nav=True, order=40), "atlas.html", scripts=["assets/judgement.js"],
         plots=[plot_of(c, slug(c.title, taken)) for c in curves] if run.cells else [], groups=found,
-        survivals=curves, broken=broken(run.cells), refused=[c for c in run.cells if c.status == "refused"],
-        part=part_reached, stopped_solvers=sorted({c.record.solver for c in stopped}),
+        survivals=curves, broken=broken(run.cells),
+        refused=families_of([c for c in run.cells if c.status == "refused"]),
+        part=part_reached, listed_at_most=LISTED, stopped_solvers=sorted({c.record.solver for c in stopped}),
         stopped_problems=sorted({c.record.problem for c in stopped}),
     )  # fmt: skip

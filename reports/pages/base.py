@@ -47,13 +47,14 @@ from markupsafe import Markup
 from harness import store
 from reports import words
 from reports.accuracy import drifts
-from reports.packing import script
+from reports.packing import bundle, script
 from reports.palette import Look, looks
 from reports.plots import Plot, plain
-from reports.provenance import cautions, facts, packages
+from reports.provenance import cautions, facts, packages, stamp
 from reports.reading import Cell, Posing, Run, slug
 from reports.scores import score
 
+SORTED = 6  # digits of a number that a table sorts by
 FOLDER = Path(__file__).parent.parent
 ALWAYS = ("assets/site.js",)
 PLOTTING = ("assets/plotly-basic.min.js", "assets/plots.js")
@@ -69,6 +70,7 @@ class Page:
     nav: bool = False
     order: int = 50
     about: str = ""
+    brief: bool = False  # its footer says the main facts and leads to the first page's, as in subfolders
 
     @property
     def root(self) -> str:
@@ -93,8 +95,9 @@ class Site:
             raise ValueError(f"two pages want to be {page.file}: {self._pending[page.file][0].title}, {page.title}")
         if plots:
             name = "plots-" + page.file.removesuffix(".html").replace("/", "-")
-            own = {p.name: plain(p, self.looks) for p in plots}
-            scripts = [self.data(name, own), *PLOTTING, *scripts]
+            path = f"data/{name}.js"
+            store.write_text(self.folder / path, bundle(name, plain(plots, self.looks)))
+            scripts = [path, *PLOTTING, *scripts]
             values["plots_data"] = name
         self._pending[page.file] = (page, template, {"scripts": scripts, "plots": list(plots), **values})
         return page
@@ -164,7 +167,7 @@ class Site:
         environment.globals.update(
             run=self.run, looks=self.looks, url=self.url, exists=self._pending.__contains__,
             run_title=self.run.environment.get("run") or self.run.folder.name, facts=facts(self.run),
-            cautions=cautions(self.run), packages=packages(self.run),
+            cautions=cautions(self.run), packages=packages(self.run), stamp=stamp(self.run),
             nan=float("nan"), num=_num, wanders=drifts, score_of=score, slug_of=lambda cell: slugs[cell.posing],
             related=lambda about: [p for p in self.pages() if p.about and p.about == about],
         )  # fmt: skip
@@ -172,9 +175,9 @@ class Site:
 
 
 def _num(value: float | None, show: Callable[[float], str] = words.number) -> Markup:
-    """A number as a table's entry that sorts by its value."""
+    """A number as a table's entry that sorts by its value, told to as many digits as sorting needs."""
     v = float("nan") if value is None else float(value)
-    return Markup('<td class="n" data-v="{}">{}</td>').format("" if v != v else repr(v), show(v))
+    return Markup('<td class="n" data-v="{}">{}</td>').format("" if v != v else f"{v:.{SORTED}g}", show(v))
 
 
 def writers() -> Iterator[tuple[str, Callable[[Run, Site], Page | None]]]:

@@ -7,12 +7,14 @@ from reports.reading import Cell, Run
 from reports.words import number, time
 
 RANK = 10  # after the problems: their pages' data files hold the curves
+RECORDED = {"newton": "newton_iterations"}  # counters that are columns under another name
 LEFT_OUT = ("label", "settings", "status", "energy_kind")  # said elsewhere on the page
 
 
 def write(run: Run, site: Site) -> Page | None:
     """``cells/<cell>.html``; none of them in the navigation."""
     plugins = [str(p) for p in run.environment.get("plugins") or []]
+    meanings = site.data("meanings", {c.heading: c.doc for c in COLUMNS})
     posings = {c.record.cell: p for p in run.posings for c in p.cells}
     for cell in run.cells:
         posing = posings[cell.record.cell]
@@ -20,9 +22,9 @@ def write(run: Run, site: Site) -> Page | None:
         data = f"plots-problem-{slug}" if slug else ""
         scripts = [*PLOTTING[:1], f"data/{data}.js", *PLOTTING[1:]] if data else []
         site.write(
-            Page(f"{cell.record.solver} on {cell.posing}", site.url(cell)), "cell.html", scripts=scripts, cell=cell,
-            posing=posing, asked=_asked(cell), numbers=_numbers(cell), command=command(cell.record, plugins),
-            plots_data=data,
+            Page(f"{cell.record.solver} on {cell.posing}", site.url(cell)), "cell.html",
+            scripts=[meanings, *scripts], cell=cell, posing=posing, asked=_asked(cell),
+            numbers=_numbers(cell), command=command(cell.record, plugins), plots_data=data,
         )  # fmt: skip
     return None
 
@@ -33,22 +35,20 @@ def _asked(cell: Cell) -> list[tuple[str, str]]:
     limits += [f"{r.max_steps:,} steps".replace(",", "\u202f")] if r.max_steps else []
     limits += [f"{time(r.memory_limit_MB)} MB"] if r.memory_limit_MB == r.memory_limit_MB else []
     return [(k, v) for k, v in (
-        ("Problem", r.problem), ("Parameters", cell.parameter_words or "its defaults"), ("Section", r.section),
-        ("Solver", r.solver), ("The paper calls such", r.paper_label), ("Options", cell.option_words or "its defaults"),
-        ("Step or tolerance", cell.step_words),
-        ("Largest step", f"{time(r.max_step_s)} s" if r.max_step_s == r.max_step_s else ""),
-        ("Simulated time", f"{time(r.t_end_s)} s"), ("Limits", ", ".join(limits)), ("Group", r.label),
-        ("Case", r.case), ("Ended", r.finished), ("Code", r.code), ("Commit", r.commit), ("Series", r.series),
+        ("Section", r.section), ("The paper calls such", r.paper_label), ("Simulated time", f"{time(r.t_end_s)} s"),
+        ("Limits", ", ".join(limits)), ("Group", r.label), ("Ended", r.finished), ("Code", r.code),
+        ("Commit", r.commit), ("Series", r.series),
     ) if v]  # fmt: skip
 
 
-def _numbers(cell: Cell) -> list[tuple[str, str, str]]:
-    """Heading, value, meaning; only what exists for this cell."""
+def _numbers(cell: Cell) -> list[tuple[str, str]]:
+    """Heading and value; only what exists for this cell, and what the solver counted beside the columns."""
     out = []
     for c in COLUMNS:
         value = c.of(cell)
         if c.key not in LEFT_OUT and value == value and value not in ("", "–"):
-            out.append((c.heading, c.text(cell), c.doc))
-    counted = {k: v for k, v in cell.counters.items() if isinstance(v, int | float)}
-    out += [(f"counted: {k.replace('_', ' ')}", number(float(v)), "By the solver itself.") for k, v in counted.items()]
+            out.append((c.heading, c.text(cell)))
+    own = {k: float(v) for k, v in cell.counters.items() if isinstance(v, int | float)}
+    known = {k: getattr(cell.record, RECORDED.get(k, k), None) for k in own}
+    out += [(f"counted: {k.replace('_', ' ')}", number(v)) for k, v in own.items() if v != known[k]]
     return out

@@ -1,11 +1,21 @@
 """The page of results over runs and commits."""
 
+import csv
+import io
+from collections.abc import Sequence
+
+from harness import store
 from reports.pages.base import Page, Site
 from reports.pages.svg import sparkline
 from reports.pages.timeline import Line, gather, lines, moments
 from reports.reading import Run
 from reports.words import number
 
+SHOWN = 60  # cells on the page, those that changed first; the table file has all
+HEADS = ("case", "runs", "changed", "ending_first", "ending_last", "energy_drift_max_J_first",
+         "energy_drift_max_J_last", "error_m_first", "error_m_last", "cpu_over_first", "gate")  # fmt: skip
+ALONE = 12  # where no other run is there to compare with
+TABLE = "data/history.csv"
 MOST = 24  # runs whose marks are shown in a row, the newest
 
 
@@ -14,11 +24,16 @@ def write(run: Run, site: Site) -> Page | None:
     rows, bad = gather(run)
     found = lines(run, rows)
     runs = moments(rows)
+    told = [line for line in found if len(line.rows) > 1]
+    shown = found[: SHOWN if told else ALONE]
+    store.write_text(site.folder / TABLE, table(told))
+    known = {name: sorted({getattr(line, name) for line in shown}) for name in ("problem", "solver")}
     return site.write(
         Page("History", "history.html", nav=True, order=60), "history.html", scripts=["assets/judgement.js"],
-        lines=found, moments=runs, commits=list(dict.fromkeys(m.commit for m in runs)), bad=bad, most=MOST,
-        here=run.folder.resolve().name, spark=spark, problems=sorted({line.problem for line in found}),
-        solvers=sorted({line.solver for line in found}),
+        lines=shown, left_out=len(found) - len(shown), told=len(told), table=TABLE, new=len(found) - len(told),
+        changed=sum(line.changed for line in found), moments=runs, commits=list(dict.fromkeys(m.commit for m in runs)),
+        bad=bad, most=MOST, here=run.folder.resolve().name, spark=spark, problems=known["problem"],
+        solvers=known["solver"],
     )  # fmt: skip
 
 
@@ -31,3 +46,24 @@ def spark(line: Line, what: str) -> dict[str, object]:
     words = f"{line.case}: from {number(known[0])} to {number(known[-1])} over {len(values)} runs"
     drawn = sparkline(values, words) if len(values) > 1 else ""
     return {"drawn": drawn, "first": number(known[0]), "last": number(known[-1]), "value": repr(known[-1])}
+
+
+def table(found: Sequence[Line]) -> str:
+    """Each cell that several runs hold: its first and last ending, drift, error and CPU time over the first's."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(HEADS)
+    for line in found:
+        ends = [f(v) for v in (line.values("energy_drift_max_J"), line.errors) for f in (_first, _last)]
+        marks = line.marks
+        row = [line.case, len(line.rows), "yes" if line.changed else "no", marks[0].word, marks[-1].word, *ends]
+        writer.writerow([*row, _last(line.values("cpu_ratio")), line.gates[-1].word if line.gates else ""])
+    return out.getvalue()
+
+
+def _first(values: Sequence[float]) -> str:
+    return f"{values[0]:.4g}" if values[0] == values[0] else ""
+
+
+def _last(values: Sequence[float]) -> str:
+    return f"{values[-1]:.4g}" if values[-1] == values[-1] else ""

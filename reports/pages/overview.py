@@ -3,11 +3,13 @@
 from typing import Any
 
 from reports.accuracy import drifts, measure_for
+from reports.columns import COLUMNS
 from reports.findings import findings
-from reports.overview import matrix
+from reports.overview import matrix, tally
 from reports.pages.base import Page, Site
+from reports.posings import broadest, of_parts, themselves, variants
 from reports.reading import Cell, Run
-from reports.scores import broadest, headline, score, verdicts
+from reports.scores import headline, score, verdicts
 from reports.words import mark
 
 DIGITS = 6  # of numbers in the table's data file: twice what is shown
@@ -16,11 +18,15 @@ DIGITS = 6  # of numbers in the table's data file: twice what is shown
 def write(run: Run, site: Site) -> Page | None:
     """``index.html``."""
     found, label = verdicts(run), broadest(run)
+    apart = variants(run, label)
+    main = {c.record.cell for p in themselves(run, label) for c in p.cells}
     page = Page("Overview", "index.html", nav=True, order=0)
     return site.write(
         page, "overview.html", scripts=[site.data("cells", _table(run, site)), "assets/overview.js"],
         findings=findings(run), matrix=matrix(run), verdicts=found, answers=headline(found, label), label=label,
-        score=score(run.cells), loud=sorted(run.cells, key=lambda c: c.record.label != label),
+        score=score(run.cells), variants=[(v, score(v.cells), tally(run, v)) for v in apart], columns=COLUMNS,
+        apart=score(of_parts(apart)), problems=list(dict.fromkeys(p.problem for p in run.posings)),
+        loud=sorted(run.cells, key=lambda c: (c.record.label != label, c.record.cell not in main)),
     )  # fmt: skip
 
 

@@ -4,24 +4,31 @@ from reports.accuracy import measure_for
 from reports.charts.group import lines_of
 from reports.charts.time import Chapter, Drawing, errors, invariants, laws, observables
 from reports.charts.work import work
+from reports.curves import SPANS_UPPER
 from reports.extras import events, extras, facts_of
 from reports.findings import findings_of
 from reports.motion import motion_of
 from reports.pages.base import Page, Site
+from reports.posings import broadest, groups_of, themselves
 from reports.reading import Posing, Run
+
+SPANS_VARIANT = 120  # of time in the curves of a variant: a run has a hundred of them
 
 
 def write(run: Run, site: Site) -> Page | None:
     """``problem-<slug>.html`` of every posing; none of them in the navigation."""
+    label = broadest(run)
+    plain = {p.title for p in themselves(run, label)}
     for posing in run.posings:  # one problem at a time: its series are large
-        _write(run, site, posing)
+        _write(run, site, posing, label, SPANS_UPPER if posing.title in plain else SPANS_VARIANT)
     return None
 
 
-def _write(run: Run, site: Site, posing: Posing) -> None:
+def _write(run: Run, site: Site, posing: Posing, label: str, spans: int) -> None:
     lines = lines_of(posing, site.url)
-    motions = {line.cell.record.cell: motion_of(run, line.cell) for line in lines}
-    drawing = Drawing(posing, lines, motions)
+    motions = {line.cell.record.cell: motion_of(run, line.cell, spans) for line in lines}
+    drawing = Drawing(posing, lines, motions, spans)
+    groups = groups_of(posing, label)
     made = (work(posing, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))
     chapters: list[Chapter] = [c for c in made if c is not None]
     page = Page(posing.title, site.url(posing))
@@ -30,7 +37,7 @@ def _write(run: Run, site: Site, posing: Posing) -> None:
         page, "problem.html", posing=posing, chapters=chapters, measure=measure_for(posing.cells), drifts=drifts,
         plots=[p for c in chapters for p in c.plots], left_out=len(posing.cells) - len(lines),
         facts_of_it=facts_of(posing, max((m.bodies for m in motions.values()), default=0)),
-        findings=findings_of(posing), extras=extras([line.cell for line in lines]),
+        findings=findings_of(posing, label), groups=groups, extras=extras([line.cell for line in lines]),
         events=events([m for m in motions.values() if m.events]),
     )  # fmt: skip
     site.drawn.update((line.cell.record.cell, posing.slug) for line in lines if motions[line.cell.record.cell].moved)

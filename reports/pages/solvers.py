@@ -4,8 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from reports.pages.base import Page, Site
+from reports.posings import broadest, groups_of, themselves
 from reports.reading import Cell, Run, text_of
 from reports.scores import Score, score
+
+CHIPS = 8  # cells named in a row; the problem's page has all
 
 
 @dataclass(frozen=True)
@@ -18,14 +21,19 @@ class Option:
 
 def write(run: Run, site: Site) -> Page | None:
     """``solver-<name>.html`` of every solver; none of them in the navigation."""
+    label = broadest(run)
+    plain = {p.title for p in themselves(run, label)}
     for name in run.solvers:
         cells = [c for c in run.cells if c.record.solver == name]
-        rows = [(p, label, [c for c in own if c.record.solver == name]) for p in run.posings
-                for label, own in p.labels().items()]  # fmt: skip
+        rows = [(p, group, [c for c in own if c.record.solver == name]) for p in run.posings
+                for group, own in groups_of(p, label).items()]  # fmt: skip
+        rows = [row for row in rows if row[2]]
         site.write(
-            Page(name, site.url(name)), "solver.html", solver=name, cells=cells, score=score(cells),
+            Page(name, site.url(name)), "solver.html", solver=name, most=CHIPS, cells=cells, score=score(cells),
             paper_label=cells[0].record.paper_label, options=_options(cells), reasons=_reasons(cells),
-            rows=[(p, label, own) for p, label, own in rows if own],
+            rows=[row for row in rows if row[0].title in plain],
+            apart=[row for row in rows if row[0].title not in plain],
+            loud=sorted(cells, key=lambda c: (c.record.label != label, c.posing not in plain)),
         )  # fmt: skip
     return None
 

@@ -9,7 +9,7 @@ from reports.reading import Cell, Posing, Run
 from reports.theatre.cast import RULE
 from reports.theatre.scene import POSE_BYTES, players, scene
 
-ALL_BYTES = 11_000_000  # of the data files of all theatres
+ALL_BYTES = 8_000_000  # of the data files of all theatres
 ROUNDS = 3  # of making a page smaller: its size does not fall evenly with its poses
 SCRIPTS = (
     "assets/three.bundle.min.js", "assets/theatre-poses.js", "assets/theatre-view.js", "assets/theatre-solid.js",
@@ -30,7 +30,9 @@ def write(run: Run, site: Site) -> Page | None:
                 poses *= 0.97 * level / own.size
                 own = _stage(run, site, posing, poses)
         if own is not None:
-            page = Page(f"Theatre: {posing.title}", f"theatre-{posing.slug}.html", order=60, about=posing.slug)
+            page = Page(
+                f"Theatre: {posing.title}", f"theatre-{posing.slug}.html", order=60, about=posing.slug, brief=True
+            )
             pages.append(site.write(page, "theatre.html", [*SCRIPTS[:-1], own.path, SCRIPTS[-1]], **_said(own)))
     return pages[0] if pages else None
 

@@ -4,7 +4,11 @@ import json
 import re
 import time
 
+import numpy as np
 import pytest
+
+from reports.curves import upper
+from tests.reports.conftest import series
 
 PAGES = ("index.html", "problem-pendulum.html", "solver-beta.html", "cells/dd01.html", "cells/gg01.html")
 OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
@@ -112,6 +116,32 @@ def test_time_axes_zoom_together_and_back_by_the_keyboard(report, browser):
     tab.close()
 
 
+def test_numbers_drawn_are_those_of_the_series(report, browser):
+    """Unpacked in the browser: times to 1/32766 of the run, errors to a tenth of a percent, zeros as zeros."""
+    tab = browser.open(report / "problem-pendulum.html")
+    tab.until("MBS.plotted")
+    tab.evaluate("document.querySelector('[data-plot=energy]').scrollIntoView()")
+    tab.until("document.querySelector('[data-plot=energy] .main-svg')")
+    drawn = tab.evaluate(
+        "MBS.plotted.plots.find((p) => p.name === 'energy').traces.find((t) => t.urls[0].includes('aa01'))"
+    )
+    made = series()
+    expected = upper(made["t"], made["energy_error"], 2.0)
+    assert len(drawn["x"]) == len(expected)
+    np.testing.assert_allclose(drawn["x"], expected.t, atol=2.0 / 32766 + 1e-5)
+    np.testing.assert_allclose(drawn["y"], expected.y, rtol=1.1e-3)
+    points = tab.evaluate("MBS.plotted.plots.find((p) => p.name === 'work-error-cpu') !== undefined")
+    assert points and tab.faults == []
+    tab.close()
+
+
+def test_a_cells_page_explains_its_numbers(report, browser):
+    tab = browser.open(report / "cells/aa01.html")
+    said = tab.evaluate("document.querySelector('[data-meanings]').textContent")
+    assert "Time of the last accepted step." in said and "Matrix factorisations" not in said
+    tab.close()
+
+
 def test_axis_switch_csv_svg_and_table(report, browser):
     """Linear axis on demand; what is saved and told in the table are the numbers drawn."""
     tab = browser.open(report / "problem-pendulum.html")
@@ -167,9 +197,9 @@ def test_cells_sort_and_filter(report, browser, built):
 
 def test_tables_of_pages_sort_by_value(report, browser):
     tab = browser.open(report / "problem-pendulum.html")
-    tab.evaluate("document.querySelector('table.sortable thead th:nth-child(6) button').click()")
+    tab.evaluate("document.querySelector('table.sortable thead th:nth-child(5) button').click()")
     values = tab.evaluate(
-        "[...document.querySelector('table.sortable').tBodies[0].rows].map((r) => r.cells[5].dataset.v)"
+        "[...document.querySelector('table.sortable').tBodies[0].rows].map((r) => r.cells[4].dataset.v)"
     )
     numbers = [float(v) for v in values if v]
     assert len(numbers) > 3 and numbers == sorted(numbers)

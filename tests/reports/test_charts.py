@@ -13,9 +13,10 @@ from reports.charts.growth import growths
 from reports.charts.time import Drawing, errors, invariants, laws, observables
 from reports.charts.work import work
 from reports.motion import motion_of
-from reports.packing import in_steps, script, text
+from reports.packing import LOG_STEP, STEPS, Steps, bundle, script, text
 from reports.plots import plain
 from reports.reading import read_run
+from tests.reports.bundles import opened
 from tests.reports.conftest import HOSTILE, put, record, series
 
 CATALOGUE = ("gc_weak_form", "gc_augmented_lagrangian", "rk45_strong_form", "ndf_index1", "ida_index1", "ida_index3")
@@ -27,7 +28,7 @@ def url(cell) -> str:
 
 def unpacked(packed: dict) -> np.ndarray:
     kinds = {"f4": "<f4", "u2": "<u2", "i4": "<i4"}
-    return np.frombuffer(base64.b64decode(packed["bdata"]), kinds[packed["dtype"]]) * packed.get("scale", 1.0)
+    return np.frombuffer(base64.b64decode(packed["bdata"]), kinds[packed["dtype"]])
 
 
 def drawing_of(folder) -> Drawing:
@@ -118,7 +119,7 @@ def test_lines_are_drawn_for_cells_without_an_observable(tmp_path):
         chapter = make(d)
         assert chapter is not None
         for plot in chapter.plots:
-            text(plain(plot, {}))
+            bundle("x", plain([plot], {}))
 
 
 def test_peaks_survive_decimation():
@@ -160,12 +161,47 @@ def test_level_keeps_every_change():
 
 
 def test_packed_values_are_those_given_to_what_is_told():
-    """float32 to seven digits, times to a part in 65535 of the span, blanks as null."""
+    """float32 to seven digits, blanks as null."""
     a = np.array([1.2345678e-9, -3.0, 7e30])
     np.testing.assert_allclose(unpacked(json.loads(text(a))), a, rtol=1e-7)
-    t = np.linspace(0.0, 40.0, 1001)
-    assert np.abs(unpacked(in_steps(t)) - t).max() <= 40.0 / 65535
     assert json.loads(text({"a": [float("nan"), float("inf"), np.float64(2.0)]})) == {"a": [None, None, 2.0]}
+
+
+def test_a_bundle_gives_its_numbers_back_to_what_is_told():
+    """Times and linear values to half a step of their range, others to a tenth of a percent, zeros as zeros."""
+    rng = np.random.default_rng(0)
+    t, noise = np.sort(rng.uniform(0.0, 40.0, 999)), 10.0 ** rng.uniform(-17.0, 5.0, 999)
+    noise[::7] = 0.0
+    swing = 3.0 * np.sin(t) - 1.0
+    given = {"t": Steps(t), "y": Steps(noise, log=True), "swing": Steps(swing, log=True), "none": Steps(t[:0]),
+             "zeros": Steps(np.zeros(5), log=True), "exact": noise, "counts": np.arange(70000), "text": HOSTILE,
+             "level": Steps(np.full(4, 2.5)), "wild": Steps(np.array([1e-300, 1e300]), log=True)}  # fmt: skip
+    found = opened(bundle("x", given))
+    assert found["text"] == HOSTILE and len(found["none"]) == 0
+    assert np.abs(found["t"] - t).max() <= 0.51 * np.ptp(t) / STEPS
+    assert np.abs(found["swing"] - swing).max() <= 0.51 * np.ptp(swing) / STEPS  # negative: no logarithm
+    np.testing.assert_allclose(found["y"], noise, rtol=0.51 * LOG_STEP)
+    np.testing.assert_array_equal(found["zeros"], 0.0)
+    np.testing.assert_array_equal(found["level"], 2.5)
+    np.testing.assert_array_equal(found["counts"], np.arange(70000))
+    np.testing.assert_allclose(found["exact"], noise, rtol=1e-7)
+    np.testing.assert_allclose(found["wild"], [1e-300, 1e300], rtol=0.02)
+
+
+def test_a_curve_costs_few_bytes(tmp_path):
+    """A run has ten thousand of them: a noisy one of 240 spans takes less than a kilobyte, texts are told once."""
+    rng = np.random.default_rng(0)
+    noisy = series(4000)
+    noisy = dataclasses.replace(noisy, arrays={**noisy.arrays, "energy_error": rng.lognormal(size=4000)})
+    put(tmp_path, record("aa01"), noisy)
+    d = drawing_of(tmp_path)
+    chapter = laws(d)
+    assert chapter is not None
+    energy = chapter.plots[0]
+    assert len(energy.traces[0].x) == curves.SPANS_UPPER
+    assert len(bundle("x", plain([energy], {}))) < 1600  # 400 of them are titles and axes
+    many = dataclasses.replace(energy, traces=[dataclasses.replace(energy.traces[0], words=[HOSTILE * 9] * 240)] * 5)
+    assert len(bundle("x", plain([many], {}))) < 7000
 
 
 def test_scripts_of_data_cannot_be_left():

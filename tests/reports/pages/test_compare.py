@@ -10,6 +10,7 @@ from reports.pages.compare import changes, write_compare
 from reports.pages.judgement import Entry
 from reports.pages.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work
 from reports.reading import read_run
+from tests.reports.bundles import opened
 from tests.reports.conftest import HOSTILE, every_kind, put, record, series
 from tests.reports.pages.conftest import Outline
 
@@ -108,8 +109,9 @@ def test_page_of_two_runs(two_runs, tmp_path):
     for tag, attributes in Outline(html).tags:
         if tag in ("script", "link") and (target := attributes.get("src") or attributes.get("href") or ""):
             assert target.startswith("data:") or (tmp_path / "out" / target).is_file(), target
-    curves = (tmp_path / "out" / "data" / "plots-compare.js").read_text(encoding="utf-8")
-    assert curves.count('"name":"A: alpha') == 2 and curves.count('"name":"B: alpha') == 2
+    curves = opened((tmp_path / "out" / "data" / "plots-compare.js").read_text(encoding="utf-8"))
+    names = [t["name"] for p in curves["plots"].values() for t in p["traces"]]
+    assert [sum(n.startswith(f"{run}: alpha") for n in names) for run in "AB"] == [2, 2]
 
 
 def test_a_run_compared_with_itself_has_no_change(two_runs, tmp_path):
