@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-STEPS = 16383  # of a linear axis: 1/32766 of a curve's own range at most, a fiftieth of a pixel
+STEPS = 4095  # of a linear axis: 1/8190 of a curve's own range at most, a twentieth of a pixel
 LOG_STEP = 0.002  # of a logarithmic one: a tenth of a percent of the value at most
 MOST_STEPS = 65534  # 0 is for zeros
 

@@ -1,7 +1,7 @@
 """Interactive plots as plain data: what is drawn, on which axes, for whom. ``assets/plots.js`` does the drawing.
 
 Points keep their numbers to seven digits. Curves over time, of which a run has thousands, are told in steps: times and
-values on linear axes to 1/32766 of their own range, values on logarithmic ones to a tenth of a percent.
+values on linear axes to 1/8190 of their own range, values on logarithmic ones to a tenth of a percent.
 """
 
 from collections.abc import Mapping, Sequence

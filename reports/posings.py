@@ -18,6 +18,15 @@ TOLD = {
     "retrace": "run back from the end",
     "perturb": "from a start changed by little",
 }  # parameters that every problem has and that change no motion, or hardly
+SAME = (
+    "mirror",
+    "renumber",
+    "duplicate",
+    "unit_length",
+    "unit_mass",
+    "unit_time",
+    "retrace",
+)  # the motion is as before
 SECOND = "other times, sizes and releases"
 
 
@@ -36,6 +45,11 @@ class Variants:
 def told(posing: Posing) -> str:
     """How the problem is told otherwise; empty where it stands as it is."""
     return next((words for key, words in TOLD.items() if key in posing.cells[0].parameters), "")
+
+
+def moves_alike(posing: Posing) -> bool:
+    """The motion is that of another posing: only what the solver is told differs, and is undone before measuring."""
+    return any(key in posing.cells[0].parameters for key in SAME)
 
 
 def broadest(run: Run) -> str:

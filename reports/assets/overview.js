@@ -1,5 +1,5 @@
 // The first page: which part and number of the matrix is shown, and the table of all cells.
-(() => {
+(async () => {
   const switches = document.querySelector("[data-matrix-switches]");
   if (switches) {
     const parts = [...document.querySelectorAll("[data-part-of]")], select = switches.querySelector("[data-part]");
@@ -21,7 +21,7 @@
 
   const table = document.querySelector("[data-cells]");
   if (!table) return;
-  const { rows, solvers, problems, labels } = window.MBS.cells;
+  const { rows, solvers, problems, labels } = await window.MBS.unpack(window.MBS.cells);
   const form = document.querySelector("[data-filters]"), more = document.querySelector("[data-more]");
   const CELL = 0, KIND = 1, STATUS = 2, SOLVER = 3, PROBLEM = 4, LABEL = 5, SETTINGS = 6, WHY = 7, T = 8, ENERGY = 9, ERROR = 10, PHI = 11, WORK = 12, CPU = 13, DRIFT = 14;
   const columns = [SOLVER, PROBLEM, SETTINGS, LABEL, STATUS, T, ENERGY, DRIFT, ERROR, PHI, WORK, CPU];

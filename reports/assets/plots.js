@@ -260,12 +260,10 @@
       if (!p.x.link || !own || !moves({ y: list(own.y) })) continue;
       const figure = document.createElement("figure");
       figure.className = "panel";
-      figure.innerHTML = '<figcaption><b></b></figcaption><div class="canvas" role="img"></div><div class="tools"></div>'
-        + '<details class="numbers"><summary>The numbers</summary><div></div></details>';
+      figure.innerHTML = '<figcaption><b></b></figcaption><div class="canvas"></div>';
       figure.querySelector("b").textContent = p.title;
       const canvas = figure.querySelector(".canvas");
       Object.assign(canvas.dataset, { plot: name, from, only });
-      canvas.setAttribute("aria-label", `${p.title}: ${p.y.title} over ${p.x.title}. The numbers are in the table below.`);
       box.append(figure);
     }
   }
@@ -281,6 +279,9 @@
       plot.y = { ...plot.y, low: undefined, high: undefined };
     }
     const figure = canvas.closest("figure");
+    canvas.setAttribute("role", "img");
+    canvas.setAttribute("aria-label", `${plot.title}: ${plot.y.title} over ${plot.x.title}. The numbers are in the table below.`);
+    canvas.insertAdjacentHTML("afterend", '<div class="tools"></div><details class="numbers"><summary>The numbers</summary><div></div></details>');
     plot.table = figure.querySelector("details.numbers");
     plot.table.addEventListener("toggle", () => { if (plot.table.open) { begin(plot); fill(plot); } });
     const tools = figure.querySelector(".tools");

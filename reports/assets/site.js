@@ -35,6 +35,13 @@
     return sign + (power >= -3 && power < 5 ? Math.abs(v).toFixed(Math.max(2 - power, 0)) : `${mantissa}×10${raised(power)}`);
   };
 
+  // pages in subfolders, of which there are thousands, have their navigation from one file
+  document.addEventListener("DOMContentLoaded", () => document.querySelectorAll("[data-nav]").forEach((list) => list.prepend(...(MBS.pages || []).map(([title, file]) => {
+    const item = document.createElement("li"), link = Object.assign(document.createElement("a"), { textContent: title });
+    link.href = document.body.dataset.root + file;
+    item.append(link);
+    return item;
+  }))));
   // what each number of a cell's page means, from one file for all of them
   document.addEventListener("DOMContentLoaded", () => document.querySelectorAll("[data-meanings] dt").forEach((head) => {
     const meaning = (MBS.meanings || {})[head.textContent] || (head.textContent.startsWith("counted: ") ? "By the solver itself." : "");

@@ -10,6 +10,7 @@
     return out.buffer;
   };
   T.floats = (text) => new Float32Array(bytes(text, 4));
+  T.plain = (text) => JSON.parse(new TextDecoder().decode(bytes(text, 1)));
   // columns of differences -> rows of values, one row a pose
   T.rows = (text, frames) => {
     const steps = new Uint16Array(bytes(text, 2)), columns = steps.length / frames, out = new Int16Array(steps.length);

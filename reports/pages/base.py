@@ -95,9 +95,7 @@ class Site:
             raise ValueError(f"two pages want to be {page.file}: {self._pending[page.file][0].title}, {page.title}")
         if plots:
             name = "plots-" + page.file.removesuffix(".html").replace("/", "-")
-            path = f"data/{name}.js"
-            store.write_text(self.folder / path, bundle(name, plain(plots, self.looks)))
-            scripts = [path, *PLOTTING, *scripts]
+            scripts = [self.bundle(name, plain(plots, self.looks)), *PLOTTING, *scripts]
             values["plots_data"] = name
         self._pending[page.file] = (page, template, {"scripts": scripts, "plots": list(plots), **values})
         return page
@@ -106,6 +104,12 @@ class Site:
         """Write ``data/<name>.js``; returns its path, for ``scripts``."""
         path = f"data/{name}.js"
         store.write_text(self.folder / path, script(name, value))
+        return path
+
+    def bundle(self, name: str, value: Any) -> str:
+        """The same deflated, for ``MBS.unpack``; arrays are for ``MBS.numbers``."""
+        path = f"data/{name}.js"
+        store.write_text(self.folder / path, bundle(name, value))
         return path
 
     def url(self, about: Cell | Posing | str) -> str:
@@ -141,9 +145,10 @@ class Site:
         """Render what was handed over."""
         environment = self._environment()
         pages = self.pages()
+        self.data("pages", [[p.title, p.file] for p in pages if p.nav and p.file != "index.html"])
         for page, template, values in self._pending.values():
             values = {**values, "page": page, "root": page.root, "pages": pages}
-            values["scripts"] = [*ALWAYS, *values["scripts"]]
+            values["scripts"] = [*ALWAYS, *(["data/pages.js"] if page.root else []), *values["scripts"]]
             text = environment.get_template(template).render(values)
             path = self.folder / page.file
             path.parent.mkdir(parents=True, exist_ok=True)

@@ -23,21 +23,22 @@ def write(run: Run, site: Site) -> Page | None:
         scripts = [*PLOTTING[:1], f"data/{data}.js", *PLOTTING[1:]] if data else []
         site.write(
             Page(f"{cell.record.solver} on {cell.posing}", site.url(cell)), "cell.html",
-            scripts=[meanings, *scripts], cell=cell, posing=posing, asked=_asked(cell),
+            scripts=[meanings, *scripts], cell=cell, posing=posing, asked=_asked(cell, run),
             numbers=_numbers(cell), command=command(cell.record, plugins), plots_data=data,
         )  # fmt: skip
     return None
 
 
-def _asked(cell: Cell) -> list[tuple[str, str]]:
+def _asked(cell: Cell, run: Run) -> list[tuple[str, str]]:
     r = cell.record
     limits = [f"{time(r.wall_limit_s)} s wall time"] if r.wall_limit_s == r.wall_limit_s else []
     limits += [f"{r.max_steps:,} steps".replace(",", "\u202f")] if r.max_steps else []
     limits += [f"{time(r.memory_limit_MB)} MB"] if r.memory_limit_MB == r.memory_limit_MB else []
     return [(k, v) for k, v in (
         ("Section", r.section), ("The paper calls such", r.paper_label), ("Simulated time", f"{time(r.t_end_s)} s"),
-        ("Limits", ", ".join(limits)), ("Group", r.label), ("Ended", r.finished), ("Code", r.code),
-        ("Commit", r.commit), ("Series", r.series),
+        ("Limits", ", ".join(limits)), ("Group", r.label), ("Ended", r.finished),
+        ("Code", "" if r.code == run.environment.get("code") else r.code),
+        ("Commit", "" if r.commit == run.environment.get("commit") else r.commit), ("Series", r.series),
     ) if v]  # fmt: skip
 
 

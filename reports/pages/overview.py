@@ -22,7 +22,7 @@ def write(run: Run, site: Site) -> Page | None:
     main = {c.record.cell for p in themselves(run, label) for c in p.cells}
     page = Page("Overview", "index.html", nav=True, order=0)
     return site.write(
-        page, "overview.html", scripts=[site.data("cells", _table(run, site)), "assets/overview.js"],
+        page, "overview.html", scripts=[site.bundle("cells", _table(run, site)), "assets/overview.js"],
         findings=findings(run), matrix=matrix(run), verdicts=found, answers=headline(found, label), label=label,
         score=score(run.cells), variants=[(v, score(v.cells), tally(run, v)) for v in apart], columns=COLUMNS,
         apart=score(of_parts(apart)), problems=list(dict.fromkeys(p.problem for p in run.posings)),

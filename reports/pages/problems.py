@@ -12,7 +12,8 @@ from reports.pages.base import Page, Site
 from reports.posings import broadest, groups_of, themselves
 from reports.reading import Posing, Run
 
-SPANS_VARIANT = 120  # of time in the curves of a variant: a run has a hundred of them
+ROWS = 100  # of a folded table: the first page's table and the CSV have all
+SPANS_VARIANT = 80  # of time in the curves of a variant: a run has a hundred of them
 
 
 def write(run: Run, site: Site) -> Page | None:
@@ -31,13 +32,16 @@ def _write(run: Run, site: Site, posing: Posing, label: str, spans: int) -> None
     groups = groups_of(posing, label)
     made = (work(posing, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))
     chapters: list[Chapter] = [c for c in made if c is not None]
-    page = Page(posing.title, site.url(posing))
+    page = Page(posing.title, site.url(posing), brief=spans < SPANS_UPPER)
+    where = f"index.html?problem={run.posings.index(posing)}&label="
     drifts = [d for d in site.judgement("drift") or [] if isinstance(d, dict) and d.get("posing") == posing.title]
     site.write(
         page, "problem.html", posing=posing, chapters=chapters, measure=measure_for(posing.cells), drifts=drifts,
         plots=[p for c in chapters for p in c.plots], left_out=len(posing.cells) - len(lines),
         facts_of_it=facts_of(posing, max((m.bodies for m in motions.values()), default=0)),
-        findings=findings_of(posing, label), groups=groups, extras=extras([line.cell for line in lines]),
+        findings=findings_of(posing, label), groups=groups, most=ROWS,
+        rest={name: f"{where}{run.labels().index(name)}#cells" for name in groups},
+        extras=extras([line.cell for line in lines]),
         events=events([m for m in motions.values() if m.events]),
     )  # fmt: skip
     site.drawn.update((line.cell.record.cell, posing.slug) for line in lines if motions[line.cell.record.cell].moved)

@@ -18,10 +18,11 @@ from reports.pages.judgement import judged
 from reports.pages.links import links_of, page_of
 from reports.pages.work_plots import named, plots_of, profile_plot
 from reports.pages.work_points import ERRORS, WORKS, Field, Profile, fields, profiles
+from reports.posings import broadest, themselves
 from reports.reading import Run
 
 PAPER = ("operations", "evaluations", "cpu")  # works whose profile is drawn for papers
-COMPARED = 4  # solvers on a problem, for a figure of its own: others are posed for size or one effect
+COMPARED = 4  # solvers on a problem, for a figure of its own; of variants, plots can be saved from the page
 
 
 def write(run: Run, site: Site) -> Page | None:
@@ -33,7 +34,8 @@ def write(run: Run, site: Site) -> Page | None:
     works = list(dict.fromkeys(p.work for p in profile))
     kinds = [w for w in WORKS if any(key.endswith(f"-{w[0]}") for _, own in found for key in own)]
     profile_plots = [profile_plot((*profile, *default), w) for w in works]
-    figures = {f.slug: files(site, d) for f, _ in found if (d := _figure(run, site, f)) is not None}
+    plain = {p.slug for p in themselves(run, broadest(run))}
+    figures = {f.slug: files(site, d) for f, _ in found if f.slug in plain and (d := _figure(run, site, f)) is not None}
     drawn = [profile_figure([(p.solver, p.total, p.at) for p in profile if p.work == w], *named(w), site.looks)
              for w in works if w in PAPER]  # fmt: skip
     return site.write(

@@ -6,9 +6,12 @@
 import base64
 import zlib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
+
+from reports.packing import text
 
 LEVELS = 32767
 DIGITS = 9  # bits of mantissa that a strip keeps: 1/1024 of the value at most, below a pixel
@@ -68,6 +71,11 @@ def pack_int16(a: Int[np.ndarray, "nf n"]) -> str:
 def pack_float32(a: Float[np.ndarray, "*n"]) -> str:
     """As they are, by byte plane; NaN stays NaN."""
     return _text(a.astype("<f4"), 4)
+
+
+def pack_plain(value: Any) -> str:
+    """Plain data as JSON, compressed: a thousand shapes are alike."""
+    return base64.b64encode(zlib.compress(text(value).encode("utf-8"), 9)).decode("ascii")
 
 
 def rounded(a: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from reports.pages.base import Page, Site
+from reports.posings import moves_alike
 from reports.reading import Cell, Posing, Run
 from reports.theatre.cast import RULE
-from reports.theatre.scene import POSE_BYTES, players, scene
+from reports.theatre.scene import BODY_BYTES, POSE_BYTES, players, scene
 
-ALL_BYTES = 8_000_000  # of the data files of all theatres
+ALL_BYTES = 5_500_000  # of the data files of all theatres
 ROUNDS = 3  # of making a page smaller: its size does not fall evenly with its poses
 SCRIPTS = (
     "assets/three.bundle.min.js", "assets/theatre-poses.js", "assets/theatre-view.js", "assets/theatre-solid.js",
@@ -19,12 +20,12 @@ SCRIPTS = (
 
 def write(run: Run, site: Site) -> Page | None:
     """Write every theatre; the first page, or None if no cell has poses."""
-    told = {p.slug: t for p in run.posings if (t := _stage(run, site, p, POSE_BYTES)) is not None}
+    told = {p.slug: t for p in _shown(run) if (t := _stage(run, site, p, POSE_BYTES)) is not None}
     level = fair([t.size for t in told.values()], ALL_BYTES)
     pages = []
     for posing in run.posings:
         own = told.get(posing.slug)
-        poses = float(POSE_BYTES)
+        poses = POSE_BYTES if own is None else min(POSE_BYTES, own.pose_bytes)
         for _ in range(ROUNDS):
             if own is not None and own.size > level:
                 poses *= 0.97 * level / own.size
@@ -35,6 +36,12 @@ def write(run: Run, site: Site) -> Page | None:
             )
             pages.append(site.write(page, "theatre.html", [*SCRIPTS[:-1], own.path, SCRIPTS[-1]], **_said(own)))
     return pages[0] if pages else None
+
+
+def _shown(run: Run) -> list[Posing]:
+    """All posings, but not those that show the motion of another one once more."""
+    plain = {p.problem for p in run.posings if not moves_alike(p)}
+    return [p for p in run.posings if not moves_alike(p) or p.problem not in plain]
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,12 @@ class Stage:
     play: Mapping[str, Any]
     players: tuple[Cell, ...]
     left_out: tuple[Cell, ...]
+
+    @property
+    def pose_bytes(self) -> float:
+        """What its poses take before compression, each cell's as much as the longest's."""
+        players = self.play["players"]
+        return float(BODY_BYTES * self.play["bodies"] * len(players) * max(p["frames"] for p in players))
 
 
 def _said(own: Stage) -> dict[str, Any]:

@@ -83,7 +83,7 @@ def scene(
         "title": posing.title, "t_end": t_end, "bodies": bodies, "scale": scale,
         "gravity": gravity.tolist(), "normal": _normal(lead), "low": stage.low.tolist(), "high": stage.high.tolist(),
         "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
-        "ground": ground.tolist(), "shapes": [_shape(s) for s in shapes],
+        "ground": ground.tolist(), "shapes": packing.pack_plain([_shape(s) for s in shapes]),
         "trail": {"body": trail_body, "at": trail_at},
         "spans": spans, "strips": [dict(zip(STRIP, s, strict=True)) for s in STRIPS],
         "players": [_player(p, box, scale, at_most, (t_end, spans), looks, rank) for p in cast_],

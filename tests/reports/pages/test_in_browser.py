@@ -54,10 +54,10 @@ def test_pages_load_without_a_fault_and_fit(browser, folder, width, dark):
 def test_claims_filter_and_their_map_obeys_the_arrow_keys(browser, folder):
     tab = browser.open(folder / "claims.html")
     shown = "[...document.querySelectorAll('[data-item]')].filter((e) => !e.hidden).length"
-    assert tab.evaluate(shown) == 5
+    assert tab.evaluate(shown) == 6
     tab.evaluate(CHOOSE % "conditional")
     assert tab.evaluate(shown) == 1
-    assert tab.evaluate("document.querySelector('.filters [role=status]').textContent") == "1 of 5 shown"
+    assert tab.evaluate("document.querySelector('.filters [role=status]').textContent") == "1 of 6 shown"
     boxes = "document.querySelectorAll('[data-grid] .box')"
     assert tab.evaluate(f"[...{boxes}].filter((b) => b.tabIndex === 0).length") == tab.evaluate(
         "document.querySelectorAll('[data-grid]').length"
