@@ -26,7 +26,6 @@ OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
     ("drift", anatomy),
     ("metamorphic", scorecard),
     ("work", work),
-    ("wrong", wrong),
 )
 
 
@@ -47,6 +46,8 @@ def judgements(folder: Path, register: Register, watch: Callable[[str], None] = 
     for name, function in OTHERS:
         watch(name)
         out[name] = function(folder, records)
+    watch("wrong")
+    out["wrong"] = wrong(folder, records, out.get("metamorphic", ()))
     return out
 
 

@@ -9,11 +9,13 @@ No verdict is made of what is not a finite number; a bound above the mechanism's
 Distances are of whole poses, max over bodies of |r - r'| and L times the angle of R to R', L the mechanism's size.
 """
 
+import functools
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -77,12 +79,14 @@ def scorecard(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]
     known = {_key(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings))}
     runs = sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.settings))
     ends = _Ends(folder)
+    by_rest, by_tolerance, by_halving = (_grouped(runs, key) for key in (_rest, _but_tolerance, _halving))
     found = []
     for base in runs:
-        told = [r for r in runs if _changed(base, r)]
-        tighter = min((r for r in runs if _is_tighter(base, r)), key=lambda r: _off(base, r), default=None)
-        nudged = min((r for r in runs if _is_nudged(base, r)), key=lambda r: (_nudge(r), r.settings), default=None)
-        halved = next((r for r in runs if _is_halved(base, r)), None)
+        kin, others, finer = by_rest[_rest(base)], by_tolerance[_but_tolerance(base)], by_halving[_halving(base)]
+        told = [r for r in kin if _changed(base, r)]
+        tighter = min((r for r in others if _is_tighter(base, r)), key=lambda r: _off(base, r), default=None)
+        nudged = min((r for r in kin if _is_nudged(base, r)), key=lambda r: (_nudge(r), r.settings), default=None)
+        halved = next((r for r in finer if 2.0 * r.dt_s == base.dt_s), None)
         if not told or tighter is None or nudged is None or (halved is None and base.control == "dt"):
             continue
         found.append((base, told, _yardstick(base, tighter, nudged, halved, ends)))
@@ -119,8 +123,21 @@ class _Ends:
         return float(np.maximum(gap, one.length_scale_m * np.max(so3.angle_between(R, a[1]))))
 
 
-def _parameters(r: RunRecord) -> dict[str, Any]:
-    return json.loads(r.problem_parameters)
+def _grouped(runs: Iterable[RunRecord], key: Callable[[RunRecord], tuple]) -> Mapping[tuple, list[RunRecord]]:
+    """Thousands of runs are not compared each with each."""
+    out: dict[tuple, list[RunRecord]] = {}
+    for r in runs:
+        out.setdefault(key(r), []).append(r)
+    return out
+
+
+def _parameters(r: RunRecord) -> Mapping[str, Any]:
+    return _read(r.problem_parameters)
+
+
+@functools.cache
+def _read(text: str) -> Mapping[str, Any]:
+    return MappingProxyType(json.loads(text))
 
 
 def _rest(r: RunRecord) -> tuple:
@@ -133,9 +150,7 @@ def _key(r: RunRecord) -> tuple:
 
 
 def _changed(base: RunRecord, r: RunRecord) -> str:
-    """The one thing told otherwise in ``r``; empty if it is none or more."""
-    if _rest(base) != _rest(r):
-        return ""
+    """The one thing told otherwise in ``r``, all else alike; empty if it is none or more."""
     here, there = _parameters(base), _parameters(r)
     if any(k in CHANGES for k in here) or any(there.get(k) != v for k, v in here.items()):
         return ""
@@ -144,7 +159,7 @@ def _changed(base: RunRecord, r: RunRecord) -> str:
 
 
 def _is_nudged(base: RunRecord, r: RunRecord) -> bool:
-    return _rest(base) == _rest(r) and _nudge(r) > 0.0 and _without(r, "perturb") == _parameters(base)
+    return _nudge(r) > 0.0 and _without(r, "perturb") == _parameters(base)
 
 
 def _nudge(r: RunRecord) -> float:
@@ -156,31 +171,23 @@ def _without(r: RunRecord, name: str) -> dict[str, Any]:
 
 
 def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
-    if _but_tolerance(base) != _but_tolerance(r):
-        return False
     return TENTH[0] < _tolerance(r) / _tolerance(base) < TENTH[1]
 
 
 def _but_tolerance(r: RunRecord) -> tuple:
     """All that shapes a run but the tolerance of its errors, or of its steps' equations."""
-    options = json.loads(r.solver_options)
-    if r.control == "dt":
-        options.pop("tolerance", None)
+    options = {k: v for k, v in _read(r.solver_options).items() if not (r.control == "dt" and k == "tolerance")}
     step = (str(r.dt_s), str(r.max_step_s))
     return (r.problem, r.problem_parameters, r.solver, json.dumps(options, sort_keys=True), r.control, *step)
 
 
 def _tolerance(r: RunRecord) -> float:
-    return float(json.loads(r.solver_options).get("tolerance", TOLERANCE)) if r.control == "dt" else r.rtol
+    return float(_read(r.solver_options).get("tolerance", TOLERANCE)) if r.control == "dt" else r.rtol
 
 
 def _off(base: RunRecord, r: RunRecord) -> tuple[float, str]:
     """How far from a tenth a tighter run is."""
     return abs(math.log(10.0 * _tolerance(r) / _tolerance(base))), r.settings
-
-
-def _is_halved(base: RunRecord, r: RunRecord) -> bool:
-    return _halving(base) == _halving(r) and 2.0 * r.dt_s == base.dt_s
 
 
 def _halving(r: RunRecord) -> tuple:
