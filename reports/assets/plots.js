@@ -70,7 +70,7 @@
       const given = limits.every((v) => v !== undefined && v !== null && (!log || v > 0));
       return { type: log ? "log" : "linear", title: { text: escaped(axisTitle(a)), standoff: 8, font: { size: 12 } }, automargin: true,
         gridcolor: colours.rule, linecolor: colours.muted, tickcolor: colours.muted, showline: true, zeroline: false, ticks: "outside",
-        ticklen: 4, exponentformat: "power", tickfont: { size: 11, color: colours.muted }, nticks: name === "x" ? 7 : 6,
+        ticklen: 4, exponentformat: name === "x" && log && !a.unit ? "SI" : "power", tickfont: { size: 11, color: colours.muted }, nticks: name === "x" ? 7 : 6,
         uirevision: `${log}`, ...(given ? { range: log ? limits.map(Math.log10) : limits } : { autorange: true }) };
     };
     const lines = Object.values(plot.marks || {}).flat().map((at) => ({ type: "line", x0: at, x1: at, y0: 0, y1: 1, yref: "paper",

@@ -13,7 +13,7 @@ from reports.settings import shared_options
 from reports.words import time
 
 MOST = 16  # cells drawn under one label: more cannot be told apart
-EVER = 28  # on one page, or it would grow without end
+EVER = 24  # on one page, or it would grow without end
 
 
 @dataclass(frozen=True)

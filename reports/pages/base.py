@@ -24,6 +24,7 @@ Pages are rendered after all modules have run, so each may ask whether another o
 - ``num(value, show)``: a table's entry that sorts by its value; ``looks[solver].colour``; ``number``, ``whole``,
   ``signed``, ``seconds``, ``time``, ``unit``, ``mark``, ``plural``, ``listed`` of reports.words.
 
+``site.bundle(name, value)`` writes the same deflated, for ``await MBS.unpack(MBS[name])``; plots are told so.
 ``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``; NaN becomes null, an array of
 numpy a base64 text that ``MBS.array(x)`` turns into a typed array. Scripts are classic, deferred and in the order
 given: from a disk neither modules nor ``fetch`` work. ``MBS.onTheme(f)`` calls f when light and dark change;

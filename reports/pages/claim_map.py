@@ -83,7 +83,11 @@ def _place(rows: Sequence[Entry], links: Links) -> tuple[Box, ...]:
 def _box(e: Entry, links: Links) -> Box:
     here = state(e)
     measured = e.number("measured")
-    words = [e.text("case") or links.words(e.text("cell")), here.word]
+    cell = links.cell(e.text("cell"))  # its page has all settings; its place and its facet's title say those that vary
+    words = [
+        f"{cell.posing} {cell.record.solver}" if cell else e.text("case") or links.words(e.text("cell")),
+        here.word,
+    ]
     if not math.isnan(measured):
         words.append(f"measured {number(measured)}")
     if e.text("status"):

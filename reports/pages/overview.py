@@ -22,7 +22,7 @@ def write(run: Run, site: Site) -> Page | None:
     main = {c.record.cell for p in themselves(run, label) for c in p.cells}
     page = Page("Overview", "index.html", nav=True, order=0)
     return site.write(
-        page, "overview.html", scripts=[site.bundle("cells", _table(run, site)), "assets/overview.js"],
+        page, "overview.html", scripts=[site.bundle("cells", _table(run, site, label, main)), "assets/overview.js"],
         findings=findings(run), matrix=matrix(run), verdicts=found, answers=headline(found, label), label=label,
         score=score(run.cells), variants=[(v, score(v.cells), tally(run, v)) for v in apart], columns=COLUMNS,
         apart=score(of_parts(apart)), problems=list(dict.fromkeys(p.problem for p in run.posings)),
@@ -30,13 +30,16 @@ def write(run: Run, site: Site) -> Page | None:
     )  # fmt: skip
 
 
-def _table(run: Run, site: Site) -> dict[str, Any]:
-    """All cells as rows of numbers and texts; problems, solvers and labels by their place in a list."""
+def _table(run: Run, site: Site, label: str, main: set[str]) -> dict[str, Any]:
+    """All cells as rows of numbers and texts, those of the plain comparison first, then of the same problems.
+
+    Problems, solvers and labels are told by their place in a list.
+    """
     posings, labels = {p.title: k for k, p in enumerate(run.posings)}, {name: k for k, name in enumerate(run.labels())}
     solvers = {s: k for k, s in enumerate(run.solvers)}
     measures = [measure_for(p.cells) for p in run.posings]
     rows = []
-    for c in run.cells:
+    for c in sorted(run.cells, key=lambda c: (c.record.label != label, c.record.cell not in main)):
         r, m = c.record, mark(c.status)
         measure = measures[posings[c.posing]]
         rows.append([

@@ -10,7 +10,7 @@ from reports.reading import Cell, Posing, Run
 from reports.theatre.cast import RULE
 from reports.theatre.scene import BODY_BYTES, POSE_BYTES, players, scene
 
-ALL_BYTES = 5_500_000  # of the data files of all theatres
+ALL_BYTES = 5_000_000  # of the data files of all theatres
 ROUNDS = 3  # of making a page smaller: its size does not fall evenly with its poses
 SCRIPTS = (
     "assets/three.bundle.min.js", "assets/theatre-poses.js", "assets/theatre-view.js", "assets/theatre-solid.js",
