@@ -14,7 +14,7 @@ from reports.words import number
 SHOWN = 60  # cells on the page, those that changed first; the table file has all
 HEADS = ("case", "runs", "changed", "ending_first", "ending_last", "energy_drift_max_J_first",
          "energy_drift_max_J_last", "error_m_first", "error_m_last", "cpu_over_first", "gate")  # fmt: skip
-ALONE = 12  # where no other run is there to compare with
+ALONE = 12  # where nothing changed, or no other run is there to compare with
 TABLE = "data/history.csv"
 MOST = 24  # runs whose marks are shown in a row, the newest
 
@@ -25,7 +25,7 @@ def write(run: Run, site: Site) -> Page | None:
     found = lines(run, rows)
     runs = moments(rows)
     told = [line for line in found if len(line.rows) > 1]
-    shown = found[: SHOWN if told else ALONE]
+    shown = found[: SHOWN if any(line.changed for line in found) else ALONE]
     store.write_text(site.folder / TABLE, table(told))
     known = {name: sorted({getattr(line, name) for line in shown}) for name in ("problem", "solver")}
     return site.write(
