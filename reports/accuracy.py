@@ -20,6 +20,7 @@ class Measure:
     columns: tuple[str, str]  # the error while the motion is predictable, and, where that is not told, over all time
     unit: str
     own: float  # the reference's own error in that unit; NaN if not known
+    until: float | None = None  # [s] errors are judged to here where that is before the end
 
     def of(self, cell: Cell) -> float:
         """The error of a cell; NaN where it has none."""
@@ -41,11 +42,11 @@ def measure_for(cells: Sequence[Cell]) -> Measure | None:
     until = judged_until(known)
     words = "" if until is None else f" to {until:.4g} s"
     position = Measure(
-        f"position error{words}", POSITION, "m", own if until is None else min(own, PREDICTABLE * length)
+        f"position error{words}", POSITION, "m", own if until is None else min(own, PREDICTABLE * length), until
     )
     if max(map(position.of, known)) > EXACT * length:
         return position
-    return Measure(f"orientation error{words}", ORIENTATION, "rad", position.own / length)
+    return Measure(f"orientation error{words}", ORIENTATION, "rad", position.own / length, until)
 
 
 def judged_until(cells: Sequence[Cell]) -> float | None:

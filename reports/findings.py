@@ -133,9 +133,9 @@ def _cheapest(posing: Posing, measure: Measure) -> Iterator[Finding]:
     length = max((c.record.length_scale_m for c in posing.cells if c.record.length_scale_m > 0.0), default=1.0)
     target = ACCURATE * (length if measure.unit == "m" else 1.0)
     good = [c for c in posing.solved() if measure.of(c) <= target and c.record.cpu_median_s >= 0.0]
-    words = f"within {target:g} {measure.unit} of the exact motion"
+    words = f"with a {measure.what} within {number(target)} {measure.unit}"
     if not good:
-        yield Finding(f"No success stays {words} ({measure.what}).")
+        yield Finding(f"No success {words}.")
         return
     good.sort(key=lambda c: c.record.cpu_median_s)
     least = good[0].record.cpu_median_s
@@ -191,7 +191,8 @@ def _energy(posing: Posing) -> Iterator[Finding]:
         over = [c for c in posing.cells if c.record.energy_drift_max_J > allowed]
         words = f"exceeded by {listed([called(c) for c in over])}" if over else "kept by every cell that made a step"
         yield Finding(
-            f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}.",
+            f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}. It does not make a cell "
+            "wrong: that is a tenth of the energy to exchange, for all problems.",
             "failed" if over else "plain",
         )
 

@@ -96,8 +96,9 @@ def entry(posing: Posing, cells: Sequence[Cell]) -> Entry:
     error, scale = (measure.of(head), 1.0) if measure else (math.nan, 1.0)
     if measure and measure.unit == "m":
         scale = r.length_scale_m
+    name = "error" if measure is None or measure.until is None else f"error to {measure.until:.2g} s"
     figures = (
-        Figure("error", "error", _with(error, measure.unit) if measure else "no reference", _lost(error, scale)),
+        Figure("error", name, _with(error, measure.unit) if measure else "no reference", _lost(error, scale)),
         Figure("energy", "ΔE", _with(r.energy_drift_max_J, "J"), _lost(r.energy_drift_max_J, r.energy_scale_J)),
         Figure("phi", "|φ|", _with(r.phi_max, "m"), _lost(r.phi_max, r.length_scale_m)),
         Figure("cost", "CPU", seconds(r.cpu_median_s)),

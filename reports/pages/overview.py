@@ -9,7 +9,7 @@ from reports.overview import matrix, tally
 from reports.pages.base import Page, Site
 from reports.posings import broadest, of_parts, themselves, variants
 from reports.reading import Cell, Run
-from reports.scores import headline, score, verdicts
+from reports.scores import headline, score, unpredictable, verdicts
 from reports.words import mark
 
 DIGITS = 6  # of numbers in the table's data file: twice what is shown
@@ -23,7 +23,8 @@ def write(run: Run, site: Site) -> Page | None:
     page = Page("Overview", "index.html", nav=True, order=0)
     return site.write(
         page, "overview.html", scripts=[site.bundle("cells", _table(run, site, label, main)), "assets/overview.js"],
-        findings=findings(run), matrix=matrix(run), verdicts=found, answers=headline(found, label), label=label,
+        findings=findings(run), matrix=matrix(run), verdicts=found, label=label,
+        answers=headline(found, label, unpredictable(run)),
         score=score(run.cells), variants=[(v, score(v.cells), tally(run, v)) for v in apart], columns=COLUMNS,
         apart=score(of_parts(apart)), problems=list(dict.fromkeys(p.problem for p in run.posings)),
         loud=sorted(run.cells, key=lambda c: (c.record.label != label, c.record.cell not in main)),

@@ -36,7 +36,7 @@ def test_a_wrong_cell_wins_nothing(tmp_path):
     put(tmp_path, record("bb01", "beta"))
     text = said(tmp_path)
     assert "Smallest position error of 1 success: 0.00100 m, beta" in text
-    assert "Least CPU time within 0.001 m of the exact motion (single timings): beta" in text
+    assert "Least CPU time with a position error within 0.00100 m (single timings): beta" in text
 
 
 def test_order_is_observed_not_declared(tmp_path):

@@ -5,13 +5,13 @@ import json
 from reports.overview import matrix
 from reports.posings import SECOND, broadest, themselves, variants
 from reports.reading import read_run
-from reports.scores import finest, headline, score, verdicts
+from reports.scores import finest, headline, score, unpredictable, verdicts
 from tests.reports.conftest import put, record
 
 
 def answers(folder) -> dict[str, str]:
     run = read_run(folder)
-    told = headline(verdicts(run), broadest(run))
+    told = headline(verdicts(run), broadest(run), unpredictable(run))
     return {a.question: " ".join([a.words, *(f"{solver}: {words}." for solver, words in a.lines)]) for a in told}
 
 
@@ -45,8 +45,23 @@ def test_questions_are_answered_from_the_numbers(tmp_path):
     assert told["Who holds"].startswith("2 of 4 solvers on every problem") and "delta: 0 of 1" in told["Who holds"]
     assert "beta: 1 of 1: pendulum" in told["Who drifts"] and "alpha" not in told["Who drifts"]
     breaks = told["Who breaks, and why"]
-    assert "gamma: pendulum wrong: it left" in breaks and "delta: pendulum refused: rank" in breaks
+    assert "gamma: pendulum at dt = 0.01 s: wrong: it left" in breaks and "refused: rank" in breaks
     assert "1 claimed success and is wrong" in breaks and "beta" not in breaks
+
+
+def test_a_larger_swing_a_finer_step_that_holds_and_the_end_of_prediction_are_told(tmp_path):
+    """What else would mislead: a small drift beside a large swing, another tolerance, errors of a part of the time."""
+    drift = {"energy_mean_first_quarter_J": 1e-4, "energy_mean_last_quarter_J": 9e-4}
+    put(tmp_path, record("aa01", "alpha", energy_drift_max_J=0.5, judged_to_s=0.5))
+    put(tmp_path, record("bb01", "beta", judged_to_s=0.5, **drift))
+    put(tmp_path, record("cc01", "gamma", "wrong", wrong_because='["it left"]', judged_to_s=0.5))
+    put(tmp_path, record("cc02", "gamma", dt_s=0.001, label="work", judged_to_s=0.5))
+    told = answers(tmp_path)
+    assert "pendulum to 0.5 of 2 s" in told["Who holds"]
+    assert "0.500 J (alpha, pendulum)" in told["Who drifts"] and "pendulum 0.00100 J" in told["Who drifts"]
+    assert "it left; holds at dt = 0.001 s" in told["Who breaks, and why"]
+    entry = matrix(read_run(tmp_path))[0].rows[0].entries[0]
+    assert entry is not None and entry.figures[0].name == "error to 0.5 s"
 
 
 def test_no_breakdown_and_no_drift_are_said_too(tmp_path):

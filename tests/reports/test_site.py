@@ -143,7 +143,7 @@ def test_a_cell_costs_few_bytes(built, pages):
 
 
 def test_matrix_has_no_blank(pages):
-    """A number, a reason, or 'not run'."""
+    """A number, a reason, or that it is not in the group."""
     matrices = re.findall(r'<table class="matrix.*?</table>', pages["index.html"], re.DOTALL)
     assert matrices
     for entry in (e for m in matrices for e in re.findall(r"<td.*?</td>", m, re.DOTALL)):
