@@ -1,5 +1,73 @@
-// The first page: which part and number of the matrix is shown, and the table of all cells.
+// The first page: which part, number and rows of the matrix are shown, in which order; and the table of all cells.
 (async () => {
+  // the matrix and the tables of variants: rows by a solver's column; what has no number there stays last
+  const MEASURES = { error: "error", energy: "energy error", phi: "constraint error", cost: "CPU time" };
+  const LAST = { good: 0, wrong: 0, failed: 1, refused: 2 };
+  const superscripts = (text) => [...text].map((c) => "-0123456789"["⁻⁰¹²³⁴⁵⁶⁷⁸⁹".indexOf(c)] ?? c).join("");
+  // an entry's number as it reads: 1.23×10⁻⁵ m, 45.6 ms, ∞ J; null where there is none
+  const read = (text) => {
+    if (text.startsWith("∞")) return Infinity;
+    if (text.startsWith("below") || text.startsWith("<")) return 0;
+    const found = text.match(/^−?[\d.]+(?:×10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?/);
+    if (!found) return null;
+    const value = Number(superscripts(found[0].replace("−", "-").replace("×10", "e")));
+    return / ms$/.test(text) ? value / 1000 : value;
+  };
+  const sortable = (table) => {
+    const body = table.tBodies[0], all = [...body.rows], heads = [...table.tHead.rows[0].cells], now = { column: null, up: true };
+    const measure = () => (MEASURES[table.dataset.shown] ? table.dataset.shown : "error");
+    const rank = (row) => {
+      const cell = row.cells[now.column];
+      if (now.column === 0) return [0, all.indexOf(row)];
+      if (table.dataset.shown === undefined) return cell.dataset.v === undefined ? [1, 0] : [0, Number(cell.dataset.v)];
+      const shown = cell.querySelector(`.${measure()} dd:last-child`), value = shown && read(shown.textContent);
+      const late = LAST[cell.dataset.ended] ?? 3;
+      return late || value !== null ? [late, value ?? 0] : [0.5, 0];
+    };
+    const sort = () => {
+      heads.forEach((head, k) => {
+        const button = head.querySelector("button"), by = k === 0 ? "problem" : table.dataset.shown === undefined ? "the share that holds" : MEASURES[measure()];
+        button.setAttribute("aria-label", k === 0 ? "Sort by problem, in the paper's order" : `Sort by ${by} of ${head.querySelector(".solver").textContent}`);
+        button.title = button.getAttribute("aria-label");
+        if (k === now.column) head.setAttribute("aria-sort", now.up ? "ascending" : "descending");
+        else head.removeAttribute("aria-sort");
+      });
+      if (now.column === null) return;
+      const order = ([late, x], [later, y]) => late - later || (late || x === y ? 0 : (x < y ? -1 : 1) * (now.up ? 1 : -1));
+      body.append(...all.map((row) => [rank(row), row]).sort((a, b) => order(a[0], b[0])).map((pair) => pair[1]));
+    };
+    heads.forEach((head, column) => {
+      const button = Object.assign(document.createElement("button"), { type: "button", textContent: "sort", className: "sorter" });
+      head.append(" ", button);
+      button.addEventListener("click", () => {
+        Object.assign(now, { up: now.column === column ? !now.up : true, column });
+        sort();
+      });
+    });
+    sort();
+    return { all, sort, folded: table.closest("details") };
+  };
+  const tables = [...document.querySelectorAll("table.matrix, table[data-tally]")].map(sortable);
+  // rows of all of them by words in the problem's head and by how their cells ended
+  const filterRows = (box) => {
+    const [words, has] = ["problem", "has"].map((key) => box.querySelector(`[data-rows=${key}]`)), count = box.querySelector("[data-rows-count]");
+    const fits = (row) => {
+      const ran = [...row.cells].flatMap((c) => (c.dataset.has === undefined ? [] : [c.dataset.has.split(" ")]));
+      const ended = !has.value || (has.value === "held" ? ran.length && ran.every((e) => e.includes("held")) : ran.some((e) => e.includes(has.value)));
+      const head = row.cells[0].textContent.toLowerCase();
+      return ended && words.value.toLowerCase().split(/\s+/).every((w) => head.includes(w));
+    };
+    const filter = () => {
+      for (const { all, folded } of tables) {
+        all.forEach((row) => { row.hidden = !fits(row); });
+        if (folded) folded.hidden = all.every((row) => row.hidden);
+      }
+      const own = [...document.querySelectorAll("[data-part-of]:not([hidden]) table.matrix tbody tr")];
+      count.textContent = words.value || has.value ? `${own.filter((row) => !row.hidden).length} of ${own.length} rows` : "";
+    };
+    for (const kind of ["input", "change"]) box.addEventListener(kind, filter);
+  };
+
   const switches = document.querySelector("[data-matrix-switches]");
   if (switches) {
     const parts = [...document.querySelectorAll("[data-part-of]")], select = switches.querySelector("[data-part]");
@@ -15,8 +83,10 @@
       b.addEventListener("click", () => {
         buttons.forEach((other) => other.setAttribute("aria-pressed", other === b));
         document.querySelectorAll("[data-shown]").forEach((t) => { t.dataset.shown = b.dataset.measure; });
+        tables.forEach(({ sort }) => sort());
       });
     }
+    filterRows(switches);
   }
 
   const table = document.querySelector("[data-cells]");

@@ -7,8 +7,10 @@ import time
 import numpy as np
 import pytest
 
+from harness import store
+from reports import site
 from reports.curves import upper
-from tests.reports.conftest import series
+from tests.reports.conftest import put, record, series
 
 PAGES = ("index.html", "problem-pendulum.html", "solver-beta.html", "cells/dd01.html", "cells/gg01.html")
 OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
@@ -193,6 +195,67 @@ def test_cells_sort_and_filter(report, browser, built):
     assert shown[: len(there)] == there
     head = "document.querySelector('[data-cells] th:nth-child(7)').getAttribute('aria-sort')"
     assert tab.evaluate(head) == "ascending"
+    tab.close()
+
+
+@pytest.fixture(scope="module")
+def matrices(tmp_path_factory):
+    """Four problems, one without a run of beta, under two labels; a variant that must change nothing."""
+    folder = tmp_path_factory.mktemp("matrices")
+    ends = {"far": ("success", 3e-2, 9.0), "near": ("success", 5e-9, 0.05), "stuck": ("diverged", 1e-12, 0.0)}
+    for k, (name, (status, size, cpu)) in enumerate(ends.items()):
+        own = {"problem": name, "section": f"Sect. {k}", "position_error_max_m": size, "cpu_median_s": cpu}
+        put(folder, record(f"a{k}", "alpha", status, message="lost", **own), series(size=size))
+        put(folder, record(f"b{k}", "beta", **own | {"position_error_max_m": 1.0 / (k + 1)}), series())
+    put(folder, record("a3", "alpha", "wrong", problem="off", section="Sect. 3", position_error_max_m=1e-5,
+                       wrong_because='["far off"]'), series())  # fmt: skip
+    for k, name in ((0, "far"), (1, "near"), (3, "off")):
+        put(
+            folder,
+            record(f"c{k}", problem=name, section=f"Sect. {k}", label="map", dt_s=0.1,
+                           position_error_max_m=4.0 - k), series())  # fmt: skip
+    store.write_text(folder / "environment.json", "{}")
+    return site.build(folder)
+
+
+def test_rows_of_a_matrix_sort_by_a_solvers_number_and_filter(matrices, browser):
+    """By the number that is shown, those that stopped or did not run last either way; in the folded parts too."""
+    tab = browser.open(matrices)
+    rows = (
+        "[...document.querySelectorAll('[data-part-of=\"{}\"] tbody tr:not([hidden]) th a')].map((a) => a.textContent)"
+    )
+    first, second = rows.format(1), rows.format(2)
+    head = "document.querySelectorAll('[data-part-of=\"{}\"] thead th')[{}]"
+    assert tab.evaluate(first) == ["far", "near", "stuck", "off"]
+    tab.evaluate(f"{head.format(1, 1)}.querySelector('button').focus()")
+    tab.press("Enter")
+    assert tab.evaluate(first) == ["near", "off", "far", "stuck"]
+    assert tab.evaluate(f"{head.format(1, 1)}.getAttribute('aria-sort')") == "ascending"
+    assert tab.evaluate("document.activeElement.getAttribute('aria-label')") == "Sort by error of alpha"
+    tab.press("Enter")
+    assert tab.evaluate(first) == ["far", "off", "near", "stuck"]
+    tab.evaluate("document.querySelector('[data-measure=cost]').click()")  # 9 s, 0.1 s, 50 ms
+    assert tab.evaluate("document.activeElement.getAttribute('aria-label')") == "Sort by CPU time of alpha"
+    assert tab.evaluate(first) == ["far", "off", "near", "stuck"]
+    tab.evaluate(f"{head.format(1, 2)}.querySelector('button').click()")
+    assert tab.evaluate(first) == ["stuck", "near", "far", "off"]  # 0, 50 ms, 9 s, not run
+    tab.evaluate(f"{head.format(1, 0)}.querySelector('button').click()")
+    assert tab.evaluate(first) == ["far", "near", "stuck", "off"]
+    tab.evaluate("document.querySelector('[data-measure=error]').click()")
+    tab.evaluate(f"{head.format(2, 1)}.querySelector('button').click()")
+    assert tab.evaluate(second) == ["off", "near", "far"]
+    pick = (
+        "((key, value) => {{ const e = document.querySelector(`[data-rows=${{key}}]`); e.value = value; "
+        "e.dispatchEvent(new Event('input', {{bubbles: true}})); }})({}, {})"
+    )
+    for has, left in (("wrong", ["off"]), ("stopped", ["stuck"]), ("held", ["far", "near"]), ("refused", [])):
+        tab.evaluate(pick.format("'has'", f"'{has}'"))
+        assert tab.evaluate(first) == left
+        assert tab.evaluate("document.querySelector('[data-rows-count]').textContent") == f"{len(left)} of 4 rows"
+    tab.evaluate(pick.format("'has'", "''"))
+    tab.evaluate(pick.format("'problem'", "'FA'"))
+    assert (tab.evaluate(first), tab.evaluate(second)) == (["far"], ["far"])
+    assert tab.faults == []
     tab.close()
 
 
