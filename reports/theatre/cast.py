@@ -8,7 +8,8 @@ from reports.reading import Cell, Posing
 AT_MOST = 10  # ghosts of one mechanism; more cannot be told apart
 RULE = (
     "Of each solver one cell that succeeded, with the fewest options, then the finest; after that one of each solver "
-    "under each other label of the suite, those that stopped or are wrong first; then the rest, failures first."
+    "under each other label of the suite, those that stopped or are wrong first; then the rest, failures first. "
+    "Settings that differ only in their label or in the number of steps allowed play once."
 )
 
 
@@ -20,7 +21,7 @@ def cast(posing: Posing, moved: Sequence[str], at_most: int = AT_MOST) -> tuple[
     can = [c for c in posing.cells if c.record.cell in set(moved)]
     chosen: list[Cell] = []
     for cell in _order(posing, can):
-        if cell not in chosen and len(chosen) < at_most:
+        if len(chosen) < at_most and all(_setting(cell) != _setting(other) for other in chosen):
             chosen.append(cell)
     chosen.sort(key=_soundness)
     return tuple(chosen), tuple(c for c in posing.cells if c not in chosen)
@@ -35,6 +36,12 @@ def _order(posing: Posing, can: Sequence[Cell]) -> Iterator[Cell]:
         if (own[0].record.label, own[0].record.solver) not in known:
             yield min(own, key=_broke)
     yield from sorted(can, key=_broke)
+
+
+def _setting(c: Cell) -> tuple[str, ...]:
+    """What the solver was told, but for its label and how many steps it may take."""
+    r = c.record
+    return (r.solver, r.control, *map(repr, (r.dt_s, r.rtol, r.max_step_s, r.t_end_s)), repr(sorted(c.options.items())))
 
 
 def _grouped(cells: Sequence[Cell], by: Callable[[Cell], Any]) -> list[list[Cell]]:

@@ -28,7 +28,8 @@ def test_everyone_plays_or_is_told(seed):
     moved = [c.cell for c in cells if random.uniform() < 0.8]
     chosen, left = cast(posing(*cells), moved)
     assert sorted(names(chosen) + names(left)) == sorted(c.cell for c in cells)
-    assert len(chosen) == AT_MOST and set(names(chosen)) <= set(moved)
+    settings = {(c.solver, c.dt_s) for c in cells if c.cell in moved}
+    assert len(chosen) == min(AT_MOST, len(settings)) and set(names(chosen)) <= set(moved)
     assert {c.record.solver for c in chosen} == {c.solver for c in cells if c.cell in moved}
 
 
@@ -43,6 +44,17 @@ def test_the_solid_one_is_sound_and_plain():
         ["odd", "plain", "lost"],
     )
     assert names(chosen)[0] == "plain"
+
+
+def test_the_same_settings_play_once():
+    """Under another label, or with more steps allowed, they move alike; another step or option does not."""
+    cells = [
+        record("first", label="map"), record("again", label="as printed", max_steps=7),
+        record("finer", label="map", dt_s=0.001), record("odd", label="as printed", solver_options='{"gauge": "zero"}'),
+    ]  # fmt: skip
+    chosen, left = cast(posing(*cells), [c.cell for c in cells])
+    assert len(chosen) == 3 and {"finer", "odd"} < set(names(chosen))
+    assert names(left) in (["first"], ["again"])
 
 
 def test_failures_come_before_more_of_the_same():
