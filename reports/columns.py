@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from reports.accuracy import drifts
 from reports.reading import Cell
-from reports.words import NONE, mark, number, signed, time, whole
+from reports.words import NONE, clocked, mark, number, signed, time, whole
 
 Value = float | str
 
@@ -38,7 +38,7 @@ def _of(name: str) -> Callable[[Cell], Value]:
 
 def _spread(c: Cell) -> Value:
     r = c.record
-    return f"{number(r.cpu_min_s)} to {number(r.cpu_max_s)} ({r.repeats})" if r.repeats > 1 else NONE
+    return f"{clocked(r.cpu_min_s)} to {clocked(r.cpu_max_s)} ({r.repeats})" if r.repeats > 1 else NONE
 
 
 def _energy_kind(c: Cell) -> Value:
@@ -99,7 +99,7 @@ COLUMNS: Sequence[Column] = (
     Column("jacobians", "Jacobians", "", "Evaluations of the Jacobian.", _of("jacobians"), whole),
     Column("factorisations", "Factorisations", "", "Matrix factorisations.", _of("factorisations"), whole),
     Column("cpu_median", "CPU", "s", "CPU time of the integration alone, median of the repeats.", _of("cpu_median_s"),
-           latex="CPU [s]"),
+           clocked, latex="CPU [s]"),
     Column("cpu_spread", "CPU spread", "s",
            "Least and largest of the repeated timings, and how many; a dash for a single one.", _spread),
     Column("setup", "Set-up", "s",

@@ -9,7 +9,7 @@ from pathlib import Path
 from harness import store
 from reports.columns import COLUMNS, Column
 from reports.reading import Cell, Run
-from reports.words import NONE
+from reports.words import BELOW_CLOCK, NONE
 
 LATEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
@@ -71,6 +71,8 @@ def latex_number(value: float, shown: str) -> str:
         return "--"
     if math.isinf(value):
         return r"$\infty$" if value > 0 else r"$-\infty$"
+    if shown == BELOW_CLOCK:
+        return shown
     plain = shown.replace("\u202f", r"\,").replace("−", "-")
     if "×10" in plain:
         mantissa, power = plain.split("×10")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from harness.types import Status
 
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+BELOW_CLOCK = "below the clock"  # a CPU time that reads 0: too short to be told
 NONE = "–"  # the quantity does not exist here
 
 
@@ -60,10 +61,15 @@ def time(value: float) -> str:
     return f"{value:.6g}" if math.isfinite(value) else number(value)
 
 
+def clocked(value: float) -> str:
+    """A CPU time without its unit."""
+    return BELOW_CLOCK if value == 0.0 else number(value)
+
+
 def seconds(value: float) -> str:
     """``20.9 ms``, ``1.45 s``."""
-    if math.isnan(value):
-        return NONE
+    if math.isnan(value) or value == 0.0:
+        return clocked(value)
     return f"{number(1e3 * value)} ms" if 0.0 < abs(value) < 0.1 else f"{number(value)} s"
 
 

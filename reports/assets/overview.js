@@ -118,7 +118,7 @@
       td.className = "short";
       td.textContent = column === LABEL ? labels[value] : value;
     }
-    else { td.className = "n"; td.textContent = column === WORK && value !== null ? Math.round(value).toLocaleString("en").replace(/,/g, "\u202f") : column === T && value !== null ? String(value) : window.MBS.number(value); }
+    else { td.className = "n"; td.textContent = column === WORK && value !== null ? Math.round(value).toLocaleString("en").replace(/,/g, "\u202f") : column === T && value !== null ? String(value) : column === CPU && value === 0 ? "below the clock" : window.MBS.number(value); }
     return td;
   };
   const chosen = () => {

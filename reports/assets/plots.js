@@ -26,7 +26,8 @@
 
   // zeros have no place on a logarithmic axis: points get one below the smallest value, lines a gap
   const floorOf = (traces, key) => {
-    const positive = traces.flatMap((t) => t[key]).filter((v) => v > 0);
+    const points = traces.filter((t) => t.mode !== "lines");
+    const positive = (points.length ? points : traces).flatMap((t) => t[key]).filter((v) => v > 0);
     return positive.length ? positive.reduce((a, b) => Math.min(a, b)) / 20 : 1e-16;
   };
   const placed = (values, axis, floor, points) => (axis.log
@@ -47,18 +48,22 @@
       }
       const ends = x.map((_, k) => (t.ends && t.ends[k]) || (t.end && k === x.length - 1 ? t.end : ""));
       const at = ends.flatMap((e, k) => (e ? [k] : []));
+      const told = (axis, value, at) => `${axis.title} ${value === 0 && axis.log && points ? `not told apart from zero: drawn at ${number(at)}` : number(value)} ${axis.unit || ""}`;
+      const most = points ? x.map((_, k) => Boolean((plot.x.log && t.x[k] === 0) || (plot.y.log && t.y[k] === 0))) : [];
+      const open = (f) => (most.includes(true) ? most.map((m) => f(t.hollow || m)) : f(t.hollow)); // at most: hollow
       const text = x.map((_, k) => escaped(
-        [`${plot.x.title} ${number(t.x[k])} ${plot.x.unit || ""}`, `${plot.y.title} ${number(t.y[k])} ${plot.y.unit || ""}`,
+        [told(plot.x, t.x[k], x[k]), told(plot.y, t.y[k], y[k]),
           t.words && t.words[k], ends[k] && END_WORDS[ends[k]]].filter(Boolean).join("\n")).replace(/\n/g, "<br>"));
       const hover = { text, hovertemplate: "<b>%{fullData.name}</b><br>%{text}<extra></extra>" };
       out.push({ ...base, ...hover, y, mode: t.mode, connectgaps: !points,
         line: { color: colour, width: t.solver ? 1.7 : 1.1, dash: DASHES[(t.dash || 0) % DASHES.length] },
-        marker: { color: colour, size: t.hollow ? 11 : 8, symbol: (SYMBOLS[t.marker] || "circle") + (t.hollow ? "-open" : ""), line: { color: t.hollow ? colour : colours.card, width: t.hollow ? 1.8 : 0.8 },
+        marker: { color: colour, size: t.hollow ? 11 : 8, symbol: open((o) => (SYMBOLS[t.marker] || "circle") + (o ? "-open" : "")),
+          line: { color: open((o) => (o ? colour : colours.card)), width: open((o) => (o ? 1.8 : 0.8)) },
           opacity: x.map((_, k) => (points && ends[k] ? 0 : 1)) } });
       if (at.length) {
         out.push({ ...base, x: at.map((k) => x[k]), y: at.map((k) => y[k]), mode: "markers", cliponaxis: false,
           text: at.map((k) => text[k]), hovertemplate: hover.hovertemplate, customdata: at,
-          marker: { color: colour, size: 13, symbol: at.map((k) => ENDS[ends[k]] || "star"), line: { color: colours.ink, width: 1.2 } } });
+          marker: { color: colour, size: 13, symbol: at.map((k) => (ENDS[ends[k]] || "star") + (most[k] ? "-open" : "")), line: { color: colours.ink, width: 1.2 } } });
       }
     }
     return out;
@@ -156,7 +161,7 @@
     table.createTHead().append(row(points ? ["Series", x, y, "End"] : ["Series", `Smallest ${y}`, `Largest ${y}`, `at ${x}`, `Last ${y}`, `at ${x}`], "th"));
     const body = table.createTBody();
     for (const t of own) {
-      if (points) t.x.forEach((v, k) => body.append(row([t.name, number(v), number(t.y[k]), (t.ends && END_WORDS[t.ends[k]]) || ""])));
+      if (points) t.x.forEach((v, k) => body.append(row([t.name, v === 0 && plot.x.title === "CPU time" ? "below the clock" : number(v), number(t.y[k]), (t.ends && END_WORDS[t.ends[k]]) || ""])));
       else if (t.y.length) {
         let [low, high] = [0, 0];
         t.y.forEach((v, k) => { if (v < t.y[low]) low = k; if (v > t.y[high]) high = k; });

@@ -13,7 +13,8 @@ from reports.words import seconds
 
 NOTE = (
     "Lower and further left is better. Lines join the steps or tolerances of the same settings. A cell that stopped "
-    "early (star) has the error up to there and is not comparable. Zeros are drawn below all other values. "
+    "early (star) has the error up to there and is not comparable. Zeros have no place on a logarithmic axis: "
+    "they are drawn hollow below all other values, to be read as “at most”. "
     "A click opens the cell."
 )
 

@@ -11,7 +11,7 @@ from reports.plots import Axis, Plot, Trace
 NEAR = 100.0  # the reference's own error is drawn where a point comes that close to it
 BESIDE = ("operations", "evaluations", "cpu")  # works that energy and joints are drawn over
 LADDER = 3  # steps of one method that are worth a line
-ZERO = 20.0  # zeros are put so many times below the smallest value above zero
+ZERO = 20.0  # zeros are drawn so many times below the smallest value above zero, as in assets/plots.js
 
 
 def plots_of(f: Field) -> dict[str, Plot]:
@@ -77,7 +77,7 @@ def _traces(points: Sequence[Work], work: str, error: str, own: float) -> tuple[
         bottom = np.full(2, min(own / ZERO, min(y for _, y in spots.values()) / 2.0))
         out.append(Trace("below the reference's own error", ends, edge, low=bottom, high=edge, dash=2))
     for name, family in _families(points):
-        x, y = (np.array([spots[id(p)][k] for p in family]) for k in (0, 1))
+        x, y = np.array([p.works[work] for p in family]), np.array([p.errors[error] for p in family])
         first, ladder = family[0], len({p.method for p in family}) == 1
         out.append(Trace(
             name, x, y, solver=first.solver, mode="lines+markers" if ladder else "markers",
@@ -87,7 +87,7 @@ def _traces(points: Sequence[Work], work: str, error: str, own: float) -> tuple[
         ))  # fmt: skip
     best = [p for p in points if p.best]
     if best:
-        x, y = (np.array([spots[id(p)][k] for p in best]) for k in (0, 1))
+        x, y = np.array([p.works[work] for p in best]), np.array([p.errors[error] for p in best])
         words = [f"no other run of {p.solver} is both cheaper and as accurate: {said(p)}" for p in best]
         urls = [p.page for p in best]
         out.append(Trace("best-tuned", x, y, mode="markers", hollow=True, words=words, urls=urls))

@@ -205,7 +205,8 @@ def matrices(tmp_path_factory):
     ends = {"far": ("success", 3e-2, 9.0), "near": ("success", 5e-9, 0.05), "stuck": ("diverged", 1e-12, 0.0)}
     for k, (name, (status, size, cpu)) in enumerate(ends.items()):
         own = {"problem": name, "section": f"Sect. {k}", "position_error_max_m": size, "cpu_median_s": cpu}
-        put(folder, record(f"a{k}", "alpha", status, message="lost", **own), series(size=size))
+        put(folder, record(f"a{k}", "alpha", status, message="lost", **own | {"cpu_median_s": cpu or 0.2}),
+            series(size=size))  # fmt: skip
         put(folder, record(f"b{k}", "beta", **own | {"position_error_max_m": 1.0 / (k + 1)}), series())
     put(folder, record("a3", "alpha", "wrong", problem="off", section="Sect. 3", position_error_max_m=1e-5,
                        wrong_because='["far off"]'), series())  # fmt: skip
@@ -255,6 +256,29 @@ def test_rows_of_a_matrix_sort_by_a_solvers_number_and_filter(matrices, browser)
     tab.evaluate(pick.format("'has'", "''"))
     tab.evaluate(pick.format("'problem'", "'FA'"))
     assert (tab.evaluate(first), tab.evaluate(second)) == (["far"], ["far"])
+    assert tab.faults == []
+    tab.close()
+
+
+def test_a_zero_is_drawn_hollow_and_said_to_be_at_most(matrices, browser):
+    """A logarithmic axis has no place for it: a twentieth of the smallest value, 0.2 s, stands for it and says so."""
+    tab = browser.open(matrices.parent / "problem-stuck.html")
+    tab.evaluate("document.querySelector('[data-plot=work-error-cpu]').scrollIntoView()")
+    tab.until("document.querySelector('[data-plot=work-error-cpu] .main-svg')")
+    drawn = tab.evaluate(
+        "document.querySelector('[data-plot=work-error-cpu]').data.map((t) => [t.meta.solver, t.x[0],"
+        " [].concat(t.marker.symbol)[0].endsWith('-open'), [].concat(t.text)[0]])"
+    )
+    beta = next(d for d in drawn if d[0] == "beta")
+    assert beta[1:3] == [pytest.approx(0.01), True]
+    assert beta[3].startswith("CPU time not told apart from zero: drawn at 0.0100 s<br>position error 0.333 m")
+    assert not any(d[2] for d in drawn if d[0] == "alpha")
+    tab.evaluate(
+        "document.querySelector('[data-plot=work-error-cpu]').closest('figure').querySelector('details').open = true"
+    )
+    numbers = "document.querySelector('[data-plot=work-error-cpu]').closest('figure').querySelector('details tbody')"
+    tab.until(numbers)
+    assert "below the clock" in tab.evaluate(f"{numbers}.textContent")
     assert tab.faults == []
     tab.close()
 

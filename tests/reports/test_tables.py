@@ -4,10 +4,11 @@ import csv
 import io
 import math
 
-from reports.reading import read_run
+from reports.columns import COLUMNS
+from reports.reading import Cell, read_run
 from reports.tables import csv_of, latex_number, latex_of, latex_text
 from reports.words import number, seconds, signed, unit, whole
-from tests.reports.conftest import HOSTILE
+from tests.reports.conftest import HOSTILE, record
 
 
 def test_csv_has_every_cell_in_full(built):
@@ -53,3 +54,11 @@ def test_numbers_are_written_for_readers():
     assert number(9.999) == "10.0"
     assert signed(0.5) == "+0.500" and whole(1234567.0) == "1\u202f234\u202f567"
     assert seconds(0.0123) == "12.3 ms" and unit("kg m2/s") == "kg m²/s"
+
+
+def test_a_cpu_time_too_short_for_the_clock_is_no_zero():
+    """It took some time: a reader is told that the clock says none, in LaTeX as text."""
+    cell = Cell(record("aa01", cpu_median_s=0.0))
+    column = next(c for c in COLUMNS if c.key == "cpu_median")
+    assert column.text(cell) == seconds(0.0) == "below the clock"
+    assert "& below the clock" in latex_of("p", [cell])
