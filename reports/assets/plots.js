@@ -284,8 +284,9 @@
       plot.y = { ...plot.y, low: undefined, high: undefined };
     }
     const figure = canvas.closest("figure");
-    canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", `${plot.title}: ${plot.y.title} over ${plot.x.title}. The numbers are in the table below.`);
+    canvas.setAttribute("role", "group");
+    canvas.setAttribute("aria-roledescription", "plot");
+    canvas.setAttribute("aria-label", `${plot.title}: ${plot.y.title} over ${plot.x.title}. Arrow keys move, plus and minus zoom, 0 shows all; the numbers are in the table below.`);
     canvas.insertAdjacentHTML("afterend", '<div class="tools"></div><details class="numbers"><summary>The numbers</summary><div></div></details>');
     plot.table = figure.querySelector("details.numbers");
     plot.table.addEventListener("toggle", () => { if (plot.table.open) { begin(plot); fill(plot); } });

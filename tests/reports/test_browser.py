@@ -283,6 +283,15 @@ def test_a_zero_is_drawn_hollow_and_said_to_be_at_most(matrices, browser):
     tab.close()
 
 
+def test_a_plot_that_takes_keys_is_no_image(report, browser):
+    """Of an image a screen reader passes on no keys: a plot is a group that says what it is."""
+    tab = browser.open(report / "problem-pendulum.html")
+    said = "['role', 'aria-roledescription', 'tabindex'].map((k) => e.getAttribute(k)).join()"
+    assert set(tab.evaluate(f"[...document.querySelectorAll('[data-plot]')].map((e) => {said})")) == {"group,plot,0"}
+    assert tab.evaluate("document.querySelectorAll('[tabindex][role=img]').length") == 0
+    tab.close()
+
+
 def test_tables_of_pages_sort_by_value(report, browser):
     tab = browser.open(report / "problem-pendulum.html")
     tab.evaluate("document.querySelector('table.sortable thead th:nth-child(5) button').click()")
