@@ -130,12 +130,15 @@ def test_steps_of_a_killed_cell_are_kept(outcome, end, status, words):
     assert not list((folder / ".spool").glob("*.rows"))
 
 
-def test_our_solvers_hand_their_steps_over(tmp_path):
+def test_our_solvers_hand_their_steps_over(tmp_path, monkeypatch):
     """Both routes: what is on disk when the run ends is a beginning of what is handed back."""
     from harness import registry
+    from harness import spool as spooling
     from harness.spool import FileSpool, kept
     from harness.types import StepControl
 
+    monkeypatch.setattr(spooling, "EVERY", 0.0)  # no clock: a busy machine hands over more seldom
+    monkeypatch.setattr(spooling, "SHARE", float("inf"))
     problem = registry.make_problem("spherical_pendulum", {"t_end": 1.0, "omega_z": 0.1})
     for name, step in (("gc_weak_form", {"dt": 1e-3}), ("rk45_strong_form", {"rtol": 1e-10})):
         spool = FileSpool(tmp_path / name)

@@ -233,12 +233,20 @@ def test_a_full_disk_is_nobodys_result(tmp_path, monkeypatch):
 
 
 def test_overhead_is_small(run_text):
-    """A cell that does nothing costs under 0.15 s; measured about 0.03 s. The start of the processes is left out."""
-    steps = ", ".join(f"0.{k}" for k in range(100, 160))
+    """A cell that does nothing costs under 0.15 s; measured about 0.03 s. The start of the processes is left out.
+
+    The requirement is a time, so it is asserted as one; the least of three tries, for other work only adds to it.
+    """
+    text = '[[cells]]\nproblem = "free_fall"\nsolver = "exact"\ndt = '
     began = time.monotonic()
-    run_text('[[cells]]\nproblem = "free_fall"\nsolver = "exact"\ndt = 0.5', jobs=1)
+    run_text(f"{text}0.5", jobs=1)
     start_up = time.monotonic() - began
-    began = time.monotonic()
-    loaded, _ = run_text(f'[[cells]]\nproblem = "free_fall"\nsolver = "exact"\ndt = [{steps}]', resume=True, jobs=1)
-    assert len(loaded.records) == 60
-    assert (time.monotonic() - began - start_up) / 60 < 0.15
+    costs = []
+    while len(costs) < 3 and min(costs, default=1.0) >= 0.15:
+        first = 100 * (len(costs) + 1)
+        steps = ", ".join(f"0.{k}" for k in range(first, first + 60))
+        began = time.monotonic()
+        loaded, _ = run_text(f"{text}[{steps}]", resume=True, jobs=1)
+        costs.append((time.monotonic() - began - start_up) / 60)
+        assert len(loaded.records) == 60
+    assert min(costs) < 0.15
