@@ -47,7 +47,7 @@ def judgements(folder: Path, register: Register, watch: Callable[[str], None] = 
         watch(name)
         out[name] = function(folder, records)
     watch("wrong")
-    out["wrong"] = wrong(folder, records, out.get("metamorphic", ()))
+    out["wrong"] = wrong(records, out.get("metamorphic", ()))
     return out
 
 

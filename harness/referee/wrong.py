@@ -2,24 +2,19 @@
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 from harness.records import RunRecord
-from harness.referee.metamorphic import scorecard
 
 OUT_OF_PLANE = 0.01  # of the mechanism's size, where the motion is planar and predictable to the end
 PREDICTABLE = 0.98  # of the time, judged against the reference: beyond it a planar chain may leave its plane
 
 
-def wrong(
-    folder: Path, records: Iterable[RunRecord], card: Sequence[Mapping[str, Any]] | None = None
-) -> list[dict[str, Any]]:
-    """One entry a run, as in ``wrong.json``: what the verdict on its record says, and what symmetries add."""
-    records = list(records)
+def wrong(records: Iterable[RunRecord], card: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """One entry a run, as in ``wrong.json``: what the verdict on its record says, and what the scorecard adds."""
     broken: dict[str, list[str]] = {}
-    for row in scorecard(folder, records) if card is None else card:
+    for row in card:
         if row["verdict"] == "broken":
             broken.setdefault(row["cells"][-1], []).append(f"{row['check']}: {row['words']}")
     out = []

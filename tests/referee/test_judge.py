@@ -17,8 +17,8 @@ from harness.referee.verdicts import judge
 from harness.runner import Request, run_suite
 from harness.suites import Suite
 from tests.harness.conftest import Silent
+from tests.referee.claiming import MAP, SUITE, TEST
 from tests.referee.synthetic import HEAD, cells_of, record
-from tests.referee.test_verdicts import MAP, SUITE, TEST
 
 CELLS = cells_of(SUITE)
 

@@ -103,10 +103,11 @@ def test_a_planted_deviation_is_broken_and_wrong_though_it_succeeds(folder, told
     entry = card(folder, [*records[:-1], planted])["mirror image"]
     assert entry["verdict"] == "broken"
     assert entry["deviation"] > entry["bound"]
-    found = wrong(folder, [*records[:-1], planted])
+    told_of = [*records[:-1], planted]
+    found = wrong(told_of, scorecard(folder, told_of))
     assert [e["cell"] for e in found] == [planted.settings]
     assert found[0]["because"][0].startswith("mirror image: ends elsewhere")
-    assert wrong(folder, records) == []
+    assert wrong(records, scorecard(folder, records)) == []
 
 
 def test_refusals_failures_and_missing_ways_back_are_told_apart(folder, told):

@@ -9,7 +9,8 @@ from harness.referee.claims import ClaimsError, parse_register, read_register
 from harness.referee.judge import tried_on
 from harness.referee.maps import place, select, values_of
 from harness.suites import load_suite
-from tests.referee.test_verdicts import HEAD, MAP, TEST
+from tests.referee.claiming import MAP, TEST
+from tests.referee.synthetic import HEAD
 
 REGISTER = read_register()
 NEAREST = (

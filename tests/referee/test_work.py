@@ -126,7 +126,7 @@ def test_wrong_successes_have_the_verdicts_reasons_and_the_planes():
     away = record("b", 0.1, 1e-3, 10, out_of_plane_max_m=0.5)
     chaotic = dataclasses.replace(away, judged_to_s=0.3, settings="y")
     planar = dataclasses.replace(away, out_of_plane_max_m=math.nan, settings="z")
-    found = wrong(NOWHERE, [contradicted, gave_up, away, chaotic, planar], [])
+    found = wrong([contradicted, gave_up, away, chaotic, planar], [])
     assert [e["cell"] for e in found] == [contradicted.settings, away.settings]
     assert found[0]["because"] == ["the energy error is 5 J"]
     assert "leaves its plane by 0.5 m" in found[1]["because"][0]
