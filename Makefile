@@ -16,12 +16,13 @@ export OPENBLAS_NUM_THREADS := 1
 help: ## this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
 
-setup: $(READY) ## .venv with the locked packages
+setup: $(READY) ## .venv with the locked packages and the command mbsbench
 
-$(READY): requirements.lock
+$(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "error: python 3.11 or later is needed (got %s); make PYTHON=..." % sys.version.split()[0])'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
 test: $(READY) ## all tests but the slow ones
@@ -45,30 +46,30 @@ format: $(READY) ## put the code into the agreed form
 	$(BIN)/ruff format .
 
 bench: $(READY) ## the suite `paper` and its report: the main result
-	$(BIN)/python -m harness run paper
-	$(BIN)/python -m harness report
+	$(BIN)/mbsbench run paper
+	$(BIN)/mbsbench report
 
 paper: $(READY) ## the paper judged: suite `referee` (goes on where it stopped), verdicts, figures 1 to 12, report
-	$(BIN)/python -m harness run referee --resume
-	@status=0; $(BIN)/python -m harness judge || status=$$?; test $$status -le 1 || exit $$status; \
-	$(BIN)/python -m harness figures --paper && $(BIN)/python -m harness report && exit $$status
+	$(BIN)/mbsbench run referee --resume
+	@status=0; $(BIN)/mbsbench judge || status=$$?; test $$status -le 1 || exit $$status; \
+	$(BIN)/mbsbench figures --paper && $(BIN)/mbsbench report && exit $$status
 
 figures: $(READY) ## publication figures and tables of RUN (the newest)
-	$(BIN)/python -m harness figures $(RUN)
+	$(BIN)/mbsbench figures $(RUN)
 
 animate: $(READY) ## PROBLEM (chain) of RUN (the newest) as OUT (chain.gif)
-	$(BIN)/python -m harness animate $(RUN) --problem $(PROBLEM) --out $(OUT)
+	$(BIN)/mbsbench animate $(RUN) --problem $(PROBLEM) --out $(OUT)
 
 report: $(READY) ## the report of the newest run
-	$(BIN)/python -m harness report
+	$(BIN)/mbsbench report
 
 gate: $(READY) ## the suite `ci` against results/baselines/ci.toml
-	$(BIN)/python -m harness gate
+	$(BIN)/mbsbench gate
 
 bench-kernels: $(READY) ## timings of the kernels, compared with results/baselines/kernels.json
 	@mkdir -p results/local/kernels
 	$(BIN)/python -m pytest -q tests/benchmarks --benchmark-only --benchmark-json results/local/kernels/$$(date -u +%Y%m%d-%H%M%S).json
-	$(BIN)/python -m harness kernels compare
+	$(BIN)/mbsbench kernels compare
 
 clean: ## results/local and caches; the .venv stays
 	rm -rf results/local .pytest_cache .hypothesis .benchmarks .mypy_cache .ruff_cache .import_linter_cache

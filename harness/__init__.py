@@ -1,0 +1,1 @@
+"""Runs problems through solvers, measures what comes back and judges it."""

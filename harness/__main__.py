@@ -1,4 +1,4 @@
-"""``python -m harness``: the command line. 0 done, 1 a run or gate failed, 2 a wrong call (one line, no traceback)."""
+"""``mbsbench``: the command line. 0 done, 1 a run or gate failed, 2 a wrong call (one line, no traceback)."""
 
 import importlib
 import os
@@ -8,8 +8,8 @@ import sys
 from types import ModuleType
 from typing import NoReturn
 
-import harness.commands
-from harness.environment import THREADS
+from . import commands as command_modules
+from .results.environment import THREADS
 
 FIRST = ("catalogue", "solve", "run", "show", "report", "judge", "gate", "check", "verify", "diff", "merge", "history")
 
@@ -24,10 +24,10 @@ os.environ.update(THREADS)  # before numpy is loaded, which reads them once
 
 def main(arguments: list[str] | None = None) -> int:
     """Parse and run a subcommand; returns the exit code."""
-    from harness.commands.terms import Parser
-    from harness.pool import PoolError
+    from .commands.terms import Parser
+    from .execution.pool import PoolError
 
-    parser = Parser(prog="python -m harness", description="The referee of constrained multibody dynamics.")
+    parser = Parser(prog="mbsbench", description="The referee of constrained multibody dynamics.")
     commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
     for command in _commands():
         command.add(commands)
@@ -57,9 +57,9 @@ def main(arguments: list[str] | None = None) -> int:
 
 def _commands() -> list[ModuleType]:
     """The modules of ``harness/commands/`` that add a command, those of ``FIRST`` first."""
-    names = [m.name for m in pkgutil.iter_modules(harness.commands.__path__)]
+    names = [m.name for m in pkgutil.iter_modules(command_modules.__path__)]
     ordered = sorted(names, key=lambda n: (FIRST.index(n) if n in FIRST else len(FIRST), n))
-    modules = [importlib.import_module(f"harness.commands.{name}") for name in ordered]
+    modules = [importlib.import_module(f".{name}", command_modules.__name__) for name in ordered]
     return [m for m in modules if hasattr(m, "add")]
 
 
@@ -67,6 +67,11 @@ def _terminated(number: int, frame: object) -> NoReturn:
     raise SystemExit(128 + number)  # through every ``finally``: what runs is ended, nothing is left half-written
 
 
-if __name__ == "__main__":
+def command_line() -> NoReturn:
+    """The command ``mbsbench``."""
     signal.signal(signal.SIGTERM, _terminated)
     sys.exit(main())
+
+
+if __name__ == "__main__":
+    command_line()

@@ -11,9 +11,9 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from harness.mechanics.posing import Posing
-from harness.mechanics.state import State, States, rotated
-from harness.mechanics.system import MultibodySystem
+from .mechanics.posing import Posing
+from .mechanics.state import State, States, rotated
+from .mechanics.system import MultibodySystem
 
 __all__ = [
     "Array", "Invariant", "Observable", "Posing", "Problem", "Reference", "Solver", "Spool", "State", "States",

@@ -13,15 +13,15 @@ import numpy as np
 from jaxtyping import Float
 from scipy.optimize import brentq
 
-from harness.mechanics import so3
-from harness.mechanics.motion import point_position
-from harness.mechanics.state import State, States
-from harness.mechanics.system import GROUND, Joint, RigidBody, assemble
-from harness.options import Parameter
-from harness.registry import problem
-from harness.types import Observable, Problem
-from problems.exact.linkage import Linkage
-from problems.exact.linkage_motion import LinkageMotion, linkage_motion, planar_angles
+from ..harness.catalogue.options import Parameter
+from ..harness.catalogue.registry import problem
+from ..harness.mechanics import so3
+from ..harness.mechanics.motion import point_position
+from ..harness.mechanics.state import State, States
+from ..harness.mechanics.system import GROUND, Joint, RigidBody, assemble
+from ..harness.types import Observable, Problem
+from .exact.linkage import Linkage
+from .exact.linkage_motion import LinkageMotion, linkage_motion, planar_angles
 
 ENERGY_ALLOWED = 1.0  # [J] the benchmark's rule
 SOUGHT = 8.0  # [s] the certificate of the default chain ends before

@@ -14,14 +14,14 @@ from typing import Annotated
 import numpy as np
 from jaxtyping import Float
 
-from harness.mechanics.motion import point_position
-from harness.mechanics.state import State, States
-from harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
-from harness.options import Parameter
-from harness.registry import problem
-from harness.types import Observable, Problem
-from problems.exact.linkage import Linkage
-from problems.exact.linkage_motion import LinkageMotion, linkage_motion, planar_angles
+from ..harness.catalogue.options import Parameter
+from ..harness.catalogue.registry import problem
+from ..harness.mechanics.motion import point_position
+from ..harness.mechanics.state import State, States
+from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
+from ..harness.types import Observable, Problem
+from .exact.linkage import Linkage
+from .exact.linkage_motion import LinkageMotion, linkage_motion, planar_angles
 
 ENERGY_ALLOWED = 1.0  # [J] Sect. 5.5
 AXIS = (0.0, 0.0, 1.0)  # joint axis in every bar: body z = OX; then 3-1-3 angles stay at theta = pi/2

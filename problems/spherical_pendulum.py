@@ -10,14 +10,14 @@ from typing import Annotated
 
 import numpy as np
 
-from harness.mechanics import so3
-from harness.mechanics.motion import angular_momentum
-from harness.mechanics.state import State
-from harness.mechanics.system import Joint, RigidBody, assemble
-from harness.options import Parameter
-from harness.registry import problem
-from harness.types import Invariant, Observable, Problem
-from problems.exact.one_body import one_body_motion
+from ..harness.catalogue.options import Parameter
+from ..harness.catalogue.registry import problem
+from ..harness.mechanics import so3
+from ..harness.mechanics.motion import angular_momentum
+from ..harness.mechanics.state import State
+from ..harness.mechanics.system import Joint, RigidBody, assemble
+from ..harness.types import Invariant, Observable, Problem
+from .exact.one_body import one_body_motion
 
 
 @problem("spherical_pendulum")

@@ -11,14 +11,14 @@ from typing import Annotated
 import numpy as np
 from jaxtyping import Float
 
-from harness.mechanics import so3
-from harness.mechanics.motion import angular_momentum
-from harness.mechanics.state import State, States
-from harness.mechanics.system import Joint, MultibodySystem, RigidBody, assemble
-from harness.options import Parameter
-from harness.registry import problem
-from harness.types import Invariant, Observable, Problem
-from problems.exact.one_body import one_body_motion
+from ..harness.catalogue.options import Parameter
+from ..harness.catalogue.registry import problem
+from ..harness.mechanics import so3
+from ..harness.mechanics.motion import angular_momentum
+from ..harness.mechanics.state import State, States
+from ..harness.mechanics.system import Joint, MultibodySystem, RigidBody, assemble
+from ..harness.types import Invariant, Observable, Problem
+from .exact.one_body import one_body_motion
 
 Triple = tuple[float, float, float]
 

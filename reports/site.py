@@ -3,9 +3,9 @@
 import shutil
 from pathlib import Path
 
-from reports.pages.base import FOLDER, Site, writers
-from reports.reading import Run, read_run
-from reports.tables import write_tables
+from .model.reading import Run, read_run
+from .model.tables import write_tables
+from .pages.base import FOLDER, Site, writers
 
 OURS = ("assets", "cells", "data", "tables")  # folders that a new report replaces; figures/ may hold others' work
 

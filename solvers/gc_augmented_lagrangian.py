@@ -12,14 +12,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from harness.options import option
-from harness.registry import solver
-from harness.types import Problem, StepControl, Trajectory
-from solvers.formulations.geometric.choices import GaugeChoices
-from solvers.formulations.geometric.driver import integrate, prepare
-from solvers.formulations.geometric.passages import passages
-from solvers.formulations.geometric.step import Penalty
-from solvers.formulations.rank import rows_to_keep
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.geometric.choices import GaugeChoices
+from .formulations.geometric.driver import integrate, prepare
+from .formulations.geometric.passages import passages
+from .formulations.geometric.step import Penalty
+from .formulations.rank import rows_to_keep
 
 
 @solver("gc_augmented_lagrangian")

@@ -9,11 +9,11 @@ in the symmetric gauge. phi itself is not corrected: it stays O(dt^2).
 from dataclasses import dataclass
 from typing import ClassVar
 
-from harness.registry import solver
-from harness.types import Problem, StepControl, Trajectory
-from solvers.formulations.geometric.choices import GaugeChoices
-from solvers.formulations.geometric.driver import integrate, prepare
-from solvers.formulations.rank import rows_to_keep
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.geometric.choices import GaugeChoices
+from .formulations.geometric.driver import integrate, prepare
+from .formulations.rank import rows_to_keep
 
 
 @solver("gc_weak_form")

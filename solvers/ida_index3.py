@@ -11,14 +11,14 @@ import time
 from dataclasses import dataclass
 from typing import ClassVar
 
-from harness.options import option
-from harness.registry import solver
-from harness.types import Problem, Status, StepControl, Trajectory
-from solvers.formulations.classical import SymbolicOptions
-from solvers.formulations.dae import ImplicitForm
-from solvers.formulations.ida import Start, integrate
-from solvers.formulations.recording import StepFailure, no_trajectory
-from solvers.formulations.start import consistent, coordinates_and_velocities, layout_for
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, Status, StepControl, Trajectory
+from .formulations.classical import SymbolicOptions
+from .formulations.dae import ImplicitForm
+from .formulations.ida import Start, integrate
+from .formulations.recording import StepFailure, no_trajectory
+from .formulations.start import consistent, coordinates_and_velocities, layout_for
 
 
 @solver("ida_index3")

@@ -24,15 +24,15 @@ import numpy as np
 import scipy.linalg as sl
 from scipy_dae.integrate._dae.bdf import BDFDAE
 
-from harness.options import option
-from harness.registry import solver
-from harness.types import Problem, Status, StepControl, Trajectory
-from solvers.formulations.classical import BaumgarteOptions
-from solvers.formulations.dae import ImplicitForm
-from solvers.formulations.ida import DENSE_BELOW, OUT_OF_TEST
-from solvers.formulations.layout import Layout
-from solvers.formulations.recording import Clock, StepFailure, march, no_trajectory, trajectory
-from solvers.formulations.start import consistent, coordinates_and_velocities, layout_for, unloaded
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, Status, StepControl, Trajectory
+from .formulations.classical import BaumgarteOptions
+from .formulations.dae import ImplicitForm
+from .formulations.ida import DENSE_BELOW, OUT_OF_TEST
+from .formulations.layout import Layout
+from .formulations.recording import Clock, StepFailure, march, no_trajectory, trajectory
+from .formulations.start import consistent, coordinates_and_velocities, layout_for, unloaded
 
 
 @solver("ndf_index1")

@@ -17,14 +17,14 @@ from typing import ClassVar
 import numpy as np
 from scipy.integrate import RK45
 
-from harness.options import option
-from harness.registry import solver
-from harness.types import Problem, Status, StepControl, Trajectory
-from solvers.formulations.classical import SymbolicOptions
-from solvers.formulations.ida import OUT_OF_TEST
-from solvers.formulations.recording import Clock, StepFailure, march, no_trajectory, trajectory
-from solvers.formulations.start import coordinates_and_velocities, layout_for
-from solvers.formulations.strong_form import StrongForm
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, Status, StepControl, Trajectory
+from .formulations.classical import SymbolicOptions
+from .formulations.ida import OUT_OF_TEST
+from .formulations.recording import Clock, StepFailure, march, no_trajectory, trajectory
+from .formulations.start import coordinates_and_velocities, layout_for
+from .formulations.strong_form import StrongForm
 
 EVALUATIONS_AT_START = 2  # scipy's RK45: y'(0) and one to choose the first step
 EVALUATIONS_A_STEP = 6  # seven stages, the last of which is the next step's first

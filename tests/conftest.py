@@ -2,6 +2,6 @@
 
 import os
 
-from harness.environment import THREADS
+from mbsbench.harness.results.environment import THREADS
 
 os.environ.update(THREADS)

@@ -1,14 +1,13 @@
 """``animate``: a mechanism of a run as GIF or MP4."""
 
 import argparse
-import importlib
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from harness.commands.run import existing
-from harness.commands.terms import UsageError, check_writable
+from .run import existing
+from .terms import check_writable
 
 
 def add(commands: Any) -> None:
@@ -30,13 +29,11 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write it and say how large it is."""
     folder, out = existing(arguments.folder), Path(arguments.out)
-    try:
-        module = importlib.import_module("reports.animation")  # by name: the harness does not know its readers
-    except ModuleNotFoundError as error:
-        raise UsageError(f"no animation can be made: {error}") from None
+    from ...reports.mechanism import animation  # here: it takes a second to load
+
     check_writable(out)
     window = (arguments.start, arguments.end)
-    made = module.animate(folder, arguments.problem, arguments.cell, out, ghosts=arguments.ghosts,
+    made = animation.animate(folder, arguments.problem, arguments.cell, out, ghosts=arguments.ghosts,
                           frames=arguments.frames, fps=arguments.fps, window=window)  # fmt: skip
     Console(highlight=False, markup=False, soft_wrap=True).print(f"animation: {out} ({made})")
     return 0

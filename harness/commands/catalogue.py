@@ -10,12 +10,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from harness import registry
-from harness.cell import DEFAULT_RTOL
-from harness.commands.screen import lines, screen
-from harness.commands.terms import load_plugins
-from harness.options import Parameter
-from harness.suites import suite_names
+from ..catalogue import registry
+from ..catalogue.options import Parameter
+from ..suites.cell import DEFAULT_RTOL
+from ..suites.suite import suite_names
+from .screen import lines, screen
+from .terms import load_plugins
 
 
 def add(commands: Any) -> None:

@@ -9,12 +9,12 @@ import numpy as np
 from rich.console import Console
 from rich.text import Text
 
-from harness import store
-from harness.commands.progress import STYLE
-from harness.commands.screen import Column, fitted, lines, screen, timeline
-from harness.records import COLUMNS, RunRecord
-from harness.series import BadSeries
-from harness.types import Status
+from ..results import store
+from ..results.records import COLUMNS, RunRecord
+from ..results.series import BadSeries
+from ..types import Status
+from .progress import STYLE
+from .screen import Column, fitted, lines, screen, timeline
 
 SERIES = {  # name in the series file: what the line is called
     "energy_error": "|dE| [J]", "position_error": "error [m]", "orientation_error": "error [rad]",

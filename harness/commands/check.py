@@ -8,14 +8,15 @@ from typing import Any
 
 from rich.text import Text
 
-from harness import problem_contract, registry
-from harness.commands.progress import progress
-from harness.commands.run import jobs
-from harness.commands.screen import lines
-from harness.commands.terms import UsageError, load_plugins
-from harness.contract import Finding, as_plain, judged, suite_of
-from harness.options import nearest
-from harness.runner import Request, run_suite
+from ..catalogue import registry
+from ..catalogue.options import nearest
+from ..conformance import problem as problem_contract
+from ..conformance.solver import Finding, as_plain, judged, suite_of
+from ..execution.runner import Request, run_suite
+from .progress import progress
+from .run import jobs
+from .screen import lines
+from .terms import UsageError, load_plugins
 
 
 def add(commands: Any) -> None:

@@ -7,12 +7,12 @@ from typing import Any
 
 from rich.text import Text
 
-from harness import store
-from harness.commands.run import existing, whole
-from harness.commands.screen import Column, errors, fitted, lines, screen
-from harness.commands.terms import UsageError
-from harness.comparison import Change, Comparison, Likeness, compare
-from harness.provenance import Difference, differences, stamp_of, why
+from ..results import store
+from ..results.comparison import Change, Comparison, Likeness, compare
+from ..results.provenance import Difference, differences, stamp_of, why
+from .run import existing, whole
+from .screen import Column, errors, fitted, lines, screen
+from .terms import UsageError
 
 COLUMNS = (
     Column("likeness", right=False), Column("case", right=False, fold=True),

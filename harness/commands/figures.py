@@ -1,13 +1,11 @@
 """``figures``: publication figures and tables of a run, or the paper's own figures from it."""
 
 import argparse
-import importlib
 from typing import Any
 
 from rich.console import Console
 
-from harness.commands.run import existing
-from harness.commands.terms import UsageError
+from .run import existing
 
 
 def add(commands: Any) -> None:
@@ -22,11 +20,10 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write them and say where they are."""
     folder = existing(arguments.folder)
-    name = "reports.paper.build" if arguments.paper else "reports.publication.build"
-    try:
-        module = importlib.import_module(name)  # by name: the harness does not know its readers
-    except ModuleNotFoundError as error:
-        raise UsageError(f"no figures can be made: {error}") from None
+    from ...reports.paper import build as paper  # here: they take a second to load
+    from ...reports.publication import build as publication
+
+    module = paper if arguments.paper else publication
     out = Console(highlight=False, markup=False, soft_wrap=True)
     module.command(folder, arguments.only, out.print)
     out.print(f"figures: {folder / module.FOLDER}")

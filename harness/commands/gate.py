@@ -14,22 +14,22 @@ from typing import Any
 
 from rich.text import Text
 
-from harness import store
-from harness.commands.progress import progress
-from harness.commands.run import add_running, existing, jobs
-from harness.commands.screen import Column, fitted, lines, screen
-from harness.commands.terms import UsageError, check_writable, load_plugins
-from harness.environment import code_digest
-from harness.gate import State, Verdict, has_moved, judge, of_code, tightened
-from harness.gate_files import as_plain, junit, markdown
-from harness.history import GATES, rows_of, write_rows
-from harness.proposal import proposed
-from harness.provenance import stamp_of
-from harness.records import RunRecord
-from harness.runner import Request, new_folder, run_suite
-from harness.store import newest
-from harness.suites import Suite, load_suite
-from harness.thresholds import FOLDER, Thresholds, parse_thresholds, read_thresholds, write_thresholds
+from ..execution.runner import Request, new_folder, run_suite
+from ..gate.files import as_plain, junit, markdown
+from ..gate.judging import State, Verdict, has_moved, judge, of_code, tightened
+from ..gate.proposal import proposed
+from ..gate.thresholds import FOLDER, Thresholds, parse_thresholds, read_thresholds, write_thresholds
+from ..results import store
+from ..results.environment import code_digest
+from ..results.history import GATES, rows_of, write_rows
+from ..results.provenance import stamp_of
+from ..results.records import RunRecord
+from ..results.store import newest
+from ..suites.suite import Suite, load_suite
+from .progress import progress
+from .run import add_running, existing, jobs
+from .screen import Column, fitted, lines, screen
+from .terms import UsageError, check_writable, load_plugins
 
 COLUMNS = (
     Column("state", right=False),

@@ -7,12 +7,12 @@ from typing import Any
 
 from rich.text import Text
 
-from harness.commands.run import existing
-from harness.commands.screen import Column, errors, fitted, lines, number, screen, sparkline
-from harness.commands.terms import UsageError, check_writable
-from harness.history import METRICS, HistoryError, Row, as_plain, history, read_rows, standing, write_rows
-from harness.options import nearest
-from harness.store import StoreError
+from ..catalogue.options import nearest
+from ..results.history import METRICS, HistoryError, Row, as_plain, history, read_rows, standing, write_rows
+from ..results.store import StoreError
+from .run import existing
+from .screen import Column, errors, fitted, lines, number, screen, sparkline
+from .terms import UsageError, check_writable
 
 COLUMNS = (
     Column("case", right=False, fold=True, least=30), Column("runs", rank=4), Column("first", rank=2), Column("last"),

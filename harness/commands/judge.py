@@ -8,10 +8,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness import store
-from harness.commands.run import existing
-from harness.referee.claims import POSING, REGISTER, read_register
-from harness.referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
+from ..referee.claims.register import POSING, REGISTER, read_register
+from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
+from ..results import store
+from .run import existing
 
 STYLE = {"SUPPORTED": "green", "CONDITIONAL": "yellow", "REFUTED": "bold red", "UNTESTABLE": "dim"}
 

@@ -8,10 +8,10 @@ from typing import Any
 
 from rich.text import Text
 
-from harness.commands.screen import Column, fitted, lines, screen
-from harness.commands.terms import Parser, UsageError, check_writable
-from harness.kernels import BASELINE, compared, newest, trimmed
-from harness.store import write_text
+from ..gate.kernels import BASELINE, compared, newest, trimmed
+from ..results.store import write_text
+from .screen import Column, fitted, lines, screen
+from .terms import Parser, UsageError, check_writable
 
 COLUMNS = (
     Column("kernel", right=False, fold=True),

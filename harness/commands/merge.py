@@ -5,9 +5,9 @@ import json
 from pathlib import Path
 from typing import Any
 
-from harness.commands.run import existing
-from harness.commands.screen import lines
-from harness.merging import merge
+from ..results.merging import merge
+from .run import existing
+from .screen import lines
 
 
 def add(commands: Any) -> None:

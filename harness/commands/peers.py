@@ -14,16 +14,16 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from harness import registry
-from harness.cell import step_control
-from harness.commands.run import whole
-from harness.commands.screen import lines, screen
-from harness.commands.terms import UsageError, assignments
-from harness.isolation import fork
-from harness.peers import exudyn_engine
-from harness.peers.race import Result, Runner, race, read, write
-from harness.pool import PoolError
-from harness.types import Problem, Solver, StepControl
+from ..catalogue import registry
+from ..execution.pool import PoolError
+from ..peers import exudyn_engine
+from ..peers.race import Result, Runner, race, read, write
+from ..sandbox.isolation import fork
+from ..suites.cell import step_control
+from ..types import Problem, Solver, StepControl
+from .run import whole
+from .screen import lines, screen
+from .terms import UsageError, assignments
 
 PROBLEMS = ("chain", "four_bar_grid")  # of Sects. 5.3 and 5.5
 MEMORY = 8000.0  # [MB]

@@ -11,12 +11,12 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from harness.eta import Estimate, durations, in_words
-from harness.job import Job
-from harness.records import RunRecord
-from harness.store import Loaded, Unreadable
-from harness.types import Status
-from harness.warmup import cells_to_warm
+from ..execution.eta import Estimate, durations, in_words
+from ..execution.job import Job
+from ..execution.warmup import cells_to_warm
+from ..results.records import RunRecord
+from ..results.store import Loaded, Unreadable
+from ..types import Status
 
 STYLE = {Status.SUCCESS: "green", Status.REFUSED: "cyan", Status.WRONG: "bold red"}
 LISTED = 50  # cells named at most

@@ -1,15 +1,14 @@
 """``report``: the site of a run folder, or what changed between two."""
 
 import argparse
-import importlib
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
-from harness.commands.run import existing
-from harness.commands.terms import UsageError
-from harness.store import StoreError
+from ..results.store import StoreError
+from .run import existing
+from .terms import UsageError
 
 
 def add(commands: Any) -> None:
@@ -27,16 +26,14 @@ def run(arguments: argparse.Namespace) -> int:
     folders = [existing(name) for name in arguments.folder]
     if arguments.out is not None and len(folders) < 2:
         raise UsageError("--out is for the comparison of two runs; the report of one is in its folder")
-    module = "reports.pages.compare" if len(folders) == 2 else "reports.site"
-    try:
-        reports = importlib.import_module(module)  # by name: the harness does not know its readers
-    except ModuleNotFoundError as error:
-        raise UsageError(f"no report can be built: {error}") from None
+    from ...reports.pages.compare import write_compare  # here: they take a second to load
+    from ...reports.site import build
+
     try:
         if len(folders) == 2:
-            index = reports.write_compare(*folders, arguments.out or folders[1] / "report")
+            index = write_compare(folders[0], folders[1], arguments.out or folders[1] / "report")
         else:
-            index = reports.build(folders[0])
+            index = build(folders[0])
     except StoreError as error:
         raise UsageError(str(error)) from None
     except OSError as error:

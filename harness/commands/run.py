@@ -8,13 +8,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from harness import store
-from harness.commands.progress import progress
-from harness.commands.screen import lines
-from harness.commands.terms import UsageError, load_plugins
-from harness.pool import LocalPool
-from harness.runner import Executor, Request, last_folder, new_folder, run_suite
-from harness.suites import load_suite
+from ..execution.pool import LocalPool
+from ..execution.runner import Executor, Request, last_folder, new_folder, run_suite
+from ..results import store
+from ..suites.suite import load_suite
+from .progress import progress
+from .screen import lines
+from .terms import UsageError, load_plugins
 
 
 def add(commands: Any) -> None:
@@ -65,7 +65,7 @@ def executor(address: str | None) -> Callable[..., Executor]:
     """Local processes, or the cluster at ``address``."""
     if address is None:
         return LocalPool
-    from harness.cluster import DaskPool
+    from ..execution.cluster import DaskPool
 
     def dask(size: int, *watching: Any) -> Executor:
         return DaskPool(address, *watching)

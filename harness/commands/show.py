@@ -10,19 +10,19 @@ from typing import Any
 
 from rich.text import Text
 
-from harness import records, store
-from harness.commands.cell_view import show_cell
-from harness.commands.progress import STYLE
-from harness.commands.run import existing, whole
-from harness.commands.screen import Column, errors, fitted, lines, number, screen, timeline
-from harness.commands.terms import UsageError
-from harness.options import nearest
-from harness.provenance import stamp_of
-from harness.records import RunRecord
-from harness.reproduce import command
-from harness.series import BadSeries
-from harness.store import Unreadable
-from harness.types import Status
+from ..catalogue.options import nearest
+from ..results import records, store
+from ..results.provenance import stamp_of
+from ..results.records import RunRecord
+from ..results.reproduce import command
+from ..results.series import BadSeries
+from ..results.store import Unreadable
+from ..types import Status
+from .cell_view import show_cell
+from .progress import STYLE
+from .run import existing, whole
+from .screen import Column, errors, fitted, lines, number, screen, timeline
+from .terms import UsageError
 
 SPARK = 12  # characters of the energy error over time
 PREFIX = 7  # characters of a cell's address in the table

@@ -5,13 +5,13 @@ import json
 from pathlib import Path
 from typing import Any
 
-from harness import registry
-from harness.cell import make_cell
-from harness.commands.screen import errors, lines
-from harness.commands.terms import UsageError, assignments, check_writable, load_plugins
-from harness.suites import MOST
-from harness.trial import made
-from harness.types import Status
+from ..catalogue import registry
+from ..sandbox.trial import made
+from ..suites.cell import make_cell
+from ..suites.suite import MOST
+from ..types import Status
+from .screen import errors, lines
+from .terms import UsageError, assignments, check_writable, load_plugins
 
 CONTROL = ("dt", "rtol", "max_step", "max_steps", "wall_limit")
 
@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     if out.suffix != ".npz":
         raise UsageError(f"--out must end in .npz, the one format that is written (got {arguments.out!r})")
     check_writable(out)
-    from harness.single import solve_to_file
+    from ..execution.single import solve_to_file
 
     console = lines()
     said = (lambda words: None) if arguments.json else console.print

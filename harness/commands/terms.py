@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
-from harness import plugins, registry
-from harness.trial import tried
+from ..catalogue import plugins, registry
+from ..sandbox.trial import tried
 
 
 class UsageError(ValueError):

@@ -7,19 +7,19 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from harness import store
-from harness.cell import Cell, make_cell
-from harness.commands.diff import as_json, show
-from harness.commands.progress import progress
-from harness.commands.run import existing, jobs, whole
-from harness.commands.screen import lines
-from harness.commands.terms import UsageError, load_plugins
-from harness.comparison import compare, is_repeatable
-from harness.provenance import differences, same_platform, stamp_of
-from harness.records import RunRecord
-from harness.runner import Request, run_suite
-from harness.suites import Suite
-from harness.trial import made
+from ..execution.runner import Request, run_suite
+from ..results import store
+from ..results.comparison import compare, is_repeatable
+from ..results.provenance import differences, same_platform, stamp_of
+from ..results.records import RunRecord
+from ..sandbox.trial import made
+from ..suites.cell import Cell, make_cell
+from ..suites.suite import Suite
+from .diff import as_json, show
+from .progress import progress
+from .run import existing, jobs, whole
+from .screen import lines
+from .terms import UsageError, load_plugins
 
 SEED = 1  # the same sample every time, unless --seed says otherwise
 

@@ -4,11 +4,11 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg as spl
 
-from harness.mechanics import so3
-from harness.mechanics.jacobian import constraint_jacobian
-from harness.mechanics.motion import constraint, constraint_rate
-from harness.mechanics.state import State, States
-from harness.mechanics.system import MultibodySystem
+from . import so3
+from .jacobian import constraint_jacobian
+from .motion import constraint, constraint_rate
+from .state import State, States
+from .system import MultibodySystem
 
 START_TOLERANCE = 1e-9  # [m], [m/s]: rounding of data given in float64 at the scale of a metre, times 1e6
 

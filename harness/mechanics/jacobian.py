@@ -5,9 +5,9 @@ import scipy.linalg as sl
 import scipy.sparse as sp
 from jaxtyping import Float, Int
 
-from harness.mechanics.so3 import hat
-from harness.mechanics.state import State
-from harness.mechanics.system import GROUND, MultibodySystem
+from .so3 import hat
+from .state import State
+from .system import GROUND, MultibodySystem
 
 
 def constraint_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:

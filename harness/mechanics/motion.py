@@ -6,8 +6,8 @@ One code for every solver: it sees only poses and velocities (r, R, v, Omega), n
 import numpy as np
 from jaxtyping import Float
 
-from harness.mechanics.state import States
-from harness.mechanics.system import GROUND, MultibodySystem
+from .state import States
+from .system import GROUND, MultibodySystem
 
 
 def kinetic_energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from harness.mechanics.state import State, States
-from harness.mechanics.system import GROUND, MultibodySystem
+from .state import State, States
+from .system import GROUND, MultibodySystem
 
 SPACE_AXES = {"none": -1, "X": 0, "Y": 1, "Z": 2}
 BODY_MIRROR = np.diag([1.0, 1.0, -1.0])  # of every body frame, so that a mirrored R is a rotation again

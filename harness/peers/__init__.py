@@ -1,1 +1,1 @@
-"""Other engines on our problems, beside our solvers in one process: what a step costs there, and what it is worth."""
+"""Other people's engines beside ours: today Exudyn."""

@@ -12,8 +12,8 @@ from types import ModuleType
 
 import numpy as np
 
-from harness.peers.exudyn_model import Model, independent_rows
-from harness.types import Problem, States, Status, Trajectory
+from ..types import Problem, States, Status, Trajectory
+from .exudyn_model import Model, independent_rows
 
 NAME = "exudyn"
 

@@ -12,9 +12,9 @@ import numpy as np
 import scipy.linalg as sl
 from jaxtyping import Bool, Float
 
-from harness.mechanics.jacobian import constraint_jacobian
-from harness.mechanics.state import State, States
-from harness.mechanics.system import GROUND, MultibodySystem
+from ..mechanics.jacobian import constraint_jacobian
+from ..mechanics.state import State, States
+from ..mechanics.system import GROUND, MultibodySystem
 
 NODES = {
     "euler_parameters": "RotationEulerParameters",

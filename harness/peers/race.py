@@ -11,10 +11,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from harness.metrics import measure
-from harness.scales import scales
-from harness.summary import columns
-from harness.types import Problem, Status, Trajectory
+from ..metrics.measure import measure
+from ..metrics.scales import scales
+from ..metrics.summary import columns
+from ..types import Problem, Status, Trajectory
 
 
 @dataclass(frozen=True)

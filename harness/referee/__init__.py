@@ -1,0 +1,1 @@
+"""Judges a whole run: the paper's claims, orders, drift, symmetries and work."""

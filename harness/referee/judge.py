@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from harness import store
-from harness.cell import Cell
-from harness.records import RunRecord
-from harness.referee.claims import Register
-from harness.referee.drift import anatomy
-from harness.referee.metamorphic import scorecard
-from harness.referee.orders import certify
-from harness.referee.verdicts import judge
-from harness.referee.work import work
-from harness.referee.wrong import wrong
-from harness.suites import load_suite
+from ..results import store
+from ..results.records import RunRecord
+from ..suites.cell import Cell
+from ..suites.suite import load_suite
+from .certificates.drift import anatomy
+from .certificates.metamorphic import scorecard
+from .certificates.orders import certify
+from .certificates.work import work
+from .claims.register import Register
+from .claims.verdicts import judge
+from .wrong import wrong
 
 FOLDER = "judgement"
 PUBLISHED = Path(__file__).resolve().parents[2] / "results" / "published"

@@ -5,7 +5,7 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from harness.records import RunRecord
+from ..results.records import RunRecord
 
 OUT_OF_PLANE = 0.01  # of the mechanism's size, where the motion is planar and predictable to the end
 PREDICTABLE = 0.98  # of the time, judged against the reference: beyond it a planar chain may leave its plane

@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Complex, Float
 from scipy.spatial.transform import Rotation
 
-from problems.exact.theta import ThetaSeries
+from .theta import ThetaSeries
 
 ComplexSeries = Complex[np.ndarray, " nt"]
 

@@ -17,8 +17,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
-from problems.exact.extrapolation import gbs_adaptive
-from problems.exact.linkage import Linkage, by_angles, by_nodes
+from .extrapolation import gbs_adaptive
+from .linkage import Linkage, by_angles, by_nodes
 
 SAFETY = 10.0  # one route may be as wrong as both differ, and errors may cancel at the compared nodes
 WORST = 1e-3  # [m]

@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Float
 from mpmath import mp, mpf
 
-from harness.mechanics.state import State
-from problems.exact.lagrange_top import DIGITS, EQUAL, free_symmetric
-from problems.exact.pinned import ROUNDING, PinnedBody, PinnedMotion, frame_with, turn_z
-from problems.exact.steady_precession import steady_precession
-from problems.exact.theta import log_slope, theta
+from ...harness.mechanics.state import State
+from .lagrange_top import DIGITS, EQUAL, free_symmetric
+from .pinned import ROUNDING, PinnedBody, PinnedMotion, frame_with, turn_z
+from .steady_precession import steady_precession
+from .theta import log_slope, theta
 
 SAME_INERTIA = 1e-14  # relative: rounding of computed data
 

@@ -22,11 +22,11 @@ import numpy as np
 from jaxtyping import Float
 from mpmath import mp, mpf
 
-from harness.mechanics.state import State
-from problems.exact.cayley_klein import CayleyKlein
-from problems.exact.pinned import ROUNDING, PinnedBody, PinnedMotion, frame_with
-from problems.exact.steady_precession import steady_precession
-from problems.exact.theta import log_slope, theta
+from ...harness.mechanics.state import State
+from .cayley_klein import CayleyKlein
+from .pinned import ROUNDING, PinnedBody, PinnedMotion, frame_with
+from .steady_precession import steady_precession
+from .theta import log_slope, theta
 
 DIGITS = 80
 EQUAL = mpf(10) ** -30  # closer roots are one root: far below what float64 data can mean

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from harness.mechanics.state import State, States
-from problems.exact.certified import CertifiedOrbit, certified_orbit
-from problems.exact.linkage import Linkage
+from ...harness.mechanics.state import State, States
+from .certified import CertifiedOrbit, certified_orbit
+from .linkage import Linkage
 
 MOST_RODS = 30  # ten seconds of work; each evaluation costs n^3
 CHUNK = 0.25  # [s]

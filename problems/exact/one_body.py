@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from harness.mechanics.state import State
-from harness.mechanics.system import MultibodySystem
-from problems.exact.euler_top import euler_top
-from problems.exact.lagrange_top import lagrange_top
-from problems.exact.pinned import PinnedBody, PinnedMotion
+from ...harness.mechanics.state import State
+from ...harness.mechanics.system import MultibodySystem
+from .euler_top import euler_top
+from .lagrange_top import lagrange_top
+from .pinned import PinnedBody, PinnedMotion
 
 
 def one_body_motion(system: MultibodySystem, start: State) -> PinnedMotion | None:

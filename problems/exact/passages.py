@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.optimize import brentq
 
-from harness.types import Problem
+from ...harness.types import Problem
 
 SAMPLING = 1e-3  # [s]; a row in and out again within this is not seen
 

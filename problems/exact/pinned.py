@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from harness.mechanics.state import States
-from harness.mechanics.system import GROUND, MultibodySystem
+from ...harness.mechanics.state import States
+from ...harness.mechanics.system import GROUND, MultibodySystem
 
 Attitude = Callable[
     [Float[np.ndarray, " nt"]], tuple[Float[np.ndarray, "nt 3 3"], Float[np.ndarray, "nt 3"]]

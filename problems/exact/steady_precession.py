@@ -9,7 +9,7 @@ principal axis, and of a top whose axis rests or keeps its height.
 import numpy as np
 from jaxtyping import Float
 
-from problems.exact.pinned import ROUNDING, PinnedBody, PinnedMotion, frame_with, turn_z
+from .pinned import ROUNDING, PinnedBody, PinnedMotion, frame_with, turn_z
 
 
 def steady_precession(

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from harness.series import Series
-from reports.pages.base import Page, Site
-from reports.pages.causes import CAUSES, Autopsy, Cause, autopsy
-from reports.pages.survival import Survival, part_reached, survival
-from reports.pages.svg import Zoom, panel
-from reports.plots import Axis, Plot, Trace
-from reports.reading import Cell, Run, slug
+from ...harness.results.series import Series
+from ..model.reading import Cell, Run, slug
+from ..plots.spec import Axis, Plot, Trace
+from .base import Page, Site
+from .causes import CAUSES, Autopsy, Cause, autopsy
+from .survival import Survival, part_reached, survival
+from .svg import Zoom, panel
 
 DRAWN = 80  # of the last rows
 LISTED = 40  # cells named beside the one that is worked out; the pages of solvers and problems have all

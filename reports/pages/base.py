@@ -45,15 +45,15 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from harness import store
-from reports import words
-from reports.accuracy import drifts
-from reports.packing import bundle, script
-from reports.palette import Look, looks
-from reports.plots import Plot, plain
-from reports.provenance import cautions, facts, packages, stamp
-from reports.reading import Cell, Posing, Run, slug
-from reports.scores import score
+from ...harness.results import store
+from ..model import words
+from ..model.accuracy import drifts
+from ..model.provenance import cautions, facts, packages, stamp
+from ..model.reading import Cell, Posing, Run, slug
+from ..model.scores import score
+from ..plots.packing import bundle, script
+from ..plots.palette import Look, looks
+from ..plots.spec import Plot, plain
 
 SORTED = 6  # digits of a number that a table sorts by
 FOLDER = Path(__file__).parent.parent
@@ -195,10 +195,5 @@ def writers() -> Iterator[tuple[str, Callable[[Run, Site], Page | None]]]:
 
 
 def _modules() -> Iterator[ModuleType]:
-    import reports.pages
-
-    for found in sorted(pkgutil.iter_modules(reports.pages.__path__), key=lambda m: m.name):
-        yield importlib.import_module(f"reports.pages.{found.name}")
-    for found in sorted(pkgutil.iter_modules(reports.__path__), key=lambda m: m.name):
-        if found.ispkg and (FOLDER / found.name / "page.py").is_file():
-            yield importlib.import_module(f"reports.{found.name}.page")
+    for found in sorted(pkgutil.iter_modules([str(FOLDER / "pages")]), key=lambda m: m.name):
+        yield importlib.import_module(f".{found.name}", __package__)

@@ -1,10 +1,10 @@
 """A page for each cell: what was asked, how it ended, every number with its meaning, and how to run it again."""
 
-from harness.reproduce import command
-from reports.columns import COLUMNS
-from reports.pages.base import PLOTTING, Page, Site
-from reports.reading import Cell, Run
-from reports.words import number, time
+from ...harness.results.reproduce import command
+from ..model.columns import COLUMNS
+from ..model.reading import Cell, Run
+from ..model.words import number, time
+from .base import PLOTTING, Page, Site
 
 RANK = 10  # after the problems: their pages' data files hold the curves
 RECORDED = {"newton": "newton_iterations"}  # counters that are columns under another name

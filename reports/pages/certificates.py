@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from reports.pages.base import Page, Site
-from reports.pages.drifts import anatomies, common_scale, drawn, parted
-from reports.pages.judgement import Entry, judged
-from reports.pages.links import Links, links_of
-from reports.pages.orders import USED, Certificate, certificates, glance, told
-from reports.pages.scorecard import card
-from reports.plots import Axis, Plot, Trace
-from reports.reading import Run, slug
-from reports.words import Mark
+from ..model.reading import Run, slug
+from ..model.words import Mark
+from ..plots.spec import Axis, Plot, Trace
+from .base import Page, Site
+from .drifts import anatomies, common_scale, drawn, parted
+from .judgement import Entry, judged
+from .links import Links, links_of
+from .orders import USED, Certificate, certificates, glance, told
+from .scorecard import card
 
 NAMES = ("certificates", "drift", "metamorphic", "wrong")
 

@@ -4,9 +4,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from reports.pages.judgement import Entry
-from reports.pages.links import Links
-from reports.words import Mark, mark, number
+from ..model.words import Mark, mark, number
+from .judgement import Entry
+from .links import Links
 
 PLACES = ("cell", "case", "tolerance", "gain", "holds", "measured", "status", "printed")  # all else makes facets
 SAID = {

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from reports.pages.base import Page, Site
-from reports.pages.claim_map import Grid, grids
-from reports.pages.judgement import JUDGE, PUBLISHED, Entry, judged, rows_of
-from reports.pages.links import Links, links_of
-from reports.pages.svg import number_line, said
-from reports.reading import Run, natural, slug
-from reports.words import Mark, number, unit
+from ..model.reading import Run, natural, slug
+from ..model.words import Mark, number, unit
+from .base import Page, Site
+from .claim_map import Grid, grids
+from .judgement import JUDGE, PUBLISHED, Entry, judged, rows_of
+from .links import Links, links_of
+from .svg import number_line, said
 
 VERDICTS: Mapping[str, Mark] = {
     "SUPPORTED": Mark("✓", "supported", "good"),

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from harness.comparison import Comparison, Likeness, compare
-from harness.provenance import differences, stamp_of
-from reports.curves import upper
-from reports.pages import ranking
-from reports.pages.base import FOLDER, Page, Site
-from reports.pages.judgement import judged
-from reports.pages.ranking import Rank, Ranked
-from reports.plots import Axis, Plot, Trace
-from reports.provenance import facts
-from reports.reading import Cell, Run, read_run, slug
+from ...harness.results.comparison import Comparison, Likeness, compare
+from ...harness.results.provenance import differences, stamp_of
+from ..model.curves import upper
+from ..model.provenance import facts
+from ..model.reading import Cell, Run, read_run, slug
+from ..plots.spec import Axis, Plot, Trace
+from . import ranking
+from .base import FOLDER, Page, Site
+from .judgement import judged
+from .ranking import Rank, Ranked
 
 OVERLAYS = 24  # cells whose energy errors are drawn over each other, the gravest changes first
 ASSETS = ("site.css", "site.js", "judgement.css", "judgement.js", "plots.js", "plotly-basic.min.js",

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from reports.pages.judgement import Entry
-from reports.pages.links import Links
-from reports.pages.orders import verdict_mark
-from reports.pages.svg import Scale, strip
-from reports.reading import natural
-from reports.words import Mark, number
+from ..model.reading import natural
+from ..model.words import Mark, number
+from .judgement import Entry
+from .links import Links
+from .orders import verdict_mark
+from .svg import Scale, strip
 
 LONG = 100.0  # periods
 

@@ -2,10 +2,10 @@
 
 from collections import Counter
 
-from reports.charts.growth import growth, growths
-from reports.motion import bodies_in
-from reports.pages.base import Page, Site
-from reports.reading import Run
+from ..model.motion import bodies_in
+from ..model.reading import Run
+from ..plots.interactive.growth import growth, growths
+from .base import Page, Site
 
 
 def write(run: Run, site: Site) -> Page | None:

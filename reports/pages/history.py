@@ -4,12 +4,12 @@ import csv
 import io
 from collections.abc import Sequence
 
-from harness import store
-from reports.pages.base import Page, Site
-from reports.pages.svg import sparkline
-from reports.pages.timeline import Line, gather, lines, moments
-from reports.reading import Run
-from reports.words import number
+from ...harness.results import store
+from ..model.reading import Run
+from ..model.words import number
+from .base import Page, Site
+from .svg import sparkline
+from .timeline import Line, gather, lines, moments
 
 SHOWN = 60  # cells on the page, those that changed first; the table file has all
 HEADS = ("case", "runs", "changed", "ending_first", "ending_last", "energy_drift_max_J_first",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-JUDGE = "python -m harness judge"
+JUDGE = "mbsbench judge"
 FOLDER = "judgement"
 PUBLISHED = Path(__file__).resolve().parents[2] / "results" / "published"
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from reports.reading import Cell
+from ..model.reading import Cell
 
 
 @dataclass(frozen=True)

@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from reports.pages.judgement import Entry
-from reports.pages.links import Links
-from reports.reading import natural
-from reports.words import Mark, number, unit
+from ..model.reading import natural
+from ..model.words import Mark, number, unit
+from .judgement import Entry
+from .links import Links
 
 FLOOR = 3.0  # of the floor: points below so many times it are said to lie on it
 USED, EARLY, FLOORED = "used", "pre-asymptotic", "at the floor"

@@ -2,15 +2,15 @@
 
 from typing import Any
 
-from reports.accuracy import drifts, measure_for
-from reports.columns import COLUMNS
-from reports.findings import findings
-from reports.overview import matrix, tally
-from reports.pages.base import Page, Site
-from reports.posings import broadest, of_parts, themselves, variants
-from reports.reading import Cell, Run
-from reports.scores import headline, score, unpredictable, verdicts
-from reports.words import mark
+from ..model.accuracy import drifts, measure_for
+from ..model.columns import COLUMNS
+from ..model.findings import findings
+from ..model.overview import matrix, tally
+from ..model.posings import broadest, of_parts, themselves, variants
+from ..model.reading import Cell, Run
+from ..model.scores import headline, score, unpredictable, verdicts
+from ..model.words import mark
+from .base import Page, Site
 
 DIGITS = 6  # of numbers in the table's data file: twice what is shown
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from reports.pages.base import Page, Site
-from reports.reading import Cell, Run
+from ..model.reading import Cell, Run
+from .base import Page, Site
 
 SUFFIXES = (".svg", ".pdf")
 

@@ -1,16 +1,16 @@
 """A page for each problem as posed: what holds there, all its cells, and its interactive plots."""
 
-from reports.accuracy import measure_for
-from reports.charts.group import lines_of
-from reports.charts.time import Chapter, Drawing, errors, invariants, laws, observables
-from reports.charts.work import work
-from reports.curves import SPANS_UPPER
-from reports.extras import events, extras, facts_of
-from reports.findings import findings_of
-from reports.motion import motion_of
-from reports.pages.base import Page, Site
-from reports.posings import broadest, groups_of, themselves
-from reports.reading import Posing, Run
+from ..model.accuracy import measure_for
+from ..model.curves import SPANS_UPPER
+from ..model.extras import events, extras, facts_of
+from ..model.findings import findings_of
+from ..model.motion import motion_of
+from ..model.posings import broadest, groups_of, themselves
+from ..model.reading import Posing, Run
+from ..plots.interactive.group import lines_of
+from ..plots.interactive.time import Chapter, Drawing, errors, invariants, laws, observables
+from ..plots.interactive.work import work
+from .base import Page, Site
 
 ROWS = 100  # of a folded table: the first page's table and the CSV have all
 SPANS_VARIANT = 80  # of time in the curves of a variant: a run has a hundred of them

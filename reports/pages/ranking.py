@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from harness.comparison import METRICS, Change, Likeness, compare
-from harness.records import RunRecord
-from reports.pages.judgement import Entry
-from reports.words import mark, number
+from ...harness.results.comparison import METRICS, Change, Likeness, compare
+from ...harness.results.records import RunRecord
+from ..model.words import mark, number
+from .judgement import Entry
 
 PHYSICS = {  # column: words, unit, the scale of the record it is measured by
     "energy_drift_max_J": ("largest energy error", "J", "energy_scale_J"),

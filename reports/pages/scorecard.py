@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from reports.pages.judgement import Entry
-from reports.pages.links import Links
-from reports.words import Mark, number, unit
+from ..model.words import Mark, number, unit
+from .judgement import Entry
+from .links import Links
 
 MARKS = {
     "holds": Mark("✓", "holds", "good"),

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from reports.pages.base import Page, Site
-from reports.posings import broadest, groups_of, themselves
-from reports.reading import Cell, Run, text_of
-from reports.scores import Score, score
+from ..model.posings import broadest, groups_of, themselves
+from ..model.reading import Cell, Run, text_of
+from ..model.scores import Score, score
+from .base import Page, Site
 
 CHIPS = 8  # cells named in a row; the problem's page has all
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from reports.reading import Cell
+from ..model.reading import Cell
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup, escape
 
-from reports.words import number
+from ..model.words import number
 
 FLAT = 0.01  # relative: a smaller change is not drawn as one
 STEEP = 30.0  # values further apart than this factor are drawn on a logarithmic line

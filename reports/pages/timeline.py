@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.history import HistoryError, Row, history, read_rows, standing
-from harness.store import StoreError
-from reports.reading import Run
-from reports.words import Mark, mark
+from ...harness.results.history import HistoryError, Row, history, read_rows, standing
+from ...harness.results.store import StoreError
+from ..model.reading import Run
+from ..model.words import Mark, mark
 
 COMMITTED = Path(__file__).resolve().parents[2] / "results" / "history"
 MOVED = 0.01  # relative: the gate calls less than that no move

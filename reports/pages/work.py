@@ -8,18 +8,18 @@ import matplotlib as mpl
 from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-from reports.drawing import Drawn, style
-from reports.figures.lines import Group
-from reports.figures.profile import profile_figure
-from reports.figures.work import work as work_figure
-from reports.motion import Motion
-from reports.pages.base import Page, Site
-from reports.pages.judgement import judged
-from reports.pages.links import links_of, page_of
-from reports.pages.work_plots import named, plots_of, profile_plot
-from reports.pages.work_points import ERRORS, WORKS, Field, Profile, fields, profiles
-from reports.posings import broadest, themselves
-from reports.reading import Run
+from ..model.motion import Motion
+from ..model.posings import broadest, themselves
+from ..model.reading import Run
+from ..plots.drawing import Drawn, style
+from ..plots.printed.lines import Group
+from ..plots.printed.profile import profile_figure
+from ..plots.printed.work import work as work_figure
+from .base import Page, Site
+from .judgement import judged
+from .links import links_of, page_of
+from .work_plots import named, plots_of, profile_plot
+from .work_points import ERRORS, WORKS, Field, Profile, fields, profiles
 
 PAPER = ("operations", "evaluations", "cpu")  # works whose profile is drawn for papers
 COMPARED = 4  # solvers on a problem, for a figure of its own; of variants, plots can be saved from the page

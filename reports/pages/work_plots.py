@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from reports.pages.work_points import ERRORS, WORKS, Field, Profile, Work, ended
-from reports.plots import Axis, Plot, Trace
+from ..plots.spec import Axis, Plot, Trace
+from .work_points import ERRORS, WORKS, Field, Profile, Work, ended
 
 NEAR = 100.0  # the reference's own error is drawn where a point comes that close to it
 BESIDE = ("operations", "evaluations", "cpu")  # works that energy and joints are drawn over

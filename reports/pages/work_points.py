@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from reports.accuracy import measure_for
-from reports.pages.judgement import Entry
-from reports.pages.links import Links, page_of
-from reports.reading import Run
+from ..model.accuracy import measure_for
+from ..model.reading import Run
+from .judgement import Entry
+from .links import Links, page_of
 
 WORKS = (
     ("operations", "evaluations and factorisations", ""),

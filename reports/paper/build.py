@@ -6,17 +6,17 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from harness import store
-from harness.series import BadSeries, Series
-from reports.palette import looks
-from reports.paper.catalogue import FIGURES
-from reports.paper.drawer import draw
-from reports.paper.lines import lines_of
-from reports.paper.notes import Caption, caption, claims_of, jsonable
-from reports.paper.picking import choose
-from reports.paper.spec import PaperFigure
-from reports.publication.style import SUFFIXES, save
-from reports.reading import Cell, Run, read_run
+from ...harness.results import store
+from ...harness.results.series import BadSeries, Series
+from ..model.reading import Cell, Run, read_run
+from ..plots.palette import looks
+from ..publication.style import SUFFIXES, save
+from .catalogue import FIGURES
+from .drawer import draw
+from .lines import lines_of
+from .notes import Caption, caption, claims_of, jsonable
+from .picking import choose
+from .spec import PaperFigure
 
 FOLDER = "paper"
 
@@ -71,7 +71,7 @@ def _others(folder: Path, made: Sequence[Caption]) -> list[dict[str, Any]]:
 
 
 def command(run_folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> list[Caption]:
-    """What ``python -m harness figures --paper`` does; ``only`` are names of figures."""
+    """What ``mbsbench figures --paper`` does; ``only`` are names of figures."""
     unknown = [name for name in only if name not in {s.name for s in FIGURES}]
     if unknown:
         raise ValueError(f"no figure {unknown[0]!r}; there are {', '.join(s.name for s in FIGURES)}")

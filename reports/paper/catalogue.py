@@ -1,7 +1,7 @@
 """The paper's twelve figures, each as printed and, where it compares solvers, with their soundest settings."""
 
-from reports.paper import chain, grid, pendulum, top, torque_free
-from reports.paper.spec import PaperFigure
+from . import chain, grid, pendulum, top, torque_free
+from .spec import PaperFigure
 
 FIGURES: tuple[PaperFigure, ...] = (
     *torque_free.FIGURES, *pendulum.FIGURES, *chain.FIGURES, *top.FIGURES, *grid.FIGURES,

@@ -1,7 +1,7 @@
 """Figures 8 and 9: the chain of Sect. 5.3."""
 
-from reports.paper.printed import CHART, STARTS, geometric, sound
-from reports.paper.spec import Panel, PaperFigure, Pick, Says, Sketch
+from .printed import CHART, STARTS, geometric, sound
+from .spec import Panel, PaperFigure, Pick, Says, Sketch
 
 CHAIN, SECTION = "chain", "Sect. 5.3"
 SHORT, ALL = (0.0, 2.0), (0.0, 20.0)

@@ -7,16 +7,16 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from harness.series import Series
-from reports.drawing import INK, MUTED, PAPER, plain
-from reports.palette import Look
-from reports.paper.lines import Line, draw_panel, lines_of, shown
-from reports.paper.picking import Chosen, settings_of
-from reports.paper.printed import role
-from reports.paper.sketch import draw_sketch
-from reports.paper.spec import Panel, PaperFigure, Sketch
-from reports.publication.style import DOUBLE, SINGLE, sheet
-from reports.words import time
+from ...harness.results.series import Series
+from ..model.words import time
+from ..plots.drawing import INK, MUTED, PAPER, plain
+from ..plots.palette import Look
+from ..publication.style import DOUBLE, SINGLE, sheet
+from .lines import Line, draw_panel, lines_of, shown
+from .picking import Chosen, settings_of
+from .printed import role
+from .sketch import draw_sketch
+from .spec import Panel, PaperFigure, Sketch
 
 COLUMNS = 12
 WRAP = 64  # characters of a label: two columns of them fill the sheet

@@ -1,7 +1,7 @@
 """Figure 12: the grid of four-bar linkages of Sect. 5.5."""
 
-from reports.paper.printed import sound
-from reports.paper.spec import Panel, PaperFigure, Pick, Says, Sketch
+from .printed import sound
+from .spec import Panel, PaperFigure, Pick, Says, Sketch
 
 GRID, SECTION, ALL = "four_bar_grid", "Sect. 5.5", (0.0, 10.0)
 NESTED = {"gauge": "accumulate", "sigma0": "carried", "tolerance": 1e-3, "loop": "nested", "penalty": 1e3}

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from harness.records import RunRecord
-from reports.curves import Curve
-from reports.limits import log_limits
-from reports.paper.spec import Panel
+from ...harness.results.records import RunRecord
+from ..model.curves import Curve
+from ..model.limits import log_limits
+from .spec import Panel
 
 FAR = 3.0  # the exact motion's range, so many times: a line that leaves it by more is cut at the edge
 NOTHING = 1e-9  # of the problem's size: displacements below it are rounding, and give no scale

@@ -7,18 +7,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import MaxNLocator
 
-from harness.records import RunRecord
-from harness.series import Series
-from reports import curves
-from reports.curves import Curve
-from reports.drawing import INK, MUTED, PAPER, log_axis
-from reports.figures.lines import draw_end
-from reports.palette import DASHES, Look
-from reports.paper.limits import is_rounding, limits_of
-from reports.paper.picking import Chosen
-from reports.paper.printed import role
-from reports.paper.spec import Panel, Pick
-from reports.words import number
+from ...harness.results.records import RunRecord
+from ...harness.results.series import Series
+from ..model import curves
+from ..model.curves import Curve
+from ..model.words import number
+from ..plots.drawing import INK, MUTED, PAPER, log_axis
+from ..plots.palette import DASHES, Look
+from ..plots.printed.lines import draw_end
+from .limits import is_rounding, limits_of
+from .picking import Chosen
+from .printed import role
+from .spec import Panel, Pick
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from reports.drawing import plain
-from reports.paper.lines import Line
-from reports.paper.spec import Says
-from reports.words import listed, number, signed, time
+from ..model.words import listed, number, signed, time
+from ..plots.drawing import plain
+from .lines import Line
+from .spec import Says
 
 Values = Mapping[str, float]
 

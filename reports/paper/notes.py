@@ -8,12 +8,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from reports import curves
-from reports.paper.lines import Line
-from reports.paper.measures import Fact, measured
-from reports.paper.picking import asked_for, settings_of
-from reports.paper.printed import JACOBIANS, role
-from reports.paper.spec import Panel, PaperFigure
+from ..model import curves
+from .lines import Line
+from .measures import Fact, measured
+from .picking import asked_for, settings_of
+from .printed import JACOBIANS, role
+from .spec import Panel, PaperFigure
 
 COLUMNS = (
     "status", "t_reached_s", "t_end_s", "steps", "energy_start_J", "energy_drift_max_J", "energy_drift_end_J",

@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from reports.paper.printed import BAUMGARTE, CHART, STARTS, classical, geometric, sound
-from reports.paper.spec import Panel, PaperFigure, Pick, Says, Sketch
+from .printed import BAUMGARTE, CHART, STARTS, classical, geometric, sound
+from .spec import Panel, PaperFigure, Pick, Says, Sketch
 
 PENDULUM, SECTION = "spherical_pendulum", "Sect. 5.2"
 SPATIAL = {"omega_z": 0.1}

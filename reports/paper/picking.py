@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from reports.paper.spec import Pick
-from reports.reading import Cell, named, text_of
+from ..model.reading import Cell, named, text_of
+from .spec import Pick
 
 
 @dataclass(frozen=True)

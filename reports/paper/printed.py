@@ -6,7 +6,7 @@ ODE-GC, ODE-45, DAE-FI and DAE-SE are the paper's names; ours are the solvers ru
 from collections.abc import Mapping
 from typing import Any
 
-from reports.paper.spec import Pick
+from .spec import Pick
 
 EULER = {"coordinates": "euler313", "lambda_in_error_test": True}
 GIVEN = {

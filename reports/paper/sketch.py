@@ -8,9 +8,9 @@ from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from harness.series import Series
-from reports.drawing import INK, MUTED
-from reports.mechanism import Mechanism, mechanism_of
+from ...harness.results.series import Series
+from ..mechanism.segments import Mechanism, mechanism_of
+from ..plots.drawing import INK, MUTED
 
 BODY = "#c9d3dd"
 Point = Float[np.ndarray, " 3"]

@@ -1,7 +1,7 @@
 """Figures 10 and 11: the spinning top of Sect. 5.4 in cuspidal motion."""
 
-from reports.paper.printed import BAUMGARTE, CHART, STARTS, classical, geometric, sound
-from reports.paper.spec import Panel, PaperFigure, Says, Sketch
+from .printed import BAUMGARTE, CHART, STARTS, classical, geometric, sound
+from .spec import Panel, PaperFigure, Says, Sketch
 
 TOP, SECTION, ALL = "heavy_top", "Sect. 5.4", (0.0, 5.0)
 PRINTED = (*geometric(TOP, 1e-3, 1e-4), *(classical(TOP, n, 1e-4, 1e-3) for n in ("ODE-45", "DAE-FI", "DAE-SE")))

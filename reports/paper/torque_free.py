@@ -1,7 +1,7 @@
 """Figures 1 to 3: the torque-free body of Sect. 5.1."""
 
-from reports.paper.printed import BAUMGARTE, classical, sound
-from reports.paper.spec import Panel, PaperFigure, Pick, Says, Sketch
+from .printed import BAUMGARTE, classical, sound
+from .spec import Panel, PaperFigure, Pick, Says, Sketch
 
 BODY, SECTION, T_END = "torque_free_body", "Sect. 5.1", 300.0
 OMEGA = ("obs_Omega_x", "obs_Omega_y", "obs_Omega_z")

@@ -4,15 +4,15 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
-from harness import store
-from harness.series import BadSeries
-from reports.figures.lines import Group
-from reports.motion import Motion, motion_of
-from reports.palette import looks
-from reports.publication import tables
-from reports.publication.figures import Printed, figures_of, work_of
-from reports.publication.style import save
-from reports.reading import Cell, Posing, Run, read_run, slug
+from ...harness.results import store
+from ...harness.results.series import BadSeries
+from ..model.motion import Motion, motion_of
+from ..model.reading import Cell, Posing, Run, read_run, slug
+from ..plots.palette import looks
+from ..plots.printed.lines import Group
+from . import tables
+from .figures import Printed, figures_of, work_of
+from .style import save
 
 FOLDER = "publication"
 SUFFIXES = ("pdf", "svg")
@@ -22,7 +22,7 @@ MAP = 2 * MOST  # cells of one label: with more it is a map of settings, for tab
 
 
 def command(run_folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> list[Path]:
-    """What ``python -m harness figures`` does; ``only`` are names of problems as posed."""
+    """What ``mbsbench figures`` does; ``only`` are names of problems as posed."""
     run = read_run(Path(run_folder), check_series=False)
     posings = [p for p in run.posings if p.title in only or p.problem in only or not only]
     known = {p.title for p in run.posings} | {p.problem for p in run.posings}

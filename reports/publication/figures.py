@@ -8,16 +8,16 @@ from textwrap import fill
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from reports.curves import Curve
-from reports.drawing import PAPER, plain
-from reports.figures.laws import laws, norm
-from reports.figures.lines import Group, draw_lines, ended
-from reports.figures.work import work
-from reports.limits import log_limits
-from reports.motion import Motion
-from reports.palette import dashes
-from reports.publication.style import DOUBLE, SINGLE, sheet
-from reports.settings import shared_options
+from ..model.curves import Curve
+from ..model.limits import log_limits
+from ..model.motion import Motion
+from ..model.settings import shared_options
+from ..plots.drawing import PAPER, plain
+from ..plots.palette import dashes
+from ..plots.printed.laws import laws, norm
+from ..plots.printed.lines import Group, draw_lines, ended
+from ..plots.printed.work import work
+from .style import DOUBLE, SINGLE, sheet
 
 WRAP = 62  # characters of a legend line in one column
 

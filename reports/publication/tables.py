@@ -5,11 +5,11 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from harness import store
-from reports.columns import COLUMNS, Column
-from reports.reading import Cell, Posing
-from reports.tables import latex_number, latex_text
-from reports.words import NONE
+from ...harness.results import store
+from ..model.columns import COLUMNS, Column
+from ..model.reading import Cell, Posing
+from ..model.tables import latex_number, latex_text
+from ..model.words import NONE
 
 DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 SHOWN: Sequence[Column] = tuple(c for c in COLUMNS if c.latex)

@@ -12,8 +12,8 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float, Int
 
-from solvers.formulations.layout import Layout
-from solvers.formulations.symbolic import Element
+from .layout import Layout
+from .symbolic import Element
 
 
 @dataclass(frozen=True)

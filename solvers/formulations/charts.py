@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from harness.mechanics.state import State, States
+from ...harness.mechanics.state import State, States
 
 NORM_RATE = 1.0  # [1/s] at which |q| returns to 1; slow beside every motion here, so it never sets a step
 SINGULAR_CHART = 1e-6  # |sin(theta)| below which T^-1 amplifies rounding to 1e-10

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from harness.options import option
-from harness.types import Problem, StepControl
-from solvers.formulations.charts import CHARTS
-from solvers.formulations.start import redundancy_refusal
+from ...harness.catalogue.options import option
+from ...harness.types import Problem, StepControl
+from .charts import CHARTS
+from .start import redundancy_refusal
 
 
 @dataclass(frozen=True)

@@ -12,11 +12,11 @@ The three have the same solutions; what differs is what an integrator's error te
 import numpy as np
 from jaxtyping import Float
 
-from solvers.formulations.assembly import Assembly
-from solvers.formulations.layout import Layout
-from solvers.formulations.saddle import InverseMass
-from solvers.formulations.sparse_pattern import FixedPattern, FixedProduct
-from solvers.formulations.system_elements import equations_of_motion
+from .assembly import Assembly
+from .layout import Layout
+from .saddle import InverseMass
+from .sparse_pattern import FixedPattern, FixedProduct
+from .system_elements import equations_of_motion
 
 
 class ImplicitForm:

@@ -15,10 +15,10 @@ import numpy as np
 from jaxtyping import Float
 from sksundae.ida import IDA
 
-from harness.types import Problem, Status, StepControl, Trajectory
-from solvers.formulations.dae import ImplicitForm
-from solvers.formulations.layout import Layout
-from solvers.formulations.recording import Clock, StepFailure, march, trajectory
+from ...harness.types import Problem, Status, StepControl, Trajectory
+from .dae import ImplicitForm
+from .layout import Layout
+from .recording import Clock, StepFailure, march, trajectory
 
 OUT_OF_TEST = 1e3  # absolute tolerance that takes a variable out of error test and Newton test (IDA divides by it)
 DENSE_BELOW = 40  # unknowns; below, IDA's dense LU is faster than SuperLU's bookkeeping

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from harness.mechanics.system import GROUND, MultibodySystem
-from solvers.formulations.charts import Chart
+from ...harness.mechanics.system import GROUND, MultibodySystem
+from .charts import Chart
 
 
 @dataclass(frozen=True)

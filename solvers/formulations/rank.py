@@ -12,9 +12,9 @@ from jaxtyping import Float, Int
 from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from harness.mechanics.jacobian import constraint_jacobian, independent_rows
-from harness.mechanics.state import State
-from harness.mechanics.system import MultibodySystem
+from ...harness.mechanics.jacobian import constraint_jacobian, independent_rows
+from ...harness.mechanics.state import State
+from ...harness.mechanics.system import MultibodySystem
 
 ADDED = 1e-13  # to the unit diagonal: a thousand roundings
 DEPENDENT, INDEPENDENT = 1e-10, 1e-8  # squared distances: below, above

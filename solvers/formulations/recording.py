@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
-from harness.mechanics.jacobian import constraint_jacobian
-from harness.mechanics.motion import constraint
-from harness.mechanics.state import States
-from harness.types import Problem, Status, StepControl, Trajectory
-from solvers.formulations.layout import Layout
+from ...harness.mechanics.jacobian import constraint_jacobian
+from ...harness.mechanics.motion import constraint
+from ...harness.mechanics.state import States
+from ...harness.types import Problem, Status, StepControl, Trajectory
+from .layout import Layout
 
 LOOK_EVERY = 100  # steps between looks at phi; a look costs about ten steps of one body
 LOST_AXIS = 0.5  # axis rows are cosines: 30 degrees out

@@ -11,10 +11,10 @@ from jaxtyping import Float
 from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from harness.types import Status
-from solvers.formulations.layout import Layout
-from solvers.formulations.recording import StepFailure
-from solvers.formulations.sparse_pattern import FixedPattern, FixedProduct
+from ...harness.types import Status
+from .layout import Layout
+from .recording import StepFailure
+from .sparse_pattern import FixedPattern, FixedProduct
 
 
 class InverseMass:

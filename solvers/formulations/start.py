@@ -3,13 +3,13 @@
 import numpy as np
 from jaxtyping import Float
 
-from harness.types import Problem
-from solvers.formulations.charts import CHARTS
-from solvers.formulations.layout import Layout
-from solvers.formulations.rank import rows_to_keep
-from solvers.formulations.saddle import InverseMass, Saddle
-from solvers.formulations.sparse_pattern import FixedPattern
-from solvers.formulations.system_elements import equations_of_motion
+from ...harness.types import Problem
+from .charts import CHARTS
+from .layout import Layout
+from .rank import rows_to_keep
+from .saddle import InverseMass, Saddle
+from .sparse_pattern import FixedPattern
+from .system_elements import equations_of_motion
 
 RATE_STEP = 1e-5  # [s] of the central difference for lam', which serves only the first predictor
 

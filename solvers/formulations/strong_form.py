@@ -16,13 +16,13 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float
 
-from harness.mechanics.system import GROUND
-from solvers.formulations.assembly import Assembly, Batch
-from solvers.formulations.layout import Layout
-from solvers.formulations.saddle import InverseMass, Saddle
-from solvers.formulations.sparse_pattern import FixedPattern
-from solvers.formulations.symbolic import ROWS, free_spring_element, strong_row_element
-from solvers.formulations.system_elements import (
+from ...harness.mechanics.system import GROUND
+from .assembly import Assembly, Batch
+from .layout import Layout
+from .saddle import InverseMass, Saddle
+from .sparse_pattern import FixedPattern
+from .symbolic import ROWS, free_spring_element, strong_row_element
+from .system_elements import (
     body_batch,
     joint_rows,
     pair_ends,

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import casadi as ca
 
-from solvers.formulations.charts import Chart
+from .charts import Chart
 
 
 class Pose(NamedTuple):

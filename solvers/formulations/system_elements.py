@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
-from solvers.formulations.assembly import Assembly, Batch
-from solvers.formulations.layout import Layout
-from solvers.formulations.symbolic import ROWS, body_element, row_element, spring_element
+from .assembly import Assembly, Batch
+from .layout import Layout
+from .symbolic import ROWS, body_element, row_element, spring_element
 
 
 def equations_of_motion(layout: Layout, level: str, alpha: float, beta: float, *, differentiable: bool) -> Assembly:

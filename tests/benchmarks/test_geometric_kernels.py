@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from harness.registry import make_problem, make_solver
-from solvers.formulations.geometric import march as marching
-from solvers.formulations.geometric.block_lu import factor, solve
-from solvers.formulations.geometric.driver import PLAIN, Run, prepare
-from solvers.formulations.geometric.jacobian import assemble
-from solvers.formulations.geometric.step import Penalty, evaluate, refresh
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.solvers.formulations.geometric import march as marching
+from mbsbench.solvers.formulations.geometric.block_lu import factor, solve
+from mbsbench.solvers.formulations.geometric.driver import PLAIN, Run, prepare
+from mbsbench.solvers.formulations.geometric.jacobian import assemble
+from mbsbench.solvers.formulations.geometric.step import Penalty, evaluate, refresh
 
 PROXIMAL = Penalty(active=1, nested=0, xi=1e7, max_augmentations=12, accept=1e-3, correct_pose=1, soft=0.1)
 CASES = {  # problem, its step [s], solver, penalty

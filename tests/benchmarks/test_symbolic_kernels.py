@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from harness.registry import make_problem
-from solvers.formulations.dae import ImplicitForm
-from solvers.formulations.start import consistent, coordinates_and_velocities, layout_for
+from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.solvers.formulations.dae import ImplicitForm
+from mbsbench.solvers.formulations.start import consistent, coordinates_and_velocities, layout_for
 
 
 @pytest.fixture(params=["spherical_pendulum", "chain", "four_bar_grid"])

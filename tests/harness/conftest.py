@@ -8,12 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from harness import registry
-from harness.environment import ROOT
-from harness.pool import LocalPool
-from harness.runner import Request, run_suite
-from harness.store import Loaded
-from harness.suites import parse_suite
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.execution.pool import LocalPool
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.results.store import Loaded
+from mbsbench.harness.suites.suite import parse_suite
 
 PLUGIN = Path(__file__).parent / "misbehaving.py"
 
@@ -72,11 +71,11 @@ def run_text(tmp_path: Path) -> Callable[..., tuple[Loaded, Silent]]:
 
 @pytest.fixture
 def command(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess]:
-    """``python -m harness ...`` in an empty folder."""
+    """``mbsbench ...`` in an empty folder."""
 
     def call(*arguments: str, timeout: float = 60.0) -> subprocess.CompletedProcess:
-        line = (sys.executable, "-m", "harness", *arguments)
-        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+        line = (sys.executable, "-m", "mbsbench.harness", *arguments)
+        environment = dict(os.environ)
         return subprocess.run(
             line, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=timeout, check=False
         )

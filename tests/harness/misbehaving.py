@@ -10,12 +10,12 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
-from harness.mechanics import so3
-from harness.mechanics.state import State, States
-from harness.mechanics.system import RigidBody, assemble
-from harness.options import Parameter, option
-from harness.registry import problem, solver
-from harness.types import Array, Invariant, Observable, Problem, Status, StepControl, Trajectory
+from mbsbench.harness.catalogue.options import Parameter, option
+from mbsbench.harness.catalogue.registry import problem, solver
+from mbsbench.harness.mechanics import so3
+from mbsbench.harness.mechanics.state import State, States
+from mbsbench.harness.mechanics.system import RigidBody, assemble
+from mbsbench.harness.types import Array, Invariant, Observable, Problem, Status, StepControl, Trajectory
 
 GRAVITY = 10.0  # [m/s2]
 

@@ -16,20 +16,23 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from harness import registry, store, worker
-from harness.__main__ import main
-from harness.cell import make_cell
-from harness.job import Job
-from harness.mechanics.consistency import InconsistentStart, check_start, project
-from harness.mechanics.state import State
-from harness.mechanics.system import GROUND, Joint, RigidBody, assemble
-from harness.records import BadRecord, RunRecord, from_json, to_json
-from harness.series import BadSeries, read_series
-from harness.suites import SuiteError, load_suite, parse_suite
-from harness.supervisor import Supervisor
-from harness.thresholds import ThresholdError, read_thresholds, write_thresholds
-from harness.types import Problem, Status
-from tests.harness.conftest import PLUGIN
+from mbsbench.harness.__main__ import main
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.execution import worker
+from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.supervisor import Supervisor
+from mbsbench.harness.gate.thresholds import ThresholdError, read_thresholds, write_thresholds
+from mbsbench.harness.mechanics.consistency import InconsistentStart, check_start, project
+from mbsbench.harness.mechanics.state import State
+from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, assemble
+from mbsbench.harness.results import store
+from mbsbench.harness.results.records import BadRecord, RunRecord, from_json, to_json
+from mbsbench.harness.results.series import BadSeries, read_series
+from mbsbench.harness.suites.cell import make_cell
+from mbsbench.harness.suites.suite import SuiteError, load_suite, parse_suite
+from mbsbench.harness.types import Problem, Status
+
+from .conftest import PLUGIN
 
 DRAWN = int(os.environ.get("FUZZ", "0"))
 CALM = {"deadline": None, "derandomize": not DRAWN, "suppress_health_check": list(HealthCheck)}

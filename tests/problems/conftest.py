@@ -4,8 +4,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from problems import chain, four_bar_grid
-from problems.exact import certified
+from mbsbench.problems import chain, four_bar_grid
+from mbsbench.problems.exact import certified
 
 
 @pytest.fixture(scope="package", autouse=True)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from harness.mechanics.state import State
-from problems.exact.extrapolation import gbs
-from problems.exact.pinned import PinnedBody
+from mbsbench.harness.mechanics.state import State
+from mbsbench.problems.exact.extrapolation import gbs
+from mbsbench.problems.exact.pinned import PinnedBody
 
 EXTENDED = np.longdouble
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from harness.mechanics.jacobian import constraint_jacobian
-from harness.registry import make_problem
-from harness.types import Problem
-from problems.chain import start_angles
+from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.mechanics.jacobian import constraint_jacobian
+from mbsbench.harness.types import Problem
+from mbsbench.problems.chain import start_angles
 
 
 def test_the_start_matches_the_five_bar_span() -> None:

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from harness.mechanics.state import States
-from harness.registry import make_problem
+from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.mechanics.state import States
 
 
 def test_the_rods_have_a_spherical_inertia() -> None:

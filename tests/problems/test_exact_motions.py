@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
-from harness.mechanics import motion, so3
-from harness.mechanics.state import State
-from harness.mechanics.system import Joint, RigidBody, assemble
-from harness.registry import make_problem
-from problems.exact.one_body import one_body_motion
-from problems.exact.pinned import PinnedBody
-from tests.problems.second_route import integrated
+from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.mechanics import motion, so3
+from mbsbench.harness.mechanics.state import State
+from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
+from mbsbench.problems.exact.one_body import one_body_motion
+from mbsbench.problems.exact.pinned import PinnedBody
+
+from .second_route import integrated
 
 TOPS = [
     ("heavy_top", {}),

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from harness.mechanics.jacobian import independent_rows, singular_values
-from harness.registry import make_problem
-from problems import four_bar_grid
-from problems.exact.passages import singular_passages
+from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.mechanics.jacobian import independent_rows, singular_values
+from mbsbench.problems import four_bar_grid
+from mbsbench.problems.exact.passages import singular_passages
 
 
 def test_the_grid_is_as_specified() -> None:

@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from harness.registry import make_problem
-from problems import chain, four_bar_grid
-from problems.exact.extrapolation import gbs_adaptive
-from problems.exact.linkage import Linkage, by_angles, by_nodes
-from problems.exact.linkage_motion import LinkageMotion
+from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.problems import chain, four_bar_grid
+from mbsbench.problems.exact.extrapolation import gbs_adaptive
+from mbsbench.problems.exact.linkage import Linkage, by_angles, by_nodes
+from mbsbench.problems.exact.linkage_motion import LinkageMotion
 
 EXTENDED_CORRECTION = 1e-17  # of each step of the check
 

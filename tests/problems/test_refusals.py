@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from harness.mechanics.consistency import InconsistentStart, check_start
-from harness.mechanics.state import State
-from harness.registry import make_problem, problems
+from mbsbench.harness.catalogue.registry import make_problem, problems
+from mbsbench.harness.mechanics.consistency import InconsistentStart, check_start
+from mbsbench.harness.mechanics.state import State
 
 IMPOSSIBLE = [
     ("torque_free_body", {"rod_mass": -1.0}, "rod_mass must be > 0"),

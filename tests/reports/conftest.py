@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from harness import store
-from harness.records import RunRecord
-from harness.series import Series, write_series
-from reports import site
-from tests.reports.browser import CHROMIUM, Browser
+from mbsbench.harness.results import store
+from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.results.series import Series, write_series
+from mbsbench.reports import site
+
+from .browser import CHROMIUM, Browser
 
 HOSTILE = '<script>alert("1")</script> & $x_{ \\frac -->'
 

@@ -7,10 +7,11 @@ import time
 import numpy as np
 import pytest
 
-from harness import store
-from reports import site
-from reports.curves import upper
-from tests.reports.conftest import put, record, series
+from mbsbench.harness.results import store
+from mbsbench.reports import site
+from mbsbench.reports.model.curves import upper
+
+from .conftest import put, record, series
 
 PAGES = ("index.html", "problem-pendulum.html", "solver-beta.html", "cells/dd01.html", "cells/gg01.html")
 OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
@@ -323,7 +324,7 @@ def test_theme_follows_the_system_until_a_reader_chooses(report, browser):
 
 def test_numbers_of_scripts_are_those_of_pages(report, browser):
     """Two writers of numbers, one for the page and one in the browser, must agree."""
-    from reports.words import number
+    from mbsbench.reports.model.words import number
 
     values = [0.0, 1.0, 0.00123, 1.23e-5, -4.5e7, 9.999, 12345.6, 99999.0, 0.1, 2.5e-300]
     tab = browser.open(report / "index.html")

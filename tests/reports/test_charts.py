@@ -7,17 +7,19 @@ import json
 import numpy as np
 import pytest
 
-from reports import curves, drawing, palette
-from reports.charts.group import MOST, lines_of, traces
-from reports.charts.growth import growths
-from reports.charts.time import Drawing, errors, invariants, laws, observables
-from reports.charts.work import work
-from reports.motion import motion_of
-from reports.packing import LOG_STEP, STEPS, Steps, bundle, script, text
-from reports.plots import plain
-from reports.reading import read_run
-from tests.reports.bundles import opened
-from tests.reports.conftest import HOSTILE, put, record, series
+from mbsbench.reports.model import curves
+from mbsbench.reports.model.motion import motion_of
+from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.plots import drawing, palette
+from mbsbench.reports.plots.interactive.group import MOST, lines_of, traces
+from mbsbench.reports.plots.interactive.growth import growths
+from mbsbench.reports.plots.interactive.time import Drawing, errors, invariants, laws, observables
+from mbsbench.reports.plots.interactive.work import work
+from mbsbench.reports.plots.packing import LOG_STEP, STEPS, Steps, bundle, script, text
+from mbsbench.reports.plots.spec import plain
+
+from .bundles import opened
+from .conftest import HOSTILE, put, record, series
 
 CATALOGUE = ("gc_weak_form", "gc_augmented_lagrangian", "rk45_strong_form", "ndf_index1", "ida_index1", "ida_index3")
 

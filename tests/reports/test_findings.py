@@ -1,9 +1,10 @@
 """Sentences follow from the numbers; no winner is named that they do not show."""
 
-from reports.accuracy import drifts, measure_for
-from reports.findings import findings, findings_of
-from reports.reading import Cell, read_run
-from tests.reports.conftest import put, record
+from mbsbench.reports.model.accuracy import drifts, measure_for
+from mbsbench.reports.model.findings import findings, findings_of
+from mbsbench.reports.model.reading import Cell, read_run
+
+from .conftest import put, record
 
 
 def said(folder) -> str:

@@ -1,8 +1,8 @@
 """A small run of real solvers becomes a report by the command line's own path."""
 
-from harness.__main__ import main
-from harness.runner import Request, run_suite
-from harness.suites import parse_suite
+from mbsbench.harness.__main__ import main
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.suites.suite import parse_suite
 
 SUITE = """
 name = "tiny"
@@ -31,7 +31,7 @@ def test_real_run_has_a_report(tmp_path, capsys):
     report = folder / "report"
     assert len(loaded.records) == 2
     for r in loaded.records:
-        assert "python -m harness solve spherical_pendulum" in (report / "cells" / f"{r.cell}.html").read_text("utf-8")
+        assert "mbsbench solve spherical_pendulum" in (report / "cells" / f"{r.cell}.html").read_text("utf-8")
     problem = next(report.glob("problem-*.html")).read_text(encoding="utf-8")
     assert "observed order" in problem and 'data-plot="energy"' in problem
     assert list((report / "tables").glob("*.csv")) and list((report / "data").glob("plots-problem-*.js"))

@@ -2,11 +2,12 @@
 
 import json
 
-from reports.overview import matrix
-from reports.posings import SECOND, broadest, themselves, variants
-from reports.reading import read_run
-from reports.scores import finest, headline, score, unpredictable, verdicts
-from tests.reports.conftest import put, record
+from mbsbench.reports.model.overview import matrix
+from mbsbench.reports.model.posings import SECOND, broadest, themselves, variants
+from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.model.scores import finest, headline, score, unpredictable, verdicts
+
+from .conftest import put, record
 
 
 def answers(folder) -> dict[str, str]:

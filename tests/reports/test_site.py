@@ -8,12 +8,13 @@ from urllib.parse import unquote
 
 import pytest
 
-from reports import site
-from reports.pages import base
-from reports.pages.base import Page, Site
-from reports.reading import read_run
-from tests.reports.conftest import HOSTILE, put, record, series
-from tests.reports.outline import Outline
+from mbsbench.reports import site
+from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.pages import base
+from mbsbench.reports.pages.base import Page, Site
+
+from .conftest import HOSTILE, put, record, series
+from .outline import Outline
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +48,7 @@ def test_every_cell_says_how_it_ended_and_why(built, pages):
 
 
 def test_command_to_reproduce_is_on_the_page_of_a_cell(pages):
-    assert "python -m harness solve pendulum alpha" in Outline(pages["cells/aa01.html"]).text
+    assert "mbsbench solve pendulum alpha" in Outline(pages["cells/aa01.html"]).text
 
 
 def test_wrong_is_loud_wherever_it_shows(built, pages):
@@ -200,5 +201,9 @@ def test_two_pages_cannot_have_one_name(tmp_path):
 def test_page_modules_are_found_and_late_ones_come_last():
     """No list to edit: what has a ``write`` is a page; cells need what problems left for them."""
     names = [name for name, _ in base.writers()]
-    assert {"reports.pages.overview", "reports.pages.problems", "reports.pages.cells"} <= set(names)
-    assert names.index("reports.pages.cells") > names.index("reports.pages.problems")
+    assert {
+        "mbsbench.reports.pages.overview",
+        "mbsbench.reports.pages.problems",
+        "mbsbench.reports.pages.cells",
+    } <= set(names)
+    assert names.index("mbsbench.reports.pages.cells") > names.index("mbsbench.reports.pages.problems")

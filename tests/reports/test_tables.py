@@ -4,11 +4,12 @@ import csv
 import io
 import math
 
-from reports.columns import COLUMNS
-from reports.reading import Cell, read_run
-from reports.tables import csv_of, latex_number, latex_of, latex_text
-from reports.words import number, seconds, signed, unit, whole
-from tests.reports.conftest import HOSTILE, record
+from mbsbench.reports.model.columns import COLUMNS
+from mbsbench.reports.model.reading import Cell, read_run
+from mbsbench.reports.model.tables import csv_of, latex_number, latex_of, latex_text
+from mbsbench.reports.model.words import number, seconds, signed, unit, whole
+
+from .conftest import HOSTILE, record
 
 
 def test_csv_has_every_cell_in_full(built):

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from harness.mechanics import so3
-from harness.mechanics.consistency import project
-from harness.mechanics.state import State
-from harness.mechanics.system import Joint, MultibodySystem, RigidBody, SpringDamper, assemble
+from mbsbench.harness.mechanics import so3
+from mbsbench.harness.mechanics.consistency import project
+from mbsbench.harness.mechanics.state import State
+from mbsbench.harness.mechanics.system import Joint, MultibodySystem, RigidBody, SpringDamper, assemble
 
 SPRINGS = (
     SpringDamper(0, (0.2, 0.1, -0.1), 2, (0.0, 0.3, 0.1), stiffness=30.0, rest_length=0.4, damping=2.0),

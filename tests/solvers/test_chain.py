@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from harness.mechanics.motion import constraint_rate, energy
-from harness.mechanics.state import State
-from harness.mechanics.system import GROUND, MultibodySystem
-from harness.registry import make_problem, make_solver
-from harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics.motion import constraint_rate, energy
+from mbsbench.harness.mechanics.state import State
+from mbsbench.harness.mechanics.system import GROUND, MultibodySystem
+from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 
 FIRST_DIP = 0.45  # [s] before E is at its lowest and the pull in the joints peaks
 

@@ -7,14 +7,20 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from harness.mechanics.jacobian import constraint_jacobian
-from harness.types import Problem
-from solvers.formulations.charts import CHARTS
-from solvers.formulations.dae import ImplicitForm
-from solvers.formulations.layout import Layout
-from solvers.formulations.start import Accelerations, consistent, coordinates_and_velocities, layout_for
-from tests.solvers import arbitrary_systems
-from tests.solvers.arbitrary_systems import arbitrary, linkage
+from mbsbench.harness.mechanics.jacobian import constraint_jacobian
+from mbsbench.harness.types import Problem
+from mbsbench.solvers.formulations.charts import CHARTS
+from mbsbench.solvers.formulations.dae import ImplicitForm
+from mbsbench.solvers.formulations.layout import Layout
+from mbsbench.solvers.formulations.start import (
+    Accelerations,
+    consistent,
+    coordinates_and_velocities,
+    layout_for,
+)
+
+from . import arbitrary_systems
+from .arbitrary_systems import arbitrary, linkage
 
 SYSTEM = linkage(springs=True)
 STEP = 1e-6  # of central differences

@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from harness.mechanics.motion import energy, point_position
-from harness.registry import make_problem, make_solver
-from harness.types import Problem, Status, StepControl, Trajectory
-from problems.exact.passages import singular_passages
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics.motion import energy, point_position
+from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.problems.exact.passages import singular_passages
 
 ALLOWED = 1.0  # [J] the benchmark's own limit
 SINGULAR_STEP, SMALL_TURN = 1e-3, 0.005  # [s]; [rad] largest turn of a bar in a step

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from harness.mechanics.jacobian import constraint_jacobian, independent_rows
-from harness.registry import make_problem
-from solvers.formulations.rank import DEPENDENT, INDEPENDENT, rows_to_keep, squared_distances
-from tests.solvers.arbitrary_systems import consistent, linkage
+from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.mechanics.jacobian import constraint_jacobian, independent_rows
+from mbsbench.solvers.formulations.rank import DEPENDENT, INDEPENDENT, rows_to_keep, squared_distances
+
+from .arbitrary_systems import consistent, linkage
 
 
 @pytest.mark.parametrize(("rows", "columns"), [(1, 1), (2, 3), (5, 5)])

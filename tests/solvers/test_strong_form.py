@@ -5,14 +5,15 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from harness.mechanics.motion import scaling_masses
-from harness.mechanics.state import State
-from solvers.formulations.charts import CHARTS
-from solvers.formulations.layout import Layout
-from solvers.formulations.saddle import InverseMass
-from solvers.formulations.start import Accelerations
-from solvers.formulations.strong_form import RowTerms, StrongForm
-from tests.solvers.arbitrary_systems import arbitrary, consistent, linkage
+from mbsbench.harness.mechanics.motion import scaling_masses
+from mbsbench.harness.mechanics.state import State
+from mbsbench.solvers.formulations.charts import CHARTS
+from mbsbench.solvers.formulations.layout import Layout
+from mbsbench.solvers.formulations.saddle import InverseMass
+from mbsbench.solvers.formulations.start import Accelerations
+from mbsbench.solvers.formulations.strong_form import RowTerms, StrongForm
+
+from .arbitrary_systems import arbitrary, consistent, linkage
 
 few = settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 seeds = st.integers(0, 1000)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from harness.mechanics import so3
-from harness.mechanics.state import State
-from harness.mechanics.system import RigidBody, assemble
-from harness.registry import make_problem, make_solver
-from harness.types import Problem, Status, StepControl
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics import so3
+from mbsbench.harness.mechanics.state import State
+from mbsbench.harness.mechanics.system import RigidBody, assemble
+from mbsbench.harness.types import Problem, Status, StepControl
 
 ALL = ["rk45_strong_form", "ndf_index1", "ida_index1", "ida_index3"]
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from harness.mechanics import motion
-from harness.mechanics.jacobian import constraint_jacobian
-from harness.registry import make_problem, make_solver
-from harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics import motion
+from mbsbench.harness.mechanics.jacobian import constraint_jacobian
+from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 
 ALL = ["rk45_strong_form", "ndf_index1", "ida_index1", "ida_index3"]
 INDEX_1 = ALL[:3]
@@ -102,7 +102,7 @@ def test_baumgarte_keeps_what_plain_index_1_loses():
 @pytest.mark.parametrize("solver", INDEX_1)
 def test_springs_and_dampers_lose_what_the_dampers_take(solver):
     """E(t) - E(0) = integral of the damping power, by the trapezoid rule on the recorded steps (1 ms: 1e-5 J)."""
-    from tests.solvers.arbitrary_systems import consistent, linkage
+    from .arbitrary_systems import consistent, linkage
 
     system = linkage(springs=True)
     p = Problem("linkage", system, consistent(system, 3), t_end=0.5, dt=1e-3, section="", source="")

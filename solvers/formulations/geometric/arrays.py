@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from harness.mechanics.system import MultibodySystem
+from ....harness.mechanics.system import MultibodySystem
 
 
 class Model(NamedTuple):

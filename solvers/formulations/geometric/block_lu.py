@@ -8,7 +8,7 @@ docs/decisions/block-lu.md.
 import numpy as np
 from numba import njit
 
-from solvers.formulations.geometric.small import INNER, JIT
+from .small import INNER, JIT
 
 
 @njit(**JIT)

@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.options import option
-from harness.types import Problem, StepControl
-from solvers.formulations.geometric.directions import CHOICES
-from solvers.formulations.geometric.residual import Settings
+from ....harness.catalogue.options import option
+from ....harness.types import Problem, StepControl
+from .directions import CHOICES
+from .residual import Settings
 
 
 @dataclass(frozen=True)

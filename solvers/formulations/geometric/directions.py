@@ -10,8 +10,8 @@
 import numpy as np
 from numba import njit
 
-from solvers.formulations.geometric.kinematics import spring_line
-from solvers.formulations.geometric.small import INNER, back3, cross, cross3, dot, turn3, turn_back
+from .kinematics import spring_line
+from .small import INNER, back3, cross, cross3, dot, turn3, turn_back
 
 CHOICES = ("a", "mass", "translation")
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from harness.types import Problem, State, States, Status, StepControl, Trajectory
-from solvers.formulations.geometric import march as marching
-from solvers.formulations.geometric.arrays import Model, Motion, empty_motion, model_of
-from solvers.formulations.geometric.pattern import Factors, Index, Pattern, analyse, empty_factors
-from solvers.formulations.geometric.residual import Rows, Settings, complete
-from solvers.formulations.geometric.step import COUNTERS, History, Penalty, Work, start_mu
+from ....harness.types import Problem, State, States, Status, StepControl, Trajectory
+from . import march as marching
+from .arrays import Model, Motion, empty_motion, model_of
+from .pattern import Factors, Index, Pattern, analyse, empty_factors
+from .residual import Rows, Settings, complete
+from .step import COUNTERS, History, Penalty, Work, start_mu
 
 STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
 PLAIN = Penalty(active=0, nested=0, xi=1.0, max_augmentations=1, accept=0.0, correct_pose=0, soft=1.0)

@@ -10,15 +10,9 @@ slows the convergence). Without springs the Jacobian is exact.
 import numpy as np
 from numba import njit
 
-from solvers.formulations.geometric.jacobian_joints import (
-    axis_columns,
-    axis_constraints,
-    axis_forces,
-    point_constraints,
-    point_forces,
-)
-from solvers.formulations.geometric.kinematics import spring_line
-from solvers.formulations.geometric.small import (
+from .jacobian_joints import axis_columns, axis_constraints, axis_forces, point_constraints, point_forces
+from .kinematics import spring_line
+from .small import (
     INNER,
     JIT,
     cross,

@@ -9,8 +9,8 @@ hat identities in the body frame, with ``f = R1^T F1`` and ``beta = -s + dt/2 Om
 import numpy as np
 from numba import njit
 
-from solvers.formulations.geometric.residual import axis_torque
-from solvers.formulations.geometric.small import INNER, add_hat_hat, add_product, back3, cross3, turn3
+from .residual import axis_torque
+from .small import INNER, add_hat_hat, add_product, back3, cross3, turn3
 
 
 @njit(**INNER)

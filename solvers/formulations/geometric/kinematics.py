@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from solvers.formulations.geometric.small import INNER, cross, cross3, dot, turn, turn3
+from .small import INNER, cross, cross3, dot, turn, turn3
 
 
 @njit(**INNER)

@@ -9,14 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from solvers.formulations.geometric.small import INNER, JIT
-from solvers.formulations.geometric.step import (
-    CONVERGED,
-    LOOSE,
-    accept,
-    attempt,
-    correct_pose,
-)
+from .small import INNER, JIT
+from .step import CONVERGED, LOOSE, accept, attempt, correct_pose
 
 FINISHED, BUFFER_FULL, UNDERFLOW = 0, 1, 2
 

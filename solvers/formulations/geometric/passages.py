@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from scipy.signal import find_peaks
 
-from harness.mechanics.jacobian import singular_values
-from harness.mechanics.system import MultibodySystem
-from harness.types import Trajectory
+from ....harness.mechanics.jacobian import singular_values
+from ....harness.mechanics.system import MultibodySystem
+from ....harness.types import Trajectory
 
 DENSE_ROWS = 1000  # singular values are dense: beyond this size passages are not looked for
 DECADES = (

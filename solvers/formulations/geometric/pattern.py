@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solvers.formulations.geometric.arrays import Model
+from .arrays import Model
 
 
 class Index(NamedTuple):

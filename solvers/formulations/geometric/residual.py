@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from solvers.formulations.geometric.directions import coefficients
-from solvers.formulations.geometric.kinematics import applied, joints
-from solvers.formulations.geometric.small import INNER, JIT, back3, cross3, quadratic3, turn3, turned_by
+from .directions import coefficients
+from .kinematics import applied, joints
+from .small import INNER, JIT, back3, cross3, quadratic3, turn3, turned_by
 
 
 class Settings(NamedTuple):

@@ -9,18 +9,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from solvers.formulations.geometric.block_lu import factor, solve
-from solvers.formulations.geometric.directions import direction
-from solvers.formulations.geometric.jacobian import assemble
-from solvers.formulations.geometric.residual import (
-    balance,
-    complete,
-    end_forces,
-    move,
-    residual_norm,
-    start_forces,
-)
-from solvers.formulations.geometric.small import INNER, JIT, dot, turned_by
+from .block_lu import factor, solve
+from .directions import direction
+from .jacobian import assemble
+from .residual import balance, complete, end_forces, move, residual_norm, start_forces
+from .small import INNER, JIT, dot, turned_by
 
 CONVERGED, LOOSE, SLOW, NOT_FINITE, SINGULAR_MATRIX = 0, 1, 2, 3, 4
 

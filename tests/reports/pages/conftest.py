@@ -6,11 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from reports.pages import atlas, certificates, claims, history, work
-from reports.pages.base import FOLDER, Site
-from reports.reading import Run, read_run
-from tests.reports.conftest import every_kind
-from tests.reports.pages.synthetic import judge
+from mbsbench.reports.model.reading import Run, read_run
+from mbsbench.reports.pages import atlas, certificates, claims, history, work
+from mbsbench.reports.pages.base import FOLDER, Site
+
+from ..conftest import every_kind
+from .synthetic import judge
 
 PAGES = {"claims.html": claims, "certificates.html": certificates, "work.html": work, "atlas.html": atlas,
          "history.html": history}  # fmt: skip

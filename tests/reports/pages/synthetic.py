@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from tests.reports.conftest import HOSTILE
+from ..conftest import HOSTILE
 
 
 def claims(cells: Sequence[str]) -> list[dict[str, Any]]:

@@ -6,12 +6,13 @@ import math
 import numpy as np
 import pytest
 
-from reports.pages.atlas import broken, groups, law_of, zoom
-from reports.pages.causes import CAUSES, autopsy, usual_step
-from reports.pages.survival import survival
-from reports.pages.svg import ticks
-from reports.reading import Cell, read_run
-from tests.reports.conftest import put, record, series
+from mbsbench.reports.model.reading import Cell, read_run
+from mbsbench.reports.pages.atlas import broken, groups, law_of, zoom
+from mbsbench.reports.pages.causes import CAUSES, autopsy, usual_step
+from mbsbench.reports.pages.survival import survival
+from mbsbench.reports.pages.svg import ticks
+
+from ..conftest import put, record, series
 
 
 def stopped(status: str = "diverged", **changes) -> Cell:

@@ -3,12 +3,13 @@
 import math
 import re
 
-from reports.pages.claim_map import grids
-from reports.pages.claims import band_of, claims_of, counts, differences, verdict
-from reports.pages.judgement import Entry
-from reports.pages.links import links_of
-from reports.pages.svg import number_line, said, scale_for
-from tests.reports.pages import synthetic
+from mbsbench.reports.pages.claim_map import grids
+from mbsbench.reports.pages.claims import band_of, claims_of, counts, differences, verdict
+from mbsbench.reports.pages.judgement import Entry
+from mbsbench.reports.pages.links import links_of
+from mbsbench.reports.pages.svg import number_line, said, scale_for
+
+from . import synthetic
 
 NONE = links_of([])
 

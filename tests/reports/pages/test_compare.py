@@ -6,13 +6,14 @@ import math
 
 import pytest
 
-from reports.pages.compare import changes, write_compare
-from reports.pages.judgement import Entry
-from reports.pages.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work
-from reports.reading import read_run
-from tests.reports.bundles import opened
-from tests.reports.conftest import HOSTILE, every_kind, put, record, series
-from tests.reports.pages.conftest import Outline
+from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.pages.compare import changes, write_compare
+from mbsbench.reports.pages.judgement import Entry
+from mbsbench.reports.pages.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work
+
+from ..bundles import opened
+from ..conftest import HOSTILE, every_kind, put, record, series
+from .conftest import Outline
 
 
 def test_what_became_wrong_comes_before_what_got_better():

@@ -5,12 +5,13 @@ import math
 
 import pytest
 
-from reports.pages import history, timeline
-from reports.pages.svg import sparkline
-from reports.pages.timeline import gather, lines, moments, moved
-from reports.reading import read_run
-from tests.reports.conftest import HOSTILE, put, record, series
-from tests.reports.pages.conftest import Outline, render
+from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.pages import history, timeline
+from mbsbench.reports.pages.svg import sparkline
+from mbsbench.reports.pages.timeline import gather, lines, moments, moved
+
+from ..conftest import HOSTILE, put, record, series
+from .conftest import Outline, render
 
 
 def run_folder(parent, name, commit, cells):

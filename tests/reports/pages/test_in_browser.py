@@ -2,8 +2,8 @@
 
 import pytest
 
-from tests.reports.browser import CHROMIUM
-from tests.reports.pages.conftest import PAGES
+from ..browser import CHROMIUM
+from .conftest import PAGES
 
 pytestmark = [
     pytest.mark.browser,

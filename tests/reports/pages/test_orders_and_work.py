@@ -6,18 +6,19 @@ import math
 import numpy as np
 import pytest
 
-from reports.pages.certificates import tally
-from reports.pages.drifts import anatomies, common_scale, parted
-from reports.pages.judgement import Entry
-from reports.pages.links import links_of
-from reports.pages.orders import EARLY, FLOORED, USED, certificates, glance
-from reports.pages.scorecard import card
-from reports.pages.work import work_at
-from reports.pages.work_plots import plots_of, profile_plot, steps_of
-from reports.pages.work_points import Profile, fields, profiles
-from reports.reading import read_run
-from tests.reports.conftest import every_kind
-from tests.reports.pages import synthetic
+from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.pages.certificates import tally
+from mbsbench.reports.pages.drifts import anatomies, common_scale, parted
+from mbsbench.reports.pages.judgement import Entry
+from mbsbench.reports.pages.links import links_of
+from mbsbench.reports.pages.orders import EARLY, FLOORED, USED, certificates, glance
+from mbsbench.reports.pages.scorecard import card
+from mbsbench.reports.pages.work import work_at
+from mbsbench.reports.pages.work_plots import plots_of, profile_plot, steps_of
+from mbsbench.reports.pages.work_points import Profile, fields, profiles
+
+from ..conftest import every_kind
+from . import synthetic
 
 NONE = links_of([])
 

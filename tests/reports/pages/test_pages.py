@@ -6,9 +6,10 @@ from itertools import pairwise
 
 import pytest
 
-from reports.reading import read_run
-from tests.reports.conftest import HOSTILE, put, record, series
-from tests.reports.pages.conftest import PAGES, Outline, render
+from mbsbench.reports.model.reading import read_run
+
+from ..conftest import HOSTILE, put, record, series
+from .conftest import PAGES, Outline, render
 
 
 @pytest.mark.parametrize("name", PAGES)
@@ -58,7 +59,7 @@ def test_without_a_judgement_the_page_names_the_command(tmp_path, name, state):
             text = "{" if state == "broken" else json.dumps({"something": "else"})
             (tmp_path / "judgement" / f"{file}.json").write_text(text)
     pages = render(read_run(tmp_path), [PAGES[name]])
-    assert f"python -m harness judge {tmp_path.name}" in Outline(pages[name]).text
+    assert f"mbsbench judge {tmp_path.name}" in Outline(pages[name]).text
 
 
 def test_rows_with_holes_are_shown_with_dashes(tmp_path):

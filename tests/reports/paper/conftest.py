@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from harness import registry
-from harness.mechanics.state import States
-from harness.records import RunRecord
-from harness.series import Series
-from reports.paper.catalogue import FIGURES
-from reports.paper.spec import Pick
-from tests.reports.conftest import put
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.results.series import Series
+from mbsbench.reports.paper.catalogue import FIGURES
+from mbsbench.reports.paper.spec import Pick
+
+from ..conftest import put
 
 ROWS = 60
 

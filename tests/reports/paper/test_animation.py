@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from harness import registry
-from harness.__main__ import main
-from reports.animation import animate, choosing, files
-from reports.animation.stage import Stage, actors_of, flat, view_of
-from reports.mechanism import mechanism_of
-from reports.paper.spec import Pick
-from tests.reports.conftest import put
-from tests.reports.paper.conftest import record_for, series_for
+from mbsbench.harness.__main__ import main
+from mbsbench.harness.catalogue import registry
+from mbsbench.reports.mechanism.animation import animate, choosing, files
+from mbsbench.reports.mechanism.animation.stage import Stage, actors_of, flat, view_of
+from mbsbench.reports.mechanism.segments import mechanism_of
+from mbsbench.reports.paper.spec import Pick
+
+from ..conftest import put
+from .conftest import record_for, series_for
 
 GC = Pick("gc", "gc_weak_form", "spherical_pendulum", dt=0.01)
 RK = Pick("rk", "rk45_strong_form", "spherical_pendulum", rtol=1e-8)

@@ -5,17 +5,18 @@ import math
 import numpy as np
 import pytest
 
-from harness import registry
-from reports import palette
-from reports.curves import Curve
-from reports.mechanism import mechanism_of
-from reports.paper import limits, measures
-from reports.paper.lines import Line, lines_of, within
-from reports.paper.measures import measured
-from reports.paper.picking import choose
-from reports.paper.spec import Panel, Pick, Says
-from reports.reading import Cell
-from tests.reports.paper.conftest import record_for, series_for
+from mbsbench.harness.catalogue import registry
+from mbsbench.reports.mechanism.segments import mechanism_of
+from mbsbench.reports.model.curves import Curve
+from mbsbench.reports.model.reading import Cell
+from mbsbench.reports.paper import limits, measures
+from mbsbench.reports.paper.lines import Line, lines_of, within
+from mbsbench.reports.paper.measures import measured
+from mbsbench.reports.paper.picking import choose
+from mbsbench.reports.paper.spec import Panel, Pick, Says
+from mbsbench.reports.plots import palette
+
+from .conftest import record_for, series_for
 
 PICKS = [Pick(f"k{n}", "rk45_strong_form", "heavy_top", rtol=tol) for n, tol in enumerate((1e-3, 1e-6), 1)]
 

@@ -6,16 +6,17 @@ import math
 
 import pytest
 
-from harness.__main__ import main
-from harness.records import RunRecord
-from harness.suites import load_suite
-from reports import palette
-from reports.paper import build, drawer, lines, picking
-from reports.paper.catalogue import FIGURES, NUMBERS
-from reports.publication.style import style
-from reports.reading import Cell, read_run
-from reports.words import number, signed
-from tests.reports.paper.conftest import fill
+from mbsbench.harness.__main__ import main
+from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.suites.suite import load_suite
+from mbsbench.reports.model.reading import Cell, read_run
+from mbsbench.reports.model.words import number, signed
+from mbsbench.reports.paper import build, drawer, lines, picking
+from mbsbench.reports.paper.catalogue import FIGURES, NUMBERS
+from mbsbench.reports.plots import palette
+from mbsbench.reports.publication.style import style
+
+from .conftest import fill
 
 BY_NAME = {s.name: s for s in FIGURES}
 

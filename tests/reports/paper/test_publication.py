@@ -7,11 +7,12 @@ import re
 
 import pytest
 
-from harness.__main__ import main
-from reports.publication import build, figures, tables
-from reports.publication.style import DOUBLE, SINGLE
-from reports.reading import read_run
-from tests.reports.conftest import every_kind, put, record, series
+from mbsbench.harness.__main__ import main
+from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.publication import build, figures, tables
+from mbsbench.reports.publication.style import DOUBLE, SINGLE
+
+from ..conftest import every_kind, put, record, series
 
 NUMBER = re.compile(r"\$(-?[\d.]+)(?:\\,(\d+))*(?:\\times 10\^\{(-?\d+)\})?\$")
 

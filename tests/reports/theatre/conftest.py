@@ -6,11 +6,12 @@ import shutil
 import numpy as np
 import pytest
 
-from harness.series import Series
-from reports.pages.base import FOLDER, Site
-from reports.reading import read_run
-from reports.theatre import page
-from tests.reports.conftest import HOSTILE, put, record
+from mbsbench.harness.results.series import Series
+from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.pages import theatre as page
+from mbsbench.reports.pages.base import FOLDER, Site
+
+from ..conftest import HOSTILE, put, record
 
 ALONG_X = np.array([0.5, 0.0, 0.0])
 JOINTS = {"joint_i": [0, 0], "joint_j": [-1, 1], "joint_s_i": [-ALONG_X, ALONG_X], "joint_s_j": [0 * ALONG_X, -ALONG_X]}

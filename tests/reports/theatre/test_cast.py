@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from reports.reading import Cell, Posing
-from reports.theatre.cast import AT_MOST, cast
-from tests.reports.conftest import record
+from mbsbench.reports.mechanism.theatre.cast import AT_MOST, cast
+from mbsbench.reports.model.reading import Cell, Posing
+
+from ..conftest import record
 
 
 def posing(*cells) -> Posing:

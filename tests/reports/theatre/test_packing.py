@@ -6,8 +6,8 @@ import zlib
 import numpy as np
 import pytest
 
-from reports.theatre import packing
-from reports.theatre.packing import LEVELS, Box, box_of
+from mbsbench.reports.mechanism.theatre import packing
+from mbsbench.reports.mechanism.theatre.packing import LEVELS, Box, box_of
 
 
 def unpacked(text: str, dtype: str) -> np.ndarray:

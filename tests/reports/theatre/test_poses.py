@@ -2,8 +2,20 @@
 
 import numpy as np
 
-from reports.theatre.poses import NEAR, TURNED, Poses, between, enough, finite, off, rates, thinned, turns
-from tests.reports.theatre.conftest import about_z
+from mbsbench.reports.mechanism.theatre.poses import (
+    NEAR,
+    TURNED,
+    Poses,
+    between,
+    enough,
+    finite,
+    off,
+    rates,
+    thinned,
+    turns,
+)
+
+from .conftest import about_z
 
 
 def spinning(rate: float, n: int = 300, t_end: float = 3.0) -> Poses:

@@ -3,15 +3,16 @@
 import numpy as np
 import pytest
 
-from reports.reading import Cell
-from reports.theatre.marks import marks_of
-from reports.theatre.page import fair
-from reports.theatre.poses import Poses
-from reports.theatre.scene import players, scene
-from reports.theatre.shapes import shapes_of
-from reports.theatre.strips import STRIPS, strip, strips_of
-from tests.reports.conftest import HOSTILE, record
-from tests.reports.theatre.conftest import held, two_bars
+from mbsbench.reports.mechanism.theatre.marks import marks_of
+from mbsbench.reports.mechanism.theatre.poses import Poses
+from mbsbench.reports.mechanism.theatre.scene import players, scene
+from mbsbench.reports.mechanism.theatre.shapes import shapes_of
+from mbsbench.reports.mechanism.theatre.strips import STRIPS, strip, strips_of
+from mbsbench.reports.model.reading import Cell
+from mbsbench.reports.pages.theatre import fair
+
+from ..conftest import HOSTILE, record
+from .conftest import held, two_bars
 
 
 @pytest.mark.parametrize("n", [1, 7, 5000])

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from reports.theatre.poses import Poses, between, enough
-from tests.reports.browser import CHROMIUM
+from mbsbench.reports.mechanism.theatre.poses import Poses, between, enough
+
+from ..browser import CHROMIUM
 
 pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")]
 READY = "document.querySelector('[data-theatre]').dataset.ready"

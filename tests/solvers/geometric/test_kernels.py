@@ -3,17 +3,18 @@
 import numpy as np
 import pytest
 
-from harness.mechanics.jacobian import constraint_jacobian
-from harness.mechanics.motion import constraint, constraint_rate, scaling_masses
-from harness.mechanics.state import States
-from harness.mechanics.system import Joint, RigidBody, assemble
-from harness.types import Problem
-from solvers.formulations.geometric.block_lu import factor, solve
-from solvers.formulations.geometric.driver import Run, load, prepare
-from solvers.formulations.geometric.jacobian import assemble as fill_blocks
-from solvers.formulations.geometric.residual import Settings, complete, start_forces
-from solvers.formulations.geometric.step import evaluate
-from tests.solvers.arbitrary_systems import arbitrary, linkage
+from mbsbench.harness.mechanics.jacobian import constraint_jacobian
+from mbsbench.harness.mechanics.motion import constraint, constraint_rate, scaling_masses
+from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
+from mbsbench.harness.types import Problem
+from mbsbench.solvers.formulations.geometric.block_lu import factor, solve
+from mbsbench.solvers.formulations.geometric.driver import Run, load, prepare
+from mbsbench.solvers.formulations.geometric.jacobian import assemble as fill_blocks
+from mbsbench.solvers.formulations.geometric.residual import Settings, complete, start_forces
+from mbsbench.solvers.formulations.geometric.step import evaluate
+
+from ..arbitrary_systems import arbitrary, linkage
 
 DT = 0.05
 

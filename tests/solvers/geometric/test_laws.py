@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
-from harness.mechanics import so3
-from harness.mechanics.motion import angular_momentum, constraint, damping_power, energy
-from harness.mechanics.state import State
-from harness.mechanics.system import Joint, RigidBody, assemble
-from harness.registry import make_problem, make_solver
-from harness.types import Problem, Status, StepControl, Trajectory
-from tests.solvers.arbitrary_systems import consistent, linkage
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics import so3
+from mbsbench.harness.mechanics.motion import angular_momentum, constraint, damping_power, energy
+from mbsbench.harness.mechanics.state import State
+from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
+from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+
+from ..arbitrary_systems import consistent, linkage
 
 
 def run(problem: Problem, dt: float, solver: str = "gc_weak_form", **options) -> Trajectory:

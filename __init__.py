@@ -1,0 +1,64 @@
+"""The referee of constrained multibody dynamics: problems with exact references, solvers, metrics, verdicts.
+
+All that a problem, a solver or a notebook needs is here; what stands below (``mbsbench.harness`` and the rest) may
+change. Names are loaded when they are first used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from .harness.catalogue.options import Parameter as Parameter
+    from .harness.catalogue.options import option as option
+    from .harness.catalogue.registry import make_problem as make_problem
+    from .harness.catalogue.registry import problem as problem
+    from .harness.catalogue.registry import solver as solver
+    from .harness.mechanics import so3 as so3
+    from .harness.mechanics.jacobian import constraint_jacobian as constraint_jacobian
+    from .harness.mechanics.jacobian import independent_rows as independent_rows
+    from .harness.mechanics.motion import angular_momentum as angular_momentum
+    from .harness.mechanics.motion import constraint as constraint
+    from .harness.mechanics.motion import constraint_rate as constraint_rate
+    from .harness.mechanics.motion import kinetic_energy as kinetic_energy
+    from .harness.mechanics.motion import potential_energy as potential_energy
+    from .harness.mechanics.state import State as State
+    from .harness.mechanics.state import States as States
+    from .harness.mechanics.system import Joint as Joint
+    from .harness.mechanics.system import MultibodySystem as MultibodySystem
+    from .harness.mechanics.system import RigidBody as RigidBody
+    from .harness.mechanics.system import SpringDamper as SpringDamper
+    from .harness.mechanics.system import assemble as assemble
+    from .harness.types import Invariant as Invariant
+    from .harness.types import Observable as Observable
+    from .harness.types import Problem as Problem
+    from .harness.types import Reference as Reference
+    from .harness.types import Status as Status
+    from .harness.types import StepControl as StepControl
+    from .harness.types import Trajectory as Trajectory
+
+_HOMES = {  # the same list for the interpreter, which loads none before it is asked for
+    "catalogue.options": ("Parameter", "option"),
+    "catalogue.registry": ("make_problem", "problem", "solver"),
+    "mechanics": ("so3",),
+    "mechanics.jacobian": ("constraint_jacobian", "independent_rows"),
+    "mechanics.motion": ("angular_momentum", "constraint", "constraint_rate", "kinetic_energy", "potential_energy"),
+    "mechanics.state": ("State", "States"),
+    "mechanics.system": ("Joint", "MultibodySystem", "RigidBody", "SpringDamper", "assemble"),
+    "types": ("Invariant", "Observable", "Problem", "Reference", "Status", "StepControl", "Trajectory"),
+}
+_HOME = {name: module for module, names in _HOMES.items() for name in names}
+__all__ = sorted(_HOME)  # noqa: PLE0605
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    home = _HOME[name]
+    found = import_module(f".harness.{home}", __name__)
+    value = import_module(f".harness.{home}.{name}", __name__) if home == "mechanics" else getattr(found, name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -1,0 +1,279 @@
+"""The catalogues: every public module of ``problems/`` and ``solvers/`` is an entry; nothing else lists them.
+
+A problem file holds one function marked ``@problem``, a solver file one dataclass marked ``@solver``.
+"""
+
+import dataclasses
+import importlib
+import inspect
+import math
+import pkgutil
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Annotated, Any, get_args, get_origin
+
+import numpy as np
+
+from ..mechanics import so3
+from ..mechanics.consistency import check_start, perturbed
+from ..mechanics.posing import SPACE_AXES, Posing
+from ..mechanics.state import States, rotated
+from ..mechanics.system import GROUND, MultibodySystem
+from ..types import Problem, Solver
+from . import plugins
+from .options import Parameter, nearest, read_value
+
+_MARK = "__mbsbench_name__"
+MIRRORS = tuple(SPACE_AXES)
+
+COMMON_PARAMETERS: dict[str, tuple[Any, Parameter]] = {
+    "t_end": (0.0, Parameter("simulated time; 0 takes the problem's own", "s", at_least=0.0)),
+    "yaw": (0.0, Parameter("turn everything, gravity included, about the vertical", "rad")),
+    "rotation": ((0.0, 0.0, 0.0), Parameter("turn everything by this rotation vector, after yaw", "rad")),
+    "perturb": (
+        0.0,
+        Parameter("relative size of a random change of the start, made consistent again", "", at_least=0.0),
+    ),
+    "seed": (0, Parameter("seed of perturb", "", at_least=0)),
+    "mirror": ("none", Parameter("tell the solver the image in the plane with this normal", "", choices=MIRRORS)),
+    "duplicate": (0, Parameter("tell it this joint twice, counted from 1; 0: none", "", at_least=0)),
+    "renumber": (0, Parameter("tell it bodies and joints in the random order of this seed; 0: as is", "", at_least=0)),
+    "unit_length": (1.0, Parameter("tell it all lengths times this number", "", at_least=1e-6, at_most=1e6)),
+    "unit_mass": (1.0, Parameter("tell it all masses times this number", "", at_least=1e-6, at_most=1e6)),
+    "unit_time": (1.0, Parameter("tell it all times times this number, dt too", "", at_least=1e-6, at_most=1e6)),
+    "retrace": (False, Parameter("send it back from the end, velocities reversed: what misses the start", "")),
+}
+# The last seven change what the solver is told, not the problem: its motion is brought back before it is measured.
+POSED = ("mirror", "duplicate", "renumber", "unit_length", "unit_mass", "unit_time")
+
+
+@dataclass(frozen=True)
+class ProblemEntry:
+    """A catalogue entry: a function of parameters that makes a ``Problem``."""
+
+    name: str
+    make: Callable[..., Problem]
+    parameters: Mapping[str, tuple[Any, Parameter]]  # default and meaning, the common ones included
+    doc: str
+
+
+@dataclass(frozen=True)
+class SolverEntry:
+    """A catalogue entry: a dataclass of options that makes a ``Solver``."""
+
+    name: str
+    make: Callable[..., Solver]
+    parameters: Mapping[str, tuple[Any, Parameter]]
+    doc: str
+    paper_label: str
+    control: str
+    order: float = math.nan  # the solver's own claim, of its fixed steps; certificates hold it to that
+
+
+def problem(name: str) -> Callable[[Callable[..., Problem]], Callable[..., Problem]]:
+    """Mark the function of a problem file."""
+
+    def mark(function: Callable[..., Problem]) -> Callable[..., Problem]:
+        setattr(function, _MARK, name)
+        return function
+
+    return mark
+
+
+def solver(name: str) -> Callable[[type], type]:
+    """Mark the dataclass of a solver file and give it its ``name``."""
+
+    def mark(cls: type) -> type:
+        setattr(cls, _MARK, name)
+        cls.name = name  # type: ignore[attr-defined]
+        return cls
+
+    return mark
+
+
+def problems() -> Mapping[str, ProblemEntry]:
+    """All problems by name, those of loaded plugins included."""
+    return {**_own_problems(), **_plugin_problems}
+
+
+def solvers() -> Mapping[str, SolverEntry]:
+    """All solvers by name, those of loaded plugins included."""
+    return {**_own_solvers(), **_plugin_solvers}
+
+
+def is_own_problem(name: str) -> bool:
+    """Whether ``name`` is of ``problems/``, not of a plugin."""
+    return name in _own_problems()
+
+
+def is_own_solver(name: str) -> bool:
+    """Whether ``name`` is of ``solvers/``, not of a plugin."""
+    return name in _own_solvers()
+
+
+def load_plugin(plugin: Path | str) -> None:
+    """Add the entries of a file or entry point (module plugins), or ValueError; it runs only because it was named.
+
+    Unlike a file of ``problems/`` or ``solvers/`` it may mark several entries. A name of ours cannot be taken.
+    """
+    where = plugins.resolved(str(plugin))
+    if where in _plugin_files:
+        return
+    try:
+        named = plugins.loaded(where)
+        found = _entries_of(named) if isinstance(named, ModuleType) else _marks_of([named])
+        if not found:
+            raise ValueError("it marks no @problem and no @solver")
+        made = [(n, _solver_entry(n, o) if isinstance(o, type) else _problem_entry(n, o)) for n, o in found]
+        taken = sorted({n for n, _ in made} & {*problems(), *solvers()})
+        if taken:
+            raise ValueError(f"the name {taken[0]!r} is taken")
+    except (Exception, SystemExit) as error:  # whatever a foreign file does on import is its own fault, told in a line
+        raise ValueError(f"plugin {where}: {error or type(error).__name__}") from error
+    _plugin_files.add(where)
+    _plugin_solvers.update({n: e for n, e in made if isinstance(e, SolverEntry)})
+    _plugin_problems.update({n: e for n, e in made if isinstance(e, ProblemEntry)})
+
+
+_plugin_files: set[str] = set()  # the catalogue of this process, grown only by load_plugin
+_plugin_problems: dict[str, ProblemEntry] = {}
+_plugin_solvers: dict[str, SolverEntry] = {}
+
+
+@cache
+def _own_problems() -> Mapping[str, ProblemEntry]:
+    return {name: _problem_entry(name, f) for name, f in _marked("problems")}
+
+
+@cache
+def _own_solvers() -> Mapping[str, SolverEntry]:
+    return {name: _solver_entry(name, c) for name, c in _marked("solvers")}
+
+
+def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:
+    """The problem ``name`` with ``parameters`` (numbers or text), posed in its frame, its start checked."""
+    known = problems()
+    if name not in known:
+        raise ValueError(f"unknown problem {name!r}{nearest(name, list(known))}")
+    entry = known[name]
+    values = _read(f"problem {name}", entry.parameters, parameters or {})
+    own = {k: v for k, v in values.items() if k not in COMMON_PARAMETERS}
+    made = entry.make(**own)
+    check_start(made.system, made.initial)
+    if values["perturb"] > 0.0:
+        start = perturbed(made.system, made.initial, values["perturb"], values["seed"])
+        made = dataclasses.replace(made, initial=start)
+    made = in_frame(made, so3.exp(np.array(values["rotation"])) @ _yaw(made.system, values["yaw"]))
+    posing = Posing(**{k: values[k] for k in POSED})
+    posing.system(made.system)  # says no to a joint that is not there
+    t_end = values["t_end"] or made.t_end
+    given = {k: v for k, v in values.items() if v != entry.parameters[k][0]}
+    return dataclasses.replace(made, t_end=t_end, parameters=given, posing=posing, retrace=values["retrace"])
+
+
+def make_solver(name: str, options: Mapping[str, Any] | None = None) -> Solver:
+    """The solver ``name`` with ``options`` (numbers or text)."""
+    known = solvers()
+    if name not in known:
+        raise ValueError(f"unknown solver {name!r}{nearest(name, list(known))}")
+    return known[name].make(**_read(f"solver {name}", known[name].parameters, options or {}))
+
+
+def in_frame(p: Problem, Q: np.ndarray) -> Problem:
+    """``p`` posed in space turned by ``Q``: ground points and axes, gravity and start; the reference follows."""
+    if np.array_equal(Q, np.eye(3)):
+        return p
+    start = rotated(States.one(p.initial), Q)[0]
+    return dataclasses.replace(p, system=_turned(p.system, Q), initial=start, frame=Q @ p.frame)
+
+
+def _turned(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
+    def turn(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
+        out = np.where((ends == GROUND).reshape(-1, *[1] * (a.ndim - 1)), a @ Q.T, a)
+        out.setflags(write=False)
+        return out
+
+    return dataclasses.replace(
+        s,
+        gravity=turn(s.gravity[None], np.array([GROUND]))[0],
+        joint_s_j=turn(s.joint_s_j, s.joint_j),
+        joint_n=turn(s.joint_n, s.joint_j),
+        spring_p_j=turn(s.spring_p_j, s.spring_j),
+    )
+
+
+def _yaw(system: MultibodySystem, angle: float) -> np.ndarray:
+    """Rotation by ``angle`` about the vertical (opposite to gravity; Z where there is none)."""
+    g = float(np.linalg.norm(system.gravity))
+    return so3.exp(angle * (-system.gravity / g if g > 0.0 else np.array([0.0, 0.0, 1.0])))
+
+
+def _read(where: str, known: Mapping[str, tuple[Any, Parameter]], given: Mapping[str, Any]) -> dict[str, Any]:
+    for key in given:
+        if key not in known:
+            raise ValueError(f"{where} has no option {key!r}{nearest(key, list(known))}")
+    return {k: read_value(k, given[k], default, p) if k in given else default for k, (default, p) in known.items()}
+
+
+def _marked(package: str) -> list[tuple[str, Any]]:
+    found = []
+    for module in pkgutil.iter_modules(importlib.import_module(f"...{package}", __package__).__path__):
+        if module.ispkg or module.name.startswith("_"):
+            continue
+        loaded = importlib.import_module(f"...{package}.{module.name}", __package__)
+        entries = _entries_of(loaded)
+        if len(entries) != 1:
+            raise TypeError(f"{package}/{module.name}.py must mark exactly one entry (found {len(entries)})")
+        found += entries
+    return sorted(found)
+
+
+def _entries_of(module: ModuleType) -> list[tuple[str, Any]]:
+    return _marks_of([o for o in vars(module).values() if getattr(o, "__module__", None) == module.__name__])
+
+
+def _marks_of(objects: list[Any]) -> list[tuple[str, Any]]:
+    return [(vars(o)[_MARK], o) for o in objects if _MARK in getattr(o, "__dict__", {})]  # not of a base
+
+
+def _first_line(o: Any) -> str:
+    return (inspect.getdoc(o) or "").split("\n")[0]
+
+
+def _problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
+    own: dict[str, tuple[Any, Parameter]] = {}
+    for p in inspect.signature(function).parameters.values():
+        note = (
+            [a for a in get_args(p.annotation)[1:] if isinstance(a, Parameter)]
+            if get_origin(p.annotation) is Annotated
+            else []
+        )
+        if p.kind is not p.KEYWORD_ONLY or p.default is p.empty or not note:
+            raise TypeError(
+                f"problem {name}: {p.name} must be keyword-only, Annotated with a Parameter, with a default"
+            )
+        own[p.name] = (p.default, note[0])
+    return ProblemEntry(name, function, {**own, **COMMON_PARAMETERS}, _first_line(function))
+
+
+def _solver_entry(name: str, cls: Any) -> SolverEntry:
+    if not getattr(getattr(cls, "__dataclass_params__", None), "frozen", False):
+        raise TypeError(f"solver {name}: {cls.__name__} must be a frozen dataclass (below @solver)")
+    for what, kinds in (("paper_label", None), ("control", ("dt", "rtol"))):
+        given = getattr(cls, what, None)
+        if not isinstance(given, str) or (kinds and given not in kinds):
+            raise TypeError(f"solver {name}: {what} must be {' or '.join(kinds or ('text',))} (got {given!r})")
+    for what in ("refuses", "solve"):
+        if not callable(getattr(cls, what, None)):
+            raise TypeError(f"solver {name}: the method {what} is missing")
+    for f in dataclasses.fields(cls):
+        if "parameter" not in f.metadata or f.default is dataclasses.MISSING:
+            raise TypeError(f"solver {name}: {f.name} must be made by mbsbench.option, with a default")
+    own = {f.name: (f.default, f.metadata["parameter"]) for f in dataclasses.fields(cls)}
+    order = getattr(cls, "order", math.nan)
+    if isinstance(order, bool) or not isinstance(order, int | float):
+        raise TypeError(f"solver {name}: order must be a number, the order in dt it claims (got {order!r})")
+    return SolverEntry(name, cls, own, _first_line(cls), cls.paper_label, cls.control, float(order))

@@ -1,0 +1,263 @@
+"""The laws that a problem and its exact motion are held to, each told as what is wrong, or None.
+
+They are those of the full system in (r, R), which the problem's own formulas do not enter.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from ..catalogue import registry
+from ..mechanics import motion, so3
+from ..mechanics.consistency import InconsistentStart, check_start
+from ..mechanics.jacobian import constraint_jacobian
+from ..mechanics.state import States
+from ..metrics.scales import Scales, scales
+from ..types import Invariant, Observable, Problem, Reference
+
+SAMPLES = 21  # times along the reference
+SMALL = 1e-8  # of the problem's own scales: what is exact may be off by, its stated error apart
+DIFFERENCED = 1e-8  # the same for what is differenced: (step x rate)^6 is below 1e-12
+ROUNDED = 1e-12  # what rounding leaves of a smooth motion, before it is divided by a step
+DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0  # sixth order, of samples a step apart
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The problem with what several claims need of it."""
+
+    name: str
+
+    @cached_property
+    def problem(self) -> Problem:
+        """With its defaults."""
+        return registry.make_problem(self.name)
+
+    @cached_property
+    def size(self) -> Scales:
+        """What drifts are compared with."""
+        return scales(self.problem.system, self.problem.initial)
+
+    @cached_property
+    def reference(self) -> Reference | None:
+        """Its exact motion."""
+        return self.problem.reference()
+
+    @cached_property
+    def t(self) -> np.ndarray:
+        """Times within the reference's horizon."""
+        assert self.reference is not None
+        return np.linspace(0.0, min(self.problem.t_end, self.reference.horizon), SAMPLES)
+
+    @cached_property
+    def exact(self) -> States:
+        """The reference at ``t``."""
+        assert self.reference is not None
+        return self.reference.states(self.t)
+
+    @cached_property
+    def slack(self) -> float:
+        """[m] the largest error the reference says it has over ``t``."""
+        assert self.reference is not None
+        own = np.asarray(self.reference.error(self.t), dtype=float)
+        return float(np.max(own)) if own.shape == self.t.shape and np.all(np.isfinite(own)) else 0.0
+
+    @cached_property
+    def rate(self) -> float:
+        """[rad/s] of the motion: how fast poses change, and with them what is made of them."""
+        return 1.0 / max(self.t[-1], 1e-9) + float(np.max(np.abs(self.exact.Omega)))
+
+    @property
+    def off(self) -> float:
+        """The share of its scales by which an exact motion with that stated error may be off."""
+        return SMALL + 100.0 * self.slack / self.size.length
+
+    def differenced(self, step: float) -> float:
+        """The same for its derivatives, taken from differences over ``step`` [s]."""
+        return DIFFERENCED + (ROUNDED + 100.0 * self.slack / self.size.length) / (step * self.rate)
+
+
+def documented(s: Subject) -> str | None:
+    """Docstring, a meaning for each parameter of its own, source and name."""
+    entry = registry.problems()[s.name]
+    if not entry.doc.strip():
+        return "its function has no docstring"
+    own = {k: p for k, (_, p) in entry.parameters.items() if k not in registry.COMMON_PARAMETERS}
+    silent = [k for k, p in own.items() if not p.doc.strip()]
+    if silent:
+        return f"no words for {', '.join(silent)}"
+    missing = [what for what in ("source", "name") if not getattr(s.problem, what).strip()]
+    if missing:
+        return f"empty: {', '.join(missing)}"
+    return None if s.problem.name == s.name else f"it calls itself {s.problem.name!r}"
+
+
+def starts_well(s: Subject) -> str | None:
+    """phi and phi_dot of the start vanish, as every solver checks before its first step."""
+    try:
+        made = registry.problems()[s.name].make()
+        check_start(made.system, made.initial)
+    except InconsistentStart as error:
+        return str(error)
+    return None
+
+
+def times(s: Subject) -> str | None:
+    """0 < dt <= t_end [s], finite."""
+    p = s.problem
+    good = all(math.isfinite(x) and x > 0.0 for x in (p.t_end, p.dt)) and p.dt <= p.t_end
+    return None if good else f"t_end = {p.t_end}, dt = {p.dt}"
+
+
+def energy(s: Subject) -> str | None:
+    """T + V of the start and the scale of energy [J] are finite, the scale above zero."""
+    E = float(motion.energy(s.problem.system, States.one(s.problem.initial))[0])
+    good = math.isfinite(E) and math.isfinite(s.size.energy) and s.size.energy > 0.0
+    return None if good else f"T + V = {E} J at the start, scale {s.size.energy} J"
+
+
+def measures(s: Subject) -> str | None:
+    """Observables and invariants take states (nt,) at home to (nt,) finite numbers, equal for equal states."""
+    p = s.problem
+    told: list[Observable | Invariant] = [*p.observables, *p.invariants]
+    for names in ([m.name for m in p.observables], [m.name for m in p.invariants]):
+        if len(set(names)) < len(names) or not all(n.isidentifier() for n in names):
+            return f"names must be different words of letters, digits and _ (got {', '.join(map(repr, names))})"
+    one = p.home(States.one(p.initial))
+    many = States(*(np.repeat(getattr(one, f), 3, axis=0) for f in ("r", "R", "v", "Omega")))
+    for m in told:
+        if not isinstance(m.unit, str):
+            return f"{m.name}: unit must be text (got {m.unit!r})"
+        values = np.asarray(m.of(many))
+        if values.shape != (3,) or not np.all(np.isfinite(values)) or np.ptp(values) > 0.0:
+            return f"{m.name}: of three equal states expected three equal finite numbers (got {values.tolist()})"
+    return None
+
+
+def repeats(s: Subject) -> str | None:
+    """Made twice, start, masses and reference agree bit for bit."""
+    again = registry.make_problem(s.name)
+    for what in ("r", "R", "v", "Omega"):
+        if not np.array_equal(getattr(s.problem.initial, what), getattr(again.initial, what)):
+            return f"initial {what} differs"
+    if not np.array_equal(s.problem.system.mass, again.system.mass):
+        return "masses differ"
+    reference = again.reference()
+    if (reference is None) != (s.reference is None):
+        return "the reference comes and goes"
+    if reference is not None and not np.array_equal(reference.states(s.t).r, s.exact.r):
+        return "the reference differs"
+    return None
+
+
+def turns(s: Subject) -> str | None:
+    """In a frame turned by exp(0.3, -0.2, 0.5) observables of the start, seen from home, stay to 1e-9."""
+    turned = registry.make_problem(s.name, {"rotation": (0.3, -0.2, 0.5)})  # checks the turned start
+    here = s.problem.observe(States.one(s.problem.initial))
+    there = turned.observe(States.one(turned.initial))
+    for name, value in here.items():
+        if not np.allclose(there[name], value, rtol=1e-9, atol=1e-9 * (1.0 + s.size.length)):
+            return f"{name} is {value[0]:.6g} at the start, {there[name][0]:.6g} when all is turned"
+    return None
+
+
+def own_error(s: Subject) -> str | None:
+    """The reference's error(t) [m] is finite, >= 0 and below a thousandth of the size; route and horizon are told."""
+    assert s.reference is not None
+    own = np.asarray(s.reference.error(s.t), dtype=float)
+    if own.shape != s.t.shape or not np.all(np.isfinite(own)) or np.any(own < 0.0):
+        return f"error(t) must be {len(s.t)} finite numbers >= 0 for as many times (got {own.tolist()[:3]} ...)"
+    if not s.reference.route.strip() or not s.reference.horizon > 0.0:
+        return f"route {s.reference.route!r}, horizon {s.reference.horizon}"
+    worst = float(own.max())
+    return None if worst < 1e-3 * s.size.length else f"{worst:.3g} m within its horizon, of {s.size.length:.3g} m"
+
+
+def begins(s: Subject) -> str | None:
+    """At t = 0 the reference has r, R, v (space) and Omega (body) of the start."""
+    p, rate = s.problem, s.rate
+    units = {"r": s.size.length, "R": 1.0, "v": s.size.length * rate, "Omega": rate}
+    for name, unit in units.items():
+        gap = float(np.max(np.abs(getattr(s.exact[0], name) - getattr(p.initial, name)), initial=0.0))
+        if not gap < s.off * unit:
+            return f"{name} differs by {gap:.3g} at t = 0"
+    return None
+
+
+def keeps_joints(s: Subject) -> str | None:
+    """phi [m] and R^T R - 1 vanish along the reference, to its stated error."""
+    phi = float(np.max(np.abs(motion.constraint(s.problem.system, s.exact)), initial=0.0))
+    defect = float(np.max(so3.orthogonality_defect(s.exact.R)))
+    good = phi < s.off * max(s.size.length, 1.0) and defect < s.off
+    return None if good else f"|phi| reaches {phi:.3g}, |R^T R - 1| {defect:.3g}"
+
+
+def keeps_energy(s: Subject) -> str | None:
+    """T + V [J] is constant along the reference, where no damper acts."""
+    if not s.problem.system.is_conservative:
+        return None
+    E = motion.energy(s.problem.system, s.exact)
+    spread = float(np.ptp(E))
+    return None if spread < s.off * s.size.energy else f"T + V changes by {spread:.3g} J, of {s.size.energy:.3g} J"
+
+
+def keeps_invariants(s: Subject) -> str | None:
+    """Each invariant is constant along the reference, compared with the scale of its unit."""
+    at_home = s.problem.home(s.exact)
+    for kept in s.problem.invariants:
+        values = np.asarray(kept.of(at_home))
+        scale = s.size.of_unit(kept.unit)
+        scale = scale if math.isfinite(scale) else max(float(np.max(np.abs(values))), 1e-3)
+        spread = float(np.ptp(values))
+        if not spread < 10.0 * s.off * scale:
+            return f"{kept.name} changes by {spread:.3g} {kept.unit}, of {scale:.3g}"
+    return None
+
+
+def _near(s: Subject) -> tuple[list[States], float]:
+    """The reference around some of its times, a step apart, and the step [s]."""
+    assert s.reference is not None
+    step = min(1e-2 / s.rate, s.t[-1] / 100.0)
+    t = s.t[3:-3:4]
+    return [s.reference.states(t + k * step) for k in range(-3, 4)], step
+
+
+def rates(s: Subject) -> str | None:
+    """dr/dt = v (space) and dR/dt = R hat(Omega) (body), from differences of sixth order."""
+    near, step = _near(s)
+    r_dot = sum(c * x.r for c, x in zip(DIFFERENCE, near, strict=True)) / step
+    R_dot = sum(c * x.R for c, x in zip(DIFFERENCE, near, strict=True)) / step
+    here = near[3]
+    allowed = s.differenced(step) * s.rate
+    v = float(np.max(np.abs(r_dot - here.v))) / s.size.length
+    Omega = float(np.max(np.abs(R_dot - here.R @ so3.hat(here.Omega))))
+    if v < allowed and Omega < allowed:
+        return None
+    return f"dr/dt - v reaches {v * s.size.length:.3g} m/s, dR/dt - R hat(Omega) {Omega:.3g} 1/s"
+
+
+def obeys(s: Subject) -> str | None:
+    """Newton and Euler: m (dv/dt - g) and J dOmega/dt + Omega x J Omega are joint forces, in the range of A^T."""
+    system = s.problem.system
+    if len(system.spring_i):
+        return None  # loads of springs are tested through the energy
+    near, step = _near(s)
+    v_dot = sum(c * x.v for c, x in zip(DIFFERENCE, near, strict=True)) / step
+    W_dot = sum(c * x.Omega for c, x in zip(DIFFERENCE, near, strict=True)) / step
+    force_scale = s.size.mass * (np.linalg.norm(system.gravity) + s.size.length * s.rate**2)
+    for k in range(len(near[3])):
+        here = near[3][k]
+        force = system.mass[:, None] * (v_dot[k] - system.gravity)
+        momentum = np.einsum("bij,bj->bi", system.inertia, here.Omega)
+        torque = np.einsum("bij,bj->bi", system.inertia, W_dot[k]) + np.cross(here.Omega, momentum)
+        wrench = np.concatenate((force, torque), axis=1).ravel()
+        left = wrench
+        if system.nrows:
+            A = constraint_jacobian(system, here).toarray()
+            left = A.T @ np.linalg.lstsq(A.T, wrench, rcond=1e-10)[0] - wrench
+        worst = float(np.max(np.abs(left)))
+        if not worst < 10.0 * s.differenced(step) * force_scale * max(1.0, s.size.length):
+            return f"{worst:.3g} N (or N m) of m a - f are no force of the joints"
+    return None

@@ -1,0 +1,164 @@
+"""What a problem owes: a documented, consistent start, sound measures, and an exact motion that is one.
+
+Everything that calls the problem's code runs in a process of its own: one that hangs or crashes costs its own claims.
+"""
+
+import json
+import os
+import signal
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ..catalogue import registry
+from ..sandbox.isolation import fork, kill_group
+from . import laws as laws
+from .laws import Subject
+from .solver import Finding
+
+LIMIT = 120.0  # [s] for all claims of a problem
+MEMORY = 2000.0  # [MB]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One thing a problem owes; ``of_reference`` claims say nothing about a problem without one."""
+
+    name: str
+    why: str
+    remedy: str
+    holds: Callable[[Subject], str | None]
+    of_reference: bool = False
+
+
+def findings(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
+    """Every claim on the problem ``name``; its code runs elsewhere."""
+    with tempfile.TemporaryDirectory() as place:
+        note = Path(place) / "found.jsonl"
+        note.touch()
+        child = fork(lambda tell: _judge(name, plugins, note), Path(place) / "stderr", MEMORY, LIMIT)
+        os.close(child.phase)
+        ended = _wait(child.pid)
+        found = [Finding(**json.loads(line)) for line in note.read_text(encoding="utf-8").splitlines()]
+    words = f"its process {ended} here"
+    for claim in CLAIMS[len(found) :]:
+        found.append(Finding(name, claim.name, False, words, claim.why, claim.remedy))
+        words = "not tried: an earlier claim ended the process"
+    return found
+
+
+def _judge(name: str, plugins: Sequence[str], note: Path) -> None:
+    for plugin in plugins:
+        registry.load_plugin(plugin)
+    subject = Subject(name)
+    for claim in CLAIMS:
+        try:
+            silent = claim.of_reference and subject.reference is None
+            found = None if silent else claim.holds(subject)
+        except Exception as error:  # the problem's own code: what it raises is what was found
+            silent, found = False, f"{type(error).__name__}: {' '.join(str(error).split())}"
+        finding = Finding(
+            name, claim.name, found is None, found or ("no reference" if silent else ""), claim.why, claim.remedy
+        )
+        with note.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(vars(finding)) + "\n")
+
+
+def _wait(pid: int) -> str:
+    until = time.monotonic() + LIMIT
+    while time.monotonic() < until:
+        done, status = os.waitpid(pid, os.WNOHANG)
+        if done:
+            code = os.waitstatus_to_exitcode(status)
+            return f"ended by {signal.Signals(-code).name}" if code < 0 else f"exited with {code}"
+        time.sleep(0.02)
+    kill_group(pid)
+    os.waitpid(pid, 0)
+    return f"was killed after {LIMIT:g} s"
+
+
+CLAIMS = (
+    Claim(
+        "it can be made and is documented",
+        "list, reports and reviewers know it by its words; a number without a source cannot be checked",
+        "a docstring, a meaning (and unit) in each Parameter, source and name in Problem",
+        laws.documented,
+    ),
+    Claim(
+        "its start is consistent",
+        "every solver begins there: a start off the constraints moves energy before the first step",
+        "make phi and phi_dot vanish: v_C = omega x (C - joint); harness.mechanics.consistency.project helps",
+        laws.starts_well,
+    ),
+    Claim(
+        "its times make sense", "suites take them as they are", "give t_end >= dt > 0 [s], both finite", laws.times
+    ),
+    Claim(
+        "its energy is finite and has a scale",
+        "energy drift is the first metric, compared with this scale",
+        "look at masses, inertias, gravity and springs",
+        laws.energy,
+    ),
+    Claim(
+        "observables and invariants are numbers over time",
+        "they are taken of whole motions: shape (nt,), from the states of the same time alone",
+        "index bodies, keep the axis of time: lambda s: s.r[:, 0, 2]",
+        laws.measures,
+    ),
+    Claim(
+        "made twice it is the same",
+        "results are compared bit for bit and stored by parameters",
+        "seed what is random, by a parameter",
+        laws.repeats,
+    ),
+    Claim(
+        "it can be turned",
+        "yaw and rotation pose every problem in another frame; observables are seen from home",
+        "let measures use only the states they are given",
+        laws.turns,
+    ),
+    Claim(
+        "its reference states its own error",
+        "errors of solvers below it mean nothing and are not shown",
+        "error(t): a bound [m] for each time, below a thousandth of the size within the horizon",
+        laws.own_error, of_reference=True,
+    ),
+    Claim(
+        "its reference begins at the start",
+        "also from a perturbed one: reference_from is given the start to begin from",
+        "take r, R, v, Omega from the State you are given, or return None",
+        laws.begins, of_reference=True,
+    ),
+    Claim(
+        "its reference keeps the joints closed",
+        "R must be rotations and phi zero, to its stated error",
+        "compare with the positions of the joints' points, body by body",
+        laws.keeps_joints, of_reference=True,
+    ),
+    Claim(
+        "velocities of its reference are those of its poses",
+        "errors of velocity and energy are taken from them",
+        "dr/dt = v in space, dR/dt = R hat(Omega) with Omega in the body",
+        laws.rates, of_reference=True,
+    ),
+    Claim(
+        "its reference keeps the energy",
+        "no damper acts: T + V is constant along any true motion",
+        "look at the sign of gravity and at inertias about C, not about the joint",
+        laws.keeps_energy, of_reference=True,
+    ),
+    Claim(
+        "its invariants are constant along its reference",
+        "solvers are judged by their drift",
+        "drop what the exact motion does not keep, or mend the formula",
+        laws.keeps_invariants, of_reference=True,
+    ),
+    Claim(
+        "its reference obeys Newton and Euler",
+        "m a - f must be forces of the joints, or it is the motion of something else",
+        "look for the term that is missing: gyroscopic torque, gravity, Steiner",
+        laws.obeys, of_reference=True,
+    ),
+)  # fmt: skip

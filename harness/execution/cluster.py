@@ -1,0 +1,234 @@
+"""Cells on other machines: an executor over Dask. Each Dask worker keeps a supervisor, as the local pool does.
+
+A worker runs a cell in a folder of its own and sends the files back, so no file system need be shared. A worker that
+dies takes its supervisor's cells with it; Dask gives them to another. What is measured and judged is the same code:
+a worker with other code than this checkout's is refused.
+"""
+
+import contextlib
+import json
+import os
+import secrets
+import shlex
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from ..results import environment
+from ..results.provisional import WORKERS_DIED
+from ..results.store import write_record
+from ..types import Status
+from .job import Job, record_of
+from .pool import TICK, PoolError, TimeLimit
+from .supervisor import STOP, WARM
+from .warmup import cells_to_warm
+
+PATIENCE = 60.0  # [s] without any worker
+AHEAD = 2  # cells sent out per thread of the cluster
+GIVEN_TO = 3  # workers a cell may take down before it is called a crash
+
+
+@dataclass
+class DaskPool:
+    """Runs jobs on the Dask cluster at ``address`` (``tcp://host:port``, or a scheduler file)."""
+
+    address: str
+    started: Callable[[Job], None] = lambda job: None
+    ended: Callable[[Job], None] = lambda job: None
+    tick: Callable[[], None] = lambda: None
+    warmed: Callable[[dict[str, float]], None] = lambda times: None
+    _flying: dict[Any, Job] = field(default_factory=dict)
+
+    def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
+        """Run all ``jobs``; returns when each has a record, or at the limit, when those that had begun have one."""
+        if not jobs:
+            return
+        client = _client(self.address)
+        ticket = secrets.token_hex(8)  # names this run to the workers, which may serve others after it
+        try:
+            waiting = list(jobs)[::-1]
+            seen = time.monotonic()
+            while waiting or self._flying:
+                threads = sum(client.nthreads().values())
+                seen = time.monotonic() if threads else seen
+                if time.monotonic() - seen > PATIENCE:
+                    raise PoolError(
+                        f"no worker at {self.address} for {PATIENCE:g} s; finished cells are kept (--resume)"
+                    )
+                if limit is not None and time.monotonic() > limit.until:
+                    waiting.clear()  # what has not begun comes back without files; told again to workers that join late
+                    client.run(stop_here, ticket, limit.words)
+                while waiting and len(self._flying) < AHEAD * threads:
+                    job = waiting.pop()
+                    self.started(job)
+                    self._flying[
+                        client.submit(run_cell, job.to_json(), ticket, key=f"{ticket}-{job.id}", retries=0)
+                    ] = job
+                self._collect()
+                self.tick()
+        except OSError as error:
+            raise PoolError(f"the cluster at {self.address} is gone: {error}; finished cells are kept") from None
+        finally:
+            client.close()
+
+    def _collect(self) -> None:
+        import distributed
+
+        if not self._flying:
+            time.sleep(TICK)
+            return
+        try:
+            distributed.wait(list(self._flying), timeout=TICK, return_when="FIRST_COMPLETED")
+        except TimeoutError:
+            return
+        for future in [f for f in self._flying if f.done()]:
+            job = self._flying.pop(future)
+            failed = future.exception()
+            if failed is None and not future.result():
+                continue
+            if failed is None:
+                _store(job, future.result())
+            elif isinstance(failed, distributed.KilledWorker):
+                words = f"{WORKERS_DIED}, {GIVEN_TO} or more times"
+                write_record(job.folder, record_of(job, Status.CRASHED, message=words))
+            else:
+                raise PoolError(f"a worker cannot run cells: {failed}")
+            self.ended(job)
+
+
+_stopped: set[str] = set()  # on a worker: tickets of runs that have met their limit
+_serving: dict[str, list["_Supervisor"]] = {}  # on a worker: the supervisors that run a ticket's cells
+
+
+def stop_here(ticket: str, words: str) -> None:
+    """On a worker: end the cells of that run, and let no other of it begin."""
+    _stopped.add(ticket)
+    for supervisor in list(_serving.get(ticket, ())):
+        supervisor.stop(words)
+
+
+def on_slurm(**options: Any) -> Any:
+    """A ``dask_jobqueue.SLURMCluster`` whose workers run cells: one at a time each, one thread, from this checkout.
+
+    ``options`` are its own: memory, walltime, queue, account, job_extra_directives; ``scale`` it, then give its
+    ``scheduler_address`` to ``--cluster``.
+    """
+    try:
+        from dask_jobqueue import SLURMCluster
+    except ModuleNotFoundError:
+        raise PoolError("SLURM needs dask-jobqueue: pip install -r requirements-cluster.lock") from None
+    prologue = [f"cd {shlex.quote(str(environment.ROOT))}"]  # where ``harness`` is found
+    prologue += [f"export {name}={value}" for name, value in environment.THREADS.items()]
+    own = {"cores": 1, "processes": 1, "memory": "8GB", "walltime": "02:00:00", "python": sys.executable}
+    prologue += options.pop("job_script_prologue", [])
+    return SLURMCluster(**{**own, **options}, job_script_prologue=prologue)
+
+
+def run_cell(text: str, ticket: str = "") -> dict[str, bytes]:
+    """On a worker: run the job and return its files by place in the run folder; none if its run was stopped before."""
+    job = Job.from_json(text)
+    if ticket in _stopped:
+        return {}
+    here = environment.code_digest(job.plugins)
+    if here != job.code:
+        raise RuntimeError(f"its code {here} is not the runner's {job.code}: use the same checkout and packages")
+    with tempfile.TemporaryDirectory() as place:
+        local = replace(job, folder=Path(place))
+        for part in ("cells", "series", "stderr"):
+            (local.folder / part).mkdir()
+        supervisor = _supervisor()
+        _serving.setdefault(ticket, []).append(supervisor)
+        try:
+            supervisor.run(local)
+        finally:
+            _serving[ticket].remove(supervisor)
+        parts = ("cells", "series", "stderr")
+        return {f"{part}/{p.name}": p.read_bytes() for part in parts for p in (local.folder / part).iterdir()}
+
+
+def _store(job: Job, files: Mapping[str, bytes]) -> None:
+    """Write what a worker sent, the record last."""
+    for name in sorted(files, key=lambda n: n.startswith("cells/")):
+        target = job.folder / name
+        partial = target.with_name(f".{target.name}.{os.getpid()}.part")
+        try:
+            partial.write_bytes(files[name])
+            os.replace(partial, target)
+        except OSError as error:  # ours, not the cluster's
+            partial.unlink(missing_ok=True)
+            raise PoolError(
+                f"cannot write to {job.folder}: {error.strerror or error}; finished cells are kept"
+            ) from None
+
+
+class _Supervisor:
+    """A ``harness.supervisor`` process that a worker's thread talks to, one cell at a time."""
+
+    def __init__(self) -> None:
+        self.process = subprocess.Popen(
+            (sys.executable, "-m", "mbsbench.harness.execution.supervisor"),
+            cwd=environment.ROOT,
+            env={**os.environ, **environment.THREADS},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # as in the local pool
+        )
+        self.warm: set[str] = set()
+
+    def run(self, job: Job) -> None:
+        """Returns when the cell has its record."""
+        cells = [c for c in cells_to_warm([job.cell]) if c.solver not in self.warm]
+        if cells:
+            self._ask(WARM + json.dumps([c.to_plain() for c in cells]).encode())
+            self.warm |= {c.solver for c in cells}
+        answer = self._ask(job.to_json().encode())
+        if answer["error"]:
+            raise RuntimeError(answer["error"])
+
+    def stop(self, words: str) -> None:
+        """From another thread: end the cell that runs; its record says why."""
+        assert self.process.stdin is not None
+        with contextlib.suppress(OSError):  # it has just gone
+            self.process.stdin.write(STOP + words.encode() + b"\n")
+            self.process.stdin.flush()
+
+    def _ask(self, line: bytes) -> dict[str, Any]:
+        assert self.process.stdin is not None and self.process.stdout is not None
+        self.process.stdin.write(line + b"\n")
+        self.process.stdin.flush()
+        answer = self.process.stdout.readline()
+        if not answer:
+            raise RuntimeError(f"its supervisor process ended with code {self.process.wait()}")
+        return dict(json.loads(answer))
+
+
+_of_thread = threading.local()
+
+
+def _supervisor() -> _Supervisor:
+    found = getattr(_of_thread, "supervisor", None)
+    if found is None or found.process.poll() is not None:
+        found = _of_thread.supervisor = _Supervisor()
+    return found
+
+
+def _client(address: str) -> Any:
+    try:
+        import distributed
+    except ModuleNotFoundError:
+        raise PoolError("--cluster needs Dask: pip install -r requirements-cluster.lock") from None
+    where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+    if "scheduler_file" in where and not Path(address).is_file():
+        raise PoolError(f"there is no scheduler file {address}")
+    try:
+        client = distributed.Client(**where, timeout=10.0)
+        client.wait_for_workers(1, timeout=PATIENCE)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise PoolError(f"no Dask cluster with workers at {address}: {' '.join(str(error).split())}") from None
+    return client

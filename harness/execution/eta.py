@@ -1,0 +1,77 @@
+"""How long a run will still take: from what its cells took before, here or in earlier runs."""
+
+import heapq
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from ..results import store
+from ..suites.cell import Cell
+
+RUNS = 3  # earlier run folders that are looked into
+
+
+def durations(local: Path = store.LOCAL, suite: str = "") -> dict[str, float]:
+    """Wall time [s] by ``settings`` in the newest run folders, those of ``suite`` before others."""
+    folders = [p for p in local.glob("*") if (p / "cells").is_dir() and not p.is_symlink()]
+    newest = sorted(folders, key=lambda p: (p.name.startswith(f"{suite}-"), p.stat().st_mtime))[-RUNS:]
+    out: dict[str, float] = {}
+    for folder in newest:
+        for r in store.load(folder, check_series=False).records:
+            if r.wall_s > 0.0:
+                out[r.settings] = r.wall_s
+    return out
+
+
+class Estimate:
+    """Learns from cells as they end; a guess for each that has not."""
+
+    def __init__(self, earlier: Mapping[str, float]) -> None:
+        self.earlier = earlier
+        self.ratios: list[float] = []  # of what cells took now to what they took earlier: another machine, another load
+        self.by_solver: dict[tuple[str, str], list[float]] = {}
+        self.all: list[float] = []
+
+    def learn(self, cell: Cell, seconds: float) -> None:
+        """A cell has ended."""
+        if cell.settings in self.earlier:
+            self.ratios.append(seconds / max(self.earlier[cell.settings], 1e-3))
+        self.by_solver.setdefault((cell.problem, cell.solver), []).append(seconds)
+        self.all.append(seconds)
+
+    def guess(self, cell: Cell) -> float | None:
+        """[s], or None where nothing is known yet."""
+        earlier = self.earlier.get(cell.settings)
+        if earlier is not None:
+            return min(earlier * (statistics.median(self.ratios) if self.ratios else 1.0), cell.wall_limit)
+        alike = self.by_solver.get((cell.problem, cell.solver)) or self.all
+        return min(statistics.fmean(alike), cell.wall_limit) if alike else None
+
+    def left(self, running: Iterable[tuple[Cell, float]], waiting: Iterable[Cell], size: int) -> float | None:
+        """[s] until all is done with ``size`` cells at a time; ``running`` are cells and since when [s] they run."""
+        begun = [(self.guess(c), since) for c, since in running]
+        guesses = [self.guess(c) for c in waiting]
+        if any(g is None for g, _ in begun) or any(g is None for g in guesses):
+            return None
+        return scheduled([max((g or 0.0) - since, 0.0) for g, since in begun], [g or 0.0 for g in guesses], size)
+
+
+def scheduled(running: Sequence[float], waiting: Sequence[float], size: int) -> float:
+    """When the last one ends, if each free place takes the next in order: times left [s] and times [s]."""
+    free = [0.0] * max(size - len(running), 0) + list(running)
+    if not free:
+        return 0.0
+    heapq.heapify(free)
+    for seconds in waiting:
+        heapq.heappush(free, heapq.heappop(free) + seconds)
+    return max(free)
+
+
+def in_words(seconds: float) -> str:
+    """``45 s``, ``3 min 20 s``, ``2 h 5 min``."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s" if whole < 600 else f"{round(whole / 60)} min"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"

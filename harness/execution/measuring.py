@@ -1,0 +1,114 @@
+"""From a trajectory to a record and a series file: the step of a cell that follows the solve."""
+
+import dataclasses
+import json
+import math
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from ..mechanics.state import States
+from ..metrics.measure import Measured, measure
+from ..metrics.reactions import largest_joint_force
+from ..metrics.scales import scales
+from ..metrics.summary import columns
+from ..metrics.thinning import frames_to_keep, rows_to_keep
+from ..metrics.verdict import doubts
+from ..results.records import RunRecord
+from ..results.series import Series, write_series
+from ..types import Problem, Status, Trajectory
+from .job import Job, record_of
+
+
+def judged(job: Job, problem: Problem, trajectory: Trajectory, **cost: Any) -> RunRecord:
+    """Measure, judge, write the series file; returns the record, not yet written."""
+    size = scales(problem.system, problem.initial)
+    measured = measure(problem, trajectory)
+    numbers = columns(problem, trajectory, measured, size)
+    status, because = Status(trajectory.status), []
+    if status is Status.SUCCESS:
+        because = doubts(problem, trajectory, numbers, size)
+        status = Status.WRONG if because else status
+    series = _series(problem, trajectory, measured)
+    path = f"series/{job.id}.npz"
+    digest = write_series(job.folder / path, series)
+    return dataclasses.replace(
+        record_of(job, status, section=problem.section, t_end_s=problem.t_end, **numbers, **cost),
+        claimed=str(trajectory.status),
+        message=str(trajectory.message),
+        wrong_because=json.dumps(because),
+        series=path,
+        series_sha256=digest,
+        series_rows=len(series["t"]),
+    )
+
+
+def _series(problem: Problem, trajectory: Trajectory, m: Measured) -> Series:
+    keep = rows_to_keep(len(m.t), m.energy_error, m.phi_norm)
+    frames = frames_to_keep(m.t)
+    full: dict[str, np.ndarray | None] = {
+        "t": m.t,
+        "dt": np.insert(np.diff(m.t), 0, math.nan),
+        "energy": m.energy,
+        "energy_error": m.energy_error,
+        "phi_norm": m.phi_norm,
+        "phi_dot_norm": m.phi_dot_norm,
+        "eq81_norm": m.eq81_norm,
+        "orthogonality": m.orthogonality,
+        "position_error": m.position_error,
+        "orientation_error": m.orientation_error,
+        "reference_own_error": m.reference_own_error,
+        "out_of_plane": m.out_of_plane,
+        **{f"obs_{k}": a for k, a in m.observables.items()},
+        **{f"ref_{k}": a for k, a in m.reference_observables.items()},
+        **{f"inv_{k}": a - a[0] for k, a in m.invariants.items()},
+        **{f"diag_{k}": np.asarray(a, dtype=float) for k, a in trajectory.diagnostics.items()},
+    }
+    if trajectory.reaction is not None:  # shown beside the observables; the references carry no reactions
+        full["obs_joint_force"] = largest_joint_force(problem.system, np.asarray(trajectory.reaction, dtype=float))
+        full["ref_joint_force"] = np.full(len(m.t), math.nan)
+    arrays = {k: a[keep] for k, a in full.items() if a is not None}
+    units = {f"{p}_{o.name}": o.unit for o in problem.observables for p in ("obs", "ref")}
+    units |= {"obs_joint_force": "N", "ref_joint_force": "N"}
+    units |= {f"inv_{i.name}": i.unit for i in problem.invariants}
+    return Series(
+        {**arrays, **_poses(m.t, trajectory, frames), **_drawing(problem)},
+        tuple(trajectory.events),
+        tuple(problem.system.body_names),
+        tuple(problem.system.joint_names),
+        units,
+        {f"obs_{o.name}": o.symbol for o in problem.observables} | {"obs_joint_force": r"\max_j |F_j|"},
+    )
+
+
+def _poses(t: np.ndarray, trajectory: Trajectory, frames: np.ndarray) -> dict[str, np.ndarray]:
+    s, end = trajectory.states.at(frames), trajectory.states[-1]
+    out = {
+        "frame_t": t[frames],
+        "frame_r": s.r.astype(np.float32),
+        "frame_q": _quaternions(s),
+        "end_r": end.r,
+        "end_R": end.R,
+        "end_v": end.v,
+        "end_Omega": end.Omega,
+    }
+    if trajectory.reaction is not None:
+        out["frame_reaction"] = np.asarray(trajectory.reaction, dtype=float)[frames]
+    return out
+
+
+def _quaternions(s: States) -> np.ndarray:
+    """(nf, nb, 4) x, y, z, w; NaN where R is no rotation any more."""
+    R = s.R.reshape(-1, 3, 3)
+    with np.errstate(all="ignore"):
+        sound = np.isfinite(R).all(axis=(1, 2)) & (np.linalg.det(np.nan_to_num(R)) > 0.0)
+    q = np.full((len(R), 4), np.nan)
+    if np.any(sound):
+        q[sound] = Rotation.from_matrix(R[sound]).as_quat()
+    return q.reshape(*s.R.shape[:2], 4).astype(np.float32)
+
+
+def _drawing(problem: Problem) -> dict[str, np.ndarray]:
+    names = ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "gravity")
+    return {name: getattr(problem.system, name) for name in names}

@@ -1,0 +1,104 @@
+"""A solver seen through a problem's posing: it gets the posed system, its motion comes back in the problem's terms.
+
+With ``retrace`` it is then sent back from where it ended, velocities reversed; where it arrives is kept.
+"""
+
+import dataclasses
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics.posing import Posing
+from ..mechanics.state import State, States
+from ..types import Problem, Solver, Spool, Status, StepControl, Trajectory
+
+
+def posed(solver: Solver, problem: Problem) -> "Solver | Posed":
+    """``solver`` as it must be called on ``problem``: itself, unless the problem is posed in some other way."""
+    plain = problem.posing == Posing() and not problem.retrace
+    return solver if plain else Posed(solver)
+
+
+@dataclass(frozen=True)
+class Posed:
+    """``refuses`` and ``solve`` of a solver, both in terms of the problem as it stands."""
+
+    solver: Solver
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Why the solver cannot take the posed problem."""
+        return self.solver.refuses(*_as_seen(problem, control))
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """There and, if the problem asks for it, back."""
+        began = time.monotonic()
+        there = self._there(problem, control)
+        if not problem.retrace or there.status is not Status.SUCCESS:
+            return there
+        last = there.states[-1]
+        turned = dataclasses.replace(problem, initial=State(last.r, last.R, -last.v, -last.Omega))
+        left = None if control.wall_limit is None else max(control.wall_limit - (time.monotonic() - began), 1e-3)
+        back = self._there(turned, dataclasses.replace(control, spool=None, wall_limit=left))
+        if back.status is not Status.SUCCESS:
+            words = f"the way back ended with {back.status} at {back.t[-1]:.6g} s: {back.message}"
+            return dataclasses.replace(there, notes=(*there.notes, words))
+        end = back.states[-1]
+        return dataclasses.replace(there, returned=State(end.r, end.R, -end.v, -end.Omega))
+
+    def _there(self, problem: Problem, control: StepControl) -> Trajectory:
+        posing, system = problem.posing, problem.system
+        found = self.solver.solve(*_as_seen(problem, control))
+        if posing == Posing() or found.states.nb != system.nb:  # of a wrong size: the caller tells
+            return found
+        return dataclasses.replace(
+            found,
+            t=np.asarray(found.t, dtype=float) / posing.unit_time,
+            states=posing.states_back(system, found.states),
+            reaction=None if found.reaction is None else posing.reaction_back(system, np.asarray(found.reaction)),
+        )
+
+
+@dataclass
+class _SpoolAtHome:
+    """Hands steps over in the problem's own terms, as the spool's reader expects them."""
+
+    spool: Spool
+    problem: Problem
+
+    @property
+    def rows(self) -> int:
+        return self.spool.rows
+
+    def due(self) -> bool:
+        return self.spool.due()
+
+    def take(self, t: Float[np.ndarray, " nt"] | list[float], states: States) -> None:
+        posing = self.problem.posing
+        self.spool.take(np.asarray(t) / posing.unit_time, posing.states_back(self.problem.system, states))
+
+
+def _as_seen(problem: Problem, control: StepControl) -> tuple[Problem, StepControl]:
+    p = problem.posing
+    if p == Posing():
+        return problem, control
+    changes: dict[str, Any] = {
+        name: value * p.unit_time for name in ("dt", "max_step") if (value := getattr(control, name)) is not None
+    }
+    if control.spool is not None:
+        changes["spool"] = _SpoolAtHome(control.spool, problem)
+    seen = dataclasses.replace(
+        problem,
+        system=p.system(problem.system),
+        initial=p.state(problem.system, problem.initial),
+        t_end=problem.t_end * p.unit_time,
+        dt=problem.dt * p.unit_time,
+        observables=(),  # in terms of the bodies as they stand: of no use to a solver
+        invariants=(),
+        reference_from=None,
+        planar_normal=None,
+        posing=Posing(),
+    )
+    return seen, dataclasses.replace(control, **changes)

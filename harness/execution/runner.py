@@ -1,0 +1,170 @@
+"""Runs a suite into a run folder: what is done stays done, what is damaged is set aside, the rest is run."""
+
+import contextlib
+import datetime
+import json
+import os
+import re
+import shutil
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from ..results import environment, store
+from ..results.provisional import files_of, is_provisional, limit_words
+from ..results.records import RunRecord
+from ..results.store import Loaded, Unreadable
+from ..suites.includes import OWN_COPY
+from ..suites.suite import Suite
+from .job import Job
+from .pool import LocalPool, TimeLimit
+
+
+class Executor(Protocol):
+    """Runs cells somewhere: ``harness.pool`` on this machine, ``harness.cluster`` on others."""
+
+    def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
+        """Run all ``jobs``; returns when each has a record in its folder. PoolError when that cannot be.
+
+        At the ``limit`` running cells are ended as stalled with its words, and those that have not begun are left.
+        """
+        ...
+
+
+class Watcher(Protocol):
+    """Who wants to know how a run goes."""
+
+    def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
+        """Of ``total`` cells those ``waiting`` will be run; the others were there already."""
+        ...
+
+    def started(self, job: Job) -> None:
+        """A cell begins."""
+        ...
+
+    def ended(self, job: Job, record: RunRecord) -> None:
+        """A cell has its record."""
+        ...
+
+    def warmed(self, times: dict[str, float]) -> None:
+        """Solvers are compiled; how long each took [s]."""
+        ...
+
+    def tick(self) -> None:
+        """Time passes."""
+        ...
+
+    def stopped(self, left: Sequence[Job], limit: float) -> None:
+        """The run has met its limit [s]; the cells ``left`` had not begun and have no record."""
+        ...
+
+
+@dataclass(frozen=True)
+class Request:
+    """How a suite is to be run."""
+
+    suite: Suite
+    folder: Path
+    jobs: int
+    resume: bool = False
+    limit: int | None = None  # only the first cells
+    shard: tuple[int, int] = (1, 1)  # (k, n): of every n cells the k-th
+
+
+def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] = LocalPool) -> Loaded:
+    """Run what is not done yet; returns the records of this suite's cells, damaged files apart."""
+    suite, folder = request.suite, request.folder
+    limit = _limit(suite)
+    if not request.resume and (folder / "cells").exists() and any((folder / "cells").iterdir()):
+        raise store.StoreError(f"{folder} already holds results; add --resume to go on with it, or give another --out")
+    store.create(folder)
+    with store.lock(folder):
+        before = store.load(folder)
+        store.set_aside(folder, before.unreadable)
+        shutil.rmtree(folder / ".spool", ignore_errors=True)  # of cells that a killed runner left half-way
+        _stamp(request)
+        k, n = request.shard
+        jobs = jobs_of(suite, folder)[k - 1 :: n][: request.limit]
+        again = _provisional(folder, {job.id for job in jobs}, before.records)
+        done = {r.cell for r in before.records} - {u.path.stem for u in again}
+        waiting = [job for job in jobs if job.id not in done]
+        watcher.begin(folder, len(jobs), waiting, (*before.unreadable, *again))
+
+        def ended(job: Job) -> None:
+            watcher.ended(job, store.read_record(folder / "cells" / f"{job.id}.json"))
+
+        def finished() -> Loaded:
+            loaded = _of_suite(folder, {job.id for job in jobs}, before.unreadable)
+            store.write_table(folder, loaded.records)
+            store.point_latest(folder)
+            return loaded
+
+        try:
+            pool(request.jobs, watcher.started, ended, watcher.tick, watcher.warmed).run(waiting, limit)
+        except BaseException:
+            with contextlib.suppress(OSError):  # a full disk: what ended the run has been told already
+                finished()
+            raise
+        loaded = finished()
+        there = {r.cell for r in loaded.records}
+        left = [job for job in waiting if job.id not in there]
+        if limit is not None and suite.total_limit and (left or time.monotonic() > limit.until):
+            watcher.stopped(left, suite.total_limit)
+    return loaded
+
+
+def _limit(suite: Suite) -> TimeLimit | None:
+    """Counted from here, compilation included; going on with a run begins anew."""
+    if suite.total_limit is None:
+        return None
+    return TimeLimit(time.monotonic() + suite.total_limit, limit_words(suite.total_limit))
+
+
+def _provisional(folder: Path, cells: set[str], records: Sequence[RunRecord]) -> tuple[Unreadable, ...]:
+    """Set aside what only says how an earlier run of these cells ended; the records that were."""
+    found = [files_of(folder, r) for r in records if r.cell in cells and is_provisional(r)]
+    for files in found:
+        store.set_aside(folder, files)
+    return tuple(files[0] for files in found)
+
+
+def jobs_of(suite: Suite, folder: Path) -> list[Job]:
+    """The suite's cells as jobs of this checkout."""
+    code, commit = environment.code_digest(suite.plugins), environment.commit()
+    return [Job(cell, folder.resolve(), suite.name, code, commit, suite.plugins) for cell in suite.cells]
+
+
+def new_folder(suite: str, local: Path = store.LOCAL) -> Path:
+    """A folder name for a new run."""
+    time = datetime.datetime.now(datetime.UTC).strftime("%Y%m%d-%H%M%S")
+    folder = local / f"{suite}-{time}"
+    return folder if not folder.exists() else folder.with_name(f"{folder.name}-{os.getpid()}")
+
+
+def last_folder(suite: str, local: Path = store.LOCAL) -> Path | None:
+    """The newest run of a suite."""
+    own = re.compile(rf"{re.escape(suite)}-\d{{8}}-\d{{6}}(-\d+)?")  # as new_folder names it: not of a suite "NAME-2"
+    found = sorted(p for p in local.glob("*") if own.fullmatch(p.name) and (p / "cells").is_dir())
+    runs = [p for p in found if not p.is_symlink()]
+    return runs[-1] if runs else None
+
+
+def _of_suite(folder: Path, cells: set[str], unreadable: tuple[Unreadable, ...]) -> Loaded:
+    """Only this suite's cells at this code: a resumed folder may hold those of an older one."""
+    now = store.load(folder, check_series=False)
+    return Loaded(tuple(r for r in now.records if r.cell in cells), (*unreadable, *now.unreadable))
+
+
+def _stamp(request: Request) -> None:
+    """``environment.json``, ``suite.toml`` and what it includes; the stamp of an earlier start is kept beside."""
+    folder, suite = request.folder, request.suite
+    stamp = environment.stamp(folder.name, suite.name, request.jobs, suite.plugins)
+    path = folder / "environment.json"
+    if path.exists():
+        shutil.copy(path, folder / f"environment.{stamp['started'].replace(':', '')}.json")
+    store.write_text(path, json.dumps(stamp, indent=1))
+    store.write_text(folder / f"{OWN_COPY}.toml", suite.text)
+    for name, text in suite.included:  # beside it: the copy is a suite that can be run
+        store.write_text(folder / f"{name}.toml", text)

@@ -1,0 +1,1 @@
+"""Thresholds, and whether results keep them."""

@@ -1,0 +1,182 @@
+"""The gate: records against thresholds. A missing cell, an unjudged cell and an empty run are failures.
+
+States, worst first: FAIL > XPASS (expected to fail, and did not) > XFAIL (expected to fail, and did) > PASS. FAIL
+and XPASS close the gate: a threshold that has become wrong must be put right in the commit that makes it so.
+"""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+from ..results.records import RunRecord
+from ..results.store import newest
+from ..suites.cell import Cell
+from ..types import Status
+from .thresholds import EQUAL, Threshold, Thresholds
+
+WORTH = 0.95  # of a bound: less is not worth a commit
+MISSING = "no result: the cell is missing"
+OTHER_CODE = "result of other code: the cell is missing at this one (--any-code judges it all the same)"
+ROUNDED = 1e-11  # in any of the metrics' units: below it, a change is the machine's
+
+
+class State(IntEnum):
+    """Worst first when sorted downwards."""
+
+    PASS = 0
+    XFAIL = 1
+    XPASS = 2
+    FAIL = 3
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the gate's table."""
+
+    state: State
+    case: str
+    what: str  # metric or "status"
+    measured: float
+    value: float  # when the threshold was set
+    bound: str
+    unit: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """All findings, the worst first."""
+
+    findings: tuple[Finding, ...]
+
+    @property
+    def state(self) -> State:
+        """The worst; FAIL when nothing was judged."""
+        return max((f.state for f in self.findings), default=State.FAIL)
+
+    @property
+    def is_open(self) -> bool:
+        """Nothing failed, and something was judged."""
+        return self.state in (State.PASS, State.XFAIL)
+
+
+def of_code(records: Sequence[RunRecord], code: str) -> tuple[RunRecord, ...]:
+    """Those that ``code`` gave: a gate on a finished run is on the code of today."""
+    return tuple(r for r in records if r.code == code)
+
+
+def judge(
+    cells: Sequence[Cell], records: Sequence[RunRecord], thresholds: Thresholds, code: str | None = None
+) -> Verdict:
+    """Every cell's status and every threshold; cells without a threshold and thresholds without a cell fail too.
+
+    With ``code``, a result of other code counts as missing; of several results of a cell the newest is judged.
+    """
+    judged = records if code is None else of_code(records, code)
+    by_settings = {r.settings: r for r in newest(judged)}
+    other = {r.settings for r in records} - {*by_settings}
+    found: list[Finding] = []
+    by_case = {c.case: by_settings.get(c.settings) for c in cells}
+    missing = {c.case: OTHER_CODE if c.settings in other else MISSING for c in cells}
+    bounded = {b.case for b in thresholds.bounds}
+    for case, record in by_case.items():
+        found.append(_status(case, record, thresholds, missing[case]))
+        ended_as_expected = case in thresholds.statuses and thresholds.statuses[case].status is not Status.SUCCESS
+        if case not in bounded and not ended_as_expected:
+            found.append(_fail(case, "no threshold", "no threshold for this cell: propose one with gate --update"))
+    for b in thresholds.bounds:
+        if b.case not in by_case:
+            found.append(_fail(b.case, b.metric, "the suite has no such cell", b))
+        else:
+            found.append(_bound(b, by_case[b.case], missing[b.case]))
+    for case in thresholds.statuses:
+        if case not in by_case:
+            found.append(_fail(case, "status", "the suite has no such cell"))
+    return Verdict(tuple(sorted(found, key=lambda f: (-f.state, f.case, f.what))))
+
+
+def has_moved(f: Finding) -> bool:
+    """By 1 % and by more than rounding."""
+    if math.isnan(f.measured) or math.isnan(f.value):
+        return False
+    return abs(f.measured - f.value) > max(0.01 * abs(f.value), ROUNDED)
+
+
+def tightened(
+    old: Thresholds, records: Sequence[RunRecord], proposed: Sequence[Threshold], *, loosen: bool
+) -> Thresholds:
+    """``old`` with the bounds that ``proposed`` would tighten, and the new ones; wider ones only with ``loosen``."""
+    cases = {r.case for r in records}
+    bounds = {(b.case, b.metric): b for b in old.bounds if b.case in cases or not loosen}
+    for new in proposed:
+        was = bounds.get((new.case, new.metric))
+        if was is None:
+            bounds[new.case, new.metric] = new
+        elif EQUAL in (new.direction, was.direction):  # another value is neither better nor worse: it must be asked for
+            if loosen:
+                bounds[new.case, new.metric] = dataclasses.replace(new, reason=was.reason, expect=was.expect)
+        elif (changed := _narrowed(was, new, loosen=loosen)) is not None:
+            bounds[new.case, new.metric] = changed
+    return dataclasses.replace(old, bounds=tuple(bounds[k] for k in sorted(bounds)))
+
+
+def _narrowed(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
+    """``was`` moved to the value of ``new``, with the bounds it has; None where there is nothing to be moved.
+
+    Only upper bounds are proposed. A lower one is somebody's own: it stays, unless the value has fallen below it and
+    wider bounds are asked for.
+    """
+    lower = min(was.lower, new.value) if loosen else was.lower
+    if was.upper == math.inf:
+        return dataclasses.replace(was, value=new.value, lower=lower) if lower < was.lower else None
+    upper = max(new.upper, new.value * _width(was))  # a width somebody gave a reason for stays
+    if upper < lower or not (loosen or upper < WORTH * was.upper):
+        return None
+    return dataclasses.replace(was, value=new.value, upper=upper, lower=lower, unit=new.unit)
+
+
+def _width(b: Threshold) -> float:
+    return b.upper / b.value if b.value > 0.0 and math.isfinite(b.upper) else 0.0
+
+
+def _status(case: str, record: RunRecord | None, thresholds: Thresholds, missing: str) -> Finding:
+    expected = thresholds.statuses.get(case)
+    wanted = expected.status if expected else Status.SUCCESS
+    if record is None:
+        return _fail(case, "status", missing)
+    nan = math.nan
+    if record.status == wanted:
+        state = State.PASS if wanted is Status.SUCCESS else State.XFAIL
+        return Finding(state, case, "status", nan, nan, str(wanted), "", expected.reason if expected else "")
+    words = f"{record.status}, expected {wanted}: {record.message or record.wrong_because}"
+    state = State.XPASS if record.status == Status.SUCCESS else State.FAIL
+    return Finding(state, case, "status", nan, nan, str(wanted), "", words)
+
+
+def _bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
+    if record is None:
+        return _fail(b.case, b.metric, missing, b)
+    measured = float(getattr(record, b.metric))
+    good = b.holds(measured)
+    state = {
+        (True, "pass"): State.PASS,
+        (False, "pass"): State.FAIL,
+        (True, "fail"): State.XPASS,
+        (False, "fail"): State.XFAIL,
+    }
+    return Finding(state[good, b.expect], b.case, b.metric, measured, b.value, _range(b), b.unit, b.reason)
+
+
+def _fail(case: str, what: str, words: str, b: Threshold | None = None) -> Finding:
+    value, bound, unit = (b.value, _range(b), b.unit) if b else (math.nan, "", "")
+    return Finding(State.FAIL, case, what, math.nan, value, bound, unit, words)
+
+
+def _range(b: Threshold) -> str:
+    if b.direction == EQUAL:
+        return f"= {b.value:.12g}" + (f" within {b.tolerance:g} of it" if b.tolerance else " exactly")
+    low = f">= {b.lower:.3g}" if math.isfinite(b.lower) else ""
+    high = f"<= {b.upper:.3g}" if math.isfinite(b.upper) else ""
+    return " and ".join(filter(None, (low, high)))

@@ -1,0 +1,131 @@
+"""What a trajectory is worth: one code for every solver, from (t, r, R, v, Omega) alone.
+
+``measure`` gives the series; the columns of a record are read off them in ``harness.summary``.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics import so3
+from ..mechanics.motion import constraint, constraint_energy_norm, constraint_rate, damping_power, energy
+from ..mechanics.state import States
+from ..mechanics.system import MultibodySystem
+from ..types import Problem, Reference, Trajectory
+from .reactions import exact_pull_on_bodies, instants_to_compare, pull_on_bodies
+
+BLOCK = 4096  # steps measured at a time: bounds the memory of 55 bodies over 1e5 steps
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Series over all accepted steps, (nt,) each; the reference's are NaN beyond its horizon, None without one."""
+
+    t: Float[np.ndarray, " nt"]
+    energy: Float[np.ndarray, " nt"]
+    energy_error: Float[np.ndarray, " nt"]
+    phi_norm: Float[np.ndarray, " nt"]
+    phi_dot_norm: Float[np.ndarray, " nt"]
+    eq81_norm: Float[np.ndarray, " nt"]
+    orthogonality: Float[np.ndarray, " nt"]
+    out_of_plane: Float[np.ndarray, " nt"] | None = None
+    position_error: Float[np.ndarray, " nt"] | None = None
+    orientation_error: Float[np.ndarray, " nt"] | None = None
+    velocity_error: Float[np.ndarray, " nt"] | None = None
+    angular_velocity_error: Float[np.ndarray, " nt"] | None = None
+    reference_own_error: Float[np.ndarray, " nt"] | None = None
+    reaction_error: float = float("nan")  # [N], largest at the instants compared
+    reaction_size: float = float("nan")  # [N] of the exact one
+    reference_route: str = ""
+    reference_horizon: float = float("nan")
+    observables: dict[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
+    reference_observables: dict[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
+    invariants: dict[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
+
+
+def measure(problem: Problem, trajectory: Trajectory) -> Measured:
+    """All series of a trajectory."""
+    t, s = np.asarray(trajectory.t, dtype=float), trajectory.states
+    with np.errstate(all="ignore"):  # a motion may have blown up: its infinities are the result
+        parts = [_laws(problem.system, s.at(slice(k, k + BLOCK))) for k in range(0, len(t), BLOCK)]
+        E, phi, phi_dot, eq81, defect, power = (np.concatenate(p) for p in zip(*parts, strict=True))
+        work = np.concatenate(([0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(t))))
+        at_home = problem.home(s)
+        return Measured(
+            t=t,
+            energy=E,
+            energy_error=E - E[0] - work,
+            phi_norm=phi,
+            phi_dot_norm=phi_dot,
+            eq81_norm=eq81,
+            orthogonality=defect,
+            out_of_plane=_out_of_plane(problem, at_home),
+            observables={o.name: np.asarray(o.of(at_home), dtype=float) for o in problem.observables},
+            invariants={i.name: np.asarray(i.of(at_home), dtype=float) for i in problem.invariants},
+            **_against_reference(problem, t, s, trajectory.reaction),
+        )
+
+
+def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
+    return (
+        energy(system, s),
+        np.linalg.norm(constraint(system, s), axis=1),
+        np.linalg.norm(constraint_rate(system, s), axis=1),
+        constraint_energy_norm(system, s),
+        np.max(so3.orthogonality_defect(s.R), axis=1, initial=0.0),
+        damping_power(system, s),
+    )
+
+
+def _out_of_plane(problem: Problem, at_home: States) -> np.ndarray | None:
+    if problem.planar_normal is None:
+        return None
+    normal = problem.planar_normal / np.linalg.norm(problem.planar_normal)
+    away = at_home.r @ normal
+    return np.max(np.abs(away - away[0]), axis=1)
+
+
+def _against_reference(problem: Problem, t: np.ndarray, s: States, reaction: np.ndarray | None) -> dict:
+    reference = problem.reference()
+    if reference is None:
+        return {}
+    covered = t <= reference.horizon * (1.0 + 1e-12)  # a horizon of 5 s covers a last step at 5.000000000001 s
+    n = int(np.sum(covered))
+    names = ("position_error", "orientation_error", "velocity_error", "angular_velocity_error", "reference_own_error")
+    series = {k: np.full(len(t), np.nan) for k in names}
+    theirs = {o.name: np.full(len(t), np.nan) for o in problem.observables}
+    for k in range(0, n, BLOCK):
+        rows = slice(k, min(k + BLOCK, n))
+        exact = reference.states(np.minimum(t[rows], reference.horizon))
+        series["position_error"][rows] = np.max(np.linalg.norm(s.r[rows] - exact.r, axis=2), axis=1)
+        series["orientation_error"][rows] = np.max(so3.angle_between(s.R[rows], exact.R), axis=1)
+        series["velocity_error"][rows] = np.max(np.linalg.norm(s.v[rows] - exact.v, axis=2), axis=1)
+        series["angular_velocity_error"][rows] = np.max(np.linalg.norm(s.Omega[rows] - exact.Omega, axis=2), axis=1)
+        series["reference_own_error"][rows] = reference.error(t[rows])
+        for name, values in problem.observe(exact).items():
+            theirs[name][rows] = values
+    return {
+        **series,
+        **_reaction_error(problem, reference, t, reaction),
+        "reference_route": reference.route,
+        "reference_horizon": float(reference.horizon),
+        "reference_observables": theirs,
+    }
+
+
+def _reaction_error(problem: Problem, reference: Reference, t: np.ndarray, reaction: np.ndarray | None) -> dict:
+    """Of the sum of joint forces on a body, at some instants; nothing where the solver or the reference has none."""
+    system = problem.system
+    if reaction is None or len(system.spring_k) or system.nj == 0:
+        return {}
+    rows = instants_to_compare(t, reference.horizon)
+    found = pull_on_bodies(system, np.asarray(reaction, dtype=float)[rows])
+    known = np.all(np.isfinite(found), axis=(1, 2))
+    if not np.any(known):
+        return {}
+    exact = exact_pull_on_bodies(system, reference.states, t[rows[known]])
+    return {
+        "reaction_error": float(np.max(np.linalg.norm(found[known] - exact, axis=2))),
+        "reaction_size": float(np.max(np.linalg.norm(exact, axis=2))),
+    }

@@ -1,0 +1,178 @@
+"""From series to the numbers of a record: largest, last, trend; step sizes; counters under common names."""
+
+import json
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics import so3
+from ..types import Problem, Trajectory
+from .measure import Measured
+from .scales import Scales
+
+# Of the mechanism's size. The reference starts at rounding (1e-15 to 1e-13); once its own certified error passes
+# this, errors have grown ten-thousandfold and more: no fixed accuracy keeps up with such a motion, and being away from
+# the reference says nothing about a solver. The chain gets there at 1.9 s, the other problems never.
+PREDICTABLE = 1e-9
+
+COUNTER_NAMES: Mapping[str, tuple[str, ...]] = {  # column: names solvers use for it, the first one preferred
+    "rejected": ("rejected", "rejections", "rejected_steps", "cut_backs", "step_cuts", "error_test_failures"),
+    "newton_iterations": ("newton_iterations", "newton", "nonlinear_iterations"),
+    "evaluations": ("evaluations", "residual_evaluations", "rhs_evaluations", "residuals"),
+    "jacobians": ("jacobians", "jacobian_evaluations"),
+    "factorisations": ("factorisations", "factorizations", "lu", "lu_decompositions"),
+}
+
+
+def columns(problem: Problem, trajectory: Trajectory, m: Measured, size: Scales) -> dict[str, Any]:
+    """The metric columns of ``RunRecord``."""
+    with np.errstate(all="ignore"):
+        return {
+            "t_reached_s": float(m.t[-1]),
+            **_energy(problem, m, size),
+            "length_scale_m": size.length,
+            "phi_max": largest(m.phi_norm),
+            "phi_end": float(m.phi_norm[-1]),
+            "phi_dot_max": largest(m.phi_dot_norm),
+            "phi_dot_end": float(m.phi_dot_norm[-1]),
+            "eq81_max_sqrtJ": largest(m.eq81_norm),
+            "eq81_end_sqrtJ": float(m.eq81_norm[-1]),
+            "orthogonality_max": largest(m.orthogonality),
+            "out_of_plane_max_m": math.nan if m.out_of_plane is None else largest(m.out_of_plane),
+            **_errors(problem, m, size),
+            **_way_back(problem, trajectory),
+            "invariant_drifts": json.dumps({i.name: _drift(m.invariants[i.name], i.unit) for i in problem.invariants}),
+            **_steps(m.t),
+            **_counted(trajectory.counters),
+            "notes": json.dumps(list(trajectory.notes)),
+            "events": len(trajectory.events),
+        }
+
+
+def largest(a: Float[np.ndarray, " nt"]) -> float:
+    """max |a|, infinite as soon as one value is not a number: a motion that became NaN is no small error."""
+    if len(a) == 0:
+        return math.nan
+    return math.inf if np.any(np.isnan(a)) else float(np.max(np.abs(a)))
+
+
+def trend(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"]) -> float:
+    """Slope of the least-squares line through a(t), each value weighted with the time it stands for."""
+    if len(t) < 3 or not np.all(np.isfinite(a)):
+        return math.nan
+    w = _weights(t)
+    t0, a0 = np.sum(w * t) / np.sum(w), np.sum(w * a) / np.sum(w)
+    return float(np.sum(w * (t - t0) * (a - a0)) / np.sum(w * (t - t0) ** 2))
+
+
+def time_mean(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"], begin: float, end: float) -> float:
+    """Mean of a over [begin, end] by the trapezoidal rule on the steps inside."""
+    inside = (t >= begin) & (t <= end)
+    if np.sum(inside) < 2:
+        return math.nan
+    return float(np.trapezoid(a[inside], t[inside]) / np.ptp(t[inside]))
+
+
+def _weights(t: np.ndarray) -> np.ndarray:
+    dt = np.diff(t)
+    return 0.5 * (np.append(dt, 0.0) + np.insert(dt, 0, 0.0))
+
+
+def _energy(problem: Problem, m: Measured, size: Scales) -> dict[str, float]:
+    begin, end = m.t[0], m.t[-1]
+    quarter = 0.25 * (end - begin)
+    return {
+        "energy_start_J": float(m.energy[0]),
+        "energy_scale_J": size.energy,
+        "energy_drift_max_J": largest(m.energy_error),
+        "energy_drift_end_J": float(m.energy_error[-1]),
+        "energy_trend_W": trend(m.t, m.energy_error),
+        "energy_mean_first_quarter_J": time_mean(m.t, m.energy_error, begin, begin + quarter),
+        "energy_mean_last_quarter_J": time_mean(m.t, m.energy_error, end - quarter, end),
+        "energy_allowed_J": math.nan if problem.energy_allowed is None else problem.energy_allowed,
+    }
+
+
+def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
+    if m.position_error is None or m.orientation_error is None or m.reference_own_error is None:
+        return {}
+    compared = int(np.sum(m.t <= m.reference_horizon * (1.0 + 1e-12)))
+    if compared == 0:
+        return {}
+    last = compared - 1
+    position, orientation = m.position_error[:compared], m.orientation_error[:compared]
+    predictable = int(np.sum(np.cumprod(m.reference_own_error[:compared] <= PREDICTABLE * size.length)))
+    by_name = {}
+    for o in problem.observables:
+        away = np.abs(m.observables[o.name] - m.reference_observables[o.name])[:compared]
+        by_name[o.name] = {"max": _plain(largest(away)), "end": _plain(away[last]), "unit": o.unit}
+    return {
+        "reference": m.reference_route,
+        "reference_horizon_s": m.reference_horizon,
+        "reference_own_error_m": float(np.max(m.reference_own_error[:compared])),
+        "position_error_max_m": largest(position),
+        "position_error_end_m": float(position[last]),
+        "orientation_error_max_rad": largest(orientation),
+        "orientation_error_end_rad": float(orientation[last]),
+        **_rates(m, compared),
+        "judged_to_s": float(m.t[max(predictable - 1, 0)]),
+        "position_error_judged_m": largest(position[:predictable]),
+        "orientation_error_judged_rad": largest(orientation[:predictable]),
+        "observable_errors": json.dumps(by_name),
+    }
+
+
+def _rates(m: Measured, compared: int) -> dict[str, float]:
+    out = {"reaction_error_max_N": m.reaction_error, "reaction_size_N": m.reaction_size}
+    if m.velocity_error is not None and m.angular_velocity_error is not None:
+        out["velocity_error_max_m_per_s"] = largest(m.velocity_error[:compared])
+        out["angular_velocity_error_max_rad_per_s"] = largest(m.angular_velocity_error[:compared])
+    return out
+
+
+def _way_back(problem: Problem, trajectory: Trajectory) -> dict[str, float]:
+    back, start = trajectory.returned, problem.initial
+    if back is None:
+        return {}
+    return {
+        "return_error_m": float(np.max(np.linalg.norm(back.r - start.r, axis=1))),
+        "return_error_rad": float(np.max(so3.angle_between(back.R, start.R))),
+        "return_error_m_per_s": float(np.max(np.linalg.norm(back.v - start.v, axis=1))),
+        "return_error_rad_per_s": float(np.max(np.linalg.norm(back.Omega - start.Omega, axis=1))),
+    }
+
+
+def _drift(values: np.ndarray, unit: str) -> dict[str, Any]:
+    away = values - values[0]
+    return {"max": _plain(largest(away)), "end": _plain(away[-1]), "start": _plain(values[0]), "unit": unit}
+
+
+def _steps(t: np.ndarray) -> dict[str, float]:
+    dt = np.diff(t)
+    if len(dt) == 0:
+        return {"steps": 0}
+    whole = dt[:-1] if len(dt) > 1 else dt  # the last step may be cut to end at t_end
+    least, most = float(np.min(whole)), float(np.max(whole))
+    return {
+        "steps": len(dt),
+        "step_min_s": least,
+        "step_median_s": float(np.median(whole)),
+        "step_max_s": most,
+        "step_ratio": most / least,
+    }
+
+
+def _counted(counters: Mapping[str, int]) -> dict[str, Any]:
+    out: dict[str, Any] = {"counters": json.dumps({k: int(v) for k, v in counters.items()})}
+    for name, known in COUNTER_NAMES.items():
+        found = [counters[k] for k in known if k in counters]
+        out[name] = float(found[0]) if found else math.nan
+    return out
+
+
+def _plain(value: float) -> float | str:
+    """JSON has no infinities: as text."""
+    return float(value) if math.isfinite(value) else str(float(value))

@@ -1,0 +1,1 @@
+"""Observed orders, drift, symmetries and work, each with its evidence."""

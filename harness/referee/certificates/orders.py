@@ -1,0 +1,278 @@
+"""Order certificates: for every ladder of steps or tolerances in a run, the order of each quantity with its interval.
+
+A ladder is all records of one problem, as posed, and one solver with the same options that differ in dt alone, or in
+rtol alone, but for those of the suite ``work``, whose few steps are wide apart and span long motions. With dt: the
+order in dt, held to what the solver declares. With rtol: the order achieved against the mean step, and beside it the
+exponent against rtol; solvers under error control declare no order.
+"""
+
+import json
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ...catalogue import registry
+from ...metrics.scales import scales
+from ...results.records import RunRecord
+from .fitting import FEWEST, Fit, ladder, scattered
+
+CURVES = "work"  # label of runs that are points of a curve, not steps of a ladder
+WITHIN = 0.1  # of the declared order, on either side
+LOOSE = 0.2  # the whole interval must be within this of it
+EXACT = 1e-13  # of its scale: rounding of some thousand steps; what a tolerance of 1e-12 holds is above
+HELD = 1e-9  # of its scale: errors no larger at any step are held by a tolerance, not by the step
+KEPT = 1e-7  # the same where errors are seen not to depend on the step at all
+OWN = 3.0  # times the reference's own error: below, errors are not told apart
+DIFFERENCED = 1e-7  # of the largest reaction: what sixth-order differences of the exact motion can be wrong by
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """An error of a record."""
+
+    name: str
+    symbol: str
+    unit: str
+    column: str
+    scale: Callable[[RunRecord], float]  # what a large error is
+    own: Callable[[RunRecord], float]  # what the reference cannot resolve
+    most: float = math.inf  # of its scale: an error that large is no small number to fit
+
+    def of(self, record: RunRecord) -> float:
+        """The error."""
+        return float(getattr(record, self.column))
+
+
+def _length(r: RunRecord) -> float:
+    return r.length_scale_m if r.length_scale_m > 0.0 else 1.0
+
+
+def _own(r: RunRecord) -> float:
+    return OWN * r.reference_own_error_m
+
+
+def _none(r: RunRecord) -> float:
+    return 0.0
+
+
+def _rate(r: RunRecord) -> float:
+    """speed / length [1/s] of the problem: what a position's error is multiplied by to be a velocity's."""
+    return _rate_of(r.problem, r.problem_parameters)
+
+
+@cache
+def _rate_of(problem: str, parameters: str) -> float:
+    try:
+        made = registry.make_problem(problem, json.loads(parameters))
+    except ValueError:  # judged where it is not installed, or has other parameters by now
+        return math.nan
+    size = scales(made.system, made.initial)
+    return size.speed / size.length
+
+
+def _speed(r: RunRecord) -> float:
+    return _length(r) * _rate(r)
+
+
+QUANTITIES = (
+    Quantity("position", "r", "m", "position_error_max_m", _length, _own, 0.3),
+    Quantity(
+        "orientation", "R", "rad", "orientation_error_max_rad", lambda r: 1.0,
+        lambda r: _own(r) / _length(r), 0.6,
+    ),
+    Quantity("velocity", "v", "m/s", "velocity_error_max_m_per_s", _speed, lambda r: _own(r) * _rate(r)),
+    Quantity(
+        "angular velocity", "Omega", "rad/s", "angular_velocity_error_max_rad_per_s", _rate,
+        lambda r: _own(r) / _length(r) * _rate(r),
+    ),
+    Quantity("energy", "E", "J", "energy_drift_max_J", lambda r: r.energy_scale_J, _none),
+    Quantity("|phi|", "|phi|", "m", "phi_max", _length, _none),
+    Quantity("|phi_dot|", "|phi_dot|", "m/s", "phi_dot_max", _speed, _none),
+    Quantity(
+        "reaction", "A^T lam", "N", "reaction_error_max_N",
+        lambda r: r.reaction_size_N if r.reaction_size_N > 0.0 else 1.0, lambda r: DIFFERENCED * r.reaction_size_N,
+    ),
+)  # fmt: skip
+
+
+def certify(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]]:
+    """One entry a ladder and quantity, as in ``certificates.json``; in the order of problems and solvers."""
+    return [entry for run in _ladders(records) for q in QUANTITIES if (entry := _certificate(run, q)) is not None]
+
+
+def _ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
+    """Runs that differ in their step alone, coarsest first, each step once."""
+    groups: dict[tuple, dict[float, RunRecord]] = {}
+    for r in sorted(records, key=lambda r: (r.problem, r.problem_parameters, r.solver, r.solver_options, r.finished)):
+        if r.label == CURVES:
+            continue
+        key = (r.problem, r.problem_parameters, r.solver, r.solver_options, r.control, str(r.max_step_s))
+        groups.setdefault(key, {})[r.dt_s if r.control == "dt" else r.rtol] = r
+    runs = [[own[step] for step in sorted(own, reverse=True)] for own in groups.values()]
+    return [run for run in runs if len(run) > FEWEST and not json.loads(run[0].problem_parameters).get("retrace")]
+
+
+def _certificate(run: Sequence[RunRecord], q: Quantity) -> dict[str, Any] | None:
+    done = [r for r in run if r.claimed == "success" and math.isfinite(q.of(r)) and r.steps > 0]
+    if len(done) <= FEWEST:
+        return None
+    fixed = run[0].control == "dt"
+    first = run[0]
+    scale = max(q.scale(r) for r in done)
+    errors = [q.of(r) for r in done]
+    steps = [r.dt_s if fixed else r.t_reached_s / r.steps for r in done]
+    good = [q.own(r) < e < q.most * scale and not _cut(r) for r, e in zip(done, errors, strict=True)]
+    fit, rate = _fitted(done, steps, errors, good, scale, fixed)
+    verdict = _verdict(fit, first.declared_order, fixed)
+    if max(errors) == 0.0 and math.isnan(first.declared_order):
+        return None  # a quantity that does not move: nothing said of anybody
+    at_own = max(errors) > 0.0 and any(e <= q.own(r) for r, e in zip(done, errors, strict=True))
+    used = _spread(fit.used, good)
+    words = _words(verdict, fit, rate, steps, used, errors, q, first, fixed)
+    notes = []
+    if len(done) < len(run):
+        notes.append(f"{len(run) - len(done)} of {len(run)} runs did not finish")
+    if math.isnan(scale):
+        notes.append("the problem is not at hand: what its velocities are compared with is not known")
+    if verdict != "exact" and any(_cut(r) for r in done):
+        notes.append("steps that were cut are left out")
+    if verdict != "exact" and at_own:
+        notes.append("errors the reference cannot resolve are left out")
+    return {
+        "problem": first.problem,
+        "posing": _posing(first),
+        "solver": first.solver,
+        "case": _case(first),
+        "quantity": q.name,
+        "symbol": q.symbol,
+        "unit": q.unit,
+        "against": "dt" if fixed else "mean step",
+        "declared": first.declared_order if fixed else math.nan,
+        "order": fit.order,
+        "low": fit.low,
+        "high": fit.high,
+        "dt": steps,
+        "error": errors,
+        "used": used,
+        "floor": fit.floor,
+        "rtol": [r.rtol for r in done] if not fixed else [],
+        "exponent": rate.order,
+        "exponent_low": rate.low,
+        "exponent_high": rate.high,
+        "verdict": verdict,
+        "words": "; ".join([words, *notes]),
+        "t_end_s": first.t_end_s,
+        "cells": [r.settings for r in done],
+    }
+
+
+NOTHING = Fit("none", math.nan, math.nan, math.nan, (), math.nan, ())
+
+
+def _fitted(
+    done: Sequence[RunRecord], steps: list[float], errors: list[float], good: list[bool], scale: float, fixed: bool
+) -> tuple[Fit, Fit]:
+    """The order, and for error control the exponent against rtol."""
+    if max(errors) <= EXACT * scale:
+        return Fit("exact", math.nan, math.nan, math.nan, (False,) * sum(good), math.nan, ()), NOTHING
+    if max(errors) <= HELD * scale:
+        return Fit("flat", math.nan, math.nan, math.nan, (False,) * sum(good), max(errors), ()), NOTHING
+    x = [h for h, g in zip(steps, good, strict=True) if g]
+    y = [e for e, g in zip(errors, good, strict=True) if g]
+    if fixed:
+        fit = ladder(x, y, max(HELD, *(_unsolved(r) for r in done)) * scale)
+        held = fit.kind == "flat" and max(y) <= KEPT * scale
+        return (replace(fit, floor=max(y)) if held else fit), NOTHING
+    if len(y) <= FEWEST:
+        return Fit("none", math.nan, math.nan, math.nan, (False,) * len(y), math.nan, ()), NOTHING
+    return scattered(x, y), scattered([r.rtol for r, g in zip(done, good, strict=True) if g], y)
+
+
+def _unsolved(r: RunRecord) -> float:
+    """What the tolerance of a step's equations [sqrt(J)] may add up to over all steps, of the scale of an error."""
+    known = registry.solvers().get(r.solver)
+    default = 0.0 if known is None else known.parameters.get("tolerance", (0.0,))[0]
+    tolerance = json.loads(r.solver_options).get("tolerance", default)
+    if not isinstance(tolerance, int | float) or not r.energy_scale_J > 0.0:
+        return 0.0
+    return tolerance / math.sqrt(r.energy_scale_J) * r.steps
+
+
+def _cut(r: RunRecord) -> bool:
+    """Whether a fixed step was not kept: the error then belongs to other steps."""
+    return r.control == "dt" and r.steps != math.ceil(r.t_reached_s / r.dt_s - 1e-6)
+
+
+def _spread(used: Sequence[bool], good: Sequence[bool]) -> list[bool]:
+    """``used``, told of the good points, told of all."""
+    of_good = iter(used)
+    return [next(of_good, False) if g else False for g in good]
+
+
+def _verdict(fit: Fit, declared: float, fixed: bool) -> str:
+    if fit.kind in ("exact", "flat"):
+        still = "undecided" if math.isnan(declared) else "below declared"
+        return "exact" if fit.kind == "exact" else "floor" if math.isfinite(fit.floor) else still
+    if fit.kind != "power":
+        return "undecided"
+    if not fixed or math.isnan(declared):
+        return "measured"
+    if abs(fit.order - declared) <= WITHIN and fit.low >= declared - LOOSE and fit.high <= declared + LOOSE:
+        return "certified"
+    if fit.low > declared + WITHIN:
+        return "above declared"
+    return "below declared" if fit.high < declared - WITHIN else "undecided"
+
+
+def _words(
+    verdict: str,
+    fit: Fit,
+    rate: Fit,
+    steps: Sequence[float],
+    used: Sequence[bool],
+    errors: Sequence[float],
+    q: Quantity,
+    first: RunRecord,
+    fixed: bool,
+) -> str:
+    if verdict == "exact":
+        return f"no order to fit: at most {max(errors):.1e} {q.unit} at every step, which is rounding"
+    if verdict == "floor":
+        return f"no order to fit: at most {max(errors):.1e} {q.unit} at every step, held by the solver's own tolerance"
+    if fit.kind == "flat":
+        return f"does not depend on the step: about {sorted(errors)[len(errors) // 2]:.1e} {q.unit}"
+    slopes = ", ".join(f"{s:.2f}" for s in fit.slopes)
+    if fit.kind == "none" and not fit.slopes[FEWEST - 1 :]:
+        return f"fewer than {FEWEST + 1} steps whose errors can be fitted"
+    if fit.kind == "none":
+        return f"no range of steps in which the error is a power of them (slopes {slopes or 'none'})"
+    inside = [h for h, u in zip(steps, used, strict=True) if u]
+    over = f"over {len(inside)} {'steps' if fixed else 'mean steps'} of {max(inside):.3g} to {min(inside):.3g} s"
+    text = f"order {fit.order:.2f} ({fit.low:.2f} to {fit.high:.2f}) {over}"
+    left = f"finest {'slope' if len(fit.left) == 1 else 'slopes'} {', '.join(f'{s:.2f}' for s in fit.left)}"
+    if fit.kind == "lost":
+        return f"{text}, but the {left} {'does' if len(fit.left) == 1 else 'do'} not follow it, and no floor is seen"
+    if not fixed:
+        text += f"; error ~ rtol^{rate.order:.2f} ({rate.low:.2f} to {rate.high:.2f})" if rate.kind == "power" else ""
+    elif not math.isnan(first.declared_order):
+        text += f", declared {first.declared_order:g}"
+    coarser = sum(h > max(inside) for h in steps)
+    if coarser:
+        text += f"; {coarser} coarser {'step is' if coarser == 1 else 'steps are'} not yet in that range"
+    if not math.isfinite(fit.floor):
+        return text
+    if not fixed:
+        return f"{text}; floor at {fit.floor:.1e} {q.unit}"
+    return f"{text}; {left} left out: at the floor of {fit.floor:.1e} {q.unit}"
+
+
+def _posing(r: RunRecord) -> str:
+    return r.case.split(" ")[0]
+
+
+def _case(r: RunRecord) -> str:
+    """The words of a case without its step."""
+    return " ".join(w for w in r.case.split(" ")[1:] if not w.startswith(("dt=", "rtol=")))

@@ -1,0 +1,166 @@
+"""Work against precision: every run as a point, and how many targets each solver reaches for how much work.
+
+A target is a problem as posed and an accuracy, half decades of the mechanism's size. A solver reaches it with the run
+of least work, whatever its options, whose error is no larger: best-tuned means the lower envelope of the runs at hand.
+Targets nobody's reference can judge, below three times its own error, are left out; those a solver never reaches count
+as never reached, a refusal too. Runs whose success is contradicted reach nothing. Profiles count the posings that all
+were tried on and that are predictable to their end, points are of all. Profiles of default options only stand beside.
+"""
+
+import json
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ...metrics.summary import PREDICTABLE
+from ...results.records import RunRecord
+from .metamorphic import CHANGES
+
+TARGETS = tuple(10.0 ** (-0.5 * k) for k in range(2, 19))  # 1e-1 to 1e-9 of the size (of 1 rad)
+OWN = 3.0  # times the reference's own error: nothing is judged below
+EXACT = 1e-12  # of the size: positions everybody has to rounding compare nothing, orientations then do
+END = 1e-9
+FEWEST = 2  # solvers on a posing: fewer are no comparison
+JUDGED = 0.9  # of the simulated time: a chaotic rest costs work and is not compared
+REGULAR = 0.5  # of the posings: who was tried on fewer is a guest, whose absence elsewhere leaves no posing out
+
+
+def _operations(r: RunRecord) -> float:
+    """Evaluations plus factorisations; evaluations alone where a solver does not count the others."""
+    return r.evaluations + (0.0 if math.isnan(r.factorisations) else r.factorisations)
+
+
+WORKS: Mapping[str, Callable[[RunRecord], float]] = {
+    "operations": _operations,
+    "evaluations": lambda r: r.evaluations,
+    "factorisations": lambda r: r.factorisations,
+    "steps": lambda r: float(r.steps),
+    "cpu": lambda r: r.cpu_median_s,
+}
+
+
+@dataclass(frozen=True)
+class Field:
+    """Runs of one problem as posed, and the error they are compared by."""
+
+    posing: str
+    runs: tuple[RunRecord, ...]  # that have an error
+    tried: frozenset[str]  # solvers, those that refused or failed among them
+    kind: str  # "position error" or "orientation error"
+    unit: str
+    size: float  # in that unit
+    own: float  # of the reference, in that unit
+
+    def error(self, r: RunRecord) -> float:
+        """While the motion is predictable."""
+        return r.position_error_judged_m if self.unit == "m" else r.orientation_error_judged_rad
+
+    @property
+    def predictable(self) -> bool:
+        """Whether errors are judged over nearly all of the time that the work was spent on."""
+        return max(r.judged_to_s for r in self.runs) >= JUDGED * self.runs[0].t_end_s
+
+    @property
+    def targets(self) -> tuple[float, ...]:
+        """Errors that the reference can judge."""
+        return tuple(target * self.size for target in TARGETS if target * self.size >= OWN * self.own)
+
+
+def work(folder: Path, records: Iterable[RunRecord]) -> dict[str, Any]:
+    """Points and profiles, as in ``work.json``."""
+    fields = _fields(records)
+    solvers = sorted({name for f in fields for name in f.tried})
+    regular = {name for name in solvers if sum(name in f.tried for f in fields) >= REGULAR * len(fields)}
+    counted = [f for f in fields if regular <= f.tried and f.predictable]
+    compared = [name for name in solvers if any(name in f.tried for f in counted)]
+    return {
+        "points": [p for f in fields for p in _points(f)],
+        "profile": _profiles(counted, compared, lambda r: True),
+        "profile_default": _profiles(counted, compared, lambda r: r.solver_options == "{}"),
+        "targets": [{"posing": f.posing, "unit": f.unit, "own": f.own, "errors": list(f.targets)} for f in counted],
+    }
+
+
+def _fields(records: Iterable[RunRecord]) -> list[Field]:
+    groups: dict[tuple[str, str], list[RunRecord]] = {}
+    for r in sorted(records, key=lambda r: (r.problem, r.case, r.finished)):
+        told = json.loads(r.problem_parameters)
+        if not ({*CHANGES, "perturb"} & set(told)):
+            groups.setdefault((r.problem, r.problem_parameters), []).append(r)
+    fields = [f for own in groups.values() if (f := _field(own)) is not None]
+    return [f for f in fields if len({r.solver for r in f.runs if _sound(r)}) >= FEWEST]
+
+
+def _field(all_runs: Sequence[RunRecord]) -> Field | None:
+    runs = tuple(r for r in all_runs if r.reference and not math.isnan(r.position_error_judged_m))
+    if not runs:
+        return None
+    tried = frozenset(r.solver for r in all_runs)
+    first = runs[0]
+    length = first.length_scale_m if first.length_scale_m > 0.0 else 1.0
+    own = min(max(r.reference_own_error_m for r in runs), PREDICTABLE * length)
+    moved = any(r.position_error_judged_m > EXACT * length for r in runs)
+    posing = first.case.split(" ")[0]
+    if moved:
+        return Field(posing, runs, tried, "position error", "m", length, own)
+    return Field(posing, runs, tried, "orientation error", "rad", 1.0, own / length)
+
+
+def _sound(r: RunRecord) -> bool:
+    """Whether a run got to its end and nothing contradicts it."""
+    return r.status == "success" and r.t_reached_s >= r.t_end_s * (1.0 - END)
+
+
+def _points(f: Field) -> list[dict[str, Any]]:
+    out = []
+    for r in f.runs:
+        rivals = [q for q in f.runs if q.solver == r.solver and _sound(q)]
+        out.append(
+            {
+                "problem": r.problem,
+                "posing": f.posing,
+                "solver": r.solver,
+                "case": r.case,
+                "cell": r.settings,
+                "label": r.label,
+                "best": _sound(r) and not any(_beats(f, q, r) for q in rivals),
+                "status": r.status,
+                "error": f.error(r),
+                "error_kind": f.kind,
+                "unit": f.unit,
+                "energy_drift_J": r.energy_drift_max_J,
+                "phi_max": r.phi_max,
+                "cpu_s": r.cpu_median_s,
+                "steps": r.steps,
+                "evaluations": r.evaluations,
+                "factorisations": r.factorisations,
+                "operations": _operations(r),
+                "reference_own_error": f.own,
+            }
+        )
+    return out
+
+
+def _beats(f: Field, q: RunRecord, r: RunRecord) -> bool:
+    """Whether ``q`` is no worse in error and work, and better in one."""
+    mine, theirs = (f.error(r), _operations(r)), (f.error(q), _operations(q))
+    return theirs[0] <= mine[0] and theirs[1] <= mine[1] and theirs != mine
+
+
+def _profiles(fields: Sequence[Field], solvers: Sequence[str], counts: Callable[[RunRecord], bool]) -> list[dict]:
+    total = sum(len(f.targets) for f in fields)
+    out = []
+    for name, of in WORKS.items():
+        for solver in solvers:
+            reached = []
+            for f in fields:
+                runs = [r for r in f.runs if r.solver == solver and _sound(r) and counts(r)]
+                for target in f.targets:
+                    costs = [of(r) for r in runs if f.error(r) <= target and not math.isnan(of(r))]
+                    if costs:
+                        reached.append(min(costs))
+            if reached or name != "factorisations":
+                out.append({"solver": solver, "work": name, "total": total, "target_work": sorted(reached)})
+    return out

@@ -1,0 +1,1 @@
+"""The paper's claims as data, each tried over a map of settings."""

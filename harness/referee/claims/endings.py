@@ -1,0 +1,81 @@
+"""How a run ended, and what can be concluded from one that was cut short.
+
+A run that got to its end or failed by itself is final. One that a clock, its memory or its budget of steps ended
+would have gone on, and one that took no step has no motion to be judged by: these settle only what they had settled.
+"""
+
+import math
+from enum import StrEnum
+
+from ...results.provisional import is_provisional
+from ...results.records import RunRecord
+from ...results.series import Series
+from ...types import Status
+from .measures import END, MEASURES, reached_end
+from .register import Test
+
+LAST = 0.1  # of the steps taken: the pace of a run is that of these
+PATIENCE = 100.0  # budgets of steps: a run that would need more than these to its end is stuck
+NOT_MEASURED = "measuring its motion took more than"
+
+
+class Ending(StrEnum):
+    """In the words that say why settings are left out."""
+
+    FINAL = "final"
+    MACHINE = "a limit on time or memory ended them, which another machine might not meet"
+    SLOW = "the budget of steps ended them while they were only slow"
+    NO_STEP = "they could not take a first step"
+
+
+def ending(record: RunRecord, series: Series | None = None) -> Ending:
+    """Of one run; the series is asked for where ``by_budget``."""
+    if by_machine(record):
+        return Ending.MACHINE
+    if by_budget(record):
+        return Ending.FINAL if series is None or to_end(record, series) > PATIENCE * record.steps else Ending.SLOW
+    started = record.steps > 0 or reached_end(record) or record.status == Status.REFUSED
+    return Ending.FINAL if started else Ending.NO_STEP
+
+
+def by_budget(record: RunRecord) -> bool:
+    """Whether the limit on accepted steps ended the run, the same on every machine."""
+    return record.status == Status.STALLED and 0 < record.max_steps <= record.steps
+
+
+def by_machine(record: RunRecord) -> bool:
+    """Whether a clock or the memory ended it. Stalled with steps left is: by a clock, in whatever words."""
+    stopped = record.status == Status.STALLED and not by_budget(record)
+    return stopped or record.status == Status.MEMORY or NOT_MEASURED in record.message or is_provisional(record)
+
+
+def to_end(record: RunRecord, series: Series) -> float:
+    """Steps still needed at the pace of the last tenth of those taken; rows of thinned series stand for equal parts."""
+    t = series["t"]
+    k = math.floor((1.0 - LAST) * (len(t) - 1))
+    steps = record.steps * (1.0 - k / (len(t) - 1)) if len(t) > 1 else math.nan
+    pace = (t[-1] - t[k]) / steps
+    return float((record.t_end_s - t[-1]) / pace) if pace > 0.0 else math.inf
+
+
+def settled(test: Test, record: RunRecord, how: Ending, value: float) -> bool:
+    """Whether a run that ended so settles a test of its own number: going on would not change the finding."""
+    if in_time(test, record, how):
+        return True
+    m = MEASURES[test.metric]
+    if how is Ending.NO_STEP:
+        return False
+    if m.until == "known" and math.isfinite(value):
+        return True
+    if not m.grows or "_max" not in test.arguments.get("name", "_max"):
+        return False
+    least = min(value, record.t_reached_s) if m.until == "known" else value  # what has not come yet comes later
+    return least > test.band.high or (least >= test.band.low and math.isinf(test.band.high))
+
+
+def in_time(test: Test, record: RunRecord, how: Ending) -> bool:
+    """Whether the run is final, or got through the stretch of time that the test looks at."""
+    if how is Ending.FINAL:
+        return True
+    until = test.arguments.get("to", test.arguments.get("at", math.inf))
+    return MEASURES[test.metric].until == "to" and record.t_reached_s >= until * (1.0 - END)

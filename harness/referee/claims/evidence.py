@@ -1,0 +1,204 @@
+"""What is measured for a claim: numbers read off the record and the series of one run.
+
+The rules of measures are in ``harness.referee.catalogue``; those of steps and passages in ``harness.referee.passages``.
+"""
+
+import json
+import math
+
+import numpy as np
+
+from ...results.records import RunRecord
+from ...results.series import Series
+from . import passages  # enters its measures
+from .measures import END, MEASURES, NAN, array, bound, evaluate, evaluate_pair, measure, reached_end, stretch
+
+__all__ = ["MEASURES", "evaluate", "evaluate_pair", "passages"]
+
+
+@measure("name", "partial", series=False, until="end", grows=True)
+def column(record: RunRecord, series: Series | None, name: str, partial: bool = False) -> float:
+    """A column of the record; of a run that got to its end, unless ``partial``."""
+    value = getattr(record, name, NAN)
+    return float(value) if (partial or reached_end(record)) and isinstance(value, int | float) else NAN
+
+
+@measure("of", "part partial", series=False, until="end")
+def invariant(record: RunRecord, series: Series | None, of: str, part: str = "max", partial: bool = False) -> float:
+    """``max`` or ``end`` of the drift of an invariant."""
+    return _embedded(record, record.invariant_drifts, of, part, partial)
+
+
+@measure("of", "part partial", series=False, until="end")
+def observable_error(
+    record: RunRecord, series: Series | None, of: str, part: str = "max", partial: bool = False
+) -> float:
+    """``max`` or ``end`` of the error of an observable against the reference."""
+    return _embedded(record, record.observable_errors, of, part, partial)
+
+
+@measure(series=False, grows=True)
+def reached(record: RunRecord, series: Series | None) -> float:
+    """Part of the time asked for that the run got through: 1 is the end."""
+    if reached_end(record):
+        return 1.0
+    return 0.0 if math.isnan(record.t_reached_s) else min(record.t_reached_s / record.t_end_s, 1.0)
+
+
+@measure(series=False, grows=True)
+def stops_at(record: RunRecord, series: Series | None) -> float:
+    """Time at which the run stopped before its end; infinite if it did not."""
+    if reached_end(record):
+        return math.inf
+    return 0.0 if math.isnan(record.t_reached_s) else record.t_reached_s
+
+
+@measure(series=False)
+def loss(record: RunRecord, series: Series | None) -> float:
+    """Largest position error against the reference [m]; unbounded for a run that stopped before its end."""
+    return record.position_error_max_m if reached_end(record) else math.inf
+
+
+@measure(series=False)
+def late_energy(record: RunRecord, series: Series | None) -> float:
+    """|time mean of the energy error over the last quarter| [J]; unbounded for a run that stopped before its end."""
+    return abs(record.energy_mean_last_quarter_J) if reached_end(record) else math.inf
+
+
+@measure("series", "from to partial", grows=True)
+def largest(
+    record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
+) -> float:
+    """max |series| over a stretch of time."""
+    a = stretch(record, s, series, begin, to, partial)
+    return NAN if a is None else bound(a, np.max(np.abs(a)))
+
+
+@measure("series", "from to partial", grows=True)
+def highest(
+    record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
+) -> float:
+    """max of the series over a stretch of time, signed."""
+    a = stretch(record, s, series, begin, to, partial)
+    return NAN if a is None else bound(a, np.max(a))
+
+
+@measure("series", "from to partial")
+def lowest(
+    record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
+) -> float:
+    """min of the series over a stretch of time, signed."""
+    a = stretch(record, s, series, begin, to, partial)
+    return NAN if a is None else bound(a, np.min(a))
+
+
+@measure("series", "from to partial", grows=True)
+def extent(
+    record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
+) -> float:
+    """max - min of the series over a stretch of time."""
+    a = stretch(record, s, series, begin, to, partial)
+    return NAN if a is None else bound(a, np.ptp(a))
+
+
+@measure("series at")
+def value(record: RunRecord, s: Series, series: str, at: float) -> float:
+    """The series at a time, between steps by a straight line."""
+    t, a = s["t"], array(s, series)
+    if a is None or at > t[-1] * (1.0 + END):
+        return NAN
+    return float(np.interp(at, t, a))
+
+
+@measure("series at", until="known")
+def rate(record: RunRecord, s: Series, series: str, at: float) -> float:
+    """|d series/dt| over the first step that ends after ``at``."""
+    t, a = s["t"], array(s, series)
+    if a is None or at >= t[-1]:
+        return NAN
+    k = int(np.searchsorted(t, at, side="right"))
+    return float(abs((a[k] - a[k - 1]) / (t[k] - t[k - 1])))
+
+
+@measure("series from to")
+def change(record: RunRecord, s: Series, series: str, begin: float, to: float) -> float:
+    """The series at ``to`` less the series at ``from``, signed."""
+    return value(record, s, series, to) - value(record, s, series, begin)
+
+
+@measure("of", "from to partial", grows=True)
+def away(record: RunRecord, s: Series, of: str, begin: float = 0.0, to: float = NAN, partial: bool = False) -> float:
+    """max |observable - the reference's| over a stretch of time."""
+    own, exact = (stretch(record, s, f"{k}_{of}", begin, to, partial) for k in ("obs", "ref"))
+    if own is None or exact is None:
+        return NAN
+    known = ~np.isnan(exact)  # NaN beyond the reference's horizon
+    return bound(own[known], np.max(np.abs(own[known] - exact[known]), initial=0.0)) if np.any(known) else NAN
+
+
+@measure("series limit", grows=True, until="known")
+def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
+    """First time |series| passes a limit; infinite if it never does."""
+    a = array(s, series)
+    if a is None:
+        return NAN
+    beyond = np.flatnonzero(~(np.abs(a) <= limit))
+    return float(s["t"][beyond[0]]) if len(beyond) else math.inf
+
+
+@measure("series", until="end")
+def grows(record: RunRecord, s: Series, series: str) -> float:
+    """max |series| in the last quarter of the time asked for over that in the first quarter."""
+    quarter = 0.25 * record.t_end_s
+    first = stretch(record, s, series, 0.0, quarter, False)
+    last = stretch(record, s, series, 3.0 * quarter, NAN, False)
+    if first is None or last is None:
+        return NAN
+    a, b = float(np.max(np.abs(last))), float(np.max(np.abs(first)))
+    return 1.0 if a == b == 0.0 else math.inf if b == 0.0 or not math.isfinite(a) else a / b
+
+
+@measure("series to", until="end")
+def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
+    """max |series| up to a time over that of the whole run: small for what grows gradually."""
+    first, whole = stretch(record, s, series, 0.0, to, False), stretch(record, s, series, 0.0, NAN, False)
+    if first is None or whole is None or not np.max(np.abs(whole)) > 0.0:
+        return NAN
+    return float(np.max(np.abs(first)) / np.max(np.abs(whole)))
+
+
+@measure(grows=True)
+def energy_ratio(record: RunRecord, s: Series) -> float:
+    """Largest mechanical energy over that of the start, whatever part of the run there is."""
+    E = s["energy"]
+    return bound(E, np.max(E)) / float(E[0]) if E[0] != 0.0 else NAN
+
+
+@measure("series", "from to partial")
+def peak_over_median(
+    record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
+) -> float:
+    """max |series| over its median over a stretch of time: how far one moment stands out."""
+    a = stretch(record, s, series, begin, to, partial)
+    if a is None or not np.any(np.isfinite(a)):
+        return NAN
+    known = np.abs(a[np.isfinite(a)])
+    return float(np.max(known) / np.median(known)) if np.median(known) > 0.0 else NAN
+
+
+@measure("series", "", pair=True)
+def apart(one: Series, other: Series, series: list[str]) -> float:
+    """Largest distance of two whole runs in the named components, over the time of ``one``."""
+    t = one["t"]
+    if t[-1] > other["t"][-1] * (1.0 + END) or not all(k in one and k in other for k in series):
+        return NAN
+    gaps = [one[k] - np.interp(t, other["t"], other[k]) for k in series]
+    away = np.sqrt(np.sum(np.square(gaps), axis=0))
+    return bound(away, np.max(away))
+
+
+def _embedded(record: RunRecord, text: str, of: str, part: str, partial: bool) -> float:
+    found = json.loads(text).get(of)
+    if found is None or not (partial or reached_end(record)):
+        return NAN
+    return abs(float(found[part]))

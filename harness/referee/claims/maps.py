@@ -1,0 +1,154 @@
+"""Where a cell stands in a map: its settings as dimensions under the names that claims use.
+
+A dimension is an option of the solver or a parameter of the problem under its own name, but for those that different
+solvers name differently: ``tolerance`` (rtol, or the stop test of ODE-GC), ``gain`` (alpha = beta), ``chart``,
+``step`` (dt), ``duration`` (t_end), ``frame`` (how problem and axes lie). What a selection does not name must be at
+its default, so that no claim gathers cells it was not written for.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from ...catalogue import registry
+from ...suites.cell import Cell
+
+ANY = "any"
+RENAMED = {"coordinates": "chart"}
+FRAMES = ("yaw", "rotation", "perturb", "seed")
+FORMS = {"ndf_index1": "se"}  # its constraint row never holds u', whatever the accelerations are
+ALIGNED = "aligned"
+WHOLE = "the whole run"  # of a run in one step
+
+
+@dataclass(frozen=True)
+class Place:
+    """A cell and its dimensions; ``usual`` holds those that are at their default."""
+
+    cell: Cell
+    dimensions: Mapping[str, Any]
+    usual: frozenset[str]
+
+
+def place(cell: Cell) -> Place:
+    """The dimensions of a cell, defaults filled in from the catalogue."""
+    options, unusual = _options(cell)
+    given: dict[str, Any] = {"problem": cell.problem, "solver": cell.solver}
+    for name, (default, _) in registry.problems()[cell.problem].parameters.items():
+        if name == "t_end":
+            given["duration"] = cell.parameters.get("t_end") or own_duration(cell.problem)
+            unusual |= {"duration"} if "t_end" in cell.parameters else set()
+        elif name not in FRAMES:
+            given[name] = cell.parameters.get(name, default)
+            unusual |= {name} if name in cell.parameters else set()
+    given["frame"] = _frame(cell.parameters)
+    unusual |= {"frame"} if given["frame"] != ALIGNED else set()
+    given |= options
+    control: dict[str, Any] = {
+        "tolerance": cell.control.rtol,
+        "step": cell.control.dt,
+        "max_step": cell.control.max_step,
+    }
+    if cell.control.dt is not None and cell.control.dt >= given["duration"]:
+        control["step"] = WHOLE
+    for name, number in control.items():
+        if number is not None:
+            given[name] = number
+            unusual |= {name}  # a step or tolerance is always asked for: a selection has to name it
+    return Place(cell, given, frozenset(given) - unusual)
+
+
+@cache
+def own_duration(problem: str) -> float:
+    """The simulated time of a problem that is given none [s]."""
+    return float(registry.make_problem(problem, {}).t_end)
+
+
+def select(places: Iterable[Place], selections: Sequence[Mapping[str, Any]]) -> tuple[Place, ...]:
+    """Those in one of the selections, in their order; of two that differ in limits alone that of fewer steps.
+
+    A run without one that is stuck is ended by a clock.
+    """
+    out: dict[str, Place] = {}
+    for p in places:
+        if any(_matches(p, s) for s in selections):
+            key = repr(sorted((k, str(v)) for k, v in p.dimensions.items()))
+            if key not in out or _budget(p) < _budget(out[key]):
+                out[key] = p
+    return tuple(out.values())
+
+
+def _budget(p: Place) -> int:
+    return p.cell.control.max_steps
+
+
+def varied(places: Sequence[Place]) -> dict[str, list[Any]]:
+    """The dimensions with more than one value among ``places``, each with its values in order."""
+    names = dict.fromkeys(k for p in places for k in p.dimensions)
+    found = {k: values_of(p.dimensions.get(k) for p in places) for k in names}
+    return {k: v for k, v in found.items() if len(v) > 1}
+
+
+def values_of(given: Iterable[Any]) -> list[Any]:
+    """Each once, numbers by size before texts; None, where a dimension does not exist, comes last."""
+    return sorted(dict.fromkeys(given), key=_order)
+
+
+def is_printed(p: Place, printed: Iterable[Mapping[str, Any]]) -> bool:
+    """Whether these are settings the paper prints, as far as it prints any."""
+    return any(all(_allowed(p.dimensions.get(k), v) for k, v in one.items()) for one in printed)
+
+
+def _options(cell: Cell) -> tuple[dict[str, Any], set[str]]:
+    known = registry.solvers()[cell.solver].parameters
+    options = {k: cell.options.get(k, default) for k, (default, _) in known.items()}
+    unusual = {k for k in cell.options if k in known}
+    if {"alpha", "beta"} <= options.keys():
+        alpha, beta = options.pop("alpha"), options.pop("beta")
+        options["gain"] = alpha if alpha == beta else f"{alpha:g}/{beta:g}"
+        unusual = unusual - {"alpha", "beta"} | ({"gain"} if unusual & {"alpha", "beta"} else set())
+    for old, new in RENAMED.items():
+        if old in options:
+            options[new] = options.pop(old)
+            unusual = unusual - {old} | ({new} if old in unusual else set())
+    if cell.solver in FORMS:
+        options["form"] = FORMS[cell.solver]
+    return options, unusual
+
+
+def _frame(parameters: Mapping[str, Any]) -> str:
+    if parameters.get("perturb"):
+        return f"start perturbed by {parameters['perturb']:g}"
+    if parameters.get("yaw"):
+        return f"yawed by {parameters['yaw']:g} rad"
+    if parameters.get("rotation"):
+        return "rotated"
+    return ALIGNED
+
+
+def _matches(p: Place, selection: Mapping[str, Any]) -> bool:
+    for name, wanted in selection.items():
+        if wanted != ANY and not _allowed(p.dimensions.get(name), wanted):
+            return False
+    return all(name in selection or name in p.usual for name in p.dimensions)
+
+
+def _allowed(value: Any, wanted: Any) -> bool:
+    return any(_same(value, w) for w in (wanted if isinstance(wanted, list) else [wanted]))
+
+
+def _same(value: Any, wanted: Any) -> bool:
+    if isinstance(value, bool) or isinstance(wanted, bool):
+        return value is wanted
+    return bool(value == wanted)
+
+
+def _order(value: Any) -> tuple[int, float, str]:
+    if value is None:
+        return 3, 0.0, ""
+    if isinstance(value, bool):
+        return 1, float(not value), ""
+    if isinstance(value, int | float):
+        return 0, float(value), ""
+    return 2, 0.0, str(value)

@@ -1,0 +1,85 @@
+"""Measures of how a solver steps, and of what happens as the motion passes its first lowest point."""
+
+import math
+
+import numpy as np
+
+from ...results.records import RunRecord
+from ...results.series import Series
+from .measures import END, NAN, array, measure, stretch
+
+START_UP = 0.01  # of t_end: step sizes are judged after it
+
+
+@measure("", "from to partial", grows=True)
+def step_ratio(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False) -> float:
+    """Largest over smallest step after the start-up, the last step left out."""
+    dt = _steps(record, s, begin, to, partial)
+    return NAN if dt is None else float(np.max(dt) / np.min(dt))
+
+
+@measure("", "from to partial")
+def irregularity(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False) -> float:
+    """Mean |change of log10 dt| from step to step after the start-up: 0 for a fixed step."""
+    dt = _steps(record, s, begin, to, partial)
+    return NAN if dt is None else float(np.mean(np.abs(np.diff(np.log10(dt)))))
+
+
+@measure("", "from to partial")
+def typical_step(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False) -> float:
+    """Median step after the start-up [s]."""
+    dt = _steps(record, s, begin, to, partial)
+    return NAN if dt is None else float(np.median(dt))
+
+
+@measure("", "from to partial")
+def smallest_step(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False) -> float:
+    """Smallest step after the start-up [s], the last step left out."""
+    dt = _steps(record, s, begin, to, partial)
+    return NAN if dt is None else float(np.min(dt))
+
+
+@measure("series low within", until="known")
+def drop_at_lowest(record: RunRecord, s: Series, series: str, low: str, within: float) -> float:
+    """Lowest of ``series`` within a time of the first minimum of ``low``, less its value before: a fall is negative."""
+    found = _around_lowest(s, series, low, within)
+    return NAN if found is None else float(np.min(found) - found[0])
+
+
+@measure("series low within", until="known")
+def rise_at_lowest(record: RunRecord, s: Series, series: str, low: str, within: float) -> float:
+    """Highest of ``series`` within a time of the first minimum of ``low``, less its value before."""
+    found = _around_lowest(s, series, low, within)
+    return NAN if found is None else float(np.max(found) - found[0])
+
+
+@measure("series low", "to")
+def peak_after_lowest(record: RunRecord, s: Series, series: str, low: str, to: float = NAN) -> float:
+    """|time of the largest |series| up to ``to`` - time of the first minimum of ``low``| [s]."""
+    a, turn = stretch(record, s, series, 0.0, to, False), _first_minimum(s, low)
+    return NAN if a is None or turn is None else float(abs(s["t"][int(np.argmax(np.abs(a)))] - s["t"][turn]))
+
+
+def _steps(record: RunRecord, s: Series, begin: float, to: float, partial: bool) -> np.ndarray | None:
+    t, dt = s["t"][:-1], s["dt"][:-1]
+    begin = START_UP * record.t_end_s if math.isnan(begin) else begin
+    end = record.t_end_s if math.isnan(to) else to
+    if not partial and s["t"][-1] < end * (1.0 - END):
+        return None
+    inside = dt[(t > begin) & (t <= end) & (dt > 0.0)]
+    return inside if len(inside) > 2 else None
+
+
+def _first_minimum(s: Series, low: str) -> int | None:
+    h = array(s, low)
+    if h is None:
+        return None
+    turns = np.flatnonzero((h[1:-1] < h[:-2]) & (h[1:-1] <= h[2:])) + 1
+    return int(turns[0]) if len(turns) else None
+
+
+def _around_lowest(s: Series, name: str, low: str, within: float) -> np.ndarray | None:
+    a, turn, t = array(s, name), _first_minimum(s, low), s["t"]
+    if a is None or turn is None or t[-1] < (t[turn] + within) * (1.0 - END):
+        return None
+    return a[np.abs(t - t[turn]) <= within]

@@ -1,0 +1,1 @@
+"""Results on disk: records, series, where they come from, and how two folders of them compare."""

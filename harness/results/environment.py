@@ -1,0 +1,132 @@
+"""Where a result comes from: code, commit, packages, machine, threads."""
+
+import datetime
+import hashlib
+import importlib.metadata
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Iterable
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+LOCK = ROOT / "requirements.lock"
+THREADS = {  # one thread: timings mean CPU time of one core, and results do not depend on the number of cores
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+    "MKL_NUM_THREADS": "1",
+    "BLIS_NUM_THREADS": "1",
+    "VECLIB_MAXIMUM_THREADS": "1",
+    "NUMEXPR_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1",
+}
+SHAPING = (  # what the process of one run executes; the rest only arranges, judges or shows
+    "harness/catalogue", "harness/execution/job.py", "harness/execution/measuring.py", "harness/execution/posed.py",
+    "harness/execution/supervisor.py", "harness/execution/warmup.py", "harness/execution/worker.py", "harness/mechanics",
+    "harness/metrics", "harness/results/records.py", "harness/results/series.py", "harness/sandbox",
+    "harness/suites/cell.py", "harness/types.py", "problems", "solvers",
+)  # fmt: skip
+
+
+@cache
+def code_digest(plugins: tuple[str, ...] = ()) -> str:
+    """Digest of every file that can change a cell's numbers, the lock file included."""
+    files = [f for name in SHAPING for f in (sorted((ROOT / name).rglob("*.py")) or [ROOT / name])]
+    digest = hashlib.sha256()
+    from ..catalogue.plugins import source_of
+
+    for path in [*files, LOCK, *filter(None, map(source_of, plugins))]:
+        name = path.relative_to(ROOT) if path.is_relative_to(ROOT) else path.name
+        digest.update(f"{name}\0".encode() + _content(path) + b"\0")
+    return digest.hexdigest()[:16]
+
+
+@cache
+def commit() -> str:
+    """Commit of the checkout, with ``+dirty`` when it has changes; empty outside a checkout."""
+    head = _git("rev-parse", "HEAD")
+    return head + ("+dirty" if head and _git("status", "--porcelain") else "")
+
+
+def stamp(run: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[str, Any]:
+    """The content of ``environment.json``."""
+    from threadpoolctl import threadpool_info
+
+    names = sorted({*_locked(), "numpy", "scipy"})
+    return {
+        "schema": 1,
+        "run": run,
+        "suite": suite,
+        "started": now(),
+        "commit": commit().removesuffix("+dirty"),
+        "dirty": commit().endswith("+dirty"),
+        "code": code_digest(tuple(plugins)),
+        "lock_sha256": hashlib.sha256(_content(LOCK)).hexdigest(),
+        "python": platform.python_version(),
+        "implementation": platform.python_implementation(),
+        "executable": sys.executable,
+        "packages": {name: v for name in names if (v := _version(name))},
+        "system": f"{platform.system()} {platform.release()}",
+        "machine": platform.machine(),
+        "cpu": _cpu(),
+        "cores": os.cpu_count(),
+        "memory_MB": _memory(),
+        "blas": [{k: b.get(k) for k in ("internal_api", "version", "num_threads")} for b in threadpool_info()],
+        "threads": dict(THREADS),
+        "jobs": jobs,
+        "plugins": list(plugins),
+    }
+
+
+def files_between(before: str, after: str) -> list[str]:
+    """Files that shape results and differ between two commits of this checkout; empty if one is not known here."""
+    said = _git("diff", "--name-only", before, after, "--", LOCK.name, *SHAPING)
+    return said.splitlines()
+
+
+def now() -> str:
+    """UTC, ISO 8601."""
+    return datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _content(path: Path) -> bytes:
+    return path.read_bytes() if path.is_file() else b""
+
+
+def _git(*arguments: str) -> str:
+    try:
+        done = subprocess.run(("git", *arguments), cwd=ROOT, capture_output=True, text=True, timeout=20, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""
+
+
+def _locked() -> list[str]:
+    lines = _content(LOCK).decode().splitlines()
+    return [line.split("==")[0] for line in lines if "==" in line and not line.startswith((" ", "#"))]
+
+
+def _version(name: str) -> str:
+    try:
+        return importlib.metadata.version(name)
+    except importlib.metadata.PackageNotFoundError:
+        return ""
+
+
+def _cpu() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return next(
+        (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.processor()
+    )
+
+
+def _memory() -> int:
+    import psutil
+
+    return int(psutil.virtual_memory().total // 2**20)

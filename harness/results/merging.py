@@ -1,0 +1,71 @@
+"""Run folders of shards become one: every good record with its files, nothing of a source changed."""
+
+import os
+import shutil
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from . import store
+from .comparison import compare
+from .records import RunRecord
+
+
+@dataclass(frozen=True)
+class Merged:
+    """What came of it."""
+
+    records: tuple[RunRecord, ...]
+    added: int
+    unreadable: tuple[store.Unreadable, ...]
+    conflicts: tuple[str, ...]  # cells that two folders have with other numbers; the first is kept
+    codes: tuple[str, ...]  # digests of the code: more than one means results of different code
+
+
+def merge(out: Path, sources: Sequence[Path]) -> Merged:
+    """Copy the records of ``sources`` that ``out`` does not have yet; a record is written after its files."""
+    found = [store.load(source) for source in sources]  # before anything is written
+    if any(source.resolve() == out.resolve() for source in sources):
+        raise store.StoreError(f"{out} is one of the folders to be merged into it")
+    store.create(out)
+    with store.lock(out):
+        there = store.load(out)
+        kept = {r.cell: r for r in there.records}
+        unreadable, conflicts, added = list(there.unreadable), [], 0
+        for source, loaded in zip(sources, found, strict=True):
+            unreadable += loaded.unreadable
+            for record in loaded.records:
+                if record.cell in kept:
+                    if not compare([kept[record.cell]], [record]).same:
+                        conflicts.append(f"{record.case} ({source})")
+                    continue
+                for file in filter(None, (record.series, record.stderr)):
+                    _copy(source / file, out / file)
+                store.write_record(out, record)
+                kept[record.cell] = record
+                added += 1
+            _environment(source, out)
+        store.write_table(out, store.load(out, check_series=False).records)
+        store.point_latest(out)
+    records = tuple(sorted(kept.values(), key=lambda r: (r.problem, r.solver, r.case)))
+    return Merged(records, added, tuple(unreadable), tuple(conflicts), tuple(sorted({r.code for r in records})))
+
+
+def _environment(source: Path, out: Path) -> None:
+    """The first source's stamp and suite become those of ``out``; further stamps are kept beside it."""
+    for name in ("environment.json", "suite.toml"):
+        if (source / name).is_file():
+            other = f"environment.{source.resolve().name}.json"
+            if not (out / name).exists():
+                _copy(source / name, out / name)
+            elif name == "environment.json" and (out / name).read_bytes() != (source / name).read_bytes():
+                _copy(source / name, out / other)
+
+
+def _copy(source: Path, target: Path) -> None:
+    """Whole or not at all; a file that is gone (a stderr somebody deleted) is no reason to lose a record."""
+    if not source.is_file():
+        return
+    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
+    shutil.copyfile(source, partial)
+    os.replace(partial, target)

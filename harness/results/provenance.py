@@ -1,0 +1,94 @@
+"""Which inputs of two runs differ: what may be why their results do."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from . import environment
+
+WORDS = {
+    "code": "code that shapes results",
+    "lock_sha256": "lock file",
+    "python": "Python",
+    "implementation": "Python implementation",
+    "cpu": "processor",
+    "machine": "machine type",
+    "system": "operating system",
+    "blas": "linear algebra libraries",
+    "threads": "threads",
+    "plugins": "plugins",
+    "suite": "suite",
+}
+PLATFORM = ("python", "implementation", "packages", "cpu", "machine", "blas", "threads")  # numbers may depend on these
+
+
+@dataclass(frozen=True)
+class Difference:
+    """An input that differs."""
+
+    what: str
+    before: str
+    after: str
+    detail: str = ""
+
+
+def stamp_of(folder: Path) -> dict[str, Any]:
+    """``environment.json`` of a run folder; empty where it cannot be read."""
+    try:
+        plain = json.loads((folder / "environment.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return plain if isinstance(plain, dict) else {}
+
+
+def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Difference]:
+    """Inputs of two stamps that differ; one that is missing counts as unknown."""
+    if not (before and after):
+        return [Difference("environment.json", *("there" if s else "missing" for s in (before, after)))]
+    out = []
+    for key, words in WORDS.items():
+        a, b = before.get(key), after.get(key)
+        if _unordered(a) != _unordered(b):
+            detail = _changed_files(before, after) if key == "code" else ""
+            out.append(Difference(words, _text(a), _text(b), detail))
+    a, b = (s.get("packages") if isinstance(s.get("packages"), dict) else {} for s in (before, after))
+    assert isinstance(a, dict) and isinstance(b, dict)
+    for name in sorted({*a, *b}):
+        if a.get(name) != b.get(name):
+            out.append(Difference(f"package {name}", _text(a.get(name)), _text(b.get(name))))
+    return out
+
+
+def same_platform(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
+    """Whether numbers must agree bit for bit if the code does."""
+    return bool(before) and all(_unordered(before.get(key)) == _unordered(after.get(key)) for key in PLATFORM)
+
+
+def why(found: Sequence[Difference]) -> str:
+    """The differences in a sentence."""
+    if not found:
+        return "no input differs: a solver is not deterministic, or a limit on time or memory was met"
+    return "; ".join(f"{d.what} {d.before} -> {d.after}" + (f" ({d.detail})" if d.detail else "") for d in found)
+
+
+def _unordered(value: Any) -> Any:
+    """A list of things as found in memory: their order is that of the imports, and means nothing."""
+    return sorted(json.dumps(x, sort_keys=True) for x in value) if isinstance(value, list) else value
+
+
+def _changed_files(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+    commits = [str(s.get("commit", "")) for s in (before, after)]
+    note = "uncommitted changes" if before.get("dirty") or after.get("dirty") else ""
+    if not all(commits) or commits[0] == commits[1]:
+        return note
+    changed = environment.files_between(*commits)
+    shown = ", ".join(changed[:5]) + (f" and {len(changed) - 5} more" if changed[5:] else "")
+    return "; ".join(filter(None, (shown, note)))
+
+
+def _text(value: Any) -> str:
+    if value in (None, "", []):
+        return "none"
+    return value if isinstance(value, str) else json.dumps(value)

@@ -1,0 +1,50 @@
+"""The command that runs a cell again: a record as a line for the shell."""
+
+import json
+import math
+import shlex
+from collections.abc import Sequence
+from typing import Any
+
+from .records import RunRecord
+from ..types import StepControl
+
+
+def command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> str:
+    """``mbsbench solve ...`` with all that shapes the motion, the wall limit included, each word quoted.
+
+    ``plugins`` are those of the run's ``environment.json``; the NPZ file is ``out``, or the cell's address.
+    """
+    words = ["mbsbench", "solve", record.problem, record.solver]
+    for plugin in plugins:
+        words += ["--plugin", plugin]
+    for name, value in json.loads(record.problem_parameters).items():
+        words += ["--problem-set", f"{name}={_text(value)}"]
+    for name, value in json.loads(record.solver_options).items():
+        words += ["--set", f"{name}={_text(value)}"]
+    for name, value in _control(record).items():
+        words += ["--set", f"{name}={_text(value)}"]
+    words += ["--out", out or f"{record.cell or record.problem}.npz"]
+    return shlex.join(words)
+
+
+def _control(record: RunRecord) -> dict[str, Any]:
+    """What ``solve`` takes by ``--set`` beside the solver's options; what does not exist is left out."""
+    steps = {"dt": record.dt_s, "rtol": record.rtol, "max_step": record.max_step_s}
+    out: dict[str, Any] = {k: v for k, v in steps.items() if not math.isnan(v)}
+    if record.max_steps not in (0, StepControl.max_steps):
+        out["max_steps"] = record.max_steps
+    if not math.isnan(record.wall_limit_s):
+        out["wall_limit"] = record.wall_limit_s
+    return out
+
+
+def _text(value: Any) -> str:
+    """As ``harness.options`` reads it: the same number, to the last bit."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return ",".join(map(_text, value))
+    if isinstance(value, float):
+        return f"{value:.12g}" if float(f"{value:.12g}") == value else repr(value)
+    return str(value)

@@ -1,0 +1,194 @@
+"""A run folder on disk: records written whole or not at all, read with suspicion, never deleted.
+
+``cells/<cell>.json`` is the truth, one file a finished cell; ``cells.parquet`` is made from them. What each file
+holds: ``docs/results-format.md``.
+"""
+
+import fcntl
+import hashlib
+import json
+import os
+import shutil
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, TYPE_CHECKING, Any
+
+from .records import COLUMNS, SCHEMA, BadRecord, RunRecord, from_json, to_json
+from .series import BadSeries, Series, read_series
+
+if TYPE_CHECKING:
+    import pandas as pd  # imported late: a cell's process stores its record and needs no tables
+
+LOCAL = Path("results") / "local"
+PARTS = ("cells", "series", "stderr")
+
+
+class StoreError(ValueError):
+    """A folder that cannot be used; the message says what to do."""
+
+
+@dataclass(frozen=True)
+class Unreadable:
+    """A file that is not what its name says."""
+
+    path: Path
+    why: str
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """What a run folder holds: the good records by cell, and what could not be read."""
+
+    records: tuple[RunRecord, ...]
+    unreadable: tuple[Unreadable, ...]
+
+
+def create(folder: Path) -> Path:
+    """Make the folder and its parts (an existing one is kept as it is)."""
+    try:
+        for part in PARTS:
+            (folder / part).mkdir(parents=True, exist_ok=True)
+        write_text(folder / ".writable", "")
+        (folder / ".writable").unlink()
+    except OSError as error:
+        raise StoreError(f"cannot write results to {folder}: {error.strerror or error}") from None
+    return folder
+
+
+def lock(folder: Path) -> IO[str]:
+    """Hold the folder for one runner; the lock goes with the returned file or the process."""
+    file = (folder / ".lock").open("w")
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        file.close()
+        raise StoreError(f"another runner is writing to {folder}; wait for it or give another --out") from None
+    return file
+
+
+def write_record(folder: Path, record: RunRecord) -> Path:
+    """Store one finished cell."""
+    body = to_json(record)
+    path = folder / "cells" / f"{record.cell}.json"
+    write_text(path, json.dumps({"sha256": _digest(body), "record": body}, ensure_ascii=False))
+    return path
+
+
+def read_record(path: Path) -> RunRecord:
+    """The record in ``path``, or BadRecord; its file name must be its content address."""
+    try:
+        outer = json.loads(path.read_text(encoding="utf-8"))
+        body, digest = outer["record"], outer["sha256"]
+        if not isinstance(body, str) or _digest(body) != digest:
+            raise BadRecord("its digest does not match: truncated or changed")
+        record = from_json(body)
+        long = [c.name for c in COLUMNS if c.type is int and not -(2**63) <= getattr(record, c.name) < 2**63]
+        if long:
+            raise BadRecord(f"column {long[0]} holds a number that no table can")
+    except BadRecord:
+        raise
+    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
+        raise BadRecord(f"not a record file: {type(error).__name__}: {error}") from None
+    if record.cell != path.stem:
+        raise BadRecord(f"it is the record of cell {record.cell}")
+    return record
+
+
+def load(folder: Path, *, check_series: bool = True) -> Loaded:
+    """All good records, in order of case; a record whose series file is damaged is not good. Nothing is changed."""
+    if not (folder / "cells").is_dir():
+        raise StoreError(f"{folder} is not a run folder (it has no cells/)")
+    good, bad = [], []
+    for path in sorted((folder / "cells").iterdir()):
+        if path.name.startswith("."):
+            continue
+        try:
+            record = read_record(path)
+            if check_series and record.series:
+                read_series(folder / record.series, record.series_sha256)
+            good.append(record)
+        except BadRecord as error:
+            bad.append(Unreadable(path, str(error)))
+        except BadSeries as error:
+            bad.append(Unreadable(path, f"its series file {record.series}: {error}"))
+            if (folder / record.series).exists():
+                bad.append(Unreadable(folder / record.series, str(error)))
+    return Loaded(tuple(sorted(good, key=lambda r: (r.problem, r.solver, r.case))), tuple(bad))
+
+
+def newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
+    """Of records with the same settings the one that ended last: a resumed folder may hold those of older code."""
+    found: dict[str, RunRecord] = {}
+    for r in records:
+        if r.settings not in found or r.finished > found[r.settings].finished:
+            found[r.settings] = r
+    return tuple(found.values())
+
+
+def set_aside(folder: Path, unreadable: Iterable[Unreadable]) -> None:
+    """Move what could not be read to ``set_aside/``, each with a note why; nothing is deleted."""
+    for item in unreadable:
+        aside = folder / "set_aside"
+        aside.mkdir(exist_ok=True)
+        target, n = aside / item.path.name, 0
+        while target.exists():
+            n += 1
+            target = aside / f"{item.path.name}.{n}"
+        shutil.move(item.path, target)
+        write_text(target.with_name(target.name + ".why"), item.why + "\n")
+
+
+def series_of(folder: Path, record: RunRecord) -> Series | None:
+    """The series of a cell, checked against its record; None for a cell that has none."""
+    return read_series(folder / record.series, record.series_sha256) if record.series else None
+
+
+def table(records: Iterable[RunRecord]) -> "pd.DataFrame":
+    """One row a cell, the columns of ``RunRecord`` with their types, even when there is no row."""
+    import pandas as pd
+
+    rows = [[getattr(r, c.name) for c in COLUMNS] for r in records]
+    types: dict[Any, str] = {c.name: {int: "int64", float: "float64", str: "object"}[c.type] for c in COLUMNS}  # type: ignore[index]
+    return pd.DataFrame(rows, columns=[c.name for c in COLUMNS]).astype(types)
+
+
+def write_table(folder: Path, records: Iterable[RunRecord]) -> Path:
+    """``cells.parquet``, replaced whole."""
+    frame = table(records)
+    frame.attrs["schema"] = SCHEMA
+    path = folder / "cells.parquet"
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        frame.to_parquet(partial, index=False)
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+    return path
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write whole or not at all."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with partial.open("w", encoding="utf-8") as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def point_latest(folder: Path) -> None:
+    """Let ``latest`` beside ``folder`` point to it."""
+    link = folder.parent / "latest"
+    if link.exists() and not link.is_symlink():
+        return  # somebody's own folder of that name: leave it
+    partial = folder.parent / f".latest.{os.getpid()}"
+    partial.symlink_to(folder.name)
+    os.replace(partial, link)
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()

@@ -1,0 +1,1 @@
+"""One process with limits, for code that may hang, crash or lie."""

@@ -1,0 +1,77 @@
+"""Accepted steps on disk while a cell runs: what a process that is killed, crashes or raises leaves of its motion.
+
+Rows of float64, (t, r, R, v, Omega) of all bodies, appended in whole blocks. The system keeps what was written,
+whatever ends the process. A run that ends in order hands back its trajectory, and the file goes.
+"""
+
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics.state import States
+from ..types import Problem, Status, Trajectory
+
+EVERY = 0.02  # [s] between two blocks: what a killed run may lose
+SHARE = 0.01  # of the time: a block that took 1 ms to hand over is followed by 100 ms without
+LARGEST = 2**28  # [bytes] of a file; later steps are not kept
+NUMBERS = 18  # a body and step: r, R, v, Omega
+
+
+@dataclass
+class FileSpool:
+    """``harness.types.Spool`` in a file, which begins empty."""
+
+    path: Path
+    rows: int = 0
+    _next: float = field(default=0.0, repr=False)
+    _asked: float = field(default=0.0, repr=False)
+    _size: int = field(default=0, repr=False)
+
+    def __post_init__(self) -> None:
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self.path.write_bytes(b"")
+
+    def due(self) -> bool:
+        self._asked = time.monotonic()
+        return self._asked >= self._next
+
+    def take(self, t: Float[np.ndarray, " nt"] | list[float], states: States) -> None:
+        began = min(self._asked or time.monotonic(), time.monotonic())
+        block = np.concatenate(
+            [np.asarray(t)[:, None], *(a.reshape(len(t), -1) for a in (states.r, states.R, states.v, states.Omega))],
+            axis=1,
+        )
+        if self._size + block.nbytes <= LARGEST:
+            with self.path.open("ab", buffering=0) as file:
+                file.write(block.tobytes())
+            self._size += block.nbytes
+            self.rows += len(t)
+            now = time.monotonic()
+            self._next = now + max(EVERY, (now - began) / SHARE)
+        else:
+            self._next = float("inf")
+
+
+def kept(path: Path, problem: Problem, status: Status, message: str) -> Trajectory | None:
+    """The steps in ``path`` as a trajectory from the start; None when there are none."""
+    nb = problem.system.nb
+    content = path.read_bytes() if path.exists() else b""
+    whole = len(content) // (8 * (1 + NUMBERS * nb))
+    rows = np.frombuffer(content[: whole * 8 * (1 + NUMBERS * nb)]).reshape(whole, 1 + NUMBERS * nb)
+    if whole == 0 or rows[-1, 0] <= 0.0:
+        return None
+    t, cuts = rows[:, 0], 1 + nb * np.array([3, 12, 15])
+    r, R, v, Omega = np.split(rows[:, 1:], cuts - 1, axis=1)
+    start = problem.initial
+    first = slice(1, None) if t[0] == 0.0 else slice(0, None)  # some solvers hand over the start, some do not
+    states = States(
+        np.concatenate((start.r[None], r.reshape(-1, nb, 3)[first])),
+        np.concatenate((start.R[None], R.reshape(-1, nb, 3, 3)[first])),
+        np.concatenate((start.v[None], v.reshape(-1, nb, 3)[first])),
+        np.concatenate((start.Omega[None], Omega.reshape(-1, nb, 3)[first])),
+    )
+    words = f"{message} (steps to t = {t[-1]:.6g} s kept)"
+    return Trajectory(np.concatenate(([0.0], t[first])), states, status, words, {})

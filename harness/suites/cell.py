@@ -1,0 +1,132 @@
+"""A cell: one problem, one solver, one control, with limits. Checked when made, addressed by its content."""
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from ..catalogue import registry
+from ..types import Problem, StepControl
+
+DEFAULT_RTOL = 1e-8
+DEFAULT_WALL_LIMIT = 60.0  # [s]
+DEFAULT_MEMORY = 4000.0  # [MB] beyond what the libraries take
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What is run. ``parameters`` and ``options`` hold only what differs from the defaults, in their own types."""
+
+    problem: str
+    solver: str
+    control: StepControl  # without wall_limit, which is the cell's
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+    wall_limit: float = DEFAULT_WALL_LIMIT  # [s]
+    memory: float = DEFAULT_MEMORY  # [MB]
+    repeats: int = 1
+    label: str = ""
+
+    @property
+    def settings(self) -> str:
+        """Digest of what shapes the motion, the code apart."""
+        return _digest(self._settings())
+
+    def address(self, code: str) -> str:
+        """Digest of the settings, the limits and the code: equal only if the result would be."""
+        limits = {"wall_limit": self.wall_limit, "memory": self.memory, "repeats": self.repeats}
+        return _digest({**self._settings(), **limits, "code": code})
+
+    @property
+    def case(self) -> str:
+        """The settings in words."""
+        c = self.control
+        steps = {"dt": c.dt, "rtol": c.rtol, "max_step": c.max_step}
+        words = [f"{k}={_short(v)}" for k, v in steps.items() if v is not None]
+        if c.max_steps != StepControl.max_steps:
+            words.append(f"max_steps={c.max_steps}")
+        return " ".join([_named(self.problem, self.parameters), _named(self.solver, self.options), *words])
+
+    def to_plain(self) -> dict[str, Any]:
+        """JSON-able."""
+        return {**dataclasses.asdict(self), "control": self._control()}
+
+    @staticmethod
+    def from_plain(plain: Mapping[str, Any]) -> "Cell":
+        """The inverse of ``to_plain``."""
+        return Cell(**{**plain, "control": StepControl(**plain["control"])})
+
+    def _settings(self) -> dict[str, Any]:
+        return {
+            "problem": self.problem,
+            "parameters": dict(self.parameters),
+            "solver": self.solver,
+            "options": dict(self.options),
+            "control": self._control(),
+        }
+
+    def _control(self) -> dict[str, Any]:
+        return {k: getattr(self.control, k) for k in ("dt", "rtol", "max_step", "max_steps")}
+
+
+def make_cell(
+    problem: Problem,
+    solver: str,
+    options: Mapping[str, Any] | None = None,
+    control: Mapping[str, Any] | None = None,
+    **limits: Any,
+) -> Cell:
+    """The cell of ``problem`` (as made by the registry), or ValueError in one line."""
+    made = registry.make_solver(solver, options)
+    known = registry.solvers()[solver].parameters
+    given = {k: getattr(made, k) for k, (default, _) in known.items() if getattr(made, k) != default}
+    steps = step_control(solver, registry.solvers()[solver].control, problem, control or {})
+    return Cell(problem.name, solver, steps, dict(problem.parameters), given, **limits)
+
+
+def step_control(solver: str, kind: str, problem: Problem, given: Mapping[str, Any]) -> StepControl:
+    """``StepControl`` from text or numbers; a solver given no step takes the problem's dt, or rtol 1e-8."""
+    values = {k: _positive(k, v) for k, v in given.items()}
+    if values.get("rtol", 0.0) >= 1.0:
+        raise ValueError(f"rtol must be < 1: it is a share of the motion itself (got {given['rtol']!r})")
+    if "dt" in values and "rtol" in values:
+        raise ValueError("give exactly one of dt and rtol")
+    other = {"dt": "rtol", "rtol": "dt"}[kind]
+    if other in values:
+        raise ValueError(f"solver {solver} is controlled by {kind}, not by {other}")
+    if kind == "dt" and "max_step" in values:
+        raise ValueError(f"solver {solver} takes a fixed dt: max_step goes with rtol")
+    values.setdefault(kind, problem.dt if kind == "dt" else DEFAULT_RTOL)
+    return StepControl(**values)
+
+
+def _positive(name: str, given: Any) -> Any:
+    whole = name == "max_steps"
+    wanted = "a whole number > 0" if whole else "a finite number > 0"
+    try:
+        value = float(given)
+        if isinstance(given, bool) or not 0.0 < value < float("inf") or (whole and not value.is_integer()):
+            raise ValueError
+    except (TypeError, ValueError):
+        raise ValueError(f"{name} must be {wanted} (got {given!r})") from None
+    return int(value) if whole else value
+
+
+def _named(name: str, values: Mapping[str, Any]) -> str:
+    inside = ",".join(f"{k}={_short(v)}" for k, v in sorted(values.items()))
+    return f"{name}[{inside}]" if inside else name
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, tuple | list):
+        return "(" + ",".join(map(_short, value)) + ")"
+    return (
+        f"{value:.12g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
+    )
+
+
+def _digest(plain: Any) -> str:
+    text = json.dumps(plain, sort_keys=True, default=list)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]

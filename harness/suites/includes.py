@@ -1,0 +1,106 @@
+"""What a suite includes: the files behind it, each once, the included before those that include them."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..catalogue.options import nearest
+
+FOLDER = Path(__file__).parent
+OWN_COPY = "suite"  # what the copy of the suite itself is called in a run folder
+
+
+class SuiteError(ValueError):
+    """A suite that cannot be run; the message is one line with the place."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """One suite file, read but not expanded."""
+
+    name: str  # of the file, without .toml
+    where: str  # names it in messages
+    text: str
+    plain: Mapping[str, Any]
+    beside: Path  # plugins and included suites are looked for here
+
+
+def suite_names() -> list[str]:
+    """The suites of ``harness/suites/``."""
+    return sorted(p.stem for p in FOLDER.glob("*.toml"))
+
+
+def path_of(name: str, beside: Path | None = None) -> Path:
+    """The file of a suite given by name or path; ``beside`` is the folder of the suite that includes it."""
+    if name.endswith(".toml") or "/" in name:
+        return (beside or Path()) / name
+    folders = [FOLDER] if beside is None else [beside, FOLDER]
+    found = [path for path in (folder / f"{name}.toml" for folder in folders) if _is_file(path)]
+    if not found:
+        known = sorted({p.stem for folder in folders for p in folder.glob("*.toml")})
+        raise SuiteError(f"unknown suite {name!r}{nearest(name, known)}")
+    return found[0]
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # a name too long, or of characters no file can have
+        return False
+
+
+def read_source(path: Path) -> Source:
+    """The file at ``path``, or SuiteError."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise SuiteError(f"cannot read suite {path}: {getattr(error, 'strerror', None) or error}") from None
+    return source(text, path.stem, str(path), path.parent)
+
+
+def source(text: str, name: str, where: str, beside: Path = Path()) -> Source:
+    """The suite in ``text``."""
+    try:
+        return Source(name, where, text, tomllib.loads(text), beside)
+    except ValueError as error:  # a number of thousands of digits is none of TOML's own errors
+        raise SuiteError(f"{where}: {error}") from None
+    except RecursionError:
+        raise SuiteError(f"{where}: nested too deeply") from None
+
+
+def with_included(first: Source) -> list[Source]:
+    """``first`` behind all it includes, directly or not; each file once."""
+    found: dict[Path, Source] = {}
+    _follow(first, _place(first), (), found)
+    names: dict[str, str] = {OWN_COPY: "its own copy in the run folder"}
+    for s in list(found.values())[:-1]:  # copies go into one folder, and a name must mean one suite
+        if s.name in names:
+            raise SuiteError(f"{first.where}: {s.where} and {names[s.name]} have the same name: rename one")
+        names[s.name] = s.where
+    return list(found.values())
+
+
+def _follow(s: Source, place: Path, above: Sequence[tuple[Path, str]], found: dict[Path, Source]) -> None:
+    names = s.plain.get("include", [])
+    if not isinstance(names, list) or not all(isinstance(n, str) and n for n in names):
+        raise SuiteError(f"{s.where}: include must be a list of names of suites (got {names!r})")
+    chain = [*above, (place, s.name)]
+    for name in names:
+        try:
+            path = path_of(name, s.beside)
+        except SuiteError as error:
+            raise SuiteError(f"{s.where}: include: {error}") from None
+        target = path.resolve()
+        if target in dict(chain):
+            circle = " includes ".join([*(n for _, n in chain), path.stem])
+            raise SuiteError(f"{s.where}: include goes round in a circle: {circle}")
+        if target not in found:
+            _follow(read_source(path), target, chain, found)
+    found[place] = s
+
+
+def _place(s: Source) -> Path:
+    path = Path(s.where)
+    return path.resolve() if path.suffix == ".toml" else Path(f"/{s.where}")

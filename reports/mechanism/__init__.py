@@ -1,0 +1,1 @@
+"""The mechanism itself: bodies as lines, moving pictures, the theatre."""

@@ -1,0 +1,106 @@
+"""Bodies as line segments, from stored poses and joints alone: what drawings and animations of any problem share."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from ...harness.results.series import Series
+
+SAME = 1e-9  # of the mechanism's size: joint points closer than this are one
+LONE = 0.25  # [m] half a rod of a body that shows no length at all
+CROSS = 0.18  # of a body's length: the bar at its free end, by which one sees it spin
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """Segments fixed in bodies, and the poses that carry them."""
+
+    t: Float[np.ndarray, " nf"]
+    r: Float[np.ndarray, "nf nb 3"]
+    R: Float[np.ndarray, "nf nb 3 3"]
+    body: Int[np.ndarray, " ns"]
+    a: Float[np.ndarray, "ns 3"]
+    b: Float[np.ndarray, "ns 3"]
+    joint_body: Int[np.ndarray, " nj"]
+    joint_at: Float[np.ndarray, "nj 3"]
+    ground: Float[np.ndarray, "ng 3"]  # points of the ground that bodies hang on, in space
+    gravity: Float[np.ndarray, " 3"]
+
+    def segments(self, k: int) -> Float[np.ndarray, "ns 2 3"]:
+        """Both ends of every segment in space, frame ``k``."""
+        return np.stack((self._place(k, self.body, self.a), self._place(k, self.body, self.b)), axis=1)
+
+    def joints(self, k: int) -> Float[np.ndarray, "nj 3"]:
+        """Points of the joints in space, frame ``k``."""
+        return self._place(k, self.joint_body, self.joint_at)
+
+    def frame(self, t: float) -> int:
+        """The frame nearest to time ``t``."""
+        return int(np.argmin(np.abs(self.t - t)))
+
+    @property
+    def size(self) -> float:
+        """[m] largest extent over all frames, at least one body."""
+        reach = np.linalg.norm(np.concatenate((self.a, self.b)), axis=1).max(initial=LONE)
+        return float(max(np.ptp(self.r.reshape(-1, 3), axis=0).max(initial=0.0), 2.0 * reach))
+
+    def _place(self, k: int, body: np.ndarray, at: np.ndarray) -> np.ndarray:
+        return self.r[k, body] + np.einsum("nij,nj->ni", self.R[k, body], at)
+
+
+def mechanism_of(series: Series | None) -> Mechanism | None:
+    """From a series file; None where it holds no poses. Frames that are no numbers are left out."""
+    needed = ("frame_t", "frame_r", "frame_q", "joint_i", "joint_j", "joint_s_i", "joint_s_j")
+    if series is None or any(name not in series for name in needed):
+        return None
+    r, q = series["frame_r"].astype(float), series["frame_q"].astype(float)
+    whole = np.isfinite(r).all(axis=(1, 2)) & np.isfinite(q).all(axis=(1, 2))
+    if not whole.any():
+        return None
+    r, q = r[whole], q[whole]
+    nf, nb = r.shape[:2]
+    R = Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(nf, nb, 3, 3)
+    i, j = series["joint_i"].astype(int), series["joint_j"].astype(int)
+    body, a, b = _segments(nb, i, j, series["joint_s_i"], series["joint_s_j"])
+    gravity = series["gravity"] if "gravity" in series else np.zeros(3)
+    return Mechanism(
+        series["frame_t"][whole], r, R, body, a, b, i, series["joint_s_i"], series["joint_s_j"][j < 0], gravity
+    )
+
+
+def _segments(
+    nb: int, i: np.ndarray, j: np.ndarray, s_i: np.ndarray, s_j: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    found = []
+    scale = float(np.abs(np.concatenate((s_i, s_j[j >= 0]))).max(initial=0.0)) or LONE
+    for body in range(nb):
+        points = _distinct(np.concatenate((s_i[i == body], s_j[j == body])), SAME * scale)
+        ends = points[np.linalg.norm(points, axis=1) > SAME * scale]
+        if len(ends) == 2:
+            found += [(body, ends[0], ends[1])]
+        elif len(ends) > 2:
+            found += [(body, np.zeros(3), p) for p in ends]
+        elif len(ends) == 1:
+            found += [(body, ends[0], -ends[0]), *((body, p, q) for p, q in _cross(ends[0]))]
+        else:
+            rods = (scale if len(points) < len(s_i) else LONE) * np.eye(3)
+            found += [(body, -rod, rod) for rod in rods]
+    return np.array([f[0] for f in found]), np.array([f[1] for f in found]), np.array([f[2] for f in found])
+
+
+def _cross(end: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """A bar through the free end, across the body: along the body axis that lies most across it."""
+    free, axis = -end, np.eye(3)[int(np.argmin(np.abs(end)))]
+    across = axis - free * (axis @ free) / (free @ free)
+    half = CROSS * 2.0 * np.linalg.norm(end) * across / np.linalg.norm(across)
+    return [(free - half, free + half)]
+
+
+def _distinct(points: np.ndarray, tolerance: float) -> np.ndarray:
+    kept: list[np.ndarray] = []
+    for p in points:
+        if all(np.linalg.norm(p - k) > tolerance for k in kept):
+            kept.append(p)
+    return np.array(kept).reshape(-1, 3)

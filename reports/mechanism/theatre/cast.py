@@ -1,0 +1,64 @@
+"""Who plays: at most ten cells of a problem as posed, by a rule that is told on the page with those left out."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from ...model.reading import Cell, Posing
+
+AT_MOST = 10  # ghosts of one mechanism; more cannot be told apart
+RULE = (
+    "Of each solver one cell that succeeded, with the fewest options, then the finest; after that one of each solver "
+    "under each other label of the suite, those that stopped or are wrong first; then the rest, failures first. "
+    "Settings that differ only in their label or in the number of steps allowed play once."
+)
+
+
+def cast(posing: Posing, moved: Sequence[str], at_most: int = AT_MOST) -> tuple[tuple[Cell, ...], tuple[Cell, ...]]:
+    """The cells that play and those left out; ``moved`` are ids of cells with poses. The first is the solid one.
+
+    The first is one that succeeded, with the fewest options and then the least energy drift.
+    """
+    can = [c for c in posing.cells if c.record.cell in set(moved)]
+    chosen: list[Cell] = []
+    for cell in _order(posing, can):
+        if len(chosen) < at_most and all(_setting(cell) != _setting(other) for other in chosen):
+            chosen.append(cell)
+    chosen.sort(key=_soundness)
+    return tuple(chosen), tuple(c for c in posing.cells if c not in chosen)
+
+
+def _order(posing: Posing, can: Sequence[Cell]) -> Iterator[Cell]:
+    """All of ``can``, the most telling first; some more than once."""
+    firsts = [min(own, key=_held) for own in _grouped(can, lambda c: c.record.solver)]
+    yield from firsts
+    known = {(c.record.label, c.record.solver) for c in firsts}
+    for own in _grouped(can, lambda c: (c.record.label, c.record.solver)):
+        if (own[0].record.label, own[0].record.solver) not in known:
+            yield min(own, key=_broke)
+    yield from sorted(can, key=_broke)
+
+
+def _setting(c: Cell) -> tuple[str, ...]:
+    """What the solver was told, but for its label and how many steps it may take."""
+    r = c.record
+    return (r.solver, r.control, *map(repr, (r.dt_s, r.rtol, r.max_step_s, r.t_end_s)), repr(sorted(c.options.items())))
+
+
+def _grouped(cells: Sequence[Cell], by: Callable[[Cell], Any]) -> list[list[Cell]]:
+    found: dict[Any, list[Cell]] = {}
+    for c in cells:
+        found.setdefault(by(c), []).append(c)
+    return [found[k] for k in sorted(found)]
+
+
+def _held(c: Cell) -> tuple[bool, int, float]:
+    return (not c.succeeded, len(c.options), c.fineness)
+
+
+def _broke(c: Cell) -> tuple[bool, bool, float]:
+    return (not c.stopped, c.succeeded, c.fineness)
+
+
+def _soundness(c: Cell) -> tuple[bool, int, float, str]:
+    drift = c.record.energy_drift_max_J
+    return (not c.succeeded, len(c.options), drift if drift == drift else float("inf"), c.record.cell)

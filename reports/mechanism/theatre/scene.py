@@ -1,0 +1,188 @@
+"""All that one theatre page plays, as plain data: cast, poses, shapes, strips, moments to jump to."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ....harness.results.series import Series
+from ...model.reading import Cell, Posing, Run
+from ...plots.palette import Look
+from . import packing
+from .cast import cast
+from .marks import EVENTS, marks_of
+from .packing import Box, box_of
+from .poses import Poses, enough, finite, off, thinned
+from .shapes import Shape, ends, ground_points, shapes_of
+from .strips import SPANS, STRIP, STRIPS, strips_of
+
+POSE_BYTES = 3_500_000  # of all players of a page, before compression
+BODY_BYTES = 14  # three int16 and four
+MOST_POSES = 2000  # as many as are stored
+VIEWS = 60  # poses from which the camera's box is taken
+FEW = 0.2  # [of POSE_BYTES] below, strips too are coarser
+LONG = 3000  # [rows] of a series that needs the finer strips
+FLAT = 0.02  # motion this thin, compared with its width, is planar
+
+
+@dataclass(frozen=True)
+class Player:
+    """A cell on the stage."""
+
+    cell: Cell
+    series: Series
+    poses: Poses
+
+
+def players(run: Run, posing: Posing) -> tuple[list[Player], tuple[Cell, ...]]:
+    """The cast with its motion, and the cells left out."""
+    chosen, left_out = cast(posing, [c.record.cell for c in posing.cells if c.record.series])
+    found: list[Player] = []
+    for cell in chosen:
+        series = run.series(cell)
+        if series is None or any(k not in series for k in ("t", "frame_t", "frame_r", "frame_q")):
+            left_out = (*left_out, cell)
+            continue
+        poses = finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
+        same = not found or poses.r.shape[1:] == found[0].poses.r.shape[1:]
+        if len(poses) and len(series["t"]) and same:
+            found.append(Player(cell, series, poses))
+        else:
+            left_out = (*left_out, cell)
+    return found, left_out
+
+
+def scene(
+    posing: Posing,
+    cast_: Sequence[Player],
+    looks: Mapping[str, Look],
+    pose_bytes: float = POSE_BYTES,
+) -> dict[str, Any]:
+    """The data of a page; ``looks`` is colour by solver."""
+    lead = cast_[0]
+    record, bodies = lead.cell.record, lead.poses.r.shape[1]
+    scale = record.length_scale_m if record.length_scale_m > 0.0 else 1.0
+    t_end = max([record.t_end_s] + [float(p.series["t"][-1]) for p in cast_])
+    t_end = t_end if math.isfinite(t_end) and t_end > 0.0 else 1.0
+    shapes = shapes_of(lead.series, lead.poses, scale)
+    ground = ground_points(lead.series)
+    gravity = np.asarray(lead.series["gravity"], dtype=float) if "gravity" in lead.series else np.zeros(3)
+    sound = [p for p in cast_ if p.cell.succeeded] or [lead]
+    stage = _reach(sound, shapes, ground)
+    box = stage.grown(0.75)  # players that fly apart stay at its walls
+    long = max(len(p.series["t"]) for p in cast_) > LONG and pose_bytes > FEW * POSE_BYTES
+    spans = SPANS if long else SPANS // 3
+    at_most = max(2, min(MOST_POSES, int(pose_bytes / (BODY_BYTES * bodies * len(cast_)))))
+    rank = _rank(cast_)
+    trail_body, trail_at = _trail(lead, shapes)
+    marks = [m for k, p in enumerate(cast_) for m in marks_of(p.series, p.cell, k)]
+    return {
+        "title": posing.title, "t_end": t_end, "bodies": bodies, "scale": scale,
+        "gravity": gravity.tolist(), "normal": _normal(lead), "low": stage.low.tolist(), "high": stage.high.tolist(),
+        "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
+        "ground": ground.tolist(), "shapes": packing.pack_plain([_shape(s) for s in shapes]),
+        "trail": {"body": trail_body, "at": trail_at},
+        "spans": spans, "strips": [dict(zip(STRIP, s, strict=True)) for s in STRIPS],
+        "players": [_player(p, box, scale, at_most, (t_end, spans), looks, rank) for p in cast_],
+        "marks": [{"t": m.t, "kind": m.kind, "player": m.player, "words": m.words} for m in marks],
+        "events_cut": any(len(p.series.events) > EVENTS for p in cast_),
+    }  # fmt: skip
+
+
+def _player(
+    p: Player,
+    box: Box,
+    scale: float,
+    at_most: int,
+    axis: tuple[float, int],
+    looks: Mapping[str, Look],
+    rank: Mapping[str, int],
+) -> dict[str, Any]:
+    rows = enough(p.poses, at_most, scale)
+    kept = p.poses.at(rows)
+    n, bodies = len(kept), kept.r.shape[1]
+    both = np.concatenate((packing.positions(kept.r, box), packing.quaternions(kept.q)), axis=-1)
+    distance, angle = off(p.poses, rows)
+    strips = packing.rounded(strips_of(p.series, p.cell, *axis))
+    return {
+        **_told(p.cell),
+        "cell": p.cell.record.cell, "colour": looks[p.cell.record.solver].colour, "rank": rank[p.cell.record.cell],
+        "stopped": p.cell.stopped, "last": float(p.series["t"][-1]),
+        "t": packing.pack_float32(kept.t), "poses": packing.pack_int16(both.reshape(n, bodies * 7)),
+        "frames": n, "stored": len(p.poses), "off_m": distance, "off_rad": angle,
+        "strips": packing.pack_float32(strips),
+    }  # fmt: skip
+
+
+def _told(c: Cell) -> dict[str, Any]:
+    """What is said of a cell, on the stage or not."""
+    return {
+        "solver": c.record.solver, "settings": c.settings(), "label": c.record.label, "status": c.status,
+        "because": "; ".join(c.reasons)[:400],
+    }  # fmt: skip
+
+
+def _rank(cast_: Sequence[Player]) -> dict[str, int]:
+    """0 for a solver's first player, 1 for its second, ...: thinner bodies, other dashes."""
+    seen: dict[str, int] = {}
+    out = {}
+    for p in cast_:
+        out[p.cell.record.cell] = seen[p.cell.record.solver] = seen.get(p.cell.record.solver, -1) + 1
+    return out
+
+
+def _shape(s: Shape) -> dict[str, Any]:
+    digits = 7
+    return {
+        "kind": s.kind, "body": s.body, "a": [round(x, digits) for x in s.a], "b": [round(x, digits) for x in s.b],
+        "radius": round(s.radius, digits), "tint": s.tint,
+    }  # fmt: skip
+
+
+def _reach(sound: Sequence[Player], shapes: Sequence[Shape], ground: Float[np.ndarray, "n 3"]) -> Box:
+    """The box around all that a camera must hold: the ends of all shapes, wherever they go."""
+    thick = max((s.radius for s in shapes), default=0.0)
+    body = np.array([s.body for s in shapes for _ in range(2)], dtype=int)
+    local = np.array([x for s in shapes for x in (s.a, s.b)]).reshape(-1, 3)
+    corners = [ground]
+    for p in sound:
+        some = p.poses.at(thinned(p.poses, VIEWS, 1.0))
+        for r, q in zip(some.r, some.q, strict=True):
+            x = r[body] + turned(q[body], local)
+            corners.append(np.stack((x.min(axis=0) - thick, x.max(axis=0) + thick)))
+    return box_of(np.concatenate(corners))
+
+
+def _normal(lead: Player) -> list[float] | None:
+    """Normal [space] of the plane in which the bodies' centres stay; None if there is none."""
+    points = lead.poses.r.reshape(-1, 3).astype(float)
+    points = points[:: max(1, len(points) // 20000)]
+    _, size, axes = np.linalg.svd(points - points.mean(axis=0), full_matrices=False)
+    if len(size) < 3 or size[1] == 0.0 or size[2] > FLAT * size[1]:
+        return None
+    n = axes[2] * np.sign(axes[2][np.argmax(np.abs(axes[2]))])
+    return [float(x) for x in n]
+
+
+def _trail(lead: Player, shapes: Sequence[Shape]) -> tuple[int, list[float]]:
+    """The end of a body that goes the longest way: what a trail is drawn of."""
+    rows = thinned(lead.poses, 200, 1.0)
+    some = lead.poses.at(rows)
+    best, body, at = -1.0, 0, np.zeros(3)
+    candidates = range(some.r.shape[1]) if some.r.shape[1] <= 200 else range(0, some.r.shape[1], 50)
+    for k in candidates:
+        for end in ends(list(shapes), k):
+            x = some.r[:, k] + turned(some.q[:, k], end)
+            way = float(np.sum(np.linalg.norm(np.diff(x, axis=0), axis=1)))
+            if way > best * (1.0 + 1e-6):
+                best, body, at = way, k, end
+    return body, [float(x) for x in at]
+
+
+def turned(q: Float[np.ndarray, "n 4"], x: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "n 3"]:
+    """R x of each quaternion."""
+    v, w = q[:, :3].astype(float), q[:, 3:].astype(float)
+    return x + 2.0 * np.cross(v, np.cross(v, x) + w * x)

@@ -1,0 +1,72 @@
+"""One number for how far a cell is from the exact motion, the same kind for all cells of a problem."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from .reading import Cell
+
+EXACT = 1e-12  # of the mechanism's size: positions that everybody has to rounding compare nothing
+
+
+PREDICTABLE = 1e-9  # of that size: errors are judged while the reference's own is below (docs/results-format.md)
+
+
+@dataclass(frozen=True)
+class Measure:
+    """Which error, with its words and its unit."""
+
+    what: str
+    columns: tuple[str, str]  # the error while the motion is predictable, and, where that is not told, over all time
+    unit: str
+    own: float  # the reference's own error in that unit; NaN if not known
+    until: float | None = None  # [s] errors are judged to here where that is before the end
+
+    def of(self, cell: Cell) -> float:
+        """The error of a cell; NaN where it has none."""
+        judged, whole = (float(getattr(cell.record, name)) for name in self.columns)
+        return whole if math.isnan(judged) else judged
+
+
+POSITION = ("position_error_judged_m", "position_error_max_m")
+ORIENTATION = ("orientation_error_judged_rad", "orientation_error_max_rad")
+
+
+def measure_for(cells: Sequence[Cell]) -> Measure | None:
+    """Position error; orientation where all positions are exact (a body that only turns); None without a reference."""
+    known = [c for c in cells if not math.isnan(c.record.position_error_max_m)]
+    if not known:
+        return None
+    length = max((c.record.length_scale_m for c in known if c.record.length_scale_m > 0.0), default=1.0)
+    own = max((e for c in known if not math.isnan(e := c.record.reference_own_error_m)), default=math.nan)
+    until = judged_until(known)
+    words = "" if until is None else f" to {until:.4g} s"
+    position = Measure(
+        f"position error{words}", POSITION, "m", own if until is None else min(own, PREDICTABLE * length), until
+    )
+    if max(map(position.of, known)) > EXACT * length:
+        return position
+    return Measure(f"orientation error{words}", ORIENTATION, "rad", position.own / length, until)
+
+
+def judged_until(cells: Sequence[Cell]) -> float | None:
+    """[s] the time up to which errors are judged, if that is before the reference or the longest run ends."""
+    times = [c.record.judged_to_s for c in cells if not math.isnan(c.record.judged_to_s)]
+    ends = [min(c.record.t_reached_s, c.record.reference_horizon_s) for c in cells if c.record.reference]
+    if not times or not ends or max(times) > 0.98 * max(ends):
+        return None
+    return max(times)
+
+
+def drifts(cell: Cell) -> bool | None:
+    """Whether the energy error wanders off rather than swings: its mean shifts from first to last quarter.
+
+    True when the shift is over a third of the largest error (a straight line shifts by three quarters, a swing by
+    nothing) and above rounding; None when it cannot be told.
+    """
+    r = cell.record
+    shift = abs(r.energy_mean_last_quarter_J - r.energy_mean_first_quarter_J)
+    if math.isnan(shift) or not math.isfinite(r.energy_drift_max_J):
+        return None
+    rounding = 1e-13 * (r.energy_scale_J if r.energy_scale_J > 0.0 else 1.0)
+    return shift > max(r.energy_drift_max_J / 3.0, rounding)

@@ -1,0 +1,92 @@
+"""What only one problem has: its facts, its observables and invariants, the events its solvers met."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from .motion import Motion
+from .reading import Cell, Posing
+from .words import NONE, number, plural, time, unit
+
+MOST_EVENTS = 20  # of one cell in the table
+
+
+@dataclass(frozen=True)
+class Extra:
+    """A table of what only this problem has, cells by names."""
+
+    title: str
+    heads: tuple[str, ...]
+    rows: tuple[tuple[Cell, tuple[tuple[float, str], ...]], ...]
+
+
+@dataclass(frozen=True)
+class Events:
+    """What solvers reported on their way, e.g. singular passages: a row each, columns as the solvers named them."""
+
+    heads: tuple[str, ...]
+    rows: tuple[tuple[Cell, tuple[str, ...]], ...]
+    left_out: int
+
+
+def extras(cells: Sequence[Cell]) -> list[Extra]:
+    """Observables against the reference, invariants against their start; only tables that have a column."""
+    found = [
+        _extra("Largest distance of observables from the reference", cells, lambda c: c.observable_errors),
+        _extra("Largest departure of invariants from their start", cells, lambda c: c.invariant_drifts),
+    ]
+    return [e for e in found if e.heads]
+
+
+def facts_of(posing: Posing, bodies: int) -> tuple[str, ...]:
+    """What a reader must know about the problem before its numbers."""
+    records = [c.record for c in posing.cells]
+    out = [posing.section] if posing.section else []
+    times = sorted({r.t_end_s for r in records if not math.isnan(r.t_end_s)})
+    if times:
+        out.append(f"{', '.join(time(t) for t in times)} s simulated")
+    if bodies:
+        out.append(plural(bodies, "body", "bodies"))
+    scale = next((r for r in records if r.energy_scale_J > 0.0), None)
+    if scale:
+        out.append(f"energy to exchange {number(scale.energy_scale_J)} J, size {number(scale.length_scale_m)} m")
+    known = next((r for r in records if r.reference), None)
+    if known:
+        out.append(
+            f"reference: {known.reference}, certified to {number(known.reference_own_error_m)} m"
+            + (f" up to {time(known.reference_horizon_s)} s" if math.isfinite(known.reference_horizon_s) else "")
+        )
+    else:
+        out.append("no reference: errors are not known, laws are")
+    return tuple(out)
+
+
+def _extra(title: str, cells: Sequence[Cell], of) -> Extra:  # type: ignore[no-untyped-def]
+    units = {n: str(e.get("unit", "")) for c in cells for n, e in of(c).items()}
+    rows = tuple((c, tuple(_value(of(c).get(n)) for n in units)) for c in cells)
+    return Extra(title, tuple(f"{n} [{unit(u)}]" if u else n for n, u in units.items()), rows)
+
+
+def _value(found: Mapping | None) -> tuple[float, str]:
+    try:
+        value = float(found["max"]) if found else math.nan
+    except (KeyError, TypeError, ValueError):
+        value = math.nan
+    return value, number(value) if found else NONE
+
+
+def events(motions: Sequence[Motion]) -> Events | None:
+    """One table of all events of these motions; None when there is none."""
+    heads = list(dict.fromkeys(k for m in motions for e in m.events for k in e))
+    if not heads:
+        return None
+    rows = [(m.cell, tuple(_said(e.get(k)) for k in heads)) for m in motions for e in m.events[:MOST_EVENTS]]
+    left_out = sum(max(len(m.events) - MOST_EVENTS, 0) for m in motions)
+    return Events(tuple(h.replace("_", " ") for h in heads), tuple(rows), left_out)
+
+
+def _said(value: Any) -> str:
+    if isinstance(value, float):
+        return number(value)
+    return NONE if value is None else str(value)

@@ -1,0 +1,122 @@
+"""The matrix of problem against solver: one entry each, never empty."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from .accuracy import drifts, measure_for
+from .posings import Variants, broadest, themselves
+from .reading import Cell, Posing, Run
+from .scores import Score, score
+from .words import Mark, mark, number, seconds
+
+WORST_FIRST = ("wrong", "failed", "refused", "good")
+FEWEST_DIGITS, MOST_DIGITS = 0.0, 14.0  # of a bar: empty when exact to 14 digits, full when none is right
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One number of an entry; ``share`` of a bar is how many digits are lost, 0 to 100, or None for no bar."""
+
+    key: str
+    name: str
+    text: str
+    share: float | None = None
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What a solver made of a problem: its finest settings in numbers, all of them counted."""
+
+    head: Cell
+    mark: Mark
+    score: Score
+    figures: tuple[Figure, ...]
+    energy: str
+
+    @property
+    def kind(self) -> str:
+        """That of the finest settings, but one wrong cell colours all."""
+        return "wrong" if self.score.wrong else self.mark.kind
+
+    @property
+    def measured(self) -> bool:
+        """There is a number at all: not so for a refusal."""
+        return any(f.share is not None for f in self.figures)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A problem under one label of the suite; None for a solver that did not take it."""
+
+    posing: Posing
+    entries: tuple[Entry | None, ...]
+
+
+@dataclass(frozen=True)
+class Part:
+    """The rows of one label, over the solvers that it has."""
+
+    label: str
+    solvers: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+
+def matrix(run: Run) -> list[Part]:
+    """One part a label, the plain comparison first; one row a problem as it is posed there, one entry a solver."""
+    first = broadest(run)
+    posings = themselves(run, first)
+    out = []
+    for label in sorted(run.labels(), key=lambda name: name != first):
+        own = [c for c in run.cells if c.record.label == label]
+        solvers = tuple(s for s in run.solvers if any(c.record.solver == s for c in own))
+        rows = []
+        for posing in posings:
+            cells = [[c for c in posing.cells if (c.record.solver, c.record.label) == (s, label)] for s in solvers]
+            if any(cells):
+                rows.append(Row(posing, tuple(entry(posing, some) if some else None for some in cells)))
+        if rows:
+            out.append(Part(label, solvers, tuple(rows)))
+    return out
+
+
+def tally(run: Run, own: Variants) -> list[tuple[Posing, list[Score | None]]]:
+    """Variants by solvers, counted; None for a solver that did not take one."""
+    out = []
+    for p in own.posings:
+        by = {s: [c for c in p.cells if c.record.solver == s] for s in run.solvers}
+        out.append((p, [score(cells) if cells else None for cells in by.values()]))
+    return out
+
+
+def entry(posing: Posing, cells: Sequence[Cell]) -> Entry:
+    """The finest settings stand for the entry, whatever became of them."""
+    head = min(cells, key=lambda c: (c.fineness, len(c.options), c.record.case))
+    r, measure = head.record, measure_for(posing.cells)
+    error, scale = (measure.of(head), 1.0) if measure else (math.nan, 1.0)
+    if measure and measure.unit == "m":
+        scale = r.length_scale_m
+    name = "error" if measure is None or measure.until is None else f"error to {measure.until:.2g} s"
+    figures = (
+        Figure("error", name, _with(error, measure.unit) if measure else "no reference", _lost(error, scale)),
+        Figure("energy", "ΔE", _with(r.energy_drift_max_J, "J"), _lost(r.energy_drift_max_J, r.energy_scale_J)),
+        Figure("phi", "|φ|", _with(r.phi_max, "m"), _lost(r.phi_max, r.length_scale_m)),
+        Figure("cost", "CPU", seconds(r.cpu_median_s)),
+    )  # fmt: skip
+    wanders = drifts(head)
+    energy = "" if wanders is None else "drifts" if wanders else "bounded"
+    return Entry(head, mark(head.status), score(cells), figures, energy)
+
+
+def _with(value: float, unit: str) -> str:
+    return "none" if math.isnan(value) else f"{number(value)} {unit}"
+
+
+def _lost(value: float, scale: float) -> float | None:
+    """Part of 14 digits that are lost, in percent."""
+    if math.isnan(value) or not scale > 0.0:
+        return None
+    if value <= 0.0:
+        return 0.0
+    digits = min(max(-math.log10(min(value, 1e300) / scale), FEWEST_DIGITS), MOST_DIGITS)
+    return round(100.0 * (1.0 - digits / MOST_DIGITS), 1)

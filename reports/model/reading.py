@@ -1,0 +1,260 @@
+"""A run folder as reports see it: cells with their texts unpacked, sorted into problems as posed and labels."""
+
+import hashlib
+import io
+import json
+import re
+import zipfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...harness.results import store
+from ...harness.results.records import RunRecord
+from ...harness.results.series import KIND, SERIES_SCHEMA, Series
+from ...harness.types import Status
+
+STDERR_SHOWN = 4000  # characters, the last ones: a native library says the reason last
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A record with what its JSON columns hold, and the end of its standard error."""
+
+    record: RunRecord
+    stderr: str = ""
+
+    @cached_property
+    def posing(self) -> str:
+        """The problem with the parameters that differ from its defaults."""
+        return named(self.record.problem, self.parameters)
+
+    @cached_property
+    def method(self) -> str:
+        """The solver with its options, without the step or tolerance."""
+        return named(self.record.solver, self.options)
+
+    @cached_property
+    def parameters(self) -> Mapping[str, Any]:
+        return json.loads(self.record.problem_parameters)
+
+    @property
+    def parameter_words(self) -> str:
+        """Parameters of the problem in words; empty where all are its defaults."""
+        return ", ".join(f"{k} = {text_of(v)}" for k, v in self.parameters.items())
+
+    @cached_property
+    def options(self) -> Mapping[str, Any]:
+        return json.loads(self.record.solver_options)
+
+    @property
+    def option_words(self) -> str:
+        """Options of the solver in words; empty where all are its defaults."""
+        return ", ".join(f"{k} = {text_of(v)}" for k, v in self.options.items())
+
+    @cached_property
+    def counters(self) -> Mapping[str, Any]:
+        return json.loads(self.record.counters)
+
+    @cached_property
+    def observable_errors(self) -> Mapping[str, Mapping[str, Any]]:
+        return json.loads(self.record.observable_errors)
+
+    @cached_property
+    def invariant_drifts(self) -> Mapping[str, Mapping[str, Any]]:
+        return json.loads(self.record.invariant_drifts)
+
+    @cached_property
+    def notes(self) -> Sequence[str]:
+        return [str(n) for n in json.loads(self.record.notes)]
+
+    @cached_property
+    def reasons(self) -> Sequence[str]:
+        """Why it is not a success; never empty for one that is none."""
+        if self.status == Status.SUCCESS:
+            return []
+        own = [str(w) for w in json.loads(self.record.wrong_because)] or [self.record.message]
+        said = [w for w in own if w.strip()]
+        return said or [f"{self.status}, without a message"]
+
+    @property
+    def status(self) -> str:
+        return self.record.status or "unknown"
+
+    @property
+    def succeeded(self) -> bool:
+        return self.status == Status.SUCCESS
+
+    @property
+    def stopped(self) -> bool:
+        """It neither reached the end nor was refused beforehand."""
+        return self.status not in (Status.SUCCESS, Status.WRONG, Status.REFUSED)
+
+    @property
+    def fineness(self) -> float:
+        """Step or tolerance: smaller asks for more accuracy."""
+        value = self.record.dt_s if self.record.control == "dt" else self.record.rtol
+        return value if value == value else 0.0
+
+    @property
+    def step_words(self) -> str:
+        """Step or tolerance in words."""
+        r = self.record
+        given = (("dt", r.dt_s, " s"), ("rtol", r.rtol, ""))
+        return ", ".join(f"{k} = {v:g}{unit}" for k, v, unit in given if v == v) or "no step given"
+
+    def settings(self, leave_out: frozenset[str] = frozenset()) -> str:
+        """Step, largest step and options in words, without the options in ``leave_out``."""
+        words = [self.step_words]
+        if self.record.max_step_s == self.record.max_step_s and "max_step" not in leave_out:
+            words.append(f"max step {self.record.max_step_s:g} s")
+        words += [f"{k} = {text_of(v)}" for k, v in self.options.items() if k not in leave_out]
+        return ", ".join(words)
+
+
+@dataclass(frozen=True)
+class Posing:
+    """One problem as posed, with all cells that took it."""
+
+    title: str
+    slug: str
+    cells: tuple[Cell, ...]
+
+    @property
+    def section(self) -> str:
+        return self.cells[0].record.section
+
+    @property
+    def problem(self) -> str:
+        return self.cells[0].record.problem
+
+    @property
+    def parameters(self) -> str:
+        """In words; empty for the problem as its file has it."""
+        return self.cells[0].parameter_words
+
+    def labels(self) -> dict[str, tuple[Cell, ...]]:
+        """The cells by label of the suite, the largest group first."""
+        found: dict[str, list[Cell]] = {}
+        for cell in self.cells:
+            found.setdefault(cell.record.label, []).append(cell)
+        return {k: tuple(v) for k, v in sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))}
+
+    def solved(self) -> tuple[Cell, ...]:
+        return tuple(c for c in self.cells if c.succeeded)
+
+
+@dataclass(frozen=True)
+class Run:
+    """All that a report needs."""
+
+    folder: Path
+    environment: Mapping[str, Any]
+    cells: tuple[Cell, ...]
+    unreadable: tuple[store.Unreadable, ...]
+
+    @cached_property
+    def posings(self) -> tuple[Posing, ...]:
+        """In the order of the paper's sections, then by name."""
+        found: dict[str, list[Cell]] = {}
+        for cell in self.cells:
+            found.setdefault(cell.posing, []).append(cell)
+        ordered = sorted(found.items(), key=lambda kv: (kv[1][0].record.section or "~", natural(kv[0])))
+        taken: set[str] = set()
+        return tuple(Posing(title, slug(title, taken), tuple(cells)) for title, cells in ordered)
+
+    @cached_property
+    def solvers(self) -> tuple[str, ...]:
+        return tuple(sorted({c.record.solver for c in self.cells}))
+
+    def labels(self) -> tuple[str, ...]:
+        """Labels of the suite, the one with most cells first."""
+        count: dict[str, int] = {}
+        for cell in self.cells:
+            count[cell.record.label] = count.get(cell.record.label, 0) + 1
+        return tuple(sorted(count, key=lambda k: (-count[k], k)))
+
+    def series(self, cell: Cell) -> Series | None:
+        return store.series_of(self.folder, cell.record)
+
+
+def read_run(folder: Path, *, check_series: bool = True) -> Run:
+    """The run in ``folder``; what cannot be read is listed, not hidden. Unchecked series are checked when taken."""
+    loaded = store.load(folder, check_series=False)
+    records = loaded.records if check_series else ()
+    faults = {r.cell: why for r in records if (why := _series_fault(folder, r))}
+    cells = [Cell(r, _stderr(folder, r)) for r in loaded.records if r.cell not in faults]
+    cells.sort(key=lambda c: (c.record.solver, c.method, -c.fineness, c.record.case))
+    bad = [store.Unreadable(folder / "cells" / f"{cell}.json", why) for cell, why in faults.items()]
+    return Run(folder, _environment(folder), tuple(cells), (*loaded.unreadable, *bad))
+
+
+def _series_fault(folder: Path, record: RunRecord) -> str:
+    """Why the cell's series file is not the recorded one; its arrays stay packed: pages unpack those they draw."""
+    if not record.series:
+        return ""
+    path = folder / record.series
+    try:
+        content = path.read_bytes()
+        if hashlib.sha256(content).hexdigest() != record.series_sha256:
+            return f"its series file {record.series} is not the recorded one (truncated or changed)"
+        with np.load(io.BytesIO(content), allow_pickle=False) as file:
+            meta = json.loads(str(file["meta"]))
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        return f"its series file {record.series} cannot be read: {error}"
+    whole = isinstance(meta, dict) and (meta.get("kind"), meta.get("schema")) == (KIND, SERIES_SCHEMA)
+    return "" if whole else f"its series file {record.series} is of another schema"
+
+
+def named(name: str, given: Mapping[str, Any]) -> str:
+    """``name[key=value,...]``."""
+    inside = ",".join(f"{k}={text_of(v)}" for k, v in given.items())
+    return f"{name}[{inside}]" if inside else name
+
+
+def text_of(value: Any) -> str:
+    """A JSON value as one would type it on the command line."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return "(" + ", ".join(map(text_of, value)) + ")"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def natural(text: str) -> list[tuple[int, float, str]]:
+    """A key to sort by that puts ``links=6`` before ``links=30``."""
+    parts = re.split(r"(\d+(?:\.\d+)?)", text)
+    return [(1, float(p), "") if k % 2 else (0, 0.0, p) for k, p in enumerate(parts)]
+
+
+def slug(title: str, taken: set[str]) -> str:
+    """A name for files and anchors, unlike those in ``taken``, to which it is added."""
+    base = re.sub(r"[^a-zA-Z0-9.]+", "-", title).strip("-.")[:80] or "unnamed"
+    name, n = base, 1
+    while name.lower() in taken:
+        n += 1
+        name = f"{base}-{n}"
+    taken.add(name.lower())
+    return name
+
+
+def _environment(folder: Path) -> Mapping[str, Any]:
+    try:
+        plain = json.loads((folder / "environment.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return plain if isinstance(plain, dict) else {}
+
+
+def _stderr(folder: Path, record: RunRecord) -> str:
+    if not record.stderr:
+        return ""
+    try:
+        text = (folder / record.stderr).read_text(encoding="utf-8", errors="replace")
+    except OSError as error:
+        return f"({record.stderr} cannot be read: {error.strerror or error})"
+    return text if len(text) <= STDERR_SHOWN else "[...]\n" + text[-STDERR_SHOWN:]

@@ -1,0 +1,92 @@
+"""Numbers and statuses as a reader wants them: three digits, powers of ten, a mark and a word."""
+
+import math
+from dataclasses import dataclass
+
+from ...harness.types import Status
+
+SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+BELOW_CLOCK = "below the clock"  # a CPU time that reads 0: too short to be told
+NONE = "–"  # the quantity does not exist here
+
+
+@dataclass(frozen=True)
+class Mark:
+    """How a status is shown: never by colour alone."""
+
+    symbol: str
+    word: str
+    kind: str  # class in the style sheet: good, wrong, refused, failed
+
+
+def mark(status: str) -> Mark:
+    """The mark of a status; one we do not know counts as a failure."""
+    word = status.replace("_", " ")
+    if status == Status.SUCCESS:
+        return Mark("✓", "success", "good")
+    if status == Status.WRONG:
+        return Mark("✗", "wrong", "wrong")
+    if status == Status.REFUSED:
+        return Mark("⊘", "refused", "refused")
+    return Mark("★", word, "failed")
+
+
+def number(value: float, digits: int = 3) -> str:
+    """``0.00123``, ``1.23×10⁻⁵``; a dash for NaN."""
+    if math.isnan(value):
+        return NONE
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if value == 0.0:
+        return "0"
+    mantissa, exponent = f"{abs(value):.{digits - 1}e}".split("e")
+    power, sign = int(exponent), "−" if value < 0.0 else ""
+    if -3 <= power < 5:
+        return sign + (f"{abs(value):.{max(digits - 1 - power, 0)}f}")
+    return f"{sign}{mantissa}×10{str(power).translate(SUPERSCRIPTS)}"
+
+
+def whole(value: float) -> str:
+    """A count, in groups of three digits."""
+    return number(value) if not math.isfinite(value) else f"{round(value):,}".replace(",", "\u202f")
+
+
+def signed(value: float) -> str:
+    """With its sign."""
+    return f"+{number(value)}" if value > 0.0 else number(value)
+
+
+def time(value: float) -> str:
+    """A simulated time, without needless zeros."""
+    return f"{value:.6g}" if math.isfinite(value) else number(value)
+
+
+def clocked(value: float) -> str:
+    """A CPU time without its unit."""
+    return BELOW_CLOCK if value == 0.0 else number(value)
+
+
+def seconds(value: float) -> str:
+    """``20.9 ms``, ``1.45 s``."""
+    if math.isnan(value) or value == 0.0:
+        return clocked(value)
+    return f"{number(1e3 * value)} ms" if 0.0 < abs(value) < 0.1 else f"{number(value)} s"
+
+
+def unit(text: str) -> str:
+    """``kg m2/s`` as ``kg m²/s``."""
+    return "".join(
+        c.translate(SUPERSCRIPTS) if k and c in "23" and text[k - 1].isalpha() else c for k, c in enumerate(text)
+    )
+
+
+def plural(n: int, one: str, many: str = "") -> str:
+    """``1 cell``, ``2 cells``."""
+    return f"{n} {one if n == 1 else many or one + 's'}"
+
+
+def listed(items: list[str], most: int = 6) -> str:
+    """``a, b and c``; the rest counted."""
+    if len(items) > most:
+        items = [*items[: most - 1], f"{len(items) - most + 1} more"]
+    return items[0] if len(items) == 1 else ", ".join(items[:-1]) + f" and {items[-1]}" if items else ""

@@ -1,0 +1,1 @@
+"""How curves are drawn: one look, in the browser and on paper."""

@@ -1,0 +1,61 @@
+"""Cost of a step over the number of bodies, wherever a run has the same settings at several sizes."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...model.reading import Cell
+from ...model.words import seconds
+from ..spec import Axis, Plot, Trace
+
+SIZES = 3  # a slope from two sizes would be no evidence
+
+
+@dataclass(frozen=True)
+class Growth:
+    """One solver's settings on one problem at several sizes, smallest first."""
+
+    problem: str
+    method: str
+    solver: str
+    step: str
+    bodies: tuple[int, ...]
+    cpu_per_step: tuple[float, ...]
+    cells: tuple[Cell, ...]  # one a size
+
+    @property
+    def slope(self) -> float:
+        """Exponent of the power law fitted to all sizes."""
+        return float(np.polyfit(np.log(self.bodies), np.log(self.cpu_per_step), 1)[0])
+
+
+def growths(cells: Sequence[Cell], bodies: Mapping[str, int]) -> list[Growth]:
+    """All there are; ``bodies`` by cell. Only runs that reached the end with a CPU time count."""
+    found: dict[tuple[str, str, str, str], dict[int, list[Cell]]] = {}
+    for c in cells:
+        n, r = bodies.get(c.record.cell, 0), c.record
+        if c.succeeded and n > 0 and r.steps > 0 and r.cpu_median_s > 0.0:
+            found.setdefault((r.problem, c.method, r.solver, c.step_words), {}).setdefault(n, []).append(c)
+    out = []
+    for key, sizes in sorted(found.items()):
+        if len(sizes) >= SIZES:
+            cost = [float(np.median([c.record.cpu_median_s / c.record.steps for c in sizes[n]])) for n in sorted(sizes)]
+            out.append(Growth(*key, tuple(sorted(sizes)), tuple(cost), tuple(sizes[n][0] for n in sorted(sizes))))
+    return out
+
+
+def growth(problem: str, found: Sequence[Growth], url: Callable[[Cell], str]) -> Plot:
+    """All settings of one problem in one panel."""
+    seen: dict[str, int] = {}
+    traces = []
+    for g in (g for g in found if g.problem == problem):
+        dash = seen[g.solver] = seen.get(g.solver, -1) + 1
+        traces.append(Trace(
+            f"{g.method}, {g.step}: slope {g.slope:.2f}", np.array(g.bodies), 1e3 * np.array(g.cpu_per_step),
+            solver=g.solver, mode="lines+markers", dash=dash, urls=[url(c) for c in g.cells],
+            words=[f"{c.posing}, {c.record.steps} steps, CPU {seconds(c.record.cpu_median_s)}" for c in g.cells],
+        ))  # fmt: skip
+    caption = "The slope in a line's name is that of a power law fitted to all its sizes: 1 is in proportion."
+    axes = Axis("bodies", "", log=True), Axis("CPU per step", "ms", log=True)
+    return Plot(f"growth-{problem}", f"{problem}: cost of a step over its size", caption, *axes, traces, wide=True)

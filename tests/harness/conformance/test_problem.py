@@ -1,0 +1,102 @@
+"""The contract of problems: the worked example keeps it, each breach is named with its number."""
+
+import json
+import re
+
+import pytest
+
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.conformance import problem as problem_contract
+from mbsbench.harness.results.environment import ROOT
+
+from ..conftest import PLUGIN
+
+PAGE = (ROOT / "docs" / "your-own-problem.md").read_text(encoding="utf-8")
+(EXAMPLE,) = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
+
+BREACHES = {  # what is changed in the example (from, to), and the claims that must fail
+    "turned sign in the start": ("np.cross(omega, r)[None]", "-np.cross(omega, r)[None]", "its start is consistent"),
+    "precession too fast": (
+        "Precession(begin, rate, spin)", "Precession(begin, 1.01 * rate, spin)",
+        "its reference begins at the start", "its reference obeys Newton and Euler",
+    ),
+    "spin without its equation": ("(AXIAL * rate)\n", "(AXIAL * rate) + 1.0\n", "its reference obeys Newton and Euler"),
+    "velocities of something else": (
+        "np.cross(self.rate * E_3, r)[:, None]", "0.0 * r[:, None]", "its reference begins at the start",
+        "velocities of its reference are those of its poses", "its reference obeys Newton and Euler",
+    ),
+    "a joint that opens": (
+        "r = turn @ self.start.r[0]", "r = turn @ self.start.r[0] * (1.0 + 1e-3 * t[:, None])",
+        "its reference keeps the joints closed", "its reference keeps the energy",
+    ),
+    "an invariant that is none": (
+        "s.Omega[:, 0, 2]", "s.Omega[:, 0, 0]", "its invariants are constant along its reference",
+    ),
+    "an observable without time": (
+        "s.r[:, 0, 2]", "s.r[0, 0, 2]", "observables and invariants are numbers over time",
+    ),
+    "no words": (
+        '"""Disc on a spherical joint in steady precession."""', "pass", "it can be made and is documented",
+    ),
+    "another start each time": (
+        "math.radians(theta)", "math.radians(theta + np.random.rand())", "made twice it is the same",
+    ),
+    "an error that is none": ("return 1e-15 * (1.0", "return -1e-15 * (1.0", "its reference states its own error"),
+    "a crash in the reference": (
+        "turn = so3.exp(self.rate", "import os; os._exit(3)\n        turn = so3.exp(self.rate",
+        "its reference begins at the start",
+    ),
+}  # fmt: skip
+
+
+def checked(tmp_path, text):
+    """The findings on the example, written as ``text``."""
+    path = tmp_path / "gyroscope.py"
+    path.write_text(text, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("_plugin_files", "_plugin_problems", "_plugin_solvers"):
+            patch.setattr(registry, name, type(getattr(registry, name))())
+        registry.load_plugin(path)
+        return problem_contract.findings("gyroscope", (str(path),))
+
+
+def test_the_worked_example_keeps_the_contract(tmp_path, command):
+    """What docs/your-own-problem.md prints is a whole problem; the page's command says so."""
+    (tmp_path / "gyroscope.py").write_text(EXAMPLE, encoding="utf-8")
+    done = command("check", "gyroscope.py")
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "14 of 14 claims hold" in done.stdout and "no reference" not in done.stdout
+    step = ("--set", "dt=0.001", "--t-end", "0.1", "--out", "gyroscope.npz")
+    done = command("solve", "gyroscope", "gc_weak_form", "--plugin", "gyroscope.py", *step, timeout=300.0)
+    assert done.returncode == 0 and "error" in done.stdout, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("breach", BREACHES)
+def test_each_breach_is_found(tmp_path, breach):
+    """And nothing is called broken that is not."""
+    old, new, *claims = BREACHES[breach]
+    expected = set(claims)
+    assert EXAMPLE.count(old) >= 1
+    found = checked(tmp_path, EXAMPLE.replace(old, new))
+    failed = {f.claim for f in found if not f.holds}
+    assert expected <= failed and len(found) == len(problem_contract.CLAIMS)
+    assert all(f.found and f.why and f.remedy and "\n" not in f.found for f in found if not f.holds)
+    if "crash" in breach:
+        assert any("exited with 3" in f.found for f in found)
+    if len(expected) == 1 and breach in ("an invariant that is none", "an observable without time", "no words"):
+        assert failed == expected
+
+
+def test_a_problem_without_a_reference_is_told_so(tmp_path):
+    """Claims on it hold for want of one, and say it."""
+    found = checked(tmp_path, EXAMPLE.replace("reference_from=exact,", ""))
+    silent = [f for f in found if f.found == "no reference"]
+    assert all(f.holds for f in found) and len(silent) == sum(c.of_reference for c in problem_contract.CLAIMS)
+
+
+def test_findings_are_told_to_machines_too(command):
+    """--json: one object a claim; the problem of a plugin with solvers is checked before them."""
+    done = command("check", "torque_free_body", "--json")
+    findings = [json.loads(line) for line in done.stdout.splitlines()]
+    assert done.returncode == 0, done.stdout
+    assert len(findings) == 14 and all(f["holds"] for f in findings) and PLUGIN.exists()

@@ -1,0 +1,129 @@
+"""The contract of solvers: the worked example keeps it, each breach is named, entry points run only when named."""
+
+import json
+import re
+
+import pytest
+
+from mbsbench.harness.catalogue import plugins, registry
+from mbsbench.harness.results.environment import ROOT
+
+from ..conftest import PLUGIN
+
+PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
+EXAMPLE = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
+
+BROKEN = '''
+import dataclasses, random, time
+from mbsbench import Status, solver
+
+@solver("midpoint_broken")
+@dataclasses.dataclass(frozen=True)
+class Broken(Midpoint):
+    """Less gravity; no limits; noise."""
+
+    def refuses(self, problem, control):
+        return "no" if problem.name == "four_bar_grid" else None
+
+    def solve(self, problem, control):
+        gravity = 0.97 * problem.system.gravity * (1 + 1e-9 * random.random())
+        wrong = dataclasses.replace(problem.system, gravity=gravity)
+        control = dataclasses.replace(control, max_steps=10**7, wall_limit=1e6)
+        return super().solve(dataclasses.replace(problem, system=wrong), control)
+'''
+
+
+@pytest.fixture
+def example(tmp_path):
+    """The page's solver as a file."""
+    assert len(EXAMPLE) == 1
+    path = tmp_path / "midpoint.py"
+    path.write_text(EXAMPLE[0], encoding="utf-8")
+    return path
+
+
+@pytest.mark.slow
+def test_the_worked_example_keeps_the_contract(example, command):
+    """What docs/your-own-solver.md prints is a whole solver, and does what the page says."""
+    done = command("check", str(example), timeout=180.0)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "9 of 9 claims hold" in done.stdout
+
+
+def test_the_worked_example_runs(example, command, tmp_path):
+    """The page's command, on its short side."""
+    step = ("--set", "dt=0.001", "--t-end", "0.1", "--out", "top.npz")
+    done = command("solve", "heavy_top", "midpoint", "--plugin", str(example), *step)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.slow
+def test_each_broken_claim_is_explained(example, command, tmp_path):
+    """Wrong gravity, a refusal in one word, no limits, noise: five claims fail, each with a reason and a remedy."""
+    path = tmp_path / "broken.py"
+    path.write_text(EXAMPLE[0].replace('@solver("midpoint")\n', "") + BROKEN, encoding="utf-8")
+    done = command("check", str(path), "--json", timeout=180.0)
+    findings = [json.loads(line) for line in done.stdout.splitlines()]
+    assert done.returncode == 1 and all(f["remedy"] and f["why"] for f in findings)
+    failed = {f["claim"] for f in findings if not f["holds"]}
+    assert failed == {
+        "a refusal has a reason", "finer steps bring smaller errors", "the same run gives the same numbers",
+        "max_steps stops it", "it stops itself at the wall limit", "steps are kept when it is stopped",
+    }  # fmt: skip
+
+
+BAD = {
+    "import nothing_of_that_name": "nothing_of_that_name",
+    "x = 1": "marks no",
+    "raise SystemExit(3)": "3",
+    "def f(:": "invalid syntax",
+    '@solver("m")\nclass M: ...': "frozen dataclass",
+    '@solver("m")\n@dataclass(frozen=True)\nclass M: ...': "paper_label",
+    '@solver("m")\n@dataclass(frozen=True)\nclass M:\n paper_label = "x"\n control = "steps"': "dt or rtol",
+    '@solver("m")\n@dataclass(frozen=True)\nclass M:\n paper_label = "x"\n control = "dt"': "refuses is missing",
+    '@solver("m")\n@dataclass(frozen=True)\nclass M:\n a: int = 3\n paper_label = "x"\n control = "dt"\n'
+    " def refuses(self): ...\n def solve(self): ...": "option",
+    '@solver("ida_index1")\n@dataclass(frozen=True)\nclass M:\n paper_label = "x"\n control = "dt"\n'
+    " def refuses(self): ...\n def solve(self): ...": "taken",
+}
+
+
+@pytest.mark.parametrize("text", BAD, ids=range(len(BAD)))
+def test_a_file_that_is_no_solver_is_told_in_a_line(text, tmp_path):
+    """What is missing, before anything runs."""
+    path = tmp_path / "bad.py"
+    path.write_text("from dataclasses import dataclass\nfrom mbsbench import solver\n" + text)
+    with pytest.raises(ValueError, match=BAD[text]) as error:
+        registry.load_plugin(path)
+    assert "bad.py" in str(error.value)
+
+
+def test_entry_points_run_only_when_named(tmp_path, monkeypatch):
+    """An installed package is not imported by the catalogue, only by its name; a file's results depend on its text."""
+    monkeypatch.setattr(registry, "_plugin_files", set())
+    monkeypatch.setattr(registry, "_plugin_solvers", {})
+    monkeypatch.setattr(registry, "_plugin_problems", {})
+    (tmp_path / "outside_package.py").write_text(EXAMPLE[0], encoding="utf-8")
+    meta = tmp_path / "outside-1.0.dist-info"
+    meta.mkdir()
+    (meta / "METADATA").write_text("Metadata-Version: 2.1\nName: outside\nVersion: 1.0\n")
+    (meta / "entry_points.txt").write_text("[mbsbench.solvers]\nouter = outside_package:Midpoint\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert "midpoint" not in registry.solvers()
+    with pytest.raises(ValueError, match="did you mean 'outer'"):
+        registry.load_plugin("oter")
+    registry.load_plugin("outer")
+    assert "midpoint" in registry.solvers()
+    assert plugins.source_of("outer") == tmp_path / "outside_package.py"
+
+
+@pytest.mark.parametrize(("given", "words"), [("nowhere.py", "nowhere.py"), ("gc_weak_frm", "no file and no entry")])
+def test_check_of_nothing_is_a_wrong_call(command, given, words):
+    """One line, exit code 2."""
+    done = command("check", given)
+    assert done.returncode == 2 and words in done.stderr and done.stderr.count("\n") == 1
+
+
+def test_the_misbehaving_plugin_is_loaded_by_file():
+    """Files keep working by path."""
+    assert plugins.resolved(str(PLUGIN)) == str(PLUGIN)

@@ -1,0 +1,81 @@
+"""A long run killed at random times: no finished cell is lost, and the table is that of an undisturbed run."""
+
+import random
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.results import environment, store
+from mbsbench.harness.suites.suite import load_suite
+
+from ..conftest import PLUGIN, Silent
+
+TIMED = ["cpu_min_s", "cpu_median_s", "cpu_max_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB", "finished"]
+SEED = 20
+
+
+def suite_of(cells):
+    """That many cells, a fifth of them with other endings than success."""
+    other = cells // 5 // 3
+    return f"""
+name = "killed"
+plugins = ["{PLUGIN}"]
+[defaults]
+wall_limit = 10.0
+[[cells]]
+problem = "free_fall"
+solver = "sleeps"
+dt = [{", ".join(f"{0.1 + k / 1000:.3f}" for k in range(cells - 3 * other))}]
+options = {{ seconds = 0.02 }}
+[[cells]]
+problem = "free_fall"
+solver = ["gives_up", "raises", "refuses"]
+dt = [{", ".join(f"{0.1 + k / 1000:.3f}" for k in range(other))}]
+"""
+
+
+def start(suite, folder, *more):
+    line = (sys.executable, "-m", "mbsbench.harness", "run", str(suite), "--out", str(folder), "--jobs", "2", *more)
+    return subprocess.Popen(line, cwd=environment.ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+
+
+def done(folder):
+    return {p.name: p.stat().st_mtime_ns for p in folder.glob("cells/*.json")}
+
+
+@pytest.mark.parametrize(("CELLS", "KILLS"), [(30, 2), pytest.param(300, 20, marks=pytest.mark.slow)])
+def test_kills_lose_nothing(tmp_path, CELLS, KILLS):
+    """SIGKILL to the runner, every fourth time to its supervisor too, from its first moments to its last."""
+    suite = tmp_path / "killed.toml"
+    suite.write_text(suite_of(CELLS))
+    rng, folder, kept = random.Random(SEED), tmp_path / "run", {}
+    for k in range(KILLS):
+        process = start(suite, folder, *(("--resume",) if k else ()))
+        aim = len(kept) + rng.randrange(0, 2 * (CELLS - len(kept)) // (KILLS - k) + 1)  # about even over the run
+        until = time.monotonic() + 60.0
+        while len(done(folder)) < min(aim, CELLS - 1) and process.poll() is None and time.monotonic() < until:
+            time.sleep(0.01)
+        time.sleep(rng.uniform(0.0, 0.3))
+        if k % 4 == 3 or k == KILLS - 1:
+            for child in psutil.Process(process.pid).children() if process.poll() is None else ():
+                child.kill()
+        process.send_signal(signal.SIGKILL)
+        process.communicate()
+        time.sleep(0.3)  # the supervisor sees its input end and kills what runs
+        now = done(folder)
+        assert all(now.get(name) == when for name, when in kept.items())
+        kept = now
+    assert not store.load(folder).unreadable
+    out, _ = start(suite, folder, "--resume").communicate(timeout=300)
+    assert f"{len(kept)} of them done before" in out or len(kept) == 0, out
+    assert all(done(folder)[name] == when for name, when in kept.items())
+    run_suite(Request(load_suite(str(suite)), tmp_path / "calm", 2), Silent())
+    loaded = [store.load(x) for x in (folder, tmp_path / "calm")]
+    killed, calm = (store.table(x.records).drop(columns=TIMED) for x in loaded)
+    assert len(killed) == CELLS and killed.equals(calm)
+    assert not (folder / "set_aside").exists()

@@ -1,0 +1,232 @@
+"""The gate closes on a breach, a missing or unjudged cell and an empty run, and opens only otherwise."""
+
+import dataclasses
+import math
+from xml.etree import ElementTree
+
+import pytest
+
+from mbsbench.harness.gate.files import junit, markdown
+from mbsbench.harness.gate.judging import State, judge, tightened
+from mbsbench.harness.gate.proposal import proposed
+from mbsbench.harness.gate.thresholds import (
+    Expectation,
+    Threshold,
+    ThresholdError,
+    Thresholds,
+    equal,
+    read_thresholds,
+    write_thresholds,
+)
+from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.suites.cell import Cell
+from mbsbench.harness.types import Status, StepControl
+
+CELLS = tuple(Cell("free_fall", "exact", StepControl(dt=dt)) for dt in (0.1, 0.5))
+CASE, OTHER = (c.case for c in CELLS)
+RECORDS = [RunRecord(cell=c.settings, settings=c.settings, case=c.case, status="success", phi_max=1.0) for c in CELLS]
+
+
+def threshold(case: str, **change) -> Threshold:
+    return dataclasses.replace(Threshold(case, "phi_max", 1.0, 1.2, -math.inf, "m", "a reason"), **change)
+
+
+BOUNDS = Thresholds("t", (threshold(CASE), threshold(OTHER)), {})
+
+
+def state(records=RECORDS, bounds=BOUNDS, cells=CELLS):
+    return judge(cells, records, bounds)
+
+
+def with_bound(**change) -> Thresholds:
+    return Thresholds("t", (threshold(CASE, **change), threshold(OTHER)), {})
+
+
+def changed(**change) -> list[RunRecord]:
+    return [dataclasses.replace(RECORDS[0], **change), RECORDS[1]]
+
+
+def test_all_within_bounds_is_open():
+    """The plain case."""
+    assert state().state is State.PASS and state().is_open
+
+
+@pytest.mark.parametrize(
+    "verdict",
+    [
+        lambda: state(changed(phi_max=1.3)),
+        lambda: state(changed(phi_max=math.nan)),
+        lambda: state(changed(phi_max=math.inf)),
+        lambda: state(changed(status="wrong")),
+        lambda: state(changed(status="refused")),
+        lambda: state(changed(status="stalled")),
+        lambda: state(RECORDS[:1]),
+        lambda: state([]),
+        lambda: state([], Thresholds("t", (), {}), ()),
+        lambda: state(bounds=Thresholds("t", (), {})),
+        lambda: state(bounds=Thresholds("t", (threshold(CASE),), {})),
+        lambda: state(bounds=Thresholds("t", (*BOUNDS.bounds, threshold("gone")), {})),
+        lambda: state(bounds=with_bound(lower=1.1)),
+    ],
+)
+def test_the_gate_closes(verdict):
+    """Breach, NaN, wrong, refused, timed out, missing, empty, unjudged, or a bound on a cell that is gone."""
+    assert verdict().state is State.FAIL and not verdict().is_open
+
+
+def test_a_result_of_other_code_counts_as_missing():
+    """What the code of today gives is not known from it; asked for by name (no code) the newest is judged."""
+    old, new = (
+        dataclasses.replace(RECORDS[0], code=code, finished=when, phi_max=value)
+        for code, when, value in (("then", "2026-01-02", 9.0), ("now", "2026-01-01", 1.0))
+    )
+    here = dataclasses.replace(RECORDS[1], code="now")
+    for records in ([old, new, here], [here, new, old]):
+        assert judge(CELLS, records, BOUNDS, "now").is_open
+        assert judge(CELLS, records, BOUNDS).state is State.FAIL  # the newest of all is the one of other code
+    closed = judge(CELLS, [old, here], BOUNDS, "now")
+    assert not closed.is_open and all("other code" in f.words for f in closed.findings if f.case == CASE)
+    assert not judge(CELLS, [old, here], BOUNDS, "later").is_open
+
+
+def test_expected_failures_are_told_apart():
+    """XFAIL keeps the gate open; XPASS closes it, for the expectation is out of date."""
+    bounds = with_bound(expect="fail", upper=0.5)
+    assert state(bounds=bounds).state is State.XFAIL and state(bounds=bounds).is_open
+    bounds = with_bound(expect="fail")
+    assert state(bounds=bounds).state is State.XPASS and not state(bounds=bounds).is_open
+    expects = Thresholds("t", BOUNDS.bounds[1:], {CASE: Expectation(CASE, Status.REFUSED, "redundant rows")})
+    assert state(changed(status="refused"), expects).state is State.XFAIL
+    assert state(RECORDS, expects).state is State.XPASS
+    assert state(changed(status="crashed"), expects).state is State.FAIL
+
+
+def test_update_only_tightens_unless_told():
+    """A worse number must be asked for by name."""
+    better, worse = threshold(CASE, upper=0.6, value=0.5), threshold(OTHER, upper=9.0, value=7.5)
+    new = tightened(BOUNDS, RECORDS, [better, worse], loosen=False)
+    assert {b.case: b.upper for b in new.bounds} == {CASE: 0.6, OTHER: 1.2}
+    new = tightened(BOUNDS, RECORDS, [better, worse], loosen=True)
+    assert {b.case: b.upper for b in new.bounds} == {CASE: 0.6, OTHER: 9.0}
+
+
+def test_update_keeps_a_width_that_has_its_reason():
+    """The value has not moved: a bound set five times above it by hand is not narrowed; half the value halves it."""
+    wide = Thresholds("t", (threshold(CASE, upper=5.0),), {})
+    same, better = threshold(CASE, upper=1.2), threshold(CASE, value=0.5, upper=0.6)
+    assert tightened(wide, RECORDS, [same], loosen=False) == wide
+    (new,) = tightened(wide, RECORDS, [better], loosen=False).bounds
+    assert new.upper == 2.5 and new.value == 0.5
+
+
+@pytest.mark.parametrize("loosen", [False, True])
+@pytest.mark.parametrize("value", [0.1, 1.0, 3.0, 9.0])
+@pytest.mark.parametrize(("lower", "upper"), [(1.0, math.inf), (1.0, 5.0), (-math.inf, 5.0)])
+def test_what_update_writes_can_be_read_and_goes_the_same_way(tmp_path, lower, upper, value, loosen):
+    """Bounds below, above or on both sides, a value within or outside: no bound comes or goes, none crosses another."""
+    direction = {(False, True): "larger", (True, False): "smaller"}.get((upper < 9, lower > 0), "between")
+    was = threshold(CASE, value=2.0, lower=lower, upper=upper, direction=direction)
+    new = threshold(CASE, value=value, upper=1.2 * value)
+    (after,) = tightened(Thresholds("t", (was,), {}), RECORDS, [new], loosen=loosen).bounds
+    path = tmp_path / "t.toml"
+    path.write_text(write_thresholds(Thresholds("t", (after,), {})))
+    (read,) = read_thresholds(path).bounds
+    assert read == after and read.direction == direction
+    assert loosen or (after.lower >= was.lower and after.upper <= was.upper)
+    assert after.holds(value) or not (loosen or was.holds(value))
+
+
+def test_any_words_come_back_as_written(tmp_path):
+    """Characters beyond the basic plane, DEL, quotes: the file is TOML whatever a case is called."""
+    odd = 'a "b" \\ \x7f \x00 \U0001f600 é #'
+    bounds = Thresholds(odd, (threshold(odd, reason=odd),), {odd: Expectation(odd, Status.REFUSED, odd)})
+    path = tmp_path / "t.toml"
+    path.write_text(write_thresholds(bounds), encoding="utf-8")
+    assert read_thresholds(path) == bounds
+
+
+def test_equal_is_exact_unless_a_tolerance_is_stated(tmp_path):
+    """One step more is a breach; of a float that a machine may round, so is more than the stated tolerance."""
+    for tolerance, passes, fails in ((0.0, 100.0, 101.0), (1e-6, 100.00009, 100.0002)):
+        bounds = Thresholds("t", (equal(CASE, "phi_max", 100.0, "m", "why", tolerance=tolerance), threshold(OTHER)), {})
+        assert state(changed(phi_max=passes), bounds).state is State.PASS
+        assert state(changed(phi_max=fails), bounds).state is State.FAIL
+        path = tmp_path / "t.toml"
+        path.write_text(write_thresholds(bounds))
+        assert read_thresholds(path) == bounds
+    record = RunRecord(case=CASE, status="success", control="dt", steps=100, rejected=0.0)
+    (steps,) = proposed([record])
+    assert steps.direction == "equal" and steps.holds(100.0) and not steps.holds(99.0)
+    old, new = Thresholds("t", (steps,), {}), dataclasses.replace(steps, value=50.0, upper=50.0, lower=50.0)
+    assert tightened(old, [record], [new], loosen=False).bounds == (steps,)
+    assert tightened(old, [record], [new], loosen=True).bounds == (new,)
+
+
+def test_verdicts_are_written_for_ci():
+    """JUnit that parses, whatever a solver's message holds; Markdown with the same counts."""
+    verdict = state(changed(phi_max=1.3, status="crashed", message="a | b\0<c> ]]> \ud800"))
+    root = ElementTree.fromstring(junit(verdict, "t"))
+    assert root.get("tests") == "4" and root.get("failures") == "2" and len(root.findall(".//failure")) == 2
+    text = markdown(verdict, "t")
+    assert "CLOSED" in text and "2 FAIL, 2 PASS" in text and r"a \| b" in text
+    empty = state([], Thresholds("t", (), {}), ())
+    assert ElementTree.fromstring(junit(empty, "t")).get("failures") == "1" and "nothing was judged" in markdown(
+        empty, "t"
+    )
+    expected = ElementTree.fromstring(junit(state(bounds=with_bound(expect="fail", upper=0.5)), "t"))
+    assert expected.get("skipped") == "1" and expected.get("failures") == "0"
+
+
+def test_proposals_catch_a_doubled_step():
+    """Second order: twice the step is 4 times the drift, over any proposed bound."""
+    record = RunRecord(
+        case=CASE, status="success", control="dt", energy_drift_max_J=2e-3, energy_scale_J=5.0, steps=100
+    )
+    (bound,) = [b for b in proposed([record]) if b.metric == "energy_drift_max_J"]
+    assert bound.holds(2e-3) and not bound.holds(4e-3)
+    rounding = dataclasses.replace(record, energy_drift_max_J=3e-16)
+    (bound,) = [b for b in proposed([rounding]) if b.metric == "energy_drift_max_J"]
+    assert bound.holds(1e-14) and not bound.holds(1e-8)
+
+
+def test_thresholds_come_back_as_written(tmp_path):
+    """Text and back; infinite bounds are left out."""
+    expects = Thresholds("t", BOUNDS.bounds, {"x": Expectation("x", Status.REFUSED, 'so "it" is')})
+    path = tmp_path / "t.toml"
+    path.write_text(write_thresholds(expects))
+    assert read_thresholds(path) == expects
+
+
+ENTRY = '[[threshold]]\ncase = "a"\nmetric = "phi_max"\nupper = 1.0\nreason = "r"\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("", "fit the bounds"), ("", "takes value"), ("", "above upper"),
+     ("[", "t.toml"), ("schema = 2", "schema"), ("", "upper or lower"), ("", "unknown metric"), ("", "reason"),
+     ("", "expect"), ("", "finite"), ("", "twice"), ("", "unknown key"), ("", "unknown status"),
+     ("", "too deeply"), ("", "upper must be a finite"), ("", "digits")],
+)  # fmt: skip
+def test_wrong_thresholds_are_told(tmp_path, text, words):
+    """A gate with a misread bound would be green for nothing."""
+    broken = {
+        "upper or lower": ENTRY.replace("upper = 1.0\n", ""),
+        "unknown metric": ENTRY.replace("phi_max", "phi_mx"),
+        "reason": ENTRY.replace('"r"', '""'),
+        "fit the bounds": ENTRY + 'direction = "larger"\n',
+        "takes value": ENTRY + 'direction = "equal"\n',
+        "above upper": ENTRY + "lower = 2.0\n",
+        "expect": ENTRY + 'expect = "maybe"\n',
+        "finite": ENTRY.replace("1.0", "nan"),
+        "twice": ENTRY + ENTRY,
+        "unknown key": ENTRY + "uper = 1\n",
+        "too deeply": "x = " + "[" * 5000,
+        "upper must be a finite": ENTRY.replace("1.0", "1" + "0" * 400),
+        "digits": ENTRY.replace("1.0", "1" * 5000),
+        "unknown status": '[[status]]\ncase = "a"\nstatus = "refusd"\nreason = "r"\n',
+    }
+    path = tmp_path / "t.toml"
+    path.write_text(text or 'schema = 1\nsuite = "t"\n' + broken[words])
+    with pytest.raises(ThresholdError, match=words) as error:
+        read_thresholds(path)
+    assert "\n" not in str(error.value)

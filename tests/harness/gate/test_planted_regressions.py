@@ -1,0 +1,109 @@
+"""The gate turns red when a solver gets worse: a sign, a step doubled, a tolerance loosened, a term dropped.
+
+The B term of Eq. (71) exists in the geometrically consistent steps alone; in the others the gyroscopic torque
+Omega x J Omega is the term that depends on velocity and is lost as easily.
+"""
+
+import dataclasses
+import inspect
+from pathlib import Path
+
+import pytest
+
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.execution import worker
+from mbsbench.harness.execution.job import Job
+from mbsbench.harness.gate.judging import State, judge
+from mbsbench.harness.gate.thresholds import FOLDER, read_thresholds
+from mbsbench.harness.results import store
+from mbsbench.harness.suites.suite import load_suite
+from mbsbench.harness.types import Status, StepControl
+from mbsbench.solvers.formulations import symbolic, system_elements
+from mbsbench.solvers.formulations.geometric.choices import GaugeChoices
+
+SUITE = load_suite("ci")
+THRESHOLDS = read_thresholds(FOLDER / "ci.toml")
+MOVING = "spherical_pendulum[omega_z=3,t_end=5]"  # spatial and loaded: every term of the equations counts
+WORSE_OPTIONS = {  # of solvers that have such an option; a solver without one is tested by its step or tolerance
+    "gc_weak_form": [{"b_term": False}, {"tolerance": 1e-3}, {"gauge": "accumulate"}],
+    "gc_augmented_lagrangian": [{"b_term": False}, {"tolerance": 1e-3}],
+    "ida_index1": [{"alpha": 0.0, "beta": 0.0}],
+    "ndf_index1": [{"alpha": 0.0, "beta": 0.0}],
+}
+
+
+def cell_of(solver: str, begins: str = MOVING):
+    return next(c for c in SUITE.cells if c.solver == solver and c.case.startswith(begins) and not c.options)
+
+
+def planted():
+    for solver, entry in registry.solvers().items():
+        if not any(c.solver == solver for c in SUITE.cells):
+            continue
+        cell = cell_of(solver)
+        c = cell.control
+        worse = StepControl(dt=2.0 * c.dt) if c.dt else StepControl(rtol=10.0 * c.rtol)
+        yield pytest.param(cell, dataclasses.replace(cell, control=worse), id=f"{solver}-{entry.control}")
+        for options in WORSE_OPTIONS.get(solver, []):
+            known = {k: v for k, v in options.items() if k in entry.parameters}
+            if known:
+                yield pytest.param(cell, dataclasses.replace(cell, options=known), id=f"{solver}-{next(iter(known))}")
+
+
+def state_of(cell, run, folder: Path) -> State:
+    """What the gate says when ``run`` is what the code makes of ``cell``."""
+    record = worker.run(Job(run, store.create(folder)))
+    assert record.status != Status.CRASHED, record.message  # a gate red for a bug of ours proves nothing
+    record = dataclasses.replace(record, case=cell.case, settings=cell.settings)
+    bounds = tuple(b for b in THRESHOLDS.bounds if b.case == cell.case)
+    return judge([cell], [record], dataclasses.replace(THRESHOLDS, bounds=bounds, statuses={})).state
+
+
+@pytest.mark.parametrize(("cell", "worse"), list(planted()))
+def test_a_planted_regression_closes_the_gate(cell, worse, tmp_path):
+    """Each is a change of a line that every other check may let through."""
+    assert state_of(cell, worse, tmp_path) is State.FAIL
+
+
+@pytest.mark.parametrize("solver", sorted({c.solver for c in SUITE.cells}))
+def test_the_unchanged_solver_passes(solver, tmp_path):
+    """The counterpart: the same cell, as it is, is open."""
+    assert state_of(cell_of(solver), cell_of(solver), tmp_path) is State.PASS
+
+
+TOP = "heavy_top[t_end=1]"  # spins: the gyroscopic torque is what holds it up
+GYROSCOPIC = "+ ca.cross(Omega, J @ Omega)"  # in solvers/formulations/symbolic.py
+
+
+def classical_with(monkeypatch, new: str) -> None:
+    """The symbolic route as if that line of its source were another."""
+    source = inspect.getsource(symbolic.body_element)
+    assert GYROSCOPIC in source  # else nothing is planted
+    names: dict = {}
+    exec(source.replace(GYROSCOPIC, new), vars(symbolic), names)
+    monkeypatch.setattr(system_elements, "body_element", names["body_element"])
+
+
+def geometric_with(monkeypatch, **change: float) -> None:
+    """The geometric route with a factor in its kernels changed."""
+    sound = GaugeChoices.settings
+    monkeypatch.setattr(GaugeChoices, "settings", lambda self, problem: sound(self, problem)._replace(**change))
+
+
+@pytest.mark.parametrize("solver", sorted({c.solver for c in SUITE.cells}))
+@pytest.mark.parametrize("planted", ["sign", "dropped"])
+def test_a_changed_line_closes_the_gate(solver, planted, monkeypatch, tmp_path):
+    """A sign turned or a term dropped in the source of each solver."""
+    if registry.solvers()[solver].control == "dt":
+        geometric_with(monkeypatch, b_term={"sign": -1.0, "dropped": 0.0}[planted])
+        cell = cell_of(solver)
+    else:
+        classical_with(monkeypatch, {"sign": GYROSCOPIC.replace("+", "-"), "dropped": ""}[planted])
+        cell = cell_of(solver, TOP)
+    assert state_of(cell, cell, tmp_path) is State.FAIL
+
+
+def test_every_solver_is_in_the_gate():
+    """A solver that no cell runs can break unseen."""
+    ours = {n for n, e in registry.solvers().items() if e.make.__module__.startswith("mbsbench.solvers.")}
+    assert ours == {c.solver for c in SUITE.cells}

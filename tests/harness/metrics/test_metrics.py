@@ -1,0 +1,154 @@
+"""Metrics against motions whose energy, errors and drifts are known in closed form."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.mechanics.system import Joint, RigidBody, SpringDamper, assemble
+from mbsbench.harness.metrics.measure import measure
+from mbsbench.harness.metrics.scales import scales
+from mbsbench.harness.metrics.summary import columns, largest, time_mean, trend
+from mbsbench.harness.metrics.thinning import frames_to_keep, rows_to_keep
+from mbsbench.harness.metrics.verdict import doubts
+from mbsbench.harness.types import Problem, State, Status, Trajectory
+
+
+def solved(solver: str, options: dict | None = None, t_end: float = 2.0, dt: float = 0.01):
+    """Problem, trajectory, series and columns of a solver of the plugin."""
+    from mbsbench.harness.types import StepControl
+
+    problem = registry.make_problem("free_fall", {"t_end": t_end})
+    trajectory = registry.make_solver(solver, options).solve(problem, StepControl(dt=dt))
+    m = measure(problem, trajectory)
+    return problem, trajectory, m, columns(problem, trajectory, m, scales(problem.system, problem.initial))
+
+
+def test_exact_motion_has_no_drift_and_no_error():
+    """In free fall T + V is constant; rounding of 20 m against 10 m/s2 is below 1e-12."""
+    _, _, _m, c = solved("exact")
+    assert c["energy_drift_max_J"] < 1e-12 * 100.0
+    assert c["position_error_max_m"] == 0.0
+    assert c["orientation_error_max_rad"] < 1e-14
+    assert c["steps"] == 200 and c["step_ratio"] == pytest.approx(1.0)
+    assert c["evaluations"] == 7 and math.isnan(c["newton_iterations"])
+
+
+def test_known_error_is_measured():
+    """A body lifted by a t^2 gains m g a t^2: energy error, its trend and the position error are known."""
+    lift, weight = 0.02, 2.0 * 10.0
+    _, _, m, c = solved("exact", {"lift": lift})
+    assert c["energy_drift_max_J"] == pytest.approx(weight * lift, rel=1e-9)
+    assert c["energy_drift_end_J"] == pytest.approx(weight * lift, rel=1e-9)
+    # the least-squares slope of s^2 on [0, 1] is 1, here over 2 s; its means over the outer quarters 1/48 and 37/48
+    assert c["energy_trend_W"] == pytest.approx(weight * lift / 2.0, rel=1e-3)
+    assert c["energy_mean_first_quarter_J"] == pytest.approx(weight * lift / 48.0, rel=1e-2)
+    assert c["energy_mean_last_quarter_J"] == pytest.approx(weight * lift * 37.0 / 48.0, rel=1e-3)
+    # the reference ends at 1 s, half the time: a quarter of the lift
+    assert c["position_error_max_m"] == pytest.approx(lift / 4.0, rel=1e-9)
+    assert c["reference_horizon_s"] == 1.0 and c["reference_own_error_m"] == 1e-15
+    assert np.all(np.isnan(m.position_error[m.t > 1.0])) and not np.any(np.isnan(m.position_error[m.t <= 1.0]))
+    assert json.loads(c["observable_errors"])["height"]["max"] == pytest.approx(lift / 4.0, rel=1e-9)
+    assert json.loads(c["invariant_drifts"])["P_X"] == {"max": 0.0, "end": 0.0, "start": 2.0, "unit": "kg m/s"}
+
+
+def test_constraint_norms_of_a_known_gap():
+    """A pendulum shifted by d has |phi| = d; moved at w, |phi_dot| = w."""
+    system = assemble([RigidBody(1.0, np.eye(3))], [Joint(0, (-1.0, 0.0, 0.0))])
+    start = State(np.array([[1.0, 0.0, 0.0]]), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
+    moved = States(
+        np.array([[[1.0, 0.0, 0.0]], [[1.0, 0.3, 0.4]]]), np.stack([np.eye(3)[None]] * 2),
+        np.array([[[0.0, 0.0, 0.0]], [[0.0, 0.0, 0.2]]]), np.zeros((2, 1, 3)),
+    )  # fmt: skip
+    problem = Problem("p", system, start, 1.0, 0.1, "", "", planar_normal=np.array([0.0, 2.0, 0.0]))
+    m = measure(problem, Trajectory(np.array([0.0, 1.0]), moved, Status.SUCCESS, "", {}))
+    assert m.phi_norm == pytest.approx([0.0, 0.5])
+    assert m.phi_dot_norm == pytest.approx([0.0, 0.2])
+    assert m.out_of_plane == pytest.approx([0.0, 0.3])
+
+
+def test_damper_work_is_no_drift():
+    """Along a damped line E falls by c v^2; the energy error is what is left, second order in the step."""
+    system = assemble([RigidBody(1.0, np.eye(3))], springs=[SpringDamper(0, (0, 0, 0), damping=0.5)])
+    t = np.linspace(0.0, 2.0, 2001)
+    x, v = 1.0 + 2.0 * (1.0 - np.exp(-0.5 * t)), np.exp(-0.5 * t)  # m v' = -c v from v = 1
+    r, rate = np.zeros((len(t), 1, 3)), np.zeros((len(t), 1, 3))
+    r[:, 0, 0], rate[:, 0, 0] = x, v
+    s = States(r, np.broadcast_to(np.eye(3), (len(t), 1, 3, 3)), rate, np.zeros_like(r))
+    problem = Problem("p", system, s[0], 2.0, 0.1, "", "")
+    m = measure(problem, Trajectory(t, s, Status.SUCCESS, "", {}))
+    assert np.max(np.abs(m.energy - m.energy[0])) > 0.3
+    assert largest(m.energy_error) < 1e-6
+
+
+def test_a_motion_that_became_nan_is_no_small_error():
+    """max() of numpy comparisons would drop NaN; here it is infinite."""
+    assert largest(np.array([0.0, np.nan])) == np.inf
+
+
+def test_trend_weights_time_not_steps():
+    """A line stays a line however its steps are bunched."""
+    t = np.concatenate((np.linspace(0.0, 1.0, 1000), np.linspace(1.1, 10.0, 20)))
+    assert trend(t, 3.0 * t - 1.0) == pytest.approx(3.0)
+    assert time_mean(t, 3.0 * t, 0.0, 10.0) == pytest.approx(15.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("solver", "words"), [("exact", []), ("stops_early", ["last step"]), ("not_numbers", ["not finite"])]
+)
+def test_claims_are_doubted_with_reason(solver, words):
+    """Only a success that nothing contradicts is one."""
+    problem, trajectory, _, c = solved(solver)
+    found = doubts(problem, trajectory, c, scales(problem.system, problem.initial))
+    assert len(found) == len(words) and all(w in f for w, f in zip(words, found, strict=True))
+
+
+def test_a_motion_away_from_the_reference_is_wrong():
+    """A lift of a tenth of the size within the horizon is not the motion asked for, though it ends in time."""
+    problem, trajectory, _, c = solved("exact", {"lift": 4.0})
+    found = doubts(problem, trajectory, c, scales(problem.system, problem.initial))
+    assert any("position error" in f for f in found) and any("energy" in f for f in found)
+
+
+def test_another_start_is_wrong():
+    """A solver may not choose an easier start."""
+    problem, trajectory, _, c = solved("exact")
+    import dataclasses
+
+    other = dataclasses.replace(problem, initial=dataclasses.replace(problem.initial, v=problem.initial.v * 1.01))
+    assert any("start" in f for f in doubts(other, trajectory, c, scales(problem.system, problem.initial)))
+
+
+def test_thinning_keeps_every_peak():
+    """A spike of one step in a million must be seen in the plot."""
+    a, b = np.zeros(1_000_000), np.zeros(1_000_000)
+    a[123_456], b[765_432] = -5.0, np.nan
+    kept = rows_to_keep(len(a), a, b, at_most=3000)
+    assert len(kept) <= 3001 and {0, 123_456, 765_432, 999_999} <= set(kept)
+    assert np.array_equal(rows_to_keep(10, a[:10]), np.arange(10))
+
+
+def test_frames_are_spread_over_time():
+    """A run that crawls at its end must not have all its frames there."""
+    t = np.concatenate((np.linspace(0.0, 1.0, 5000), 1.0 + np.linspace(1e-9, 1e-6, 50_000)))
+    frames = t[frames_to_keep(t, 100)]
+    assert frames[0] == 0.0 and frames[-1] == t[-1]
+    assert 95 <= len(frames) <= 101 and np.max(np.diff(frames)) < 0.011
+
+
+def test_chaos_is_not_held_against_a_solver(monkeypatch):
+    """Where the reference itself has lost its digits, being away from it is no verdict; before, it is."""
+
+    def lost(self, t):
+        return np.where(t > 0.25, 1e-6, 1e-15)
+
+    problem, trajectory, _, c = solved("exact", {"lift": 4.0})
+    reference = problem.reference()
+    monkeypatch.setattr(type(reference), "error", lost)
+    c = columns(problem, trajectory, measure(problem, trajectory), scales(problem.system, problem.initial))
+    assert c["judged_to_s"] == pytest.approx(0.25)
+    assert c["position_error_judged_m"] == pytest.approx(4.0 / 64.0)
+    assert c["position_error_max_m"] == pytest.approx(1.0)

@@ -1,0 +1,114 @@
+"""How runs ended is told from the record, in the words of those who end them; the pace tells stuck from slow."""
+
+import signal
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.execution import runner, supervisor
+from mbsbench.harness.referee.claims.endings import Ending, by_budget, by_machine, ending, to_end
+from mbsbench.harness.results import provisional
+from mbsbench.harness.suites.suite import Suite
+from mbsbench.harness.types import Status, StepControl
+from mbsbench.solvers.formulations.recording import Clock, StepFailure, march
+from mbsbench.solvers.gc_weak_form import GcWeakForm
+
+from .synthetic import bare, series
+
+
+def killed(how, code=0, peak=0.0):
+    """What the supervisor says of a process it ended, or that ended."""
+    job = SimpleNamespace(cell=SimpleNamespace(wall_limit=60.0, memory=100.0))
+    return supervisor.explain(SimpleNamespace(job=job, killed=how), code, peak)
+
+
+def stopped_by_geometric_driver(**limits):
+    """ODE-GC's own status and words."""
+    found = GcWeakForm().solve(
+        registry.make_problem("torque_free_body", {"t_end": 1.0}), StepControl(dt=1e-4, **limits)
+    )
+    return found.status, found.message, found.counters["steps"]
+
+
+def stopped_by_recording(**limits):
+    """Those of the solvers with error control."""
+    t = iter(np.linspace(0.1, 10.0, 100))
+    start = 0.0, np.zeros(1), np.zeros(0)
+    clock = Clock(limits.pop("wall", None))
+    time.sleep(0.001)
+    done = march(
+        lambda: (next(t), np.zeros(1), np.zeros(0)), start, None, 10.0, StepControl(rtol=1e-3, **limits), clock
+    )
+    return done.status, done.message, len(done.t) - 1
+
+
+def run_limit():
+    """What cells are told that run when the whole run met its limit."""
+    return Status.STALLED, runner._limit(Suite("s", "", (), "", total_limit=900.0)).words
+
+
+@pytest.mark.parametrize(
+    ("made", "words"),
+    [
+        (lambda: stopped_by_geometric_driver(wall_limit=1e-9), "wall limit of 1e-09 s reached at t = "),
+        (lambda: stopped_by_recording(wall=1e-9), "the wall limit of 1e-09 s was reached"),
+        (lambda: killed("wall"), "killed at the wall limit of 60 s (+2 s); it did not stop when asked"),
+        (lambda: killed("measuring"), "measuring its motion took more than 120 s"),
+        (lambda: killed("", -signal.SIGXCPU), "used up its CPU time"),
+        (lambda: killed("", -signal.SIGKILL, 99.0), "ended by SIGKILL with 99 MB resident, near its memory limit"),
+        (run_limit, "total_limit of the suite"),
+        (lambda: (Status.CRASHED, f"{provisional.SUPERVISOR_DIED} twice"), "the supervisor process died twice"),
+        (lambda: (Status.CRASHED, f"{provisional.WORKERS_DIED} again"), "died"),
+    ],
+)
+def test_what_a_clock_or_the_memory_ended_is_known_by_the_words_of_who_ended_it(made, words):
+    """Made by the code that makes them: another wording there is red here, unless it is understood as well."""
+    status, message, *_ = made()
+    assert words in message
+    record = bare(status=str(status), message=message, t_reached_s=4.0, steps=50, max_steps=100)
+    assert by_machine(record) and ending(record) is Ending.MACHINE
+
+
+@pytest.mark.parametrize("made", [stopped_by_geometric_driver, stopped_by_recording])
+def test_the_budget_of_steps_is_no_clock(made):
+    """Seven steps asked for and taken, whatever the solver says: the same on every machine."""
+    status, message, steps = made(max_steps=7)
+    record = bare(status=str(status), message=message, t_reached_s=0.7, steps=steps, max_steps=7)
+    assert by_budget(record) and not by_machine(record) and steps == 7
+
+
+def test_pace_is_that_of_the_last_tenth():
+    """Ninety steps of 0.05 s and ten of 0.01 s: 5.4 s are left, 540 steps. Of a thinned series too."""
+    t = np.concatenate([[0.0], np.cumsum([0.05] * 90 + [0.01] * 10)])
+    r = bare(10.0, t_reached_s=t[-1], status="stalled", steps=100, max_steps=100)
+    assert to_end(r, series(t)) == pytest.approx(540.0)
+    every_fifth = bare(10.0, t_reached_s=t[-1], status="stalled", steps=100, max_steps=100)
+    assert to_end(every_fifth, series(t[::5])) == pytest.approx(540.0)
+    assert ending(r, series(t)) is Ending.SLOW
+    assert ending(bare(110.0, t_reached_s=t[-1], status="stalled", steps=100, max_steps=100), series(t)) is Ending.FINAL
+
+
+def test_a_run_that_stands_still_is_stuck():
+    """Its last steps are below the spacing of times: no pace, no end."""
+    t = np.append(np.linspace(0.0, 4.0, 91), np.full(10, 4.0))
+    r = bare(t_reached_s=4.0, status="stalled", steps=100, max_steps=100)
+    assert to_end(r, series(t)) == np.inf and ending(r, series(t)) is Ending.FINAL
+
+
+def test_what_failed_by_itself_is_final():
+    """Also what a solver refused; what took no step and is not at its end has shown nothing."""
+    assert ending(bare(status="diverged", t_reached_s=4.0, steps=3)) is Ending.FINAL
+    assert ending(bare(status="refused", t_reached_s=float("nan"))) is Ending.FINAL
+    assert ending(bare(status="success", steps=100)) is Ending.FINAL
+    assert ending(bare(status="singular", t_reached_s=0.0)) is Ending.NO_STEP
+
+
+def test_clocks_raise_what_was_tried_above():
+    """The failure inside a step is the same as between steps."""
+    clock = Clock(1e-9)
+    time.sleep(0.001)
+    with pytest.raises(StepFailure, match="the wall limit of 1e-09 s was reached"):
+        clock.check()

@@ -1,0 +1,220 @@
+"""The command: files in the run folder, a table, changes, exit codes; and verdicts that do not depend on the run."""
+
+import dataclasses
+import json
+from functools import partial
+
+import pytest
+
+from mbsbench.harness.__main__ import main
+from mbsbench.harness.commands import judge as command
+from mbsbench.harness.execution.pool import LocalPool
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.referee import judge as judging
+from mbsbench.harness.referee.claims.maps import place, select
+from mbsbench.harness.referee.claims.register import read_register
+from mbsbench.harness.referee.claims.verdicts import judge
+from mbsbench.harness.results import store
+from mbsbench.harness.suites.suite import Suite
+
+from ..conftest import Silent
+from .claiming import MAP, SUITE, TEST
+from .synthetic import HEAD, cells_of, record
+
+CELLS = cells_of(SUITE)
+
+
+@pytest.fixture
+def made(tmp_path, monkeypatch):
+    """A run folder of made-up records and a register of one claim, judged on the suite of the tests alone."""
+    monkeypatch.setattr(judging, "tried_on", lambda: CELLS)
+    monkeypatch.setattr(judging, "OTHERS", ())
+    register = tmp_path / "claims.toml"
+    register.write_text(MAP + HEAD + TEST)
+
+    def write(phi_max):
+        folder = store.create(tmp_path / "run")
+        for x in CELLS:
+            store.write_record(folder, record(x, phi_max=phi_max, series=""))
+        return folder
+
+    def call(*arguments):
+        fixed = ["--claims", str(register), "--published", str(tmp_path / "published")]
+        return main(["judge", str(tmp_path / "run"), *fixed, *arguments])
+
+    return write, call, register
+
+
+def test_judging_writes_files_and_publishing_compares(made, tmp_path, capsys):
+    """Nothing published: 0. Published: the same verdicts 0, a changed one 1 and named, until it is published too."""
+    write, call, _ = made
+    folder = write(0.5)
+    assert call() == 0
+    assert "nothing is published yet" in capsys.readouterr().out
+    assert json.loads((folder / "judgement" / "claims.json").read_text())[0]["verdict"] == "SUPPORTED"
+    assert call("--publish") == 0 and (tmp_path / "published" / "claims.json").exists()
+    capsys.readouterr()
+    assert call() == 0
+    assert "as published" in capsys.readouterr().out
+    write(1.5)
+    assert call() == 1
+    assert "changed: c: SUPPORTED -> REFUTED" in capsys.readouterr().out
+    assert call("--publish") == 0 and call() == 0
+
+
+def test_refuted_claims_are_no_failure_of_the_command(made):
+    write, call, _ = made
+    write(1.5)
+    assert call() == 0
+
+
+def test_json_is_the_file(made, capsys):
+    write, call, _ = made
+    folder = write(0.5)
+    assert call("--json") == 0
+    assert capsys.readouterr().out == (folder / "judgement" / "claims.json").read_text()
+
+
+def test_wrong_calls_are_one_line(made, capsys, tmp_path):
+    """No run, a bad register, published results that cannot be read: 2 and a line."""
+    write, call, register = made
+    assert main(["judge", "nowhere"]) == 2
+    write(0.5)
+    (tmp_path / "published").mkdir()
+    (tmp_path / "published" / "claims.json").write_text("{")
+    assert call() == 2
+    register.write_text("[[claims]]\nid = 'x'")
+    assert call() == 2
+    errors = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("judging")]
+    assert len(errors) == 3 and all(line.startswith("error: ") for line in errors)
+
+
+def test_the_tally_is_that_of_results():
+    """That we pose a problem as the paper does is nothing found about a solver."""
+    rows = [{"kind": "result", "verdict": "REFUTED"}] * 2 + [{"kind": "posing", "verdict": "SUPPORTED"}]
+    words = "0 SUPPORTED, 0 CONDITIONAL, 2 REFUTED, 0 UNTESTABLE"
+    assert command.tally(rows) == words + "; and checks of the posing: 1 of 1 SUPPORTED"
+    assert command.tally(rows[:2]) == words
+
+
+def test_claims_that_come_and_go_are_changes():
+    before = [{"id": "a", "verdict": "SUPPORTED"}, {"id": "b", "verdict": "REFUTED"}]
+    after = [{"id": "b", "verdict": "CONDITIONAL"}, {"id": "c", "verdict": "SUPPORTED"}]
+    assert [dataclasses.astuple(c) for c in judging.changes(before, after)] == [
+        ("b", "REFUTED", "CONDITIONAL"),
+        ("c", "", "SUPPORTED"),
+        ("a", "SUPPORTED", ""),
+    ]
+
+
+def test_texts_of_a_register_are_not_markup(made, capsys):
+    """Words in brackets are words, in the table too."""
+    write, call, register = made
+    register.write_text((MAP + HEAD + TEST).replace('id = "c"', 'id = "[bold]c[/]"'))
+    write(0.5)
+    assert call() == 0
+    assert "[bold]c[/]" in capsys.readouterr().out
+    assert command.STYLE.keys() == {"SUPPORTED", "CONDITIONAL", "REFUTED", "UNTESTABLE"}
+
+
+CHEAP = (  # claims whose cells take half a minute at most: every problem, every verdict, two of most pairs
+    "1-one-step",
+    "1-any-tolerance",
+    "2-energy-two-orders",
+    "2-other-axis",
+    "5-gc-near-tolerance",
+    "5-ode45-smallest",
+    "7-start",
+    "9-loose-goes-on",
+    "11-gc-coincident",
+    "11-ode45-coincident",
+    "11-ode45-step-decrease",
+    "12-agreement",
+    "12-redundant",
+    "12-joint-A",
+    "general-no-scaling",
+)
+
+
+def maps_of(claim):
+    """Where it is tried, and what it is set against."""
+    return [m for m in (claim.map, claim.against) if m]
+
+
+def test_the_cheap_claims_are_about_every_problem():
+    register, places = read_register(), [place(c) for c in judging.tried_on()]
+    assert {c.id for c in register.claims} >= set(CHEAP)
+    cheap = [m for c in register.claims if c.id in CHEAP for m in maps_of(c)]
+    everything = {p.cell.problem for p in places}
+    assert {p.cell.problem for m in cheap for p in select(places, m.over)} == everything and len(everything) == 5
+
+
+@pytest.fixture(scope="module")
+def twice(tmp_path_factory):
+    """The verdicts on some claims from their cells run with one and with two processes."""
+    register, cells_tried = read_register(), judging.tried_on()
+    few = dataclasses.replace(register, claims=tuple(c for c in register.claims if c.id in CHEAP))
+    places = [place(c) for c in cells_tried]
+    cells = {p.cell.settings: p.cell for c in few.claims for m in maps_of(c) for p in select(places, m.over)}
+    part = Suite("part", "", tuple(cells.values()), "")
+    out = []
+    for jobs in (1, 2):
+        folder = tmp_path_factory.mktemp(f"jobs{jobs}")
+        loaded = run_suite(Request(part, folder, jobs), Silent(), LocalPool)
+        out.append(judge(few, cells_tried, loaded.records, partial(judging.series_of, folder)))
+    return out
+
+
+@pytest.mark.slow
+def test_verdicts_are_the_same_with_one_and_two_processes(twice):
+    """Two runs, each of its own processes: the same judgement, byte for byte."""
+    first, second = map(judging.as_text, twice)
+    assert first == second
+    assert {c["id"] for c in twice[0]} == set(CHEAP)
+    assert {c["verdict"] for c in twice[0]} == set(command.STYLE)
+
+
+@pytest.mark.slow
+def test_verdicts_are_those_published(twice):
+    """A verdict that changes against results/published is a change of the result, to be published or mended."""
+    published = judging.read_claims(judging.PUBLISHED)
+    if published is None:
+        pytest.skip("nothing is published: mbsbench judge --publish")
+    known = {c["id"]: c["verdict"] for c in published}
+    assert {c["id"]: c["verdict"] for c in twice[0]} == {c: known.get(c) for c in CHEAP}
+
+
+def newest_whole(runs, cells):
+    """The newest of ``runs`` that holds all ``cells``, with its records; an unfinished one is passed over."""
+    asked = {c.settings for c in cells}
+    for folder in sorted((p for p in runs if (p / "cells").is_dir()), key=lambda p: p.name, reverse=True):
+        records = store.load(folder, check_series=False).records
+        if asked <= {r.settings for r in records}:
+            return folder, records
+    return None
+
+
+def test_an_unfinished_run_is_passed_over(tmp_path):
+    """The newest run lacks a cell: the one before is compared."""
+    for name, cells in (("referee-1", CELLS), ("referee-2", CELLS), ("referee-3", CELLS[1:])):
+        folder = store.create(tmp_path / name)
+        for x in cells:
+            store.write_record(folder, record(x, series=""))
+    (tmp_path / "referee-4").mkdir()
+    folder, records = newest_whole(tmp_path.iterdir(), CELLS)
+    assert folder.name == "referee-2" and len(records) == len(CELLS)
+    assert newest_whole([tmp_path / "referee-3"], CELLS) is None
+
+
+@pytest.mark.slow
+def test_the_newest_whole_run_is_judged_as_published():
+    """Where a whole run of the suite is at hand, every claim of it is as published."""
+    published, cells = judging.read_claims(judging.PUBLISHED), judging.tried_on()
+    if published is None:
+        pytest.skip("nothing is published: mbsbench judge --publish")
+    found = newest_whole(store.LOCAL.glob("referee-*"), cells)
+    if found is None:
+        pytest.skip("no whole run of the suite referee is in results/local: mbsbench run referee")
+    folder, records = found
+    judged = judge(read_register(), cells, records, partial(judging.series_of, folder))
+    assert judging.changes(published, judged) == []

@@ -1,0 +1,122 @@
+"""Settings that settle nothing are left out and named: ended by a machine, only slow, never begun, or cut short."""
+
+import numpy as np
+import pytest
+
+from .claiming import CELLS, claim
+from .synthetic import record, series
+
+CUT = {"status": "stalled", "t_reached_s": 3.0, "steps": 9, "max_steps": 9}  # of 10 s
+
+
+def one_of(columns, others=None):
+    """The first run with these columns, the others with |phi| = 0.5 m."""
+    return [record(x, **(columns if k == 0 else others or {"phi_max": 0.5})) for k, x in enumerate(CELLS)]
+
+
+def pace(last):
+    """Nine steps to 3 s, the last of ``last`` s: the others take what is left."""
+    return lambda r: series(np.append(np.linspace(0.0, 3.0 - last, 9), 3.0)) if r.t_reached_s == 3.0 else None
+
+
+def test_runs_ended_by_a_clock_are_left_out_and_named():
+    """They would decide it, and another machine might let them go on: by a clock, out of memory, killed."""
+    for columns in (CUT | {"steps": 8}, CUT | {"status": "memory"}):
+        c = claim(records=one_of(columns))
+        assert c["verdict"] == "SUPPORTED" and "Holds in 11 of 11" in c["because"] and c["map"][0]["holds"] is None
+        assert "1 setting is left out: a limit on time or memory ended them" in c["because"]
+    killed = {"status": "crashed", "message": "the solver was done, but measuring its motion took more than 120 s"}
+    assert claim(records=one_of(killed | {"t_reached_s": float("nan")}))["verdict"] == "SUPPORTED"
+
+
+def test_a_budget_of_steps_ends_stuck_runs_and_interrupts_slow_ones():
+    """Nine steps to 3 of 10 s, a hundred budgets are 900: at 0.01 s a step 700 more are needed, at 1e-3 s 7000."""
+    slow, stuck = (claim(records=one_of(CUT), of=pace(last)) for last in (0.01, 1e-3))
+    assert slow["verdict"] == "SUPPORTED" and "only slow" in slow["because"] and slow["map"][0]["holds"] is None
+    assert stuck["verdict"] == "CONDITIONAL" and "left out" not in stuck["because"] and not stuck["map"][0]["holds"]
+
+
+def test_what_a_slow_run_had_settled_counts():
+    """Over 2 s it got through, nothing is open; |phi| beyond its band so far is beyond it, within it is not yet."""
+    for asked, phi, holds in (
+        ("to = 2.0, at_most = 1.0", 0.5, True),
+        ("to = 4.0, at_most = 1.0", 0.5, None),
+        ("partial = true, at_most = 1.0", 0.5, None),
+        ("partial = true, at_most = 1.0", 1.5, False),
+        ("partial = true, at_least = 1.0", 1.5, True),
+        ("partial = true, at_least = 1.0", 0.5, None),
+    ):
+        text = f'map = "m"\ntests = [{{ metric = "largest", series = "phi_norm", {asked}, unit = "m" }}]\n'
+
+        def of(r, phi=phi):
+            t = np.append(np.linspace(0.0, 2.99, 9), 3.0) if r.t_reached_s == 3.0 else np.linspace(0.0, 10.0, 9)
+            return series(t, phi_norm=np.full(len(t), phi))
+
+        assert claim(text, one_of(CUT), of)["map"][0]["holds"] is holds, (asked, phi)
+
+
+@pytest.mark.parametrize(("band", "holds"), [("at_least = 5, at_most = 6", None), ("at_least = 1, at_most = 2", False)])
+def test_a_slow_run_stops_later_than_it_was_interrupted(band, holds):
+    """At 3 s: it does not stop between 1 and 2 s; between 5 and 6 s it might."""
+    text = f'map = "m"\ntests = [{{ metric = "stops at", {band}, unit = "s" }}]\n'
+    assert claim(text, one_of(CUT, {"phi_max": 0.5}), pace(0.01))["map"][0]["holds"] is holds
+
+
+def test_a_limit_is_passed_later_than_a_slow_run_was_interrupted():
+    """Not passed by 3 s: not between 1 and 2 s, perhaps between 5 and 6 s. Passed at 1.5 s: that stays."""
+    for leaves, band, holds in (
+        (9.0, "at_least = 1, at_most = 2", False),
+        (9.0, "at_least = 5, at_most = 6", None),
+        (1.5, "at_least = 1, at_most = 2", True),
+    ):
+        text = f'map = "m"\ntests = [{{ metric = "leaves at", series = "x", limit = 0.5, {band}, unit = "s" }}]\n'
+
+        def of(r, leaves=leaves):
+            t = np.append(np.linspace(0.0, 2.99, 200), 3.0) if r.t_reached_s == 3.0 else np.linspace(0.0, 10.0, 200)
+            return series(t, x=(t > leaves).astype(float))
+
+        assert claim(text, one_of(CUT), of)["map"][0]["holds"] is holds
+
+
+def test_runs_that_took_no_step_are_left_out_and_named():
+    """Nothing moved: neither for nor against, unless the claim is about starting. A refusal is the solver's answer."""
+    never = {"status": "step_underflow", "t_reached_s": 0.0, "steps": 0}
+    for band in ("at_most = 5", "at_least = 5"):
+        text = f'map = "m"\ntests = [{{ metric = "stops at", {band}, unit = "s" }}]\n'
+        c = claim(text, one_of(never))
+        assert c["map"][0]["holds"] is None
+        assert "1 setting is left out: they could not take a first step" in c["because"]
+        assert claim(text + "starting = true\n", one_of(never))["map"][0]["holds"] is (band == "at_most = 5")
+    assert claim(text, one_of(never | {"status": "refused"}))["map"][0]["holds"] is False
+
+
+def test_a_comparison_with_a_run_cut_short_is_left_out():
+    """ODE-GC, to be compared with, ran into a clock: no setting is settled; over a time it got through all are."""
+    head = 'map = "m"\nagainst = "gc"\n'
+    cut = {"status": "stalled", "t_reached_s": 3.0, "steps": 5, "max_steps": 9}
+    found = [record(x, **(cut if x.solver == "gc_weak_form" else {})) for x in CELLS]
+
+    def of(r):
+        t = np.linspace(0.0, r.t_reached_s, 11)
+        return series(t, phi_norm=np.ones(11))
+
+    for to, verdict in ((4.0, "UNTESTABLE"), (2.0, "SUPPORTED")):
+        test = f'metric = "largest", series = "phi_norm", to = {to}, compare = "over largest", at_least = 1, unit = ""'
+        assert claim(f"{head}tests = [{{ {test} }}]\n", found, of)["verdict"] == verdict
+
+
+def test_no_setting_that_settles_it_is_untestable():
+    c = claim(records=[record(x, phi_max=0.5, **CUT | {"steps": 8}) for x in CELLS])
+    assert c["verdict"] == "UNTESTABLE" and "12 settings are left out: a limit on time" in c["missing"]
+
+
+def test_it_is_told_how_many_hold_because_a_run_stopped():
+    """Losses of 2 m are above 1 m; two runs have no loss but an end before the end."""
+    text = 'map = "m"\ntests = [{ metric = "loss", at_least = 1, unit = "m" }]\n'
+    ends = [{"t_reached_s": 3.0, "steps": 9, "status": "diverged"}] * 2 + [{}] * len(CELLS)
+    found = [record(x, position_error_max_m=2.0, **e) for x, e in zip(CELLS, ends, strict=False)]
+    assert (
+        "Holds in 12 of 12 settings. In 2 of these 12 because a run did not get to its end"
+        in claim(text, found)["because"]
+    )
+    assert "because a run" not in claim(text, [record(x, position_error_max_m=2.0) for x in CELLS])["because"]

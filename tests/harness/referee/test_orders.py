@@ -1,0 +1,310 @@
+"""Orders are found where they are known: in made-up ladders, and in ladders of solvers, broken ones among them."""
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.worker import run
+from mbsbench.harness.metrics.scales import scales
+from mbsbench.harness.referee.certificates.fitting import ladder, scattered
+from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify
+from mbsbench.harness.results.store import create
+from mbsbench.harness.suites.cell import make_cell
+
+from .synthetic import bare
+
+DT = 0.1 * 0.5 ** np.arange(10)
+NOWHERE = Path()
+
+
+def test_a_pure_power_is_found_to_rounding():
+    """C dt^p: nothing left out, an interval of no width."""
+    fit = ladder(DT, 3.0 * DT**2)
+    assert fit.kind == "power"
+    assert all(fit.used)
+    assert fit.order == pytest.approx(2.0, abs=1e-9)
+    assert fit.high - fit.low < 1e-6
+
+
+@pytest.mark.parametrize("order", [1.0, 2.0, 4.0])
+def test_a_floor_is_detected_and_left_out(order):
+    """C dt^p + F: points within a factor of F are not fitted, and F is told."""
+    floor = 3.0 * DT[5] ** order
+    fit = ladder(DT, 3.0 * DT**order + floor * np.array([1.0, 1.02] * 5))
+    assert fit.kind == "power"
+    assert fit.order == pytest.approx(order, abs=0.1)
+    assert not any(fit.used[6:])
+    assert fit.floor == pytest.approx(floor, rel=0.5)
+
+
+def test_a_floor_that_grows_with_the_number_of_steps_is_one_too():
+    """Errors of the steps' solution pile up like sqrt(1/dt)."""
+    fit = ladder(DT, DT**2 + 1e-8 / np.sqrt(DT))
+    assert fit.kind == "power"
+    assert fit.order == pytest.approx(2.0, abs=0.1)
+
+
+def test_coarse_steps_out_of_the_range_are_left_out():
+    """C dt^2 (1 + K dt): the first slopes are 2.4 and 2.2, and not fitted."""
+    error = 3.0 * DT**2 * (1.0 + 20.0 * DT)
+    fit = ladder(DT, error)
+    assert not fit.used[0]
+    assert fit.used[-1]
+    assert fit.order == pytest.approx(2.0, abs=0.05)
+    assert fit.low <= fit.slopes[-1] <= fit.high
+
+
+def test_pre_asymptotic_range_power_and_floor_together():
+    """All three at once, as a real ladder has them."""
+    fit = ladder(DT, 3.0 * DT**2 * (1.0 + 5.0 * DT) + 3e-8)
+    assert fit.order == pytest.approx(2.0, abs=0.1)
+    assert not fit.used[0]
+    assert not fit.used[-1]
+
+
+def test_an_order_that_is_lost_at_small_steps_is_not_certified():
+    """dt^2 + c dt is of first order, however long the second-order range looks."""
+    fit = ladder(DT, DT**2 + 2e-3 * DT)
+    assert fit.kind != "power" or fit.order < 1.5
+
+
+def following(*slopes):
+    """Errors whose neighbours have these slopes."""
+    return np.exp(np.concatenate(([0.0], np.cumsum(np.asarray(slopes) * -math.log(2.0)))))
+
+
+@pytest.mark.parametrize("tail", [(1.1,), (0.1,), (1.1, 1.1), (1.5, 1.0, 0.9), (3.0,), (0.53, 0.54)])
+def test_finest_slopes_that_no_floor_explains_are_not_left_out_in_silence(tail):
+    """2, 2, 2, 2, 1.1: a floor that takes half of the last step would have bent the step before it too."""
+    error = following(2.0, 2.0, 2.0, 2.0, *tail)
+    fit = ladder(DT[: len(error)], error)
+    assert fit.kind == "lost"
+    assert fit.left == pytest.approx(tail)
+    assert ladder(DT[: len(error)], error, small=float(error[-1])).kind == "power"  # a tolerance may hold the last
+
+
+@pytest.mark.parametrize("tail", [(1.1, 0.1), (1.1, -1.6), (1.6, 1.1, 0.2, 0.0)])
+def test_finest_slopes_into_a_floor_that_is_seen_are_explained(tail):
+    """From one left-out step to the finest nothing is gained: that level is the floor, and is told."""
+    error = following(2.0, 2.0, 2.0, 2.0, *tail)
+    fit = ladder(DT[: len(error)], error)
+    assert fit.kind == "power" and fit.order == pytest.approx(2.0)
+    assert fit.floor == pytest.approx(float(np.exp(np.median(np.log(error[5:])))))
+
+
+def test_noise_alone_loses_no_order():
+    """2 % of noise bends the finest slopes by a tenth; of 200 second orders hardly one is said to be lost."""
+    random = np.random.default_rng(7)
+    kinds = [ladder(DT, DT**2 * np.exp(0.02 * random.standard_normal(10))).kind for _ in range(200)]
+    assert kinds.count("power") >= 198
+
+
+def made_up(column, errors, **columns):
+    """A ladder of the spatial pendulum that declares order two, with these errors of one column."""
+    return [
+        bare(4.0, problem="spherical_pendulum", solver="made_up", case=f"pendulum made_up dt={dt}", control="dt",
+             dt_s=dt, steps=math.ceil(4.0 / dt - 1e-6), claimed="success", status="success", declared_order=2.0,
+             settings=str(dt), length_scale_m=0.5, energy_scale_J=4.9,
+             **{"reference_own_error_m": 1e-12, column: error, **columns})
+        for dt, error in zip(DT, errors, strict=False)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("order", "verdict"),
+    [(1.5, "below declared"), (1.85, "below declared"), (1.95, "certified"), (2.0, "certified"), (2.09, "certified"),
+     (2.15, "above declared"), (2.6, "above declared"), (3.0, "above declared")],
+)  # fmt: skip
+def test_a_certificate_has_two_sides(order, verdict):
+    """Exact powers: within 0.1 of two is certified; what is higher is another order, said apart."""
+    entry = by_quantity(made_up("position_error_max_m", 0.1 * DT**order))["position"]
+    assert entry["verdict"] == verdict
+    assert f"order {order:.2f}" in entry["words"] and "declared 2" in entry["words"]
+
+
+@pytest.mark.parametrize(("order", "wrong"), [(2.0, "above declared"), (2.0, "below declared"), (2.3, "certified")])
+def test_noise_does_not_change_sides(order, wrong):
+    """2 % of noise, 100 ladders: orders 2 and 2.3 are never taken for each other."""
+    random = np.random.default_rng(3)
+    noise = np.exp(0.02 * random.standard_normal((100, 10)))
+    found = [by_quantity(made_up("position_error_max_m", 0.1 * DT**order * n))["position"] for n in noise]
+    assert wrong not in {e["verdict"] for e in found}
+
+
+def test_words_say_why_finest_slopes_are_left_out():
+    """At a floor, with its level; or for no reason that is seen, and then the order is not certified."""
+    lost = by_quantity(made_up("position_error_max_m", 0.1 * following(2.0, 2.0, 2.0, 2.0, 1.1)))["position"]
+    assert lost["verdict"] == "undecided"
+    assert "the finest slope 1.10 does not follow it, and no floor is seen" in lost["words"]
+    floored = by_quantity(made_up("position_error_max_m", 0.1 * following(2.0, 2.0, 2.0, 2.0, 1.1, 0.1)))["position"]
+    assert floored["verdict"] == "certified"
+    assert "finest slopes 1.10, 0.10 left out: at the floor of 1.8e-04 m" in floored["words"]
+
+
+def test_what_steps_leave_unsolved_is_a_floor_and_nothing_above_it():
+    """Tolerance [sqrt(J)] x steps / sqrt(energy) x length: 1e-8 over 1280 steps of the pendulum is 2.9e-6 m."""
+    shape = following(2.0, 2.0, 2.0, 2.0, 1.1)
+    for last, verdict in ((2.8e-6, "certified"), (3.0e-6, "undecided")):
+        errors = last * shape / shape[-1]
+        runs = [dataclasses.replace(r, solver="gc_weak_form") for r in made_up("position_error_max_m", errors)]
+        assert by_quantity(runs)["position"]["verdict"] == verdict
+        sharp = [dataclasses.replace(r, solver_options='{"tolerance": 1e-12}') for r in runs]
+        assert by_quantity(sharp)["position"]["verdict"] == "undecided"
+
+
+def test_velocities_have_scales_and_own_errors_of_their_unit():
+    """[m] becomes [m/s] by speed / length of the problem, 6.26 1/s for the pendulum, and nothing else does."""
+    (r,) = made_up("velocity_error_max_m_per_s", [1.0])
+    problem = make_problem("spherical_pendulum", {})
+    size = scales(problem.system, problem.initial)
+    q = {k.name: k for k in QUANTITIES}
+    assert q["velocity"].scale(r) == pytest.approx(size.speed)
+    assert q["|phi_dot|"].scale(r) == pytest.approx(size.speed)
+    assert q["angular velocity"].scale(r) == pytest.approx(size.speed / size.length)
+    for rate, base in (("velocity", "position"), ("angular velocity", "orientation")):
+        assert q[rate].own(r) == pytest.approx(q[base].own(r) * size.speed / size.length)
+
+
+def test_velocity_errors_the_reference_cannot_resolve_are_left_out():
+    """Own error 1e-6 m: velocities below 3 x 6.26e-6 m/s are not told apart, though above 3e-6."""
+    errors = 1e-2 * DT**2 / DT[0] ** 2
+    entry = by_quantity(made_up("velocity_error_max_m_per_s", errors, reference_own_error_m=1e-6))["velocity"]
+    told = [e > 3.0 * 1e-6 * 6.264 for e in errors]
+    assert entry["used"] == told and sum(told) == 5
+    assert sum(e > 3e-6 for e in errors) == 6
+
+
+def test_a_problem_that_is_not_at_hand_has_no_order_in_velocity():
+    """A plugin's run judged without the plugin: positions as ever, of velocities it is said why not."""
+    runs = made_up("position_error_max_m", 0.1 * DT**2, velocity_error_max_m_per_s=1.0)
+    runs = [dataclasses.replace(r, problem="gone") for r in runs]
+    found = by_quantity(runs)
+    assert found["position"]["verdict"] == "certified"
+    assert found["velocity"]["verdict"] == "undecided" and "not at hand" in found["velocity"]["words"]
+
+
+def test_errors_that_do_not_depend_on_the_step_have_no_order():
+    """Nothing is fitted to a constant."""
+    assert ladder(DT, np.full(10, 1e-12)).kind == "flat"
+    assert math.isnan(ladder(DT, np.full(10, 1e-12)).order)
+
+
+def test_jitter_widens_the_interval_and_it_holds_the_order():
+    """2 % of noise, as from a maximum over few steps: 95 of 100 intervals and more hold the truth."""
+    random = np.random.default_rng(4)
+    held = []
+    for _ in range(200):
+        fit = ladder(DT, DT**2 * np.exp(0.02 * random.standard_normal(10)))
+        held.append(fit.kind == "power" and fit.low <= 2.0 <= fit.high)
+    assert np.mean(held) > 0.93
+
+
+def test_scattered_errors_have_the_median_of_slopes():
+    """Error control: half a decade of scatter about rtol^0.8, and a floor of two runs."""
+    random = np.random.default_rng(1)
+    rtol = 10.0 ** -np.arange(3.0, 12.0)
+    error = rtol**0.8 * 10.0 ** (0.2 * random.standard_normal(9))
+    error[-2:] = error[-3]
+    fit = scattered(rtol, error)
+    assert fit.low <= 0.8 <= fit.high
+    assert fit.order == pytest.approx(0.8, abs=0.1)
+    assert not any(fit.used[-2:])
+    assert scattered(rtol[:3], error[:3]).kind == "none"
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory):
+    """Records of cells, each run once."""
+    folder = create(tmp_path_factory.mktemp("ladders"))
+    for part in ("series", "stderr"):
+        (folder / part).mkdir(exist_ok=True)
+    known = {}
+
+    def of(problem, solver, steps, parameters=None, options=None, control="dt"):
+        out = []
+        for step in steps:
+            cell = make_cell(make_problem(problem, parameters or {}), solver, options, {control: step})
+            if cell.settings not in known:
+                known[cell.settings] = run(Job(cell, folder))
+            out.append(known[cell.settings])
+        return out
+
+    return of
+
+
+def by_quantity(records):
+    return {e["quantity"]: e for e in certify(NOWHERE, records)}
+
+
+SHARP = {"tolerance": 1e-12}
+
+
+@pytest.mark.parametrize(
+    ("problem", "parameters", "dt"),
+    [("spherical_pendulum", {"t_end": 2.0}, 0.04), ("spherical_pendulum", {"t_end": 2.0, "omega_z": 0.1}, 0.04),
+     ("heavy_top", {"t_end": 0.5}, 0.004), ("chain", {"t_end": 0.4}, 0.008)],
+)  # fmt: skip
+def test_ode_gc_is_certified_of_order_two(ran, problem, parameters, dt):
+    """q, v, energy, |phi| and the reaction, within 0.1; |phi_dot| is held by the tolerance at every step."""
+    found = by_quantity(ran(problem, "gc_weak_form", [dt / 2**k for k in range(6)], parameters, SHARP))
+    for name in ("position", "orientation", "velocity", "angular velocity", "energy", "|phi|", "reaction"):
+        assert found[name]["verdict"] == "certified", found[name]["words"]
+        assert abs(found[name]["order"] - 2.0) < 0.1, name
+    assert found["|phi_dot|"]["verdict"] in ("floor", "exact")
+
+
+def test_without_the_b_term_no_order_is_certified(ran):
+    """Break the physics: in the zero gauge the scheme is of first order without the B-term of Eq. (71)."""
+    steps = [0.02 / 2**k for k in range(7)]
+    away = {"t_end": 1.0, "omega_z": 3.0}
+    sound = by_quantity(ran("spherical_pendulum", "gc_weak_form", steps, away, {**SHARP, "gauge": "zero"}))
+    broken = by_quantity(
+        ran("spherical_pendulum", "gc_weak_form", steps, away, {**SHARP, "gauge": "zero", "b_term": False})
+    )
+    for name in ("position", "velocity"):
+        assert sound[name]["verdict"] == "certified", sound[name]["words"]
+        assert broken[name]["verdict"] == "below declared", broken[name]["words"]
+        assert broken[name]["order"] < 1.2
+
+
+def test_a_free_sphere_is_exact_and_has_no_order(ran):
+    """One step of any size is the motion: said, not fitted."""
+    entry = by_quantity(ran("torque_free_body", "gc_weak_form", [1.0, 0.5, 0.25, 0.125], {"t_end": 4.0}))["orientation"]
+    assert entry["verdict"] == "exact"
+    assert "no order to fit" in entry["words"]
+    assert math.isnan(entry["order"])
+
+
+def test_error_control_has_an_order_achieved_and_an_exponent(ran):
+    """Runge-Kutta 5(4): fifth order in the mean step, and errors proportional to rtol."""
+    runs = ran("heavy_top", "rk45_strong_form", [1e-5, 1e-6, 1e-7, 1e-8, 1e-9], {"t_end": 0.5}, control="rtol")
+    entry = by_quantity(runs)["orientation"]
+    assert entry["verdict"] == "measured"
+    assert entry["against"] == "mean step"
+    assert 4.5 < entry["order"] < 5.6
+    assert 0.85 < entry["exponent"] < 1.15
+    assert math.isnan(entry["declared"])
+
+
+def test_runs_that_failed_or_cut_their_steps_are_not_fitted(ran):
+    """Their error belongs to other steps than the one asked for."""
+    runs = ran("spherical_pendulum", "gc_weak_form", [0.04 / 2**k for k in range(6)], {"t_end": 2.0}, SHARP)
+    cut = [dataclasses.replace(runs[0], steps=runs[0].steps + 3), *runs[1:]]
+    assert not by_quantity(cut)["position"]["used"][0]
+    failed = [dataclasses.replace(runs[0], claimed="diverged"), *runs[1:]]
+    entry = by_quantity(failed)["position"]
+    assert len(entry["dt"]) == 5
+    assert "1 of 6 runs did not finish" in entry["words"]
+    assert certify(NOWHERE, runs[:3]) == []
+
+
+def test_certificates_are_json(ran):
+    """Numbers, texts and lists; NaN is left to the writer."""
+    runs = ran("spherical_pendulum", "gc_weak_form", [0.04 / 2**k for k in range(6)], {"t_end": 2.0}, SHARP)
+    assert json.loads(json.dumps(certify(NOWHERE, runs)))[0]["cells"] == [r.settings for r in runs]

@@ -1,0 +1,227 @@
+"""Each verdict from runs made up for it, and each flips when one number is changed."""
+
+import json
+import random
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.referee.claims.register import parse_register
+from mbsbench.harness.referee.claims.verdicts import judge
+from mbsbench.harness.referee.judge import as_text
+
+from .claiming import CELLS, TEST, claim, options
+from .synthetic import HEAD, record, series
+
+
+def test_holding_everywhere_is_supported_and_worded_for_the_solver_run():
+    c = claim()
+    assert c["verdict"] == "SUPPORTED" and c["measured"] == 0.5 and c["band"] == [None, 1.0] and c["unit"] == "m"
+    assert "not ode15i" in c["because"] and "12 of 12" in c["because"] and len(c["map"]) == 12
+    assert set(c["cells"]) == {x.settings for x in CELLS if x.solver == "ida_index1"}
+
+
+def test_holding_nowhere_is_refuted():
+    c = claim(records=[record(x, phi_max=1.5) for x in CELLS])
+    assert c["verdict"] == "REFUTED" and "0 of 12" in c["because"]
+
+
+def test_one_altered_number_flips_the_verdict():
+    """Each of the twelve runs alone: its number out of the band, and the claim holds no longer everywhere."""
+    own = [c for c in CELLS if c.solver == "ida_index1"]
+    for k in range(len(own)):
+        c = claim(records=[record(x, phi_max=1.5 if x is own[k] else 0.5) for x in CELLS])
+        assert c["verdict"] == "CONDITIONAL"
+        assert [row["holds"] for row in c["map"]].count(False) == 1
+        assert next(row for row in c["map"] if not row["holds"])["cell"] == own[k].settings
+
+
+def test_conditional_names_the_planted_condition():
+    """Runs in the paper's chart are bad: the chart is named, with counts, and what is printed counted apart."""
+    c = claim(records=[record(x, phi_max=1.5 if options(x)["chart"] == "euler313" else 0.5) for x in CELLS])
+    assert c["verdict"] == "CONDITIONAL"
+    assert "Chart decides alone: holds with chart quaternion (6 of 6), not with chart euler313 (0 of 6)" in c["because"]
+    assert "what the paper prints in 0 of 2" in c["because"] and c["measured"] == 1.5
+    assert c["factors"]["chart"]["chart quaternion"] == [6, 6]
+
+
+def test_missing_cells_are_untestable_never_green():
+    """One of twelve runs is not there: nothing is decided, and it is said what is missing."""
+    c = claim(records=[record(x, phi_max=0.5) for x in CELLS[1:]])
+    assert c["verdict"] == "UNTESTABLE" and c["map"] == [] and "cells missing: 1 of 12" in c["missing"]
+
+
+def test_a_suite_that_shrank_is_untestable():
+    """Cells taken out of the suite leave the map with fewer values than the claim asks for."""
+    small = [c for c in CELLS if options(c)["chart"] == "euler313"]
+    c = claim(cells=small)
+    assert c["verdict"] == "UNTESTABLE" and "1 of 2 values of chart" in c["missing"]
+
+
+def test_a_number_that_nowhere_exists_refutes_nothing():
+    c = claim(records=[record(x) for x in CELLS])
+    assert c["verdict"] == "UNTESTABLE" and "no run of the map has the number 'column'" in c["missing"]
+
+
+def test_some_needs_one_and_all_needs_all():
+    """An existence claim is supported by one run; the map still says where."""
+    found = [record(x, phi_max=0.5 if k == 0 else 1.5) for k, x in enumerate(CELLS)]
+    c = claim(TEST + 'quantifier = "some"\n', found)
+    assert c["verdict"] == "SUPPORTED" and "1 of 12" in c["because"]
+    assert claim(TEST + 'quantifier = "some"\n', [record(x, phi_max=1.5) for x in CELLS])["verdict"] == "REFUTED"
+
+
+@pytest.mark.parametrize(
+    ("need", "verdict"),
+    [
+        ('{ solver = "adams", why = "ADAMS is not here" }', "UNTESTABLE"),
+        ('{ solver = "ida_index1", why = "no IDA" }', "SUPPORTED"),
+        ('{ observable = "four_bar_grid.joint_A_y", why = "which joint is A" }', "UNTESTABLE"),
+        ('{ observable = "four_bar_grid.angle_1", why = "no angle" }', "SUPPORTED"),
+        ('{ given = "a table", why = "not printed" }', "UNTESTABLE"),
+    ],
+)
+def test_what_is_needed_is_looked_up(need, verdict):
+    """A solver or an observable that joins the catalogue makes its claim testable without a change to the claim."""
+    c = claim(TEST + f"needs = [{need}]\n")
+    assert c["verdict"] == verdict and (verdict == "SUPPORTED" or c["missing"])
+
+
+def test_across_a_dimension_values_are_taken_in_order():
+    """Errors that fall tenfold from the loosest to the tightest tolerance converge; reversed they do not."""
+    text = TEST.replace("at_most = 1.0", 'combine = "last over first", at_most = 0.1').replace(
+        "map =", 'across = "tolerance"\nmap ='
+    )
+    falls = claim(text, [record(x, phi_max=(x.control.rtol or 1.0) ** 0.5) for x in CELLS])
+    grows = claim(text, [record(x, phi_max=(x.control.rtol or 1.0) ** -0.5) for x in CELLS])
+    assert falls["verdict"] == "SUPPORTED" and len(falls["map"]) == 4 and "tolerance" not in falls["map"][0]
+    assert falls["measured"] == pytest.approx(1e-3**0.5, rel=1e-5) and grows["verdict"] == "REFUTED"
+
+
+def test_two_failures_across_a_dimension_compare_nothing():
+    """Both fail: a tighter tolerance neither helps nor not, whatever the band; one failure can be compared."""
+    stopped = {"t_reached_s": 3.0, "steps": 9, "status": "diverged"}
+    for how in ("last over first", "worst step"):
+        text = f'across = "tolerance"\ntests = [{{ metric = "loss", combine = "{how}", at_least = 1, unit = "" }}]\n'
+        text = 'map = "m"\n' + text
+
+        def made(ends, chart="euler313"):
+            return [
+                record(x, position_error_max_m=1.0, **(ends if options(x)["chart"] == chart else {})) for x in CELLS
+            ]
+
+        c = claim(text, made(stopped))
+        assert [row["holds"] for row in c["map"]].count(None) == 2 and "2 settings are left out: fewer than" in c[
+            "because"
+        ]
+        tight = [record(x, position_error_max_m=1.0, **(stopped if x.control.rtol == 1e-6 else {})) for x in CELLS]
+        assert claim(text, tight)["verdict"] == "SUPPORTED"
+
+
+def test_a_group_of_one_value_across_a_dimension_tests_nothing():
+    """One tolerance alone converges to nothing: its group is no setting."""
+    text = TEST.replace("at_most = 1.0", 'combine = "largest", at_most = 1.0').replace(
+        "map =", 'across = "tolerance"\nmap ='
+    )
+    few = [x for x in CELLS if options(x)["chart"] == "quaternion" or x.control.rtol in (None, 1e-3)]
+    assert len(claim(text, cells=few)["map"]) == 2
+    none = claim(text, cells=[x for x in CELLS if x.control.rtol in (None, 1e-3)])
+    assert none["verdict"] == "UNTESTABLE"
+
+
+def test_one_tolerance_that_meets_all_tests_suffices():
+    """In Euler angles 1e-4 meets both tests; with quaternions each is met, but by different tolerances."""
+    text = (
+        'map = "m"\nacross = "tolerance"\ntests = [\n'
+        '{ metric = "column", name = "phi_max", combine = "nearest", at_most = 1.0, unit = "m" },\n'
+        '{ metric = "column", name = "phi_dot_max", combine = "nearest", at_most = 1.0, unit = "m/s" }]\n'
+    )
+    good = {"euler313": {1e-4: (0.5, 0.5)}, "quaternion": {1e-3: (0.5, 1.5), 1e-6: (1.5, 0.5)}}
+
+    def both(x):
+        phi, phi_dot = good[options(x)["chart"]].get(x.control.rtol, (3.0, 3.0)) if x.control.rtol else (0.5, 0.5)
+        return record(x, phi_max=phi, phi_dot_max=phi_dot)
+
+    c = claim(text, [both(x) for x in CELLS])
+    assert c["verdict"] == "CONDITIONAL" and "Holds in 2 of 4 settings" in c["because"]
+    assert "One tolerance that meets it suffices: tolerance 0.0001 in 2" in c["because"]
+    assert "chart decides alone" in c["because"].lower()
+    (row,) = {(r["case"].split()[2], r["measured"]) for r in c["map"] if r["holds"]}
+    assert row == ("rtol=0.0001", 0.5)
+
+
+def test_against_others_the_worst_of_them_counts():
+    """Twice the |phi| of ODE-GC is at least once it; with ODE-GC's number tripled it is not."""
+    text = TEST.replace("at_most = 1.0", 'compare = "over largest", at_least = 1.0') + 'against = "gc"\n'
+
+    def made(gc):
+        return [record(x, phi_max=gc if x.solver == "gc_weak_form" else 1.0) for x in CELLS]
+
+    assert claim(text, made(0.5))["measured"] == 2.0 and claim(text, made(0.5))["verdict"] == "SUPPORTED"
+    assert claim(text, made(1.5))["verdict"] == "REFUTED"
+
+
+def test_several_tests_must_all_hold():
+    """A good |phi| does not make up for a bad |phi_dot|, nor the other way round."""
+    text = TEST.replace("}]", '}, { metric = "column", name = "phi_dot_max", at_most = 1.0, unit = "m/s" }]')
+    for phi, phi_dot, verdict in ((0.5, 0.5, "SUPPORTED"), (0.5, 1.5, "REFUTED"), (1.5, 0.5, "REFUTED")):
+        assert claim(text, [record(x, phi_max=phi, phi_dot_max=phi_dot) for x in CELLS])["verdict"] == verdict
+
+
+def test_pairs_share_the_dimensions_asked_for():
+    """Each chart against its own: 2 over 1 and 20 over 10. Against both charts' largest, 2 over 10 would not hold."""
+    split = """
+[maps.loose]
+over = [{ problem = "spherical_pendulum", solver = "ida_index1", max_step = 0.01, tolerance = 1e-3, chart = "any" }]
+[maps.tight]
+over = [{ problem = "spherical_pendulum", solver = "ida_index1", max_step = 0.01, tolerance = 1e-6, chart = "any" }]
+[[claims]]
+"""
+    text = (
+        'map = "loose"\nagainst = "tight"\npair_by = ["chart"]\n'
+        'tests = [{ metric = "column", name = "phi_max", compare = "over largest", at_least = 2.0, unit = "" }]\n'
+    )
+    size = {"euler313": 1.0, "quaternion": 10.0}
+    records = [record(x, phi_max=size[options(x)["chart"]] * (2.0 if x.control.rtol == 1e-3 else 1.0)) for x in CELLS]
+    registers = [parse_register(split + HEAD + t) for t in (text, text.replace('pair_by = ["chart"]\n', ""))]
+    verdicts = [judge(r, CELLS, records, lambda _: None)[0]["verdict"] for r in registers]
+    assert verdicts == ["SUPPORTED", "CONDITIONAL"]
+
+
+def test_numbers_are_read_off_series():
+    """Leaving the plane at 6 s is between 5 and 7 s; a tenth of a second later it is not."""
+    text = 'map = "m"\ntests = [{ metric = "leaves at", series = "out_of_plane", limit = 0.05, at_least = 5, at_most = 6.05, unit = "s" }]\n'  # noqa: E501
+    t = np.linspace(0.0, 10.0, 101)
+
+    def of(leaves):
+        return lambda r: series(t, out_of_plane=np.where(t < leaves - 0.01, 0.0, 0.1))
+
+    records = [record(x) for x in CELLS]
+    assert claim(text, records, of(6.0))["verdict"] == "SUPPORTED" and claim(text, records, of(6.0))["measured"] == 6.0
+    assert claim(text, records, of(6.1))["verdict"] == "REFUTED"
+
+
+def test_the_newer_of_two_codes_counts():
+    """The same settings run again: the verdict follows the later result."""
+    old = [record(x, phi_max=1.5, finished="2026-01-01") for x in CELLS]
+    new = [record(x, phi_max=0.5, finished="2026-01-02") for x in CELLS]
+    assert claim(records=[*new, *old])["verdict"] == "SUPPORTED" == claim(records=[*old, *new])["verdict"]
+
+
+def test_verdicts_do_not_depend_on_the_order_of_records():
+    """Shuffled records give the same bytes, whatever the number of processes that wrote them."""
+    cut = {"status": "memory", "t_reached_s": 3.0}
+    found = [record(x, phi_max=1.5 if k % 3 else 0.5, **({} if k % 4 else cut)) for k, x in enumerate(CELLS)]
+    texts = set()
+    for seed in range(5):
+        random.Random(seed).shuffle(found)
+        texts.add(as_text([claim(records=found)]))
+    assert len(texts) == 1
+
+
+def test_judgements_are_strict_json():
+    """Numbers that do not exist are null; a row of a map is a line."""
+    c = claim(records=[record(x, phi_max=float("inf") if k == 0 else 0.5) for k, x in enumerate(CELLS)])
+    text = as_text([c])
+    assert json.loads(text, parse_constant=pytest.fail)[0]["map"][0]["measured"] is None
+    assert sum('"holds"' in line for line in text.splitlines()) == 12

@@ -1,0 +1,101 @@
+"""Two result sets: what changed, which input may be why; a sample run again agrees bit for bit."""
+
+import dataclasses
+import json
+
+import pytest
+
+from mbsbench.harness.__main__ import main
+from mbsbench.harness.results import store
+from mbsbench.harness.results.comparison import Likeness, compare, is_repeatable
+from mbsbench.harness.results.provenance import differences, same_platform, why
+from mbsbench.harness.results.records import RunRecord
+
+from ..conftest import PLUGIN
+
+BASE = RunRecord(
+    cell="a", settings="a", case="p s dt=0.1", problem="p", solver="s", status="success", control="dt", steps=10,
+    energy_drift_max_J=1e-3, energy_scale_J=1.0, length_scale_m=1.0, phi_max=1e-5,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("change", "likeness"),
+    [({}, None), ({"wall_s": 3.0}, None), ({"energy_drift_max_J": 1e-3 * (1 + 1e-9)}, Likeness.ROUNDING),
+     ({"energy_drift_max_J": 1.01e-3}, Likeness.CHANGED), ({"steps": 11}, Likeness.CHANGED),
+     ({"status": "wrong"}, Likeness.CHANGED), ({"phi_max": float("nan")}, Likeness.CHANGED),
+     ({"phi_max": float("inf")}, Likeness.CHANGED)],
+)  # fmt: skip
+def test_differences_are_told_apart(change, likeness):
+    """Times are not compared; a last digit is rounding; one step, a status or a lost number is a change."""
+    found = compare([BASE], [dataclasses.replace(BASE, **change)])
+    assert {c.likeness for c in found.changes} == ({likeness} if likeness else set())
+    assert found.alike == (likeness is not Likeness.CHANGED) and found.same == (likeness is None)
+
+
+def test_cells_that_come_and_go_are_named():
+    """A lost cell is the largest change of all."""
+    found = compare([BASE], [dataclasses.replace(BASE, settings="b", case="new")])
+    assert found.only_before == (BASE.case,) and found.only_after == ("new",) and not found.alike
+
+
+def test_of_two_results_of_a_cell_the_newest_counts():
+    """A resumed folder holds those of older code too, in no order."""
+    old, new = (
+        dataclasses.replace(BASE, cell=x, finished=x, phi_max=y) for x, y in (("2026-01-01", 9.0), ("2026-01-02", 1.0))
+    )
+    for folder in ([old, new], [new, old]):
+        assert compare(folder, [new]).same and not compare(folder, [old]).same
+
+
+def test_limits_make_a_run_unrepeatable():
+    """Where the clock decides how far a run gets, two runs differ by right."""
+    assert is_repeatable(BASE) and not is_repeatable(dataclasses.replace(BASE, status="stalled"))
+
+
+def test_inputs_that_differ_are_named():
+    """A package, the machine, the code with the files that changed between two commits."""
+    stamp = {"code": "1", "python": "3.11.1", "packages": {"numpy": "2.1", "scipy": "1.15"}, "cpu": "x", "commit": "c"}
+    other = {**stamp, "code": "2", "packages": {"numpy": "2.2"}, "dirty": True}
+    words = why(differences(stamp, other))
+    assert "code" in words and "numpy 2.1 -> 2.2" in words and "scipy" in words and "uncommitted" in words
+    assert same_platform(stamp, {**stamp, "code": "2"}) and not same_platform(stamp, other)
+    assert "not deterministic" in why(differences(stamp, stamp))
+    assert "missing" in why(differences({}, stamp))
+    one, two = ({"internal_api": name, "num_threads": 1} for name in ("openblas", "openmp"))
+    there, back = {**stamp, "blas": [one, two]}, {**stamp, "blas": [two, one]}
+    assert same_platform(there, back) and not differences(there, back)  # the order of imports means nothing
+    assert not same_platform(there, {**stamp, "blas": [one]})
+
+
+SUITE = '[[cells]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "refuses", "raises"]\ndt = [0.25, 0.5]\n'
+WITH = ("--plugin", str(PLUGIN))
+
+
+def test_verify_and_diff(command, tmp_path, capsys, monkeypatch):
+    """The same code: every cell again bit for bit. A record that says otherwise: found, with its numbers."""
+    (tmp_path / "small.toml").write_text(SUITE)
+    assert command("run", "small.toml", *WITH, "--out", "a").returncode == 0
+    older = {"code": "older", "cell": "0" * 16, "finished": "2000", "series": ""}  # of a cell that is there anew
+    store.write_record(tmp_path / "a", dataclasses.replace(store.load(tmp_path / "a").records[0], **older))
+    good = command("verify", "a", *WITH, "--sample", "8")
+    assert good.returncode == 0 and "verified: 8 of 8" in good.stdout and "bit for bit" in good.stdout, good.stderr
+    assert command("verify", "a").returncode == 2  # without the plugin its cells cannot be run
+    folder, other = tmp_path / "a", tmp_path / "b"
+    store.create(other)
+    for record in store.load(folder).records:
+        told = dataclasses.replace(record, series="", energy_drift_max_J=record.energy_drift_max_J + 1e-3)
+        store.write_record(other, told)
+    stamp = json.loads((folder / "environment.json").read_text())
+    (other / "environment.json").write_text(json.dumps({**stamp, "cpu": "z"}))
+    monkeypatch.chdir(tmp_path)
+    assert main(["diff", "a", "b"]) == 1
+    changed = capsys.readouterr().out
+    assert "energy_drift_max_J" in changed and "processor" in changed
+    assert main(["diff", "a", "b", "--json"]) == 1
+    plain = json.loads(capsys.readouterr().out)
+    assert not plain["same"] and plain["compared"] == 8 and plain["inputs"][0]["after"] == "z"
+    assert main(["diff", "a", "a"]) == 0
+    capsys.readouterr()
+    assert main(["verify", "b", *WITH, "--sample", "3", "--json"]) == 1
+    assert not json.loads(capsys.readouterr().out)["same"]

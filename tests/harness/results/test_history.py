@@ -1,0 +1,138 @@
+"""History: the same cell over runs and commits, from folders and from small files."""
+
+import dataclasses
+import json
+import math
+
+import pytest
+
+from mbsbench.harness.__main__ import main
+from mbsbench.harness.results import store
+from mbsbench.harness.results.history import (
+    METRICS,
+    HistoryError,
+    Row,
+    as_plain,
+    history,
+    read_rows,
+    standing,
+    write_rows,
+)
+from mbsbench.harness.results.records import RunRecord
+
+
+def folder(place, name, commit, started, cpu="one", **cells: tuple[str, float, float]):
+    """A run folder whose cells have these (status, drift, CPU time)."""
+    run = store.create(place / name)
+    for n, (settings, (status, drift, seconds)) in enumerate(cells.items()):
+        store.write_record(
+            run,
+            RunRecord(
+                cell=f"{commit}{n}", settings=settings, case=f"p s[{settings}]", problem="p", solver="s", status=status,
+                commit=commit, energy_drift_max_J=drift, cpu_min_s=seconds,
+            ),
+        )  # fmt: skip
+    store.write_text(run / "environment.json", json.dumps({"started": started, "cpu": cpu}))
+    return run
+
+
+@pytest.fixture
+def three(tmp_path):
+    """Two runs on one machine, the later one slower and worse, and one on another machine in between."""
+    return [
+        folder(tmp_path, "c-3", "ccc", "2026-03-01", a=("success", 4e-3, 2.0), b=("wrong", 9.0, 1.0)),
+        folder(tmp_path, "a-1", "aaa", "2026-01-01", a=("success", 1e-3, 0.5), b=("success", 1.0, 1.0)),
+        folder(tmp_path, "b-2", "bbb+dirty", "2026-02-01", cpu="two", a=("success", 1e-3, 7.0)),
+    ]
+
+
+def test_rows_are_in_order_of_time_with_ratios_on_the_same_processor(three):
+    """4 times the CPU time of the first run; another processor starts its own line; a wrong run has no ratio."""
+    rows = history(three)
+    assert [(r.commit, r.settings) for r in rows] == [
+        ("aaa", "a"), ("aaa", "b"), ("bbb+dirty", "a"), ("ccc", "a"), ("ccc", "b"),
+    ]  # fmt: skip
+    ratios = [r.cpu_ratio for r in rows]
+    assert ratios[:4] == [1.0, 1.0, 1.0, 4.0] and math.isnan(ratios[4])
+    assert [r.energy_drift_max_J for r in rows if r.settings == "a"] == [1e-3, 1e-3, 4e-3]
+
+
+def test_of_two_results_of_a_cell_the_newest_is_the_row(tmp_path):
+    """A folder gone on with at newer code holds both."""
+    run = folder(tmp_path, "run", "b", "2026-01-01", a=("success", 1e-3, 1.0))
+    (record,) = store.load(run).records
+    for cell, finished, status in (("a", "2026-01-02", "wrong"), ("c", "2026-01-01", "crashed")):
+        store.write_record(run, dataclasses.replace(record, cell=cell, finished=finished, status=status))
+    assert [r.status for r in history([run])] == ["wrong"]
+
+
+def test_files_of_rows_add_what_folders_no_longer_hold(three, tmp_path):
+    """Written, read, and mixed with folders: each cell of a run once, ratios made anew."""
+    file = tmp_path / "kept" / "old.jsonl"
+    write_rows(file, history(three[1:]))
+    assert history(three, [file]) == history(three) or [as_plain(r) for r in history(three, [file])] == [
+        as_plain(r) for r in history(three)
+    ]
+    assert [r.cpu_ratio for r in history(three[:1], [file])][3] == 4.0
+    assert all("cpu_ratio" not in line for line in file.read_text().splitlines())
+
+
+@pytest.mark.parametrize("line", ["{", "[]", "3", "{}", '{"commit": 1}', "null"])
+def test_other_files_are_told_in_a_line(tmp_path, line):
+    """With the line's number."""
+    (tmp_path / "x.jsonl").write_text(f"\n{line}\n")
+    with pytest.raises(HistoryError, match=r"x\.jsonl:2 is not a row"):
+        read_rows(tmp_path / "x.jsonl")
+
+
+def test_wrong_types_are_told(tmp_path):
+    """A number that is text, text that is a number."""
+    good = as_plain(Row(*["x"] * 10))
+    for bad in ({"phi_max": 10**400}, {"phi_max": "1"}, {"steps": True}, {"case": 3}, {"gate": None}):
+        (tmp_path / "x.jsonl").write_text(json.dumps({**good, **bad}))
+        with pytest.raises(HistoryError):
+            read_rows(tmp_path / "x.jsonl")
+
+
+def test_what_stands_is_found(three, tmp_path):
+    """Run folders but no links, committed files and the gate's."""
+    (tmp_path / "latest").symlink_to(three[0].name)
+    write_rows(tmp_path / "history" / "gate.jsonl", history(three[:1]))
+    write_rows(tmp_path / "committed" / "old.jsonl", history(three[1:2]))
+    folders, files = standing(tmp_path, tmp_path / "committed")
+    assert [f.name for f in folders] == ["a-1", "b-2", "c-3"] and [f.name for f in files] == ["old.jsonl", "gate.jsonl"]
+
+
+def test_the_command_prints_a_line_a_cell(three, capsys, monkeypatch):
+    """First, last, a sparkline; JSON for machines; a wrong metric is told."""
+    monkeypatch.setenv("COLUMNS", "80")
+    names = [str(f) for f in three]
+    assert main(["history", *names]) == 0
+    out = capsys.readouterr().out
+    assert all(len(line) <= 80 for line in out.splitlines())
+    line = next(x for x in out.splitlines() if x.startswith("p s[a]"))
+    assert "0.001" in line and "0.004" in line and "█" in line and "2 cells in 3 runs" in out
+    assert main(["history", *names, "--json"]) == 0
+    rows = [json.loads(x) for x in capsys.readouterr().out.splitlines()]
+    assert len(rows) == 5 and {*METRICS} < {*rows[0]} and rows[-1]["cpu_ratio"] is None
+    assert main(["history", *names, "--metric", "phi_mx"]) == 2
+    assert "did you mean 'phi_max'" in capsys.readouterr().err
+
+
+def test_the_command_goes_on_without_damaged_files(three, tmp_path, capsys, monkeypatch):
+    """They are named on standard error, with exit code 1; named by the caller they are a wrong call."""
+    monkeypatch.chdir(tmp_path)
+    bad = tmp_path / "results" / "history" / "bad.jsonl"
+    bad.parent.mkdir(parents=True)
+    bad.write_text("x")
+    assert main(["history"]) == 1
+    assert "bad.jsonl:1 is not a row" in capsys.readouterr().err
+    assert main(["history", str(bad)]) == 2
+
+
+def test_a_row_is_all_that_pages_need():
+    """Documented in docs/results-format.md."""
+    from mbsbench.harness.results.environment import ROOT
+
+    text = (ROOT / "docs" / "results-format.md").read_text()
+    assert all(f"`{f.name}`" in text for f in dataclasses.fields(Row))

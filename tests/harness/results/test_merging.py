@@ -1,0 +1,59 @@
+"""Shards are disjoint and whole; merged they are the run that one machine would have made."""
+
+import dataclasses
+
+import pytest
+
+from mbsbench.harness.execution.pool import LocalPool
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.results import store
+from mbsbench.harness.results.merging import merge
+from mbsbench.harness.suites.suite import parse_suite
+
+from ..conftest import PLUGIN, Silent
+
+TEXT = '[[cells]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "raises"]\ndt = [0.1, 0.25, 0.5]'
+TIMED = ["cpu_min_s", "cpu_median_s", "cpu_max_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB", "finished"]
+
+
+def run(folder, shard=(1, 1)):
+    suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
+    return run_suite(Request(suite, folder, 2, shard=shard), Silent(), LocalPool)
+
+
+def numbers(folder):
+    return store.table(store.load(folder).records).drop(columns=TIMED)
+
+
+def test_merged_shards_are_the_whole_run(tmp_path):
+    """Same rows, same numbers, same files; the sources stay; merging again adds nothing."""
+    shards = [tmp_path / str(k) for k in (1, 2)]
+    sizes = [len(run(folder, (k, 2)).records) for k, folder in enumerate(shards, 1)]
+    assert sizes == [5, 4]
+    run(tmp_path / "whole")
+    before = {p: p.read_bytes() for s in shards for p in s.rglob("*.json")}
+    done = merge(tmp_path / "merged", shards)
+    assert done.added == 9 and not done.conflicts and len(done.codes) == 1
+    assert numbers(tmp_path / "merged").equals(numbers(tmp_path / "whole"))
+    assert all(p.read_bytes() == content for p, content in before.items())
+    assert merge(tmp_path / "merged", shards).added == 0
+    assert (tmp_path / "merged" / "environment.json").exists() and (tmp_path / "merged" / "environment.2.json").exists()
+
+
+def test_contradictions_and_damage_are_told(tmp_path):
+    """Two folders with other numbers for one cell: the first is kept; a damaged record is not copied."""
+    run(tmp_path / "a")
+    first, *others = store.load(tmp_path / "a").records
+    other = store.create(tmp_path / "b")
+    store.write_record(other, dataclasses.replace(first, series="", phi_max=9.0))
+    (other / "cells" / f"{others[0].cell}.json").write_text("{")
+    done = merge(tmp_path / "out", [tmp_path / "a", other])
+    assert len(done.conflicts) == 1 and first.case in done.conflicts[0] and len(done.unreadable) == 1
+    assert len(done.records) == 9 and [r.phi_max for r in done.records if r.cell == first.cell] == [first.phi_max]
+
+
+def test_a_folder_is_not_merged_into_itself(tmp_path):
+    """It would be read and written at once."""
+    run(tmp_path / "a")
+    with pytest.raises(store.StoreError, match="one of the folders"):
+        merge(tmp_path / "a", [tmp_path / "a"])

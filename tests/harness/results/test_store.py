@@ -1,0 +1,160 @@
+"""What is stored comes back; what is damaged is reported and set aside, never read as good, never deleted."""
+
+from pathlib import Path
+import dataclasses
+import json
+import os
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mbsbench.harness.results import environment, records, store
+from mbsbench.harness.results.records import COLUMNS, BadRecord, RunRecord, from_json, to_json
+from mbsbench.harness.results.series import BadSeries, Series, read_series, write_series
+from mbsbench.harness.types import Status
+
+RECORD = RunRecord(
+    cell="abc", case="p s dt=0.1", status="diverged", phi_max=float("inf"), steps=3, message='a "b"\n\0 é'
+)
+
+
+def series(n: int = 5) -> Series:
+    t = np.linspace(0.0, 1.0, n)
+    return Series(
+        {"t": t, "obs_theta": t**2}, ({"t": 0.5, "what": "passage"},), ("bar",), ("O",), {"obs_theta": "rad"}, {}
+    )
+
+
+def stored(folder, record=RECORD) -> RunRecord:
+    store.create(folder)
+    digest = write_series(folder / "series" / f"{record.cell}.npz", series())
+    record = dataclasses.replace(record, series=f"series/{record.cell}.npz", series_sha256=digest)
+    store.write_record(folder, record)
+    return record
+
+
+def same(a: RunRecord, b: RunRecord) -> bool:
+    return to_json(a) == to_json(b)  # NaN is equal to itself in text
+
+
+def test_record_and_series_come_back(tmp_path):
+    """Infinities, NaN, quotes and control characters included; arrays bit for bit."""
+    record = stored(tmp_path)
+    loaded = store.load(tmp_path)
+    assert len(loaded.records) == 1 and not loaded.unreadable
+    assert same(loaded.records[0], record)
+    back = store.series_of(tmp_path, record)
+    assert np.array_equal(back["t"], series()["t"]) and back.events == ({"t": 0.5, "what": "passage"},)
+    assert list(back.named("obs_")) == ["theta"]
+
+
+def test_table_reads_as_it_was(tmp_path):
+    """Numbers stay numbers for pandas, NaN stays NaN, an empty run still has all columns."""
+    store.create(tmp_path)
+    frame = pd.read_parquet(store.write_table(tmp_path, [RECORD]))
+    assert list(frame.columns) == [c.name for c in COLUMNS]
+    assert frame.phi_max[0] == np.inf and np.isnan(frame.dt_s[0]) and frame.steps.dtype == np.int64
+    assert frame.message[0] == RECORD.message
+    empty = pd.read_parquet(store.write_table(tmp_path, []))
+    assert list(empty.columns) == list(frame.columns) and empty.phi_max.dtype == np.float64
+
+
+@pytest.mark.parametrize("part", ["cells/abc.json", "series/abc.npz"])
+@pytest.mark.parametrize("damage", ["truncate", "empty", "garbage", "flip"])
+def test_damaged_files_are_set_aside(tmp_path, part, damage):
+    """Cut at half, emptied, replaced or with one byte changed: not good, and still there afterwards."""
+    stored(tmp_path)
+    path = tmp_path / part
+    content = path.read_bytes()
+    middle = len(content) // 2
+    new = {"truncate": content[:middle], "empty": b"", "garbage": os.urandom(200)}
+    new["flip"] = content[:middle] + bytes([content[middle] ^ 1]) + content[middle + 1 :]
+    path.write_bytes(new[damage])
+    loaded = store.load(tmp_path)
+    assert not loaded.records and loaded.unreadable
+    assert path.exists()  # reading changes nothing
+    store.set_aside(tmp_path, loaded.unreadable)
+    aside = tmp_path / "set_aside" / path.name
+    assert aside.read_bytes() == new[damage] and aside.with_name(aside.name + ".why").read_text()
+    assert not store.load(tmp_path).unreadable
+
+
+def test_foreign_records_are_refused(tmp_path):
+    """Another schema, another cell's record, JSON of something else, a pickle."""
+    stored(tmp_path)
+    good = tmp_path / "cells" / "abc.json"
+    (tmp_path / "cells" / "other.json").write_bytes(good.read_bytes())
+    (tmp_path / "cells" / "list.json").write_text("[1, 2]")
+    (tmp_path / "cells" / "binary.json").write_bytes(b"\x80\x04N.")
+    loaded = store.load(tmp_path)
+    assert len(loaded.records) == 1
+    assert {u.path.name for u in loaded.unreadable} == {"other.json", "list.json", "binary.json"}
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [({"schema": 99}, "schema"), ({"phi_max": "big"}, "phi_max"), ({"steps": 1.5}, "steps"), ({"steps": None}, "steps"),
+     ({"status": 3}, "status"), ({"counters": "[]"}, "counters"), ({"notes": "x"}, "notes")],
+)  # fmt: skip
+def test_wrong_types_are_refused(change, words):
+    """Everything read from disk is checked before it is believed."""
+    with pytest.raises(BadRecord, match=words):
+        from_json(json.dumps({**json.loads(to_json(RECORD)), **change}))
+
+
+def test_series_never_unpickles(tmp_path):
+    """A pickled array in a result file could run code."""
+    np.savez(tmp_path / "x.npz", t=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(BadSeries):
+        read_series(tmp_path / "x.npz")
+
+
+def test_one_runner_at_a_time(tmp_path):
+    """Two runners on one folder would both run every cell."""
+    store.create(tmp_path)
+    with store.lock(tmp_path), pytest.raises(store.StoreError, match="another runner"):
+        store.lock(tmp_path)
+    store.lock(tmp_path).close()
+
+
+def test_latest_follows_and_leaves_strangers_alone(tmp_path):
+    """``latest`` is a link of ours; a real folder of that name is somebody's own."""
+    for name in ("a", "b"):
+        store.point_latest(store.create(tmp_path / name))
+        assert (tmp_path / "latest").resolve().name == name
+    (tmp_path / "latest").unlink()
+    (tmp_path / "latest").mkdir()
+    store.point_latest(tmp_path / "a")
+    assert not (tmp_path / "latest").is_symlink()
+
+
+def test_unwritable_folder_is_said_in_a_line():
+    """Before anything runs."""
+    with pytest.raises(store.StoreError, match="cannot write"):
+        store.create(environment.ROOT / "Makefile" / "run")
+
+
+def test_format_page_names_every_status():
+    """docs/results-format.md is the contract of those who read results."""
+    text = (environment.ROOT / "docs" / "results-format.md").read_text()
+    for status in Status:
+        assert f"`{status}`" in text
+    assert records.SCHEMA == 1  # a new schema needs a new page
+
+
+def test_digest_covers_all_that_a_cell_runs():
+    """A module that a worker loads and the digest leaves out could change numbers unseen."""
+    import subprocess
+    import sys
+
+    code = "import sys, mbsbench.harness.execution.supervisor as s; print(*[m.__file__ for n, m in sys.modules.items() if n.startswith('mbsbench.')])"  # noqa: E501
+    done = subprocess.run(
+        (sys.executable, "-c", code), cwd=environment.ROOT, capture_output=True, text=True, check=True
+    )
+    loaded = {p for f in done.stdout.split() if (p := Path(f).relative_to(environment.ROOT)).name != "__init__.py"}
+    arranging = {"store.py", "environment.py"}  # where results go and where they come from, not what they are
+    shaping = [environment.ROOT / s for s in environment.SHAPING]
+    left_out = {p.name for p in loaded if not any((environment.ROOT / p).is_relative_to(s) for s in shaping)}
+    assert left_out == arranging
+    assert all(s.exists() for s in shaping)

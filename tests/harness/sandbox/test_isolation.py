@@ -1,0 +1,204 @@
+"""A solver that misbehaves costs its own cell only."""
+
+import os
+import signal
+import time
+from types import SimpleNamespace
+
+import numpy as np
+import psutil
+import pytest
+
+from mbsbench.harness.results import store
+from mbsbench.harness.sandbox.isolation import fork
+from mbsbench.harness.types import Status
+
+LIMIT = 1.0  # [s]
+
+BAD = [
+    "raises",
+    "exits",
+    "segfaults",
+    "spins",
+    "not_numbers",
+    "stops_early",
+    "gives_up",
+    "returns_nonsense",
+    "chatters",
+    "refuses",
+]
+SUITE = f"""
+[[cells]]
+problem = "free_fall"
+solver = {[*BAD, "exact"]}
+wall_limit = {LIMIT}
+[[cells]]
+problem = "free_fall"
+solver = "eats_memory"
+wall_limit = 20.0
+memory = 300.0
+[[cells]]
+problem = "free_fall"
+solver = "hangs_later"
+options = {{ end = ["loop", "segfault", "raise"] }}
+wall_limit = {LIMIT}
+"""
+EXPECTED = {
+    "raises": (Status.CRASHED, "RuntimeError: a bug of mine"),
+    "exits": (Status.CRASHED, "code 0"),
+    "segfaults": (Status.CRASHED, "SIGSEGV"),
+    "spins": (Status.STALLED, "wall limit"),
+    "not_numbers": (Status.WRONG, "not finite"),
+    "stops_early": (Status.WRONG, "last step"),
+    "gives_up": (Status.STEP_UNDERFLOW, "too small"),
+    "returns_nonsense": (Status.CRASHED, "must return a Trajectory"),
+    "chatters": (Status.CRASHED, "code 70"),
+    "refuses": (Status.REFUSED, "on principle"),
+    "eats_memory": (Status.MEMORY, ""),
+    "exact": (Status.SUCCESS, ""),
+}
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory):
+    """All kinds in one run, shared by the tests below."""
+    from mbsbench.harness.execution.pool import LocalPool
+    from mbsbench.harness.execution.runner import Request, run_suite
+    from mbsbench.harness.suites.suite import parse_suite
+
+    from ..conftest import PLUGIN, Silent
+
+    folder = tmp_path_factory.mktemp("bad") / "run"
+    suite = parse_suite(SUITE, "bad", "bad", plugins=(str(PLUGIN),))
+    return folder, run_suite(Request(suite, folder, 2), Silent(), LocalPool)
+
+
+@pytest.mark.parametrize("solver", EXPECTED)
+def test_each_ends_as_its_own_row(outcome, solver):
+    """Failures are results: a row each, with status and reason, within the limit and 5 s."""
+    _, loaded = outcome
+    (record,) = [r for r in loaded.records if r.solver == solver]
+    status, words = EXPECTED[solver]
+    assert record.status == status, record
+    assert words in record.message + record.wrong_because
+    assert record.wall_s < record.wall_limit_s + 5.0
+    assert "\n" not in record.message
+
+
+def test_nothing_of_a_killed_cell_goes_on(outcome):
+    """The group is killed, so a child that a solver started dies with it."""
+    ours = [
+        p
+        for p in psutil.process_iter(["cmdline"])
+        if "mbsbench.harness.execution.supervisor" in (p.info["cmdline"] or [])
+    ]
+    assert not [p for p in ours if p.parent() is None or p.parent().pid in (1, os.getpid())]
+
+
+def test_native_words_are_kept(outcome):
+    """What a solver writes to descriptor 2 before it dies is all there may be to find out why."""
+    folder, loaded = outcome
+    (record,) = [r for r in loaded.records if r.solver == "segfaults"]
+    assert "native words" in (folder / record.stderr).read_text()
+
+
+def test_long_output_keeps_both_ends(outcome):
+    """A megabyte of chatter becomes a file one can open."""
+    folder, loaded = outcome
+    (record,) = [r for r in loaded.records if r.solver == "chatters"]
+    text = (folder / record.stderr).read_text()
+    assert len(text) < 200_000 and "left out" in text and "SystemExit: 3" in text
+
+
+def test_partial_motion_is_kept(outcome):
+    """An honest failure hands back its steps, and they are measured like any other."""
+    folder, loaded = outcome
+    (record,) = [r for r in loaded.records if r.solver == "gives_up"]
+    series = store.series_of(folder, record)
+    assert series is not None and series["t"][-1] == record.t_reached_s == 1.0
+    assert record.position_error_max_m < 1e-14
+
+
+@pytest.mark.parametrize(
+    ("end", "status", "words"),
+    [("", Status.STALLED, "wall limit"), ("[end=segfault]", Status.CRASHED, "SIGSEGV"),
+     ("[end=raise]", Status.CRASHED, "after half")],
+)  # fmt: skip
+def test_steps_of_a_killed_cell_are_kept(outcome, end, status, words):
+    """A native loop that holds the interpreter, a segfault, an exception: what was handed over is measured."""
+    folder, loaded = outcome
+    (record,) = [r for r in loaded.records if r.case == f"free_fall hangs_later{end} dt=0.5"]
+    assert record.status == status and words in record.message and record.claimed == ""
+    series = store.series_of(folder, record)
+    assert series is not None and list(series["t"]) == [0.0, 0.5, 1.0] and record.t_reached_s == 1.0
+    assert record.position_error_max_m < 1e-14 and record.wall_s < record.wall_limit_s + 5.0
+    assert not list((folder / ".spool").glob("*.rows"))
+
+
+def test_our_solvers_hand_their_steps_over(tmp_path, monkeypatch):
+    """Both routes: what is on disk when the run ends is a beginning of what is handed back."""
+    from mbsbench.harness.catalogue import registry
+    from mbsbench.harness.sandbox import spool as spooling
+    from mbsbench.harness.sandbox.spool import FileSpool, kept
+    from mbsbench.harness.types import StepControl
+
+    monkeypatch.setattr(spooling, "EVERY", 0.0)  # no clock: a busy machine hands over more seldom
+    monkeypatch.setattr(spooling, "SHARE", float("inf"))
+    problem = registry.make_problem("spherical_pendulum", {"t_end": 1.0, "omega_z": 0.1})
+    for name, step in (("gc_weak_form", {"dt": 1e-3}), ("rk45_strong_form", {"rtol": 1e-10})):
+        spool = FileSpool(tmp_path / name)
+        done = registry.make_solver(name).solve(problem, StepControl(**step, spool=spool))
+        left = kept(spool.path, problem, Status.CRASHED, "x")
+        assert left is not None and len(left.t) > 0.5 * len(done.t)
+        assert np.array_equal(left.t, done.t[: len(left.t)]) and np.array_equal(
+            left.states.v, done.states.v[: len(left.t)]
+        )
+
+
+def test_fork_needs_a_single_thread():
+    """A fork of a process with threads may copy a lock that nobody will release."""
+    import threading
+
+    stop = threading.Event()
+    thread = threading.Thread(target=stop.wait)
+    thread.start()
+    try:
+        with pytest.raises(RuntimeError, match="single thread"):
+            fork(lambda tell: None, None, 1.0, 1.0)  # type: ignore[arg-type]
+    finally:
+        stop.set()
+        thread.join()
+
+
+def test_cpu_time_is_limited_too(tmp_path):
+    """By rlimit: a process that works past it gets SIGXCPU, whoever else has died; its cell is stalled, in words."""
+    from mbsbench.harness.execution.supervisor import Running, explain
+
+    def work(tell):
+        while True:
+            pass
+
+    began = time.monotonic()
+    child = fork(work, tmp_path / "stderr", 500.0, 0.0)  # [s], rounded up to the next whole one
+    os.close(child.phase)
+    code = os.waitstatus_to_exitcode(os.waitpid(child.pid, 0)[1])
+    assert code == -signal.SIGXCPU and time.monotonic() - began > 0.9
+    job = SimpleNamespace(cell=SimpleNamespace(wall_limit=1.0, memory=500.0))
+    status, words = explain(Running(job, child, began, began), code, 100.0)  # type: ignore[arg-type]
+    assert status is Status.STALLED and "CPU" in words
+
+
+def test_a_cell_ends_with_its_parent(tmp_path):
+    """Even by SIGKILL, which no ``finally`` sees: nobody is left who could end it at its limits."""
+    middle = os.fork()
+    if not middle:
+        try:
+            child = fork(lambda tell: time.sleep(600.0), tmp_path / "stderr", 500.0, 60.0)
+            (tmp_path / "pid").write_text(str(child.pid))
+        finally:
+            os.kill(os.getpid(), signal.SIGKILL)
+    os.waitpid(middle, 0)
+    pid, until = int((tmp_path / "pid").read_text()), time.monotonic() + 10.0
+    while psutil.pid_exists(pid) and psutil.Process(pid).status() != "zombie" and time.monotonic() < until:
+        time.sleep(0.02)
+    assert not psutil.pid_exists(pid) or psutil.Process(pid).status() == "zombie"

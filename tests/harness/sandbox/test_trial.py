@@ -1,0 +1,81 @@
+"""Foreign code that hangs, crashes or leaves is told in a line, before it can do so in the command's own process."""
+
+import errno
+
+import pytest
+
+from mbsbench.harness.__main__ import main
+from mbsbench.harness.sandbox import trial
+
+from ..conftest import PLUGIN
+
+PROBLEM = """
+import os, sys, time
+from mbsbench import problem
+@problem("foreign")
+def foreign():
+    {}
+"""
+SUITE = """
+[[cells]]
+problem = "foreign"
+solver = "gc_weak_form"
+"""
+LOADED = {
+    "import os; os._exit(0)": "exit code 0 instead of coming back",
+    "import os; os.kill(os.getpid(), 11)": "by SIGSEGV",
+    "while True: pass": "did not come back within",
+    "import sys; sys.exit()": "SystemExit",
+    "x = [0] * 10**10": "MemoryError",
+    "raise KeyboardInterrupt": "KeyboardInterrupt",
+}
+MADE = {
+    "return 1 / 0": "ZeroDivisionError: division by zero",
+    "return None": "AttributeError",
+    "os._exit(0)": "exit code 0 instead of coming back",
+    "sys.exit(0)": "SystemExit",
+    "time.sleep(600)": "did not come back within",
+}
+
+
+def refused(capsys, words, *line):
+    assert main(list(line)) == 2
+    out, err = capsys.readouterr()
+    assert words in err and err.count("\n") == 1 and not out
+
+
+@pytest.mark.parametrize("text", LOADED)
+def test_a_file_that_does_not_come_back_is_no_plugin(text, tmp_path, capsys, monkeypatch):
+    """Above all, one that ends the process in good order: nothing was checked, so nothing is good."""
+    monkeypatch.setattr(trial, "LIMIT", 0.5 if "while" in text else trial.LIMIT)
+    path = tmp_path / "foreign.py"
+    path.write_text(text)
+    refused(capsys, LOADED[text], "check", str(path))
+    refused(capsys, LOADED[text], "gate", "--plugin", str(path))
+
+
+@pytest.mark.parametrize("text", MADE)
+def test_a_problem_that_cannot_be_made_is_told(text, tmp_path, capsys, monkeypatch):
+    """By run and solve alike, without a traceback."""
+    monkeypatch.setattr(trial, "LIMIT", 0.5 if "sleep" in text else trial.LIMIT)
+    (tmp_path / "foreign.py").write_text(PROBLEM.format(text))
+    (tmp_path / "s.toml").write_text('plugins = ["foreign.py"]' + SUITE)
+    refused(capsys, MADE[text], "run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run"))
+    given = ("--plugin", str(tmp_path / "foreign.py"), "--out", str(tmp_path / "x.npz"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("mbsbench.harness.catalogue.registry._plugin_files", set())
+        patch.setattr("mbsbench.harness.catalogue.registry._plugin_problems", {})
+        refused(capsys, MADE[text], "solve", "foreign", "gc_weak_form", *given)
+    assert not (tmp_path / "run").exists() and not (tmp_path / "x.npz").exists()
+
+
+def test_a_full_disk_is_no_crash_of_the_solver(tmp_path, capsys, monkeypatch):
+    """``solve`` says so in a line, and leaves nothing."""
+
+    def full(out, arrays):
+        raise OSError(errno.ENOSPC, "No space left on device", str(out))
+
+    monkeypatch.setattr("mbsbench.harness.execution.single.write_npz", full)
+    line = ("solve", "free_fall", "exact", "--plugin", str(PLUGIN), "--out", str(tmp_path / "x.npz"))
+    refused(capsys, "no space left", *line)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,188 @@
+"""Suites expand into cells, and every wrong one is told in one line with its place."""
+
+import pytest
+
+from mbsbench.harness.suites.suite import SuiteError, load_suite, parse_suite, suite_names
+
+from ..conftest import PLUGIN
+
+GROUP = '[[cells]]\nproblem = "free_fall"\nsolver = "exact"\n'
+
+
+def cells(text: str):
+    return parse_suite(text, "test", "test.toml").cells
+
+
+def test_lists_are_products():
+    """Two problems' parameters x two solvers x three steps."""
+    made = cells(
+        '[[cells]]\nproblem = "free_fall"\nparameters = {mass = [1, 2.0]}\n'
+        'solver = ["exact", "raises"]\ndt = [0.1, 0.2, 1]'
+    )
+    assert len(made) == 12 and len({c.settings for c in made}) == len({c.case for c in made}) == 12
+
+
+def test_defaults_are_the_same_cell():
+    """Said or left out, text or number: what is run is the same, so its address is."""
+    (plain,) = cells(GROUP)
+    (said,) = cells(GROUP + 'parameters = {mass = "2"}\noptions = {lift = 0}\ndt = "5e-1"')
+    assert plain.settings == said.settings and plain.address("code") == said.address("code")
+    assert plain.address("code") != plain.address("other code")
+    (limited,) = cells(GROUP + "wall_limit = 7")
+    assert limited.settings == plain.settings and limited.address("code") != plain.address("code")
+
+
+def test_a_tuple_parameter_takes_a_flat_list():
+    """(1, 2, 3) is one value of omega; a list of such lists is a product."""
+    text = '[[cells]]\nproblem = "torque_free_body"\nsolver = "exact"\nparameters = { omega = %s }'
+    assert len(cells(text % "[1, 2, 4]")) == 1
+    assert len(cells(text % "[[1, 2, 4], [0, 0, 1]]")) == 2
+
+
+def test_cells_survive_their_trip_to_the_worker(tmp_path):
+    """What the worker gets is what was checked: same address."""
+    from mbsbench.harness.execution.job import Job
+
+    for cell in cells(
+        '[[cells]]\nproblem = "torque_free_body"\nsolver = "exact"\nparameters = { omega = [1, 2, 4], yaw = 0.7 }'
+    ):
+        job = Job(cell, tmp_path, "s", "code", "commit", ("p",))
+        assert Job.from_json(job.to_json()).id == job.id
+
+
+def written(folder, **files: str):
+    """Suite files in a folder; the last one is loaded."""
+    for name, text in files.items():
+        (folder / f"{name}.toml").write_text(text)
+    return lambda: load_suite(str(folder / f"{list(files)[-1]}.toml"))
+
+
+def test_included_cells_come_first_and_once(tmp_path):
+    """Through two ways to one cell, its first label and limits are kept; defaults stay in their own file."""
+    base = 'label = "base"\nwall_limit = 7'
+    load = written(
+        tmp_path,
+        base=f'plugins = ["{PLUGIN}"]\ntotal_limit = 9\n{GROUP}dt = [0.5, 0.25]\n{base}',
+        left=f'include = ["base"]\n[defaults]\nlabel = "left"\n{GROUP}dt = [0.5, 0.1]',
+        right='include = ["base"]',
+        top=f'include = ["left", "right", "./base.toml"]\n{GROUP}dt = [0.1, 0.05, 0.25]',
+    )
+    suite = load()
+    assert [(c.control.dt, c.label, c.wall_limit) for c in suite.cells] == [
+        (0.5, "base", 7), (0.25, "base", 7), (0.1, "left", 60.0), (0.05, "", 60.0),
+    ]  # fmt: skip
+    assert suite.plugins == (str(PLUGIN),) and [n for n, _ in suite.included] == ["base", "left", "right"]
+    assert suite.total_limit is None  # a limit is on the run that was asked for
+
+
+def test_shipped_suites_can_be_included(tmp_path):
+    """A name that is not beside the file is one of ours; the file beside it goes first."""
+    ci = load_suite("ci")
+    suite = written(tmp_path, mine='include = ["ci"]\ntotal_limit = 60')()
+    assert suite.cells == ci.cells and suite.total_limit == 60
+    assert len(written(tmp_path, ci=GROUP, mine='include = ["ci"]')().cells) == 1
+
+
+def test_a_run_folder_holds_a_suite_that_includes(tmp_path):
+    """The copies, run again, are the same cells."""
+    from mbsbench.harness.execution.runner import Request, run_suite
+
+    from ..conftest import Silent
+
+    suite = written(tmp_path, base=GROUP, top=f'include = ["base"]\nplugins = ["{PLUGIN}"]')()
+    run_suite(Request(suite, tmp_path / "run", 1), Silent())
+    assert load_suite(str(tmp_path / "run" / "suite.toml")).cells == suite.cells
+
+
+INCLUDES = {
+    'include = "base"': "must be a list",
+    "include = [1]": "must be a list",
+    'include = [""]': "must be a list",
+    'include = ["bse"]': "did you mean 'base'",
+    'include = ["top"]': "top includes top",
+    'include = ["round"]': "top includes round includes top",
+    'include = ["broken"]': "broken.toml: cells group 1: unknown problem",
+    'include = ["nowhere.toml"]': "cannot read suite",
+    'include = ["other/base.toml", "base"]': "the same name",
+    'include = ["suite"]': "the same name",
+    "include = []": "at least one",
+    'include = ["base"]\ncells = 3': "at least one",
+    "total_limit = 0\n" + GROUP: "total_limit",
+    "total_limit = true\n" + GROUP: "total_limit",
+    'total_limit = "1 h"\n' + GROUP: "total_limit",
+}
+
+
+@pytest.mark.parametrize("text", INCLUDES, ids=range(len(INCLUDES)))
+def test_wrong_includes_are_told_in_a_line(text, tmp_path):
+    """Unknown, circular, ambiguous, or wrong themselves."""
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "base.toml").write_text(GROUP)
+    load = written(
+        tmp_path, base=GROUP, round='include = ["top"]', broken=GROUP.replace("free", "fre"), suite=GROUP, top=text
+    )
+    with pytest.raises(SuiteError) as error:
+        load()
+    assert INCLUDES[text] in str(error.value) and "\n" not in str(error.value)
+
+
+BAD = {
+    "": "at least one",
+    "cells = 3": "at least one",
+    "[[cells]]\n": "problem must be",
+    "x = [": "test.toml",
+    "sweets = 1\n" + GROUP: "unknown key 'sweets'",
+    GROUP.replace("free_fall", "free_fal"): "did you mean 'free_fall'",
+    GROUP.replace("exact", "exakt"): "did you mean 'exact'",
+    GROUP + "problm = 1": "did you mean 'problem'",
+    GROUP + "options = {lfit = 1}": "did you mean 'lift'",
+    GROUP + "options = 3": "expected a table",
+    GROUP + "parameters = {mass = -1}": "mass must be > 0",
+    GROUP + "parameters = {mass = nan}": "mass",
+    GROUP + "parameters = {mass = []}": "empty list",
+    GROUP + "dt = 0": "dt must be",
+    GROUP + "dt = -0.1": "dt must be",
+    GROUP + 'dt = "quick"': "dt must be",
+    GROUP + "dt = true": "dt must be",
+    GROUP + "dt = []": "empty list",
+    GROUP + "rtol = 1e-6": "controlled by dt",
+    GROUP + "max_step = 0.1": "max_step",
+    GROUP + "max_steps = 1.5": "max_steps",
+    GROUP + "wall_limit = 0": "wall_limit",
+    GROUP + "wall_limit = inf": "wall_limit",
+    GROUP + "wall_limit = 1e300": "wall_limit must be a finite number > 0, at most 1e+07",
+    GROUP + "wall_limit = 1" + "0" * 400: "wall_limit",
+    GROUP + "wall_limit = 1" + "0" * 5000: "digits",
+    GROUP + "memory = 1e300": "memory",
+    GROUP + "max_steps = 1" + "0" * 30: "max_steps",
+    GROUP + "max_steps = [1, 1e19]": "max_steps",
+    GROUP + "dt = 1" + "0" * 400: "too large",
+    GROUP + "options = {lift = 1" + "0" * 400 + "}": "too large",
+    "total_limit = 1" + "0" * 400 + "\n" + GROUP: "total_limit",
+    GROUP + "repeats = 1000000000000": "repeats",
+    GROUP + "repeats = 1.5": "repeats",
+    GROUP + "repeats = [1]": "repeats",
+    GROUP + "label = 1": "label",
+    GROUP + GROUP: "there twice",
+    GROUP + "dt = [0.5, 0.5]": "there twice",
+    'name = "../x"\n' + GROUP: "name must be",
+    'plugins = ["nowhere.py"]\n' + GROUP: "nowhere.py",
+    "plugins = [1]\n" + GROUP: "plugins",
+    "[defaults]\nproblem = 1\n" + GROUP: "unknown key",
+    "defaults = 1\n" + GROUP: "defaults",
+}
+
+
+@pytest.mark.parametrize("text", BAD, ids=range(len(BAD)))
+def test_wrong_suites_are_told_in_a_line(text):
+    """With the file, the group, and what was expected."""
+    with pytest.raises(SuiteError) as error:
+        cells(text)
+    assert BAD[text] in str(error.value) and "\n" not in str(error.value) and "test.toml" in str(error.value)
+
+
+@pytest.mark.parametrize("name", suite_names())
+def test_our_suites_are_sound(name):
+    """Every name, option and product in harness/suites/ exists."""
+    suite = load_suite(name)
+    assert suite.name == name and suite.description and len(suite.cells) > 0
