@@ -14,7 +14,7 @@ from .results.environment import THREADS
 FIRST = ("catalogue", "solve", "run", "show", "report", "judge", "gate", "check", "verify", "diff", "merge", "history")
 
 INTERRUPTED = {
-    "run": "interrupted; finished cells are kept (--resume goes on)",
+    "run": "interrupted; finished runs are kept (--resume goes on)",
     "gate": "interrupted; nothing was judged",
 }
 SAYS_SO_ITSELF = ("solve",)

@@ -11,13 +11,24 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from .mechanics.posing import Posing
+from .mechanics.presentation import Presentation
 from .mechanics.state import State, States, rotated
 from .mechanics.system import MultibodySystem
 
 __all__ = [
-    "Array", "Invariant", "Observable", "Posing", "Problem", "Reference", "Solver", "Spool", "State", "States",
-    "Status", "StepControl", "Trajectory",
+    "Array",
+    "Invariant",
+    "Observable",
+    "Presentation",
+    "Problem",
+    "Reference",
+    "Solver",
+    "Spool",
+    "State",
+    "States",
+    "Status",
+    "StepControl",
+    "Trajectory",
 ]  # fmt: skip
 
 Array = np.ndarray
@@ -100,7 +111,9 @@ class Problem:
     frame: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
     planar_normal: Float[np.ndarray, " 3"] | None = None  # home frame; given when the exact motion is planar
     energy_allowed: float | None = None  # [J] the benchmark's own limit on max |E - E0|, if it has one
-    posing: Posing = field(default_factory=Posing)  # how a solver is told of it (module posed); nothing here changes
+    presentation: Presentation = field(
+        default_factory=Presentation
+    )  # how a solver is told of it (module posed); nothing here changes
     retrace: bool = False  # whether the solver is sent back from the end with velocities reversed
 
     def home(self, s: States) -> States:

@@ -3,34 +3,34 @@
 import shutil
 from pathlib import Path
 
-from .model.reading import Run, read_run
+from .model.results import Results, read_results
 from .model.tables import write_tables
 from .pages.base import FOLDER, Site, writers
 
-OURS = ("assets", "cells", "data", "tables")  # folders that a new report replaces; figures/ may hold others' work
+OURS = ("assets", "runs", "data", "tables")  # folders that a new report replaces; figures/ may hold others' work
 
 
 def build(run_folder: Path) -> Path:
     """Write ``report/`` in the run folder; returns the path of its first page."""
-    run = read_run(Path(run_folder))
-    return write_site(run, Path(run_folder) / "report")
+    results = read_results(Path(run_folder))
+    return write_site(results, Path(run_folder) / "report")
 
 
-def write_site(run: Run, folder: Path) -> Path:
+def write_site(results: Results, folder: Path) -> Path:
     """All pages of ``run`` into ``folder``; returns the path of the first."""
     _clear(folder)
     shutil.copytree(FOLDER / "assets", folder / "assets")
     (folder / "data").mkdir()
-    site = Site(run, folder)
+    site = Site(results, folder)
     for _, write in writers():
-        write(run, site)
+        write(results, site)
     site.finish()
-    write_tables(run, folder / "tables")
+    write_tables(results, folder / "tables")
     return folder / "index.html"
 
 
 def _clear(folder: Path) -> None:
-    """Remove what an earlier report left: pages of cells that are no more would be taken for this run's."""
+    """Remove what an earlier report left: pages of runs that are no more would be taken for this run's."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in OURS:
         shutil.rmtree(folder / name, ignore_errors=True)

@@ -2,7 +2,7 @@
 
     p' - G u = 0,   M u' + h - f - A^T lam = 0,   phi_ddot + 2 alpha phi_dot + beta^2 phi = 0
 
-by variable-order BDF with exact Jacobian; ``form`` as in ``solvers.formulations.dae``. Defaults are the soundest
+by variable-order BDF with exact Jacobian; ``form`` as in ``solvers.formulations.dae``. Defaults are the recommended
 choices: lambda out of the error test (with it in, form fi stalls: its lambda carries the noise of u'), consistent
 start, quaternions.
 """

@@ -19,7 +19,7 @@ import numpy as np
 
 from ..mechanics import so3
 from ..mechanics.consistency import check_start, perturbed
-from ..mechanics.posing import SPACE_AXES, Posing
+from ..mechanics.presentation import SPACE_AXES, Presentation
 from ..mechanics.state import States, rotated
 from ..mechanics.system import GROUND, MultibodySystem
 from ..types import Problem, Solver
@@ -47,7 +47,7 @@ COMMON_PARAMETERS: dict[str, tuple[Any, Parameter]] = {
     "retrace": (False, Parameter("send it back from the end, velocities reversed: what misses the start", "")),
 }
 # The last seven change what the solver is told, not the problem: its motion is brought back before it is measured.
-POSED = ("mirror", "duplicate", "renumber", "unit_length", "unit_mass", "unit_time")
+PRESENTED = ("mirror", "duplicate", "renumber", "unit_length", "unit_mass", "unit_time")
 
 
 @dataclass(frozen=True)
@@ -167,11 +167,13 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
         start = perturbed(made.system, made.initial, values["perturb"], values["seed"])
         made = dataclasses.replace(made, initial=start)
     made = in_frame(made, so3.exp(np.array(values["rotation"])) @ _yaw(made.system, values["yaw"]))
-    posing = Posing(**{k: values[k] for k in POSED})
-    posing.system(made.system)  # says no to a joint that is not there
+    presentation = Presentation(**{k: values[k] for k in PRESENTED})
+    presentation.system(made.system)  # says no to a joint that is not there
     t_end = values["t_end"] or made.t_end
     given = {k: v for k, v in values.items() if v != entry.parameters[k][0]}
-    return dataclasses.replace(made, t_end=t_end, parameters=given, posing=posing, retrace=values["retrace"])
+    return dataclasses.replace(
+        made, t_end=t_end, parameters=given, presentation=presentation, retrace=values["retrace"]
+    )
 
 
 def make_solver(name: str, options: Mapping[str, Any] | None = None) -> Solver:

@@ -15,8 +15,8 @@ def add(commands: Any) -> None:
     p = commands.add_parser("animate", help="a mechanism in motion as GIF or MP4, from stored poses")
     p.add_argument("folder", nargs="?", default="latest", help="run folder (default: the newest)")
     p.add_argument("--problem", required=True, metavar="NAME", help="as posed, e.g. chain or 'chain[t_end=2]'")
-    cells = "a cell, or the start of its name, or a solver; may be given again (default: one a solver)"
-    p.add_argument("--cell", action="append", default=[], metavar="CELL", help=cells)
+    runs = "a run, or the start of its name, or a solver; may be given again (default: one a solver)"
+    p.add_argument("--run", action="append", default=[], metavar="RUN", dest="run_name", help=runs)
     p.add_argument("--out", required=True, metavar="FILE", help="file.gif or file.mp4 (which needs ffmpeg)")
     p.add_argument("--ghosts", action="store_true", help="all in one picture (default: side by side)")
     p.add_argument("--frames", type=int, default=150, metavar="N", help="pictures (default: 150)")
@@ -33,7 +33,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     check_writable(out)
     window = (arguments.start, arguments.end)
-    made = animation.animate(folder, arguments.problem, arguments.cell, out, ghosts=arguments.ghosts,
+    made = animation.animate(folder, arguments.problem, arguments.run_name, out, ghosts=arguments.ghosts,
                           frames=arguments.frames, fps=arguments.fps, window=window)  # fmt: skip
     Console(highlight=False, markup=False, soft_wrap=True).print(f"animation: {out} ({made})")
     return 0

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from ..catalogue import registry
 from ..catalogue.options import Parameter
-from ..suites.cell import DEFAULT_RTOL
+from ..suites.spec import DEFAULT_RTOL
 from ..suites.suite import suite_names
 from .screen import lines, screen
 from .terms import load_plugins

@@ -33,7 +33,7 @@ def add(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 when all cells are there and the same bit for bit, else 1."""
+    """0 when all runs are there and the same bit for bit, else 1."""
     limit = whole(arguments.limit, "--limit")
     folders = [existing(f) for f in (arguments.before, arguments.after)]
     loaded = [store.load(f) for f in folders]
@@ -78,8 +78,8 @@ def show(found: Comparison, inputs: list[Difference], limit: int) -> None:
     for words, cases in (("only before", found.only_before), ("only after", found.only_after)):
         for case in cases:
             out.print(Text(f"{words}: {case}"))
-    cells = len({c.case for c in found.changes})
-    out.print(f"{found.compared} cells in both, {found.compared - cells} of them the same bit for bit")
+    specs = len({c.case for c in found.changes})
+    out.print(f"{found.compared} runs in both, {found.compared - specs} of them the same bit for bit")
     if inputs or not found.same:
         out.print(Text(f"why it may be: {why(inputs)}"))
 

@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
     judged = newest(done.loaded.records if code is None else of_code(done.loaded.records, code))
     if arguments.update:
         return _update(path, thresholds, judged, loosen=arguments.loosen, write=arguments.write)
-    verdict = judge(suite.cells, done.loaded.records, thresholds, code)
+    verdict = judge(suite.specs, done.loaded.records, thresholds, code)
     if arguments.json:
         lines().print(json.dumps(as_plain(verdict, suite.name), ensure_ascii=False, allow_nan=False))
     else:
@@ -129,7 +129,7 @@ def _done(arguments: argparse.Namespace, suite: Suite) -> Done:
 
 
 def _remember(done: Done, judged: Sequence[RunRecord], verdict: Verdict) -> None:
-    """Rows for the history, with each cell's worst state; a folder that cannot be written costs the history only."""
+    """Rows for the history, with each run's worst state; a folder that cannot be written costs the history only."""
     worst: dict[str, str] = {}
     for f in verdict.findings:  # the worst come first
         worst.setdefault(f.case, f.state.name)

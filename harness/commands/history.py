@@ -1,4 +1,4 @@
-"""``history``: what each cell gave, run after run."""
+"""``history``: what each run gave, run after run."""
 
 import argparse
 import json
@@ -23,7 +23,7 @@ WIDTH = 16  # characters of a line over time
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("history", help="drift, error, status and time of each cell over runs and commits")
+    p = commands.add_parser("history", help="drift, error, status and time of each run over runs and commits")
     p.add_argument("source", nargs="*", help="run folders and .jsonl files (default: all there are)")
     p.add_argument("--metric", default="energy_drift_max_J", help=f"one of {', '.join(METRICS)}")
     p.add_argument("--problem", help="only this one")
@@ -34,7 +34,7 @@ def add(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print one line a cell; 1 if something could not be read."""
+    """Print one line a run; 1 if something could not be read."""
     if arguments.metric not in METRICS:
         raise UsageError(f"unknown metric {arguments.metric!r}{nearest(arguments.metric, list(METRICS))}")
     if arguments.write:
@@ -76,11 +76,11 @@ def _rows(sources: list[str]) -> tuple[list[Row], list[str]]:
 
 def _table(rows: list[Row], metric: str) -> None:
     out = screen()
-    by_cell: dict[str, list[Row]] = {}
+    by_run: dict[str, list[Row]] = {}
     for r in rows:
-        by_cell.setdefault(r.settings, []).append(r)
+        by_run.setdefault(r.settings_id, []).append(r)
     shown = []
-    for line in sorted(by_cell.values(), key=lambda line: line[-1].case):
+    for line in sorted(by_run.values(), key=lambda line: line[-1].case):
         values = [getattr(r, metric) for r in line]
         last = line[-1]
         style = "green" if last.status == "success" else "yellow"
@@ -89,8 +89,8 @@ def _table(rows: list[Row], metric: str) -> None:
         shown.append((last.case, *numbers, spark, number(last.cpu_ratio), Text(last.status, style)))
     if shown:
         out.print(fitted(COLUMNS, shown, out.width))
-    runs = sorted({(r.time, r.run, r.commit) for r in rows})
-    out.print(Text(f"{metric}: {len(by_cell)} cells in {len(runs)} runs"))
+    runs = sorted({(r.time, r.results, r.commit) for r in rows})
+    out.print(Text(f"{metric}: {len(by_run)} runs in {len(runs)} runs"))
     for time, name, commit in runs[-5:]:
         dirty = "+dirty" if commit.endswith("+dirty") else ""
         out.print(Text(f"  {time}  {commit[:10]}{dirty}  {name}"))

@@ -8,7 +8,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from ..referee.claims.register import POSING, REGISTER, read_register
+from ..referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 from ..results import store
 from .run import existing
@@ -78,8 +78,8 @@ def show(claims: list[dict[str, Any]], changed: list[Change], compared: bool, pu
 
 def tally(claims: list[dict[str, Any]]) -> str:
     """How many of each verdict among the results; checks of how we posed the problems beside them."""
-    results = [c for c in claims if c["kind"] != POSING]
+    results = [c for c in claims if c["kind"] != PRESENTATION]
     words = ", ".join(f"{sum(c['verdict'] == v for c in results)} {v}" for v in STYLE)
-    checks = [c for c in claims if c["kind"] == POSING]
+    checks = [c for c in claims if c["kind"] == PRESENTATION]
     good = sum(c["verdict"] == "SUPPORTED" for c in checks)
-    return f"{words}; and checks of the posing: {good} of {len(checks)} SUPPORTED" if checks else words
+    return f"{words}; and checks of the presentation: {good} of {len(checks)} SUPPORTED" if checks else words

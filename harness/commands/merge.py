@@ -20,15 +20,15 @@ def add(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 when every record was good and no cell contradicts another, else 1."""
+    """0 when every record was good and no run contradicts another, else 1."""
     done = merge(Path(arguments.out), [existing(f) for f in arguments.sources])
     out = lines()
     if arguments.json:
         unreadable = [{"path": str(u.path), "why": u.why} for u in done.unreadable]
-        plain = {"cells": len(done.records), "added": done.added, "unreadable": unreadable}
+        plain = {"runs": len(done.records), "added": done.added, "unreadable": unreadable}
         out.print(json.dumps({**plain, "conflicts": done.conflicts, "codes": done.codes}, ensure_ascii=False))
         return 1 if done.unreadable or done.conflicts else 0
-    out.print(f"{len(done.records)} cells in {arguments.out}, {done.added} of them new")
+    out.print(f"{len(done.records)} runs in {arguments.out}, {done.added} of them new")
     for item in done.unreadable:
         out.print(f"not read: {item.path}: {item.why}")
     for words in done.conflicts:

@@ -19,7 +19,7 @@ from ..execution.pool import PoolError
 from ..peers import exudyn_engine
 from ..peers.race import Result, Runner, race, read, write
 from ..sandbox.isolation import fork
-from ..suites.cell import step_control
+from ..suites.spec import step_control
 from ..types import Problem, Solver, StepControl
 from .run import whole
 from .screen import lines, screen
@@ -54,14 +54,14 @@ def run(arguments: argparse.Namespace) -> int:
     options = assignments(arguments.set, "--set")
     parameters = assignments(arguments.problem_set, "--problem-set")
     names = arguments.problem or PROBLEMS
-    posed = [registry.make_problem(name, parameters) for name in names]  # all that may be a wrong call comes first
-    ours = [_ours(problem, arguments.solver, options, arguments.dt) for problem in posed]
+    presented = [registry.make_problem(name, parameters) for name in names]  # all that may be a wrong call comes first
+    ours = [_ours(problem, arguments.solver, options, arguments.dt) for problem in presented]
     out = screen()
     engine = f"{exudyn_engine.NAME} {exudyn_engine.version()}"
     if not arguments.json:
         out.print(f"{engine}, index-2 trapezoidal integrator; CPU time, one thread")
     good = True
-    for problem, (solver, control) in zip(posed, ours, strict=True):
+    for problem, (solver, control) in zip(presented, ours, strict=True):
         results = _apart(problem, solver, control, repeats, budget)
         if arguments.json:
             plain = {"problem": problem.name, "engine": engine, "dt_s": control.dt, "results": _plain(results)}

@@ -13,21 +13,21 @@ from rich.text import Text
 
 from ..execution.eta import Estimate, durations, in_words
 from ..execution.job import Job
-from ..execution.warmup import cells_to_warm
+from ..execution.warmup import runs_to_warm
 from ..results.records import RunRecord
 from ..results.store import Loaded, Unreadable
 from ..types import Status
 
 STYLE = {Status.SUCCESS: "green", Status.REFUSED: "cyan", Status.WRONG: "bold red"}
-LISTED = 50  # cells named at most
+LISTED = 50  # runs named at most
 BAR = 30  # characters
-SHOWN = 8  # running cells on the screen at most
+SHOWN = 8  # running runs on the screen at most
 PATIENCE = 3.0  # [s] until it is said that compilation goes on
 EVERY = 30.0  # [s] between two lines on how far it is, where there is no bar
 
 
 class Watch:
-    """Prints one line a finished cell, and keeps the lines at the foot of a terminal."""
+    """Prints one line a finished run, and keeps the lines at the foot of a terminal."""
 
     def __init__(self, console: Console, live: Live | None, size: int = 1) -> None:
         self.console, self.live, self.size = console, live, size
@@ -38,15 +38,15 @@ class Watch:
         self.estimate = Estimate({})
         self.compiling = False  # and it has not been said
         self.worst = (0.0, "")
-        self.left = 0  # cells that a limit on the whole run has kept from beginning
+        self.left = 0  # runs that a limit on the whole run has kept from beginning
 
     def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
         self.total, self.before = total, total - len(waiting)
         self.waiting = {job.id: job for job in waiting}
-        self.compiling = bool(cells_to_warm([job.cell for job in waiting]))
+        self.compiling = bool(runs_to_warm([job.spec for job in waiting]))
         self.estimate = Estimate(durations(suite=waiting[0].suite) if waiting else {})
         kept = f", {self.before} of them done before" if self.before else ""
-        self._say(f"{total} cells{kept} into {folder}")
+        self._say(f"{total} runs{kept} into {folder}")
         for item in unreadable:
             self._say(f"set aside: {item.path.name}: {item.why}")
         self.tick()
@@ -61,11 +61,11 @@ class Watch:
         self.running.pop(job.id, None)
         self.done += 1
         if record.wall_s > 0.0:
-            self.estimate.learn(job.cell, record.wall_s)
+            self.estimate.learn(job.spec, record.wall_s)
         relative = record.energy_drift_max_J / record.energy_scale_J
         if record.status != Status.REFUSED and relative > self.worst[0]:
-            self.worst = (relative, job.cell.case)
-        words = f"{record.status:<14} {record.wall_s:6.1f} s  {job.cell.case}"
+            self.worst = (relative, job.spec.case)
+        words = f"{record.status:<14} {record.wall_s:6.1f} s  {job.spec.case}"
         if record.status not in (Status.SUCCESS, Status.REFUSED):
             because = json.loads(record.wrong_because) or [record.message]
             words += f"  ({because[0]}{f', and {len(because) - 1} more' if because[1:] else ''})"
@@ -93,17 +93,17 @@ class Watch:
         self.left = len(left)
         self._say(f"stopped at the limit of {limit:g} s for the whole run (total_limit)", "yellow")
         for job in left[:LISTED]:
-            self._say(f"left: {job.cell.case}")
+            self._say(f"left: {job.spec.case}")
         if left:
             more = f" ({len(left) - LISTED} more are not listed)" if left[LISTED:] else ""
-            self._say(f"{len(left)} cells were not begun and have no result; --resume runs them{more}")
+            self._say(f"{len(left)} runs were not begun and have no result; --resume runs them{more}")
 
     def finish(self, folder: Path, loaded: Loaded) -> None:
         """The last line: how many ended how, and where they are."""
         counted = Counter(r.status for r in loaded.records)
         words = ", ".join(f"{n} {status}" for status, n in counted.most_common())
         self._say(
-            f"{len(loaded.records)} cells: {words} in {time.monotonic() - self.opened:.1f} s; {folder}/cells.parquet"
+            f"{len(loaded.records)} runs: {words} in {time.monotonic() - self.opened:.1f} s; {folder}/runs.parquet"
         )
         if self.worst[1]:
             self._say(f"largest energy drift: {self.drift()}")
@@ -116,9 +116,9 @@ class Watch:
         if self.worst[1]:
             lines.append(Text(f"worst drift: {self.drift()}"))
         for job, since in list(self.running.values())[:SHOWN]:
-            guess = self.estimate.guess(job.cell)
+            guess = self.estimate.guess(job.spec)
             of = f" of about {in_words(guess)}" if guess is not None else ""
-            lines.append(Text(f"  {now - since:.0f} s{of}: {job.cell.case}", "dim"))
+            lines.append(Text(f"  {now - since:.0f} s{of}: {job.spec.case}", "dim"))
         for line in lines:
             line.no_wrap, line.overflow = True, "ellipsis"
         return lines
@@ -126,8 +126,8 @@ class Watch:
     def count(self) -> str:
         """How many are done, and the time to go."""
         now = time.monotonic()
-        running = [(job.cell, now - since) for job, since in self.running.values()]
-        left = self.estimate.left(running, (job.cell for job in self.waiting.values()), self.size)
+        running = [(job.spec, now - since) for job, since in self.running.values()]
+        left = self.estimate.left(running, (job.spec for job in self.waiting.values()), self.size)
         words = "" if left is None or not (running or self.waiting) else f", about {in_words(left)} left"
         return f"{self.before + self.done} of {self.total}{words}"
 

@@ -23,15 +23,15 @@ def add(commands: Any) -> None:
     p.add_argument("suite", help="name of a suite in harness/suites/, or a TOML file")
     add_running(p)
     p.add_argument("--resume", action="store_true", help="go on with --out, or with the newest run of the suite")
-    p.add_argument("--limit", metavar="N", help="only the first N cells")
-    p.add_argument("--shard", metavar="K/N", help="of every N cells the K-th, for N machines; then merge the folders")
+    p.add_argument("--limit", metavar="N", help="only the first N runs")
+    p.add_argument("--shard", metavar="K/N", help="of every N runs the K-th, for N machines; then merge the folders")
     p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
     p.add_argument("--json", action="store_true", help="one JSON object at the end, for machines")
     p.set_defaults(run=run)
 
 
 def add_running(p: argparse.ArgumentParser) -> None:
-    """Arguments of all commands that run cells."""
+    """Arguments of all commands that run runs."""
     p.add_argument("--jobs", metavar="N", help="processes at a time (default: cores; 1 for timings to be trusted)")
     p.add_argument("--out", metavar="DIR", help="run folder (default: results/local/<suite>-<time>)")
     p.add_argument(
@@ -40,7 +40,7 @@ def add_running(p: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run; 0 whatever the cells' statuses are (failures are results), 1 if a limit left cells out."""
+    """Run; 0 whatever the runs' statuses are (failures are results), 1 if a limit left runs out."""
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     folder = Path(arguments.out) if arguments.out else None
     if folder is None and arguments.resume:
@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         counted = Counter(r.status for r in loaded.records)
         drift = dict(zip(("relative", "case"), watcher.worst, strict=True)) if watcher.worst[1] else None
-        plain = {"folder": str(request.folder), "cells": len(loaded.records), "statuses": dict(counted)}
+        plain = {"folder": str(request.folder), "runs": len(loaded.records), "statuses": dict(counted)}
         lines().print(json.dumps({**plain, "not_begun": watcher.left, "worst_drift": drift}, ensure_ascii=False))
     return 1 if watcher.left else 0
 
@@ -104,6 +104,6 @@ def whole(text: str, what: str) -> int:
 def existing(folder: str) -> Path:
     """A run folder given by path or by its name in results/local/."""
     for path in (Path(folder), store.LOCAL / folder):
-        if (path / "cells").is_dir():
+        if (path / "runs").is_dir():
             return path
     raise UsageError(f"{folder} is not a run folder")

@@ -66,8 +66,8 @@ def fitted(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], widt
         justify: Literal["left", "right"] = "right" if c.right else "left"
         table.add_column(Text(c.name), justify=justify, overflow="fold", no_wrap=not c.fold, width=room[k])
     for row in rows:
-        cells = [row[k] if isinstance(row[k], Text) else Text(_loose(str(row[k]), room[k])) for k in kept]
-        table.add_row(*cells)
+        specs = [row[k] if isinstance(row[k], Text) else Text(_loose(str(row[k]), room[k])) for k in kept]
+        table.add_row(*specs)
     return table
 
 

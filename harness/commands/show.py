@@ -1,4 +1,4 @@
-"""``show``: a run folder as a table on the terminal, or one of its cells with all there is to know."""
+"""``show``: a run folder as a table on the terminal, or one of its runs with all there is to know."""
 
 import argparse
 import json
@@ -18,14 +18,14 @@ from ..results.reproduce import command
 from ..results.series import BadSeries
 from ..results.store import Unreadable
 from ..types import Status
-from .cell_view import show_cell
 from .progress import STYLE
 from .run import existing, whole
+from .run_view import show_run
 from .screen import Column, errors, fitted, lines, number, screen, timeline
 from .terms import UsageError
 
 SPARK = 12  # characters of the energy error over time
-PREFIX = 7  # characters of a cell's address in the table
+PREFIX = 7  # characters of a run's address in the table
 FILTERS = ("problem", "solver", "status", "label")
 SHOWN = {
     "energy_drift_max_J": Column("|dE| [J]"),
@@ -48,13 +48,15 @@ class Shown:
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("show", help="a run folder as a table, or one cell of it")
+    p = commands.add_parser("show", help="a run folder as a table, or one run of it")
     p.add_argument("folder", nargs="?", default="latest", help="run folder (default: the newest)")
-    p.add_argument("cell", nargs="?", help="one cell: its address as in the table (or its start), or its case")
+    p.add_argument(
+        "run_name", metavar="RUN", nargs="?", help="one run: its address as in the table (or its start), or its case"
+    )
     for name in FILTERS:
-        p.add_argument(f"--{name}", metavar="A,B", help=f"only cells with one of these (default: any {name})")
+        p.add_argument(f"--{name}", metavar="A,B", help=f"only runs with one of these (default: any {name})")
     p.add_argument("--sort", metavar="KEY", help=f"largest first: {', '.join(SORTS)}, or any numeric column")
-    p.add_argument("--limit", metavar="N", help="only the first N cells")
+    p.add_argument("--limit", metavar="N", help="only the first N runs")
     p.add_argument("--json", action="store_true", help="one JSON record a line, for machines")
     p.set_defaults(run=run)
 
@@ -70,8 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
         for record in chosen:
             plain = json.loads(records.to_json(record))
             lines().print(json.dumps({**plain, "command": command(record, plugins)}, ensure_ascii=False))
-    elif arguments.cell is not None:
-        show_cell(folder, chosen[0], command(chosen[0], plugins))
+    elif arguments.run_name is not None:
+        show_run(folder, chosen[0], command(chosen[0], plugins))
     else:
         _table([_with_spark(folder, r, unreadable) for r in chosen])
     for item in unreadable:
@@ -81,8 +83,8 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[RunRecord]:
     """Filtered, sorted, cut; UsageError where a filter names what is not there."""
-    if arguments.cell is not None:
-        return [one(found, arguments.cell)]
+    if arguments.run_name is not None:
+        return [one(found, arguments.run_name)]
     chosen = list(found)
     for name in FILTERS:
         given = getattr(arguments, name)
@@ -91,7 +93,7 @@ def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[R
         wanted, known = given.split(","), sorted({str(getattr(r, name)) for r in found})
         for word in wanted:
             if word not in known:
-                raise UsageError(f"--{name}: no cell of the run has {word!r}{nearest(word, known)}")
+                raise UsageError(f"--{name}: no run of the run has {word!r}{nearest(word, known)}")
         chosen = [r for r in chosen if getattr(r, name) in wanted]
     if arguments.sort is not None:
         key = SORTS.get(arguments.sort, arguments.sort)
@@ -103,12 +105,14 @@ def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[R
 
 
 def one(found: Sequence[RunRecord], given: str) -> RunRecord:
-    """The cell of that address, case, or start of an address."""
-    match = [r for r in found if given in (r.cell, r.case)] or [r for r in found if given and r.cell.startswith(given)]
+    """The run of that address, case, or start of an address."""
+    match = [r for r in found if given in (r.run_id, r.case)] or [
+        r for r in found if given and r.run_id.startswith(given)
+    ]
     if not match:
-        raise UsageError(f"no cell {given!r} in the run{nearest(given, [r.case for r in found][:500])[:200]}")
+        raise UsageError(f"no run {given!r} in the run{nearest(given, [r.case for r in found][:500])[:200]}")
     if len(match) > 1:
-        raise UsageError(f"{given!r} is the start of {len(match)} cells: {', '.join(r.cell for r in match[:5])}")
+        raise UsageError(f"{given!r} is the start of {len(match)} runs: {', '.join(r.run_id for r in match[:5])}")
     return match[0]
 
 
@@ -125,7 +129,7 @@ def _with_spark(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -
 def _table(shown: Sequence[Shown]) -> None:
     out = screen()
     columns = [
-        Column("cell", rank=1, right=False), Column("case", right=False, fold=True), Column("status", right=False),
+        Column("run", rank=1, right=False), Column("case", right=False, fold=True), Column("status", right=False),
         Column("steps", rank=7), next(iter(SHOWN.values())), Column("dE over time", right=False),
         *list(SHOWN.values())[1:],
     ]  # fmt: skip
@@ -134,16 +138,16 @@ def _table(shown: Sequence[Shown]) -> None:
         r = s.record
         first, *rest = [number(getattr(r, name)) for name in SHOWN]
         status = Text(r.status, STYLE.get(Status(r.status) if r.status in set(Status) else Status.CRASHED, "yellow"))
-        rows.append((r.cell[:PREFIX], r.case, status, str(r.steps), first, s.spark, *rest))
+        rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, s.spark, *rest))
     if rows:
         out.print(fitted(columns, rows, out.width))
     for s in shown:
         r = s.record
         if r.status != Status.SUCCESS:
             why = "; ".join(json.loads(r.wrong_because)) or r.message
-            out.print(Text(f"{r.cell[:PREFIX]} {r.status}: {r.case}: {why}"))
+            out.print(Text(f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {why}"))
     good = sum(s.record.status == Status.SUCCESS for s in shown)
-    out.print(Text(f"{len(shown)} cells, {good} success; `show RUN CELL` tells all about one"))
+    out.print(Text(f"{len(shown)} runs, {good} success; `show RUN CELL` tells all about one"))
 
 
 def _size(value: float) -> float:

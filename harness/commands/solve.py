@@ -7,7 +7,7 @@ from typing import Any
 
 from ..catalogue import registry
 from ..sandbox.trial import made
-from ..suites.cell import make_cell
+from ..suites.spec import make_spec
 from ..suites.suite import MOST
 from ..types import Status
 from .screen import errors, lines
@@ -48,8 +48,8 @@ def run(arguments: argparse.Namespace) -> int:
         registry.make_solver(arguments.solver)
     problem = made(arguments.problem, parameters)
     limit = control.pop("wall_limit", None)
-    cell = make_cell(problem, arguments.solver, given, control)
-    if cell.control.max_steps > MOST["max_steps"]:
+    spec = make_spec(problem, arguments.solver, given, control)
+    if spec.control.max_steps > MOST["max_steps"]:
         raise UsageError(f"max_steps must be at most {MOST['max_steps']} (got {control['max_steps'][:40]})")
     wall = None if limit is None else float(_above_zero(limit, "wall_limit"))
     if wall is not None and wall > MOST["wall_limit"]:
@@ -63,15 +63,15 @@ def run(arguments: argparse.Namespace) -> int:
     console = lines()
     said = (lambda words: None) if arguments.json else console.print
     try:
-        outcome = solve_to_file(cell, out, wall, said)
+        outcome = solve_to_file(spec, out, wall, said)
     except (KeyboardInterrupt, SystemExit):
         errors().print(f"interrupted; nothing was written to {out}")
         raise
     if arguments.json:
-        plain = {"case": cell.case, "status": str(outcome.status), "message": outcome.message, "out": str(out)}
+        plain = {"case": spec.case, "status": str(outcome.status), "message": outcome.message, "out": str(out)}
         console.print(json.dumps({**plain, "lines": outcome.lines}, ensure_ascii=False))
         return 0 if outcome.status is Status.SUCCESS else 1
-    console.print(f"{cell.case}")
+    console.print(f"{spec.case}")
     console.print(f"{'status':<18} {outcome.status}" + (f": {outcome.message}" if outcome.message else ""))
     for line in outcome.lines:
         console.print(line)

@@ -1,6 +1,6 @@
-"""What a solver owes: cells to run, what their records must show, why, and what to do where they do not.
+"""What a solver owes: runs to run, what their records must show, why, and what to do where they do not.
 
-The cells run in processes of their own like any others, so a solver that hangs or crashes here costs its own claim.
+The runs run in processes of their own like any others, so a solver that hangs or crashes here costs its own claim.
 """
 
 import dataclasses
@@ -17,7 +17,7 @@ from ..catalogue import registry
 from ..results import store
 from ..results.records import RunRecord
 from ..results.series import Series
-from ..suites.cell import Cell, make_cell
+from ..suites.spec import RunSpec, make_spec
 from ..suites.suite import Suite
 from ..types import Status
 
@@ -25,8 +25,8 @@ BASE = "spherical_pendulum"
 MOVING = {"omega_z": 3.0, "t_end": 1.0}  # spatial and loaded: every term of the equations counts
 STEPS = (0.02, 0.01, 0.005, 0.0025)
 TOLERANCES = (1e-4, 1e-6, 1e-8)
-WALL = 20.0  # [s] a cell
-SHORT_WALL = 2.0  # [s] for the cell that must stop itself
+WALL = 20.0  # [s] a run
+SHORT_WALL = 2.0  # [s] for the run that must stop itself
 LEAST_ORDER = 0.8  # a first-order scheme may show a little less
 LEAST_GAIN = 10.0  # in error, from the loosest to the tightest tolerance, ten thousand times apart
 ROUNDED = 1e-11  # [m] no order can be seen below
@@ -52,7 +52,7 @@ class Claim:
 
 @dataclass(frozen=True)
 class Evidence:
-    """The records of a solver's cells by role, and their series."""
+    """The records of a solver's runs by role, and their series."""
 
     control: str
     records: Mapping[str, RunRecord]
@@ -71,29 +71,29 @@ class Finding:
     remedy: str
 
 
-def cells_of(solver: str) -> dict[str, Cell]:
-    """The cells of the contract by role."""
+def runs_of(solver: str) -> dict[str, RunSpec]:
+    """The runs of the contract by role."""
     control = registry.solvers()[solver].control
-    out = {role: _cell(solver, name, parameters) for role, (name, parameters) in FITS.items()}
+    out = {role: _run(solver, name, parameters) for role, (name, parameters) in FITS.items()}
     for k, value in enumerate(STEPS if control == "dt" else TOLERANCES):
-        out[f"finer {k}"] = _cell(solver, BASE, MOVING, {control: value})
+        out[f"finer {k}"] = _run(solver, BASE, MOVING, {control: value})
     middle = {control: (STEPS if control == "dt" else TOLERANCES)[1]}
-    out["again"] = _cell(solver, BASE, {**MOVING, "seed": 1}, middle)  # another cell, the same motion: perturb is 0
-    out["few steps"] = _cell(solver, BASE, MOVING, {**middle, "max_steps": 3})
+    out["again"] = _run(solver, BASE, {**MOVING, "seed": 1}, middle)  # another run, the same motion: perturb is 0
+    out["few steps"] = _run(solver, BASE, MOVING, {**middle, "max_steps": 3})
     endless = {"dt": 1e-4} if control == "dt" else {"rtol": 1e-8, "max_step": 1e-4}
-    out["endless"] = _cell(solver, BASE, {"omega_z": 3.0, "t_end": 1000.0}, endless, wall_limit=SHORT_WALL)
+    out["endless"] = _run(solver, BASE, {"omega_z": 3.0, "t_end": 1000.0}, endless, wall_limit=SHORT_WALL)
     return out
 
 
 def suite_of(solver: str, plugins: tuple[str, ...]) -> Suite:
-    """The cells as a suite."""
-    return Suite(f"contract-{solver}", "what a solver owes", tuple(cells_of(solver).values()), "", plugins)
+    """The runs as a suite."""
+    return Suite(f"contract-{solver}", "what a solver owes", tuple(runs_of(solver).values()), "", plugins)
 
 
 def judged(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> list[Finding]:
     """Every claim, with what was found."""
-    by_settings = {r.settings: r for r in records}
-    mine = {role: by_settings[cell.settings] for role, cell in cells_of(solver).items()}
+    by_settings = {r.settings_id: r for r in records}
+    mine = {role: by_settings[spec.settings_id] for role, spec in runs_of(solver).items()}
     series = {role: store.series_of(folder, r) for role, r in mine.items()}
     evidence = Evidence(registry.solvers()[solver].control, mine, series)
     out = []
@@ -103,11 +103,11 @@ def judged(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> list[Fi
     return out
 
 
-def _cell(
+def _run(
     solver: str, problem: str, parameters: Mapping[str, Any], control: Mapping[str, Any] | None = None, **limits: float
-) -> Cell:
+) -> RunSpec:
     made = registry.make_problem(problem, parameters)
-    return make_cell(made, solver, None, control, **{"wall_limit": WALL, **limits})
+    return make_spec(made, solver, None, control, **{"wall_limit": WALL, **limits})
 
 
 def _ends_well(e: Evidence) -> str | None:

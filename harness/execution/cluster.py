@@ -1,7 +1,7 @@
-"""Cells on other machines: an executor over Dask. Each Dask worker keeps a supervisor, as the local pool does.
+"""Runs on other machines: an executor over Dask. Each Dask worker keeps a supervisor, as the local pool does.
 
-A worker runs a cell in a folder of its own and sends the files back, so no file system need be shared. A worker that
-dies takes its supervisor's cells with it; Dask gives them to another. What is measured and judged is the same code:
+A worker runs a run in a folder of its own and sends the files back, so no file system need be shared. A worker that
+dies takes its supervisor's runs with it; Dask gives them to another. What is measured and judged is the same code:
 a worker with other code than this checkout's is refused.
 """
 
@@ -27,11 +27,11 @@ from ..types import Status
 from .job import Job, record_of
 from .pool import TICK, PoolError, TimeLimit
 from .supervisor import STOP, WARM
-from .warmup import cells_to_warm
+from .warmup import runs_to_warm
 
 PATIENCE = 60.0  # [s] without any worker
-AHEAD = 2  # cells sent out per thread of the cluster
-GIVEN_TO = 3  # workers a cell may take down before it is called a crash
+AHEAD = 2  # runs sent out per thread of the cluster
+GIVEN_TO = 3  # workers a run may take down before it is called a crash
 
 
 @dataclass
@@ -59,7 +59,7 @@ class DaskPool:
                 seen = time.monotonic() if threads else seen
                 if time.monotonic() - seen > PATIENCE:
                     raise PoolError(
-                        f"no worker at {self.address} for {PATIENCE:g} s; finished cells are kept (--resume)"
+                        f"no worker at {self.address} for {PATIENCE:g} s; finished runs are kept (--resume)"
                     )
                 if limit is not None and time.monotonic() > limit.until:
                     waiting.clear()  # what has not begun comes back without files; told again to workers that join late
@@ -67,13 +67,13 @@ class DaskPool:
                 while waiting and len(self._flying) < AHEAD * threads:
                     job = waiting.pop()
                     self.started(job)
-                    self._flying[
-                        client.submit(run_cell, job.to_json(), ticket, key=f"{ticket}-{job.id}", retries=0)
-                    ] = job
+                    self._flying[client.submit(run_run, job.to_json(), ticket, key=f"{ticket}-{job.id}", retries=0)] = (
+                        job
+                    )
                 self._collect()
                 self.tick()
         except OSError as error:
-            raise PoolError(f"the cluster at {self.address} is gone: {error}; finished cells are kept") from None
+            raise PoolError(f"the cluster at {self.address} is gone: {error}; finished runs are kept") from None
         finally:
             client.close()
 
@@ -98,23 +98,23 @@ class DaskPool:
                 words = f"{WORKERS_DIED}, {GIVEN_TO} or more times"
                 write_record(job.folder, record_of(job, Status.CRASHED, message=words))
             else:
-                raise PoolError(f"a worker cannot run cells: {failed}")
+                raise PoolError(f"a worker cannot run runs: {failed}")
             self.ended(job)
 
 
 _stopped: set[str] = set()  # on a worker: tickets of runs that have met their limit
-_serving: dict[str, list["_Supervisor"]] = {}  # on a worker: the supervisors that run a ticket's cells
+_serving: dict[str, list["_Supervisor"]] = {}  # on a worker: the supervisors that run a ticket's runs
 
 
 def stop_here(ticket: str, words: str) -> None:
-    """On a worker: end the cells of that run, and let no other of it begin."""
+    """On a worker: end the runs of that run, and let no other of it begin."""
     _stopped.add(ticket)
     for supervisor in list(_serving.get(ticket, ())):
         supervisor.stop(words)
 
 
 def on_slurm(**options: Any) -> Any:
-    """A ``dask_jobqueue.SLURMCluster`` whose workers run cells: one at a time each, one thread, from this checkout.
+    """A ``dask_jobqueue.SLURMCluster`` whose workers run runs: one at a time each, one thread, from this checkout.
 
     ``options`` are its own: memory, walltime, queue, account, job_extra_directives; ``scale`` it, then give its
     ``scheduler_address`` to ``--cluster``.
@@ -130,7 +130,7 @@ def on_slurm(**options: Any) -> Any:
     return SLURMCluster(**{**own, **options}, job_script_prologue=prologue)
 
 
-def run_cell(text: str, ticket: str = "") -> dict[str, bytes]:
+def run_run(text: str, ticket: str = "") -> dict[str, bytes]:
     """On a worker: run the job and return its files by place in the run folder; none if its run was stopped before."""
     job = Job.from_json(text)
     if ticket in _stopped:
@@ -140,7 +140,7 @@ def run_cell(text: str, ticket: str = "") -> dict[str, bytes]:
         raise RuntimeError(f"its code {here} is not the runner's {job.code}: use the same checkout and packages")
     with tempfile.TemporaryDirectory() as place:
         local = replace(job, folder=Path(place))
-        for part in ("cells", "series", "stderr"):
+        for part in ("runs", "series", "stderr"):
             (local.folder / part).mkdir()
         supervisor = _supervisor()
         _serving.setdefault(ticket, []).append(supervisor)
@@ -148,13 +148,13 @@ def run_cell(text: str, ticket: str = "") -> dict[str, bytes]:
             supervisor.run(local)
         finally:
             _serving[ticket].remove(supervisor)
-        parts = ("cells", "series", "stderr")
+        parts = ("runs", "series", "stderr")
         return {f"{part}/{p.name}": p.read_bytes() for part in parts for p in (local.folder / part).iterdir()}
 
 
 def _store(job: Job, files: Mapping[str, bytes]) -> None:
     """Write what a worker sent, the record last."""
-    for name in sorted(files, key=lambda n: n.startswith("cells/")):
+    for name in sorted(files, key=lambda n: n.startswith("runs/")):
         target = job.folder / name
         partial = target.with_name(f".{target.name}.{os.getpid()}.part")
         try:
@@ -163,12 +163,12 @@ def _store(job: Job, files: Mapping[str, bytes]) -> None:
         except OSError as error:  # ours, not the cluster's
             partial.unlink(missing_ok=True)
             raise PoolError(
-                f"cannot write to {job.folder}: {error.strerror or error}; finished cells are kept"
+                f"cannot write to {job.folder}: {error.strerror or error}; finished runs are kept"
             ) from None
 
 
 class _Supervisor:
-    """A ``harness.supervisor`` process that a worker's thread talks to, one cell at a time."""
+    """A ``harness.supervisor`` process that a worker's thread talks to, one run at a time."""
 
     def __init__(self) -> None:
         self.process = subprocess.Popen(
@@ -182,17 +182,17 @@ class _Supervisor:
         self.warm: set[str] = set()
 
     def run(self, job: Job) -> None:
-        """Returns when the cell has its record."""
-        cells = [c for c in cells_to_warm([job.cell]) if c.solver not in self.warm]
-        if cells:
-            self._ask(WARM + json.dumps([c.to_plain() for c in cells]).encode())
-            self.warm |= {c.solver for c in cells}
+        """Returns when the run has its record."""
+        specs = [c for c in runs_to_warm([job.spec]) if c.solver not in self.warm]
+        if specs:
+            self._ask(WARM + json.dumps([c.to_plain() for c in specs]).encode())
+            self.warm |= {c.solver for c in specs}
         answer = self._ask(job.to_json().encode())
         if answer["error"]:
             raise RuntimeError(answer["error"])
 
     def stop(self, words: str) -> None:
-        """From another thread: end the cell that runs; its record says why."""
+        """From another thread: end the run that runs; its record says why."""
         assert self.process.stdin is not None
         with contextlib.suppress(OSError):  # it has just gone
             self.process.stdin.write(STOP + words.encode() + b"\n")

@@ -1,4 +1,4 @@
-"""How long a run will still take: from what its cells took before, here or in earlier runs."""
+"""How long a run will still take: from what its runs took before, here or in earlier runs."""
 
 import heapq
 import statistics
@@ -6,49 +6,49 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from ..results import store
-from ..suites.cell import Cell
+from ..suites.spec import RunSpec
 
 RUNS = 3  # earlier run folders that are looked into
 
 
 def durations(local: Path = store.LOCAL, suite: str = "") -> dict[str, float]:
     """Wall time [s] by ``settings`` in the newest run folders, those of ``suite`` before others."""
-    folders = [p for p in local.glob("*") if (p / "cells").is_dir() and not p.is_symlink()]
+    folders = [p for p in local.glob("*") if (p / "runs").is_dir() and not p.is_symlink()]
     newest = sorted(folders, key=lambda p: (p.name.startswith(f"{suite}-"), p.stat().st_mtime))[-RUNS:]
     out: dict[str, float] = {}
     for folder in newest:
         for r in store.load(folder, check_series=False).records:
             if r.wall_s > 0.0:
-                out[r.settings] = r.wall_s
+                out[r.settings_id] = r.wall_s
     return out
 
 
 class Estimate:
-    """Learns from cells as they end; a guess for each that has not."""
+    """Learns from runs as they end; a guess for each that has not."""
 
     def __init__(self, earlier: Mapping[str, float]) -> None:
         self.earlier = earlier
-        self.ratios: list[float] = []  # of what cells took now to what they took earlier: another machine, another load
+        self.ratios: list[float] = []  # of what runs took now to what they took earlier: another machine, another load
         self.by_solver: dict[tuple[str, str], list[float]] = {}
         self.all: list[float] = []
 
-    def learn(self, cell: Cell, seconds: float) -> None:
-        """A cell has ended."""
-        if cell.settings in self.earlier:
-            self.ratios.append(seconds / max(self.earlier[cell.settings], 1e-3))
-        self.by_solver.setdefault((cell.problem, cell.solver), []).append(seconds)
+    def learn(self, spec: RunSpec, seconds: float) -> None:
+        """A run has ended."""
+        if spec.settings_id in self.earlier:
+            self.ratios.append(seconds / max(self.earlier[spec.settings_id], 1e-3))
+        self.by_solver.setdefault((spec.problem, spec.solver), []).append(seconds)
         self.all.append(seconds)
 
-    def guess(self, cell: Cell) -> float | None:
+    def guess(self, spec: RunSpec) -> float | None:
         """[s], or None where nothing is known yet."""
-        earlier = self.earlier.get(cell.settings)
+        earlier = self.earlier.get(spec.settings_id)
         if earlier is not None:
-            return min(earlier * (statistics.median(self.ratios) if self.ratios else 1.0), cell.wall_limit)
-        alike = self.by_solver.get((cell.problem, cell.solver)) or self.all
-        return min(statistics.fmean(alike), cell.wall_limit) if alike else None
+            return min(earlier * (statistics.median(self.ratios) if self.ratios else 1.0), spec.wall_limit)
+        alike = self.by_solver.get((spec.problem, spec.solver)) or self.all
+        return min(statistics.fmean(alike), spec.wall_limit) if alike else None
 
-    def left(self, running: Iterable[tuple[Cell, float]], waiting: Iterable[Cell], size: int) -> float | None:
-        """[s] until all is done with ``size`` cells at a time; ``running`` are cells and since when [s] they run."""
+    def left(self, running: Iterable[tuple[RunSpec, float]], waiting: Iterable[RunSpec], size: int) -> float | None:
+        """[s] until all is done with ``size`` runs at a time; ``running`` are runs and since when [s] they run."""
         begun = [(self.guess(c), since) for c, since in running]
         guesses = [self.guess(c) for c in waiting]
         if any(g is None for g, _ in begun) or any(g is None for g in guesses):

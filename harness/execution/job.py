@@ -1,4 +1,4 @@
-"""A job: a cell, its address, and the run folder its result belongs to. What a worker is handed, as JSON."""
+"""A job: a run, its address, and the run folder its result belongs to. What a worker is handed, as JSON."""
 
 import dataclasses
 import json
@@ -11,15 +11,15 @@ from typing import Any
 from ..catalogue import registry
 from ..results import environment
 from ..results.records import RunRecord
-from ..suites.cell import Cell
+from ..suites.spec import RunSpec
 from ..types import Status
 
 
 @dataclass(frozen=True)
 class Job:
-    """One cell to run for ``folder``."""
+    """One run to run for ``folder``."""
 
-    cell: Cell
+    spec: RunSpec
     folder: Path
     suite: str = ""
     code: str = ""
@@ -28,8 +28,8 @@ class Job:
 
     @property
     def id(self) -> str:
-        """The cell's address."""
-        return self.cell.address(self.code)
+        """The run's address."""
+        return self.spec.address(self.code)
 
     @property
     def stderr(self) -> Path:
@@ -43,47 +43,49 @@ class Job:
 
     def to_json(self) -> str:
         """One line."""
-        plain = {**dataclasses.asdict(self), "cell": self.cell.to_plain(), "folder": str(self.folder)}
+        plain = {**dataclasses.asdict(self), "spec": self.spec.to_plain(), "folder": str(self.folder)}
         return json.dumps(plain, default=list)
 
     @staticmethod
     def from_json(text: str) -> "Job":
         """The inverse of ``to_json``; plugins are not loaded by it."""
         plain = json.loads(text)
-        plain.update(folder=Path(plain["folder"]), cell=Cell.from_plain(plain["cell"]), plugins=tuple(plain["plugins"]))
+        plain.update(
+            folder=Path(plain["folder"]), spec=RunSpec.from_plain(plain["spec"]), plugins=tuple(plain["plugins"])
+        )
         return Job(**plain)
 
 
 def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
     """The record of a job: what was asked, its ``status``, and what else is known."""
-    cell, control = job.cell, job.cell.control
+    spec, control = job.spec, job.spec.control
     files: Mapping[str, Any] = {}
     if job.stderr.exists() and job.stderr.stat().st_size > 0:
         files = {"stderr": f"stderr/{job.stderr.name}"}
     return RunRecord(
-        cell=job.id,
-        settings=cell.settings,
-        case=cell.case,
+        run_id=job.id,
+        settings_id=spec.settings_id,
+        case=spec.case,
         suite=job.suite,
-        label=cell.label,
-        problem=cell.problem,
-        problem_parameters=_json(cell.parameters),
-        solver=cell.solver,
-        paper_label=_label(cell.solver),
-        declared_order=_order(cell.solver),
-        solver_options=_json(cell.options),
+        label=spec.label,
+        problem=spec.problem,
+        problem_parameters=_json(spec.parameters),
+        solver=spec.solver,
+        paper_label=_label(spec.solver),
+        declared_order=_order(spec.solver),
+        solver_options=_json(spec.options),
         control="rtol" if control.dt is None else "dt",
         dt_s=_or_nan(control.dt),
         rtol=_or_nan(control.rtol),
         max_step_s=_or_nan(control.max_step),
         max_steps=control.max_steps,
-        wall_limit_s=cell.wall_limit,
-        memory_limit_MB=cell.memory,
+        wall_limit_s=spec.wall_limit,
+        memory_limit_MB=spec.memory,
         status=str(status),
         code=job.code,
         commit=job.commit,
         finished=environment.now(),
-        **{"t_end_s": cell.parameters.get("t_end", math.nan), **files, **columns},
+        **{"t_end_s": spec.parameters.get("t_end", math.nan), **files, **columns},
     )
 
 

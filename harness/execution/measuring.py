@@ -1,4 +1,4 @@
-"""From a trajectory to a record and a series file: the step of a cell that follows the solve."""
+"""From a trajectory to a record and a series file: the step of a run that follows the solve."""
 
 import dataclasses
 import json

@@ -1,4 +1,4 @@
-"""Cells on this machine: a supervisor process that forks them, ``size`` at a time.
+"""Runs on this machine: a supervisor process that forks them, ``size`` at a time.
 
 An executor is anything with such a ``run``; a cluster's would be another.
 """
@@ -20,13 +20,13 @@ from ..results.store import write_record
 from ..types import Status
 from .job import Job, record_of
 from .supervisor import STOP, WARM
-from .warmup import cells_to_warm
+from .warmup import runs_to_warm
 
 TICK = 0.25  # [s] between two looks at the clock
 
 
 class PoolError(RuntimeError):
-    """The cells cannot be run here; finished ones are stored."""
+    """The runs cannot be run here; finished ones are stored."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class TimeLimit:
     """When a whole run has to end."""
 
     until: float  # of time.monotonic()
-    words: str  # the message of cells that ran then
+    words: str  # the message of runs that ran then
 
 
 @dataclass
@@ -62,11 +62,11 @@ class LocalPool:
             code = self._serve(waiting)
             if code is None:
                 return
-            deaths = deaths + 1 if len(waiting) == before else 1  # the supervisor died; a cell may have done it
+            deaths = deaths + 1 if len(waiting) == before else 1  # the supervisor died; a run may have done it
             if deaths > 3 and not self._over():
                 raise PoolError(f"the supervisor process ends with code {code} again and again")
             for job in self._flying.values():
-                if (job.folder / "cells" / f"{job.id}.json").exists():  # done; the word of it went with the supervisor
+                if (job.folder / "runs" / f"{job.id}.json").exists():  # done; the word of it went with the supervisor
                     self.ended(job)
                 elif self._limit is not None and self._over():
                     write_record(job.folder, record_of(job, Status.STALLED, message=self._limit.words))
@@ -74,7 +74,7 @@ class LocalPool:
                 elif self._attempts[job.id] < 2:
                     waiting.append(job)  # at the end: it goes next, and alone
                 else:
-                    words = f"{SUPERVISOR_DIED} twice (code {code}) while this cell ran, the second time alone"
+                    words = f"{SUPERVISOR_DIED} twice (code {code}) while this run ran, the second time alone"
                     write_record(job.folder, record_of(job, Status.CRASHED, message=words))
                     self.ended(job)
             self._flying.clear()
@@ -139,12 +139,12 @@ class LocalPool:
 
     def _warm(self, process: subprocess.Popen, waiting: list[Job]) -> None:
         """Let the supervisor compile before any clock runs."""
-        cells = [cell.to_plain() for cell in cells_to_warm([job.cell for job in reversed(waiting)])]
-        self._compiling = bool(cells)
-        if not cells:
+        specs = [spec.to_plain() for spec in runs_to_warm([job.spec for job in reversed(waiting)])]
+        self._compiling = bool(specs)
+        if not specs:
             return
         assert process.stdin is not None
-        process.stdin.write(WARM + json.dumps(cells).encode() + b"\n")
+        process.stdin.write(WARM + json.dumps(specs).encode() + b"\n")
         process.stdin.flush()
 
     def _send(self, process: subprocess.Popen, job: Job) -> None:
@@ -160,7 +160,7 @@ class LocalPool:
             self._compiling = False
             self.warmed(answer["warm"])
             return
-        job = self._flying.pop(answer["cell"])
+        job = self._flying.pop(answer["run"])
         if answer["error"]:
             raise PoolError(answer["error"])
         self.ended(job)

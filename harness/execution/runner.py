@@ -23,12 +23,12 @@ from .pool import LocalPool, TimeLimit
 
 
 class Executor(Protocol):
-    """Runs cells somewhere: ``harness.pool`` on this machine, ``harness.cluster`` on others."""
+    """Runs runs somewhere: ``harness.pool`` on this machine, ``harness.cluster`` on others."""
 
     def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
         """Run all ``jobs``; returns when each has a record in its folder. PoolError when that cannot be.
 
-        At the ``limit`` running cells are ended as stalled with its words, and those that have not begun are left.
+        At the ``limit`` running runs are ended as stalled with its words, and those that have not begun are left.
         """
         ...
 
@@ -37,15 +37,15 @@ class Watcher(Protocol):
     """Who wants to know how a run goes."""
 
     def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
-        """Of ``total`` cells those ``waiting`` will be run; the others were there already."""
+        """Of ``total`` runs those ``waiting`` will be run; the others were there already."""
         ...
 
     def started(self, job: Job) -> None:
-        """A cell begins."""
+        """A run begins."""
         ...
 
     def ended(self, job: Job, record: RunRecord) -> None:
-        """A cell has its record."""
+        """A run has its record."""
         ...
 
     def warmed(self, times: dict[str, float]) -> None:
@@ -57,7 +57,7 @@ class Watcher(Protocol):
         ...
 
     def stopped(self, left: Sequence[Job], limit: float) -> None:
-        """The run has met its limit [s]; the cells ``left`` had not begun and have no record."""
+        """The run has met its limit [s]; the runs ``left`` had not begun and have no record."""
         ...
 
 
@@ -69,31 +69,31 @@ class Request:
     folder: Path
     jobs: int
     resume: bool = False
-    limit: int | None = None  # only the first cells
-    shard: tuple[int, int] = (1, 1)  # (k, n): of every n cells the k-th
+    limit: int | None = None  # only the first runs
+    shard: tuple[int, int] = (1, 1)  # (k, n): of every n runs the k-th
 
 
 def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] = LocalPool) -> Loaded:
-    """Run what is not done yet; returns the records of this suite's cells, damaged files apart."""
+    """Run what is not done yet; returns the records of this suite's runs, damaged files apart."""
     suite, folder = request.suite, request.folder
     limit = _limit(suite)
-    if not request.resume and (folder / "cells").exists() and any((folder / "cells").iterdir()):
+    if not request.resume and (folder / "runs").exists() and any((folder / "runs").iterdir()):
         raise store.StoreError(f"{folder} already holds results; add --resume to go on with it, or give another --out")
     store.create(folder)
     with store.lock(folder):
         before = store.load(folder)
         store.set_aside(folder, before.unreadable)
-        shutil.rmtree(folder / ".spool", ignore_errors=True)  # of cells that a killed runner left half-way
+        shutil.rmtree(folder / ".spool", ignore_errors=True)  # of runs that a killed runner left half-way
         _stamp(request)
         k, n = request.shard
         jobs = jobs_of(suite, folder)[k - 1 :: n][: request.limit]
         again = _provisional(folder, {job.id for job in jobs}, before.records)
-        done = {r.cell for r in before.records} - {u.path.stem for u in again}
+        done = {r.run_id for r in before.records} - {u.path.stem for u in again}
         waiting = [job for job in jobs if job.id not in done]
         watcher.begin(folder, len(jobs), waiting, (*before.unreadable, *again))
 
         def ended(job: Job) -> None:
-            watcher.ended(job, store.read_record(folder / "cells" / f"{job.id}.json"))
+            watcher.ended(job, store.read_record(folder / "runs" / f"{job.id}.json"))
 
         def finished() -> Loaded:
             loaded = _of_suite(folder, {job.id for job in jobs}, before.unreadable)
@@ -108,7 +108,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
                 finished()
             raise
         loaded = finished()
-        there = {r.cell for r in loaded.records}
+        there = {r.run_id for r in loaded.records}
         left = [job for job in waiting if job.id not in there]
         if limit is not None and suite.total_limit and (left or time.monotonic() > limit.until):
             watcher.stopped(left, suite.total_limit)
@@ -122,18 +122,18 @@ def _limit(suite: Suite) -> TimeLimit | None:
     return TimeLimit(time.monotonic() + suite.total_limit, limit_words(suite.total_limit))
 
 
-def _provisional(folder: Path, cells: set[str], records: Sequence[RunRecord]) -> tuple[Unreadable, ...]:
-    """Set aside what only says how an earlier run of these cells ended; the records that were."""
-    found = [files_of(folder, r) for r in records if r.cell in cells and is_provisional(r)]
+def _provisional(folder: Path, specs: set[str], records: Sequence[RunRecord]) -> tuple[Unreadable, ...]:
+    """Set aside what only says how an earlier run of these runs ended; the records that were."""
+    found = [files_of(folder, r) for r in records if r.run_id in specs and is_provisional(r)]
     for files in found:
         store.set_aside(folder, files)
     return tuple(files[0] for files in found)
 
 
 def jobs_of(suite: Suite, folder: Path) -> list[Job]:
-    """The suite's cells as jobs of this checkout."""
+    """The suite's runs as jobs of this checkout."""
     code, commit = environment.code_digest(suite.plugins), environment.commit()
-    return [Job(cell, folder.resolve(), suite.name, code, commit, suite.plugins) for cell in suite.cells]
+    return [Job(spec, folder.resolve(), suite.name, code, commit, suite.plugins) for spec in suite.specs]
 
 
 def new_folder(suite: str, local: Path = store.LOCAL) -> Path:
@@ -146,15 +146,15 @@ def new_folder(suite: str, local: Path = store.LOCAL) -> Path:
 def last_folder(suite: str, local: Path = store.LOCAL) -> Path | None:
     """The newest run of a suite."""
     own = re.compile(rf"{re.escape(suite)}-\d{{8}}-\d{{6}}(-\d+)?")  # as new_folder names it: not of a suite "NAME-2"
-    found = sorted(p for p in local.glob("*") if own.fullmatch(p.name) and (p / "cells").is_dir())
+    found = sorted(p for p in local.glob("*") if own.fullmatch(p.name) and (p / "runs").is_dir())
     runs = [p for p in found if not p.is_symlink()]
     return runs[-1] if runs else None
 
 
-def _of_suite(folder: Path, cells: set[str], unreadable: tuple[Unreadable, ...]) -> Loaded:
-    """Only this suite's cells at this code: a resumed folder may hold those of an older one."""
+def _of_suite(folder: Path, specs: set[str], unreadable: tuple[Unreadable, ...]) -> Loaded:
+    """Only this suite's runs at this code: a resumed folder may hold those of an older one."""
     now = store.load(folder, check_series=False)
-    return Loaded(tuple(r for r in now.records if r.cell in cells), (*unreadable, *now.unreadable))
+    return Loaded(tuple(r for r in now.records if r.run_id in specs), (*unreadable, *now.unreadable))
 
 
 def _stamp(request: Request) -> None:

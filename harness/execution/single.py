@@ -23,11 +23,11 @@ from ..metrics.verdict import doubts
 from ..results.series import partial_of, write_npz
 from ..sandbox.isolation import CANNOT_WRITE, fork, kill_group
 from ..sandbox.spool import FileSpool, kept
-from ..suites.cell import Cell
+from ..suites.spec import RunSpec
 from ..types import Problem, Status, StepControl, Trajectory
-from .posed import posed
+from .presented import presented
 from .supervisor import GRACE
-from .warmup import cells_to_warm, warm_apart_then_here
+from .warmup import runs_to_warm, warm_apart_then_here
 from .worker import solve_repeatedly
 
 PATIENCE = 3.0  # [s] until it is said that compilation may go on
@@ -45,21 +45,21 @@ class Outcome:
 
 
 def solve_to_file(
-    cell: Cell, out: Path, wall_limit: float | None, say: Callable[[str], object] = lambda words: None
+    spec: RunSpec, out: Path, wall_limit: float | None, say: Callable[[str], object] = lambda words: None
 ) -> Outcome:
-    """Run ``cell`` and write ``out``; a run that crashes or is killed leaves a file with the steps it had kept.
+    """Run ``run`` and write ``out``; a run that crashes or is killed leaves a file with the steps it had kept.
 
     Interrupted itself, it ends the run and leaves ``out`` as it was: whole, or not there.
     """
-    problem = registry.make_problem(cell.problem, cell.parameters)
+    problem = registry.make_problem(spec.problem, spec.parameters)
     patience = _Patience(say)
     if wall_limit is not None:  # a limit is on the run: compile before its clock starts
-        warm_apart_then_here(cells_to_warm([cell]), patience.over)
+        warm_apart_then_here(runs_to_warm([spec]), patience.over)
     with tempfile.TemporaryDirectory() as place:
         note, stderr = Path(place) / "outcome.json", Path(place) / "stderr"
         cpu = NO_LIMIT if wall_limit is None else 2.0 * wall_limit + 60.0
         rows = Path(place) / "rows"
-        child = fork(lambda tell: _solve(cell, problem, out, note, wall_limit, rows), stderr, cell.memory, cpu)
+        child = fork(lambda tell: _solve(spec, problem, out, note, wall_limit, rows), stderr, spec.memory, cpu)
         try:
             words = _wait(child.pid, wall_limit, patience)
         except BaseException:
@@ -118,9 +118,9 @@ def _exited(code: int) -> str:
     return f"its process exited with {code}"
 
 
-def _solve(cell: Cell, problem: Problem, out: Path, note: Path, wall_limit: float | None, rows: Path) -> None:
-    solver = posed(registry.make_solver(cell.solver, cell.options), problem)
-    c = cell.control
+def _solve(spec: RunSpec, problem: Problem, out: Path, note: Path, wall_limit: float | None, rows: Path) -> None:
+    solver = presented(registry.make_solver(spec.solver, spec.options), problem)
+    c = spec.control
     control = StepControl(c.dt, c.rtol, c.max_step, c.max_steps, wall_limit, FileSpool(rows))
     reason = solver.refuses(problem, control)
     cost: dict[str, float] = {}

@@ -1,7 +1,7 @@
-"""Forks one process a cell, keeps its limits, and sees that every cell ends as a record.
+"""Forks one process a run, keeps its limits, and sees that every run ends as a record.
 
-``mbsbench.supervisor`` is the long-lived, single-threaded parent of the cells: jobs come as JSON lines on
-standard input, the address of each finished cell goes out as one. ``stop WORDS`` ends every running cell as stalled
+``mbsbench.supervisor`` is the long-lived, single-threaded parent of the runs: jobs come as JSON lines on
+standard input, the address of each finished run goes out as one. ``stop WORDS`` ends every running run as stalled
 for that reason. At the end of its input (the runner is gone) it kills what runs and leaves.
 """
 
@@ -19,7 +19,7 @@ from ..catalogue import registry
 from ..results import store
 from ..results.records import RunRecord
 from ..sandbox.isolation import CANNOT_WRITE, Child, fork, kill_group, trim
-from ..suites.cell import Cell
+from ..suites.spec import RunSpec
 from ..types import Status
 from . import worker
 from .job import Job, record_of
@@ -27,15 +27,15 @@ from .warmup import warm_apart_then_here
 
 GRACE = 2.0  # [s] over the wall limit, then killed: a solver was asked to stop at 0.9 of the limit
 MEASURE_LIMIT = 120.0  # [s] for metrics once the solver is done, reference included
-STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a cell had kept, when the whole run is stopped
+STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a run had kept, when the whole run is stopped
 POLL = 0.1  # [s]
-WARM = b"warm "  # begins the line that asks for compilation ahead of the cells
-STOP = b"stop "  # begins the line that ends all cells, followed by the reason
+WARM = b"warm "  # begins the line that asks for compilation ahead of the runs
+STOP = b"stop "  # begins the line that ends all runs, followed by the reason
 
 
 @dataclass
 class Running:
-    """A cell on its way."""
+    """A run on its way."""
 
     job: Job
     child: Child
@@ -44,36 +44,36 @@ class Running:
     measuring: bool = False
     closed: float = 0.0  # when its pipe closed: it is about to end
     killed: str = ""
-    instead: RunRecord | None = None  # of the cell, already gone, whose kept steps this process measures
+    instead: RunRecord | None = None  # of the run, already gone, whose kept steps this process measures
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A cell whose process is gone. Its record is stored, unless ``error`` says why it could not be."""
+    """A run whose process is gone. Its record is stored, unless ``error`` says why it could not be."""
 
     job: Job
     error: str = ""
 
 
 class Supervisor:
-    """The running cells. ``start`` one, ``step`` until it comes back."""
+    """The running runs. ``start`` one, ``step`` until it comes back."""
 
     def __init__(self) -> None:
         self.running: dict[int, Running] = {}  # by pipe
         self.selector = selectors.DefaultSelector()
-        self.stopped = ""  # why all cells were ended
+        self.stopped = ""  # why all runs were ended
 
     def start(self, job: Job) -> None:
-        """Fork the cell's process."""
+        """Fork the run's process."""
         now = time.monotonic()
-        limit = job.cell.wall_limit + GRACE
-        child = fork(lambda tell: _run(job, tell), job.stderr, job.cell.memory, limit + MEASURE_LIMIT)
+        limit = job.spec.wall_limit + GRACE
+        child = fork(lambda tell: _run(job, tell), job.stderr, job.spec.memory, limit + MEASURE_LIMIT)
         os.set_blocking(child.phase, False)
         self.running[child.phase] = Running(job, child, now, now + limit)
         self.selector.register(child.phase, selectors.EVENT_READ)
 
     def step(self, timeout: float = POLL) -> Iterator[Ended]:
-        """Wait up to ``timeout`` for news, keep the limits, and yield the cells that ended."""
+        """Wait up to ``timeout`` for news, keep the limits, and yield the runs that ended."""
         now = time.monotonic()
         ending = any(run.closed and now - run.closed < 1.0 for run in self.running.values())
         for key, _ in self.selector.select(0.002 if ending else timeout):
@@ -91,7 +91,7 @@ class Supervisor:
                     yield ended
 
     def stop(self, words: str) -> None:
-        """End every running cell now; each comes back with a record that says why, and with the steps it had kept."""
+        """End every running run now; each comes back with a record that says why, and with the steps it had kept."""
         self.stopped = words
         for run in self.running.values():
             if run.instead is not None:
@@ -101,7 +101,7 @@ class Supervisor:
                 kill_group(run.child.pid)
 
     def kill_all(self) -> None:
-        """End every running cell, without records."""
+        """End every running run, without records."""
         for run in self.running.values():
             kill_group(run.child.pid)
             os.waitpid(run.child.pid, 0)
@@ -116,12 +116,12 @@ class Supervisor:
 
     def _ended(self, run: Running, exit_code: int, peak: float) -> Ended | None:
         """What became of a process; None when the steps it left are being measured first."""
-        kill_group(run.child.pid)  # what the cell may have started and left behind
+        kill_group(run.child.pid)  # what the run may have started and left behind
         if not run.closed:
             self.selector.unregister(run.child.phase)
         os.close(run.child.phase)
         del self.running[run.child.phase]
-        job, written = run.job, run.job.folder / "cells" / f"{run.job.id}.json"
+        job, written = run.job, run.job.folder / "runs" / f"{run.job.id}.json"
         if run.instead is None:
             trim(job.stderr)
         if exit_code == 0 and written.exists() and not run.killed:
@@ -141,7 +141,7 @@ class Supervisor:
         return Ended(job)
 
     def _salvage(self, run: Running, record: RunRecord) -> None:
-        """Measure, in a process of its own, the steps that a cell kept before it was ended."""
+        """Measure, in a process of its own, the steps that a run kept before it was ended."""
         job, words = run.job, run.job.spool.with_suffix(".stderr")
 
         def measure_and_store(tell: object) -> None:
@@ -150,7 +150,7 @@ class Supervisor:
             store.write_record(job.folder, worker.salvaged(job, record))
 
         limit = STOPPED_MEASURE_LIMIT if self.stopped else MEASURE_LIMIT
-        child = fork(measure_and_store, words, job.cell.memory, limit)
+        child = fork(measure_and_store, words, job.spec.memory, limit)
         os.set_blocking(child.phase, False)
         until = time.monotonic() + limit
         self.running[child.phase] = Running(job, child, run.began, until, measuring=True, instead=record)
@@ -173,7 +173,7 @@ def _bare(run: Running, exit_code: int, peak: float, stopped: str) -> RunRecord:
 
 def explain(run: Running, exit_code: int, peak: float) -> tuple[Status, str]:
     """Status and words for a process that left no record."""
-    limit = run.job.cell.wall_limit
+    limit = run.job.spec.wall_limit
     if run.killed == "wall":
         return Status.STALLED, f"killed at the wall limit of {limit:g} s (+{GRACE:g} s); it did not stop when asked"
     if run.killed == "measuring":
@@ -182,7 +182,7 @@ def explain(run: Running, exit_code: int, peak: float) -> tuple[Status, str]:
         return Status.STALLED, "used up its CPU time"
     if exit_code < 0:
         name = signal.Signals(-exit_code).name if -exit_code in set(signal.Signals) else str(-exit_code)
-        near = peak > 0.9 * run.job.cell.memory
+        near = peak > 0.9 * run.job.spec.memory
         words = f"ended by {name} with {peak:.0f} MB resident" + (", near its memory limit" if near else "")
         return (Status.MEMORY if near else Status.CRASHED), words
     return Status.CRASHED, f"its process exited with code {exit_code} and no result"
@@ -201,7 +201,7 @@ def serve(jobs: int, results: int) -> None:
     try:
         while True:
             for end in list(supervisor.step(POLL if supervisor.running else 3600.0)):
-                os.write(results, (json.dumps({"cell": end.job.id, "error": end.error}) + "\n").encode())
+                os.write(results, (json.dumps({"run": end.job.id, "error": end.error}) + "\n").encode())
             try:
                 chunk = os.read(jobs, 2**16)
             except BlockingIOError:
@@ -211,8 +211,8 @@ def serve(jobs: int, results: int) -> None:
             *lines, pending = (pending + chunk).split(b"\n")
             for line in lines:
                 if line.startswith(WARM):
-                    cells = [Cell.from_plain(plain) for plain in json.loads(line.removeprefix(WARM))]
-                    answer = {"warm": warm_apart_then_here(cells, lambda: _closed(jobs))}
+                    specs = [RunSpec.from_plain(plain) for plain in json.loads(line.removeprefix(WARM))]
+                    answer = {"warm": warm_apart_then_here(specs, lambda: _closed(jobs))}
                     os.write(results, (json.dumps(answer) + "\n").encode())
                 elif line.startswith(STOP):
                     supervisor.stop(line.removeprefix(STOP).decode())
@@ -230,7 +230,7 @@ def _closed(descriptor: int) -> bool:
 
 
 def preload() -> None:
-    """Import what cells need, so that forks have it; freeze it, so that the collector does not copy its pages."""
+    """Import what runs need, so that forks have it; freeze it, so that the collector does not copy its pages."""
     import gc
 
     from ..catalogue import registry

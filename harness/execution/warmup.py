@@ -1,7 +1,7 @@
-"""Compilation before the clock starts: each solver takes a few steps of one of its cells, whose result is thrown away.
+"""Compilation before the clock starts: each solver takes a few steps of one of its runs, whose result is thrown away.
 
 First in a forked process, which fills the compiler's cache on disk and may crash; then, if that went well, in the
-parent of all cells, so that every fork finds the compiled code in memory. Plugins are never run in the parent.
+parent of all runs, so that every fork finds the compiled code in memory. Plugins are never run in the parent.
 """
 
 import dataclasses
@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..catalogue import registry
 from ..sandbox.isolation import fork, kill_group
-from ..suites.cell import Cell
+from ..suites.spec import RunSpec
 from ..types import StepControl
 
 LIMIT = 600.0  # [s] for all solvers together: a cold compiler needs half a minute for the kernels
@@ -22,47 +22,47 @@ STEPS = 2  # of fixed size
 SHORT = 1e-3  # [s] of simulated time for error-controlled solvers
 
 
-def cells_to_warm(cells: Sequence[Cell]) -> list[Cell]:
-    """The first cell of each solver of ``solvers/``, cut to a few steps."""
-    first: dict[str, Cell] = {}
-    for cell in cells:
-        if registry.is_own_solver(cell.solver) and registry.is_own_problem(cell.problem):
-            first.setdefault(cell.solver, cell)
-    return [_short(cell) for cell in first.values()]
+def runs_to_warm(specs: Sequence[RunSpec]) -> list[RunSpec]:
+    """The first run of each solver of ``solvers/``, cut to a few steps."""
+    first: dict[str, RunSpec] = {}
+    for spec in specs:
+        if registry.is_own_solver(spec.solver) and registry.is_own_problem(spec.problem):
+            first.setdefault(spec.solver, spec)
+    return [_short(spec) for spec in first.values()]
 
 
-def warm(cells: Sequence[Cell]) -> dict[str, float]:
+def warm(specs: Sequence[RunSpec]) -> dict[str, float]:
     """Run each; wall time [s] by solver, those that failed left out."""
     out = {}
-    for cell in cells:
+    for spec in specs:
         began = time.monotonic()
         try:
-            problem = registry.make_problem(cell.problem, cell.parameters)
-            solver = registry.make_solver(cell.solver, cell.options)
-            control = dataclasses.replace(cell.control, wall_limit=LIMIT)
+            problem = registry.make_problem(spec.problem, spec.parameters)
+            solver = registry.make_solver(spec.solver, spec.options)
+            control = dataclasses.replace(spec.control, wall_limit=LIMIT)
             if solver.refuses(problem, control) is None:
                 solver.solve(problem, control)
-        except Exception:  # its cells will tell
+        except Exception:  # its runs will tell
             continue
-        out[cell.solver] = time.monotonic() - began
+        out[spec.solver] = time.monotonic() - began
     return out
 
 
-def warm_apart_then_here(cells: Sequence[Cell], unwanted: Callable[[], bool] = lambda: False) -> dict[str, float]:
+def warm_apart_then_here(specs: Sequence[RunSpec], unwanted: Callable[[], bool] = lambda: False) -> dict[str, float]:
     """Warm in a forked process, then here what went well there; the times [s] of the first. Ends when ``unwanted``."""
     with tempfile.TemporaryDirectory() as place:
         note = Path(place) / "times.json"
-        times = _apart(cells, note, Path(place) / "stderr", unwanted)
+        times = _apart(specs, note, Path(place) / "stderr", unwanted)
     if not unwanted():
-        warm([cell for cell in cells if cell.solver in times])
+        warm([spec for spec in specs if spec.solver in times])
     return times
 
 
-def _apart(cells: Sequence[Cell], note: Path, stderr: Path, unwanted: Callable[[], bool]) -> dict[str, float]:
+def _apart(specs: Sequence[RunSpec], note: Path, stderr: Path, unwanted: Callable[[], bool]) -> dict[str, float]:
     def run(tell: Callable[[str], None]) -> None:
         done: dict[str, float] = {}
-        for cell in cells:
-            done.update(warm([cell]))
+        for spec in specs:
+            done.update(warm([spec]))
             note.write_text(json.dumps(done), encoding="utf-8")
 
     child = fork(run, stderr, memory=4000.0, cpu=LIMIT)
@@ -79,7 +79,7 @@ def _apart(cells: Sequence[Cell], note: Path, stderr: Path, unwanted: Callable[[
     return dict(json.loads(note.read_text(encoding="utf-8"))) if note.exists() else {}
 
 
-def _short(cell: Cell) -> Cell:
-    c: StepControl = cell.control
+def _short(spec: RunSpec) -> RunSpec:
+    c: StepControl = spec.control
     t_end = SHORT if c.dt is None else STEPS * c.dt
-    return dataclasses.replace(cell, parameters={**cell.parameters, "t_end": t_end})
+    return dataclasses.replace(spec, parameters={**spec.parameters, "t_end": t_end})

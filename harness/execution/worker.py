@@ -1,6 +1,6 @@
-"""One cell in a process of its own: make, ask, solve, measure, write. Whatever a solver raises becomes a record.
+"""One run in a process of its own: make, ask, solve, measure, write. Whatever a solver raises becomes a record.
 
-``mbsbench.worker JOB.json`` runs one in a fresh interpreter; ``harness.supervisor`` forks one a cell.
+``mbsbench.worker JOB.json`` runs one in a fresh interpreter; ``harness.supervisor`` forks one a run.
 """
 
 import contextlib
@@ -24,7 +24,7 @@ from ..sandbox.spool import FileSpool, kept
 from ..types import Problem, Solver, Status, StepControl, Trajectory
 from .job import Job, record_of
 from .measuring import judged
-from .posed import Posed, posed
+from .presented import Presented, presented
 
 SOFT = 0.9  # of the wall limit: there a solver is asked to stop itself and to hand back what it has
 
@@ -38,7 +38,7 @@ def run(job: Job, tell: Callable[[str], None] = lambda phase: None) -> RunRecord
         record = _attempt(job, tell, columns)
     except MemoryError as error:
         failed = Status.MEMORY, _words(error)
-    except Exception as error:  # the cell's own failure, kept as its result
+    except Exception as error:  # the run's own failure, kept as its result
         if isinstance(error, OSError) and error.errno in DISK_FULL:
             raise
         traceback.print_exc()
@@ -56,7 +56,7 @@ def run(job: Job, tell: Callable[[str], None] = lambda phase: None) -> RunRecord
 def salvaged(job: Job, bare: RunRecord) -> RunRecord:
     """``bare``, the record of a run cut short, with the metrics and series of the steps it had kept, if it had any."""
     try:
-        problem = registry.make_problem(job.cell.problem, job.cell.parameters)
+        problem = registry.make_problem(job.spec.problem, job.spec.parameters)
         trajectory = kept(job.spool, problem, Status(bare.status), bare.message)
         if trajectory is None:
             return bare
@@ -73,15 +73,15 @@ def salvaged(job: Job, bare: RunRecord) -> RunRecord:
 def _attempt(job: Job, tell: Callable[[str], None], columns: dict[str, Any]) -> RunRecord:
     for plugin in job.plugins:
         registry.load_plugin(plugin)
-    cell = job.cell
-    problem = registry.make_problem(cell.problem, cell.parameters)
+    spec = job.spec
+    problem = registry.make_problem(spec.problem, spec.parameters)
     columns.update(section=problem.section, t_end_s=problem.t_end)
-    solver = posed(registry.make_solver(cell.solver, cell.options), problem)
-    control = dataclasses.replace(cell.control, wall_limit=SOFT * cell.wall_limit, spool=FileSpool(job.spool))
+    solver = presented(registry.make_solver(spec.solver, spec.options), problem)
+    control = dataclasses.replace(spec.control, wall_limit=SOFT * spec.wall_limit, spool=FileSpool(job.spool))
     reason = solver.refuses(problem, control)
     if reason:
         return record_of(job, Status.REFUSED, claimed=str(Status.REFUSED), message=reason, **columns)
-    trajectory, cost = solve_repeatedly(solver, problem, control, cell.repeats)
+    trajectory, cost = solve_repeatedly(solver, problem, control, spec.repeats)
     columns.update(claimed=str(trajectory.status), **cost)
     tell("measure")
     began = time.monotonic()
@@ -90,7 +90,7 @@ def _attempt(job: Job, tell: Callable[[str], None], columns: dict[str, Any]) -> 
 
 
 def solve_repeatedly(
-    solver: Solver | Posed, problem: Problem, control: StepControl, repeats: int
+    solver: Solver | Presented, problem: Problem, control: StepControl, repeats: int
 ) -> tuple[Trajectory, dict[str, Any]]:
     """The first trajectory and the cost columns. Repeats stop when the next would pass the wall limit."""
     began = time.monotonic()
@@ -112,7 +112,7 @@ def solve_repeatedly(
     return first, cost
 
 
-def _timed(solver: Solver | Posed, problem: Problem, control: StepControl) -> tuple[Trajectory, float]:
+def _timed(solver: Solver | Presented, problem: Problem, control: StepControl) -> tuple[Trajectory, float]:
     """A trajectory and its CPU time: the solver's own figure if it has one, else that of the whole call."""
     began = time.process_time()
     trajectory = solver.solve(problem, control)

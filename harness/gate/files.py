@@ -39,8 +39,8 @@ def markdown(verdict: Verdict, suite: str) -> str:
         out += ["| state | case | metric | measured | was | bound | unit | why |", "|---|---|---|---|---|---|---|---|"]
         for f in shown:
             numbers = [_number(f.measured), _number(f.value), f.bound]
-            cells = [f.state.name, f.case, f.what, *numbers, f.unit, f.words if f.state is not State.PASS else "moved"]
-            out.append("| " + " | ".join(map(_markdown, cells)) + " |")
+            specs = [f.state.name, f.case, f.what, *numbers, f.unit, f.words if f.state is not State.PASS else "moved"]
+            out.append("| " + " | ".join(map(_markdown, specs)) + " |")
         out.append("")
     return "\n".join(out)
 

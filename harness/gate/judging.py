@@ -1,4 +1,4 @@
-"""The gate: records against thresholds. A missing cell, an unjudged cell and an empty run are failures.
+"""The gate: records against thresholds. A missing run, an unjudged run and an empty run are failures.
 
 States, worst first: FAIL > XPASS (expected to fail, and did not) > XFAIL (expected to fail, and did) > PASS. FAIL
 and XPASS close the gate: a threshold that has become wrong must be put right in the commit that makes it so.
@@ -12,13 +12,13 @@ from enum import IntEnum
 
 from ..results.records import RunRecord
 from ..results.store import newest
-from ..suites.cell import Cell
+from ..suites.spec import RunSpec
 from ..types import Status
 from .thresholds import EQUAL, Threshold, Thresholds
 
 WORTH = 0.95  # of a bound: less is not worth a commit
-MISSING = "no result: the cell is missing"
-OTHER_CODE = "result of other code: the cell is missing at this one (--any-code judges it all the same)"
+MISSING = "no result: the run is missing"
+OTHER_CODE = "result of other code: the run is missing at this one (--any-code judges it all the same)"
 ROUNDED = 1e-11  # in any of the metrics' units: below it, a change is the machine's
 
 
@@ -68,32 +68,32 @@ def of_code(records: Sequence[RunRecord], code: str) -> tuple[RunRecord, ...]:
 
 
 def judge(
-    cells: Sequence[Cell], records: Sequence[RunRecord], thresholds: Thresholds, code: str | None = None
+    specs: Sequence[RunSpec], records: Sequence[RunRecord], thresholds: Thresholds, code: str | None = None
 ) -> Verdict:
-    """Every cell's status and every threshold; cells without a threshold and thresholds without a cell fail too.
+    """Every run's status and every threshold; runs without a threshold and thresholds without a run fail too.
 
-    With ``code``, a result of other code counts as missing; of several results of a cell the newest is judged.
+    With ``code``, a result of other code counts as missing; of several results of a run the newest is judged.
     """
     judged = records if code is None else of_code(records, code)
-    by_settings = {r.settings: r for r in newest(judged)}
-    other = {r.settings for r in records} - {*by_settings}
+    by_settings = {r.settings_id: r for r in newest(judged)}
+    other = {r.settings_id for r in records} - {*by_settings}
     found: list[Finding] = []
-    by_case = {c.case: by_settings.get(c.settings) for c in cells}
-    missing = {c.case: OTHER_CODE if c.settings in other else MISSING for c in cells}
+    by_case = {c.case: by_settings.get(c.settings_id) for c in specs}
+    missing = {c.case: OTHER_CODE if c.settings_id in other else MISSING for c in specs}
     bounded = {b.case for b in thresholds.bounds}
     for case, record in by_case.items():
         found.append(_status(case, record, thresholds, missing[case]))
         ended_as_expected = case in thresholds.statuses and thresholds.statuses[case].status is not Status.SUCCESS
         if case not in bounded and not ended_as_expected:
-            found.append(_fail(case, "no threshold", "no threshold for this cell: propose one with gate --update"))
+            found.append(_fail(case, "no threshold", "no threshold for this run: propose one with gate --update"))
     for b in thresholds.bounds:
         if b.case not in by_case:
-            found.append(_fail(b.case, b.metric, "the suite has no such cell", b))
+            found.append(_fail(b.case, b.metric, "the suite has no such run", b))
         else:
             found.append(_bound(b, by_case[b.case], missing[b.case]))
     for case in thresholds.statuses:
         if case not in by_case:
-            found.append(_fail(case, "status", "the suite has no such cell"))
+            found.append(_fail(case, "status", "the suite has no such run"))
     return Verdict(tuple(sorted(found, key=lambda f: (-f.state, f.case, f.what))))
 
 

@@ -39,7 +39,7 @@ STOP_TEST = 1e-6  # of the size: below it, a fixed-step solver's |phi_dot| is wh
 
 
 def proposed(records: Sequence[RunRecord]) -> list[Threshold]:
-    """Bounds for energy drift, |phi|, |phi_dot|, the errors and fixed steps, of every cell that succeeded."""
+    """Bounds for energy drift, |phi|, |phi_dot|, the errors and fixed steps, of every run that succeeded."""
     return [bound for r in records if r.status == Status.SUCCESS for bound in _of(r)]
 
 

@@ -17,7 +17,7 @@
 What is the same on every machine is compared exactly: ``direction = "equal"`` with ``value`` and no bounds (steps of
 a fixed size). What may differ between machines only by rounding gets ``tolerance``, relative to ``value``, as well.
 
-A cell is expected to end with status "success", unless an entry without metric says otherwise:
+A run is expected to end with status "success", unless an entry without metric says otherwise:
 ``case``, ``status``, ``reason``.
 """
 

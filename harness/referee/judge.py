@@ -8,7 +8,7 @@ from typing import Any
 
 from ..results import store
 from ..results.records import RunRecord
-from ..suites.cell import Cell
+from ..suites.spec import RunSpec
 from ..suites.suite import load_suite
 from .certificates.drift import anatomy
 from .certificates.metamorphic import scorecard
@@ -20,7 +20,7 @@ from .wrong import wrong
 
 FOLDER = "judgement"
 PUBLISHED = Path(__file__).resolve().parents[2] / "results" / "published"
-SUITES = ("paper", "claims")  # their cells are what claims are tried on; both are in the suite ``referee``
+SUITES = ("paper", "claims")  # their runs are what claims are tried on; both are in the suite ``referee``
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
     ("certificates", certify),
     ("drift", anatomy),
@@ -51,9 +51,9 @@ def judgements(folder: Path, register: Register, watch: Callable[[str], None] = 
     return out
 
 
-def tried_on() -> tuple[Cell, ...]:
-    """The cells of the maps, each once."""
-    found = {c.settings: c for name in SUITES for c in load_suite(name).cells}
+def tried_on() -> tuple[RunSpec, ...]:
+    """The runs of the maps, each once."""
+    found = {c.settings_id: c for name in SUITES for c in load_suite(name).specs}
     return tuple(found.values())
 
 

@@ -16,12 +16,12 @@ def wrong(records: Iterable[RunRecord], card: Iterable[Mapping[str, Any]]) -> li
     broken: dict[str, list[str]] = {}
     for row in card:
         if row["verdict"] == "broken":
-            broken.setdefault(row["cells"][-1], []).append(f"{row['check']}: {row['words']}")
+            broken.setdefault(row["runs"][-1], []).append(f"{row['check']}: {row['words']}")
     out = []
     for r in sorted(records, key=lambda r: (r.problem, r.solver, r.case)):
-        because = [*json.loads(r.wrong_because), *_out_of_plane(r), *broken.get(r.settings, [])]
+        because = [*json.loads(r.wrong_because), *_out_of_plane(r), *broken.get(r.settings_id, [])]
         if r.claimed == "success" and because:
-            out.append({"case": r.case, "cell": r.settings, "solver": r.solver, "problem": r.problem,
+            out.append({"case": r.case, "run": r.settings_id, "solver": r.solver, "problem": r.problem,
                         "because": because})  # fmt: skip
     return out
 

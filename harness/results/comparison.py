@@ -1,6 +1,6 @@
-"""Two sets of results, cell by cell: what is the same bit for bit, what differs by rounding, what has changed.
+"""Two sets of results, run by run: what is the same bit for bit, what differs by rounding, what has changed.
 
-Cells are matched by their settings, which the code is no part of. Times, memory and places of files are not compared.
+Runs are matched by their settings, which the code is no part of. Times, memory and places of files are not compared.
 """
 
 import json
@@ -34,7 +34,7 @@ class Likeness(StrEnum):
 
 @dataclass(frozen=True)
 class Change:
-    """One metric of one cell, before and after; for "status" the words are compared."""
+    """One metric of one run, before and after; for "status" the words are compared."""
 
     case: str
     metric: str
@@ -59,11 +59,11 @@ class Comparison:
     changes: tuple[Change, ...]
     only_before: tuple[str, ...]
     only_after: tuple[str, ...]
-    compared: int  # cells
+    compared: int  # runs
 
     @property
     def same(self) -> bool:
-        """Bit for bit, with the same cells."""
+        """Bit for bit, with the same runs."""
         return not (self.changes or self.only_before or self.only_after)
 
     @property
@@ -74,8 +74,8 @@ class Comparison:
 
 
 def compare(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> Comparison:
-    """What differs between two sets of records; of several of a cell (of older code) the newest counts."""
-    a, b = ({r.settings: r for r in newest(records)} for records in (before, after))
+    """What differs between two sets of records; of several of a run (of older code) the newest counts."""
+    a, b = ({r.settings_id: r for r in newest(records)} for records in (before, after))
     both = [s for s in a if s in b]
     changes = [c for s in both for c in _changes(a[s], b[s])]
     return Comparison(

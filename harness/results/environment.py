@@ -24,16 +24,16 @@ THREADS = {  # one thread: timings mean CPU time of one core, and results do not
     "NUMBA_NUM_THREADS": "1",
 }
 SHAPING = (  # what the process of one run executes; the rest only arranges, judges or shows
-    "harness/catalogue", "harness/execution/job.py", "harness/execution/measuring.py", "harness/execution/posed.py",
+    "harness/catalogue", "harness/execution/job.py", "harness/execution/measuring.py", "harness/execution/presented.py",
     "harness/execution/supervisor.py", "harness/execution/warmup.py", "harness/execution/worker.py", "harness/mechanics",
     "harness/metrics", "harness/results/records.py", "harness/results/series.py", "harness/sandbox",
-    "harness/suites/cell.py", "harness/types.py", "problems", "solvers",
+    "harness/suites/spec.py", "harness/types.py", "problems", "solvers",
 )  # fmt: skip
 
 
 @cache
 def code_digest(plugins: tuple[str, ...] = ()) -> str:
-    """Digest of every file that can change a cell's numbers, the lock file included."""
+    """Digest of every file that can change a run's numbers, the lock file included."""
     files = [f for name in SHAPING for f in (sorted((ROOT / name).rglob("*.py")) or [ROOT / name])]
     digest = hashlib.sha256()
     from ..catalogue.plugins import source_of

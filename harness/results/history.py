@@ -1,4 +1,4 @@
-"""Results over commits: one row for each cell of each run, from run folders and from small files of such rows.
+"""Results over commits: one row for each run of each run, from run folders and from small files of such rows.
 
 Rows are matched by ``settings``, which the code is no part of: a line over time is one ``settings``.
 """
@@ -26,19 +26,19 @@ class HistoryError(ValueError):
 
 @dataclass(frozen=True)
 class Row:
-    """One cell of one run. NaN where a quantity does not exist."""
+    """One run of one run. NaN where a quantity does not exist."""
 
     commit: str  # '+dirty' when the checkout had changes
     time: str  # UTC, ISO 8601: when the run was started
-    run: str
+    results: str
     suite: str
-    settings: str
+    settings_id: str
     case: str
     label: str
     problem: str
     solver: str
     status: str
-    gate: str = ""  # the worst state of the gate's findings on the cell; empty where no gate has judged
+    gate: str = ""  # the worst state of the gate's findings on the run; empty where no gate has judged
     energy_drift_max_J: float = NAN
     energy_scale_J: float = NAN
     position_error_max_m: float = NAN
@@ -48,47 +48,47 @@ class Row:
     phi_dot_max: float = NAN
     steps: float = NAN
     cpu_min_s: float = NAN
-    cpu_ratio: float = NAN  # cpu_min_s over that of the oldest success of this cell on the same processor
+    cpu_ratio: float = NAN  # cpu_min_s over that of the oldest success of this run on the same processor
     processor: str = ""
 
 
-SAME = ("suite", "settings", "case", "label", "problem", "solver", "status")  # as in a record
+SAME = ("suite", "settings_id", "case", "label", "problem", "solver", "status")  # as in a record
 METRICS = tuple(f.name for f in dataclasses.fields(Row) if f.type is float)
 WORDS = tuple(f.name for f in dataclasses.fields(Row) if f.type is str)
 
 
 def history(folders: Iterable[Path], files: Iterable[Path] = ()) -> tuple[Row, ...]:
-    """All rows, the oldest first; a cell of a run that is there twice, once."""
+    """All rows, the oldest first; a run of a run that is there twice, once."""
     found: dict[tuple[str, str], Row] = {}
     for path in files:
         for row in read_rows(path):
-            found[row.run, row.settings] = row
+            found[row.results, row.settings_id] = row
     for folder in folders:
         records = store.newest(store.load(folder, check_series=False).records)
         for row in rows_of(folder.resolve().name, stamp_of(folder), records):
-            found.setdefault((row.run, row.settings), row)
-    return _with_ratios(sorted(found.values(), key=lambda r: (r.time, r.run, r.case)))
+            found.setdefault((row.results, row.settings_id), row)
+    return _with_ratios(sorted(found.values(), key=lambda r: (r.time, r.results, r.case)))
 
 
 def rows_of(
-    run: str, stamp: Mapping[str, Any], records: Iterable[RunRecord], gate: Mapping[str, str] | None = None
+    results: str, stamp: Mapping[str, Any], records: Iterable[RunRecord], gate: Mapping[str, str] | None = None
 ) -> list[Row]:
     """The rows of one run; ``stamp`` is its ``environment.json``, ``gate`` the state of each judged case."""
     out = []
     for r in records:
         words: dict[str, Any] = {
-            k: getattr(r, k) for k in ("suite", "settings", "case", "label", "problem", "solver", "status")
+            k: getattr(r, k) for k in ("suite", "settings_id", "case", "label", "problem", "solver", "status")
         }
         numbers: dict[str, Any] = {k: float(getattr(r, k)) for k in METRICS if k != "cpu_ratio"}
         time = str(stamp.get("started") or r.finished)
         state = (gate or {}).get(r.case, "")
-        out.append(Row(r.commit, time, run, **words, gate=state, **numbers, processor=str(stamp.get("cpu") or "")))
+        out.append(Row(r.commit, time, results, **words, gate=state, **numbers, processor=str(stamp.get("cpu") or "")))
     return out
 
 
 def standing(local: Path = store.LOCAL, committed: Path = COMMITTED) -> tuple[list[Path], list[Path]]:
     """The run folders and the files of rows that there are."""
-    folders = sorted(p for p in local.glob("*") if (p / "cells").is_dir() and not p.is_symlink())
+    folders = sorted(p for p in local.glob("*") if (p / "runs").is_dir() and not p.is_symlink())
     return folders, [*sorted(committed.glob("*.jsonl")), *sorted((local / GATES).glob("*.jsonl"))]
 
 
@@ -136,6 +136,6 @@ def _with_ratios(rows: Iterable[Row]) -> tuple[Row, ...]:
     for row in rows:
         ratio = NAN
         if row.status == "success" and row.cpu_min_s > 0.0:
-            ratio = row.cpu_min_s / first.setdefault((row.settings, row.processor), row.cpu_min_s)
+            ratio = row.cpu_min_s / first.setdefault((row.settings_id, row.processor), row.cpu_min_s)
         out.append(dataclasses.replace(row, cpu_ratio=ratio))
     return tuple(out)

@@ -18,7 +18,7 @@ class Merged:
     records: tuple[RunRecord, ...]
     added: int
     unreadable: tuple[store.Unreadable, ...]
-    conflicts: tuple[str, ...]  # cells that two folders have with other numbers; the first is kept
+    conflicts: tuple[str, ...]  # runs that two folders have with other numbers; the first is kept
     codes: tuple[str, ...]  # digests of the code: more than one means results of different code
 
 
@@ -30,19 +30,19 @@ def merge(out: Path, sources: Sequence[Path]) -> Merged:
     store.create(out)
     with store.lock(out):
         there = store.load(out)
-        kept = {r.cell: r for r in there.records}
+        kept = {r.run_id: r for r in there.records}
         unreadable, conflicts, added = list(there.unreadable), [], 0
         for source, loaded in zip(sources, found, strict=True):
             unreadable += loaded.unreadable
             for record in loaded.records:
-                if record.cell in kept:
-                    if not compare([kept[record.cell]], [record]).same:
+                if record.run_id in kept:
+                    if not compare([kept[record.run_id]], [record]).same:
                         conflicts.append(f"{record.case} ({source})")
                     continue
                 for file in filter(None, (record.series, record.stderr)):
                     _copy(source / file, out / file)
                 store.write_record(out, record)
-                kept[record.cell] = record
+                kept[record.run_id] = record
                 added += 1
             _environment(source, out)
         store.write_table(out, store.load(out, check_series=False).records)

@@ -1,5 +1,5 @@
-"""Records that tell how a run ended, not what a cell does: cells ended by the run's own limit, or with a process that
-many cells share. They stand until the run is resumed, which sets them aside and runs their cells again.
+"""Records that tell how a run ended, not what a run does: runs ended by the run's own limit, or with a process that
+many runs share. They stand until the run is resumed, which sets them aside and runs their runs again.
 """
 
 from pathlib import Path
@@ -14,12 +14,12 @@ WORKERS_DIED = "the workers it was given to died"
 
 
 def limit_words(limit: float) -> str:
-    """The message of cells that ran when the time of the whole run [s] was up."""
+    """The message of runs that ran when the time of the whole run [s] was up."""
     return f"killed {LIMIT_MET} of {limit:g} s (total_limit of the suite)"
 
 
 def is_provisional(record: RunRecord) -> bool:
-    """Whether another run of the same cell may well end otherwise."""
+    """Whether another run of the same run may well end otherwise."""
     if record.claimed:  # the solver itself said how it ended
         return False
     if record.status == Status.STALLED:
@@ -28,7 +28,7 @@ def is_provisional(record: RunRecord) -> bool:
 
 
 def files_of(folder: Path, record: RunRecord) -> list[Unreadable]:
-    """What is to be set aside before the cell is run again: its record first, with the reason."""
-    why = f"it says how an earlier run ended ({record.message}); the cell is run again"
-    names = (f"cells/{record.cell}.json", record.series, record.stderr)
+    """What is to be set aside before the run is run again: its record first, with the reason."""
+    why = f"it says how an earlier run ended ({record.message}); the run is run again"
+    names = (f"runs/{record.run_id}.json", record.series, record.stderr)
     return [Unreadable(folder / name, why) for name in names if name and (folder / name).is_file()]

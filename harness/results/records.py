@@ -1,6 +1,6 @@
-"""The record of one cell: what was asked, how it ended, what was measured, what it cost. All that reports see.
+"""The record of one run: what was asked, how it ended, what was measured, what it cost. All that reports see.
 
-A record is flat: every field is a column of ``cells.parquet``, with its unit at the end of its name and its meaning
+A record is flat: every field is a column of ``runs.parquet``, with its unit at the end of its name and its meaning
 here. Things of which problems and solvers have different ones (options, counters, invariants) are JSON strings.
 """
 
@@ -11,9 +11,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-SCHEMA = 1  # raise it when a column changes its meaning or goes; a new column with a default keeps it
+SCHEMA = 2  # raise it when a column changes its meaning or goes; a new column with a default keeps it
 NAN = float("nan")
-ESSENTIAL = ("cell", "case", "problem", "solver", "status")  # others may be newer than the file
+ESSENTIAL = ("run_id", "case", "problem", "solver", "status")  # others may be newer than the file
 
 
 class BadRecord(ValueError):
@@ -27,14 +27,14 @@ def column(doc: str, default: Any = NAN) -> Any:
 
 @dataclass(frozen=True)
 class RunRecord:
-    """One cell. NaN (or an empty string) where a quantity does not exist, e.g. an error without a reference."""
+    """One run. NaN (or an empty string) where a quantity does not exist, e.g. an error without a reference."""
 
     # asked
-    cell: str = column("content address: problem, parameters, solver, options, control, code", "")
-    settings: str = column("the same without the code: equal between runs of different commits", "")
+    run_id: str = column("content address: problem, parameters, solver, options, control, code", "")
+    settings_id: str = column("the same without the code: equal between runs of different commits", "")
     case: str = column("the settings in words, unique in a suite: 'heavy_top gc_weak_form dt=0.001'", "")
     suite: str = column("name of the suite", "")
-    label: str = column("group of the suite the cell belongs to, e.g. 'soundest' or 'as printed'", "")
+    label: str = column("group of the suite the run belongs to, e.g. 'recommended' or 'as printed'", "")
     problem: str = column("name in problems/", "")
     section: str = column("section of the paper", "")
     problem_parameters: str = column("JSON: those that differ from the defaults", "{}")
@@ -48,8 +48,8 @@ class RunRecord:
     max_step_s: float = column("largest step allowed under error control")
     max_steps: int = column("limit on accepted steps, 0 if older than this column", 0)
     t_end_s: float = column("simulated time asked for")
-    wall_limit_s: float = column("limit on the wall time of the cell")
-    memory_limit_MB: float = column("limit on the memory of the cell's process")
+    wall_limit_s: float = column("limit on the wall time of the run")
+    memory_limit_MB: float = column("limit on the memory of the run's process")
 
     # how it ended
     status: str = column("harness.types.Status: success, wrong, refused, diverged, ...", "")
@@ -59,7 +59,7 @@ class RunRecord:
     notes: str = column("JSON list: choices the solver made", "[]")
     events: int = column("number of events in the series file, e.g. singular passages", 0)
     t_reached_s: float = column("time of the last accepted step")
-    exit_code: int = column("exit code of the cell's process", 0)
+    exit_code: int = column("exit code of the run's process", 0)
     signal: int = column("signal that ended the process, 0 if none", 0)
 
     # energy: error is E(t) - E(0) minus the work of dampers
@@ -126,20 +126,20 @@ class RunRecord:
     cpu_median_s: float = column("median of the repeats")
     cpu_max_s: float = column("largest of the repeats")
     setup_s: float = column("set-up and compilation of the first run, not in cpu_*")
-    wall_s: float = column("wall time of the whole cell: process, set-up, solve, measuring")
+    wall_s: float = column("wall time of the whole run: process, set-up, solve, measuring")
     measure_s: float = column("wall time of measuring alone")
     peak_memory_MB: float = column("largest resident memory of the process")
 
     # files, relative to the run folder
-    series: str = column("the cell's series file, empty if there is none", "")
+    series: str = column("the run's series file, empty if there is none", "")
     series_sha256: str = column("its digest", "")
     series_rows: int = column("rows in it; fewer than steps + 1 when thinned", 0)
-    stderr: str = column("what the cell wrote to standard error, empty if nothing", "")
+    stderr: str = column("what the run wrote to standard error, empty if nothing", "")
 
     # where from
     code: str = column("digest of harness/, problems/, solvers/, plugins and the lock file", "")
     commit: str = column("commit of the checkout, '+dirty' if it had changes", "")
-    finished: str = column("UTC time the cell ended, ISO 8601", "")
+    finished: str = column("UTC time the run ended, ISO 8601", "")
     schema: int = column("version of these columns", SCHEMA)
 
 
@@ -158,8 +158,8 @@ def from_json(text: str) -> RunRecord:
         plain = json.loads(text)
     except ValueError as error:
         raise BadRecord(f"not JSON: {error}") from None
-    if not isinstance(plain, dict) or "schema" not in plain or "cell" not in plain:
-        raise BadRecord("not a record of a cell")
+    if not isinstance(plain, dict) or "schema" not in plain or "run_id" not in plain:
+        raise BadRecord("not a record of a run")
     if plain["schema"] != SCHEMA:
         raise BadRecord(f"schema {plain['schema']!r}, expected {SCHEMA}")
     return _checked(plain)

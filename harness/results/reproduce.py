@@ -1,4 +1,4 @@
-"""The command that runs a cell again: a record as a line for the shell."""
+"""The command that runs a run again: a record as a line for the shell."""
 
 import json
 import math
@@ -13,7 +13,7 @@ from ..types import StepControl
 def command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> str:
     """``mbsbench solve ...`` with all that shapes the motion, the wall limit included, each word quoted.
 
-    ``plugins`` are those of the run's ``environment.json``; the NPZ file is ``out``, or the cell's address.
+    ``plugins`` are those of the run's ``environment.json``; the NPZ file is ``out``, or the run's address.
     """
     words = ["mbsbench", "solve", record.problem, record.solver]
     for plugin in plugins:
@@ -24,7 +24,7 @@ def command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> st
         words += ["--set", f"{name}={_text(value)}"]
     for name, value in _control(record).items():
         words += ["--set", f"{name}={_text(value)}"]
-    words += ["--out", out or f"{record.cell or record.problem}.npz"]
+    words += ["--out", out or f"{record.run_id or record.problem}.npz"]
     return shlex.join(words)
 
 

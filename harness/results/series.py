@@ -1,6 +1,6 @@
-"""The series file of a cell: NPZ, no pickle. Scalars over every accepted step, poses thinned for drawing.
+"""The series file of a run: NPZ, no pickle. Scalars over every accepted step, poses thinned for drawing.
 
-Written once by the cell's process, read by reports; its digest is in the cell's record.
+Written once by the run's process, read by reports; its digest is in the run's record.
 """
 
 import hashlib

@@ -1,6 +1,6 @@
 """A run folder on disk: records written whole or not at all, read with suspicion, never deleted.
 
-``cells/<cell>.json`` is the truth, one file a finished cell; ``cells.parquet`` is made from them. What each file
+``runs/<run>.json`` is the truth, one file a finished run; ``runs.parquet`` is made from them. What each file
 holds: ``docs/results-format.md``.
 """
 
@@ -18,10 +18,10 @@ from .records import COLUMNS, SCHEMA, BadRecord, RunRecord, from_json, to_json
 from .series import BadSeries, Series, read_series
 
 if TYPE_CHECKING:
-    import pandas as pd  # imported late: a cell's process stores its record and needs no tables
+    import pandas as pd  # imported late: a run's process stores its record and needs no tables
 
 LOCAL = Path("results") / "local"
-PARTS = ("cells", "series", "stderr")
+PARTS = ("runs", "series", "stderr")
 
 
 class StoreError(ValueError):
@@ -38,7 +38,7 @@ class Unreadable:
 
 @dataclass(frozen=True)
 class Loaded:
-    """What a run folder holds: the good records by cell, and what could not be read."""
+    """What a run folder holds: the good records by run, and what could not be read."""
 
     records: tuple[RunRecord, ...]
     unreadable: tuple[Unreadable, ...]
@@ -68,9 +68,9 @@ def lock(folder: Path) -> IO[str]:
 
 
 def write_record(folder: Path, record: RunRecord) -> Path:
-    """Store one finished cell."""
+    """Store one finished run."""
     body = to_json(record)
-    path = folder / "cells" / f"{record.cell}.json"
+    path = folder / "runs" / f"{record.run_id}.json"
     write_text(path, json.dumps({"sha256": _digest(body), "record": body}, ensure_ascii=False))
     return path
 
@@ -90,17 +90,17 @@ def read_record(path: Path) -> RunRecord:
         raise
     except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise BadRecord(f"not a record file: {type(error).__name__}: {error}") from None
-    if record.cell != path.stem:
-        raise BadRecord(f"it is the record of cell {record.cell}")
+    if record.run_id != path.stem:
+        raise BadRecord(f"it is the record of run {record.run_id}")
     return record
 
 
 def load(folder: Path, *, check_series: bool = True) -> Loaded:
     """All good records, in order of case; a record whose series file is damaged is not good. Nothing is changed."""
-    if not (folder / "cells").is_dir():
-        raise StoreError(f"{folder} is not a run folder (it has no cells/)")
+    if not (folder / "runs").is_dir():
+        raise StoreError(f"{folder} is not a run folder (it has no runs/)")
     good, bad = [], []
-    for path in sorted((folder / "cells").iterdir()):
+    for path in sorted((folder / "runs").iterdir()):
         if path.name.startswith("."):
             continue
         try:
@@ -121,8 +121,8 @@ def newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
     """Of records with the same settings the one that ended last: a resumed folder may hold those of older code."""
     found: dict[str, RunRecord] = {}
     for r in records:
-        if r.settings not in found or r.finished > found[r.settings].finished:
-            found[r.settings] = r
+        if r.settings_id not in found or r.finished > found[r.settings_id].finished:
+            found[r.settings_id] = r
     return tuple(found.values())
 
 
@@ -140,12 +140,12 @@ def set_aside(folder: Path, unreadable: Iterable[Unreadable]) -> None:
 
 
 def series_of(folder: Path, record: RunRecord) -> Series | None:
-    """The series of a cell, checked against its record; None for a cell that has none."""
+    """The series of a run, checked against its record; None for a run that has none."""
     return read_series(folder / record.series, record.series_sha256) if record.series else None
 
 
 def table(records: Iterable[RunRecord]) -> "pd.DataFrame":
-    """One row a cell, the columns of ``RunRecord`` with their types, even when there is no row."""
+    """One row a run, the columns of ``RunRecord`` with their types, even when there is no row."""
     import pandas as pd
 
     rows = [[getattr(r, c.name) for c in COLUMNS] for r in records]
@@ -154,10 +154,10 @@ def table(records: Iterable[RunRecord]) -> "pd.DataFrame":
 
 
 def write_table(folder: Path, records: Iterable[RunRecord]) -> Path:
-    """``cells.parquet``, replaced whole."""
+    """``runs.parquet``, replaced whole."""
     frame = table(records)
     frame.attrs["schema"] = SCHEMA
-    path = folder / "cells.parquet"
+    path = folder / "runs.parquet"
     partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         frame.to_parquet(partial, index=False)

@@ -1,4 +1,4 @@
-"""A forked process for one cell: its own session, limits, standard error to a file, threads and cores its own affair.
+"""A forked process for one run: its own session, limits, standard error to a file, threads and cores its own affair.
 
 Forked from a single-threaded parent that has numpy, numba, casadi and the catalogues loaded: starting takes
 milliseconds where a fresh interpreter takes a second.
@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-OUTPUT_LIMIT = 2**30  # [bytes] largest file a cell may write
+OUTPUT_LIMIT = 2**30  # [bytes] largest file a run may write
 CANNOT_WRITE = 74  # exit code (EX_IOERR): the disk is full, which is nobody's result
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 PR_SET_PDEATHSIG = 1  # prctl(2)
@@ -25,7 +25,7 @@ STDERR_KEPT = 2**16  # [bytes] of each end of a longer standard error
 
 @dataclass(frozen=True)
 class Child:
-    """A running cell: its process (and group) id and the pipe on which it tells its phase."""
+    """A running run: its process (and group) id and the pipe on which it tells its phase."""
 
     pid: int
     phase: int  # file descriptor, read end

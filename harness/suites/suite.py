@@ -1,15 +1,15 @@
-"""Suites: TOML files that name the cells to run, products written as lists. Everything is checked before anything runs.
+"""Suites: TOML files that name the runs to run, products written as lists. Everything is checked before anything runs.
 
 ::
 
     name = "example"
     description = "one line"
-    include = ["ci"]            # suites beside this file or in harness/suites/: their cells and plugins come first
+    include = ["ci"]            # suites beside this file or in harness/suites/: their runs and plugins come first
     total_limit = 900.0         # [s] the whole run: what runs then is killed (stalled), what has not begun is left
     [defaults]                  # any key of a group but problem and solver; of this file alone
-    wall_limit = 60.0           # [s] a cell
-    [[cells]]
-    label = "soundest"
+    wall_limit = 60.0           # [s] a run
+    [[runs]]
+    label = "recommended"
     problem = "spherical_pendulum"              # or a list
     parameters = { omega_z = [0.0, 0.1] }       # a list is a product; of a tuple-valued parameter give a list of lists
     solver = ["gc_weak_form", "rk45_strong_form"]
@@ -17,7 +17,7 @@
     dt = [0.02, 0.01]           # goes to the solvers controlled by dt, rtol and max_step to the others
     rtol = 1e-8
 
-A cell met again through an include is kept as first met, label and limits included; twice in one file it is an error.
+A run met again through an include is kept as first met, label and limits included; twice in one file it is an error.
 """
 
 import itertools
@@ -31,8 +31,8 @@ from ..catalogue.options import nearest
 from ..catalogue.plugins import resolved
 from ..sandbox.trial import tried
 from ..types import Problem
-from .cell import Cell, make_cell
 from .includes import Source, SuiteError, path_of, read_source, source, suite_names, with_included
+from .spec import RunSpec, make_spec
 
 __all__ = ["Suite", "SuiteError", "load_suite", "parse_suite", "suite_names"]
 LIMITS = ("wall_limit", "memory", "repeats", "label")
@@ -41,16 +41,16 @@ KEYS = (*LIMITS, *CONTROL, "parameters", "options", "problem", "solver")
 MOST = {  # four months, a petabyte, and what a column of whole numbers can hold
     "total_limit": 1e7, "wall_limit": 1e7, "memory": 1e9, "repeats": 10**6, "max_steps": 2**63 - 1,
 }  # fmt: skip
-HEAD = ("schema", "name", "description", "include", "total_limit", "plugins", "defaults", "cells")
+HEAD = ("schema", "name", "description", "include", "total_limit", "plugins", "defaults", "runs")
 
 
 @dataclass(frozen=True)
 class Suite:
-    """Cells in the order of the files, each once."""
+    """Runs in the order of the files, each once."""
 
     name: str
     description: str
-    cells: tuple[Cell, ...]
+    specs: tuple[RunSpec, ...]
     text: str
     plugins: tuple[str, ...] = ()
     included: tuple[tuple[str, str], ...] = ()  # name and text of the suites it includes, for the run folder
@@ -72,9 +72,9 @@ def _suite(own: Source, plugins: tuple[str, ...]) -> Suite:
     files = tuple(dict.fromkeys([*map(resolved, plugins), *(p for s in sources for p in _plugins(s))]))
     for s in sources:
         _known(s.plain, HEAD, s.where)
-        if not s.plain.get("include") or "cells" in s.plain:
+        if not s.plain.get("include") or "runs" in s.plain:
             _groups(s)
-    cells = _tried(own, lambda: _expanded(own, sources, files)) if files else _expanded(own, sources, files)
+    specs = _tried(own, lambda: _expanded(own, sources, files)) if files else _expanded(own, sources, files)
     title = own.plain.get("name", own.name)
     if not isinstance(title, str) or not title or not title.replace("-", "").replace("_", "").isalnum():
         raise SuiteError(f"{own.where}: name must be letters, digits, - and _ (got {title!r})")
@@ -82,11 +82,11 @@ def _suite(own: Source, plugins: tuple[str, ...]) -> Suite:
     if total is not None:
         _bounded("total_limit", total, own.where)
     included = tuple((s.name, s.text) for s in sources[:-1])
-    return Suite(title, str(own.plain.get("description", "")), tuple(cells.values()), own.text, files, included, total)
+    return Suite(title, str(own.plain.get("description", "")), tuple(specs.values()), own.text, files, included, total)
 
 
-def _tried(own: Source, expand: Callable[[], dict[str, Cell]]) -> dict[str, Cell]:
-    """The cells of a suite with foreign code, which may hang, crash or leave when it is loaded or makes a problem."""
+def _tried(own: Source, expand: Callable[[], dict[str, RunSpec]]) -> dict[str, RunSpec]:
+    """The runs of a suite with foreign code, which may hang, crash or leave when it is loaded or makes a problem."""
     try:
         return tried(own.where, expand)
     except SuiteError:
@@ -95,19 +95,19 @@ def _tried(own: Source, expand: Callable[[], dict[str, Cell]]) -> dict[str, Cell
         raise SuiteError(" ".join(str(error).split())) from None
 
 
-def _expanded(own: Source, sources: list[Source], files: tuple[str, ...]) -> dict[str, Cell]:
-    """The cells of all files by their settings, each as first met."""
+def _expanded(own: Source, sources: list[Source], files: tuple[str, ...]) -> dict[str, RunSpec]:
+    """The runs of all files by their settings, each as first met."""
     try:
         for file in files:
             registry.load_plugin(file)
     except ValueError as error:
         raise SuiteError(f"{own.where}: {error}") from None
     made: dict[tuple[str, str], Problem] = {}
-    cells: dict[str, Cell] = {}
+    specs: dict[str, RunSpec] = {}
     for s in sources:
-        for settings, cell in _cells(s, made).items():
-            cells.setdefault(settings, cell)
-    return cells
+        for settings, spec in _runs(s, made).items():
+            specs.setdefault(settings, spec)
+    return specs
 
 
 def _plugins(s: Source) -> list[str]:
@@ -121,34 +121,34 @@ def _plugins(s: Source) -> list[str]:
 
 
 def _groups(s: Source) -> list[dict[str, Any]]:
-    groups = s.plain.get("cells", [])
+    groups = s.plain.get("runs", [])
     if not isinstance(groups, list) or not groups or not all(isinstance(g, dict) for g in groups):
-        raise SuiteError(f"{s.where}: a suite needs at least one [[cells]] group")
+        raise SuiteError(f"{s.where}: a suite needs at least one [[runs]] group")
     return groups
 
 
-def _cells(s: Source, made: dict[tuple[str, str], Problem]) -> dict[str, Cell]:
-    """The cells of one file by their settings."""
+def _runs(s: Source, made: dict[tuple[str, str], Problem]) -> dict[str, RunSpec]:
+    """The runs of one file by their settings."""
     defaults = s.plain.get("defaults", {})
     if not isinstance(defaults, dict):
         raise SuiteError(f"{s.where}: defaults must be a table")
     _known(defaults, KEYS[:-2], f"{s.where}: defaults")
-    cells: dict[str, Cell] = {}
-    for k, group in enumerate(s.plain.get("cells", []), start=1):
-        place = f"{s.where}: cells group {k}"
+    specs: dict[str, RunSpec] = {}
+    for k, group in enumerate(s.plain.get("runs", []), start=1):
+        place = f"{s.where}: runs group {k}"
         try:
-            for cell in _expand({**defaults, **group}, place, made):
-                if cell.settings in cells:
-                    raise SuiteError(f"{place}: {cell.case} is there twice")
-                cells[cell.settings] = cell
+            for spec in _expand({**defaults, **group}, place, made):
+                if spec.settings_id in specs:
+                    raise SuiteError(f"{place}: {spec.case} is there twice")
+                specs[spec.settings_id] = spec
         except SuiteError:
             raise
         except (ValueError, OverflowError) as error:  # of the registry or a problem: its words, our place
             raise SuiteError(f"{place}: {' '.join(str(error).split())}") from None
-    return cells
+    return specs
 
 
-def _expand(group: Mapping[str, Any], place: str, made: dict[tuple[str, str], Problem]) -> Iterator[Cell]:
+def _expand(group: Mapping[str, Any], place: str, made: dict[tuple[str, str], Problem]) -> Iterator[RunSpec]:
     _known(group, KEYS, place)
     for key in ("problem", "solver"):
         if not _list(group.get(key)) or not all(isinstance(n, str) for n in _list(group[key])):
@@ -168,14 +168,14 @@ def _expand(group: Mapping[str, Any], place: str, made: dict[tuple[str, str], Pr
                 if k not in (("rtol", "max_step") if entry.control == "dt" else ("dt",))
             }
         for parameters in _product(group.get("parameters", {}), registry.problems()[name].parameters, place):
-            posed = (name, repr(sorted(parameters.items())))
-            if posed not in made:
-                made[posed] = _made(name, parameters, place)
+            variant = (name, repr(sorted(parameters.items())))
+            if variant not in made:
+                made[variant] = _made(name, parameters, place)
             for options in _product(group.get("options", {}), entry.parameters, place):
                 for steps in _product(control, {}, place):
-                    cell = make_cell(made[posed], solver, options, steps, **limits)
-                    _bounded("max_steps", cell.control.max_steps, place)
-                    yield cell
+                    spec = make_spec(made[variant], solver, options, steps, **limits)
+                    _bounded("max_steps", spec.control.max_steps, place)
+                    yield spec
 
 
 def _made(name: str, parameters: Mapping[str, Any], place: str) -> Problem:
@@ -200,7 +200,7 @@ def _product(given: Any, known: Mapping[str, tuple[Any, Any]], place: str) -> It
         one = not isinstance(value, list) or (is_tuple and not any(isinstance(v, list | str) for v in value))
         values = [value] if one else value
         if not values:
-            raise SuiteError(f"{place}: {key} is an empty list: no cell would be run")
+            raise SuiteError(f"{place}: {key} is an empty list: no run would be run")
         choices.append([(key, v) for v in values])
     for combination in itertools.product(*choices):
         yield dict(combination)

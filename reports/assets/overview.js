@@ -1,4 +1,4 @@
-// The first page: which part, number and rows of the matrix are shown, in which order; and the table of all cells.
+// The first page: which part, number and rows of the matrix are shown, in which order; and the table of all runs.
 (async () => {
   // the matrix and the tables of variants: rows by a solver's column; what has no number there stays last
   const MEASURES = { error: "error", energy: "energy error", phi: "constraint error", cost: "CPU time" };
@@ -48,7 +48,7 @@
     return { all, sort, folded: table.closest("details") };
   };
   const tables = [...document.querySelectorAll("table.matrix, table[data-tally]")].map(sortable);
-  // rows of all of them by words in the problem's head and by how their cells ended
+  // rows of all of them by words in the problem's head and by how their runs ended
   const filterRows = (box) => {
     const [words, has] = ["problem", "has"].map((key) => box.querySelector(`[data-rows=${key}]`)), count = box.querySelector("[data-rows-count]");
     const fits = (row) => {
@@ -89,11 +89,11 @@
     filterRows(switches);
   }
 
-  const table = document.querySelector("[data-cells]");
+  const table = document.querySelector("[data-runs]");
   if (!table) return;
-  const { rows, solvers, problems, labels } = await window.MBS.unpack(window.MBS.cells);
+  const { rows, solvers, problems, labels } = await window.MBS.unpack(window.MBS.runs);
   const form = document.querySelector("[data-filters]"), more = document.querySelector("[data-more]");
-  const CELL = 0, KIND = 1, STATUS = 2, SOLVER = 3, PROBLEM = 4, LABEL = 5, SETTINGS = 6, WHY = 7, T = 8, ENERGY = 9, ERROR = 10, PHI = 11, WORK = 12, CPU = 13, DRIFT = 14;
+  const RUN = 0, KIND = 1, STATUS = 2, SOLVER = 3, PROBLEM = 4, LABEL = 5, SETTINGS = 6, WHY = 7, T = 8, ENERGY = 9, ERROR = 10, PHI = 11, WORK = 12, CPU = 13, DRIFT = 14;
   const columns = [SOLVER, PROBLEM, SETTINGS, LABEL, STATUS, T, ENERGY, DRIFT, ERROR, PHI, WORK, CPU];
   const named = { [SOLVER]: (v) => solvers[v][0], [PROBLEM]: (v) => problems[v][0], [LABEL]: (v) => labels[v] };
   const FIRST = 30; // rows shown at first
@@ -112,7 +112,7 @@
       td.scope = "row";
       td.append(element("a", solvers[value][0], { class: "solver", href: solvers[value][1], style: `--c: ${solvers[value][2]}` }));
     } else if (column === PROBLEM) { td.className = "name"; td.append(element("a", problems[value][0], { href: problems[value][1] })); }
-    else if (column === SETTINGS) { td.className = "words"; td.append(element("a", value, { href: `cells/${row[CELL]}.html` })); }
+    else if (column === SETTINGS) { td.className = "words"; td.append(element("a", value, { href: `runs/${row[RUN]}.html` })); }
     else if (column === STATUS) { td.append(element("span", value, { class: `mark ${row[KIND]}` })); if (row[WHY]) td.append(element("small", row[WHY])); }
     else if (column === LABEL || column === DRIFT) {
       td.className = "short";
@@ -143,7 +143,7 @@
       tr.append(...columns.map((c) => entry(row, c)));
       return tr;
     }));
-    document.querySelector("[data-count]").textContent = `${own.length} of ${rows.length} cells`;
+    document.querySelector("[data-count]").textContent = `${own.length} of ${rows.length} runs`;
     more.hidden = some.length === own.length;
     more.textContent = `Show all ${own.length}`;
   };

@@ -248,7 +248,7 @@
     }
   };
 
-  // a cell's page shows its own curves out of its problem's plots: those where it moves off zero
+  // a run's page shows its own curves out of its problem's plots: those where it moves off zero
   const moves = (t) => t.y.length && t.y.some((v) => v !== 0);
   const bundles = {};
   for (const e of document.querySelectorAll("[data-plot], [data-plots-of]")) {

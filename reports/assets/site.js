@@ -42,7 +42,7 @@
     item.append(link);
     return item;
   }))));
-  // what each number of a cell's page means, from one file for all of them
+  // what each number of a run's page means, from one file for all of them
   document.addEventListener("DOMContentLoaded", () => document.querySelectorAll("[data-meanings] dt").forEach((head) => {
     const meaning = (MBS.meanings || {})[head.textContent] || (head.textContent.startsWith("counted: ") ? "By the solver itself." : "");
     if (meaning) head.nextElementSibling.append(Object.assign(document.createElement("small"), { textContent: meaning }));

@@ -8,7 +8,7 @@
   const asked = new URLSearchParams(location.hash.slice(1));
   const still = matchMedia("(prefers-reduced-motion: reduce)");
   const state = { t: 0, playing: false, speed: 1, solid: 0, shown: players.map(() => true), trail: "short" };
-  const solidAsked = players.findIndex((p) => p.cell === asked.get("solid"));
+  const solidAsked = players.findIndex((p) => p.run === asked.get("solid"));
   if (solidAsked >= 0) state.solid = solidAsked;
 
   const motions = players.map((p) => new T.Motion(p, play));

@@ -1,10 +1,10 @@
-"""One number for how far a cell is from the exact motion, the same kind for all cells of a problem."""
+"""One number for how far a run is from the exact motion, the same kind for all runs of a problem."""
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .reading import Cell
+from .results import Run
 
 EXACT = 1e-12  # of the mechanism's size: positions that everybody has to rounding compare nothing
 
@@ -22,9 +22,9 @@ class Measure:
     own: float  # the reference's own error in that unit; NaN if not known
     until: float | None = None  # [s] errors are judged to here where that is before the end
 
-    def of(self, cell: Cell) -> float:
-        """The error of a cell; NaN where it has none."""
-        judged, whole = (float(getattr(cell.record, name)) for name in self.columns)
+    def of(self, run: Run) -> float:
+        """The error of a run; NaN where it has none."""
+        judged, whole = (float(getattr(run.record, name)) for name in self.columns)
         return whole if math.isnan(judged) else judged
 
 
@@ -32,9 +32,9 @@ POSITION = ("position_error_judged_m", "position_error_max_m")
 ORIENTATION = ("orientation_error_judged_rad", "orientation_error_max_rad")
 
 
-def measure_for(cells: Sequence[Cell]) -> Measure | None:
+def measure_for(runs: Sequence[Run]) -> Measure | None:
     """Position error; orientation where all positions are exact (a body that only turns); None without a reference."""
-    known = [c for c in cells if not math.isnan(c.record.position_error_max_m)]
+    known = [c for c in runs if not math.isnan(c.record.position_error_max_m)]
     if not known:
         return None
     length = max((c.record.length_scale_m for c in known if c.record.length_scale_m > 0.0), default=1.0)
@@ -49,22 +49,22 @@ def measure_for(cells: Sequence[Cell]) -> Measure | None:
     return Measure(f"orientation error{words}", ORIENTATION, "rad", position.own / length, until)
 
 
-def judged_until(cells: Sequence[Cell]) -> float | None:
+def judged_until(runs: Sequence[Run]) -> float | None:
     """[s] the time up to which errors are judged, if that is before the reference or the longest run ends."""
-    times = [c.record.judged_to_s for c in cells if not math.isnan(c.record.judged_to_s)]
-    ends = [min(c.record.t_reached_s, c.record.reference_horizon_s) for c in cells if c.record.reference]
+    times = [c.record.judged_to_s for c in runs if not math.isnan(c.record.judged_to_s)]
+    ends = [min(c.record.t_reached_s, c.record.reference_horizon_s) for c in runs if c.record.reference]
     if not times or not ends or max(times) > 0.98 * max(ends):
         return None
     return max(times)
 
 
-def drifts(cell: Cell) -> bool | None:
+def drifts(run: Run) -> bool | None:
     """Whether the energy error wanders off rather than swings: its mean shifts from first to last quarter.
 
     True when the shift is over a third of the largest error (a straight line shifts by three quarters, a swing by
     nothing) and above rounding; None when it cannot be told.
     """
-    r = cell.record
+    r = run.record
     shift = abs(r.energy_mean_last_quarter_J - r.energy_mean_first_quarter_J)
     if math.isnan(shift) or not math.isfinite(r.energy_drift_max_J):
         return None

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from .accuracy import drifts
-from .reading import Cell
+from .results import Run
 from .words import NONE, clocked, mark, number, signed, time, whole
 
 Value = float | str
@@ -18,13 +18,13 @@ class Column:
     head: str
     unit: str
     doc: str
-    of: Callable[[Cell], Value]
+    of: Callable[[Run], Value]
     show: Callable[[float], str] = number
     latex: str = ""  # head in LaTeX; empty leaves the column out there
 
-    def text(self, cell: Cell) -> str:
+    def text(self, run: Run) -> str:
         """As shown."""
-        value = self.of(cell)
+        value = self.of(run)
         return (value or NONE) if isinstance(value, str) else self.show(value)
 
     @property
@@ -32,26 +32,26 @@ class Column:
         return f"{self.head} [{self.unit}]" if self.unit else self.head
 
 
-def _of(name: str) -> Callable[[Cell], Value]:
+def _of(name: str) -> Callable[[Run], Value]:
     return lambda c: getattr(c.record, name)
 
 
-def _spread(c: Cell) -> Value:
+def _spread(c: Run) -> Value:
     r = c.record
     return f"{clocked(r.cpu_min_s)} to {clocked(r.cpu_max_s)} ({r.repeats})" if r.repeats > 1 else NONE
 
 
-def _energy_kind(c: Cell) -> Value:
+def _energy_kind(c: Run) -> Value:
     wanders = drifts(c)
     return NONE if wanders is None else "drifts" if wanders else "bounded"
 
 
-def _own(c: Cell) -> Value:
+def _own(c: Run) -> Value:
     return c.record.reference_own_error_m
 
 
 COLUMNS: Sequence[Column] = (
-    Column("label", "Group", "", "Group of the suite the cell belongs to.", _of("label"), latex="Group"),
+    Column("label", "Group", "", "Group of the suite the run belongs to.", _of("label"), latex="Group"),
     Column("settings", "Settings", "", "Step or tolerance asked for, and options that differ from the defaults.",
            lambda c: c.settings(), latex="Settings"),
     Column("status", "Status", "", "How the run ended; wrong means that success was claimed and the numbers say no.",
@@ -104,5 +104,5 @@ COLUMNS: Sequence[Column] = (
            "Least and largest of the repeated timings, and how many; a dash for a single one.", _spread),
     Column("setup", "Set-up", "s",
            "Compilation and preparation before the first step, not part of the CPU time.", _of("setup_s")),
-    Column("memory", "Memory", "MB", "Largest resident memory of the cell's process.", _of("peak_memory_MB")),
+    Column("memory", "Memory", "MB", "Largest resident memory of the run's process.", _of("peak_memory_MB")),
 )  # fmt: skip

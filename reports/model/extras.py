@@ -6,19 +6,19 @@ from dataclasses import dataclass
 from typing import Any
 
 from .motion import Motion
-from .reading import Cell, Posing
+from .results import Run, Variant
 from .words import NONE, number, plural, time, unit
 
-MOST_EVENTS = 20  # of one cell in the table
+MOST_EVENTS = 20  # of one run in the table
 
 
 @dataclass(frozen=True)
 class Extra:
-    """A table of what only this problem has, cells by names."""
+    """A table of what only this problem has, runs by names."""
 
     title: str
     heads: tuple[str, ...]
-    rows: tuple[tuple[Cell, tuple[tuple[float, str], ...]], ...]
+    rows: tuple[tuple[Run, tuple[tuple[float, str], ...]], ...]
 
 
 @dataclass(frozen=True)
@@ -26,23 +26,23 @@ class Events:
     """What solvers reported on their way, e.g. singular passages: a row each, columns as the solvers named them."""
 
     heads: tuple[str, ...]
-    rows: tuple[tuple[Cell, tuple[str, ...]], ...]
+    rows: tuple[tuple[Run, tuple[str, ...]], ...]
     left_out: int
 
 
-def extras(cells: Sequence[Cell]) -> list[Extra]:
+def extras(runs: Sequence[Run]) -> list[Extra]:
     """Observables against the reference, invariants against their start; only tables that have a column."""
     found = [
-        _extra("Largest distance of observables from the reference", cells, lambda c: c.observable_errors),
-        _extra("Largest departure of invariants from their start", cells, lambda c: c.invariant_drifts),
+        _extra("Largest distance of observables from the reference", runs, lambda c: c.observable_errors),
+        _extra("Largest departure of invariants from their start", runs, lambda c: c.invariant_drifts),
     ]
     return [e for e in found if e.heads]
 
 
-def facts_of(posing: Posing, bodies: int) -> tuple[str, ...]:
+def facts_of(variant: Variant, bodies: int) -> tuple[str, ...]:
     """What a reader must know about the problem before its numbers."""
-    records = [c.record for c in posing.cells]
-    out = [posing.section] if posing.section else []
+    records = [c.record for c in variant.runs]
+    out = [variant.section] if variant.section else []
     times = sorted({r.t_end_s for r in records if not math.isnan(r.t_end_s)})
     if times:
         out.append(f"{', '.join(time(t) for t in times)} s simulated")
@@ -62,9 +62,9 @@ def facts_of(posing: Posing, bodies: int) -> tuple[str, ...]:
     return tuple(out)
 
 
-def _extra(title: str, cells: Sequence[Cell], of) -> Extra:  # type: ignore[no-untyped-def]
-    units = {n: str(e.get("unit", "")) for c in cells for n, e in of(c).items()}
-    rows = tuple((c, tuple(_value(of(c).get(n)) for n in units)) for c in cells)
+def _extra(title: str, runs: Sequence[Run], of) -> Extra:  # type: ignore[no-untyped-def]
+    units = {n: str(e.get("unit", "")) for c in runs for n, e in of(c).items()}
+    rows = tuple((c, tuple(_value(of(c).get(n)) for n in units)) for c in runs)
     return Extra(title, tuple(f"{n} [{unit(u)}]" if u else n for n, u in units.items()), rows)
 
 
@@ -81,7 +81,7 @@ def events(motions: Sequence[Motion]) -> Events | None:
     heads = list(dict.fromkeys(k for m in motions for e in m.events for k in e))
     if not heads:
         return None
-    rows = [(m.cell, tuple(_said(e.get(k)) for k in heads)) for m in motions for e in m.events[:MOST_EVENTS]]
+    rows = [(m.run, tuple(_said(e.get(k)) for k in heads)) for m in motions for e in m.events[:MOST_EVENTS]]
     left_out = sum(max(len(m.events) - MOST_EVENTS, 0) for m in motions)
     return Events(tuple(h.replace("_", " ") for h in heads), tuple(rows), left_out)
 

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from .accuracy import Measure, drifts, measure_for
-from .posings import plain_cells
-from .reading import Cell, Posing, Run
+from .results import Results, Run, Variant
+from .variants import plain_runs
 from .words import listed, mark, number, plural, seconds, time
 
 SAME_ERROR = 1.25  # errors closer than this factor are called equal
@@ -15,7 +15,7 @@ SAME_CPU = 1.3  # so are timings: the spread of single timings on a shared machi
 ACCURATE = 1e-3  # of the mechanism's size, or rad: the accuracy at which costs are compared
 
 
-REASON = 240  # characters of a reason in a sentence: the cell's page has all
+REASON = 240  # characters of a reason in a sentence: the run's page has all
 
 
 @dataclass(frozen=True)
@@ -26,81 +26,83 @@ class Finding:
     kind: str = "plain"
 
 
-def findings(run: Run) -> list[Finding]:
+def findings(results: Results) -> list[Finding]:
     """About the whole run."""
-    if not run.cells:
-        return [Finding("This run holds no finished cell.", "failed")]
-    return [*_counts(run), *_by_label(run), *_wanderers(run)]
+    if not results.runs:
+        return [Finding("This run holds no finished run.", "failed")]
+    return [*_counts(results), *_by_label(results), *_wanderers(results)]
 
 
-def findings_of(whole: Posing, label: str = "") -> list[Finding]:
-    """About one problem: of the cells that speak for it; the others in a line."""
-    cells = plain_cells(whole, label)
-    posing = Posing(whole.title, whole.slug, cells)
+def findings_of(whole: Variant, label: str = "") -> list[Finding]:
+    """About one problem: of the runs that speak for it; the others in a line."""
+    runs = plain_runs(whole, label)
+    variant = Variant(whole.title, whole.slug, runs)
     out: list[Finding] = []
-    measure = measure_for(whole.cells)
-    if not posing.solved():
-        out.append(Finding("No cell reached the end of this problem with a motion that holds.", "failed"))
+    measure = measure_for(whole.runs)
+    if not variant.solved():
+        out.append(Finding("No run reached the end of this problem with a motion that holds.", "failed"))
     if measure is not None:
-        out += [*_most_accurate(posing, measure), *_cheapest(posing, measure), *_response(posing, measure)]
-    out += _energy(posing)
-    out += _ends(posing)
-    if len(cells) < len(whole.cells):
-        here = {c.record.cell for c in cells}
-        out.append(_others([c for c in whole.cells if c.record.cell not in here], cells[0].record.label))
+        out += [*_most_accurate(variant, measure), *_cheapest(variant, measure), *_response(variant, measure)]
+    out += _energy(variant)
+    out += _ends(variant)
+    if len(runs) < len(whole.runs):
+        here = {c.record.run_id for c in runs}
+        out.append(_others([c for c in whole.runs if c.record.run_id not in here], runs[0].record.label))
     return out
 
 
-def _others(cells: Sequence[Cell], label: str) -> Finding:
+def _others(runs: Sequence[Run], label: str) -> Finding:
     """How all other settings ended."""
-    ends = Counter(_ending(c) for c in cells)
+    ends = Counter(_ending(c) for c in runs)
     words = listed([f"{n} {w}" for w, n in ends.most_common()])
     said = f"All this is about “{label}”" if label else "All this is about default options"
-    return Finding(f"{said}. Of {plural(len(cells), 'cell')} at other settings, folded below, {words}.")
+    return Finding(f"{said}. Of {plural(len(runs), 'run')} at other settings, folded below, {words}.")
 
 
-def _ending(c: Cell) -> str:
+def _ending(c: Run) -> str:
     return "held" if c.succeeded else c.status if c.status in ("wrong", "refused") else "stopped early"
 
 
-def called(cell: Cell) -> str:
-    """A cell in a sentence."""
-    return f"{cell.record.solver} ({cell.settings()})"
+def called(run: Run) -> str:
+    """A run in a sentence."""
+    return f"{run.record.solver} ({run.settings()})"
 
 
-def _counts(run: Run) -> Iterator[Finding]:
-    count = Counter(c.status for c in run.cells)
+def _counts(results: Results) -> Iterator[Finding]:
+    count = Counter(c.status for c in results.runs)
     words = listed([f"{n} {mark(s).word}" for s, n in count.most_common()])
-    yield Finding(f"{plural(len(run.cells), 'cell')} on {plural(len(run.posings), 'problem')}: {words}.")
+    yield Finding(f"{plural(len(results.runs), 'run')} on {plural(len(results.variants), 'problem')}: {words}.")
     wrong = count["wrong"]
     if wrong:
-        share = Counter(c.record.solver for c in run.cells if c.status == "wrong")
-        whose = listed([f"{s} {n} of {sum(c.record.solver == s for c in run.cells)}" for s, n in share.most_common()])
+        share = Counter(c.record.solver for c in results.runs if c.status == "wrong")
+        whose = listed(
+            [f"{s} {n} of {sum(c.record.solver == s for c in results.runs)}" for s, n in share.most_common()]
+        )
         yield Finding(
-            f"{plural(wrong, 'cell')} claimed success although energy, constraints, invariants or the reference say "
+            f"{plural(wrong, 'run')} claimed success although energy, constraints, invariants or the reference say "
             f"no: {whose}.",
             "wrong",
         )
 
 
-def _by_label(run: Run) -> Iterator[Finding]:
-    if len(run.labels()) < 2:
+def _by_label(results: Results) -> Iterator[Finding]:
+    if len(results.labels()) < 2:
         return
-    for label in run.labels():
-        own = [c for c in run.cells if c.record.label == label]
+    for label in results.labels():
+        own = [c for c in results.runs if c.record.label == label]
         ends = Counter("success" if c.succeeded else "wrong" if c.status == "wrong" else
                        "refused" if c.status == "refused" else "stopped early" for c in own)  # fmt: skip
         words = listed([f"{n} {w}" for w, n in ends.most_common()])
-        yield Finding(f"“{label or 'no label'}”: of {plural(len(own), 'cell')} {words}.")
+        yield Finding(f"“{label or 'no label'}”: of {plural(len(own), 'run')} {words}.")
 
 
-def _wanderers(run: Run) -> Iterator[Finding]:
-    told = [(c, drifts(c)) for c in run.cells if c.succeeded]
+def _wanderers(results: Results) -> Iterator[Finding]:
+    told = [(c, drifts(c)) for c in results.runs if c.succeeded]
     told = [(c, d) for c, d in told if d is not None]
     if not told:
         return
     words = []
-    for solver in run.solvers:
+    for solver in results.solvers:
         own = [d for c, d in told if c.record.solver == solver]
         if own:
             words.append(f"{solver} {sum(map(bool, own))} of {len(own)}")
@@ -110,8 +112,8 @@ def _wanderers(run: Run) -> Iterator[Finding]:
     )
 
 
-def _most_accurate(posing: Posing, measure: Measure) -> Iterator[Finding]:
-    ranked = sorted((c for c in posing.solved() if math.isfinite(measure.of(c))), key=measure.of)
+def _most_accurate(variant: Variant, measure: Measure) -> Iterator[Finding]:
+    ranked = sorted((c for c in variant.solved() if math.isfinite(measure.of(c))), key=measure.of)
     if not ranked:
         return
     best = measure.of(ranked[0])
@@ -129,10 +131,10 @@ def _most_accurate(posing: Posing, measure: Measure) -> Iterator[Finding]:
     )
 
 
-def _cheapest(posing: Posing, measure: Measure) -> Iterator[Finding]:
-    length = max((c.record.length_scale_m for c in posing.cells if c.record.length_scale_m > 0.0), default=1.0)
+def _cheapest(variant: Variant, measure: Measure) -> Iterator[Finding]:
+    length = max((c.record.length_scale_m for c in variant.runs if c.record.length_scale_m > 0.0), default=1.0)
     target = ACCURATE * (length if measure.unit == "m" else 1.0)
-    good = [c for c in posing.solved() if measure.of(c) <= target and c.record.cpu_median_s >= 0.0]
+    good = [c for c in variant.solved() if measure.of(c) <= target and c.record.cpu_median_s >= 0.0]
     words = f"with a {measure.what} within {number(target)} {measure.unit}"
     if not good:
         yield Finding(f"No success {words}.")
@@ -147,12 +149,12 @@ def _cheapest(posing: Posing, measure: Measure) -> Iterator[Finding]:
     told = f", too close to tell apart: {who}" if len(close) > 1 else f": {who}"
     next_one = next((c for c in good if c.record.solver not in {k.record.solver for k in close}), None)
     after = f"; next solver: {called(next_one)} {seconds(next_one.record.cpu_median_s)}" if next_one else ""
-    yield Finding(f"Least CPU time {words}{single}{told}{after}. {len(good)} of {len(posing.solved())} successes are.")
+    yield Finding(f"Least CPU time {words}{single}{told}{after}. {len(good)} of {len(variant.solved())} successes are.")
 
 
-def _response(posing: Posing, measure: Measure) -> Iterator[Finding]:
-    families: dict[str, list[Cell]] = {}
-    for c in posing.cells:
+def _response(variant: Variant, measure: Measure) -> Iterator[Finding]:
+    families: dict[str, list[Run]] = {}
+    for c in variant.runs:
         whole = c.succeeded or c.status == "wrong"
         if whole and measure.of(c) > max(10.0 * measure.own, 0.0) and math.isfinite(measure.of(c)):
             families.setdefault(f"{c.method} {c.record.max_step_s:g}", []).append(c)
@@ -174,8 +176,8 @@ def _response(posing: Posing, measure: Measure) -> Iterator[Finding]:
             )
 
 
-def _energy(posing: Posing) -> Iterator[Finding]:
-    known = [c for c in posing.solved() if math.isfinite(c.record.energy_drift_max_J)]
+def _energy(variant: Variant) -> Iterator[Finding]:
+    known = [c for c in variant.solved() if math.isfinite(c.record.energy_drift_max_J)]
     if len(known) > 1:
         known.sort(key=lambda c: c.record.energy_drift_max_J)
         least, most = known[0].record.energy_drift_max_J, known[-1].record.energy_drift_max_J
@@ -186,20 +188,20 @@ def _energy(posing: Posing) -> Iterator[Finding]:
             )
         else:
             yield Finding(f"All successes have about the same largest energy error, {number(most)} J.")
-    allowed = next((c.record.energy_allowed_J for c in posing.cells if c.record.energy_allowed_J > 0.0), math.nan)
+    allowed = next((c.record.energy_allowed_J for c in variant.runs if c.record.energy_allowed_J > 0.0), math.nan)
     if not math.isnan(allowed):
-        over = [c for c in posing.cells if c.record.energy_drift_max_J > allowed]
-        words = f"exceeded by {listed([called(c) for c in over])}" if over else "kept by every cell that made a step"
+        over = [c for c in variant.runs if c.record.energy_drift_max_J > allowed]
+        words = f"exceeded by {listed([called(c) for c in over])}" if over else "kept by every run that made a step"
         yield Finding(
-            f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}. It does not make a cell "
+            f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}. It does not make a run "
             "wrong: that is a tenth of the energy to exchange, for all problems.",
             "failed" if over else "plain",
         )
 
 
-def _ends(posing: Posing) -> Iterator[Finding]:
+def _ends(variant: Variant) -> Iterator[Finding]:
     """The earliest stop of each solver with its reason, the others counted."""
-    early = sorted((c for c in posing.cells if c.stopped), key=lambda c: c.record.t_reached_s)
+    early = sorted((c for c in variant.runs if c.stopped), key=lambda c: c.record.t_reached_s)
     for solver in dict.fromkeys(c.record.solver for c in early):
         own = [c for c in early if c.record.solver == solver]
         r = own[0].record
@@ -211,8 +213,8 @@ def _ends(posing: Posing) -> Iterator[Finding]:
         more = f" So did {len(own) - 1} more of {solver}, later." if len(own) > 1 else ""
         reason = _short(own[0].reasons[0])
         yield Finding(f"{called(own[0])} ended {where}, {mark(own[0].status).word}: {reason}{more}", "failed")
-    refused: dict[tuple[str, str], list[Cell]] = {}
-    for c in posing.cells:
+    refused: dict[tuple[str, str], list[Run]] = {}
+    for c in variant.runs:
         if c.status == "refused":
             refused.setdefault((c.record.solver, c.reasons[0]), []).append(c)
     for (_, reason), own in refused.items():

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .accuracy import drifts, measure_for
-from .posings import Variants, broadest, themselves
-from .reading import Cell, Posing, Run
+from .results import Results, Run, Variant
 from .scores import Score, score
+from .variants import VariantGroup, broadest, themselves
 from .words import Mark, mark, number, seconds
 
 WORST_FIRST = ("wrong", "failed", "refused", "good")
@@ -28,7 +28,7 @@ class Figure:
 class Entry:
     """What a solver made of a problem: its finest settings in numbers, all of them counted."""
 
-    head: Cell
+    head: Run
     mark: Mark
     score: Score
     figures: tuple[Figure, ...]
@@ -36,7 +36,7 @@ class Entry:
 
     @property
     def kind(self) -> str:
-        """That of the finest settings, but one wrong cell colours all."""
+        """That of the finest settings, but one wrong run colours all."""
         return "wrong" if self.score.wrong else self.mark.kind
 
     @property
@@ -49,7 +49,7 @@ class Entry:
 class Row:
     """A problem under one label of the suite; None for a solver that did not take it."""
 
-    posing: Posing
+    variant: Variant
     entries: tuple[Entry | None, ...]
 
 
@@ -62,37 +62,37 @@ class Part:
     rows: tuple[Row, ...]
 
 
-def matrix(run: Run) -> list[Part]:
+def matrix(results: Results) -> list[Part]:
     """One part a label, the plain comparison first; one row a problem as it is posed there, one entry a solver."""
-    first = broadest(run)
-    posings = themselves(run, first)
+    first = broadest(results)
+    variants = themselves(results, first)
     out = []
-    for label in sorted(run.labels(), key=lambda name: name != first):
-        own = [c for c in run.cells if c.record.label == label]
-        solvers = tuple(s for s in run.solvers if any(c.record.solver == s for c in own))
+    for label in sorted(results.labels(), key=lambda name: name != first):
+        own = [c for c in results.runs if c.record.label == label]
+        solvers = tuple(s for s in results.solvers if any(c.record.solver == s for c in own))
         rows = []
-        for posing in posings:
-            cells = [[c for c in posing.cells if (c.record.solver, c.record.label) == (s, label)] for s in solvers]
-            if any(cells):
-                rows.append(Row(posing, tuple(entry(posing, some) if some else None for some in cells)))
+        for variant in variants:
+            runs = [[c for c in variant.runs if (c.record.solver, c.record.label) == (s, label)] for s in solvers]
+            if any(runs):
+                rows.append(Row(variant, tuple(entry(variant, some) if some else None for some in runs)))
         if rows:
             out.append(Part(label, solvers, tuple(rows)))
     return out
 
 
-def tally(run: Run, own: Variants) -> list[tuple[Posing, list[Score | None]]]:
+def tally(results: Results, own: VariantGroup) -> list[tuple[Variant, list[Score | None]]]:
     """Variants by solvers, counted; None for a solver that did not take one."""
     out = []
-    for p in own.posings:
-        by = {s: [c for c in p.cells if c.record.solver == s] for s in run.solvers}
-        out.append((p, [score(cells) if cells else None for cells in by.values()]))
+    for p in own.variants:
+        by = {s: [c for c in p.runs if c.record.solver == s] for s in results.solvers}
+        out.append((p, [score(runs) if runs else None for runs in by.values()]))
     return out
 
 
-def entry(posing: Posing, cells: Sequence[Cell]) -> Entry:
+def entry(variant: Variant, runs: Sequence[Run]) -> Entry:
     """The finest settings stand for the entry, whatever became of them."""
-    head = min(cells, key=lambda c: (c.fineness, len(c.options), c.record.case))
-    r, measure = head.record, measure_for(posing.cells)
+    head = min(runs, key=lambda c: (c.fineness, len(c.options), c.record.case))
+    r, measure = head.record, measure_for(variant.runs)
     error, scale = (measure.of(head), 1.0) if measure else (math.nan, 1.0)
     if measure and measure.unit == "m":
         scale = r.length_scale_m
@@ -105,7 +105,7 @@ def entry(posing: Posing, cells: Sequence[Cell]) -> Entry:
     )  # fmt: skip
     wanders = drifts(head)
     energy = "" if wanders is None else "drifts" if wanders else "bounded"
-    return Entry(head, mark(head.status), score(cells), figures, energy)
+    return Entry(head, mark(head.status), score(runs), figures, energy)
 
 
 def _with(value: float, unit: str) -> str:

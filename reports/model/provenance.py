@@ -3,24 +3,24 @@
 from collections.abc import Sequence
 from typing import Any
 
-from .reading import Cell, Run
+from .results import Results, Run
 
 UNKNOWN = "not recorded"
 STAMPED = ("numpy", "scipy")  # packages of the short form
 
 
-def facts(run: Run) -> list[tuple[str, str]]:
+def facts(results: Results) -> list[tuple[str, str]]:
     """Name and value, those a reader checks first at the top."""
-    e = run.environment
+    e = results.environment
     commit = str(e.get("commit") or UNKNOWN)
     return [
-        ("Suite", str(e.get("suite") or _all(run.cells, "suite"))),
-        ("Run", str(e.get("run") or run.folder.name)),
+        ("Suite", str(e.get("suite") or _all(results.runs, "suite"))),
+        ("Run", str(e.get("run") or results.folder.name)),
         ("Started", str(e.get("started") or UNKNOWN)),
         ("Commit", commit + (" with uncommitted changes (dirty)" if e.get("dirty") else "")),
-        ("Code digest", str(e.get("code") or _all(run.cells, "code"))),
-        ("Steps and tolerances", _asked(run.cells)),
-        ("Limits a cell", _limits(run.cells)),
+        ("Code digest", str(e.get("code") or _all(results.runs, "code"))),
+        ("Steps and tolerances", _asked(results.runs)),
+        ("Limits a run", _limits(results.runs)),
         (
             "Machine",
             f"{e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores, {e.get('system', '')} {e.get('machine', '')}",
@@ -33,50 +33,50 @@ def facts(run: Run) -> list[tuple[str, str]]:
     ]
 
 
-def stamp(run: Run) -> str:
+def stamp(results: Results) -> str:
     """The same in a line: commit, dirty flag, versions, machine."""
-    e = run.environment
-    versions = dict(packages(run))
+    e = results.environment
+    versions = dict(packages(results))
     known = [f"Python {e.get('python') or UNKNOWN}", *(f"{k} {versions[k]}" for k in STAMPED if k in versions)]
     commit = str(e.get("commit") or UNKNOWN)[:12] + (" with uncommitted changes (dirty)" if e.get("dirty") else "")
     machine = f"{e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores"
     return f"Commit {commit}; {', '.join(known)}; {machine}."
 
 
-def cautions(run: Run) -> list[str]:
+def cautions(results: Results) -> list[str]:
     """What a reader must know before trusting a number."""
     out = []
-    commits = sorted({c.record.commit for c in run.cells if c.record.commit})
+    commits = sorted({c.record.commit for c in results.runs if c.record.commit})
     if len(commits) > 1:
-        out.append(f"Cells come from {len(commits)} states of the code: {', '.join(commits)}.")
-    if run.environment.get("dirty"):
+        out.append(f"Runs come from {len(commits)} states of the code: {', '.join(commits)}.")
+    if results.environment.get("dirty"):
         out.append("The checkout had uncommitted changes: the commit alone does not give these numbers back.")
-    if isinstance(run.environment.get("jobs"), int) and run.environment["jobs"] > 1:
-        out.append(f"{run.environment['jobs']} cells ran at a time: CPU times include what they cost each other.")
-    if not run.environment:
+    if isinstance(results.environment.get("jobs"), int) and results.environment["jobs"] > 1:
+        out.append(f"{results.environment['jobs']} runs ran at a time: CPU times include what they cost each other.")
+    if not results.environment:
         out.append("environment.json is missing or unreadable: machine and versions are not known.")
-    out += [f"Left out: {u.path.name}: {u.why}" for u in run.unreadable]
+    out += [f"Left out: {u.path.name}: {u.why}" for u in results.unreadable]
     return out
 
 
-def packages(run: Run) -> list[tuple[str, str]]:
+def packages(results: Results) -> list[tuple[str, str]]:
     """Every recorded package."""
-    found = run.environment.get("packages")
+    found = results.environment.get("packages")
     return sorted((str(k), str(v)) for k, v in found.items()) if isinstance(found, dict) else []
 
 
-def _asked(cells: Sequence[Cell]) -> str:
+def _asked(runs: Sequence[Run]) -> str:
     words = []
     for name, column, unit in (("dt", "dt_s", " s"), ("rtol", "rtol", ""), ("max step", "max_step_s", " s")):
-        values = sorted({v for c in cells if (v := getattr(c.record, column)) == v}, reverse=True)
+        values = sorted({v for c in runs if (v := getattr(c.record, column)) == v}, reverse=True)
         if values:
             words.append(f"{name} {', '.join(f'{v:g}' for v in values)}{unit}")
     return "; ".join(words) or UNKNOWN
 
 
-def _limits(cells: Sequence[Cell]) -> str:
-    wall = sorted({c.record.wall_limit_s for c in cells if c.record.wall_limit_s == c.record.wall_limit_s})
-    memory = sorted({c.record.memory_limit_MB for c in cells if c.record.memory_limit_MB == c.record.memory_limit_MB})
+def _limits(runs: Sequence[Run]) -> str:
+    wall = sorted({c.record.wall_limit_s for c in runs if c.record.wall_limit_s == c.record.wall_limit_s})
+    memory = sorted({c.record.memory_limit_MB for c in runs if c.record.memory_limit_MB == c.record.memory_limit_MB})
     words = [f"{', '.join(f'{v:g}' for v in wall)} s wall time"] if wall else []
     words += [f"{', '.join(f'{v:g}' for v in memory)} MB"] if memory else []
     return ", ".join(words) or UNKNOWN
@@ -91,5 +91,5 @@ def _blas(given: Any) -> str:
     return f"{', '.join(names)}: {' or '.join(threads)} thread(s)" if known else UNKNOWN
 
 
-def _all(cells: Sequence[Cell], column: str) -> str:
-    return ", ".join(sorted({getattr(c.record, column) for c in cells} - {""})) or UNKNOWN
+def _all(runs: Sequence[Run], column: str) -> str:
+    return ", ".join(sorted({getattr(c.record, column) for c in runs} - {""})) or UNKNOWN

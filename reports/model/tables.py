@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...harness.results import store
 from .columns import COLUMNS, Column
-from .reading import Cell, Run
+from .results import Results, Run
 from .words import BELOW_CLOCK, NONE
 
 LATEX = {
@@ -18,44 +18,44 @@ LATEX = {
 }  # fmt: skip
 
 
-def write_tables(run: Run, folder: Path) -> list[Path]:
+def write_tables(results: Results, folder: Path) -> list[Path]:
     """One CSV and one LaTeX table a problem; returns the files."""
     folder.mkdir(parents=True, exist_ok=True)
     out = []
-    for posing in run.posings:
-        for suffix, text in ((".csv", csv_of(posing.cells)), (".tex", latex_of(posing.title, posing.cells))):
-            path = folder / f"{posing.slug}{suffix}"
+    for variant in results.variants:
+        for suffix, text in ((".csv", csv_of(variant.runs)), (".tex", latex_of(variant.title, variant.runs))):
+            path = folder / f"{variant.slug}{suffix}"
             store.write_text(path, text)
             out.append(path)
     return out
 
 
-def csv_of(cells: Sequence[Cell]) -> str:
+def csv_of(runs: Sequence[Run]) -> str:
     """All columns, numbers in full; empty where a quantity does not exist."""
     text = io.StringIO()
     out = csv.writer(text, lineterminator="\n")
     out.writerow(
         ["problem", "solver", "paper_label", *(c.key + (f" [{c.unit}]" if c.unit else "") for c in COLUMNS), "reason"]
     )
-    for cell in cells:
-        r = cell.record
-        values = [_full(c, cell) for c in COLUMNS]
-        out.writerow([cell.posing, r.solver, r.paper_label, *values, "; ".join(cell.reasons)])
+    for run in runs:
+        r = run.record
+        values = [_full(c, run) for c in COLUMNS]
+        out.writerow([run.variant, r.solver, r.paper_label, *values, "; ".join(run.reasons)])
     return text.getvalue()
 
 
-def latex_of(title: str, cells: Sequence[Cell]) -> str:
+def latex_of(title: str, runs: Sequence[Run]) -> str:
     """The main columns, for booktabs; a failure keeps its row and says how it ended."""
     shown = [c for c in COLUMNS if c.latex]
     lines = [
         "% needs \\usepackage{booktabs}",
-        f"\\begin{{tabular}}{{ll{''.join('l' if _is_text(c, cells) else 'r' for c in shown[1:])}}}",
+        f"\\begin{{tabular}}{{ll{''.join('l' if _is_text(c, runs) else 'r' for c in shown[1:])}}}",
         "\\toprule",
         " & ".join(["Solver", *(c.latex for c in shown)]) + r" \\",
         "\\midrule",
     ]
-    for cell in cells:
-        values = [latex_text(cell.record.solver), *(_latex(c, cell) for c in shown)]
+    for run in runs:
+        values = [latex_text(run.record.solver), *(_latex(c, run) for c in shown)]
         lines.append(" & ".join(values) + r" \\")
     return "\n".join([f"% {_one_line(title)}", *lines, "\\bottomrule", "\\end{tabular}", ""])
 
@@ -80,20 +80,20 @@ def latex_number(value: float, shown: str) -> str:
     return f"${plain}$"
 
 
-def _full(column: Column, cell: Cell) -> str:
-    value = column.of(cell)
+def _full(column: Column, run: Run) -> str:
+    value = column.of(run)
     if isinstance(value, str):
         return "" if value == NONE else value
     return "" if math.isnan(value) else repr(value)
 
 
-def _latex(column: Column, cell: Cell) -> str:
-    value = column.of(cell)
+def _latex(column: Column, run: Run) -> str:
+    value = column.of(run)
     return latex_text(value) if isinstance(value, str) else latex_number(value, column.show(value))
 
 
-def _is_text(column: Column, cells: Sequence[Cell]) -> bool:
-    return isinstance(column.of(cells[0]), str)
+def _is_text(column: Column, runs: Sequence[Run]) -> bool:
+    return isinstance(column.of(runs[0]), str)
 
 
 def _one_line(text: str) -> str:

@@ -81,7 +81,7 @@ def unit(text: str) -> str:
 
 
 def plural(n: int, one: str, many: str = "") -> str:
-    """``1 cell``, ``2 cells``."""
+    """``1 run``, ``2 runs``."""
     return f"{n} {one if n == 1 else many or one + 's'}"
 
 

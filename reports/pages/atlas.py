@@ -7,7 +7,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ...harness.results.series import Series
-from ..model.reading import Cell, Run, slug
+from ..model.results import Results, Run, slug
 from ..plots.spec import Axis, Plot, Trace
 from .base import Page, Site
 from .causes import CAUSES, Autopsy, Cause, autopsy
@@ -15,21 +15,21 @@ from .survival import Survival, part_reached, survival
 from .svg import Zoom, panel
 
 DRAWN = 80  # of the last rows
-LISTED = 40  # cells named beside the one that is worked out; the pages of solvers and problems have all
+LISTED = 40  # runs named beside the one that is worked out; the pages of solvers and problems have all
 SHOWN = (("dt", "step size", "s"), ("energy_error", "|energy error|", "J"), ("phi_norm", "|φ|", "m"))
 
 
 @dataclass(frozen=True)
 class Stop:
-    """One cell that stopped before its end."""
+    """One run that stopped before its end."""
 
-    cell: Cell
+    run: Run
     autopsy: Autopsy
 
 
 @dataclass(frozen=True)
 class Family:
-    """Stops of one solver on one problem, for one cause; the plainest posing and settings stand for all."""
+    """Stops of one solver on one problem, for one cause; the plainest variant and settings stand for all."""
 
     stops: tuple[Stop, ...]
     panels: tuple[Markup, ...] = ()  # of the head: the last steps drawn
@@ -52,52 +52,52 @@ class Group:
 
     def of(self, solver: str) -> int:
         """How many are a solver's."""
-        return sum(len(f.stops) for f in self.families if f.head.cell.record.solver == solver)
+        return sum(len(f.stops) for f in self.families if f.head.run.record.solver == solver)
 
 
 @dataclass(frozen=True)
 class Broken:
-    """Cells that reached the end and broke the same law, by solver and problem."""
+    """Runs that reached the end and broke the same law, by solver and problem."""
 
     law: str
-    families: tuple[tuple[Cell, ...], ...]
+    families: tuple[tuple[Run, ...], ...]
 
     @property
     def count(self) -> int:
         return sum(map(len, self.families))
 
 
-def groups(run: Run, colours: Mapping[str, str]) -> tuple[Group, ...]:
-    """Every cell that stopped, by cause in the order of ``CAUSES``."""
-    stops = [Stop(c, autopsy(c, run.series(c))) for c in run.cells if c.stopped]
+def groups(results: Results, colours: Mapping[str, str]) -> tuple[Group, ...]:
+    """Every run that stopped, by cause in the order of ``CAUSES``."""
+    stops = [Stop(c, autopsy(c, results.series(c))) for c in results.runs if c.stopped]
     found = []
     for cause in CAUSES:
-        own = {s.cell.record.cell: s for s in stops if s.autopsy.cause is cause}
+        own = {s.run.record.run_id: s for s in stops if s.autopsy.cause is cause}
         families = []
-        for f in families_of([s.cell for s in own.values()]):
+        for f in families_of([s.run for s in own.values()]):
             colour = colours.get(f[0].record.solver, "currentColor")
-            families.append(Family(tuple(own[c.record.cell] for c in f), zoom(f[0], run.series(f[0]), colour)))
+            families.append(Family(tuple(own[c.record.run_id] for c in f), zoom(f[0], results.series(f[0]), colour)))
         if families:
             found.append(Group(cause, tuple(families)))
     return tuple(found)
 
 
-def zoom(cell: Cell, series: Series | None, colour: str) -> tuple[Markup, ...]:
+def zoom(run: Run, series: Series | None, colour: str) -> tuple[Markup, ...]:
     """Step, energy error and |phi| of the last steps; nothing without a series."""
     if series is None or "t" not in series or len(series["t"]) < 3:
         return ()
     rows = min(DRAWN, len(series["t"]) - 1)
     return tuple(
-        panel(Zoom(title, unit, tuple(map(float, series[name][-rows:])), cell.stopped, colour, rows - 1))
+        panel(Zoom(title, unit, tuple(map(float, series[name][-rows:])), run.stopped, colour, rows - 1))
         for name, title, unit in SHOWN
         if name in series
     )
 
 
-def broken(cells: Sequence[Cell]) -> tuple[Broken, ...]:
+def broken(runs: Sequence[Run]) -> tuple[Broken, ...]:
     """The wrong ones by the first law they break, the most frequent first."""
-    found: dict[str, list[Cell]] = {}
-    for c in cells:
+    found: dict[str, list[Run]] = {}
+    for c in runs:
         if c.status == "wrong":
             found.setdefault(law_of(c.reasons[0]), []).append(c)
     ordered = sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))
@@ -109,10 +109,10 @@ def law_of(reason: str) -> str:
     return reason.split(" reaches ")[0].split(":")[0].strip()[:80]
 
 
-def families_of(cells: Sequence[Cell]) -> tuple[tuple[Cell, ...], ...]:
-    """By problem and solver, the largest first; in each the plainest posing and settings first."""
-    found: dict[tuple[str, str], list[Cell]] = {}
-    for c in sorted(cells, key=lambda c: (len(c.parameters), len(c.options), c.posing, c.record.case)):
+def families_of(runs: Sequence[Run]) -> tuple[tuple[Run, ...], ...]:
+    """By problem and solver, the largest first; in each the plainest variant and settings first."""
+    found: dict[tuple[str, str], list[Run]] = {}
+    for c in sorted(runs, key=lambda c: (len(c.parameters), len(c.options), c.variant, c.record.case)):
         found.setdefault((c.record.problem, c.record.solver), []).append(c)
     return tuple(tuple(found[k]) for k in sorted(found, key=lambda k: (-len(found[k]), k)))
 
@@ -125,11 +125,11 @@ class Curves:
     solvers: tuple[Survival, ...]
 
 
-def survivals(run: Run) -> tuple[Curves, ...]:
-    """On all problems, then on each where some cell stopped."""
-    out = [Curves("All problems", survival(run.cells))]
-    by_problem: dict[str, list[Cell]] = {}
-    for c in run.cells:
+def survivals(results: Results) -> tuple[Curves, ...]:
+    """On all problems, then on each where some run stopped."""
+    out = [Curves("All problems", survival(results.runs))]
+    by_problem: dict[str, list[Run]] = {}
+    for c in results.runs:
         by_problem.setdefault(c.record.problem, []).append(c)
     if len(by_problem) > 1:
         out += [Curves(name, survival(own)) for name, own in sorted(by_problem.items()) if any(c.stopped for c in own)]
@@ -150,16 +150,16 @@ def plot_of(curves: Curves, slug: str) -> Plot:
     return Plot(f"survival-{slug}", curves.title, "", *axes, tuple(traces), wide=True)
 
 
-def write(run: Run, site: Site) -> Page | None:
+def write(results: Results, site: Site) -> Page | None:
     """``atlas.html``."""
     colours = {name: look.colour for name, look in site.looks.items()}
-    found, curves, taken = groups(run, colours), survivals(run), set[str]()
-    stopped = [c for c in run.cells if c.stopped]
+    found, curves, taken = groups(results, colours), survivals(results), set[str]()
+    stopped = [c for c in results.runs if c.stopped]
     return site.write(
         Page("Failures", "atlas.html", nav=True, order=40), "atlas.html", scripts=["assets/judgement.js"],
-        plots=[plot_of(c, slug(c.title, taken)) for c in curves] if run.cells else [], groups=found,
-        survivals=curves, broken=broken(run.cells),
-        refused=families_of([c for c in run.cells if c.status == "refused"]),
+        plots=[plot_of(c, slug(c.title, taken)) for c in curves] if results.runs else [], groups=found,
+        survivals=curves, broken=broken(results.runs),
+        refused=families_of([c for c in results.runs if c.status == "refused"]),
         part=part_reached, listed_at_most=LISTED, stopped_solvers=sorted({c.record.solver for c in stopped}),
         stopped_problems=sorted({c.record.problem for c in stopped}),
     )  # fmt: skip

@@ -5,7 +5,7 @@ A module of ``reports/pages/`` (or ``reports/<package>/page.py``) that has a fun
     def write(run: Run, site: Site) -> Page | None
 
 is found and called once; there is no list to edit (a module's ``RANK``, 0 without one, puts it later). It computes
-from ``run`` (cells, problems as posed, series) and from ``site.judgement("claims")`` (a file of ``<run>/judgement/``,
+from ``run`` (runs, variants, series) and from ``site.judgement("claims")`` (a file of ``<run>/judgement/``,
 None when it is not there), then hands its page over ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
@@ -15,10 +15,10 @@ The template ``reports/templates/claims.html`` starts with ``{% extends "base.ht
 it comes with a head, the navigation, the theme, and a footer that says where the numbers are from. Text is escaped.
 Pages are rendered after all modules have run, so each may ask whether another one exists. In templates:
 
-- ``url(x)`` of a cell, a posing, or a solver's name: its address from the top folder. ``{{ root }}`` before it leads
+- ``url(x)`` of a run, a variant, or a solver's name: its address from the top folder. ``{{ root }}`` before it leads
   there ("" at the top, "../" in a subfolder). ``exists("theatre-chain.html")``; ``pages``: all, in order.
-- ``{% import "marks.html" as marks with context %}``: ``marks.status(cell)`` (symbol, word, colour: wrong ones loud),
-  ``marks.solver(name)`` (with its colour), ``marks.cell(cell)`` (a link with its settings and its mark),
+- ``{% import "marks.html" as marks with context %}``: ``marks.status(run)`` (symbol, word, colour: wrong ones loud),
+  ``marks.solver(name)`` (with its colour), ``marks.run(run)`` (a link with its settings and its mark),
   ``marks.plots_bar()`` (one legend and the switches for all plots of the page; put it before them),
   ``marks.plot(p)`` for each ``p`` of ``plots`` (``reports.plots.Plot``) inside ``<div class="plots">``.
 - ``num(value, show)``: a table's entry that sorts by its value; ``looks[solver].colour``; ``number``, ``whole``,
@@ -29,7 +29,7 @@ Pages are rendered after all modules have run, so each may ask whether another o
 numpy a base64 text that ``MBS.array(x)`` turns into a typed array. Scripts are classic, deferred and in the order
 given: from a disk neither modules nor ``fetch`` work. ``MBS.onTheme(f)`` calls f when light and dark change;
 ``MBS.colour("--ink")`` is a colour of the theme. Assets of ``reports/assets/`` are all copied. A page that is ``about``
-a posing's slug, a solver or a cell is linked from that one's page. Return None when a run has nothing for the page.
+a variant's slug, a solver or a run is linked from that one's page. Return None when a run has nothing for the page.
 """
 
 import importlib
@@ -49,7 +49,7 @@ from ...harness.results import store
 from ..model import words
 from ..model.accuracy import drifts
 from ..model.provenance import cautions, facts, packages, stamp
-from ..model.reading import Cell, Posing, Run, slug
+from ..model.results import Results, Run, Variant, slug
 from ..model.scores import score
 from ..plots.packing import bundle, script
 from ..plots.palette import Look, looks
@@ -83,9 +83,9 @@ class Page:
 class Site:
     """The report folder of a run while its pages are written."""
 
-    run: Run
+    results: Results
     folder: Path
-    drawn: dict[str, str] = field(default_factory=dict)  # by cell: the posing whose data file has its curves
+    drawn: dict[str, str] = field(default_factory=dict)  # by run: the variant whose data file has its curves
     _pending: dict[str, tuple[Page, str, dict[str, Any]]] = field(default_factory=dict)
 
     def write(
@@ -113,18 +113,18 @@ class Site:
         store.write_text(self.folder / path, bundle(name, value))
         return path
 
-    def url(self, about: Cell | Posing | str) -> str:
-        """The page of a cell, of a problem as posed, or of a solver, from the report folder."""
-        if isinstance(about, Cell):
-            return f"cells/{about.record.cell}.html"
-        if isinstance(about, Posing):
+    def url(self, about: Run | Variant | str) -> str:
+        """The page of a run, of a variant, or of a solver, from the report folder."""
+        if isinstance(about, Run):
+            return f"runs/{about.record.run_id}.html"
+        if isinstance(about, Variant):
             return f"problem-{about.slug}.html"
         return self._solver_urls[about]
 
     def judgement(self, name: str) -> Any:
         """``<run>/judgement/<name>.json``, or None where it is missing or cannot be read."""
         try:
-            return json.loads((self.run.folder / "judgement" / f"{name}.json").read_text(encoding="utf-8"))
+            return json.loads((self.results.folder / "judgement" / f"{name}.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return None
 
@@ -136,7 +136,7 @@ class Site:
     @cached_property
     def looks(self) -> Mapping[str, Look]:
         """Colour and marker by solver, the same on every page."""
-        return looks(self.run.solvers)
+        return looks(self.results.solvers)
 
     def pages(self) -> list[Page]:
         """All pages so far, those of the navigation first."""
@@ -158,7 +158,7 @@ class Site:
     @cached_property
     def _solver_urls(self) -> Mapping[str, str]:
         taken: set[str] = set()
-        return {name: f"solver-{slug(name, taken)}.html" for name in self.run.solvers}
+        return {name: f"solver-{slug(name, taken)}.html" for name in self.results.solvers}
 
     def _environment(self) -> Environment:
         environment = Environment(
@@ -168,13 +168,13 @@ class Site:
             trim_blocks=True,
             lstrip_blocks=True,
         )
-        slugs = {p.title: p.slug for p in self.run.posings}
+        slugs = {p.title: p.slug for p in self.results.variants}
         environment.globals.update({k: getattr(words, k) for k in SPEAKING})
         environment.globals.update(
-            run=self.run, looks=self.looks, url=self.url, exists=self._pending.__contains__,
-            run_title=self.run.environment.get("run") or self.run.folder.name, facts=facts(self.run),
-            cautions=cautions(self.run), packages=packages(self.run), stamp=stamp(self.run),
-            nan=float("nan"), num=_num, wanders=drifts, score_of=score, slug_of=lambda cell: slugs[cell.posing],
+            results=self.results, looks=self.looks, url=self.url, exists=self._pending.__contains__,
+            run_title=self.results.environment.get("run") or self.results.folder.name, facts=facts(self.results),
+            cautions=cautions(self.results), packages=packages(self.results), stamp=stamp(self.results),
+            nan=float("nan"), num=_num, wanders=drifts, score_of=score, slug_of=lambda run: slugs[run.variant],
             related=lambda about: [p for p in self.pages() if p.about and p.about == about],
         )  # fmt: skip
         return environment
@@ -186,7 +186,7 @@ def _num(value: float | None, show: Callable[[float], str] = words.number) -> Ma
     return Markup('<td class="n" data-v="{}">{}</td>').format("" if v != v else f"{v:.{SORTED}g}", show(v))
 
 
-def writers() -> Iterator[tuple[str, Callable[[Run, Site], Page | None]]]:
+def writers() -> Iterator[tuple[str, Callable[[Results, Site], Page | None]]]:
     """Every ``write`` of the page modules: smallest ``RANK`` of the module first (0 without one), then by name."""
     for module in sorted(_modules(), key=lambda m: (getattr(m, "RANK", 0), m.__name__)):
         write = getattr(module, "write", None)

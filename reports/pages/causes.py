@@ -9,7 +9,7 @@ from jaxtyping import Float
 
 from ...harness.results.series import Series
 from ...harness.types import Status
-from ..model.reading import Cell
+from ..model.results import Run
 from ..model.words import number
 
 LAST = 120  # rows at the end that are looked at and drawn
@@ -53,23 +53,23 @@ class Autopsy:
     evidence: tuple[str, ...]
 
 
-def autopsy(cell: Cell, series: Series | None) -> Autopsy:
+def autopsy(run: Run, series: Series | None) -> Autopsy:
     """The first cause that applies, in the order of ``CAUSES``, and what each series shows."""
-    r = cell.record
+    r = run.record
     if series is None or "t" not in series or len(series["t"]) < 2:
-        died = cell.status in (Status.CRASHED, Status.MEMORY)
+        died = run.status in (Status.CRASHED, Status.MEMORY)
         return Autopsy(_named("killed" if died else "unmoved"), ())
     found: dict[str, str] = {}
-    told = (_chart(series), _energy(cell, series), _joints(cell, series), _step(cell, series))
+    told = (_chart(series), _energy(run, series), _joints(run, series), _step(run, series))
     evidence = []
     for key, applies, words in (t for t in told if t is not None):
         evidence.append(words)
         if applies:
             found[key] = words
     ends: dict[str, Callable[[], bool]] = {
-        "killed": lambda: cell.status in (Status.CRASHED, Status.MEMORY),
-        "dependent": lambda: cell.status == Status.SINGULAR,
-        "corrector": lambda: cell.status in (Status.DIVERGED, Status.STEP_UNDERFLOW),
+        "killed": lambda: run.status in (Status.CRASHED, Status.MEMORY),
+        "dependent": lambda: run.status == Status.SINGULAR,
+        "corrector": lambda: run.status in (Status.DIVERGED, Status.STEP_UNDERFLOW),
         "limit": lambda: True,
     }
     cause = next(c for c in CAUSES if c.key in found or (c.key in ends and ends[c.key]()))
@@ -84,7 +84,7 @@ def _named(key: str) -> Cause:
     return next(c for c in CAUSES if c.key == key)
 
 
-def _step(cell: Cell, series: Series) -> tuple[str, bool, str] | None:
+def _step(run: Run, series: Series) -> tuple[str, bool, str] | None:
     if "dt" not in series:
         return None
     dt = series["dt"][1:]
@@ -103,8 +103,8 @@ def usual_step(dt: Float[np.ndarray, " n"]) -> float:
     return float(ordered[np.searchsorted(np.cumsum(ordered), 0.5 * np.sum(ordered))])
 
 
-def _energy(cell: Cell, series: Series) -> tuple[str, bool, str] | None:
-    scale = cell.record.energy_scale_J
+def _energy(run: Run, series: Series) -> tuple[str, bool, str] | None:
+    scale = run.record.energy_scale_J
     size = _sizes(series, "energy_error")
     if size is None or not scale > 0.0:
         return None
@@ -113,8 +113,8 @@ def _energy(cell: Cell, series: Series) -> tuple[str, bool, str] | None:
     return "energy", not last <= ENERGY * scale, words + _grown(size)
 
 
-def _joints(cell: Cell, series: Series) -> tuple[str, bool, str] | None:
-    length = cell.record.length_scale_m
+def _joints(run: Run, series: Series) -> tuple[str, bool, str] | None:
+    length = run.record.length_scale_m
     size = _sizes(series, "phi_norm")
     if size is None or not length > 0.0:
         return None

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.reading import Run, slug
+from ..model.results import Results, slug
 from ..model.words import Mark
 from ..plots.spec import Axis, Plot, Trace
 from .base import Page, Site
@@ -33,7 +33,7 @@ class Wrong:
 def wrongs(rows: Sequence[Entry], links: Links) -> tuple[Wrong, ...]:
     """As judged; those of the records where nothing is."""
     return tuple(
-        Wrong(e.text("case") or links.words(e.text("cell")), links.page(e.text("cell")), e.text("solver"),
+        Wrong(e.text("case") or links.words(e.text("run")), links.page(e.text("run")), e.text("solver"),
               e.text("problem"), e.texts("because"))
         for e in rows
     )  # fmt: skip
@@ -41,17 +41,17 @@ def wrongs(rows: Sequence[Entry], links: Links) -> tuple[Wrong, ...]:
 
 def ladders(found: Sequence[Certificate]) -> tuple[Plot, ...]:
     """Error against step, a plot for each quantity of each problem, a fit and its points for each solver."""
-    keys = dict.fromkeys((c.posing, c.quantity) for c in found)
+    keys = dict.fromkeys((c.variant, c.quantity) for c in found)
     taken: set[str] = set()
     plots = []
-    for posing, quantity in keys:
-        own = [c for c in found if (c.posing, c.quantity) == (posing, quantity) and c.points]
+    for variant, quantity in keys:
+        own = [c for c in found if (c.variant, c.quantity) == (variant, quantity) and c.points]
         if own:
             axes = (
                 Axis("step, or mean step under error control", "s", log=True),
                 Axis(f"error of {quantity}", own[0].unit, log=True),
             )
-            name, title = slug(f"order-{posing}-{quantity}", taken), f"{posing}: {quantity}"
+            name, title = slug(f"order-{variant}-{quantity}", taken), f"{variant}: {quantity}"
             plots.append(Plot(name, title, "", *axes, tuple(t for c in own for t in _traces(c)), wide=True))
     return tuple(plots)
 
@@ -75,10 +75,10 @@ def tally(found: Sequence[Certificate]) -> list[tuple[Mark, int]]:
     return Counter(c.mark for c in found).most_common()
 
 
-def write(run: Run, site: Site) -> Page | None:
+def write(results: Results, site: Site) -> Page | None:
     """``certificates.html``."""
-    links = links_of(run.cells)
-    files = {name: judged(run.folder, name) for name in NAMES}
+    links = links_of(results.runs)
+    files = {name: judged(results.folder, name) for name in NAMES}
     orders, drifts = certificates(files["certificates"].rows, links), anatomies(files["drift"].rows, links)
     long, short, none = parted(drifts)
     wrong = wrongs(files["wrong"].rows, links)

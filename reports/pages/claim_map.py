@@ -8,7 +8,7 @@ from ..model.words import Mark, mark, number
 from .judgement import Entry
 from .links import Links
 
-PLACES = ("cell", "case", "tolerance", "gain", "holds", "measured", "status", "printed")  # all else makes facets
+PLACES = ("run", "case", "tolerance", "gain", "holds", "measured", "status", "printed")  # all else makes facets
 SAID = {
     "lambda_in_error_test": ("λ in the error test", "λ outside the error test"),
     "consistent_start": ("consistent start", "start not made consistent"),
@@ -77,15 +77,15 @@ def _place(rows: Sequence[Entry], links: Links) -> tuple[Box, ...]:
     stopped = sum(state(e) is FAILED for e in rows)
     words = f"{held} of {len(rows)} runs hold, {stopped} do not and stopped; first {_box(rows[0], links).words}"
     mark_of = Mark(f"{held}/{len(rows)}", "", kind)
-    return (Box(mark_of, words, links.page(rows[0].text("cell")), any(e.flag("printed") is True for e in rows)),)
+    return (Box(mark_of, words, links.page(rows[0].text("run")), any(e.flag("printed") is True for e in rows)),)
 
 
 def _box(e: Entry, links: Links) -> Box:
     here = state(e)
     measured = e.number("measured")
-    cell = links.cell(e.text("cell"))  # its page has all settings; its place and its facet's title say those that vary
+    run = links.run(e.text("run"))  # its page has all settings; its place and its facet's title say those that vary
     words = [
-        f"{cell.posing} {cell.record.solver}" if cell else e.text("case") or links.words(e.text("cell")),
+        f"{run.variant} {run.record.solver}" if run else e.text("case") or links.words(e.text("run")),
         here.word,
     ]
     if not math.isnan(measured):
@@ -94,7 +94,7 @@ def _box(e: Entry, links: Links) -> Box:
         words.append(f"ended {mark(e.text('status')).word}")
     if e.flag("printed"):
         words.append("as the paper prints it")
-    return Box(here, f"{words[0]} – {', '.join(words[1:])}", links.page(e.text("cell")), e.flag("printed") is True)
+    return Box(here, f"{words[0]} – {', '.join(words[1:])}", links.page(e.text("run")), e.flag("printed") is True)
 
 
 def _values(rows: Sequence[Entry], key: str) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from ..model.reading import Run, natural, slug
+from ..model.results import Results, natural, slug
 from ..model.words import Mark, number, unit
 from .base import Page, Site
 from .claim_map import Grid, grids
@@ -22,9 +22,9 @@ VERDICTS: Mapping[str, Mark] = {
     "REFUTED": Mark("✗", "refuted", "wrong"),
     "UNTESTABLE": Mark("?", "untestable", "refused"),
 }
-POSING = "posing"
+PRESENTATION = "presentation"
 MOST_DIGITS = 1e6
-LISTED = 40  # cells beside the map
+LISTED = 40  # runs beside the map
 ORDER = ("REFUTED", "CONDITIONAL", "SUPPORTED", "UNTESTABLE")
 
 
@@ -64,12 +64,12 @@ class Claim:
     tests: tuple[Asked, ...]  # all that is asked; the line shows the first
     factors: tuple[Factor, ...]
     settings: tuple[tuple[str, str], ...]
-    total: int  # cells it was judged from
-    cells: tuple[tuple[str, str], ...]  # those not on the map: words and address, empty for one this run does not hold
+    total: int  # runs it was judged from
+    runs: tuple[tuple[str, str], ...]  # those not on the map: words and address, empty for one this run does not hold
     solvers: tuple[str, ...]
     grids: tuple[Grid, ...]
     tried: str  # how many settings of the map hold
-    posing: bool  # no result: a check that the problem is posed as the paper poses it
+    presentation: bool  # no result: a check that the problem is posed as the paper poses it
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ def claims_of(rows: Sequence[Entry], links: Links) -> tuple[Claim, ...]:
 
 def counts(claims: Iterable[Claim]) -> list[tuple[Mark, int]]:
     """How many of each verdict among the results, also those of which there is none."""
-    found = Counter(c.verdict.word for c in claims if not c.posing)
+    found = Counter(c.verdict.word for c in claims if not c.presentation)
     known = [(VERDICTS[v], found.pop(VERDICTS[v].word, 0)) for v in ORDER]
     return known + [(verdict(word), n) for word, n in found.items()]
 
@@ -140,8 +140,8 @@ def _claim(e: Entry, links: Links, anchor: str) -> Claim:
     spread, missing = e.numbers("measured_range"), "; ".join(e.texts("missing"))
     line = None if band is None else number_line(measured, *band, measure_unit, mark.kind, spread)
     map_rows = e.entries("map")
-    on_map = [m.text("cell") for m in map_rows]
-    keys = dict.fromkeys((*e.texts("cells"), *on_map))
+    on_map = [m.text("run") for m in map_rows]
+    keys = dict.fromkeys((*e.texts("runs"), *on_map))
     return Claim(
         e.text("id"),
         anchor,
@@ -159,11 +159,11 @@ def _claim(e: Entry, links: Links, anchor: str) -> Claim:
         _factors(e),
         _settings(e),
         len(keys),
-        _elsewhere(e.texts("cells"), set(on_map), links),
+        _elsewhere(e.texts("runs"), set(on_map), links),
         tuple(sorted({s for k in keys if (s := links.solver(k))})),
         grids(map_rows, links),
         _tried(map_rows),
-        e.text("kind") == POSING,
+        e.text("kind") == PRESENTATION,
     )
 
 
@@ -177,9 +177,9 @@ def _tried(rows: Sequence[Entry]) -> str:
 
 
 def _elsewhere(keys: Sequence[str], on_map: set[str], links: Links) -> tuple[tuple[str, str], ...]:
-    """Cells that are not on the map, a few of them; those that this run does not hold are counted."""
+    """Runs that are not on the map, a few of them; those that this run does not hold are counted."""
     rest = [k for k in keys if k not in on_map]
-    here = [k for k in rest if links.cell(k) is not None]
+    here = [k for k in rest if links.run(k) is not None]
     out = [(links.words(k), links.page(k)) for k in here[:LISTED]]
     for n, words in ((len(here) - LISTED, "more in this run"), (len(rest) - len(here), "not in this run")):
         out += [(f"{n} {words}", "")] if n > 0 else []
@@ -233,15 +233,15 @@ def sections_of(claims: Sequence[Claim]) -> list[tuple[str, tuple[Claim, ...]]]:
     return [(k, tuple(v)) for k, v in found.items()]
 
 
-def write(run: Run, site: Site) -> Page | None:
+def write(results: Results, site: Site) -> Page | None:
     """``claims.html``."""
-    links, found = links_of(run.cells), judged(run.folder, "claims")
+    links, found = links_of(results.runs), judged(results.folder, "claims")
     published = rows_of(PUBLISHED / "claims.json", command=JUDGE)
     claims = claims_of(found.rows, links)
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(
         page, "claims.html", scripts=["assets/judgement.js"], why=found.why, claims=claims, counts=counts(claims),
-        checks=[c for c in claims if c.posing],
+        checks=[c for c in claims if c.presentation],
         sections=sections_of(claims), solvers=sorted({s for c in claims for s in c.solvers}),
         differences=differences(found.rows, published.rows, claims), published_why=published.why,
     )  # fmt: skip

@@ -10,14 +10,14 @@ from ...harness.results.comparison import Comparison, Likeness, compare
 from ...harness.results.provenance import differences, stamp_of
 from ..model.curves import upper
 from ..model.provenance import facts
-from ..model.reading import Cell, Run, read_run, slug
+from ..model.results import Results, Run, read_results, slug
 from ..plots.spec import Axis, Plot, Trace
 from . import ranking
 from .base import FOLDER, Page, Site
 from .judgement import judged
 from .ranking import Rank, Ranked
 
-OVERLAYS = 24  # cells whose energy errors are drawn over each other, the gravest changes first
+OVERLAYS = 24  # runs whose energy errors are drawn over each other, the gravest changes first
 ASSETS = ("site.css", "site.js", "judgement.css", "judgement.js", "plots.js", "plotly-basic.min.js",
           "plotly-LICENSE.txt")  # fmt: skip
 HEADS = {
@@ -32,7 +32,7 @@ HEADS = {
     Rank.TIMING: (
         "Timings",
         "Only where spreads do not touch and the ratio is above 1.3. They depend on the machine, on what else ran, and "
-        "on how many cells ran at a time: a ratio is not a finding about a solver.",
+        "on how many runs ran at a time: a ratio is not a finding about a solver.",
     ),
 }
 
@@ -48,23 +48,23 @@ class Part:
 
 def write_compare(a: Path, b: Path, folder: Path) -> Path:
     """Write ``compare.html`` with what it needs into ``folder``; returns its path."""
-    runs = read_run(Path(a)), read_run(Path(b))
+    both = read_results(Path(a)), read_results(Path(b))
     folder = Path(folder)
     (folder / "assets").mkdir(parents=True, exist_ok=True)
     (folder / "data").mkdir(exist_ok=True)
     for name in ASSETS:
         shutil.copyfile(FOLDER / "assets" / name, folder / "assets" / name)
-    known = {c.record.settings for c in runs[1].cells}
-    everyone = (*runs[1].cells, *(c for c in runs[0].cells if c.record.settings not in known))
-    site = Site(replace(runs[1], cells=everyone), folder)  # solvers of either run have their colour
-    write_page(*runs, site)
+    known = {c.record.settings_id for c in both[1].runs}
+    everyone = (*both[1].runs, *(c for c in both[0].runs if c.record.settings_id not in known))
+    site = Site(replace(both[1], runs=everyone), folder)  # solvers of either run have their colour
+    write_page(*both, site)
     site.finish()
     return folder / "compare.html"
 
 
-def write_page(a: Run, b: Run, site: Site) -> Page:
+def write_page(a: Results, b: Results, site: Site) -> Page:
     """The page of the two runs."""
-    before, after = ([c.record for c in run.cells] for run in (a, b))
+    before, after = ([c.record for c in results.runs] for results in (a, b))
     found, parts = compare(before, after), changes(a, b)
     unknown = ranking.unmeasured(before, after)
     return site.write(
@@ -74,14 +74,14 @@ def write_page(a: Run, b: Run, site: Site) -> Page:
         inputs=differences(stamp_of(a.folder), stamp_of(b.folder)), names=[titled(a), titled(b)],
         both=list(zip(facts(a), facts(b), strict=True)), shown=OVERLAYS,
         beside=(site.folder / "index.html").is_file(),
-        pages={s: address for s in {r.settings for p in parts for r in p.rows}
+        pages={s: address for s in {r.settings_id for p in parts for r in p.rows}
                if (address := _page(b, s, site.folder) or _page(a, s, site.folder))},
     )  # fmt: skip
 
 
-def changes(a: Run, b: Run) -> tuple[Part, ...]:
+def changes(a: Results, b: Results) -> tuple[Part, ...]:
     """By rank, the gravest first; ranks without a change are left out."""
-    before, after = ([c.record for c in run.cells] for run in (a, b))
+    before, after = ([c.record for c in results.runs] for results in (a, b))
     rows = [
         *ranking.endings(before, after),
         *ranking.claims(judged(a.folder, "claims").rows, judged(b.folder, "claims").rows),
@@ -94,23 +94,25 @@ def changes(a: Run, b: Run) -> tuple[Part, ...]:
 
 
 def alike(found: Comparison, unknown: set[str]) -> tuple[int, int]:
-    """How many cells are the same bit for bit, and how many differ by rounding alone; but for ``unknown`` columns."""
+    """How many runs are the same bit for bit, and how many differ by rounding alone; but for ``unknown`` columns."""
     known = [c for c in found.changes if c.metric not in unknown]
     touched = {c.case for c in known}
     changed = {c.case for c in known if c.likeness is Likeness.CHANGED}
     return found.compared - len(touched), len(touched) - len(changed)
 
 
-def overlays(a: Run, b: Run, parts: Sequence[Part]) -> list[Plot]:
-    """The energy errors of both runs, for the cells whose ending or motion changed, the gravest first."""
-    cells = [{c.record.settings: c for c in run.cells} for run in (a, b)]
+def overlays(a: Results, b: Results, parts: Sequence[Part]) -> list[Plot]:
+    """The energy errors of both runs, for the runs whose ending or motion changed, the gravest first."""
+    runs = [{c.record.settings_id: c for c in results.runs} for results in (a, b)]
     ranks = (Rank.ENDING, Rank.PHYSICS)
-    wanted = dict.fromkeys(r.settings for p in parts for r in p.rows if r.rank in ranks)
+    wanted = dict.fromkeys(r.settings_id for p in parts for r in p.rows if r.rank in ranks)
     taken: set[str] = set()
     plots = []
     for settings in wanted:
-        pair = [(run, cells[k][settings], name) for k, (run, name) in enumerate(((a, "A"), (b, "B")))]
-        traces = [t for k, (run, cell, name) in enumerate(pair) if (t := _trace(run, cell, name, 1 - k)) is not None]
+        pair = [(results, runs[k][settings], name) for k, (results, name) in enumerate(((a, "A"), (b, "B")))]
+        traces = [
+            t for k, (results, run, name) in enumerate(pair) if (t := _trace(results, run, name, 1 - k)) is not None
+        ]
         if traces:
             title = pair[1][1].record.case
             axes = Axis("time", "s"), Axis("|energy error|", "J", log=True)
@@ -120,25 +122,25 @@ def overlays(a: Run, b: Run, parts: Sequence[Part]) -> list[Plot]:
     return plots
 
 
-def titled(run: Run) -> str:
+def titled(results: Results) -> str:
     """The name of a run."""
-    return str(run.environment.get("run") or run.folder.name)
+    return str(results.environment.get("run") or results.folder.name)
 
 
-def _trace(run: Run, cell: Cell, name: str, dash: int) -> Trace | None:
-    series = run.series(cell)
+def _trace(results: Results, run: Run, name: str, dash: int) -> Trace | None:
+    series = results.series(run)
     if series is None or "energy_error" not in series:
         return None
-    curve = upper(series["t"], series["energy_error"], cell.record.t_end_s)
-    end = "failed" if cell.stopped else "wrong" if cell.status == "wrong" else ""
-    return Trace(f"{name}: {cell.record.solver}, {cell.status}", curve.t, curve.y, solver=cell.record.solver, dash=dash,
+    curve = upper(series["t"], series["energy_error"], run.record.t_end_s)
+    end = "failed" if run.stopped else "wrong" if run.status == "wrong" else ""
+    return Trace(f"{name}: {run.record.solver}, {run.status}", curve.t, curve.y, solver=run.record.solver, dash=dash,
                  end=end) if len(curve) else None  # fmt: skip
 
 
-def _page(run: Run, settings: str, folder: Path) -> str:
-    """The address of a cell's page in its own report, if that was written."""
-    cell = next((c for c in run.cells if c.record.settings == settings), None)
-    if cell is None:
+def _page(results: Results, settings: str, folder: Path) -> str:
+    """The address of a run's page in its own report, if that was written."""
+    run = next((c for c in results.runs if c.record.settings_id == settings), None)
+    if run is None:
         return ""
-    path = run.folder / "report" / "cells" / f"{cell.record.cell}.html"
+    path = results.folder / "report" / "runs" / f"{run.record.run_id}.html"
     return os.path.relpath(path, folder).replace(os.sep, "/") if path.is_file() else ""

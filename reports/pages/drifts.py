@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from ..model.reading import natural
+from ..model.results import natural
 from ..model.words import Mark, number
 from .judgement import Entry
 from .links import Links
@@ -31,7 +31,7 @@ class Part:
 class Anatomy:
     """One run."""
 
-    posing: str
+    variant: str
     solver: str
     case: str
     page: str
@@ -48,7 +48,7 @@ class Anatomy:
 def anatomies(rows: Sequence[Entry], links: Links) -> tuple[Anatomy, ...]:
     """By problem and solver."""
     found = [_anatomy(e, links) for e in rows]
-    return tuple(sorted(found, key=lambda a: (natural(a.posing), a.solver, natural(a.case))))
+    return tuple(sorted(found, key=lambda a: (natural(a.variant), a.solver, natural(a.case))))
 
 
 def parted(found: Sequence[Anatomy]) -> tuple[tuple[Anatomy, ...], tuple[Anatomy, ...], int]:
@@ -86,10 +86,10 @@ def _anatomy(e: Entry, links: Links) -> Anatomy:
         _part("random walk", *walk),
     )
     return Anatomy(
-        e.text("posing") or e.text("problem"),
+        e.text("variant") or e.text("problem"),
         e.text("solver"),
-        e.text("case") or links.words(e.text("cell")),
-        links.page(e.text("cell")),
+        e.text("case") or links.words(e.text("run")),
+        links.page(e.text("run")),
         e.number("periods"),
         span,
         parts,

@@ -3,20 +3,20 @@
 from collections import Counter
 
 from ..model.motion import bodies_in
-from ..model.reading import Run
+from ..model.results import Results
 from ..plots.interactive.growth import growth, growths
 from .base import Page, Site
 
 
-def write(run: Run, site: Site) -> Page | None:
+def write(results: Results, site: Site) -> Page | None:
     """``growth.html``; None where no problem comes in three sizes."""
-    posed = Counter(p.problem for p in run.posings)
+    posed = Counter(p.problem for p in results.variants)
     bodies: dict[str, int] = {}
-    for posing in run.posings:
-        if posed[posing.problem] > 1:  # every cell of one posing has the same bodies: one series file tells
-            some = next((s for c in posing.cells if c.succeeded and (s := run.series(c)) is not None), None)
-            bodies |= {c.record.cell: bodies_in(some) for c in posing.cells} if some is not None else {}
-    found = growths(run.cells, bodies)
+    for variant in results.variants:
+        if posed[variant.problem] > 1:  # every run of one variant has the same bodies: one series file tells
+            some = next((s for c in variant.runs if c.succeeded and (s := results.series(c)) is not None), None)
+            bodies |= {c.record.run_id: bodies_in(some) for c in variant.runs} if some is not None else {}
+    found = growths(results.runs, bodies)
     if not found:
         return None
     plots = [growth(problem, found, site.url) for problem in dict.fromkeys(g.problem for g in found)]

@@ -5,13 +5,13 @@ import io
 from collections.abc import Sequence
 
 from ...harness.results import store
-from ..model.reading import Run
+from ..model.results import Results
 from ..model.words import number
 from .base import Page, Site
 from .svg import sparkline
 from .timeline import Line, gather, lines, moments
 
-SHOWN = 60  # cells on the page, those that changed first; the table file has all
+SHOWN = 60  # runs on the page, those that changed first; the table file has all
 HEADS = ("case", "runs", "changed", "ending_first", "ending_last", "energy_drift_max_J_first",
          "energy_drift_max_J_last", "error_m_first", "error_m_last", "cpu_over_first", "gate")  # fmt: skip
 ALONE = 12  # where nothing changed, or no other run is there to compare with
@@ -19,10 +19,10 @@ TABLE = "data/history.csv"
 MOST = 24  # runs whose marks are shown in a row, the newest
 
 
-def write(run: Run, site: Site) -> Page | None:
+def write(results: Results, site: Site) -> Page | None:
     """``history.html``."""
-    rows, bad = gather(run)
-    found = lines(run, rows)
+    rows, bad = gather(results)
+    found = lines(results, rows)
     runs = moments(rows)
     told = [line for line in found if len(line.rows) > 1]
     shown = found[: SHOWN if any(line.changed for line in found) else ALONE]
@@ -32,7 +32,7 @@ def write(run: Run, site: Site) -> Page | None:
         Page("History", "history.html", nav=True, order=60), "history.html", scripts=["assets/judgement.js"],
         lines=shown, left_out=len(found) - len(shown), told=len(told), table=TABLE, new=len(found) - len(told),
         changed=sum(line.changed for line in found), moments=runs, commits=list(dict.fromkeys(m.commit for m in runs)),
-        bad=bad, most=MOST, here=run.folder.resolve().name, spark=spark, problems=known["problem"],
+        bad=bad, most=MOST, here=results.folder.resolve().name, spark=spark, problems=known["problem"],
         solvers=known["solver"],
     )  # fmt: skip
 
@@ -49,7 +49,7 @@ def spark(line: Line, what: str) -> dict[str, object]:
 
 
 def table(found: Sequence[Line]) -> str:
-    """Each cell that several runs hold: its first and last ending, drift, error and CPU time over the first's."""
+    """Each run that several runs hold: its first and last ending, drift, error and CPU time over the first's."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(HEADS)

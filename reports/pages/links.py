@@ -1,40 +1,40 @@
-"""From the digests in judgement files to cells of this run: their words, their solver, their page."""
+"""From the digests in judgement files to runs of this run: their words, their solver, their page."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ..model.reading import Cell
+from ..model.results import Run
 
 
 @dataclass(frozen=True)
 class Links:
-    """Cells by what judgements call them: the digest of their settings, or their own."""
+    """Runs by what judgements call them: the digest of their settings, or their own."""
 
-    cells: Mapping[str, Cell]
+    runs: Mapping[str, Run]
 
-    def cell(self, key: str) -> Cell | None:
-        return self.cells.get(key)
+    def run(self, key: str) -> Run | None:
+        return self.runs.get(key)
 
     def words(self, key: str) -> str:
-        """The settings in words; a cell that is not here keeps the head of its digest."""
-        cell = self.cells.get(key)
-        return cell.record.case if cell else f"{key[:12]} (not in this run)"
+        """The settings in words; a run that is not here keeps the head of its digest."""
+        run = self.runs.get(key)
+        return run.record.case if run else f"{key[:12]} (not in this run)"
 
     def solver(self, key: str) -> str:
-        cell = self.cells.get(key)
-        return cell.record.solver if cell else ""
+        run = self.runs.get(key)
+        return run.record.solver if run else ""
 
     def page(self, key: str) -> str:
-        """The address of its page, as seen from a page of the report; empty for a cell that is not here."""
-        cell = self.cells.get(key)
-        return page_of(cell) if cell else ""
+        """The address of its page, as seen from a page of the report; empty for a run that is not here."""
+        run = self.runs.get(key)
+        return page_of(run) if run else ""
 
 
-def links_of(cells: Sequence[Cell]) -> Links:
+def links_of(runs: Sequence[Run]) -> Links:
     """Of a run."""
-    return Links({**{c.record.cell: c for c in cells}, **{c.record.settings: c for c in cells}})
+    return Links({**{c.record.run_id: c for c in runs}, **{c.record.settings_id: c for c in runs}})
 
 
-def page_of(cell: Cell) -> str:
-    """The address of a cell's page."""
-    return f"cells/{cell.record.cell}.html"
+def page_of(run: Run) -> str:
+    """The address of a run's page."""
+    return f"runs/{run.record.run_id}.html"

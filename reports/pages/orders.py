@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..model.reading import natural
+from ..model.results import natural
 from ..model.words import Mark, number, unit
 from .judgement import Entry
 from .links import Links
@@ -26,7 +26,7 @@ class Point:
 class Certificate:
     """The order of one quantity of one solver on one problem."""
 
-    posing: str
+    variant: str
     solver: str
     case: str
     quantity: str
@@ -41,7 +41,7 @@ class Certificate:
     points: tuple[Point, ...]
     mark: Mark
     words: str
-    cells: tuple[tuple[str, str], ...]
+    runs: tuple[tuple[str, str], ...]
 
     @property
     def fit(self) -> tuple[tuple[float, float], ...]:
@@ -62,7 +62,7 @@ class Certificate:
 def certificates(rows: Sequence[Entry], links: Links) -> tuple[Certificate, ...]:
     """By problem, solver and quantity."""
     found = [_certificate(e, links) for e in rows]
-    return tuple(sorted(found, key=lambda c: (natural(c.posing), c.solver, natural(c.case))))
+    return tuple(sorted(found, key=lambda c: (natural(c.variant), c.solver, natural(c.case))))
 
 
 VERDICTS = {  # of certificates and of drifts
@@ -90,7 +90,7 @@ def _certificate(e: Entry, links: Links) -> Certificate:
     coarsest = max((dt for dt, _, good in given if good), default=math.inf)
     points = tuple(Point(dt, error, _kind(dt, error, good, floor, coarsest)) for dt, error, good in given)
     return Certificate(
-        e.text("posing") or e.text("problem"),
+        e.text("variant") or e.text("problem"),
         e.text("solver"),
         e.text("case"),
         e.text("quantity"),
@@ -105,7 +105,7 @@ def _certificate(e: Entry, links: Links) -> Certificate:
         points,
         verdict_mark(e.text("verdict")),
         e.text("words"),
-        tuple((links.words(k), links.page(k)) for k in e.texts("cells")),
+        tuple((links.words(k), links.page(k)) for k in e.texts("runs")),
     )
 
 
@@ -119,7 +119,7 @@ def _kind(dt: float, error: float, used: bool, floor: float, coarsest: float) ->
 
 
 def told(c: Certificate) -> str:
-    """The order in a cell of the table."""
+    """The order in a run of the table."""
     return number(c.order) if not math.isfinite(c.order) else f"{c.order:.2f}"
 
 
@@ -136,10 +136,10 @@ def glance(found: Sequence[Certificate]) -> Glance:
     fixed = [c for c in found if c.fixed]
     quantities = tuple(dict.fromkeys(c.quantity for c in fixed))
     keys = dict.fromkeys(
-        (c.solver, c.posing, c.case) for c in sorted(fixed, key=lambda c: (c.solver, natural(c.posing)))
+        (c.solver, c.variant, c.case) for c in sorted(fixed, key=lambda c: (c.solver, natural(c.variant)))
     )
     rows = []
     for key in keys:
-        own = {c.quantity: c for c in fixed if (c.solver, c.posing, c.case) == key}
+        own = {c.quantity: c for c in fixed if (c.solver, c.variant, c.case) == key}
         rows.append((next(iter(own.values())), tuple(own.get(q) for q in quantities)))
     return Glance(quantities, tuple(rows))

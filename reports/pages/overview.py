@@ -1,4 +1,4 @@
-"""The first page: who holds, who drifts, who breaks, and why; the matrix; and all cells, to sort and to filter."""
+"""The first page: who holds, who drifts, who breaks, and why; the matrix; and all runs, to sort and to filter."""
 
 from typing import Any
 
@@ -6,57 +6,62 @@ from ..model.accuracy import drifts, measure_for
 from ..model.columns import COLUMNS
 from ..model.findings import findings
 from ..model.overview import matrix, tally
-from ..model.posings import broadest, of_parts, themselves, variants
-from ..model.reading import Cell, Run
+from ..model.results import Results, Run
 from ..model.scores import headline, score, unpredictable, verdicts
+from ..model.variants import broadest, of_parts, themselves, variant_groups
 from ..model.words import mark
 from .base import Page, Site
 
 DIGITS = 6  # of numbers in the table's data file: twice what is shown
 
 
-def write(run: Run, site: Site) -> Page | None:
+def write(results: Results, site: Site) -> Page | None:
     """``index.html``."""
-    found, label = verdicts(run), broadest(run)
-    apart = variants(run, label)
-    main = {c.record.cell for p in themselves(run, label) for c in p.cells}
+    found, label = verdicts(results), broadest(results)
+    apart = variant_groups(results, label)
+    main = {c.record.run_id for p in themselves(results, label) for c in p.runs}
     page = Page("Overview", "index.html", nav=True, order=0)
     return site.write(
-        page, "overview.html", scripts=[site.bundle("cells", _table(run, site, label, main)), "assets/overview.js"],
-        findings=findings(run), matrix=matrix(run), verdicts=found, label=label,
-        answers=headline(found, label, unpredictable(run)),
-        score=score(run.cells), variants=[(v, score(v.cells), tally(run, v)) for v in apart], columns=COLUMNS,
-        apart=score(of_parts(apart)), problems=list(dict.fromkeys(p.problem for p in run.posings)),
-        loud=sorted(run.cells, key=lambda c: (c.record.label != label, c.record.cell not in main)),
+        page, "overview.html", scripts=[site.bundle("runs", _table(results, site, label, main)), "assets/overview.js"],
+        findings=findings(results), matrix=matrix(results), verdicts=found, label=label,
+        answers=headline(found, label, unpredictable(results)),
+        score=score(results.runs),
+        variant_groups=[(v, score(v.runs), tally(results, v)) for v in apart], columns=COLUMNS,
+        apart=score(of_parts(apart)), problems=list(dict.fromkeys(p.problem for p in results.variants)),
+        loud=sorted(results.runs, key=lambda c: (c.record.label != label, c.record.run_id not in main)),
     )  # fmt: skip
 
 
-def _table(run: Run, site: Site, label: str, main: set[str]) -> dict[str, Any]:
-    """All cells as rows of numbers and texts, those of the plain comparison first, then of the same problems.
+def _table(results: Results, site: Site, label: str, main: set[str]) -> dict[str, Any]:
+    """All runs as rows of numbers and texts, those of the plain comparison first, then of the same problems.
 
     Problems, solvers and labels are told by their place in a list.
     """
-    posings, labels = {p.title: k for k, p in enumerate(run.posings)}, {name: k for k, name in enumerate(run.labels())}
-    solvers = {s: k for k, s in enumerate(run.solvers)}
-    measures = [measure_for(p.cells) for p in run.posings]
+    variants, labels = (
+        {p.title: k for k, p in enumerate(results.variants)},
+        {name: k for k, name in enumerate(results.labels())},
+    )
+    solvers = {s: k for k, s in enumerate(results.solvers)}
+    measures = [measure_for(p.runs) for p in results.variants]
     rows = []
-    for c in sorted(run.cells, key=lambda c: (c.record.label != label, c.record.cell not in main)):
+    for c in sorted(results.runs, key=lambda c: (c.record.label != label, c.record.run_id not in main)):
         r, m = c.record, mark(c.status)
-        measure = measures[posings[c.posing]]
+        measure = measures[variants[c.variant]]
         rows.append([
-            r.cell, m.kind, f"{m.symbol} {m.word}", solvers[r.solver], posings[c.posing], labels[r.label], c.settings(),
+            r.run_id, m.kind, f"{m.symbol} {m.word}", solvers[r.solver], variants[c.variant], labels[r.label],
+            c.settings(),
             "" if c.succeeded else " ".join(c.reasons[0].split())[:160],
             *_numbers(c, measure.of(c) if measure else None),
         ])  # fmt: skip
     return {
         "rows": rows,
-        "solvers": [[s, site.url(s), site.looks[s].colour] for s in run.solvers],
-        "problems": [[p.title, site.url(p)] for p in run.posings],
-        "labels": list(run.labels()),
+        "solvers": [[s, site.url(s), site.looks[s].colour] for s in results.solvers],
+        "problems": [[p.title, site.url(p)] for p in results.variants],
+        "labels": list(results.labels()),
     }
 
 
-def _numbers(c: Cell, error: float | None) -> list[Any]:
+def _numbers(c: Run, error: float | None) -> list[Any]:
     r, wanders = c.record, drifts(c)
     values = [r.t_reached_s, r.energy_drift_max_J, error, r.phi_max, r.evaluations, r.cpu_median_s]
     return [*(None if v is None or v != v else float(f"{v:.{DIGITS}g}") for v in values),

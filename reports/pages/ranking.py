@@ -49,7 +49,7 @@ class Ranked:
     """One change in words."""
 
     rank: Rank
-    settings: str  # of the cell, or the claim's name
+    settings_id: str  # of the run, or the claim's name
     title: str
     what: str
     before: str
@@ -57,16 +57,17 @@ class Ranked:
     size: str
     worse: bool | None  # None where neither is better
     weight: float  # within its rank, the largest first
-    others: tuple["Ranked", ...] = ()  # smaller changes of the same kind in the same cell
+    others: tuple["Ranked", ...] = ()  # smaller changes of the same kind in the same run
 
 
 def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked]:
-    """Cells whose status changed; those that became wrong first."""
+    """Runs whose status changed; those that became wrong first."""
     out = []
     for a, b in pairs(before, after):
         if a.status != b.status:
             old, new = (BETTER.index(mark(r.status).kind) for r in (a, b))
-            out.append(Ranked(Rank.ENDING, a.settings, a.case, "ending", mark(a.status).word, mark(b.status).word, "",
+            out.append(Ranked(Rank.ENDING, a.settings_id, a.case, "ending", mark(a.status).word, mark(b.status).word,
+                              "",
                               None if old == new else new > old, 10.0 * (new > old) + max(old, new)))  # fmt: skip
     return ordered(out)
 
@@ -97,7 +98,7 @@ def work(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ranked
     for a, _, c in _changes(before, after):
         if c.metric in WORK and not isinstance(c.before, str) and not isinstance(c.after, str):
             ratio = _ratio(c.before, c.after)
-            out.append(Ranked(Rank.WORK, a.settings, a.case, WORK[c.metric], number(c.before), number(c.after),
+            out.append(Ranked(Rank.WORK, a.settings_id, a.case, WORK[c.metric], number(c.before), number(c.after),
                               said(ratio), ratio > 1.0, abs(math.log(ratio)) if ratio > 0.0 else 99.0))  # fmt: skip
     return gathered(out)
 
@@ -109,15 +110,15 @@ def timings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
         x, y = a.cpu_median_s, b.cpu_median_s
         apart = a.cpu_max_s < b.cpu_min_s or b.cpu_max_s < a.cpu_min_s
         if x > 0.0 and y > 0.0 and apart and max(x / y, y / x) > SPREAD:
-            out.append(Ranked(Rank.TIMING, a.settings, a.case, "CPU time", f"{number(x)} s", f"{number(y)} s",
+            out.append(Ranked(Rank.TIMING, a.settings_id, a.case, "CPU time", f"{number(x)} s", f"{number(y)} s",
                               said(y / x), y > x, abs(math.log(y / x))))  # fmt: skip
     return ordered(out)
 
 
 def pairs(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[tuple[RunRecord, RunRecord]]:
-    """Cells of the same settings."""
-    there = {r.settings: r for r in after}
-    return [(r, there[r.settings]) for r in before if r.settings in there]
+    """Runs of the same settings."""
+    there = {r.settings_id: r for r in after}
+    return [(r, there[r.settings_id]) for r in before if r.settings_id in there]
 
 
 def ordered(found: list[Ranked]) -> list[Ranked]:
@@ -126,11 +127,11 @@ def ordered(found: list[Ranked]) -> list[Ranked]:
 
 
 def gathered(found: list[Ranked]) -> list[Ranked]:
-    """One a cell: its gravest change, with the others beneath."""
-    by_cell: dict[str, list[Ranked]] = {}
+    """One a run: its gravest change, with the others beneath."""
+    by_run: dict[str, list[Ranked]] = {}
     for r in ordered(found):
-        by_cell.setdefault(r.settings, []).append(r)
-    return [replace(own[0], others=tuple(own[1:])) for own in by_cell.values()]
+        by_run.setdefault(r.settings_id, []).append(r)
+    return [replace(own[0], others=tuple(own[1:])) for own in by_run.values()]
 
 
 def unmeasured(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> tuple[set[str], set[str]]:
@@ -175,7 +176,7 @@ def _physics(a: RunRecord, b: RunRecord, c: Change) -> list[Ranked]:
     if c.metric == "energy_drift_max_J" and (x > limit) != (y > limit) and limit > 0.0:
         weight, size = math.inf, f"crosses the benchmark's limit of {number(limit)} J"
     shown, now = (f"{v} {unit}".strip() for v in apart(x, y))
-    return [Ranked(Rank.PHYSICS, a.settings, a.case, words, shown, now, size, worse, weight)]
+    return [Ranked(Rank.PHYSICS, a.settings_id, a.case, words, shown, now, size, worse, weight)]
 
 
 def apart(x: float, y: float) -> tuple[str, str]:

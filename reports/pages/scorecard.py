@@ -23,12 +23,12 @@ WORST_FIRST = ("broken", "failed", "undecided", "refused", "holds", "not applica
 class Outcome:
     """One check of one solver on one problem."""
 
-    posing: str
+    variant: str
     mark: Mark
     deviation: str
     bound: str
     words: str
-    cells: tuple[tuple[str, str], ...]
+    runs: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
@@ -79,10 +79,10 @@ def _box(rows: Sequence[Entry], links: Links) -> Box | None:
 def _outcome(e: Entry, links: Links) -> Outcome:
     measure = unit(e.text("unit"))
     return Outcome(
-        e.text("posing") or e.text("problem"),
+        e.text("variant") or e.text("problem"),
         mark_of(e.text("verdict")),
         f"{number(e.number('deviation'))} {measure}".strip(),
         f"{number(e.number('bound'))} {measure}".strip(),
         e.text("words"),
-        tuple((links.words(k), links.page(k)) for k in e.texts("cells")),
+        tuple((links.words(k), links.page(k)) for k in e.texts("runs")),
     )

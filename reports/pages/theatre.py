@@ -1,4 +1,4 @@
-"""The mechanism theatre: ``theatre-<slug>.html`` for each problem as posed that has poses to show."""
+"""The mechanism theatre: ``theatre-<slug>.html`` for each variant that has poses to show."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from typing import Any
 
 from ..mechanism.theatre.cast import RULE
 from ..mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, players, scene
-from ..model.posings import moves_alike
-from ..model.reading import Cell, Posing, Run
+from ..model.results import Results, Run, Variant
+from ..model.variants import moves_alike
 from .base import Page, Site
 
 ALL_BYTES = 5_000_000  # of the data files of all theatres
@@ -18,47 +18,47 @@ SCRIPTS = (
 )  # fmt: skip
 
 
-def write(run: Run, site: Site) -> Page | None:
-    """Write every theatre; the first page, or None if no cell has poses."""
-    told = {p.slug: t for p in _shown(run) if (t := _stage(run, site, p, POSE_BYTES)) is not None}
+def write(results: Results, site: Site) -> Page | None:
+    """Write every theatre; the first page, or None if no run has poses."""
+    told = {p.slug: t for p in _shown(results) if (t := _stage(results, site, p, POSE_BYTES)) is not None}
     level = fair([t.size for t in told.values()], ALL_BYTES)
     pages = []
-    for posing in run.posings:
-        own = told.get(posing.slug)
+    for variant in results.variants:
+        own = told.get(variant.slug)
         poses = POSE_BYTES if own is None else min(POSE_BYTES, own.pose_bytes)
         for _ in range(ROUNDS):
             if own is not None and own.size > level:
                 poses *= 0.97 * level / own.size
-                own = _stage(run, site, posing, poses)
+                own = _stage(results, site, variant, poses)
         if own is not None:
             page = Page(
-                f"Theatre: {posing.title}", f"theatre-{posing.slug}.html", order=60, about=posing.slug, brief=True
+                f"Theatre: {variant.title}", f"theatre-{variant.slug}.html", order=60, about=variant.slug, brief=True
             )
             pages.append(site.write(page, "theatre.html", [*SCRIPTS[:-1], own.path, SCRIPTS[-1]], **_said(own)))
     return pages[0] if pages else None
 
 
-def _shown(run: Run) -> list[Posing]:
-    """All posings, but not those that show the motion of another one once more."""
-    plain = {p.problem for p in run.posings if not moves_alike(p)}
-    return [p for p in run.posings if not moves_alike(p) or p.problem not in plain]
+def _shown(results: Results) -> list[Variant]:
+    """All variants, but not those that show the motion of another one once more."""
+    plain = {p.problem for p in results.variants if not moves_alike(p)}
+    return [p for p in results.variants if not moves_alike(p) or p.problem not in plain]
 
 
 @dataclass(frozen=True)
 class Stage:
     """A data file that was written, and what the page says without it."""
 
-    posing: Posing
+    variant: Variant
     name: str
     path: str
     size: int
     play: Mapping[str, Any]
-    players: tuple[Cell, ...]
-    left_out: tuple[Cell, ...]
+    players: tuple[Run, ...]
+    left_out: tuple[Run, ...]
 
     @property
     def pose_bytes(self) -> float:
-        """What its poses take before compression, each cell's as much as the longest's."""
+        """What its poses take before compression, each run's as much as the longest's."""
         players = self.play["players"]
         return float(BODY_BYTES * self.play["bodies"] * len(players) * max(p["frames"] for p in players))
 
@@ -69,14 +69,14 @@ def _said(own: Stage) -> dict[str, Any]:
     return {"own": own, "rule": RULE, **worst}
 
 
-def _stage(run: Run, site: Site, posing: Posing, pose_bytes: float) -> Stage | None:
-    cast, left_out = players(run, posing)
+def _stage(results: Results, site: Site, variant: Variant, pose_bytes: float) -> Stage | None:
+    cast, left_out = players(results, variant)
     if not cast:
         return None
-    play = scene(posing, cast, site.looks, pose_bytes)
-    name = f"theatre-{posing.slug}"
+    play = scene(variant, cast, site.looks, pose_bytes)
+    name = f"theatre-{variant.slug}"
     path = site.data(name, play)
-    return Stage(posing, name, path, (site.folder / path).stat().st_size, play, tuple(p.cell for p in cast), left_out)
+    return Stage(variant, name, path, (site.folder / path).stat().st_size, play, tuple(p.run for p in cast), left_out)
 
 
 def fair(sizes: Sequence[int], whole: float) -> float:

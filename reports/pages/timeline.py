@@ -1,4 +1,4 @@
-"""Results over runs: a line for each cell of this run, and what each run amounted to."""
+"""Results over runs: a line for each run of this run, and what each run amounted to."""
 
 import math
 from collections import Counter
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...harness.results.history import HistoryError, Row, history, read_rows, standing
 from ...harness.results.store import StoreError
-from ..model.reading import Run
+from ..model.results import Results
 from ..model.words import Mark, mark
 
 COMMITTED = Path(__file__).resolve().parents[2] / "results" / "history"
@@ -24,7 +24,7 @@ GATE = {
 class Moment:
     """One run among all."""
 
-    run: str
+    results: str
     time: str
     commit: str
     counts: tuple[tuple[Mark, int], ...]
@@ -34,7 +34,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class Line:
-    """One cell over the runs."""
+    """One run over the runs."""
 
     settings: str
     case: str
@@ -69,7 +69,7 @@ class Line:
 
 
 def gate_mark(state: str) -> Mark:
-    """The state of the gate on a cell."""
+    """The state of the gate on a run."""
     return GATE.get(state, Mark("?", state.lower() or "not judged", "refused"))
 
 
@@ -79,9 +79,9 @@ def moved(values: Sequence[float], least: float) -> bool:
     return len(known) > 1 and max(known) - min(known) > max(MOVED * max(map(abs, known)), least)
 
 
-def gather(run: Run, committed: Path = COMMITTED) -> tuple[tuple[Row, ...], list[str]]:
+def gather(results: Results, committed: Path = COMMITTED) -> tuple[tuple[Row, ...], list[str]]:
     """All rows of runs beside this one and of committed files, and what could not be read."""
-    folders, files = standing(run.folder.resolve().parent, committed)
+    folders, files = standing(results.folder.resolve().parent, committed)
     bad = []
     for kept, read in ((files, read_rows), (folders, lambda f: history([f]))):
         for path in list(kept):
@@ -93,13 +93,13 @@ def gather(run: Run, committed: Path = COMMITTED) -> tuple[tuple[Row, ...], list
     return history(folders, files), bad
 
 
-def lines(run: Run, rows: Sequence[Row]) -> tuple[Line, ...]:
-    """Of the cells that this run holds, the oldest row first; those that changed come first."""
-    here = {c.record.settings: c for c in run.cells}
+def lines(results: Results, rows: Sequence[Row]) -> tuple[Line, ...]:
+    """Of the runs that this run holds, the oldest row first; those that changed come first."""
+    here = {c.record.settings_id: c for c in results.runs}
     found: dict[str, list[Row]] = {}
     for row in rows:
-        if row.settings in here:
-            found.setdefault(row.settings, []).append(row)
+        if row.settings_id in here:
+            found.setdefault(row.settings_id, []).append(row)
     out = [Line(k, own[-1].case, own[-1].problem, own[-1].solver, tuple(own)) for k, own in found.items()]
     return tuple(sorted(out, key=lambda line: (not line.changed, len(line.rows) == 1, line.case)))
 
@@ -108,7 +108,7 @@ def moments(rows: Sequence[Row]) -> tuple[Moment, ...]:
     """Each run with its endings, the oldest first."""
     runs: dict[str, list[Row]] = {}
     for row in rows:
-        runs.setdefault(row.run, []).append(row)
+        runs.setdefault(row.results, []).append(row)
     out = []
     for name, own in runs.items():
         ends = Counter(mark(r.status).kind for r in own)
@@ -118,4 +118,4 @@ def moments(rows: Sequence[Row]) -> tuple[Moment, ...]:
         gates = Counter(gate_mark(r.gate) for r in own if r.gate)
         commits = Counter(r.commit for r in own)
         out.append(Moment(name, own[0].time, commits.most_common(1)[0][0], counts, tuple(gates.items()), len(own)))
-    return tuple(sorted(out, key=lambda m: (m.time, m.run)))
+    return tuple(sorted(out, key=lambda m: (m.time, m.results)))

@@ -9,8 +9,8 @@ from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 
 from ..model.motion import Motion
-from ..model.posings import broadest, themselves
-from ..model.reading import Run
+from ..model.results import Results
+from ..model.variants import broadest, themselves
 from ..plots.drawing import Drawn, style
 from ..plots.printed.lines import Group
 from ..plots.printed.profile import profile_figure
@@ -25,17 +25,19 @@ PAPER = ("operations", "evaluations", "cpu")  # works whose profile is drawn for
 COMPARED = 4  # solvers on a problem, for a figure of its own; of variants, plots can be saved from the page
 
 
-def write(run: Run, site: Site) -> Page | None:
+def write(results: Results, site: Site) -> Page | None:
     """``work.html``, and ``figures/work-*.svg`` and ``.pdf``."""
-    links = links_of(run.cells)
-    points, profile = judged(run.folder, "work", "points"), profiles(judged(run.folder, "work", "profile").rows)
-    default = profiles(judged(run.folder, "work", "profile_default").rows, tuned=False)
-    found = [(f, plots_of(f)) for f in fields(run, points.rows, links)]
+    links = links_of(results.runs)
+    points, profile = judged(results.folder, "work", "points"), profiles(judged(results.folder, "work", "profile").rows)
+    default = profiles(judged(results.folder, "work", "profile_default").rows, tuned=False)
+    found = [(f, plots_of(f)) for f in fields(results, points.rows, links)]
     works = list(dict.fromkeys(p.work for p in profile))
     kinds = [w for w in WORKS if any(key.endswith(f"-{w[0]}") for _, own in found for key in own)]
     profile_plots = [profile_plot((*profile, *default), w) for w in works]
-    plain = {p.slug for p in themselves(run, broadest(run))}
-    figures = {f.slug: files(site, d) for f, _ in found if f.slug in plain and (d := _figure(run, site, f)) is not None}
+    plain = {p.slug for p in themselves(results, broadest(results))}
+    figures = {
+        f.slug: files(site, d) for f, _ in found if f.slug in plain and (d := _figure(results, site, f)) is not None
+    }
     drawn = [profile_figure([(p.solver, p.total, p.at) for p in profile if p.work == w], *named(w), site.looks)
              for w in works if w in PAPER]  # fmt: skip
     return site.write(
@@ -69,12 +71,12 @@ def files(site: Site, drawn: Drawn) -> Sequence[str]:
     return [f"{drawn.name}.svg", f"{drawn.name}.pdf"]
 
 
-def _figure(run: Run, site: Site, f: Field) -> Drawn | None:
+def _figure(results: Results, site: Site, f: Field) -> Drawn | None:
     """The static twin of a problem's plots, default and best settings; None where there is little to compare."""
     wanted = {p.page for p in f.points if p.default or p.best}
-    cells = [c for p in run.posings if p.slug == f.slug for c in p.cells if page_of(c) in wanted]
-    if len({c.record.solver for c in cells}) < COMPARED:
+    runs = [c for p in results.variants if p.slug == f.slug for c in p.runs if page_of(c) in wanted]
+    if len({c.record.solver for c in runs}) < COMPARED:
         return None
     return work_figure(
-        f"work-{f.slug}", f"{f.posing}: work against error", Group(tuple(map(Motion, cells)), site.looks)
+        f"work-{f.slug}", f"{f.variant}: work against error", Group(tuple(map(Motion, runs)), site.looks)
     )

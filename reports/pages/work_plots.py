@@ -98,7 +98,7 @@ def said(p: Work, *, whole: bool = True) -> str:
     """A point in words; only its step or tolerance where the line already says the method."""
     marks = [w for w, on in (("default settings", p.default), ("best", p.best)) if on]
     ending = [] if p.status in ("success", "unknown") else [p.status.replace("_", " ")]
-    return ", ".join([p.words.removeprefix(f"{p.posing} ") if whole else p.step or p.words, *marks, *ending])
+    return ", ".join([p.words.removeprefix(f"{p.variant} ") if whole else p.step or p.words, *marks, *ending])
 
 
 def _families(points: Sequence[Work]) -> list[tuple[str, list[Work]]]:

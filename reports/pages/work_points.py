@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ..model.accuracy import measure_for
-from ..model.reading import Run
+from ..model.results import Results
 from .judgement import Entry
 from .links import Links, page_of
 
@@ -23,7 +23,7 @@ ERRORS = (("error", "error", ""), ("energy", "largest energy error", "J"), ("phi
 class Work:
     """One run as a point; ``works`` and ``errors`` by the keys of ``WORKS`` and ``ERRORS``."""
 
-    posing: str
+    variant: str
     problem: str
     solver: str
     words: str
@@ -44,9 +44,9 @@ class Work:
 
 @dataclass(frozen=True)
 class Field:
-    """All runs of a problem as posed."""
+    """All runs of a variant."""
 
-    posing: str
+    variant: str
     slug: str
     points: tuple[Work, ...]
 
@@ -77,14 +77,14 @@ class Profile:
         return len(self.at) / self.total if self.total else 0.0
 
 
-def fields(run: Run, rows: Sequence[Entry], links: Links) -> tuple[Field, ...]:
-    """One a posing that has a point; judged points where there are any."""
-    points = [p for e in rows if (p := _judged(e, links)) is not None] or _recorded(run)
+def fields(results: Results, rows: Sequence[Entry], links: Links) -> tuple[Field, ...]:
+    """One a variant that has a point; judged points where there are any."""
+    points = [p for e in rows if (p := _judged(e, links)) is not None] or _recorded(results)
     out: list[Field] = []
-    slugs = {p.title: p.slug for p in run.posings}
-    order = {p.title: k for k, p in enumerate(run.posings)}
-    for name in sorted({p.posing for p in points}, key=lambda n: (order.get(n, len(order)), n)):
-        own = tuple(p for p in points if p.posing == name)
+    slugs = {p.title: p.slug for p in results.variants}
+    order = {p.title: k for k, p in enumerate(results.variants)}
+    for name in sorted({p.variant for p in points}, key=lambda n: (order.get(n, len(order)), n)):
+        own = tuple(p for p in points if p.variant == name)
         if any(_drawable(p) for p in own):
             out.append(Field(name, slugs.get(name, f"other-{len(out)}"), own))
     return tuple(out)
@@ -106,38 +106,38 @@ def _drawable(p: Work) -> bool:
 
 
 def _judged(e: Entry, links: Links) -> Work | None:
-    cell = links.cell(e.text("cell"))
-    if cell is None and not e.text("solver"):
+    run = links.run(e.text("run"))
+    if run is None and not e.text("solver"):
         return None
     works = {key: e.number("cpu_s" if key == "cpu" else key) for key, _, _ in WORKS}
     errors = {"error": e.number("error"), "energy": e.number("energy_drift_J"), "phi": e.number("phi_max")}
     return Work(
-        e.text("posing") or (cell.posing if cell else e.text("problem")),
+        e.text("variant") or (run.variant if run else e.text("problem")),
         e.text("problem"),
         e.text("solver"),
-        e.text("case") or links.words(e.text("cell")),
-        links.page(e.text("cell")),
-        e.text("status") or (cell.status if cell else "unknown"),
+        e.text("case") or links.words(e.text("run")),
+        links.page(e.text("run")),
+        e.text("status") or (run.status if run else "unknown"),
         e.text("label"),
-        cell is not None and not cell.options,
+        run is not None and not run.options,
         e.flag("best") is True,
         works,
         errors,
-        cell.method if cell else e.text("solver"),
-        cell.step_words if cell else "",
-        cell.fineness if cell else 0.0,
+        run.method if run else e.text("solver"),
+        run.step_words if run else "",
+        run.fineness if run else 0.0,
         e.text("error_kind") or "error",
         e.text("unit"),
         e.number("reference_own_error"),
     )
 
 
-def _recorded(run: Run) -> list[Work]:
+def _recorded(results: Results) -> list[Work]:
     """Straight from the records: all but which settings are the best."""
     out = []
-    for posing in run.posings:
-        measure = measure_for(posing.cells)
-        for c in posing.cells:
+    for variant in results.variants:
+        measure = measure_for(variant.runs)
+        for c in variant.runs:
             r = c.record
             counted = {"evaluations": r.evaluations, "factorisations": r.factorisations, "steps": float(r.steps)}
             both = r.evaluations + (0.0 if math.isnan(r.factorisations) else r.factorisations)
@@ -145,11 +145,11 @@ def _recorded(run: Run) -> list[Work]:
             error = measure.of(c) if measure else math.nan
             errors = {"error": error, "energy": r.energy_drift_max_J, "phi": r.phi_max}
             kind, unit, own = (measure.what, measure.unit, measure.own) if measure else ("error", "", math.nan)
-            out.append(Work(c.posing, r.problem, r.solver, r.case, page_of(c), c.status, r.label, not c.options,
+            out.append(Work(c.variant, r.problem, r.solver, r.case, page_of(c), c.status, r.label, not c.options,
                             False, works, errors, c.method, c.step_words, c.fineness, kind, unit, own))  # fmt: skip
     return out
 
 
-def ended(cell_status: str) -> str:
+def ended(run_status: str) -> str:
     """How plots mark a point: nothing, a star or a cross."""
-    return "wrong" if cell_status == "wrong" else "" if cell_status in ("success", "unknown") else "failed"
+    return "wrong" if run_status == "wrong" else "" if run_status in ("success", "unknown") else "failed"

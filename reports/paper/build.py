@@ -8,7 +8,7 @@ from typing import Any
 
 from ...harness.results import store
 from ...harness.results.series import BadSeries, Series
-from ..model.reading import Cell, Run, read_run
+from ..model.results import Results, Run, read_results
 from ..plots.palette import looks
 from ..publication.style import SUFFIXES, save
 from .catalogue import FIGURES
@@ -28,35 +28,36 @@ def build(
     tell: Callable[[str], None] = lambda words: None,
 ) -> list[Caption]:
     """Write all figures and the captions; what each is called is told as it is done."""
-    run = read_run(Path(run_folder), check_series=False)
+    results = read_results(Path(run_folder), check_series=False)
     out = []
     for spec in specs:
-        out.append(one(run, spec, suffixes))
-        missing = sum(not c["found"] for c in out[-1].cells)
-        tell(f"{spec.name}: {spec.title}" + (f" ({missing} of {len(spec.picks)} cells missing)" if missing else ""))
-    figures = _others(run.folder, out) + [jsonable(asdict(c)) for c in out]
+        out.append(one(results, spec, suffixes))
+        missing = sum(not c["found"] for c in out[-1].runs)
+        tell(f"{spec.name}: {spec.title}" + (f" ({missing} of {len(spec.picks)} runs missing)" if missing else ""))
+    figures = _others(results.folder, out) + [jsonable(asdict(c)) for c in out]
     order = [s.name for s in FIGURES]
     figures.sort(key=lambda f: order.index(f["name"]))
-    plain = {"run": run.environment.get("run") or run.folder.name, "commit": run.environment.get("commit", ""),
+    plain = {"run": results.environment.get("run") or results.folder.name,
+             "commit": results.environment.get("commit", ""),
              "figures": figures}  # fmt: skip
     path = Path(run_folder) / FOLDER / "captions.json"
     store.write_text(path, json.dumps(plain, indent=1, ensure_ascii=False, allow_nan=False))
     return out
 
 
-def one(run: Run, spec: PaperFigure, suffixes: Sequence[str] = SUFFIXES) -> Caption:
+def one(results: Results, spec: PaperFigure, suffixes: Sequence[str] = SUFFIXES) -> Caption:
     """Draw one figure and write its caption."""
-    chosen = choose(spec.picks, run.cells)
-    series = {c.cell.record.cell: _series(run, c.cell) for c in chosen if c.cell}
-    own = looks({*run.solvers, *(p.solver for p in spec.picks)})
-    files = save(lambda: draw(spec, chosen, series, own), run.folder / FOLDER, spec.name, suffixes)
-    return caption(spec, lines_of(chosen, series, own), claims_of(run.folder), [p.name for p in files])
+    chosen = choose(spec.picks, results.runs)
+    series = {c.run.record.run_id: _series(results, c.run) for c in chosen if c.run}
+    own = looks({*results.solvers, *(p.solver for p in spec.picks)})
+    files = save(lambda: draw(spec, chosen, series, own), results.folder / FOLDER, spec.name, suffixes)
+    return caption(spec, lines_of(chosen, series, own), claims_of(results.folder), [p.name for p in files])
 
 
-def _series(run: Run, cell: Cell) -> Series | None:
+def _series(results: Results, run: Run) -> Series | None:
     """None where the file is damaged: the figure says so."""
     try:
-        return run.series(cell)
+        return results.series(run)
     except BadSeries:
         return None
 

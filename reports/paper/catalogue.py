@@ -1,4 +1,4 @@
-"""The paper's twelve figures, each as printed and, where it compares solvers, with their soundest settings."""
+"""The paper's twelve figures, each as printed and, where it compares solvers, with their recommended settings."""
 
 from . import chain, grid, pendulum, top, torque_free
 from .spec import PaperFigure

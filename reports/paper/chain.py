@@ -53,7 +53,7 @@ FIGURES = (
         height=2.0,
     ),
     PaperFigure(
-        9, "soundest", SECTION, "Chain: energy over 2 s and 20 s, displacement of E out of the plane, step",
+        9, "recommended", SECTION, "Chain: energy over 2 s and 20 s, displacement of E out of the plane, step",
         SOUND, _rows(()),
         (Says("", "recovery", window=SHORT), Says("", "drift"), Says("", "largest", series="obs_E_z"),
          Says("", "step")),

@@ -1,4 +1,4 @@
-"""Any figure of the catalogue on a sheet: panels lettered as in the paper, one legend, missing cells named in it."""
+"""Any figure of the catalogue on a sheet: panels lettered as in the paper, one legend, missing runs named in it."""
 
 from collections.abc import Mapping, Sequence
 from textwrap import fill
@@ -25,7 +25,7 @@ WRAP = 64  # characters of a label: two columns of them fill the sheet
 def draw(
     spec: PaperFigure, chosen: Sequence[Chosen], series: Mapping[str, Series | None], looks: Mapping[str, Look]
 ) -> Figure:
-    """``series`` by cell, ``looks`` by solver."""
+    """``series`` by run, ``looks`` by solver."""
     lines = lines_of(chosen, series, looks)
     alone = all(isinstance(p, Sketch) for p in spec.panels())
     handles = [] if alone else _handles(spec, lines)
@@ -59,7 +59,7 @@ def _fill(ax: Axes, part: Panel | Sketch, lines: Sequence[Line]) -> None:
     source = next((k.series for k in lines if k.series is not None and "frame_t" in k.series), None)
     if not draw_sketch(ax, part.view, source):
         asked = lines[0].chosen
-        why = "no poses recorded" if asked.cell else "not in this run"
+        why = "no poses recorded" if asked.run else "not in this run"
         words = f"{asked.pick.solver}, {settings_of(asked.pick)}: {why}"
         ax.text(0.5, 0.5, plain(fill(words, 40)), transform=ax.transAxes, ha="center", va="center", color=MUTED)
 
@@ -75,27 +75,27 @@ def _handles(spec: PaperFigure, lines: Sequence[Line]) -> list[Line2D]:
 
 
 def _handle(line: Line) -> Line2D:
-    there = line.chosen.cell is not None
+    there = line.chosen.run is not None
     return Line2D([], [], color=line.look.colour if there else MUTED, linestyle=line.dash if there else "",
                   marker=line.look.marker if there else "x", markersize=3.6, markerfacecolor=PAPER,
                   markeredgewidth=0.8, label=fill(plain(label_of(line)), WRAP))  # fmt: skip
 
 
 def label_of(line: Line) -> str:
-    """The paper's name, ours, the step, and how it ended; said too where the cell or its series is not there."""
-    pick, cell = line.chosen.pick, line.chosen.cell
+    """The paper's name, ours, the step, and how it ended; said too where the run or its series is not there."""
+    pick, run = line.chosen.pick, line.chosen.run
     step = f"dt = {pick.dt:g} s" if pick.dt is not None else f"rtol = {pick.rtol:g}"
     words = ", ".join(w for w in (f"{role(pick)} ({pick.solver})", step, pick.words) if w)
-    if cell is None:
+    if run is None:
         return f"{words}: not in this run"
-    if cell.succeeded and line.series is not None:
+    if run.succeeded and line.series is not None:
         return words
-    end = cell.status.replace("_", " ")
-    if line.series is None and cell.record.series:
+    end = run.status.replace("_", " ")
+    if line.series is None and run.record.series:
         return f"{words}: its series cannot be read"
     if line.series is None:
         return f"{words}  ★ no step: {end}"
-    return f"{words}  ★ {end} at {time(round(cell.record.t_reached_s, 3))} s" if cell.stopped else f"{words}  ✖ {end}"
+    return f"{words}  ★ {end} at {time(round(run.record.t_reached_s, 3))} s" if run.stopped else f"{words}  ✖ {end}"
 
 
 def legend_columns(handles: Sequence[Line2D]) -> int:

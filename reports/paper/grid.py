@@ -33,5 +33,5 @@ NOT_PRINTED = (
 
 FIGURES = (
     PaperFigure(12, "as printed", SECTION, TITLE, (*PRINTED, SOUND[0]), ROWS, SAYS, NOT_PRINTED),
-    PaperFigure(12, "soundest", SECTION, TITLE, SOUND, ROWS, SAYS, NOT_PRINTED[1:]),
+    PaperFigure(12, "recommended", SECTION, TITLE, SOUND, ROWS, SAYS, NOT_PRINTED[1:]),
 )

@@ -1,4 +1,4 @@
-"""The lines of a panel: each chosen cell's series in its window, a star where it stopped, the exact motion in ink."""
+"""The lines of a panel: each chosen run's series in its window, a star where it stopped, the exact motion in ink."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -23,7 +23,7 @@ from .spec import Panel, Pick
 
 @dataclass(frozen=True)
 class Line:
-    """A cell that a figure draws: its series, how it looks, how it is named."""
+    """A run that a figure draws: its series, how it looks, how it is named."""
 
     chosen: Chosen
     series: Series | None
@@ -42,7 +42,7 @@ def lines_of(chosen: Sequence[Chosen], series: Mapping[str, Series | None], look
     for c in chosen:
         own = [o.pick for o in chosen if o.pick.solver == c.pick.solver]
         k = sorted(own, key=lambda p: p.dt or p.rtol or 0.0).index(c.pick)
-        found = series.get(c.cell.record.cell) if c.cell else None
+        found = series.get(c.run.record.run_id) if c.run else None
         out.append(Line(c, found, looks[c.pick.solver], DASHES[k % len(DASHES)], _name(c.pick, own)))
     return out
 
@@ -64,7 +64,7 @@ def draw_panel(ax: Axes, panel: Panel, lines: Sequence[Line]) -> None:
     drawn = [(k, name, c) for k, name, c in made if c is not None and len(c)]
     exact = exact_of(panel, lines)
     if not drawn:
-        ax.text(0.5, 0.5, "none of the cells recorded this", transform=ax.transAxes, ha="center", color=MUTED)
+        ax.text(0.5, 0.5, "none of the runs recorded this", transform=ax.transAxes, ha="center", color=MUTED)
     limits = limits_of(panel, records_of(lines), units_of(panel, lines), [c for *_, c in drawn], exact)
     if panel.log:
         log_axis(ax)
@@ -74,10 +74,10 @@ def draw_panel(ax: Axes, panel: Panel, lines: Sequence[Line]) -> None:
         every = ((n * gap) // len(drawn), gap)
         ax.plot(c.t, y, color=k.look.colour, linestyle=k.dash, marker=k.look.marker if len(y) > 4 else "",
                 markevery=every, markersize=3.2, markerfacecolor=PAPER, markeredgewidth=0.8, zorder=3)  # fmt: skip
-        cell = k.chosen.cell
-        ends = cell is not None and cell.record.t_reached_s <= panel.window[1] * (1.0 + 1e-9)
-        if cell is not None and ends and (cell.stopped or len(panel.of) == 1):
-            draw_end(ax, cell, c.t[-1], float(y[-1]), k.look)
+        run = k.chosen.run
+        ends = run is not None and run.record.t_reached_s <= panel.window[1] * (1.0 + 1e-9)
+        if run is not None and ends and (run.stopped or len(panel.of) == 1):
+            draw_end(ax, run, c.t[-1], float(y[-1]), k.look)
     if exact is not None:
         ax.plot(exact.t, np.clip(exact.y, *limits), color=INK, linewidth=0.55, zorder=5)
     _remarks(ax, panel, lines, limits, [c for *_, c in drawn])
@@ -89,7 +89,7 @@ def curve(line: Line, name: str, panel: Panel) -> Curve | None:
     if line.series is None or name not in line.series:
         return None
     t, a = line.series["t"], line.series[name]
-    if name == "dt" and line.chosen.cell is not None and not line.chosen.cell.stopped and len(t) > 2:
+    if name == "dt" and line.chosen.run is not None and not line.chosen.run.stopped and len(t) > 2:
         t, a = t[:-1], a[:-1]  # the last step may be cut to end at t_end; of a failure it is the point
     return within(t, a, panel.window, largest=panel.log and name != "dt")
 
@@ -127,8 +127,8 @@ def _remarks(
 
 
 def records_of(lines: Sequence[Line]) -> list[RunRecord]:
-    """Of the lines that have a cell."""
-    return [k.chosen.cell.record for k in lines if k.chosen.cell]
+    """Of the lines that have a run."""
+    return [k.chosen.run.record for k in lines if k.chosen.run]
 
 
 def units_of(panel: Panel, lines: Sequence[Line]) -> set[str]:
@@ -156,7 +156,7 @@ def _frame(ax: Axes, panel: Panel, lines: Sequence[Line], limits: tuple[float, f
 
 def _band(ax: Axes, lines: Sequence[Line], limits: tuple[float, float]) -> None:
     """The allowed energy, shaded; in words where it is wider than the axis."""
-    known = (k.chosen.cell.record for k in lines if k.chosen.cell)
+    known = (k.chosen.run.record for k in lines if k.chosen.run)
     record = next((r for r in known if r.energy_allowed_J > 0.0), None)
     if record is None:
         return

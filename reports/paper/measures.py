@@ -24,11 +24,11 @@ class Fact:
 
 
 def measured(says: Says, lines: Sequence[Line]) -> Fact:
-    """``says`` tried on its picks; those without a cell or without steps are named as such."""
+    """``says`` tried on its picks; those without a run or without steps are named as such."""
     asked = [k for k in lines if not says.picks or k.key in says.picks]
-    there = [k for k in asked if k.chosen.cell is not None]
+    there = [k for k in asked if k.chosen.run is not None]
     fact = MEASURES[says.measure](says, there) if there else Fact("")
-    absent = [k.name for k in asked if k.chosen.cell is None]
+    absent = [k.name for k in asked if k.chosen.run is None]
     words = [fact.text] if fact.text else []
     words += [f"not in this run: {listed(absent)}"] if absent else []
     text = "; ".join(words)
@@ -37,7 +37,7 @@ def measured(says: Says, lines: Sequence[Line]) -> Fact:
 
 def _record(says: Says, lines: Sequence[Line], names: Mapping[str, str], write: Callable[..., str]) -> Fact:
     """A sentence from columns of the record."""
-    values = {k.key: {n: float(getattr(_cell(k).record, n)) for n in names} for k in lines}
+    values = {k.key: {n: float(getattr(_run(k).record, n)) for n in names} for k in lines}
     return Fact(listed([f"{k.name} {write(*values[k.key].values())}" for k in lines], 12), values)
 
 
@@ -45,20 +45,20 @@ def end(says: Says, lines: Sequence[Line]) -> Fact:
     """How and when a run ended, against the paper's failure or success."""
     words, differs, values = [], False, {}
     for k in lines:
-        cell = _cell(k)
-        r = cell.record
+        run = _run(k)
+        r = run.record
         values[k.key] = {"t_reached_s": r.t_reached_s, "t_end_s": r.t_end_s}
-        why = plain(cell.reasons[0]) if cell.reasons else ""
-        if cell.succeeded:
+        why = plain(run.reasons[0]) if run.reasons else ""
+        if run.succeeded:
             said = f"reaches {time(r.t_end_s)} s, and nothing contradicts it"
-        elif cell.status == "wrong":
+        elif run.status == "wrong":
             said = f"reaches {time(r.t_end_s)} s, wrong ({why})"
-        elif cell.stopped:
-            said = f"stops at {time(round(r.t_reached_s, 4))} s, {cell.status.replace('_', ' ')} ({why})"
+        elif run.stopped:
+            said = f"stops at {time(round(r.t_reached_s, 4))} s, {run.status.replace('_', ' ')} ({why})"
         else:
-            said = f"{cell.status} ({why})"
+            said = f"{run.status} ({why})"
         fails = says.fails_at is not None
-        differs |= (fails and not cell.stopped) or (says.runs and cell.stopped)
+        differs |= (fails and not run.stopped) or (says.runs and run.stopped)
         words.append(f"{k.name} {said}")
     return Fact(listed(words, 12) + (", which differs" if differs else ""), values, differs)
 
@@ -92,7 +92,7 @@ def energy(says: Says, lines: Sequence[Line]) -> Fact:
     """Largest energy against the first one, in joule and as a multiple."""
     words, values = [], {}
     for k in lines:
-        start, worst = _cell(k).record.energy_start_J, _cell(k).record.energy_drift_max_J
+        start, worst = _run(k).record.energy_start_J, _run(k).record.energy_drift_max_J
         values[k.key] = {"energy_drift_max_J": worst, "energy_start_J": start}
         words.append(f"{k.name} departs by at most {number(worst)} J from {number(start)} J")
     return Fact(listed(words, 12), values)
@@ -148,7 +148,7 @@ def recovery(says: Says, lines: Sequence[Line]) -> Fact:
 def away(says: Says, lines: Sequence[Line]) -> Fact:
     """Largest distance of an observable from the exact one, of the record."""
     name = says.series.removeprefix("obs_")
-    found = {k.key: _cell(k).observable_errors.get(name, {}) for k in lines}
+    found = {k.key: _run(k).observable_errors.get(name, {}) for k in lines}
     values = {key: {"max": float(f.get("max", math.nan))} for key, f in found.items()}
     unit = next((str(f["unit"]) for f in found.values() if "unit" in f), "")
     words = [f"{k.name} {number(values[k.key]['max'])} {unit}" for k in lines]
@@ -167,9 +167,9 @@ def _name(says: Says, lines: Sequence[Line]) -> str:
     return NAMES.get(says.series) or f"|{name}| [{units.get(says.series, '')}]"
 
 
-def _cell(line: Line):  # type: ignore[no-untyped-def]
-    assert line.chosen.cell is not None  # lines without a cell were sorted out before
-    return line.chosen.cell
+def _run(line: Line):  # type: ignore[no-untyped-def]
+    assert line.chosen.run is not None  # lines without a run were sorted out before
+    return line.chosen.run
 
 
 def _decades(least: float, most: float) -> str:

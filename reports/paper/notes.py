@@ -1,4 +1,4 @@
-"""The note under a figure: settings, how each cell ended, what the paper says beside what is measured, what is open."""
+"""The note under a figure: settings, how each run ended, what the paper says beside what is measured, what is open."""
 
 import json
 import math
@@ -38,7 +38,7 @@ class Caption:
     note: list[str]
     differs: list[str]  # sentences of the note where a run ends otherwise than the paper says
     settings: list[str]
-    cells: list[dict[str, Any]]
+    runs: list[dict[str, Any]]
     facts: list[dict[str, Any]]
     claims: list[dict[str, str]]
     files: list[str]
@@ -58,7 +58,7 @@ def caption(spec: PaperFigure, lines: Sequence[Line], claims: Sequence[Mapping[s
         _note(spec, lines, facts),
         [f.text for f in facts if f.differs],
         [f"{role(k.chosen.pick)}: {asked_for(k.chosen.pick)}" for k in lines],
-        [_cell(k) for k in lines],
+        [_run(k) for k in lines],
         [asdict(f) for f in facts],
         judged,
         files,
@@ -69,14 +69,14 @@ def _note(spec: PaperFigure, lines: Sequence[Line], facts: Sequence[Fact]) -> li
     out = [f.text for f in facts]
     told = {key for s in spec.says if s.measure == "end" for key in s.picks}
     for k in lines:
-        cell = k.chosen.cell
-        if cell is None:
+        run = k.chosen.run
+        if run is None:
             out.append(f"Not in this run: {k.name} ({asked_for(k.chosen.pick)}).")
-        elif not cell.succeeded and k.key not in told:
-            how = cell.status.replace("_", " ")
-            if cell.stopped:
-                how = f"stops at {cell.record.t_reached_s:.5g} s, {how}" if k.series is not None else f"no step, {how}"
-            out.append(f"{k.name}: {how}: {cell.reasons[0]}.")
+        elif not run.succeeded and k.key not in told:
+            how = run.status.replace("_", " ")
+            if run.stopped:
+                how = f"stops at {run.record.t_reached_s:.5g} s, {how}" if k.series is not None else f"no step, {how}"
+            out.append(f"{k.name}: {how}: {run.reasons[0]}.")
     if spec.not_printed:
         out.append(f"Not given by the paper: {'; '.join(spec.not_printed)}.")
     if spec.variant == "as printed" and any(s.measure == "end" for s in spec.says):
@@ -104,15 +104,15 @@ def _claim(claim: Mapping[str, Any]) -> dict[str, str]:
     return {k: str(claim.get(k, "")) for k in ("id", "claim", "verdict", "because")}
 
 
-def _cell(line: Line) -> dict[str, Any]:
-    pick, cell = line.chosen.pick, line.chosen.cell
+def _run(line: Line) -> dict[str, Any]:
+    pick, run = line.chosen.pick, line.chosen.run
     out: dict[str, Any] = {
         "key": line.key, "role": role(pick), "solver": pick.solver, "settings": settings_of(pick),
-        "asked": asked_for(pick), "found": cell is not None, "cell": "", "settings_digest": "", "reasons": [],
+        "asked": asked_for(pick), "found": run is not None, "run": "", "settings_digest": "", "reasons": [],
     }  # fmt: skip
-    if cell is not None:
-        out |= {"cell": cell.record.cell, "settings_digest": cell.record.settings, "reasons": list(cell.reasons)}
-        out |= {name: getattr(cell.record, name) for name in COLUMNS}
+    if run is not None:
+        out |= {"run": run.record.run_id, "settings_digest": run.record.settings_id, "reasons": list(run.reasons)}
+        out |= {name: getattr(run.record, name) for name in COLUMNS}
     return out
 
 

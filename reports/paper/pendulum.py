@@ -45,7 +45,7 @@ def _centre(window: tuple[float, float]) -> tuple[Panel, Panel]:
 def _both(number: int, title: str, rows: tuple, says: tuple[Says, ...], **parameters: Any) -> tuple[PaperFigure, ...]:
     return (
         PaperFigure(number, "as printed", SECTION, title, _printed(**parameters), rows, says, NOT_PRINTED),
-        PaperFigure(number, "soundest", SECTION, title, _sound(**parameters), rows, (
+        PaperFigure(number, "recommended", SECTION, title, _sound(**parameters), rows, (
             Says("", "error"), Says("", "largest", series="energy_error"))),
     )  # fmt: skip
 

@@ -1,4 +1,4 @@
-"""The cells that a figure asks for, found in a run; one that is not there stays in the list, to be said."""
+"""The runs that a figure asks for, found in a run; one that is not there stays in the list, to be said."""
 
 import json
 import math
@@ -6,31 +6,31 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ..model.reading import Cell, named, text_of
+from ..model.results import Run, named, text_of
 from .spec import Pick
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """A pick and its cell; None where the run has none with these settings."""
+    """A pick and its run; None where the run has none with these settings."""
 
     pick: Pick
-    cell: Cell | None
+    run: Run | None
 
 
-def choose(picks: Iterable[Pick], cells: Iterable[Cell]) -> list[Chosen]:
-    """Each pick with its cell. Of two cells that differ in limits, the one with more room; else the later one."""
-    ordered = sorted(cells, key=lambda c: (c.record.max_steps, c.record.finished))
+def choose(picks: Iterable[Pick], runs: Iterable[Run]) -> list[Chosen]:
+    """Each pick with its run. Of two runs that differ in limits, the one with more room; else the later one."""
+    ordered = sorted(runs, key=lambda c: (c.record.max_steps, c.record.finished))
     return [Chosen(p, next((c for c in reversed(ordered) if fits(p, c)), None)) for p in picks]
 
 
-def fits(pick: Pick, cell: Cell) -> bool:
-    """Whether ``cell`` has exactly the pick's settings; limits and labels do not matter."""
-    r = cell.record
+def fits(pick: Pick, run: Run) -> bool:
+    """Whether ``run`` has exactly the pick's settings; limits and labels do not matter."""
+    r = run.record
     return (
         (r.solver, r.problem) == (pick.solver, pick.problem)
-        and _same(cell.parameters, pick.parameters)
-        and _same(cell.options, pick.options)
+        and _same(run.parameters, pick.parameters)
+        and _same(run.options, pick.options)
         and _equal(r.dt_s, pick.dt)
         and _equal(r.rtol, pick.rtol)
         and _equal(r.max_step_s, pick.max_step)
@@ -38,7 +38,7 @@ def fits(pick: Pick, cell: Cell) -> bool:
 
 
 def settings_of(pick: Pick) -> str:
-    """In words, as ``Cell.settings`` says them."""
+    """In words, as ``Run.settings`` says them."""
     words = [f"{k} = {v:g}{u}" for k, v, u in (("dt", pick.dt, " s"), ("rtol", pick.rtol, "")) if v is not None]
     words += [f"max step {pick.max_step:g} s"] if pick.max_step is not None else []
     words += [f"{k} = {text_of(v)}" for k, v in sorted(pick.options.items())]

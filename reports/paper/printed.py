@@ -42,7 +42,7 @@ def geometric(problem: str, dt: float, tolerance: float, **parameters: Any) -> t
 
 def sound(problem: str, solver: str, key: str = "", *, dt: float | None = None, rtol: float | None = None,
           **parameters: Any) -> Pick:  # fmt: skip
-    """A solver with its defaults, which are its soundest settings."""
+    """A solver with its defaults, which are its recommended settings."""
     return Pick(key or solver, solver, problem, parameters, dt=dt, rtol=rtol)
 
 

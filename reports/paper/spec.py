@@ -1,4 +1,4 @@
-"""What a figure of the paper is made of, as data: which cells, which panels, what the paper says about them."""
+"""What a figure of the paper is made of, as data: which runs, which panels, what the paper says about them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -9,7 +9,7 @@ Window = tuple[float, float]
 
 @dataclass(frozen=True)
 class Pick:
-    """A cell by its settings, as they stand in records: those that differ from the defaults, and the step asked for."""
+    """A run by its settings, as they stand in records: those that differ from the defaults, and the step asked for."""
 
     key: str  # by which panels and sayings of the figure name it
     solver: str
@@ -66,7 +66,7 @@ class PaperFigure:
     """One figure in one variant; ``rows`` from the top, panels from the left."""
 
     number: int
-    variant: str  # "as printed" or "soundest"
+    variant: str  # "as printed" or "recommended"
     section: str
     title: str
     picks: tuple[Pick, ...]

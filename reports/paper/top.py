@@ -31,6 +31,6 @@ FIGURES = (
         Says("its step varies by about four orders of magnitude", "step", (_SE,)),
         Says("the energy shows the same", "largest", series="energy_error"),
     ), (BAUMGARTE, CHART, STARTS, "when DAE-FI fails is not printed")),
-    PaperFigure(11, "soundest", SECTION, TITLE, SOUND, ROWS, (
+    PaperFigure(11, "recommended", SECTION, TITLE, SOUND, ROWS, (
         Says("", "away", series="obs_theta"), Says("", "largest", series="energy_error"), Says("", "step"))),
 )  # fmt: skip

@@ -55,16 +55,18 @@ _FI, _SE = (tuple(p.key for p in _three(name)) for name in ("DAE-FI", "DAE-SE"))
 
 FIGURES = (
     _first("as printed", _three("ODE-45"), (_AXIS_KEPT, _CONVERGES)),
-    _first("soundest", _two("rk45_strong_form"), (_AXIS_KEPT,)),
+    _first("recommended", _two("rk45_strong_form"), (_AXIS_KEPT,)),
     _dae(2, "as printed", "DAE-FI", _three("DAE-FI"), (
         Says("energy levels about two orders of magnitude larger", "energy", _FI[:1]),
         Says("the integration fails at about 72 s", "end", _FI[1:2], fails_at=72.0),
         Says("a pure rotation about an axis different from the original", "axis", _FI[2:]),
     )),
-    _dae(2, "soundest", "DAE-FI", _two("ida_index1"), (Says("deviation cannot be eliminated by tolerance", "axis"),)),
+    _dae(2, "recommended", "DAE-FI", _two("ida_index1"), 
+         (Says("deviation cannot be eliminated by tolerance", "axis"),)),
     _dae(3, "as printed", "DAE-SE", _three("DAE-SE"), (
         Says("no evidence of converging to a pure rotation", "axis", _SE),
         Says("large oscillations of the mechanical energy", "energy", _SE),
     )),
-    _dae(3, "soundest", "DAE-SE", _two("ndf_index1"), (Says("no evidence of converging to a pure rotation", "axis"),)),
+    _dae(3, "recommended", "DAE-SE", _two("ndf_index1"), 
+         (Says("no evidence of converging to a pure rotation", "axis"),)),
 )  # fmt: skip

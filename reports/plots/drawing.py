@@ -21,7 +21,7 @@ THEME = {
     PAPER: "--card",
 }  # what the page recolours in the dark; curves keep theirs
 PNG_DPI = 180
-ENDS = ("star-", "cross-")  # names of the marks where runs end, followed by the cell
+ENDS = ("star-", "cross-")  # names of the marks where runs end, followed by the run
 
 STYLE: dict[str, Any] = {
     "font.family": "DejaVu Sans", "font.size": 8.0, "mathtext.fontset": "dejavusans",

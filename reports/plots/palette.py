@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from ..model.reading import Cell
+from ..model.results import Run
 
 # Okabe and Ito's set for colour-blind readers, without the yellow and black that vanish on white and on dark pages
 COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7", "#999933", "#8A8A8A")
@@ -41,13 +41,13 @@ def home(name: str) -> int:
     return hashlib.sha256(f"{SALT} {name}".encode()).digest()[0] % len(COLOURS)
 
 
-def dashes(cells: Iterable[Cell]) -> dict[str, tuple[float, Sequence[float]]]:
-    """Dash by cell: a solver's finest settings solid, its others dashed, dotted, dash-dotted."""
-    by_solver: dict[str, list[Cell]] = {}
-    for cell in cells:
-        by_solver.setdefault(cell.record.solver, []).append(cell)
+def dashes(runs: Iterable[Run]) -> dict[str, tuple[float, Sequence[float]]]:
+    """Dash by run: a solver's finest settings solid, its others dashed, dotted, dash-dotted."""
+    by_solver: dict[str, list[Run]] = {}
+    for run in runs:
+        by_solver.setdefault(run.record.solver, []).append(run)
     out = {}
     for own in by_solver.values():
-        for k, cell in enumerate(sorted(own, key=lambda c: (c.fineness, c.record.case))):
-            out[cell.record.cell] = DASHES[k % len(DASHES)]
+        for k, run in enumerate(sorted(own, key=lambda c: (c.fineness, c.record.case))):
+            out[run.record.run_id] = DASHES[k % len(DASHES)]
     return out

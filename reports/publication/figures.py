@@ -1,4 +1,4 @@
-"""The figures of a group of cells, at the widths of a journal: energy, constraints and step alone, and together."""
+"""The figures of a group of runs, at the widths of a journal: energy, constraints and step alone, and together."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -40,8 +40,8 @@ class _Panel:
 
 
 def figures_of(base: str, title: str, group: Group) -> list[Printed]:
-    """Of the cells of one problem under one label."""
-    records = [c.record for c in group.cells]
+    """Of the runs of one problem under one label."""
+    records = [c.record for c in group.runs]
     energy = max((r.energy_scale_J for r in records if r.energy_scale_J > 0.0), default=1.0)
     length = max((r.length_scale_m for r in records if r.length_scale_m > 0.0), default=1.0)
     single = {
@@ -61,7 +61,7 @@ def figures_of(base: str, title: str, group: Group) -> list[Printed]:
 
 
 def work_of(base: str, title: str, everyone: Group) -> Printed | None:
-    """Error against work, all cells of a problem; None where no cell has both."""
+    """Error against work, all runs of a problem; None where no run has both."""
     drawn = work(f"{base}-work", title, everyone)
     if drawn is None:
         return None
@@ -97,11 +97,11 @@ def _single(panels: list[_Panel], group: Group) -> Figure:
 
 
 def _handles(group: Group) -> list[Line2D]:
-    strokes, alike = dashes(group.cells), shared_options(group.cells)
+    strokes, alike = dashes(group.runs), shared_options(group.runs)
     out = []
     for m in group.motions:
-        look, cell = group.looks[m.cell.record.solver], m.cell
-        words = fill(plain(f"{cell.record.solver}  {cell.settings(alike[cell.record.solver])}{ended(m)}"), WRAP)
-        out.append(Line2D([], [], color=look.colour, linestyle=strokes[cell.record.cell], marker=look.marker,
+        look, run = group.looks[m.run.record.solver], m.run
+        words = fill(plain(f"{run.record.solver}  {run.settings(alike[run.record.solver])}{ended(m)}"), WRAP)
+        out.append(Line2D([], [], color=look.colour, linestyle=strokes[run.record.run_id], marker=look.marker,
                           markersize=3.4, markerfacecolor=PAPER, markeredgewidth=0.8, label=words))  # fmt: skip
     return out

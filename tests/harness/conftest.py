@@ -29,7 +29,7 @@ def catalogue():
 
 
 class Silent:
-    """A watcher that remembers which cells were run."""
+    """A watcher that remembers which runs were run."""
 
     def __init__(self) -> None:
         self.ran: list[str] = []
@@ -43,13 +43,13 @@ class Silent:
         pass
 
     def ended(self, job, record):
-        self.ran.append(job.cell.case)
+        self.ran.append(job.spec.case)
 
     def warmed(self, times):
         pass
 
     def stopped(self, left, limit):
-        self.left = [job.cell.case for job in left]
+        self.left = [job.spec.case for job in left]
 
     def tick(self):
         pass

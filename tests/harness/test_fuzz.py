@@ -28,7 +28,7 @@ from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, assemble
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import BadRecord, RunRecord, from_json, to_json
 from mbsbench.harness.results.series import BadSeries, read_series
-from mbsbench.harness.suites.cell import make_cell
+from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.suites.suite import SuiteError, load_suite, parse_suite
 from mbsbench.harness.types import Problem, Status
 
@@ -78,22 +78,22 @@ keys = st.sampled_from(
 
 
 @MORE
-@given(st.dictionaries(keys, values, max_size=4), st.sampled_from(["cells", "defaults"]))
+@given(st.dictionaries(keys, values, max_size=4), st.sampled_from(["runs", "defaults"]))
 def test_suites_are_read_or_refused_in_a_line(change, place):
-    """Any value for any key: cells whose steps and limits are finite and positive, or one line."""
-    groups = {"cells": dict(GROUP), "defaults": {}}
+    """Any value for any key: runs whose steps and limits are finite and positive, or one line."""
+    groups = {"runs": dict(GROUP), "defaults": {}}
     groups[place].update(change)
     text = "".join(
         f"{head}\n" + "".join(f"{k} = {toml(v)}\n" for k, v in groups[name].items())
-        for head, name in (("[defaults]", "defaults"), ("[[cells]]", "cells"))
+        for head, name in (("[defaults]", "defaults"), ("[[runs]]", "runs"))
     )
     suite = told(lambda: parse_suite(text, "fuzz", "fuzz", plugins=(str(PLUGIN),)), SuiteError)
-    assert suite is None or suite.cells
-    for c in suite.cells if suite else ():
+    assert suite is None or suite.specs
+    for c in suite.specs if suite else ():
         assert all(math.isfinite(x) and x > 0 for x in (c.wall_limit, c.memory, c.repeats, c.control.dt))
 
 
-heads = st.sampled_from(["name", "description", "include", "total_limit", "plugins", "schema", "cells", "defaults"])
+heads = st.sampled_from(["name", "description", "include", "total_limit", "plugins", "schema", "runs", "defaults"])
 names = st.one_of(
     st.text(max_size=8),
     st.sampled_from(["ci", "paper", "\0", "/", "..", "a/b", "x" * 300, "suite", "base", "self", "ci.toml"]),
@@ -103,14 +103,14 @@ names = st.one_of(
 @MORE
 @given(change=st.dictionaries(heads, values | names | st.lists(names, max_size=3), max_size=3))
 def test_heads_of_suites_are_read_or_refused_in_a_line(change, tmp_path_factory):
-    """Includes of anything, itself too; limits of any kind: a suite with cells and a finite limit, or one line."""
+    """Includes of anything, itself too; limits of any kind: a suite with runs and a finite limit, or one line."""
     folder = tmp_path_factory.mktemp("h")
-    group = "[[cells]]\n" + "".join(f"{k} = {toml(v)}\n" for k, v in GROUP.items())
+    group = "[[runs]]\n" + "".join(f"{k} = {toml(v)}\n" for k, v in GROUP.items())
     (folder / "base.toml").write_text(group)
     head = "".join(f"{k} = {toml(v)}\n" for k, v in change.items())
-    (folder / "self.toml").write_text(head + ("" if "cells" in change else group))
+    (folder / "self.toml").write_text(head + ("" if "runs" in change else group))
     suite = told(lambda: load_suite(str(folder / "self.toml"), (str(PLUGIN),)), SuiteError)
-    assert suite is None or (suite.cells and (suite.total_limit is None or 0 < suite.total_limit < math.inf))
+    assert suite is None or (suite.specs and (suite.total_limit is None or 0 < suite.total_limit < math.inf))
 
 
 @MORE
@@ -147,7 +147,7 @@ def test_thresholds_are_read_or_refused_in_a_line(change, tmp_path_factory):
     )  # fmt: skip
 
 
-GOOD = json.loads(to_json(RunRecord(cell="abc", case="c", problem="p", solver="s", status="success")))
+GOOD = json.loads(to_json(RunRecord(run_id="abc", case="c", problem="p", solver="s", status="success")))
 
 
 @MORE
@@ -167,7 +167,7 @@ def test_records_are_read_or_refused(change, tmp_path_factory):
 def test_damaged_record_files_are_never_good(cut, flip, noise, tmp_path_factory):
     """Cut, changed or replaced: the digest tells."""
     folder = store.create(tmp_path_factory.mktemp("r"))
-    path = store.write_record(folder, RunRecord(cell="abc", case="c", problem="p", solver="s", status="success"))
+    path = store.write_record(folder, RunRecord(run_id="abc", case="c", problem="p", solver="s", status="success"))
     whole = path.read_bytes()
     changed = bytearray(whole[: len(whole) - cut])
     if changed:
@@ -197,12 +197,12 @@ words = st.one_of(
 @MORE
 @given(value=words, flag=st.sampled_from(["--solver", "--status", "--sort", "--limit", "--label"]))
 def test_filters_of_show_are_told_in_a_line(value, flag, capsys, tmp_path_factory):
-    """Whatever is asked of a run of one cell: a table, or one line and exit code 2."""
+    """Whatever is asked of a run of one run: a table, or one line and exit code 2."""
     folder = store.create(tmp_path_factory.mktemp("w"))
-    store.write_record(folder, RunRecord(cell="abc", case="c", problem="p", solver="s", status="success"))
+    store.write_record(folder, RunRecord(run_id="abc", case="c", problem="p", solver="s", status="success"))
     code = main(["show", str(folder), f"{flag}={value}"])
     out, err = capsys.readouterr()
-    assert (code == 0 and "1 cells" in out and not err) or (code == 2 and err.count("\n") == 1 and not out)
+    assert (code == 0 and "1 runs" in out and not err) or (code == 2 and err.count("\n") == 1 and not out)
 
 
 @MORE
@@ -260,9 +260,9 @@ def test_random_mechanisms_have_no_wrong_success(problem, solver, tmp_path_facto
     problem = dataclasses.replace(problem, initial=moving)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "make_problem", lambda name, parameters=None: problem)
-        cell = make_cell(problem, solver, None, {}, wall_limit=20.0)
+        spec = make_spec(problem, solver, None, {}, wall_limit=20.0)
         folder = store.create(tmp_path_factory.mktemp("m"))
-        record = worker.run(Job(cell, folder))
+        record = worker.run(Job(spec, folder))
     assert record.status in set(Status) and (record.message or record.status == Status.SUCCESS)
     assert record.status != Status.CRASHED, record.message
     if record.status == Status.SUCCESS:
@@ -293,7 +293,7 @@ def test_random_mechanisms_move_alike_in_all_solvers(problem, tmp_path_factory):
         patch.setattr(registry, "make_problem", lambda name, parameters=None: problem)
         for solver in SIX:
             control = FINE[registry.solvers()[solver].control]
-            supervisor.start(Job(make_cell(problem, solver, None, control, wall_limit=40.0), folder))
+            supervisor.start(Job(make_spec(problem, solver, None, control, wall_limit=40.0), folder))
             until = time.monotonic() + 60.0
             while supervisor.running and time.monotonic() < until:
                 ended += list(supervisor.step())

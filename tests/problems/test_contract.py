@@ -30,13 +30,13 @@ DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 
 
 @pytest.fixture(params=CASES, ids=NAMES)
-def posed(request: pytest.FixtureRequest) -> Problem:
+def presented(request: pytest.FixtureRequest) -> Problem:
     return make_problem(*request.param)
 
 
 @pytest.fixture
-def known(posed: Problem) -> Reference:
-    reference = posed.reference()
+def known(presented: Problem) -> Reference:
+    reference = presented.reference()
     if reference is None:
         pytest.skip("no reference from this start: out of plane")
     return reference
@@ -46,24 +46,24 @@ def times(p: Problem, reference: Reference) -> np.ndarray:
     return np.linspace(0.0, min(p.t_end, reference.horizon), 41)
 
 
-def test_the_start_is_consistent(posed: Problem) -> None:
+def test_the_start_is_consistent(presented: Problem) -> None:
     """phi and phi_dot vanish to rounding, three digits below what a start is refused for."""
-    start = States.one(posed.initial)
-    assert np.max(np.abs(motion.constraint(posed.system, start))) < 1e-12
-    assert np.max(np.abs(motion.constraint_rate(posed.system, start))) < 1e-12
+    start = States.one(presented.initial)
+    assert np.max(np.abs(motion.constraint(presented.system, start))) < 1e-12
+    assert np.max(np.abs(motion.constraint_rate(presented.system, start))) < 1e-12
 
 
-def test_the_reference_starts_where_the_problem_does(posed: Problem, known: Reference) -> None:
+def test_the_reference_starts_where_the_problem_does(presented: Problem, known: Reference) -> None:
     """To the rounding of a turn back home, times the rate for velocities."""
     first = known.states(np.zeros(1))[0]
-    rate = 1.0 + np.max(np.abs(posed.initial.Omega))
+    rate = 1.0 + np.max(np.abs(presented.initial.Omega))
     for name in ("r", "R", "v", "Omega"):
-        assert np.max(np.abs(getattr(first, name) - getattr(posed.initial, name))) < 1e-14 * rate
+        assert np.max(np.abs(getattr(first, name) - getattr(presented.initial, name))) < 1e-14 * rate
 
 
-def test_velocities_are_the_derivative_of_poses(posed: Problem, known: Reference) -> None:
+def test_velocities_are_the_derivative_of_poses(presented: Problem, known: Reference) -> None:
     """Sixth-order differences of r and R give v and Omega."""
-    t = times(posed, known)[5:36:10]
+    t = times(presented, known)[5:36:10]
     near = [known.states(t + k * STEP) for k in range(-3, 4)]
     rate = 1.0 + np.max(np.abs(near[3].Omega))
     r_dot = sum(c * s.r for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
@@ -72,10 +72,10 @@ def test_velocities_are_the_derivative_of_poses(posed: Problem, known: Reference
     assert np.max(np.abs(R_dot - near[3].R @ so3.hat(near[3].Omega))) < 1e-10 * rate
 
 
-def test_the_reference_obeys_newton_and_euler(posed: Problem, known: Reference) -> None:
+def test_the_reference_obeys_newton_and_euler(presented: Problem, known: Reference) -> None:
     """m a - m g and J Omega_dot + Omega x J Omega are the joints' forces: in the range of A^T."""
-    system = posed.system
-    t = times(posed, known)[5:36:10]
+    system = presented.system
+    t = times(presented, known)[5:36:10]
     near = [known.states(t + k * STEP) for k in range(-3, 4)]
     v_dot = sum(c * s.v for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
     W_dot = sum(c * s.Omega for c, s in zip(DIFFERENCE, near, strict=True)) / STEP
@@ -90,35 +90,37 @@ def test_the_reference_obeys_newton_and_euler(posed: Problem, known: Reference) 
         assert np.max(np.abs(A.T @ reaction - wrench)) < 1e-8 * (1.0 + np.max(np.abs(wrench)))
 
 
-def test_the_reference_keeps_joints_energy_and_invariants(posed: Problem, known: Reference) -> None:
+def test_the_reference_keeps_joints_energy_and_invariants(presented: Problem, known: Reference) -> None:
     """To its stated error e: |phi| <= 2 e and, at the rates w of the motion, speeds wrong by w e."""
-    t = times(posed, known)
+    t = times(presented, known)
     s = known.states(t)
     e, w = float(known.error(t[-1:])[0]), 1.0 + float(np.max(np.abs(s.Omega)))
-    assert np.max(np.abs(motion.constraint(posed.system, s))) < 2.0 * e + 1e-14
+    assert np.max(np.abs(motion.constraint(presented.system, s))) < 2.0 * e + 1e-14
     assert np.max(so3.orthogonality_defect(s.R)) < 1e-14
-    momentum = np.sum(posed.system.mass) * (1.0 + np.max(np.abs(s.v)))  # of all bodies: bounds what e can change
-    weight = np.sum(posed.system.mass) * np.linalg.norm(posed.system.gravity)
-    assert np.ptp(motion.energy(posed.system, s)) < 10.0 * e * (w * momentum + weight)
-    for kept in posed.invariants:
-        assert np.ptp(kept.of(posed.home(s))) < 10.0 * e * w * (1.0 + momentum), kept.name
+    momentum = np.sum(presented.system.mass) * (1.0 + np.max(np.abs(s.v)))  # of all bodies: bounds what e can change
+    weight = np.sum(presented.system.mass) * np.linalg.norm(presented.system.gravity)
+    assert np.ptp(motion.energy(presented.system, s)) < 10.0 * e * (w * momentum + weight)
+    for kept in presented.invariants:
+        assert np.ptp(kept.of(presented.home(s))) < 10.0 * e * w * (1.0 + momentum), kept.name
 
 
-def test_the_stated_error_grows_from_rounding(posed: Problem, known: Reference) -> None:
+def test_the_stated_error_grows_from_rounding(presented: Problem, known: Reference) -> None:
     """A bound: positive, never falling, far below a millimetre at first, and good for a second at least."""
     assert known.horizon >= 1.0
-    e = known.error(times(posed, known))
+    e = known.error(times(presented, known))
     assert 0.0 < e[0] < 1e-12
     assert np.all(np.diff(e) >= 0.0)
 
 
-def test_observables_do_not_depend_on_the_frame(posed: Problem) -> None:
+def test_observables_do_not_depend_on_the_frame(presented: Problem) -> None:
     """They are taken in the home frame: turning motion and frame together changes nothing but rounding."""
     random = np.random.default_rng(5)
-    s = States.one(posed.initial)
+    s = States.one(presented.initial)
     Q = so3.exp(random.standard_normal(3))
-    turned = make_problem(posed.name, {**posed.parameters, "rotation": so3.log(Q @ posed.frame), "yaw": 0.0})
-    for name, value in posed.observe(s).items():
+    turned = make_problem(
+        presented.name, {**presented.parameters, "rotation": so3.log(Q @ presented.frame), "yaw": 0.0}
+    )
+    for name, value in presented.observe(s).items():
         there = turned.observe(rotated(s, Q))[name]
         assert value.shape == (1,)
         assert np.allclose(there, value, rtol=1e-12, atol=1e-12, equal_nan=True), name

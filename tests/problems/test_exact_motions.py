@@ -39,10 +39,10 @@ ROUTE = 2e-14  # relative rounding of the second route's comparison in float64
 
 
 def compare(cases: list, t: np.ndarray, substeps: int) -> None:
-    posed = [make_problem(*case) for case in cases]
-    bodies = [PinnedBody.of(p.system) for p in posed]
-    R, Omega = integrated(bodies, [p.initial for p in posed], t, substeps)
-    for k, (p, body) in enumerate(zip(posed, bodies, strict=True)):
+    presented = [make_problem(*case) for case in cases]
+    bodies = [PinnedBody.of(p.system) for p in presented]
+    R, Omega = integrated(bodies, [p.initial for p in presented], t, substeps)
+    for k, (p, body) in enumerate(zip(presented, bodies, strict=True)):
         exact = one_body_motion(p.system, p.initial)
         s = exact.states(t)
         angle = so3.angle_between(s.R[:, 0], R[k])

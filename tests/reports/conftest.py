@@ -37,10 +37,10 @@ def series(n: int = 300, t_end: float = 2.0, size: float = 1e-3, bodies: int = 1
     return Series(arrays, (), names, ("O",), units, {"obs_theta": r"\theta"})
 
 
-def record(cell: str, solver: str = "alpha", status: str = "success", **changes) -> RunRecord:
-    """A cell of a pendulum with numbers of its own."""
+def record(run: str, solver: str = "alpha", status: str = "success", **changes) -> RunRecord:
+    """A run of a pendulum with numbers of its own."""
     base = RunRecord(
-        cell=cell, settings=cell, case=f"pendulum {solver} {cell}", suite="hand made", label="soundest",
+        run_id=run, settings_id=run, case=f"pendulum {solver} {run}", suite="hand made", label="recommended",
         problem="pendulum", section="Sect. 9", solver=solver, paper_label="ODE", control="dt", dt_s=0.01, t_end_s=2.0,
         status=status, claimed="success", t_reached_s=2.0, energy_start_J=1.0, energy_scale_J=1.0,
         energy_drift_max_J=1e-3, energy_drift_end_J=1e-4, energy_trend_W=1e-5, energy_mean_first_quarter_J=5e-4,
@@ -53,17 +53,17 @@ def record(cell: str, solver: str = "alpha", status: str = "success", **changes)
     return dataclasses.replace(base, **changes)
 
 
-def put(folder: Path, cell: RunRecord, motion: Series | None = None, stderr: str = "") -> RunRecord:
-    """Store a cell as the runner does."""
+def put(folder: Path, run: RunRecord, motion: Series | None = None, stderr: str = "") -> RunRecord:
+    """Store a run as the runner does."""
     store.create(folder)
     if motion is not None:
-        name = f"series/{cell.cell}.npz"
-        cell = dataclasses.replace(cell, series=name, series_sha256=write_series(folder / name, motion))
+        name = f"series/{run.run_id}.npz"
+        run = dataclasses.replace(run, series=name, series_sha256=write_series(folder / name, motion))
     if stderr:
-        cell = dataclasses.replace(cell, stderr=f"stderr/{cell.cell}.txt")
-        store.write_text(folder / cell.stderr, stderr)
-    store.write_record(folder, cell)
-    return cell
+        run = dataclasses.replace(run, stderr=f"stderr/{run.run_id}.txt")
+        store.write_text(folder / run.stderr, stderr)
+    store.write_record(folder, run)
+    return run
 
 
 def every_kind(folder: Path) -> list[RunRecord]:

@@ -13,7 +13,7 @@ from mbsbench.reports.model.curves import upper
 
 from .conftest import put, record, series
 
-PAGES = ("index.html", "problem-pendulum.html", "solver-beta.html", "cells/dd01.html", "cells/gg01.html")
+PAGES = ("index.html", "problem-pendulum.html", "solver-beta.html", "runs/dd01.html", "runs/gg01.html")
 OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
 FIRST = "document.querySelectorAll('.plots .main-svg').length > 0"
 CONTRAST = """
@@ -138,8 +138,8 @@ def test_numbers_drawn_are_those_of_the_series(report, browser):
     tab.close()
 
 
-def test_a_cells_page_explains_its_numbers(report, browser):
-    tab = browser.open(report / "cells/aa01.html")
+def test_a_runs_page_explains_its_numbers(report, browser):
+    tab = browser.open(report / "runs/aa01.html")
     assert tab.evaluate("[...document.querySelectorAll('nav li a')].map((a) => a.textContent)")[:1] == ["Claims"]
     said = tab.evaluate("document.querySelector('[data-meanings]').textContent")
     assert "Time of the last accepted step." in said and "Matrix factorisations" not in said
@@ -169,32 +169,32 @@ def test_axis_switch_csv_svg_and_table(report, browser):
 
 def test_hostile_names_stay_text_in_plots(report, browser):
     """A solver's name is no markup, in legends, labels and tables made by scripts."""
-    tab = browser.open(report / "cells/gg01.html")
+    tab = browser.open(report / "runs/gg01.html")
     tab.until(FIRST)
     assert tab.evaluate("document.querySelectorAll('main script, main img').length") == 0
     tab.goto(report / "index.html")
-    tab.until("document.querySelector('[data-cells]').textContent.includes('alert(\"1\")')")
+    tab.until("document.querySelector('[data-runs]').textContent.includes('alert(\"1\")')")
     assert tab.evaluate("document.querySelectorAll('main script').length") == 0
     tab.close()
 
 
-def test_cells_sort_and_filter(report, browser, built):
+def test_runs_sort_and_filter(report, browser, built):
     """By status and by words in any text; sorted by value, with what is not there last."""
     tab = browser.open(report / "index.html")
-    count = "document.querySelectorAll('[data-cells] tbody tr').length"
+    count = "document.querySelectorAll('[data-runs] tbody tr').length"
     tab.until(f"{count} === {len(built[1])}")
     tab.evaluate(SET.format("'status'", "'wrong'"))
     assert tab.evaluate(count) == sum(r.status == "wrong" for r in built[1])
-    assert tab.evaluate("document.querySelector('[data-count]').textContent") == f"1 of {len(built[1])} cells"
+    assert tab.evaluate("document.querySelector('[data-count]').textContent") == f"1 of {len(built[1])} runs"
     tab.evaluate(SET.format("'status'", "''"))
     tab.evaluate(SET.format("'text'", "'stuck delta'"))
     assert tab.evaluate(count) == 1
     tab.evaluate(SET.format("'text'", "''"))
-    tab.evaluate("document.querySelector('[data-cells] thead th:nth-child(7) button').click()")
-    shown = tab.evaluate("[...document.querySelectorAll('[data-cells] tbody tr')].map((r) => r.cells[6].textContent)")
+    tab.evaluate("document.querySelector('[data-runs] thead th:nth-child(7) button').click()")
+    shown = tab.evaluate("[...document.querySelectorAll('[data-runs] tbody tr')].map((r) => r.cells[6].textContent)")
     there = [t for t in shown if t not in ("–", "")]
     assert shown[: len(there)] == there
-    head = "document.querySelector('[data-cells] th:nth-child(7)').getAttribute('aria-sort')"
+    head = "document.querySelector('[data-runs] th:nth-child(7)').getAttribute('aria-sort')"
     assert tab.evaluate(head) == "ascending"
     tab.close()
 

@@ -9,7 +9,7 @@ import pytest
 
 from mbsbench.reports.model import curves
 from mbsbench.reports.model.motion import motion_of
-from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.model.results import read_results
 from mbsbench.reports.plots import drawing, palette
 from mbsbench.reports.plots.interactive.group import MOST, lines_of, traces
 from mbsbench.reports.plots.interactive.growth import growths
@@ -24,8 +24,8 @@ from .conftest import HOSTILE, put, record, series
 CATALOGUE = ("gc_weak_form", "gc_augmented_lagrangian", "rk45_strong_form", "ndf_index1", "ida_index1", "ida_index3")
 
 
-def url(cell) -> str:
-    return cell.record.cell
+def url(run) -> str:
+    return run.record.run_id
 
 
 def unpacked(packed: dict) -> np.ndarray:
@@ -34,10 +34,10 @@ def unpacked(packed: dict) -> np.ndarray:
 
 
 def drawing_of(folder) -> Drawing:
-    run = read_run(folder)
-    posing = next(p for p in run.posings if p.title == "pendulum")
-    lines = lines_of(posing, url)
-    return Drawing(posing, lines, {k.cell.record.cell: motion_of(run, k.cell) for k in lines})
+    results = read_results(folder)
+    variant = next(p for p in results.variants if p.title == "pendulum")
+    lines = lines_of(variant, url)
+    return Drawing(variant, lines, {k.run.record.run_id: motion_of(results, k.run) for k in lines})
 
 
 def test_catalogue_has_colours_of_its_own_in_any_run():
@@ -57,20 +57,20 @@ def test_many_solvers_still_have_looks():
 def test_finest_settings_are_solid_and_stand_for_their_solver(tmp_path):
     put(tmp_path, record("aa01", dt_s=0.01))
     put(tmp_path, record("aa02", dt_s=0.005))
-    cells = read_run(tmp_path).cells
-    strokes = palette.dashes(cells)
+    runs = read_results(tmp_path).runs
+    strokes = palette.dashes(runs)
     assert strokes["aa02"] == palette.DASHES[0] != strokes["aa01"]
-    by_cell = {k.cell.record.cell: k for k in lines_of(read_run(tmp_path).posings[0], url)}
-    assert (by_cell["aa02"].main, by_cell["aa02"].dash) == (True, 0)
-    assert (by_cell["aa01"].main, by_cell["aa01"].dash) == (False, 1)
+    by_run = {k.run.record.run_id: k for k in lines_of(read_results(tmp_path).variants[0], url)}
+    assert (by_run["aa02"].main, by_run["aa02"].dash) == (True, 0)
+    assert (by_run["aa01"].main, by_run["aa01"].dash) == (False, 1)
 
 
 def test_of_a_large_group_the_finest_and_the_failures_are_drawn(tmp_path):
-    """A map of a hundred cells must not bury its failures, nor fill the disk."""
+    """A map of a hundred runs must not bury its failures, nor fill the disk."""
     for k in range(60):
         bad = k in (7, 21)
         put(tmp_path, record(f"c{k:02}", dt_s=0.001 * (k + 1), label="map", status="wrong" if bad else "success"))
-    drawn = {k.cell.record.cell for k in lines_of(read_run(tmp_path).posings[0], url)}
+    drawn = {k.run.record.run_id for k in lines_of(read_results(tmp_path).variants[0], url)}
     assert len(drawn) == MOST and {"c00", "c07", "c21"} <= drawn
 
 
@@ -98,10 +98,10 @@ def test_every_quantity_of_a_series_has_its_plot(built):
     assert names >= {"energy", "phi", "phi-dot", "step", "position", "orientation", "obs-theta", "away-theta", "inv-L"}
 
 
-def test_work_has_points_of_every_finite_cell(built):
+def test_work_has_points_of_every_finite_run(built):
     """Bars apart: a star for who stopped, a cross for who is wrong; each with its own link."""
-    posing = next(p for p in read_run(built[0]).posings if p.problem == "pendulum")
-    chapter = work(posing, url)
+    variant = next(p for p in read_results(built[0]).variants if p.problem == "pendulum")
+    chapter = work(variant, url)
     assert chapter is not None
     points = {u: (e, x) for p in chapter.plots if p.name == "work-error-cpu" for t in p.traces
               for u, e, x in zip(t.urls, t.ends, t.x, strict=True)}  # fmt: skip
@@ -110,8 +110,8 @@ def test_work_has_points_of_every_finite_cell(built):
     assert joined.mode == "lines+markers"  # two steps of the same settings
 
 
-def test_lines_are_drawn_for_cells_without_an_observable(tmp_path):
-    """Two plugins' cells of one problem need not hold the same series."""
+def test_lines_are_drawn_for_runs_without_an_observable(tmp_path):
+    """Two plugins' runs of one problem need not hold the same series."""
     poor = series(30)
     poor = dataclasses.replace(poor, arrays={k: poor[k] for k in ("t", "energy_error")})
     put(tmp_path, record("aa01"), series(30))
@@ -219,12 +219,12 @@ def test_slope_of_growth_is_that_of_the_data(tmp_path):
         put(tmp_path, record(f"n{n:02}", problem_parameters=f'{{"links": {n}}}', cpu_median_s=0.01 * n))
     far = record("n99", status="diverged", problem_parameters='{"links": 99}', cpu_median_s=1e9)
     put(tmp_path, far)
-    run = read_run(tmp_path)
-    bodies = {c.record.cell: int(c.record.cell[1:]) for c in run.cells}
-    (found,) = growths(run.cells, bodies)
+    results = read_results(tmp_path)
+    bodies = {c.record.run_id: int(c.record.run_id[1:]) for c in results.runs}
+    (found,) = growths(results.runs, bodies)
     assert found.bodies == (3, 6, 12, 24)
     assert found.slope == pytest.approx(1.0)
-    assert not growths(run.cells[:2], bodies)  # two sizes are no evidence
+    assert not growths(results.runs[:2], bodies)  # two sizes are no evidence
 
 
 def test_text_of_files_is_plain_in_figures():

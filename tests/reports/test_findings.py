@@ -2,14 +2,14 @@
 
 from mbsbench.reports.model.accuracy import drifts, measure_for
 from mbsbench.reports.model.findings import findings, findings_of
-from mbsbench.reports.model.reading import Cell, read_run
+from mbsbench.reports.model.results import Run, read_results
 
 from .conftest import put, record
 
 
 def said(folder) -> str:
-    run = read_run(folder)
-    return " ".join(f.text for f in [*findings(run), *(f for p in run.posings for f in findings_of(p))])
+    results = read_results(folder)
+    return " ".join(f.text for f in [*findings(results), *(f for p in results.variants for f in findings_of(p))])
 
 
 def test_equal_errors_have_no_winner(tmp_path):
@@ -31,7 +31,7 @@ def test_errors_below_the_reference_own_are_not_ranked(tmp_path):
     assert "not told apart" in text and "Smallest" not in text
 
 
-def test_a_wrong_cell_wins_nothing(tmp_path):
+def test_a_wrong_run_wins_nothing(tmp_path):
     """However cheap and however near at its end."""
     put(tmp_path, record("aa01", "alpha", "wrong", position_error_max_m=1e-9, cpu_median_s=1e-6, wrong_because='["x"]'))
     put(tmp_path, record("bb01", "beta"))
@@ -48,15 +48,15 @@ def test_order_is_observed_not_declared(tmp_path):
 
 
 def test_tighter_tolerance_that_hurts_is_said(tmp_path):
-    for cell, rtol, error in (("aa01", 1e-3, 1e-4), ("aa02", 1e-6, 1e-2)):
-        put(tmp_path, record(cell, control="rtol", dt_s=float("nan"), rtol=rtol, position_error_max_m=error))
+    for run, rtol, error in (("aa01", 1e-3, 1e-4), ("aa02", 1e-6, 1e-2)):
+        put(tmp_path, record(run, control="rtol", dt_s=float("nan"), rtol=rtol, position_error_max_m=error))
     assert "makes the position error larger, from 1.00×10⁻⁴ to 0.0100 m" in said(tmp_path)
 
 
 def test_no_success_is_said(tmp_path):
     put(tmp_path, record("aa01", status="diverged", message="it blew up", t_reached_s=0.3))
     text = said(tmp_path)
-    assert "No cell reached the end" in text and "ended at 0.3 of 2 s, diverged: it blew up" in text
+    assert "No run reached the end" in text and "ended at 0.3 of 2 s, diverged: it blew up" in text
 
 
 def test_a_line_drifts_and_a_swing_does_not():
@@ -64,19 +64,19 @@ def test_a_line_drifts_and_a_swing_does_not():
     line = record("a", energy_drift_max_J=1.0, energy_mean_first_quarter_J=0.125, energy_mean_last_quarter_J=0.875)
     swing = record("b", energy_drift_max_J=1.0, energy_mean_first_quarter_J=0.5, energy_mean_last_quarter_J=0.51)
     unknown = record("c", energy_mean_first_quarter_J=float("nan"))
-    assert [drifts(Cell(r)) for r in (line, swing, unknown)] == [True, False, None]
+    assert [drifts(Run(r)) for r in (line, swing, unknown)] == [True, False, None]
 
 
 def test_orientation_counts_where_positions_are_exact():
     """A body that only turns has no position error to compare."""
-    turning = [Cell(record("a", position_error_max_m=0.0)), Cell(record("b", position_error_max_m=1e-15))]
+    turning = [Run(record("a", position_error_max_m=0.0)), Run(record("b", position_error_max_m=1e-15))]
     measure = measure_for(turning)
     assert measure is not None and measure.unit == "rad"
-    assert measure_for([Cell(record("c", position_error_max_m=float("nan")))]) is None
+    assert measure_for([Run(record("c", position_error_max_m=float("nan")))]) is None
 
 
 def test_chaotic_errors_are_compared_while_judged():
     """Beyond the horizon everybody is wrong: the error up to there is what is compared."""
-    cells = [Cell(record("a", position_error_max_m=1.0, position_error_judged_m=1e-4, judged_to_s=0.5))]
-    measure = measure_for(cells)
-    assert measure is not None and measure.of(cells[0]) == 1e-4 and "to 0.5 s" in measure.what
+    runs = [Run(record("a", position_error_max_m=1.0, position_error_judged_m=1e-4, judged_to_s=0.5))]
+    measure = measure_for(runs)
+    assert measure is not None and measure.of(runs[0]) == 1e-4 and "to 0.5 s" in measure.what

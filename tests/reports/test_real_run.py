@@ -6,8 +6,8 @@ from mbsbench.harness.suites.suite import parse_suite
 
 SUITE = """
 name = "tiny"
-[[cells]]
-label = "soundest"
+[[runs]]
+label = "recommended"
 problem = "spherical_pendulum"
 parameters = { t_end = 0.3 }
 solver = "gc_weak_form"
@@ -23,7 +23,7 @@ class Quiet:
 
 
 def test_real_run_has_a_report(tmp_path, capsys):
-    """Run, then ``report``: every cell has its page, with plots, tables and its command."""
+    """Run, then ``report``: every run has its page, with plots, tables and its command."""
     folder = tmp_path / "run"
     loaded = run_suite(Request(parse_suite(SUITE, "tiny", "here"), folder, 1), Quiet())
     assert main(["report", str(folder)]) == 0
@@ -31,7 +31,7 @@ def test_real_run_has_a_report(tmp_path, capsys):
     report = folder / "report"
     assert len(loaded.records) == 2
     for r in loaded.records:
-        assert "mbsbench solve spherical_pendulum" in (report / "cells" / f"{r.cell}.html").read_text("utf-8")
+        assert "mbsbench solve spherical_pendulum" in (report / "runs" / f"{r.run_id}.html").read_text("utf-8")
     problem = next(report.glob("problem-*.html")).read_text(encoding="utf-8")
     assert "observed order" in problem and 'data-plot="energy"' in problem
     assert list((report / "tables").glob("*.csv")) and list((report / "data").glob("plots-problem-*.js"))
@@ -39,7 +39,7 @@ def test_real_run_has_a_report(tmp_path, capsys):
 
 def test_wrong_calls_are_told_in_a_line(tmp_path, capsys):
     """No folder, three folders, a place to write that no single report has."""
-    (tmp_path / "cells").mkdir()
+    (tmp_path / "runs").mkdir()
     for words, said in (
         (["report", str(tmp_path / "nowhere")], "nowhere"),
         (["report", "a", "b", "c"], "two to compare (got 3)"),

@@ -1,18 +1,18 @@
-"""Who holds, who drifts, who breaks: counted from the cells, said only where they show it."""
+"""Who holds, who drifts, who breaks: counted from the runs, said only where they show it."""
 
 import json
 
 from mbsbench.reports.model.overview import matrix
-from mbsbench.reports.model.posings import SECOND, broadest, themselves, variants
-from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.scores import finest, headline, score, unpredictable, verdicts
+from mbsbench.reports.model.variants import SECOND, broadest, themselves, variant_groups
 
 from .conftest import put, record
 
 
 def answers(folder) -> dict[str, str]:
-    run = read_run(folder)
-    told = headline(verdicts(run), broadest(run), unpredictable(run))
+    results = read_results(folder)
+    told = headline(verdicts(results), broadest(results), unpredictable(results))
     return {a.question: " ".join([a.words, *(f"{solver}: {words}." for solver, words in a.lines)]) for a in told}
 
 
@@ -20,18 +20,18 @@ def test_finest_settings_speak_for_a_solver_and_the_rest_are_counted(tmp_path):
     """A coarse step that fails is no breakdown of the fine one, and not hidden either."""
     put(tmp_path, record("aa01", dt_s=0.01, status="diverged", message="too coarse"))
     put(tmp_path, record("aa02", dt_s=0.005))
-    (v,) = verdicts(read_run(tmp_path))
-    assert (v.finest.held, v.finest.cells) == (1, 1) and not v.breaks_on
+    (v,) = verdicts(read_results(tmp_path))
+    assert (v.finest.held, v.finest.runs) == (1, 1) and not v.breaks_on
     assert (v.everything.held, v.everything.stopped) == (1, 1)
-    (part,) = matrix(read_run(tmp_path))
+    (part,) = matrix(read_results(tmp_path))
     entry = part.rows[0].entries[0]
-    assert entry is not None and entry.head.record.cell == "aa02" and entry.score.cells == 2 and entry.kind == "good"
+    assert entry is not None and entry.head.record.run_id == "aa02" and entry.score.runs == 2 and entry.kind == "good"
 
 
-def test_a_wrong_cell_colours_its_entry_whatever_the_finest_did(tmp_path):
+def test_a_wrong_run_colours_its_entry_whatever_the_finest_did(tmp_path):
     put(tmp_path, record("aa01", dt_s=0.01, status="wrong", wrong_because='["no"]'))
     put(tmp_path, record("aa02", dt_s=0.005))
-    entry = matrix(read_run(tmp_path))[0].rows[0].entries[0]
+    entry = matrix(read_results(tmp_path))[0].rows[0].entries[0]
     assert entry is not None and entry.mark.kind == "good" and entry.kind == "wrong"
 
 
@@ -61,7 +61,7 @@ def test_a_larger_swing_a_finer_step_that_holds_and_the_end_of_prediction_are_to
     assert "pendulum to 0.5 of 2 s" in told["Who holds"]
     assert "0.500 J (alpha, pendulum)" in told["Who drifts"] and "pendulum 0.00100 J" in told["Who drifts"]
     assert "it left; holds at dt = 0.001 s" in told["Who breaks, and why"]
-    entry = matrix(read_run(tmp_path))[0].rows[0].entries[0]
+    entry = matrix(read_results(tmp_path))[0].rows[0].entries[0]
     assert entry is not None and entry.figures[0].name == "error to 0.5 s"
 
 
@@ -73,15 +73,15 @@ def test_no_breakdown_and_no_drift_are_said_too(tmp_path):
 
 
 def test_broadest_label_is_that_of_most_pairs(tmp_path):
-    """A map of many cells of one solver is no overview."""
+    """A map of many runs of one solver is no overview."""
     for k in range(9):
         put(tmp_path, record(f"m{k}", label="map", dt_s=0.001 * (k + 1)))
     put(tmp_path, record("aa01", "alpha", label="sound"))
     put(tmp_path, record("bb01", "beta", label="sound"))
-    run = read_run(tmp_path)
-    assert broadest(run) == "sound"
-    head = finest(run.posings[0], "alpha", "sound")
-    assert head is not None and head.record.cell == "aa01"
+    results = read_results(tmp_path)
+    assert broadest(results) == "sound"
+    head = finest(results.variants[0], "alpha", "sound")
+    assert head is not None and head.record.run_id == "aa01"
 
 
 def test_problems_stand_before_their_variants(tmp_path):
@@ -92,28 +92,28 @@ def test_problems_stand_before_their_variants(tmp_path):
         put(tmp_path, record(f"y{k}", label="metamorphic", problem_parameters=told, status="wrong"))
         put(tmp_path, record(f"b{k}", f"beta{k}", label="metamorphic", problem_parameters='{"t_end": 1.0}'))
     put(tmp_path, record("cc01", problem="other", label="metamorphic"))
-    run = read_run(tmp_path)
-    label = broadest(run)
-    assert label == "soundest"
-    assert {p.title for p in themselves(run, label)} == {"pendulum", "other"}
-    apart = {v.words: len(v.posings) for v in variants(run, label)}
+    results = read_results(tmp_path)
+    label = broadest(results)
+    assert label == "recommended"
+    assert {p.title for p in themselves(results, label)} == {"pendulum", "other"}
+    apart = {v.words: len(v.variants) for v in variant_groups(results, label)}
     assert apart == {SECOND: 1, "turned about the vertical": 3}
-    (v,) = [v for v in verdicts(run) if v.solver == "alpha"]
-    assert v.finest.cells == 1 and not v.breaks_on and v.everything.wrong == 3
-    assert [p.label for p in matrix(run)] == ["soundest", "metamorphic"] and len(matrix(run)[0].rows) == 1
-    assert broadest(read_run(only(tmp_path, "metamorphic"))) == "metamorphic"
+    (v,) = [v for v in verdicts(results) if v.solver == "alpha"]
+    assert v.finest.runs == 1 and not v.breaks_on and v.everything.wrong == 3
+    assert [p.label for p in matrix(results)] == ["recommended", "metamorphic"] and len(matrix(results)[0].rows) == 1
+    assert broadest(read_results(only(tmp_path, "metamorphic"))) == "metamorphic"
 
 
 def only(folder, label):
-    """The run without the cells of other labels."""
-    for r in read_run(folder).cells:
+    """The run without the runs of other labels."""
+    for r in read_results(folder).runs:
         if r.record.label != label:
-            (folder / "cells" / f"{r.record.cell}.json").unlink()
+            (folder / "runs" / f"{r.record.run_id}.json").unlink()
     return folder
 
 
 def test_scores_count_every_kind_of_ending(built):
-    run = read_run(built[0])
-    s = score(run.cells)
-    assert (s.held, s.wrong, s.refused) == (3, 1, 1) and s.cells == len(run.cells)
+    results = read_results(built[0])
+    s = score(results.runs)
+    assert (s.held, s.wrong, s.refused) == (3, 1, 1) and s.runs == len(results.runs)
     assert sum(share for _, _, share in s.shares) == 100.0

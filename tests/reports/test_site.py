@@ -1,4 +1,4 @@
-"""The site holds every cell and every reason, escapes what it is given, and needs nothing but itself."""
+"""The site holds every run and every reason, escapes what it is given, and needs nothing but itself."""
 
 import json
 import re
@@ -9,7 +9,7 @@ from urllib.parse import unquote
 import pytest
 
 from mbsbench.reports import site
-from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages import base
 from mbsbench.reports.pages.base import Page, Site
 
@@ -24,36 +24,36 @@ def pages(built):
     return {p.relative_to(report).as_posix(): p.read_text(encoding="utf-8") for p in report.rglob("*.html")}
 
 
-def test_every_cell_problem_and_solver_has_a_page(built, pages):
+def test_every_run_problem_and_solver_has_a_page(built, pages):
     folder, records, _ = built
-    run = read_run(folder)
-    assert {f"cells/{r.cell}.html" for r in records} <= set(pages)
-    assert {f"problem-{p.slug}.html" for p in run.posings} <= set(pages)
-    assert sum(name.startswith("solver-") for name in pages) == len(run.solvers)
+    results = read_results(folder)
+    assert {f"runs/{r.run_id}.html" for r in records} <= set(pages)
+    assert {f"problem-{p.slug}.html" for p in results.variants} <= set(pages)
+    assert sum(name.startswith("solver-") for name in pages) == len(results.solvers)
 
 
-def test_every_cell_says_how_it_ended_and_why(built, pages):
+def test_every_run_says_how_it_ended_and_why(built, pages):
     """On its own page, on its problem's and on its solver's."""
     for r in built[1]:
-        page = pages[f"cells/{r.cell}.html"]
+        page = pages[f"runs/{r.run_id}.html"]
         words = {"wrong": "✗", "refused": "⊘", "success": "✓"}.get(r.status, "★")
         assert words in page
         if r.message:
             assert r.message.split(HOSTILE)[0] in Outline(page).text
-    assert "[IDA ERROR]" in pages["cells/dd01.html"] and "signal 11" in pages["cells/ee01.html"]
+    assert "[IDA ERROR]" in pages["runs/dd01.html"] and "signal 11" in pages["runs/ee01.html"]
     problem, solver = pages["problem-pendulum.html"], pages["solver-gamma.html"]
     for reason in ("rank 325 of 400", "|phi| is large", "stuck"):
         assert reason in problem
     assert "rank 325 of 400" in solver
 
 
-def test_command_to_reproduce_is_on_the_page_of_a_cell(pages):
-    assert "mbsbench solve pendulum alpha" in Outline(pages["cells/aa01.html"]).text
+def test_command_to_reproduce_is_on_the_page_of_a_run(pages):
+    assert "mbsbench solve pendulum alpha" in Outline(pages["runs/aa01.html"]).text
 
 
 def test_wrong_is_loud_wherever_it_shows(built, pages):
     """A wrong success looks like a success unless it is marked."""
-    for name in ("index.html", "problem-pendulum.html", "solver-beta.html", "cells/bb01.html"):
+    for name in ("index.html", "problem-pendulum.html", "solver-beta.html", "runs/bb01.html"):
         assert 'class="mark wrong"' in pages[name], name
     assert pages["index.html"].index('class="loud"') < pages["index.html"].index('class="matrix')
 
@@ -64,7 +64,7 @@ def test_text_of_results_is_escaped(pages):
         assert "<script>alert" not in html, name
         own = [a for t, a in Outline(html).tags if t == "script" and "src" not in a]
         assert len(own) == 1, name
-    for name in ("index.html", "cells/gg01.html", "cells/dd01.html"):
+    for name in ("index.html", "runs/gg01.html", "runs/dd01.html"):
         assert 'alert("1")' in Outline(pages[name]).text, name
 
 
@@ -114,7 +114,7 @@ def test_readers_without_eyes_are_told(pages):
 
 
 def test_every_page_says_where_its_numbers_come_from(pages):
-    """In full at the top, in a line with the way there below: a run has thousands of cells."""
+    """In full at the top, in a line with the way there below: a run has thousands of runs."""
     for name, html in pages.items():
         text, brief = Outline(html).text, 'id="provenance"' not in html
         for word in ("f00d" * 3, "dirty", "a processor", "Python", "3.11"):
@@ -134,12 +134,12 @@ def test_only_the_page_itself_is_current_in_the_navigation(pages):
         assert all(href == name for href in current), name
 
 
-def test_a_cell_costs_few_bytes(built, pages):
+def test_a_run_costs_few_bytes(built, pages):
     """A mission has three thousand: what is the same for all is said elsewhere. Texts of its own come on top."""
-    plain = pages["cells/aa01.html"].encode()
+    plain = pages["runs/aa01.html"].encode()
     assert len(plain) < 3000
     meanings = (built[0] / "report" / "data" / "meanings.js").read_text(encoding="utf-8")
-    for word in re.findall(r"<dt>([^<]*)", pages["cells/aa01.html"].partition("data-meanings")[2]):
+    for word in re.findall(r"<dt>([^<]*)", pages["runs/aa01.html"].partition("data-meanings")[2]):
         assert word.startswith("counted: ") or json.dumps(unescape(word), ensure_ascii=False) in meanings, word
 
 
@@ -153,15 +153,15 @@ def test_matrix_has_no_blank(pages):
 
 @pytest.mark.parametrize("kind", ["nothing", "one", "only failures"])
 def test_poor_runs_have_a_site_too(tmp_path, kind):
-    """No cell, no environment, no series: the pages say so and do not fail."""
-    (tmp_path / "cells").mkdir()
+    """No run, no environment, no series: the pages say so and do not fail."""
+    (tmp_path / "runs").mkdir()
     if kind == "one":
         put(tmp_path, record("aa01"), series(40))
     if kind == "only failures":
         put(tmp_path, record("cc01", "gamma", "refused", message="no", t_reached_s=float("nan")))
         put(tmp_path, record("ee01", "beta", "crashed", message="", t_reached_s=float("nan")))
     html = site.build(tmp_path).read_text(encoding="utf-8")
-    words = {"nothing": "no finished cell", "one": "1 cell on 1 problem", "only failures": "crashed, without a message"}
+    words = {"nothing": "no finished run", "one": "1 run on 1 problem", "only failures": "crashed, without a message"}
     assert words[kind] in html
     assert "environment.json is missing" in html
 
@@ -169,41 +169,41 @@ def test_poor_runs_have_a_site_too(tmp_path, kind):
 def test_damaged_files_are_named(tmp_path):
     """What cannot be read is not silently left out."""
     put(tmp_path, record("aa01"), series(40))
-    (tmp_path / "cells" / "zz99.json").write_text("{")
+    (tmp_path / "runs" / "zz99.json").write_text("{")
     put(tmp_path, record("bb01"), series(40))
     (tmp_path / "series" / "bb01.npz").write_bytes(b"cut off")
     html = site.build(tmp_path).read_text(encoding="utf-8")
     assert "Left out: zz99.json" in html and "Left out: bb01.json" in html
-    assert not (tmp_path / "report" / "cells" / "bb01.html").exists()
+    assert not (tmp_path / "report" / "runs" / "bb01.html").exists()
 
 
 def test_a_new_report_keeps_no_page_of_an_earlier_one(tmp_path):
-    """Pages of cells that are gone would be taken for this run's."""
+    """Pages of runs that are gone would be taken for this run's."""
     put(tmp_path, record("aa01"), series(40))
     put(tmp_path, record("aa02", dt_s=0.005), series(40))
     site.build(tmp_path)
-    (tmp_path / "cells" / "aa02.json").unlink()
+    (tmp_path / "runs" / "aa02.json").unlink()
     (tmp_path / "report" / "figures").mkdir(exist_ok=True)
     (tmp_path / "report" / "figures" / "kept.svg").write_text("")
     site.build(tmp_path)
-    assert not (tmp_path / "report" / "cells" / "aa02.html").exists()
+    assert not (tmp_path / "report" / "runs" / "aa02.html").exists()
     assert (tmp_path / "report" / "figures" / "kept.svg").exists()  # others put figures there
 
 
 def test_two_pages_cannot_have_one_name(tmp_path):
     put(tmp_path, record("aa01"))
-    here = Site(read_run(tmp_path), tmp_path)
+    here = Site(read_results(tmp_path), tmp_path)
     here.write(Page("One", "x.html"), "growth.html")
     with pytest.raises(ValueError, match="two pages want to be"):
         here.write(Page("Two", "x.html"), "growth.html")
 
 
 def test_page_modules_are_found_and_late_ones_come_last():
-    """No list to edit: what has a ``write`` is a page; cells need what problems left for them."""
+    """No list to edit: what has a ``write`` is a page; runs need what problems left for them."""
     names = [name for name, _ in base.writers()]
     assert {
         "mbsbench.reports.pages.overview",
         "mbsbench.reports.pages.problems",
-        "mbsbench.reports.pages.cells",
+        "mbsbench.reports.pages.runs",
     } <= set(names)
-    assert names.index("mbsbench.reports.pages.cells") > names.index("mbsbench.reports.pages.problems")
+    assert names.index("mbsbench.reports.pages.runs") > names.index("mbsbench.reports.pages.problems")

@@ -1,37 +1,37 @@
-"""CSV and LaTeX hold the numbers of the page, for every cell."""
+"""CSV and LaTeX hold the numbers of the page, for every run."""
 
 import csv
 import io
 import math
 
 from mbsbench.reports.model.columns import COLUMNS
-from mbsbench.reports.model.reading import Cell, read_run
+from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.model.tables import csv_of, latex_number, latex_of, latex_text
 from mbsbench.reports.model.words import number, seconds, signed, unit, whole
 
 from .conftest import HOSTILE, record
 
 
-def test_csv_has_every_cell_in_full(built):
+def test_csv_has_every_run_in_full(built):
     folder, records, _ = built
-    cells = read_run(folder).posings[0].cells
-    rows = list(csv.DictReader(io.StringIO(csv_of(cells))))
-    assert len(rows) == len(cells)
-    for row, cell in zip(rows, cells, strict=True):
+    runs = read_results(folder).variants[0].runs
+    rows = list(csv.DictReader(io.StringIO(csv_of(runs))))
+    assert len(rows) == len(runs)
+    for row, run in zip(rows, runs, strict=True):
         value = row["energy_drift_max [J]"]
-        expected = cell.record.energy_drift_max_J
+        expected = run.record.energy_drift_max_J
         assert value == "" if math.isnan(expected) else float(value) == expected
-        assert bool(row["reason"]) == (cell.status != "success")
-    assert {c.posing for p in read_run(folder).posings for c in p.cells} >= {r.problem for r in records}
+        assert bool(row["reason"]) == (run.status != "success")
+    assert {c.variant for p in read_results(folder).variants for c in p.runs} >= {r.problem for r in records}
 
 
-def test_latex_has_every_cell_and_no_open_command(built):
+def test_latex_has_every_run_and_no_open_command(built):
     """As many columns in each row, and nothing of the hostile text works as a command."""
     folder, _, _ = built
-    for posing in read_run(folder).posings:
-        text = latex_of(posing.title, posing.cells)
+    for variant in read_results(folder).variants:
+        text = latex_of(variant.title, variant.runs)
         rows = [line for line in text.splitlines() if line.endswith(r"\\")]
-        assert len(rows) == len(posing.cells) + 1
+        assert len(rows) == len(variant.runs) + 1
         assert len({row.replace(r"\&", "").count("&") for row in rows}) == 1
         assert r"\frac" not in "\n".join(rows)
 
@@ -59,7 +59,7 @@ def test_numbers_are_written_for_readers():
 
 def test_a_cpu_time_too_short_for_the_clock_is_no_zero():
     """It took some time: a reader is told that the clock says none, in LaTeX as text."""
-    cell = Cell(record("aa01", cpu_median_s=0.0))
+    run = Run(record("aa01", cpu_median_s=0.0))
     column = next(c for c in COLUMNS if c.key == "cpu_median")
-    assert column.text(cell) == seconds(0.0) == "below the clock"
-    assert "& below the clock" in latex_of("p", [cell])
+    assert column.text(run) == seconds(0.0) == "below the clock"
+    assert "& below the clock" in latex_of("p", [run])

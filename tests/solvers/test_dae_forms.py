@@ -28,7 +28,7 @@ ALPHA, BETA = 3.0, 7.0
 few = settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
-def posed(seed: int) -> Problem:
+def presented(seed: int) -> Problem:
     state = arbitrary_systems.consistent(SYSTEM, seed)
     return Problem("linkage", SYSTEM, state, t_end=1.0, dt=1e-3, section="", source="")
 
@@ -58,7 +58,7 @@ def test_jacobians_are_exact(form, coordinates):
 @given(seed=st.integers(0, 1000))
 def test_a_consistent_start_satisfies_every_form(coordinates, seed):
     """One (y, y') solves fi, se and index 3: they are one set of equations. Rounding times forces of order 1e3."""
-    problem = posed(seed)
+    problem = presented(seed)
     at, notes = layout_for(problem, coordinates)
     assert notes == ()
     y, y_dot = consistent(at, coordinates_and_velocities(at, problem), ALPHA, BETA)
@@ -69,7 +69,7 @@ def test_a_consistent_start_satisfies_every_form(coordinates, seed):
 
 def test_lambda_dot_of_the_start_is_the_derivative_along_the_motion():
     """lam' by the start's difference equals that of a ten times longer one to its truncation."""
-    problem = posed(5)
+    problem = presented(5)
     at, _ = layout_for(problem, "quaternion")
     y, y_dot = consistent(at, coordinates_and_velocities(at, problem), 0.0, 0.0)
     accelerations, h = Accelerations(at), 1e-4
@@ -79,7 +79,7 @@ def test_lambda_dot_of_the_start_is_the_derivative_along_the_motion():
 
 def test_the_banded_solve_equals_the_dense_saddle():
     """u' and lam solve [[M, -A^T], [A, 0]] (u', lam) = -(e, c), assembled densely from the geometric route."""
-    problem = posed(2)
+    problem = presented(2)
     at, _ = layout_for(problem, "quaternion")
     y = coordinates_and_velocities(at, problem)
     u_dot, lam = Accelerations(at, ALPHA, BETA).at(y)
@@ -95,7 +95,7 @@ def test_the_banded_solve_equals_the_dense_saddle():
 
 def test_redundant_rows_are_dropped_and_named():
     """A joint stated twice has rank one joint: its rows are left out, the note says which, lam is that of one joint."""
-    problem = posed(1)
+    problem = presented(1)
     twice = {
         name: np.concatenate((getattr(SYSTEM, name), getattr(SYSTEM, name)[:1]))
         for name in vars(SYSTEM)

@@ -54,7 +54,7 @@ def test_steps_shrink_near_the_charts_singularity_only(solver):
 
 @pytest.mark.parametrize("solver", ALL)
 def test_redundant_rows_are_refused_on_request(solver):
-    """One grid cell has 14 redundant rows of 20: named in the refusal, dropped by default with a note."""
+    """One grid run has 14 redundant rows of 20: named in the refusal, dropped by default with a note."""
     p = make_problem("four_bar_grid", {"rows": 1, "columns": 1, "t_end": 0.01})
     control = StepControl(rtol=1e-5)
     rank = make_solver(solver, {"redundancy": "refuse"}).refuses(p, control)
@@ -98,7 +98,7 @@ def test_lambda_zero_at_the_start_fails_the_first_step_when_lambda_is_tested():
 
 @pytest.mark.parametrize("solver", ["rk45_strong_form", "ndf_index1"])
 def test_a_run_that_loses_its_rows_says_so(solver):
-    """Two cells swing through aligned bars, where the rows kept at the start lose rank: the run ends there in words."""
+    """Two runs swing through aligned bars, where the rows kept at the start lose rank: the run ends there in words."""
     parameters = {"rows": 2, "columns": 1, "release": "all_rows", "rate": 5.0, "t_end": 4.0}
     t = make_solver(solver).solve(make_problem("four_bar_grid", parameters), StepControl(rtol=1e-6, max_steps=5000))
     assert t.status in (Status.SINGULAR, Status.DIVERGED)

@@ -128,10 +128,10 @@ def _integral(t: np.ndarray, e: np.ndarray, at: np.ndarray) -> np.ndarray:
 def _entry(r: RunRecord, found: Anatomy | None) -> dict[str, Any]:
     entry: dict[str, Any] = {
         "problem": r.problem,
-        "posing": r.case.split(" ")[0],
+        "variant": r.case.split(" ")[0],
         "solver": r.solver,
         "case": r.case,
-        "cell": r.settings,
+        "run": r.settings_id,
     }
     if found is None or r.claimed != "success":
         names = (

@@ -45,7 +45,7 @@ TOLERANCE = 1e-8  # default of solvers with a fixed step; they take it from opti
 
 @dataclass(frozen=True)
 class Yardstick:
-    """What two runs of a solver on a posing may differ by."""
+    """What two runs of a solver on a variant may differ by."""
 
     level: float  # [m] change of the end at a tenth of the tolerance
     halved: float  # [m] and at half the step; 0 under error control
@@ -75,9 +75,9 @@ class Yardstick:
 
 
 def scorecard(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]]:
-    """One entry a solver, check and posing, as in ``metamorphic.json``."""
-    known = {_key(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings))}
-    runs = sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.settings))
+    """One entry a solver, check and variant, as in ``metamorphic.json``."""
+    known = {_key(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings_id))}
+    runs = sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.settings_id))
     ends = _Ends(folder)
     by_rest, by_tolerance, by_halving = (_grouped(runs, key) for key in (_rest, _but_tolerance, _halving))
     found = []
@@ -85,7 +85,7 @@ def scorecard(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]
         kin, others, finer = by_rest[_rest(base)], by_tolerance[_but_tolerance(base)], by_halving[_halving(base)]
         told = [r for r in kin if _changed(base, r)]
         tighter = min((r for r in others if _is_tighter(base, r)), key=lambda r: _off(base, r), default=None)
-        nudged = min((r for r in kin if _is_nudged(base, r)), key=lambda r: (_nudge(r), r.settings), default=None)
+        nudged = min((r for r in kin if _is_nudged(base, r)), key=lambda r: (_nudge(r), r.settings_id), default=None)
         halved = next((r for r in finer if 2.0 * r.dt_s == base.dt_s), None)
         if not told or tighter is None or nudged is None or (halved is None and base.control == "dt"):
             continue
@@ -108,10 +108,10 @@ class _Ends:
 
     def of(self, r: RunRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """r, R of all bodies and gravity, space frame; None where the run has none."""
-        if r.cell not in self._known:
+        if r.run_id not in self._known:
             s = store.series_of(self._folder, r)
-            self._known[r.cell] = None if s is None else (s["end_r"], s["end_R"], s["gravity"])
-        return self._known[r.cell]
+            self._known[r.run_id] = None if s is None else (s["end_r"], s["end_R"], s["gravity"])
+        return self._known[r.run_id]
 
     def apart(self, one: RunRecord, other: RunRecord, turned: np.ndarray) -> float:
         """Distance [m] of the ends, ``other`` brought back from the frame ``turned``; NaN if one has none."""
@@ -187,7 +187,7 @@ def _tolerance(r: RunRecord) -> float:
 
 def _off(base: RunRecord, r: RunRecord) -> tuple[float, str]:
     """How far from a tenth a tighter run is."""
-    return abs(math.log(10.0 * _tolerance(r) / _tolerance(base))), r.settings
+    return abs(math.log(10.0 * _tolerance(r) / _tolerance(base))), r.settings_id
 
 
 def _halving(r: RunRecord) -> tuple:
@@ -237,7 +237,7 @@ def _entry(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, e
         turned = np.eye(3) if found is None else _frame(change, told, found[2])
         deviation, bound = ends.apart(base, r, turned), yard.bound
         verdict, words = _compared(deviation, yard, "ends elsewhere")
-    return _row(base, title, (deviation, bound), yard, verdict, words, [base.settings, r.settings])
+    return _row(base, title, (deviation, bound), yard, verdict, words, [base.settings_id, r.settings_id])
 
 
 def _planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> dict[str, Any] | None:
@@ -249,7 +249,7 @@ def _planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> dict[st
     title = "planar symmetry" if r is base else f"planar symmetry, {CHANGES[_changed(base, r)]}"
     deviation = r.out_of_plane_max_m
     verdict, words = _compared(deviation, yard, "leaves the plane")
-    return _row(base, title, (deviation, yard.bound), yard, verdict, words, [r.settings])
+    return _row(base, title, (deviation, yard.bound), yard, verdict, words, [r.settings_id])
 
 
 def _compared(deviation: float, yard: Yardstick, what: str, grown: float = 1.0) -> tuple[str, str]:
@@ -304,7 +304,7 @@ def _row(
     yard: Yardstick | None,
     verdict: str,
     words: str,
-    cells: list[str],
+    specs: list[str],
 ) -> dict[str, Any]:
     deviation, bound = sizes
     return {
@@ -312,12 +312,12 @@ def _row(
         "options": json.loads(base.solver_options),
         "check": check,
         "problem": base.problem,
-        "posing": base.case.split(" ")[0],
+        "variant": base.case.split(" ")[0],
         "deviation": deviation,
         "bound": bound,
         "unit": "m",
         "exact": words.startswith("exactly") if yard is not None and yard.halved > 0.0 and deviation >= 0.0 else None,
         "verdict": verdict,
         "words": words,
-        "cells": cells,
+        "runs": specs,
     }

@@ -143,7 +143,7 @@ def _certificate(run: Sequence[RunRecord], q: Quantity) -> dict[str, Any] | None
         notes.append("errors the reference cannot resolve are left out")
     return {
         "problem": first.problem,
-        "posing": _posing(first),
+        "variant": _variant(first),
         "solver": first.solver,
         "case": _case(first),
         "quantity": q.name,
@@ -165,7 +165,7 @@ def _certificate(run: Sequence[RunRecord], q: Quantity) -> dict[str, Any] | None
         "verdict": verdict,
         "words": "; ".join([words, *notes]),
         "t_end_s": first.t_end_s,
-        "cells": [r.settings for r in done],
+        "runs": [r.settings_id for r in done],
     }
 
 
@@ -269,7 +269,7 @@ def _words(
     return f"{text}; {left} left out: at the floor of {fit.floor:.1e} {q.unit}"
 
 
-def _posing(r: RunRecord) -> str:
+def _variant(r: RunRecord) -> str:
     return r.case.split(" ")[0]
 
 

@@ -1,9 +1,9 @@
 """Work against precision: every run as a point, and how many targets each solver reaches for how much work.
 
-A target is a problem as posed and an accuracy, half decades of the mechanism's size. A solver reaches it with the run
+A target is a variant and an accuracy, half decades of the mechanism's size. A solver reaches it with the run
 of least work, whatever its options, whose error is no larger: best-tuned means the lower envelope of the runs at hand.
 Targets nobody's reference can judge, below three times its own error, are left out; those a solver never reaches count
-as never reached, a refusal too. Runs whose success is contradicted reach nothing. Profiles count the posings that all
+as never reached, a refusal too. Runs whose success is contradicted reach nothing. Profiles count the variants that all
 were tried on and that are predictable to their end, points are of all. Profiles of default options only stand beside.
 """
 
@@ -22,9 +22,9 @@ TARGETS = tuple(10.0 ** (-0.5 * k) for k in range(2, 19))  # 1e-1 to 1e-9 of the
 OWN = 3.0  # times the reference's own error: nothing is judged below
 EXACT = 1e-12  # of the size: positions everybody has to rounding compare nothing, orientations then do
 END = 1e-9
-FEWEST = 2  # solvers on a posing: fewer are no comparison
+FEWEST = 2  # solvers on a variant: fewer are no comparison
 JUDGED = 0.9  # of the simulated time: a chaotic rest costs work and is not compared
-REGULAR = 0.5  # of the posings: who was tried on fewer is a guest, whose absence elsewhere leaves no posing out
+REGULAR = 0.5  # of the variants: who was tried on fewer is a guest, whose absence elsewhere leaves no variant out
 
 
 def _operations(r: RunRecord) -> float:
@@ -43,9 +43,9 @@ WORKS: Mapping[str, Callable[[RunRecord], float]] = {
 
 @dataclass(frozen=True)
 class Field:
-    """Runs of one problem as posed, and the error they are compared by."""
+    """Runs of one variant, and the error they are compared by."""
 
-    posing: str
+    variant: str
     runs: tuple[RunRecord, ...]  # that have an error
     tried: frozenset[str]  # solvers, those that refused or failed among them
     kind: str  # "position error" or "orientation error"
@@ -79,7 +79,7 @@ def work(folder: Path, records: Iterable[RunRecord]) -> dict[str, Any]:
         "points": [p for f in fields for p in _points(f)],
         "profile": _profiles(counted, compared, lambda r: True),
         "profile_default": _profiles(counted, compared, lambda r: r.solver_options == "{}"),
-        "targets": [{"posing": f.posing, "unit": f.unit, "own": f.own, "errors": list(f.targets)} for f in counted],
+        "targets": [{"variant": f.variant, "unit": f.unit, "own": f.own, "errors": list(f.targets)} for f in counted],
     }
 
 
@@ -102,10 +102,10 @@ def _field(all_runs: Sequence[RunRecord]) -> Field | None:
     length = first.length_scale_m if first.length_scale_m > 0.0 else 1.0
     own = min(max(r.reference_own_error_m for r in runs), PREDICTABLE * length)
     moved = any(r.position_error_judged_m > EXACT * length for r in runs)
-    posing = first.case.split(" ")[0]
+    variant = first.case.split(" ")[0]
     if moved:
-        return Field(posing, runs, tried, "position error", "m", length, own)
-    return Field(posing, runs, tried, "orientation error", "rad", 1.0, own / length)
+        return Field(variant, runs, tried, "position error", "m", length, own)
+    return Field(variant, runs, tried, "orientation error", "rad", 1.0, own / length)
 
 
 def _sound(r: RunRecord) -> bool:
@@ -120,10 +120,10 @@ def _points(f: Field) -> list[dict[str, Any]]:
         out.append(
             {
                 "problem": r.problem,
-                "posing": f.posing,
+                "variant": f.variant,
                 "solver": r.solver,
                 "case": r.case,
-                "cell": r.settings,
+                "run": r.settings_id,
                 "label": r.label,
                 "best": _sound(r) and not any(_beats(f, q, r) for q in rivals),
                 "status": r.status,

@@ -35,9 +35,9 @@ def decision(points: Points) -> str:
     everywhere = [n for n, values in names.items() if None not in values]  # others exist for some solvers only
     for size in (1, 2):
         for chosen in itertools.combinations(everywhere, size):
-            cells = _cross(points, {n: names[n] for n in chosen})
-            if all(held in (0, total) for _, held, total in cells):
-                return _separated(chosen, cells)
+            specs = _cross(points, {n: names[n] for n in chosen})
+            if all(held in (0, total) for _, held, total in specs):
+                return _separated(chosen, specs)
     return _mixed(points, names)
 
 
@@ -55,24 +55,24 @@ def said(name: str, value: Any) -> str:
     )
 
 
-def _separated(chosen: Sequence[str], cells: Sequence[tuple[Mapping[str, Any], int, int]]) -> str:
+def _separated(chosen: Sequence[str], specs: Sequence[tuple[Mapping[str, Any], int, int]]) -> str:
     """Both sides by name where they are short, else the shorter one by name and the rest in a count."""
     where = " and ".join(n.replace("_", " ") for n in chosen)
     decides = "decides alone" if len(chosen) == 1 else "decide together"
-    yes, no = [c for c in cells if c[1]], [c for c in cells if not c[1]]
-    whole = len(cells) <= MOST_LISTED
+    yes, no = [c for c in specs if c[1]], [c for c in specs if not c[1]]
+    whole = len(specs) <= MOST_LISTED
     holds = _listed(yes) if whole or len(yes) <= len(no) else f"all else ({_sums(yes)})"
     fails = _listed(no) if whole or len(yes) > len(no) else f"anything else ({_sums(no)})"
     return f"{where} {decides}: holds with {holds}, not with {fails}"
 
 
-def _listed(cells: Sequence[tuple[Mapping[str, Any], int, int]]) -> str:
-    more = f"; and {len(cells) - MOST_LISTED} more" if len(cells) > MOST_LISTED else ""
-    return "; ".join(f"{_said(at)} ({held} of {total})" for at, held, total in cells[:MOST_LISTED]) + more
+def _listed(specs: Sequence[tuple[Mapping[str, Any], int, int]]) -> str:
+    more = f"; and {len(specs) - MOST_LISTED} more" if len(specs) > MOST_LISTED else ""
+    return "; ".join(f"{_said(at)} ({held} of {total})" for at, held, total in specs[:MOST_LISTED]) + more
 
 
-def _sums(cells: Sequence[tuple[Mapping[str, Any], int, int]]) -> str:
-    return f"{sum(c[1] for c in cells)} of {sum(c[2] for c in cells)}"
+def _sums(specs: Sequence[tuple[Mapping[str, Any], int, int]]) -> str:
+    return f"{sum(c[1] for c in specs)} of {sum(c[2] for c in specs)}"
 
 
 def _mixed(points: Points, names: Mapping[str, list[Any]]) -> str:

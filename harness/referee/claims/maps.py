@@ -1,9 +1,9 @@
-"""Where a cell stands in a map: its settings as dimensions under the names that claims use.
+"""Where a run stands in a map: its settings as dimensions under the names that claims use.
 
 A dimension is an option of the solver or a parameter of the problem under its own name, but for those that different
 solvers name differently: ``tolerance`` (rtol, or the stop test of ODE-GC), ``gain`` (alpha = beta), ``chart``,
 ``step`` (dt), ``duration`` (t_end), ``frame`` (how problem and axes lie). What a selection does not name must be at
-its default, so that no claim gathers cells it was not written for.
+its default, so that no claim gathers runs it was not written for.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +12,7 @@ from functools import cache
 from typing import Any
 
 from ...catalogue import registry
-from ...suites.cell import Cell
+from ...suites.spec import RunSpec
 
 ANY = "any"
 RENAMED = {"coordinates": "chart"}
@@ -24,39 +24,39 @@ WHOLE = "the whole run"  # of a run in one step
 
 @dataclass(frozen=True)
 class Place:
-    """A cell and its dimensions; ``usual`` holds those that are at their default."""
+    """A run and its dimensions; ``usual`` holds those that are at their default."""
 
-    cell: Cell
+    spec: RunSpec
     dimensions: Mapping[str, Any]
     usual: frozenset[str]
 
 
-def place(cell: Cell) -> Place:
-    """The dimensions of a cell, defaults filled in from the catalogue."""
-    options, unusual = _options(cell)
-    given: dict[str, Any] = {"problem": cell.problem, "solver": cell.solver}
-    for name, (default, _) in registry.problems()[cell.problem].parameters.items():
+def place(spec: RunSpec) -> Place:
+    """The dimensions of a run, defaults filled in from the catalogue."""
+    options, unusual = _options(spec)
+    given: dict[str, Any] = {"problem": spec.problem, "solver": spec.solver}
+    for name, (default, _) in registry.problems()[spec.problem].parameters.items():
         if name == "t_end":
-            given["duration"] = cell.parameters.get("t_end") or own_duration(cell.problem)
-            unusual |= {"duration"} if "t_end" in cell.parameters else set()
+            given["duration"] = spec.parameters.get("t_end") or own_duration(spec.problem)
+            unusual |= {"duration"} if "t_end" in spec.parameters else set()
         elif name not in FRAMES:
-            given[name] = cell.parameters.get(name, default)
-            unusual |= {name} if name in cell.parameters else set()
-    given["frame"] = _frame(cell.parameters)
+            given[name] = spec.parameters.get(name, default)
+            unusual |= {name} if name in spec.parameters else set()
+    given["frame"] = _frame(spec.parameters)
     unusual |= {"frame"} if given["frame"] != ALIGNED else set()
     given |= options
     control: dict[str, Any] = {
-        "tolerance": cell.control.rtol,
-        "step": cell.control.dt,
-        "max_step": cell.control.max_step,
+        "tolerance": spec.control.rtol,
+        "step": spec.control.dt,
+        "max_step": spec.control.max_step,
     }
-    if cell.control.dt is not None and cell.control.dt >= given["duration"]:
+    if spec.control.dt is not None and spec.control.dt >= given["duration"]:
         control["step"] = WHOLE
     for name, number in control.items():
         if number is not None:
             given[name] = number
             unusual |= {name}  # a step or tolerance is always asked for: a selection has to name it
-    return Place(cell, given, frozenset(given) - unusual)
+    return Place(spec, given, frozenset(given) - unusual)
 
 
 @cache
@@ -80,7 +80,7 @@ def select(places: Iterable[Place], selections: Sequence[Mapping[str, Any]]) -> 
 
 
 def _budget(p: Place) -> int:
-    return p.cell.control.max_steps
+    return p.spec.control.max_steps
 
 
 def varied(places: Sequence[Place]) -> dict[str, list[Any]]:
@@ -100,10 +100,10 @@ def is_printed(p: Place, printed: Iterable[Mapping[str, Any]]) -> bool:
     return any(all(_allowed(p.dimensions.get(k), v) for k, v in one.items()) for one in printed)
 
 
-def _options(cell: Cell) -> tuple[dict[str, Any], set[str]]:
-    known = registry.solvers()[cell.solver].parameters
-    options = {k: cell.options.get(k, default) for k, (default, _) in known.items()}
-    unusual = {k for k in cell.options if k in known}
+def _options(spec: RunSpec) -> tuple[dict[str, Any], set[str]]:
+    known = registry.solvers()[spec.solver].parameters
+    options = {k: spec.options.get(k, default) for k, (default, _) in known.items()}
+    unusual = {k for k in spec.options if k in known}
     if {"alpha", "beta"} <= options.keys():
         alpha, beta = options.pop("alpha"), options.pop("beta")
         options["gain"] = alpha if alpha == beta else f"{alpha:g}/{beta:g}"
@@ -112,8 +112,8 @@ def _options(cell: Cell) -> tuple[dict[str, Any], set[str]]:
         if old in options:
             options[new] = options.pop(old)
             unusual = unusual - {old} | ({new} if old in unusual else set())
-    if cell.solver in FORMS:
-        options["form"] = FORMS[cell.solver]
+    if spec.solver in FORMS:
+        options["form"] = FORMS[spec.solver]
     return options, unusual
 
 

@@ -22,7 +22,7 @@ NOTHING_TO_COMPARE = "fewer than two of their runs can be compared"
 
 @dataclass(frozen=True)
 class Point:
-    """One setting of the map: its cells (several where a claim looks across a dimension), the numbers, the finding."""
+    """One setting of the map: its runs (several where a claim looks across a dimension), the numbers, the finding."""
 
     places: tuple[Place, ...]
     numbers: tuple[float, ...]  # one a test
@@ -34,14 +34,14 @@ class Point:
 
 
 def points(claim: Claim, own: Iterable[Place], others: Sequence[Place], numbers: Numbers) -> list[Point]:
-    """In the order of the cells; groups with one value along ``across`` test nothing and are no settings."""
+    """In the order of the runs; groups with one value along ``across`` test nothing and are no settings."""
     groups: dict[str, list[Place]] = {}
     for p in own:
-        rest = {k: str(v) for k, v in p.dimensions.items() if k != claim.across} if claim.across else p.cell.settings
+        rest = {k: str(v) for k, v in p.dimensions.items() if k != claim.across} if claim.across else p.spec.settings_id
         groups.setdefault(repr(rest), []).append(p)
     out = []
     for group in groups.values():
-        partners = {p.cell.settings: _partners(claim, p, others) for p in group}
+        partners = {p.spec.settings_id: _partners(claim, p, others) for p in group}
         if not claim.across:
             out.append(_point(claim, group, partners, numbers))
         elif len(group) > 1:
@@ -60,7 +60,7 @@ def _point(claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequen
             for t, v in zip(claim.tests, found, strict=True)]  # fmt: skip
     holds = False if False in each else None if None in each else True
     printed = claim.map is not None and any(is_printed(p, claim.map.printed) for p in ordered)
-    endless = any(map(math.isinf, found)) and not all(reached_end(numbers.records[p.cell.settings]) for p in ordered)
+    endless = any(map(math.isinf, found)) and not all(reached_end(numbers.records[p.spec.settings_id]) for p in ordered)
     why = _why(claim, used, numbers) if holds is None else ""
     return Point(tuple(ordered), found, holds, printed, why, bool(holds and endless))
 
@@ -85,14 +85,14 @@ def _nearest(
 def _settled(claim: Claim, test: Test, value: float, used: Sequence[Place], numbers: Numbers) -> bool:
     if test.combine in RATIOS and math.isnan(value):
         return False
-    runs = [(numbers.records[p.cell.settings], _ending(claim, p, numbers)) for p in used]
+    runs = [(numbers.records[p.spec.settings_id], _ending(claim, p, numbers)) for p in used]
     if len(runs) == 1:
         return settled(test, *runs[0], value)
     return all(in_time(test, record, how) for record, how in runs)
 
 
 def _ending(claim: Claim, p: Place, numbers: Numbers) -> Ending:
-    how = numbers.ending(p.cell.settings)
+    how = numbers.ending(p.spec.settings_id)
     return Ending.FINAL if claim.starting and how is Ending.NO_STEP else how
 
 
@@ -108,11 +108,11 @@ def _partners(claim: Claim, p: Place, others: Sequence[Place]) -> list[Place]:
 def _number(test: Test, ordered: Sequence[Place], partners: Mapping[str, Sequence[Place]], numbers: Numbers) -> float:
     values = []
     for p in ordered:
-        own, beside = p.cell.settings, partners[p.cell.settings]
+        own, beside = p.spec.settings_id, partners[p.spec.settings_id]
         if MEASURES[test.metric].of_pair:
-            values.append(COMPARE[test.compare](0.0, [numbers.between(own, q.cell.settings, test) for q in beside]))
+            values.append(COMPARE[test.compare](0.0, [numbers.between(own, q.spec.settings_id, test) for q in beside]))
         elif test.compare:
-            them = [numbers.of(q.cell.settings, test) for q in beside]
+            them = [numbers.of(q.spec.settings_id, test) for q in beside]
             values.append(COMPARE[test.compare](numbers.of(own, test), them))
         else:
             values.append(numbers.of(own, test))

@@ -17,7 +17,10 @@ from .predicates import COMBINE, COMPARE, NEAREST, Band
 REGISTER = Path(__file__).resolve().parents[3] / "results" / "claims.toml"
 LONGEST_QUOTE = 140  # a line of the paper, not a paragraph
 QUANTIFIERS = ("all", "some")
-RESULT, POSING = KINDS = ("result", "posing")  # a finding about solvers; a check that we pose what the paper does
+RESULT, PRESENTATION = KINDS = (
+    "result",
+    "presentation",
+)  # a finding about solvers; a check that we pose what the paper does
 CLAIM_KEYS = (
     "id", "section", "figure", "quote", "claim", "map", "against", "pair_by", "across", "quantifier", "tests",
     "needs", "caveats", "kind", "starting",
@@ -45,7 +48,7 @@ class Test:
 
 @dataclass(frozen=True)
 class Map:
-    """The cells a claim is tried on: a union of selections, the values each dimension must have, the printed ones."""
+    """The runs a claim is tried on: a union of selections, the values each dimension must have, the printed ones."""
 
     name: str
     over: tuple[Mapping[str, Any], ...]

@@ -1,4 +1,4 @@
-"""From the register, the cells of the suite and the records to a verdict with its evidence. Nothing is typed.
+"""From the register, the runs of the suite and the records to a verdict with its evidence. Nothing is typed.
 
 Pure: the same records in any order give the same verdicts. No time of a clock enters. Settings whose runs settle
 nothing are left out of the count and named (module points).
@@ -10,7 +10,7 @@ from typing import Any
 
 from ...catalogue import registry
 from ...results.records import RunRecord
-from ...suites.cell import Cell
+from ...suites.spec import RunSpec
 from .conditions import decision, factors, said
 from .maps import Place, place, select, values_of, varied
 from .measured import Numbers, SeriesOf, in_words, shortened
@@ -22,21 +22,21 @@ SHOWN = ("tolerance", "gain", "form", "chart", "lambda_in_error_test", "consiste
 
 
 def judge(
-    register: Register, cells: Iterable[Cell], records: Iterable[RunRecord], series_of: SeriesOf
+    register: Register, specs: Iterable[RunSpec], records: Iterable[RunRecord], series_of: SeriesOf
 ) -> list[dict[str, Any]]:
     """All verdicts, in the order of the register."""
-    places = [place(c) for c in cells]
+    places = [place(c) for c in specs]
     numbers = Numbers(by_settings(records), series_of)
     tried = {c.id: _tried(c, places) for c in register.claims}
     numbers.gather(
-        (p.cell.settings, t) for c in register.claims for p in (*tried[c.id][0], *tried[c.id][1]) for t in c.tests
+        (p.spec.settings_id, t) for c in register.claims for p in (*tried[c.id][0], *tried[c.id][1]) for t in c.tests
     )
     return [_judged(c, register, *tried[c.id], numbers) for c in register.claims]
 
 
 def by_settings(records: Iterable[RunRecord]) -> dict[str, RunRecord]:
     """Records by what shapes the motion; of two codes' results the newer counts."""
-    return {r.settings: r for r in sorted(records, key=lambda r: (r.finished, r.cell))}
+    return {r.settings_id: r for r in sorted(records, key=lambda r: (r.finished, r.run_id))}
 
 
 def untestable(claim: Claim) -> list[str]:
@@ -86,7 +86,7 @@ def _judged(
         "tests": [_test_words(t, shown, k) for k, t in enumerate(claim.tests)],
         "because": "; ".join(missing) if missing else _because(claim, register, found, counted),
         "settings": _settings(own, others),
-        "cells": [p.cell.settings for p in (*own, *others)],
+        "runs": [p.spec.settings_id for p in (*own, *others)],
         "factors": factors([_dimensions(claim, p) for p in counted]) if counted else {},
         "map": [_row(claim, p, numbers.records) for p in found],
         "missing": "; ".join(missing),
@@ -95,7 +95,7 @@ def _judged(
 
 
 def _gaps(claim: Claim, own: Sequence[Place], others: Sequence[Place], records: Mapping[str, RunRecord]) -> list[str]:
-    """Cells or values that the map should have: a map with holes decides nothing."""
+    """Runs or values that the map should have: a map with holes decides nothing."""
     out = []
     for m, places in ((claim.map, own), (claim.against, others)):
         if m is None:
@@ -104,13 +104,11 @@ def _gaps(claim: Claim, own: Sequence[Place], others: Sequence[Place], records: 
             found = len(values_of(p.dimensions.get(name) for p in places))
             if found < wanted:
                 out.append(f"the suite has {found} of {wanted} values of {name} for the map {m.name}")
-        absent = [p for p in places if p.cell.settings not in records]
+        absent = [p for p in places if p.spec.settings_id not in records]
         if absent:
-            out.append(
-                f"cells missing: {len(absent)} of {len(places)} of the map {m.name}, first {absent[0].cell.case}"
-            )
+            out.append(f"runs missing: {len(absent)} of {len(places)} of the map {m.name}, first {absent[0].spec.case}")
         elif not places:
-            out.append(f"cells missing: the suite has none for the map {m.name}")
+            out.append(f"runs missing: the suite has none for the map {m.name}")
     return out
 
 
@@ -182,7 +180,7 @@ def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, str]:
         if name not in out:
             out[name] = ", ".join(said(name, v).removeprefix(f"{name.replace('_', ' ')} ") for v in values)
     if others:
-        out["against"] = ", ".join(dict.fromkeys(p.cell.case for p in others[:4])) + (" ..." if others[4:] else "")
+        out["against"] = ", ".join(dict.fromkeys(p.spec.case for p in others[:4])) + (" ..." if others[4:] else "")
     return out
 
 
@@ -199,14 +197,14 @@ def _test_words(test: Test, shown: Point | None, k: int) -> dict[str, Any]:
 
 
 def _row(claim: Claim, p: Point, records: Mapping[str, RunRecord]) -> dict[str, Any]:
-    first, record = p.places[0], records[p.places[0].cell.settings]
+    first, record = p.places[0], records[p.places[0].spec.settings_id]
     at = {k: first.dimensions[k] for k in SHOWN if k in first.dimensions and k != claim.across}
     if "gauge" in first.dimensions:
         at["form"] = f"gauge {first.dimensions['gauge']}, sigma0 {first.dimensions['sigma0']}"
     more = f" and {len(p.places) - 1} more across {claim.across}" if len(p.places) > 1 else ""
     return {
-        "cell": first.cell.settings,
-        "case": first.cell.case + more,
+        "run": first.spec.settings_id,
+        "case": first.spec.case + more,
         **at,
         "holds": p.holds,
         "measured": shortened(p.numbers[0]),

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from .choosing import cells_of, choose
+from .choosing import choose, runs_of
 from .files import check_kind, write
 from .stage import Stage, actors_of
 
@@ -27,7 +27,7 @@ def animate(
         raise ValueError(f"frames must be from 2 to {MOST_FRAMES} (got {frames})")
     if not 1 <= fps <= 60:
         raise ValueError(f"fps must be from 1 to 60 (got {fps})")
-    chosen = choose(cells_of(folder), problem, asked)
+    chosen = choose(runs_of(folder), problem, asked)
     stage = Stage(actors_of(folder, chosen), ghosts=ghosts, frames=frames, window=window)
     write(stage.pictures(), out, fps)
     names = ", ".join(c.record.solver for c in chosen)

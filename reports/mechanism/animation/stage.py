@@ -16,7 +16,7 @@ from matplotlib.ticker import MaxNLocator
 from ....harness.results import store
 from ...model.curves import Curve, upper
 from ...model.limits import log_limits
-from ...model.reading import Cell
+from ...model.results import Run
 from ...model.words import time
 from ...plots.drawing import GRID, INK, MUTED, log_axis, plain
 from ...plots.palette import Look, looks
@@ -32,9 +32,9 @@ TILT = np.deg2rad(20.0), np.deg2rad(35.0)  # elevation and turn of the view of a
 
 @dataclass(frozen=True)
 class Actor:
-    """A cell with its mechanism and its energy error."""
+    """A run with its mechanism and its energy error."""
 
-    cell: Cell
+    run: Run
     mechanism: Mechanism
     t: Float[np.ndarray, " nt"]
     energy_error: Float[np.ndarray, " nt"]
@@ -52,19 +52,19 @@ class Actor:
 
     @property
     def name(self) -> str:
-        return plain(f"{self.cell.record.solver}, {self.cell.step_words}")
+        return plain(f"{self.run.record.solver}, {self.run.step_words}")
 
 
-def actors_of(folder: Path, cells: Sequence[Cell]) -> list[Actor]:
-    """Those of ``cells`` that have poses; ValueError when one has none."""
+def actors_of(folder: Path, runs: Sequence[Run]) -> list[Actor]:
+    """Those of ``runs`` that have poses; ValueError when one has none."""
     own = looks({r.solver for r in store.load(folder, check_series=False).records})
     out = []
-    for cell in cells:
-        series = store.series_of(folder, cell.record)
+    for run in runs:
+        series = store.series_of(folder, run.record)
         mechanism = mechanism_of(series)
         if series is None or mechanism is None:
-            raise ValueError(f"cell {cell.record.cell} ({cell.record.case}) kept no poses")
-        out.append(Actor(cell, mechanism, series["t"], series["energy_error"], own[cell.record.solver]))
+            raise ValueError(f"run {run.record.run_id} ({run.record.case}) kept no poses")
+        out.append(Actor(run, mechanism, series["t"], series["energy_error"], own[run.record.solver]))
     return out
 
 
@@ -119,7 +119,7 @@ class Stage:
 
     def _energies(self, ghosts: bool) -> None:
         ax, curves = self.strip, [a.energy(self.t[0], self.t[-1]) for a in self.actors]
-        scale = max((s for a in self.actors if (s := a.cell.record.energy_scale_J) > 0.0), default=1.0)
+        scale = max((s for a in self.actors if (s := a.run.record.energy_scale_J) > 0.0), default=1.0)
         limits = log_limits(curves, scale)
         log_axis(ax)
         for a, c in zip(self.actors, curves, strict=True):
@@ -238,7 +238,7 @@ def _body(ax: Axes, actor: Actor, view: np.ndarray, *, ghost: bool) -> tuple[Axe
 
 
 def _ended(actor: Actor) -> str:
-    cell = actor.cell
-    if cell.stopped:
-        return f"  ★ {cell.status.replace('_', ' ')} at {time(round(cell.record.t_reached_s, 2))} s"
-    return "" if cell.succeeded else f"  ✖ {cell.status.replace('_', ' ')}"
+    run = actor.run
+    if run.stopped:
+        return f"  ★ {run.status.replace('_', ' ')} at {time(round(run.record.t_reached_s, 2))} s"
+    return "" if run.succeeded else f"  ✖ {run.status.replace('_', ' ')}"

@@ -1,33 +1,33 @@
-"""Who plays: at most ten cells of a problem as posed, by a rule that is told on the page with those left out."""
+"""Who plays: at most ten runs of a variant, by a rule that is told on the page with those left out."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from ...model.reading import Cell, Posing
+from ...model.results import Run, Variant
 
 AT_MOST = 10  # ghosts of one mechanism; more cannot be told apart
 RULE = (
-    "Of each solver one cell that succeeded, with the fewest options, then the finest; after that one of each solver "
+    "Of each solver one run that succeeded, with the fewest options, then the finest; after that one of each solver "
     "under each other label of the suite, those that stopped or are wrong first; then the rest, failures first. "
     "Settings that differ only in their label or in the number of steps allowed play once."
 )
 
 
-def cast(posing: Posing, moved: Sequence[str], at_most: int = AT_MOST) -> tuple[tuple[Cell, ...], tuple[Cell, ...]]:
-    """The cells that play and those left out; ``moved`` are ids of cells with poses. The first is the solid one.
+def cast(variant: Variant, moved: Sequence[str], at_most: int = AT_MOST) -> tuple[tuple[Run, ...], tuple[Run, ...]]:
+    """The runs that play and those left out; ``moved`` are ids of runs with poses. The first is the solid one.
 
     The first is one that succeeded, with the fewest options and then the least energy drift.
     """
-    can = [c for c in posing.cells if c.record.cell in set(moved)]
-    chosen: list[Cell] = []
-    for cell in _order(posing, can):
-        if len(chosen) < at_most and all(_setting(cell) != _setting(other) for other in chosen):
-            chosen.append(cell)
+    can = [c for c in variant.runs if c.record.run_id in set(moved)]
+    chosen: list[Run] = []
+    for run in _order(variant, can):
+        if len(chosen) < at_most and all(_setting(run) != _setting(other) for other in chosen):
+            chosen.append(run)
     chosen.sort(key=_soundness)
-    return tuple(chosen), tuple(c for c in posing.cells if c not in chosen)
+    return tuple(chosen), tuple(c for c in variant.runs if c not in chosen)
 
 
-def _order(posing: Posing, can: Sequence[Cell]) -> Iterator[Cell]:
+def _order(variant: Variant, can: Sequence[Run]) -> Iterator[Run]:
     """All of ``can``, the most telling first; some more than once."""
     firsts = [min(own, key=_held) for own in _grouped(can, lambda c: c.record.solver)]
     yield from firsts
@@ -38,27 +38,27 @@ def _order(posing: Posing, can: Sequence[Cell]) -> Iterator[Cell]:
     yield from sorted(can, key=_broke)
 
 
-def _setting(c: Cell) -> tuple[str, ...]:
+def _setting(c: Run) -> tuple[str, ...]:
     """What the solver was told, but for its label and how many steps it may take."""
     r = c.record
     return (r.solver, r.control, *map(repr, (r.dt_s, r.rtol, r.max_step_s, r.t_end_s)), repr(sorted(c.options.items())))
 
 
-def _grouped(cells: Sequence[Cell], by: Callable[[Cell], Any]) -> list[list[Cell]]:
-    found: dict[Any, list[Cell]] = {}
-    for c in cells:
+def _grouped(runs: Sequence[Run], by: Callable[[Run], Any]) -> list[list[Run]]:
+    found: dict[Any, list[Run]] = {}
+    for c in runs:
         found.setdefault(by(c), []).append(c)
     return [found[k] for k in sorted(found)]
 
 
-def _held(c: Cell) -> tuple[bool, int, float]:
+def _held(c: Run) -> tuple[bool, int, float]:
     return (not c.succeeded, len(c.options), c.fineness)
 
 
-def _broke(c: Cell) -> tuple[bool, bool, float]:
+def _broke(c: Run) -> tuple[bool, bool, float]:
     return (not c.stopped, c.succeeded, c.fineness)
 
 
-def _soundness(c: Cell) -> tuple[bool, int, float, str]:
+def _soundness(c: Run) -> tuple[bool, int, float, str]:
     drift = c.record.energy_drift_max_J
-    return (not c.succeeded, len(c.options), drift if drift == drift else float("inf"), c.record.cell)
+    return (not c.succeeded, len(c.options), drift if drift == drift else float("inf"), c.record.run_id)

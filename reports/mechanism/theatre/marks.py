@@ -1,4 +1,4 @@
-"""Moments to jump to: where a cell stopped, singular passages and other events, the largest energy error."""
+"""Moments to jump to: where a run stopped, singular passages and other events, the largest energy error."""
 
 import math
 from collections.abc import Mapping
@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 
 from ....harness.results.series import Series
-from ...model.reading import Cell
+from ...model.results import Run
 
-EVENTS = 200  # of a cell; the first ones, and how many there are is told
+EVENTS = 200  # of a run; the first ones, and how many there are is told
 
 
 @dataclass(frozen=True)
 class Mark:
-    """A moment of the cell at ``player`` in the cast; ``kind`` is ``stop``, ``event`` or ``whip``."""
+    """A moment of the run at ``player`` in the cast; ``kind`` is ``stop``, ``event`` or ``whip``."""
 
     t: float
     kind: str
@@ -23,8 +23,8 @@ class Mark:
     words: str
 
 
-def marks_of(series: Series, cell: Cell, player: int) -> list[Mark]:
-    """All of a cell, in order of time."""
+def marks_of(series: Series, run: Run, player: int) -> list[Mark]:
+    """All of a run, in order of time."""
     out = [m for e in series.events[:EVENTS] if (m := _event(e, player)) is not None]
     t = series["t"]
     if "energy_error" in series:
@@ -32,9 +32,9 @@ def marks_of(series: Series, cell: Cell, player: int) -> list[Mark]:
         k = int(np.argmax(error))
         if error[k] > 0.0:
             out.append(Mark(float(t[k]), "whip", player, f"largest energy error, {series['energy_error'][k]:.3g} J"))
-    if cell.stopped:
+    if run.stopped:
         out.append(
-            Mark(float(t[-1]), "stop", player, f"{cell.status.replace('_', ' ')}: {'; '.join(cell.reasons)}"[:400])
+            Mark(float(t[-1]), "stop", player, f"{run.status.replace('_', ' ')}: {'; '.join(run.reasons)}"[:400])
         )
     return sorted(out, key=lambda m: m.t)
 

@@ -12,7 +12,7 @@ TURNED = 0.03  # [rad]
 
 @dataclass(frozen=True)
 class Poses:
-    """Of one cell over time; quaternions (x, y, z, w)."""
+    """Of one run over time; quaternions (x, y, z, w)."""
 
     t: Float[np.ndarray, " nf"]
     r: Float[np.ndarray, "nf nb 3"]

@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.results.series import Series
-from ...model.reading import Cell, Posing, Run
+from ...model.results import Results, Run, Variant
 from ...plots.palette import Look
 from . import packing
 from .cast import cast
@@ -30,47 +30,47 @@ FLAT = 0.02  # motion this thin, compared with its width, is planar
 
 @dataclass(frozen=True)
 class Player:
-    """A cell on the stage."""
+    """A run on the stage."""
 
-    cell: Cell
+    run: Run
     series: Series
     poses: Poses
 
 
-def players(run: Run, posing: Posing) -> tuple[list[Player], tuple[Cell, ...]]:
-    """The cast with its motion, and the cells left out."""
-    chosen, left_out = cast(posing, [c.record.cell for c in posing.cells if c.record.series])
+def players(results: Results, variant: Variant) -> tuple[list[Player], tuple[Run, ...]]:
+    """The cast with its motion, and the runs left out."""
+    chosen, left_out = cast(variant, [c.record.run_id for c in variant.runs if c.record.series])
     found: list[Player] = []
-    for cell in chosen:
-        series = run.series(cell)
+    for run in chosen:
+        series = results.series(run)
         if series is None or any(k not in series for k in ("t", "frame_t", "frame_r", "frame_q")):
-            left_out = (*left_out, cell)
+            left_out = (*left_out, run)
             continue
         poses = finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
         same = not found or poses.r.shape[1:] == found[0].poses.r.shape[1:]
         if len(poses) and len(series["t"]) and same:
-            found.append(Player(cell, series, poses))
+            found.append(Player(run, series, poses))
         else:
-            left_out = (*left_out, cell)
+            left_out = (*left_out, run)
     return found, left_out
 
 
 def scene(
-    posing: Posing,
+    variant: Variant,
     cast_: Sequence[Player],
     looks: Mapping[str, Look],
     pose_bytes: float = POSE_BYTES,
 ) -> dict[str, Any]:
     """The data of a page; ``looks`` is colour by solver."""
     lead = cast_[0]
-    record, bodies = lead.cell.record, lead.poses.r.shape[1]
+    record, bodies = lead.run.record, lead.poses.r.shape[1]
     scale = record.length_scale_m if record.length_scale_m > 0.0 else 1.0
     t_end = max([record.t_end_s] + [float(p.series["t"][-1]) for p in cast_])
     t_end = t_end if math.isfinite(t_end) and t_end > 0.0 else 1.0
     shapes = shapes_of(lead.series, lead.poses, scale)
     ground = ground_points(lead.series)
     gravity = np.asarray(lead.series["gravity"], dtype=float) if "gravity" in lead.series else np.zeros(3)
-    sound = [p for p in cast_ if p.cell.succeeded] or [lead]
+    sound = [p for p in cast_ if p.run.succeeded] or [lead]
     stage = _reach(sound, shapes, ground)
     box = stage.grown(0.75)  # players that fly apart stay at its walls
     long = max(len(p.series["t"]) for p in cast_) > LONG and pose_bytes > FEW * POSE_BYTES
@@ -78,9 +78,9 @@ def scene(
     at_most = max(2, min(MOST_POSES, int(pose_bytes / (BODY_BYTES * bodies * len(cast_)))))
     rank = _rank(cast_)
     trail_body, trail_at = _trail(lead, shapes)
-    marks = [m for k, p in enumerate(cast_) for m in marks_of(p.series, p.cell, k)]
+    marks = [m for k, p in enumerate(cast_) for m in marks_of(p.series, p.run, k)]
     return {
-        "title": posing.title, "t_end": t_end, "bodies": bodies, "scale": scale,
+        "title": variant.title, "t_end": t_end, "bodies": bodies, "scale": scale,
         "gravity": gravity.tolist(), "normal": _normal(lead), "low": stage.low.tolist(), "high": stage.high.tolist(),
         "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
         "ground": ground.tolist(), "shapes": packing.pack_plain([_shape(s) for s in shapes]),
@@ -106,19 +106,19 @@ def _player(
     n, bodies = len(kept), kept.r.shape[1]
     both = np.concatenate((packing.positions(kept.r, box), packing.quaternions(kept.q)), axis=-1)
     distance, angle = off(p.poses, rows)
-    strips = packing.rounded(strips_of(p.series, p.cell, *axis))
+    strips = packing.rounded(strips_of(p.series, p.run, *axis))
     return {
-        **_told(p.cell),
-        "cell": p.cell.record.cell, "colour": looks[p.cell.record.solver].colour, "rank": rank[p.cell.record.cell],
-        "stopped": p.cell.stopped, "last": float(p.series["t"][-1]),
+        **_told(p.run),
+        "run": p.run.record.run_id, "colour": looks[p.run.record.solver].colour, "rank": rank[p.run.record.run_id],
+        "stopped": p.run.stopped, "last": float(p.series["t"][-1]),
         "t": packing.pack_float32(kept.t), "poses": packing.pack_int16(both.reshape(n, bodies * 7)),
         "frames": n, "stored": len(p.poses), "off_m": distance, "off_rad": angle,
         "strips": packing.pack_float32(strips),
     }  # fmt: skip
 
 
-def _told(c: Cell) -> dict[str, Any]:
-    """What is said of a cell, on the stage or not."""
+def _told(c: Run) -> dict[str, Any]:
+    """What is said of a run, on the stage or not."""
     return {
         "solver": c.record.solver, "settings": c.settings(), "label": c.record.label, "status": c.status,
         "because": "; ".join(c.reasons)[:400],
@@ -130,7 +130,7 @@ def _rank(cast_: Sequence[Player]) -> dict[str, int]:
     seen: dict[str, int] = {}
     out = {}
     for p in cast_:
-        out[p.cell.record.cell] = seen[p.cell.record.solver] = seen.get(p.cell.record.solver, -1) + 1
+        out[p.run.record.run_id] = seen[p.run.record.solver] = seen.get(p.run.record.solver, -1) + 1
     return out
 
 

@@ -4,7 +4,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.results.series import Series
-from ...model.reading import Cell
+from ...model.results import Run
 
 SPANS = 1200  # a strip is about 500 pixels wide, and can be stretched
 # name in the series, symbol, unit, whether it has a sign, whether its smallest values matter
@@ -29,12 +29,12 @@ def strip(
     return np.stack((low, high))
 
 
-def strips_of(series: Series, cell: Cell, t_end: float, spans: int = SPANS) -> Float[np.ndarray, "n spans"]:
-    """All strips of a cell in the order of ``STRIPS``: smallest values, where they matter, and largest ones."""
+def strips_of(series: Series, run: Run, t_end: float, spans: int = SPANS) -> Float[np.ndarray, "n spans"]:
+    """All strips of a run in the order of ``STRIPS``: smallest values, where they matter, and largest ones."""
     t, out = series["t"], []
     for name, _, _, _, both in STRIPS:
         a = series[name] if name in series else np.full(len(t), np.nan)
-        if name == "dt" and len(a) > 2 and not cell.stopped:
+        if name == "dt" and len(a) > 2 and not run.stopped:
             a = a[:-1]  # cut to end at t_end; of a failure it is the point
         low_high = strip(t[: len(a)], a, t_end, spans)
         out += list(low_high) if both else [low_high[1]]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...model.reading import Cell
+from ...model.results import Run
 from ...model.words import seconds
 from ..spec import Axis, Plot, Trace
 
@@ -22,7 +22,7 @@ class Growth:
     step: str
     bodies: tuple[int, ...]
     cpu_per_step: tuple[float, ...]
-    cells: tuple[Cell, ...]  # one a size
+    runs: tuple[Run, ...]  # one a size
 
     @property
     def slope(self) -> float:
@@ -30,11 +30,11 @@ class Growth:
         return float(np.polyfit(np.log(self.bodies), np.log(self.cpu_per_step), 1)[0])
 
 
-def growths(cells: Sequence[Cell], bodies: Mapping[str, int]) -> list[Growth]:
-    """All there are; ``bodies`` by cell. Only runs that reached the end with a CPU time count."""
-    found: dict[tuple[str, str, str, str], dict[int, list[Cell]]] = {}
-    for c in cells:
-        n, r = bodies.get(c.record.cell, 0), c.record
+def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
+    """All there are; ``bodies`` by run. Only runs that reached the end with a CPU time count."""
+    found: dict[tuple[str, str, str, str], dict[int, list[Run]]] = {}
+    for c in runs:
+        n, r = bodies.get(c.record.run_id, 0), c.record
         if c.succeeded and n > 0 and r.steps > 0 and r.cpu_median_s > 0.0:
             found.setdefault((r.problem, c.method, r.solver, c.step_words), {}).setdefault(n, []).append(c)
     out = []
@@ -45,7 +45,7 @@ def growths(cells: Sequence[Cell], bodies: Mapping[str, int]) -> list[Growth]:
     return out
 
 
-def growth(problem: str, found: Sequence[Growth], url: Callable[[Cell], str]) -> Plot:
+def growth(problem: str, found: Sequence[Growth], url: Callable[[Run], str]) -> Plot:
     """All settings of one problem in one panel."""
     seen: dict[str, int] = {}
     traces = []
@@ -53,8 +53,8 @@ def growth(problem: str, found: Sequence[Growth], url: Callable[[Cell], str]) ->
         dash = seen[g.solver] = seen.get(g.solver, -1) + 1
         traces.append(Trace(
             f"{g.method}, {g.step}: slope {g.slope:.2f}", np.array(g.bodies), 1e3 * np.array(g.cpu_per_step),
-            solver=g.solver, mode="lines+markers", dash=dash, urls=[url(c) for c in g.cells],
-            words=[f"{c.posing}, {c.record.steps} steps, CPU {seconds(c.record.cpu_median_s)}" for c in g.cells],
+            solver=g.solver, mode="lines+markers", dash=dash, urls=[url(c) for c in g.runs],
+            words=[f"{c.variant}, {c.record.steps} steps, CPU {seconds(c.record.cpu_median_s)}" for c in g.runs],
         ))  # fmt: skip
     caption = "The slope in a line's name is that of a power law fitted to all its sizes: 1 is in proportion."
     axes = Axis("bodies", "", log=True), Axis("CPU per step", "ms", log=True)

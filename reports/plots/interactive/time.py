@@ -9,7 +9,7 @@ from ...model.accuracy import judged_until
 from ...model.curves import SPANS_UPPER, Curve
 from ...model.limits import log_limits
 from ...model.motion import Motion
-from ...model.reading import Posing
+from ...model.results import Variant
 from ...model.words import number, time, unit
 from ..spec import Axis, Plot, Trace
 from .group import Line, traces
@@ -30,7 +30,7 @@ class Chapter:
 class Drawing:
     """What all plots over time of a problem share."""
 
-    posing: Posing
+    variant: Variant
     lines: Sequence[Line]
     motions: Mapping[str, Motion]
     spans: int = SPANS_UPPER
@@ -41,20 +41,20 @@ class Drawing:
         return f"largest in each of {self.spans} spans of time"
 
     def curves(self, of: Callable[[Motion], Curve | None]) -> list[Curve | None]:
-        return [of(self.motions[line.cell.record.cell]) for line in self.lines]
+        return [of(self.motions[line.run.record.run_id]) for line in self.lines]
 
     @property
     def axis(self) -> Axis:
-        ends = [r.t_end_s for c in self.posing.cells if (r := c.record).t_end_s == r.t_end_s]
+        ends = [r.t_end_s for c in self.variant.runs if (r := c.record).t_end_s == r.t_end_s]
         return Axis("t", "s", low=0.0, high=1.02 * max(ends, default=1.0), link="time")
 
     def scale(self, column: str) -> float:
-        values = [getattr(c.record, column) for c in self.posing.cells]
+        values = [getattr(c.record, column) for c in self.variant.runs]
         return max((v for v in values if v == v), default=1.0)
 
     def log(self, name: str, title: str, caption: str, symbol: str, in_unit: str, of: Callable[[Motion], Curve | None],
             scale: float, extra: Sequence[Trace] = ()) -> Plot | None:  # fmt: skip
-        """A quantity of one sign over time; None when no cell has it."""
+        """A quantity of one sign over time; None when no run has it."""
         curves = self.curves(of)
         if not any(c is not None and len(c) for c in curves):
             return None
@@ -87,7 +87,7 @@ def laws(d: Drawing) -> Chapter | None:
 def errors(d: Drawing) -> Chapter | None:
     """Distance from the exact motion."""
     length = d.scale("length_scale_m")
-    until = judged_until(d.posing.cells)
+    until = judged_until(d.variant.runs)
     own = max(
         (m for m in d.motions.values() if m.own_error is not None), key=lambda m: len(m.own_error or ()), default=None
     )
@@ -133,7 +133,7 @@ def invariants(d: Drawing) -> Chapter | None:
     plots = []
     for name in dict.fromkeys(n for m in d.motions.values() for n in m.invariants):
         in_unit = unit(next(m.units.get(f"inv_{name}", "") for m in d.motions.values() if name in m.invariants))
-        starts = [abs(float(c.invariant_drifts.get(name, {}).get("start", 0.0))) for c in d.posing.cells]
+        starts = [abs(float(c.invariant_drifts.get(name, {}).get("start", 0.0))) for c in d.variant.runs]
         size = max((s for s in starts if 0.0 < s < float("inf")), default=1.0)
         caption = f"Departure from the start ({number(size)} {in_unit}), {d.largest}."
         plots.append(d.log(f"inv-{name}", name, caption, f"|{name} − start|", in_unit, _of("invariants", name), size))

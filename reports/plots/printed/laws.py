@@ -69,5 +69,5 @@ def norm(name: str) -> Callable[[Motion], Curve | None]:
 
 
 def _scale(group: Group, column: str) -> float:
-    values = [getattr(c.record, column) for c in group.cells]
+    values = [getattr(c.record, column) for c in group.runs]
     return max((v for v in values if v == v), default=1.0)

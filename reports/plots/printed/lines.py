@@ -1,4 +1,4 @@
-"""Lines of many cells in one panel: colour and marker by solver, dash by settings, a star where a run stopped."""
+"""Lines of many runs in one panel: colour and marker by solver, dash by settings, a star where a run stopped."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ from matplotlib.ticker import MaxNLocator
 from ...model.curves import Curve
 from ...model.limits import log_limits as log_limits
 from ...model.motion import Motion
-from ...model.reading import Cell
+from ...model.results import Run
 from ...model.settings import shared_options
 from ...model.words import time
 from ..drawing import INK, PAPER, log_axis, plain
@@ -28,53 +28,53 @@ class Group:
     looks: Mapping[str, Look]
 
     @property
-    def cells(self) -> list[Cell]:
-        return [m.cell for m in self.motions]
+    def runs(self) -> list[Run]:
+        return [m.run for m in self.motions]
 
     @property
     def t_end(self) -> float:
-        return max((c.record.t_end_s for c in self.cells if c.record.t_end_s == c.record.t_end_s), default=1.0)
+        return max((c.record.t_end_s for c in self.runs if c.record.t_end_s == c.record.t_end_s), default=1.0)
 
 
 def draw_lines(
     ax: Axes, group: Group, of: Callable[[Motion], Curve | None], limits: tuple[float, float], *, log: bool
 ) -> None:
     """One line a motion, markers apart from each other, and how it ended at its end."""
-    strokes = dashes(group.cells)
+    strokes = dashes(group.runs)
     if log:
         log_axis(ax)
     for k, m in enumerate(group.motions):
         curve = of(m)
         if curve is None or len(curve) == 0:
             continue
-        look = group.looks[m.cell.record.solver]
+        look = group.looks[m.run.record.solver]
         y = np.clip(curve.y, *limits) if log else curve.y
         if curve.low is not None and curve.high is not None:
             ax.fill_between(curve.t, np.clip(curve.low, *limits), np.clip(curve.high, *limits), color=look.colour,
                             alpha=0.16, linewidth=0)  # fmt: skip
         gap = max(len(y) // 5, 1)
         every = (min((k * gap) // max(len(group.motions), 1), len(y) - 1), gap)
-        ax.plot(curve.t, y, color=look.colour, linestyle=strokes[m.cell.record.cell], marker=look.marker,
+        ax.plot(curve.t, y, color=look.colour, linestyle=strokes[m.run.record.run_id], marker=look.marker,
                 markevery=every, markersize=3.6, markerfacecolor=PAPER, markeredgewidth=0.9, zorder=3)  # fmt: skip
-        draw_end(ax, m.cell, curve.t[-1], float(np.clip(y[-1], *limits)), look)
+        draw_end(ax, m.run, curve.t[-1], float(np.clip(y[-1], *limits)), look)
     ax.set_xlim(0.0, 1.03 * group.t_end)
     ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
     ax.set_ylim(*limits)
 
 
-def draw_end(ax: Axes, cell: Cell, x: float, y: float, look: Look) -> None:
+def draw_end(ax: Axes, run: Run, x: float, y: float, look: Look) -> None:
     """A star where a run stopped early, a cross where one ended wrong."""
-    if cell.stopped:
+    if run.stopped:
         ax.plot([x], [y], "*", color=look.colour, markersize=10, markeredgecolor=INK, markeredgewidth=0.6, zorder=6,
-                clip_on=False, gid=f"star-{cell.record.cell}")  # fmt: skip
-    elif not cell.succeeded:
+                clip_on=False, gid=f"star-{run.record.run_id}")  # fmt: skip
+    elif not run.succeeded:
         ax.plot([x], [y], "X", color=look.colour, markersize=6.5, markeredgecolor=INK, markeredgewidth=0.6, zorder=6,
-                clip_on=False, gid=f"cross-{cell.record.cell}")  # fmt: skip
+                clip_on=False, gid=f"cross-{run.record.run_id}")  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Legend:
-    """One for all panels of a figure, below them; a cell that made no step is named here, with why."""
+    """One for all panels of a figure, below them; a run that made no step is named here, with why."""
 
     handles: tuple[Line2D, ...]
 
@@ -95,18 +95,18 @@ class Legend:
 
 
 def legend_of(group: Group, extra: Sequence[Line2D] = ()) -> Legend:
-    """The group's cells with the settings in which they differ, and how they ended."""
-    strokes, alike = dashes(group.cells), shared_options(group.cells)
+    """The group's runs with the settings in which they differ, and how they ended."""
+    strokes, alike = dashes(group.runs), shared_options(group.runs)
     handles = []
     for m in group.motions:
-        look, cell = group.looks[m.cell.record.solver], m.cell
-        words = plain(f"{cell.record.solver}  {cell.settings(alike[cell.record.solver])}{ended(m)}")
+        look, run = group.looks[m.run.record.solver], m.run
+        words = plain(f"{run.record.solver}  {run.settings(alike[run.record.solver])}{ended(m)}")
         handles.append(
             Line2D(
                 [],
                 [],
                 color=look.colour,
-                linestyle=strokes[cell.record.cell],
+                linestyle=strokes[run.record.run_id],
                 marker=look.marker,
                 label=fill(words, 96),
                 markerfacecolor=PAPER,
@@ -118,10 +118,10 @@ def legend_of(group: Group, extra: Sequence[Line2D] = ()) -> Legend:
 
 def ended(m: Motion) -> str:
     """How it ended, for the legend; empty for a success."""
-    cell, r = m.cell, m.cell.record
-    if cell.succeeded:
+    run, r = m.run, m.run.record
+    if run.succeeded:
         return ""
-    word = cell.status.replace("_", " ")
+    word = run.status.replace("_", " ")
     if not m.moved:
         return f"  ★ no step: {word}"
-    return f"  ★ {word} at {time(r.t_reached_s)} s" if cell.stopped else f"  ✖ {word}"
+    return f"  ★ {word} at {time(r.t_reached_s)} s" if run.stopped else f"  ✖ {word}"

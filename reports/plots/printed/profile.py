@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ...model.reading import slug
+from ...model.results import slug
 from ..drawing import Drawn, log_axis, new_figure, plain
 from ..palette import Look
 from .lines import Legend

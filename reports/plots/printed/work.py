@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from ...model.accuracy import Measure, measure_for
-from ...model.reading import Cell
+from ...model.results import Run
 from ..drawing import INK, MUTED, PAPER, Drawn, log_axis, new_figure, panel_title, plain
 from .lines import Group, Legend, draw_end
 
@@ -19,25 +19,23 @@ DECADE = 10.0
 
 @dataclass(frozen=True)
 class Axis:
-    """A quantity of a cell."""
+    """A quantity of a run."""
 
     words: str
-    of: Callable[[Cell], float]
+    of: Callable[[Run], float]
 
 
 def work(name: str, title: str, everyone: Group) -> Drawn | None:
-    """All cells of a problem; None when none has both work and an error."""
-    measure = measure_for(everyone.cells)
+    """All runs of a problem; None when none has both work and an error."""
+    measure = measure_for(everyone.runs)
     costs = [Axis("CPU time [s]", lambda c: c.record.cpu_median_s), Axis("evaluations", lambda c: c.record.evaluations)]
     errors = [Axis("largest energy error [J]", lambda c: c.record.energy_drift_max_J)]
     if measure is not None:
         errors.insert(0, Axis(f"largest {measure.what} [{measure.unit}]", measure.of))
-    if not any(
-        math.isfinite(e.of(c)) and math.isfinite(x.of(c)) for c in everyone.cells for e in errors for x in costs
-    ):
+    if not any(math.isfinite(e.of(c)) and math.isfinite(x.of(c)) for c in everyone.runs for e in errors for x in costs):
         return None
     caption = (
-        "Lower and further left is better. Lines join the steps or tolerances of the same settings; a cell that "
+        "Lower and further left is better. Lines join the steps or tolerances of the same settings; a run that "
         "stopped early (star) has the error up to there and is not comparable. Bars: spread of repeated timings. "
         "Zeros lie on the dotted line."
     )
@@ -45,8 +43,8 @@ def work(name: str, title: str, everyone: Group) -> Drawn | None:
 
 
 def _draw(everyone: Group, costs: list[Axis], errors: list[Axis], measure: Measure | None) -> Figure:
-    solvers = sorted({c.record.solver for c in everyone.cells})
-    labels = list(dict.fromkeys(c.record.label for c in everyone.cells))
+    solvers = sorted({c.record.solver for c in everyone.runs})
+    labels = list(dict.fromkeys(c.record.label for c in everyone.runs))
     legend = _legend(everyone, solvers, labels)
     figure = new_figure(2.3 * len(errors) + 0.3 + legend.height)
     axes = figure.subplots(len(errors), 2, sharex="col", sharey="row", squeeze=False)
@@ -83,7 +81,7 @@ def _legend(everyone: Group, solvers: list[str], labels: list[str]) -> Legend:
         )
         for k, label in enumerate(labels)
     ]
-    ends = {"*": any(c.stopped for c in everyone.cells), "X": any(c.status == "wrong" for c in everyone.cells)}
+    ends = {"*": any(c.stopped for c in everyone.runs), "X": any(c.status == "wrong" for c in everyone.runs)}
     words = {"*": "stopped early", "X": "wrong, though it claims success"}
     handles += [
         Line2D(
@@ -103,11 +101,11 @@ def _legend(everyone: Group, solvers: list[str], labels: list[str]) -> Legend:
 
 
 def _panel(ax: Axes, everyone: Group, cost: Axis, error: Axis, labels: list[str]) -> None:
-    points = [(c, cost.of(c), error.of(c)) for c in everyone.cells]
+    points = [(c, cost.of(c), error.of(c)) for c in everyone.runs]
     points = [(c, x, y) for c, x, y in points if math.isfinite(x) and math.isfinite(y)]
     left = _lower([x for _, x, _ in points])
     low = _lower([y for _, _, y in points])
-    families: dict[tuple[str, str], list[tuple[Cell, float, float]]] = {}
+    families: dict[tuple[str, str], list[tuple[Run, float, float]]] = {}
     for c, x, y in points:
         families.setdefault((c.method, c.record.label), []).append((c, max(x, left), max(y, low)))
     for (_, label), own in families.items():

@@ -139,7 +139,7 @@ def test_list_names_everything(command):
         assert words in done.stdout
 
 
-SUITE = '[[cells]]\nproblem = "free_fall"\nsolver = ["exact", "raises"]\n'
+SUITE = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "raises"]\n'
 BOUND = """schema = 1
 suite = "small"
 [[status]]
@@ -193,7 +193,7 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
 
 
 def test_an_old_verdict_does_not_outlive_a_gate_that_came_to_none(tmp_path, capsys, monkeypatch):
-    """Cells that cannot be run, a gate interrupted: no file of an earlier, open gate is left for CI to read."""
+    """Runs that cannot be run, a gate interrupted: no file of an earlier, open gate is left for CI to read."""
     from mbsbench.harness.execution.pool import PoolError
 
     monkeypatch.chdir(tmp_path)
@@ -220,10 +220,10 @@ def test_files_that_cannot_be_used_are_told_in_a_line(tmp_path, capsys, monkeypa
     deep.write_text("[" * 100_000)
     (tmp_path / "deep.jsonl").write_text("[" * 100_000)
     (tmp_path / "a").mkdir()
-    (tmp_path / "a" / "cells").write_text("")
-    (tmp_path / "b" / "cells").mkdir(parents=True)
+    (tmp_path / "a" / "runs").write_text("")
+    (tmp_path / "b" / "runs").mkdir(parents=True)
     (tmp_path / "b" / ".lock").mkdir()
-    (tmp_path / "c" / "cells").mkdir(parents=True)
+    (tmp_path / "c" / "runs").mkdir(parents=True)
     (tmp_path / "s.toml").write_text(f'name = "s"\nplugins = ["{PLUGIN}"]\n' + SUITE)
     for line in (
         ["show", long], ["run", "s.toml", "--out", long], ["gate", "--thresholds", long], ["judge", long],
@@ -241,8 +241,8 @@ def test_one_foreign_file_costs_no_run(tmp_path):
     from mbsbench.harness.results import store
 
     folder = store.create(tmp_path / "run")
-    (folder / "cells" / "deep.json").write_text("[" * 100_000)
-    (folder / "cells" / "long.json").write_text('{"record": 1' + "0" * 5000 + "}")
+    (folder / "runs" / "deep.json").write_text("[" * 100_000)
+    (folder / "runs" / "long.json").write_text('{"record": 1' + "0" * 5000 + "}")
     assert len(store.load(folder).unreadable) == 2
 
 

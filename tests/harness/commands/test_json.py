@@ -10,7 +10,7 @@ from ..conftest import PLUGIN
 
 SUITE = """
 name = "small"
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = ["exact", "raises"]
 dt = [0.1, 0.2]
@@ -38,7 +38,7 @@ def objects(capsys, monkeypatch, place, *arguments, code=0):
 def test_run(place, capsys, monkeypatch):
     """One object at its end: where, how many, how they ended."""
     (said,) = objects(capsys, monkeypatch, place, "run", "small.toml", "--out", "c", "--json")
-    assert said["cells"] == 4 and said["statuses"] == {"success": 2, "crashed": 2}
+    assert said["runs"] == 4 and said["statuses"] == {"success": 2, "crashed": 2}
     assert said["folder"] == "c" and said["not_begun"] == 0
 
 
@@ -52,7 +52,8 @@ def test_list(place, capsys, monkeypatch):
 
 @pytest.mark.parametrize(
     ("arguments", "code", "key"),
-    [(("show", "a"), 0, "settings"), (("diff", "a", "b"), 0, "same"), (("history", "a", "b"), 0, "energy_drift_max_J"),
+    [(("show", "a"), 0, "settings_id"), (("diff", "a", "b"), 0, "same"),
+     (("history", "a", "b"), 0, "energy_drift_max_J"),
      (("merge", "d", "a", "b"), 0, "conflicts"),
      (("verify", "a", "--sample", "1", "--plugin", str(PLUGIN)), 0, "alike"),
      (("solve", "free_fall", "exact", "--out", "x.npz"), 0, "status"),

@@ -1,4 +1,4 @@
-"""``show`` on a terminal: fits, filters, sorts, tells all about one cell, and prints nothing it should not."""
+"""``show`` on a terminal: fits, filters, sorts, tells all about one run, and prints nothing it should not."""
 
 import json
 import shlex
@@ -17,12 +17,12 @@ from ..conftest import PLUGIN, Silent
 from .terminal import ESCAPE, in_terminal, seen
 
 TEXT = """
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = "exact"
 options = { lift = [0.0, 1e-6, 1e-3, 10.0] }
 dt = 0.01
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = ["gives_up", "raises", "refuses", "segfaults", "hangs_later"]
 wall_limit = 1
@@ -53,18 +53,18 @@ def test_the_table_fits(folder, capsys, monkeypatch, width):
     head = out.splitlines()[0]
     assert "case" in head and "status" in head and "|dE| [J]" in head and "dE over time" in head
     assert ("CPU [s]" in head) == (width >= 120)
-    assert "9 cells, 2 success" in out or "9 cells, 3 success" in out
+    assert "9 runs, 2 success" in out or "9 runs, 3 success" in out
 
 
 def test_filters_and_sort(folder, capsys, monkeypatch):
     """Names, several of them, largest first, cut."""
     _, out, _ = shown(capsys, monkeypatch, folder, "--solver", "raises,refuses")
-    assert "2 cells" in out and "segfaults" not in out
+    assert "2 runs" in out and "segfaults" not in out
     _, out, _ = shown(capsys, monkeypatch, folder, "--status", "crashed")
     assert "raises" in out and "refuses" not in out
     _, out, _ = shown(capsys, monkeypatch, folder, "--sort", "drift", "--limit", "2")
     first, second = out.splitlines()[1:3]
-    assert "lift=10" in first and "lift=0.001" in second and "2 cells" in out
+    assert "lift=10" in first and "lift=0.001" in second and "2 runs" in out
     records = [json.loads(x) for x in shown(capsys, monkeypatch, folder, "--sort", "steps", "--json")[1].splitlines()]
     assert [r["steps"] for r in records] == sorted((r["steps"] for r in records), reverse=True) and len(records) == 9
 
@@ -72,8 +72,8 @@ def test_filters_and_sort(folder, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [(("--solver", "exakt"), "did you mean 'exact'"), (("--status", "sucess"), "did you mean 'success'"),
-     (("--sort", "beauty"), "unknown column"), (("--sort", "driftt"), "did you mean 'drift'"), (("zzz",), "no cell"),
-     (("--limit", "0"), "--limit"), (("",), "no cell")],
+     (("--sort", "beauty"), "unknown column"), (("--sort", "driftt"), "did you mean 'drift'"), (("zzz",), "no run"),
+     (("--limit", "0"), "--limit"), (("",), "no run")],
 )  # fmt: skip
 def test_what_is_not_there_is_told_in_a_line(folder, capsys, monkeypatch, arguments, words):
     """Exit code 2."""
@@ -81,11 +81,11 @@ def test_what_is_not_there_is_told_in_a_line(folder, capsys, monkeypatch, argume
     assert code == 2 and words in err and err.count("\n") == 1 and not out
 
 
-def test_one_cell_in_full(folder, capsys, monkeypatch):
+def test_one_run_in_full(folder, capsys, monkeypatch):
     """By address, start of it, or case: settings, numbers, series over time, the command that runs it again."""
     case = "free_fall exact[lift=0.001] dt=0.01"
     (record,) = [r for r in store.load(folder).records if r.case == case]
-    texts = {shown(capsys, monkeypatch, folder, name, width=80)[1] for name in (record.cell, record.cell[:7], case)}
+    texts = {shown(capsys, monkeypatch, folder, name, width=80)[1] for name in (record.run_id, record.run_id[:7], case)}
     assert len(texts) == 1
     (out,) = texts
     *lines, _, command = out.rstrip().splitlines()
@@ -94,11 +94,11 @@ def test_one_cell_in_full(folder, capsys, monkeypatch):
         assert words in out
     words = shlex.split(command)
     assert words[:4] == ["mbsbench", "solve", "free_fall", "exact"] and str(PLUGIN) in words
-    (plain,) = map(json.loads, shown(capsys, monkeypatch, folder, record.cell, "--json")[1].splitlines())
-    assert plain["command"] == command.strip() and plain["cell"] == record.cell
+    (plain,) = map(json.loads, shown(capsys, monkeypatch, folder, record.run_id, "--json")[1].splitlines())
+    assert plain["command"] == command.strip() and plain["run_id"] == record.run_id
 
 
-def test_a_cell_that_failed_says_why_and_where(folder, capsys, monkeypatch):
+def test_a_run_that_failed_says_why_and_where(folder, capsys, monkeypatch):
     """A star where it stopped; its standard error; without steps, that."""
     _, out, _ = shown(capsys, monkeypatch, folder, "free_fall gives_up dt=0.5")
     assert "step_underflow" in out and "too small" in out and "*" in out
@@ -115,7 +115,7 @@ def test_a_damaged_series_is_told(folder, capsys, monkeypatch, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "run")
     next((copy / "series").iterdir()).write_bytes(b"PK")
     code, out, err = shown(capsys, monkeypatch, copy)
-    assert code == 1 and "9 cells" in out and err.count("not read") == 1
+    assert code == 1 and "9 runs" in out and err.count("not read") == 1
 
 
 def test_on_a_terminal_with_and_without_colour(folder, tmp_path):
@@ -130,8 +130,8 @@ def test_on_a_terminal_with_and_without_colour(folder, tmp_path):
 def test_a_run_on_a_terminal_shows_what_is_left_and_the_worst_drift(tmp_path):
     """A bar that is redrawn, lines that stay, nothing wider than the terminal; piped: plain lines only."""
     (tmp_path / "s.toml").write_text(
-        f'plugins = ["{PLUGIN}"]\n[[cells]]\nproblem = "free_fall"\nsolver = "exact"\n'
-        'options = { lift = [1e-3, 1e-2] }\n[[cells]]\nproblem = "free_fall"\nsolver = "sleeps"\n'
+        f'plugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = "exact"\n'
+        'options = { lift = [1e-3, 1e-2] }\n[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\n'
         "options = { seconds = [0.3, 0.6] }\n"
     )
     code, text = in_terminal("run", "s.toml", "--jobs", "1", width=80, where=tmp_path)

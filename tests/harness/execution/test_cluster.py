@@ -1,4 +1,4 @@
-"""Cells on a real Dask scheduler with two workers, one of which is killed: every cell has its row all the same."""
+"""Runs on a real Dask scheduler with two workers, one of which is killed: every run has its row all the same."""
 
 import os
 import signal
@@ -24,11 +24,11 @@ from mbsbench.harness.execution.cluster import DaskPool  # noqa: E402
 
 SECONDS = ", ".join(f"0.{k}" for k in range(20, 36))
 TEXT = f"""
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = "sleeps"
 options = {{ seconds = [{SECONDS}] }}
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = ["segfaults", "gives_up", "refuses", "spins"]
 wall_limit = 1.0
@@ -92,11 +92,11 @@ def test_no_cluster_is_told_in_a_line(tmp_path, monkeypatch):
 def test_a_disk_that_is_full_here_is_no_fault_of_the_cluster(tmp_path):
     """What a worker sent cannot be written: said with the folder, and no rest is left."""
     suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
-    job = Job(suite.cells[0], tmp_path / "gone")
+    job = Job(suite.specs[0], tmp_path / "gone")
     with pytest.raises(PoolError, match=r"cannot write to .*gone: No such file"):
-        cluster_module._store(job, {"cells/x.json": b""})
+        cluster_module._store(job, {"runs/x.json": b""})
     pool = DaskPool("nowhere")
-    pool._collect = lambda: cluster_module._store(job, {"cells/x.json": b""})  # type: ignore[method-assign]
+    pool._collect = lambda: cluster_module._store(job, {"runs/x.json": b""})  # type: ignore[method-assign]
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cluster_module, "_client", lambda address: MagicMock(nthreads=lambda: {"w": 1}))
         with pytest.raises(PoolError, match="cannot write"):
@@ -104,7 +104,7 @@ def test_a_disk_that_is_full_here_is_no_fault_of_the_cluster(tmp_path):
 
 
 def test_slurm_is_given_the_right_job(tmp_path):
-    """No SLURM is needed to see the script: one thread, one cell at a time, this checkout, this Python, our options."""
+    """No SLURM is needed to see the script: one thread, one run at a time, this checkout, this Python, our options."""
     pytest.importorskip("dask_jobqueue", reason="needs the extra 'cluster'")
     from mbsbench.harness.execution.cluster import on_slurm
     from mbsbench.harness.results.environment import THREADS
@@ -126,9 +126,9 @@ def test_slurm_is_given_the_right_job(tmp_path):
 
 @pytest.mark.slow
 def test_a_limit_on_the_whole_run_reaches_the_workers(cluster, tmp_path):
-    """Two cells that never return are ended where they run; what has not begun there comes back without a record."""
+    """Two runs that never return are ended where they run; what has not begun there comes back without a record."""
     file, _ = cluster
-    text = 'total_limit = 12\n[[cells]]\nproblem = "free_fall"\nsolver = "spins"\nwall_limit = [100]\n'
+    text = 'total_limit = 12\n[[runs]]\nproblem = "free_fall"\nsolver = "spins"\nwall_limit = [100]\n'
     text = text.replace("wall_limit = [100]", "wall_limit = 100\ndt = [0.1, 0.2, 0.25, 0.5, 1.0, 2.0]")
     suite = parse_suite(text, "test", "test", plugins=(str(PLUGIN),))
     watcher = Silent()

@@ -1,4 +1,4 @@
-"""The time to go comes from what cells took before, not from the mean of whatever happened to end first."""
+"""The time to go comes from what runs took before, not from the mean of whatever happened to end first."""
 
 import pytest
 
@@ -10,9 +10,9 @@ from mbsbench.harness.suites.suite import parse_suite
 from ..conftest import PLUGIN
 
 
-def cells():
-    text = '[[cells]]\nproblem = "free_fall"\nsolver = ["exact", "sleeps"]\ndt = [0.1, 0.2, 0.4]\nwall_limit = 50'
-    return parse_suite(text, "t", "t", plugins=(str(PLUGIN),)).cells
+def specs():
+    text = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "sleeps"]\ndt = [0.1, 0.2, 0.4]\nwall_limit = 50'
+    return parse_suite(text, "t", "t", plugins=(str(PLUGIN),)).specs
 
 
 def test_places_take_the_next_in_order():
@@ -23,17 +23,17 @@ def test_places_take_the_next_in_order():
 
 
 def test_earlier_times_are_scaled_by_how_today_compares():
-    """Cells that took 1 and 10 s; the first takes 3 today, so the second is guessed at 30, a long one at its limit."""
-    short, long, longest, *_ = cells()
-    e = Estimate({short.settings: 1.0, long.settings: 10.0, longest.settings: 40.0})
+    """Runs that took 1 and 10 s; the first takes 3 today, so the second is guessed at 30, a long one at its limit."""
+    short, long, longest, *_ = specs()
+    e = Estimate({short.settings_id: 1.0, long.settings_id: 10.0, longest.settings_id: 40.0})
     assert e.guess(long) == 10.0 and e.left([], [long, long], 2) == 10.0
     e.learn(short, 3.0)
     assert e.guess(long) == 30.0 and e.guess(longest) == 50.0
 
 
-def test_unknown_cells_are_guessed_from_their_like():
+def test_unknown_runs_are_guessed_from_their_like():
     """Same problem and solver first; nothing known, nothing said."""
-    a, b, c, d, *_ = cells()
+    a, b, c, d, *_ = specs()
     e = Estimate({})
     assert e.guess(a) is None and e.left([(a, 1.0)], [b], 1) is None
     e.learn(a, 8.0)
@@ -47,7 +47,9 @@ def test_times_of_earlier_runs_are_found(tmp_path):
     for name, seconds in (("ci-1", 1.0), ("ci-2", 2.0)):
         write_record(
             create(tmp_path / name),
-            RunRecord(cell="x", case="c", problem="p", solver="s", status="success", settings="abc", wall_s=seconds),
+            RunRecord(
+                run_id="x", case="c", problem="p", solver="s", status="success", settings_id="abc", wall_s=seconds
+            ),
         )
     (tmp_path / "latest").symlink_to("ci-1")
     (tmp_path / "stray").write_text("")

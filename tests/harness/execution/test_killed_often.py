@@ -1,4 +1,4 @@
-"""A long run killed at random times: no finished cell is lost, and the table is that of an undisturbed run."""
+"""A long run killed at random times: no finished run is lost, and the table is that of an undisturbed run."""
 
 import random
 import signal
@@ -19,20 +19,20 @@ TIMED = ["cpu_min_s", "cpu_median_s", "cpu_max_s", "setup_s", "wall_s", "measure
 SEED = 20
 
 
-def suite_of(cells):
-    """That many cells, a fifth of them with other endings than success."""
-    other = cells // 5 // 3
+def suite_of(specs):
+    """That many runs, a fifth of them with other endings than success."""
+    other = specs // 5 // 3
     return f"""
 name = "killed"
 plugins = ["{PLUGIN}"]
 [defaults]
 wall_limit = 10.0
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = "sleeps"
-dt = [{", ".join(f"{0.1 + k / 1000:.3f}" for k in range(cells - 3 * other))}]
+dt = [{", ".join(f"{0.1 + k / 1000:.3f}" for k in range(specs - 3 * other))}]
 options = {{ seconds = 0.02 }}
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = ["gives_up", "raises", "refuses"]
 dt = [{", ".join(f"{0.1 + k / 1000:.3f}" for k in range(other))}]
@@ -45,7 +45,7 @@ def start(suite, folder, *more):
 
 
 def done(folder):
-    return {p.name: p.stat().st_mtime_ns for p in folder.glob("cells/*.json")}
+    return {p.name: p.stat().st_mtime_ns for p in folder.glob("runs/*.json")}
 
 
 @pytest.mark.parametrize(("CELLS", "KILLS"), [(30, 2), pytest.param(300, 20, marks=pytest.mark.slow)])

@@ -19,7 +19,7 @@ from ..conftest import PLUGIN
 SUITE = f"""
 name = "many"
 plugins = ["{PLUGIN}"]
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = "sleeps"
 options = {{ seconds = [{", ".join(f"0.{k:02d}" for k in range(10, 34))}] }}
@@ -33,7 +33,7 @@ def start(folder, suite, *more):
 
 
 def done(folder) -> dict[str, int]:
-    return {p.name: p.stat().st_mtime_ns for p in (folder / "cells").glob("*.json")} if folder.exists() else {}
+    return {p.name: p.stat().st_mtime_ns for p in (folder / "runs").glob("*.json")} if folder.exists() else {}
 
 
 def wait_for(folder, count: int) -> None:
@@ -44,7 +44,7 @@ def wait_for(folder, count: int) -> None:
 
 
 def test_kill_and_resume_recomputes_nothing(tmp_path):
-    """Killed twice at random, with SIGKILL: finished cells keep their files, and the table ends whole."""
+    """Killed twice at random, with SIGKILL: finished runs keep their files, and the table ends whole."""
     suite, folder = tmp_path / "many.toml", tmp_path / "run"
     suite.write_text(SUITE)
     kept: dict[str, int] = {}
@@ -53,7 +53,7 @@ def test_kill_and_resume_recomputes_nothing(tmp_path):
         wait_for(folder, count)
         process.send_signal(signal.SIGKILL)
         process.communicate()
-        time.sleep(0.5)  # cells of the killed runner are killed by their supervisor, which sees its input end
+        time.sleep(0.5)  # runs of the killed runner are killed by their supervisor, which sees its input end
         now = done(folder)
         assert all(now[name] == time_ for name, time_ in kept.items())
         kept = now
@@ -67,25 +67,25 @@ def test_kill_and_resume_recomputes_nothing(tmp_path):
     assert len(loaded.records) == 24 and {r.status for r in loaded.records} == {"success"}
     import pandas as pd
 
-    assert len(pd.read_parquet(folder / "cells.parquet")) == 24
+    assert len(pd.read_parquet(folder / "runs.parquet")) == 24
 
 
-def test_damaged_cells_are_run_again(run_text, tmp_path):
-    """A truncated record or series is set aside, said, and its cell run anew."""
-    text = '[[cells]]\nproblem = "free_fall"\nsolver = "exact"\ndt = [0.1, 0.2, 0.5]'
+def test_damaged_runs_are_run_again(run_text, tmp_path):
+    """A truncated record or series is set aside, said, and its run run anew."""
+    text = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"\ndt = [0.1, 0.2, 0.5]'
     folder = tmp_path / "run"
     first, _ = run_text(text, folder=folder)
     a, b, c = first.records
-    path = folder / "cells" / f"{a.cell}.json"
+    path = folder / "runs" / f"{a.run_id}.json"
     path.write_bytes(path.read_bytes()[:100])
     os.truncate(folder / b.series, 50)
     second, watcher = run_text(text, folder=folder, resume=True)
     assert len(second.records) == 3 and sorted(watcher.ran) == sorted([a.case, b.case])
     assert len(watcher.set_aside) == 3  # the record of a, the record of b and its series
-    assert store.read_record(folder / "cells" / f"{c.cell}.json").finished == c.finished
+    assert store.read_record(folder / "runs" / f"{c.run_id}.json").finished == c.finished
 
 
-SLEEPS = '[[cells]]\nproblem = "free_fall"\nsolver = "sleeps"\noptions = { seconds = [0.3, 0.31, 0.32] }\n'
+SLEEPS = '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\noptions = { seconds = [0.3, 0.31, 0.32] }\n'
 
 
 def killing(monkeypatch, before=(), after=()):
@@ -111,14 +111,14 @@ def test_a_supervisor_that_dies_before_a_job_is_sent_costs_nothing(tmp_path, mon
     killing(monkeypatch, before=(2,))
     (tmp_path / "s.toml").write_text(f'name = "s"\nplugins = ["{PLUGIN}"]\n' + SLEEPS)
     assert main(["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run"), "--jobs", "2"]) == 0
-    assert "3 cells: 3 success" in capsys.readouterr().out
+    assert "3 runs: 3 success" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
 def test_a_signal_to_all_ends_all(tmp_path, number, code):
     """To the whole group, as Ctrl-C or a batch system send it: what a solver has started goes too."""
     suite = tmp_path / "s.toml"
-    suite.write_text(f'plugins = ["{PLUGIN}"]\n[[cells]]\nproblem = "free_fall"\nsolver = "spins"\n')
+    suite.write_text(f'plugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = "spins"\n')
     line = (sys.executable, "-m", "mbsbench.harness", "run", str(suite), "--out", str(tmp_path / "run"))
     process = subprocess.Popen(
         line, cwd=environment.ROOT, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -126,7 +126,7 @@ def test_a_signal_to_all_ends_all(tmp_path, number, code):
     )  # fmt: skip
     until = time.monotonic() + 60.0
     started: list[psutil.Process] = []
-    while time.monotonic() < until and len(started) < 3:  # supervisor, cell, and the solver's own child
+    while time.monotonic() < until and len(started) < 3:  # supervisor, run, and the solver's own child
         time.sleep(0.05)
         started = psutil.Process(process.pid).children(recursive=True)
     assert len(started) == 3
@@ -145,7 +145,7 @@ def test_output_that_nobody_reads_is_no_success(tmp_path, monkeypatch):
     assert main(["gate"]) == 141
 
 
-def test_a_cell_that_was_beside_a_death_runs_alone_and_again_on_resume(run_text, tmp_path, monkeypatch):
+def test_a_run_that_was_beside_a_death_runs_alone_and_again_on_resume(run_text, tmp_path, monkeypatch):
     """Two deaths from outside: called a crash only when it ran alone, and even that is no result for good."""
     with monkeypatch.context() as patch:
         sends = killing(patch, after=(2, 3))
@@ -156,14 +156,14 @@ def test_a_cell_that_was_beside_a_death_runs_alone_and_again_on_resume(run_text,
     second, watcher = run_text(SLEEPS, resume=True)
     assert {r.status for r in second.records} == {"success"} and watcher.ran == [crashed.case]
     aside = tmp_path / "run" / "set_aside"
-    assert store.read_record(aside / f"{crashed.cell}.json").message == crashed.message
-    assert "run again" in (aside / f"{crashed.cell}.json.why").read_text()
+    assert store.read_record(aside / f"{crashed.run_id}.json").message == crashed.message
+    assert "run again" in (aside / f"{crashed.run_id}.json.why").read_text()
 
 
 def test_the_newest_run_is_of_this_suite(tmp_path):
     """``small-2`` is another suite, and its runs are not those of ``small``."""
     for name in ("small-20260101-000000", "small-20260102-000000-77", "small-2-20260301-000000", "small-3", "small-9x"):
-        (tmp_path / name / "cells").mkdir(parents=True)
+        (tmp_path / name / "runs").mkdir(parents=True)
     assert last_folder("small", tmp_path) == tmp_path / "small-20260102-000000-77"
     assert last_folder("small-2", tmp_path) == tmp_path / "small-2-20260301-000000"
     assert last_folder("tiny", tmp_path) is None
@@ -197,7 +197,7 @@ def test_a_full_disk_at_the_end_hides_nothing_and_leaves_no_rest(run_text, tmp_p
 
 def test_a_used_folder_is_not_overwritten(run_text, tmp_path):
     """Without --resume, results that are there are somebody's."""
-    text = '[[cells]]\nproblem = "free_fall"\nsolver = "exact"'
+    text = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"'
     run_text(text)
     with pytest.raises(store.StoreError, match="--resume"):
         run_text(text)
@@ -205,7 +205,7 @@ def test_a_used_folder_is_not_overwritten(run_text, tmp_path):
 
 def test_table_does_not_depend_on_jobs(run_text, tmp_path):
     """One process or three: the same rows in the same order, bit for bit but for times."""
-    text = '[[cells]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "raises"]\ndt = [0.1, 0.5]'
+    text = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "raises"]\ndt = [0.1, 0.5]'
     tables = []
     for jobs in (1, 3):
         loaded, _ = run_text(text, folder=tmp_path / str(jobs), jobs=jobs)
@@ -216,14 +216,14 @@ def test_table_does_not_depend_on_jobs(run_text, tmp_path):
 
 
 def test_a_full_disk_is_nobodys_result(tmp_path, monkeypatch):
-    """ENOSPC while writing is not stored as the solver's crash: the cell stays to be done."""
+    """ENOSPC while writing is not stored as the solver's crash: the run stays to be done."""
     import errno
 
     from mbsbench.harness.execution import worker
     from mbsbench.harness.execution.job import Job
     from mbsbench.harness.suites.suite import parse_suite
 
-    suite = parse_suite('[[cells]]\nproblem = "free_fall"\nsolver = "exact"', "t", "t", plugins=(str(PLUGIN),))
+    suite = parse_suite('[[runs]]\nproblem = "free_fall"\nsolver = "exact"', "t", "t", plugins=(str(PLUGIN),))
     folder = store.create(tmp_path / "run")
 
     def full(*_):
@@ -231,16 +231,16 @@ def test_a_full_disk_is_nobodys_result(tmp_path, monkeypatch):
 
     monkeypatch.setattr("mbsbench.harness.execution.measuring.write_series", full)
     with pytest.raises(OSError, match="No space"):
-        worker.run(Job(suite.cells[0], folder))
+        worker.run(Job(suite.specs[0], folder))
     assert not done(folder)
 
 
 def test_overhead_is_small(run_text):
-    """A cell that does nothing costs under 0.15 s; measured about 0.03 s. The start of the processes is left out.
+    """A run that does nothing costs under 0.15 s; measured about 0.03 s. The start of the processes is left out.
 
     The requirement is a time, so it is asserted as one; the least of three tries, for other work only adds to it.
     """
-    text = '[[cells]]\nproblem = "free_fall"\nsolver = "exact"\ndt = '
+    text = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"\ndt = '
     began = time.monotonic()
     run_text(f"{text}0.5", jobs=1)
     start_up = time.monotonic() - began

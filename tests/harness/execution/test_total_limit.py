@@ -21,16 +21,16 @@ TEXT = """
 total_limit = 600
 [defaults]
 wall_limit = 60
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = "exact"
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = "hangs_later"
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = "spins"
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = ["sleeps", "raises"]
 dt = [0.1, 0.2]
@@ -38,13 +38,13 @@ dt = [0.1, 0.2]
 
 
 class Over(LocalPool):
-    """A pool whose time is up once two cells run and one of them has kept steps: no matter how busy the machine is."""
+    """A pool whose time is up once two runs run and one of them has kept steps: no matter how busy the machine is."""
 
     def _over(self) -> bool:
         if self._stopped:
             return True
         kept = [job.spool for job in self._flying.values() if job.spool.exists() and job.spool.stat().st_size > 0]
-        return {j.cell.solver for j in self._flying.values()} == {"hangs_later", "spins"} and bool(kept)
+        return {j.spec.solver for j in self._flying.values()} == {"hangs_later", "spins"} and bool(kept)
 
 
 def stopped_run(folder):
@@ -53,47 +53,47 @@ def stopped_run(folder):
     return suite, run_suite(Request(suite, folder, 2), watcher, Over), watcher
 
 
-def test_running_cells_are_ended_and_the_rest_is_left(tmp_path):
-    """The first cell is done; two that never return are killed, the steps one handed over kept; four are left."""
+def test_running_runs_are_ended_and_the_rest_is_left(tmp_path):
+    """The first run is done; two that never return are killed, the steps one handed over kept; four are left."""
     suite, loaded, watcher = stopped_run(tmp_path / "run")
     ended = {r.solver: r for r in loaded.records}
     assert {s: r.status for s, r in ended.items()} == {"exact": "success", "hangs_later": "stalled", "spins": "stalled"}
     assert all("limit of 600 s" in ended[s].message for s in ("hangs_later", "spins"))
     assert ended["hangs_later"].steps > 0 and ended["hangs_later"].series and ended["spins"].steps == 0
     assert len(watcher.left) == 4 and all("sleeps" in case or "raises" in case for case in watcher.left)
-    verdict = judge(suite.cells, loaded.records, Thresholds("test", (), {}))
+    verdict = judge(suite.specs, loaded.records, Thresholds("test", (), {}))
     words = [f.words for f in verdict.findings if f.what == "status" and f.state is State.FAIL]
-    assert not verdict.is_open and sum("cell is missing" in w for w in words) == 4
+    assert not verdict.is_open and sum("run is missing" in w for w in words) == 4
     assert sum("limit of 600 s" in w for w in words) == 2
 
 
 class OverAtOnce(LocalPool):
-    """Its time is up as soon as a cell runs."""
+    """Its time is up as soon as a run runs."""
 
     def _over(self) -> bool:
         return self._stopped or bool(self._flying)
 
 
 def test_what_the_limit_ended_is_run_again_on_resume(tmp_path):
-    """A sound cell that had no time is no stalled one: its record goes aside, and with time enough it succeeds."""
-    text = 'total_limit = 600\n[[cells]]\nproblem = "free_fall"\nsolver = ["sleeps", "raises"]\n'
+    """A sound run that had no time is no stalled one: its record goes aside, and with time enough it succeeds."""
+    text = 'total_limit = 600\n[[runs]]\nproblem = "free_fall"\nsolver = ["sleeps", "raises"]\n'
     suite = parse_suite(text, "test", "test", plugins=(str(PLUGIN),))
     first, second = Silent(), Silent()
     (ended,) = run_suite(Request(suite, tmp_path / "run", 1), first, OverAtOnce).records
     assert ended.status == "stalled" and len(first.left) == 1
     loaded = run_suite(Request(suite, tmp_path / "run", 1, True), second, LocalPool)
     assert {r.solver: r.status for r in loaded.records} == {"sleeps": "success", "raises": "crashed"}
-    assert second.set_aside == [f"{ended.cell}.json"] and len(second.ran) == 2
-    assert store.read_record(tmp_path / "run" / "set_aside" / f"{ended.cell}.json").status == "stalled"
+    assert second.set_aside == [f"{ended.run_id}.json"] and len(second.ran) == 2
+    assert store.read_record(tmp_path / "run" / "set_aside" / f"{ended.run_id}.json").status == "stalled"
 
 
-def test_what_a_cell_did_itself_is_no_matter_of_the_run():
+def test_what_a_run_did_itself_is_no_matter_of_the_run():
     """Its own wall limit, its own words and its own crash stay; files go aside with their record."""
     ours = limit_words(600.0)
     for status, message, claimed, wanted in (
         ("stalled", ours, "", True), ("stalled", "killed at the wall limit of 60 s", "", False),
         ("stalled", ours, "stalled", False), ("success", ours, "", False), ("crashed", "RuntimeError: x", "", False),
-        ("crashed", "the supervisor process died twice (code -9) while this cell ran", "", True),
+        ("crashed", "the supervisor process died twice (code -9) while this run ran", "", True),
     ):  # fmt: skip
         assert is_provisional(RunRecord(status=status, message=message, claimed=claimed)) is wanted
 
@@ -101,7 +101,7 @@ def test_what_a_cell_did_itself_is_no_matter_of_the_run():
 def test_the_series_of_such_a_record_goes_aside_too(tmp_path):
     """Nothing is deleted, nothing is written over."""
     folder = store.create(tmp_path / "run")
-    record = RunRecord(cell="abc", status="stalled", message=limit_words(1.0), series="series/abc.npz", stderr="")
+    record = RunRecord(run_id="abc", status="stalled", message=limit_words(1.0), series="series/abc.npz", stderr="")
     store.write_record(folder, record)
     (folder / record.series).write_bytes(b"x")
     assert [u.path.name for u in files_of(folder, record)] == ["abc.json", "abc.npz"]
@@ -115,12 +115,12 @@ def test_the_short_suite_may_take_three_minutes():
 def test_the_run_says_what_is_left(tmp_path, capsys):
     """How many and which, exit code 1; resumed with time enough, it ends in order."""
     suite = tmp_path / "s.toml"
-    text = f'plugins = ["{PLUGIN}"]\n[[cells]]\nproblem = "free_fall"\nsolver = "exact"\ndt = [0.1, 0.2, 0.25]\n'
+    text = f'plugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = "exact"\ndt = [0.1, 0.2, 0.25]\n'
     suite.write_text("total_limit = 1e-3\n" + text)
     line = ["run", str(suite), "--out", str(tmp_path / "out"), "--jobs", "1"]
     assert main(line) == 1
     out = capsys.readouterr().out
-    assert "3 cells were not begun" in out and "--resume runs them" in out
+    assert "3 runs were not begun" in out and "--resume runs them" in out
     assert [x for x in out.splitlines() if x.startswith("left: ")] == [
         f"left: free_fall exact dt={dt}" for dt in (0.1, 0.2, 0.25)
     ]

@@ -1,4 +1,4 @@
-"""The gate closes on a breach, a missing or unjudged cell and an empty run, and opens only otherwise."""
+"""The gate closes on a breach, a missing or unjudged run and an empty run, and opens only otherwise."""
 
 import dataclasses
 import math
@@ -19,12 +19,15 @@ from mbsbench.harness.gate.thresholds import (
     write_thresholds,
 )
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.suites.cell import Cell
+from mbsbench.harness.suites.spec import RunSpec
 from mbsbench.harness.types import Status, StepControl
 
-CELLS = tuple(Cell("free_fall", "exact", StepControl(dt=dt)) for dt in (0.1, 0.5))
+CELLS = tuple(RunSpec("free_fall", "exact", StepControl(dt=dt)) for dt in (0.1, 0.5))
 CASE, OTHER = (c.case for c in CELLS)
-RECORDS = [RunRecord(cell=c.settings, settings=c.settings, case=c.case, status="success", phi_max=1.0) for c in CELLS]
+RECORDS = [
+    RunRecord(run_id=c.settings_id, settings_id=c.settings_id, case=c.case, status="success", phi_max=1.0)
+    for c in CELLS
+]
 
 
 def threshold(case: str, **change) -> Threshold:
@@ -34,8 +37,8 @@ def threshold(case: str, **change) -> Threshold:
 BOUNDS = Thresholds("t", (threshold(CASE), threshold(OTHER)), {})
 
 
-def state(records=RECORDS, bounds=BOUNDS, cells=CELLS):
-    return judge(cells, records, bounds)
+def state(records=RECORDS, bounds=BOUNDS, specs=CELLS):
+    return judge(specs, records, bounds)
 
 
 def with_bound(**change) -> Thresholds:
@@ -70,7 +73,7 @@ def test_all_within_bounds_is_open():
     ],
 )
 def test_the_gate_closes(verdict):
-    """Breach, NaN, wrong, refused, timed out, missing, empty, unjudged, or a bound on a cell that is gone."""
+    """Breach, NaN, wrong, refused, timed out, missing, empty, unjudged, or a bound on a run that is gone."""
     assert verdict().state is State.FAIL and not verdict().is_open
 
 

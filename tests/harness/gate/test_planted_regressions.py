@@ -32,43 +32,43 @@ WORSE_OPTIONS = {  # of solvers that have such an option; a solver without one i
 }
 
 
-def cell_of(solver: str, begins: str = MOVING):
-    return next(c for c in SUITE.cells if c.solver == solver and c.case.startswith(begins) and not c.options)
+def run_of(solver: str, begins: str = MOVING):
+    return next(c for c in SUITE.specs if c.solver == solver and c.case.startswith(begins) and not c.options)
 
 
 def planted():
     for solver, entry in registry.solvers().items():
-        if not any(c.solver == solver for c in SUITE.cells):
+        if not any(c.solver == solver for c in SUITE.specs):
             continue
-        cell = cell_of(solver)
-        c = cell.control
+        spec = run_of(solver)
+        c = spec.control
         worse = StepControl(dt=2.0 * c.dt) if c.dt else StepControl(rtol=10.0 * c.rtol)
-        yield pytest.param(cell, dataclasses.replace(cell, control=worse), id=f"{solver}-{entry.control}")
+        yield pytest.param(spec, dataclasses.replace(spec, control=worse), id=f"{solver}-{entry.control}")
         for options in WORSE_OPTIONS.get(solver, []):
             known = {k: v for k, v in options.items() if k in entry.parameters}
             if known:
-                yield pytest.param(cell, dataclasses.replace(cell, options=known), id=f"{solver}-{next(iter(known))}")
+                yield pytest.param(spec, dataclasses.replace(spec, options=known), id=f"{solver}-{next(iter(known))}")
 
 
-def state_of(cell, run, folder: Path) -> State:
-    """What the gate says when ``run`` is what the code makes of ``cell``."""
+def state_of(spec, run, folder: Path) -> State:
+    """What the gate says when ``run`` is what the code makes of ``run``."""
     record = worker.run(Job(run, store.create(folder)))
     assert record.status != Status.CRASHED, record.message  # a gate red for a bug of ours proves nothing
-    record = dataclasses.replace(record, case=cell.case, settings=cell.settings)
-    bounds = tuple(b for b in THRESHOLDS.bounds if b.case == cell.case)
-    return judge([cell], [record], dataclasses.replace(THRESHOLDS, bounds=bounds, statuses={})).state
+    record = dataclasses.replace(record, case=spec.case, settings_id=spec.settings_id)
+    bounds = tuple(b for b in THRESHOLDS.bounds if b.case == spec.case)
+    return judge([spec], [record], dataclasses.replace(THRESHOLDS, bounds=bounds, statuses={})).state
 
 
-@pytest.mark.parametrize(("cell", "worse"), list(planted()))
-def test_a_planted_regression_closes_the_gate(cell, worse, tmp_path):
+@pytest.mark.parametrize(("spec", "worse"), list(planted()))
+def test_a_planted_regression_closes_the_gate(spec, worse, tmp_path):
     """Each is a change of a line that every other check may let through."""
-    assert state_of(cell, worse, tmp_path) is State.FAIL
+    assert state_of(spec, worse, tmp_path) is State.FAIL
 
 
-@pytest.mark.parametrize("solver", sorted({c.solver for c in SUITE.cells}))
+@pytest.mark.parametrize("solver", sorted({c.solver for c in SUITE.specs}))
 def test_the_unchanged_solver_passes(solver, tmp_path):
-    """The counterpart: the same cell, as it is, is open."""
-    assert state_of(cell_of(solver), cell_of(solver), tmp_path) is State.PASS
+    """The counterpart: the same run, as it is, is open."""
+    assert state_of(run_of(solver), run_of(solver), tmp_path) is State.PASS
 
 
 TOP = "heavy_top[t_end=1]"  # spins: the gyroscopic torque is what holds it up
@@ -90,20 +90,20 @@ def geometric_with(monkeypatch, **change: float) -> None:
     monkeypatch.setattr(GaugeChoices, "settings", lambda self, problem: sound(self, problem)._replace(**change))
 
 
-@pytest.mark.parametrize("solver", sorted({c.solver for c in SUITE.cells}))
+@pytest.mark.parametrize("solver", sorted({c.solver for c in SUITE.specs}))
 @pytest.mark.parametrize("planted", ["sign", "dropped"])
 def test_a_changed_line_closes_the_gate(solver, planted, monkeypatch, tmp_path):
     """A sign turned or a term dropped in the source of each solver."""
     if registry.solvers()[solver].control == "dt":
         geometric_with(monkeypatch, b_term={"sign": -1.0, "dropped": 0.0}[planted])
-        cell = cell_of(solver)
+        spec = run_of(solver)
     else:
         classical_with(monkeypatch, {"sign": GYROSCOPIC.replace("+", "-"), "dropped": ""}[planted])
-        cell = cell_of(solver, TOP)
-    assert state_of(cell, cell, tmp_path) is State.FAIL
+        spec = run_of(solver, TOP)
+    assert state_of(spec, spec, tmp_path) is State.FAIL
 
 
 def test_every_solver_is_in_the_gate():
-    """A solver that no cell runs can break unseen."""
+    """A solver that no run runs can break unseen."""
     ours = {n for n, e in registry.solvers().items() if e.make.__module__.startswith("mbsbench.solvers.")}
-    assert ours == {c.solver for c in SUITE.cells}
+    assert ours == {c.solver for c in SUITE.specs}

@@ -3,17 +3,17 @@
 from mbsbench.harness.referee.claims.register import parse_register
 from mbsbench.harness.referee.claims.verdicts import judge
 
-from .synthetic import HEAD, cells_of, record
+from .synthetic import HEAD, record, runs_of
 
 SUITE = """
-[[cells]]
+[[runs]]
 problem = "spherical_pendulum"
 solver = "ida_index1"
 options = { coordinates = ["euler313", "quaternion"], lambda_in_error_test = [true, false] }
 rtol = [1e-3, 1e-4, 1e-6]
 max_step = 0.01
 
-[[cells]]
+[[runs]]
 problem = "spherical_pendulum"
 solver = "gc_weak_form"
 dt = 0.01
@@ -33,14 +33,14 @@ over = [{ problem = "spherical_pendulum", solver = "gc_weak_form", step = 0.01, 
 [[claims]]
 """  # noqa: E501
 TEST = 'map = "m"\ntests = [{ metric = "column", name = "phi_max", at_most = 1.0, unit = "m" }]\n'
-CELLS = cells_of(SUITE)
+CELLS = runs_of(SUITE)
 
 
-def options(cell):
-    return {"chart": cell.options.get("coordinates", "quaternion"), "lam": cell.options.get("lambda_in_error_test")}
+def options(spec):
+    return {"chart": spec.options.get("coordinates", "quaternion"), "lam": spec.options.get("lambda_in_error_test")}
 
 
-def claim(text=TEST, records=None, of=lambda r: None, cells=CELLS):
+def claim(text=TEST, records=None, of=lambda r: None, specs=CELLS):
     """The verdict on one claim; by default every run has |phi| = 0.5 m."""
-    found = [record(c, phi_max=0.5) for c in cells] if records is None else records
-    return judge(parse_register(MAP + HEAD + text), cells, found, of)[0]
+    found = [record(c, phi_max=0.5) for c in specs] if records is None else records
+    return judge(parse_register(MAP + HEAD + text), specs, found, of)[0]

@@ -1,4 +1,4 @@
-"""Runs of known answer: cells of the catalogue, records and series made up to the number that is to be found."""
+"""Runs of known answer: runs of the catalogue, records and series made up to the number that is to be found."""
 
 import dataclasses
 import hashlib
@@ -7,26 +7,26 @@ import numpy as np
 
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
-from mbsbench.harness.suites.cell import Cell
+from mbsbench.harness.suites.spec import RunSpec
 from mbsbench.harness.suites.suite import parse_suite
 
 HEAD = 'id = "c"\nsection = "5.2"\nfigure = [5]\nquote = "words"\nclaim = "ours"\n'
 
 
-def cells_of(text: str) -> tuple[Cell, ...]:
-    """The cells of a suite written in a test."""
-    return parse_suite(text, "test", "test").cells
+def runs_of(text: str) -> tuple[RunSpec, ...]:
+    """The runs of a suite written in a test."""
+    return parse_suite(text, "test", "test").specs
 
 
-def record(cell: Cell, **columns) -> RunRecord:
-    """A run of ``cell`` that got to its end, unless ``columns`` say otherwise."""
+def record(spec: RunSpec, **columns) -> RunRecord:
+    """A run of ``run`` that got to its end, unless ``columns`` say otherwise."""
     t_end = float(columns.pop("t_end_s", 10.0))
     given = {
-        "cell": hashlib.sha256(cell.settings.encode()).hexdigest()[:16],
-        "settings": cell.settings,
-        "case": cell.case,
-        "problem": cell.problem,
-        "solver": cell.solver,
+        "run_id": hashlib.sha256(spec.settings_id.encode()).hexdigest()[:16],
+        "settings_id": spec.settings_id,
+        "case": spec.case,
+        "problem": spec.problem,
+        "solver": spec.solver,
         "status": "success",
         "t_end_s": t_end,
         "t_reached_s": t_end,
@@ -36,7 +36,7 @@ def record(cell: Cell, **columns) -> RunRecord:
 
 
 def bare(t_end: float = 10.0, **columns) -> RunRecord:
-    """A record without a cell, for measures."""
+    """A record without a run, for measures."""
     return RunRecord(**{"t_end_s": t_end, "t_reached_s": t_end, **columns})
 
 

@@ -21,7 +21,7 @@ from .synthetic import bare, series
 
 def killed(how, code=0, peak=0.0):
     """What the supervisor says of a process it ended, or that ended."""
-    job = SimpleNamespace(cell=SimpleNamespace(wall_limit=60.0, memory=100.0))
+    job = SimpleNamespace(spec=SimpleNamespace(wall_limit=60.0, memory=100.0))
     return supervisor.explain(SimpleNamespace(job=job, killed=how), code, peak)
 
 
@@ -46,7 +46,7 @@ def stopped_by_recording(**limits):
 
 
 def run_limit():
-    """What cells are told that run when the whole run met its limit."""
+    """What runs are told that run when the whole run met its limit."""
     return Status.STALLED, runner._limit(Suite("s", "", (), "", total_limit=900.0)).words
 
 

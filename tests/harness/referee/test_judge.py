@@ -19,9 +19,9 @@ from mbsbench.harness.suites.suite import Suite
 
 from ..conftest import Silent
 from .claiming import MAP, SUITE, TEST
-from .synthetic import HEAD, cells_of, record
+from .synthetic import HEAD, record, runs_of
 
-CELLS = cells_of(SUITE)
+CELLS = runs_of(SUITE)
 
 
 @pytest.fixture
@@ -91,9 +91,9 @@ def test_wrong_calls_are_one_line(made, capsys, tmp_path):
 
 def test_the_tally_is_that_of_results():
     """That we pose a problem as the paper does is nothing found about a solver."""
-    rows = [{"kind": "result", "verdict": "REFUTED"}] * 2 + [{"kind": "posing", "verdict": "SUPPORTED"}]
+    rows = [{"kind": "result", "verdict": "REFUTED"}] * 2 + [{"kind": "presentation", "verdict": "SUPPORTED"}]
     words = "0 SUPPORTED, 0 CONDITIONAL, 2 REFUTED, 0 UNTESTABLE"
-    assert command.tally(rows) == words + "; and checks of the posing: 1 of 1 SUPPORTED"
+    assert command.tally(rows) == words + "; and checks of the presentation: 1 of 1 SUPPORTED"
     assert command.tally(rows[:2]) == words
 
 
@@ -117,7 +117,7 @@ def test_texts_of_a_register_are_not_markup(made, capsys):
     assert command.STYLE.keys() == {"SUPPORTED", "CONDITIONAL", "REFUTED", "UNTESTABLE"}
 
 
-CHEAP = (  # claims whose cells take half a minute at most: every problem, every verdict, two of most pairs
+CHEAP = (  # claims whose runs take half a minute at most: every problem, every verdict, two of most pairs
     "1-one-step",
     "1-any-tolerance",
     "2-energy-two-orders",
@@ -145,23 +145,23 @@ def test_the_cheap_claims_are_about_every_problem():
     register, places = read_register(), [place(c) for c in judging.tried_on()]
     assert {c.id for c in register.claims} >= set(CHEAP)
     cheap = [m for c in register.claims if c.id in CHEAP for m in maps_of(c)]
-    everything = {p.cell.problem for p in places}
-    assert {p.cell.problem for m in cheap for p in select(places, m.over)} == everything and len(everything) == 5
+    everything = {p.spec.problem for p in places}
+    assert {p.spec.problem for m in cheap for p in select(places, m.over)} == everything and len(everything) == 5
 
 
 @pytest.fixture(scope="module")
 def twice(tmp_path_factory):
-    """The verdicts on some claims from their cells run with one and with two processes."""
-    register, cells_tried = read_register(), judging.tried_on()
+    """The verdicts on some claims from their runs run with one and with two processes."""
+    register, runs_tried = read_register(), judging.tried_on()
     few = dataclasses.replace(register, claims=tuple(c for c in register.claims if c.id in CHEAP))
-    places = [place(c) for c in cells_tried]
-    cells = {p.cell.settings: p.cell for c in few.claims for m in maps_of(c) for p in select(places, m.over)}
-    part = Suite("part", "", tuple(cells.values()), "")
+    places = [place(c) for c in runs_tried]
+    specs = {p.spec.settings_id: p.spec for c in few.claims for m in maps_of(c) for p in select(places, m.over)}
+    part = Suite("part", "", tuple(specs.values()), "")
     out = []
     for jobs in (1, 2):
         folder = tmp_path_factory.mktemp(f"jobs{jobs}")
         loaded = run_suite(Request(part, folder, jobs), Silent(), LocalPool)
-        out.append(judge(few, cells_tried, loaded.records, partial(judging.series_of, folder)))
+        out.append(judge(few, runs_tried, loaded.records, partial(judging.series_of, folder)))
     return out
 
 
@@ -184,21 +184,21 @@ def test_verdicts_are_those_published(twice):
     assert {c["id"]: c["verdict"] for c in twice[0]} == {c: known.get(c) for c in CHEAP}
 
 
-def newest_whole(runs, cells):
-    """The newest of ``runs`` that holds all ``cells``, with its records; an unfinished one is passed over."""
-    asked = {c.settings for c in cells}
-    for folder in sorted((p for p in runs if (p / "cells").is_dir()), key=lambda p: p.name, reverse=True):
+def newest_whole(runs, specs):
+    """The newest of ``runs`` that holds all ``runs``, with its records; an unfinished one is passed over."""
+    asked = {c.settings_id for c in specs}
+    for folder in sorted((p for p in runs if (p / "runs").is_dir()), key=lambda p: p.name, reverse=True):
         records = store.load(folder, check_series=False).records
-        if asked <= {r.settings for r in records}:
+        if asked <= {r.settings_id for r in records}:
             return folder, records
     return None
 
 
 def test_an_unfinished_run_is_passed_over(tmp_path):
-    """The newest run lacks a cell: the one before is compared."""
-    for name, cells in (("referee-1", CELLS), ("referee-2", CELLS), ("referee-3", CELLS[1:])):
+    """The newest run lacks a run: the one before is compared."""
+    for name, specs in (("referee-1", CELLS), ("referee-2", CELLS), ("referee-3", CELLS[1:])):
         folder = store.create(tmp_path / name)
-        for x in cells:
+        for x in specs:
             store.write_record(folder, record(x, series=""))
     (tmp_path / "referee-4").mkdir()
     folder, records = newest_whole(tmp_path.iterdir(), CELLS)
@@ -209,12 +209,12 @@ def test_an_unfinished_run_is_passed_over(tmp_path):
 @pytest.mark.slow
 def test_the_newest_whole_run_is_judged_as_published():
     """Where a whole run of the suite is at hand, every claim of it is as published."""
-    published, cells = judging.read_claims(judging.PUBLISHED), judging.tried_on()
+    published, specs = judging.read_claims(judging.PUBLISHED), judging.tried_on()
     if published is None:
         pytest.skip("nothing is published: mbsbench judge --publish")
-    found = newest_whole(store.LOCAL.glob("referee-*"), cells)
+    found = newest_whole(store.LOCAL.glob("referee-*"), specs)
     if found is None:
         pytest.skip("no whole run of the suite referee is in results/local: mbsbench run referee")
     folder, records = found
-    judged = judge(read_register(), cells, records, partial(judging.series_of, folder))
+    judged = judge(read_register(), specs, records, partial(judging.series_of, folder))
     assert judging.changes(published, judged) == []

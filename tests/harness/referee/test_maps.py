@@ -1,44 +1,44 @@
-"""Cells stand where their settings put them, and no claim gathers cells it was not written for."""
+"""Runs stand where their settings put them, and no claim gathers runs it was not written for."""
 
 from mbsbench.harness.referee.claims.maps import is_printed, place, select, values_of, varied
 
-from .synthetic import cells_of
+from .synthetic import runs_of
 
 PENDULUM = """
-[[cells]]
+[[runs]]
 problem = "spherical_pendulum"
 solver = "ida_index1"
 options = { form = ["fi", "se"], coordinates = ["euler313", "quaternion"] }
 rtol = [1e-3, 1e-6]
 max_step = 0.01
 
-[[cells]]
+[[runs]]
 problem = "spherical_pendulum"
 solver = "ida_index1"
 options = { alpha = 20.0, beta = 20.0, form = "fi" }
 rtol = 1e-3
 max_step = 0.01
 
-[[cells]]
+[[runs]]
 problem = "spherical_pendulum"
 parameters = { yaw = 0.7 }
 solver = "ida_index1"
 rtol = 1e-3
 max_step = 0.01
 
-[[cells]]
+[[runs]]
 problem = "spherical_pendulum"
 solver = "gc_weak_form"
 options = { gauge = ["symmetric", "zero"] }
 dt = [0.01, 0.02]
 
-[[cells]]
+[[runs]]
 problem = "torque_free_body"
 parameters = { t_end = 300.0 }
 solver = "gc_weak_form"
 dt = 300.0
 """
-PLACES = tuple(place(c) for c in cells_of(PENDULUM))
+PLACES = tuple(place(c) for c in runs_of(PENDULUM))
 BASE = {"problem": "spherical_pendulum", "solver": "ida_index1", "max_step": 0.01, "tolerance": "any"}
 
 
@@ -72,13 +72,13 @@ def test_a_union_holds_each_place_once():
     assert varied(both) == {"tolerance": [1e-6, 1e-3], "chart": ["euler313", "quaternion"]}
 
 
-def test_of_cells_that_differ_in_limits_alone_the_one_with_a_budget_counts():
+def test_of_runs_that_differ_in_limits_alone_the_one_with_a_budget_counts():
     """A stuck run without a limit on its steps is ended by a clock; whichever comes first."""
-    text = '[[cells]]\nproblem = "heavy_top"\nsolver = "gc_weak_form"\ndt = 0.001\n'
+    text = '[[runs]]\nproblem = "heavy_top"\nsolver = "gc_weak_form"\ndt = 0.001\n'
     for suite in (text + text + "max_steps = 20000\n", text + "max_steps = 20000\n" + text):
-        places = [place(c) for c in cells_of(suite)]
+        places = [place(c) for c in runs_of(suite)]
         found = select(places, [{"problem": "heavy_top", "solver": "gc_weak_form", "step": 0.001, "tolerance": "any"}])
-        assert [p.cell.control.max_steps for p in found] == [20_000]
+        assert [p.spec.control.max_steps for p in found] == [20_000]
 
 
 def test_printed_settings_are_recognised():

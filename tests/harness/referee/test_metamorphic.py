@@ -13,7 +13,7 @@ from mbsbench.harness.referee.certificates import metamorphic
 from mbsbench.harness.referee.certificates.metamorphic import Yardstick, _compared, scorecard
 from mbsbench.harness.referee.wrong import wrong
 from mbsbench.harness.results.store import create
-from mbsbench.harness.suites.cell import make_cell
+from mbsbench.harness.suites.spec import make_spec
 
 from .synthetic import altered
 
@@ -40,10 +40,10 @@ def told(folder):
         asked += [({}, tight, steps)] * fixed + [(way, options, steps) for way in ways]
         out = []
         for way, chosen, step in asked:
-            cell = make_cell(make_problem(problem, {**start, **way}), solver, chosen, step)
-            if cell.settings not in known:
-                known[cell.settings] = run(Job(cell, folder))
-            out.append(known[cell.settings])
+            spec = make_spec(make_problem(problem, {**start, **way}), solver, chosen, step)
+            if spec.settings_id not in known:
+                known[spec.settings_id] = run(Job(spec, folder))
+            out.append(known[spec.settings_id])
         return out
 
     return of
@@ -106,7 +106,7 @@ def test_a_planted_deviation_is_broken_and_wrong_though_it_succeeds(folder, told
     assert entry["deviation"] > entry["bound"]
     told_of = [*records[:-1], planted]
     found = wrong(told_of, scorecard(folder, told_of))
-    assert [e["cell"] for e in found] == [planted.settings]
+    assert [e["run"] for e in found] == [planted.settings_id]
     assert found[0]["because"][0].startswith("mirror image: ends elsewhere")
     assert wrong(records, scorecard(folder, records)) == []
 
@@ -151,7 +151,7 @@ def test_what_has_no_end_pose_is_no_success_of_a_check(folder, told, monkeypatch
 
     def series_of(where, r):
         s = read(where, r)
-        return altered(s, **{pose: np.full_like(s[pose], NAN)}) if r.cell == records[whose].cell else s
+        return altered(s, **{pose: np.full_like(s[pose], NAN)}) if r.run_id == records[whose].run_id else s
 
     monkeypatch.setattr(metamorphic.store, "series_of", series_of)
     entry = card(folder, records)["mirror image"]
@@ -163,8 +163,8 @@ def test_a_missing_series_is_a_failure_too(folder, told, monkeypatch):
     """Its file is lost: there is nothing to compare."""
     records = told({"mirror": "X"})
     read = metamorphic.store.series_of
-    gone = records[-1].cell
-    monkeypatch.setattr(metamorphic.store, "series_of", lambda where, r: None if r.cell == gone else read(where, r))
+    gone = records[-1].run_id
+    monkeypatch.setattr(metamorphic.store, "series_of", lambda where, r: None if r.run_id == gone else read(where, r))
     assert card(folder, records)["mirror image"]["verdict"] == "failed"
 
 
@@ -185,8 +185,8 @@ def test_the_tighter_run_has_the_same_largest_step_and_is_chosen_by_its_settings
     solver = {"solver": "ida_index1"}
     records = told({"mirror": "X"}, **solver)
     tighter = records[1]
-    other = dataclasses.replace(tighter, max_step_s=0.01, settings="0", cell="0", finished="0")
-    coarse = dataclasses.replace(tighter, rtol=1.5e-7, settings="1", cell="1", series=records[0].series,
+    other = dataclasses.replace(tighter, max_step_s=0.01, settings_id="0", run_id="0", finished="0")
+    coarse = dataclasses.replace(tighter, rtol=1.5e-7, settings_id="1", run_id="1", series=records[0].series,
                                  series_sha256=records[0].series_sha256)  # fmt: skip
     alone = card(folder, records)["mirror image"]
     for finished in ("0", "9"):

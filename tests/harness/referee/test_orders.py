@@ -15,7 +15,7 @@ from mbsbench.harness.metrics.scales import scales
 from mbsbench.harness.referee.certificates.fitting import ladder, scattered
 from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify
 from mbsbench.harness.results.store import create
-from mbsbench.harness.suites.cell import make_cell
+from mbsbench.harness.suites.spec import make_spec
 
 from .synthetic import bare
 
@@ -110,7 +110,7 @@ def made_up(column, errors, **columns):
     return [
         bare(4.0, problem="spherical_pendulum", solver="made_up", case=f"pendulum made_up dt={dt}", control="dt",
              dt_s=dt, steps=math.ceil(4.0 / dt - 1e-6), claimed="success", status="success", declared_order=2.0,
-             settings=str(dt), length_scale_m=0.5, energy_scale_J=4.9,
+             settings_id=str(dt), length_scale_m=0.5, energy_scale_J=4.9,
              **{"reference_own_error_m": 1e-12, column: error, **columns})
         for dt, error in zip(DT, errors, strict=False)
     ]  # fmt: skip
@@ -220,7 +220,7 @@ def test_scattered_errors_have_the_median_of_slopes():
 
 @pytest.fixture(scope="module")
 def ran(tmp_path_factory):
-    """Records of cells, each run once."""
+    """Records of runs, each run once."""
     folder = create(tmp_path_factory.mktemp("ladders"))
     for part in ("series", "stderr"):
         (folder / part).mkdir(exist_ok=True)
@@ -229,10 +229,10 @@ def ran(tmp_path_factory):
     def of(problem, solver, steps, parameters=None, options=None, control="dt"):
         out = []
         for step in steps:
-            cell = make_cell(make_problem(problem, parameters or {}), solver, options, {control: step})
-            if cell.settings not in known:
-                known[cell.settings] = run(Job(cell, folder))
-            out.append(known[cell.settings])
+            spec = make_spec(make_problem(problem, parameters or {}), solver, options, {control: step})
+            if spec.settings_id not in known:
+                known[spec.settings_id] = run(Job(spec, folder))
+            out.append(known[spec.settings_id])
         return out
 
     return of
@@ -307,4 +307,4 @@ def test_runs_that_failed_or_cut_their_steps_are_not_fitted(ran):
 def test_certificates_are_json(ran):
     """Numbers, texts and lists; NaN is left to the writer."""
     runs = ran("spherical_pendulum", "gc_weak_form", [0.04 / 2**k for k in range(6)], {"t_end": 2.0}, SHARP)
-    assert json.loads(json.dumps(certify(NOWHERE, runs)))[0]["cells"] == [r.settings for r in runs]
+    assert json.loads(json.dumps(certify(NOWHERE, runs)))[0]["runs"] == [r.settings_id for r in runs]

@@ -1,4 +1,4 @@
-"""The register is sound: its claims are about cells the suite has, every figure is there, bad ones are refused."""
+"""The register is sound: its claims are about runs the suite has, every figure is there, bad ones are refused."""
 
 import re
 from pathlib import Path
@@ -33,8 +33,8 @@ def test_there_are_enough_claims_and_every_figure_has_one():
     assert {c.section for c in REGISTER.claims} >= {"5.1", "5.2", "5.3", "5.4", "5.5"}
 
 
-def test_every_map_matches_cells_of_the_suite_and_has_its_dimensions(places):
-    """A claim whose cells nobody runs would never be judged; a suite thinned later would shrink a map in silence."""
+def test_every_map_matches_runs_of_the_suite_and_has_its_dimensions(places):
+    """A claim whose runs nobody runs would never be judged; a suite thinned later would shrink a map in silence."""
     for m in REGISTER.maps.values():
         for selection in m.over:
             assert select(places, [selection]), f"{m.name}: {selection}"
@@ -46,8 +46,8 @@ def test_every_map_matches_cells_of_the_suite_and_has_its_dimensions(places):
 
 
 def test_the_suite_of_the_referee_runs_all_of_them(places):
-    """What `make paper` runs holds every cell a claim is tried on."""
-    assert {p.cell.settings for p in places} <= {c.settings for c in load_suite("referee").cells}
+    """What `make paper` runs holds every run a claim is tried on."""
+    assert {p.spec.settings_id for p in places} <= {c.settings_id for c in load_suite("referee").specs}
 
 
 def test_every_map_is_used():
@@ -70,12 +70,12 @@ def test_paired_claims_find_their_partners(places):
         others = select(places, c.against.over)
         for p in select(places, c.map.over):
             pairs = [q for q in others if all(q.dimensions.get(k) == p.dimensions.get(k) for k in c.pair_by)]
-            assert pairs, f"{c.id}: {p.cell.case}"
+            assert pairs, f"{c.id}: {p.spec.case}"
 
 
 def test_solvers_with_a_stand_in_are_worded_for_what_was_run(places):
     """Every classical solver of a claim has its sentence: IDA is not ode15i."""
-    run = {p.cell.solver for c in REGISTER.claims if c.map for p in select(places, c.map.over)}
+    run = {p.spec.solver for c in REGISTER.claims if c.map for p in select(places, c.map.over)}
     assert run - {"gc_weak_form", "gc_augmented_lagrangian"} <= REGISTER.solvers.keys()
 
 
@@ -96,7 +96,7 @@ def test_solvers_with_a_stand_in_are_worded_for_what_was_run(places):
         (MAP + HEAD + TEST + 'across = "tolerance"\n', "combine goes with across"),
         (MAP + HEAD + TEST + 'against = "gc"\n', "compare goes with against"),
         (MAP + HEAD + TEST + 'quantifier = "most"\n', "quantifier must be all or some"),
-        (MAP + HEAD + TEST + 'kind = "guess"\n', "kind must be result or posing"),
+        (MAP + HEAD + TEST + 'kind = "guess"\n', "kind must be result or presentation"),
         (MAP + HEAD + TEST + 'starting = "yes"\n', "starting must be true or false"),
         (MAP + HEAD + NEAREST, "goes with all tests or none"),
         (MAP + HEAD + TEST + 'needs = [{ why = "x" }]\n', "give one of solver, observable, given"),

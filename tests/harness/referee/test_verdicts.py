@@ -18,7 +18,7 @@ def test_holding_everywhere_is_supported_and_worded_for_the_solver_run():
     c = claim()
     assert c["verdict"] == "SUPPORTED" and c["measured"] == 0.5 and c["band"] == [None, 1.0] and c["unit"] == "m"
     assert "not ode15i" in c["because"] and "12 of 12" in c["because"] and len(c["map"]) == 12
-    assert set(c["cells"]) == {x.settings for x in CELLS if x.solver == "ida_index1"}
+    assert set(c["runs"]) == {x.settings_id for x in CELLS if x.solver == "ida_index1"}
 
 
 def test_holding_nowhere_is_refuted():
@@ -33,7 +33,7 @@ def test_one_altered_number_flips_the_verdict():
         c = claim(records=[record(x, phi_max=1.5 if x is own[k] else 0.5) for x in CELLS])
         assert c["verdict"] == "CONDITIONAL"
         assert [row["holds"] for row in c["map"]].count(False) == 1
-        assert next(row for row in c["map"] if not row["holds"])["cell"] == own[k].settings
+        assert next(row for row in c["map"] if not row["holds"])["run"] == own[k].settings_id
 
 
 def test_conditional_names_the_planted_condition():
@@ -45,16 +45,16 @@ def test_conditional_names_the_planted_condition():
     assert c["factors"]["chart"]["chart quaternion"] == [6, 6]
 
 
-def test_missing_cells_are_untestable_never_green():
+def test_missing_runs_are_untestable_never_green():
     """One of twelve runs is not there: nothing is decided, and it is said what is missing."""
     c = claim(records=[record(x, phi_max=0.5) for x in CELLS[1:]])
-    assert c["verdict"] == "UNTESTABLE" and c["map"] == [] and "cells missing: 1 of 12" in c["missing"]
+    assert c["verdict"] == "UNTESTABLE" and c["map"] == [] and "runs missing: 1 of 12" in c["missing"]
 
 
 def test_a_suite_that_shrank_is_untestable():
-    """Cells taken out of the suite leave the map with fewer values than the claim asks for."""
+    """Runs taken out of the suite leave the map with fewer values than the claim asks for."""
     small = [c for c in CELLS if options(c)["chart"] == "euler313"]
-    c = claim(cells=small)
+    c = claim(specs=small)
     assert c["verdict"] == "UNTESTABLE" and "1 of 2 values of chart" in c["missing"]
 
 
@@ -124,8 +124,8 @@ def test_a_group_of_one_value_across_a_dimension_tests_nothing():
         "map =", 'across = "tolerance"\nmap ='
     )
     few = [x for x in CELLS if options(x)["chart"] == "quaternion" or x.control.rtol in (None, 1e-3)]
-    assert len(claim(text, cells=few)["map"]) == 2
-    none = claim(text, cells=[x for x in CELLS if x.control.rtol in (None, 1e-3)])
+    assert len(claim(text, specs=few)["map"]) == 2
+    none = claim(text, specs=[x for x in CELLS if x.control.rtol in (None, 1e-3)])
     assert none["verdict"] == "UNTESTABLE"
 
 

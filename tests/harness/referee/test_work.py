@@ -16,7 +16,7 @@ NOWHERE = Path()
 
 def record(solver, step, error, evaluations, **more):
     values = {
-        "cell": f"{solver}{step}", "settings": f"{solver}-{step}-{more.get('solver_options', '')}",
+        "run_id": f"{solver}{step}", "settings_id": f"{solver}-{step}-{more.get('solver_options', '')}",
         "case": f"swing {solver} dt={step}", "problem": "swing", "solver": solver,
         "status": "success", "claimed": "success", "control": "dt", "dt_s": step, "t_end_s": 1.0, "t_reached_s": 1.0,
         "reference": "by hand", "reference_own_error_m": 1e-12, "length_scale_m": 2.0, "judged_to_s": 1.0,
@@ -61,10 +61,10 @@ def test_tuned_runs_count_for_the_best_and_not_for_the_defaults():
     found = work(NOWHERE, [*GOOD, tuned, *OTHER])
     assert profile(found, "a")["target_work"][3] == 60.0
     assert profile(found, "a", of="profile_default")["target_work"][3] == 100.0
-    best = {p["cell"]: p["best"] for p in found["points"]}
-    assert best[tuned.settings]
-    assert not best[GOOD[1].settings]
-    assert best[GOOD[2].settings]
+    best = {p["run"]: p["best"] for p in found["points"]}
+    assert best[tuned.settings_id]
+    assert not best[GOOD[1].settings_id]
+    assert best[GOOD[2].settings_id]
 
 
 def test_contradicted_stopped_and_perturbed_runs_reach_nothing():
@@ -82,12 +82,12 @@ def test_a_refusal_never_reaches_and_a_posing_not_all_were_tried_on_is_left_out(
     """Nobody loses targets by not having been asked; who was asked and refused does."""
     refused = record("c", 0.1, math.nan, 0, status="refused", claimed="refused", reference="")
     more = {"problem_parameters": '{"t_end": 2.0}', "case": "swing[t_end=2] a dt=1"}
-    elsewhere = [dataclasses.replace(r, **more, settings=r.settings + "2") for r in (*GOOD, *OTHER)]
+    elsewhere = [dataclasses.replace(r, **more, settings_id=r.settings_id + "2") for r in (*GOOD, *OTHER)]
     found = work(NOWHERE, [*GOOD, *OTHER, refused, *elsewhere])
     assert profile(found, "c")["target_work"] == []
     assert profile(found, "c")["total"] == profile(found, "a")["total"] == len(TARGETS)
-    assert [t["posing"] for t in found["targets"]] == ["swing"]
-    assert {p["posing"] for p in found["points"]} == {"swing", "swing[t_end=2]"}
+    assert [t["variant"] for t in found["targets"]] == ["swing"]
+    assert {p["variant"] for p in found["points"]} == {"swing", "swing[t_end=2]"}
 
 
 def test_work_on_a_motion_that_is_judged_in_part_is_not_profiled():
@@ -122,11 +122,11 @@ def test_factorisations_count_where_they_are_counted():
 def test_wrong_successes_have_the_verdicts_reasons_and_the_planes():
     """Only where success is claimed, and planarity only where the motion is predictable to its end."""
     contradicted = record("a", 0.1, 1.0, 10, status="wrong", wrong_because=json.dumps(["the energy error is 5 J"]))
-    gave_up = dataclasses.replace(contradicted, claimed="diverged", settings="x")
+    gave_up = dataclasses.replace(contradicted, claimed="diverged", settings_id="x")
     away = record("b", 0.1, 1e-3, 10, out_of_plane_max_m=0.5)
-    chaotic = dataclasses.replace(away, judged_to_s=0.3, settings="y")
-    planar = dataclasses.replace(away, out_of_plane_max_m=math.nan, settings="z")
+    chaotic = dataclasses.replace(away, judged_to_s=0.3, settings_id="y")
+    planar = dataclasses.replace(away, out_of_plane_max_m=math.nan, settings_id="z")
     found = wrong([contradicted, gave_up, away, chaotic, planar], [])
-    assert [e["cell"] for e in found] == [contradicted.settings, away.settings]
+    assert [e["run"] for e in found] == [contradicted.settings_id, away.settings_id]
     assert found[0]["because"] == ["the energy error is 5 J"]
     assert "leaves its plane by 0.5 m" in found[1]["because"][0]

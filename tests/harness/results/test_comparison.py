@@ -14,7 +14,7 @@ from mbsbench.harness.results.records import RunRecord
 from ..conftest import PLUGIN
 
 BASE = RunRecord(
-    cell="a", settings="a", case="p s dt=0.1", problem="p", solver="s", status="success", control="dt", steps=10,
+    run_id="a", settings_id="a", case="p s dt=0.1", problem="p", solver="s", status="success", control="dt", steps=10,
     energy_drift_max_J=1e-3, energy_scale_J=1.0, length_scale_m=1.0, phi_max=1e-5,
 )  # fmt: skip
 
@@ -33,16 +33,16 @@ def test_differences_are_told_apart(change, likeness):
     assert found.alike == (likeness is not Likeness.CHANGED) and found.same == (likeness is None)
 
 
-def test_cells_that_come_and_go_are_named():
-    """A lost cell is the largest change of all."""
-    found = compare([BASE], [dataclasses.replace(BASE, settings="b", case="new")])
+def test_runs_that_come_and_go_are_named():
+    """A lost run is the largest change of all."""
+    found = compare([BASE], [dataclasses.replace(BASE, settings_id="b", case="new")])
     assert found.only_before == (BASE.case,) and found.only_after == ("new",) and not found.alike
 
 
-def test_of_two_results_of_a_cell_the_newest_counts():
+def test_of_two_results_of_a_run_the_newest_counts():
     """A resumed folder holds those of older code too, in no order."""
     old, new = (
-        dataclasses.replace(BASE, cell=x, finished=x, phi_max=y) for x, y in (("2026-01-01", 9.0), ("2026-01-02", 1.0))
+        dataclasses.replace(BASE, run_id=x, finished=x, phi_max=y) for x, y in (("2026-01-01", 9.0), ("2026-01-02", 1.0))
     )
     for folder in ([old, new], [new, old]):
         assert compare(folder, [new]).same and not compare(folder, [old]).same
@@ -68,19 +68,19 @@ def test_inputs_that_differ_are_named():
     assert not same_platform(there, {**stamp, "blas": [one]})
 
 
-SUITE = '[[cells]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "refuses", "raises"]\ndt = [0.25, 0.5]\n'
+SUITE = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "refuses", "raises"]\ndt = [0.25, 0.5]\n'
 WITH = ("--plugin", str(PLUGIN))
 
 
 def test_verify_and_diff(command, tmp_path, capsys, monkeypatch):
-    """The same code: every cell again bit for bit. A record that says otherwise: found, with its numbers."""
+    """The same code: every run again bit for bit. A record that says otherwise: found, with its numbers."""
     (tmp_path / "small.toml").write_text(SUITE)
     assert command("run", "small.toml", *WITH, "--out", "a").returncode == 0
-    older = {"code": "older", "cell": "0" * 16, "finished": "2000", "series": ""}  # of a cell that is there anew
+    older = {"code": "older", "run_id": "0" * 16, "finished": "2000", "series": ""}  # of a run that is there anew
     store.write_record(tmp_path / "a", dataclasses.replace(store.load(tmp_path / "a").records[0], **older))
     good = command("verify", "a", *WITH, "--sample", "8")
     assert good.returncode == 0 and "verified: 8 of 8" in good.stdout and "bit for bit" in good.stdout, good.stderr
-    assert command("verify", "a").returncode == 2  # without the plugin its cells cannot be run
+    assert command("verify", "a").returncode == 2  # without the plugin its runs cannot be run
     folder, other = tmp_path / "a", tmp_path / "b"
     store.create(other)
     for record in store.load(folder).records:

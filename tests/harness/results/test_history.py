@@ -1,4 +1,4 @@
-"""History: the same cell over runs and commits, from folders and from small files."""
+"""History: the same run over runs and commits, from folders and from small files."""
 
 import dataclasses
 import json
@@ -21,14 +21,14 @@ from mbsbench.harness.results.history import (
 from mbsbench.harness.results.records import RunRecord
 
 
-def folder(place, name, commit, started, cpu="one", **cells: tuple[str, float, float]):
-    """A run folder whose cells have these (status, drift, CPU time)."""
+def folder(place, name, commit, started, cpu="one", **specs: tuple[str, float, float]):
+    """A run folder whose runs have these (status, drift, CPU time)."""
     run = store.create(place / name)
-    for n, (settings, (status, drift, seconds)) in enumerate(cells.items()):
+    for n, (settings, (status, drift, seconds)) in enumerate(specs.items()):
         store.write_record(
             run,
             RunRecord(
-                cell=f"{commit}{n}", settings=settings, case=f"p s[{settings}]", problem="p", solver="s", status=status,
+                run_id=f"{commit}{n}", settings_id=settings, case=f"p s[{settings}]", problem="p", solver="s", status=status,
                 commit=commit, energy_drift_max_J=drift, cpu_min_s=seconds,
             ),
         )  # fmt: skip
@@ -49,25 +49,25 @@ def three(tmp_path):
 def test_rows_are_in_order_of_time_with_ratios_on_the_same_processor(three):
     """4 times the CPU time of the first run; another processor starts its own line; a wrong run has no ratio."""
     rows = history(three)
-    assert [(r.commit, r.settings) for r in rows] == [
+    assert [(r.commit, r.settings_id) for r in rows] == [
         ("aaa", "a"), ("aaa", "b"), ("bbb+dirty", "a"), ("ccc", "a"), ("ccc", "b"),
     ]  # fmt: skip
     ratios = [r.cpu_ratio for r in rows]
     assert ratios[:4] == [1.0, 1.0, 1.0, 4.0] and math.isnan(ratios[4])
-    assert [r.energy_drift_max_J for r in rows if r.settings == "a"] == [1e-3, 1e-3, 4e-3]
+    assert [r.energy_drift_max_J for r in rows if r.settings_id == "a"] == [1e-3, 1e-3, 4e-3]
 
 
-def test_of_two_results_of_a_cell_the_newest_is_the_row(tmp_path):
+def test_of_two_results_of_a_run_the_newest_is_the_row(tmp_path):
     """A folder gone on with at newer code holds both."""
     run = folder(tmp_path, "run", "b", "2026-01-01", a=("success", 1e-3, 1.0))
     (record,) = store.load(run).records
-    for cell, finished, status in (("a", "2026-01-02", "wrong"), ("c", "2026-01-01", "crashed")):
-        store.write_record(run, dataclasses.replace(record, cell=cell, finished=finished, status=status))
+    for spec, finished, status in (("a", "2026-01-02", "wrong"), ("c", "2026-01-01", "crashed")):
+        store.write_record(run, dataclasses.replace(record, run_id=spec, finished=finished, status=status))
     assert [r.status for r in history([run])] == ["wrong"]
 
 
 def test_files_of_rows_add_what_folders_no_longer_hold(three, tmp_path):
-    """Written, read, and mixed with folders: each cell of a run once, ratios made anew."""
+    """Written, read, and mixed with folders: each run of a run once, ratios made anew."""
     file = tmp_path / "kept" / "old.jsonl"
     write_rows(file, history(three[1:]))
     assert history(three, [file]) == history(three) or [as_plain(r) for r in history(three, [file])] == [
@@ -103,7 +103,7 @@ def test_what_stands_is_found(three, tmp_path):
     assert [f.name for f in folders] == ["a-1", "b-2", "c-3"] and [f.name for f in files] == ["old.jsonl", "gate.jsonl"]
 
 
-def test_the_command_prints_a_line_a_cell(three, capsys, monkeypatch):
+def test_the_command_prints_a_line_a_run(three, capsys, monkeypatch):
     """First, last, a sparkline; JSON for machines; a wrong metric is told."""
     monkeypatch.setenv("COLUMNS", "80")
     names = [str(f) for f in three]
@@ -111,7 +111,7 @@ def test_the_command_prints_a_line_a_cell(three, capsys, monkeypatch):
     out = capsys.readouterr().out
     assert all(len(line) <= 80 for line in out.splitlines())
     line = next(x for x in out.splitlines() if x.startswith("p s[a]"))
-    assert "0.001" in line and "0.004" in line and "█" in line and "2 cells in 3 runs" in out
+    assert "0.001" in line and "0.004" in line and "█" in line and "2 runs in 3 runs" in out
     assert main(["history", *names, "--json"]) == 0
     rows = [json.loads(x) for x in capsys.readouterr().out.splitlines()]
     assert len(rows) == 5 and {*METRICS} < {*rows[0]} and rows[-1]["cpu_ratio"] is None

@@ -12,7 +12,7 @@ from mbsbench.harness.suites.suite import parse_suite
 
 from ..conftest import PLUGIN, Silent
 
-TEXT = '[[cells]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "raises"]\ndt = [0.1, 0.25, 0.5]'
+TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "raises"]\ndt = [0.1, 0.25, 0.5]'
 TIMED = ["cpu_min_s", "cpu_median_s", "cpu_max_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB", "finished"]
 
 
@@ -41,15 +41,15 @@ def test_merged_shards_are_the_whole_run(tmp_path):
 
 
 def test_contradictions_and_damage_are_told(tmp_path):
-    """Two folders with other numbers for one cell: the first is kept; a damaged record is not copied."""
+    """Two folders with other numbers for one run: the first is kept; a damaged record is not copied."""
     run(tmp_path / "a")
     first, *others = store.load(tmp_path / "a").records
     other = store.create(tmp_path / "b")
     store.write_record(other, dataclasses.replace(first, series="", phi_max=9.0))
-    (other / "cells" / f"{others[0].cell}.json").write_text("{")
+    (other / "runs" / f"{others[0].run_id}.json").write_text("{")
     done = merge(tmp_path / "out", [tmp_path / "a", other])
     assert len(done.conflicts) == 1 and first.case in done.conflicts[0] and len(done.unreadable) == 1
-    assert len(done.records) == 9 and [r.phi_max for r in done.records if r.cell == first.cell] == [first.phi_max]
+    assert len(done.records) == 9 and [r.phi_max for r in done.records if r.run_id == first.run_id] == [first.phi_max]
 
 
 def test_a_folder_is_not_merged_into_itself(tmp_path):

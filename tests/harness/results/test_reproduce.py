@@ -1,4 +1,4 @@
-"""The command to reproduce a cell means the same cell, to the last bit of each number."""
+"""The command to reproduce a run means the same run, to the last bit of each number."""
 
 import json
 import shlex
@@ -16,12 +16,12 @@ from mbsbench.harness.types import Status
 from ..conftest import PLUGIN
 
 ODD = """
-[[cells]]
+[[runs]]
 problem = "torque_free_body"
 solver = "exact"
 parameters = { omega = [1, 2.1, 0.30000000000000004], yaw = 0.7, perturb = 1e-6, seed = 3 }
 dt = [0.1, 0.3333333333333333]
-[[cells]]
+[[runs]]
 problem = "spherical_pendulum"
 solver = "ida_index1"
 options = { coordinates = "euler313", lambda_in_error_test = true }
@@ -32,11 +32,11 @@ wall_limit = 7.5
 """
 
 
-def cell_of(line: str):
-    """The cell that ``solve`` would make of the line, without running it."""
+def run_of(line: str):
+    """The run that ``solve`` would make of the line, without running it."""
     from mbsbench.harness.catalogue import registry
     from mbsbench.harness.commands import solve
-    from mbsbench.harness.suites.cell import make_cell
+    from mbsbench.harness.suites.spec import make_spec
 
     words = shlex.split(line)
     assert words[0] == "mbsbench"
@@ -47,24 +47,24 @@ def cell_of(line: str):
     control = {k: values.pop(k) for k in solve.CONTROL if k in values}
     wall = float(control.pop("wall_limit"))
     problem = registry.make_problem(given.problem, assignments(given.problem_set, "--problem-set"))
-    return make_cell(problem, given.solver, values, control, wall_limit=wall), given
+    return make_spec(problem, given.solver, values, control, wall_limit=wall), given
 
 
 @pytest.mark.parametrize("suite", ["ci", "odd"])
-def test_the_command_means_the_same_cell(suite, tmp_path):
-    """Cell, record, line, cell: the settings come back."""
-    cells = parse_suite(ODD, "odd", "odd", plugins=(str(PLUGIN),)).cells if suite == "odd" else load_suite(suite).cells
-    for cell in cells[:: 1 if suite == "odd" else 5]:
-        record = record_of(Job(cell, tmp_path), Status.SUCCESS)
-        again, given = cell_of(command(record, ["my own.py"], "a b.npz"))
-        assert again.settings == cell.settings and again.wall_limit == cell.wall_limit
+def test_the_command_means_the_same_run(suite, tmp_path):
+    """Run, record, line, run: the settings come back."""
+    specs = parse_suite(ODD, "odd", "odd", plugins=(str(PLUGIN),)).specs if suite == "odd" else load_suite(suite).specs
+    for spec in specs[:: 1 if suite == "odd" else 5]:
+        record = record_of(Job(spec, tmp_path), Status.SUCCESS)
+        again, given = run_of(command(record, ["my own.py"], "a b.npz"))
+        assert again.settings_id == spec.settings_id and again.wall_limit == spec.wall_limit
         assert given.plugin == ["my own.py"] and given.out == "a b.npz"
 
 
 def test_words_of_a_foreign_record_stay_words():
     """What a result file holds is data for the shell too."""
     bad = RunRecord(
-        cell="x", problem="p; rm -rf ~", solver="$(id)", dt_s=0.1, solver_options=json.dumps({"a'b": "`id` \n&"})
+        run_id="x", problem="p; rm -rf ~", solver="$(id)", dt_s=0.1, solver_options=json.dumps({"a'b": "`id` \n&"})
     )
     words = shlex.split(command(bad))
     assert words[2:4] == ["p; rm -rf ~", "$(id)"] and "a'b=`id` \n&" in words and words[-1] == "x.npz"
@@ -74,7 +74,7 @@ def test_the_command_runs(command_line_run):
     """As printed, in a shell."""
     done = command_line_run(
         command(
-            RunRecord(cell="abc", problem="free_fall", solver="exact", dt_s=0.5, solver_options='{"lift": 1e-14}'),
+            RunRecord(run_id="abc", problem="free_fall", solver="exact", dt_s=0.5, solver_options='{"lift": 1e-14}'),
             [str(PLUGIN)],
         )
     )

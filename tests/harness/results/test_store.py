@@ -15,7 +15,7 @@ from mbsbench.harness.results.series import BadSeries, Series, read_series, writ
 from mbsbench.harness.types import Status
 
 RECORD = RunRecord(
-    cell="abc", case="p s dt=0.1", status="diverged", phi_max=float("inf"), steps=3, message='a "b"\n\0 é'
+    run_id="abc", case="p s dt=0.1", status="diverged", phi_max=float("inf"), steps=3, message='a "b"\n\0 é'
 )
 
 
@@ -28,8 +28,8 @@ def series(n: int = 5) -> Series:
 
 def stored(folder, record=RECORD) -> RunRecord:
     store.create(folder)
-    digest = write_series(folder / "series" / f"{record.cell}.npz", series())
-    record = dataclasses.replace(record, series=f"series/{record.cell}.npz", series_sha256=digest)
+    digest = write_series(folder / "series" / f"{record.run_id}.npz", series())
+    record = dataclasses.replace(record, series=f"series/{record.run_id}.npz", series_sha256=digest)
     store.write_record(folder, record)
     return record
 
@@ -60,7 +60,7 @@ def test_table_reads_as_it_was(tmp_path):
     assert list(empty.columns) == list(frame.columns) and empty.phi_max.dtype == np.float64
 
 
-@pytest.mark.parametrize("part", ["cells/abc.json", "series/abc.npz"])
+@pytest.mark.parametrize("part", ["runs/abc.json", "series/abc.npz"])
 @pytest.mark.parametrize("damage", ["truncate", "empty", "garbage", "flip"])
 def test_damaged_files_are_set_aside(tmp_path, part, damage):
     """Cut at half, emptied, replaced or with one byte changed: not good, and still there afterwards."""
@@ -81,12 +81,12 @@ def test_damaged_files_are_set_aside(tmp_path, part, damage):
 
 
 def test_foreign_records_are_refused(tmp_path):
-    """Another schema, another cell's record, JSON of something else, a pickle."""
+    """Another schema, another run's record, JSON of something else, a pickle."""
     stored(tmp_path)
-    good = tmp_path / "cells" / "abc.json"
-    (tmp_path / "cells" / "other.json").write_bytes(good.read_bytes())
-    (tmp_path / "cells" / "list.json").write_text("[1, 2]")
-    (tmp_path / "cells" / "binary.json").write_bytes(b"\x80\x04N.")
+    good = tmp_path / "runs" / "abc.json"
+    (tmp_path / "runs" / "other.json").write_bytes(good.read_bytes())
+    (tmp_path / "runs" / "list.json").write_text("[1, 2]")
+    (tmp_path / "runs" / "binary.json").write_bytes(b"\x80\x04N.")
     loaded = store.load(tmp_path)
     assert len(loaded.records) == 1
     assert {u.path.name for u in loaded.unreadable} == {"other.json", "list.json", "binary.json"}
@@ -111,7 +111,7 @@ def test_series_never_unpickles(tmp_path):
 
 
 def test_one_runner_at_a_time(tmp_path):
-    """Two runners on one folder would both run every cell."""
+    """Two runners on one folder would both run every run."""
     store.create(tmp_path)
     with store.lock(tmp_path), pytest.raises(store.StoreError, match="another runner"):
         store.lock(tmp_path)
@@ -140,10 +140,10 @@ def test_format_page_names_every_status():
     text = (environment.ROOT / "docs" / "results-format.md").read_text()
     for status in Status:
         assert f"`{status}`" in text
-    assert records.SCHEMA == 1  # a new schema needs a new page
+    assert records.SCHEMA == 2  # a new schema needs a new page
 
 
-def test_digest_covers_all_that_a_cell_runs():
+def test_digest_covers_all_that_a_run_runs():
     """A module that a worker loads and the digest leaves out could change numbers unseen."""
     import subprocess
     import sys

@@ -1,4 +1,4 @@
-"""A solver that misbehaves costs its own cell only."""
+"""A solver that misbehaves costs its own run only."""
 
 import os
 import signal
@@ -28,16 +28,16 @@ BAD = [
     "refuses",
 ]
 SUITE = f"""
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = {[*BAD, "exact"]}
 wall_limit = {LIMIT}
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = "eats_memory"
 wall_limit = 20.0
 memory = 300.0
-[[cells]]
+[[runs]]
 problem = "free_fall"
 solver = "hangs_later"
 options = {{ end = ["loop", "segfault", "raise"] }}
@@ -85,7 +85,7 @@ def test_each_ends_as_its_own_row(outcome, solver):
     assert "\n" not in record.message
 
 
-def test_nothing_of_a_killed_cell_goes_on(outcome):
+def test_nothing_of_a_killed_run_goes_on(outcome):
     """The group is killed, so a child that a solver started dies with it."""
     ours = [
         p
@@ -124,7 +124,7 @@ def test_partial_motion_is_kept(outcome):
     [("", Status.STALLED, "wall limit"), ("[end=segfault]", Status.CRASHED, "SIGSEGV"),
      ("[end=raise]", Status.CRASHED, "after half")],
 )  # fmt: skip
-def test_steps_of_a_killed_cell_are_kept(outcome, end, status, words):
+def test_steps_of_a_killed_run_are_kept(outcome, end, status, words):
     """A native loop that holds the interpreter, a segfault, an exception: what was handed over is measured."""
     folder, loaded = outcome
     (record,) = [r for r in loaded.records if r.case == f"free_fall hangs_later{end} dt=0.5"]
@@ -171,7 +171,7 @@ def test_fork_needs_a_single_thread():
 
 
 def test_cpu_time_is_limited_too(tmp_path):
-    """By rlimit: a process that works past it gets SIGXCPU, whoever else has died; its cell is stalled, in words."""
+    """By rlimit: a process that works past it gets SIGXCPU, whoever else has died; its run is stalled, in words."""
     from mbsbench.harness.execution.supervisor import Running, explain
 
     def work(tell):
@@ -183,12 +183,12 @@ def test_cpu_time_is_limited_too(tmp_path):
     os.close(child.phase)
     code = os.waitstatus_to_exitcode(os.waitpid(child.pid, 0)[1])
     assert code == -signal.SIGXCPU and time.monotonic() - began > 0.9
-    job = SimpleNamespace(cell=SimpleNamespace(wall_limit=1.0, memory=500.0))
+    job = SimpleNamespace(spec=SimpleNamespace(wall_limit=1.0, memory=500.0))
     status, words = explain(Running(job, child, began, began), code, 100.0)  # type: ignore[arg-type]
     assert status is Status.STALLED and "CPU" in words
 
 
-def test_a_cell_ends_with_its_parent(tmp_path):
+def test_a_run_ends_with_its_parent(tmp_path):
     """Even by SIGKILL, which no ``finally`` sees: nobody is left who could end it at its limits."""
     middle = os.fork()
     if not middle:

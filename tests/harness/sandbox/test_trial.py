@@ -17,7 +17,7 @@ def foreign():
     {}
 """
 SUITE = """
-[[cells]]
+[[runs]]
 problem = "foreign"
 solver = "gc_weak_form"
 """

@@ -1,4 +1,4 @@
-"""Suites expand into cells, and every wrong one is told in one line with its place."""
+"""Suites expand into runs, and every wrong one is told in one line with its place."""
 
 import pytest
 
@@ -6,47 +6,47 @@ from mbsbench.harness.suites.suite import SuiteError, load_suite, parse_suite, s
 
 from ..conftest import PLUGIN
 
-GROUP = '[[cells]]\nproblem = "free_fall"\nsolver = "exact"\n'
+GROUP = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"\n'
 
 
-def cells(text: str):
-    return parse_suite(text, "test", "test.toml").cells
+def specs(text: str):
+    return parse_suite(text, "test", "test.toml").specs
 
 
 def test_lists_are_products():
     """Two problems' parameters x two solvers x three steps."""
-    made = cells(
-        '[[cells]]\nproblem = "free_fall"\nparameters = {mass = [1, 2.0]}\n'
+    made = specs(
+        '[[runs]]\nproblem = "free_fall"\nparameters = {mass = [1, 2.0]}\n'
         'solver = ["exact", "raises"]\ndt = [0.1, 0.2, 1]'
     )
-    assert len(made) == 12 and len({c.settings for c in made}) == len({c.case for c in made}) == 12
+    assert len(made) == 12 and len({c.settings_id for c in made}) == len({c.case for c in made}) == 12
 
 
-def test_defaults_are_the_same_cell():
+def test_defaults_are_the_same_run():
     """Said or left out, text or number: what is run is the same, so its address is."""
-    (plain,) = cells(GROUP)
-    (said,) = cells(GROUP + 'parameters = {mass = "2"}\noptions = {lift = 0}\ndt = "5e-1"')
-    assert plain.settings == said.settings and plain.address("code") == said.address("code")
+    (plain,) = specs(GROUP)
+    (said,) = specs(GROUP + 'parameters = {mass = "2"}\noptions = {lift = 0}\ndt = "5e-1"')
+    assert plain.settings_id == said.settings_id and plain.address("code") == said.address("code")
     assert plain.address("code") != plain.address("other code")
-    (limited,) = cells(GROUP + "wall_limit = 7")
-    assert limited.settings == plain.settings and limited.address("code") != plain.address("code")
+    (limited,) = specs(GROUP + "wall_limit = 7")
+    assert limited.settings_id == plain.settings_id and limited.address("code") != plain.address("code")
 
 
 def test_a_tuple_parameter_takes_a_flat_list():
     """(1, 2, 3) is one value of omega; a list of such lists is a product."""
-    text = '[[cells]]\nproblem = "torque_free_body"\nsolver = "exact"\nparameters = { omega = %s }'
-    assert len(cells(text % "[1, 2, 4]")) == 1
-    assert len(cells(text % "[[1, 2, 4], [0, 0, 1]]")) == 2
+    text = '[[runs]]\nproblem = "torque_free_body"\nsolver = "exact"\nparameters = { omega = %s }'
+    assert len(specs(text % "[1, 2, 4]")) == 1
+    assert len(specs(text % "[[1, 2, 4], [0, 0, 1]]")) == 2
 
 
-def test_cells_survive_their_trip_to_the_worker(tmp_path):
+def test_runs_survive_their_trip_to_the_worker(tmp_path):
     """What the worker gets is what was checked: same address."""
     from mbsbench.harness.execution.job import Job
 
-    for cell in cells(
-        '[[cells]]\nproblem = "torque_free_body"\nsolver = "exact"\nparameters = { omega = [1, 2, 4], yaw = 0.7 }'
+    for spec in specs(
+        '[[runs]]\nproblem = "torque_free_body"\nsolver = "exact"\nparameters = { omega = [1, 2, 4], yaw = 0.7 }'
     ):
-        job = Job(cell, tmp_path, "s", "code", "commit", ("p",))
+        job = Job(spec, tmp_path, "s", "code", "commit", ("p",))
         assert Job.from_json(job.to_json()).id == job.id
 
 
@@ -57,8 +57,8 @@ def written(folder, **files: str):
     return lambda: load_suite(str(folder / f"{list(files)[-1]}.toml"))
 
 
-def test_included_cells_come_first_and_once(tmp_path):
-    """Through two ways to one cell, its first label and limits are kept; defaults stay in their own file."""
+def test_included_runs_come_first_and_once(tmp_path):
+    """Through two ways to one run, its first label and limits are kept; defaults stay in their own file."""
     base = 'label = "base"\nwall_limit = 7'
     load = written(
         tmp_path,
@@ -68,7 +68,7 @@ def test_included_cells_come_first_and_once(tmp_path):
         top=f'include = ["left", "right", "./base.toml"]\n{GROUP}dt = [0.1, 0.05, 0.25]',
     )
     suite = load()
-    assert [(c.control.dt, c.label, c.wall_limit) for c in suite.cells] == [
+    assert [(c.control.dt, c.label, c.wall_limit) for c in suite.specs] == [
         (0.5, "base", 7), (0.25, "base", 7), (0.1, "left", 60.0), (0.05, "", 60.0),
     ]  # fmt: skip
     assert suite.plugins == (str(PLUGIN),) and [n for n, _ in suite.included] == ["base", "left", "right"]
@@ -79,19 +79,19 @@ def test_shipped_suites_can_be_included(tmp_path):
     """A name that is not beside the file is one of ours; the file beside it goes first."""
     ci = load_suite("ci")
     suite = written(tmp_path, mine='include = ["ci"]\ntotal_limit = 60')()
-    assert suite.cells == ci.cells and suite.total_limit == 60
-    assert len(written(tmp_path, ci=GROUP, mine='include = ["ci"]')().cells) == 1
+    assert suite.specs == ci.specs and suite.total_limit == 60
+    assert len(written(tmp_path, ci=GROUP, mine='include = ["ci"]')().specs) == 1
 
 
 def test_a_run_folder_holds_a_suite_that_includes(tmp_path):
-    """The copies, run again, are the same cells."""
+    """The copies, run again, are the same runs."""
     from mbsbench.harness.execution.runner import Request, run_suite
 
     from ..conftest import Silent
 
     suite = written(tmp_path, base=GROUP, top=f'include = ["base"]\nplugins = ["{PLUGIN}"]')()
     run_suite(Request(suite, tmp_path / "run", 1), Silent())
-    assert load_suite(str(tmp_path / "run" / "suite.toml")).cells == suite.cells
+    assert load_suite(str(tmp_path / "run" / "suite.toml")).specs == suite.specs
 
 
 INCLUDES = {
@@ -101,12 +101,12 @@ INCLUDES = {
     'include = ["bse"]': "did you mean 'base'",
     'include = ["top"]': "top includes top",
     'include = ["round"]': "top includes round includes top",
-    'include = ["broken"]': "broken.toml: cells group 1: unknown problem",
+    'include = ["broken"]': "broken.toml: runs group 1: unknown problem",
     'include = ["nowhere.toml"]': "cannot read suite",
     'include = ["other/base.toml", "base"]': "the same name",
     'include = ["suite"]': "the same name",
     "include = []": "at least one",
-    'include = ["base"]\ncells = 3': "at least one",
+    'include = ["base"]\nruns = 3': "at least one",
     "total_limit = 0\n" + GROUP: "total_limit",
     "total_limit = true\n" + GROUP: "total_limit",
     'total_limit = "1 h"\n' + GROUP: "total_limit",
@@ -128,8 +128,8 @@ def test_wrong_includes_are_told_in_a_line(text, tmp_path):
 
 BAD = {
     "": "at least one",
-    "cells = 3": "at least one",
-    "[[cells]]\n": "problem must be",
+    "runs = 3": "at least one",
+    "[[runs]]\n": "problem must be",
     "x = [": "test.toml",
     "sweets = 1\n" + GROUP: "unknown key 'sweets'",
     GROUP.replace("free_fall", "free_fal"): "did you mean 'free_fall'",
@@ -177,7 +177,7 @@ BAD = {
 def test_wrong_suites_are_told_in_a_line(text):
     """With the file, the group, and what was expected."""
     with pytest.raises(SuiteError) as error:
-        cells(text)
+        specs(text)
     assert BAD[text] in str(error.value) and "\n" not in str(error.value) and "test.toml" in str(error.value)
 
 
@@ -185,4 +185,4 @@ def test_wrong_suites_are_told_in_a_line(text):
 def test_our_suites_are_sound(name):
     """Every name, option and product in harness/suites/ exists."""
     suite = load_suite(name)
-    assert suite.name == name and suite.description and len(suite.cells) > 0
+    assert suite.name == name and suite.description and len(suite.specs) > 0

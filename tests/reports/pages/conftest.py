@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench.reports.model.reading import Run, read_run
+from mbsbench.reports.model.results import Results, read_results
 from mbsbench.reports.pages import atlas, certificates, claims, history, work
 from mbsbench.reports.pages.base import FOLDER, Site
 
@@ -43,25 +43,25 @@ class Outline(HTMLParser):
         return " ".join(" ".join(self.parts).split())
 
 
-def render(run: Run, modules) -> dict[str, str]:
+def render(results: Results, modules) -> dict[str, str]:
     """The pages of ``modules`` by file name, as they stand in the report folder."""
-    folder = run.folder / "report"
+    folder = results.folder / "report"
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(FOLDER / "assets", folder / "assets")
     (folder / "data").mkdir()
-    site = Site(run, folder)
+    site = Site(results, folder)
     for module in modules:
-        module.write(run, site)
+        module.write(results, site)
     site.finish()
     return {path.name: path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.html"))}
 
 
 @pytest.fixture(scope="session")
-def judged_run(tmp_path_factory) -> Run:
+def judged_run(tmp_path_factory) -> Results:
     folder: Path = tmp_path_factory.mktemp("judged") / "run"
-    cells = [r.settings for r in every_kind(folder)]
-    judge(folder, cells)
-    return read_run(folder)
+    runs = [r.settings_id for r in every_kind(folder)]
+    judge(folder, runs)
+    return read_results(folder)
 
 
 @pytest.fixture(scope="session")

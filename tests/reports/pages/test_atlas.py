@@ -1,4 +1,4 @@
-"""The atlas: survival counts every cell once, and the cause of a stop is found in series made to show it."""
+"""The atlas: survival counts every run once, and the cause of a stop is found in series made to show it."""
 
 import dataclasses
 import math
@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.reports.model.reading import Cell, read_run
+from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.pages.atlas import broken, groups, law_of, zoom
 from mbsbench.reports.pages.causes import CAUSES, autopsy, usual_step
 from mbsbench.reports.pages.survival import survival
@@ -15,8 +15,8 @@ from mbsbench.reports.pages.svg import ticks
 from ..conftest import put, record, series
 
 
-def stopped(status: str = "diverged", **changes) -> Cell:
-    return Cell(record("aa01", status=status, t_reached_s=1.0, message="it stopped", **changes))
+def stopped(status: str = "diverged", **changes) -> Run:
+    return Run(record("aa01", status=status, t_reached_s=1.0, message="it stopped", **changes))
 
 
 def made(**arrays):
@@ -42,8 +42,8 @@ def test_each_cause_is_read_from_the_series_that_shows_it():
         "unmoved": (stopped("diverged"), None),
     }
     assert set(cases) == {c.key for c in CAUSES}
-    for key, (cell, shown) in cases.items():
-        assert autopsy(cell, shown).cause.key == key, key
+    for key, (run, shown) in cases.items():
+        assert autopsy(run, shown).cause.key == key, key
     assert len(t) == 200
 
 
@@ -65,12 +65,12 @@ def test_evidence_says_numbers_with_units():
     assert any(" J at the end" in e for e in told.evidence) and any(" m at the end" in e for e in told.evidence)
 
 
-def test_survival_counts_every_cell_once():
-    """Of ten cells: two stop, one is refused, three are wrong: 7 of 9 reach the end, 4 right."""
-    cells = [Cell(record(f"w{k}", status="wrong")) for k in range(3)] + [Cell(record(f"s{k}")) for k in range(4)]
-    cells += [Cell(record("d1", status="diverged", t_reached_s=0.5)), Cell(record("r1", status="refused"))]
-    cells += [Cell(record("d2", status="crashed", t_reached_s=math.nan))]
-    (found,) = survival(cells)
+def test_survival_counts_every_run_once():
+    """Of ten runs: two stop, one is refused, three are wrong: 7 of 9 reach the end, 4 right."""
+    runs = [Run(record(f"w{k}", status="wrong")) for k in range(3)] + [Run(record(f"s{k}")) for k in range(4)]
+    runs += [Run(record("d1", status="diverged", t_reached_s=0.5)), Run(record("r1", status="refused"))]
+    runs += [Run(record("d2", status="crashed", t_reached_s=math.nan))]
+    (found,) = survival(runs)
     assert (found.total, found.refused, found.stopped, found.wrong, found.reached, found.good) == (9, 1, 2, 3, 7, 4)
     assert found.x == pytest.approx((0.0, 0.0, 0.0, 0.25, 0.25, 1.0))
     assert found.y == pytest.approx((1.0, 1.0, 8 / 9, 8 / 9, 7 / 9, 7 / 9))
@@ -81,8 +81,8 @@ def test_survival_counts_every_cell_once():
 def test_wrong_ones_are_grouped_by_the_law_they_break():
     reasons = ['["the energy error reaches 3 J, more than 1 J"]', '["the energy error reaches 9 J, more than 1 J"]',
                '["|phi| reaches 1 m, more than 0.1 m"]']  # fmt: skip
-    cells = [Cell(record(f"w{k}", status="wrong", wrong_because=why)) for k, why in enumerate(reasons)]
-    assert [(b.law, b.count) for b in broken([*cells, Cell(record("aa01"))])] == [
+    runs = [Run(record(f"w{k}", status="wrong", wrong_because=why)) for k, why in enumerate(reasons)]
+    assert [(b.law, b.count) for b in broken([*runs, Run(record("aa01"))])] == [
         ("the energy error", 2),
         ("|phi|", 1),
     ]
@@ -109,8 +109,8 @@ def test_stops_of_one_solver_on_one_problem_stand_together(tmp_path):
         put(tmp_path, record(f"s{k}", status="stalled", solver_options=options, t_reached_s=1.0), series(40, 1.0))
     put(tmp_path, record("c1", status="crashed", t_reached_s=1.0), series(40, 1.0))
     put(tmp_path, record("o1", "beta", status="stalled", t_reached_s=1.0), series(40, 1.0))
-    found = {g.cause.key: g for g in groups(read_run(tmp_path), {})}
+    found = {g.cause.key: g for g in groups(read_results(tmp_path), {})}
     assert {k: g.count for k, g in found.items()} == {"killed": 1, "limit": 4}
-    heads = [(f.head.cell.record.solver, len(f.stops), f.head.cell.record.cell) for f in found["limit"].families]
+    heads = [(f.head.run.record.solver, len(f.stops), f.head.run.record.run_id) for f in found["limit"].families]
     assert heads == [("alpha", 3, "s1"), ("beta", 1, "o1")]
     assert found["limit"].of("alpha") == 3

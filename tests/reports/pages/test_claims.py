@@ -24,10 +24,10 @@ def test_counts_are_those_of_the_file_and_name_absent_verdicts():
     assert {m.word: n for m, n in counts([])}["refuted"] == 0
 
 
-def test_checks_of_the_posing_are_no_results():
+def test_checks_of_the_variant_are_no_results():
     """They are on the page, but not in the tally of what was found about solvers."""
     found = claims_of(rows(), NONE)
-    assert [c.id for c in found if c.posing] == ["posed-claim"] and len(found) == len(rows())
+    assert [c.id for c in found if c.presentation] == ["posed-claim"] and len(found) == len(rows())
     assert sum(n for _, n in counts(found)) == len(rows()) - 1
 
 

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.compare import changes, write_compare
 from mbsbench.reports.pages.judgement import Entry
 from mbsbench.reports.pages.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work
@@ -20,7 +20,12 @@ def test_what_became_wrong_comes_before_what_got_better():
     before = [record("aa01"), record("aa02", status="diverged"), record("aa03"), record("aa04", status="wrong")]
     after = [record("aa01", status="wrong"), record("aa02"), record("aa03", status="stalled"), record("aa04")]
     found = endings(before, after)
-    assert [(r.settings, r.worse) for r in found] == [("aa01", True), ("aa03", True), ("aa04", False), ("aa02", False)]
+    assert [(r.settings_id, r.worse) for r in found] == [
+        ("aa01", True),
+        ("aa03", True),
+        ("aa04", False),
+        ("aa02", False),
+    ]
     assert endings(before, before) == []
 
 
@@ -29,7 +34,7 @@ def test_a_large_part_of_the_scale_outranks_many_decades_of_nothing():
     before = [record("aa01", energy_drift_max_J=1e-15), record("aa02", energy_drift_max_J=0.01)]
     after = [record("aa01", energy_drift_max_J=1e-6), record("aa02", energy_drift_max_J=0.05)]
     found = physics(before, after)
-    assert [r.settings for r in found] == ["aa02", "aa01"]
+    assert [r.settings_id for r in found] == ["aa02", "aa01"]
     assert found[0].worse and "4.00 % of the problem's scale" in found[0].size
 
 
@@ -43,7 +48,7 @@ def test_crossing_the_benchmarks_limit_is_said():
     assert "crosses the benchmark's limit of 1.00 J" in physics([a], [b])[0].size
 
 
-def test_one_row_a_cell_with_its_other_changes_beneath():
+def test_one_row_a_run_with_its_other_changes_beneath():
     a = record("aa01")
     b = record("aa01", energy_drift_max_J=0.5, phi_max=0.01, position_error_max_m=0.2)
     (row,) = physics([a], [b])
@@ -71,7 +76,7 @@ def test_work_is_a_ratio_and_timings_need_more_than_spread():
 def test_changed_verdicts_say_which_way():
     before = [Entry({"id": k, "claim": k, "verdict": v}) for k, v in (("a", "SUPPORTED"), ("b", "REFUTED"))]
     after = [Entry({"id": k, "claim": k, "verdict": v}) for k, v in (("a", "REFUTED"), ("b", "CONDITIONAL"))]
-    assert [(r.settings, r.worse) for r in claims(before, after)] == [("a", True), ("b", False)]
+    assert [(r.settings_id, r.worse) for r in claims(before, after)] == [("a", True), ("b", False)]
 
 
 @pytest.mark.parametrize(("x", "y"), [(1.0, 1.0 + 1e-7), (0.00142, 0.0014203), (3.0, 4.0)])
@@ -82,13 +87,13 @@ def test_numbers_that_differ_look_different(x, y):
 
 @pytest.fixture(scope="module")
 def two_runs(tmp_path_factory):
-    """The same run twice; in the second one cell is wrong, one is worse, one is missing, one is new."""
+    """The same run twice; in the second one run is wrong, one is worse, one is missing, one is new."""
     a, b = tmp_path_factory.mktemp("a"), tmp_path_factory.mktemp("b")
     every_kind(a)
     every_kind(b)
     put(b, record("aa01", status="wrong", wrong_because=json.dumps([HOSTILE])), series(size=0.4))
     put(b, record("aa02", dt_s=0.005, energy_drift_max_J=0.3), series(600, size=0.3))
-    (b / "cells" / "ee01.json").unlink()
+    (b / "runs" / "ee01.json").unlink()
     put(b, record("zz01", case=f"new {HOSTILE}"), series())
     for folder, commit in ((a, "1" * 40), (b, "2" * 40)):
         (folder / "environment.json").write_text(
@@ -112,11 +117,11 @@ def test_page_of_two_runs(two_runs, tmp_path):
             assert target.startswith("data:") or (tmp_path / "out" / target).is_file(), target
     curves = opened((tmp_path / "out" / "data" / "plots-compare.js").read_text(encoding="utf-8"))
     names = [t["name"] for p in curves["plots"].values() for t in p["traces"]]
-    assert [sum(n.startswith(f"{run}: alpha") for n in names) for run in "AB"] == [2, 2]
+    assert [sum(n.startswith(f"{results}: alpha") for n in names) for results in "AB"] == [2, 2]
 
 
 def test_a_run_compared_with_itself_has_no_change(two_runs, tmp_path):
     a, _ = two_runs
-    assert changes(read_run(a), read_run(a)) == ()
+    assert changes(read_results(a), read_results(a)) == ()
     text = Outline(write_compare(a, a, tmp_path).read_text(encoding="utf-8")).text
     assert "No input differs, and no result does." in text and "Nothing changed" in text

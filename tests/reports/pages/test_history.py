@@ -1,11 +1,11 @@
-"""History: a line a cell over the runs, what changed first, and a word when there is nothing to compare."""
+"""History: a line a run over the runs, what changed first, and a word when there is nothing to compare."""
 
 import json
 import math
 
 import pytest
 
-from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages import history, timeline
 from mbsbench.reports.pages.svg import sparkline
 from mbsbench.reports.pages.timeline import gather, lines, moments, moved
@@ -14,10 +14,10 @@ from ..conftest import HOSTILE, put, record, series
 from .conftest import Outline, render
 
 
-def run_folder(parent, name, commit, cells):
+def run_folder(parent, name, commit, runs):
     folder = parent / name
-    for cell in cells:
-        put(folder, cell, series(40))
+    for run in runs:
+        put(folder, run, series(40))
     stamp = {"run": name, "started": f"2026-01-0{name[-1]}T00:00:00Z", "commit": commit, "cpu": "a processor"}
     (folder / "environment.json").write_text(json.dumps(stamp))
     return folder
@@ -29,14 +29,14 @@ def three_runs(tmp_path, monkeypatch):
     monkeypatch.setattr(timeline, "COMMITTED", tmp_path / "none")
     for k in (1, 2, 3):
         commit = str(k) * 40
-        cells = [record("aa01", commit=commit), record("aa02", commit=commit, energy_drift_max_J=1e-3 * 10.0**k),
+        runs = [record("aa01", commit=commit), record("aa02", commit=commit, energy_drift_max_J=1e-3 * 10.0**k),
                  record("aa03", commit=commit, status="wrong" if k == 3 else "success")]  # fmt: skip
-        cells += [record("aa04", commit=commit, case=HOSTILE)] if k == 3 else []
-        run_folder(tmp_path, f"run-{k}", commit, cells)
-    return read_run(tmp_path / "run-3")
+        runs += [record("aa04", commit=commit, case=HOSTILE)] if k == 3 else []
+        run_folder(tmp_path, f"run-{k}", commit, runs)
+    return read_results(tmp_path / "run-3")
 
 
-def test_a_line_for_each_cell_those_that_changed_first(three_runs, tmp_path):
+def test_a_line_for_each_run_those_that_changed_first(three_runs, tmp_path):
     rows, bad = gather(three_runs, tmp_path / "none")
     found = lines(three_runs, rows)
     assert bad == []
@@ -49,7 +49,7 @@ def test_a_line_for_each_cell_those_that_changed_first(three_runs, tmp_path):
 
 def test_runs_are_told_in_their_order_with_their_endings(three_runs, tmp_path):
     found = moments(gather(three_runs, tmp_path / "none")[0])
-    assert [m.run for m in found] == ["run-1", "run-2", "run-3"]
+    assert [m.results for m in found] == ["run-1", "run-2", "run-3"]
     assert [(m.word, n) for m, n in found[2].counts] == [("success", 3), ("wrong", 1)]
 
 
@@ -61,8 +61,8 @@ def test_page_of_three_commits(three_runs):
 
 def test_one_commit_is_said(tmp_path, monkeypatch):
     monkeypatch.setattr(timeline, "COMMITTED", tmp_path / "none")
-    run = read_run(run_folder(tmp_path, "run-1", "1" * 40, [record("aa01", commit="1" * 40)]))
-    assert "there is no history yet" in Outline(render(run, [history])["history.html"]).text
+    results = read_results(run_folder(tmp_path, "run-1", "1" * 40, [record("aa01", commit="1" * 40)]))
+    assert "there is no history yet" in Outline(render(results, [history])["history.html"]).text
 
 
 def test_a_file_of_rows_that_cannot_be_read_is_named(three_runs, tmp_path):

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.certificates import tally
 from mbsbench.reports.pages.drifts import anatomies, common_scale, parted
 from mbsbench.reports.pages.judgement import Entry
@@ -56,7 +56,7 @@ def test_an_order_above_the_declared_one_has_a_mark_of_its_own_and_is_no_failure
 
 def test_a_check_that_decides_nothing_is_no_success():
     """Its box says so, and it is not counted among those that hold."""
-    row = {"solver": "alpha", "check": "yaw", "posing": "p", "verdict": "holds", "words": ""}
+    row = {"solver": "alpha", "check": "yaw", "variant": "p", "verdict": "holds", "words": ""}
     found = card(entries([row, {**row, "verdict": "undecided"}]), NONE)
     box = found.rows[0][1][0]
     assert (box.mark.word, box.mark.kind, box.tally) == ("not decided", "refused", "1 of 2")
@@ -95,10 +95,10 @@ def test_profile_rises_by_one_target_at_its_work():
 
 
 def test_work_of_records_stands_in_until_it_is_judged(tmp_path):
-    """Without work.json every cell with an error is a point all the same; wrong and stopped ones are marked."""
+    """Without work.json every run with an error is a point all the same; wrong and stopped ones are marked."""
     every_kind(tmp_path)
-    run = read_run(tmp_path)
-    found = next(f for f in fields(run, [], links_of(run.cells)) if f.posing == "pendulum")
+    results = read_results(tmp_path)
+    found = next(f for f in fields(results, [], links_of(results.runs)) if f.variant == "pendulum")
     traces = plots_of(found)["error-evaluations"].traces
     ends = {t.solver: list(t.ends) for t in traces if t.solver}
     assert ends["beta"] == ["wrong"] and ends["delta"] == ["failed"]
@@ -109,8 +109,10 @@ def test_work_of_records_stands_in_until_it_is_judged(tmp_path):
 
 
 def test_best_settings_get_a_ring_and_zeros_stay_zeros(tmp_path):
-    run = read_run_of(tmp_path)
-    found = next(f for f in fields(run, entries(synthetic.work(["aa01"])["points"]), NONE) if f.posing == "pendulum")
+    results = read_run_of(tmp_path)
+    found = next(
+        f for f in fields(results, entries(synthetic.work(["aa01"])["points"]), NONE) if f.variant == "pendulum"
+    )
     plots = plots_of(found)
     ring = next(t for t in plots["error-evaluations"].traces if t.hollow)
     assert ring.x == pytest.approx([1200.0]) and ring.y == pytest.approx([0.01])
@@ -120,8 +122,8 @@ def test_best_settings_get_a_ring_and_zeros_stay_zeros(tmp_path):
 
 
 def read_run_of(folder):
-    (folder / "cells").mkdir()
-    return read_run(folder)
+    (folder / "runs").mkdir()
+    return read_results(folder)
 
 
 def test_only_long_runs_are_shown_first():
@@ -135,7 +137,7 @@ def test_only_long_runs_are_shown_first():
 
 def test_orders_at_a_glance_have_a_place_for_every_fixed_ladder_and_none_for_tolerances():
     ladders = (("alpha", "q", "dt"), ("alpha", "v", "dt"), ("beta", "v", "dt"), ("beta", "q", "mean step"))
-    rows = [{"solver": s, "posing": "p", "case": s, "quantity": q, "against": a, "order": 2.0} for s, q, a in ladders]
+    rows = [{"solver": s, "variant": "p", "case": s, "quantity": q, "against": a, "order": 2.0} for s, q, a in ladders]
     found = glance(certificates(entries(rows), NONE))
     assert set(found.quantities) == {"q", "v"}
     shown = {c.solver: [o and o.quantity for o in own] for c, own in found.rows}

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.model.results import read_results
 
 from ..conftest import HOSTILE, put, record, series
 from .conftest import PAGES, Outline, render
@@ -29,7 +29,7 @@ def test_page_needs_only_files_beside_it(judged_run, judged_pages, name):
     folder = judged_run.folder / "report"
     for tag, attributes in Outline(judged_pages[name]).tags:
         target = attributes.get("src") or attributes.get("href") or ""
-        if tag in ("script", "img", "link") or target.startswith(("figures/", "cells/")):
+        if tag in ("script", "img", "link") or target.startswith(("figures/", "runs/")):
             assert target.startswith("data:") or not target or (folder / target).is_file(), target
 
 
@@ -58,7 +58,7 @@ def test_without_a_judgement_the_page_names_the_command(tmp_path, name, state):
         for file in ("claims", "certificates", "drift", "metamorphic", "work", "wrong"):
             text = "{" if state == "broken" else json.dumps({"something": "else"})
             (tmp_path / "judgement" / f"{file}.json").write_text(text)
-    pages = render(read_run(tmp_path), [PAGES[name]])
+    pages = render(read_results(tmp_path), [PAGES[name]])
     assert f"mbsbench judge {tmp_path.name}" in Outline(pages[name]).text
 
 
@@ -66,15 +66,15 @@ def test_rows_with_holes_are_shown_with_dashes(tmp_path):
     """A row of nothing is a row of nothing, not a traceback."""
     put(tmp_path, record("aa01"), series(40))
     (tmp_path / "judgement").mkdir()
-    rows = [{}, {"verdict": 3, "measured": "much", "band": "wide", "map": [{}], "cells": 7, "settings": 5, "dt": "x"}]
+    rows = [{}, {"verdict": 3, "measured": "much", "band": "wide", "map": [{}], "runs": 7, "settings": 5, "dt": "x"}]
     for file in ("claims", "certificates", "drift", "metamorphic", "wrong"):
         (tmp_path / "judgement" / f"{file}.json").write_text(json.dumps(rows))
     (tmp_path / "judgement" / "work.json").write_text(json.dumps({"points": rows, "profile": rows}))
-    pages = render(read_run(tmp_path), PAGES.values())
+    pages = render(read_results(tmp_path), PAGES.values())
     assert set(PAGES) <= set(pages)
 
 
-def test_a_run_without_cells_has_its_pages_too(tmp_path):
-    (tmp_path / "cells").mkdir()
-    pages = render(read_run(tmp_path), PAGES.values())
-    assert "no finished cell" in Outline(pages["atlas.html"]).text
+def test_a_run_without_runs_has_its_pages_too(tmp_path):
+    (tmp_path / "runs").mkdir()
+    pages = render(read_results(tmp_path), PAGES.values())
+    assert "no finished run" in Outline(pages["atlas.html"]).text

@@ -1,4 +1,4 @@
-"""A run folder with every cell that the paper's figures ask for: real problems, made-up motions, own numbers."""
+"""A run folder with every run that the paper's figures ask for: real problems, made-up motions, own numbers."""
 
 import dataclasses
 import json
@@ -21,7 +21,7 @@ ROWS = 60
 
 
 def picks(figures=()) -> dict[str, Pick]:
-    """Those of these figures (of all), by the name of a cell for each."""
+    """Those of these figures (of all), by the name of a run for each."""
     out: dict[str, Pick] = {}
     for spec in FIGURES:
         for p in spec.picks:
@@ -50,13 +50,14 @@ def series_for(problem, t_end: float, size: float) -> Series:
     return Series(arrays, (), *names, units, {f"obs_{o.name}": o.symbol for o in problem.observables})
 
 
-def record_for(cell: str, pick: Pick, **changes) -> RunRecord:
-    """A success with the pick's settings and numbers that no other cell has."""
-    n = int(cell, 16) + 1
+def record_for(run: str, pick: Pick, **changes) -> RunRecord:
+    """A success with the pick's settings and numbers that no other run has."""
+    n = int(run, 16) + 1
     problem = registry.make_problem(pick.problem, dict(pick.parameters))
     nan = float("nan")
     base = RunRecord(
-        cell=cell, settings=f"s{cell}", case=f"case {cell}", suite="made up", label="soundest", problem=pick.problem,
+        run_id=run, settings_id=f"s{run}", case=f"case {run}", suite="made up", label="recommended",
+        problem=pick.problem,
         section=problem.section, problem_parameters=json.dumps(dict(pick.parameters)), solver=pick.solver,
         solver_options=json.dumps(dict(pick.options)), control="rtol" if pick.dt is None else "dt",
         dt_s=nan if pick.dt is None else pick.dt, rtol=nan if pick.rtol is None else pick.rtol,
@@ -72,20 +73,20 @@ def record_for(cell: str, pick: Pick, **changes) -> RunRecord:
 
 
 def fill(folder: Path, *figures: str, without=(), **changes_by_key) -> dict[str, RunRecord]:
-    """Store a cell for each pick of ``figures`` but those whose key is in ``without``; changes of records by key."""
+    """Store a run for each pick of ``figures`` but those whose key is in ``without``; changes of records by key."""
     out = {}
-    for k, (cell, pick) in enumerate(picks(figures).items()):
+    for k, (run, pick) in enumerate(picks(figures).items()):
         if pick.key in without:
             continue
         changes = changes_by_key.get(pick.key, {})
-        made = record_for(cell, pick, **changes)
+        made = record_for(run, pick, **changes)
         problem = registry.make_problem(pick.problem, dict(pick.parameters))
-        out[cell] = put(folder, made, series_for(problem, made.t_reached_s, 1e-3 * (k + 1)))
+        out[run] = put(folder, made, series_for(problem, made.t_reached_s, 1e-3 * (k + 1)))
     return out
 
 
 @pytest.fixture(scope="session")
 def whole(tmp_path_factory) -> tuple[Path, dict[str, RunRecord]]:
-    """Every cell is there."""
+    """Every run is there."""
     folder = tmp_path_factory.mktemp("whole")
     return folder, fill(folder)

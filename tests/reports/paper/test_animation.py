@@ -62,7 +62,7 @@ def test_gif_has_the_pictures_asked_for(folder, tmp_path):
 
 def test_the_body_is_where_its_pose_says(folder):
     """At 0.5 s it has turned by a quarter: upright, seen from the front."""
-    (actor,) = actors_of(folder, choosing.choose(choosing.cells_of(folder), "spherical_pendulum", ["gc_weak_form"]))
+    (actor,) = actors_of(folder, choosing.choose(choosing.runs_of(folder), "spherical_pendulum", ["gc_weak_form"]))
     stage = Stage([actor], ghosts=False, frames=3, window=(0.0, 1.0))
     pictures = list(stage.pictures())
     assert len(pictures) == 3 and stage.t.tolist() == [0.0, 0.5, 1.0]
@@ -82,8 +82,8 @@ def test_spatial_motion_is_seen_at_an_angle():
 
 def test_side_by_side_and_as_ghosts(folder):
     """A panel each, or one for all; the one that stopped turns grey after its end."""
-    actors = actors_of(folder, choosing.choose(choosing.cells_of(folder), "spherical_pendulum", []))
-    assert [a.cell.record.solver for a in actors] == ["gc_weak_form", "rk45_strong_form"]
+    actors = actors_of(folder, choosing.choose(choosing.runs_of(folder), "spherical_pendulum", []))
+    assert [a.run.record.solver for a in actors] == ["gc_weak_form", "rk45_strong_form"]
     assert len(Stage(actors, ghosts=False, frames=2).figure.axes) == 3
     ghosts = Stage(actors, ghosts=True, frames=4)
     assert len(ghosts.figure.axes) == 2
@@ -95,12 +95,12 @@ def test_side_by_side_and_as_ghosts(folder):
 
 
 def test_wrong_calls_are_told_in_one_line(folder, tmp_path, capsys):
-    """Kind of file, problem, cell, numbers, window: each with what would be right."""
+    """Kind of file, problem, run, numbers, window: each with what would be right."""
     for words, said in (
         (["--problem", "spherical_pendulum", "--out", str(tmp_path / "x.avi")], "a .gif or an .mp4"),
         (["--problem", "nobody", "--out", str(tmp_path / "x.gif")], "there are spherical_pendulum"),
-        (["--problem", "spherical_pendulum", "--cell", "zz", "--out", str(tmp_path / "x.gif")], "no cell of this"),
-        (["--problem", "spherical_pendulum", "--cell", "c" * 16, "--out", str(tmp_path / "x.gif")], "no cell of this"),
+        (["--problem", "spherical_pendulum", "--run", "zz", "--out", str(tmp_path / "x.gif")], "no run of this"),
+        (["--problem", "spherical_pendulum", "--run", "c" * 16, "--out", str(tmp_path / "x.gif")], "no run of this"),
         (["--problem", "spherical_pendulum", "--frames", "1", "--out", str(tmp_path / "x.gif")], "from 2 to"),
         (["--problem", "spherical_pendulum", "--start", "5", "--out", str(tmp_path / "x.gif")], "nothing to show"),
     ):

@@ -8,7 +8,7 @@ import pytest
 from mbsbench.harness.catalogue import registry
 from mbsbench.reports.mechanism.segments import mechanism_of
 from mbsbench.reports.model.curves import Curve
-from mbsbench.reports.model.reading import Cell
+from mbsbench.reports.model.results import Run
 from mbsbench.reports.paper import limits, measures
 from mbsbench.reports.paper.lines import Line, lines_of, within
 from mbsbench.reports.paper.measures import measured
@@ -23,10 +23,10 @@ PICKS = [Pick(f"k{n}", "rk45_strong_form", "heavy_top", rtol=tol) for n, tol in 
 
 def two(sizes=(1.0, 2.0), **changes) -> list[Line]:
     """Two tops whose observables swing by ``sizes``."""
-    cells = [Cell(record_for(f"{n:016x}", p, **changes)) for n, p in enumerate(PICKS)]
+    runs = [Run(record_for(f"{n:016x}", p, **changes)) for n, p in enumerate(PICKS)]
     problem = registry.make_problem("heavy_top", {})
-    series = {c.record.cell: series_for(problem, 5.0, size) for c, size in zip(cells, sizes, strict=True)}
-    return lines_of(choose(PICKS, cells), series, palette.looks(["rk45_strong_form"]))
+    series = {c.record.run_id: series_for(problem, 5.0, size) for c, size in zip(runs, sizes, strict=True)}
+    return lines_of(choose(PICKS, runs), series, palette.looks(["rk45_strong_form"]))
 
 
 def test_order_names_the_largest_first():
@@ -62,12 +62,12 @@ def test_an_end_is_compared_with_the_papers():
     assert not measured(runs, two(status="wrong", wrong_because='["because"]')).differs
 
 
-def test_every_measure_takes_a_cell_that_made_no_step():
+def test_every_measure_takes_a_run_that_made_no_step():
     """Refused or killed at once: NaN and words, no exception."""
     nan = float("nan")
     nothing = dict.fromkeys(("t_reached_s", "step_min_s", "step_max_s", "energy_drift_max_J"), nan)
-    cells = [Cell(record_for("a" * 16, PICKS[0], status="refused", message="no", **nothing))]
-    lines = lines_of(choose(PICKS, cells), {}, palette.looks(["rk45_strong_form"]))
+    runs = [Run(record_for("a" * 16, PICKS[0], status="refused", message="no", **nothing))]
+    lines = lines_of(choose(PICKS, runs), {}, palette.looks(["rk45_strong_form"]))
     for name in measures.MEASURES:
         text = measured(Says("words", name, series="obs_theta", window=(0.0, 1.0)), lines).text
         assert "not in this run: ODE-45, rtol 1e-06" in text
@@ -75,7 +75,7 @@ def test_every_measure_takes_a_cell_that_made_no_step():
 
 def test_axes_show_everything_unless_one_line_hides_the_others():
     """All of two lines; of one that blew up, thirty times the energy there is; rounding gives no scale."""
-    records = [k.chosen.cell.record for k in two()]
+    records = [k.chosen.run.record for k in two()]
     energy, length = Panel("", ("energy",), "", (0.0, 1.0)), Panel("", ("obs_C_z",), "", (0.0, 1.0))
     t = np.linspace(0.0, 1.0, 5)
     calm, wild = Curve(t, 1.0 + t), Curve(t, 1.0 + 1e9 * t)

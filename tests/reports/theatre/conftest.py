@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.results.series import Series
-from mbsbench.reports.model.reading import read_run
+from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages import theatre as page
 from mbsbench.reports.pages.base import FOLDER, Site
 
@@ -69,10 +69,10 @@ def staged(tmp_path_factory):
     put(folder, record("a5", "epsilon", "refused", message="not for two bars"))
     put(folder, record("b1", HOSTILE, problem=HOSTILE), held(20.0, (0.0, 0.0, -0.1)))
     put(folder, record("c1", problem="lonely", status="refused"))
-    run = read_run(folder)
-    site = Site(run, folder / "report")
+    results = read_results(folder)
+    site = Site(results, folder / "report")
     shutil.copytree(FOLDER / "assets", folder / "report" / "assets")
     (folder / "report" / "data").mkdir()
-    page.write(run, site)
+    page.write(results, site)
     site.finish()
-    return run, folder / "report"
+    return results, folder / "report"

@@ -4,40 +4,40 @@ import numpy as np
 import pytest
 
 from mbsbench.reports.mechanism.theatre.cast import AT_MOST, cast
-from mbsbench.reports.model.reading import Cell, Posing
+from mbsbench.reports.model.results import Run, Variant
 
 from ..conftest import record
 
 
-def posing(*cells) -> Posing:
-    return Posing("p", "p", tuple(Cell(c) for c in cells))
+def variant(*runs) -> Variant:
+    return Variant("p", "p", tuple(Run(c) for c in runs))
 
 
-def names(cells) -> list[str]:
-    return [c.record.cell for c in cells]
+def names(runs) -> list[str]:
+    return [c.record.run_id for c in runs]
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_everyone_plays_or_is_told(seed):
-    """The cast and those left out are all cells, once each; every solver with a motion is on the stage."""
+    """The cast and those left out are all runs, once each; every solver with a motion is on the stage."""
     random = np.random.default_rng(seed)
-    cells = [
+    runs = [
         record(f"c{k}", f"s{random.integers(6)}", str(random.choice(["success", "diverged", "wrong"])),
                label=str(random.choice(["a", "b", "c"])), dt_s=float(random.choice([0.1, 0.01])))
         for k in range(30)
     ]  # fmt: skip
-    moved = [c.cell for c in cells if random.uniform() < 0.8]
-    chosen, left = cast(posing(*cells), moved)
-    assert sorted(names(chosen) + names(left)) == sorted(c.cell for c in cells)
-    settings = {(c.solver, c.dt_s) for c in cells if c.cell in moved}
+    moved = [c.run_id for c in runs if random.uniform() < 0.8]
+    chosen, left = cast(variant(*runs), moved)
+    assert sorted(names(chosen) + names(left)) == sorted(c.run_id for c in runs)
+    settings = {(c.solver, c.dt_s) for c in runs if c.run_id in moved}
     assert len(chosen) == min(AT_MOST, len(settings)) and set(names(chosen)) <= set(moved)
-    assert {c.record.solver for c in chosen} == {c.solver for c in cells if c.cell in moved}
+    assert {c.record.solver for c in chosen} == {c.solver for c in runs if c.run_id in moved}
 
 
 def test_the_solid_one_is_sound_and_plain():
     """Not the least drift of all: one with options of its own shows less of its solver."""
     chosen, _ = cast(
-        posing(
+        variant(
             record("odd", solver_options='{"gauge": "zero"}', energy_drift_max_J=1e-12),
             record("plain", energy_drift_max_J=1e-3),
             record("lost", "beta", "diverged", energy_drift_max_J=1e-15),
@@ -49,18 +49,18 @@ def test_the_solid_one_is_sound_and_plain():
 
 def test_the_same_settings_play_once():
     """Under another label, or with more steps allowed, they move alike; another step or option does not."""
-    cells = [
+    runs = [
         record("first", label="map"), record("again", label="as printed", max_steps=7),
         record("finer", label="map", dt_s=0.001), record("odd", label="as printed", solver_options='{"gauge": "zero"}'),
     ]  # fmt: skip
-    chosen, left = cast(posing(*cells), [c.cell for c in cells])
+    chosen, left = cast(variant(*runs), [c.run_id for c in runs])
     assert len(chosen) == 3 and {"finer", "odd"} < set(names(chosen))
     assert names(left) in (["first"], ["again"])
 
 
 def test_failures_come_before_more_of_the_same():
-    """Of a solver's other label the cell that stopped is shown, not the one that held."""
-    cells = [record("fine", dt_s=0.001), record("coarse", dt_s=0.1)]
-    cells += [record("held", label="as printed", dt_s=0.001), record("broke", "alpha", "diverged", label="as printed")]
-    chosen, left = cast(posing(*cells), [c.cell for c in cells], at_most=2)
+    """Of a solver's other label the run that stopped is shown, not the one that held."""
+    runs = [record("fine", dt_s=0.001), record("coarse", dt_s=0.1)]
+    runs += [record("held", label="as printed", dt_s=0.001), record("broke", "alpha", "diverged", label="as printed")]
+    chosen, left = cast(variant(*runs), [c.run_id for c in runs], at_most=2)
     assert set(names(chosen)) == {"fine", "broke"} and set(names(left)) == {"coarse", "held"}

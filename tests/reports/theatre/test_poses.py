@@ -26,7 +26,7 @@ def spinning(rate: float, n: int = 300, t_end: float = 3.0) -> Poses:
 
 
 def test_first_and_last_pose_stay():
-    """Where a cell stopped is its last pose."""
+    """Where a run stopped is its last pose."""
     poses = spinning(5.0)
     for n in (2, 3, 10, 299, 300, 1000):
         rows = thinned(poses, n, 1.0)

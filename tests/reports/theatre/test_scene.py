@@ -8,7 +8,7 @@ from mbsbench.reports.mechanism.theatre.poses import Poses
 from mbsbench.reports.mechanism.theatre.scene import players, scene
 from mbsbench.reports.mechanism.theatre.shapes import shapes_of
 from mbsbench.reports.mechanism.theatre.strips import STRIPS, strip, strips_of
-from mbsbench.reports.model.reading import Cell
+from mbsbench.reports.model.results import Run
 from mbsbench.reports.pages.theatre import fair
 
 from ..conftest import HOSTILE, record
@@ -30,11 +30,11 @@ def test_strips_keep_every_extreme(n):
 
 
 def test_the_step_cut_to_end_at_t_end_is_no_small_step():
-    """Of a cell that stopped it is the point, and stays."""
+    """Of a run that stopped it is the point, and stays."""
     series = two_bars(50)
     series.arrays["dt"][-1] = 1e-9
-    whole = strips_of(series, Cell(record("x")), 2.0)
-    stopped = strips_of(series, Cell(record("x", "a", "diverged")), 2.0)
+    whole = strips_of(series, Run(record("x")), 2.0)
+    stopped = strips_of(series, Run(record("x", "a", "diverged")), 2.0)
     row = sum(2 if both else 1 for *_, both in STRIPS[:-1])
     assert np.nanmin(whole[row]) > 1e-3 and np.nanmin(stopped[row]) == 1e-9
 
@@ -42,7 +42,7 @@ def test_the_step_cut_to_end_at_t_end_is_no_small_step():
 def test_moments_are_the_stop_the_events_and_the_whip():
     events = [{"kind": "singular passage", "t": 0.5, "value": 0.125}, {"kind": "x"}, {"kind": "y", "t": float("nan")}]
     series = two_bars(events=events)
-    found = marks_of(series, Cell(record("x", "a", "diverged", message="lost")), 3)
+    found = marks_of(series, Run(record("x", "a", "diverged", message="lost")), 3)
     assert [(m.kind, m.t) for m in found] == [("event", 0.5), ("whip", series["t"][100]), ("stop", 2.0)]
     assert found[0].words == "singular passage, value 0.125" and "lost" in found[2].words
     assert {m.player for m in found} == {3}
@@ -70,10 +70,10 @@ def test_a_bar_reaches_from_joint_to_joint():
 
 def test_a_scene_holds_the_plane_the_farthest_end_and_the_sound_motions(staged):
     """A player that flies apart must not make the others a dot."""
-    run, _ = staged
-    posing = next(p for p in run.posings if p.problem == "pendulum")
-    cast, left_out = players(run, posing)
-    play = scene(posing, cast, {c.record.solver: _Look for c in posing.cells})
+    results, _ = staged
+    variant = next(p for p in results.variants if p.problem == "pendulum")
+    cast, left_out = players(results, variant)
+    play = scene(variant, cast, {c.record.solver: _Look for c in variant.runs})
     assert np.allclose(np.abs(play["normal"]), [0.0, 0.0, 1.0], atol=1e-6)
     assert play["trail"] == {"body": 1, "at": [0.5, 0.0, 0.0]}
     assert np.all(np.abs(play["low"]) < 3.0) and np.all(np.abs(play["high"]) < 3.0)

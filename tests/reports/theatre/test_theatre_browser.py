@@ -104,13 +104,13 @@ def test_reduced_motion_does_not_start_by_itself(open_):
 
 def test_the_page_has_the_poses_of_the_series(open_, staged):
     """Unpacked and interpolated in the page, against the series interpolated here: off by the grid of the int16."""
-    run, _ = staged
+    results, _ = staged
     tab = open_()
-    series = next(run.series(c) for c in run.cells if c.record.cell == "a1")
+    series = next(results.series(c) for c in results.runs if c.record.run_id == "a1")
     poses = Poses(series["frame_t"], series["frame_r"].astype(float), series["frame_q"])
     times = np.array([0.0, 0.1234, 1.0, 1.999, 2.0, 0.7])
     found = tab.evaluate(f"""(() => {{ const play = MBS["theatre-pendulum"];
-        const m = new MBS.theatre.Motion(play.players.find((p) => p.cell === "a1"), play);
+        const m = new MBS.theatre.Motion(play.players.find((p) => p.run === "a1"), play);
         return {times.tolist()}.map((t) => [...m.at(t)]); }})()""")
     body = np.array(found).reshape(len(times), 2, 4, 3)
     wanted = between(poses.at(enough(poses, 2000, 1.0)), times)

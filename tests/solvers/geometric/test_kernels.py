@@ -28,7 +28,7 @@ def settings(**choices: float) -> Settings:
     return usual._replace(**choices)
 
 
-def posed(system, chosen: Settings) -> Run:
+def presented(system, chosen: Settings) -> Run:
     """A run at an arbitrary state, with an arbitrary estimate of the end."""
     random = np.random.default_rng(3)
     problem = Problem("test", system, arbitrary(system, 5), t_end=1.0, dt=DT, section="", source="")
@@ -73,7 +73,7 @@ def dense(run: Run) -> np.ndarray:
 def test_kinematics_agree_with_the_batched_mechanics(springs):
     """phi, phi_dot, A v and M_bar are computed twice, from the same definitions by different code."""
     system = linkage(springs=springs)
-    run = posed(system, settings())
+    run = presented(system, settings())
     state = arbitrary(system, 5)
     load(run.start, state)
     complete(run.model, run.start, run.settings)
@@ -93,7 +93,7 @@ def test_kinematics_agree_with_the_batched_mechanics(springs):
 def test_newton_matrix_is_the_derivative_of_the_residual(choices, springs):
     """Central differences of step 1e-6 leave about 1e-9; f_bar of springs is left out of the matrix by design."""
     chosen = settings(**(choices | ({"use_f_bar": 0} if springs else {})))
-    run = posed(linkage(springs=springs), chosen)
+    run = presented(linkage(springs=springs), chosen)
     x = np.concatenate((run.end.v.ravel(), run.rows.nu1))
     steps = 1e-6 * np.eye(len(x))
     slopes = np.stack([(residual(run, x + h) - residual(run, x - h)) / 2e-6 for h in steps], axis=1)
@@ -107,7 +107,7 @@ def test_newton_matrix_is_the_derivative_of_the_residual(choices, springs):
 def test_translation_direction_has_its_derivative_too():
     """c = (e_k, 0) for spherical joints: f_bar is constant."""
     system = assemble_spherical()
-    run = posed(system, settings(direction=2))
+    run = presented(system, settings(direction=2))
     x = np.concatenate((run.end.v.ravel(), run.rows.nu1))
     slopes = np.stack([(residual(run, x + h) - residual(run, x - h)) / 2e-6 for h in 1e-6 * np.eye(len(x))], axis=1)
     residual(run, x)
@@ -125,7 +125,7 @@ def assemble_spherical():
 @pytest.mark.parametrize("springs", [False, True])
 def test_block_factors_solve_the_assembled_matrix(springs):
     """Against dense LU, to rounding times the condition number (about 1e3)."""
-    run = posed(linkage(springs=springs), settings())
+    run = presented(linkage(springs=springs), settings())
     residual(run, np.concatenate((run.end.v.ravel(), run.rows.nu1)))
     matrix = dense(run)
     assert factor(run.pattern, run.work.blocks, run.factors) == 0

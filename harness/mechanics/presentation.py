@@ -1,7 +1,7 @@
 """The same system told otherwise: mirrored, a joint repeated, bodies and joints renumbered, other units of measure.
 
-A solver is given the posed system; its motion is brought back before anything is measured, so that numbers of cells
-that differ only in their posing may be compared as they stand. Order: mirror, repeat, renumber, units.
+A solver is given the posed system; its motion is brought back before anything is measured, so that numbers of runs
+that differ only in their variant may be compared as they stand. Order: mirror, repeat, renumber, units.
 """
 
 import dataclasses
@@ -19,7 +19,7 @@ BODY_MIRROR = np.diag([1.0, 1.0, -1.0])  # of every body frame, so that a mirror
 
 
 @dataclass(frozen=True)
-class Posing:
+class Presentation:
     """How a system is told. The numbers of a length, a mass, a time are multiplied by the ``unit_`` factors."""
 
     mirror: str = "none"  # the plane through the origin of space with this normal
@@ -56,25 +56,25 @@ class Posing:
             m.Omega[0, bodies] / self.unit_time,
         )
 
-    def states_back(self, s: MultibodySystem, posed: States) -> States:
+    def states_back(self, s: MultibodySystem, presented: States) -> States:
         """What a solver found, as states of the system ``s``."""
         back = np.argsort(self._orders(s)[0])
         home = States(
-            posed.r[:, back] / self.unit_length,
-            posed.R[:, back],
-            posed.v[:, back] / self.speed,
-            posed.Omega[:, back] * self.unit_time,
+            presented.r[:, back] / self.unit_length,
+            presented.R[:, back],
+            presented.v[:, back] / self.speed,
+            presented.Omega[:, back] * self.unit_time,
         )
         return _mirrored_states(home, self._space())
 
-    def reaction_back(self, s: MultibodySystem, posed: Float[np.ndarray, "nt n"]) -> Float[np.ndarray, "nt nrows"]:
+    def reaction_back(self, s: MultibodySystem, presented: Float[np.ndarray, "nt n"]) -> Float[np.ndarray, "nt nrows"]:
         """Forces conjugate to phi of ``s``; a repeated joint carries what both copies do."""
         _, joints = self._orders(s)
         repeated = _repeated(s, self.duplicate)
         start = repeated.row_start
         rows = np.concatenate([np.arange(start[j], start[j + 1]) for j in joints]) if s.nj else np.zeros(0, np.int64)
-        home = np.empty_like(posed)
-        home[:, rows] = posed / self.force
+        home = np.empty_like(presented)
+        home[:, rows] = presented / self.force
         axis_rows = (start[np.flatnonzero(repeated.joint_revolute)][:, None] + np.array([3, 4])).ravel()
         home[:, axis_rows] /= self.unit_length
         if self.duplicate:
@@ -161,7 +161,7 @@ def _renumbered(s: MultibodySystem, bodies: np.ndarray, joints: np.ndarray) -> M
     )
 
 
-def _in_units(s: MultibodySystem, p: Posing) -> MultibodySystem:
+def _in_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
     L, M, T = p.unit_length, p.unit_mass, p.unit_time
     if L == M == T == 1.0:
         return s

@@ -1,4 +1,4 @@
-"""A cell: one problem, one solver, one control, with limits. Checked when made, addressed by its content."""
+"""A run: one problem, one solver, one control, with limits. Checked when made, addressed by its content."""
 
 import dataclasses
 import hashlib
@@ -16,12 +16,12 @@ DEFAULT_MEMORY = 4000.0  # [MB] beyond what the libraries take
 
 
 @dataclass(frozen=True)
-class Cell:
+class RunSpec:
     """What is run. ``parameters`` and ``options`` hold only what differs from the defaults, in their own types."""
 
     problem: str
     solver: str
-    control: StepControl  # without wall_limit, which is the cell's
+    control: StepControl  # without wall_limit, which is the run's
     parameters: Mapping[str, Any] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
     wall_limit: float = DEFAULT_WALL_LIMIT  # [s]
@@ -30,7 +30,7 @@ class Cell:
     label: str = ""
 
     @property
-    def settings(self) -> str:
+    def settings_id(self) -> str:
         """Digest of what shapes the motion, the code apart."""
         return _digest(self._settings())
 
@@ -54,9 +54,9 @@ class Cell:
         return {**dataclasses.asdict(self), "control": self._control()}
 
     @staticmethod
-    def from_plain(plain: Mapping[str, Any]) -> "Cell":
+    def from_plain(plain: Mapping[str, Any]) -> "RunSpec":
         """The inverse of ``to_plain``."""
-        return Cell(**{**plain, "control": StepControl(**plain["control"])})
+        return RunSpec(**{**plain, "control": StepControl(**plain["control"])})
 
     def _settings(self) -> dict[str, Any]:
         return {
@@ -71,19 +71,19 @@ class Cell:
         return {k: getattr(self.control, k) for k in ("dt", "rtol", "max_step", "max_steps")}
 
 
-def make_cell(
+def make_spec(
     problem: Problem,
     solver: str,
     options: Mapping[str, Any] | None = None,
     control: Mapping[str, Any] | None = None,
     **limits: Any,
-) -> Cell:
-    """The cell of ``problem`` (as made by the registry), or ValueError in one line."""
+) -> RunSpec:
+    """The run of ``problem`` (as made by the registry), or ValueError in one line."""
     made = registry.make_solver(solver, options)
     known = registry.solvers()[solver].parameters
     given = {k: getattr(made, k) for k, (default, _) in known.items() if getattr(made, k) != default}
     steps = step_control(solver, registry.solvers()[solver].control, problem, control or {})
-    return Cell(problem.name, solver, steps, dict(problem.parameters), given, **limits)
+    return RunSpec(problem.name, solver, steps, dict(problem.parameters), given, **limits)
 
 
 def step_control(solver: str, kind: str, problem: Problem, given: Mapping[str, Any]) -> StepControl:

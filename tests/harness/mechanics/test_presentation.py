@@ -1,4 +1,4 @@
-"""The same system told otherwise moves alike: laws of every posing, on a linkage with every kind of part."""
+"""The same system told otherwise moves alike: laws of every variant, on a linkage with every kind of part."""
 
 import dataclasses
 
@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.execution.posed import posed
+from mbsbench.harness.execution.presented import presented
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy, scaling_masses
-from mbsbench.harness.mechanics.posing import Posing
+from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.metrics.reactions import exact_pull_on_bodies, pull_on_bodies
 from mbsbench.harness.types import Problem, StepControl
 
 from ...solvers.arbitrary_systems import consistent, linkage
 
-POSINGS = [
-    Posing(mirror="X"),
-    Posing(mirror="Z"),
-    Posing(duplicate=2),
-    Posing(renumber=3),
-    Posing(unit_length=1000.0, unit_mass=0.3, unit_time=60.0),
-    Posing(mirror="Y", duplicate=1, renumber=5, unit_length=0.25, unit_mass=7.0, unit_time=3.0),
+PRESENTATIONS = [
+    Presentation(mirror="X"),
+    Presentation(mirror="Z"),
+    Presentation(duplicate=2),
+    Presentation(renumber=3),
+    Presentation(unit_length=1000.0, unit_mass=0.3, unit_time=60.0),
+    Presentation(mirror="Y", duplicate=1, renumber=5, unit_length=0.25, unit_mass=7.0, unit_time=3.0),
 ]
 
 
@@ -30,36 +30,36 @@ def linked() -> Problem:
     return Problem("springs", system, consistent(system, 2), t_end=0.2, dt=1e-3, section="", source="")
 
 
-@pytest.mark.parametrize("posing", POSINGS, ids=str)
-def test_a_state_comes_back_as_it_was(posing):
+@pytest.mark.parametrize("presentation", PRESENTATIONS, ids=str)
+def test_a_state_comes_back_as_it_was(presentation):
     """There and back is the identity, to the rounding of one product."""
     p = linked()
-    back = posing.states_back(p.system, States.one(posing.state(p.system, p.initial)))[0]
+    back = presentation.states_back(p.system, States.one(presentation.state(p.system, p.initial)))[0]
     for name in ("r", "R", "v", "Omega"):
         assert np.allclose(getattr(back, name), getattr(p.initial, name), rtol=1e-15, atol=0.0), name
 
 
-@pytest.mark.parametrize("posing", POSINGS, ids=str)
-def test_energy_and_constraints_are_those_of_the_system_in_other_units(posing):
+@pytest.mark.parametrize("presentation", PRESENTATIONS, ids=str)
+def test_energy_and_constraints_are_those_of_the_system_in_other_units(presentation):
     """Gravity, springs, joints and inertia are all told alike: E scales as M L^2 / T^2, phi stays zero."""
     p = linked()
-    system, start = posing.system(p.system), States.one(posing.state(p.system, p.initial))
-    joule = posing.force * posing.unit_length
+    system, start = presentation.system(p.system), States.one(presentation.state(p.system, p.initial))
+    joule = presentation.force * presentation.unit_length
     assert np.allclose(energy(system, start), joule * energy(p.system, States.one(p.initial)), rtol=1e-12)
-    assert np.max(np.abs(constraint(system, start))) < 1e-13 * max(posing.unit_length, 1.0)
-    assert np.max(np.abs(constraint_rate(system, start))) < 1e-12 * max(posing.speed, 1.0)
+    assert np.max(np.abs(constraint(system, start))) < 1e-13 * max(presentation.unit_length, 1.0)
+    assert np.max(np.abs(constraint_rate(system, start))) < 1e-12 * max(presentation.speed, 1.0)
     assert scaling_masses(system, start).shape[1] == system.nrows
     assert np.array_equal(np.linalg.eigvalsh(system.inertia)[:, 0] > 0.0, np.ones(system.nb, dtype=bool))
 
 
-@pytest.mark.parametrize("posing", POSINGS, ids=str)
-def test_an_accurate_solver_finds_the_same_motion_and_reactions(posing):
+@pytest.mark.parametrize("presentation", PRESENTATIONS, ids=str)
+def test_an_accurate_solver_finds_the_same_motion_and_reactions(presentation):
     """Springs, dampers, spherical and revolute joints: at rtol 1e-11 all that is left is its error."""
     p = linked()
     solver, control = make_solver("rk45_strong_form"), StepControl(rtol=1e-11)
     plain = solver.solve(p, control)
-    other = dataclasses.replace(p, posing=posing)
-    found = posed(solver, other).solve(other, control)
+    other = dataclasses.replace(p, presentation=presentation)
+    found = presented(solver, other).solve(other, control)
     assert found.t[-1] == pytest.approx(plain.t[-1], rel=1e-14)
     for name in ("r", "R", "v", "Omega"):
         gap = getattr(found.states, name)[-1] - getattr(plain.states, name)[-1]
@@ -68,7 +68,7 @@ def test_an_accurate_solver_finds_the_same_motion_and_reactions(posing):
     assert found.reaction is not None
     ours, theirs = (pull_on_bodies(p.system, r[-1:]) for r in (plain.reaction, found.reaction))
     assert np.max(np.abs(ours - theirs)) < 1e-6 * np.max(np.abs(ours))
-    if posing.duplicate == 0:
+    if presentation.duplicate == 0:
         assert found.reaction.shape[1] == p.system.nrows
         gap = np.abs(found.reaction[-1] - plain.reaction[-1])
         assert np.max(gap) < 1e-6 * np.max(np.abs(plain.reaction[-1]))
@@ -77,7 +77,7 @@ def test_an_accurate_solver_finds_the_same_motion_and_reactions(posing):
 def test_a_plain_problem_gets_the_solver_itself():
     """Nothing between a solver and a problem as it stands: not a bit changes."""
     solver = make_solver("gc_weak_form")
-    assert posed(solver, make_problem("chain")) is solver
+    assert presented(solver, make_problem("chain")) is solver
 
 
 @pytest.mark.parametrize("given", [{"mirror": "X"}, {"renumber": 2}, {"duplicate": 1}, {"unit_length": 8.0}])
@@ -97,7 +97,7 @@ def test_steps_handed_over_on_the_way_are_in_the_problems_terms(given):
             self.states.append(states)
 
     kept = Kept()
-    solver = posed(make_solver("ida_index1"), problem)
+    solver = presented(make_solver("ida_index1"), problem)
     out = solver.solve(problem, StepControl(rtol=1e-6, spool=kept))
     handed = np.concatenate([s.r for s in kept.states])
     assert len(handed) > 5
@@ -107,7 +107,7 @@ def test_steps_handed_over_on_the_way_are_in_the_problems_terms(given):
 def test_the_way_back_arrives_at_the_start():
     """An accurate solver retraces; a solver that fails on the way back says so and arrives nowhere."""
     problem = make_problem("heavy_top", {"t_end": 0.2, "retrace": True})
-    solver = posed(make_solver("rk45_strong_form"), problem)
+    solver = presented(make_solver("rk45_strong_form"), problem)
     out = solver.solve(problem, StepControl(rtol=1e-10))
     assert out.t[-1] == 0.2
     assert out.returned is not None

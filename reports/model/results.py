@@ -1,4 +1,4 @@
-"""A run folder as reports see it: cells with their texts unpacked, sorted into problems as posed and labels."""
+"""A run folder as reports see it: runs with their texts unpacked, sorted into variants and labels."""
 
 import hashlib
 import io
@@ -22,14 +22,14 @@ STDERR_SHOWN = 4000  # characters, the last ones: a native library says the reas
 
 
 @dataclass(frozen=True)
-class Cell:
+class Run:
     """A record with what its JSON columns hold, and the end of its standard error."""
 
     record: RunRecord
     stderr: str = ""
 
     @cached_property
-    def posing(self) -> str:
+    def variant(self) -> str:
         """The problem with the parameters that differ from its defaults."""
         return named(self.record.problem, self.parameters)
 
@@ -117,84 +117,84 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Posing:
-    """One problem as posed, with all cells that took it."""
+class Variant:
+    """One variant, with all runs that took it."""
 
     title: str
     slug: str
-    cells: tuple[Cell, ...]
+    runs: tuple[Run, ...]
 
     @property
     def section(self) -> str:
-        return self.cells[0].record.section
+        return self.runs[0].record.section
 
     @property
     def problem(self) -> str:
-        return self.cells[0].record.problem
+        return self.runs[0].record.problem
 
     @property
     def parameters(self) -> str:
         """In words; empty for the problem as its file has it."""
-        return self.cells[0].parameter_words
+        return self.runs[0].parameter_words
 
-    def labels(self) -> dict[str, tuple[Cell, ...]]:
-        """The cells by label of the suite, the largest group first."""
-        found: dict[str, list[Cell]] = {}
-        for cell in self.cells:
-            found.setdefault(cell.record.label, []).append(cell)
+    def labels(self) -> dict[str, tuple[Run, ...]]:
+        """The runs by label of the suite, the largest group first."""
+        found: dict[str, list[Run]] = {}
+        for run in self.runs:
+            found.setdefault(run.record.label, []).append(run)
         return {k: tuple(v) for k, v in sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))}
 
-    def solved(self) -> tuple[Cell, ...]:
-        return tuple(c for c in self.cells if c.succeeded)
+    def solved(self) -> tuple[Run, ...]:
+        return tuple(c for c in self.runs if c.succeeded)
 
 
 @dataclass(frozen=True)
-class Run:
+class Results:
     """All that a report needs."""
 
     folder: Path
     environment: Mapping[str, Any]
-    cells: tuple[Cell, ...]
+    runs: tuple[Run, ...]
     unreadable: tuple[store.Unreadable, ...]
 
     @cached_property
-    def posings(self) -> tuple[Posing, ...]:
+    def variants(self) -> tuple[Variant, ...]:
         """In the order of the paper's sections, then by name."""
-        found: dict[str, list[Cell]] = {}
-        for cell in self.cells:
-            found.setdefault(cell.posing, []).append(cell)
+        found: dict[str, list[Run]] = {}
+        for run in self.runs:
+            found.setdefault(run.variant, []).append(run)
         ordered = sorted(found.items(), key=lambda kv: (kv[1][0].record.section or "~", natural(kv[0])))
         taken: set[str] = set()
-        return tuple(Posing(title, slug(title, taken), tuple(cells)) for title, cells in ordered)
+        return tuple(Variant(title, slug(title, taken), tuple(runs)) for title, runs in ordered)
 
     @cached_property
     def solvers(self) -> tuple[str, ...]:
-        return tuple(sorted({c.record.solver for c in self.cells}))
+        return tuple(sorted({c.record.solver for c in self.runs}))
 
     def labels(self) -> tuple[str, ...]:
-        """Labels of the suite, the one with most cells first."""
+        """Labels of the suite, the one with most runs first."""
         count: dict[str, int] = {}
-        for cell in self.cells:
-            count[cell.record.label] = count.get(cell.record.label, 0) + 1
+        for run in self.runs:
+            count[run.record.label] = count.get(run.record.label, 0) + 1
         return tuple(sorted(count, key=lambda k: (-count[k], k)))
 
-    def series(self, cell: Cell) -> Series | None:
-        return store.series_of(self.folder, cell.record)
+    def series(self, run: Run) -> Series | None:
+        return store.series_of(self.folder, run.record)
 
 
-def read_run(folder: Path, *, check_series: bool = True) -> Run:
+def read_results(folder: Path, *, check_series: bool = True) -> Results:
     """The run in ``folder``; what cannot be read is listed, not hidden. Unchecked series are checked when taken."""
     loaded = store.load(folder, check_series=False)
     records = loaded.records if check_series else ()
-    faults = {r.cell: why for r in records if (why := _series_fault(folder, r))}
-    cells = [Cell(r, _stderr(folder, r)) for r in loaded.records if r.cell not in faults]
-    cells.sort(key=lambda c: (c.record.solver, c.method, -c.fineness, c.record.case))
-    bad = [store.Unreadable(folder / "cells" / f"{cell}.json", why) for cell, why in faults.items()]
-    return Run(folder, _environment(folder), tuple(cells), (*loaded.unreadable, *bad))
+    faults = {r.run_id: why for r in records if (why := _series_fault(folder, r))}
+    runs = [Run(r, _stderr(folder, r)) for r in loaded.records if r.run_id not in faults]
+    runs.sort(key=lambda c: (c.record.solver, c.method, -c.fineness, c.record.case))
+    bad = [store.Unreadable(folder / "runs" / f"{run}.json", why) for run, why in faults.items()]
+    return Results(folder, _environment(folder), tuple(runs), (*loaded.unreadable, *bad))
 
 
 def _series_fault(folder: Path, record: RunRecord) -> str:
-    """Why the cell's series file is not the recorded one; its arrays stay packed: pages unpack those they draw."""
+    """Why the run's series file is not the recorded one; its arrays stay packed: pages unpack those they draw."""
     if not record.series:
         return ""
     path = folder / record.series

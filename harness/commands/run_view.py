@@ -1,4 +1,4 @@
-"""One cell on the terminal: settings, numbers, series over time, standard error, and the command that runs it again."""
+"""One run on the terminal: settings, numbers, series over time, standard error, and the command that runs it again."""
 
 import json
 import math
@@ -25,7 +25,7 @@ NOT_NUMBERS = {*SETTINGS, "schema", "exit_code", "signal", "memory_limit_MB"}
 LAST = 5  # lines of standard error
 
 
-def show_cell(folder: Path, record: RunRecord, command: str) -> None:
+def show_run(folder: Path, record: RunRecord, command: str) -> None:
     """Print all of it."""
     out = screen()
     style = STYLE.get(Status(record.status) if record.status in set(Status) else Status.CRASHED, "yellow")
@@ -59,7 +59,7 @@ def _settings(r: RunRecord) -> dict[str, str]:
         value = getattr(r, name)
         if value not in ("", 0) and not (isinstance(value, float) and math.isnan(value)):
             out[name] = f"{value:.12g}" if isinstance(value, float) else str(value)
-    return {**out, "cell": r.cell, "code, commit": f"{r.code}, {r.commit or 'none'}", "finished": r.finished}
+    return {**out, "run": r.run_id, "code, commit": f"{r.code}, {r.commit or 'none'}", "finished": r.finished}
 
 
 def _assigned(text: str) -> list[str]:

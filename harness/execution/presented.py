@@ -1,4 +1,4 @@
-"""A solver seen through a problem's posing: it gets the posed system, its motion comes back in the problem's terms.
+"""A solver seen through a problem's variant: it gets the posed system, its motion comes back in the problem's terms.
 
 With ``retrace`` it is then sent back from where it ended, velocities reversed; where it arrives is kept.
 """
@@ -11,19 +11,19 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..mechanics.posing import Posing
+from ..mechanics.presentation import Presentation
 from ..mechanics.state import State, States
 from ..types import Problem, Solver, Spool, Status, StepControl, Trajectory
 
 
-def posed(solver: Solver, problem: Problem) -> "Solver | Posed":
+def presented(solver: Solver, problem: Problem) -> "Solver | Presented":
     """``solver`` as it must be called on ``problem``: itself, unless the problem is posed in some other way."""
-    plain = problem.posing == Posing() and not problem.retrace
-    return solver if plain else Posed(solver)
+    plain = problem.presentation == Presentation() and not problem.retrace
+    return solver if plain else Presented(solver)
 
 
 @dataclass(frozen=True)
-class Posed:
+class Presented:
     """``refuses`` and ``solve`` of a solver, both in terms of the problem as it stands."""
 
     solver: Solver
@@ -49,15 +49,15 @@ class Posed:
         return dataclasses.replace(there, returned=State(end.r, end.R, -end.v, -end.Omega))
 
     def _there(self, problem: Problem, control: StepControl) -> Trajectory:
-        posing, system = problem.posing, problem.system
+        presentation, system = problem.presentation, problem.system
         found = self.solver.solve(*_as_seen(problem, control))
-        if posing == Posing() or found.states.nb != system.nb:  # of a wrong size: the caller tells
+        if presentation == Presentation() or found.states.nb != system.nb:  # of a wrong size: the caller tells
             return found
         return dataclasses.replace(
             found,
-            t=np.asarray(found.t, dtype=float) / posing.unit_time,
-            states=posing.states_back(system, found.states),
-            reaction=None if found.reaction is None else posing.reaction_back(system, np.asarray(found.reaction)),
+            t=np.asarray(found.t, dtype=float) / presentation.unit_time,
+            states=presentation.states_back(system, found.states),
+            reaction=None if found.reaction is None else presentation.reaction_back(system, np.asarray(found.reaction)),
         )
 
 
@@ -76,13 +76,13 @@ class _SpoolAtHome:
         return self.spool.due()
 
     def take(self, t: Float[np.ndarray, " nt"] | list[float], states: States) -> None:
-        posing = self.problem.posing
-        self.spool.take(np.asarray(t) / posing.unit_time, posing.states_back(self.problem.system, states))
+        presentation = self.problem.presentation
+        self.spool.take(np.asarray(t) / presentation.unit_time, presentation.states_back(self.problem.system, states))
 
 
 def _as_seen(problem: Problem, control: StepControl) -> tuple[Problem, StepControl]:
-    p = problem.posing
-    if p == Posing():
+    p = problem.presentation
+    if p == Presentation():
         return problem, control
     changes: dict[str, Any] = {
         name: value * p.unit_time for name in ("dt", "max_step") if (value := getattr(control, name)) is not None
@@ -99,6 +99,6 @@ def _as_seen(problem: Problem, control: StepControl) -> tuple[Problem, StepContr
         invariants=(),
         reference_from=None,
         planar_normal=None,
-        posing=Posing(),
+        presentation=Presentation(),
     )
     return seen, dataclasses.replace(control, **changes)
