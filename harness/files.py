@@ -1,0 +1,72 @@
+"""Files: their text read, TOML and JSON parsed, and written whole or not at all. Every refusal is one line."""
+
+import os
+import tomllib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+
+class FileError(ValueError):
+    """A file that cannot be used; the message is one line with the place."""
+
+
+def read_text(path: Path, what: str, error: type[ValueError] = FileError) -> str:
+    """The text of ``path``; ``what`` says in the message what it should hold."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as e:
+        raise error(f"cannot read {what} {path}: {getattr(e, 'strerror', None) or e}") from None
+
+
+def parse_toml(text: str, where: str, error: type[ValueError] = FileError) -> dict[str, Any]:
+    """The tables in ``text``; ``where`` names it in messages."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise error(f"{where}: nested too deeply") from None
+    except ValueError as e:  # a number of thousands of digits is none of TOML's own errors
+        raise error(f"{where}: {e}") from None
+
+
+def parse_json(text: str | bytes, where: str, error: type[ValueError] = FileError) -> Any:
+    """The JSON value in ``text``; NaN, Infinity and numbers beyond float64 are no JSON."""
+    try:
+        return msgspec.json.decode(text)
+    except RecursionError:
+        raise error(f"{where}: nested too deeply") from None
+    except ValueError as e:
+        raise error(f"{where}: not JSON: {e}") from None
+
+
+def to_json(value: Any, *, indent: int = 0) -> str:
+    """Strict JSON; a number that does not exist (NaN, infinite) is null."""
+    text = msgspec.json.encode(value, enc_hook=lambda x: x.tolist())  # arrays and scalars of numpy
+    return (msgspec.json.format(text, indent=indent) if indent else text).decode()
+
+
+def partial_of(path: Path, pid: int) -> Path:
+    """Where process ``pid`` writes what will be ``path``."""
+    return path.with_name(f".{path.name}.{pid}.part")
+
+
+@contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A place to write what replaces ``path`` at the end; nothing is left of it when the block fails."""
+    partial = partial_of(path, os.getpid())
+    try:
+        yield partial
+        with partial.open("rb+") as file:
+            os.fsync(file.fileno())
+        os.replace(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write whole or not at all."""
+    with whole(path) as partial:
+        partial.write_text(text, encoding="utf-8")

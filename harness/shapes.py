@@ -1,0 +1,123 @@
+"""Shapes of files: what a parser gives becomes a frozen struct, or is refused in one line with the place.
+
+::
+
+    class Limits(Shape, frozen=True):
+        wall_limit: Positive = 60.0
+
+    shaped(parse_toml(text, "ci.toml"), Limits, "ci.toml")
+    # FileError: ci.toml: unknown key 'wal_limit' - did you mean 'wall_limit'?
+
+The annotations are the rules: strict types, no key but the fields. Why msgspec: ``docs/decisions/schema.md``.
+"""
+
+import re
+from enum import Enum
+from types import UnionType
+from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import msgspec
+from msgspec import Meta
+
+from .catalogue.options import nearest
+from .files import FileError
+
+T = TypeVar("T")
+LARGEST = 1.7976931348623157e308
+Text = Annotated[str, Meta(pattern=r"\S")]  # not blank
+Finite = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Meta(gt=0.0, le=LARGEST)]
+WORDS = {
+    "str": "text", "int": "a whole number", "float": "a number", "bool": "true or false", "array": "a list",
+    "object": "a table", "null": "nothing",
+}  # fmt: skip
+
+
+class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is read from a file: typed, read-only, no key but the fields."""
+
+
+def shaped(plain: Any, kind: type[T], where: str, error: type[ValueError] = FileError) -> T:
+    """``plain`` (tables, lists, numbers, text) as ``kind``, or ``error`` with the place below ``where``."""
+    try:
+        return msgspec.convert(plain, kind)
+    except msgspec.ValidationError as e:
+        said = _fault(plain, kind, str(e))
+    except RecursionError:
+        said = ["nested too deeply"]
+    raise error(": ".join([where, *said])) from None
+
+
+def _fault(plain: Any, kind: Any, said: str) -> list[str]:
+    """The place and what is wrong there: ``["runs 2", "label must be ..."]`` for ``... - at `$.runs[1].label```."""
+    words, _, path = said.partition(" - at `$")
+    at: list[str] = []
+    for field, index in re.findall(r"\.(\w+)|\[([\d.]+)\]", path):
+        if index == "...":  # the library does not say which entry of a table: the first that does not fit
+            kind = _part(kind, {})
+            key, value, inside = next((k, v, e) for k, v in plain.items() if (e := _misfit(v, kind)))
+            return [*at, key, *_fault(value, kind, inside)]
+        kind, plain = _part(kind, field or 0), plain[field or int(index)]
+        if field:
+            at.append(field)
+        else:
+            at[-1:] = [f"{at[-1] if at else 'entry'} {int(index) + 1}"]
+    if words.startswith("Object"):
+        key = words.split("`")[1]
+        known = sorted({k for option in _options(kind) for k in _fields(option)})
+        return [*at, f"unknown key {key!r}{nearest(key, known)}" if "unknown" in words else f"{key} is missing"]
+    if words.startswith("Invalid enum"):
+        return [*at[:-1], f"unknown {at[-1]} {plain!r}{nearest(plain, _choices(kind))}"]
+    return [*at[:-1], " ".join([*at[-1:], _must(words, plain)])]
+
+
+def _misfit(plain: Any, kind: Any) -> str:
+    try:
+        msgspec.convert(plain, kind)
+    except msgspec.ValidationError as e:
+        return str(e)
+    return ""
+
+
+def _must(words: str, plain: Any) -> str:
+    """``must be a number > 0 (got -1)``."""
+    try:
+        got = (str(plain) if isinstance(plain, int | float) else repr(plain))[:40]
+    except ValueError:  # Python prints no more than 4300 digits
+        got = "a number of thousands of digits"
+    if "matching regex" in words:
+        return f"must be text, not blank (got {got})"
+    if "out of range" in words or (isinstance(plain, int) and str(LARGEST) in words):
+        return f"is too large (got {got})"
+    if str(LARGEST) in words:
+        return f"must be a finite number (got {got})"
+    wanted = re.sub(r", got `\w+`", "", words.removeprefix("Expected "))
+    wanted = re.sub(r"`([^`]*)`", lambda m: " or ".join(WORDS.get(w, w) for w in m[1].split(" | ")), wanted)
+    wanted = re.sub(r" \d[\d.e+]*$", lambda m: f" {float(m[0]):g}", wanted)
+    return f"must be {wanted} (got {got})"
+
+
+def _options(kind: Any) -> tuple[Any, ...]:
+    if get_origin(kind) is Annotated:
+        kind = get_args(kind)[0]
+    return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
+
+
+def _fields(kind: Any) -> dict[str, Any]:
+    known = isinstance(kind, type) and (issubclass(kind, msgspec.Struct) or hasattr(kind, "__dataclass_fields__"))
+    return get_type_hints(kind, include_extras=True) if known else {}
+
+
+def _part(kind: Any, step: Any) -> Any:
+    """The type of a field (``step`` is its name), of a list's entries (0) or of a table's values ({})."""
+    for option in _options(kind):
+        if step in _fields(option) if isinstance(step, str) else False:
+            return _fields(option)[step]
+        if not isinstance(step, str) and get_args(option):
+            return get_args(option)[-1 if step == {} else 0]
+    return Any
+
+
+def _choices(kind: Any) -> list[str]:
+    found = [c for o in _options(kind) for c in (get_args(o) if get_origin(o) is Literal else o)]
+    return [str(c.value) if isinstance(c, Enum) else str(c) for c in found]
