@@ -3,6 +3,7 @@
 Arrows point one way: ``harness.mechanics <- harness.types <- problems, solvers <- harness.runner <- reports``.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -17,10 +18,13 @@ from .mechanics.system import MultibodySystem
 
 __all__ = [
     "Array",
+    "EndedBy",
     "Invariant",
+    "Law",
     "Observable",
     "Presentation",
     "Problem",
+    "Reason",
     "Reference",
     "Solver",
     "Spool",
@@ -46,6 +50,51 @@ class Status(StrEnum):
     STALLED = "stalled"  # a limit on steps or time was reached
     MEMORY = "memory"
     CRASHED = "crashed"  # signal, exit or exception
+
+
+class EndedBy(StrEnum):
+    """What ended a run. With any but ``SOLVER`` the solver returned nothing."""
+
+    SOLVER = "solver"  # it returned or refused; the status says how it went
+    EXCEPTION = "exception"
+    EXIT = "exit"  # its process exited
+    SIGNAL = "signal"
+    WALL_LIMIT = "wall_limit"
+    CPU_LIMIT = "cpu_limit"
+    MEMORY_LIMIT = "memory_limit"
+    MEASURE_LIMIT = "measure_limit"  # the solver returned, but measuring its motion took too long
+    TOTAL_LIMIT = "total_limit"  # of the suite
+    SUPERVISOR_LOST = "supervisor_lost"
+    WORKERS_LOST = "workers_lost"  # of a cluster
+
+
+class Law(StrEnum):
+    """What a claimed success has to satisfy."""
+
+    FINITE = "finite"
+    START = "start"
+    END = "end"
+    ENERGY = "energy"
+    CONSTRAINT = "constraint"
+    CONSTRAINT_RATE = "constraint_rate"
+    ORTHOGONALITY = "orthogonality"
+    INVARIANT = "invariant"
+    POSITION = "position"
+    ORIENTATION = "orientation"
+    PLANE = "plane"
+    SYMMETRY = "symmetry"
+
+
+@dataclass(frozen=True)
+class Reason:
+    """A law that a motion breaks: ``value`` passes ``limit``, for the first time at ``time_s``; NaN if unknown."""
+
+    law: Law
+    value: float = math.nan
+    limit: float = math.nan
+    unit: str = ""
+    time_s: float = math.nan
+    name: str = ""  # which one, where there are several: the invariant, the symmetry
 
 
 @dataclass(frozen=True)

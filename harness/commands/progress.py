@@ -1,6 +1,5 @@
 """How a run goes, on the terminal: a bar, the time to go, the worst drift, what runs; plain lines elsewhere."""
 
-import json
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -16,6 +15,7 @@ from ..execution.job import Job
 from ..execution.warmup import runs_to_warm
 from ..results.records import RunRecord
 from ..results.store import Loaded, Unreadable
+from ..results.words import why
 from ..types import Status
 
 STYLE = {Status.SUCCESS: "green", Status.REFUSED: "cyan", Status.WRONG: "bold red"}
@@ -67,7 +67,7 @@ class Watch:
             self.worst = (relative, job.spec.case)
         words = f"{record.status:<14} {record.wall_s:6.1f} s  {job.spec.case}"
         if record.status not in (Status.SUCCESS, Status.REFUSED):
-            because = json.loads(record.wrong_because) or [record.message]
+            because = why(record)
             words += f"  ({because[0]}{f', and {len(because) - 1} more' if because[1:] else ''})"
         count = f"[{self.before + self.done}/{self.total}]"
         self._say(f"{count} {words}", STYLE.get(Status(record.status), "yellow"))

@@ -10,8 +10,9 @@ from rich.console import Console
 from rich.text import Text
 
 from ..results import store
-from ..results.records import COLUMNS, RunRecord
+from ..results.records import COLUMNS, RunRecord, reasons_of
 from ..results.series import BadSeries
+from ..results.words import words_of, words_of_ending
 from ..types import Status
 from .progress import STYLE
 from .screen import Column, fitted, lines, screen, timeline
@@ -29,10 +30,11 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
     """Print all of it."""
     out = screen()
     style = STYLE.get(Status(record.status) if record.status in set(Status) else Status.CRASHED, "yellow")
+    said = words_of_ending(record)
     out.print(Text(record.case, "bold"))
-    out.print(Text.assemble((record.status, style), f": {record.message}" if record.message else ""))
-    for words in json.loads(record.wrong_because):
-        out.print(Text(f"  because: {words}"))
+    out.print(Text.assemble((record.status, style), f": {said}" if said else ""))
+    for reason in reasons_of(record.wrong_because):
+        out.print(Text(f"  because: {words_of(reason)}"))
     for words in json.loads(record.notes):
         out.print(Text(f"  note: {words}"))
     _heading(out, "Settings")

@@ -17,6 +17,7 @@ from ..results.records import RunRecord
 from ..results.reproduce import command
 from ..results.series import BadSeries
 from ..results.store import Unreadable
+from ..results.words import why
 from ..types import Status
 from .progress import STYLE
 from .run import existing, whole
@@ -144,8 +145,7 @@ def _table(shown: Sequence[Shown]) -> None:
     for s in shown:
         r = s.record
         if r.status != Status.SUCCESS:
-            why = "; ".join(json.loads(r.wrong_because)) or r.message
-            out.print(Text(f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {why}"))
+            out.print(Text(f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(why(r))}"))
     good = sum(s.record.status == Status.SUCCESS for s in shown)
     out.print(Text(f"{len(shown)} runs, {good} success; `show RUN CELL` tells all about one"))
 

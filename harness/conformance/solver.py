@@ -17,6 +17,7 @@ from ..catalogue import registry
 from ..results import store
 from ..results.records import RunRecord
 from ..results.series import Series
+from ..results.words import why
 from ..suites.spec import RunSpec, make_spec
 from ..suites.suite import Suite
 from ..types import Status
@@ -181,9 +182,8 @@ def _told(records: list[RunRecord]) -> str | None:
     if not records:
         return None
     r = records[0]
-    because = r.message if r.wrong_because == "[]" else r.wrong_because.strip("[]")
     more = f" (and {len(records) - 1} more)" if records[1:] else ""
-    return f"{r.case}: {r.status}: {because}{more}"
+    return f"{r.case}: {r.status}: {'; '.join(why(r))}{more}"
 
 
 CLAIMS = (

@@ -21,9 +21,8 @@ from pathlib import Path
 from typing import Any
 
 from ..results import environment
-from ..results.provisional import WORKERS_DIED
 from ..results.store import write_record
-from ..types import Status
+from ..types import EndedBy, Status
 from .job import Job, record_of
 from .pool import TICK, PoolError, TimeLimit
 from .supervisor import STOP, WARM
@@ -31,7 +30,6 @@ from .warmup import runs_to_warm
 
 PATIENCE = 60.0  # [s] without any worker
 AHEAD = 2  # runs sent out per thread of the cluster
-GIVEN_TO = 3  # workers a run may take down before it is called a crash
 
 
 @dataclass
@@ -63,7 +61,7 @@ class DaskPool:
                     )
                 if limit is not None and time.monotonic() > limit.until:
                     waiting.clear()  # what has not begun comes back without files; told again to workers that join late
-                    client.run(stop_here, ticket, limit.words)
+                    client.run(stop_here, ticket, limit.seconds)
                 while waiting and len(self._flying) < AHEAD * threads:
                     job = waiting.pop()
                     self.started(job)
@@ -95,8 +93,7 @@ class DaskPool:
             if failed is None:
                 _store(job, future.result())
             elif isinstance(failed, distributed.KilledWorker):
-                words = f"{WORKERS_DIED}, {GIVEN_TO} or more times"
-                write_record(job.folder, record_of(job, Status.CRASHED, message=words))
+                write_record(job.folder, record_of(job, Status.CRASHED, ended_by=str(EndedBy.WORKERS_LOST)))
             else:
                 raise PoolError(f"a worker cannot run runs: {failed}")
             self.ended(job)
@@ -106,11 +103,11 @@ _stopped: set[str] = set()  # on a worker: tickets of runs that have met their l
 _serving: dict[str, list["_Supervisor"]] = {}  # on a worker: the supervisors that run a ticket's runs
 
 
-def stop_here(ticket: str, words: str) -> None:
+def stop_here(ticket: str, limit: float) -> None:
     """On a worker: end the runs of that run, and let no other of it begin."""
     _stopped.add(ticket)
     for supervisor in list(_serving.get(ticket, ())):
-        supervisor.stop(words)
+        supervisor.stop(limit)
 
 
 def on_slurm(**options: Any) -> Any:
@@ -191,11 +188,11 @@ class _Supervisor:
         if answer["error"]:
             raise RuntimeError(answer["error"])
 
-    def stop(self, words: str) -> None:
-        """From another thread: end the run that runs; its record says why."""
+    def stop(self, limit: float) -> None:
+        """From another thread: end the run that runs, at the suite's limit [s]."""
         assert self.process.stdin is not None
         with contextlib.suppress(OSError):  # it has just gone
-            self.process.stdin.write(STOP + words.encode() + b"\n")
+            self.process.stdin.write(STOP + str(limit).encode() + b"\n")
             self.process.stdin.flush()
 
     def _ask(self, line: bytes) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """From a trajectory to a record and a series file: the step of a run that follows the solve."""
 
 import dataclasses
-import json
 import math
 from typing import Any
 
@@ -15,9 +14,9 @@ from ..metrics.scales import scales
 from ..metrics.summary import columns
 from ..metrics.thinning import frames_to_keep, rows_to_keep
 from ..metrics.verdict import doubts
-from ..results.records import RunRecord
+from ..results.records import RunRecord, reasons_json
 from ..results.series import Series, write_series
-from ..types import Problem, Status, Trajectory
+from ..types import EndedBy, Problem, Reason, Status, Trajectory
 from .job import Job, record_of
 
 
@@ -26,9 +25,9 @@ def judged(job: Job, problem: Problem, trajectory: Trajectory, **cost: Any) -> R
     size = scales(problem.system, problem.initial)
     measured = measure(problem, trajectory)
     numbers = columns(problem, trajectory, measured, size)
-    status, because = Status(trajectory.status), []
+    status, because = Status(trajectory.status), list[Reason]()
     if status is Status.SUCCESS:
-        because = doubts(problem, trajectory, numbers, size)
+        because = doubts(problem, trajectory, measured, numbers, size)
         status = Status.WRONG if because else status
     series = _series(problem, trajectory, measured)
     path = f"series/{job.id}.npz"
@@ -36,8 +35,9 @@ def judged(job: Job, problem: Problem, trajectory: Trajectory, **cost: Any) -> R
     return dataclasses.replace(
         record_of(job, status, section=problem.section, t_end_s=problem.t_end, **numbers, **cost),
         claimed=str(trajectory.status),
+        ended_by=str(EndedBy.SOLVER),
         message=str(trajectory.message),
-        wrong_because=json.dumps(because),
+        wrong_because=reasons_json(because),
         series=path,
         series_sha256=digest,
         series_rows=len(series["t"]),

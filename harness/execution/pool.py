@@ -15,9 +15,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ..results.environment import ROOT, THREADS
-from ..results.provisional import SUPERVISOR_DIED
+from ..results.records import RunRecord
 from ..results.store import write_record
-from ..types import Status
+from ..types import EndedBy, Status
 from .job import Job, record_of
 from .supervisor import STOP, WARM
 from .warmup import runs_to_warm
@@ -34,7 +34,7 @@ class TimeLimit:
     """When a whole run has to end."""
 
     until: float  # of time.monotonic()
-    words: str  # the message of runs that ran then
+    seconds: float  # [s] as the suite gives it
 
 
 @dataclass
@@ -69,13 +69,15 @@ class LocalPool:
                 if (job.folder / "runs" / f"{job.id}.json").exists():  # done; the word of it went with the supervisor
                     self.ended(job)
                 elif self._limit is not None and self._over():
-                    write_record(job.folder, record_of(job, Status.STALLED, message=self._limit.words))
+                    write_record(job.folder, _out_of_time(job, self._limit))
                     self.ended(job)
                 elif self._attempts[job.id] < 2:
                     waiting.append(job)  # at the end: it goes next, and alone
                 else:
-                    words = f"{SUPERVISOR_DIED} twice (code {code}) while this run ran, the second time alone"
-                    write_record(job.folder, record_of(job, Status.CRASHED, message=words))
+                    lost = {"exit_code": max(code, 0), "signal": max(-code, 0)}
+                    write_record(
+                        job.folder, record_of(job, Status.CRASHED, ended_by=str(EndedBy.SUPERVISOR_LOST), **lost)
+                    )
                     self.ended(job)
             self._flying.clear()
 
@@ -97,7 +99,7 @@ class LocalPool:
                 if self._limit is not None and self._over():
                     waiting.clear()
                     self._compiling = False
-                    self._stop(process, self._limit.words)
+                    self._stop(process, self._limit.seconds)
                 while waiting and not self._compiling and self._is_room_for(waiting[-1]):
                     self._send(process, waiting.pop())
                 if not self._flying and not self._compiling:
@@ -128,13 +130,13 @@ class LocalPool:
     def _over(self) -> bool:
         return self._limit is not None and time.monotonic() > self._limit.until
 
-    def _stop(self, process: subprocess.Popen, words: str) -> None:
+    def _stop(self, process: subprocess.Popen, limit: float) -> None:
         """Once: end what runs."""
         if self._stopped or not self._flying:
             return
         self._stopped = True
         assert process.stdin is not None
-        process.stdin.write(STOP + words.encode() + b"\n")
+        process.stdin.write(STOP + str(limit).encode() + b"\n")
         process.stdin.flush()
 
     def _warm(self, process: subprocess.Popen, waiting: list[Job]) -> None:
@@ -164,3 +166,7 @@ class LocalPool:
         if answer["error"]:
             raise PoolError(answer["error"])
         self.ended(job)
+
+
+def _out_of_time(job: Job, limit: TimeLimit) -> RunRecord:
+    return record_of(job, Status.STALLED, ended_by=str(EndedBy.TOTAL_LIMIT), ended_limit_s=limit.seconds)

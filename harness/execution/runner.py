@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Protocol
 
 from ..results import environment, store
-from ..results.provisional import files_of, is_provisional, limit_words
+from ..results.provisional import files_of, is_provisional
 from ..results.records import RunRecord
 from ..results.store import Loaded, Unreadable
 from ..suites.includes import OWN_COPY
@@ -119,7 +119,7 @@ def _limit(suite: Suite) -> TimeLimit | None:
     """Counted from here, compilation included; going on with a run begins anew."""
     if suite.total_limit is None:
         return None
-    return TimeLimit(time.monotonic() + suite.total_limit, limit_words(suite.total_limit))
+    return TimeLimit(time.monotonic() + suite.total_limit, suite.total_limit)
 
 
 def _provisional(folder: Path, specs: set[str], records: Sequence[RunRecord]) -> tuple[Unreadable, ...]:

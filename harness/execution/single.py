@@ -21,10 +21,11 @@ from ..metrics.scales import scales
 from ..metrics.summary import columns
 from ..metrics.verdict import doubts
 from ..results.series import partial_of, write_npz
+from ..results.words import words_of
 from ..sandbox.isolation import CANNOT_WRITE, fork, kill_group
 from ..sandbox.spool import FileSpool, kept
 from ..suites.spec import RunSpec
-from ..types import Problem, Status, StepControl, Trajectory
+from ..types import EndedBy, Problem, Status, StepControl, Trajectory
 from .presented import presented
 from .supervisor import GRACE
 from .warmup import runs_to_warm, warm_apart_then_here
@@ -61,7 +62,7 @@ def solve_to_file(
         rows = Path(place) / "rows"
         child = fork(lambda tell: _solve(spec, problem, out, note, wall_limit, rows), stderr, spec.memory, cpu)
         try:
-            words = _wait(child.pid, wall_limit, patience)
+            by, words = _wait(child.pid, wall_limit, patience)
         except BaseException:
             kill_group(child.pid)
             with contextlib.suppress(ChildProcessError):  # it may have ended just now
@@ -76,7 +77,7 @@ def solve_to_file(
         if words == _exited(CANNOT_WRITE):  # nobody's result: the disk is full
             partial_of(out, child.pid).unlink(missing_ok=True)
             raise OSError(errno.ENOSPC, "nothing was written: no space left", str(out))
-        status = Status.STALLED if words.startswith("killed at") else Status.CRASHED
+        status = Status.STALLED if by is EndedBy.WALL_LIMIT else Status.CRASHED
         left = kept(rows, problem, status, words) or _start_only(problem, status, words)
     _write(out, problem, left, status, left.message)
     return Outcome(status, left.message, (), native)
@@ -98,18 +99,20 @@ class _Patience:
         return False
 
 
-def _wait(pid: int, wall_limit: float | None, patience: _Patience) -> str:
+def _wait(pid: int, wall_limit: float | None, patience: _Patience) -> tuple[EndedBy, str]:
     """Wait for the child; words for its end."""
     hard = None if wall_limit is None else time.monotonic() + wall_limit + GRACE
     while True:
         done, status = os.waitpid(pid, os.WNOHANG)
         if done:
             code = os.waitstatus_to_exitcode(status)
-            return f"its process ended by {signal.Signals(-code).name}" if code < 0 else _exited(code)
+            if code < 0:
+                return EndedBy.SIGNAL, f"its process ended by {signal.Signals(-code).name}"
+            return EndedBy.EXIT, _exited(code)
         if hard and time.monotonic() > hard:
             kill_group(pid)
             os.waitpid(pid, 0)
-            return f"killed at the wall limit of {wall_limit:g} s; it did not stop when asked"
+            return EndedBy.WALL_LIMIT, f"killed at the wall limit of {wall_limit:g} s; it did not stop when asked"
         patience.over()
         time.sleep(0.02)
 
@@ -138,9 +141,9 @@ def _solve(spec: RunSpec, problem: Problem, out: Path, note: Path, wall_limit: f
     numbers = columns(problem, trajectory, measured, size)
     status, message = Status(trajectory.status), str(trajectory.message)
     if status is Status.SUCCESS:
-        because = doubts(problem, trajectory, numbers, size)
+        because = doubts(problem, trajectory, measured, numbers, size)
         if because:
-            status, message = Status.WRONG, "; ".join([*([message] if message else []), *because])
+            status, message = Status.WRONG, "; ".join([*([message] if message else []), *map(words_of, because)])
     _write(out, problem, trajectory, status, message)
     lines = (
         []

@@ -1,11 +1,12 @@
 """Forks one process a run, keeps its limits, and sees that every run ends as a record.
 
 ``mbsbench.supervisor`` is the long-lived, single-threaded parent of the runs: jobs come as JSON lines on
-standard input, the address of each finished run goes out as one. ``stop WORDS`` ends every running run as stalled
-for that reason. At the end of its input (the runner is gone) it kills what runs and leaves.
+standard input, the address of each finished run goes out as one. ``stop LIMIT`` ends every running run as
+stalled at the suite's limit [s]. At the end of its input (the runner is gone) it kills what runs and leaves.
 """
 
 import json
+import math
 import os
 import select
 import selectors
@@ -20,7 +21,7 @@ from ..results import store
 from ..results.records import RunRecord
 from ..sandbox.isolation import CANNOT_WRITE, Child, fork, kill_group, trim
 from ..suites.spec import RunSpec
-from ..types import Status
+from ..types import EndedBy, Status
 from . import worker
 from .job import Job, record_of
 from .warmup import warm_apart_then_here
@@ -30,7 +31,7 @@ MEASURE_LIMIT = 120.0  # [s] for metrics once the solver is done, reference incl
 STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a run had kept, when the whole run is stopped
 POLL = 0.1  # [s]
 WARM = b"warm "  # begins the line that asks for compilation ahead of the runs
-STOP = b"stop "  # begins the line that ends all runs, followed by the reason
+STOP = b"stop "  # begins the line that ends all runs, followed by the limit of the suite [s]
 
 
 @dataclass
@@ -61,7 +62,7 @@ class Supervisor:
     def __init__(self) -> None:
         self.running: dict[int, Running] = {}  # by pipe
         self.selector = selectors.DefaultSelector()
-        self.stopped = ""  # why all runs were ended
+        self.stopped: float | None = None  # [s] the limit of the suite, once it was met
 
     def start(self, job: Job) -> None:
         """Fork the run's process."""
@@ -90,9 +91,9 @@ class Supervisor:
                 if ended is not None:
                     yield ended
 
-    def stop(self, words: str) -> None:
-        """End every running run now; each comes back with a record that says why, and with the steps it had kept."""
-        self.stopped = words
+    def stop(self, limit: float) -> None:
+        """End every running run now: the suite has met its limit [s]. Each comes back with the steps it had kept."""
+        self.stopped = limit
         for run in self.running.values():
             if run.instead is not None:
                 run.deadline = min(run.deadline, time.monotonic() + STOPPED_MEASURE_LIMIT)
@@ -149,7 +150,7 @@ class Supervisor:
                 registry.load_plugin(plugin)
             store.write_record(job.folder, worker.salvaged(job, record))
 
-        limit = STOPPED_MEASURE_LIMIT if self.stopped else MEASURE_LIMIT
+        limit = STOPPED_MEASURE_LIMIT if self.stopped is not None else MEASURE_LIMIT
         child = fork(measure_and_store, words, job.spec.memory, limit)
         os.set_blocking(child.phase, False)
         until = time.monotonic() + limit
@@ -157,13 +158,16 @@ class Supervisor:
         self.selector.register(child.phase, selectors.EVENT_READ)
 
 
-def _bare(run: Running, exit_code: int, peak: float, stopped: str) -> RunRecord:
+def _bare(run: Running, exit_code: int, peak: float, stopped: float | None) -> RunRecord:
     """The record of a process that left none."""
-    status, message = (Status.STALLED, stopped) if run.killed == "stop" else explain(run, exit_code, peak)
+    status, by, limit = explain(run, exit_code, peak)
+    if run.killed == "stop":
+        status, by, limit = Status.STALLED, EndedBy.TOTAL_LIMIT, stopped or math.nan
     return record_of(
         run.job,
         status,
-        message=message,
+        ended_by=str(by),
+        ended_limit_s=limit,
         exit_code=max(exit_code, 0),
         signal=max(-exit_code, 0),
         wall_s=time.monotonic() - run.began,
@@ -171,21 +175,19 @@ def _bare(run: Running, exit_code: int, peak: float, stopped: str) -> RunRecord:
     )
 
 
-def explain(run: Running, exit_code: int, peak: float) -> tuple[Status, str]:
-    """Status and words for a process that left no record."""
-    limit = run.job.spec.wall_limit
+def explain(run: Running, exit_code: int, peak: float) -> tuple[Status, EndedBy, float]:
+    """Status, end and limit [s] of a process that left no record."""
     if run.killed == "wall":
-        return Status.STALLED, f"killed at the wall limit of {limit:g} s (+{GRACE:g} s); it did not stop when asked"
+        return Status.STALLED, EndedBy.WALL_LIMIT, run.job.spec.wall_limit + GRACE
     if run.killed == "measuring":
-        return Status.CRASHED, f"the solver was done, but measuring its motion took more than {MEASURE_LIMIT:g} s"
+        return Status.CRASHED, EndedBy.MEASURE_LIMIT, MEASURE_LIMIT
     if exit_code == -signal.SIGXCPU:
-        return Status.STALLED, "used up its CPU time"
+        return Status.STALLED, EndedBy.CPU_LIMIT, math.nan
     if exit_code < 0:
-        name = signal.Signals(-exit_code).name if -exit_code in set(signal.Signals) else str(-exit_code)
-        near = peak > 0.9 * run.job.spec.memory
-        words = f"ended by {name} with {peak:.0f} MB resident" + (", near its memory limit" if near else "")
-        return (Status.MEMORY if near else Status.CRASHED), words
-    return Status.CRASHED, f"its process exited with code {exit_code} and no result"
+        if peak > 0.9 * run.job.spec.memory:
+            return Status.MEMORY, EndedBy.MEMORY_LIMIT, math.nan
+        return Status.CRASHED, EndedBy.SIGNAL, math.nan
+    return Status.CRASHED, EndedBy.EXIT, math.nan
 
 
 def _run(job: Job, tell: object) -> None:
@@ -215,7 +217,7 @@ def serve(jobs: int, results: int) -> None:
                     answer = {"warm": warm_apart_then_here(specs, lambda: _closed(jobs))}
                     os.write(results, (json.dumps(answer) + "\n").encode())
                 elif line.startswith(STOP):
-                    supervisor.stop(line.removeprefix(STOP).decode())
+                    supervisor.stop(float(line.removeprefix(STOP)))
                 else:
                     supervisor.start(Job.from_json(line.decode()))
     finally:

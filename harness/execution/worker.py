@@ -21,7 +21,7 @@ from ..results import store
 from ..results.records import RunRecord
 from ..sandbox.isolation import DISK_FULL
 from ..sandbox.spool import FileSpool, kept
-from ..types import Problem, Solver, Status, StepControl, Trajectory
+from ..types import EndedBy, Problem, Solver, Status, StepControl, Trajectory
 from .job import Job, record_of
 from .measuring import judged
 from .presented import Presented, presented
@@ -33,20 +33,24 @@ def run(job: Job, tell: Callable[[str], None] = lambda phase: None) -> RunRecord
     """Run ``job`` and store its record. ``tell`` is called with ``"measure"`` when the solver is done."""
     began = time.monotonic()
     columns: dict[str, Any] = {}
-    record, failed = None, (Status.CRASHED, "")
+    record, failed = None, (Status.CRASHED, EndedBy.EXCEPTION, "")
     try:
         record = _attempt(job, tell, columns)
     except MemoryError as error:
-        failed = Status.MEMORY, _words(error)
+        failed = Status.MEMORY, EndedBy.MEMORY_LIMIT, _words(error)
     except Exception as error:  # the run's own failure, kept as its result
         if isinstance(error, OSError) and error.errno in DISK_FULL:
             raise
         traceback.print_exc()
         sys.stderr.flush()
-        failed = Status.MEMORY if "bad_alloc" in str(error) else Status.CRASHED, _words(error)
+        if "bad_alloc" in str(error):
+            failed = Status.MEMORY, EndedBy.MEMORY_LIMIT, _words(error)
+        else:
+            failed = Status.CRASHED, EndedBy.EXCEPTION, _words(error)
     if record is None:  # here the frames that filled the memory are gone
         tell("measure")
-        record = salvaged(job, record_of(job, failed[0], message=failed[1], **columns))
+        status, by, message = failed
+        record = salvaged(job, record_of(job, status, ended_by=str(by), message=message, **columns))
     record = _with_cost(record, wall_s=time.monotonic() - began)
     store.write_record(job.folder, record)
     job.spool.unlink(missing_ok=True)
@@ -60,9 +64,10 @@ def salvaged(job: Job, bare: RunRecord) -> RunRecord:
         trajectory = kept(job.spool, problem, Status(bare.status), bare.message)
         if trajectory is None:
             return bare
-        asked = {"setup_s", "cpu_min_s", "cpu_median_s", "cpu_max_s", "exit_code", "signal", "wall_s"}
-        record = judged(job, problem, trajectory, **{name: getattr(bare, name) for name in asked})
-        return dataclasses.replace(record, claimed=bare.claimed)
+        known = {"setup_s", "cpu_min_s", "cpu_median_s", "cpu_max_s", "exit_code", "signal", "wall_s", "peak_memory_MB",
+                 "claimed", "ended_by", "ended_limit_s"}  # fmt: skip
+        record = judged(job, problem, trajectory)
+        return dataclasses.replace(record, **{name: getattr(bare, name) for name in known})
     except Exception as error:  # the bare record says all that must be said
         if isinstance(error, OSError) and error.errno in DISK_FULL:
             raise
@@ -80,7 +85,9 @@ def _attempt(job: Job, tell: Callable[[str], None], columns: dict[str, Any]) -> 
     control = dataclasses.replace(spec.control, wall_limit=SOFT * spec.wall_limit, spool=FileSpool(job.spool))
     reason = solver.refuses(problem, control)
     if reason:
-        return record_of(job, Status.REFUSED, claimed=str(Status.REFUSED), message=reason, **columns)
+        return record_of(
+            job, Status.REFUSED, claimed=str(Status.REFUSED), ended_by=str(EndedBy.SOLVER), message=reason, **columns
+        )
     trajectory, cost = solve_repeatedly(solver, problem, control, spec.repeats)
     columns.update(claimed=str(trajectory.status), **cost)
     tell("measure")

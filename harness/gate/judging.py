@@ -12,6 +12,7 @@ from enum import IntEnum
 
 from ..results.records import RunRecord
 from ..results.store import newest
+from ..results.words import why
 from ..suites.spec import RunSpec
 from ..types import Status
 from .thresholds import EQUAL, Threshold, Thresholds
@@ -150,7 +151,7 @@ def _status(case: str, record: RunRecord | None, thresholds: Thresholds, missing
     if record.status == wanted:
         state = State.PASS if wanted is Status.SUCCESS else State.XFAIL
         return Finding(state, case, "status", nan, nan, str(wanted), "", expected.reason if expected else "")
-    words = f"{record.status}, expected {wanted}: {record.message or record.wrong_because}"
+    words = f"{record.status}, expected {wanted}: {'; '.join(why(record))}"
     state = State.XPASS if record.status == Status.SUCCESS else State.FAIL
     return Finding(state, case, "status", nan, nan, str(wanted), "", words)
 

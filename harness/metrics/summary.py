@@ -16,7 +16,9 @@ from .scales import Scales
 # Of the mechanism's size. The reference starts at rounding (1e-15 to 1e-13); once its own certified error passes
 # this, errors have grown ten-thousandfold and more: no fixed accuracy keeps up with such a motion, and being away from
 # the reference says nothing about a solver. The chain gets there at 1.9 s, the other problems never.
-PREDICTABLE = 1e-9
+LOST = 1e-9
+
+ACCURATE = 0.1  # of the mechanism's size: up to there a motion is followed
 
 COUNTER_NAMES: Mapping[str, tuple[str, ...]] = {  # column: names solvers use for it, the first one preferred
     "rejected": ("rejected", "rejections", "rejected_steps", "cut_backs", "step_cuts", "error_test_failures"),
@@ -104,7 +106,7 @@ def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
         return {}
     last = compared - 1
     position, orientation = m.position_error[:compared], m.orientation_error[:compared]
-    predictable = int(np.sum(np.cumprod(m.reference_own_error[:compared] <= PREDICTABLE * size.length)))
+    predictable = int(np.sum(np.cumprod(m.reference_own_error[:compared] <= LOST * size.length)))
     by_name = {}
     for o in problem.observables:
         away = np.abs(m.observables[o.name] - m.reference_observables[o.name])[:compared]
@@ -113,6 +115,7 @@ def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
         "reference": m.reference_route,
         "reference_horizon_s": m.reference_horizon,
         "reference_own_error_m": float(np.max(m.reference_own_error[:compared])),
+        "accurate_until_s": _until(m.t[:compared], position, ACCURATE * size.length),
         "position_error_max_m": largest(position),
         "position_error_end_m": float(position[last]),
         "orientation_error_max_rad": largest(orientation),
@@ -123,6 +126,12 @@ def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
         "orientation_error_judged_rad": largest(orientation[:predictable]),
         "observable_errors": json.dumps(by_name),
     }
+
+
+def _until(t: np.ndarray, error: np.ndarray, allowed: float) -> float:
+    """First time [s] that ``error`` is above ``allowed``; the last one compared if it never is."""
+    above = ~(error <= allowed)
+    return float(t[np.argmax(above)] if np.any(above) else t[-1])
 
 
 def _rates(m: Measured, compared: int) -> dict[str, float]:

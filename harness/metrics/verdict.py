@@ -10,10 +10,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
-from ..types import Problem, Trajectory
+from ..types import Law, Problem, Reason, Trajectory
+from .measure import Measured
 from .scales import Scales
-from .summary import PREDICTABLE
+from .summary import LOST
 
 ENERGY = 0.10  # of T(0) + m g L: a tenth of all there is to exchange appears or disappears
 INVARIANT = 0.10  # of its scale by unit (momentum: m v L), or of its start if that is larger
@@ -27,35 +29,48 @@ ORTHOGONALITY = 1e-3  # |R^T R - 1|: such an R distorts lengths by as much
 START = 1e-9  # [m], [m/s], relative to 1 + size: what the consistency check of problems allows
 
 
-def doubts(problem: Problem, trajectory: Trajectory, columns: Mapping[str, Any], size: Scales) -> list[str]:
-    """Why a claimed success is wrong, in words with numbers; empty if nothing contradicts it."""
-    s = trajectory.states
-    if not all(np.all(np.isfinite(a)) for a in (trajectory.t, s.r, s.R, s.v, s.Omega)):
-        return ["the trajectory holds values that are not finite numbers"]
+def doubts(
+    problem: Problem, trajectory: Trajectory, m: Measured, columns: Mapping[str, Any], size: Scales
+) -> list[Reason]:
+    """Why a claimed success is wrong; empty if nothing contradicts it."""
+    s, t = trajectory.states, m.t
+    finite = np.isfinite(t)
+    for a in (s.r, s.R, s.v, s.Omega):
+        finite = finite & np.isfinite(a).all(axis=tuple(range(1, a.ndim)))
+    if not np.all(finite):
+        return [Reason(Law.FINITE, time_s=_first(t, ~finite))]
     out = []
-    if abs(trajectory.t[-1] - problem.t_end) > 1e-9 * max(problem.t_end, 1.0):
-        out.append(f"success claimed, but the last step ends at {trajectory.t[-1]:.9g} s of {problem.t_end:g} s")
+    if abs(t[-1] - problem.t_end) > 1e-9 * max(problem.t_end, 1.0):
+        out.append(Reason(Law.END, float(t[-1]), problem.t_end, "s", float(t[-1])))
     moved = max(float(np.max(np.abs(getattr(s, k)[0] - getattr(problem.initial, k)))) for k in ("r", "R", "v", "Omega"))
-    if moved > START * (1.0 + size.length + size.speed) or trajectory.t[0] != 0.0:
-        out.append(f"it does not begin at the start asked for (off by {moved:.3g}, at t = {trajectory.t[0]:g} s)")
+    allowed = START * (1.0 + size.length + size.speed)
+    if moved > allowed or t[0] != 0.0:
+        out.append(Reason(Law.START, moved, allowed, time_s=float(t[0])))
 
-    def limit(what: str, value: float, allowed: float, unit: str) -> None:
-        if not math.isnan(value) and not value <= allowed:
-            out.append(f"{what} reaches {value:.3g} {unit}, more than {allowed:.3g} {unit}")
+    def limit(law: Law, most: float, allowed: float, unit: str, series: np.ndarray | None, name: str = "") -> None:
+        if not math.isnan(most) and not most <= allowed:
+            when = math.nan if series is None else _first(t, np.abs(series) > allowed)
+            out.append(Reason(law, most, allowed, unit, when, name))
 
-    limit("the energy error", columns["energy_drift_max_J"], ENERGY * size.energy, "J")
-    limit("|phi|", columns["phi_max"], PHI * size.length, "m")
-    limit("|phi_dot|", columns["phi_dot_max"], PHI_DOT * size.speed, "m/s")
-    limit("|R^T R - 1|", columns["orthogonality_max"], ORTHOGONALITY, "")
+    limit(Law.ENERGY, columns["energy_drift_max_J"], ENERGY * size.energy, "J", m.energy_error)
+    limit(Law.CONSTRAINT, columns["phi_max"], PHI * size.length, "m", m.phi_norm)
+    limit(Law.CONSTRAINT_RATE, columns["phi_dot_max"], PHI_DOT * size.speed, "m/s", m.phi_dot_norm)
+    limit(Law.ORTHOGONALITY, columns["orthogonality_max"], ORTHOGONALITY, "", m.orthogonality)
     for name, drift in json.loads(columns["invariant_drifts"]).items():
         scale = size.of_unit(drift["unit"])
         start = abs(float(drift["start"]))
         allowed = INVARIANT * (start if math.isnan(scale) else max(scale, start))
         if allowed == 0.0:  # a unit without a scale, starting at zero: nothing to compare with
             continue
-        limit(f"the drift of {name}", float(drift["max"]), allowed, drift["unit"])
+        away = m.invariants[name] - m.invariants[name][0]
+        limit(Law.INVARIANT, float(drift["max"]), allowed, drift["unit"], away, name)
     if "position_error_judged_m" in columns:
-        own = PREDICTABLE * size.length
-        limit("the position error", columns["position_error_judged_m"], POSITION * size.length + own, "m")
-        limit("the orientation error", columns["orientation_error_judged_rad"], ORIENTATION + own / size.length, "rad")
+        own = LOST * size.length
+        position, orientation = columns["position_error_judged_m"], columns["orientation_error_judged_rad"]
+        limit(Law.POSITION, position, POSITION * size.length + own, "m", m.position_error)
+        limit(Law.ORIENTATION, orientation, ORIENTATION + own / size.length, "rad", m.orientation_error)
     return out
+
+
+def _first(t: Float[np.ndarray, " nt"], broken: np.ndarray) -> float:
+    return float(t[np.argmax(broken)]) if np.any(broken) else math.nan

@@ -1,14 +1,15 @@
 """Wrong but successful: runs whose solver claims success while laws, symmetry or the reference say no."""
 
-import json
 import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from ..results.records import RunRecord
+from ..results.records import RunRecord, reasons_of
+from ..results.words import words_of
+from ..types import Law, Reason
 
 OUT_OF_PLANE = 0.01  # of the mechanism's size, where the motion is planar and predictable to the end
-PREDICTABLE = 0.98  # of the time, judged against the reference: beyond it a planar chain may leave its plane
+JUDGED = 0.98  # of the time, judged against the reference: beyond it a planar chain may leave its plane
 
 
 def wrong(records: Iterable[RunRecord], card: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
@@ -19,7 +20,7 @@ def wrong(records: Iterable[RunRecord], card: Iterable[Mapping[str, Any]]) -> li
             broken.setdefault(row["runs"][-1], []).append(f"{row['check']}: {row['words']}")
     out = []
     for r in sorted(records, key=lambda r: (r.problem, r.solver, r.case)):
-        because = [*json.loads(r.wrong_because), *_out_of_plane(r), *broken.get(r.settings_id, [])]
+        because = [*map(words_of, reasons_of(r.wrong_because)), *_out_of_plane(r), *broken.get(r.settings_id, [])]
         if r.claimed == "success" and because:
             out.append({"case": r.case, "run": r.settings_id, "solver": r.solver, "problem": r.problem,
                         "because": because})  # fmt: skip
@@ -28,6 +29,6 @@ def wrong(records: Iterable[RunRecord], card: Iterable[Mapping[str, Any]]) -> li
 
 def _out_of_plane(r: RunRecord) -> list[str]:
     away, allowed = r.out_of_plane_max_m, OUT_OF_PLANE * r.length_scale_m
-    if math.isnan(away) or away <= allowed or not r.judged_to_s >= PREDICTABLE * r.t_end_s:
+    if math.isnan(away) or away <= allowed or not r.judged_to_s >= JUDGED * r.t_end_s:
         return []
-    return [f"planar motion leaves its plane by {away:.3g} m, more than {allowed:.3g} m"]
+    return [words_of(Reason(Law.PLANE, away, allowed, "m"))]

@@ -7,9 +7,11 @@ here. Things of which problems and solvers have different ones (options, counter
 import dataclasses
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
+
+from ..types import Law, Reason
 
 SCHEMA = 2  # raise it when a column changes its meaning or goes; a new column with a default keeps it
 NAN = float("nan")
@@ -54,12 +56,14 @@ class RunRecord:
     # how it ended
     status: str = column("harness.types.Status: success, wrong, refused, diverged, ...", "")
     claimed: str = column("the status the solver itself gave; empty if it never returned", "")
-    message: str = column("the solver's message, or how its process ended", "")
-    wrong_because: str = column("why a claimed success is wrong; JSON list", "[]")
+    ended_by: str = column("harness.types.EndedBy: solver, exception, wall_limit, signal, ...", "")
+    ended_limit_s: float = column("the limit on time that ended it, with its grace period")
+    message: str = column("the solver's message, or that of the exception it raised", "")
+    wrong_because: str = column("JSON list of harness.types.Reason: why a claimed success is wrong", "[]")
     notes: str = column("JSON list: choices the solver made", "[]")
     events: int = column("number of events in the series file, e.g. singular passages", 0)
     t_reached_s: float = column("time of the last accepted step")
-    exit_code: int = column("exit code of the run's process", 0)
+    exit_code: int = column("exit code of the run's process (of the supervisor, if that was lost)", 0)
     signal: int = column("signal that ended the process, 0 if none", 0)
 
     # energy: error is E(t) - E(0) minus the work of dampers
@@ -87,6 +91,7 @@ class RunRecord:
     reference: str = column("how the reference is computed; empty without one", "")
     reference_horizon_s: float = column("errors are taken up to here, or to t_end")
     reference_own_error_m: float = column("certified error of the reference itself over that time")
+    accurate_until_s: float = column("the position error stays within a tenth of length_scale_m up to here")
     position_error_max_m: float = column("max over time and bodies of |r - r_exact|")
     position_error_end_m: float = column("the same at the last compared step")
     orientation_error_max_rad: float = column("max over time and bodies of the angle between R and R_exact")
@@ -178,9 +183,25 @@ def _checked(plain: Mapping[str, Any]) -> RunRecord:
         values[c.name] = value
     for name in ("problem_parameters", "solver_options", "counters", "observable_errors", "invariant_drifts"):
         _embedded(name, values[name], dict)
-    for name in ("notes", "wrong_because"):
-        _embedded(name, values[name], list)
+    _embedded("notes", values["notes"], list)
+    try:
+        reasons_of(values["wrong_because"])
+    except (ValueError, TypeError, KeyError):
+        raise BadRecord(f"column wrong_because must hold reasons (got {values['wrong_because'][:40]!r})") from None
     return RunRecord(**values)
+
+
+def reasons_json(reasons: Iterable[Reason]) -> str:
+    """The column ``wrong_because``."""
+    return json.dumps([{k: _plain(v) for k, v in vars(r).items()} for r in reasons], ensure_ascii=False)
+
+
+def reasons_of(wrong_because: str) -> tuple[Reason, ...]:
+    """The inverse of ``reasons_json``; ValueError, TypeError or KeyError if it is none."""
+    return tuple(
+        Reason(**{**r, "law": Law(r["law"]), **{k: float(r[k]) for k in ("value", "limit", "time_s")}})
+        for r in json.loads(wrong_because)
+    )
 
 
 def _number(name: str, value: Any) -> float:

@@ -73,5 +73,4 @@ def kept(path: Path, problem: Problem, status: Status, message: str) -> Trajecto
         np.concatenate((start.v[None], v.reshape(-1, nb, 3)[first])),
         np.concatenate((start.Omega[None], Omega.reshape(-1, nb, 3)[first])),
     )
-    words = f"{message} (steps to t = {t[-1]:.6g} s kept)"
-    return Trajectory(np.concatenate(([0.0], t[first])), states, status, words, {})
+    return Trajectory(np.concatenate(([0.0], t[first])), states, status, message, {})

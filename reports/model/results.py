@@ -16,6 +16,7 @@ import numpy as np
 from ...harness.results import store
 from ...harness.results.records import RunRecord
 from ...harness.results.series import KIND, SERIES_SCHEMA, Series
+from ...harness.results.words import why
 from ...harness.types import Status
 
 STDERR_SHOWN = 4000  # characters, the last ones: a native library says the reason last
@@ -74,12 +75,8 @@ class Run:
 
     @cached_property
     def reasons(self) -> Sequence[str]:
-        """Why it is not a success; never empty for one that is none."""
-        if self.status == Status.SUCCESS:
-            return []
-        own = [str(w) for w in json.loads(self.record.wrong_because)] or [self.record.message]
-        said = [w for w in own if w.strip()]
-        return said or [f"{self.status}, without a message"]
+        """Why it is not a success; empty for one that is."""
+        return [] if self.succeeded else why(self.record)
 
     @property
     def status(self) -> str:

@@ -76,7 +76,7 @@ def verdicts(results: Results) -> list[Verdict]:
         out.append(Verdict(
             solver, own[0].record.paper_label, score(heads), score(own),
             tuple(c for c in heads if c.succeeded and drifts(c)),
-            tuple((c, why(c) + _finer(p, c)) for p, c in stands if not c.succeeded),
+            tuple((c, _short(c) + _finer(p, c)) for p, c in stands if not c.succeeded),
             tuple(c for c in heads if c.succeeded and drifts(c) is False),
         ))  # fmt: skip
     return sorted(out, key=lambda v: (-(v.finest.held / v.finest.runs if v.finest.runs else -1.0), v.solver))
@@ -106,14 +106,19 @@ def unpredictable(results: Results) -> str:
     return f" Errors are judged while the motion is predictable: {listed(told)}; after that energy and joints alone."
 
 
-def why(run: Run, most: int = 90) -> str:
-    """How it ended and the first reason, short."""
+def _ended(run: Run) -> str:
+    """How it ended, and where it stopped."""
     r = run.record
     where = (
         f" at {time(r.t_reached_s)} of {time(r.t_end_s)} s" if run.stopped and r.t_reached_s == r.t_reached_s else ""
     )
+    return f"{mark(run.status).word}{where}"
+
+
+def _short(run: Run, most: int = 90) -> str:
+    """The first reason."""
     reason = " ".join(run.reasons[0].split())
-    return f"{mark(run.status).word}{where}: {reason if len(reason) <= most else reason[: most - 1] + '…'}"
+    return reason if len(reason) <= most else reason[: most - 1] + "…"
 
 
 @dataclass(frozen=True)
@@ -160,8 +165,10 @@ def headline(found: Sequence[Verdict], label: str, judged: str = "") -> list[Ans
 
 def _breaks(v: Verdict) -> str:
     """On what, how, and the first reason; what is refused is said so."""
-    told = [f"{c.variant} at {c.step_words}: {reason}" if c.step_words else f"{c.variant}: {reason}"
-            for c, reason in v.breaks_on[:NAMED]]  # fmt: skip
+    told = [
+        f"{c.variant}{f' at {c.step_words}' if c.step_words else ''}: {_ended(c)}: {reason}"
+        for c, reason in v.breaks_on[:NAMED]
+    ]
     more = len(v.breaks_on) - NAMED
     return "; ".join(told) + (f"; and {more} more" if more > 0 else "")
 

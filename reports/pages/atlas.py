@@ -6,7 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
+from ...harness.results.records import reasons_of
 from ...harness.results.series import Series
+from ...harness.results.words import law_of
 from ..model.results import Results, Run, slug
 from ..plots.spec import Axis, Plot, Trace
 from .base import Page, Site
@@ -99,14 +101,14 @@ def broken(runs: Sequence[Run]) -> tuple[Broken, ...]:
     found: dict[str, list[Run]] = {}
     for c in runs:
         if c.status == "wrong":
-            found.setdefault(law_of(c.reasons[0]), []).append(c)
+            found.setdefault(_first_law(c), []).append(c)
     ordered = sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))
     return tuple(Broken(law, families_of(own)) for law, own in ordered)
 
 
-def law_of(reason: str) -> str:
-    """``the energy error reaches 3 J, more than 1 J``: the words before the numbers."""
-    return reason.split(" reaches ")[0].split(":")[0].strip()[:80]
+def _first_law(run: Run) -> str:
+    reasons = reasons_of(run.record.wrong_because)
+    return law_of(reasons[0]) if reasons else "unknown"
 
 
 def families_of(runs: Sequence[Run]) -> tuple[tuple[Run, ...], ...]:

@@ -61,12 +61,12 @@ FIGURES = (
         Says("the integration fails at about 72 s", "end", _FI[1:2], fails_at=72.0),
         Says("a pure rotation about an axis different from the original", "axis", _FI[2:]),
     )),
-    _dae(2, "recommended", "DAE-FI", _two("ida_index1"), 
+    _dae(2, "recommended", "DAE-FI", _two("ida_index1"),
          (Says("deviation cannot be eliminated by tolerance", "axis"),)),
     _dae(3, "as printed", "DAE-SE", _three("DAE-SE"), (
         Says("no evidence of converging to a pure rotation", "axis", _SE),
         Says("large oscillations of the mechanical energy", "energy", _SE),
     )),
-    _dae(3, "recommended", "DAE-SE", _two("ndf_index1"), 
+    _dae(3, "recommended", "DAE-SE", _two("ndf_index1"),
          (Says("no evidence of converging to a pure rotation", "axis"),)),
 )  # fmt: skip

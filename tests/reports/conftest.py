@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.results import store
-from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.results.records import RunRecord, reasons_json
 from mbsbench.harness.results.series import Series, write_series
+from mbsbench.harness.types import Law, Reason
 from mbsbench.reports import site
 
 from .browser import CHROMIUM, Browser
@@ -53,6 +54,11 @@ def record(run: str, solver: str = "alpha", status: str = "success", **changes) 
     return dataclasses.replace(base, **changes)
 
 
+def because(name: str) -> str:
+    """The column ``wrong_because`` with one reason, whose words begin with ``name``."""
+    return reasons_json([Reason(Law.SYMMETRY, 2.0, 1.0, "m", name=name)])
+
+
 def put(folder: Path, run: RunRecord, motion: Series | None = None, stderr: str = "") -> RunRecord:
     """Store a run as the runner does."""
     store.create(folder)
@@ -78,7 +84,7 @@ def every_kind(folder: Path) -> list[RunRecord]:
     return [
         put(folder, record("aa01"), series()),
         put(folder, record("aa02", dt_s=0.005, position_error_max_m=2.5e-4), series(600, size=2.5e-4)),
-        put(folder, record("bb01", "beta", "wrong", wrong_because=json.dumps([f"|phi| is large {HOSTILE}"])),
+        put(folder, record("bb01", "beta", "wrong", wrong_because=because(f"|phi| is large {HOSTILE}")),
             series(size=0.3)),
         put(folder, record("cc01", "gamma", "refused", claimed="refused", message="rank 325 of 400", **nothing)),
         put(folder, record("dd01", "delta", "step_underflow", message=f"stuck {HOSTILE}", t_reached_s=0.7),

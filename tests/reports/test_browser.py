@@ -11,7 +11,7 @@ from mbsbench.harness.results import store
 from mbsbench.reports import site
 from mbsbench.reports.model.curves import upper
 
-from .conftest import put, record, series
+from .conftest import because, put, record, series
 
 PAGES = ("index.html", "problem-pendulum.html", "solver-beta.html", "runs/dd01.html", "runs/gg01.html")
 OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
@@ -210,7 +210,7 @@ def matrices(tmp_path_factory):
             series(size=size))  # fmt: skip
         put(folder, record(f"b{k}", "beta", **own | {"position_error_max_m": 1.0 / (k + 1)}), series())
     put(folder, record("a3", "alpha", "wrong", problem="off", section="Sect. 3", position_error_max_m=1e-5,
-                       wrong_because='["far off"]'), series())  # fmt: skip
+                       wrong_because=because("far off")), series())  # fmt: skip
     for k, name in ((0, "far"), (1, "near"), (3, "off")):
         put(
             folder,

@@ -4,7 +4,7 @@ from mbsbench.reports.model.accuracy import drifts, measure_for
 from mbsbench.reports.model.findings import findings, findings_of
 from mbsbench.reports.model.results import Run, read_results
 
-from .conftest import put, record
+from .conftest import because, put, record
 
 
 def said(folder) -> str:
@@ -33,7 +33,10 @@ def test_errors_below_the_reference_own_are_not_ranked(tmp_path):
 
 def test_a_wrong_run_wins_nothing(tmp_path):
     """However cheap and however near at its end."""
-    put(tmp_path, record("aa01", "alpha", "wrong", position_error_max_m=1e-9, cpu_median_s=1e-6, wrong_because='["x"]'))
+    put(
+        tmp_path,
+        record("aa01", "alpha", "wrong", position_error_max_m=1e-9, cpu_median_s=1e-6, wrong_because=because("x")),
+    )
     put(tmp_path, record("bb01", "beta"))
     text = said(tmp_path)
     assert "Smallest position error of 1 success: 0.00100 m, beta" in text

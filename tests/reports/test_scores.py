@@ -7,7 +7,7 @@ from mbsbench.reports.model.results import read_results
 from mbsbench.reports.model.scores import finest, headline, score, unpredictable, verdicts
 from mbsbench.reports.model.variants import SECOND, broadest, themselves, variant_groups
 
-from .conftest import put, record
+from .conftest import because, put, record
 
 
 def answers(folder) -> dict[str, str]:
@@ -29,7 +29,7 @@ def test_finest_settings_speak_for_a_solver_and_the_rest_are_counted(tmp_path):
 
 
 def test_a_wrong_run_colours_its_entry_whatever_the_finest_did(tmp_path):
-    put(tmp_path, record("aa01", dt_s=0.01, status="wrong", wrong_because='["no"]'))
+    put(tmp_path, record("aa01", dt_s=0.01, status="wrong", wrong_because=because("no")))
     put(tmp_path, record("aa02", dt_s=0.005))
     entry = matrix(read_results(tmp_path))[0].rows[0].entries[0]
     assert entry is not None and entry.mark.kind == "good" and entry.kind == "wrong"
@@ -40,7 +40,7 @@ def test_questions_are_answered_from_the_numbers(tmp_path):
     drift = {"energy_mean_first_quarter_J": 1e-4, "energy_mean_last_quarter_J": 9e-4}
     put(tmp_path, record("aa01", "alpha"))
     put(tmp_path, record("bb01", "beta", **drift))
-    put(tmp_path, record("cc01", "gamma", "wrong", wrong_because='["it left"]'))
+    put(tmp_path, record("cc01", "gamma", "wrong", wrong_because=because("it left")))
     put(tmp_path, record("dd01", "delta", "refused", message="rank"))
     told = answers(tmp_path)
     assert told["Who holds"].startswith("2 of 4 solvers on every problem") and "delta: 0 of 1" in told["Who holds"]
@@ -55,12 +55,12 @@ def test_a_larger_swing_a_finer_step_that_holds_and_the_end_of_prediction_are_to
     drift = {"energy_mean_first_quarter_J": 1e-4, "energy_mean_last_quarter_J": 9e-4}
     put(tmp_path, record("aa01", "alpha", energy_drift_max_J=0.5, judged_to_s=0.5))
     put(tmp_path, record("bb01", "beta", judged_to_s=0.5, **drift))
-    put(tmp_path, record("cc01", "gamma", "wrong", wrong_because='["it left"]', judged_to_s=0.5))
+    put(tmp_path, record("cc01", "gamma", "wrong", wrong_because=because("it left"), judged_to_s=0.5))
     put(tmp_path, record("cc02", "gamma", dt_s=0.001, label="work", judged_to_s=0.5))
     told = answers(tmp_path)
     assert "pendulum to 0.5 of 2 s" in told["Who holds"]
     assert "0.500 J (alpha, pendulum)" in told["Who drifts"] and "pendulum 0.00100 J" in told["Who drifts"]
-    assert "it left; holds at dt = 0.001 s" in told["Who breaks, and why"]
+    assert "it left reaches 2 m, more than 1 m; holds at dt = 0.001 s" in told["Who breaks, and why"]
     entry = matrix(read_results(tmp_path))[0].rows[0].entries[0]
     assert entry is not None and entry.figures[0].name == "error to 0.5 s"
 

@@ -24,6 +24,7 @@ from jaxtyping import Float
 from ...mechanics import so3
 from ...results import store
 from ...results.records import RunRecord
+from ...results.words import words_of_ending
 
 SLACK = 10.0  # errors of one tolerance scatter by several times: steps fall differently
 HALVES = 3.0  # one run may err by 4/3 of its change at half the step, the other by as much the other way
@@ -218,12 +219,13 @@ def _entry(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, e
     deviation, bound = math.nan, math.nan
     if base.claimed != "success":
         verdict = "refused" if base.status == "refused" else "failed"
-        words = f"as it stands: {base.status}: {base.message}" if base.message else f"as it stands: {base.status}"
+        said = words_of_ending(base)
+        words = f"as it stands: {base.status}: {said}" if said else f"as it stands: {base.status}"
     elif yard is None:
         verdict, words = "failed", "no bound: the run at a tenth of the tolerance or from the changed start failed"
     elif r.claimed != "success":
         verdict = "refused" if r.status == "refused" else "failed"
-        words = f"{r.status}: {r.message}"
+        words = f"{r.status}: {words_of_ending(r)}"
     elif change == "renumber" and _single(ends, base):
         verdict, words = "not applicable", "one body and one joint have no order"
     elif change == "retrace":

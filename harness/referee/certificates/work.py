@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...metrics.summary import PREDICTABLE
+from ...metrics.summary import LOST
 from ...results.records import RunRecord
 from .metamorphic import CHANGES
 
@@ -100,7 +100,7 @@ def _field(all_runs: Sequence[RunRecord]) -> Field | None:
     tried = frozenset(r.solver for r in all_runs)
     first = runs[0]
     length = first.length_scale_m if first.length_scale_m > 0.0 else 1.0
-    own = min(max(r.reference_own_error_m for r in runs), PREDICTABLE * length)
+    own = min(max(r.reference_own_error_m for r in runs), LOST * length)
     moved = any(r.position_error_judged_m > EXACT * length for r in runs)
     variant = first.case.split(" ")[0]
     if moved:

@@ -10,13 +10,12 @@ from enum import StrEnum
 from ...results.provisional import is_provisional
 from ...results.records import RunRecord
 from ...results.series import Series
-from ...types import Status
+from ...types import EndedBy, Status
 from .measures import END, MEASURES, reached_end
 from .register import Test
 
 LAST = 0.1  # of the steps taken: the pace of a run is that of these
 PATIENCE = 100.0  # budgets of steps: a run that would need more than these to its end is stuck
-NOT_MEASURED = "measuring its motion took more than"
 
 
 class Ending(StrEnum):
@@ -44,9 +43,10 @@ def by_budget(record: RunRecord) -> bool:
 
 
 def by_machine(record: RunRecord) -> bool:
-    """Whether a clock or the memory ended it. Stalled with steps left is: by a clock, in whatever words."""
+    """Whether a clock or the memory ended it: stalled with steps left means a clock."""
     stopped = record.status == Status.STALLED and not by_budget(record)
-    return stopped or record.status == Status.MEMORY or NOT_MEASURED in record.message or is_provisional(record)
+    unmeasured = record.ended_by == EndedBy.MEASURE_LIMIT
+    return stopped or unmeasured or record.status == Status.MEMORY or is_provisional(record)
 
 
 def to_end(record: RunRecord, series: Series) -> float:

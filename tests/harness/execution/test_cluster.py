@@ -14,6 +14,7 @@ from mbsbench.harness.execution.pool import LocalPool, PoolError
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.results.words import words_of_ending
 from mbsbench.harness.suites.suite import parse_suite
 
 from ..conftest import PLUGIN, Silent
@@ -76,7 +77,7 @@ def test_a_killed_worker_costs_nothing(cluster, tmp_path):
     far = run_suite(Request(suite, tmp_path / "far", 2), watcher, lambda size, *w: DaskPool(str(file), *w))
     assert workers[0].wait(timeout=10) == -signal.SIGKILL and len(watcher.ran) == 20
     near = run_suite(Request(suite, tmp_path / "near", 2), Silent(), LocalPool)
-    a, b = (store.table(x.records).drop(columns=[*TIMED, "message"]) for x in (far, near))
+    a, b = (store.table(x.records).drop(columns=TIMED) for x in (far, near))
     assert a.equals(b)
     stderr = next(r.stderr for r in far.records if r.solver == "segfaults")
     assert "native words" in (tmp_path / "far" / stderr).read_text()
@@ -135,5 +136,5 @@ def test_a_limit_on_the_whole_run_reaches_the_workers(cluster, tmp_path):
     began = time.monotonic()
     done = run_suite(Request(suite, tmp_path / "run", 2), watcher, lambda size, *w: DaskPool(str(file), *w))
     assert time.monotonic() - began < 60.0
-    assert len(done.records) == 2 and all("limit of 12 s" in r.message for r in done.records)
+    assert len(done.records) == 2 and all("total_limit of 12 s" in words_of_ending(r) for r in done.records)
     assert {r.status for r in done.records} == {"stalled"} and len(watcher.left) == 4

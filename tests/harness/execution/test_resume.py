@@ -152,12 +152,12 @@ def test_a_run_that_was_beside_a_death_runs_alone_and_again_on_resume(run_text, 
         first, _ = run_text(SLEEPS)
     assert [len(beside) for beside in sends[:4]] == [0, 1, 0, 0]
     (crashed,) = [r for r in first.records if r.status == "crashed"]
-    assert "the second time alone" in crashed.message and len(first.records) == 3
+    assert crashed.ended_by == "supervisor_lost" and len(first.records) == 3
     second, watcher = run_text(SLEEPS, resume=True)
     assert {r.status for r in second.records} == {"success"} and watcher.ran == [crashed.case]
     aside = tmp_path / "run" / "set_aside"
-    assert store.read_record(aside / f"{crashed.run_id}.json").message == crashed.message
-    assert "run again" in (aside / f"{crashed.run_id}.json.why").read_text()
+    assert store.read_record(aside / f"{crashed.run_id}.json").ended_by == crashed.ended_by
+    assert "supervisor_lost" in (aside / f"{crashed.run_id}.json.why").read_text()
 
 
 def test_the_newest_run_is_of_this_suite(tmp_path):

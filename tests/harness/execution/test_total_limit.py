@@ -10,9 +10,11 @@ from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.gate.judging import State, judge
 from mbsbench.harness.gate.thresholds import Thresholds
 from mbsbench.harness.results import store
-from mbsbench.harness.results.provisional import files_of, is_provisional, limit_words
+from mbsbench.harness.results.provisional import files_of, is_provisional
 from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.results.words import words_of_ending
 from mbsbench.harness.suites.suite import load_suite, parse_suite
+from mbsbench.harness.types import EndedBy
 
 from ..conftest import PLUGIN, Silent
 
@@ -58,7 +60,7 @@ def test_running_runs_are_ended_and_the_rest_is_left(tmp_path):
     suite, loaded, watcher = stopped_run(tmp_path / "run")
     ended = {r.solver: r for r in loaded.records}
     assert {s: r.status for s, r in ended.items()} == {"exact": "success", "hangs_later": "stalled", "spins": "stalled"}
-    assert all("limit of 600 s" in ended[s].message for s in ("hangs_later", "spins"))
+    assert all("limit of 600 s" in words_of_ending(ended[s]) for s in ("hangs_later", "spins"))
     assert ended["hangs_later"].steps > 0 and ended["hangs_later"].series and ended["spins"].steps == 0
     assert len(watcher.left) == 4 and all("sleeps" in case or "raises" in case for case in watcher.left)
     verdict = judge(suite.specs, loaded.records, Thresholds("test", (), {}))
@@ -88,20 +90,15 @@ def test_what_the_limit_ended_is_run_again_on_resume(tmp_path):
 
 
 def test_what_a_run_did_itself_is_no_matter_of_the_run():
-    """Its own wall limit, its own words and its own crash stay; files go aside with their record."""
-    ours = limit_words(600.0)
-    for status, message, claimed, wanted in (
-        ("stalled", ours, "", True), ("stalled", "killed at the wall limit of 60 s", "", False),
-        ("stalled", ours, "stalled", False), ("success", ours, "", False), ("crashed", "RuntimeError: x", "", False),
-        ("crashed", "the supervisor process died twice (code -9) while this run ran", "", True),
-    ):  # fmt: skip
-        assert is_provisional(RunRecord(status=status, message=message, claimed=claimed)) is wanted
+    """Its own wall limit, its own crash and what its solver returned stay."""
+    passing = {EndedBy.TOTAL_LIMIT, EndedBy.SUPERVISOR_LOST, EndedBy.WORKERS_LOST}
+    assert all(is_provisional(RunRecord(ended_by=str(by))) is (by in passing) for by in EndedBy)
 
 
 def test_the_series_of_such_a_record_goes_aside_too(tmp_path):
     """Nothing is deleted, nothing is written over."""
     folder = store.create(tmp_path / "run")
-    record = RunRecord(run_id="abc", status="stalled", message=limit_words(1.0), series="series/abc.npz", stderr="")
+    record = RunRecord(run_id="abc", status="stalled", ended_by="total_limit", series="series/abc.npz", stderr="")
     store.write_record(folder, record)
     (folder / record.series).write_bytes(b"x")
     assert [u.path.name for u in files_of(folder, record)] == ["abc.json", "abc.npz"]

@@ -14,7 +14,7 @@ from mbsbench.harness.metrics.scales import scales
 from mbsbench.harness.metrics.summary import columns, largest, time_mean, trend
 from mbsbench.harness.metrics.thinning import frames_to_keep, rows_to_keep
 from mbsbench.harness.metrics.verdict import doubts
-from mbsbench.harness.types import Problem, State, Status, Trajectory
+from mbsbench.harness.types import Law, Problem, State, Status, Trajectory
 
 
 def solved(solver: str, options: dict | None = None, t_end: float = 2.0, dt: float = 0.01):
@@ -96,30 +96,33 @@ def test_trend_weights_time_not_steps():
     assert time_mean(t, 3.0 * t, 0.0, 10.0) == pytest.approx(15.0, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("solver", "words"), [("exact", []), ("stops_early", ["last step"]), ("not_numbers", ["not finite"])]
-)
-def test_claims_are_doubted_with_reason(solver, words):
+@pytest.mark.parametrize(("solver", "laws"), [("exact", []), ("stops_early", [Law.END]), ("not_numbers", [Law.FINITE])])
+def test_claims_are_doubted_with_reason(solver, laws):
     """Only a success that nothing contradicts is one."""
-    problem, trajectory, _, c = solved(solver)
-    found = doubts(problem, trajectory, c, scales(problem.system, problem.initial))
-    assert len(found) == len(words) and all(w in f for w, f in zip(words, found, strict=True))
+    problem, trajectory, m, c = solved(solver)
+    found = doubts(problem, trajectory, m, c, scales(problem.system, problem.initial))
+    assert [r.law for r in found] == laws
 
 
 def test_a_motion_away_from_the_reference_is_wrong():
     """A lift of a tenth of the size within the horizon is not the motion asked for, though it ends in time."""
-    problem, trajectory, _, c = solved("exact", {"lift": 4.0})
-    found = doubts(problem, trajectory, c, scales(problem.system, problem.initial))
-    assert any("position error" in f for f in found) and any("energy" in f for f in found)
+    problem, trajectory, m, c = solved("exact", {"lift": 4.0})
+    found = {r.law: r for r in doubts(problem, trajectory, m, c, scales(problem.system, problem.initial))}
+    assert {Law.POSITION, Law.ENERGY} <= found.keys()
+    for reason in found.values():  # the lift grows as t^2: so do both errors, exactly at first, to the step
+        assert reason.value > reason.limit and 0.0 < reason.time_s <= 2.0
+    length = c["length_scale_m"]
+    assert c["accurate_until_s"] == pytest.approx(math.sqrt(0.1 * length), abs=0.01)
 
 
 def test_another_start_is_wrong():
     """A solver may not choose an easier start."""
-    problem, trajectory, _, c = solved("exact")
+    problem, trajectory, m, c = solved("exact")
     import dataclasses
 
     other = dataclasses.replace(problem, initial=dataclasses.replace(problem.initial, v=problem.initial.v * 1.01))
-    assert any("start" in f for f in doubts(other, trajectory, c, scales(problem.system, problem.initial)))
+    found = doubts(other, trajectory, m, c, scales(problem.system, problem.initial))
+    assert [r.law for r in found] == [Law.START]
 
 
 def test_thinning_keeps_every_peak():

@@ -1,28 +1,22 @@
-"""How runs ended is told from the record, in the words of those who end them; the pace tells stuck from slow."""
+"""How a run ended is a fact of its record; the pace tells stuck from slow."""
 
 import signal
 import time
-from types import SimpleNamespace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution import runner, supervisor
+from mbsbench.harness.execution import supervisor
+from mbsbench.harness.execution.job import Job
 from mbsbench.harness.referee.claims.endings import Ending, by_budget, by_machine, ending, to_end
-from mbsbench.harness.results import provisional
-from mbsbench.harness.suites.suite import Suite
-from mbsbench.harness.types import Status, StepControl
+from mbsbench.harness.results.words import words_of_ending
+from mbsbench.harness.types import EndedBy, StepControl
 from mbsbench.solvers.formulations.recording import Clock, StepFailure, march
 from mbsbench.solvers.gc_weak_form import GcWeakForm
 
-from .synthetic import bare, series
-
-
-def killed(how, code=0, peak=0.0):
-    """What the supervisor says of a process it ended, or that ended."""
-    job = SimpleNamespace(spec=SimpleNamespace(wall_limit=60.0, memory=100.0))
-    return supervisor.explain(SimpleNamespace(job=job, killed=how), code, peak)
+from .synthetic import bare, runs_of, series
 
 
 def stopped_by_geometric_driver(**limits):
@@ -45,31 +39,45 @@ def stopped_by_recording(**limits):
     return done.status, done.message, len(done.t) - 1
 
 
-def run_limit():
-    """What runs are told that run when the whole run met its limit."""
-    return Status.STALLED, runner._limit(Suite("s", "", (), "", total_limit=900.0)).words
-
-
 @pytest.mark.parametrize(
     ("made", "words"),
     [
         (lambda: stopped_by_geometric_driver(wall_limit=1e-9), "wall limit of 1e-09 s reached at t = "),
         (lambda: stopped_by_recording(wall=1e-9), "the wall limit of 1e-09 s was reached"),
-        (lambda: killed("wall"), "killed at the wall limit of 60 s (+2 s); it did not stop when asked"),
-        (lambda: killed("measuring"), "measuring its motion took more than 120 s"),
-        (lambda: killed("", -signal.SIGXCPU), "used up its CPU time"),
-        (lambda: killed("", -signal.SIGKILL, 99.0), "ended by SIGKILL with 99 MB resident, near its memory limit"),
-        (run_limit, "total_limit of the suite"),
-        (lambda: (Status.CRASHED, f"{provisional.SUPERVISOR_DIED} twice"), "the supervisor process died twice"),
-        (lambda: (Status.CRASHED, f"{provisional.WORKERS_DIED} again"), "died"),
     ],
 )
-def test_what_a_clock_or_the_memory_ended_is_known_by_the_words_of_who_ended_it(made, words):
-    """Made by the code that makes them: another wording there is red here, unless it is understood as well."""
+def test_a_solver_stopped_by_its_clock_is_ended_by_the_machine(made, words):
+    """It is stalled with steps left: a clock, whatever its message."""
     status, message, *_ = made()
     assert words in message
-    record = bare(status=str(status), message=message, t_reached_s=4.0, steps=50, max_steps=100)
+    record = bare(status=str(status), ended_by="solver", t_reached_s=4.0, steps=50, max_steps=100)
     assert by_machine(record) and ending(record) is Ending.MACHINE
+
+
+@pytest.mark.parametrize(
+    ("how", "code", "peak", "by", "words"),
+    [
+        ("wall", 0, 0.0, EndedBy.WALL_LIMIT, "killed after 62 s (wall limit of 60 s): the solver did not stop when"),
+        ("measuring", 0, 0.0, EndedBy.MEASURE_LIMIT, "measuring its motion took more than 120 s"),
+        ("", -signal.SIGXCPU, 0.0, EndedBy.CPU_LIMIT, "used up its CPU time"),
+        ("", -signal.SIGKILL, 99.0, EndedBy.MEMORY_LIMIT, "ended by SIGKILL with 99 MB resident, near its memory lim"),
+        ("stop", -signal.SIGKILL, 5.0, EndedBy.TOTAL_LIMIT, "total_limit of 900 s"),
+    ],
+)
+def test_a_process_ended_by_clock_or_memory_is_ended_by_the_machine(how, code, peak, by, words):
+    """As the supervisor states it, and in words."""
+    job = Job(runs_of('[[runs]]\nproblem = "heavy_top"\nsolver = "gc_weak_form"\nmemory = 100.0\nwall_limit = 60.0')[0],
+              Path("nowhere"))  # fmt: skip
+    running = supervisor.Running(job, None, 0.0, 0.0, killed=how)
+    record = supervisor._bare(running, code, peak, 900.0)
+    assert record.ended_by == by and words in words_of_ending(record)
+    assert by_machine(record) and ending(record) is Ending.MACHINE
+
+
+@pytest.mark.parametrize("by", [EndedBy.SUPERVISOR_LOST, EndedBy.WORKERS_LOST])
+def test_a_lost_parent_is_the_machines_doing(by):
+    record = bare(status="crashed", ended_by=str(by), t_reached_s=4.0, steps=50)
+    assert by_machine(record) and "died" in words_of_ending(record)
 
 
 @pytest.mark.parametrize("made", [stopped_by_geometric_driver, stopped_by_recording])

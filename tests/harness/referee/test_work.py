@@ -9,7 +9,8 @@ import pytest
 
 from mbsbench.harness.referee.certificates.work import TARGETS, work
 from mbsbench.harness.referee.wrong import wrong
-from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.results.records import RunRecord, reasons_json
+from mbsbench.harness.types import Law, Reason
 
 NOWHERE = Path()
 
@@ -121,12 +122,14 @@ def test_factorisations_count_where_they_are_counted():
 
 def test_wrong_successes_have_the_verdicts_reasons_and_the_planes():
     """Only where success is claimed, and planarity only where the motion is predictable to its end."""
-    contradicted = record("a", 0.1, 1.0, 10, status="wrong", wrong_because=json.dumps(["the energy error is 5 J"]))
+    contradicted = record(
+        "a", 0.1, 1.0, 10, status="wrong", wrong_because=reasons_json([Reason(Law.ENERGY, 5.0, 1.0, "J")])
+    )
     gave_up = dataclasses.replace(contradicted, claimed="diverged", settings_id="x")
     away = record("b", 0.1, 1e-3, 10, out_of_plane_max_m=0.5)
     chaotic = dataclasses.replace(away, judged_to_s=0.3, settings_id="y")
     planar = dataclasses.replace(away, out_of_plane_max_m=math.nan, settings_id="z")
     found = wrong([contradicted, gave_up, away, chaotic, planar], [])
     assert [e["run"] for e in found] == [contradicted.settings_id, away.settings_id]
-    assert found[0]["because"] == ["the energy error is 5 J"]
-    assert "leaves its plane by 0.5 m" in found[1]["because"][0]
+    assert found[0]["because"] == ["the energy error reaches 5 J, more than 1 J"]
+    assert "the distance from the plane of motion reaches 0.5 m" in found[1]["because"][0]

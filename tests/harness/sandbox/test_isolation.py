@@ -10,8 +10,9 @@ import psutil
 import pytest
 
 from mbsbench.harness.results import store
+from mbsbench.harness.results.words import why, words_of_ending
 from mbsbench.harness.sandbox.isolation import fork
-from mbsbench.harness.types import Status
+from mbsbench.harness.types import EndedBy, Status
 
 LIMIT = 1.0  # [s]
 
@@ -80,7 +81,7 @@ def test_each_ends_as_its_own_row(outcome, solver):
     (record,) = [r for r in loaded.records if r.solver == solver]
     status, words = EXPECTED[solver]
     assert record.status == status, record
-    assert words in record.message + record.wrong_because
+    assert words in "; ".join(why(record))
     assert record.wall_s < record.wall_limit_s + 5.0
     assert "\n" not in record.message
 
@@ -128,7 +129,7 @@ def test_steps_of_a_killed_run_are_kept(outcome, end, status, words):
     """A native loop that holds the interpreter, a segfault, an exception: what was handed over is measured."""
     folder, loaded = outcome
     (record,) = [r for r in loaded.records if r.case == f"free_fall hangs_later{end} dt=0.5"]
-    assert record.status == status and words in record.message and record.claimed == ""
+    assert record.status == status and words in words_of_ending(record) and record.claimed == ""
     series = store.series_of(folder, record)
     assert series is not None and list(series["t"]) == [0.0, 0.5, 1.0] and record.t_reached_s == 1.0
     assert record.position_error_max_m < 1e-14 and record.wall_s < record.wall_limit_s + 5.0
@@ -184,8 +185,8 @@ def test_cpu_time_is_limited_too(tmp_path):
     code = os.waitstatus_to_exitcode(os.waitpid(child.pid, 0)[1])
     assert code == -signal.SIGXCPU and time.monotonic() - began > 0.9
     job = SimpleNamespace(spec=SimpleNamespace(wall_limit=1.0, memory=500.0))
-    status, words = explain(Running(job, child, began, began), code, 100.0)  # type: ignore[arg-type]
-    assert status is Status.STALLED and "CPU" in words
+    status, by, _ = explain(Running(job, child, began, began), code, 100.0)  # type: ignore[arg-type]
+    assert status is Status.STALLED and by is EndedBy.CPU_LIMIT
 
 
 def test_a_run_ends_with_its_parent(tmp_path):

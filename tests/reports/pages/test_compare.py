@@ -12,7 +12,7 @@ from mbsbench.reports.pages.judgement import Entry
 from mbsbench.reports.pages.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work
 
 from ..bundles import opened
-from ..conftest import HOSTILE, every_kind, put, record, series
+from ..conftest import HOSTILE, because, every_kind, put, record, series
 from .conftest import Outline
 
 
@@ -91,7 +91,7 @@ def two_runs(tmp_path_factory):
     a, b = tmp_path_factory.mktemp("a"), tmp_path_factory.mktemp("b")
     every_kind(a)
     every_kind(b)
-    put(b, record("aa01", status="wrong", wrong_because=json.dumps([HOSTILE])), series(size=0.4))
+    put(b, record("aa01", status="wrong", wrong_because=because(HOSTILE)), series(size=0.4))
     put(b, record("aa02", dt_s=0.005, energy_drift_max_J=0.3), series(600, size=0.3))
     (b / "runs" / "ee01.json").unlink()
     put(b, record("zz01", case=f"new {HOSTILE}"), series())

@@ -1,6 +1,5 @@
 """A run with poses made by hand: two bars on hinges, a top, a body held at its centre, one that flies apart."""
 
-import json
 import shutil
 
 import numpy as np
@@ -11,7 +10,7 @@ from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages import theatre as page
 from mbsbench.reports.pages.base import FOLDER, Site
 
-from ..conftest import HOSTILE, put, record
+from ..conftest import HOSTILE, because, put, record
 
 ALONG_X = np.array([0.5, 0.0, 0.0])
 JOINTS = {"joint_i": [0, 0], "joint_j": [-1, 1], "joint_s_i": [-ALONG_X, ALONG_X], "joint_s_j": [0 * ALONG_X, -ALONG_X]}
@@ -64,7 +63,7 @@ def staged(tmp_path_factory):
     put(folder, record("a2", "beta", dt_s=0.02), two_bars(size=0.1, events=[event, {"kind": "no time"}]))
     put(folder, record("a3", "gamma", "diverged", label="as printed", message=f"lost {HOSTILE}", t_reached_s=0.8),
         two_bars(160, 0.8, size=0.3))  # fmt: skip
-    put(folder, record("a4", "delta", "wrong", label=HOSTILE, wrong_because=json.dumps([HOSTILE])),
+    put(folder, record("a4", "delta", "wrong", label=HOSTILE, wrong_because=because(HOSTILE)),
         two_bars(stretch=1e6, bar=HOSTILE))  # fmt: skip
     put(folder, record("a5", "epsilon", "refused", message="not for two bars"))
     put(folder, record("b1", HOSTILE, problem=HOSTILE), held(20.0, (0.0, 0.0, -0.1)))

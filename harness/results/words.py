@@ -1,0 +1,76 @@
+"""How a run ended and why it is wrong, in words: made here from a record, for terminal and pages alike."""
+
+import math
+import signal
+
+from ..types import EndedBy, Law, Reason, Status
+from .records import RunRecord, reasons_of
+
+WORKERS = 3  # Dask gives a run up after it has lost that many
+LAWS = {
+    Law.ENERGY: "the energy error",
+    Law.CONSTRAINT: "|phi|",
+    Law.CONSTRAINT_RATE: "|phi_dot|",
+    Law.ORTHOGONALITY: "|R^T R - 1|",
+    Law.POSITION: "the position error",
+    Law.ORIENTATION: "the orientation error",
+    Law.PLANE: "the distance from the plane of motion",
+    Law.FINITE: "values that are not finite",
+    Law.START: "another start",
+    Law.END: "another end",
+}
+
+
+def why(record: RunRecord) -> list[str]:
+    """Why a run is not a success, never empty for one that is not; for a success what its solver said, if anything."""
+    found = [words_of(r) for r in reasons_of(record.wrong_because)] or [words_of_ending(record)]
+    said = [w for w in found if w.strip()]
+    return said or ([] if record.status == Status.SUCCESS else [f"{record.status or 'unknown'}, without a message"])
+
+
+def law_of(reason: Reason) -> str:
+    """The quantity that breaks its limit."""
+    return LAWS.get(reason.law) or (f"the drift of {reason.name}" if reason.law is Law.INVARIANT else reason.name)
+
+
+def words_of(reason: Reason) -> str:
+    """``the energy error reaches 3 J, more than 1 J, first at 0.2 s``."""
+    r = reason
+    if r.law is Law.FINITE:
+        return f"the trajectory holds values that are not finite numbers{_at(r, ', from t = ')}"
+    if r.law is Law.START:
+        return f"the motion does not begin at the given start (off by {r.value:.3g}, at t = {r.time_s:g} s)"
+    if r.law is Law.END:
+        return f"success claimed, but the last step ends at {r.value:.9g} s of {r.limit:g} s"
+    unit = f" {r.unit}" if r.unit else ""
+    return f"{law_of(r)} reaches {r.value:.3g}{unit}, more than {r.limit:.3g}{unit}{_at(r, ', first at ')}"
+
+
+def words_of_ending(record: RunRecord) -> str:
+    """The solver's own message, or what ended its process and which steps are left of its motion."""
+    r = record
+    words = {
+        EndedBy.WALL_LIMIT: f"killed after {r.ended_limit_s:g} s (wall limit of {r.wall_limit_s:g} s): "
+        "the solver did not stop when asked",
+        EndedBy.CPU_LIMIT: "used up its CPU time",
+        EndedBy.MEASURE_LIMIT: "the solver was done, but measuring its motion took more than "
+        f"{r.ended_limit_s:g} s",
+        EndedBy.TOTAL_LIMIT: f"killed when the suite met its total_limit of {r.ended_limit_s:g} s",
+        EndedBy.EXIT: f"its process exited with code {r.exit_code} and no result",
+        EndedBy.SIGNAL: _signal(r),
+        EndedBy.MEMORY_LIMIT: f"{_signal(r)}, near its memory limit" if r.signal else r.message,
+        EndedBy.SUPERVISOR_LOST: "the supervisor process died twice "
+        f"(code {r.exit_code - r.signal}) during this run, the second time with this run alone",
+        EndedBy.WORKERS_LOST: f"the workers it was given to died, {WORKERS} or more times",
+    }.get(r.ended_by, r.message)  # type: ignore[call-overload]
+    kept = r.ended_by not in ("", EndedBy.SOLVER) and r.t_reached_s > 0.0
+    return f"{words} (steps to t = {r.t_reached_s:.6g} s kept)" if kept else words
+
+
+def _signal(r: RunRecord) -> str:
+    name = signal.Signals(r.signal).name if r.signal in set(signal.Signals) else str(r.signal)
+    return f"ended by {name}" + ("" if math.isnan(r.peak_memory_MB) else f" with {r.peak_memory_MB:.0f} MB resident")
+
+
+def _at(r: Reason, words: str) -> str:
+    return "" if math.isnan(r.time_s) else f"{words}{r.time_s:.4g} s"
