@@ -25,7 +25,7 @@ def write_site(results: Results, folder: Path) -> Path:
     for _, write in writers():
         write(results, site)
     site.finish()
-    write_tables(results, folder / "tables")
+    write_tables(results.variants, folder / "tables")
     return folder / "index.html"
 
 

@@ -20,8 +20,8 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write them and say where they are."""
     folder = existing(arguments.folder)
-    from ...reports.paper import build as paper  # here: they take a second to load
-    from ...reports.publication import build as publication
+    from ...reports import publication  # here: they take a second to load
+    from ...reports.paper import build as paper
 
     module = paper if arguments.paper else publication
     out = Console(highlight=False, markup=False, soft_wrap=True)

@@ -1,5 +1,6 @@
 """Series made small enough to draw, with every peak kept: largest value, or smallest and largest, per span of time."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -7,6 +8,9 @@ from jaxtyping import Float, Int
 
 SPANS_UPPER = 240  # a panel is about 3 in wide: more spans than that are not seen
 SPANS_SIGNED = 320
+CAP = 1e4  # a motion that blew up is cut at so many times the problem's own scale, or others could not be seen
+SELDOM = 0.05  # of a line may lie below the lower edge: all errors begin at zero
+ROUNDING = 1e-17  # of that scale: what is below is drawn at the lower edge
 
 
 @dataclass(frozen=True)
@@ -59,6 +63,19 @@ def level(curve: Curve) -> Curve:
     keep = np.flatnonzero(np.concatenate([[True], ~same, [True]]))
     edges = [None if e is None else e[keep] for e in (curve.low, curve.high)]
     return Curve(curve.t[keep], curve.y[keep], *edges)
+
+
+def log_limits(curves: Iterable[Curve | None], scale: float) -> tuple[float, float]:
+    """Limits for a logarithmic axis: from rounding (of ``scale``) at the lowest to a cap at the highest."""
+    size = scale if np.isfinite(scale) and scale > 0.0 else 1.0
+    values = [e for c in curves if c is not None for e in (c.y, c.low, c.high) if e is not None]
+    seen = [v[v > size * ROUNDING] for v in values]
+    seen = [v for v in seen if len(v)]
+    if not seen:
+        return size * ROUNDING, size * ROUNDING * 1e3
+    top = min(max(float(np.max(v)) for v in seen), size * CAP)
+    low = min(float(np.quantile(v, SELDOM)) for v in seen)
+    return max(min(low, top) / 2.0, size * ROUNDING), top * 3.0
 
 
 def _finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,11 +6,13 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-from ...harness.results import store
+from ...harness.files import write_text
 from .columns import COLUMNS, Column
-from .results import Results, Run
+from .results import Run, Variant
 from .words import BELOW_CLOCK, NONE
 
+SHOWN: Sequence[Column] = tuple(c for c in COLUMNS if c.latex)
+DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 LATEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
     "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "<": r"\textless{}", ">": r"\textgreater{}",
@@ -18,46 +20,58 @@ LATEX = {
 }  # fmt: skip
 
 
-def write_tables(results: Results, folder: Path) -> list[Path]:
-    """One CSV and one LaTeX table a problem; returns the files."""
+def write_tables(variants: Sequence[Variant], folder: Path, *, rounded: bool = False) -> list[Path]:
+    """One CSV and one LaTeX table a problem; returns the files. A ``rounded`` CSV has the numbers of the LaTeX one."""
     folder.mkdir(parents=True, exist_ok=True)
     out = []
-    for variant in results.variants:
-        for suffix, text in ((".csv", csv_of(variant.runs)), (".tex", latex_of(variant.title, variant.runs))):
-            path = folder / f"{variant.slug}{suffix}"
-            store.write_text(path, text)
-            out.append(path)
+    for variant in variants:
+        values = rounded_csv_of(variant.runs) if rounded else csv_of(variant.runs)
+        for suffix, text in ((".csv", values), (".tex", latex_of(variant.title, variant.runs))):
+            out.append(folder / f"{variant.slug}{suffix}")
+            write_text(out[-1], text)
     return out
 
 
 def csv_of(runs: Sequence[Run]) -> str:
     """All columns, numbers in full; empty where a quantity does not exist."""
+    rows = [
+        [c.variant, c.record.solver, c.record.paper_label, *(_full(k, c) for k in COLUMNS), "; ".join(c.reasons)]
+        for c in runs
+    ]
+    return _csv([["problem", "solver", "paper_label", *map(_head, COLUMNS), "reason"], *rows])
+
+
+def rounded_csv_of(runs: Sequence[Run]) -> str:
+    """The columns of the LaTeX table with the same digits."""
+    rows = [[c.record.solver, *(_rounded(k, c) for k in SHOWN)] for c in runs]
+    return _csv([["solver", *map(_head, SHOWN)], *rows])
+
+
+def _csv(rows: Sequence[Sequence[str]]) -> str:
     text = io.StringIO()
-    out = csv.writer(text, lineterminator="\n")
-    out.writerow(
-        ["problem", "solver", "paper_label", *(c.key + (f" [{c.unit}]" if c.unit else "") for c in COLUMNS), "reason"]
-    )
-    for run in runs:
-        r = run.record
-        values = [_full(c, run) for c in COLUMNS]
-        out.writerow([run.variant, r.solver, r.paper_label, *values, "; ".join(run.reasons)])
+    csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
+
+
+def _head(column: Column) -> str:
+    return f"{column.key} [{column.unit}]" if column.unit else column.key
 
 
 def latex_of(title: str, runs: Sequence[Run]) -> str:
     """The main columns, for booktabs; a failure keeps its row and says how it ended."""
-    shown = [c for c in COLUMNS if c.latex]
+    kinds = "".join("l" if isinstance(c.of(runs[0]), str) else "r" for c in SHOWN)
     lines = [
+        f"% {_one_line(title)}",
         "% needs \\usepackage{booktabs}",
-        f"\\begin{{tabular}}{{ll{''.join('l' if _is_text(c, runs) else 'r' for c in shown[1:])}}}",
+        f"\\begin{{tabular}}{{l{kinds}}}",
         "\\toprule",
-        " & ".join(["Solver", *(c.latex for c in shown)]) + r" \\",
+        " & ".join(["Solver", *(c.latex for c in SHOWN)]) + r" \\",
         "\\midrule",
     ]
     for run in runs:
-        values = [latex_text(run.record.solver), *(_latex(c, run) for c in shown)]
+        values = [latex_text(run.record.solver), *(_latex(c, run) for c in SHOWN)]
         lines.append(" & ".join(values) + r" \\")
-    return "\n".join([f"% {_one_line(title)}", *lines, "\\bottomrule", "\\end{tabular}", ""])
+    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", ""])
 
 
 def latex_text(text: str) -> str:
@@ -76,7 +90,7 @@ def latex_number(value: float, shown: str) -> str:
     plain = shown.replace("\u202f", r"\,").replace("−", "-")
     if "×10" in plain:
         mantissa, power = plain.split("×10")
-        plain = f"{mantissa}\\times 10^{{{power.translate(str.maketrans('⁰¹²³⁴⁵⁶⁷⁸⁹⁻', '0123456789-'))}}}"
+        plain = f"{mantissa}\\times 10^{{{power.translate(DIGITS)}}}"
     return f"${plain}$"
 
 
@@ -92,8 +106,12 @@ def _latex(column: Column, run: Run) -> str:
     return latex_text(value) if isinstance(value, str) else latex_number(value, column.show(value))
 
 
-def _is_text(column: Column, runs: Sequence[Run]) -> bool:
-    return isinstance(column.of(runs[0]), str)
+def _rounded(column: Column, run: Run) -> str:
+    value, shown = column.of(run), column.text(run)
+    if isinstance(value, str) or shown == NONE:
+        return "" if shown == NONE else str(value)
+    mantissa, times, power = shown.replace("\u202f", "").replace("−", "-").replace("∞", "inf").partition("×10")
+    return mantissa + (f"e{power.translate(DIGITS)}" if times else "")
 
 
 def _one_line(text: str) -> str:

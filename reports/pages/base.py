@@ -51,9 +51,10 @@ from ..model.accuracy import drifts
 from ..model.provenance import cautions, facts, packages, stamp
 from ..model.results import Results, Run, Variant, slug
 from ..model.scores import score
+from ..plots.browser import for_browser
 from ..plots.packing import bundle, script
 from ..plots.palette import Look, looks
-from ..plots.spec import Plot, plain
+from ..plots.spec import Plot
 
 SORTED = 6  # digits of a number that a table sorts by
 FOLDER = Path(__file__).parent.parent
@@ -96,7 +97,7 @@ class Site:
             raise ValueError(f"two pages want to be {page.file}: {self._pending[page.file][0].title}, {page.title}")
         if plots:
             name = "plots-" + page.file.removesuffix(".html").replace("/", "-")
-            scripts = [self.bundle(name, plain(plots, self.looks)), *PLOTTING, *scripts]
+            scripts = [self.bundle(name, for_browser(plots, self.looks)), *PLOTTING, *scripts]
             values["plots_data"] = name
         self._pending[page.file] = (page, template, {"scripts": scripts, "plots": list(plots), **values})
         return page

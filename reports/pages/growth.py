@@ -4,7 +4,7 @@ from collections import Counter
 
 from ..model.motion import bodies_in
 from ..model.results import Results
-from ..plots.interactive.growth import growth, growths
+from ..plots.growth import growth, growths
 from .base import Page, Site
 
 

@@ -7,9 +7,10 @@ from ..model.findings import findings_of
 from ..model.motion import motion_of
 from ..model.results import Results, Variant
 from ..model.variants import broadest, groups_of, themselves
-from ..plots.interactive.group import lines_of
-from ..plots.interactive.time import Chapter, Drawing, errors, invariants, laws, observables
-from ..plots.interactive.work import work
+from ..plots.laws import Drawing, errors, invariants, laws, observables
+from ..plots.lines import lines_of
+from ..plots.spec import Chapter
+from ..plots.work import work_chapter
 from .base import Page, Site
 
 ROWS = 100  # of a folded table: the first page's table and the CSV have all
@@ -28,9 +29,9 @@ def write(results: Results, site: Site) -> Page | None:
 def _write(results: Results, site: Site, variant: Variant, label: str, spans: int) -> None:
     lines = lines_of(variant, site.url)
     motions = {line.run.record.run_id: motion_of(results, line.run, spans) for line in lines}
-    drawing = Drawing(variant, lines, motions, spans)
+    drawing = Drawing(variant.runs, lines, motions, spans)
     groups = groups_of(variant, label)
-    made = (work(variant, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))
+    made = (work_chapter(variant, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))
     chapters: list[Chapter] = [c for c in made if c is not None]
     page = Page(variant.title, site.url(variant), brief=spans < SPANS_UPPER)
     where = f"index.html?problem={results.variants.index(variant)}&label="

@@ -10,7 +10,7 @@ from ...harness.results import store
 from ...harness.results.series import BadSeries, Series
 from ..model.results import Results, Run, read_results
 from ..plots.palette import looks
-from ..publication.style import SUFFIXES, save
+from ..plots.style import SUFFIXES, save
 from .catalogue import FIGURES
 from .drawer import draw
 from .lines import lines_of

@@ -9,9 +9,8 @@ from matplotlib.lines import Line2D
 
 from ...harness.results.series import Series
 from ..model.words import time
-from ..plots.drawing import INK, MUTED, PAPER, plain
 from ..plots.palette import Look
-from ..publication.style import DOUBLE, SINGLE, sheet
+from ..plots.style import DOUBLE, INK, MUTED, PAPER, SINGLE, plain, sheet
 from .lines import Line, draw_panel, lines_of, shown
 from .picking import Chosen, settings_of
 from .printed import role

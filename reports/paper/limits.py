@@ -5,8 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...harness.results.records import RunRecord
-from ..model.curves import Curve
-from ..model.limits import log_limits
+from ..model.curves import Curve, log_limits
 from .spec import Panel
 
 FAR = 3.0  # the exact motion's range, so many times: a line that leaves it by more is cut at the edge

@@ -12,9 +12,9 @@ from ...harness.results.series import Series
 from ..model import curves
 from ..model.curves import Curve
 from ..model.words import number
-from ..plots.drawing import INK, MUTED, PAPER, log_axis
 from ..plots.palette import DASHES, Look
-from ..plots.printed.lines import draw_end
+from ..plots.spec import end_of
+from ..plots.style import INK, MUTED, PAPER, log_axis, mark_end
 from .limits import is_rounding, limits_of
 from .picking import Chosen
 from .printed import role
@@ -77,7 +77,7 @@ def draw_panel(ax: Axes, panel: Panel, lines: Sequence[Line]) -> None:
         run = k.chosen.run
         ends = run is not None and run.record.t_reached_s <= panel.window[1] * (1.0 + 1e-9)
         if run is not None and ends and (run.stopped or len(panel.of) == 1):
-            draw_end(ax, run, c.t[-1], float(y[-1]), k.look)
+            mark_end(ax, end_of(run.status), c.t[-1], float(y[-1]), k.look.colour, run.record.run_id)
     if exact is not None:
         ax.plot(exact.t, np.clip(exact.y, *limits), color=INK, linewidth=0.55, zorder=5)
     _remarks(ax, panel, lines, limits, [c for *_, c in drawn])

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..model.words import listed, number, signed, time
-from ..plots.drawing import plain
+from ..plots.style import plain
 from .lines import Line
 from .spec import Says
 

@@ -10,7 +10,7 @@ from matplotlib.patches import Polygon
 
 from ...harness.results.series import Series
 from ..mechanism.segments import Mechanism, mechanism_of
-from ..plots.drawing import INK, MUTED
+from ..plots.style import INK, MUTED
 
 BODY = "#c9d3dd"
 Point = Float[np.ndarray, " 3"]

@@ -10,13 +10,13 @@ import pytest
 from mbsbench.reports.model import curves
 from mbsbench.reports.model.motion import motion_of
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.plots import drawing, palette
-from mbsbench.reports.plots.interactive.group import MOST, lines_of, traces
-from mbsbench.reports.plots.interactive.growth import growths
-from mbsbench.reports.plots.interactive.time import Drawing, errors, invariants, laws, observables
-from mbsbench.reports.plots.interactive.work import work
+from mbsbench.reports.plots import palette, style
+from mbsbench.reports.plots.browser import for_browser
+from mbsbench.reports.plots.growth import growths
+from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, observables
+from mbsbench.reports.plots.lines import MOST, lines_of, traces
 from mbsbench.reports.plots.packing import LOG_STEP, STEPS, Steps, bundle, script, text
-from mbsbench.reports.plots.spec import plain
+from mbsbench.reports.plots.work import work_chapter
 
 from .bundles import opened
 from .conftest import HOSTILE, put, record, series
@@ -37,7 +37,7 @@ def drawing_of(folder) -> Drawing:
     results = read_results(folder)
     variant = next(p for p in results.variants if p.title == "pendulum")
     lines = lines_of(variant, url)
-    return Drawing(variant, lines, {k.run.record.run_id: motion_of(results, k.run) for k in lines})
+    return Drawing(variant.runs, lines, {k.run.record.run_id: motion_of(results, k.run) for k in lines})
 
 
 def test_catalogue_has_colours_of_its_own_in_any_run():
@@ -76,7 +76,7 @@ def test_of_a_large_group_the_finest_and_the_failures_are_drawn(tmp_path):
 
 def test_ends_are_marked_and_settings_told(built):
     d = drawing_of(built[0])
-    found = {t.solver: t for t in traces(d.lines, d.motions, lambda m: m.norms.get("energy_error"))}
+    found = {t.solver: t for t in traces(d.lines, d.motions, lambda m: m.norms.get("energy_error"), (0.0, 1.0))}
     assert found["delta"].end == "failed" and "step underflow at 0.7 s" in found["delta"].name
     assert found["beta"].end == "wrong" and found["delta"].urls == ("dd01",)
     assert float(found["delta"].x[-1]) == pytest.approx(0.7)
@@ -101,7 +101,7 @@ def test_every_quantity_of_a_series_has_its_plot(built):
 def test_work_has_points_of_every_finite_run(built):
     """Bars apart: a star for who stopped, a cross for who is wrong; each with its own link."""
     variant = next(p for p in read_results(built[0]).variants if p.problem == "pendulum")
-    chapter = work(variant, url)
+    chapter = work_chapter(variant, url)
     assert chapter is not None
     points = {u: (e, x) for p in chapter.plots if p.name == "work-error-cpu" for t in p.traces
               for u, e, x in zip(t.urls, t.ends, t.x, strict=True)}  # fmt: skip
@@ -121,7 +121,7 @@ def test_lines_are_drawn_for_runs_without_an_observable(tmp_path):
         chapter = make(d)
         assert chapter is not None
         for plot in chapter.plots:
-            bundle("x", plain([plot], {}))
+            bundle("x", for_browser([plot], {}))
 
 
 def test_peaks_survive_decimation():
@@ -201,9 +201,9 @@ def test_a_curve_costs_few_bytes(tmp_path):
     assert chapter is not None
     energy = chapter.plots[0]
     assert len(energy.traces[0].x) == curves.SPANS_UPPER
-    assert len(bundle("x", plain([energy], {}))) < 1600  # 400 of them are titles and axes
+    assert len(bundle("x", for_browser([energy], {}))) < 1600  # 400 of them are titles and axes
     many = dataclasses.replace(energy, traces=[dataclasses.replace(energy.traces[0], words=[HOSTILE * 9] * 240)] * 5)
-    assert len(bundle("x", plain([many], {}))) < 7000
+    assert len(bundle("x", for_browser([many], {}))) < 7000
 
 
 def test_scripts_of_data_cannot_be_left():
@@ -229,4 +229,4 @@ def test_slope_of_growth_is_that_of_the_data(tmp_path):
 
 def test_text_of_files_is_plain_in_figures():
     """Nothing of it is mathematics."""
-    assert drawing.plain("a$b") == r"a\$b"
+    assert style.plain("a$b") == r"a\$b"

@@ -14,13 +14,11 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
 from ....harness.results import store
-from ...model.curves import Curve, upper
-from ...model.limits import log_limits
+from ...model.curves import Curve, log_limits, upper
 from ...model.results import Run
 from ...model.words import time
-from ...plots.drawing import GRID, INK, MUTED, log_axis, plain
 from ...plots.palette import Look, looks
-from ...publication.style import style
+from ...plots.style import GRID, INK, MUTED, log_axis, plain, style
 from ..segments import Mechanism, mechanism_of
 from .files import Picture
 

@@ -14,8 +14,9 @@ from mbsbench.reports.pages.links import links_of
 from mbsbench.reports.pages.orders import EARLY, FLOORED, USED, certificates, glance
 from mbsbench.reports.pages.scorecard import card
 from mbsbench.reports.pages.work import work_at
-from mbsbench.reports.pages.work_plots import plots_of, profile_plot, steps_of
-from mbsbench.reports.pages.work_points import Profile, fields, profiles
+from mbsbench.reports.pages.work_plots import plots_of
+from mbsbench.reports.pages.work_points import fields, profiles
+from mbsbench.reports.plots.work import Profile, profile_plot, steps_of
 
 from ..conftest import every_kind
 from . import synthetic

@@ -14,7 +14,7 @@ from mbsbench.reports.model.words import number, signed
 from mbsbench.reports.paper import build, drawer, lines, picking
 from mbsbench.reports.paper.catalogue import FIGURES, NUMBERS
 from mbsbench.reports.plots import palette
-from mbsbench.reports.publication.style import style
+from mbsbench.reports.plots.style import style
 
 from .conftest import fill
 

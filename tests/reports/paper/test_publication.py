@@ -8,9 +8,10 @@ import re
 import pytest
 
 from mbsbench.harness.__main__ import main
+from mbsbench.reports import publication
+from mbsbench.reports.model import tables
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.publication import build, figures, tables
-from mbsbench.reports.publication.style import DOUBLE, SINGLE
+from mbsbench.reports.plots.style import DOUBLE, SINGLE, save
 
 from ..conftest import every_kind, put, record, series
 
@@ -37,7 +38,7 @@ def test_latex_and_csv_have_the_same_numbers(results):
     variant = max(results.variants, key=lambda p: len(p.runs))
     latex = tables.latex_of(variant.title, variant.runs)
     rows = [line.removesuffix(r" \\").split(" & ") for line in latex.splitlines() if line.endswith(r"\\")][1:]
-    plain = list(csv.reader(io.StringIO(tables.csv_of(variant.runs))))[1:]
+    plain = list(csv.reader(io.StringIO(tables.rounded_csv_of(variant.runs))))[1:]
     compared = 0
     assert len(rows) == len(plain) == len(variant.runs)
     for a, b in zip(rows, plain, strict=True):
@@ -69,13 +70,13 @@ def test_latex_is_balanced_and_harmless(results):
 def test_widths_are_those_of_a_journal(results):
     assert 84.0 <= SINGLE * 25.4 <= 90.0 and 174.0 <= DOUBLE * 25.4 <= 180.0
     variant = next(p for p in results.variants if p.title == "pendulum")
-    made = {f.name: f for f in build._figures(results, variant)}
+    made = {f.name: f for f in publication.figures_of(results, variant)}
     assert {"pendulum-recommended-energy", "pendulum-recommended-constraints", "pendulum-recommended-step",
             "pendulum-work",
             "pendulum-recommended-laws"} <= set(made)  # fmt: skip
     folder = results.folder / "widths"
     for name in ("pendulum-recommended-constraints", "pendulum-work"):
-        (pdf,) = build.save(made[name].draw, folder, name, ("pdf",))
+        (pdf,) = save(made[name].draw, folder, name, ("pdf",))
         box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", pdf.read_bytes())
         assert float(box[1]) == pytest.approx(made[name].width * 72.0, abs=0.1)
         assert b"/FontFile2" in pdf.read_bytes()
@@ -83,7 +84,7 @@ def test_widths_are_those_of_a_journal(results):
 
 def test_command_writes_figures_tables_and_captions(results, capsys):
     assert main(["figures", str(results.folder), "--only", "lonely"]) == 0
-    folder = results.folder / build.FOLDER
+    folder = results.folder / publication.FOLDER
     told = json.loads((folder / "captions.json").read_text(encoding="utf-8"))
     assert told and all((folder / f).stat().st_size > 0 for t in told for f in t["files"])
     assert (folder / "lonely.tex").exists() and (folder / "lonely.csv").exists()
@@ -97,8 +98,7 @@ def test_many_runs_are_parted_by_solver(tmp_path):
     runs = [record(f"{k:04x}", f"solver{k // 4}") for k in range(32)]
     for c in runs:
         put(tmp_path, c)
-    found = build.parts(read_results(tmp_path).runs)
-    assert sum(map(len, found)) == 32 and max(map(len, found)) <= build.MOST
+    found = publication.parts(read_results(tmp_path).runs)
+    assert sum(map(len, found)) == 32 and max(map(len, found)) <= publication.MOST
     assert all(len({c.record.solver for c in a} & {c.record.solver for c in b}) == 0
                for a in found for b in found if a is not b)  # fmt: skip
-    assert figures.WRAP < 80

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...model.results import Run
-from ...model.words import seconds
-from ..spec import Axis, Plot, Trace
+from ..model.results import Run
+from ..model.words import seconds
+from .spec import Axis, Plot, Trace
 
 SIZES = 3  # a slope from two sizes would be no evidence
 

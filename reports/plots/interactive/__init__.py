@@ -1,1 +1,0 @@
-"""The interactive plots of a problem: what each shows, from records and decimated series."""

@@ -1,0 +1,105 @@
+"""The runs of a problem as lines: which are drawn, with which dash, and which stands for its solver."""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..model.curves import Curve, level
+from ..model.motion import Motion
+from ..model.results import Run, Variant
+from ..model.words import time
+from .spec import Trace, end_of
+
+MOST = 16  # runs drawn under one label: more cannot be told apart
+EVER = 24  # on one page, or it would grow without end
+
+
+@dataclass(frozen=True)
+class Line:
+    """A run in the plots of its problem."""
+
+    run: Run
+    words: str
+    dash: int
+    main: bool  # the finest settings of its solver under its label
+    url: str = ""
+
+
+def lines_of(variant: Variant, url: Callable[[Run], str]) -> list[Line]:
+    """Of every label the finest run of each solver, then wrong and failed ones, then the rest."""
+    chosen: list[Line] = []
+    for runs in variant.labels().values():
+        chosen += sorted(all_lines(runs, shared_options(variant.runs), url), key=_urgency)[:MOST]
+    kept = {line.run.record.run_id: line for line in sorted(chosen, key=_urgency)[:EVER]}
+    ordered = (c.record.run_id for runs in variant.labels().values() for c in runs)
+    return [kept[name] for name in ordered if name in kept]
+
+
+def all_lines(
+    runs: Sequence[Run], alike: Mapping[str, frozenset[str]], url: Callable[[Run], str] = lambda run: ""
+) -> list[Line]:
+    """Of each of ``runs``, all under one label; options in ``alike`` are left out of their words."""
+    found: dict[str, Line] = {}
+    for solver in dict.fromkeys(c.record.solver for c in runs):
+        own = sorted((c for c in runs if c.record.solver == solver), key=_first)
+        for k, c in enumerate(own):
+            words = f"{solver}, {c.settings(alike[solver])}{_ended(c)}"
+            found[c.record.run_id] = Line(c, words, k, k == 0, url(c))
+    return [found[c.record.run_id] for c in runs]
+
+
+def shared_options(runs: Iterable[Run]) -> dict[str, frozenset[str]]:
+    """By solver, the options (and ``max_step``) that all its runs have alike."""
+    out: dict[str, frozenset[str]] = {}
+    runs = list(runs)
+    for name in {c.record.solver for c in runs}:
+        own = [c for c in runs if c.record.solver == name]
+        alike = {k for k in own[0].options if all(c.options.get(k) == own[0].options[k] for c in own)}
+        if all(c.record.max_step_s == own[0].record.max_step_s for c in own):
+            alike.add("max_step")
+        out[name] = frozenset(alike)
+    return out
+
+
+def traces(
+    lines: Sequence[Line],
+    motions: Mapping[str, Motion],
+    of: Callable[[Motion], Curve | None],
+    limits: tuple[float, float],
+) -> list[Trace]:
+    """One a run that has the curve, cut to ``limits``."""
+    out = []
+    for line in lines:
+        curve = of(motions[line.run.record.run_id])
+        if curve is None or not len(curve):
+            continue
+        low, high = (None if e is None else np.clip(e, *limits) for e in (curve.low, curve.high))
+        curve = level(Curve(curve.t, np.clip(curve.y, *limits), low, high))
+        low, high = curve.low, curve.high
+        if low is not None and high is not None and np.array_equal(low, high):
+            low = high = None
+        r = line.run.record
+        out.append(Trace(
+            line.words, curve.t, curve.y, solver=r.solver, dash=line.dash, low=low, high=high,
+            group=r.label, main=line.main, end=end_of(r.status), urls=(line.url,),
+        ))  # fmt: skip
+    return out
+
+
+def _urgency(line: Line) -> tuple[bool, bool, int]:
+    return not line.main, line.run.succeeded, line.dash
+
+
+def _first(run: Run) -> tuple[float, int, str]:
+    return run.fineness, len(run.options), run.record.case
+
+
+def _ended(run: Run) -> str:
+    """For the name of its line; empty for a success."""
+    word, r = run.status.replace("_", " "), run.record
+    if run.succeeded:
+        return ""
+    if run.status == "refused" or not (r.steps and r.t_reached_s > 0.0):
+        return f" ★ no step: {word}"
+    return f" ★ {word} at {time(r.t_reached_s)} s" if run.stopped else f" ✗ {word}"

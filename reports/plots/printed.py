@@ -1,0 +1,141 @@
+"""Plots for print: panels of a figure with one legend, drawn from the same plots as those of the pages."""
+
+from collections.abc import Mapping, Sequence
+from textwrap import fill
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
+
+from .palette import DASHES, Look
+from .spec import Axis, Plot, Trace
+from .style import DOUBLE, INK, MUTED, PAPER, SINGLE, log_axis, mark_end, plain, sheet
+
+NAMED = 14  # traces that a legend names; of more, only the solvers
+ZERO = 20.0  # zeros are drawn so many times below the smallest value above zero, as in assets/plots.js
+DECADE = 10.0  # room around values that are all alike
+INKED = Look(INK, "o")  # of what belongs to no solver
+
+
+def figure(
+    plots: Sequence[Plot], looks: Mapping[str, Look], *, columns: int = 2, height: float = 1.95,
+    unseen: Sequence[Trace] = (),
+) -> Figure:  # fmt: skip
+    """One column of a journal wide, or two for ``columns`` over 1; ``unseen`` traces are in the legend alone."""
+    wide, columns = columns > 1, min(columns, len(plots))
+    rows, width = -(-len(plots) // columns), DOUBLE if wide else SINGLE
+    handles = _handles([*(t for p in plots for t in p.traces), *unseen], looks, 96 if wide else 62)
+    longest = max((len(str(h.get_label())) for h in handles), default=0)
+    abreast = 1 if not wide or longest > 54 else 2 if longest > 32 else 3
+    lines = -(-sum(1 + str(h.get_label()).count("\n") for h in handles) // abreast)
+    out = sheet(width, height * rows + 0.14 * lines + 0.2)
+    axes: dict[tuple[int, int], Axes] = {}
+    for k, plot in enumerate(plots):
+        at = row, column = divmod(k, columns)
+        above, beside = plots[k - columns] if row else None, plots[k - 1] if column else None
+        sharex = axes[row - 1, column] if above and above.x == plot.x else None
+        sharey = axes[row, column - 1] if beside and beside.y == plot.y else None
+        ax = axes[at] = out.add_subplot(rows, columns, k + 1, sharex=sharex, sharey=sharey)
+        _panel(ax, plot, looks)
+        if columns > 1:
+            ax.set_title(f"{chr(ord('a') + k)}  {plain(plot.title)}")
+        below = plots[k + columns] if k + columns < len(plots) else None
+        for axis, spec, hidden in ((ax.xaxis, plot.x, below and below.x == plot.x), (ax.yaxis, plot.y, sharey)):
+            axis.set_label_text("" if hidden else _label(spec))
+            axis.set_tick_params(which="both", **{f"label{'bottom' if axis is ax.xaxis else 'left'}": not hidden})
+    if handles:
+        out.legend(handles=handles, loc="outside lower left", ncols=abreast)
+    return out
+
+
+def _label(axis: Axis) -> str:
+    words = f"${axis.symbol}$" if axis.symbol else plain(axis.title)
+    return f"{words} [{plain(axis.unit)}]" if axis.unit else words
+
+
+def _panel(ax: Axes, plot: Plot, looks: Mapping[str, Look]) -> None:
+    for which, axis in (("x", plot.x), ("y", plot.y)):
+        if axis.log:
+            log_axis(ax, which)
+    floors = [_floor(plot.traces, key) if axis.log else -np.inf for key, axis in (("x", plot.x), ("y", plot.y))]
+    low = plot.y.low if plot.y.log and plot.y.low == plot.y.low else floors[1]
+    for k, trace in enumerate(plot.traces):
+        if len(trace.x):
+            _draw(ax, trace, looks.get(trace.solver, INKED), (floors[0], low), k / len(plot.traces))
+    points = [t for t in plot.traces if t.mode != "lines"]
+    if points:
+        ax.margins(0.12)
+        if plot.y.log and any(np.any(t.y == 0.0) for t in points):
+            ax.axhline(low, color=MUTED, linewidth=0.8, linestyle=DASHES[2], zorder=1)
+            ax.annotate("exactly 0", (0.01, low), xycoords=("axes fraction", "data"), xytext=(0, 3),
+                        textcoords="offset points", color=MUTED, fontsize=7)  # fmt: skip
+        heights = {max(float(v), low) for t in points for v in t.y}
+        if plot.y.log and len(heights) == 1:  # a range has to come from somewhere
+            ax.set_ylim(min(heights) / DECADE, min(heights) * DECADE)
+    elif plot.y.log and not any(t.y.any() for t in plot.traces if t.solver):
+        ax.text(0.5, 0.5, "exactly zero throughout", transform=ax.transAxes, ha="center", color=MUTED)
+    for at in (v for values in plot.marks.values() for v in values):
+        ax.axvline(at, color=MUTED, linewidth=0.8, linestyle=DASHES[2], zorder=1)
+    ax.set_xlim(*(v if v == v else None for v in (plot.x.low, plot.x.high)))
+    ax.set_ylim(*(v if v == v else None for v in (plot.y.low, plot.y.high)))
+    if not plot.x.log:
+        ax.xaxis.set_major_locator(MaxNLocator(6, steps=[1, 2, 2.5, 5, 10]))
+
+
+def _draw(ax: Axes, trace: Trace, look: Look, floors: tuple[float, float], phase: float) -> None:
+    """``phase`` from 0 to 1 keeps the markers of long lines apart from each other."""
+    x, y = np.maximum(trace.x, floors[0]), np.maximum(trace.y, floors[1])
+    if trace.low is not None and trace.high is not None:
+        edges = np.maximum(trace.low, floors[1]), np.maximum(trace.high, floors[1])
+        ax.fill_between(x, *edges, color=look.colour, alpha=0.16, linewidth=0)
+    if trace.left is not None and trace.right is not None:
+        ax.hlines(y, np.maximum(trace.left, floors[0]), trace.right, color=look.colour, linewidth=2.2, alpha=0.45)
+    ends = list(trace.ends) or [*[""] * (len(x) - 1), trace.end]
+    style = _style(trace, look)
+    if trace.mode == "lines":
+        gap = max(len(x) // 5, 1)
+        style |= {"markevery": (min(int(phase * gap), len(x) - 1), gap), "marker": look.marker if trace.solver else ""}
+    else:
+        style["marker"] = ""
+        for k, end in enumerate(ends):
+            hollow = trace.hollow or trace.x[k] < x[k] or trace.y[k] < y[k]
+            if not end:
+                ax.plot(x[k], y[k], look.marker, color=look.colour, markersize=8 if trace.hollow else 4.5, zorder=4,
+                        markerfacecolor="none" if hollow else look.colour)  # fmt: skip
+    ax.plot(x, y, zorder=3 if trace.solver else 5, **style)
+    for k, end in enumerate(ends):
+        mark_end(ax, end, x[k], y[k], look.colour)
+
+
+def _style(trace: Trace, look: Look) -> dict:
+    line = DASHES[trace.dash % len(DASHES)] if "lines" in trace.mode else ""
+    width = {} if trace.solver else {"linewidth": 0.6}
+    return {"color": look.colour, "linestyle": line, "marker": look.marker, "markersize": 3.6,
+            "markerfacecolor": PAPER, "markeredgewidth": 0.8, **width}  # fmt: skip
+
+
+def _handles(traces: Sequence[Trace], looks: Mapping[str, Look], wrap: int) -> list[Line2D]:
+    """Every name once; of too many, each solver, and what belongs to none."""
+    named = {t.name: t for t in reversed(traces)}
+    if len(named) > NAMED:
+        named = {t.solver or t.name: t for t in reversed(traces)}
+    out = []
+    for name, t in reversed(named.items()):
+        look = looks.get(t.solver, INKED)
+        style = _style(t, look) | ({} if t.solver or t.hollow else {"marker": ""})
+        out.append(Line2D([], [], **style, label=fill(plain(name), wrap)))
+    words = {"*": ("failed", "stopped early"), "X": ("wrong", "false success")}
+    for symbol, (kind, text) in words.items():
+        if any(kind in t.ends for t in traces):
+            out.append(Line2D([], [], color=PAPER, marker=symbol, linestyle="", label=text, markersize=7,
+                              markeredgecolor=INK))  # fmt: skip
+    return out
+
+
+def _floor(traces: Sequence[Trace], key: str) -> float:
+    """Where zeros are put: well below the smallest value above zero."""
+    points = [t for t in traces if t.mode != "lines"] or traces
+    above = [float(v[v > 0.0].min()) for t in points if (v := getattr(t, key)).size and np.any(v > 0.0)]
+    return min(above) / ZERO if above else 1e-16

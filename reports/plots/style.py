@@ -1,0 +1,106 @@
+"""The look of printed figures and how they are written: widths of a journal, 8 pt, vector files with fonts inside."""
+
+import io
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_pdf import FigureCanvasPdf
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter, LogLocator
+
+from ...harness.files import whole
+from ..model.words import SUPERSCRIPTS
+
+MM = 1.0 / 25.4  # [in]
+SINGLE, DOUBLE = 86.0 * MM, 176.0 * MM  # [in] one and two columns of a journal
+PNG_DPI = 200
+SUFFIXES = ("pdf", "svg", "png")
+INK, MUTED, GRID, PAPER = "#1c2126", "#5b646e", "#e1e5ea", "#ffffff"
+
+STYLE: dict[str, Any] = {
+    "font.family": "DejaVu Sans", "font.size": 8.0, "mathtext.fontset": "dejavusans",
+    "axes.titlesize": 8.0, "axes.labelsize": 8.0, "legend.fontsize": 7.0,
+    "xtick.labelsize": 7.0, "ytick.labelsize": 7.0,
+    "axes.titlelocation": "left", "axes.titleweight": "normal", "axes.titlepad": 3.0, "axes.labelpad": 2.0,
+    "axes.spines.top": False, "axes.spines.right": False, "axes.linewidth": 0.7, "axes.edgecolor": MUTED,
+    "axes.labelcolor": INK, "axes.titlecolor": INK, "text.color": INK, "xtick.color": MUTED, "ytick.color": MUTED,
+    "xtick.labelcolor": INK, "ytick.labelcolor": INK, "xtick.major.width": 0.7, "ytick.major.width": 0.7,
+    "xtick.minor.size": 1.5, "ytick.minor.size": 1.5, "axes.grid": True, "grid.color": GRID, "grid.linewidth": 0.6,
+    "axes.axisbelow": True, "lines.linewidth": 1.0, "lines.markersize": 4.0, "legend.frameon": False,
+    "legend.handlelength": 2.6, "legend.columnspacing": 1.2, "legend.labelspacing": 0.3,
+    "figure.facecolor": PAPER, "axes.facecolor": "none", "path.simplify_threshold": 0.2,
+    "pdf.fonttype": 42, "svg.fonttype": "path", "axes.formatter.limits": (-3, 4),
+}  # fmt: skip
+
+
+def style() -> AbstractContextManager[None]:
+    """All drawing for print happens inside this."""
+    return mpl.rc_context({**mpl.rcParamsDefault, "backend": "agg", **STYLE})
+
+
+def sheet(width: float, height: float) -> Figure:
+    """An empty figure [in] whose panels find their own places."""
+    return Figure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
+
+
+def save(draw: Callable[[], Figure], folder: Path, name: str, suffixes: Sequence[str] = SUFFIXES) -> list[Path]:
+    """Draw once, write each file whole or not at all; the same records give the same bytes."""
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = []
+    with style(), mpl.rc_context({"svg.hashsalt": name}):
+        figure = draw()
+        for suffix in sorted(suffixes, key=SUFFIXES[::-1].index):  # pixels first: they settle the layout
+            out = io.BytesIO()
+            _PRINT[suffix](figure, out)
+            figure.set_layout_engine("none")  # it is laid out
+            paths.append(folder / f"{name}.{suffix}")
+            with whole(paths[-1]) as partial:
+                partial.write_bytes(out.getvalue())
+    return sorted(paths)
+
+
+_PRINT: dict[str, Callable[[Figure, io.BytesIO], None]] = {
+    "png": lambda f, out: FigureCanvasAgg(f).print_png(out, metadata={"Software": None}),
+    "pdf": lambda f, out: FigureCanvasPdf(f).print_pdf(out, metadata={"CreationDate": None, "Creator": None}),
+    "svg": lambda f, out: FigureCanvasSVG(f).print_svg(out, metadata={"Date": None, "Creator": None}),
+}
+
+
+class Powers(LogFormatter):
+    """``10⁻⁵`` as text: setting mathematics for every tick takes as long as all the lines."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        if not super().__call__(x, pos) or not x > 0.0:
+            return ""
+        mantissa, power = f"{x:.0e}".split("e")
+        shown = f"10{str(int(power)).translate(SUPERSCRIPTS)}"
+        return shown if float(mantissa) == 1.0 else f"{float(mantissa):g}×{shown}"
+
+
+def log_axis(ax: Axes, which: str = "y") -> None:
+    """Logarithmic, with at most about seven labelled decades; within one decade, parts of it are labelled."""
+    (ax.set_yscale if which == "y" else ax.set_xscale)("log")
+    axis = ax.yaxis if which == "y" else ax.xaxis
+    axis.set_major_locator(LogLocator(numticks=7))
+    axis.set_major_formatter(Powers())
+    axis.set_minor_formatter(Powers(labelOnlyBase=False))
+
+
+def mark_end(ax: Axes, end: str, x: float, y: float, colour: str, run: str = "") -> None:
+    """A star where a run stopped early (``failed``), a cross where it is ``wrong``; nothing for a success."""
+    if end:
+        symbol, size, name = ("*", 10.0, "star") if end == "failed" else ("X", 6.5, "cross")
+        ax.plot([x], [y], symbol, color=colour, markersize=size, markeredgecolor=INK, markeredgewidth=0.6, zorder=6,
+                clip_on=False, gid=f"{name}-{run}")  # fmt: skip
+
+
+def plain(text: str) -> str:
+    """Any text as text: no mathematics in it, and nothing a font cannot show."""
+    shown = "".join(c if c.isprintable() else " " for c in text)
+    return shown.replace("\\", "/").replace("$", r"\$")

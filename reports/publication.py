@@ -1,0 +1,122 @@
+"""Publication figures and tables of results, in ``publication/``: PDF, SVG, LaTeX, CSV, and ``captions.json``."""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from ..harness.files import write_text
+from ..harness.results.series import BadSeries
+from .model.motion import Motion, motion_of
+from .model.results import Results, Run, Variant, read_results, slug
+from .model.tables import write_tables
+from .plots.laws import Drawing, laws
+from .plots.lines import all_lines, shared_options
+from .plots.palette import looks
+from .plots.printed import figure
+from .plots.spec import Plot, Trace
+from .plots.style import DOUBLE, SINGLE, save
+from .plots.work import PAIRS, recorded, work_plots
+
+FOLDER = "publication"
+SUFFIXES = ("pdf", "svg")
+MOST = 14  # lines in one figure; more are parted by solver
+LEAST = 2  # runs of a problem: with fewer there is nothing to compare
+MAP = 2 * MOST  # runs of one label: with more it is a map of settings, for tables and work alone
+ALONE = {"energy": ("energy",), "constraints": ("phi", "phi-dot"), "step": ("step",)}  # figures of one column
+WORK = (
+    "Lower and further left is better. Lines join the steps or tolerances of the same settings; a run that stopped "
+    "early (star) has the error up to there and is not comparable. Bars: spread of repeated timings. Zeros lie on the "
+    "dotted line."
+)
+
+
+@dataclass(frozen=True)
+class Printed:
+    """A figure to be written: ``name`` of its files, what it shows, how wide it is [in]."""
+
+    name: str
+    caption: str
+    width: float
+    draw: Callable[[], Figure]
+
+
+def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> list[Path]:
+    """What ``mbsbench figures`` does; ``only`` are names of problems or variants."""
+    results = read_results(Path(folder), check_series=False)
+    known = {p.title for p in results.variants} | {p.problem for p in results.variants}
+    unknown = [name for name in only if name not in known]
+    if unknown:
+        raise ValueError(f"no problem {unknown[0]!r} in these results; there are {', '.join(sorted(known))}")
+    variants = [p for p in results.variants if p.title in only or p.problem in only or not only]
+    out, captions = Path(folder) / FOLDER, []
+    files = write_tables(variants, out, rounded=True)
+    for variant in variants:
+        for printed in figures_of(results, variant):
+            made = save(printed.draw, out, printed.name, SUFFIXES)
+            files += made
+            captions.append({"name": printed.name, "caption": printed.caption, "problem": variant.title,
+                             "width_mm": round(printed.width * 25.4, 1), "files": [p.name for p in made]})  # fmt: skip
+        maps = [label or "no label" for label, runs in variant.labels().items() if len(runs) > MAP]
+        left = f"; too many for lines over time: {', '.join(maps)}" if maps else ""
+        tell(f"{variant.title}: {len(variant.runs)} runs{left}")
+    write_text(out / "captions.json", json.dumps(captions, indent=1, ensure_ascii=False))
+    return files
+
+
+def figures_of(results: Results, variant: Variant) -> Iterator[Printed]:
+    """Work against error of all runs; then of every label the laws, each alone and together."""
+    own = looks(results.solvers)
+    work = list(work_plots("work", recorded(variant), PAIRS).values()) if len(variant.runs) >= LEAST else []
+    if work:
+        yield Printed(f"{variant.slug}-work", f"{variant.title}: work against error. {WORK}", DOUBLE,
+                      partial(figure, work, own, height=2.3))  # fmt: skip
+    taken: set[str] = set()
+    for label, runs in variant.labels().items():
+        if len(runs) > MAP:
+            continue
+        motions = {c.record.run_id: _motion(results, c) for c in runs}
+        for part in parts(runs):
+            base = slug(f"{variant.slug}-{label or 'all'}", taken)
+            lines = all_lines(part, shared_options(part))
+            chapter = laws(Drawing(variant.runs, lines, motions))
+            plots = {p.name: p for p in chapter.plots} if chapter else {}
+            empty = np.zeros(0)
+            unseen = [Trace(k.words, empty, empty, solver=k.run.record.solver, dash=k.dash)
+                      for k in lines if not motions[k.run.record.run_id].moved]  # fmt: skip
+            draw = partial(figure, looks=own, unseen=unseen)
+            title = f"{variant.title}, {label or 'all runs'}"
+            for name, panels in ALONE.items():
+                shown = [plots[k] for k in panels if k in plots]
+                if shown:
+                    yield Printed(f"{base}-{name}", _caption(title, shown), SINGLE, partial(draw, shown, columns=1))
+            if plots:
+                shown = list(plots.values())
+                yield Printed(f"{base}-laws", _caption(title, shown), DOUBLE, partial(draw, shown))
+
+
+def _caption(title: str, plots: Sequence[Plot]) -> str:
+    return f"{title}. " + " ".join(f"{p.title}: {p.caption[0].lower()}{p.caption[1:]}" for p in plots)
+
+
+def _motion(results: Results, run: Run) -> Motion:
+    """Without curves where the series file is damaged."""
+    try:
+        return motion_of(results, run)
+    except BadSeries:
+        return Motion(run)
+
+
+def parts(runs: Sequence[Run]) -> list[list[Run]]:
+    """Whole solvers together, as many lines as one figure can bear."""
+    out: list[list[Run]] = [[]]
+    for solver in dict.fromkeys(c.record.solver for c in runs):
+        own = [c for c in runs if c.record.solver == solver]
+        if out[-1] and len(out[-1]) + len(own) > MOST:
+            out.append([])
+        out[-1] += own
+    return out
