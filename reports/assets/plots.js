@@ -1,10 +1,10 @@
-// Interactive plots from the plain data of reports/plots.py: one legend for the page, linked zoom, files for papers.
+// Interactive plots from the plain data of reports/plots/browser.py: one legend for the page, linked zoom, files for papers.
 (async () => {
   const MBS = window.MBS;
   const DASHES = ["solid", "8px,3px", "2px,3px", "8px,3px,2px,3px"];
   const SYMBOLS = { o: "circle", P: "cross", s: "square", "^": "triangle-up", v: "triangle-down", D: "diamond", h: "hexagon", p: "pentagon" };
   const ENDS = { failed: "star", wrong: "x" };
-  const END_WORDS = { failed: "★ stopped here", wrong: "✗ wrong, though success was claimed" };
+  const END_WORDS = { failed: "★ stopped here", wrong: "✗ wrong: false success" };
   const LIGHT = { ink: "#1c2126", muted: "#57606a", rule: "#dfe3e8", card: "#ffffff" };
   const coarse = matchMedia("(pointer: coarse)").matches;
   const shown = { hidden: new Set(), group: "*", all: false };
@@ -18,7 +18,8 @@
   const tint = (hex, alpha) => `rgba(${[1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16)).join(", ")}, ${alpha})`;
 
   // a trace with its arrays unpacked; once
-  const unpack = (t) => ({ mode: "lines", ...t, x: list(t.x), y: list(t.y), low: t.low && list(t.low), high: t.high && list(t.high), end: t.end || "",
+  const unpack = (t) => ({ mode: "lines", ...t, x: list(t.x), y: list(t.y), low: t.low && list(t.low), high: t.high && list(t.high),
+    left: t.left && list(t.left), right: t.right && list(t.right), end: t.end || "",
     ends: said(t, "ends"), urls: said(t, "urls"), words: said(t, "words") });
   const said = (t, key) => t[key] && list(t[key]).map((k) => (typeof k === "number" ? t.texts[k] : k));
   const visible = (t) => !(t.solver && shown.hidden.has(t.solver))
@@ -48,14 +49,16 @@
       }
       const ends = x.map((_, k) => (t.ends && t.ends[k]) || (t.end && k === x.length - 1 ? t.end : ""));
       const at = ends.flatMap((e, k) => (e ? [k] : []));
-      const told = (axis, value, at) => `${axis.title} ${value === 0 && axis.log && points ? `not told apart from zero: drawn at ${number(at)}` : number(value)} ${axis.unit || ""}`;
+      const shownValue = (axis, value, at) => `${axis.title} ${value === 0 && axis.log && points ? `0, drawn at ${number(at)}` : number(value)} ${axis.unit || ""}`;
       const most = points ? x.map((_, k) => Boolean((plot.x.log && t.x[k] === 0) || (plot.y.log && t.y[k] === 0))) : [];
       const open = (f) => (most.includes(true) ? most.map((m) => f(t.hollow || m)) : f(t.hollow)); // at most: hollow
       const text = x.map((_, k) => escaped(
-        [told(plot.x, t.x[k], x[k]), told(plot.y, t.y[k], y[k]),
+        [shownValue(plot.x, t.x[k], x[k]), shownValue(plot.y, t.y[k], y[k]),
           t.words && t.words[k], ends[k] && END_WORDS[ends[k]]].filter(Boolean).join("\n")).replace(/\n/g, "<br>"));
       const hover = { text, hovertemplate: "<b>%{fullData.name}</b><br>%{text}<extra></extra>" };
       out.push({ ...base, ...hover, y, mode: t.mode, connectgaps: !points,
+        ...(t.left ? { error_x: { type: "data", symmetric: false, array: t.right.map((v, k) => v - (x[k] ?? v)), arrayminus: t.left.map((v, k) => (x[k] ?? v) - v),
+          color: tint(t.colour, 0.45), thickness: 4, width: 0 } } : {}),
         line: { color: colour, width: t.solver ? 1.7 : 1.1, dash: DASHES[(t.dash || 0) % DASHES.length] },
         marker: { color: colour, size: t.hollow ? 11 : 8, symbol: open((o) => (SYMBOLS[t.marker] || "circle") + (o ? "-open" : "")),
           line: { color: open((o) => (o ? colour : colours.card)), width: open((o) => (o ? 1.8 : 0.8)) },
@@ -72,6 +75,8 @@
   const layoutOf = (plot, colours) => {
     const axis = (a, name) => {
       const log = Boolean(a.log), limits = [a.low, a.high];
+      const ends = name === "y" && log ? plot.traces.filter(visible).flatMap((t) => t.reach || []) : []; // of what is shown, not of what is hidden
+      if (ends.length) [limits[0], limits[1]] = [Math.max(a.low, Math.min(...ends) / 2), Math.min(a.high, 3 * Math.max(...ends))];
       const given = limits.every((v) => v !== undefined && v !== null && (!log || v > 0));
       return { type: log ? "log" : "linear", title: { text: escaped(axisTitle(a)), standoff: 8, font: { size: 12 } }, automargin: true,
         gridcolor: colours.rule, linecolor: colours.muted, tickcolor: colours.muted, showline: true, zeroline: false, ticks: "outside",

@@ -68,14 +68,19 @@ def level(curve: Curve) -> Curve:
 def log_limits(curves: Iterable[Curve | None], scale: float) -> tuple[float, float]:
     """Limits for a logarithmic axis: from rounding (of ``scale``) at the lowest to a cap at the highest."""
     size = scale if np.isfinite(scale) and scale > 0.0 else 1.0
-    values = [e for c in curves if c is not None for e in (c.y, c.low, c.high) if e is not None]
-    seen = [v[v > size * ROUNDING] for v in values]
-    seen = [v for v in seen if len(v)]
+    floor = size * ROUNDING
+    seen = [ends for c in curves if c is not None and (ends := reach(c, floor))]
     if not seen:
-        return size * ROUNDING, size * ROUNDING * 1e3
-    top = min(max(float(np.max(v)) for v in seen), size * CAP)
-    low = min(float(np.quantile(v, SELDOM)) for v in seen)
-    return max(min(low, top) / 2.0, size * ROUNDING), top * 3.0
+        return floor, floor * 1e3
+    top = min(max(high for _, high in seen), size * CAP)
+    return max(min(*(low for low, _ in seen), top) / 2.0, floor), top * 3.0
+
+
+def reach(curve: Curve, floor: float) -> tuple[float, float] | None:
+    """From where to where a line goes on a logarithmic axis, first errors left out; None if below ``floor``."""
+    rows = [e[e > floor] for e in (curve.y, curve.low, curve.high) if e is not None]
+    rows = [e for e in rows if len(e)]
+    return (min(float(np.quantile(e, SELDOM)) for e in rows), max(float(e.max()) for e in rows)) if rows else None
 
 
 def _finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

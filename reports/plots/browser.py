@@ -42,7 +42,7 @@ def _trace(trace: Trace, looks: Mapping[str, Look], plot: Plot, texts: dict[str,
         values = getattr(trace, key)
         if values is not None:
             out[key] = Steps(values, log=axis.log) if rough else np.asarray(values)
-    for key in ("mode", "solver", "dash", "group", "end", "hollow"):
+    for key in ("mode", "solver", "dash", "group", "end", "hollow", "reach"):
         if (value := getattr(trace, key)) and value != "lines":
             out[key] = value
     for key in ("ends", "urls", "words"):

@@ -49,7 +49,7 @@ class Drawing:
         if not any(c is not None and len(c) for c in curves):
             return None
         low, high = log_limits(curves, scale)
-        own = traces(self.lines, self.motions, of, (0.0, high))
+        own = traces(self.lines, self.motions, of, (0.0, high), low)
         if not any(t.y.any() for t in own):
             caption = f"Exactly zero throughout. {caption}"
         return Plot(name, title, caption, self.axis, replace(axis, log=True, low=low, high=high), [*own, *extra])

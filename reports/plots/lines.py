@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.curves import Curve, level
+from ..model.curves import Curve, level, reach
 from ..model.motion import Motion
 from ..model.results import Run, Variant
 from ..model.words import time
@@ -67,13 +67,15 @@ def traces(
     motions: Mapping[str, Motion],
     of: Callable[[Motion], Curve | None],
     limits: tuple[float, float],
+    floor: float | None = None,
 ) -> list[Trace]:
-    """One a run that has the curve, cut to ``limits``."""
+    """One a run that has the curve, cut to ``limits``; on a logarithmic axis what is below ``floor`` is rounding."""
     out = []
     for line in lines:
         curve = of(motions[line.run.record.run_id])
         if curve is None or not len(curve):
             continue
+        ends = None if floor is None else reach(curve, floor)
         low, high = (None if e is None else np.clip(e, *limits) for e in (curve.low, curve.high))
         curve = level(Curve(curve.t, np.clip(curve.y, *limits), low, high))
         low, high = curve.low, curve.high
@@ -83,6 +85,7 @@ def traces(
         out.append(Trace(
             line.words, curve.t, curve.y, solver=r.solver, dash=line.dash, low=low, high=high,
             group=r.label, main=line.main, end=end_of(r.status), urls=(line.url,),
+            reach=tuple(float(f"{v:.3g}") for v in ends or ()),
         ))  # fmt: skip
     return out
 

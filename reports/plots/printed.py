@@ -95,8 +95,7 @@ def _draw(ax: Axes, trace: Trace, look: Look, floors: tuple[float, float], phase
     ends = list(trace.ends) or [*[""] * (len(x) - 1), trace.end]
     style = _style(trace, look)
     if trace.mode == "lines":
-        gap = max(len(x) // 5, 1)
-        style |= {"markevery": (min(int(phase * gap), len(x) - 1), gap), "marker": look.marker if trace.solver else ""}
+        style |= {"markevery": (0.2 * phase, 0.2), "marker": look.marker if trace.solver else ""}
     else:
         style["marker"] = ""
         for k, end in enumerate(ends):

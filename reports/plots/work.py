@@ -138,7 +138,8 @@ def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> l
     for p in sorted(points, key=lambda p: (p.method, p.label, -p.size)):
         methods.setdefault((p.method, p.label), []).append(p)
     out, loose, seen = [], dict[tuple[str, str], list[Point]](), dict[str, int]()
-    for (method, label), own in methods.items():
+    ordered = sorted(methods.items(), key=lambda kv: (not kv[1][0].default, -len(kv[1])))  # the main ones are solid
+    for (method, label), own in ordered:
         solver = own[0].solver
         if folded and not own[0].default and len(own) < LADDER:
             loose.setdefault((solver, label), []).extend(own)
