@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from ..harness.files import write_text
 from ..harness.results.series import BadSeries
 from .model.motion import Motion, motion_of
-from .model.results import Results, Run, Variant, read_results, slug
+from .model.results import Results, Run, Variant, by_solver, read_results, slug
 from .model.tables import write_tables
 from .plots.laws import Drawing, laws
 from .plots.lines import all_lines, shared_options
@@ -114,8 +114,7 @@ def _motion(results: Results, run: Run) -> Motion:
 def parts(runs: Sequence[Run]) -> list[list[Run]]:
     """Whole solvers together, as many lines as one figure can bear."""
     out: list[list[Run]] = [[]]
-    for solver in dict.fromkeys(c.record.solver for c in runs):
-        own = [c for c in runs if c.record.solver == solver]
+    for own in by_solver(runs).values():
         if out[-1] and len(out[-1]) + len(own) > MOST:
             out.append([])
         out[-1] += own

@@ -26,7 +26,7 @@
     };
     const sort = () => {
       heads.forEach((head, k) => {
-        const button = head.querySelector("button"), by = k === 0 ? "problem" : table.dataset.shown === undefined ? "the share that holds" : MEASURES[measure()];
+        const button = head.querySelector("button"), by = k === 0 ? "problem" : table.dataset.shown === undefined ? "the share that succeeded" : MEASURES[measure()];
         button.setAttribute("aria-label", k === 0 ? "Sort by problem, in the paper's order" : `Sort by ${by} of ${head.querySelector(".solver").textContent}`);
         button.title = button.getAttribute("aria-label");
         if (k === now.column) head.setAttribute("aria-sort", now.up ? "ascending" : "descending");
@@ -53,7 +53,7 @@
     const [words, has] = ["problem", "has"].map((key) => box.querySelector(`[data-rows=${key}]`)), count = box.querySelector("[data-rows-count]");
     const fits = (row) => {
       const ran = [...row.cells].flatMap((c) => (c.dataset.has === undefined ? [] : [c.dataset.has.split(" ")]));
-      const ended = !has.value || (has.value === "held" ? ran.length && ran.every((e) => e.includes("held")) : ran.some((e) => e.includes(has.value)));
+      const ended = !has.value || (has.value === "succeeded" ? ran.length && ran.every((e) => e.includes("succeeded")) : ran.some((e) => e.includes(has.value)));
       const head = row.cells[0].textContent.toLowerCase();
       return ended && words.value.toLowerCase().split(/\s+/).every((w) => head.includes(w));
     };

@@ -3,11 +3,9 @@
   const MBS = (window.MBS ||= {});
   const kinds = { f4: Float32Array, u2: Uint16Array, i4: Int32Array };
 
-  // {dtype, bdata} of reports/packing.py as a typed array
   const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
-  MBS.array = ({ dtype, bdata }) => new kinds[dtype](bytesOf(bdata).buffer);
 
-  // a bundle of reports/packing.py: a promise of its value, whose arrays are still {kind, at, n} and know their bytes
+  // a bundle of reports/plots/packing.py: a promise of its value, whose arrays are still {kind, at, n} and know their bytes
   MBS.unpack = async ({ packed }) => {
     const stream = new Blob([bytesOf(packed)]).stream().pipeThrough(new DecompressionStream("deflate"));
     const whole = new Uint8Array(await new Response(stream).arrayBuffer());

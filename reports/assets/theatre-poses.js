@@ -1,31 +1,20 @@
-// Data files of the theatre made usable: the inverse of reports/theatre/packing.py, and poses at any time.
+// Poses at any time, from those stored as reports/mechanism/theatre/packing.py does.
 (() => {
   const T = ((window.MBS ||= {}).theatre ||= {});
 
-  // bytes by plane, compressed, base64 -> bytes in their order
-  const bytes = (text, width) => {
-    const planes = THREE.unzlibSync(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)));
-    const n = planes.length / width, out = new Uint8Array(planes.length);
-    for (let k = 0; k < width; k++) for (let i = 0; i < n; i++) out[i * width + k] = planes[k * n + i];
-    return out.buffer;
-  };
-  T.floats = (text) => new Float32Array(bytes(text, 4));
-  T.plain = (text) => JSON.parse(new TextDecoder().decode(bytes(text, 1)));
-  // columns of differences -> rows of values, one row a pose
-  T.rows = (text, frames) => {
-    const steps = new Uint16Array(bytes(text, 2)), columns = steps.length / frames, out = new Int16Array(steps.length);
-    for (let c = 0; c < columns; c++) {
-      for (let f = 0, sum = 0; f < frames; f++) out[f * columns + c] = sum = (sum + steps[c * frames + f]) & 0xffff;
-    }
+  // columns from 0 up -> rows of values about 0, one row a pose
+  const rowsOf = (values, frames) => {
+    const columns = values.length / frames, out = new Int16Array(values.length);
+    values.forEach((v, k) => { out[(k % frames) * columns + Math.floor(k / frames)] = v - 32767; });
     return out;
   };
 
   // A player with its motion: at(t) fills `body` with 12 numbers a body, the columns of R and then r.
   T.Motion = class {
     constructor(player, play) {
-      this.t = T.floats(player.t);
+      this.t = MBS.numbers(player.t);
       this.n = player.frames;
-      this.rows = T.rows(player.poses, player.frames);
+      this.rows = rowsOf(MBS.numbers(player.poses), player.frames);
       this.bodies = play.bodies;
       this.middle = play.middle;
       this.quantum = play.quantum;

@@ -23,7 +23,7 @@
       Object.assign(this, { canvas, cursor, play, pen: canvas.getContext("2d"), linear: false, from: 0, zoom: 1 });
       const n = play.spans;
       this.curves = play.players.map((p) => {
-        const all = T.floats(p.strips);
+        const all = Float32Array.from(MBS.numbers(p.strips));
         let k = 0;
         const row = () => all.subarray(k * n, ++k * n);
         return play.strips.map((s) => { const first = row(); return s.both ? [first, row()] : [first, first]; });

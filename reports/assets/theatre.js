@@ -1,7 +1,7 @@
 // The theatre's clock and controls: one time for the stage, the strips and the table.
-(() => {
-  const T = MBS.theatre, root = document.querySelector("[data-theatre]"), play = MBS[root.dataset.theatre];
-  play.shapes = T.plain(play.shapes);
+(async () => {
+  const T = MBS.theatre, root = document.querySelector("[data-theatre]"), name = root.dataset.theatre;
+  const play = MBS[name] = await MBS.unpack(MBS[name]);
   const find = (name) => root.querySelector(`[data-${name}]`);
   const players = play.players, players_ = players.map((_, k) => k);
   const canvas = find("canvas"), labels = find("labels"), scrub = find("scrub"), note = find("note");

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from .results import Run
 
-EXACT = 1e-12  # of the mechanism's size: positions that everybody has to rounding compare nothing
+EXACT = 1e-12  # of the mechanism's size: position errors below it are rounding
 
 
 PREDICTABLE = 1e-9  # of that size: errors are judged while the reference's own is below (docs/results-format.md)
@@ -17,7 +17,7 @@ class Measure:
     """Which error, with its words and its unit."""
 
     what: str
-    columns: tuple[str, str]  # the error while the motion is predictable, and, where that is not told, over all time
+    columns: tuple[str, str]  # the error while the motion is predictable, and, where that is not known, over all time
     unit: str
     own: float  # the reference's own error in that unit; NaN if not known
     until: float | None = None  # [s] errors are judged to here where that is before the end
@@ -62,7 +62,7 @@ def drifts(run: Run) -> bool | None:
     """Whether the energy error wanders off rather than swings: its mean shifts from first to last quarter.
 
     True when the shift is over a third of the largest error (a straight line shifts by three quarters, a swing by
-    nothing) and above rounding; None when it cannot be told.
+    nothing) and above rounding; None when it cannot be decided.
     """
     r = run.record
     shift = abs(r.energy_mean_last_quarter_J - r.energy_mean_first_quarter_J)
@@ -70,3 +70,8 @@ def drifts(run: Run) -> bool | None:
         return None
     rounding = 1e-13 * (r.energy_scale_J if r.energy_scale_J > 0.0 else 1.0)
     return shift > max(r.energy_drift_max_J / 3.0, rounding)
+
+
+def energy_kind(run: Run) -> str:
+    """The same as a word; empty when it cannot be decided."""
+    return {None: "", True: "drifts", False: "bounded"}[drifts(run)]

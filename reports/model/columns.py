@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from .accuracy import drifts
+from .accuracy import energy_kind
 from .results import Run
 from .words import NONE, clocked, mark, number, signed, time, whole
 
@@ -41,60 +41,52 @@ def _spread(c: Run) -> Value:
     return f"{clocked(r.cpu_min_s)} to {clocked(r.cpu_max_s)} ({r.repeats})" if r.repeats > 1 else NONE
 
 
-def _energy_kind(c: Run) -> Value:
-    wanders = drifts(c)
-    return NONE if wanders is None else "drifts" if wanders else "bounded"
-
-
-def _own(c: Run) -> Value:
-    return c.record.reference_own_error_m
-
-
 COLUMNS: Sequence[Column] = (
-    Column("label", "Group", "", "Group of the suite the run belongs to.", _of("label"), latex="Group"),
+    Column("label", "Group", "", "Label of the run in its suite.", _of("label"), latex="Group"),
     Column("settings", "Settings", "", "Step or tolerance asked for, and options that differ from the defaults.",
            lambda c: c.settings(), latex="Settings"),
-    Column("status", "Status", "", "How the run ended; wrong means that success was claimed and the numbers say no.",
+    Column("status", "Status", "", "How the run ended; wrong: success was claimed, but a law is broken.",
            lambda c: mark(c.status).word, latex="Status"),
     Column("t_reached", "t reached", "s", "Time of the last accepted step.", _of("t_reached_s"), time),
     Column("energy_drift_max", "max |E−E₀|", "J",
-           "Largest energy error over all accepted steps, less the work of dampers.", _of("energy_drift_max_J"),
+           "Largest energy error over all accepted steps, without the work of dampers.", _of("energy_drift_max_J"),
            latex=r"$\max|E-E_0|$ [J]"),
     Column("energy_drift_end", "E−E₀ at end", "J", "Energy error at the last step, with its sign.",
            _of("energy_drift_end_J"), signed, latex=r"$E-E_0$ at end [J]"),
-    Column("energy_trend", "Energy trend", "J/s", "Slope of the line of least squares through the energy error.",
+    Column("energy_trend", "Energy trend", "J/s", "Least-squares slope of the energy error over time.",
            _of("energy_trend_W"), signed),
-    Column("energy_kind", "Energy error", "", "Drifts if its mean shifts from first to last quarter of the run "
-           "by over a third of its largest value, else bounded; its size is another question.", _energy_kind),
+    Column("energy_kind", "Energy error", "", "Drifts if its mean shifts from the first to the last quarter of the "
+           "run by over a third of its largest value, else bounded; this says nothing of its size.", energy_kind),
     Column("position_error", "Position error", "m", "Largest distance of any centre of mass from the reference's.",
            _of("position_error_max_m"), latex="Position error [m]"),
     Column("orientation_error", "Orientation error", "rad", "Largest angle between a body and the reference's.",
            _of("orientation_error_max_rad"), latex="Orientation error [rad]"),
-    Column("judged_to", "judged to", "s", "Up to here errors are judged: beyond it the motion is chaotic and no solver "
-           "could follow, so energy and constraints alone count.", _of("judged_to_s"), time),
+    Column("judged_to", "judged to", "s", "Errors are judged up to this time: beyond it the motion is chaotic and no "
+           "solver can track it, so only energy and constraints count.", _of("judged_to_s"), time),
     Column("position_error_judged", "Position error judged", "m", "The position error up to there.",
            _of("position_error_judged_m")),
     Column("reference_own_error", "Reference's own", "m",
-           "Certified error of the reference itself: errors below it are not told apart.", _own),
-    Column("phi_max", "max |φ|", "m", "How far joints are apart at worst.", _of("phi_max"),
-           latex=r"$\max\|\phi\|$ [m]"),
-    Column("phi_dot_max", "max |φ̇|", "m/s", "How fast joints move apart at worst.", _of("phi_dot_max"),
+           "Certified error of the reference itself: smaller errors cannot be distinguished.",
+           _of("reference_own_error_m")),
+    Column("phi_max", "max |φ|", "m", "Largest norm of the constraint residual: how far joints come apart.",
+           _of("phi_max"), latex=r"$\max\|\phi\|$ [m]"),
+    Column("phi_dot_max", "max |φ̇|", "m/s", "Largest norm of its rate.", _of("phi_dot_max"),
            latex=r"$\max\|\dot\phi\|$ [m/s]"),
     Column("eq81_max", "Eq. (81)", "√J",
-           "The paper's norm of the constraint rates, √(φ̇ᵀ M̄ φ̇), at worst.", _of("eq81_max_sqrtJ")),
+           "The paper's norm of the constraint rates, √(φ̇ᵀ M̄ φ̇), at its largest.", _of("eq81_max_sqrtJ")),
     Column("orthogonality_max", "|RᵀR−1|", "",
-           "How far rotation matrices are from being rotations at worst.", _of("orthogonality_max")),
+           "Largest deviation of a rotation matrix from orthogonality.", _of("orthogonality_max")),
     Column("out_of_plane", "Out of plane", "m", "Largest distance from the plane that the exact motion stays in.",
            _of("out_of_plane_max_m")),
     Column("steps", "Steps", "", "Accepted steps.", _of("steps"), whole, latex="Steps"),
-    Column("rejected", "Rejected", "", "Steps tried and thrown away, where the solver counts them.",
+    Column("rejected", "Rejected", "", "Rejected steps, where the solver counts them.",
            _of("rejected"), whole),
-    Column("step_min", "Step min", "s", "Smallest accepted step, the last one left out.", _of("step_min_s")),
+    Column("step_min", "Step min", "s", "Smallest accepted step, without the last one.", _of("step_min_s")),
     Column("step_median", "median", "s", "Median accepted step.", _of("step_median_s")),
     Column("step_max", "max", "s", "Largest accepted step.", _of("step_max_s")),
-    Column("newton", "Newton", "", "Corrections of the nonlinear solver.", _of("newton_iterations"), whole),
+    Column("newton", "Newton", "", "Iterations of the nonlinear solver.", _of("newton_iterations"), whole),
     Column("evaluations", "Evaluations", "",
-           "Evaluations of residual or right side: work that does not depend on the machine.",
+           "Evaluations of the residual or right-hand side: work that does not depend on the machine.",
            _of("evaluations"), whole, latex="Evaluations"),
     Column("jacobians", "Jacobians", "", "Evaluations of the Jacobian.", _of("jacobians"), whole),
     Column("factorisations", "Factorisations", "", "Matrix factorisations.", _of("factorisations"), whole),

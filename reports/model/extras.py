@@ -1,4 +1,4 @@
-"""What only one problem has: its facts, its observables and invariants, the events its solvers met."""
+"""What is specific to a problem: its facts, observables and invariants, and the events that solvers reported."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ class Extra:
 
 @dataclass(frozen=True)
 class Events:
-    """What solvers reported on their way, e.g. singular passages: a row each, columns as the solvers named them."""
+    """What solvers reported during a run, e.g. singular passages: a row each, columns as the solvers named them."""
 
     heads: tuple[str, ...]
     rows: tuple[tuple[Run, tuple[str, ...]], ...]
@@ -40,7 +40,7 @@ def extras(runs: Sequence[Run]) -> list[Extra]:
 
 
 def facts_of(variant: Variant, bodies: int) -> tuple[str, ...]:
-    """What a reader must know about the problem before its numbers."""
+    """The facts about the problem at the head of its page."""
     records = [c.record for c in variant.runs]
     out = [variant.section] if variant.section else []
     times = sorted({r.t_end_s for r in records if not math.isnan(r.t_end_s)})
@@ -50,7 +50,7 @@ def facts_of(variant: Variant, bodies: int) -> tuple[str, ...]:
         out.append(plural(bodies, "body", "bodies"))
     scale = next((r for r in records if r.energy_scale_J > 0.0), None)
     if scale:
-        out.append(f"energy to exchange {number(scale.energy_scale_J)} J, size {number(scale.length_scale_m)} m")
+        out.append(f"energy scale {number(scale.energy_scale_J)} J, size {number(scale.length_scale_m)} m")
     known = next((r for r in records if r.reference), None)
     if known:
         out.append(
@@ -58,7 +58,7 @@ def facts_of(variant: Variant, bodies: int) -> tuple[str, ...]:
             + (f" up to {time(known.reference_horizon_s)} s" if math.isfinite(known.reference_horizon_s) else "")
         )
     else:
-        out.append("no reference: errors are not known, laws are")
+        out.append("no exact solution: only energy and constraints are checked")
     return tuple(out)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from .accuracy import Measure, drifts, measure_for
-from .results import Results, Run, Variant
+from .results import Results, Run, Variant, by_solver
 from .variants import plain_runs
 from .words import listed, mark, number, plural, seconds, time
 
@@ -29,7 +29,7 @@ class Finding:
 def findings(results: Results) -> list[Finding]:
     """About the whole run."""
     if not results.runs:
-        return [Finding("This run holds no finished run.", "failed")]
+        return [Finding("These results hold no finished run.", "failed")]
     return [*_counts(results), *_by_label(results), *_wanderers(results)]
 
 
@@ -40,7 +40,7 @@ def findings_of(whole: Variant, label: str = "") -> list[Finding]:
     out: list[Finding] = []
     measure = measure_for(whole.runs)
     if not variant.solved():
-        out.append(Finding("No run reached the end of this problem with a motion that holds.", "failed"))
+        out.append(Finding("No run solved this problem to the end.", "failed"))
     if measure is not None:
         out += [*_most_accurate(variant, measure), *_cheapest(variant, measure), *_response(variant, measure)]
     out += _energy(variant)
@@ -56,11 +56,11 @@ def _others(runs: Sequence[Run], label: str) -> Finding:
     ends = Counter(_ending(c) for c in runs)
     words = listed([f"{n} {w}" for w, n in ends.most_common()])
     said = f"All this is about “{label}”" if label else "All this is about default options"
-    return Finding(f"{said}. Of {plural(len(runs), 'run')} at other settings, folded below, {words}.")
+    return Finding(f"{said}. Of {plural(len(runs), 'run')} at other settings, folded below: {words}.")
 
 
 def _ending(c: Run) -> str:
-    return "held" if c.succeeded else c.status if c.status in ("wrong", "refused") else "stopped early"
+    return "succeeded" if c.succeeded else c.status if c.status in ("wrong", "refused") else "stopped early"
 
 
 def called(run: Run) -> str:
@@ -79,8 +79,8 @@ def _counts(results: Results) -> Iterator[Finding]:
             [f"{s} {n} of {sum(c.record.solver == s for c in results.runs)}" for s, n in share.most_common()]
         )
         yield Finding(
-            f"{plural(wrong, 'run')} claimed success although energy, constraints, invariants or the reference say "
-            f"no: {whose}.",
+            f"{plural(wrong, 'false success', 'false successes')}: energy, constraints, invariants or the "
+            f"reference are violated: {whose}.",
             "wrong",
         )
 
@@ -97,18 +97,18 @@ def _by_label(results: Results) -> Iterator[Finding]:
 
 
 def _wanderers(results: Results) -> Iterator[Finding]:
-    told = [(c, drifts(c)) for c in results.runs if c.succeeded]
-    told = [(c, d) for c, d in told if d is not None]
-    if not told:
+    judged = [(c, drifts(c)) for c in results.runs if c.succeeded]
+    judged = [(c, d) for c, d in judged if d is not None]
+    if not judged:
         return
     words = []
     for solver in results.solvers:
-        own = [d for c, d in told if c.record.solver == solver]
+        own = [d for c, d in judged if c.record.solver == solver]
         if own:
             words.append(f"{solver} {sum(map(bool, own))} of {len(own)}")
     yield Finding(
-        f"Among successes, the energy error drifts rather than swings in: {listed(words, 12)}. "
-        "How large it is stands in the tables; a drift may be small and a swing large."
+        f"Among successes, the energy error drifts in: {listed(words, 12)}. "
+        "Its size is in the tables: a drift may be small and a bounded error large."
     )
 
 
@@ -120,7 +120,7 @@ def _most_accurate(variant: Variant, measure: Measure) -> Iterator[Finding]:
     below = [c for c in ranked if measure.of(c) <= measure.own]
     if len(below) > 1:
         names = listed([called(c) for c in below])
-        yield Finding(f"At or below the reference's own error, and so not told apart by {measure.what}: {names}.")
+        yield Finding(f"At or below the reference's own error, and so not distinguished by {measure.what}: {names}.")
         return
     close = [c for c in ranked if measure.of(c) <= SAME_ERROR * best]
     who = listed([called(c) for c in close])
@@ -146,10 +146,11 @@ def _cheapest(variant: Variant, measure: Measure) -> Iterator[Finding]:
     ]
     who = listed([f"{called(c)} {seconds(c.record.cpu_median_s)}" for c in close])
     single = " (single timings)" if any(c.record.repeats < 2 for c in close) else ""
-    told = f", too close to tell apart: {who}" if len(close) > 1 else f": {who}"
+    close_words = f", too close to distinguish: {who}" if len(close) > 1 else f": {who}"
     next_one = next((c for c in good if c.record.solver not in {k.record.solver for k in close}), None)
     after = f"; next solver: {called(next_one)} {seconds(next_one.record.cpu_median_s)}" if next_one else ""
-    yield Finding(f"Least CPU time {words}{single}{told}{after}. {len(good)} of {len(variant.solved())} successes are.")
+    share = f"{len(good)} of {len(variant.solved())} successes are that accurate"
+    yield Finding(f"Least CPU time {words}{single}{close_words}{after}. {share}.")
 
 
 def _response(variant: Variant, measure: Measure) -> Iterator[Finding]:
@@ -159,13 +160,13 @@ def _response(variant: Variant, measure: Measure) -> Iterator[Finding]:
         if whole and measure.of(c) > max(10.0 * measure.own, 0.0) and math.isfinite(measure.of(c)):
             families.setdefault(f"{c.method} {c.record.max_step_s:g}", []).append(c)
     for own in families.values():
-        own.sort(key=lambda c: -c.fineness)
+        own.sort(key=lambda c: -c.step_or_tolerance)
         coarse, fine = own[0], own[-1]
-        if fine.fineness <= 0.0 or coarse.fineness / fine.fineness < 1.5:
+        if fine.step_or_tolerance <= 0.0 or coarse.step_or_tolerance / fine.step_or_tolerance < 1.5:
             continue
         gain = measure.of(coarse) / measure.of(fine)
         if coarse.record.control == "dt":
-            order = math.log(gain) / math.log(coarse.fineness / fine.fineness)
+            order = math.log(gain) / math.log(coarse.step_or_tolerance / fine.step_or_tolerance)
             yield Finding(f"{coarse.method}: from {coarse.step_words} to {fine.step_words} the {measure.what} falls by "
                           f"{number(gain)}: observed order {order:.2f}.")  # fmt: skip
         elif gain < 1.0:
@@ -183,7 +184,7 @@ def _energy(variant: Variant) -> Iterator[Finding]:
         least, most = known[0].record.energy_drift_max_J, known[-1].record.energy_drift_max_J
         if most > SAME_ERROR * least:
             yield Finding(
-                f"Energy errors of successes reach from {number(least)} J, {called(known[0])}, "
+                f"Energy errors of successes range from {number(least)} J, {called(known[0])}, "
                 f"to {number(most)} J, {called(known[-1])}."
             )
         else:
@@ -191,10 +192,10 @@ def _energy(variant: Variant) -> Iterator[Finding]:
     allowed = next((c.record.energy_allowed_J for c in variant.runs if c.record.energy_allowed_J > 0.0), math.nan)
     if not math.isnan(allowed):
         over = [c for c in variant.runs if c.record.energy_drift_max_J > allowed]
-        words = f"exceeded by {listed([called(c) for c in over])}" if over else "kept by every run that made a step"
+        words = f"exceeded by {listed([called(c) for c in over])}" if over else "kept by every run that took a step"
         yield Finding(
-            f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}. It does not make a run "
-            "wrong: that is a tenth of the energy to exchange, for all problems.",
+            f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}. Exceeding it does not "
+            "make a run wrong: that limit is a tenth of the energy scale, for all problems.",
             "failed" if over else "plain",
         )
 
@@ -202,8 +203,7 @@ def _energy(variant: Variant) -> Iterator[Finding]:
 def _ends(variant: Variant) -> Iterator[Finding]:
     """The earliest stop of each solver with its reason, the others counted."""
     early = sorted((c for c in variant.runs if c.stopped), key=lambda c: c.record.t_reached_s)
-    for solver in dict.fromkeys(c.record.solver for c in early):
-        own = [c for c in early if c.record.solver == solver]
+    for solver, own in by_solver(early).items():
         r = own[0].record
         where = (
             f"at {time(r.t_reached_s)} of {time(r.t_end_s)} s"

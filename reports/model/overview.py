@@ -4,8 +4,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from .accuracy import drifts, measure_for
-from .results import Results, Run, Variant
+from .accuracy import energy_kind, measure_for
+from .results import Results, Run, Variant, by_solver
 from .scores import Score, score
 from .variants import VariantGroup, broadest, themselves
 from .words import Mark, mark, number, seconds
@@ -63,7 +63,7 @@ class Part:
 
 
 def matrix(results: Results) -> list[Part]:
-    """One part a label, the plain comparison first; one row a problem as it is posed there, one entry a solver."""
+    """One part a label, the plain comparison first; one row a variant there, one entry a solver."""
     first = broadest(results)
     variants = themselves(results, first)
     out = []
@@ -84,14 +84,14 @@ def tally(results: Results, own: VariantGroup) -> list[tuple[Variant, list[Score
     """Variants by solvers, counted; None for a solver that did not take one."""
     out = []
     for p in own.variants:
-        by = {s: [c for c in p.runs if c.record.solver == s] for s in results.solvers}
-        out.append((p, [score(runs) if runs else None for runs in by.values()]))
+        runs = by_solver(p.runs)
+        out.append((p, [score(runs[s]) if s in runs else None for s in results.solvers]))
     return out
 
 
 def entry(variant: Variant, runs: Sequence[Run]) -> Entry:
     """The finest settings stand for the entry, whatever became of them."""
-    head = min(runs, key=lambda c: (c.fineness, len(c.options), c.record.case))
+    head = min(runs, key=lambda c: c.finest_first)
     r, measure = head.record, measure_for(variant.runs)
     error, scale = (measure.of(head), 1.0) if measure else (math.nan, 1.0)
     if measure and measure.unit == "m":
@@ -103,9 +103,7 @@ def entry(variant: Variant, runs: Sequence[Run]) -> Entry:
         Figure("phi", "|φ|", _with(r.phi_max, "m"), _lost(r.phi_max, r.length_scale_m)),
         Figure("cost", "CPU", seconds(r.cpu_median_s)),
     )  # fmt: skip
-    wanders = drifts(head)
-    energy = "" if wanders is None else "drifts" if wanders else "bounded"
-    return Entry(head, mark(head.status), score(runs), figures, energy)
+    return Entry(head, mark(head.status), score(runs), figures, energy_kind(head))
 
 
 def _with(value: float, unit: str) -> str:

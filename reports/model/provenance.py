@@ -48,13 +48,13 @@ def cautions(results: Results) -> list[str]:
     out = []
     commits = sorted({c.record.commit for c in results.runs if c.record.commit})
     if len(commits) > 1:
-        out.append(f"Runs come from {len(commits)} states of the code: {', '.join(commits)}.")
+        out.append(f"Runs were made at {len(commits)} commits: {', '.join(commits)}.")
     if results.environment.get("dirty"):
-        out.append("The checkout had uncommitted changes: the commit alone does not give these numbers back.")
+        out.append("The checkout had uncommitted changes: the commit alone does not reproduce these numbers.")
     if isinstance(results.environment.get("jobs"), int) and results.environment["jobs"] > 1:
-        out.append(f"{results.environment['jobs']} runs ran at a time: CPU times include what they cost each other.")
+        out.append(f"{results.environment['jobs']} runs at a time: CPU times include their interference.")
     if not results.environment:
-        out.append("environment.json is missing or unreadable: machine and versions are not known.")
+        out.append("environment.json is missing or unreadable: machine and versions are unknown.")
     out += [f"Left out: {u.path.name}: {u.why}" for u in results.unreadable]
     return out
 

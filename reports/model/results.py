@@ -1,11 +1,11 @@
-"""A run folder as reports see it: runs with their texts unpacked, sorted into variants and labels."""
+"""A results folder as reports see it: runs with their texts unpacked, sorted into variants and labels."""
 
 import hashlib
 import io
 import json
 import re
 import zipfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -52,11 +52,6 @@ class Run:
     def options(self) -> Mapping[str, Any]:
         return json.loads(self.record.solver_options)
 
-    @property
-    def option_words(self) -> str:
-        """Options of the solver in words; empty where all are its defaults."""
-        return ", ".join(f"{k} = {text_of(v)}" for k, v in self.options.items())
-
     @cached_property
     def counters(self) -> Mapping[str, Any]:
         return json.loads(self.record.counters)
@@ -92,10 +87,15 @@ class Run:
         return self.status not in (Status.SUCCESS, Status.WRONG, Status.REFUSED)
 
     @property
-    def fineness(self) -> float:
-        """Step or tolerance: smaller asks for more accuracy."""
+    def step_or_tolerance(self) -> float:
+        """What was asked for; smaller asks for more accuracy."""
         value = self.record.dt_s if self.record.control == "dt" else self.record.rtol
         return value if value == value else 0.0
+
+    @property
+    def finest_first(self) -> tuple[float, int, str]:
+        """A key to sort by: the finest step or tolerance first, among those the fewest options."""
+        return self.step_or_tolerance, len(self.options), self.record.case
 
     @property
     def step_words(self) -> str:
@@ -180,12 +180,12 @@ class Results:
 
 
 def read_results(folder: Path, *, check_series: bool = True) -> Results:
-    """The run in ``folder``; what cannot be read is listed, not hidden. Unchecked series are checked when taken."""
+    """The results in ``folder``; what cannot be read is listed, not hidden. Unchecked series are checked when taken."""
     loaded = store.load(folder, check_series=False)
     records = loaded.records if check_series else ()
     faults = {r.run_id: why for r in records if (why := _series_fault(folder, r))}
     runs = [Run(r, _stderr(folder, r)) for r in loaded.records if r.run_id not in faults]
-    runs.sort(key=lambda c: (c.record.solver, c.method, -c.fineness, c.record.case))
+    runs.sort(key=lambda c: (c.record.solver, c.method, -c.step_or_tolerance, c.record.case))
     bad = [store.Unreadable(folder / "runs" / f"{run}.json", why) for run, why in faults.items()]
     return Results(folder, _environment(folder), tuple(runs), (*loaded.unreadable, *bad))
 
@@ -205,6 +205,14 @@ def _series_fault(folder: Path, record: RunRecord) -> str:
         return f"its series file {record.series} cannot be read: {error}"
     whole = isinstance(meta, dict) and (meta.get("kind"), meta.get("schema")) == (KIND, SERIES_SCHEMA)
     return "" if whole else f"its series file {record.series} is of another schema"
+
+
+def by_solver(runs: Iterable[Run]) -> dict[str, list[Run]]:
+    """In the order of their first runs."""
+    found: dict[str, list[Run]] = {}
+    for run in runs:
+        found.setdefault(run.record.solver, []).append(run)
+    return found
 
 
 def named(name: str, given: Mapping[str, Any]) -> str:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from .accuracy import drifts, measure_for
-from .results import Results, Run, Variant
+from .results import Results, Run, Variant, by_solver
 from .variants import broadest, themselves
 from .words import listed, mark, number, plural, time
 
@@ -15,7 +15,7 @@ NAMED = 3  # variants named for a solver in an answer; more are counted
 class Score:
     """Numbers of runs; ``bounded`` and ``drifting`` count successes whose energy error tells."""
 
-    held: int
+    succeeded: int
     wrong: int
     stopped: int
     refused: int
@@ -24,31 +24,31 @@ class Score:
 
     @property
     def runs(self) -> int:
-        return self.held + self.wrong + self.stopped + self.refused
+        return self.succeeded + self.wrong + self.stopped + self.refused
 
     @property
     def shares(self) -> list[tuple[str, int, float]]:
         """Kind, count and percent of all, for a bar."""
-        parts = (("good", self.held), ("wrong", self.wrong), ("failed", self.stopped), ("refused", self.refused))
+        parts = (("good", self.succeeded), ("wrong", self.wrong), ("failed", self.stopped), ("refused", self.refused))
         return [(kind, n, 100.0 * n / self.runs) for kind, n in parts if n]
 
     @property
     def words(self) -> str:
-        """``5 hold, 1 wrong``."""
-        parts = ((self.held, "held"), (self.wrong, "wrong"), (self.stopped, "stopped"), (self.refused, "refused"))
-        return listed([f"{n} {word}" for n, word in parts if n]) or "no run"
+        """``5 succeeded, 1 wrong``."""
+        names = ("succeeded", "wrong", "stopped", "refused")
+        return listed([f"{n} {name}" for name in names if (n := getattr(self, name))]) or "no run"
 
 
 def score(runs: Iterable[Run]) -> Score:
     """Of any runs."""
     kinds = {"good": 0, "wrong": 0, "failed": 0, "refused": 0}
-    told = {True: 0, False: 0}
+    energy = {True: 0, False: 0}
     for c in runs:
         kinds[mark(c.status).kind] += 1
         wanders = drifts(c) if c.succeeded else None
         if wanders is not None:
-            told[wanders] += 1
-    return Score(kinds["good"], kinds["wrong"], kinds["failed"], kinds["refused"], told[False], told[True])
+            energy[wanders] += 1
+    return Score(kinds["good"], kinds["wrong"], kinds["failed"], kinds["refused"], energy[False], energy[True])
 
 
 @dataclass(frozen=True)
@@ -65,12 +65,11 @@ class Verdict:
 
 
 def verdicts(results: Results) -> list[Verdict]:
-    """One a solver, whose finest settings hold on most problems first; no order among equals but the name's."""
+    """One a solver, whose finest settings succeed on most problems first; equals by name."""
     label = broadest(results)
     variants = themselves(results, label)
     out = []
-    for solver in results.solvers:
-        own = [c for c in results.runs if c.record.solver == solver]
+    for solver, own in by_solver(results.runs).items():
         stands = [(p, h) for p in variants if (h := finest(p, solver, label)) is not None]
         heads = [h for _, h in stands]
         out.append(Verdict(
@@ -79,20 +78,24 @@ def verdicts(results: Results) -> list[Verdict]:
             tuple((c, _short(c) + _finer(p, c)) for p, c in stands if not c.succeeded),
             tuple(c for c in heads if c.succeeded and drifts(c) is False),
         ))  # fmt: skip
-    return sorted(out, key=lambda v: (-(v.finest.held / v.finest.runs if v.finest.runs else -1.0), v.solver))
+    return sorted(out, key=lambda v: (-(v.finest.succeeded / v.finest.runs if v.finest.runs else -1.0), v.solver))
 
 
 def finest(variant: Variant, solver: str, label: str) -> Run | None:
     """The run that stands for a solver on a problem: the smallest step or tolerance, fewest options."""
     own = [c for c in variant.runs if c.record.solver == solver and c.record.label == label]
-    return min(own, key=lambda c: (c.fineness, len(c.options), c.record.case), default=None)
+    return min(own, key=lambda c: c.finest_first, default=None)
 
 
 def _finer(variant: Variant, run: Run) -> str:
-    """Said where the same settings hold at a finer step or tolerance, in whatever group that was run."""
-    own = [c for c in variant.runs if c.method == run.method and c.succeeded and c.fineness < run.fineness]
-    best = min(own, key=lambda c: -c.fineness, default=None)
-    return f"; holds at {best.step_words}" if best else ""
+    """Words for a finer step or tolerance at which the same settings succeed, in whatever group that was run."""
+    own = [
+        c
+        for c in variant.runs
+        if c.method == run.method and c.succeeded and c.step_or_tolerance < run.step_or_tolerance
+    ]
+    best = min(own, key=lambda c: -c.step_or_tolerance, default=None)
+    return f"; succeeds at {best.step_words}" if best else ""
 
 
 def unpredictable(results: Results) -> str:
@@ -102,8 +105,8 @@ def unpredictable(results: Results) -> str:
     ]
     if not found:
         return ""
-    told = [f"{p.title} to {m.until:.2g} of {max(c.record.t_end_s for c in p.runs):g} s" for p, m in found]
-    return f" Errors are judged while the motion is predictable: {listed(told)}; after that energy and joints alone."
+    parts = [f"{p.title} to {m.until:.2g} of {max(c.record.t_end_s for c in p.runs):g} s" for p, m in found]
+    return f" Errors are judged while the motion is predictable: {listed(parts)}; then only energy and constraints."
 
 
 def _ended(run: Run) -> str:
@@ -132,45 +135,44 @@ class Answer:
 
 
 def headline(found: Sequence[Verdict], label: str, judged: str = "") -> list[Answer]:
-    """Who holds, who drifts, who breaks; ``judged`` says how far errors are."""
-    told = [v for v in found if v.finest.runs]
+    """Which solvers succeed, drift and fail; ``judged`` says how far errors are."""
+    ran = [v for v in found if v.finest.runs]
     settings = f"each at its finest step or tolerance in “{label}”" if label else "each at its finest step or tolerance"
-    whole = sum(v.finest.held == v.finest.runs for v in told)
-    holds = f"{whole} of {plural(len(told), 'solver')} on every problem it was given ({settings}).{judged}"
-    held = tuple((v.solver, f"{v.finest.held} of {v.finest.runs}") for v in told)
-    swings = "The energy error of every success swings and comes back."
-    wanders = "The energy error of a success shifts from the first to the last quarter of its run rather than swings."
-    still = [c for v in told for c in v.swings_on]
+    whole = sum(v.finest.succeeded == v.finest.runs for v in ran)
+    holds = f"{whole} of {plural(len(ran), 'solver')} on every problem it was given ({settings}).{judged}"
+    succeeded = tuple((v.solver, f"{v.finest.succeeded} of {v.finest.runs}") for v in ran)
+    swings = "The energy error of every success oscillates and returns."
+    wanders = "The mean energy error of these successes shifts from the first to the last quarter of the run."
+    still = [c for v in ran for c in v.swings_on]
     far = max(still, key=lambda c: c.record.energy_drift_max_J, default=None)
-    if far and any(far.record.energy_drift_max_J > c.record.energy_drift_max_J for v in told for c in v.drifts_on):
-        wanders += (
-            f" A swing may be larger: {number(far.record.energy_drift_max_J)} J ({far.record.solver}, {far.variant})."
-        )
-    drifting = sorted((v for v in told if v.drifts_on), key=lambda v: (-len(v.drifts_on), v.solver))
-    drift = tuple((v.solver, f"{len(v.drifts_on)} of {v.finest.held}: {_sizes(v)}") for v in drifting)
-    breaking = sorted((v for v in told if v.breaks_on), key=lambda v: (-len(v.breaks_on), v.solver))
+    if far and any(far.record.energy_drift_max_J > c.record.energy_drift_max_J for v in ran for c in v.drifts_on):
+        size = f"{number(far.record.energy_drift_max_J)} J ({far.record.solver}, {far.variant})"
+        wanders += f" A bounded error may be larger: {size}."
+    drifting = sorted((v for v in ran if v.drifts_on), key=lambda v: (-len(v.drifts_on), v.solver))
+    drift = tuple((v.solver, f"{len(v.drifts_on)} of {v.finest.succeeded}: {_sizes(v)}") for v in drifting)
+    breaking = sorted((v for v in ran if v.breaks_on), key=lambda v: (-len(v.breaks_on), v.solver))
     runs, wrong, stopped = (sum(getattr(v.everything, k) for v in found) for k in ("runs", "wrong", "stopped"))
-    breaks = "None at its finest settings." if not breaking else f"At those settings, {len(breaking)} of {len(told)}."
+    breaks = "None at its finest setting." if not breaking else f"At that setting, {len(breaking)} of {len(ran)}."
     if wrong + stopped:
-        parts = [f"{wrong} claimed success and {'is' if wrong == 1 else 'are'} wrong"] if wrong else []
+        parts = [f"{plural(wrong, 'false success', 'false successes')}"] if wrong else []
         parts += [f"{stopped} stopped early"] if stopped else []
-        breaks += f" Of all {plural(runs, 'run')}, every setting and variant, {' and '.join(parts)}."
+        breaks += f" Among all {plural(runs, 'run')} (every setting and variant): {' and '.join(parts)}."
     return [
-        Answer("good", "Who holds", holds, held),
-        Answer("plain", "Who drifts", wanders if drift else swings, drift),
-        Answer("wrong" if wrong else "failed", "Who breaks, and why", breaks,
+        Answer("good", "Which solvers succeed", holds, succeeded),
+        Answer("plain", "Which solvers drift", wanders if drift else swings, drift),
+        Answer("wrong" if wrong else "failed", "Which solvers fail, and why", breaks,
                tuple((v.solver, _breaks(v)) for v in breaking)),
     ]  # fmt: skip
 
 
 def _breaks(v: Verdict) -> str:
-    """On what, how, and the first reason; what is refused is said so."""
-    told = [
+    """On what, how, and the first reason."""
+    parts = [
         f"{c.variant}{f' at {c.step_words}' if c.step_words else ''}: {_ended(c)}: {reason}"
         for c, reason in v.breaks_on[:NAMED]
     ]
     more = len(v.breaks_on) - NAMED
-    return "; ".join(told) + (f"; and {more} more" if more > 0 else "")
+    return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
 
 
 def _sizes(v: Verdict) -> str:

@@ -1,33 +1,24 @@
-"""Which variants are the problems themselves, and which tell one of them otherwise or vary it."""
+"""Which variants are the problems themselves, and which present them otherwise or vary their parameters."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from .results import Results, Run, Variant
 
 HEADLINE = ("recommended", "default")  # labels of a suite's plain comparison
-TOLD = {
+PRESENTED = {
     "yaw": "turned about the vertical",
     "rotation": "turned in space",
     "mirror": "as a mirror image",
     "renumber": "with bodies and joints renumbered",
-    "duplicate": "with a joint written twice",
+    "duplicate": "with a joint declared twice",
     "unit_length": "in another unit of length",
     "unit_mass": "in another unit of mass",
     "unit_time": "in another unit of time",
-    "retrace": "run back from the end",
-    "perturb": "from a start changed by little",
+    "retrace": "run backwards from the end",
+    "perturb": "from a slightly perturbed start",
 }  # parameters that every problem has and that change no motion, or hardly
-SAME = (
-    "mirror",
-    "renumber",
-    "duplicate",
-    "unit_length",
-    "unit_mass",
-    "unit_time",
-    "retrace",
-)  # the motion is as before
-SECOND = "other times, sizes and releases"
+SAME_MOTION = ("mirror", "renumber", "duplicate", "unit_length", "unit_mass", "unit_time", "retrace")
+OTHER_PARAMETERS = "other times, sizes and releases"
 
 
 @dataclass(frozen=True)
@@ -42,14 +33,14 @@ class VariantGroup:
         return tuple(c for p in self.variants for c in p.runs)
 
 
-def told(variant: Variant) -> str:
-    """How the problem is told otherwise; empty where it stands as it is."""
-    return next((words for key, words in TOLD.items() if key in variant.runs[0].parameters), "")
+def presentation(variant: Variant) -> str:
+    """How the problem is presented; empty where it is as its file has it."""
+    return next((words for key, words in PRESENTED.items() if key in variant.runs[0].parameters), "")
 
 
-def moves_alike(variant: Variant) -> bool:
-    """The motion is that of another variant: only what the solver is told differs, and is undone before measuring."""
-    return any(key in variant.runs[0].parameters for key in SAME)
+def same_motion(variant: Variant) -> bool:
+    """The motion is that of another variant: only its presentation differs, and is undone before measuring."""
+    return any(key in variant.runs[0].parameters for key in SAME_MOTION)
 
 
 def broadest(results: Results) -> str:
@@ -60,26 +51,26 @@ def broadest(results: Results) -> str:
             return name
     pairs: dict[str, set[tuple[str, str]]] = {label: set() for label in labels}
     for p in results.variants:
-        for c in p.runs if not told(p) else ():
+        for c in p.runs if not presentation(p) else ():
             pairs[c.record.label].add((p.title, c.record.solver))
     return max(pairs, key=lambda label: len(pairs[label]), default="")
 
 
 def themselves(results: Results, label: str) -> tuple[Variant, ...]:
-    """The variants of ``label``; of a problem that has none there, all that are told as they are."""
+    """The variants of ``label``; of a problem that has none there, all that are presented as they are."""
     own = {p.title: p for p in results.variants if any(c.record.label == label for c in p.runs)}
     there = {p.problem for p in own.values()}
-    return tuple(p for p in results.variants if p.title in own or (p.problem not in there and not told(p)))
+    return tuple(p for p in results.variants if p.title in own or (p.problem not in there and not presentation(p)))
 
 
 def variant_groups(results: Results, label: str) -> tuple[VariantGroup, ...]:
     """All others, by how they differ; the same problems at other times and sizes first."""
-    apart: dict[str, list[Variant]] = {SECOND: []}
+    apart: dict[str, list[Variant]] = {OTHER_PARAMETERS: []}
     here = {p.title for p in themselves(results, label)}
     for p in results.variants:
         if p.title not in here:
-            apart.setdefault(told(p) or SECOND, []).append(p)
-    order = {words: k for k, words in enumerate((SECOND, *TOLD.values()))}
+            apart.setdefault(presentation(p) or OTHER_PARAMETERS, []).append(p)
+    order = {words: k for k, words in enumerate((OTHER_PARAMETERS, *PRESENTED.values()))}
     return tuple(VariantGroup(w, tuple(apart[w])) for w in sorted(apart, key=order.__getitem__) if apart[w])
 
 
@@ -93,8 +84,3 @@ def plain_runs(variant: Variant, label: str) -> tuple[Run, ...]:
     """Those that speak for a problem: of ``label``, else those at default options, else all."""
     own = tuple(c for c in variant.runs if c.record.label == label)
     return own or tuple(c for c in variant.runs if not c.options) or variant.runs
-
-
-def of_parts(parts: Sequence[VariantGroup]) -> tuple[Run, ...]:
-    """All their runs."""
-    return tuple(c for v in parts for c in v.runs)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from ...harness.types import Status
 
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
-BELOW_CLOCK = "below the clock"  # a CPU time that reads 0: too short to be told
+BELOW_CLOCK = "below the clock"  # a CPU time that reads 0: too short to measure
 NONE = "–"  # the quantity does not exist here
 
 

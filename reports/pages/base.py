@@ -24,9 +24,9 @@ Pages are rendered after all modules have run, so each may ask whether another o
 - ``num(value, show)``: a table's entry that sorts by its value; ``looks[solver].colour``; ``number``, ``whole``,
   ``signed``, ``seconds``, ``time``, ``unit``, ``mark``, ``plural``, ``listed`` of reports.words.
 
-``site.bundle(name, value)`` writes the same deflated, for ``await MBS.unpack(MBS[name])``; plots are told so.
-``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``; NaN becomes null, an array of
-numpy a base64 text that ``MBS.array(x)`` turns into a typed array. Scripts are classic, deferred and in the order
+``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``; NaN becomes null.
+``site.bundle(name, value)`` writes the same deflated, for ``await MBS.unpack(MBS[name])``; there an array of numpy is
+what ``MBS.numbers(x)`` makes a list of. Scripts are classic, deferred and in the order
 given: from a disk neither modules nor ``fetch`` work. ``MBS.onTheme(f)`` calls f when light and dark change;
 ``MBS.colour("--ink")`` is a colour of the theme. Assets of ``reports/assets/`` are all copied. A page that is ``about``
 a variant's slug, a solver or a run is linked from that one's page. Return None when a run has nothing for the page.
@@ -47,7 +47,7 @@ from markupsafe import Markup
 
 from ...harness.results import store
 from ..model import words
-from ..model.accuracy import drifts
+from ..model.accuracy import energy_kind
 from ..model.provenance import cautions, facts, packages, stamp
 from ..model.results import Results, Run, Variant, slug
 from ..model.scores import score
@@ -175,7 +175,7 @@ class Site:
             results=self.results, looks=self.looks, url=self.url, exists=self._pending.__contains__,
             run_title=self.results.environment.get("run") or self.results.folder.name, facts=facts(self.results),
             cautions=cautions(self.results), packages=packages(self.results), stamp=stamp(self.results),
-            nan=float("nan"), num=_num, wanders=drifts, score_of=score, slug_of=lambda run: slugs[run.variant],
+            nan=float("nan"), num=_num, energy_kind=energy_kind, score_of=score, slug_of=lambda run: slugs[run.variant],
             related=lambda about: [p for p in self.pages() if p.about and p.about == about],
         )  # fmt: skip
         return environment

@@ -2,13 +2,13 @@
 
 from typing import Any
 
-from ..model.accuracy import drifts, measure_for
+from ..model.accuracy import energy_kind, measure_for
 from ..model.columns import COLUMNS
 from ..model.findings import findings
 from ..model.overview import matrix, tally
 from ..model.results import Results, Run
 from ..model.scores import headline, score, unpredictable, verdicts
-from ..model.variants import broadest, of_parts, themselves, variant_groups
+from ..model.variants import broadest, themselves, variant_groups
 from ..model.words import mark
 from .base import Page, Site
 
@@ -27,7 +27,8 @@ def write(results: Results, site: Site) -> Page | None:
         answers=headline(found, label, unpredictable(results)),
         score=score(results.runs),
         variant_groups=[(v, score(v.runs), tally(results, v)) for v in apart], columns=COLUMNS,
-        apart=score(of_parts(apart)), problems=list(dict.fromkeys(p.problem for p in results.variants)),
+        apart=score(c for v in apart for c in v.runs),
+        problems=list(dict.fromkeys(p.problem for p in results.variants)),
         loud=sorted(results.runs, key=lambda c: (c.record.label != label, c.record.run_id not in main)),
     )  # fmt: skip
 
@@ -62,7 +63,6 @@ def _table(results: Results, site: Site, label: str, main: set[str]) -> dict[str
 
 
 def _numbers(c: Run, error: float | None) -> list[Any]:
-    r, wanders = c.record, drifts(c)
+    r = c.record
     values = [r.t_reached_s, r.energy_drift_max_J, error, r.phi_max, r.evaluations, r.cpu_median_s]
-    return [*(None if v is None or v != v else float(f"{v:.{DIGITS}g}") for v in values),
-            "" if wanders is None else "drifts" if wanders else "bounded"]  # fmt: skip
+    return [*(None if v is None or v != v else float(f"{v:.{DIGITS}g}") for v in values), energy_kind(c)]

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..model.results import Results, Run, text_of
+from ..model.results import Results, Run, by_solver, text_of
 from ..model.scores import Score, score
 from ..model.variants import broadest, groups_of, themselves
 from .base import Page, Site
@@ -23,8 +23,7 @@ def write(results: Results, site: Site) -> Page | None:
     """``solver-<name>.html`` of every solver; none of them in the navigation."""
     label = broadest(results)
     plain = {p.title for p in themselves(results, label)}
-    for name in results.solvers:
-        runs = [c for c in results.runs if c.record.solver == name]
+    for name, runs in by_solver(results.runs).items():
         rows = [(p, group, [c for c in own if c.record.solver == name]) for p in results.variants
                 for group, own in groups_of(p, label).items()]  # fmt: skip
         rows = [row for row in rows if row[2]]

@@ -7,7 +7,7 @@ from typing import Any
 from ..mechanism.theatre.cast import RULE
 from ..mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, players, scene
 from ..model.results import Results, Run, Variant
-from ..model.variants import moves_alike
+from ..model.variants import same_motion
 from .base import Page, Site
 
 ALL_BYTES = 5_000_000  # of the data files of all theatres
@@ -20,11 +20,11 @@ SCRIPTS = (
 
 def write(results: Results, site: Site) -> Page | None:
     """Write every theatre; the first page, or None if no run has poses."""
-    told = {p.slug: t for p in _shown(results) if (t := _stage(results, site, p, POSE_BYTES)) is not None}
-    level = fair([t.size for t in told.values()], ALL_BYTES)
+    stages = {p.slug: t for p in _shown(results) if (t := _stage(results, site, p, POSE_BYTES)) is not None}
+    level = fair([t.size for t in stages.values()], ALL_BYTES)
     pages = []
     for variant in results.variants:
-        own = told.get(variant.slug)
+        own = stages.get(variant.slug)
         poses = POSE_BYTES if own is None else min(POSE_BYTES, own.pose_bytes)
         for _ in range(ROUNDS):
             if own is not None and own.size > level:
@@ -40,8 +40,8 @@ def write(results: Results, site: Site) -> Page | None:
 
 def _shown(results: Results) -> list[Variant]:
     """All variants, but not those that show the motion of another one once more."""
-    plain = {p.problem for p in results.variants if not moves_alike(p)}
-    return [p for p in results.variants if not moves_alike(p) or p.problem not in plain]
+    plain = {p.problem for p in results.variants if not same_motion(p)}
+    return [p for p in results.variants if not same_motion(p) or p.problem not in plain]
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def _stage(results: Results, site: Site, variant: Variant, pose_bytes: float) ->
         return None
     play = scene(variant, cast, site.looks, pose_bytes)
     name = f"theatre-{variant.slug}"
-    path = site.data(name, play)
+    path = site.bundle(name, play)
     return Stage(variant, name, path, (site.folder / path).stat().st_size, play, tuple(p.run for p in cast), left_out)
 
 

@@ -76,7 +76,7 @@ def _judged(e: Entry, links: Links) -> Point | None:
         default=run is not None and not run.options,
         best=e.flag("best") is True,
         step=run.step_words if run else "",
-        size=run.fineness if run else 0.0,
+        size=run.step_or_tolerance if run else 0.0,
         kind=e.text("error_kind") or "error",
         unit=e.text("unit"),
         own=e.number("reference_own_error"),

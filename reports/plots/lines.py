@@ -7,11 +7,11 @@ import numpy as np
 
 from ..model.curves import Curve, level, reach
 from ..model.motion import Motion
-from ..model.results import Run, Variant
+from ..model.results import Run, Variant, by_solver
 from ..model.words import time
 from .spec import Trace, end_of
 
-MOST = 16  # runs drawn under one label: more cannot be told apart
+MOST = 16  # runs drawn under one label: more cannot be distinguished
 EVER = 24  # on one page, or it would grow without end
 
 
@@ -41,9 +41,8 @@ def all_lines(
 ) -> list[Line]:
     """Of each of ``runs``, all under one label; options in ``alike`` are left out of their words."""
     found: dict[str, Line] = {}
-    for solver in dict.fromkeys(c.record.solver for c in runs):
-        own = sorted((c for c in runs if c.record.solver == solver), key=_first)
-        for k, c in enumerate(own):
+    for solver, own in by_solver(runs).items():
+        for k, c in enumerate(sorted(own, key=lambda c: c.finest_first)):
             words = f"{solver}, {c.settings(alike[solver])}{_ended(c)}"
             found[c.record.run_id] = Line(c, words, k, k == 0, url(c))
     return [found[c.record.run_id] for c in runs]
@@ -52,9 +51,7 @@ def all_lines(
 def shared_options(runs: Iterable[Run]) -> dict[str, frozenset[str]]:
     """By solver, the options (and ``max_step``) that all its runs have alike."""
     out: dict[str, frozenset[str]] = {}
-    runs = list(runs)
-    for name in {c.record.solver for c in runs}:
-        own = [c for c in runs if c.record.solver == name]
+    for name, own in by_solver(runs).items():
         alike = {k for k in own[0].options if all(c.options.get(k) == own[0].options[k] for c in own)}
         if all(c.record.max_step_s == own[0].record.max_step_s for c in own):
             alike.add("max_step")
@@ -92,10 +89,6 @@ def traces(
 
 def _urgency(line: Line) -> tuple[bool, bool, int]:
     return not line.main, line.run.succeeded, line.dash
-
-
-def _first(run: Run) -> tuple[float, int, str]:
-    return run.fineness, len(run.options), run.record.case
 
 
 def _ended(run: Run) -> str:

@@ -1,4 +1,4 @@
-"""Values as scripts that a page from a disk can load: strict JSON, arrays in base64, or all of it deflated.
+"""Values as scripts that a page from a disk can load: strict JSON, or bundles of JSON and arrays, deflated.
 
 A bundle is what ``MBS.unpack`` of ``assets/site.js`` takes apart: the length of its JSON in four bytes, the JSON, then
 the bytes of its arrays; an array is ``{"kind", "at", "n"}`` there, with what it takes to undo its steps.
@@ -27,7 +27,7 @@ def bundle(name: str, value: Any) -> str:
 
 
 class Steps:
-    """An array to be told in steps of two bytes: even ones, or even in the logarithm, with zeros apart."""
+    """An array to be stored in steps of two bytes: even ones, or even in the logarithm, with zeros apart."""
 
     def __init__(self, values: np.ndarray, *, log: bool = False) -> None:
         self.values = np.asarray(values, dtype=float)
@@ -87,14 +87,12 @@ def script(name: str, value: Any) -> str:
 
 
 def text(value: Any) -> str:
-    """Strict JSON of numbers, texts, lists, mappings and arrays; a number that is none is null."""
+    """Strict JSON of numbers, texts, lists and mappings; NaN and infinities become null."""
     shown = json.dumps(_plain(value), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     return shown.replace("\u2028", "\\u2028").replace("\u2029", "\\u2029").replace("</", "<\\/")
 
 
 def _plain(value: Any) -> Any:
-    if isinstance(value, np.ndarray):
-        return packed(value)
     if isinstance(value, np.generic):
         value = value.item()
     if isinstance(value, float):
@@ -104,15 +102,3 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(v) for v in value]
     return value
-
-
-def packed(array: np.ndarray) -> dict[str, str]:
-    """Floats as float32, whole numbers in few bytes: ``{"dtype": "f4", "bdata": ...}``, as the plots read it."""
-    if array.dtype.kind == "f":
-        with np.errstate(over="ignore"):
-            kind, array = "f4", array.astype("<f4")
-    elif array.dtype.kind in "iu" and array.size and array.min() >= 0 and array.max() < 65536:
-        kind, array = "u2", array.astype("<u2")
-    else:
-        kind, array = "i4", array.astype("<i4")
-    return {"dtype": kind, "bdata": base64.b64encode(np.ascontiguousarray(array).tobytes()).decode("ascii")}

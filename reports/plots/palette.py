@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from ..model.results import Run
+from ..model.results import Run, by_solver
 
 # Okabe and Ito's set for colour-blind readers, without the yellow and black that vanish on white and on dark pages
 COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7", "#999933", "#8A8A8A")
@@ -43,11 +43,8 @@ def home(name: str) -> int:
 
 def dashes(runs: Iterable[Run]) -> dict[str, tuple[float, Sequence[float]]]:
     """Dash by run: a solver's finest settings solid, its others dashed, dotted, dash-dotted."""
-    by_solver: dict[str, list[Run]] = {}
-    for run in runs:
-        by_solver.setdefault(run.record.solver, []).append(run)
     out = {}
-    for own in by_solver.values():
-        for k, run in enumerate(sorted(own, key=lambda c: (c.fineness, c.record.case))):
+    for own in by_solver(runs).values():
+        for k, run in enumerate(sorted(own, key=lambda c: (c.step_or_tolerance, c.record.case))):
             out[run.record.run_id] = DASHES[k % len(DASHES)]
     return out

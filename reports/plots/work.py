@@ -73,7 +73,7 @@ def recorded(variant: Variant, page: Callable[[Run], str] = lambda run: "") -> l
         errors = {"error": measure.of(c) if measure else math.nan, "energy": r.energy_drift_max_J, "phi": r.phi_max}
         out.append(Point(
             c.variant, r.problem, r.solver, r.case, page(c), c.status, r.label, works, errors, method_of(c),
-            default=not c.options, step=c.step_words, size=c.fineness, kind=kind, unit=unit, own=own,
+            default=not c.options, step=c.step_words, size=c.step_or_tolerance, kind=kind, unit=unit, own=own,
             cpu=(r.cpu_min_s, r.cpu_max_s), repeats=r.repeats,
         ))  # fmt: skip
     return out
@@ -118,7 +118,7 @@ def kind_of(points: Sequence[Point]) -> tuple[str, str]:
 
 
 def reference_error(points: Sequence[Point]) -> float:
-    """The reference's own error: points below it are not told apart; NaN if not known."""
+    """The reference's own error: points below it cannot be distinguished; NaN if not known."""
     return max((p.own for p in points if p.own > 0.0), default=math.nan)
 
 

@@ -250,7 +250,7 @@ def test_rows_of_a_matrix_sort_by_a_solvers_number_and_filter(matrices, browser)
         "((key, value) => {{ const e = document.querySelector(`[data-rows=${{key}}]`); e.value = value; "
         "e.dispatchEvent(new Event('input', {{bubbles: true}})); }})({}, {})"
     )
-    for has, left in (("wrong", ["off"]), ("stopped", ["stuck"]), ("held", ["far", "near"]), ("refused", [])):
+    for has, left in (("wrong", ["off"]), ("stopped", ["stuck"]), ("succeeded", ["far", "near"]), ("refused", [])):
         tab.evaluate(pick.format("'has'", f"'{has}'"))
         assert tab.evaluate(first) == left
         assert tab.evaluate("document.querySelector('[data-rows-count]').textContent") == f"{len(left)} of 4 rows"

@@ -18,9 +18,9 @@ def test_equal_errors_have_no_winner(tmp_path):
     put(tmp_path, record("bb01", "beta", position_error_max_m=1.10e-3, cpu_median_s=0.11))
     text = said(tmp_path)
     assert "alpha (dt = 0.01 s) and beta (dt = 0.01 s) (within 1.25 of each other)" in text
-    assert "too close to tell apart" not in text  # neither is within 1e-3 of the size by much: alpha alone is
+    assert "too close to distinguish" not in text  # neither is within 1e-3 of the size by much: alpha alone is
     put(tmp_path, record("cc01", "gamma", position_error_max_m=0.9e-3, cpu_median_s=0.12))
-    assert "too close to tell apart: alpha (dt = 0.01 s) 0.100 s and gamma (dt = 0.01 s) 0.120 s" in said(tmp_path)
+    assert "too close to distinguish: alpha (dt = 0.01 s) 0.100 s and gamma (dt = 0.01 s) 0.120 s" in said(tmp_path)
 
 
 def test_errors_below_the_reference_own_are_not_ranked(tmp_path):
@@ -28,7 +28,7 @@ def test_errors_below_the_reference_own_are_not_ranked(tmp_path):
     put(tmp_path, record("bb01", "beta", position_error_max_m=5e-13))
     put(tmp_path, record("cc01", "gamma", position_error_max_m=1e-3))
     text = said(tmp_path)
-    assert "not told apart" in text and "Smallest" not in text
+    assert "not distinguished" in text and "Smallest" not in text
 
 
 def test_a_wrong_run_wins_nothing(tmp_path):
@@ -59,7 +59,7 @@ def test_tighter_tolerance_that_hurts_is_said(tmp_path):
 def test_no_success_is_said(tmp_path):
     put(tmp_path, record("aa01", status="diverged", message="it blew up", t_reached_s=0.3))
     text = said(tmp_path)
-    assert "No run reached the end" in text and "ended at 0.3 of 2 s, diverged: it blew up" in text
+    assert "No run solved this problem" in text and "ended at 0.3 of 2 s, diverged: it blew up" in text
 
 
 def test_a_line_drifts_and_a_swing_does_not():

@@ -1,15 +1,15 @@
-"""Who plays: at most ten runs of a variant, by a rule that is told on the page with those left out."""
+"""Which runs are shown: at most ten of a variant, by a rule that the page states with the runs left out."""
 
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from ...model.results import Run, Variant
 
-AT_MOST = 10  # ghosts of one mechanism; more cannot be told apart
+AT_MOST = 10  # ghosts of one mechanism; more cannot be distinguished
 RULE = (
-    "Of each solver one run that succeeded, with the fewest options, then the finest; after that one of each solver "
-    "under each other label of the suite, those that stopped or are wrong first; then the rest, failures first. "
-    "Settings that differ only in their label or in the number of steps allowed play once."
+    "For each solver one run that succeeded, the one with the fewest options, then the finest; after that one for each "
+    "solver and other label, runs that stopped or are wrong first; then the rest, failures first. "
+    "Settings that differ only in their label or in the number of steps allowed are shown once."
 )
 
 
@@ -39,7 +39,7 @@ def _order(variant: Variant, can: Sequence[Run]) -> Iterator[Run]:
 
 
 def _setting(c: Run) -> tuple[str, ...]:
-    """What the solver was told, but for its label and how many steps it may take."""
+    """Its settings, but for the label and the largest number of steps."""
     r = c.record
     return (r.solver, r.control, *map(repr, (r.dt_s, r.rtol, r.max_step_s, r.t_end_s)), repr(sorted(c.options.items())))
 
@@ -52,11 +52,11 @@ def _grouped(runs: Sequence[Run], by: Callable[[Run], Any]) -> list[list[Run]]:
 
 
 def _held(c: Run) -> tuple[bool, int, float]:
-    return (not c.succeeded, len(c.options), c.fineness)
+    return (not c.succeeded, len(c.options), c.step_or_tolerance)
 
 
 def _broke(c: Run) -> tuple[bool, bool, float]:
-    return (not c.stopped, c.succeeded, c.fineness)
+    return (not c.stopped, c.succeeded, c.step_or_tolerance)
 
 
 def _soundness(c: Run) -> tuple[bool, int, float, str]:

@@ -1,17 +1,9 @@
-"""Numbers made small for a page: int16 within a box, differences in time, bytes by plane, zlib, base64.
+"""Numbers made small for a page: poses as whole steps within a box, strips with few bits."""
 
-``reports/theatre/js/unpack.js`` is the inverse.
-"""
-
-import base64
-import zlib
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float, Int
-
-from ...plots.packing import text
 
 LEVELS = 32767
 DIGITS = 9  # bits of mantissa that a strip keeps: 1/1024 of the value at most, below a pixel
@@ -19,7 +11,7 @@ DIGITS = 9  # bits of mantissa that a strip keeps: 1/1024 of the value at most, 
 
 @dataclass(frozen=True)
 class Box:
-    """Where positions are told exactly; what leaves it stays at its wall."""
+    """Where positions are exact to half a step; what leaves it stays at its wall."""
 
     low: Float[np.ndarray, " 3"]
     high: Float[np.ndarray, " 3"]
@@ -60,30 +52,12 @@ def quaternions(q: Float[np.ndarray, "nf nb 4"]) -> Int[np.ndarray, "nf nb 4"]:
     return np.rint(np.clip(q, -1.0, 1.0) * LEVELS).astype(np.int16)
 
 
-def pack_int16(a: Int[np.ndarray, "nf n"]) -> str:
-    """Columns over time as differences, low bytes then high bytes, compressed."""
-    columns = np.ascontiguousarray(a.T).view(np.uint16)
-    steps = columns.copy()
-    steps[:, 1:] -= columns[:, :-1]  # modulo 2^16, as the sum will be
-    return _text(steps.astype("<u2"), 2)
-
-
-def pack_float32(a: Float[np.ndarray, "*n"]) -> str:
-    """As they are, by byte plane; NaN stays NaN."""
-    return _text(a.astype("<f4"), 4)
-
-
-def pack_plain(value: Any) -> str:
-    """Plain data as JSON, compressed: a thousand shapes are alike."""
-    return base64.b64encode(zlib.compress(text(value).encode("utf-8"), 9)).decode("ascii")
+def columns(a: Int[np.ndarray, "nf n"]) -> Int[np.ndarray, " m"]:
+    """One column after the other from 0 up: its differences over time, which is what a bundle stores, compress well."""
+    return a.T.astype(np.int64).ravel() + LEVELS
 
 
 def rounded(a: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
     """With ``DIGITS`` bits of mantissa, which compress well."""
     fraction, power = np.frexp(a)
     return np.ldexp(np.rint(np.ldexp(fraction, DIGITS)), power - DIGITS)
-
-
-def _text(a: np.ndarray, width: int) -> str:
-    planes = np.frombuffer(np.ascontiguousarray(a).tobytes(), np.uint8).reshape(-1, width).T
-    return base64.b64encode(zlib.compress(planes.tobytes(), 7)).decode("ascii")

@@ -83,7 +83,7 @@ def scene(
         "title": variant.title, "t_end": t_end, "bodies": bodies, "scale": scale,
         "gravity": gravity.tolist(), "normal": _normal(lead), "low": stage.low.tolist(), "high": stage.high.tolist(),
         "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
-        "ground": ground.tolist(), "shapes": packing.pack_plain([_shape(s) for s in shapes]),
+        "ground": ground.tolist(), "shapes": [_shape(s) for s in shapes],
         "trail": {"body": trail_body, "at": trail_at},
         "spans": spans, "strips": [dict(zip(STRIP, s, strict=True)) for s in STRIPS],
         "players": [_player(p, box, scale, at_most, (t_end, spans), looks, rank) for p in cast_],
@@ -108,17 +108,17 @@ def _player(
     distance, angle = off(p.poses, rows)
     strips = packing.rounded(strips_of(p.series, p.run, *axis))
     return {
-        **_told(p.run),
+        **_run_words(p.run),
         "run": p.run.record.run_id, "colour": looks[p.run.record.solver].colour, "rank": rank[p.run.record.run_id],
         "stopped": p.run.stopped, "last": float(p.series["t"][-1]),
-        "t": packing.pack_float32(kept.t), "poses": packing.pack_int16(both.reshape(n, bodies * 7)),
+        "t": kept.t, "poses": packing.columns(both.reshape(n, bodies * 7)),
         "frames": n, "stored": len(p.poses), "off_m": distance, "off_rad": angle,
-        "strips": packing.pack_float32(strips),
+        "strips": strips.ravel(),
     }  # fmt: skip
 
 
-def _told(c: Run) -> dict[str, Any]:
-    """What is said of a run, on the stage or not."""
+def _run_words(c: Run) -> dict[str, Any]:
+    """A run in words."""
     return {
         "solver": c.record.solver, "settings": c.settings(), "label": c.record.label, "status": c.status,
         "because": "; ".join(c.reasons)[:400],

@@ -1,19 +1,13 @@
 """Numbers on the page are those of the series, to a bound that follows from the bits kept."""
 
-import base64
-import zlib
-
 import numpy as np
 import pytest
 
 from mbsbench.reports.mechanism.theatre import packing
 from mbsbench.reports.mechanism.theatre.packing import LEVELS, Box, box_of
+from mbsbench.reports.plots.packing import bundle
 
-
-def unpacked(text: str, dtype: str) -> np.ndarray:
-    """The inverse of the last stage."""
-    planes = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.uint8).reshape(np.dtype(dtype).itemsize, -1)
-    return np.frombuffer(np.ascontiguousarray(planes.T).tobytes(), dtype)
+from ..bundles import opened
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -50,16 +44,13 @@ def test_quaternions_keep_the_orientation_and_never_jump():
     assert np.max(np.abs(np.diff(back, axis=0))) < 0.16  # half the largest turn
 
 
-def test_differences_add_up_again():
-    """Modulo 2^16, whatever the jumps."""
-    a = np.random.default_rng(1).integers(-32768, 32768, (37, 5)).astype(np.int16)
-    steps = unpacked(packing.pack_int16(a), "<u2").reshape(5, 37)
-    assert np.array_equal(np.cumsum(steps, axis=1, dtype=np.uint16).view(np.int16).T, a)
-
-
-def test_floats_come_back_with_nan():
-    a = np.array([[1.5, np.nan], [-1e-30, 3e8]])
-    assert np.array_equal(unpacked(packing.pack_float32(a), "<f4"), a.astype("<f4").ravel(), equal_nan=True)
+def test_poses_and_strips_come_back():
+    """Poses modulo 2^16, whatever the jumps; floats with their NaN."""
+    poses = np.random.default_rng(1).integers(-LEVELS, LEVELS + 1, (37, 5)).astype(np.int16)
+    strips = np.array([1.5, np.nan, -1e-30, 3e8])
+    found = opened(bundle("x", {"poses": packing.columns(poses), "strips": strips}))
+    assert np.array_equal(found["poses"].astype(int).reshape(5, 37).T - LEVELS, poses)
+    assert np.array_equal(found["strips"], strips.astype("<f4"), equal_nan=True)
 
 
 def test_rounding_of_strips_is_below_a_pixel():
