@@ -15,10 +15,9 @@ import numpy as np
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.choices import GaugeChoices
+from .formulations.geometric.choices import GaugeChoices, Penalty
 from .formulations.geometric.driver import integrate, prepare
 from .formulations.geometric.passages import passages
-from .formulations.geometric.step import Penalty
 from .formulations.rank import rows_to_keep
 
 
@@ -55,7 +54,6 @@ class GcAugmentedLagrangian(GaugeChoices):
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``; singular passages are in ``events``."""
-        settings = self.settings(problem)
         redundant = problem.system.nrows - len(rows_to_keep(problem.system, problem.initial))
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)
         penalty = Penalty(
@@ -63,8 +61,8 @@ class GcAugmentedLagrangian(GaugeChoices):
             accept=self.accept, correct_pose=int(correct), soft=self.soft_penalty,
             singular_turn=self.singular_turn or float("inf"),
         )  # fmt: skip
-        run = prepare(problem, settings, penalty, mu0=self.mu0)
-        out = integrate(problem, control, run, self.max_cuts, self.max_turn)
+        run, step = prepare(problem, self.settings(problem)._replace(penalty=penalty), self.mu0)
+        out = integrate(problem, control, run, step, self.max_cuts, self.max_turn)
         rank = f"{problem.system.nrows} constraint rows of rank {problem.system.nrows - redundant} at the start"
         crossed = passages(problem.system, out)
         notes = [rank]

@@ -42,6 +42,5 @@ class GcWeakForm(GaugeChoices):
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        return integrate(
-            problem, control, prepare(problem, self.settings(problem), mu0=self.mu0), self.max_cuts, self.max_turn
-        )
+        run, step = prepare(problem, self.settings(problem), self.mu0)
+        return integrate(problem, control, run, step, self.max_cuts, self.max_turn)

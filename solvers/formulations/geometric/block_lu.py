@@ -5,20 +5,18 @@ contiguous in the columns of q), inverts its pivot block and leaves its panel of
 docs/decisions/block-lu.md.
 """
 
-import numpy as np
 from numba import njit
 
-from .small import INNER, JIT
+from .vectors import INNER, JIT
 
 
 @njit(**JIT)
-def factor(pattern, blocks, f):
+def factor(blocks, lu):
     """Numbers of the factors; returns 0, or 1 + p where node p has a singular pivot."""
-    W, panel, inverse, low = f.dense, f.panel, f.pivot_inverse, f.low
-    size, start, up, up_start = pattern.size, pattern.start, pattern.up, pattern.up_start
-    panel_start, low_start, low_node = pattern.panel_start, pattern.low_start, pattern.low
-    pair_start, pair_column, pair_width = pattern.pair_start, pattern.pair_column, pattern.pair_width
-    strip = f.strip
+    W, panel, inverse, low, strip = lu.dense, lu.panel, lu.pivot_inverse, lu.low, lu.strip
+    size, start, up, up_start = lu.size, lu.start, lu.up, lu.up_start
+    panel_start, low_start, low_node = lu.panel_start, lu.low_start, lu.low_node
+    pair_start, pair_column, pair_width = lu.pair_start, lu.pair_column, lu.pair_width
     for p in range(len(size)):
         m, own = size[p], start[p]
         for pair in range(pair_start[p], pair_start[p + 1]):
@@ -46,7 +44,7 @@ def factor(pattern, blocks, f):
             for c in range(m):
                 inverse[p, a, c] = W[a, own + c]
                 W[a, own + c] = 0.0
-        smallest = invert(inverse, p, m, f.pivot, own)
+        smallest = invert(inverse[p], m, lu.pivot[own:], lu.swapped)
         offset, first = panel_start[p], up_start[p]
         width = up_start[p + 1] - first
         for a in range(m):
@@ -81,11 +79,11 @@ def _combine(low, k, a, panel, o, inner, w, strip):
 
 
 @njit(**JIT)
-def solve(pattern, f, x):
+def solve(lu, x):
     """x := A^-1 x, in elimination order."""
-    size, start, up, up_start = pattern.size, pattern.start, pattern.up, pattern.up_start
-    panel_start, low_start, low_node = pattern.panel_start, pattern.low_start, pattern.low
-    low, panel, inverse, y = f.low, f.panel, f.pivot_inverse, f.strip
+    size, start, up, up_start = lu.size, lu.start, lu.up, lu.up_start
+    panel_start, low_start, low_node = lu.panel_start, lu.low_start, lu.low_node
+    low, panel, inverse, y = lu.low, lu.panel, lu.pivot_inverse, lu.strip
     N = len(size)
     for p in range(N):
         own = start[p]
@@ -114,35 +112,34 @@ def solve(pattern, f, x):
 
 
 @njit(**INNER)
-def invert(A, p, m, pivots, at):
-    """A[p] := A[p]^-1 by Gauss-Jordan with row pivoting, |pivots| kept; returns the smallest, 0 when singular."""
+def invert(A, m, pivots, swapped):
+    """A := A^-1 (m x m) by Gauss-Jordan with row pivoting, |pivots| kept; returns the smallest, 0 when singular."""
     smallest = 1e300
-    swapped = np.empty(6, dtype=np.int64)
     for k in range(m):
         best = k
         for a in range(k + 1, m):
-            if abs(A[p, a, k]) > abs(A[p, best, k]):
+            if abs(A[a, k]) > abs(A[best, k]):
                 best = a
         swapped[k] = best
-        pivot = A[p, best, k]
-        pivots[at + k] = abs(pivot)
+        pivot = A[best, k]
+        pivots[k] = abs(pivot)
         if not abs(pivot) > 0.0:
             return 0.0
         smallest = min(smallest, abs(pivot))
         if best != k:
             for c in range(m):
-                A[p, k, c], A[p, best, c] = A[p, best, c], A[p, k, c]
-        A[p, k, k] = 1.0
+                A[k, c], A[best, c] = A[best, c], A[k, c]
+        A[k, k] = 1.0
         for c in range(m):
-            A[p, k, c] /= pivot
+            A[k, c] /= pivot
         for a in range(m):
             if a != k:
-                weight = A[p, a, k]
-                A[p, a, k] = 0.0
+                weight = A[a, k]
+                A[a, k] = 0.0
                 for c in range(m):
-                    A[p, a, c] -= weight * A[p, k, c]
+                    A[a, c] -= weight * A[k, c]
     for k in range(m - 1, -1, -1):
         if swapped[k] != k:
             for a in range(m):
-                A[p, a, k], A[p, a, swapped[k]] = A[p, a, swapped[k]], A[p, a, k]
+                A[a, k], A[a, swapped[k]] = A[a, swapped[k]], A[a, k]
     return smallest

@@ -1,13 +1,45 @@
-"""The free choices of the scheme (the paper leaves them open) as options common to ODE-GC and its augmented version."""
+"""The free choices of the scheme (the paper leaves them open): options common to ODE-GC and its augmented version,
+and the form in which the kernels read them.
+"""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from ....harness.catalogue.options import option
 from ....harness.types import Problem, StepControl
 from .directions import CHOICES
-from .residual import Settings
+
+
+class Penalty(NamedTuple):
+    """Augmented Lagrangian; by default the plain weak form."""
+
+    active: int = 0
+    nested: int = 0  # 1: the paper's nested loop, Newton to convergence, then (85)
+    xi: float = 1.0
+    max_augmentations: int = 1  # of the nested loop
+    accept: float = 0.0  # [sqrt(J)] (81) at which a step counts as done though (81) does not reach the tolerance
+    correct_pose: int = 0  # 1: poses corrected to phi = 0 after every step
+    soft: float = 1.0  # xi (omega dt)^2 of the nested loop at singular configurations
+    singular_turn: float = np.inf  # [rad] limit on the turn in a step once a singular configuration has been met
+
+
+class Settings(NamedTuple):
+    """The choices of docs/notation.md that the kernels branch on."""
+
+    gauge: float  # -1 symmetric, 0 zero and accumulate
+    keep_nu: int  # 1: nu is carried from step to step (accumulate, or C_bar, K_bar != 0)
+    direction: int  # index in ``directions.CHOICES``
+    use_f_bar: int
+    corrective: int  # 1: C_bar, K_bar by Eq. (32); mu, lam and sigma carried
+    carry_sigma: int  # 1: sigma0 of (75) is that of (62) at the last step, else 0
+    b_term: float  # 1; 0 drops the B term of Eq. (71), which costs the order (a planted error)
+    tolerance: float  # [sqrt(J)], Eqs. (80), (81)
+    max_newton: int
+    refresh: float  # a kept factorisation is renewed when a correction shrinks the residual by less than this factor
+    couple: int  # 1: body-to-body blocks of the Jacobian are kept
+    penalty: Penalty = Penalty()
 
 
 @dataclass(frozen=True)

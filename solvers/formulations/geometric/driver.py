@@ -1,37 +1,20 @@
 """From a problem to a trajectory: arrays and analysis, the compiled march in stretches, and what is handed back."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ....harness.types import Problem, State, States, Status, StepControl, Trajectory
 from . import march as marching
-from .arrays import Model, Motion, empty_motion, model_of
-from .pattern import Factors, Index, Pattern, analyse, empty_factors
-from .residual import Rows, Settings, complete
-from .step import COUNTERS, History, Penalty, Work, start_mu
+from .arrays import Motion, Step, empty_step, model_of
+from .choices import Settings
+from .newton import COUNTERS, History, Run, Work
+from .pattern import analyse
+from .residual import complete
+from .step import start_mu
 
 STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
-PLAIN = Penalty(active=0, nested=0, xi=1.0, max_augmentations=1, accept=0.0, correct_pose=0, soft=1.0)
-
-
-@dataclass(frozen=True)
-class Run:
-    """All arrays of one run. The arrays change as the march proceeds; the object does not."""
-
-    model: Model
-    start: Motion
-    end: Motion
-    rows: Rows
-    history: History
-    settings: Settings
-    penalty: Penalty
-    index: Index
-    pattern: Pattern
-    factors: Factors
-    work: Work
 
 
 @dataclass
@@ -45,28 +28,23 @@ class Log:
         return np.concatenate([getattr(r, name) for r in self.stretches]) if self.stretches else np.zeros(0)
 
 
-def prepare(problem: Problem, settings: Settings, penalty: Penalty = PLAIN, mu0: str = "zero") -> Run:
+def prepare(problem: Problem, settings: Settings, mu0: str = "zero") -> tuple[Run, Step]:
     """Arrays, symbolic analysis and the complete start."""
-    system, initial = problem.system, problem.initial
-    model = model_of(system)
-    index, pattern = analyse(model, bool(settings.couple))
-    nb, nrows = system.nb, system.nrows
-    start, end = empty_motion(model), empty_motion(model)
-    load(start, initial)
-    complete(model, start, settings)
-    rows = Rows._make([*(np.zeros(nrows) for _ in range(8)), np.zeros((2, nrows))])
-    history = History(v=np.zeros((nb, 6)), nu=np.zeros(nrows), increment=np.zeros(nrows), last_dt=np.zeros(1))
-    work = Work(
-        blocks=np.zeros((len(pattern.pair_column), 6, 6)), T=np.zeros((nb, 3, 3)), body=np.zeros((nb, 6)),
-        constraint=np.zeros(nrows), x=np.zeros(int(pattern.start[-1])), diagonal=np.zeros(nrows),
-        xi=np.full(1, penalty.xi),
-        nu_kept=np.zeros(nrows), tally=np.zeros(len(COUNTERS), dtype=np.int64), max_turn=np.full(1, np.inf),
-        held=np.zeros(1), norm=np.zeros(2),
-        pivots=np.zeros(nrows), log_det=np.zeros(2),
-    )  # fmt: skip
+    model = model_of(problem.system)
+    saddle, lu = analyse(model, bool(settings.couple))
+    nb, nrows = problem.system.nb, problem.system.nrows
+    step = empty_step(model)
+    load(step.start, problem.initial)
+    complete(model, step.start, settings)
     if mu0 == "velocity":
-        start_mu(model, start, rows, settings.direction)
-    return Run(model, start, end, rows, history, settings, penalty, index, pattern, empty_factors(pattern), work)
+        start_mu(model, step.start, step.rows, settings.direction)
+    history = History(v=np.zeros((nb, 6)), nu=np.zeros(nrows), increment=np.zeros(nrows), dt=np.zeros(1))
+    work = Work(
+        R_v=np.zeros((nb, 6)), R_mu=np.zeros(nrows), x=np.zeros(int(lu.start[-1])), xi=np.full(1, settings.penalty.xi),
+        nu_kept=np.zeros(nrows), counts=np.zeros(len(COUNTERS), dtype=np.int64), max_turn=np.full(1, np.inf),
+        factored_dt=np.zeros(1), norm=np.zeros(2), log_det=np.zeros(2),
+    )  # fmt: skip
+    return Run(model, settings, history, saddle, lu, work), step
 
 
 def load(motion: Motion, state: State) -> None:
@@ -75,62 +53,48 @@ def load(motion: Motion, state: State) -> None:
     motion.v[:, :3], motion.v[:, 3:] = state.v, state.Omega
 
 
+def advance(run: Run, step: Step, clock: marching.Clock, room: int) -> tuple[Step, int, marching.Record]:
+    """March until ``room`` steps are recorded or it ends: where the run then stands, the outcome, the steps."""
+    record = marching.empty_record(room, len(run.model.mass), int(run.model.row[-1]))
+    outcome, done = marching.march(run, step, clock, record)
+    if done % 2:
+        step = step._replace(start=step.end, end=step.start)
+    return step, outcome, marching.Record(*(a[:done] for a in record))
+
+
 def integrate(
-    problem: Problem,
-    control: StepControl,
-    run: Run,
-    max_cuts: int,
-    max_turn: float,
-    watch: Callable[[Run, marching.Record], None] | None = None,
+    problem: Problem, control: StepControl, run: Run, step: Step, max_cuts: int, max_turn: float
 ) -> Trajectory:
-    """March to the end or to the failure; ``watch`` sees each stretch."""
+    """March to the end or to the failure."""
     began = time.perf_counter()
     assert control.dt is not None  # refuses() has seen to it
-    nb, nrows = problem.system.nb, problem.system.nrows
-    room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * nb + nrows)))))
+    room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * problem.system.nb + problem.system.nrows)))))
     clock = marching.Clock(np.zeros(3, dtype=np.int64), control.dt, problem.t_end, max_cuts)
     run.work.max_turn[0] = max_turn or np.inf
-    warm_up(run, clock, room=1)
+    advance(run, step, clock._replace(t_end=0.0), 1)  # compiles the march, or loads it, and takes no step
     set_up = time.perf_counter() - began
     log, steps, cpu = Log(), 0, time.process_time()
     status, message = Status.SUCCESS, ""
     while True:
-        record = marching.empty_record(min(room, control.max_steps - steps), nb, nrows)
-        outcome, done = marching.march(
-            run.model, run.start, run.end, run.rows, run.history, run.settings, run.penalty, run.index, run.pattern,
-            run.factors, run.work, clock, record,
-        )  # fmt: skip
-        stretch = marching.Record(*(a[:done] for a in record))
+        step, outcome, stretch = advance(run, step, clock, min(room, control.max_steps - steps))
         log.stretches.append(stretch)
-        steps += done
-        if watch is not None and done:
-            watch(run, stretch)
-        if control.spool is not None and done:
+        steps += len(stretch.t)
+        if control.spool is not None and len(stretch.t):
             control.spool.take(stretch.t, States(stretch.r, stretch.R, stretch.v[:, :, :3], stretch.v[:, :, 3:]))
         if outcome == marching.FINISHED:
             break
         if outcome == marching.UNDERFLOW:
             status, message = _underflow(run, clock)
             break
+        limit = None
         if steps >= control.max_steps:
-            status, message = Status.STALLED, f"max_steps = {control.max_steps} reached at t = {stretch.t[-1]:g} s"
-            break
-        if control.wall_limit is not None and time.perf_counter() - began > control.wall_limit:
-            status, message = (
-                Status.STALLED,
-                f"wall limit of {control.wall_limit:g} s reached at t = {stretch.t[-1]:g} s",
-            )
+            limit = f"max_steps = {control.max_steps}"
+        elif control.wall_limit is not None and time.perf_counter() - began > control.wall_limit:
+            limit = f"wall limit of {control.wall_limit:g} s"
+        if limit:
+            status, message = Status.STALLED, f"{limit} reached at t = {stretch.t[-1]:g} s"
             break
     return hand_back(problem, run, log, status, message, time.process_time() - cpu, set_up)
-
-
-def warm_up(run: Run, clock: marching.Clock, room: int) -> None:
-    """Compile (or load) the march without taking a step: a clock that already stands at its end."""
-    nowhere = marching.empty_record(room, len(run.model.mass), int(run.model.row[-1]))
-    marching.march(
-        run.model, run.start, run.end, run.rows, run.history, run.settings, run.penalty, run.index, run.pattern,
-        run.factors, run.work, clock._replace(t_end=0.0), nowhere,
-    )  # fmt: skip
 
 
 def hand_back(
@@ -146,17 +110,17 @@ def hand_back(
         np.concatenate((first.v[None], v[:, :, :3])),
         np.concatenate((first.Omega[None], v[:, :, 3:])),
     )
-    counters = {"steps": len(t) - 1, **{name: int(n) for name, n in zip(COUNTERS, run.work.tally, strict=True)}}
+    counters = {"steps": len(t) - 1, **{name: int(n) for name, n in zip(COUNTERS, run.work.counts, strict=True)}}
     norm = log.joined("norm").reshape(-1, 2)
     per_step = {
         "newton_iterations": log.joined("newton"), "cut_level": log.joined("level"),
         "residual_norm": norm[:, 0], "constraint_norm": norm[:, 1],
     }  # fmt: skip
-    if run.penalty.active:
+    if run.settings.penalty.active:
         per_step |= {"penalty": log.joined("xi"), "log_determinant": log.joined("log_det")}
     return Trajectory(
         t=t, states=states, status=status, message=message, counters=counters,
-        reaction=at_nodes(np.diff(t), log.joined("force").reshape(-1, problem.system.nrows)),
+        reaction=at_nodes(np.diff(t), log.joined("reaction").reshape(-1, problem.system.nrows)),
         diagnostics={name: np.concatenate(([np.nan], series)) for name, series in per_step.items()},
         cpu_time=cpu, setup_time=set_up,
     )  # fmt: skip

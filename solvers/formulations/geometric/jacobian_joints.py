@@ -1,194 +1,159 @@
 """Derivative of the joints' part of the step residual: forces of the rows on the bodies, and the rows themselves.
 
 ``theta`` is how the end's pose turns, ``dOmega`` how its rate changes (module ``jacobian``). A point row's block uses
-hat identities in the body frame, with ``f = R1^T F1`` and ``beta = -s + dt/2 Omega1 x s``::
+hat identities in the body frame, with ``F = R1^T nu1`` and ``beta = -s + dt/2 Omega1 x s``::
 
-    R1^T d(b1 x F1) = hat(f) hat(beta) theta + dt/2 hat(f) hat(s) dOmega
+    R1^T d(b1 x nu1) = hat(F) hat(beta) theta + dt/2 hat(F) hat(s) dOmega
 """
 
-import numpy as np
 from numba import njit
 
-from .residual import axis_torque
-from .small import INNER, add_hat_hat, add_product, back3, cross3, turn3
+from .vectors import INNER, add, blend, cross, hat_hat, minus, plus, rows_plus, seen_from, times, turn_back
 
 
 @njit(**INNER)
-def point_forces(model, m0, m1, rows, dt, settings, index, blocks, T):
-    """Moments of nu1 and G1 as the body turns, and the columns of nu1."""
-    theta = np.zeros((3, 3))
-    spin = np.zeros((3, 3))
-    for j in range(len(model.end)):
+def point_forces(model, step, settings, saddle):
+    """Moments of nu1 and G1 as the body turns."""
+    end, rows, half = step.end, step.rows, 0.5 * step.dt
+    B = half * settings.b_term
+    for j in range(len(model.body)):
+        row = model.row[j]
         for e in range(2):
-            if model.end[j, e] < 0:
+            b, sign, s = model.body[j, e], 1.0 - 2.0 * e, model.s[j, e]
+            if b < 0:
                 continue
-            half = 0.5 * dt
-            B = half * settings.b_term
-            b, row, sign, g = model.end[j, e], model.row[j], 1.0 - 2.0 * e, settings.gauge
-            R = m1.R
-            s0, s1, s2 = model.s[j, e, 0], model.s[j, e, 1], model.s[j, e, 2]
-            f0, f1, f2 = back3(R, b, rows.nu1[row], rows.nu1[row + 1], rows.nu1[row + 2])
-            g0, g1, g2 = back3(R, b, half * rows.G1[row], half * rows.G1[row + 1], half * rows.G1[row + 2])
-            w0, w1, w2 = cross3(m1.v[b, 3], m1.v[b, 4], m1.v[b, 5], s0, s1, s2)
-            theta[:, :] = 0.0
-            spin[:, :] = 0.0
-            add_hat_hat(sign, f0, f1, f2, B * w0 - s0, B * w1 - s1, B * w2 - s2, theta)
-            add_hat_hat(-sign, g0, g1, g2, s0, s1, s2, theta)
-            add_hat_hat(sign * B, f0, f1, f2, s0, s1, s2, spin)
-            add_product(theta, T, b, spin, 1.0, blocks, index.body[b])
-            # columns: translation sign (g - 1 - half dG), moment R^T ((b1 + g b0 - half dG arm1) x e_k)
-            C = index.column[j, e]
-            for k in range(3):
-                slope = half * rows.dG[row + k]
-                blocks[C, k, k] = sign * (g - 1.0 - slope)
-                x0 = (
-                    g * (m0.arm[j, e, 0] + B * m0.arm_dot[j, e, 0])
-                    - (1.0 + slope) * m1.arm[j, e, 0]
-                    + B * m1.arm_dot[j, e, 0]
-                )
-                x1 = (
-                    g * (m0.arm[j, e, 1] + B * m0.arm_dot[j, e, 1])
-                    - (1.0 + slope) * m1.arm[j, e, 1]
-                    + B * m1.arm_dot[j, e, 1]
-                )
-                x2 = (
-                    g * (m0.arm[j, e, 2] + B * m0.arm_dot[j, e, 2])
-                    - (1.0 + slope) * m1.arm[j, e, 2]
-                    + B * m1.arm_dot[j, e, 2]
-                )
-                x0, x1, x2 = back3(R, b, x0, x1, x2)
-                x0, x1, x2 = cross3(x0, x1, x2, R[b, k, 0], R[b, k, 1], R[b, k, 2])
-                blocks[C, 3, k], blocks[C, 4, k], blocks[C, 5, k] = sign * x0, sign * x1, sign * x2
+            F, G1 = turn_back(end.R[b], rows.nu1[row:]), turn_back(end.R[b], times(half, rows.G1[row:]))
+            beta = minus(times(B, cross(end.v[b, 3:], s)), s)
+            by_theta = rows_plus(hat_hat(sign, F, beta), hat_hat(-sign, G1, s))
+            _add_turning(1.0, by_theta, hat_hat(sign * B, F, s), saddle.T[b], saddle.blocks[saddle.body[b]])
 
 
 @njit(**INNER)
-def point_constraints(model, m1, rows, dt, index, blocks, T):
-    """Rows: d phi_dot = dr_dot - R (hat(Omega x s) theta + hat(s) dOmega), d phi = half dr_dot - R hat(s) theta."""
-    for j in range(len(model.end)):
+def _add_turning(sign, by_theta, by_Omega, T, K):
+    """Rotational part of a block += sign (by_theta T + by_Omega)."""
+    add(sign, plus(turn_back(T, by_theta[0]), by_Omega[0]), K[3, 3:])
+    add(sign, plus(turn_back(T, by_theta[1]), by_Omega[1]), K[4, 3:])
+    add(sign, plus(turn_back(T, by_theta[2]), by_Omega[2]), K[5, 3:])
+
+
+@njit(**INNER)
+def point_columns(model, step, settings, saddle):
+    """Columns of nu1: translation sign (gauge - 1 - half dG), moment R1^T (b x e_k), b as in ``_by_nu``."""
+    start, end, half = step.start, step.end, 0.5 * step.dt
+    B, gauge = half * settings.b_term, settings.gauge
+    for j in range(len(model.body)):
         for e in range(2):
-            if model.end[j, e] < 0:
+            b, sign = model.body[j, e], 1.0 - 2.0 * e
+            if b < 0:
                 continue
-            half = 0.5 * dt
-            b, row, sign = model.end[j, e], model.row[j], 1.0 - 2.0 * e
-            s0, s1, s2 = model.s[j, e, 0], model.s[j, e, 1], model.s[j, e, 2]
-            w0, w1, w2 = cross3(m1.v[b, 3], m1.v[b, 4], m1.v[b, 5], s0, s1, s2)
-            C = index.row[j, e]
+            R, K = end.R[b], saddle.blocks[saddle.column[j, e]]
             for k in range(3):
-                w, p = rows.weight[0, row + k], rows.weight[1, row + k]
-                blocks[C, k, k] = sign * (w + half * p)
-                # row k of R hat(x) is (r_k x x)^T with r_k = R^T e_k
-                r0, r1, r2 = m1.R[b, k, 0], m1.R[b, k, 1], m1.R[b, k, 2]
-                a0, a1, a2 = cross3(r0, r1, r2, s0, s1, s2)
-                d0, d1, d2 = cross3(r0, r1, r2, w0, w1, w2)
-                d0, d1, d2 = w * d0 + p * a0, w * d1 + p * a1, w * d2 + p * a2
-                for c in range(3):
-                    turned = d0 * T[b, 0, c] + d1 * T[b, 1, c] + d2 * T[b, 2, c]
-                    blocks[C, k, 3 + c] = -sign * turned
-                blocks[C, k, 3] -= sign * w * a0
-                blocks[C, k, 4] -= sign * w * a1
-                blocks[C, k, 5] -= sign * w * a2
+                dG = half * step.rows.dG[model.row[j] + k]
+                K[k, k] = sign * (gauge - 1.0 - dG)
+                x = _by_nu(gauge, B, dG, start.arm[j, e], start.arm_dot[j, e], end.arm[j, e], end.arm_dot[j, e])
+                K[3, k], K[4, k], K[5, k] = times(sign, cross(turn_back(R, x), R[k]))
 
 
 @njit(**INNER)
-def axis_columns(model, m0, m1, rows, dt, settings, index, blocks):
-    """Columns of nu1 of axis row k: torque gauge (a0 + B a0_dot) - a1 + B a1_dot - half dG a1 on i, minus on j."""
-    for j in range(len(model.end)):
-        for k in range(2):
-            if not model.hinged[j]:
-                continue
-            half = 0.5 * dt
-            B = half * settings.b_term
-            g, w = settings.gauge, 1.0 + half * rows.dG[model.row[j] + 3 + k]
-            a0, a1, a2, d0, d1, d2 = axis_torque(m0.u, m0.u_dot, m0.n, m0.n_dot, j, k)
-            b0, b1, b2, e0, e1, e2 = axis_torque(m1.u, m1.u_dot, m1.n, m1.n_dot, j, k)
-            x0 = g * (a0 + B * d0) - w * b0 + B * e0
-            x1 = g * (a1 + B * d1) - w * b1 + B * e1
-            x2 = g * (a2 + B * d2) - w * b2 + B * e2
+def axis_columns(model, step, settings, saddle):
+    """Columns of nu1 of axis row k: its torque on i, minus that on j."""
+    start, end, half = step.start, step.end, 0.5 * step.dt
+    B, gauge = half * settings.b_term, settings.gauge
+    for j in range(len(model.body)):
+        for k in range(2 if model.hinged[j] else 0):
+            dG = half * step.rows.dG[model.row[j] + 3 + k]
+            x = _by_nu(gauge, B, dG, start.a[j, k], start.a_dot[j, k], end.a[j, k], end.a_dot[j, k])
             for e in range(2):
-                b = model.end[j, e]
+                b, sign = model.body[j, e], 1.0 - 2.0 * e
                 if b >= 0:
-                    y0, y1, y2 = back3(m1.R, b, x0, x1, x2)
-                    C, sign = index.column[j, e], 1.0 - 2.0 * e
-                    blocks[C, 3, 3 + k], blocks[C, 4, 3 + k], blocks[C, 5, 3 + k] = sign * y0, sign * y1, sign * y2
+                    K = saddle.blocks[saddle.column[j, e]]
+                    K[3, 3 + k], K[4, 3 + k], K[5, 3 + k] = times(sign, turn_back(end.R[b], x))
 
 
 @njit(**INNER)
-def axis_forces(model, m1, rows, dt, settings, index, blocks, T):
-    """Torque t = w u x n_k + r (u_dot x n_k + u x n_dot_k) as the body of end ``e`` turns, seen in that body's frame.
+def _by_nu(gauge, B, dG, b0, b0_dot, b1, b1_dot):
+    """Derivative by nu1: gauge (b0 + B b0_dot) - (1 + dG) b1 + B b1_dot, b the arm or the unit torque of a row."""
+    return plus(blend(gauge, plus(b0, times(B, b0_dot)), -(1.0 + dG), b1), times(B, b1_dot))
 
-    There u (of i) and n_k (of j) are fixed vectors p: with y, y_dot the other one,
-    ``R^T dt = +-[hat(w y + r y_dot) hat(p) theta + r hat(y) (hat(Omega x p) theta + hat(p) dOmega)]``.
+
+@njit(**INNER)
+def point_constraints(model, step, saddle):
+    """Rows: d phi_dot = dr_dot - R (hat(Omega x s) theta + hat(s) dOmega), d phi = half dr_dot - R hat(s) theta."""
+    end, rows, half = step.end, step.rows, 0.5 * step.dt
+    for j in range(len(model.body)):
+        for e in range(2):
+            b, sign, s = model.body[j, e], 1.0 - 2.0 * e, model.s[j, e]
+            if b < 0:
+                continue
+            K, s_dot = saddle.blocks[saddle.row[j, e]], cross(end.v[b, 3:], s)
+            for k in range(3):
+                on_rate, on_phi = rows.on_rate[model.row[j] + k], rows.on_phi[model.row[j] + k]
+                K[k, k] = sign * (on_rate + half * on_phi)
+                # row k of R hat(x) is (r_k x x)^T with r_k = R^T e_k
+                x, x_dot = cross(end.R[b, k], s), cross(end.R[b, k], s_dot)
+                _put_row(-sign, on_rate, on_phi, x, x_dot, saddle.T[b], K[k, 3:])
+
+
+@njit(**INNER)
+def _put_row(sign, on_rate, on_phi, x, x_dot, T, out):
+    """A row's derivative by Omega1: sign [(on_rate x_dot + on_phi x)^T T + on_rate x^T]."""
+    by_theta = turn_back(T, blend(on_rate, x_dot, on_phi, x))
+    for q in range(3):
+        out[q] = sign * by_theta[q] + sign * on_rate * x[q]
+
+
+@njit(**INNER)
+def _both_vectors(model, end, j, k, e):
+    """Axis row k is p . y with p (u or n_k) fixed in the body of end ``e``: p, y and y_dot in its frame."""
+    R = end.R[model.body[j, e]]
+    if e == 0:
+        u = model.u[j]
+        return (u[0], u[1], u[2]), turn_back(R, end.n[j, k]), turn_back(R, end.n_dot[j, k])
+    n = model.n[j, k]
+    return (n[0], n[1], n[2]), turn_back(R, end.u[j]), turn_back(R, end.u_dot[j])
+
+
+@njit(**INNER)
+def axis_forces(model, step, settings, saddle):
+    """Torque t = w u x n_k + z (u_dot x n_k + u x n_dot_k) as the body of end ``e`` turns, seen in that body's frame.
+
+    With p, y of ``_both_vectors`` and + on i, - on j:
+    ``R^T dt = +-[hat(w y + z y_dot) hat(p) theta + z hat(y) (hat(Omega x p) theta + hat(p) dOmega)]``.
     """
-    theta = np.zeros((3, 3))
-    spin = np.zeros((3, 3))
-    other_theta = np.zeros((3, 3))
-    other_spin = np.zeros((3, 3))
-    for j in range(len(model.end)):
+    end, rows, half = step.end, step.rows, 0.5 * step.dt
+    for j in range(len(model.body)):
         for k in range(2 if model.hinged[j] else 0):
+            row = model.row[j] + 3 + k
             for e in range(2):
-                if model.end[j, e] < 0:
+                b, other, sign = model.body[j, e], model.body[j, 1 - e], 1.0 - 2.0 * e
+                if b < 0:
                     continue
-                half = 0.5 * dt
-                row = model.row[j] + 3 + k
-                w = -rows.nu1[row] - half * rows.G1[row]
-                r = half * settings.b_term * rows.nu1[row]
-                b = model.end[j, e]
-                if e == 0:
-                    p0, p1, p2 = model.u[j, 0], model.u[j, 1], model.u[j, 2]
-                    y0, y1, y2 = back3(m1.R, b, m1.n[j, k, 0], m1.n[j, k, 1], m1.n[j, k, 2])
-                    z0, z1, z2 = back3(m1.R, b, m1.n_dot[j, k, 0], m1.n_dot[j, k, 1], m1.n_dot[j, k, 2])
-                else:  # u x n = -(n x u)
-                    p0, p1, p2 = model.n[j, k, 0], model.n[j, k, 1], model.n[j, k, 2]
-                    y0, y1, y2 = back3(m1.R, b, m1.u[j, 0], m1.u[j, 1], m1.u[j, 2])
-                    z0, z1, z2 = back3(m1.R, b, m1.u_dot[j, 0], m1.u_dot[j, 1], m1.u_dot[j, 2])
-                    w, r = -w, -r
-                q0, q1, q2 = cross3(m1.v[b, 3], m1.v[b, 4], m1.v[b, 5], p0, p1, p2)
-                theta[:, :] = 0.0
-                spin[:, :] = 0.0
-                add_hat_hat(1.0, w * y0 + r * z0, w * y1 + r * z1, w * y2 + r * z2, p0, p1, p2, theta)
-                add_hat_hat(r, y0, y1, y2, q0, q1, q2, theta)
-                add_hat_hat(r, y0, y1, y2, p0, p1, p2, spin)
-                sign = 1.0 - 2.0 * e
-                add_product(theta, T, b, spin, sign, blocks, index.body[b])
-                pair = index.couple[j, 1 - e]
+                w = sign * (-rows.nu1[row] - half * rows.G1[row])  # u x n = -(n x u)
+                z = sign * (half * settings.b_term * rows.nu1[row])
+                p, y, y_dot = _both_vectors(model, end, j, k, e)
+                p_dot = cross(end.v[b, 3:], p)
+                by_theta = rows_plus(hat_hat(1.0, blend(w, y, z, y_dot), p), hat_hat(z, y, p_dot))
+                by_Omega = hat_hat(z, y, p)
+                _add_turning(sign, by_theta, by_Omega, saddle.T[b], saddle.blocks[saddle.body[b]])
+                pair = saddle.couple[j, 1 - e]
                 if pair >= 0:  # the same torque, opposite, on the other body: turned into its frame
-                    other = model.end[j, 1 - e]
-                    for c in range(3):
-                        x0, x1, x2 = turn3(m1.R, b, theta[0, c], theta[1, c], theta[2, c])
-                        x0, x1, x2 = back3(m1.R, other, x0, x1, x2)
-                        other_theta[0, c], other_theta[1, c], other_theta[2, c] = x0, x1, x2
-                        x0, x1, x2 = turn3(m1.R, b, spin[0, c], spin[1, c], spin[2, c])
-                        x0, x1, x2 = back3(m1.R, other, x0, x1, x2)
-                        other_spin[0, c], other_spin[1, c], other_spin[2, c] = x0, x1, x2
-                    add_product(other_theta, T, b, other_spin, -sign, blocks, pair)
+                    by_theta = seen_from(end.R[other], end.R[b], by_theta)
+                    by_Omega = seen_from(end.R[other], end.R[b], by_Omega)
+                    _add_turning(-sign, by_theta, by_Omega, saddle.T[b], saddle.blocks[pair])
 
 
 @njit(**INNER)
-def axis_constraints(model, m1, rows, index, blocks, T):
-    """(R (theta x p)) . y = theta . (p x R^T y) for p = u_i, Omega x u_i and y = n, n_dot; likewise on j."""
-    for j in range(len(model.end)):
+def axis_constraints(model, step, saddle):
+    """Rows: d(p . y) = (R (theta x p)) . y = theta . (p x R^T y), likewise for the rates of p and y."""
+    end, rows = step.end, step.rows
+    for j in range(len(model.body)):
         for k in range(2 if model.hinged[j] else 0):
+            row = model.row[j] + 3 + k
             for e in range(2):
-                if model.end[j, e] < 0:
+                b = model.body[j, e]
+                if b < 0:
                     continue
-                b, row = model.end[j, e], model.row[j] + 3 + k
-                if e == 0:
-                    p0, p1, p2 = model.u[j, 0], model.u[j, 1], model.u[j, 2]
-                    y0, y1, y2 = back3(m1.R, b, m1.n[j, k, 0], m1.n[j, k, 1], m1.n[j, k, 2])
-                    z0, z1, z2 = back3(m1.R, b, m1.n_dot[j, k, 0], m1.n_dot[j, k, 1], m1.n_dot[j, k, 2])
-                else:
-                    p0, p1, p2 = model.n[j, k, 0], model.n[j, k, 1], model.n[j, k, 2]
-                    y0, y1, y2 = back3(m1.R, b, m1.u[j, 0], m1.u[j, 1], m1.u[j, 2])
-                    z0, z1, z2 = back3(m1.R, b, m1.u_dot[j, 0], m1.u_dot[j, 1], m1.u_dot[j, 2])
-                q0, q1, q2 = cross3(m1.v[b, 3], m1.v[b, 4], m1.v[b, 5], p0, p1, p2)
-                a0, a1, a2 = cross3(p0, p1, p2, y0, y1, y2)  # on dOmega, and of phi on theta
-                c0, c1, c2 = cross3(p0, p1, p2, z0, z1, z2)
-                d0, d1, d2 = cross3(q0, q1, q2, y0, y1, y2)
-                w, f = rows.weight[0, row], rows.weight[1, row]
-                d0, d1, d2 = w * (c0 + d0) + f * a0, w * (c1 + d1) + f * a1, w * (c2 + d2) + f * a2
-                C = index.row[j, e]
-                for c in range(3):
-                    blocks[C, 3 + k, 3 + c] = d0 * T[b, 0, c] + d1 * T[b, 1, c] + d2 * T[b, 2, c]
-                blocks[C, 3 + k, 3] += w * a0
-                blocks[C, 3 + k, 4] += w * a1
-                blocks[C, 3 + k, 5] += w * a2
+                p, y, y_dot = _both_vectors(model, end, j, k, e)
+                x_dot = plus(cross(p, y_dot), cross(cross(end.v[b, 3:], p), y))
+                K = saddle.blocks[saddle.row[j, e]]
+                _put_row(1.0, rows.on_rate[row], rows.on_phi[row], cross(p, y), x_dot, saddle.T[b], K[3 + k, 3:])

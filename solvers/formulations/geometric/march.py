@@ -9,8 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from .small import INNER, JIT
-from .step import CONVERGED, LOOSE, accept, attempt, correct_pose
+from .arrays import Step
+from .newton import CONVERGED, CUTS, LOOSE, LOOSE_STEPS, NEWTON
+from .step import accept, attempt, correct_pose, fastest_square
+from .vectors import INNER, JIT, copy
 
 FINISHED, BUFFER_FULL, UNDERFLOW = 0, 1, 2
 
@@ -31,21 +33,12 @@ class Record(NamedTuple):
     r: np.ndarray  # (room, nb, 3)
     R: np.ndarray  # (room, nb, 3, 3)
     v: np.ndarray  # (room, nb, 6)
-    force: np.ndarray  # (room, nrows) mean over the step that ends here
+    reaction: np.ndarray  # (room, nrows) mean over the step that ends here
     newton: np.ndarray  # (room,) corrections
     level: np.ndarray  # (room,)
     xi: np.ndarray  # (room,)
     log_det: np.ndarray  # (room,) ``Work.log_det``
     norm: np.ndarray  # (room, 2): (80), (81)
-
-
-@njit(**INNER)
-def fastest(m):
-    """Largest |Omega| of all bodies [rad/s]."""
-    square = 0.0
-    for b in range(len(m.v)):
-        square = max(square, m.v[b, 3] ** 2 + m.v[b, 4] ** 2 + m.v[b, 5] ** 2)
-    return np.sqrt(square)
 
 
 @njit(**JIT)
@@ -57,99 +50,81 @@ def time_of(clock):
 
 
 @njit(**INNER)
-def copy_motion(source, target):
-    """target := source, field by field."""
-    target.r[:] = source.r
-    target.R[:] = source.R
-    target.v[:] = source.v
-    target.arm[:] = source.arm
-    target.arm_dot[:] = source.arm_dot
-    target.u[:] = source.u
-    target.u_dot[:] = source.u_dot
-    target.n[:] = source.n
-    target.n_dot[:] = source.n_dot
-    target.phi[:] = source.phi
-    target.phi_dot[:] = source.phi_dot
-    target.force[:] = source.force
-    target.c[:] = source.c
-    target.m_bar[:] = source.m_bar
-    target.f_bar[:] = source.f_bar
-    target.c_bar[:] = source.c_bar
-    target.k_bar[:] = source.k_bar
+def _cut(grid, counts):
+    grid[1] *= 2
+    grid[2] += 1
+    counts[CUTS] += 1
+
+
+@njit(**INNER)
+def _advance(grid):
+    """One part done; at an even place the parts grow."""
+    grid[1] += 1
+    while grid[2] > 0 and grid[1] % 2 == 0:
+        grid[1] //= 2
+        grid[2] -= 1
+    if grid[1] == 1 and grid[2] == 0:
+        grid[0] += 1
+        grid[1] = 0
 
 
 @njit(**JIT)
-def march(model, m0, m1, rows, history, settings, penalty, index, pattern, f, work, clock, record):
-    """Steps until ``record`` is full, the end is reached, or the step would have to be cut too often."""
-    current, other = m0, m1
-    swapped = False
+def march(run, step, clock, record):
+    """Steps until ``record`` is full, the end is reached, or the step would have to be cut too often.
+
+    Returns the outcome and the number of steps recorded; each of them swaps the start and the end of ``step``.
+    """
+    work, penalty, grid = run.work, run.settings.penalty, clock.grid
+    start, end = step.start, step.end
     done = 0
-    outcome = FINISHED
-    grid = clock.grid
     while True:
         base = grid[0] * clock.dt
         if base >= clock.t_end * (1.0 - 1e-14):
-            break
+            return FINISHED, done
         if done == len(record.t):
-            outcome = BUFFER_FULL
-            break
+            return BUFFER_FULL, done
         length = min(clock.dt, clock.t_end - base)
         if clock.t_end - base - clock.dt < 1e-9 * clock.dt:  # no sliver of a last step
             length = clock.t_end - base
         dt = length / 2.0 ** grid[2]
-        if fastest(current) * dt > work.max_turn[0] and grid[2] < clock.max_level:
-            work.tally[4] += 1
-            grid[1] *= 2
-            grid[2] += 1
+        if np.sqrt(fastest_square(start)) * dt > work.max_turn[0] and grid[2] < clock.max_level:
+            _cut(grid, work.counts)
             continue
-        corrections = work.tally[0]
-        result = attempt(model, current, other, rows, history, dt, settings, penalty, index, pattern, f, work)
-        if result != CONVERGED and result != LOOSE:
-            work.held[0] = 0.0
-            work.tally[4] += 1
+        present = Step(start, end, step.rows, dt)
+        corrections = work.counts[NEWTON]
+        outcome = attempt(run, present)
+        if outcome != CONVERGED and outcome != LOOSE:
+            work.factored_dt[0] = 0.0
             if grid[2] >= clock.max_level:
-                outcome = UNDERFLOW
-                break
-            grid[1] *= 2
-            grid[2] += 1
+                work.counts[CUTS] += 1
+                return UNDERFLOW, done
+            _cut(grid, work.counts)
             continue
-        if result == LOOSE:
-            work.tally[6] += 1
-            work.held[0] = 0.0
+        if outcome == LOOSE:
+            work.counts[LOOSE_STEPS] += 1
+            work.factored_dt[0] = 0.0
             if not penalty.nested:  # a step of the nested loop is loose when it runs out of augmentations, too
                 work.max_turn[0] = min(work.max_turn[0], penalty.singular_turn)
-        correct_pose(model, other, settings, penalty, pattern, f, work)
-        accept(current, other, rows, history, dt, settings, record.force[done])
+        correct_pose(run, end)
+        accept(present, run.history, run.settings, record.reaction[done])
         record.level[done] = grid[2]
-        grid[1] += 1
-        while grid[2] > 0 and grid[1] % 2 == 0:
-            grid[1] //= 2
-            grid[2] -= 1
-            if grid[1] % 2 == 1:
-                break
-        if grid[1] == 1 and grid[2] == 0:
-            grid[0] += 1
-            grid[1] = 0
+        _advance(grid)
         record.t[done] = base + length if grid[1] == 0 else base + length * (grid[1] / 2.0 ** grid[2])
-        record.r[done] = other.r
-        record.R[done] = other.R
-        record.v[done] = other.v
-        record.newton[done] = work.tally[0] - corrections
+        copy(end.r, record.r[done])
+        copy(end.R, record.R[done])
+        copy(end.v, record.v[done])
+        copy(work.norm, record.norm[done])
+        record.newton[done] = work.counts[NEWTON] - corrections
         record.xi[done] = work.xi[0]
-        record.norm[done] = work.norm
         record.log_det[done] = work.log_det[0]
         done += 1
-        current, other = other, current
-        swapped = not swapped
-    if swapped:
-        copy_motion(current, m0)
-    return outcome, done
+        start, end = end, start
 
 
 def empty_record(room: int, nb: int, nrows: int) -> Record:
     """Room for ``room`` steps."""
     return Record(
         t=np.empty(room), r=np.empty((room, nb, 3)), R=np.empty((room, nb, 3, 3)), v=np.empty((room, nb, 6)),
-        force=np.empty((room, nrows)), newton=np.zeros(room, dtype=np.int64), level=np.zeros(room, dtype=np.int64),
+        reaction=np.empty((room, nrows)), newton=np.zeros(room, dtype=np.int64), level=np.zeros(room, dtype=np.int64),
         xi=np.empty(room), log_det=np.empty(room), norm=np.empty((room, 2)),
     )  # fmt: skip

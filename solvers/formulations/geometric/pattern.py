@@ -13,19 +13,22 @@ import numpy as np
 from .arrays import Model
 
 
-class Index(NamedTuple):
-    """Which block (of ``blocks``) the assembly writes for whom; -1 where there is none."""
+class Saddle(NamedTuple):
+    """The blocks of the saddle, and which block the assembly writes for whom; -1 where there is none."""
 
+    blocks: np.ndarray  # (npairs, 6, 6)
     body: np.ndarray  # (nb,) diagonal
+    joint: np.ndarray  # (nj,) diagonal
     column: np.ndarray  # (nj, 2): row body, column joint
     row: np.ndarray  # (nj, 2): row joint, column body
-    diagonal: np.ndarray  # (nj,)
     couple: np.ndarray  # (nj, 2): row body of end e, column body of the other end
     spring: np.ndarray  # (ns, 2)
+    softness: np.ndarray  # (nrows,) (Xi M_bar)^-1
+    T: np.ndarray  # (nb, 3, 3)
 
 
-class Pattern(NamedTuple):
-    """Structure of the factors, by elimination position p."""
+class LU(NamedTuple):
+    """Factors of the saddle by elimination position p: structure, numbers and work space."""
 
     size: np.ndarray  # (N,) scalars of node p
     start: np.ndarray  # (N + 1,) first scalar of node p
@@ -35,26 +38,25 @@ class Pattern(NamedTuple):
     pair_column: np.ndarray  # (npairs,) ... and the first scalar of their columns
     pair_width: np.ndarray
     low_start: np.ndarray  # (N + 1,) nodes before p that p's row meets ...
-    low: np.ndarray  # ... ascending
+    low_node: np.ndarray  # ... ascending
     up_start: np.ndarray  # (N + 1,) scalar columns behind p in its row ...
     up: np.ndarray  # ... ascending
     panel_start: np.ndarray  # (N + 1,) offset of the (size, width) panel of U
-
-
-class Factors(NamedTuple):
-    """Numbers of the block LU: L blocks, inverted pivots, U panels, and work space."""
-
-    low: np.ndarray  # (nlow, 6, 6)
+    low: np.ndarray  # (nlow, 6, 6) blocks of L
     pivot_inverse: np.ndarray  # (N, 6, 6)
     pivot: np.ndarray  # (n,) |pivots|
-    panel: np.ndarray
-    dense: np.ndarray  # (6, n)
+    panel: np.ndarray  # panels of U
+    dense: np.ndarray  # (6, n) a row in the making
     strip: np.ndarray  # (n,)
+    swapped: np.ndarray  # (6,) rows swapped in a pivot block
 
 
-def analyse(model: Model, couple: bool) -> tuple[Index, Pattern]:
-    """Blocks, elimination order and fill. ``couple`` keeps body-to-body blocks that joints cause."""
-    nb, nj = len(model.mass), len(model.end)
+def analyse(model: Model, couple: bool) -> tuple[Saddle, LU]:
+    """Blocks, elimination order and fill, with room for the numbers.
+
+    ``couple`` keeps the body-to-body blocks that joints cause.
+    """
+    nb, nj, nrows = len(model.mass), len(model.body), int(model.row[-1])
     keys: dict[tuple[int, int], None] = {}
 
     def pair(a: int, b: int) -> tuple[int, int]:
@@ -63,13 +65,13 @@ def analyse(model: Model, couple: bool) -> tuple[Index, Pattern]:
 
     body = [pair(b, b) for b in range(nb)]
     column, row, diagonal, coupled, spring = [], [], [], [], []
-    for j, ends in enumerate(model.end):
+    for j, ends in enumerate(model.body):
         column.append([pair(b, nb + j) if b >= 0 else None for b in ends])
         row.append([pair(nb + j, b) if b >= 0 else None for b in ends])
         diagonal.append(pair(nb + j, nb + j))
         both = couple and min(ends) >= 0
         coupled.append([pair(ends[e], ends[1 - e]) if both else None for e in range(2)])
-    for ends in model.spring_end:
+    for ends in model.spring_body:
         both = min(ends) >= 0
         spring.append([pair(ends[e], ends[1 - e]) if both else None for e in range(2)])
     neighbours: list[set[int]] = [set() for _ in range(nb + nj)]
@@ -78,39 +80,29 @@ def analyse(model: Model, couple: bool) -> tuple[Index, Pattern]:
             neighbours[a].add(b)
             neighbours[b].add(a)
     size = np.concatenate((np.full(nb, 6), np.where(model.hinged > 0, 5, 3))).astype(np.int64)
-    order, behind = _minimum_degree(neighbours, size, nb, model.end)
+    order, behind = _minimum_degree(neighbours, size, nb, model.body)
     place = np.empty(nb + nj, dtype=np.int64)
     place[order] = np.arange(nb + nj)
     number, pair_start, column_place = _sorted_pairs(list(keys), place)
-    pattern = _structure(order, behind, place, size, nb, pair_start, column_place)
+    lu = _structure(order, behind, place, size, nb, pair_start, column_place)
 
     def numbers(entries: list) -> np.ndarray:
         return np.array([[-1 if k is None else number[k] for k in two] for two in entries], dtype=np.int64).reshape(
             -1, 2
         )
 
-    index = Index(
+    saddle = Saddle(
+        blocks=np.zeros((len(keys), 6, 6)),
         body=np.array([number[k] for k in body], dtype=np.int64),
+        joint=np.array([number[k] for k in diagonal], dtype=np.int64),
         column=numbers(column),
         row=numbers(row),
-        diagonal=np.array([number[k] for k in diagonal], dtype=np.int64),
         couple=numbers(coupled),
         spring=numbers(spring),
+        softness=np.zeros(nrows),
+        T=np.zeros((nb, 3, 3)),
     )
-    return index, pattern
-
-
-def empty_factors(pattern: Pattern) -> Factors:
-    """Room for the numbers."""
-    N, n = len(pattern.size), int(pattern.start[-1])
-    return Factors(
-        low=np.zeros((len(pattern.low), 6, 6)),
-        pivot_inverse=np.zeros((N, 6, 6)),
-        pivot=np.zeros(n),
-        panel=np.zeros(int(pattern.panel_start[-1])),
-        dense=np.zeros((6, n)),
-        strip=np.zeros(n),
-    )
+    return saddle, lu
 
 
 def _minimum_degree(
@@ -168,7 +160,7 @@ def _sorted_pairs(
 def _structure(
     order: np.ndarray, behind: list[set[int]], place: np.ndarray, size: np.ndarray, nb: int,
     pair_start: np.ndarray, column_place: np.ndarray,
-) -> Pattern:  # fmt: skip
+) -> LU:  # fmt: skip
     N = len(order)
     at = np.concatenate(([0], np.cumsum(size[order])))
     low: list[list[int]] = [[] for _ in range(N)]
@@ -180,7 +172,7 @@ def _structure(
         up.append(np.concatenate([np.arange(at[q], at[q + 1]) for q in later] or [np.zeros(0, dtype=np.int64)]))
     width = np.array([len(u) for u in up], dtype=np.int64)
     node_at = at[place]
-    return Pattern(
+    return LU(
         size=size[order],
         start=at.astype(np.int64),
         body_at=node_at[:nb].astype(np.int64),
@@ -189,8 +181,15 @@ def _structure(
         pair_column=at[column_place].astype(np.int64),
         pair_width=size[order][column_place].astype(np.int64),
         low_start=np.concatenate(([0], np.cumsum([len(q) for q in low]))).astype(np.int64),
-        low=np.array([q for qs in low for q in qs], dtype=np.int64),
+        low_node=np.array([q for qs in low for q in qs], dtype=np.int64),
         up_start=np.concatenate(([0], np.cumsum(width))).astype(np.int64),
         up=np.concatenate(up).astype(np.int64) if up else np.zeros(0, dtype=np.int64),
         panel_start=np.concatenate(([0], np.cumsum(width * size[order]))).astype(np.int64),
+        low=np.zeros((sum(map(len, low)), 6, 6)),
+        pivot_inverse=np.zeros((N, 6, 6)),
+        pivot=np.zeros(at[-1]),
+        panel=np.zeros(int(np.sum(width * size[order]))),
+        dense=np.zeros((6, at[-1])),
+        strip=np.zeros(at[-1]),
+        swapped=np.zeros(6, dtype=np.int64),
     )

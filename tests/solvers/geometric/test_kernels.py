@@ -1,5 +1,7 @@
 """The compiled kernels against other routes: mechanics in NumPy, central differences, dense linear algebra."""
 
+import sys
+
 import numpy as np
 import pytest
 
@@ -8,11 +10,13 @@ from mbsbench.harness.mechanics.motion import constraint, constraint_rate, scali
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
 from mbsbench.harness.types import Problem
+from mbsbench.solvers.formulations.geometric.arrays import Step
 from mbsbench.solvers.formulations.geometric.block_lu import factor, solve
-from mbsbench.solvers.formulations.geometric.driver import Run, load, prepare
+from mbsbench.solvers.formulations.geometric.choices import Settings
+from mbsbench.solvers.formulations.geometric.driver import load, prepare
 from mbsbench.solvers.formulations.geometric.jacobian import assemble as fill_blocks
-from mbsbench.solvers.formulations.geometric.residual import Settings, complete, start_forces
-from mbsbench.solvers.formulations.geometric.step import evaluate
+from mbsbench.solvers.formulations.geometric.newton import Run, evaluate
+from mbsbench.solvers.formulations.geometric.residual import complete, start_forces
 
 from ..arbitrary_systems import arbitrary, linkage
 
@@ -28,60 +32,82 @@ def settings(**choices: float) -> Settings:
     return usual._replace(**choices)
 
 
-def presented(system, chosen: Settings) -> Run:
-    """A run at an arbitrary state, with an arbitrary estimate of the end."""
+def arbitrary_step(system, chosen: Settings) -> tuple[Run, Step]:
+    """A step from an arbitrary state, with an arbitrary estimate of its end."""
     random = np.random.default_rng(3)
     problem = Problem("test", system, arbitrary(system, 5), t_end=1.0, dt=DT, section="", source="")
-    run = prepare(problem, chosen)
-    run.rows.lam0[:], run.rows.mu0[:] = random.standard_normal((2, system.nrows))
+    run, step = prepare(problem, chosen)
+    step = step._replace(dt=DT)
+    step.rows.lam0[:], step.rows.mu0[:] = random.standard_normal((2, system.nrows))
     if chosen.gauge == 0.0:
-        run.rows.nu_start[:] = random.standard_normal(system.nrows)
-    start_forces(run.start, run.rows, run.settings)
-    run.end.v[:] = run.start.v + 0.3 * random.standard_normal(run.start.v.shape)
-    run.rows.nu1[:] = random.standard_normal(system.nrows)
-    return run
+        step.rows.nu_start[:] = random.standard_normal(system.nrows)
+    start_forces(step, chosen)
+    step.end.v[:] = step.start.v + 0.3 * random.standard_normal(step.start.v.shape)
+    step.rows.nu1[:] = random.standard_normal(system.nrows)
+    return run, step
 
 
-def residual(run: Run, x: np.ndarray) -> np.ndarray:
+def unknown(step: Step) -> np.ndarray:
+    """x = (v1, nu1), Eq. (77)."""
+    return np.concatenate((step.end.v.ravel(), step.rows.nu1))
+
+
+def residual(run: Run, step: Step, x: np.ndarray) -> np.ndarray:
     """(74), rotational rows turned back to space so that the turning itself is not differentiated, and (75)."""
-    nv = run.end.v.size
-    run.end.v[:] = x[:nv].reshape(run.end.v.shape)
-    run.rows.nu1[:] = x[nv:]
-    evaluate(run.model, run.start, run.end, run.rows, DT, run.settings, run.penalty, run.work)
-    body = run.work.body.copy()
-    body[:, 3:] = np.einsum("bij,bj->bi", run.end.R, body[:, 3:])
-    return np.concatenate((body.ravel(), run.work.constraint))
+    nv = step.end.v.size
+    step.end.v[:] = x[:nv].reshape(step.end.v.shape)
+    step.rows.nu1[:] = x[nv:]
+    evaluate(run, step, 0)
+    R_v = run.work.R_v.copy()
+    R_v[:, 3:] = np.einsum("bij,bj->bi", step.end.R, R_v[:, 3:])
+    return np.concatenate((R_v.ravel(), run.work.R_mu))
 
 
-def dense(run: Run) -> np.ndarray:
+def slopes(run: Run, step: Step) -> np.ndarray:
+    """Central differences of the residual, rotational rows in the body frame; leaves the residual of the step."""
+    x = unknown(step)
+    h = 1e-6
+    out = np.stack(
+        [(residual(run, step, x + d) - residual(run, step, x - d)) / (2 * h) for d in h * np.eye(len(x))], axis=1
+    )
+    residual(run, step, x)
+    for b, R in enumerate(step.end.R):
+        out[6 * b + 3 : 6 * b + 6] = R.T @ out[6 * b + 3 : 6 * b + 6]
+    return out
+
+
+def places(run: Run) -> np.ndarray:
+    """Where the unknowns, bodies first, stand in elimination order."""
+    nodes = [np.arange(a, a + 6) for a in run.lu.body_at]
+    nodes += [np.arange(a, a + n) for a, n in zip(run.lu.joint_at, np.diff(run.model.row), strict=True)]
+    return np.concatenate(nodes)
+
+
+def dense(run: Run, step: Step) -> np.ndarray:
     """The block matrix, bodies first."""
-    w = run.work
-    fill_blocks(run.model, run.start, run.end, run.rows, DT, run.settings, w.diagonal, run.index, w.blocks, w.T)
-    p = run.pattern
-    out = np.zeros((p.start[-1],) * 2)
-    for node in range(len(p.size)):
-        for k in range(p.pair_start[node], p.pair_start[node + 1]):
-            rows, at, width = slice(p.start[node], p.start[node + 1]), p.pair_column[k], p.pair_width[k]
-            out[rows, at : at + width] += run.work.blocks[k, : p.size[node], :width]
-    order = [np.arange(a, a + 6) for a in p.body_at]
-    order += [np.arange(a, a + n) for a, n in zip(p.joint_at, np.diff(run.model.row), strict=True)]
-    at = np.concatenate(order)
-    return out[np.ix_(at, at)]
+    fill_blocks(run.model, step, run.settings, run.saddle)
+    lu = run.lu
+    out = np.zeros((lu.start[-1],) * 2)
+    for node in range(len(lu.size)):
+        for k in range(lu.pair_start[node], lu.pair_start[node + 1]):
+            rows, at, width = slice(lu.start[node], lu.start[node + 1]), lu.pair_column[k], lu.pair_width[k]
+            out[rows, at : at + width] += run.saddle.blocks[k, : lu.size[node], :width]
+    return out[np.ix_(places(run), places(run))]
 
 
 @pytest.mark.parametrize("springs", [False, True])
 def test_kinematics_agree_with_the_batched_mechanics(springs):
     """phi, phi_dot, A v and M_bar are computed twice, from the same definitions by different code."""
     system = linkage(springs=springs)
-    run = presented(system, settings())
-    state = arbitrary(system, 5)
-    load(run.start, state)
-    complete(run.model, run.start, run.settings)
+    run, step = arbitrary_step(system, settings())
+    state, start = arbitrary(system, 5), step.start
+    load(start, state)
+    complete(run.model, start, run.settings)
     one = States.one(state)
-    assert np.allclose(run.start.phi, constraint(system, one)[0], atol=1e-13)
-    assert np.allclose(run.start.phi_dot, constraint_rate(system, one)[0], atol=1e-13)
-    assert np.allclose(run.start.phi_dot, constraint_jacobian(system, state) @ run.start.v.ravel(), atol=1e-13)
-    assert np.allclose(run.start.m_bar, scaling_masses(system, one)[0], rtol=1e-13)
+    assert np.allclose(start.phi, constraint(system, one)[0], atol=1e-13)
+    assert np.allclose(start.phi_dot, constraint_rate(system, one)[0], atol=1e-13)
+    assert np.allclose(start.phi_dot, constraint_jacobian(system, state) @ start.v.ravel(), atol=1e-13)
+    assert np.allclose(start.m_bar, scaling_masses(system, one)[0], rtol=1e-13)
 
 
 @pytest.mark.parametrize(
@@ -93,27 +119,16 @@ def test_kinematics_agree_with_the_batched_mechanics(springs):
 def test_newton_matrix_is_the_derivative_of_the_residual(choices, springs):
     """Central differences of step 1e-6 leave about 1e-9; f_bar of springs is left out of the matrix by design."""
     chosen = settings(**(choices | ({"use_f_bar": 0} if springs else {})))
-    run = presented(linkage(springs=springs), chosen)
-    x = np.concatenate((run.end.v.ravel(), run.rows.nu1))
-    steps = 1e-6 * np.eye(len(x))
-    slopes = np.stack([(residual(run, x + h) - residual(run, x - h)) / 2e-6 for h in steps], axis=1)
-    residual(run, x)
-    for b, R in enumerate(run.end.R):
-        rows = slice(6 * b + 3, 6 * b + 6)
-        slopes[rows] = R.T @ slopes[rows]
-    assert np.max(np.abs(dense(run) - slopes)) < 2e-8
+    run, step = arbitrary_step(linkage(springs=springs), chosen)
+    wanted = slopes(run, step)
+    assert np.max(np.abs(dense(run, step) - wanted)) < 2e-8
 
 
 def test_translation_direction_has_its_derivative_too():
     """c = (e_k, 0) for spherical joints: f_bar is constant."""
-    system = assemble_spherical()
-    run = presented(system, settings(direction=2))
-    x = np.concatenate((run.end.v.ravel(), run.rows.nu1))
-    slopes = np.stack([(residual(run, x + h) - residual(run, x - h)) / 2e-6 for h in 1e-6 * np.eye(len(x))], axis=1)
-    residual(run, x)
-    for b, R in enumerate(run.end.R):
-        slopes[6 * b + 3 : 6 * b + 6] = R.T @ slopes[6 * b + 3 : 6 * b + 6]
-    assert np.max(np.abs(dense(run) - slopes)) < 2e-8
+    run, step = arbitrary_step(assemble_spherical(), settings(direction=2))
+    wanted = slopes(run, step)
+    assert np.max(np.abs(dense(run, step) - wanted)) < 2e-8
 
 
 def assemble_spherical():
@@ -125,17 +140,25 @@ def assemble_spherical():
 @pytest.mark.parametrize("springs", [False, True])
 def test_block_factors_solve_the_assembled_matrix(springs):
     """Against dense LU, to rounding times the condition number (about 1e3)."""
-    run = presented(linkage(springs=springs), settings())
-    residual(run, np.concatenate((run.end.v.ravel(), run.rows.nu1)))
-    matrix = dense(run)
-    assert factor(run.pattern, run.work.blocks, run.factors) == 0
+    run, step = arbitrary_step(linkage(springs=springs), settings())
+    residual(run, step, unknown(step))
+    matrix, at = dense(run, step), places(run)
+    assert factor(run.saddle.blocks, run.lu) == 0
     wanted = np.random.default_rng(1).standard_normal(len(matrix))
-    p = run.pattern
-    at = np.concatenate(
-        [np.arange(a, a + 6) for a in p.body_at]
-        + [np.arange(a, a + n) for a, n in zip(p.joint_at, np.diff(run.model.row), strict=True)]
-    )
     x = np.empty_like(wanted)
     x[at] = matrix @ wanted
-    solve(run.pattern, run.factors, x)
+    solve(run.lu, x)
     assert np.allclose(x[at], wanted, atol=1e-10)
+
+
+def test_kernels_leave_the_reference_counts_of_arrays_alone():
+    """Kernels are compiled without reference counts (``vectors.JIT``): a call neither keeps an array nor frees one."""
+    run, step = arbitrary_step(linkage(springs=True), settings())
+    arrays = [*step.start, *step.end, *step.rows, *run.model, *run.saddle, *run.lu, *run.work]
+    before = [sys.getrefcount(a) for a in arrays]
+    for _ in range(3):
+        evaluate(run, step, 0)
+        fill_blocks(run.model, step, run.settings, run.saddle)
+        factor(run.saddle.blocks, run.lu)
+        solve(run.lu, run.work.x)
+    assert [sys.getrefcount(a) for a in arrays] == before
