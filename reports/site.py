@@ -1,4 +1,4 @@
-"""The report of a run: a site in one folder that opens from disk, and its tables for papers."""
+"""The report of results: a site in one folder that opens from disk, and its tables for papers."""
 
 import shutil
 from pathlib import Path
@@ -10,14 +10,14 @@ from .pages.base import FOLDER, Site, writers
 OURS = ("assets", "runs", "data", "tables")  # folders that a new report replaces; figures/ may hold others' work
 
 
-def build(run_folder: Path) -> Path:
-    """Write ``report/`` in the run folder; returns the path of its first page."""
-    results = read_results(Path(run_folder))
-    return write_site(results, Path(run_folder) / "report")
+def build(results_folder: Path) -> Path:
+    """Write ``report/`` in the results folder; returns the path of its first page."""
+    results = read_results(Path(results_folder))
+    return write_site(results, Path(results_folder) / "report")
 
 
 def write_site(results: Results, folder: Path) -> Path:
-    """All pages of ``run`` into ``folder``; returns the path of the first."""
+    """All pages of the results into ``folder``; returns the path of the first."""
     _clear(folder)
     shutil.copytree(FOLDER / "assets", folder / "assets")
     (folder / "data").mkdir()
@@ -30,7 +30,7 @@ def write_site(results: Results, folder: Path) -> Path:
 
 
 def _clear(folder: Path) -> None:
-    """Remove what an earlier report left: pages of runs that are no more would be taken for this run's."""
+    """Remove what an earlier report left: pages of runs that no longer exist."""
     folder.mkdir(parents=True, exist_ok=True)
     for name in OURS:
         shutil.rmtree(folder / name, ignore_errors=True)

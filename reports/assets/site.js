@@ -23,7 +23,7 @@
     return values.map((v) => Number((log === undefined ? low + v * step : v && Math.exp(log + (v - 1) * step)).toPrecision(log === undefined ? 6 : 5)));
   };
 
-  // three digits, powers of ten: as reports/words.py writes numbers
+  // three digits, powers of ten: as reports/model/words.py writes numbers
   const raised = (n) => String(n).replace(/[-0-9]/g, (c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]);
   MBS.number = (v) => {
     if (v === null || v === undefined || Number.isNaN(v)) return "–";

@@ -5,7 +5,7 @@
   const DASH = [[], [6, 3], [2, 2], [7, 2, 2, 2]];
   const SUPERS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
   const power = (n) => "10" + (n < 0 ? "⁻" : "") + String(Math.abs(n)).replace(/\d/g, (d) => SUPERS[d]);
-  // three digits, as reports/words.py writes them
+  // three digits, as reports/model/words.py writes them
   T.number = (x, digits = 3) => {
     if (x === null || Number.isNaN(x)) return "–";
     if (!Number.isFinite(x)) return x > 0 ? "∞" : "−∞";

@@ -64,7 +64,7 @@
 
   // one frame
   const times = new Float64Array(120);
-  let frames = 0, before = 0, waiting = 0, told = 0;
+  let frames = 0, before = 0, waiting = 0, shownAt = 0;
   const trailOf = (p) => {
     if (!state.shown[p] || state.trail === "none") return null;
     const m = motions[p], back = state.trail === "whole" ? 0 : state.t - play.t_end / 16;
@@ -97,7 +97,7 @@
     strips.seek(state.t);
     if (!scrub.matches(":active")) scrub.value = state.t;
     find("time").textContent = clock(state.t);
-    if (!state.playing || now - told > 120) { told = now; values(); }
+    if (!state.playing || now - shownAt > 120) { shownAt = now; values(); }
     times[frames++ % times.length] = performance.now() - began;
     dirty = false;
     if (state.playing) wake();

@@ -1,12 +1,13 @@
-"""What a run shows, in sentences made from its numbers. A winner is named only where the data show one."""
+"""What the results show, in sentences made from the numbers. A winner is named only where the data show one."""
 
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from .accuracy import Measure, drifts, measure_for
+from .accuracy import Measure, measure_for
 from .results import Results, Run, Variant, by_solver
+from .scores import score
 from .variants import plain_runs
 from .words import listed, mark, number, plural, seconds, time
 
@@ -27,10 +28,8 @@ class Finding:
 
 
 def findings(results: Results) -> list[Finding]:
-    """About the whole run."""
-    if not results.runs:
-        return [Finding("These results hold no finished run.", "failed")]
-    return [*_counts(results), *_by_label(results), *_wanderers(results)]
+    """About all results."""
+    return list(_counts(results)) if results.runs else [Finding("These results hold no finished run.", "failed")]
 
 
 def findings_of(whole: Variant, label: str = "") -> list[Finding]:
@@ -53,14 +52,9 @@ def findings_of(whole: Variant, label: str = "") -> list[Finding]:
 
 def _others(runs: Sequence[Run], label: str) -> Finding:
     """How all other settings ended."""
-    ends = Counter(_ending(c) for c in runs)
-    words = listed([f"{n} {w}" for w, n in ends.most_common()])
-    said = f"All this is about “{label}”" if label else "All this is about default options"
-    return Finding(f"{said}. Of {plural(len(runs), 'run')} at other settings, folded below: {words}.")
-
-
-def _ending(c: Run) -> str:
-    return "succeeded" if c.succeeded else c.status if c.status in ("wrong", "refused") else "stopped early"
+    about = f"“{label}”" if label else "default options"
+    words = f"Of {plural(len(runs), 'run')} at other settings, folded below: {score(runs).words}."
+    return Finding(f"All this is about {about}. {words}")
 
 
 def called(run: Run) -> str:
@@ -71,45 +65,25 @@ def called(run: Run) -> str:
 def _counts(results: Results) -> Iterator[Finding]:
     count = Counter(c.status for c in results.runs)
     words = listed([f"{n} {mark(s).word}" for s, n in count.most_common()])
-    yield Finding(f"{plural(len(results.runs), 'run')} on {plural(len(results.variants), 'problem')}: {words}.")
-    wrong = count["wrong"]
+    yield Finding(f"{plural(len(results.runs), 'run')} on {plural(len(results.variants), 'variant')}: {words}.")
+    scores = {solver: score(runs) for solver, runs in by_solver(results.runs).items()}
+    wrong = sorted(((s, n) for s, n in scores.items() if n.wrong), key=lambda kv: -kv[1].wrong)
     if wrong:
-        share = Counter(c.record.solver for c in results.runs if c.status == "wrong")
-        whose = listed(
-            [f"{s} {n} of {sum(c.record.solver == s for c in results.runs)}" for s, n in share.most_common()]
-        )
+        whose = listed([f"{solver} {n.wrong} of {n.runs}" for solver, n in wrong])
         yield Finding(
-            f"{plural(wrong, 'false success', 'false successes')}: energy, constraints, invariants or the "
+            f"{plural(count['wrong'], 'false success', 'false successes')}: energy, constraints, invariants or the "
             f"reference are violated: {whose}.",
             "wrong",
         )
-
-
-def _by_label(results: Results) -> Iterator[Finding]:
-    if len(results.labels()) < 2:
-        return
-    for label in results.labels():
-        own = [c for c in results.runs if c.record.label == label]
-        ends = Counter("success" if c.succeeded else "wrong" if c.status == "wrong" else
-                       "refused" if c.status == "refused" else "stopped early" for c in own)  # fmt: skip
-        words = listed([f"{n} {w}" for w, n in ends.most_common()])
-        yield Finding(f"“{label or 'no label'}”: of {plural(len(own), 'run')} {words}.")
-
-
-def _wanderers(results: Results) -> Iterator[Finding]:
-    judged = [(c, drifts(c)) for c in results.runs if c.succeeded]
-    judged = [(c, d) for c, d in judged if d is not None]
-    if not judged:
-        return
-    words = []
-    for solver in results.solvers:
-        own = [d for c, d in judged if c.record.solver == solver]
-        if own:
-            words.append(f"{solver} {sum(map(bool, own))} of {len(own)}")
-    yield Finding(
-        f"Among successes, the energy error drifts in: {listed(words, 12)}. "
-        "Its size is in the tables: a drift may be small and a bounded error large."
-    )
+    for label in results.labels() if len(results.labels()) > 1 else ():
+        own = score(c for c in results.runs if c.record.label == label)
+        yield Finding(f"“{label or 'no label'}”: of {plural(own.runs, 'run')} {own.words}.")
+    judged = [(s, n.drifting, n.drifting + n.bounded) for s, n in scores.items() if n.drifting + n.bounded]
+    if judged:
+        yield Finding(
+            f"Among successes, the energy error drifts in: {listed([f'{s} {k} of {n}' for s, k, n in judged], 12)}. "
+            "Its size is in the tables: a drift may be small and a bounded error large."
+        )
 
 
 def _most_accurate(variant: Variant, measure: Measure) -> Iterator[Finding]:

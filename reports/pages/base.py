@@ -20,9 +20,9 @@ Pages are rendered after all modules have run, so each may ask whether another o
 - ``{% import "marks.html" as marks with context %}``: ``marks.status(run)`` (symbol, word, colour: wrong ones loud),
   ``marks.solver(name)`` (with its colour), ``marks.run(run)`` (a link with its settings and its mark),
   ``marks.plots_bar()`` (one legend and the switches for all plots of the page; put it before them),
-  ``marks.plot(p)`` for each ``p`` of ``plots`` (``reports.plots.Plot``) inside ``<div class="plots">``.
+  ``marks.plot(p)`` for each ``p`` of ``plots`` (``Plot`` of reports/plots/spec.py) inside ``<div class="plots">``.
 - ``num(value, show)``: a table's entry that sorts by its value; ``looks[solver].colour``; ``number``, ``whole``,
-  ``signed``, ``seconds``, ``time``, ``unit``, ``mark``, ``plural``, ``listed`` of reports.words.
+  ``signed``, ``seconds``, ``time``, ``unit``, ``mark``, ``plural``, ``listed`` of reports/model/words.py.
 
 ``site.data(name, value)`` writes ``data/<name>.js``, which sets ``window.MBS[name]``; NaN becomes null.
 ``site.bundle(name, value)`` writes the same deflated, for ``await MBS.unpack(MBS[name])``; there an array of numpy is
@@ -60,7 +60,7 @@ SORTED = 6  # digits of a number that a table sorts by
 FOLDER = Path(__file__).parent.parent
 ALWAYS = ("assets/site.js",)
 PLOTTING = ("assets/plotly-basic.min.js", "assets/plots.js")
-SPEAKING = ("number", "whole", "signed", "seconds", "time", "unit", "mark", "plural", "listed")  # of reports.words
+SPEAKING = ("number", "whole", "signed", "seconds", "time", "unit", "mark", "plural", "listed")  # of model/words.py
 
 
 @dataclass(frozen=True)
@@ -182,7 +182,7 @@ class Site:
 
 
 def _num(value: float | None, show: Callable[[float], str] = words.number) -> Markup:
-    """A number as a table's entry that sorts by its value, told to as many digits as sorting needs."""
+    """A number as a table's entry that sorts by its value, with as many digits as sorting needs."""
     v = float("nan") if value is None else float(value)
     return Markup('<td class="n" data-v="{}">{}</td>').format("" if v != v else f"{v:.{SORTED}g}", show(v))
 

@@ -1,4 +1,4 @@
-"""What a step costs as a mechanism grows, where a run has several sizes of one problem."""
+"""What a step costs as a mechanism grows, where there are several sizes of one problem."""
 
 from collections import Counter
 
@@ -10,10 +10,10 @@ from .base import Page, Site
 
 def write(results: Results, site: Site) -> Page | None:
     """``growth.html``; None where no problem comes in three sizes."""
-    posed = Counter(p.problem for p in results.variants)
+    variants = Counter(p.problem for p in results.variants)
     bodies: dict[str, int] = {}
     for variant in results.variants:
-        if posed[variant.problem] > 1:  # every run of one variant has the same bodies: one series file tells
+        if variants[variant.problem] > 1:  # its runs have the same bodies: one series file is enough
             some = next((s for c in variant.runs if c.succeeded and (s := results.series(c)) is not None), None)
             bodies |= {c.record.run_id: bodies_in(some) for c in variant.runs} if some is not None else {}
     found = growths(results.runs, bodies)

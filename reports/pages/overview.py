@@ -1,4 +1,4 @@
-"""The first page: who holds, who drifts, who breaks, and why; the matrix; and all runs, to sort and to filter."""
+"""The first page: which solvers succeed, drift and fail, and why; the matrix; all runs, to sort and to filter."""
 
 from typing import Any
 
@@ -36,7 +36,7 @@ def write(results: Results, site: Site) -> Page | None:
 def _table(results: Results, site: Site, label: str, main: set[str]) -> dict[str, Any]:
     """All runs as rows of numbers and texts, those of the plain comparison first, then of the same problems.
 
-    Problems, solvers and labels are told by their place in a list.
+    Problems, solvers and labels are stored by their place in a list.
     """
     variants, labels = (
         {p.title: k for k, p in enumerate(results.variants)},

@@ -1,4 +1,4 @@
-"""A page for each variant: what holds there, all its runs, and its interactive plots."""
+"""A page for each variant: what its runs show, all of them, and interactive plots."""
 
 from ..model.accuracy import measure_for
 from ..model.curves import SPANS_UPPER

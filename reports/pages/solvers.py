@@ -1,4 +1,4 @@
-"""A page for each solver: where it holds, where it fails and why, and what its options did."""
+"""A page for each solver: where it succeeds, where it fails and why, and what its options did."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -48,7 +48,7 @@ def _options(runs: Sequence[Run]) -> list[Option]:
 
 
 def _reasons(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
-    """Runs that did not hold, together where they ended alike; the most frequent ending first."""
+    """Runs that did not succeed, grouped by how they ended; the most frequent ending first."""
     found: dict[str, list[Run]] = {}
     for c in runs:
         if not c.succeeded:

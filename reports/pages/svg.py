@@ -180,7 +180,7 @@ def _cross(x: float, y: float, colour: str) -> Markup:
 
 
 def strip(parts: Sequence[tuple[str, float, float, float, bool]], scale: Scale, words: str) -> Markup:
-    """Sizes with their intervals on one line: circle, triangle, square; filled where told apart from zero."""
+    """Sizes with their intervals on one line: circle, triangle, square; filled where distinct from zero."""
     shapes = ("M{x:.1f} 9a5 5 0 1 0 .01 0z", "M{x:.1f} 7.5l6 11h-12z", "M{x0:.1f} 9h10v10h-10z")
     drawn = [Markup('<line class="rule" x1="{:.1f}" x2="{:.1f}" y1="14" y2="14"/>').format(scale.start, scale.end)]
     for (name, size, low, high, sure), shape in zip(parts, shapes, strict=False):

@@ -26,7 +26,7 @@ class Field:
 
     @property
     def own(self) -> float:
-        """The reference's own error: points below it are not told apart."""
+        """The reference's own error: points below it cannot be distinguished."""
         return reference_error(self.points)
 
 

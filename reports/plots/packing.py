@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from ...harness.files import to_json
+
 STEPS = 4095  # of a linear axis: 1/8190 of a curve's own range at most, a twentieth of a pixel
 LOG_STEP = 0.002  # of a logarithmic one: a tenth of a percent of the value at most
 MOST_STEPS = 65534  # 0 is for zeros
@@ -87,18 +89,5 @@ def script(name: str, value: Any) -> str:
 
 
 def text(value: Any) -> str:
-    """Strict JSON of numbers, texts, lists and mappings; NaN and infinities become null."""
-    shown = json.dumps(_plain(value), ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-    return shown.replace("\u2028", "\\u2028").replace("\u2029", "\\u2029").replace("</", "<\\/")
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, np.generic):
-        value = value.item()
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    return value
+    """Strict JSON, safe inside a script; NaN and infinities become null."""
+    return to_json(value).replace("\u2028", "\\u2028").replace("\u2029", "\\u2029").replace("</", "<\\/")

@@ -10,7 +10,7 @@ import numpy as np
 from ....harness.results.series import Series
 from ...model.results import Run
 
-EVENTS = 200  # of a run; the first ones, and how many there are is told
+EVENTS = 200  # of a run; the first ones; the page says that there are more
 
 
 @dataclass(frozen=True)

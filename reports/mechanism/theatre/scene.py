@@ -17,7 +17,7 @@ from .marks import EVENTS, marks_of
 from .packing import Box, box_of
 from .poses import Poses, enough, finite, off, thinned
 from .shapes import Shape, ends, ground_points, shapes_of
-from .strips import SPANS, STRIP, STRIPS, strips_of
+from .strips import SPANS, STRIPS, strips_of
 
 POSE_BYTES = 3_500_000  # of all players of a page, before compression
 BODY_BYTES = 14  # three int16 and four
@@ -83,11 +83,11 @@ def scene(
         "title": variant.title, "t_end": t_end, "bodies": bodies, "scale": scale,
         "gravity": gravity.tolist(), "normal": _normal(lead), "low": stage.low.tolist(), "high": stage.high.tolist(),
         "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
-        "ground": ground.tolist(), "shapes": [_shape(s) for s in shapes],
+        "ground": ground.tolist(), "shapes": shapes,
         "trail": {"body": trail_body, "at": trail_at},
-        "spans": spans, "strips": [dict(zip(STRIP, s, strict=True)) for s in STRIPS],
+        "spans": spans, "strips": STRIPS,
         "players": [_player(p, box, scale, at_most, (t_end, spans), looks, rank) for p in cast_],
-        "marks": [{"t": m.t, "kind": m.kind, "player": m.player, "words": m.words} for m in marks],
+        "marks": marks,
         "events_cut": any(len(p.series.events) > EVENTS for p in cast_),
     }  # fmt: skip
 
@@ -108,20 +108,13 @@ def _player(
     distance, angle = off(p.poses, rows)
     strips = packing.rounded(strips_of(p.series, p.run, *axis))
     return {
-        **_run_words(p.run),
+        "solver": p.run.record.solver, "settings": p.run.settings(), "label": p.run.record.label,
+        "status": p.run.status, "because": "; ".join(p.run.reasons)[:400],
         "run": p.run.record.run_id, "colour": looks[p.run.record.solver].colour, "rank": rank[p.run.record.run_id],
         "stopped": p.run.stopped, "last": float(p.series["t"][-1]),
         "t": kept.t, "poses": packing.columns(both.reshape(n, bodies * 7)),
         "frames": n, "stored": len(p.poses), "off_m": distance, "off_rad": angle,
         "strips": strips.ravel(),
-    }  # fmt: skip
-
-
-def _run_words(c: Run) -> dict[str, Any]:
-    """A run in words."""
-    return {
-        "solver": c.record.solver, "settings": c.settings(), "label": c.record.label, "status": c.status,
-        "because": "; ".join(c.reasons)[:400],
     }  # fmt: skip
 
 
@@ -132,14 +125,6 @@ def _rank(cast_: Sequence[Player]) -> dict[str, int]:
     for p in cast_:
         out[p.run.record.run_id] = seen[p.run.record.solver] = seen.get(p.run.record.solver, -1) + 1
     return out
-
-
-def _shape(s: Shape) -> dict[str, Any]:
-    digits = 7
-    return {
-        "kind": s.kind, "body": s.body, "a": [round(x, digits) for x in s.a], "b": [round(x, digits) for x in s.b],
-        "radius": round(s.radius, digits), "tint": s.tint,
-    }  # fmt: skip
 
 
 def _reach(sound: Sequence[Player], shapes: Sequence[Shape], ground: Float[np.ndarray, "n 3"]) -> Box:

@@ -127,4 +127,4 @@ def _cross(body: int, half: float) -> list[Shape]:
 
 
 def _triple(p: np.ndarray) -> tuple[float, float, float]:
-    return (float(p[0]), float(p[1]), float(p[2]))
+    return (round(float(p[0]), 7), round(float(p[1]), 7), round(float(p[2]), 7))

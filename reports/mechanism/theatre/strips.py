@@ -1,5 +1,7 @@
 """What runs beside the mechanism: energy error, |phi|, |phi_dot| and step size, least and largest per span of time."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from jaxtyping import Float
 
@@ -7,13 +9,24 @@ from ....harness.results.series import Series
 from ...model.results import Run
 
 SPANS = 1200  # a strip is about 500 pixels wide, and can be stretched
-# name in the series, symbol, unit, whether it has a sign, whether its smallest values matter
-STRIP = ("name", "symbol", "unit", "signed", "both")
+
+
+@dataclass(frozen=True)
+class Strip:
+    """A quantity of the series; ``signed``: it has a sign, ``both``: its smallest values matter too."""
+
+    name: str
+    symbol: str
+    unit: str
+    signed: bool = False
+    both: bool = False
+
+
 STRIPS = (
-    ("energy_error", "E − E₀", "J", True, True),
-    ("phi_norm", "|φ|", "m", False, False),
-    ("phi_dot_norm", "|φ̇|", "m/s", False, False),
-    ("dt", "step", "s", False, True),
+    Strip("energy_error", "E − E₀", "J", signed=True, both=True),
+    Strip("phi_norm", "|φ|", "m"),
+    Strip("phi_dot_norm", "|φ̇|", "m/s"),
+    Strip("dt", "step", "s", both=True),
 )
 
 
@@ -32,10 +45,11 @@ def strip(
 def strips_of(series: Series, run: Run, t_end: float, spans: int = SPANS) -> Float[np.ndarray, "n spans"]:
     """All strips of a run in the order of ``STRIPS``: smallest values, where they matter, and largest ones."""
     t, out = series["t"], []
-    for name, _, _, _, both in STRIPS:
+    for kind in STRIPS:
+        name = kind.name
         a = series[name] if name in series else np.full(len(t), np.nan)
         if name == "dt" and len(a) > 2 and not run.stopped:
             a = a[:-1]  # cut to end at t_end; of a failure it is the point
         low_high = strip(t[: len(a)], a, t_end, spans)
-        out += list(low_high) if both else [low_high[1]]
+        out += list(low_high) if kind.both else [low_high[1]]
     return np.stack(out)

@@ -35,7 +35,7 @@ def test_the_step_cut_to_end_at_t_end_is_no_small_step():
     series.arrays["dt"][-1] = 1e-9
     whole = strips_of(series, Run(record("x")), 2.0)
     stopped = strips_of(series, Run(record("x", "a", "diverged")), 2.0)
-    row = sum(2 if both else 1 for *_, both in STRIPS[:-1])
+    row = sum(2 if s.both else 1 for s in STRIPS[:-1])
     assert np.nanmin(whole[row]) > 1e-3 and np.nanmin(stopped[row]) == 1e-9
 
 
