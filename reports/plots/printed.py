@@ -95,7 +95,9 @@ def _draw(ax: Axes, trace: Trace, look: Look, floors: tuple[float, float], phase
     ends = list(trace.ends) or [*[""] * (len(x) - 1), trace.end]
     style = _style(trace, look)
     if trace.mode == "lines":
-        style |= {"markevery": (0.2 * phase, 0.2), "marker": look.marker if trace.solver else ""}
+        u = np.log(x) if floors[0] > 0.0 else x
+        spots = np.searchsorted(u, u[0] + (np.arange(5) + phase) / 5.0 * (u[-1] - u[0]))
+        style |= {"markevery": np.unique(spots).tolist(), "marker": look.marker if trace.solver else ""}
     else:
         style["marker"] = ""
         for k, end in enumerate(ends):
