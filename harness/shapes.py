@@ -19,14 +19,14 @@ from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 import msgspec
 from msgspec import Meta
 
-from .catalogue.options import nearest
+from .catalogue.options import nearest, shown
 from .files import FileError
 
 T = TypeVar("T")
 LARGEST = 1.7976931348623157e308
-Text = Annotated[str, Meta(pattern=r"\S")]  # not blank
-Finite = Annotated[float, Meta(ge=-LARGEST, le=LARGEST)]
-Positive = Annotated[float, Meta(gt=0.0, le=LARGEST)]
+Text = Annotated[str, Meta(pattern=r"\S", description="text, not blank")]
+Finite = Annotated[float, Meta(ge=-LARGEST, le=LARGEST, description="a finite number")]
+Positive = Annotated[float, Meta(gt=0.0, le=LARGEST, description="a finite number > 0")]
 WORDS = {
     "str": "text", "int": "a whole number", "float": "a number", "bool": "true or false", "array": "a list",
     "object": "a table", "null": "nothing",
@@ -67,8 +67,8 @@ def _fault(plain: Any, kind: Any, said: str) -> list[str]:
         known = sorted({k for option in _options(kind) for k in _fields(option)})
         return [*at, f"unknown key {key!r}{nearest(key, known)}" if "unknown" in words else f"{key} is missing"]
     if words.startswith("Invalid enum"):
-        return [*at[:-1], f"unknown {at[-1]} {plain!r}{nearest(plain, _choices(kind))}"]
-    return [*at[:-1], " ".join([*at[-1:], _must(words, plain)])]
+        return [*at[:-1], f"unknown {at[-1]} {plain!r}{nearest(str(plain), _choices(kind))}"]
+    return [*at[:-1], " ".join([*at[-1:], _must(words, plain, kind)])]
 
 
 def _misfit(plain: Any, kind: Any) -> str:
@@ -79,18 +79,16 @@ def _misfit(plain: Any, kind: Any) -> str:
     return ""
 
 
-def _must(words: str, plain: Any) -> str:
-    """``must be a number > 0 (got -1)``."""
-    try:
-        got = (str(plain) if isinstance(plain, int | float) else repr(plain))[:40]
-    except ValueError:  # Python prints no more than 4300 digits
-        got = "a number of thousands of digits"
-    if "matching regex" in words:
-        return f"must be text, not blank (got {got})"
-    if "out of range" in words or (isinstance(plain, int) and str(LARGEST) in words):
+def _must(words: str, plain: Any, kind: Any) -> str:
+    """``must be a number > 0 (got -1)``; a rule between fields (a ``ValueError`` of ``__post_init__``) says itself."""
+    if not words.startswith("Expected") and "out of range" not in words:
+        return words
+    got = shown(plain)
+    described = [m.description for o in (kind, *_options(kind)) for m in get_args(o)[1:] if isinstance(m, Meta)]
+    if any(described):
+        return f"must be {described[0]} (got {got})"
+    if "out of range" in words:
         return f"is too large (got {got})"
-    if str(LARGEST) in words:
-        return f"must be a finite number (got {got})"
     wanted = re.sub(r", got `\w+`", "", words.removeprefix("Expected "))
     wanted = re.sub(r"`([^`]*)`", lambda m: " or ".join(WORDS.get(w, w) for w in m[1].split(" | ")), wanted)
     wanted = re.sub(r" \d[\d.e+]*$", lambda m: f" {float(m[0]):g}", wanted)
@@ -104,17 +102,20 @@ def _options(kind: Any) -> tuple[Any, ...]:
 
 
 def _fields(kind: Any) -> dict[str, Any]:
-    known = isinstance(kind, type) and (issubclass(kind, msgspec.Struct) or hasattr(kind, "__dataclass_fields__"))
-    return get_type_hints(kind, include_extras=True) if known else {}
+    """The fields of a struct or dataclass, as files call them."""
+    if isinstance(kind, type) and issubclass(kind, msgspec.Struct):
+        return {f.encode_name: f.type for f in msgspec.structs.fields(kind)}
+    return get_type_hints(kind, include_extras=True) if hasattr(kind, "__dataclass_fields__") else {}
 
 
 def _part(kind: Any, step: Any) -> Any:
     """The type of a field (``step`` is its name), of a list's entries (0) or of a table's values ({})."""
     for option in _options(kind):
-        if step in _fields(option) if isinstance(step, str) else False:
+        if isinstance(step, str) and step in _fields(option):
             return _fields(option)[step]
-        if not isinstance(step, str) and get_args(option):
-            return get_args(option)[-1 if step == {} else 0]
+        inside = get_args(get_args(option)[0] if get_origin(option) is Annotated else option)
+        if not isinstance(step, str) and inside:
+            return inside[-1 if step == {} else 0]
     return Any
 
 

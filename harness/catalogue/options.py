@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Any
 
+SWITCHES = {"true": True, "on": True, "1": True, "yes": True, "false": False, "off": False, "0": False, "no": False}
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -35,66 +37,53 @@ def nearest(name: str, known: Mapping[str, Any] | list[str]) -> str:
     return f" - did you mean {match[0]!r}?" if match else f" - known: {', '.join(known) or 'none'}"
 
 
+def shown(value: Any) -> str:
+    """``value`` for a message, at most 40 characters; Python prints no whole number of more than 4300 digits."""
+    try:
+        return (str(value) if isinstance(value, int | float) else repr(value))[:40]
+    except ValueError:
+        return "a number of thousands of digits"
+
+
 def read_value(name: str, given: Any, default: Any, parameter: Parameter) -> Any:
     """``given`` (text or number) as the type of ``default``, within ``parameter``'s limits, or ValueError."""
     value = _as_type_of(default, given, name)
+    unit = f" [{parameter.unit}]" if parameter.unit else ""
     if parameter.choices and value not in parameter.choices:
-        wanted = ", ".join(map(str, parameter.choices))
-        raise ValueError(f"{name} must be one of {wanted} (got {given!r})")
+        raise ValueError(f"{name} must be one of {', '.join(map(str, parameter.choices))} (got {shown(given)})")
+    low, least, most = parameter.above, parameter.at_least, parameter.at_most
     for number in value if isinstance(value, tuple) else (value,):
-        if isinstance(number, float) and not math.isfinite(number):
-            raise ValueError(f"{name} must be a finite number{_in(parameter)} (got {given!r})")
-        if parameter.above is not None and not number > parameter.above:
-            raise ValueError(f"{name} must be > {parameter.above:g}{_in(parameter)} (got {given!r})")
-        if parameter.at_least is not None and not number >= parameter.at_least:
-            raise ValueError(f"{name} must be >= {parameter.at_least:g}{_in(parameter)} (got {given!r})")
-        if parameter.at_most is not None and not number <= parameter.at_most:
-            raise ValueError(f"{name} must be <= {parameter.at_most:g}{_in(parameter)} (got {given!r})")
+        wanted = (
+            "a finite number" if isinstance(number, float) and not math.isfinite(number)
+            else f"> {low:g}" if low is not None and not number > low
+            else f">= {least:g}" if least is not None and not number >= least
+            else f"<= {most:g}" if most is not None and not number <= most
+            else ""
+        )  # fmt: skip
+        if wanted:
+            raise ValueError(f"{name} must be {wanted}{unit} (got {shown(given)})")
     return value
 
 
-def _in(parameter: Parameter) -> str:
-    return f" [{parameter.unit}]" if parameter.unit else ""
-
-
 def _as_type_of(default: Any, given: Any, name: str) -> Any:
-    if isinstance(default, bool):
-        words = {
-            "true": True,
-            "on": True,
-            "1": True,
-            "yes": True,
-            "false": False,
-            "off": False,
-            "0": False,
-            "no": False,
-        }
-        if isinstance(given, bool):
-            return given
-        if str(given).lower() in words:
-            return words[str(given).lower()]
-        raise ValueError(f"{name} must be true or false (got {given!r})")
+    wanted = "true or false"
     try:
+        if isinstance(default, bool):
+            return SWITCHES[str(given).lower()]
         if isinstance(default, int):
-            return _integer(given)
+            wanted = "an integer"
+            if isinstance(given, bool) or (isinstance(given, float) and not given.is_integer()):
+                raise ValueError
+            return int(given)
         if isinstance(default, float):
+            wanted = "a number"
             return float(given)
         if isinstance(default, tuple):
-            parts = given.split(",") if isinstance(given, str) else list(given)
+            wanted = f"{len(default)} numbers"
+            parts = given.strip("()").split(",") if isinstance(given, str) else list(given)
             if len(parts) != len(default):
                 raise ValueError
-            return tuple(float(part) for part in parts)
-    except (TypeError, ValueError):
-        wanted = {
-            int: "an integer",
-            float: "a number",
-            tuple: f"{len(default) if isinstance(default, tuple) else 0} numbers",
-        }
-        raise ValueError(f"{name} must be {wanted[type(default)]} (got {given!r})") from None
+            return tuple(map(float, parts))
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be {wanted} (got {shown(given)})") from None
     return str(given)
-
-
-def _integer(given: Any) -> int:
-    if isinstance(given, bool) or (isinstance(given, float) and not given.is_integer()):
-        raise ValueError
-    return int(given)

@@ -12,8 +12,8 @@ from rich.table import Table
 
 from ..catalogue import registry
 from ..catalogue.options import Parameter
+from ..suites.includes import suite_names
 from ..suites.spec import DEFAULT_RTOL
-from ..suites.suite import suite_names
 from .screen import lines, screen
 from .terms import load_plugins
 

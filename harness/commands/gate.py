@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     ):
         if getattr(arguments, given) and (arguments.update if other else not arguments.update):
             raise UsageError(f"--{given} goes {'without' if other else 'with'} --update")
-    thresholds = Thresholds(suite.name, (), {})
+    thresholds = Thresholds(suite.name)
     if path.exists() or not arguments.update:
         thresholds = read_thresholds(path)
     done = _done(arguments, suite)

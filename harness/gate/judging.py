@@ -4,18 +4,19 @@ States, worst first: FAIL > XPASS (expected to fail, and did not) > XFAIL (expec
 and XPASS close the gate: a threshold that has become wrong must be put right in the commit that makes it so.
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+
+from msgspec.structs import replace
 
 from ..results.records import RunRecord
 from ..results.store import newest
 from ..results.words import why
 from ..suites.spec import RunSpec
 from ..types import Status
-from .thresholds import EQUAL, Threshold, Thresholds
+from .thresholds import Expectation, Threshold, Thresholds
 
 WORTH = 0.95  # of a bound: less is not worth a commit
 MISSING = "no result: the run is missing"
@@ -82,17 +83,18 @@ def judge(
     by_case = {c.case: by_settings.get(c.settings_id) for c in specs}
     missing = {c.case: OTHER_CODE if c.settings_id in other else MISSING for c in specs}
     bounded = {b.case for b in thresholds.bounds}
+    statuses = {e.case: e for e in thresholds.statuses}
     for case, record in by_case.items():
-        found.append(_status(case, record, thresholds, missing[case]))
-        ended_as_expected = case in thresholds.statuses and thresholds.statuses[case].status is not Status.SUCCESS
-        if case not in bounded and not ended_as_expected:
+        found.append(_status(case, record, statuses.get(case), missing[case]))
+        wanted = statuses[case].status if case in statuses else Status.SUCCESS
+        if case not in bounded and wanted is Status.SUCCESS:
             found.append(_fail(case, "no threshold", "no threshold for this run: propose one with gate --update"))
     for b in thresholds.bounds:
         if b.case not in by_case:
             found.append(_fail(b.case, b.metric, "the suite has no such run", b))
         else:
             found.append(_bound(b, by_case[b.case], missing[b.case]))
-    for case in thresholds.statuses:
+    for case in statuses:
         if case not in by_case:
             found.append(_fail(case, "status", "the suite has no such run"))
     return Verdict(tuple(sorted(found, key=lambda f: (-f.state, f.case, f.what))))
@@ -115,12 +117,12 @@ def tightened(
         was = bounds.get((new.case, new.metric))
         if was is None:
             bounds[new.case, new.metric] = new
-        elif EQUAL in (new.direction, was.direction):  # another value is neither better nor worse: it must be asked for
+        elif new.is_equal or was.is_equal:  # another value is neither better nor worse: it must be asked for
             if loosen:
-                bounds[new.case, new.metric] = dataclasses.replace(new, reason=was.reason, expect=was.expect)
+                bounds[new.case, new.metric] = replace(new, reason=was.reason, expect=was.expect)
         elif (changed := _narrowed(was, new, loosen=loosen)) is not None:
             bounds[new.case, new.metric] = changed
-    return dataclasses.replace(old, bounds=tuple(bounds[k] for k in sorted(bounds)))
+    return replace(old, bounds=tuple(bounds[k] for k in sorted(bounds)))
 
 
 def _narrowed(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
@@ -131,19 +133,18 @@ def _narrowed(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | No
     """
     lower = min(was.lower, new.value) if loosen else was.lower
     if was.upper == math.inf:
-        return dataclasses.replace(was, value=new.value, lower=lower) if lower < was.lower else None
+        return replace(was, value=new.value, lower=lower) if lower < was.lower else None
     upper = max(new.upper, new.value * _width(was))  # a width somebody gave a reason for stays
     if upper < lower or not (loosen or upper < WORTH * was.upper):
         return None
-    return dataclasses.replace(was, value=new.value, upper=upper, lower=lower, unit=new.unit)
+    return replace(was, value=new.value, upper=upper, lower=lower, unit=new.unit)
 
 
 def _width(b: Threshold) -> float:
     return b.upper / b.value if b.value > 0.0 and math.isfinite(b.upper) else 0.0
 
 
-def _status(case: str, record: RunRecord | None, thresholds: Thresholds, missing: str) -> Finding:
-    expected = thresholds.statuses.get(case)
+def _status(case: str, record: RunRecord | None, expected: Expectation | None, missing: str) -> Finding:
     wanted = expected.status if expected else Status.SUCCESS
     if record is None:
         return _fail(case, "status", missing)
@@ -176,7 +177,7 @@ def _fail(case: str, what: str, words: str, b: Threshold | None = None) -> Findi
 
 
 def _range(b: Threshold) -> str:
-    if b.direction == EQUAL:
+    if b.is_equal:
         return f"= {b.value:.12g}" + (f" within {b.tolerance:g} of it" if b.tolerance else " exactly")
     low = f">= {b.lower:.3g}" if math.isfinite(b.lower) else ""
     high = f"<= {b.upper:.3g}" if math.isfinite(b.upper) else ""

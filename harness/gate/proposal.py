@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from ..results.records import RunRecord
 from ..types import Status
-from .thresholds import Threshold, equal
+from .thresholds import Threshold
 
 UNITS = {
     "energy_drift_max_J": "J",
@@ -58,9 +58,11 @@ def _of(r: RunRecord) -> list[Threshold]:
             width, value_bound = ROUNDING, ROUNDING.factor * rounding
         else:
             value_bound = width.factor * value
-        out.append(Threshold(r.case, metric, value, value_bound, -math.inf, unit, width.reason))
+        bound = Threshold(case=r.case, metric=metric, value=value, upper=value_bound, unit=unit, reason=width.reason)
+        out.append(bound)
     if r.control == "dt" and r.rejected == 0.0:
-        out.append(equal(r.case, "steps", float(r.steps), "", SAME_STEPS))
+        steps = float(r.steps)
+        out.append(Threshold(case=r.case, metric="steps", value=steps, reason=SAME_STEPS, direction="equal"))
     return out
 
 

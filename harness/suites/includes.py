@@ -1,19 +1,16 @@
 """What a suite includes: the files behind it, each once, the included before those that include them."""
 
-import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from ..catalogue.options import nearest
+from ..files import FileError, parse_toml, read_text
+from ..shapes import shaped
+from .shape import SuiteFile
 
 FOLDER = Path(__file__).parent
 OWN_COPY = "suite"  # what the copy of the suite itself is called in a run folder
-
-
-class SuiteError(ValueError):
-    """A suite that cannot be run; the message is one line with the place."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +20,7 @@ class Source:
     name: str  # of the file, without .toml
     where: str  # names it in messages
     text: str
-    plain: Mapping[str, Any]
+    file: SuiteFile
     beside: Path  # plugins and included suites are looked for here
 
 
@@ -40,7 +37,7 @@ def path_of(name: str, beside: Path | None = None) -> Path:
     found = [path for path in (folder / f"{name}.toml" for folder in folders) if _is_file(path)]
     if not found:
         known = sorted({p.stem for folder in folders for p in folder.glob("*.toml")})
-        raise SuiteError(f"unknown suite {name!r}{nearest(name, known)}")
+        raise FileError(f"unknown suite {name!r}{nearest(name, known)}")
     return found[0]
 
 
@@ -52,22 +49,13 @@ def _is_file(path: Path) -> bool:
 
 
 def read_source(path: Path) -> Source:
-    """The file at ``path``, or SuiteError."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, ValueError) as error:
-        raise SuiteError(f"cannot read suite {path}: {getattr(error, 'strerror', None) or error}") from None
-    return source(text, path.stem, str(path), path.parent)
+    """The file at ``path``, or FileError."""
+    return source(read_text(path, "suite"), path.stem, str(path), path.parent)
 
 
 def source(text: str, name: str, where: str, beside: Path = Path()) -> Source:
     """The suite in ``text``."""
-    try:
-        return Source(name, where, text, tomllib.loads(text), beside)
-    except ValueError as error:  # a number of thousands of digits is none of TOML's own errors
-        raise SuiteError(f"{where}: {error}") from None
-    except RecursionError:
-        raise SuiteError(f"{where}: nested too deeply") from None
+    return Source(name, where, text, shaped(parse_toml(text, where), SuiteFile, where), beside)
 
 
 def with_included(first: Source) -> list[Source]:
@@ -77,25 +65,22 @@ def with_included(first: Source) -> list[Source]:
     names: dict[str, str] = {OWN_COPY: "its own copy in the run folder"}
     for s in list(found.values())[:-1]:  # copies go into one folder, and a name must mean one suite
         if s.name in names:
-            raise SuiteError(f"{first.where}: {s.where} and {names[s.name]} have the same name: rename one")
+            raise FileError(f"{first.where}: {s.where} and {names[s.name]} have the same name: rename one")
         names[s.name] = s.where
     return list(found.values())
 
 
 def _follow(s: Source, place: Path, above: Sequence[tuple[Path, str]], found: dict[Path, Source]) -> None:
-    names = s.plain.get("include", [])
-    if not isinstance(names, list) or not all(isinstance(n, str) and n for n in names):
-        raise SuiteError(f"{s.where}: include must be a list of names of suites (got {names!r})")
     chain = [*above, (place, s.name)]
-    for name in names:
+    for name in s.file.include:
         try:
             path = path_of(name, s.beside)
-        except SuiteError as error:
-            raise SuiteError(f"{s.where}: include: {error}") from None
+        except FileError as error:
+            raise FileError(f"{s.where}: include: {error}") from None
         target = path.resolve()
         if target in dict(chain):
             circle = " includes ".join([*(n for _, n in chain), path.stem])
-            raise SuiteError(f"{s.where}: include goes round in a circle: {circle}")
+            raise FileError(f"{s.where}: include goes round in a circle: {circle}")
         if target not in found:
             _follow(read_source(path), target, chain, found)
     found[place] = s

@@ -1,13 +1,16 @@
 """A run: one problem, one solver, one control, with limits. Checked when made, addressed by its content."""
 
-import dataclasses
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
+
 from ..catalogue import registry
+from ..catalogue.options import shown
 from ..types import Problem, StepControl
 
 DEFAULT_RTOL = 1e-8
@@ -51,12 +54,12 @@ class RunSpec:
 
     def to_plain(self) -> dict[str, Any]:
         """JSON-able."""
-        return {**dataclasses.asdict(self), "control": self._control()}
+        return msgspec.to_builtins(self)
 
     @staticmethod
     def from_plain(plain: Mapping[str, Any]) -> "RunSpec":
         """The inverse of ``to_plain``."""
-        return RunSpec(**{**plain, "control": StepControl(**plain["control"])})
+        return msgspec.convert(plain, RunSpec)
 
     def _settings(self) -> dict[str, Any]:
         return {
@@ -104,13 +107,15 @@ def step_control(solver: str, kind: str, problem: Problem, given: Mapping[str, A
 
 def _positive(name: str, given: Any) -> Any:
     whole = name == "max_steps"
-    wanted = "a whole number > 0" if whole else "a finite number > 0"
+    wanted = "a whole number > 0 that fits 64 bits" if whole else "a finite number > 0"
     try:
         value = float(given)
-        if isinstance(given, bool) or not 0.0 < value < float("inf") or (whole and not value.is_integer()):
+        if isinstance(given, bool) or not 0.0 < value < (2**63 if whole else math.inf):
             raise ValueError
-    except (TypeError, ValueError):
-        raise ValueError(f"{name} must be {wanted} (got {given!r})") from None
+        if whole and not value.is_integer():
+            raise ValueError
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError(f"{name} must be {wanted} (got {shown(given)})") from None
     return int(value) if whole else value
 
 

@@ -21,7 +21,8 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.supervisor import Supervisor
-from mbsbench.harness.gate.thresholds import ThresholdError, read_thresholds, write_thresholds
+from mbsbench.harness.files import FileError
+from mbsbench.harness.gate.thresholds import read_thresholds, write_thresholds
 from mbsbench.harness.mechanics.consistency import InconsistentStart, check_start, project
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, assemble
@@ -30,7 +31,7 @@ from mbsbench.harness.results.records import BadRecord, RunRecord, from_json, to
 from mbsbench.harness.results.series import BadSeries, read_series
 from mbsbench.harness.results.words import why, words_of_ending
 from mbsbench.harness.suites.spec import make_spec
-from mbsbench.harness.suites.suite import SuiteError, load_suite, parse_suite
+from mbsbench.harness.suites.suite import load_suite, parse_suite
 from mbsbench.harness.types import Problem, Status
 
 from .conftest import PLUGIN
@@ -88,7 +89,7 @@ def test_suites_are_read_or_refused_in_a_line(change, place):
         f"{head}\n" + "".join(f"{k} = {toml(v)}\n" for k, v in groups[name].items())
         for head, name in (("[defaults]", "defaults"), ("[[runs]]", "runs"))
     )
-    suite = told(lambda: parse_suite(text, "fuzz", "fuzz", plugins=(str(PLUGIN),)), SuiteError)
+    suite = told(lambda: parse_suite(text, "fuzz", "fuzz", plugins=(str(PLUGIN),)), FileError)
     assert suite is None or suite.specs
     for c in suite.specs if suite else ():
         assert all(math.isfinite(x) and x > 0 for x in (c.wall_limit, c.memory, c.repeats, c.control.dt))
@@ -110,7 +111,7 @@ def test_heads_of_suites_are_read_or_refused_in_a_line(change, tmp_path_factory)
     (folder / "base.toml").write_text(group)
     head = "".join(f"{k} = {toml(v)}\n" for k, v in change.items())
     (folder / "self.toml").write_text(head + ("" if "runs" in change else group))
-    suite = told(lambda: load_suite(str(folder / "self.toml"), (str(PLUGIN),)), SuiteError)
+    suite = told(lambda: load_suite(str(folder / "self.toml"), (str(PLUGIN),)), FileError)
     assert suite is None or (suite.specs and (suite.total_limit is None or 0 < suite.total_limit < math.inf))
 
 
@@ -118,7 +119,7 @@ def test_heads_of_suites_are_read_or_refused_in_a_line(change, tmp_path_factory)
 @given(st.text(max_size=60) | st.binary(max_size=60).map(lambda b: b.decode("latin-1")))
 def test_any_text_is_no_suite(text):
     """Nor does it hang the parser."""
-    with pytest.raises(SuiteError) as error:
+    with pytest.raises(FileError) as error:
         parse_suite(text, "fuzz", "fuzz")
     assert in_a_line(error.value)
 
@@ -136,7 +137,7 @@ def test_thresholds_are_read_or_refused_in_a_line(change, tmp_path_factory):
     path = tmp_path_factory.mktemp("t") / "t.toml"
     lines = "".join(f"{k} = {toml(v)}\n" for k, v in entry.items())
     path.write_text(f'schema = 1\nsuite = "t"\n[[threshold]]\n{lines}')
-    read = told(lambda: read_thresholds(path), ThresholdError)
+    read = told(lambda: read_thresholds(path), FileError)
     if read is None:
         return
     (bound,) = read.bounds

@@ -38,8 +38,8 @@ MISFITS = {
     '{"parts": [{"name": "a"}, {"nmae": "b"}]}': "f: parts 2: unknown key 'nmae' - did you mean 'name'?",
     '{"parts": [{"size": 2}]}': "f: parts 1: name is missing",
     '{"parts": [{"name": " "}]}': "f: parts 1: name must be text, not blank (got ' ')",
-    '{"parts": [{"name": "a", "size": 0}]}': "f: parts 1: size must be a number > 0 (got 0)",
-    '{"parts": [{"name": "a", "size": true}]}': "f: parts 1: size must be a number (got True)",
+    '{"parts": [{"name": "a", "size": 0}]}': "f: parts 1: size must be a finite number > 0 (got 0)",
+    '{"parts": [{"name": "a", "size": true}]}': "f: parts 1: size must be a finite number > 0 (got True)",
     '{"parts": [{"name": "a", "count": 10}]}': "f: parts 1: count must be a whole number <= 9 (got 10)",
     '{"parts": [{"name": "a", "count": 1.5}]}': "f: parts 1: count must be a whole number (got 1.5)",
     '{"parts": [{"name": "a", "colour": "bleu"}]}': "f: parts 1: unknown colour 'bleu' - did you mean 'blue'?",
@@ -48,7 +48,7 @@ MISFITS = {
     '{"parts": [{"name": "a", "names": 3}]}': "f: parts 1: names must be text or a list (got 3)",
     '{"parts": 3}': "f: parts must be a list (got 3)",
     "3": "f: must be a table (got 3)",
-    '{"maps": {"x": {"name": "a"}, "y.z": {"name": 1}}}': "f: maps: y.z: name must be text (got 1)",
+    '{"maps": {"x": {"name": "a"}, "y.z": {"name": 1}}}': "f: maps: y.z: name must be text, not blank (got 1)",
     '{"maps": {"x": {"name": "a", "sizes": {"]`": "c"}}}}': "f: maps: x: sizes: ]`: must be a whole number (got 'c')",
 }  # fmt: skip
 

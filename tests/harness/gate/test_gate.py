@@ -5,16 +5,16 @@ import math
 from xml.etree import ElementTree
 
 import pytest
+from msgspec.structs import replace
 
+from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.files import junit, markdown
 from mbsbench.harness.gate.judging import State, judge, tightened
 from mbsbench.harness.gate.proposal import proposed
 from mbsbench.harness.gate.thresholds import (
     Expectation,
     Threshold,
-    ThresholdError,
     Thresholds,
-    equal,
     read_thresholds,
     write_thresholds,
 )
@@ -31,10 +31,11 @@ RECORDS = [
 
 
 def threshold(case: str, **change) -> Threshold:
-    return dataclasses.replace(Threshold(case, "phi_max", 1.0, 1.2, -math.inf, "m", "a reason"), **change)
+    given = {"metric": "phi_max", "value": 1.0, "upper": 1.2, "unit": "m", "reason": "a reason", **change}
+    return Threshold(case=case, **given)
 
 
-BOUNDS = Thresholds("t", (threshold(CASE), threshold(OTHER)), {})
+BOUNDS = Thresholds("t", (threshold(CASE), threshold(OTHER)))
 
 
 def state(records=RECORDS, bounds=BOUNDS, specs=CELLS):
@@ -42,7 +43,7 @@ def state(records=RECORDS, bounds=BOUNDS, specs=CELLS):
 
 
 def with_bound(**change) -> Thresholds:
-    return Thresholds("t", (threshold(CASE, **change), threshold(OTHER)), {})
+    return Thresholds("t", (threshold(CASE, **change), threshold(OTHER)))
 
 
 def changed(**change) -> list[RunRecord]:
@@ -65,10 +66,10 @@ def test_all_within_bounds_is_open():
         lambda: state(changed(status="stalled")),
         lambda: state(RECORDS[:1]),
         lambda: state([]),
-        lambda: state([], Thresholds("t", (), {}), ()),
-        lambda: state(bounds=Thresholds("t", (), {})),
-        lambda: state(bounds=Thresholds("t", (threshold(CASE),), {})),
-        lambda: state(bounds=Thresholds("t", (*BOUNDS.bounds, threshold("gone")), {})),
+        lambda: state([], Thresholds("t"), ()),
+        lambda: state(bounds=Thresholds("t")),
+        lambda: state(bounds=Thresholds("t", (threshold(CASE),))),
+        lambda: state(bounds=Thresholds("t", (*BOUNDS.bounds, threshold("gone")))),
         lambda: state(bounds=with_bound(lower=1.1)),
     ],
 )
@@ -98,7 +99,7 @@ def test_expected_failures_are_told_apart():
     assert state(bounds=bounds).state is State.XFAIL and state(bounds=bounds).is_open
     bounds = with_bound(expect="fail")
     assert state(bounds=bounds).state is State.XPASS and not state(bounds=bounds).is_open
-    expects = Thresholds("t", BOUNDS.bounds[1:], {CASE: Expectation(CASE, Status.REFUSED, "redundant rows")})
+    expects = Thresholds("t", BOUNDS.bounds[1:], (Expectation(CASE, Status.REFUSED, "redundant rows"),))
     assert state(changed(status="refused"), expects).state is State.XFAIL
     assert state(RECORDS, expects).state is State.XPASS
     assert state(changed(status="crashed"), expects).state is State.FAIL
@@ -115,7 +116,7 @@ def test_update_only_tightens_unless_told():
 
 def test_update_keeps_a_width_that_has_its_reason():
     """The value has not moved: a bound set five times above it by hand is not narrowed; half the value halves it."""
-    wide = Thresholds("t", (threshold(CASE, upper=5.0),), {})
+    wide = Thresholds("t", (threshold(CASE, upper=5.0),))
     same, better = threshold(CASE, upper=1.2), threshold(CASE, value=0.5, upper=0.6)
     assert tightened(wide, RECORDS, [same], loosen=False) == wide
     (new,) = tightened(wide, RECORDS, [better], loosen=False).bounds
@@ -130,9 +131,9 @@ def test_what_update_writes_can_be_read_and_goes_the_same_way(tmp_path, lower, u
     direction = {(False, True): "larger", (True, False): "smaller"}.get((upper < 9, lower > 0), "between")
     was = threshold(CASE, value=2.0, lower=lower, upper=upper, direction=direction)
     new = threshold(CASE, value=value, upper=1.2 * value)
-    (after,) = tightened(Thresholds("t", (was,), {}), RECORDS, [new], loosen=loosen).bounds
+    (after,) = tightened(Thresholds("t", (was,)), RECORDS, [new], loosen=loosen).bounds
     path = tmp_path / "t.toml"
-    path.write_text(write_thresholds(Thresholds("t", (after,), {})))
+    path.write_text(write_thresholds(Thresholds("t", (after,))))
     (read,) = read_thresholds(path).bounds
     assert read == after and read.direction == direction
     assert loosen or (after.lower >= was.lower and after.upper <= was.upper)
@@ -142,16 +143,20 @@ def test_what_update_writes_can_be_read_and_goes_the_same_way(tmp_path, lower, u
 def test_any_words_come_back_as_written(tmp_path):
     """Characters beyond the basic plane, DEL, quotes: the file is TOML whatever a case is called."""
     odd = 'a "b" \\ \x7f \x00 \U0001f600 é #'
-    bounds = Thresholds(odd, (threshold(odd, reason=odd),), {odd: Expectation(odd, Status.REFUSED, odd)})
+    bounds = Thresholds(odd, (threshold(odd, reason=odd),), (Expectation(odd, Status.REFUSED, odd),))
     path = tmp_path / "t.toml"
     path.write_text(write_thresholds(bounds), encoding="utf-8")
     assert read_thresholds(path) == bounds
 
 
+def equal(value: float, tolerance: float) -> Threshold:
+    return threshold(CASE, value=value, upper=math.inf, direction="equal", tolerance=tolerance)
+
+
 def test_equal_is_exact_unless_a_tolerance_is_stated(tmp_path):
     """One step more is a breach; of a float that a machine may round, so is more than the stated tolerance."""
     for tolerance, passes, fails in ((0.0, 100.0, 101.0), (1e-6, 100.00009, 100.0002)):
-        bounds = Thresholds("t", (equal(CASE, "phi_max", 100.0, "m", "why", tolerance=tolerance), threshold(OTHER)), {})
+        bounds = Thresholds("t", (equal(100.0, tolerance), threshold(OTHER)))
         assert state(changed(phi_max=passes), bounds).state is State.PASS
         assert state(changed(phi_max=fails), bounds).state is State.FAIL
         path = tmp_path / "t.toml"
@@ -160,7 +165,7 @@ def test_equal_is_exact_unless_a_tolerance_is_stated(tmp_path):
     record = RunRecord(case=CASE, status="success", control="dt", steps=100, rejected=0.0)
     (steps,) = proposed([record])
     assert steps.direction == "equal" and steps.holds(100.0) and not steps.holds(99.0)
-    old, new = Thresholds("t", (steps,), {}), dataclasses.replace(steps, value=50.0, upper=50.0, lower=50.0)
+    old, new = Thresholds("t", (steps,)), replace(steps, value=50.0)
     assert tightened(old, [record], [new], loosen=False).bounds == (steps,)
     assert tightened(old, [record], [new], loosen=True).bounds == (new,)
 
@@ -172,7 +177,7 @@ def test_verdicts_are_written_for_ci():
     assert root.get("tests") == "4" and root.get("failures") == "2" and len(root.findall(".//failure")) == 2
     text = markdown(verdict, "t")
     assert "CLOSED" in text and "2 FAIL, 2 PASS" in text and r"a \| b" in text
-    empty = state([], Thresholds("t", (), {}), ())
+    empty = state([], Thresholds("t"), ())
     assert ElementTree.fromstring(junit(empty, "t")).get("failures") == "1" and "nothing was judged" in markdown(
         empty, "t"
     )
@@ -194,7 +199,7 @@ def test_proposals_catch_a_doubled_step():
 
 def test_thresholds_come_back_as_written(tmp_path):
     """Text and back; infinite bounds are left out."""
-    expects = Thresholds("t", BOUNDS.bounds, {"x": Expectation("x", Status.REFUSED, 'so "it" is')})
+    expects = Thresholds("t", BOUNDS.bounds, (Expectation("x", Status.REFUSED, 'so "it" is'),))
     path = tmp_path / "t.toml"
     path.write_text(write_thresholds(expects))
     assert read_thresholds(path) == expects
@@ -230,6 +235,6 @@ def test_wrong_thresholds_are_told(tmp_path, text, words):
     }
     path = tmp_path / "t.toml"
     path.write_text(text or 'schema = 1\nsuite = "t"\n' + broken[words])
-    with pytest.raises(ThresholdError, match=words) as error:
+    with pytest.raises(FileError, match=words) as error:
         read_thresholds(path)
     assert "\n" not in str(error.value)

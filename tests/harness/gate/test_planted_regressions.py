@@ -14,7 +14,7 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.gate.judging import State, judge
-from mbsbench.harness.gate.thresholds import FOLDER, read_thresholds
+from mbsbench.harness.gate.thresholds import FOLDER, Thresholds, read_thresholds
 from mbsbench.harness.results import store
 from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import Status, StepControl
@@ -56,7 +56,7 @@ def state_of(spec, run, folder: Path) -> State:
     assert record.status != Status.CRASHED, record.message  # a gate red for a bug of ours proves nothing
     record = dataclasses.replace(record, case=spec.case, settings_id=spec.settings_id)
     bounds = tuple(b for b in THRESHOLDS.bounds if b.case == spec.case)
-    return judge([spec], [record], dataclasses.replace(THRESHOLDS, bounds=bounds, statuses={})).state
+    return judge([spec], [record], Thresholds("ci", bounds)).state
 
 
 @pytest.mark.parametrize(("spec", "worse"), list(planted()))

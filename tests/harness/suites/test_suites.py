@@ -2,7 +2,9 @@
 
 import pytest
 
-from mbsbench.harness.suites.suite import SuiteError, load_suite, parse_suite, suite_names
+from mbsbench.harness.files import FileError
+from mbsbench.harness.suites.includes import suite_names
+from mbsbench.harness.suites.suite import load_suite, parse_suite
 
 from ..conftest import PLUGIN
 
@@ -96,17 +98,17 @@ def test_a_run_folder_holds_a_suite_that_includes(tmp_path):
 
 INCLUDES = {
     'include = "base"': "must be a list",
-    "include = [1]": "must be a list",
-    'include = [""]': "must be a list",
+    "include = [1]": "include 1 must be text",
+    'include = [""]': "include 1 must be text of length",
     'include = ["bse"]': "did you mean 'base'",
     'include = ["top"]': "top includes top",
     'include = ["round"]': "top includes round includes top",
-    'include = ["broken"]': "broken.toml: runs group 1: unknown problem",
+    'include = ["broken"]': "broken.toml: runs 1: unknown problem",
     'include = ["nowhere.toml"]': "cannot read suite",
     'include = ["other/base.toml", "base"]': "the same name",
     'include = ["suite"]': "the same name",
     "include = []": "at least one",
-    'include = ["base"]\nruns = 3': "at least one",
+    'include = ["base"]\nruns = 3': "runs must be a list",
     "total_limit = 0\n" + GROUP: "total_limit",
     "total_limit = true\n" + GROUP: "total_limit",
     'total_limit = "1 h"\n' + GROUP: "total_limit",
@@ -121,22 +123,22 @@ def test_wrong_includes_are_told_in_a_line(text, tmp_path):
     load = written(
         tmp_path, base=GROUP, round='include = ["top"]', broken=GROUP.replace("free", "fre"), suite=GROUP, top=text
     )
-    with pytest.raises(SuiteError) as error:
+    with pytest.raises(FileError) as error:
         load()
     assert INCLUDES[text] in str(error.value) and "\n" not in str(error.value)
 
 
 BAD = {
     "": "at least one",
-    "runs = 3": "at least one",
-    "[[runs]]\n": "problem must be",
+    "runs = 3": "runs must be a list",
+    "[[runs]]\n": "problem is missing",
     "x = [": "test.toml",
     "sweets = 1\n" + GROUP: "unknown key 'sweets'",
     GROUP.replace("free_fall", "free_fal"): "did you mean 'free_fall'",
     GROUP.replace("exact", "exakt"): "did you mean 'exact'",
     GROUP + "problm = 1": "did you mean 'problem'",
     GROUP + "options = {lfit = 1}": "did you mean 'lift'",
-    GROUP + "options = 3": "expected a table",
+    GROUP + "options = 3": "options must be a table",
     GROUP + "parameters = {mass = -1}": "mass must be > 0",
     GROUP + "parameters = {mass = nan}": "mass",
     GROUP + "parameters = {mass = []}": "empty list",
@@ -156,15 +158,15 @@ BAD = {
     GROUP + "memory = 1e300": "memory",
     GROUP + "max_steps = 1" + "0" * 30: "max_steps",
     GROUP + "max_steps = [1, 1e19]": "max_steps",
-    GROUP + "dt = 1" + "0" * 400: "too large",
-    GROUP + "options = {lift = 1" + "0" * 400 + "}": "too large",
+    GROUP + "dt = 1" + "0" * 400: "dt must be a finite number",
+    GROUP + "options = {lift = 1" + "0" * 400 + "}": "lift must be",
     "total_limit = 1" + "0" * 400 + "\n" + GROUP: "total_limit",
     GROUP + "repeats = 1000000000000": "repeats",
     GROUP + "repeats = 1.5": "repeats",
     GROUP + "repeats = [1]": "repeats",
     GROUP + "label = 1": "label",
-    GROUP + GROUP: "there twice",
-    GROUP + "dt = [0.5, 0.5]": "there twice",
+    GROUP + GROUP: "declared twice",
+    GROUP + "dt = [0.5, 0.5]": "declared twice",
     'name = "../x"\n' + GROUP: "name must be",
     'plugins = ["nowhere.py"]\n' + GROUP: "nowhere.py",
     "plugins = [1]\n" + GROUP: "plugins",
@@ -176,7 +178,7 @@ BAD = {
 @pytest.mark.parametrize("text", BAD, ids=range(len(BAD)))
 def test_wrong_suites_are_told_in_a_line(text):
     """With the file, the group, and what was expected."""
-    with pytest.raises(SuiteError) as error:
+    with pytest.raises(FileError) as error:
         specs(text)
     assert BAD[text] in str(error.value) and "\n" not in str(error.value) and "test.toml" in str(error.value)
 
