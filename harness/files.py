@@ -1,5 +1,6 @@
 """Files: their text read, TOML and JSON parsed, and written whole or not at all. Every refusal is one line."""
 
+import math
 import os
 import tomllib
 from collections.abc import Iterator
@@ -48,6 +49,11 @@ def to_json(value: Any, *, indent: int = 0) -> str:
     return (msgspec.json.format(text, indent=indent) if indent else text).decode()
 
 
+def exact(value: Any) -> Any:
+    """For JSON that must be read back as it was: NaN and infinities as text, which ``float`` takes."""
+    return str(float(value)) if isinstance(value, float) and not math.isfinite(value) else value
+
+
 def partial_of(path: Path, pid: int) -> Path:
     """Where process ``pid`` writes what will be ``path``."""
     return path.with_name(f".{path.name}.{pid}.part")
@@ -68,5 +74,10 @@ def whole(path: Path) -> Iterator[Path]:
 
 def write_text(path: Path, text: str) -> None:
     """Write whole or not at all."""
+    write_bytes(path, text.encode())
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Write whole or not at all."""
     with whole(path) as partial:
-        partial.write_text(text, encoding="utf-8")
+        partial.write_bytes(content)

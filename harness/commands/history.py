@@ -1,14 +1,14 @@
 """``history``: what each run gave, run after run."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from rich.text import Text
 
 from ..catalogue.options import nearest
-from ..results.history import METRICS, HistoryError, Row, as_plain, history, read_rows, standing, write_rows
+from ..files import FileError, to_json
+from ..results.history import METRICS, Row, history, read_rows, standing, write_rows
 from ..results.store import StoreError
 from .run import existing
 from .screen import Column, errors, fitted, lines, number, screen, sparkline
@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         write_rows(Path(arguments.write), rows)
     if arguments.json:
         for row in rows:
-            lines().print(json.dumps(as_plain(row), ensure_ascii=False))
+            lines().print(to_json(row))
     else:
         _table(rows, arguments.metric)
     for words in bad:
@@ -65,7 +65,7 @@ def _rows(sources: list[str]) -> tuple[list[Row], list[str]]:
     for file in list(files):
         try:
             read_rows(file)
-        except HistoryError as error:
+        except FileError as error:
             bad.append(f"not read: {error}")
             files.remove(file)
     try:

@@ -104,6 +104,7 @@ def whole(text: str, what: str) -> int:
 def existing(folder: str) -> Path:
     """A run folder given by path or by its name in results/local/."""
     for path in (Path(folder), store.LOCAL / folder):
-        if (path / "runs").is_dir():
+        if store.is_results(path):
             return path
+        store.refuse_older(path)
     raise UsageError(f"{folder} is not a run folder")

@@ -20,6 +20,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from ..files import write_bytes
 from ..results import environment
 from ..results.store import write_record
 from ..types import EndedBy, Status
@@ -153,12 +154,9 @@ def _store(job: Job, files: Mapping[str, bytes]) -> None:
     """Write what a worker sent, the record last."""
     for name in sorted(files, key=lambda n: n.startswith("runs/")):
         target = job.folder / name
-        partial = target.with_name(f".{target.name}.{os.getpid()}.part")
         try:
-            partial.write_bytes(files[name])
-            os.replace(partial, target)
+            write_bytes(target, files[name])
         except OSError as error:  # ours, not the cluster's
-            partial.unlink(missing_ok=True)
             raise PoolError(
                 f"cannot write to {job.folder}: {error.strerror or error}; finished runs are kept"
             ) from None

@@ -1,12 +1,13 @@
 """A job: a run, its address, and the run folder its result belongs to. What a worker is handed, as JSON."""
 
-import dataclasses
 import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import msgspec
 
 from ..catalogue import registry
 from ..results import environment
@@ -43,17 +44,12 @@ class Job:
 
     def to_json(self) -> str:
         """One line."""
-        plain = {**dataclasses.asdict(self), "spec": self.spec.to_plain(), "folder": str(self.folder)}
-        return json.dumps(plain, default=list)
+        return msgspec.json.encode(self, enc_hook=str).decode()
 
     @staticmethod
     def from_json(text: str) -> "Job":
         """The inverse of ``to_json``; plugins are not loaded by it."""
-        plain = json.loads(text)
-        plain.update(
-            folder=Path(plain["folder"]), spec=RunSpec.from_plain(plain["spec"]), plugins=tuple(plain["plugins"])
-        )
-        return Job(**plain)
+        return msgspec.json.decode(text, type=Job, dec_hook=lambda kind, given: kind(given))
 
 
 def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:

@@ -14,13 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from ..catalogue import registry
+from ..files import partial_of
 from ..mechanics.state import States
 from ..metrics.measure import measure
 from ..metrics.reactions import largest_joint_force
 from ..metrics.scales import scales
 from ..metrics.summary import columns
 from ..metrics.verdict import doubts
-from ..results.series import partial_of, write_npz
+from ..results.series import write_npz
 from ..results.words import words_of
 from ..sandbox.isolation import CANNOT_WRITE, fork, kill_group
 from ..sandbox.spool import FileSpool, kept

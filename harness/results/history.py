@@ -3,14 +3,14 @@
 Rows are matched by ``settings``, which the code is no part of: a line over time is one ``settings``.
 """
 
-import dataclasses
-import json
-import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from msgspec.structs import fields, replace
+
+from ..files import parse_json, read_text, to_json, write_text
+from ..shapes import Shape, shaped
 from . import store
 from .provenance import stamp_of
 from .records import RunRecord
@@ -20,13 +20,8 @@ GATES = "history"  # beside the run folders: rows of runs that were judged by th
 NAN = float("nan")
 
 
-class HistoryError(ValueError):
-    """A file of rows that cannot be read; one line."""
-
-
-@dataclass(frozen=True)
-class Row:
-    """One run of one run. NaN where a quantity does not exist."""
+class Row(Shape, frozen=True):
+    """One run of one results folder. NaN where a quantity does not exist."""
 
     commit: str  # '+dirty' when the checkout had changes
     time: str  # UTC, ISO 8601: when the run was started
@@ -53,8 +48,7 @@ class Row:
 
 
 SAME = ("suite", "settings_id", "case", "label", "problem", "solver", "status")  # as in a record
-METRICS = tuple(f.name for f in dataclasses.fields(Row) if f.type is float)
-WORDS = tuple(f.name for f in dataclasses.fields(Row) if f.type is str)
+METRICS = tuple(f.name for f in fields(Row) if f.type is float)
 
 
 def history(folders: Iterable[Path], files: Iterable[Path] = ()) -> tuple[Row, ...]:
@@ -76,9 +70,7 @@ def rows_of(
     """The rows of one run; ``stamp`` is its ``environment.json``, ``gate`` the state of each judged case."""
     out = []
     for r in records:
-        words: dict[str, Any] = {
-            k: getattr(r, k) for k in ("suite", "settings_id", "case", "label", "problem", "solver", "status")
-        }
+        words: dict[str, Any] = {k: getattr(r, k) for k in SAME}
         numbers: dict[str, Any] = {k: float(getattr(r, k)) for k in METRICS if k != "cpu_ratio"}
         time = str(stamp.get("started") or r.finished)
         state = (gate or {}).get(r.case, "")
@@ -88,46 +80,27 @@ def rows_of(
 
 def standing(local: Path = store.LOCAL, committed: Path = COMMITTED) -> tuple[list[Path], list[Path]]:
     """The run folders and the files of rows that there are."""
-    folders = sorted(p for p in local.glob("*") if (p / "runs").is_dir() and not p.is_symlink())
+    folders = sorted(p for p in local.glob("*") if store.is_results(p) and not p.is_symlink())
     return folders, [*sorted(committed.glob("*.jsonl")), *sorted((local / GATES).glob("*.jsonl"))]
 
 
 def write_rows(path: Path, rows: Iterable[Row]) -> None:
-    """JSON lines; numbers that do not exist are null, ratios are left out: they depend on what else there is."""
+    """JSON lines; numbers that do not exist are null, ratios too: they depend on what else there is."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    plain = [{k: v for k, v in as_plain(r).items() if k != "cpu_ratio"} for r in rows]
-    store.write_text(path, "".join(json.dumps(p, ensure_ascii=False, allow_nan=False) + "\n" for p in plain))
+    write_text(path, "".join(to_json(replace(r, cpu_ratio=NAN)) + "\n" for r in rows))
 
 
 def read_rows(path: Path) -> list[Row]:
-    """The inverse of ``write_rows``, or HistoryError."""
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise HistoryError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from None
+    """The inverse of ``write_rows``, or FileError."""
+    lines = read_text(path, "rows").splitlines()
     return [_row(line, f"{path}:{n}") for n, line in enumerate(lines, start=1) if line.strip()]
 
 
-def as_plain(row: Row) -> dict[str, Any]:
-    """JSON-able: None for a number that does not exist."""
-    plain = dataclasses.asdict(row)
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in plain.items()}
-
-
 def _row(line: str, where: str) -> Row:
-    try:
-        plain = json.loads(line)
-        words: dict[str, Any] = {k: plain[k] for k in WORDS if k != "gate" or k in plain}
-        numbers: dict[str, Any] = {k: NAN if plain.get(k) is None else plain[k] for k in METRICS}
-    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
-        raise HistoryError(f"{where} is not a row of a history") from None
-    good = all(isinstance(v, str) for v in words.values())
-    if not good or not all(isinstance(v, int | float) and not isinstance(v, bool) for v in numbers.values()):
-        raise HistoryError(f"{where} is not a row of a history")
-    try:
-        return Row(**words, **{k: float(v) for k, v in numbers.items()})  # type: ignore[arg-type]
-    except OverflowError:
-        raise HistoryError(f"{where} holds a number that is too large") from None
+    plain = parse_json(line, where)
+    if isinstance(plain, dict):
+        plain = {k: NAN if v is None and k in METRICS else v for k, v in plain.items()}
+    return shaped(plain, Row, where)
 
 
 def _with_ratios(rows: Iterable[Row]) -> tuple[Row, ...]:
@@ -137,5 +110,5 @@ def _with_ratios(rows: Iterable[Row]) -> tuple[Row, ...]:
         ratio = NAN
         if row.status == "success" and row.cpu_min_s > 0.0:
             ratio = row.cpu_min_s / first.setdefault((row.settings_id, row.processor), row.cpu_min_s)
-        out.append(dataclasses.replace(row, cpu_ratio=ratio))
+        out.append(replace(row, cpu_ratio=ratio))
     return tuple(out)

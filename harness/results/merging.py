@@ -1,11 +1,11 @@
 """Run folders of shards become one: every good record with its files, nothing of a source changed."""
 
-import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from .. import files
 from . import store
 from .comparison import compare
 from .records import RunRecord
@@ -66,6 +66,5 @@ def _copy(source: Path, target: Path) -> None:
     """Whole or not at all; a file that is gone (a stderr somebody deleted) is no reason to lose a record."""
     if not source.is_file():
         return
-    partial = target.with_name(f".{target.name}.{os.getpid()}.part")
-    shutil.copyfile(source, partial)
-    os.replace(partial, target)
+    with files.whole(target) as partial:
+        shutil.copyfile(source, partial)

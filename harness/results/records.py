@@ -5,20 +5,22 @@ here. Things of which problems and solvers have different ones (options, counter
 """
 
 import dataclasses
-import json
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
-from ..types import Law, Reason
+from .. import files
+from ..shapes import shaped
+from ..types import Reason
+
+T = TypeVar("T")
 
 SCHEMA = 2  # raise it when a column changes its meaning or goes; a new column with a default keeps it
 NAN = float("nan")
 ESSENTIAL = ("run_id", "case", "problem", "solver", "status")  # others may be newer than the file
 
 
-class BadRecord(ValueError):
+class BadRecord(files.FileError):
     """Not a record of this schema; the message says why."""
 
 
@@ -149,77 +151,53 @@ class RunRecord:
 
 
 COLUMNS: tuple[dataclasses.Field, ...] = dataclasses.fields(RunRecord)
+JSON_COLUMNS = {
+    dict: ("problem_parameters", "solver_options", "counters", "observable_errors", "invariant_drifts"),
+    list: ("notes",),
+}
 
 
 def to_json(record: RunRecord) -> str:
     """The record as strict JSON: numbers that are not finite as strings ``"nan"``, ``"inf"``, ``"-inf"``."""
-    plain = {c.name: _plain(getattr(record, c.name)) for c in COLUMNS}
-    return json.dumps(plain, indent=1, allow_nan=False, ensure_ascii=False)
+    return files.to_json({c.name: files.exact(getattr(record, c.name)) for c in COLUMNS}, indent=1)
 
 
 def from_json(text: str) -> RunRecord:
     """The record in ``text``, or BadRecord: not JSON, foreign, of another schema, or of wrong types."""
-    try:
-        plain = json.loads(text)
-    except ValueError as error:
-        raise BadRecord(f"not JSON: {error}") from None
+    plain = files.parse_json(text, "record", BadRecord)
     if not isinstance(plain, dict) or "schema" not in plain or "run_id" not in plain:
         raise BadRecord("not a record of a run")
     if plain["schema"] != SCHEMA:
         raise BadRecord(f"schema {plain['schema']!r}, expected {SCHEMA}")
-    return _checked(plain)
-
-
-def _checked(plain: Mapping[str, Any]) -> RunRecord:
-    values: dict[str, Any] = {}
-    for c in COLUMNS:
-        if c.name not in plain and c.name in ESSENTIAL:
-            raise BadRecord(f"column {c.name} is missing")
-        value = plain.get(c.name, c.default)
-        if c.type is float:
-            value = _number(c.name, value)
-        elif isinstance(value, bool) or not isinstance(value, c.type):  # type: ignore[arg-type]
-            raise BadRecord(f"column {c.name} must be {getattr(c.type, '__name__', c.type)} (got {value!r})")
-        values[c.name] = value
-    for name in ("problem_parameters", "solver_options", "counters", "observable_errors", "invariant_drifts"):
-        _embedded(name, values[name], dict)
-    _embedded("notes", values["notes"], list)
-    try:
-        reasons_of(values["wrong_because"])
-    except (ValueError, TypeError, KeyError):
-        raise BadRecord(f"column wrong_because must hold reasons (got {values['wrong_because'][:40]!r})") from None
-    return RunRecord(**values)
+    for name in ESSENTIAL:
+        if name not in plain:
+            raise BadRecord(f"column {name} is missing")
+    record = _typed(plain, RunRecord, "record")
+    long = [c.name for c in COLUMNS if c.type is int and not -(2**63) <= getattr(record, c.name) < 2**63]
+    if long:
+        raise BadRecord(f"column {long[0]} holds a number that no table can")
+    for kind, names in JSON_COLUMNS.items():
+        for name in names:
+            if not isinstance(files.parse_json(getattr(record, name), f"column {name}", BadRecord), kind):
+                raise BadRecord(f"column {name} must hold a JSON {kind.__name__} (got {getattr(record, name)[:40]!r})")
+    reasons_of(record.wrong_because)
+    return record
 
 
 def reasons_json(reasons: Iterable[Reason]) -> str:
     """The column ``wrong_because``."""
-    return json.dumps([{k: _plain(v) for k, v in vars(r).items()} for r in reasons], ensure_ascii=False)
+    return files.to_json([{k: files.exact(v) for k, v in vars(r).items()} for r in reasons])
 
 
 def reasons_of(wrong_because: str) -> tuple[Reason, ...]:
-    """The inverse of ``reasons_json``; ValueError, TypeError or KeyError if it is none."""
-    return tuple(
-        Reason(**{**r, "law": Law(r["law"]), **{k: float(r[k]) for k in ("value", "limit", "time_s")}})
-        for r in json.loads(wrong_because)
-    )
+    """The inverse of ``reasons_json``, or BadRecord."""
+    where = "column wrong_because"
+    found = shaped(files.parse_json(wrong_because, where, BadRecord), list[dict[str, Any]], where, BadRecord)
+    return tuple(_typed(plain, Reason, where) for plain in found)
 
 
-def _number(name: str, value: Any) -> float:
-    if value in ("nan", "inf", "-inf") or (isinstance(value, int | float) and not isinstance(value, bool)):
-        return float(value)
-    raise BadRecord(f"column {name} must be a number (got {value!r})")
-
-
-def _embedded(name: str, text: str, kind: type) -> None:
-    try:
-        good = isinstance(json.loads(text), kind)
-    except ValueError:
-        good = False
-    if not good:
-        raise BadRecord(f"column {name} must hold a JSON {kind.__name__} (got {text[:40]!r})")
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return value
+def _typed(plain: Mapping[str, Any], kind: type[T], where: str) -> T:
+    """``plain`` as the dataclass ``kind``, its numbers that are not finite taken back from text."""
+    floats = {f.name for f in dataclasses.fields(kind) if f.type is float}  # type: ignore[arg-type]
+    given = {k: float(v) if k in floats and v in ("nan", "inf", "-inf") else v for k, v in plain.items()}
+    return shaped(given, kind, where, BadRecord)

@@ -4,18 +4,19 @@ Written once by the run's process, read by reports; its digest is in the run's r
 """
 
 import hashlib
-import json
-import os
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
-SERIES_SCHEMA = 1
-KIND = "mbsbench series"
+from ..files import parse_json, to_json, whole
+from ..shapes import Shape, shaped
+
+SERIES_SCHEMA: Literal[1] = 1
+KIND: Literal["mbsbench series"] = "mbsbench series"
 
 
 class BadSeries(ValueError):
@@ -44,22 +45,23 @@ class Series:
         return {k[len(prefix) :]: a for k, a in self.arrays.items() if k.startswith(prefix)}
 
 
+class Head(Shape, frozen=True):
+    """What the member ``meta`` of a series file holds, as JSON."""
+
+    events: tuple[dict[str, Any], ...]
+    body_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    units: dict[str, str]
+    symbols: dict[str, str]
+    kind: Literal["mbsbench series"] = KIND
+    schema: Literal[1] = SERIES_SCHEMA
+
+
 def write_series(path: Path, series: Series) -> str:
-    """Write atomically; returns the sha256 of the file."""
-    texts = {
-        "meta": json.dumps(
-            {
-                "kind": KIND,
-                "schema": SERIES_SCHEMA,
-                "events": list(series.events),
-                "body_names": list(series.body_names),
-                "joint_names": list(series.joint_names),
-                "units": dict(series.units),
-                "symbols": dict(series.symbols),
-            }
-        )
-    }
-    return write_npz(path, {**{k: np.asarray(v) for k, v in texts.items()}, **series.arrays})
+    """Write whole or not at all; returns the sha256 of the file."""
+    events = tuple(map(dict, series.events))
+    head = Head(events, series.body_names, series.joint_names, dict(series.units), dict(series.symbols))
+    return write_npz(path, {"meta": np.asarray(to_json(head)), **series.arrays})
 
 
 def read_series(path: Path, sha256: str = "") -> Series:
@@ -73,32 +75,17 @@ def read_series(path: Path, sha256: str = "") -> Series:
     try:
         with np.load(path, allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-        meta = json.loads(str(arrays.pop("meta")))
+        head = shaped(parse_json(str(arrays.pop("meta")), "meta"), Head, "meta")
     except (ValueError, OSError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise BadSeries(f"not a whole series file: {error}") from None
-    if not isinstance(meta, dict) or meta.get("kind") != KIND or meta.get("schema") != SERIES_SCHEMA:
-        raise BadSeries(f"not a series file of schema {SERIES_SCHEMA}")
+        raise BadSeries(f"not a whole series file of schema {SERIES_SCHEMA}: {error}") from None
     for array in arrays.values():
         array.setflags(write=False)
-    names = (tuple(meta["body_names"]), tuple(meta["joint_names"]))
-    return Series(arrays, tuple(meta["events"]), *names, meta["units"], meta["symbols"])
-
-
-def partial_of(path: Path, pid: int) -> Path:
-    """Where process ``pid`` writes what will be ``path``."""
-    return path.with_name(f".{path.name}.{pid}.part")
+    return Series(arrays, head.events, head.body_names, head.joint_names, head.units, head.symbols)
 
 
 def write_npz(path: Path, arrays: Mapping[str, np.ndarray]) -> str:
     """Write ``arrays`` to ``path`` whole or not at all; returns the sha256 of the file."""
-    partial = partial_of(path, os.getpid())
-    try:
+    with whole(path) as partial:
         with partial.open("wb") as file:
             np.savez_compressed(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
-            file.flush()
-            os.fsync(file.fileno())
-        digest = hashlib.sha256(partial.read_bytes()).hexdigest()
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
-    return digest
+        return hashlib.sha256(partial.read_bytes()).hexdigest()

@@ -6,7 +6,6 @@ holds: ``docs/results-format.md``.
 
 import fcntl
 import hashlib
-import json
 import os
 import shutil
 from collections.abc import Iterable
@@ -14,6 +13,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
+from .. import files
+from ..files import write_text
+from ..shapes import Shape, shaped
 from .records import COLUMNS, SCHEMA, BadRecord, RunRecord, from_json, to_json
 from .series import BadSeries, Series, read_series
 
@@ -24,8 +26,15 @@ LOCAL = Path("results") / "local"
 PARTS = ("runs", "series", "stderr")
 
 
-class StoreError(ValueError):
+class StoreError(files.FileError):
     """A folder that cannot be used; the message says what to do."""
+
+
+class RecordFile(Shape, frozen=True):
+    """What ``runs/<run_id>.json`` holds: the text of the record and its digest."""
+
+    sha256: str
+    record: str
 
 
 @dataclass(frozen=True)
@@ -44,8 +53,22 @@ class Loaded:
     unreadable: tuple[Unreadable, ...]
 
 
+def is_results(folder: Path) -> bool:
+    """Whether ``folder`` holds results that this version reads."""
+    return (folder / "runs").is_dir()
+
+
+def refuse_older(folder: Path) -> None:
+    """StoreError for a folder of schema 1, whose runs were called cells."""
+    if (folder / "cells").is_dir() and not is_results(folder):
+        suite = folder / "suite.toml"
+        again = f"run the suite again: mbsbench run {suite}" if suite.is_file() else "run its suite again"
+        raise StoreError(f"{folder} holds results of an older version (schema 1); {again}")
+
+
 def create(folder: Path) -> Path:
     """Make the folder and its parts (an existing one is kept as it is)."""
+    refuse_older(folder)
     try:
         for part in PARTS:
             (folder / part).mkdir(parents=True, exist_ok=True)
@@ -71,25 +94,17 @@ def write_record(folder: Path, record: RunRecord) -> Path:
     """Store one finished run."""
     body = to_json(record)
     path = folder / "runs" / f"{record.run_id}.json"
-    write_text(path, json.dumps({"sha256": _digest(body), "record": body}, ensure_ascii=False))
+    write_text(path, files.to_json({"sha256": _digest(body), "record": body}))
     return path
 
 
 def read_record(path: Path) -> RunRecord:
     """The record in ``path``, or BadRecord; its file name must be its content address."""
-    try:
-        outer = json.loads(path.read_text(encoding="utf-8"))
-        body, digest = outer["record"], outer["sha256"]
-        if not isinstance(body, str) or _digest(body) != digest:
-            raise BadRecord("its digest does not match: truncated or changed")
-        record = from_json(body)
-        long = [c.name for c in COLUMNS if c.type is int and not -(2**63) <= getattr(record, c.name) < 2**63]
-        if long:
-            raise BadRecord(f"column {long[0]} holds a number that no table can")
-    except BadRecord:
-        raise
-    except (OSError, ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
-        raise BadRecord(f"not a record file: {type(error).__name__}: {error}") from None
+    text = files.read_text(path, "record", BadRecord)
+    outer = shaped(files.parse_json(text, "record file", BadRecord), RecordFile, "record file", BadRecord)
+    if _digest(outer.record) != outer.sha256:
+        raise BadRecord("its digest does not match: truncated or changed")
+    record = from_json(outer.record)
     if record.run_id != path.stem:
         raise BadRecord(f"it is the record of run {record.run_id}")
     return record
@@ -97,8 +112,9 @@ def read_record(path: Path) -> RunRecord:
 
 def load(folder: Path, *, check_series: bool = True) -> Loaded:
     """All good records, in order of case; a record whose series file is damaged is not good. Nothing is changed."""
-    if not (folder / "runs").is_dir():
-        raise StoreError(f"{folder} is not a run folder (it has no runs/)")
+    refuse_older(folder)
+    if not is_results(folder):
+        raise StoreError(f"{folder} holds no results (it has no runs/)")
     good, bad = [], []
     for path in sorted((folder / "runs").iterdir()):
         if path.name.startswith("."):
@@ -158,26 +174,9 @@ def write_table(folder: Path, records: Iterable[RunRecord]) -> Path:
     frame = table(records)
     frame.attrs["schema"] = SCHEMA
     path = folder / "runs.parquet"
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
+    with files.whole(path) as partial:
         frame.to_parquet(partial, index=False)
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
     return path
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write whole or not at all."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with partial.open("w", encoding="utf-8") as file:
-            file.write(text)
-            file.flush()
-            os.fsync(file.fileno())
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def point_latest(folder: Path) -> None:

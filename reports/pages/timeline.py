@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...harness.results.history import HistoryError, Row, history, read_rows, standing
-from ...harness.results.store import StoreError
+from ...harness.files import FileError
+from ...harness.results.history import Row, history, read_rows, standing
 from ..model.results import Results
 from ..model.words import Mark, mark
 
@@ -87,7 +87,7 @@ def gather(results: Results, committed: Path = COMMITTED) -> tuple[tuple[Row, ..
         for path in list(kept):
             try:
                 read(path)  # type: ignore[operator]
-            except (HistoryError, StoreError) as error:
+            except FileError as error:
                 bad.append(str(error))
                 kept.remove(path)
     return history(folders, files), bad

@@ -7,7 +7,6 @@ import pytest
 
 from mbsbench.harness.commands.terms import Parser, assignments
 from mbsbench.harness.execution.job import Job, record_of
-from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.reproduce import command
 from mbsbench.harness.suites.suite import load_suite, parse_suite

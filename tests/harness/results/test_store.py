@@ -1,14 +1,16 @@
 """What is stored comes back; what is damaged is reported and set aside, never read as good, never deleted."""
 
-from pathlib import Path
+import contextlib
 import dataclasses
 import json
 import os
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from mbsbench.harness.__main__ import main
 from mbsbench.harness.results import environment, records, store
 from mbsbench.harness.results.records import COLUMNS, BadRecord, RunRecord, from_json, to_json
 from mbsbench.harness.results.series import BadSeries, Series, read_series, write_series
@@ -133,6 +135,23 @@ def test_unwritable_folder_is_said_in_a_line():
     """Before anything runs."""
     with pytest.raises(store.StoreError, match="cannot write"):
         store.create(environment.ROOT / "Makefile" / "run")
+
+
+@pytest.mark.parametrize(
+    "line", ["report", "show", "verify", "judge", "figures", "diff {0}", "merge out", "gate --run", "history",
+             "animate --problem p --out x.gif", "run ci --resume --out"],
+)  # fmt: skip
+def test_a_folder_of_an_older_version_is_refused_with_what_to_do(tmp_path, line, capsys):
+    """By every command that takes one; nothing in it is changed."""
+    old = tmp_path / "old"
+    (old / "cells").mkdir(parents=True)
+    (old / "cells.parquet").write_bytes(b"")
+    (old / "suite.toml").write_text("")
+    with contextlib.chdir(tmp_path):
+        assert main([*line.format(old).split(), str(old)]) == 2
+    said = f"holds results of an older version (schema 1); run the suite again: mbsbench run {old}/suite.toml\n"
+    assert said in capsys.readouterr().err
+    assert sorted(p.name for p in old.iterdir()) == ["cells", "cells.parquet", "suite.toml"]
 
 
 def test_format_page_names_every_status():

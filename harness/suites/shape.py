@@ -1,0 +1,70 @@
+"""What a suite file may say.
+
+::
+
+    name = "example"
+    description = "one line"
+    include = ["ci"]            # suites beside this file or in harness/suites/: their runs and plugins come first
+    total_limit = 900.0         # [s] the whole run: what runs then is killed (stalled), what has not begun is left
+    [defaults]                  # any key of a group but problem and solver; of this file alone
+    wall_limit = 60.0           # [s] a run
+    [[runs]]
+    label = "recommended"
+    problem = "spherical_pendulum"              # or a list
+    parameters = { omega_z = [0.0, 0.1] }       # a list is a product; of a tuple-valued parameter give a list of lists
+    solver = ["gc_weak_form", "rk45_strong_form"]
+    options = { }
+    dt = [0.02, 0.01]           # goes to the solvers controlled by dt, rtol and max_step to the others
+    rtol = 1e-8
+"""
+
+from typing import Annotated, Any
+
+from msgspec import Meta
+
+from ..shapes import Shape
+
+Names = str | Annotated[tuple[str, ...], Meta(min_length=1)]
+LONGEST = 1e7  # [s] four months
+Seconds = Annotated[float, Meta(gt=0.0, le=LONGEST, description=f"a finite number > 0, at most {LONGEST:g}")]
+Megabytes = Annotated[float, Meta(gt=0.0, le=1e9, description="a finite number > 0, at most 1e+09")]
+Repeats = Annotated[int, Meta(ge=1, le=10**6, description="a whole number > 0, at most 1e+06")]
+Title = Annotated[str, Meta(pattern=r"^[\w-]+$", description="letters, digits, - and _")]
+
+
+class Defaults(Shape, frozen=True, kw_only=True):
+    """Keys that groups share. Steps and tolerances are numbers or text, or lists of them."""
+
+    label: str | None = None
+    parameters: dict[str, Any] | None = None
+    options: dict[str, Any] | None = None
+    dt: Any = None
+    rtol: Any = None
+    max_step: Any = None
+    max_steps: Any = None
+    wall_limit: Seconds | None = None
+    memory: Megabytes | None = None
+    repeats: Repeats | None = None
+
+
+class Group(Defaults, frozen=True, kw_only=True):
+    """One ``[[runs]]`` table."""
+
+    problem: Names
+    solver: Names
+
+    def given(self, *keys: str) -> dict[str, Any]:
+        """Those of ``keys`` that are there."""
+        return {k: v for k in keys if (v := getattr(self, k)) is not None}
+
+
+class SuiteFile(Shape, frozen=True, kw_only=True):
+    """One file."""
+
+    name: Title | None = None
+    description: str = ""
+    include: tuple[Annotated[str, Meta(min_length=1)], ...] = ()
+    total_limit: Seconds | None = None
+    plugins: tuple[str, ...] = ()
+    defaults: Defaults = Defaults()
+    runs: tuple[Group, ...] = ()
