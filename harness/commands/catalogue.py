@@ -12,6 +12,7 @@ from rich.table import Table
 
 from ..catalogue import registry
 from ..catalogue.options import Parameter
+from ..results.naming import text_of
 from ..suites.includes import suite_names
 from ..suites.spec import DEFAULT_RTOL
 from .screen import lines, screen
@@ -90,7 +91,7 @@ def _options(out: Console, parameters: Mapping[str, tuple[Any, Parameter]]) -> N
         table.add_column(column, overflow="fold", no_wrap=column != "meaning")
     for name, (default, parameter) in parameters.items():
         table.add_row(
-            f"  {name}", _text(default), parameter.unit and escape(f"[{parameter.unit}]"), escape(_meaning(parameter))
+            f"  {name}", text_of(default), parameter.unit and escape(f"[{parameter.unit}]"), escape(_meaning(parameter))
         )
     if table.row_count:
         out.print(table)
@@ -99,11 +100,3 @@ def _options(out: Console, parameters: Mapping[str, tuple[Any, Parameter]]) -> N
 
 def _meaning(p: Parameter) -> str:
     return p.doc + (f": {' | '.join(map(str, p.choices))}" if p.choices else "")
-
-
-def _text(default: Any) -> str:
-    if isinstance(default, bool):
-        return str(default).lower()
-    if isinstance(default, tuple):
-        return ",".join(map(_text, default))
-    return f"{default:g}" if isinstance(default, float) else str(default)

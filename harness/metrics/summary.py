@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ..files import exact
 from ..mechanics import so3
 from ..types import Problem, Trajectory
 from .measure import Measured
@@ -110,7 +111,7 @@ def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
     by_name = {}
     for o in problem.observables:
         away = np.abs(m.observables[o.name] - m.reference_observables[o.name])[:compared]
-        by_name[o.name] = {"max": _plain(largest(away)), "end": _plain(away[last]), "unit": o.unit}
+        by_name[o.name] = {"max": exact(largest(away)), "end": exact(away[last]), "unit": o.unit}
     return {
         "reference": m.reference_route,
         "reference_horizon_s": m.reference_horizon,
@@ -156,7 +157,7 @@ def _way_back(problem: Problem, trajectory: Trajectory) -> dict[str, float]:
 
 def _drift(values: np.ndarray, unit: str) -> dict[str, Any]:
     away = values - values[0]
-    return {"max": _plain(largest(away)), "end": _plain(away[-1]), "start": _plain(values[0]), "unit": unit}
+    return {"max": exact(largest(away)), "end": exact(away[-1]), "start": exact(values[0]), "unit": unit}
 
 
 def _steps(t: np.ndarray) -> dict[str, float]:
@@ -180,8 +181,3 @@ def _counted(counters: Mapping[str, int]) -> dict[str, Any]:
         found = [counters[k] for k in known if k in counters]
         out[name] = float(found[0]) if found else math.nan
     return out
-
-
-def _plain(value: float) -> float | str:
-    """JSON has no infinities: as text."""
-    return float(value) if math.isfinite(value) else str(float(value))

@@ -6,6 +6,7 @@ import shlex
 from collections.abc import Sequence
 from typing import Any
 
+from .naming import text_of
 from .records import RunRecord
 from ..types import StepControl
 
@@ -19,11 +20,11 @@ def command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> st
     for plugin in plugins:
         words += ["--plugin", plugin]
     for name, value in json.loads(record.problem_parameters).items():
-        words += ["--problem-set", f"{name}={_text(value)}"]
+        words += ["--problem-set", f"{name}={text_of(value)}"]
     for name, value in json.loads(record.solver_options).items():
-        words += ["--set", f"{name}={_text(value)}"]
+        words += ["--set", f"{name}={text_of(value)}"]
     for name, value in _control(record).items():
-        words += ["--set", f"{name}={_text(value)}"]
+        words += ["--set", f"{name}={text_of(value)}"]
     words += ["--out", out or f"{record.run_id or record.problem}.npz"]
     return shlex.join(words)
 
@@ -37,14 +38,3 @@ def _control(record: RunRecord) -> dict[str, Any]:
     if not math.isnan(record.wall_limit_s):
         out["wall_limit"] = record.wall_limit_s
     return out
-
-
-def _text(value: Any) -> str:
-    """As ``harness.options`` reads it: the same number, to the last bit."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list | tuple):
-        return ",".join(map(_text, value))
-    if isinstance(value, float):
-        return f"{value:.12g}" if float(f"{value:.12g}") == value else repr(value)
-    return str(value)

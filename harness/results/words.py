@@ -53,8 +53,7 @@ def words_of_ending(record: RunRecord) -> str:
         EndedBy.WALL_LIMIT: f"killed after {r.ended_limit_s:g} s (wall limit of {r.wall_limit_s:g} s): "
         "the solver did not stop when asked",
         EndedBy.CPU_LIMIT: "used up its CPU time",
-        EndedBy.MEASURE_LIMIT: "the solver was done, but measuring its motion took more than "
-        f"{r.ended_limit_s:g} s",
+        EndedBy.MEASURE_LIMIT: f"the solver was done, but measuring its motion took more than {r.ended_limit_s:g} s",
         EndedBy.TOTAL_LIMIT: f"killed when the suite met its total_limit of {r.ended_limit_s:g} s",
         EndedBy.EXIT: f"its process exited with code {r.exit_code} and no result",
         EndedBy.SIGNAL: _signal(r),

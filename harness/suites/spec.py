@@ -11,6 +11,7 @@ import msgspec
 
 from ..catalogue import registry
 from ..catalogue.options import shown
+from ..results.naming import named, text_of
 from ..types import Problem, StepControl
 
 DEFAULT_RTOL = 1e-8
@@ -47,10 +48,10 @@ class RunSpec:
         """The settings in words."""
         c = self.control
         steps = {"dt": c.dt, "rtol": c.rtol, "max_step": c.max_step}
-        words = [f"{k}={_short(v)}" for k, v in steps.items() if v is not None]
+        words = [f"{k}={text_of(v)}" for k, v in steps.items() if v is not None]
         if c.max_steps != StepControl.max_steps:
             words.append(f"max_steps={c.max_steps}")
-        return " ".join([_named(self.problem, self.parameters), _named(self.solver, self.options), *words])
+        return " ".join([named(self.problem, self.parameters), named(self.solver, self.options), *words])
 
     def to_plain(self) -> dict[str, Any]:
         """JSON-able."""
@@ -117,19 +118,6 @@ def _positive(name: str, given: Any) -> Any:
     except (TypeError, ValueError, OverflowError):
         raise ValueError(f"{name} must be {wanted} (got {shown(given)})") from None
     return int(value) if whole else value
-
-
-def _named(name: str, values: Mapping[str, Any]) -> str:
-    inside = ",".join(f"{k}={_short(v)}" for k, v in sorted(values.items()))
-    return f"{name}[{inside}]" if inside else name
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, tuple | list):
-        return "(" + ",".join(map(_short, value)) + ")"
-    return (
-        f"{value:.12g}" if isinstance(value, float) else str(value).lower() if isinstance(value, bool) else str(value)
-    )
 
 
 def _digest(plain: Any) -> str:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ...harness.results import store
+from ...harness.results.naming import named, text_of
 from ...harness.results.records import RunRecord
 from ...harness.results.series import KIND, SERIES_SCHEMA, Series
 from ...harness.results.words import why
@@ -213,21 +214,6 @@ def by_solver(runs: Iterable[Run]) -> dict[str, list[Run]]:
     for run in runs:
         found.setdefault(run.record.solver, []).append(run)
     return found
-
-
-def named(name: str, given: Mapping[str, Any]) -> str:
-    """``name[key=value,...]``."""
-    inside = ",".join(f"{k}={text_of(v)}" for k, v in given.items())
-    return f"{name}[{inside}]" if inside else name
-
-
-def text_of(value: Any) -> str:
-    """A JSON value as one would type it on the command line."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list):
-        return "(" + ", ".join(map(text_of, value)) + ")"
-    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def natural(text: str) -> list[tuple[int, float, str]]:
