@@ -13,7 +13,7 @@
     problem = "spherical_pendulum"              # or a list
     parameters = { omega_z = [0.0, 0.1] }       # a list is a product; of a tuple-valued parameter give a list of lists
     solver = ["gc_weak_form", "rk45_strong_form"]
-    options = { }
+    options = { "alpha, beta" = [0.0, 5.0] }    # two keys with the same value
     dt = [0.02, 0.01]           # goes to the solvers controlled by dt, rtol and max_step to the others
     rtol = 1e-8
 """

@@ -145,12 +145,14 @@ def _product(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> 
     """One dict for each combination of the listed values; a tuple-valued one takes a flat list as one value."""
     choices = []
     for key, value in given.items():
-        is_tuple = key in known and isinstance(known[key][0], tuple)
+        names = [name.strip() for name in key.split(",")]
+        is_tuple = names[0] in known and isinstance(known[names[0]][0], tuple)
         one = not isinstance(value, list) or (is_tuple and not any(isinstance(v, list | str) for v in value))
         if value == []:
-            raise ValueError(f"{key} is an empty list: no run would be run")
-        choices.append([(key, v) for v in ([value] if one else value)])
-    return map(dict, itertools.product(*choices))
+            raise ValueError(f"{key} is an empty list: nothing would be run")
+        choices.append([dict.fromkeys(names, v) for v in ([value] if one else value)])
+    for combination in itertools.product(*choices):
+        yield {name: v for part in combination for name, v in part.items()}
 
 
 def _list(names: str | tuple[str, ...]) -> tuple[str, ...]:

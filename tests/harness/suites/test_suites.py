@@ -24,6 +24,14 @@ def test_lists_are_products():
     assert len(made) == 12 and len({c.settings_id for c in made}) == len({c.case for c in made}) == 12
 
 
+def test_keys_that_share_a_value_vary_together():
+    """Three gains alpha = beta, not nine pairs."""
+    text = '[[runs]]\nproblem = "heavy_top"\nsolver = "ida_index1"\noptions = { "alpha, beta" = [0.0, 1.0, 2.0] }'
+    assert [dict(s.options) for s in specs(text)] == [{"alpha": a, "beta": a} for a in (0.0, 1.0, 2.0)]
+    with pytest.raises(FileError, match="did you mean 'alpha'"):
+        specs(text.replace("alpha", "alhpa"))
+
+
 def test_defaults_are_the_same_run():
     """Said or left out, text or number: what is run is the same, so its address is."""
     (plain,) = specs(GROUP)
