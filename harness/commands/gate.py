@@ -3,7 +3,6 @@
 import argparse
 import contextlib
 import difflib
-import json
 import math
 import re
 import tempfile
@@ -15,6 +14,7 @@ from typing import Any
 from rich.text import Text
 
 from ..execution.runner import Request, new_folder, run_suite
+from ..files import to_json
 from ..gate.files import as_plain, junit, markdown
 from ..gate.judging import State, Verdict, has_moved, judge, of_code, tightened
 from ..gate.proposal import proposed
@@ -90,7 +90,7 @@ def run(arguments: argparse.Namespace) -> int:
         return _update(path, thresholds, judged, loosen=arguments.loosen, write=arguments.write)
     verdict = judge(suite.specs, done.loaded.records, thresholds, code)
     if arguments.json:
-        lines().print(json.dumps(as_plain(verdict, suite.name), ensure_ascii=False, allow_nan=False))
+        lines().print(to_json(as_plain(verdict, suite.name)))
     else:
         _print(verdict, everything=arguments.all)
     for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):

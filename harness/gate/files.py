@@ -46,11 +46,11 @@ def markdown(verdict: Verdict, suite: str) -> str:
 
 
 def as_plain(verdict: Verdict, suite: str) -> dict[str, Any]:
-    """JSON-able: None for numbers that do not exist."""
+    """The verdict as ``--json`` prints it."""
     findings = [
         {
-            "state": f.state.name, "case": f.case, "metric": f.what, "measured": _or_none(f.measured),
-            "value": _or_none(f.value), "bound": f.bound, "unit": f.unit, "why": f.words, "moved": has_moved(f),
+            "state": f.state.name, "case": f.case, "metric": f.what, "measured": f.measured,
+            "value": f.value, "bound": f.bound, "unit": f.unit, "why": f.words, "moved": has_moved(f),
         }
         for f in verdict.findings
     ]  # fmt: skip
@@ -62,10 +62,6 @@ def as_plain(verdict: Verdict, suite: str) -> dict[str, Any]:
         "counts": counts,
         "findings": findings,
     }
-
-
-def _or_none(x: float) -> float | None:
-    return x if math.isfinite(x) else None
 
 
 def said(f: Finding) -> str:

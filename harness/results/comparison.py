@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
+from ..types import Status
 from .records import COLUMNS, RunRecord
 from .store import newest
-from ..types import Status
 
 NOT_COMPARED = {
     "cpu_min_s", "cpu_median_s", "cpu_max_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB", "repeats",

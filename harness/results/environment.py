@@ -24,10 +24,11 @@ THREADS = {  # one thread: timings mean CPU time of one core, and results do not
     "NUMBA_NUM_THREADS": "1",
 }
 SHAPING = (  # what the process of one run executes; the rest only arranges, judges or shows
-    "harness/catalogue", "harness/execution/job.py", "harness/execution/measuring.py", "harness/execution/presented.py",
-    "harness/execution/supervisor.py", "harness/execution/warmup.py", "harness/execution/worker.py", "harness/files.py", "harness/mechanics",
-    "harness/metrics", "harness/results/naming.py", "harness/results/records.py", "harness/results/series.py", "harness/sandbox", "harness/shapes.py",
-    "harness/suites/spec.py", "harness/types.py", "problems", "solvers",
+    "harness/catalogue", "harness/execution/job.py", "harness/execution/measuring.py",
+    "harness/execution/presented.py", "harness/execution/supervisor.py", "harness/execution/warmup.py",
+    "harness/execution/worker.py", "harness/files.py", "harness/mechanics", "harness/metrics",
+    "harness/results/naming.py", "harness/results/records.py", "harness/results/series.py", "harness/sandbox",
+    "harness/shapes.py", "harness/suites/spec.py", "harness/types.py", "problems", "solvers",
 )  # fmt: skip
 
 

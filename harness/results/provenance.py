@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..files import FileError, parse_json, read_text
 from . import environment
 
 WORDS = {
@@ -36,9 +37,10 @@ class Difference:
 
 def stamp_of(folder: Path) -> dict[str, Any]:
     """``environment.json`` of a run folder; empty where it cannot be read."""
+    path = folder / "environment.json"
     try:
-        plain = json.loads((folder / "environment.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        plain = parse_json(read_text(path, "environment"), str(path))
+    except FileError:
         return {}
     return plain if isinstance(plain, dict) else {}
 

@@ -6,9 +6,9 @@ import shlex
 from collections.abc import Sequence
 from typing import Any
 
+from ..types import StepControl
 from .naming import text_of
 from .records import RunRecord
-from ..types import StepControl
 
 
 def command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> str:

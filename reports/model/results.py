@@ -15,6 +15,7 @@ import numpy as np
 
 from ...harness.results import store
 from ...harness.results.naming import named, text_of
+from ...harness.results.provenance import stamp_of
 from ...harness.results.records import RunRecord
 from ...harness.results.series import KIND, SERIES_SCHEMA, Series
 from ...harness.results.words import why
@@ -188,7 +189,7 @@ def read_results(folder: Path, *, check_series: bool = True) -> Results:
     runs = [Run(r, _stderr(folder, r)) for r in loaded.records if r.run_id not in faults]
     runs.sort(key=lambda c: (c.record.solver, c.method, -c.step_or_tolerance, c.record.case))
     bad = [store.Unreadable(folder / "runs" / f"{run}.json", why) for run, why in faults.items()]
-    return Results(folder, _environment(folder), tuple(runs), (*loaded.unreadable, *bad))
+    return Results(folder, stamp_of(folder), tuple(runs), (*loaded.unreadable, *bad))
 
 
 def _series_fault(folder: Path, record: RunRecord) -> str:
@@ -231,14 +232,6 @@ def slug(title: str, taken: set[str]) -> str:
         name = f"{base}-{n}"
     taken.add(name.lower())
     return name
-
-
-def _environment(folder: Path) -> Mapping[str, Any]:
-    try:
-        plain = json.loads((folder / "environment.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return plain if isinstance(plain, dict) else {}
 
 
 def _stderr(folder: Path, record: RunRecord) -> str:
