@@ -68,6 +68,8 @@ def _fault(plain: Any, kind: Any, said: str) -> list[str]:
         return [*at, f"unknown key {key!r}{nearest(key, known)}" if "unknown" in words else f"{key} is missing"]
     if words.startswith("Invalid enum"):
         return [*at[:-1], f"unknown {at[-1]} {plain!r}{nearest(str(plain), _choices(kind))}"]
+    if not words.startswith("Expected") and "out of range" not in words:  # a rule between fields, of __post_init__
+        return [*at, words]
     return [*at[:-1], " ".join([*at[-1:], _must(words, plain, kind)])]
 
 
@@ -80,9 +82,7 @@ def _misfit(plain: Any, kind: Any) -> str:
 
 
 def _must(words: str, plain: Any, kind: Any) -> str:
-    """``must be a number > 0 (got -1)``; a rule between fields (a ``ValueError`` of ``__post_init__``) says itself."""
-    if not words.startswith("Expected") and "out of range" not in words:
-        return words
+    """``must be a number > 0 (got -1)``."""
     got = shown(plain)
     described = [m.description for o in (kind, *_options(kind)) for m in get_args(o)[1:] if isinstance(m, Meta)]
     if any(described):
@@ -120,5 +120,6 @@ def _part(kind: Any, step: Any) -> Any:
 
 
 def _choices(kind: Any) -> list[str]:
-    found = [c for o in _options(kind) for c in (get_args(o) if get_origin(o) is Literal else o)]
-    return [str(c.value) if isinstance(c, Enum) else str(c) for c in found]
+    enums = [o for o in _options(kind) if isinstance(o, type) and issubclass(o, Enum)]
+    literals = [c for o in _options(kind) if get_origin(o) is Literal for c in get_args(o)]
+    return [str(c) for c in (*literals, *(member.value for e in enums for member in e))]

@@ -52,7 +52,7 @@ class Threshold(Shape, frozen=True, kw_only=True):
     unit: str = ""
     reason: Text
     expect: Literal["pass", "fail"] = "pass"
-    direction: Literal["smaller", "larger", "between", "equal", ""] = ""
+    direction: Literal["smaller", "larger", "between", "equal"] | None = None
     tolerance: Annotated[float, Meta(ge=0.0, lt=1.0, description="a number from 0 to 1")] = 0.0
 
     def __post_init__(self) -> None:
@@ -65,7 +65,10 @@ class Threshold(Shape, frozen=True, kw_only=True):
             return
         if not (high or low):
             raise ValueError("give upper or lower; without a bound nothing is checked")
-        if self.direction not in ("", "between" if high and low else "smaller" if high else "larger") or self.tolerance:
+        if (
+            self.direction not in (None, "between" if high and low else "smaller" if high else "larger")
+            or self.tolerance
+        ):
             raise ValueError(
                 f"direction must fit the bounds: smaller with upper, larger with lower, between with both, equal "
                 f"(and tolerance) with value alone (got {self.direction!r})"

@@ -24,7 +24,7 @@ class Part(Shape, frozen=True):
     place: Finite = 0.0
     count: Annotated[int, Meta(ge=1, le=9)] = 1
     colour: Colour = Colour.RED
-    expect: Literal["pass", "fail"] = "pass"
+    expect: Literal["pass", "fail"] | None = None
     sizes: dict[str, int] = field(default_factory=dict)
     names: str | tuple[str, ...] = ()
 

@@ -210,7 +210,7 @@ ENTRY = '[[threshold]]\ncase = "a"\nmetric = "phi_max"\nupper = 1.0\nreason = "r
 
 @pytest.mark.parametrize(
     ("text", "words"),
-    [("", "fit the bounds"), ("", "takes value"), ("", "above upper"),
+    [("", "fit the bounds"), ("", "takes value"), ("", "threshold 1: lower is above upper"),
      ("[", "t.toml"), ("schema = 2", "schema"), ("", "upper or lower"), ("", "unknown metric"), ("", "reason"),
      ("", "expect"), ("", "finite"), ("", "twice"), ("", "unknown key"), ("", "unknown status"),
      ("", "too deeply"), ("", "upper must be a finite"), ("", "digits")],
@@ -223,7 +223,7 @@ def test_wrong_thresholds_are_told(tmp_path, text, words):
         "reason": ENTRY.replace('"r"', '""'),
         "fit the bounds": ENTRY + 'direction = "larger"\n',
         "takes value": ENTRY + 'direction = "equal"\n',
-        "above upper": ENTRY + "lower = 2.0\n",
+        "threshold 1: lower is above upper": ENTRY + "lower = 2.0\n",
         "expect": ENTRY + 'expect = "maybe"\n',
         "finite": ENTRY.replace("1.0", "nan"),
         "twice": ENTRY + ENTRY,
