@@ -55,8 +55,8 @@ def exact(value: Any) -> Any:
 
 
 def partial_of(path: Path, pid: int) -> Path:
-    """Where process ``pid`` writes what will be ``path``."""
-    return path.with_name(f".{path.name}.{pid}.part")
+    """Where process ``pid`` writes what will be ``path``; the suffix stays, by which programs know the format."""
+    return path.with_name(f".{path.stem}.{pid}.part{path.suffix}")
 
 
 @contextmanager

@@ -1,6 +1,5 @@
 """Pictures into a file: GIF by Pillow, MP4 by ffmpeg where there is one."""
 
-import os
 import shutil
 import subprocess
 from collections.abc import Iterable, Iterator
@@ -9,6 +8,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 from PIL import Image
+
+from ....harness.files import whole
 
 Picture = UInt8[np.ndarray, "height width 3"]
 COLOURS = 64  # of a GIF: lines, text and a little smoothing
@@ -24,12 +25,8 @@ def check_kind(out: Path) -> None:
 
 def write(pictures: Iterable[Picture], out: Path, fps: int) -> None:
     """Replaced whole."""
-    partial = out.with_name(f".{out.stem}.{os.getpid()}{out.suffix}")
-    try:
+    with whole(out) as partial:
         (_gif if out.suffix.lower() == ".gif" else _mp4)(pictures, partial, fps)
-        os.replace(partial, out)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def ffmpeg() -> str | None:
