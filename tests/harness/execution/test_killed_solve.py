@@ -86,6 +86,7 @@ def test_a_killed_run_of_solve_is_its_result(tmp_path, number):
 
 def test_a_disk_that_is_full_or_a_file_cut_short_is_no_result(tmp_path, monkeypatch):
     """Written beside and renamed: an error on the way leaves the older file and no rest."""
+    from mbsbench.harness import files
     from mbsbench.harness.results import series
 
     path = tmp_path / "x.npz"
@@ -95,7 +96,7 @@ def test_a_disk_that_is_full_or_a_file_cut_short_is_no_result(tmp_path, monkeypa
     def full(*arguments, **more):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(series.os, "fsync", full)
+    monkeypatch.setattr(files.os, "fsync", full)
     with pytest.raises(OSError, match="No space"):
         series.write_npz(path, {"a": np.arange(4)})
     assert path.read_bytes() == before and [p.name for p in tmp_path.iterdir()] == ["x.npz"]
