@@ -3,6 +3,7 @@
 import dataclasses
 import json
 import math
+import signal
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,8 +12,9 @@ from typing import Any
 from ..catalogue import registry
 from ..results import environment
 from ..results.records import RunRecord
+from ..sandbox.apart import Ended
 from ..suites.spec import RunSpec
-from ..types import Status
+from ..types import EndedBy, Status
 
 
 @dataclass(frozen=True)
@@ -86,6 +88,36 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
         commit=job.commit,
         finished=environment.now(),
         **{"t_end_s": spec.parameters.get("t_end", math.nan), **files, **columns},
+    )
+
+
+STATUS_OF = {
+    EndedBy.WALL_LIMIT: Status.STALLED,
+    EndedBy.CPU_LIMIT: Status.STALLED,
+    EndedBy.TOTAL_LIMIT: Status.STALLED,
+    EndedBy.MEMORY_LIMIT: Status.MEMORY,
+}  # of a process that left no record; all others crashed
+NEAR = 0.9  # of the memory allowed: a signal then means that it ran out
+
+
+def unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -> RunRecord:
+    """The record of a process that left none; ``by`` and ``limit`` [s] say why it was killed, if it was."""
+    if not ended.killed:
+        limit = math.nan
+        by = EndedBy.EXIT if ended.code >= 0 else EndedBy.SIGNAL
+        if ended.code == -signal.SIGXCPU:
+            by = EndedBy.CPU_LIMIT
+        elif by is EndedBy.SIGNAL and ended.peak > NEAR * job.spec.memory:
+            by = EndedBy.MEMORY_LIMIT
+    return record_of(
+        job,
+        STATUS_OF.get(by, Status.CRASHED),
+        ended_by=str(by),
+        ended_limit_s=limit,
+        exit_code=max(ended.code, 0),
+        signal=max(-ended.code, 0),
+        wall_s=wall,
+        peak_memory_MB=ended.peak,
     )
 
 
