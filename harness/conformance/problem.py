@@ -5,27 +5,15 @@ Everything that calls the problem's code runs in a process of its own: one that 
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from ..catalogue import registry
 from ..sandbox.apart import run_apart
 from . import laws
+from .claims import Claim, Finding
 from .laws import Subject
-from .solver import Finding
 
 LIMIT = 120.0  # [s] for all claims of a problem
 MEMORY = 2000.0  # [MB]
-
-
-@dataclass(frozen=True)
-class Claim:
-    """One requirement; those ``of_reference`` say nothing about a problem without one."""
-
-    name: str
-    why: str
-    remedy: str
-    holds: Callable[[Subject], str | None]
-    of_reference: bool = False
 
 
 def findings(name: str, plugins: Sequence[str] = ()) -> list[Finding]:

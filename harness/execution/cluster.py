@@ -58,7 +58,7 @@ class DaskPool:
                         f"no worker at {self.address} for {PATIENCE:g} s; finished runs are kept (--resume)"
                     )
                 if limit is not None and time.monotonic() > limit.until:
-                    waiting.clear()  # what has not begun comes back without files; told again to workers that join late
+                    waiting.clear()  # what has not begun returns without files; sent again for workers that join late
                     client.run(stop_here, ticket, limit.seconds)
                 while waiting and len(self._flying) < AHEAD * threads:
                     job = waiting.pop()

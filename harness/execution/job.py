@@ -61,6 +61,7 @@ class Job:
 def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
     """The record of a job: what was asked, its ``status``, and what else is known."""
     spec, control = job.spec, job.spec.control
+    entry = registry.solvers().get(spec.solver)
     files: Mapping[str, Any] = {}
     if job.stderr.exists() and job.stderr.stat().st_size > 0:
         files = {"stderr": f"stderr/{job.stderr.name}"}
@@ -73,8 +74,8 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
         problem=spec.problem,
         problem_parameters=_json(spec.parameters),
         solver=spec.solver,
-        paper_label=_label(spec.solver),
-        declared_order=_order(spec.solver),
+        paper_label=entry.paper_label if entry else "",
+        declared_order=entry.order if entry else math.nan,
         solver_options=_json(spec.options),
         control="rtol" if control.dt is None else "dt",
         dt_s=_or_nan(control.dt),
@@ -119,16 +120,6 @@ def unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -
         wall_s=wall,
         peak_memory_MB=ended.peak,
     )
-
-
-def _label(solver: str) -> str:
-    entry = registry.solvers().get(solver)
-    return entry.paper_label if entry else ""
-
-
-def _order(solver: str) -> float:
-    entry = registry.solvers().get(solver)
-    return entry.order if entry else math.nan
 
 
 def _json(values: Mapping[str, Any]) -> str:

@@ -49,7 +49,7 @@ class Running:
 
 
 class Supervisor:
-    """The running runs. ``start`` one, ``step`` until it comes back."""
+    """The running runs. ``start`` one, ``step`` until it is done."""
 
     def __init__(self) -> None:
         self.running: dict[int, Running] = {}  # by process
@@ -80,7 +80,7 @@ class Supervisor:
                 yield from self._ended(run, ended)
 
     def stop(self, limit: float) -> None:
-        """End every running run now: the suite has met its limit [s]. Each comes back with the steps it had kept."""
+        """End every running run : the suite has met its limit [s]. Each gets a record, with the steps it had kept."""
         self.stopped = True
         for run in self.running.values():
             if run.instead is not None:
@@ -157,7 +157,7 @@ def serve(orders: int, news: int) -> None:
 
 
 def _closed(descriptor: int) -> bool:
-    """Whether nobody can write to this pipe any more."""
+    """Whether no one can write to this pipe any more."""
     poll = select.poll()
     poll.register(descriptor, select.POLLHUP)
     return any(event & select.POLLHUP for _, event in poll.poll(0))
@@ -166,8 +166,6 @@ def _closed(descriptor: int) -> bool:
 def preload() -> None:
     """Import what runs need, so that forks have it; freeze it, so that the collector does not copy its pages."""
     import gc
-
-    from ..catalogue import registry
 
     registry.problems()
     registry.solvers()

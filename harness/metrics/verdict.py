@@ -48,7 +48,7 @@ def doubts(
 
     def limit(law: Law, most: float, allowed: float, unit: str, series: np.ndarray | None, name: str = "") -> None:
         if not math.isnan(most) and not most <= allowed:
-            when = math.nan if series is None else _first(t, np.abs(series) > allowed)
+            when = math.nan if series is None else _first(t, ~(np.abs(series) <= allowed))
             out.append(Reason(law, most, allowed, unit, when, name))
 
     limit(Law.ENERGY, columns["energy_drift_max_J"], ENERGY * size.energy, "J", m.energy_error)
