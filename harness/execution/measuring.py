@@ -20,6 +20,8 @@ from ..results.series import Series, write_series
 from ..types import EndedBy, Problem, Reason, Status, Trajectory
 from .job import Job, record_of
 
+SERIES = ("energy", "energy_error", "phi_norm", "phi_dot_norm", "eq81_norm", "orthogonality", "position_error",
+          "orientation_error", "reference_own_error", "out_of_plane")  # fmt: skip
 Keep = Callable[[Problem, Trajectory, Measured, RunRecord], RunRecord]  # writes the series; the record with its place
 
 
@@ -55,16 +57,7 @@ def _series(problem: Problem, trajectory: Trajectory, m: Measured) -> Series:
     full: dict[str, np.ndarray | None] = {
         "t": m.t,
         "dt": np.insert(np.diff(m.t), 0, math.nan),
-        "energy": m.energy,
-        "energy_error": m.energy_error,
-        "phi_norm": m.phi_norm,
-        "phi_dot_norm": m.phi_dot_norm,
-        "eq81_norm": m.eq81_norm,
-        "orthogonality": m.orthogonality,
-        "position_error": m.position_error,
-        "orientation_error": m.orientation_error,
-        "reference_own_error": m.reference_own_error,
-        "out_of_plane": m.out_of_plane,
+        **{name: getattr(m, name) for name in SERIES},
         **{f"obs_{k}": a for k, a in m.observables.items()},
         **{f"ref_{k}": a for k, a in m.reference_observables.items()},
         **{f"inv_{k}": a - a[0] for k, a in m.invariants.items()},
@@ -93,10 +86,7 @@ def _poses(t: np.ndarray, trajectory: Trajectory, frames: np.ndarray) -> dict[st
         "frame_t": t[frames],
         "frame_r": s.r.astype(np.float32),
         "frame_q": _quaternions(s),
-        "end_r": end.r,
-        "end_R": end.R,
-        "end_v": end.v,
-        "end_Omega": end.Omega,
+        **{f"end_{name}": getattr(end, name) for name in ("r", "R", "v", "Omega")},
     }
     if trajectory.reaction is not None:
         out["frame_reaction"] = np.asarray(trajectory.reaction, dtype=float)[frames]
