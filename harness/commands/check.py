@@ -11,7 +11,8 @@ from rich.text import Text
 from ..catalogue import registry
 from ..catalogue.options import nearest
 from ..conformance import problem as problem_contract
-from ..conformance.solver import Finding, as_plain, judged, suite_of
+from ..conformance.claims import Finding
+from ..conformance.solver import judged, suite_of
 from ..execution.runner import Request, run_suite
 from .progress import progress
 from .run import jobs
@@ -41,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = lines()
     for f in findings:
         if arguments.json:
-            out.print(json.dumps(as_plain(f), ensure_ascii=False))
+            out.print(json.dumps(vars(f), ensure_ascii=False))
         elif f.holds:
             out.print(f"ok    {f.solver}: {f.claim}" + (f" ({f.found})" if f.found else ""))
         else:

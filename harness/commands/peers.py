@@ -18,7 +18,7 @@ from ..catalogue import registry
 from ..execution.pool import PoolError
 from ..peers import exudyn_engine
 from ..peers.race import Result, Runner, race, read, write
-from ..sandbox.isolation import fork
+from ..sandbox.apart import Apart
 from ..suites.spec import step_control
 from ..types import Problem, Solver, StepControl
 from .run import whole
@@ -103,12 +103,10 @@ def _apart(problem: Problem, solver: Solver, control: StepControl, repeats: int,
             os.chdir(place)  # engines leave files
             write(note, race(problem, _runners(problem, solver, control), repeats, budget))
 
-        child = fork(target, said, MEMORY, LIMIT)
-        code = os.waitstatus_to_exitcode(os.waitpid(child.pid, 0)[1])
-        os.close(child.phase)
-        if code != 0 or not note.exists():
+        ended = Apart(target, limit=math.inf, memory=MEMORY, cpu=LIMIT, stderr=said).wait()
+        if ended.code != 0 or not note.exists():
             last = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1:]
-            raise PoolError(f"the process of {problem.name} ended with {code}: {' '.join(last)}")
+            raise PoolError(f"the process of {problem.name} {ended.words}: {' '.join(last)}")
         return read(note)
 
 

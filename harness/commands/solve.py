@@ -2,10 +2,14 @@
 
 import argparse
 import json
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..catalogue import registry
+from ..results.records import RunRecord
+from ..results.words import why, words_of_ending
 from ..sandbox.trial import made
 from ..suites.shape import LONGEST
 from ..suites.spec import make_spec
@@ -56,27 +60,54 @@ def run(arguments: argparse.Namespace) -> int:
     if out.suffix != ".npz":
         raise UsageError(f"--out must end in .npz, the one format that is written (got {arguments.out!r})")
     check_writable(out)
-    from ..execution.single import solve_to_file
+    from ..execution import single
 
     console = lines()
     said = (lambda words: None) if arguments.json else console.print
     try:
-        outcome = solve_to_file(spec, out, wall, said)
+        outcome = single.solve_to_file(spec, out, wall, said)
     except (KeyboardInterrupt, SystemExit):
         errors().print(f"interrupted; nothing was written to {out}")
         raise
+    good = outcome.record.status == Status.SUCCESS
     if arguments.json:
-        plain = {"case": spec.case, "status": str(outcome.status), "message": outcome.message, "out": str(out)}
-        console.print(json.dumps({**plain, "lines": outcome.lines}, ensure_ascii=False))
-        return 0 if outcome.status is Status.SUCCESS else 1
-    console.print(f"{spec.case}")
-    console.print(f"{'status':<18} {outcome.status}" + (f": {outcome.message}" if outcome.message else ""))
-    for line in outcome.lines:
+        console.print(json.dumps(_plain(outcome.record, out, single.SUMMARY), ensure_ascii=False, allow_nan=False))
+        return 0 if good else 1
+    for line in _lines(outcome.record):
         console.print(line)
-    if outcome.native and outcome.status is not Status.SUCCESS:
+    if outcome.native and not good:
         console.print(f"standard error     {outcome.native.splitlines()[-1]}")
     console.print(f"written to         {out}")
-    return 0 if outcome.status is Status.SUCCESS else 1
+    return 0 if good else 1
+
+
+def _plain(r: RunRecord, out: Path, names: Sequence[str]) -> dict[str, Any]:
+    """Numbers for machines: null for what does not exist, ``"inf"`` for what has no bound."""
+    numbers = {"case": r.case, **{name: getattr(r, name) for name in names}, "cpu_s": r.cpu_min_s, "out": str(out)}
+    unpacked = {name: json.loads(numbers.pop(name)) for name in ("counters", "notes")}
+    return {**_exists(numbers), **unpacked, "reasons": [_exists(x) for x in json.loads(r.wrong_because)]}
+
+
+def _exists(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: None if str(v) == "nan" else str(v) if v in (math.inf, -math.inf) else v for k, v in numbers.items()}
+
+
+def _lines(r: RunRecord) -> list[str]:
+    said = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *why(r)]) if w)
+    out = [r.case, f"{'status':<18} {r.status}" + (f": {said}" if said else "")]
+    if not math.isnan(r.t_reached_s):
+        out += [
+            f"t reached          {r.t_reached_s:.9g} s of {r.t_end_s:g} s in {r.steps} steps",
+            f"energy drift       {r.energy_drift_max_J:.3e} J (scale {r.energy_scale_J:.3g} J)",
+            f"|phi|, |phi_dot|   {r.phi_max:.3e} m, {r.phi_dot_max:.3e} m/s",
+        ]
+    if not math.isnan(r.position_error_max_m):
+        compared = min(r.reference_horizon_s, r.t_reached_s)
+        worst = f"{r.position_error_max_m:.3e} m, {r.orientation_error_max_rad:.3e} rad"
+        out.append(f"error              {worst} (to {compared:g} s)")
+    if not math.isnan(r.cpu_min_s):
+        out.append(f"CPU time           {r.cpu_min_s:.3g} s (set-up {r.setup_s:.3g} s)")
+    return out + [f"note               {n}" for n in json.loads(r.notes)]
 
 
 def _above_zero(text: str, name: str = "t_end") -> str:

@@ -1,4 +1,4 @@
-"""The laws that a problem and its exact motion are held to, each told as what is wrong, or None.
+"""The laws that a problem and its exact motion must satisfy: each returns what is wrong, or None.
 
 They are those of the full system in (r, R), which the problem's own formulas do not enter.
 """
@@ -87,7 +87,7 @@ def documented(s: Subject) -> str | None:
     own = {k: p for k, (_, p) in entry.parameters.items() if k not in registry.COMMON_PARAMETERS}
     silent = [k for k, p in own.items() if not p.doc.strip()]
     if silent:
-        return f"no words for {', '.join(silent)}"
+        return f"no meaning given for {', '.join(silent)}"
     missing = [what for what in ("source", "name") if not getattr(s.problem, what).strip()]
     if missing:
         return f"empty: {', '.join(missing)}"
@@ -121,13 +121,13 @@ def energy(s: Subject) -> str | None:
 def measures(s: Subject) -> str | None:
     """Observables and invariants take states (nt,) at home to (nt,) finite numbers, equal for equal states."""
     p = s.problem
-    told: list[Observable | Invariant] = [*p.observables, *p.invariants]
+    scalars: list[Observable | Invariant] = [*p.observables, *p.invariants]
     for names in ([m.name for m in p.observables], [m.name for m in p.invariants]):
         if len(set(names)) < len(names) or not all(n.isidentifier() for n in names):
             return f"names must be different words of letters, digits and _ (got {', '.join(map(repr, names))})"
     one = p.home(States.one(p.initial))
     many = States(*(np.repeat(getattr(one, f), 3, axis=0) for f in ("r", "R", "v", "Omega")))
-    for m in told:
+    for m in scalars:
         if not isinstance(m.unit, str):
             return f"{m.name}: unit must be text (got {m.unit!r})"
         values = np.asarray(m.of(many))
@@ -164,7 +164,7 @@ def turns(s: Subject) -> str | None:
 
 
 def own_error(s: Subject) -> str | None:
-    """The reference's error(t) [m] is finite, >= 0 and below a thousandth of the size; route and horizon are told."""
+    """The reference's error(t) [m] is finite, >= 0 and below a thousandth of the size; route and horizon are given."""
     assert s.reference is not None
     own = np.asarray(s.reference.error(s.t), dtype=float)
     if own.shape != s.t.shape or not np.all(np.isfinite(own)) or np.any(own < 0.0):

@@ -1,55 +1,33 @@
-"""What a problem owes: a documented, consistent start, sound measures, and an exact motion that is one.
+"""Problem requirements: a documented, consistent start, sound measures, and an exact motion that is one.
 
 Everything that calls the problem's code runs in a process of its own: one that hangs or crashes costs its own claims.
 """
 
 import json
-import os
-import signal
-import tempfile
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
 
 from ..catalogue import registry
-from ..sandbox.isolation import fork, kill_group
-from . import laws as laws
+from ..sandbox.apart import run_apart
+from . import laws
+from .claims import Claim, Finding
 from .laws import Subject
-from .solver import Finding
 
 LIMIT = 120.0  # [s] for all claims of a problem
 MEMORY = 2000.0  # [MB]
 
 
-@dataclass(frozen=True)
-class Claim:
-    """One thing a problem owes; ``of_reference`` claims say nothing about a problem without one."""
-
-    name: str
-    why: str
-    remedy: str
-    holds: Callable[[Subject], str | None]
-    of_reference: bool = False
-
-
 def findings(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
     """Every claim on the problem ``name``; its code runs elsewhere."""
-    with tempfile.TemporaryDirectory() as place:
-        note = Path(place) / "found.jsonl"
-        note.touch()
-        child = fork(lambda tell: _judge(name, plugins, note), Path(place) / "stderr", MEMORY, LIMIT)
-        os.close(child.phase)
-        ended = _wait(child.pid)
-        found = [Finding(**json.loads(line)) for line in note.read_text(encoding="utf-8").splitlines()]
-    words = f"its process {ended} here"
+    ended = run_apart(lambda send: _judge(name, plugins, send), limit=LIMIT, memory=MEMORY)
+    found = [Finding(**json.loads(line)) for line in ended.sent.splitlines()]
+    words = f"timed out after {LIMIT:g} s" if ended.killed else f"its process {ended.words} here"
     for claim in CLAIMS[len(found) :]:
         found.append(Finding(name, claim.name, False, words, claim.why, claim.remedy))
         words = "not tried: an earlier claim ended the process"
     return found
 
 
-def _judge(name: str, plugins: Sequence[str], note: Path) -> None:
+def _judge(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> None:
     for plugin in plugins:
         registry.load_plugin(plugin)
     subject = Subject(name)
@@ -59,24 +37,8 @@ def _judge(name: str, plugins: Sequence[str], note: Path) -> None:
             found = None if silent else claim.holds(subject)
         except Exception as error:  # the problem's own code: what it raises is what was found
             silent, found = False, f"{type(error).__name__}: {' '.join(str(error).split())}"
-        finding = Finding(
-            name, claim.name, found is None, found or ("no reference" if silent else ""), claim.why, claim.remedy
-        )
-        with note.open("a", encoding="utf-8") as file:
-            file.write(json.dumps(vars(finding)) + "\n")
-
-
-def _wait(pid: int) -> str:
-    until = time.monotonic() + LIMIT
-    while time.monotonic() < until:
-        done, status = os.waitpid(pid, os.WNOHANG)
-        if done:
-            code = os.waitstatus_to_exitcode(status)
-            return f"ended by {signal.Signals(-code).name}" if code < 0 else f"exited with {code}"
-        time.sleep(0.02)
-    kill_group(pid)
-    os.waitpid(pid, 0)
-    return f"was killed after {LIMIT:g} s"
+        words = found or ("no reference" if silent else "")
+        send(json.dumps(vars(Finding(name, claim.name, found is None, words, claim.why, claim.remedy))))
 
 
 CLAIMS = (

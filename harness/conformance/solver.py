@@ -1,9 +1,8 @@
-"""What a solver owes: runs to run, what their records must show, why, and what to do where they do not.
+"""Solver requirements: the runs, what their records must show, why, and what to do where they do not.
 
 The runs run in processes of their own like any others, so a solver that hangs or crashes here costs its own claim.
 """
 
-import dataclasses
 import json
 import math
 from collections.abc import Callable, Mapping
@@ -21,6 +20,7 @@ from ..results.words import why
 from ..suites.spec import RunSpec, make_spec
 from ..suites.suite import Suite
 from ..types import Status
+from .claims import Claim, Finding
 
 BASE = "spherical_pendulum"
 MOVING = {"omega_z": 3.0, "t_end": 1.0}  # spatial and loaded: every term of the equations counts
@@ -42,34 +42,12 @@ FITS: Mapping[str, tuple[str, Mapping[str, Any]]] = {
 
 
 @dataclass(frozen=True)
-class Claim:
-    """One thing a solver owes."""
-
-    name: str
-    why: str
-    remedy: str
-    holds: Callable[["Evidence"], str | None]  # what was found instead, None when it holds
-
-
-@dataclass(frozen=True)
 class Evidence:
     """The records of a solver's runs by role, and their series."""
 
     control: str
     records: Mapping[str, RunRecord]
     series: Mapping[str, Series | None]
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What became of a claim."""
-
-    solver: str
-    claim: str
-    holds: bool
-    found: str
-    why: str
-    remedy: str
 
 
 def runs_of(solver: str) -> dict[str, RunSpec]:
@@ -88,7 +66,7 @@ def runs_of(solver: str) -> dict[str, RunSpec]:
 
 def suite_of(solver: str, plugins: tuple[str, ...]) -> Suite:
     """The runs as a suite."""
-    return Suite(f"contract-{solver}", "what a solver owes", tuple(runs_of(solver).values()), "", plugins)
+    return Suite(f"contract-{solver}", "solver requirements", tuple(runs_of(solver).values()), "", plugins)
 
 
 def judged(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> list[Finding]:
@@ -113,17 +91,17 @@ def _run(
 
 def _ends_well(e: Evidence) -> str | None:
     bad = [e.records[role] for role in FITS if e.records[role].status not in (Status.SUCCESS, Status.REFUSED)]
-    return _told(bad)
+    return _first(bad)
 
 
 def _takes_one(e: Evidence) -> str | None:
     refused = [e.records[role] for role in FITS if e.records[role].status == Status.REFUSED]
-    return _told(refused) if len(refused) == len(FITS) else None
+    return _first(refused) if len(refused) == len(FITS) else None
 
 
 def _reasons(e: Evidence) -> str | None:
     silent = [r for r in e.records.values() if r.status == Status.REFUSED and len(r.message.split()) < 2]
-    return _told(silent)
+    return _first(silent)
 
 
 def _converges(e: Evidence) -> str | None:
@@ -132,7 +110,7 @@ def _converges(e: Evidence) -> str | None:
         return None
     bad = [r for r in runs if r.status != Status.SUCCESS and r is not runs[0]]
     if bad:
-        return _told(bad)
+        return _first(bad)
     errors = np.array([r.position_error_max_m for r in runs])
     listed = ", ".join(f"{x:.3g}" for x in errors)
     if errors[-1] < ROUNDED:
@@ -146,7 +124,7 @@ def _converges(e: Evidence) -> str | None:
 def _repeats(e: Evidence) -> str | None:
     a, b = e.series["finer 1"], e.series["again"]
     if a is None or b is None:
-        return None if e.records["finer 1"].status == e.records["again"].status else _told([e.records["again"]])
+        return None if e.records["finer 1"].status == e.records["again"].status else _first([e.records["again"]])
     same = all(np.array_equal(a[k], b[k]) for k in ("t", "end_r", "end_R", "end_v", "end_Omega"))
     return None if same else f"{len(a['t'])} and {len(b['t'])} steps, or other numbers in them"
 
@@ -157,14 +135,14 @@ def _stops(role: str) -> Callable[[Evidence], str | None]:
         if r.status == Status.REFUSED:
             return None
         good = r.claimed == Status.STALLED and (role != "few steps" or r.steps <= 3)
-        return None if good else f"{r.steps} steps; " + (_told([r]) or "")
+        return None if good else f"{r.steps} steps; " + (_first([r]) or "")
 
     return holds
 
 
 def _keeps_steps(e: Evidence) -> str | None:
     r = e.records["endless"]
-    return None if r.status == Status.REFUSED or r.steps > 0 else _told([r])
+    return None if r.status == Status.REFUSED or r.steps > 0 else _first([r])
 
 
 def _reaction_fits(e: Evidence) -> str | None:
@@ -178,7 +156,7 @@ def _reaction_fits(e: Evidence) -> str | None:
     return None
 
 
-def _told(records: list[RunRecord]) -> str | None:
+def _first(records: list[RunRecord]) -> str | None:
     if not records:
         return None
     r = records[0]
@@ -220,7 +198,7 @@ CLAIMS = (
     ),
     Claim(
         "it stops itself at the wall limit",
-        f"it is told {0.9 * SHORT_WALL:g} s; what is killed loses its counters and its last steps",
+        f"it is asked to stop at {0.9 * SHORT_WALL:g} s; what is killed loses its counters and its last steps",
         "look at time.monotonic() every step; past control.wall_limit return Status.STALLED with the steps so far",
         _stops("endless"),
     ),
@@ -237,8 +215,3 @@ CLAIMS = (
         _reaction_fits,
     ),
 )
-
-
-def as_plain(finding: Finding) -> dict[str, Any]:
-    """JSON-able."""
-    return dataclasses.asdict(finding)

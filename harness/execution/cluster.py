@@ -6,11 +6,8 @@ a worker with other code than this checkout's is refused.
 """
 
 import contextlib
-import json
-import os
 import secrets
 import shlex
-import subprocess
 import sys
 import tempfile
 import threading
@@ -26,7 +23,7 @@ from ..results.store import write_record
 from ..types import EndedBy, Status
 from .job import Job, record_of
 from .pool import TICK, PoolError, TimeLimit
-from .supervisor import STOP, WARM
+from .protocol import Done, Lost, News, Start, Stop, Supervised, Warm
 from .warmup import runs_to_warm
 
 PATIENCE = 60.0  # [s] without any worker
@@ -61,7 +58,7 @@ class DaskPool:
                         f"no worker at {self.address} for {PATIENCE:g} s; finished runs are kept (--resume)"
                     )
                 if limit is not None and time.monotonic() > limit.until:
-                    waiting.clear()  # what has not begun comes back without files; told again to workers that join late
+                    waiting.clear()  # what has not begun returns without files; sent again for workers that join late
                     client.run(stop_here, ticket, limit.seconds)
                 while waiting and len(self._flying) < AHEAD * threads:
                     job = waiting.pop()
@@ -108,7 +105,8 @@ def stop_here(ticket: str, limit: float) -> None:
     """On a worker: end the runs of that run, and let no other of it begin."""
     _stopped.add(ticket)
     for supervisor in list(_serving.get(ticket, ())):
-        supervisor.stop(limit)
+        with contextlib.suppress(Lost):
+            supervisor.send(Stop(limit))
 
 
 def on_slurm(**options: Any) -> Any:
@@ -162,45 +160,29 @@ def _store(job: Job, files: Mapping[str, bytes]) -> None:
             ) from None
 
 
-class _Supervisor:
-    """A ``harness.supervisor`` process that a worker's thread talks to, one run at a time."""
+class _Supervisor(Supervised):
+    """A supervisor process of a worker's thread, one run at a time."""
 
     def __init__(self) -> None:
-        self.process = subprocess.Popen(
-            (sys.executable, "-m", "mbsbench.harness.execution.supervisor"),
-            cwd=environment.ROOT,
-            env={**os.environ, **environment.THREADS},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # as in the local pool
-        )
+        super().__init__()
         self.warm: set[str] = set()
 
     def run(self, job: Job) -> None:
         """Returns when the run has its record."""
         specs = [c for c in runs_to_warm([job.spec]) if c.solver not in self.warm]
         if specs:
-            self._ask(WARM + json.dumps([c.to_plain() for c in specs]).encode())
+            self.send(Warm(specs))
+            self._answer()
             self.warm |= {c.solver for c in specs}
-        answer = self._ask(job.to_json().encode())
-        if answer["error"]:
-            raise RuntimeError(answer["error"])
+        self.send(Start(job))
+        done = self._answer()
+        if isinstance(done, Done) and done.error:
+            raise RuntimeError(done.error)
 
-    def stop(self, limit: float) -> None:
-        """From another thread: end the run that runs, at the suite's limit [s]."""
-        assert self.process.stdin is not None
-        with contextlib.suppress(OSError):  # it has just gone
-            self.process.stdin.write(STOP + str(limit).encode() + b"\n")
-            self.process.stdin.flush()
-
-    def _ask(self, line: bytes) -> dict[str, Any]:
-        assert self.process.stdin is not None and self.process.stdout is not None
-        self.process.stdin.write(line + b"\n")
-        self.process.stdin.flush()
-        answer = self.process.stdout.readline()
-        if not answer:
-            raise RuntimeError(f"its supervisor process ended with code {self.process.wait()}")
-        return dict(json.loads(answer))
+    def _answer(self) -> News:
+        while not (news := self.receive()):
+            pass
+        return news[0]
 
 
 _of_thread = threading.local()

@@ -2,6 +2,7 @@
 
 import json
 import math
+import signal
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,8 +13,9 @@ import msgspec
 from ..catalogue import registry
 from ..results import environment
 from ..results.records import RunRecord
+from ..sandbox.apart import Ended
 from ..suites.spec import RunSpec
-from ..types import Status
+from ..types import EndedBy, Status
 
 
 @dataclass(frozen=True)
@@ -55,6 +57,7 @@ class Job:
 def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
     """The record of a job: what was asked, its ``status``, and what else is known."""
     spec, control = job.spec, job.spec.control
+    entry = registry.solvers().get(spec.solver)
     files: Mapping[str, Any] = {}
     if job.stderr.exists() and job.stderr.stat().st_size > 0:
         files = {"stderr": f"stderr/{job.stderr.name}"}
@@ -67,8 +70,8 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
         problem=spec.problem,
         problem_parameters=_json(spec.parameters),
         solver=spec.solver,
-        paper_label=_label(spec.solver),
-        declared_order=_order(spec.solver),
+        paper_label=entry.paper_label if entry else "",
+        declared_order=entry.order if entry else math.nan,
         solver_options=_json(spec.options),
         control="rtol" if control.dt is None else "dt",
         dt_s=_or_nan(control.dt),
@@ -85,14 +88,34 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
     )
 
 
-def _label(solver: str) -> str:
-    entry = registry.solvers().get(solver)
-    return entry.paper_label if entry else ""
+STATUS_OF = {
+    EndedBy.WALL_LIMIT: Status.STALLED,
+    EndedBy.CPU_LIMIT: Status.STALLED,
+    EndedBy.TOTAL_LIMIT: Status.STALLED,
+    EndedBy.MEMORY_LIMIT: Status.MEMORY,
+}  # of a process that left no record; all others crashed
+NEAR = 0.9  # of the memory allowed: a signal then means that it ran out
 
 
-def _order(solver: str) -> float:
-    entry = registry.solvers().get(solver)
-    return entry.order if entry else math.nan
+def unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -> RunRecord:
+    """The record of a process that left none; ``by`` and ``limit`` [s] say why it was killed, if it was."""
+    if not ended.killed:
+        limit = math.nan
+        by = EndedBy.EXIT if ended.code >= 0 else EndedBy.SIGNAL
+        if ended.code == -signal.SIGXCPU:
+            by = EndedBy.CPU_LIMIT
+        elif by is EndedBy.SIGNAL and ended.peak > NEAR * job.spec.memory:
+            by = EndedBy.MEMORY_LIMIT
+    return record_of(
+        job,
+        STATUS_OF.get(by, Status.CRASHED),
+        ended_by=str(by),
+        ended_limit_s=limit,
+        exit_code=max(ended.code, 0),
+        signal=max(-ended.code, 0),
+        wall_s=wall,
+        peak_memory_MB=ended.peak,
+    )
 
 
 def _json(values: Mapping[str, Any]) -> str:

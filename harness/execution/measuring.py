@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -19,8 +20,12 @@ from ..results.series import Series, write_series
 from ..types import EndedBy, Problem, Reason, Status, Trajectory
 from .job import Job, record_of
 
+SERIES = ("energy", "energy_error", "phi_norm", "phi_dot_norm", "eq81_norm", "orthogonality", "position_error",
+          "orientation_error", "reference_own_error", "out_of_plane")  # fmt: skip
+Keep = Callable[[Problem, Trajectory, Measured, RunRecord], RunRecord]  # writes the series; the record with its place
 
-def judged(job: Job, problem: Problem, trajectory: Trajectory, **cost: Any) -> RunRecord:
+
+def judged(job: Job, problem: Problem, trajectory: Trajectory, keep: Keep | None = None, **known: Any) -> RunRecord:
     """Measure, judge, write the series file; returns the record, not yet written."""
     size = scales(problem.system, problem.initial)
     measured = measure(problem, trajectory)
@@ -29,19 +34,21 @@ def judged(job: Job, problem: Problem, trajectory: Trajectory, **cost: Any) -> R
     if status is Status.SUCCESS:
         because = doubts(problem, trajectory, measured, numbers, size)
         status = Status.WRONG if because else status
-    series = _series(problem, trajectory, measured)
-    path = f"series/{job.id}.npz"
-    digest = write_series(job.folder / path, series)
-    return dataclasses.replace(
-        record_of(job, status, section=problem.section, t_end_s=problem.t_end, **numbers, **cost),
-        claimed=str(trajectory.status),
-        ended_by=str(EndedBy.SOLVER),
-        message=str(trajectory.message),
-        wrong_because=reasons_json(because),
-        series=path,
-        series_sha256=digest,
-        series_rows=len(series["t"]),
-    )
+    said = {"claimed": str(trajectory.status), "ended_by": str(EndedBy.SOLVER), "message": str(trajectory.message)}
+    found = {"section": problem.section, "t_end_s": problem.t_end, "wrong_because": reasons_json(because)}
+    record = record_of(job, status, **{**said, **found, **numbers, **known})
+    return (keep or _in_folder(job))(problem, trajectory, measured, record)
+
+
+def _in_folder(job: Job) -> Keep:
+    """Writes ``series/<run>.npz`` in the results folder."""
+
+    def keep(problem: Problem, trajectory: Trajectory, measured: Measured, record: RunRecord) -> RunRecord:
+        series, path = _series(problem, trajectory, measured), f"series/{job.id}.npz"
+        digest = write_series(job.folder / path, series)
+        return dataclasses.replace(record, series=path, series_sha256=digest, series_rows=len(series["t"]))
+
+    return keep
 
 
 def _series(problem: Problem, trajectory: Trajectory, m: Measured) -> Series:
@@ -50,16 +57,7 @@ def _series(problem: Problem, trajectory: Trajectory, m: Measured) -> Series:
     full: dict[str, np.ndarray | None] = {
         "t": m.t,
         "dt": np.insert(np.diff(m.t), 0, math.nan),
-        "energy": m.energy,
-        "energy_error": m.energy_error,
-        "phi_norm": m.phi_norm,
-        "phi_dot_norm": m.phi_dot_norm,
-        "eq81_norm": m.eq81_norm,
-        "orthogonality": m.orthogonality,
-        "position_error": m.position_error,
-        "orientation_error": m.orientation_error,
-        "reference_own_error": m.reference_own_error,
-        "out_of_plane": m.out_of_plane,
+        **{name: getattr(m, name) for name in SERIES},
         **{f"obs_{k}": a for k, a in m.observables.items()},
         **{f"ref_{k}": a for k, a in m.reference_observables.items()},
         **{f"inv_{k}": a - a[0] for k, a in m.invariants.items()},
@@ -88,10 +86,7 @@ def _poses(t: np.ndarray, trajectory: Trajectory, frames: np.ndarray) -> dict[st
         "frame_t": t[frames],
         "frame_r": s.r.astype(np.float32),
         "frame_q": _quaternions(s),
-        "end_r": end.r,
-        "end_R": end.R,
-        "end_v": end.v,
-        "end_Omega": end.Omega,
+        **{f"end_{name}": getattr(end, name) for name in ("r", "R", "v", "Omega")},
     }
     if trajectory.reaction is not None:
         out["frame_reaction"] = np.asarray(trajectory.reaction, dtype=float)[frames]

@@ -3,23 +3,15 @@
 An executor is anything with such a ``run``; a cluster's would be another.
 """
 
-import contextlib
-import json
-import os
-import select
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
-from ..results.environment import ROOT, THREADS
 from ..results.records import RunRecord
 from ..results.store import write_record
 from ..types import EndedBy, Status
 from .job import Job, record_of
-from .supervisor import STOP, WARM
+from .protocol import Lost, News, Start, Stop, Supervised, Warm, Warmed
 from .warmup import runs_to_warm
 
 TICK = 0.25  # [s] between two looks at the clock
@@ -83,44 +75,31 @@ class LocalPool:
 
     def _serve(self, waiting: list[Job]) -> int | None:
         """One supervisor's life; None when all is done, else its exit code."""
-        process = subprocess.Popen(
-            (sys.executable, "-m", "mbsbench.harness.execution.supervisor"),
-            cwd=ROOT,
-            env={**os.environ, **THREADS},
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            start_new_session=True,  # a signal to our group is for us: we close its input, and it ends what runs, whole
-        )
-        assert process.stdin is not None and process.stdout is not None
-        pending = b""
+        supervisor = Supervised()
         try:
-            self._warm(process, waiting)
+            specs = runs_to_warm([job.spec for job in reversed(waiting)])  # before any clock runs
+            self._compiling = bool(specs)
+            if specs:
+                supervisor.send(Warm(specs))
             while True:
                 if self._limit is not None and self._over():
                     waiting.clear()
                     self._compiling = False
-                    self._stop(process, self._limit.seconds)
+                    if self._flying and not self._stopped:
+                        self._stopped = True
+                        supervisor.send(Stop(self._limit.seconds))
                 while waiting and not self._compiling and self._is_room_for(waiting[-1]):
-                    self._send(process, waiting.pop())
+                    self._send(supervisor, waiting.pop())
                 if not self._flying and not self._compiling:
                     return None
-                ready, _, _ = select.select([process.stdout], [], [], TICK)
+                news = supervisor.receive(TICK)
                 self.tick()
-                if not ready:
-                    continue
-                chunk = os.read(process.stdout.fileno(), 2**16)
-                if not chunk:
-                    return process.wait()
-                *lines, pending = (pending + chunk).split(b"\n")
-                for line in lines:
-                    self._receive(json.loads(line))
-        except BrokenPipeError:
-            return process.wait()
+                for message in news:
+                    self._receive(message)
+        except Lost as lost:
+            return lost.code
         finally:
-            with contextlib.suppress(OSError):  # it is gone, and what we had to say with it
-                process.stdin.close()  # tells it to kill what runs and to leave
-            process.wait()
-            process.stdout.close()
+            supervisor.close()
 
     def _is_room_for(self, job: Job) -> bool:
         """One that a supervisor died with runs alone: if that happens again, it was this one."""
@@ -130,41 +109,20 @@ class LocalPool:
     def _over(self) -> bool:
         return self._limit is not None and time.monotonic() > self._limit.until
 
-    def _stop(self, process: subprocess.Popen, limit: float) -> None:
-        """Once: end what runs."""
-        if self._stopped or not self._flying:
-            return
-        self._stopped = True
-        assert process.stdin is not None
-        process.stdin.write(STOP + str(limit).encode() + b"\n")
-        process.stdin.flush()
-
-    def _warm(self, process: subprocess.Popen, waiting: list[Job]) -> None:
-        """Let the supervisor compile before any clock runs."""
-        specs = [spec.to_plain() for spec in runs_to_warm([job.spec for job in reversed(waiting)])]
-        self._compiling = bool(specs)
-        if not specs:
-            return
-        assert process.stdin is not None
-        process.stdin.write(WARM + json.dumps(specs).encode() + b"\n")
-        process.stdin.flush()
-
-    def _send(self, process: subprocess.Popen, job: Job) -> None:
+    def _send(self, supervisor: Supervised, job: Job) -> None:
         self._flying[job.id] = job
         self._attempts[job.id] = self._attempts.get(job.id, 0) + 1
         self.started(job)
-        assert process.stdin is not None
-        process.stdin.write((job.to_json() + "\n").encode())
-        process.stdin.flush()
+        supervisor.send(Start(job))
 
-    def _receive(self, answer: dict[str, Any]) -> None:
-        if "warm" in answer:
+    def _receive(self, news: News) -> None:
+        if isinstance(news, Warmed):
             self._compiling = False
-            self.warmed(answer["warm"])
+            self.warmed(news.times)
             return
-        job = self._flying.pop(answer["run"])
-        if answer["error"]:
-            raise PoolError(answer["error"])
+        job = self._flying.pop(news.run_id)
+        if news.error:
+            raise PoolError(news.error)
         self.ended(job)
 
 

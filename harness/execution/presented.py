@@ -1,4 +1,4 @@
-"""A solver seen through a problem's variant: it gets the posed system, its motion comes back in the problem's terms.
+"""A solver behind a presentation: it gets the presented system, its motion is returned in the problem's terms.
 
 With ``retrace`` it is then sent back from where it ended, velocities reversed; where it arrives is kept.
 """
@@ -17,7 +17,7 @@ from ..types import Problem, Solver, Spool, Status, StepControl, Trajectory
 
 
 def presented(solver: Solver, problem: Problem) -> "Solver | Presented":
-    """``solver`` as it must be called on ``problem``: itself, unless the problem is posed in some other way."""
+    """``solver`` as it must be called on ``problem``: itself, unless the problem is presented in another way."""
     plain = problem.presentation == Presentation() and not problem.retrace
     return solver if plain else Presented(solver)
 
@@ -29,7 +29,7 @@ class Presented:
     solver: Solver
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Why the solver cannot take the posed problem."""
+        """Why the solver cannot take the presented problem."""
         return self.solver.refuses(*_as_seen(problem, control))
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:

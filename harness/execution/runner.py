@@ -78,7 +78,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
     suite, folder = request.suite, request.folder
     limit = _limit(suite)
     if not request.resume and (folder / "runs").exists() and any((folder / "runs").iterdir()):
-        raise store.StoreError(f"{folder} already holds results; add --resume to go on with it, or give another --out")
+        raise store.StoreError(f"{folder} already holds results; add --resume to continue it, or give another --out")
     store.create(folder)
     with store.lock(folder):
         before = store.load(folder)
@@ -104,7 +104,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         try:
             pool(request.jobs, watcher.started, ended, watcher.tick, watcher.warmed).run(waiting, limit)
         except BaseException:
-            with contextlib.suppress(OSError):  # a full disk: what ended the run has been told already
+            with contextlib.suppress(OSError):  # a full disk: what ended the run has been reported already
                 finished()
             raise
         loaded = finished()

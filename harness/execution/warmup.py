@@ -6,18 +6,16 @@ parent of all runs, so that every fork finds the compiled code in memory. Plugin
 
 import dataclasses
 import json
-import os
-import tempfile
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 
 from ..catalogue import registry
-from ..sandbox.isolation import fork, kill_group
+from ..sandbox.apart import run_apart
 from ..suites.spec import RunSpec
 from ..types import StepControl
 
 LIMIT = 600.0  # [s] for all solvers together: a cold compiler needs half a minute for the kernels
+MEMORY = 4000.0  # [MB]
 STEPS = 2  # of fixed size
 SHORT = 1e-3  # [s] of simulated time for error-controlled solvers
 
@@ -42,7 +40,7 @@ def warm(specs: Sequence[RunSpec]) -> dict[str, float]:
             control = dataclasses.replace(spec.control, wall_limit=LIMIT)
             if solver.refuses(problem, control) is None:
                 solver.solve(problem, control)
-        except Exception:  # its runs will tell
+        except Exception:  # its runs will show it
             continue
         out[spec.solver] = time.monotonic() - began
     return out
@@ -50,33 +48,18 @@ def warm(specs: Sequence[RunSpec]) -> dict[str, float]:
 
 def warm_apart_then_here(specs: Sequence[RunSpec], unwanted: Callable[[], bool] = lambda: False) -> dict[str, float]:
     """Warm in a forked process, then here what went well there; the times [s] of the first. Ends when ``unwanted``."""
-    with tempfile.TemporaryDirectory() as place:
-        note = Path(place) / "times.json"
-        times = _apart(specs, note, Path(place) / "stderr", unwanted)
+    times: dict[str, float] = {}
+
+    def run(send: Callable[[str], None]) -> None:
+        for spec in specs:
+            send(json.dumps(warm([spec])))
+
+    ended = run_apart(run, limit=LIMIT, memory=MEMORY, unwanted=unwanted)
+    for line in ended.sent.splitlines():
+        times |= json.loads(line)
     if not unwanted():
         warm([spec for spec in specs if spec.solver in times])
     return times
-
-
-def _apart(specs: Sequence[RunSpec], note: Path, stderr: Path, unwanted: Callable[[], bool]) -> dict[str, float]:
-    def run(tell: Callable[[str], None]) -> None:
-        done: dict[str, float] = {}
-        for spec in specs:
-            done.update(warm([spec]))
-            note.write_text(json.dumps(done), encoding="utf-8")
-
-    child = fork(run, stderr, memory=4000.0, cpu=LIMIT)
-    os.close(child.phase)
-    until = time.monotonic() + LIMIT
-    while True:
-        if os.waitpid(child.pid, os.WNOHANG)[0]:
-            break
-        if time.monotonic() > until or unwanted():
-            kill_group(child.pid)
-            os.waitpid(child.pid, 0)
-            break
-        time.sleep(0.01)
-    return dict(json.loads(note.read_text(encoding="utf-8"))) if note.exists() else {}
 
 
 def _short(spec: RunSpec) -> RunSpec:

@@ -1,7 +1,4 @@
-"""One run in a process of its own: make, ask, solve, measure, write. Whatever a solver raises becomes a record.
-
-``mbsbench.worker JOB.json`` runs one in a fresh interpreter; ``harness.supervisor`` forks one a run.
-"""
+"""One run, in this process: make, ask, solve, measure, write. Whatever a solver raises becomes a record."""
 
 import contextlib
 import dataclasses
@@ -11,7 +8,6 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,52 +18,57 @@ from ..results.records import RunRecord
 from ..sandbox.isolation import DISK_FULL
 from ..sandbox.spool import FileSpool, kept
 from ..types import EndedBy, Problem, Solver, Status, StepControl, Trajectory
-from .job import Job, record_of
-from .measuring import judged
+from .job import STATUS_OF, Job, record_of
+from .measuring import Keep, judged
 from .presented import Presented, presented
 
 SOFT = 0.9  # of the wall limit: there a solver is asked to stop itself and to hand back what it has
+MEASURING = "measuring"  # what is sent when the solver is done
 
 
-def run(job: Job, tell: Callable[[str], None] = lambda phase: None) -> RunRecord:
-    """Run ``job`` and store its record. ``tell`` is called with ``"measure"`` when the solver is done."""
-    began = time.monotonic()
-    columns: dict[str, Any] = {}
-    record, failed = None, (Status.CRASHED, EndedBy.EXCEPTION, "")
-    try:
-        record = _attempt(job, tell, columns)
-    except MemoryError as error:
-        failed = Status.MEMORY, EndedBy.MEMORY_LIMIT, _words(error)
-    except Exception as error:  # the run's own failure, kept as its result
-        if isinstance(error, OSError) and error.errno in DISK_FULL:
-            raise
-        traceback.print_exc()
-        sys.stderr.flush()
-        if "bad_alloc" in str(error):
-            failed = Status.MEMORY, EndedBy.MEMORY_LIMIT, _words(error)
-        else:
-            failed = Status.CRASHED, EndedBy.EXCEPTION, _words(error)
-    if record is None:  # here the frames that filled the memory are gone
-        tell("measure")
-        status, by, message = failed
-        record = salvaged(job, record_of(job, status, ended_by=str(by), message=message, **columns))
-    record = _with_cost(record, wall_s=time.monotonic() - began)
+def run(job: Job, send: Callable[[str], None] = lambda line: None) -> RunRecord:
+    """Run ``job`` and store its record."""
+    record = solved(job, send)
     store.write_record(job.folder, record)
     job.spool.unlink(missing_ok=True)
     return record
 
 
-def salvaged(job: Job, bare: RunRecord) -> RunRecord:
+def solved(job: Job, send: Callable[[str], None], keep: Keep | None = None, soft: float = SOFT) -> RunRecord:
+    """Run ``job``; ``keep`` writes the series. ``MEASURING`` is sent when the solver is done.
+
+    The solver is asked to stop at ``soft`` of the wall limit.
+    """
+    began = time.monotonic()
+    known: dict[str, Any] = {}
+    failed: dict[str, Any] = {}
+    try:
+        record = _attempt(job, send, keep, soft, known)
+    except Exception as error:  # the run's own failure, kept as its result
+        if isinstance(error, OSError) and error.errno in DISK_FULL:
+            raise
+        if not isinstance(error, MemoryError):
+            traceback.print_exc()
+            sys.stderr.flush()
+        memory = isinstance(error, MemoryError) or "bad_alloc" in str(error)
+        by = EndedBy.MEMORY_LIMIT if memory else EndedBy.EXCEPTION
+        failed = {"status": STATUS_OF.get(by, Status.CRASHED), "ended_by": str(by), "message": _words(error)}
+    if failed:  # here the frames that filled the memory are gone
+        send(MEASURING)
+        record = salvaged(job, record_of(job, **failed, **known), keep)
+    return dataclasses.replace(record, peak_memory_MB=peak_memory(), wall_s=time.monotonic() - began)
+
+
+def salvaged(job: Job, bare: RunRecord, keep: Keep | None = None) -> RunRecord:
     """``bare``, the record of a run cut short, with the metrics and series of the steps it had kept, if it had any."""
     try:
         problem = registry.make_problem(job.spec.problem, job.spec.parameters)
         trajectory = kept(job.spool, problem, Status(bare.status), bare.message)
         if trajectory is None:
             return bare
-        known = {"setup_s", "cpu_min_s", "cpu_median_s", "cpu_max_s", "exit_code", "signal", "wall_s", "peak_memory_MB",
-                 "claimed", "ended_by", "ended_limit_s"}  # fmt: skip
-        record = judged(job, problem, trajectory)
-        return dataclasses.replace(record, **{name: getattr(bare, name) for name in known})
+        names = ("claimed", "ended_by", "ended_limit_s", "exit_code", "signal", "setup_s", "cpu_min_s", "cpu_median_s",
+                 "cpu_max_s", "wall_s", "peak_memory_MB")  # fmt: skip
+        return judged(job, problem, trajectory, keep, **{name: getattr(bare, name) for name in names})
     except Exception as error:  # the bare record says all that must be said
         if isinstance(error, OSError) and error.errno in DISK_FULL:
             raise
@@ -75,25 +76,25 @@ def salvaged(job: Job, bare: RunRecord) -> RunRecord:
         return bare
 
 
-def _attempt(job: Job, tell: Callable[[str], None], columns: dict[str, Any]) -> RunRecord:
+def _attempt(job: Job, send: Callable[[str], None], keep: Keep | None, soft: float, known: dict[str, Any]) -> RunRecord:
     for plugin in job.plugins:
         registry.load_plugin(plugin)
     spec = job.spec
     problem = registry.make_problem(spec.problem, spec.parameters)
-    columns.update(section=problem.section, t_end_s=problem.t_end)
+    known.update(section=problem.section, t_end_s=problem.t_end)
     solver = presented(registry.make_solver(spec.solver, spec.options), problem)
-    control = dataclasses.replace(spec.control, wall_limit=SOFT * spec.wall_limit, spool=FileSpool(job.spool))
+    limit = None if math.isinf(spec.wall_limit) else soft * spec.wall_limit
+    control = dataclasses.replace(spec.control, wall_limit=limit, spool=FileSpool(job.spool))
     reason = solver.refuses(problem, control)
     if reason:
-        return record_of(
-            job, Status.REFUSED, claimed=str(Status.REFUSED), ended_by=str(EndedBy.SOLVER), message=reason, **columns
-        )
+        said = {"claimed": str(Status.REFUSED), "ended_by": str(EndedBy.SOLVER), "message": reason}
+        return record_of(job, Status.REFUSED, **said, **known)
     trajectory, cost = solve_repeatedly(solver, problem, control, spec.repeats)
-    columns.update(claimed=str(trajectory.status), **cost)
-    tell("measure")
+    known.update(claimed=str(trajectory.status), **cost)
+    send(MEASURING)
     began = time.monotonic()
-    record = judged(job, problem, trajectory, **cost)
-    return _with_cost(record, measure_s=time.monotonic() - began)
+    record = judged(job, problem, trajectory, keep, **cost)
+    return dataclasses.replace(record, measure_s=time.monotonic() - began)
 
 
 def solve_repeatedly(
@@ -138,15 +139,7 @@ def peak_memory() -> float:
     return kilobytes / (2**20 if sys.platform == "darwin" else 2**10)
 
 
-def _with_cost(record: RunRecord, **columns: float) -> RunRecord:
-    return dataclasses.replace(record, peak_memory_MB=peak_memory(), **columns)  # type: ignore[arg-type]
-
-
 def _words(error: BaseException) -> str:
     with contextlib.suppress(Exception):  # str() of a foreign exception may itself raise
         return f"{type(error).__name__}: {error}".strip(": ").split("\n")[0][:500]
     return type(error).__name__
-
-
-if __name__ == "__main__":
-    run(Job.from_json(Path(sys.argv[1]).read_text(encoding="utf-8")))

@@ -10,14 +10,9 @@ from jaxtyping import Float
 
 from ..files import exact
 from ..mechanics import so3
-from ..types import Problem, Trajectory
+from ..types import PREDICTABLE, Problem, Trajectory
 from .measure import Measured
 from .scales import Scales
-
-# Of the mechanism's size. The reference starts at rounding (1e-15 to 1e-13); once its own certified error passes
-# this, errors have grown ten-thousandfold and more: no fixed accuracy keeps up with such a motion, and being away from
-# the reference says nothing about a solver. The chain gets there at 1.9 s, the other problems never.
-LOST = 1e-9
 
 ACCURATE = 0.1  # of the mechanism's size: up to there a motion is followed
 
@@ -107,7 +102,7 @@ def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
         return {}
     last = compared - 1
     position, orientation = m.position_error[:compared], m.orientation_error[:compared]
-    predictable = int(np.sum(np.cumprod(m.reference_own_error[:compared] <= LOST * size.length)))
+    predictable = int(np.sum(np.cumprod(m.reference_own_error[:compared] <= PREDICTABLE * size.length)))
     by_name = {}
     for o in problem.observables:
         away = np.abs(m.observables[o.name] - m.reference_observables[o.name])[:compared]

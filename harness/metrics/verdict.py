@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..types import Law, Problem, Reason, Trajectory
+from ..types import PREDICTABLE, Law, Problem, Reason, Trajectory
 from .measure import Measured
 from .scales import Scales
-from .summary import LOST
 
 ENERGY = 0.10  # of T(0) + m g L: a tenth of all there is to exchange appears or disappears
 INVARIANT = 0.10  # of its scale by unit (momentum: m v L), or of its start if that is larger
@@ -49,7 +48,7 @@ def doubts(
 
     def limit(law: Law, most: float, allowed: float, unit: str, series: np.ndarray | None, name: str = "") -> None:
         if not math.isnan(most) and not most <= allowed:
-            when = math.nan if series is None else _first(t, np.abs(series) > allowed)
+            when = math.nan if series is None else _first(t, ~(np.abs(series) <= allowed))
             out.append(Reason(law, most, allowed, unit, when, name))
 
     limit(Law.ENERGY, columns["energy_drift_max_J"], ENERGY * size.energy, "J", m.energy_error)
@@ -65,7 +64,7 @@ def doubts(
         away = m.invariants[name] - m.invariants[name][0]
         limit(Law.INVARIANT, float(drift["max"]), allowed, drift["unit"], away, name)
     if "position_error_judged_m" in columns:
-        own = LOST * size.length
+        own = PREDICTABLE * size.length
         position, orientation = columns["position_error_judged_m"], columns["orientation_error_judged_rad"]
         limit(Law.POSITION, position, POSITION * size.length + own, "m", m.position_error)
         limit(Law.ORIENTATION, orientation, ORIENTATION + own / size.length, "rad", m.orientation_error)

@@ -1,4 +1,4 @@
-"""A forked process for one run: its own session, limits, standard error to a file, threads and cores its own affair.
+"""A forked process: a session of its own, limits, standard error in a file.
 
 Forked from a single-threaded parent that has numpy, numba, casadi and the catalogues loaded: starting takes
 milliseconds where a fresh interpreter takes a second.
@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 OUTPUT_LIMIT = 2**30  # [bytes] largest file a run may write
-CANNOT_WRITE = 74  # exit code (EX_IOERR): the disk is full, which is nobody's result
+CANNOT_WRITE = 74  # exit code (EX_IOERR): the disk is full, which is not a result of the run
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 PR_SET_PDEATHSIG = 1  # prctl(2)
 STDERR_KEPT = 2**16  # [bytes] of each end of a longer standard error
@@ -25,14 +25,14 @@ STDERR_KEPT = 2**16  # [bytes] of each end of a longer standard error
 
 @dataclass(frozen=True)
 class Child:
-    """A running run: its process (and group) id and the pipe on which it tells its phase."""
+    """A forked process (and group) and the pipe on which it sends lines."""
 
     pid: int
-    phase: int  # file descriptor, read end
+    pipe: int  # file descriptor, read end
 
 
-def fork(target: Callable[[Callable[[str], None]], None], stderr: Path, memory: float, cpu: float) -> Child:
-    """Run ``target(tell)`` in a child with ``memory`` [MB] beyond what is loaded and ``cpu`` [s].
+def fork(target: Callable[[Callable[[str], None]], object], stderr: Path, memory: float, cpu: float) -> Child:
+    """Run ``target(send)`` in a child with ``memory`` [MB] beyond what is loaded and ``cpu`` [s].
 
     The child ends with exit code 0 if ``target`` returns, 70 if it raises, ``CANNOT_WRITE`` on a full disk.
     """
@@ -57,7 +57,8 @@ def fork(target: Callable[[Callable[[str], None]], None], stderr: Path, memory: 
         _limit(memory, cpu)
         for name in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
             signal.signal(name, signal.SIG_DFL)
-        target(lambda phase: (os.write(write, phase[:1].encode()), None)[1])
+        with os.fdopen(write, "w", encoding="utf-8", errors="replace") as pipe:
+            target(lambda line: print(line, file=pipe, flush=True))
         code = 0
     except BaseException as error:  # the child must never return into its parent's loop
         code = CANNOT_WRITE if isinstance(error, OSError) and error.errno in DISK_FULL else code
@@ -69,7 +70,7 @@ def fork(target: Callable[[Callable[[str], None]], None], stderr: Path, memory: 
 
 
 def _end_with(parent: int) -> None:
-    """Die when the parent does, even by SIGKILL: nobody is left who could end this process at its limits."""
+    """Die when the parent does, even by SIGKILL: otherwise nothing would end this process at its limits."""
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:  # it went before we asked

@@ -1,28 +1,23 @@
 """Foreign code is tried in a process of its own before it runs in this one: a plugin that hangs, crashes or ends its
-process is told in a line. Only a note from that process says that it came back.
+process is reported in one line. Only a line sent from that process says that it returned.
 """
 
-import os
-import signal
-import tempfile
+import json
 import threading
-import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any, TypeVar
 
 from ..catalogue import registry
 from ..types import Problem
-from .isolation import fork, kill_group
+from .apart import run_apart
 
 T = TypeVar("T")
 LIMIT = 60.0  # [s] to be imported, or to make a problem
 MEMORY = 4000.0  # [MB]
-GOOD = "came back"
 
 
 def tried(what: str, attempt: Callable[[], T]) -> T:
-    """What ``attempt`` gives, once it has come back elsewhere; ValueError in one line where it does not, or raises."""
+    """What ``attempt`` gives, once it has returned in another process; ValueError in one line where it does not."""
     if threading.active_count() == 1:  # else a plugin before it has started a thread, and nothing can be forked
         complaint = _elsewhere(what, attempt)
         if complaint:
@@ -48,34 +43,17 @@ def _words(what: str, error: BaseException) -> str:
 
 
 def _elsewhere(what: str, attempt: Callable[[], object]) -> str:
-    """What is wrong with it; empty when it came back."""
-    with tempfile.TemporaryDirectory() as place:
-        note = Path(place) / "note"
+    """What is wrong with it; empty when it returned."""
 
-        def run(tell: object) -> None:
-            try:
-                attempt()
-                complaint = ""
-            except BaseException as error:  # sys.exit too
-                complaint = _words(what, error)
-            note.write_text(complaint, encoding="utf-8", errors="replace")
-
-        child = fork(run, Path(place) / "said", MEMORY, LIMIT)
-        until = time.monotonic() + LIMIT
-        ended, status = 0, 0
+    def run(send: Callable[[str], None]) -> None:
         try:
-            while not ended and time.monotonic() < until:
-                ended, status = os.waitpid(child.pid, os.WNOHANG)
-                time.sleep(0.0 if ended else 0.002)
-        finally:
-            kill_group(child.pid)  # and what it may have started
-            if not ended:
-                os.waitpid(child.pid, 0)
-            os.close(child.phase)
-        if note.exists():
-            return note.read_text(encoding="utf-8")
-    if not ended:
-        return f"{what}: it did not come back within {LIMIT:g} s"
-    code = os.waitstatus_to_exitcode(status)
-    how = f"by {signal.Signals(-code).name}" if code < 0 else f"with exit code {code}"
-    return f"{what}: it ended its process {how} instead of coming back"
+            attempt()
+            complaint = ""
+        except BaseException as error:  # sys.exit too
+            complaint = _words(what, error)
+        send(json.dumps(complaint))
+
+    ended = run_apart(run, limit=LIMIT, memory=MEMORY)
+    if ended.sent:
+        return str(json.loads(ended.sent))
+    return f"{what}: " + (f"timed out after {LIMIT:g} s" if ended.killed else f"its process {ended.words} unexpectedly")

@@ -40,7 +40,7 @@ class RunSpec:
 
     def address(self, code: str) -> str:
         """Digest of the settings, the limits and the code: equal only if the result would be."""
-        limits = {"wall_limit": self.wall_limit, "memory": self.memory, "repeats": self.repeats}
+        limits = {"wall_limit": float(self.wall_limit), "memory": float(self.memory), "repeats": self.repeats}
         return _digest({**self._settings(), **limits, "code": code})
 
     @property

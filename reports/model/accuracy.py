@@ -4,12 +4,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ...harness.types import PREDICTABLE
 from .results import Run
 
 EXACT = 1e-12  # of the mechanism's size: position errors below it are rounding
-
-
-PREDICTABLE = 1e-9  # of that size: errors are judged while the reference's own is below (docs/results-format.md)
 
 
 @dataclass(frozen=True)

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ...metrics.summary import LOST
 from ...results.records import RunRecord
+from ...types import PREDICTABLE
 from .metamorphic import CHANGES
 
 TARGETS = tuple(10.0 ** (-0.5 * k) for k in range(2, 19))  # 1e-1 to 1e-9 of the size (of 1 rad)
@@ -100,7 +100,7 @@ def _field(all_runs: Sequence[RunRecord]) -> Field | None:
     tried = frozenset(r.solver for r in all_runs)
     first = runs[0]
     length = first.length_scale_m if first.length_scale_m > 0.0 else 1.0
-    own = min(max(r.reference_own_error_m for r in runs), LOST * length)
+    own = min(max(r.reference_own_error_m for r in runs), PREDICTABLE * length)
     moved = any(r.position_error_judged_m > EXACT * length for r in runs)
     variant = first.case.split(" ")[0]
     if moved:

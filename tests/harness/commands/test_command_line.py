@@ -28,18 +28,22 @@ def test_solve_writes_the_promised_file(command, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("solver", "status", "rows", "words"),
-    [("gives_up", "step_underflow", 3, "too small"), ("raises", "crashed", 1, "a bug of mine"),
-     ("segfaults", "crashed", 1, "SIGSEGV"), ("exits", "crashed", 1, "exited"),
-     ("refuses", "refused", 1, "on principle"),
-     ("not_numbers", "wrong", 5, "not finite"), ("spins", "stalled", 1, "wall limit")],
+    ("solver", "status", "rows", "by", "words"),
+    [("gives_up", "step_underflow", 3, "solver", "too small"),
+     ("raises", "crashed", 1, "exception", "a bug of mine"),
+     ("segfaults", "crashed", 1, "signal", "SIGSEGV"),
+     ("exits", "crashed", 1, "exit", "exited"),
+     ("refuses", "refused", 1, "solver", "on principle"),
+     ("not_numbers", "wrong", 5, "solver", "not finite"),
+     ("spins", "stalled", 1, "wall_limit", "wall limit of 1 s")],
 )  # fmt: skip
-def test_failed_solves_write_too(command, tmp_path, solver, status, rows, words):
-    """Exit code 1, the steps so far, status and message."""
+def test_failed_solves_write_too(command, tmp_path, solver, status, rows, by, words):
+    """Exit code 1, the steps so far, status and what ended it; the reason in words on the terminal."""
     done = command("solve", "free_fall", solver, *WITH, "--out", "run.npz", "--set", "wall_limit=1")
     assert done.returncode == 1 and "Traceback" not in done.stdout + done.stderr
     with np.load(tmp_path / "run.npz", allow_pickle=False) as f:
-        assert str(f["status"]) == status and len(f["t"]) == rows and words in str(f["message"])
+        assert str(f["status"]) == status and len(f["t"]) == rows and str(f["ended_by"]) == by
+        assert words in done.stdout and bool(json.loads(str(f["reasons"]))) == (status == "wrong")
 
 
 BAD = [

@@ -82,7 +82,7 @@ def test_each_breach_is_found(tmp_path, breach):
     assert expected <= failed and len(found) == len(problem_contract.CLAIMS)
     assert all(f.found and f.why and f.remedy and "\n" not in f.found for f in found if not f.holds)
     if "crash" in breach:
-        assert any("exited with 3" in f.found for f in found)
+        assert any("exited with code 3" in f.found for f in found)
     if len(expected) == 1 and breach in ("an invariant that is none", "an observable without time", "no words"):
         assert failed == expected
 

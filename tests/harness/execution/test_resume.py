@@ -92,13 +92,14 @@ def killing(monkeypatch, before=(), after=()):
     """The supervisor is killed just before or just after these jobs are sent to it; what each was sent beside."""
     sends, send = [], LocalPool._send
 
-    def deadly(self, process, job):
+    def deadly(self, supervisor, job):
+        process = supervisor.process
         sends.append([j.id for j in self._flying.values()])
         number = len(sends)
         if number in before:
             process.kill()
             process.wait()
-        send(self, process, job)
+        send(self, supervisor, job)
         if number in after:
             process.kill()
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution import supervisor
-from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.job import Job, unfinished
 from mbsbench.harness.referee.claims.endings import Ending, by_budget, by_machine, ending, to_end
 from mbsbench.harness.results.words import words_of_ending
+from mbsbench.harness.sandbox.apart import Ended
 from mbsbench.harness.types import EndedBy, StepControl
 from mbsbench.solvers.formulations.recording import Clock, StepFailure, march
 from mbsbench.solvers.gc_weak_form import GcWeakForm
@@ -55,21 +55,34 @@ def test_a_solver_stopped_by_its_clock_is_ended_by_the_machine(made, words):
 
 
 @pytest.mark.parametrize(
-    ("how", "code", "peak", "by", "words"),
+    ("killed", "limit", "code", "peak", "by", "words"),
     [
-        ("wall", 0, 0.0, EndedBy.WALL_LIMIT, "killed after 62 s (wall limit of 60 s): the solver did not stop when"),
-        ("measuring", 0, 0.0, EndedBy.MEASURE_LIMIT, "measuring its motion took more than 120 s"),
-        ("", -signal.SIGXCPU, 0.0, EndedBy.CPU_LIMIT, "used up its CPU time"),
-        ("", -signal.SIGKILL, 99.0, EndedBy.MEMORY_LIMIT, "ended by SIGKILL with 99 MB resident, near its memory lim"),
-        ("stop", -signal.SIGKILL, 5.0, EndedBy.TOTAL_LIMIT, "total_limit of 900 s"),
+        (
+            True,
+            62.0,
+            -9,
+            0.0,
+            EndedBy.WALL_LIMIT,
+            "killed after 62 s (wall limit of 60 s): the solver did not stop when",
+        ),
+        (True, 120.0, -9, 0.0, EndedBy.MEASURE_LIMIT, "measuring its motion took more than 120 s"),
+        (False, 62.0, -signal.SIGXCPU, 0.0, EndedBy.CPU_LIMIT, "used up its CPU time"),
+        (
+            False,
+            62.0,
+            -signal.SIGKILL,
+            99.0,
+            EndedBy.MEMORY_LIMIT,
+            "ended by SIGKILL with 99 MB resident, near its memory lim",
+        ),
+        (True, 900.0, -signal.SIGKILL, 5.0, EndedBy.TOTAL_LIMIT, "total_limit of 900 s"),
     ],
 )
-def test_a_process_ended_by_clock_or_memory_is_ended_by_the_machine(how, code, peak, by, words):
+def test_a_process_ended_by_clock_or_memory_is_ended_by_the_machine(killed, limit, code, peak, by, words):
     """As the supervisor states it, and in words."""
     job = Job(runs_of('[[runs]]\nproblem = "heavy_top"\nsolver = "gc_weak_form"\nmemory = 100.0\nwall_limit = 60.0')[0],
               Path("nowhere"))  # fmt: skip
-    running = supervisor.Running(job, None, 0.0, 0.0, killed=how)
-    record = supervisor._bare(running, code, peak, 900.0)
+    record = unfinished(job, Ended(code, killed, "", peak), 1.0, by, limit)
     assert record.ended_by == by and words in words_of_ending(record)
     assert by_machine(record) and ending(record) is Ending.MACHINE
 

@@ -3,7 +3,6 @@
 import os
 import signal
 import time
-from types import SimpleNamespace
 
 import numpy as np
 import psutil
@@ -11,6 +10,7 @@ import pytest
 
 from mbsbench.harness.results import store
 from mbsbench.harness.results.words import why, words_of_ending
+from mbsbench.harness.sandbox.apart import Apart, run_apart
 from mbsbench.harness.sandbox.isolation import fork
 from mbsbench.harness.types import EndedBy, Status
 
@@ -173,20 +173,47 @@ def test_fork_needs_a_single_thread():
 
 def test_cpu_time_is_limited_too(tmp_path):
     """By rlimit: a process that works past it gets SIGXCPU, whoever else has died; its run is stalled, in words."""
-    from mbsbench.harness.execution.supervisor import Running, explain
+    from mbsbench.harness.execution.job import Job, unfinished
+    from mbsbench.harness.suites.suite import parse_suite
 
     def work(tell):
         while True:
             pass
 
     began = time.monotonic()
-    child = fork(work, tmp_path / "stderr", 500.0, 0.0)  # [s], rounded up to the next whole one
-    os.close(child.phase)
-    code = os.waitstatus_to_exitcode(os.waitpid(child.pid, 0)[1])
-    assert code == -signal.SIGXCPU and time.monotonic() - began > 0.9
-    job = SimpleNamespace(spec=SimpleNamespace(wall_limit=1.0, memory=500.0))
-    status, by, _ = explain(Running(job, child, began, began), code, 100.0)  # type: ignore[arg-type]
-    assert status is Status.STALLED and by is EndedBy.CPU_LIMIT
+    ended = Apart(work, limit=60.0, memory=500.0, cpu=0.0).wait()  # [s], rounded up to the next whole one
+    assert ended.code == -signal.SIGXCPU and time.monotonic() - began > 0.9 and not ended.killed
+    job = Job(parse_suite('[[runs]]\nproblem = "free_fall"\nsolver = "exact"', "t", "t").specs[0], tmp_path)
+    record = unfinished(job, ended, 1.0, EndedBy.WALL_LIMIT, 60.0)
+    assert record.status == Status.STALLED and record.ended_by == EndedBy.CPU_LIMIT
+
+
+def test_a_process_is_ended_with_all_that_it_started_and_what_it_sent_is_kept():
+    """At its limit, when it is unwanted, and when its parent is interrupted."""
+
+    def hang(send):
+        send("began")
+        if os.fork() == 0:
+            time.sleep(600.0)
+        send(str(os.getpid()))
+        time.sleep(600.0)
+
+    def interrupted():
+        raise KeyboardInterrupt
+
+    began = time.monotonic()
+    ended = run_apart(hang, limit=0.5, memory=500.0)
+    assert ended.killed and ended.code == -signal.SIGKILL and ended.sent.startswith("began\n")
+    assert run_apart(hang, limit=60.0, memory=500.0, unwanted=lambda: True).killed
+    with pytest.raises(KeyboardInterrupt):
+        run_apart(hang, limit=60.0, memory=500.0, unwanted=interrupted)
+    assert time.monotonic() - began < 30.0 and not psutil.Process().children()
+
+
+def test_a_long_message_arrives_whole():
+    """Longer than a pipe holds."""
+    ended = run_apart(lambda send: send("x" * 2**20), limit=60.0, memory=500.0)
+    assert ended.sent == "x" * 2**20 + "\n" and ended.code == 0 and ended.words == "exited with code 0"
 
 
 def test_a_run_ends_with_its_parent(tmp_path):

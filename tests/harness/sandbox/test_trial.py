@@ -22,9 +22,9 @@ problem = "foreign"
 solver = "gc_weak_form"
 """
 LOADED = {
-    "import os; os._exit(0)": "exit code 0 instead of coming back",
-    "import os; os.kill(os.getpid(), 11)": "by SIGSEGV",
-    "while True: pass": "did not come back within",
+    "import os; os._exit(0)": "exited with code 0 unexpectedly",
+    "import os; os.kill(os.getpid(), 11)": "ended by SIGSEGV",
+    "while True: pass": "timed out after",
     "import sys; sys.exit()": "SystemExit",
     "x = [0] * 10**10": "MemoryError",
     "raise KeyboardInterrupt": "KeyboardInterrupt",
@@ -32,9 +32,9 @@ LOADED = {
 MADE = {
     "return 1 / 0": "ZeroDivisionError: division by zero",
     "return None": "AttributeError",
-    "os._exit(0)": "exit code 0 instead of coming back",
+    "os._exit(0)": "exited with code 0 unexpectedly",
     "sys.exit(0)": "SystemExit",
-    "time.sleep(600)": "did not come back within",
+    "time.sleep(600)": "timed out after",
 }
 
 

@@ -1,0 +1,122 @@
+"""What the runner and a supervisor process say to each other, one JSON line a message, and the runner's end of it."""
+
+import contextlib
+import os
+import select
+import subprocess
+import sys
+from typing import Any
+
+import msgspec
+
+from ..results.environment import ROOT, THREADS
+from ..suites.spec import RunSpec
+from .job import Job
+
+
+class Message(msgspec.Struct, frozen=True, tag=True):
+    """One line."""
+
+
+class Warm(Message, frozen=True):
+    """Compile the solvers of these runs."""
+
+    specs: list[RunSpec]
+
+
+class Start(Message, frozen=True):
+    """Begin this run beside those that run."""
+
+    job: Job
+
+
+class Stop(Message, frozen=True):
+    """End all runs: the suite has met its limit [s]."""
+
+    limit: float
+
+
+class Warmed(Message, frozen=True):
+    """How long each solver took to compile [s]."""
+
+    times: dict[str, float]
+
+
+class Done(Message, frozen=True):
+    """A run is over. Its record is stored, unless ``error`` says why it could not be."""
+
+    run_id: str
+    error: str = ""
+
+
+Order = Warm | Start | Stop
+News = Warmed | Done
+
+
+def line_of(message: Message) -> bytes:
+    """With its end of line."""
+    return msgspec.json.encode(message, enc_hook=str) + b"\n"
+
+
+class Reader:
+    """Messages of a ``kind`` from the chunks of a pipe."""
+
+    def __init__(self, kind: Any) -> None:
+        self.decoder = msgspec.json.Decoder(kind, dec_hook=lambda wanted, given: wanted(given))
+        self.pending = b""
+
+    def messages(self, chunk: bytes) -> list[Any]:
+        """Those that are whole now."""
+        *lines, self.pending = (self.pending + chunk).split(b"\n")
+        return [self.decoder.decode(line) for line in lines]
+
+
+class Lost(RuntimeError):
+    """The supervisor process has ended."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"the supervisor process ended with code {code}")
+        self.code = code
+
+
+class Supervised:
+    """A supervisor process of our own: ``send`` it orders, ``receive`` its news."""
+
+    def __init__(self) -> None:
+        self.process = subprocess.Popen(
+            (sys.executable, "-m", "mbsbench.harness.execution.supervisor"),
+            cwd=ROOT,
+            env={**os.environ, **THREADS},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,  # a signal to our group is for us: we close its input, and it ends what runs, whole
+        )
+        self.reader = Reader(News)
+
+    def send(self, order: Message) -> None:
+        """Lost if it is gone."""
+        assert self.process.stdin is not None
+        try:
+            self.process.stdin.write(line_of(order))
+            self.process.stdin.flush()
+        except BrokenPipeError:
+            raise Lost(self.process.wait()) from None
+
+    def receive(self, timeout: float | None = None) -> list[News]:
+        """News, none after ``timeout`` [s]; Lost if it is gone."""
+        assert self.process.stdout is not None
+        ready, _, _ = select.select([self.process.stdout], [], [], timeout)
+        if not ready:
+            return []
+        chunk = os.read(self.process.stdout.fileno(), 2**16)
+        if not chunk:
+            raise Lost(self.process.wait())
+        return self.reader.messages(chunk)
+
+    def close(self) -> None:
+        """At the end of its input it kills what runs and leaves."""
+        assert self.process.stdin is not None and self.process.stdout is not None
+        with contextlib.suppress(OSError):  # it is gone, and what we had to say with it
+            self.process.stdin.close()
+        self.process.wait()
+        self.process.stdout.close()

@@ -1,0 +1,111 @@
+"""Code run in a process of its own: started, ended at its limit with all that it started, and what it sent back."""
+
+import os
+import select
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from .isolation import fork, kill_group
+
+NOWHERE = Path(os.devnull)
+TICK = 0.02  # [s] between two looks while nothing is sent
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a process ended."""
+
+    code: int  # its exit code, or minus the signal that ended it
+    killed: bool  # by us, at its limit or before
+    sent: str  # the lines it sent
+    peak: float  # [MB] largest resident memory
+
+    @property
+    def words(self) -> str:
+        """``ended by SIGSEGV`` or ``exited with code 3``."""
+        known = -self.code in set(signal.Signals)
+        return f"ended by {signal.Signals(-self.code).name}" if known else f"exited with code {self.code}"
+
+
+class Apart:
+    """A forked process, watched by ``look`` or ``wait``."""
+
+    def __init__(
+        self,
+        target: Callable[[Callable[[str], None]], object],
+        *,
+        limit: float,
+        memory: float,
+        cpu: float | None = None,
+        stderr: Path = NOWHERE,
+    ) -> None:
+        """Run ``target(send)`` for ``limit`` [s] at most, with ``memory`` [MB] and ``cpu`` [s] (default: the limit)."""
+        child = fork(target, stderr, memory, limit if cpu is None else cpu)
+        self.pid, self.pipe = child.pid, child.pipe
+        os.set_blocking(self.pipe, False)
+        self.deadline = time.monotonic() + limit
+        self.killed = False
+        self.closed_at = 0.0  # when it closed its pipe: it is about to end
+        self._sent = b""
+
+    def hear(self) -> str:
+        """All that it has sent so far."""
+        try:
+            while not self.closed_at and (chunk := os.read(self.pipe, 2**16)):
+                self._sent += chunk
+            self.closed_at = self.closed_at or time.monotonic()
+        except BlockingIOError:
+            pass
+        return self._sent.decode(errors="replace")
+
+    def look(self) -> Ended | None:
+        """None while it runs; kills it past its deadline."""
+        if time.monotonic() > self.deadline:
+            self.kill()
+        pid, status, usage = os.wait4(self.pid, os.WNOHANG)
+        if not pid:
+            self.hear()
+            return None
+        sent = self.hear()
+        kill_group(self.pid)  # what it started and left behind
+        os.close(self.pipe)
+        return Ended(os.waitstatus_to_exitcode(status), self.killed, sent, usage.ru_maxrss / 1024.0)
+
+    def wait(self, unwanted: Callable[[], bool] = lambda: False) -> Ended:
+        """Wait for its end, or end it once it is ``unwanted``. An exception here ends it too."""
+        ended = None
+        try:
+            while (ended := self.look()) is None:
+                if unwanted():
+                    self.kill()
+                if self.closed_at:
+                    time.sleep(0.002)
+                else:
+                    select.select([self.pipe], [], [], TICK)
+        except BaseException:
+            self.kill()
+            if ended is None:
+                os.waitpid(self.pid, 0)
+            raise
+        return ended
+
+    def kill(self) -> None:
+        """End it with all that it started."""
+        if not self.killed:
+            self.killed = True
+            kill_group(self.pid)
+
+
+def run_apart(
+    target: Callable[[Callable[[str], None]], object],
+    *,
+    limit: float,
+    memory: float,
+    stderr: Path = NOWHERE,
+    unwanted: Callable[[], bool] = lambda: False,
+) -> Ended:
+    """Run ``target(send)`` in a process of its own; ``send`` hands lines back."""
+    return Apart(target, limit=limit, memory=memory, stderr=stderr).wait(unwanted)

@@ -1,0 +1,36 @@
+"""What a worker of a cluster does with a run, without a cluster: the files of its result, or none after the limit."""
+
+import threading
+import time
+
+from mbsbench.harness.execution import cluster
+from mbsbench.harness.execution.job import Job
+from mbsbench.harness.results import environment, store
+from mbsbench.harness.suites.suite import parse_suite
+
+from ..conftest import PLUGIN
+
+TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "raises", "spins"]\nwall_limit = 100\n'
+
+
+def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
+    """Two runs one after the other in one supervisor; the third never returns and is ended from another thread."""
+    store.create(tmp_path)
+    plugins = (str(PLUGIN),)
+    code = environment.code_digest(plugins)
+    suite = parse_suite(TEXT, "test", "test", plugins=plugins)
+    jobs = [Job(spec, tmp_path, "test", code, "", plugins).to_json() for spec in suite.specs]
+
+    def ends(text: str):
+        job = Job.from_json(text)
+        cluster._store(job, cluster.run_run(text, "ticket"))
+        return store.read_record(tmp_path / "runs" / f"{job.id}.json")
+
+    try:
+        assert [ends(text).status for text in jobs[:2]] == ["success", "crashed"]
+        threading.Thread(target=lambda: (time.sleep(1.0), cluster.stop_here("ticket", 7.0))).start()
+        last = ends(jobs[2])
+        assert last.ended_by == "total_limit" and last.ended_limit_s == 7.0 and last.status == "stalled"
+        assert cluster.run_run(jobs[0], "ticket") == {}
+    finally:
+        cluster._supervisor().close()
