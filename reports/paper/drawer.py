@@ -1,31 +1,25 @@
 """Any figure of the catalogue on a sheet: panels lettered as in the paper, one legend, missing runs named in it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from textwrap import fill
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ...harness.results.series import Series
 from ..model.words import time
-from ..plots.palette import Look
 from ..plots.style import DOUBLE, INK, MUTED, PAPER, SINGLE, plain, sheet
-from .lines import Line, draw_panel, lines_of, shown
-from .picking import Chosen, settings_of
-from .printed import role
+from .lines import Line, draw_panel, shown
 from .sketch import draw_sketch
 from .spec import Panel, PaperFigure, Sketch
 
 COLUMNS = 12
+MISSING = "not in these results"
 WRAP = 64  # characters of a label: two columns of them fill the sheet
 
 
-def draw(
-    spec: PaperFigure, chosen: Sequence[Chosen], series: Mapping[str, Series | None], looks: Mapping[str, Look]
-) -> Figure:
-    """``series`` by run, ``looks`` by solver."""
-    lines = lines_of(chosen, series, looks)
+def draw(spec: PaperFigure, lines: Sequence[Line]) -> Figure:
+    """``spec`` with its runs."""
     alone = all(isinstance(p, Sketch) for p in spec.panels())
     handles = [] if alone else _handles(spec, lines)
     columns = legend_columns(handles)
@@ -57,16 +51,13 @@ def _fill(ax: Axes, part: Panel | Sketch, lines: Sequence[Line]) -> None:
         return
     source = next((k.series for k in lines if k.series is not None and "frame_t" in k.series), None)
     if not draw_sketch(ax, part.view, source):
-        asked = lines[0].chosen
-        why = "no poses recorded" if asked.run else "not in this run"
-        words = f"{asked.pick.solver}, {settings_of(asked.pick)}: {why}"
-        ax.text(0.5, 0.5, plain(fill(words, 40)), transform=ax.transAxes, ha="center", va="center", color=MUTED)
+        words = f"{label_of(lines[0])}{': no poses recorded' if lines[0].chosen.run else ''}"
+        ax.text(0.5, 0.5, fill(plain(words), 40), transform=ax.transAxes, ha="center", va="center", color=MUTED)
 
 
 def _handles(spec: PaperFigure, lines: Sequence[Line]) -> list[Line2D]:
     panels = [p for p in spec.panels() if isinstance(p, Panel)]
-    used = {k.key for p in panels for k in shown(p, lines)}
-    out = [_handle(k) for k in lines if k.key in used]
+    out = [_handle(k) for k in lines]
     exact = any(p.exact and k.series is not None and p.exact in k.series for p in panels for k in shown(p, lines))
     if exact:
         out.append(Line2D([], [], color=INK, linewidth=0.7, label="exact motion"))
@@ -81,12 +72,11 @@ def _handle(line: Line) -> Line2D:
 
 
 def label_of(line: Line) -> str:
-    """The paper's name, ours, the step, and how it ended; said too where the run or its series is not there."""
-    pick, run = line.chosen.pick, line.chosen.run
-    step = f"dt = {pick.dt:g} s" if pick.dt is not None else f"rtol = {pick.rtol:g}"
-    words = ", ".join(w for w in (f"{role(pick)} ({pick.solver})", step, pick.words) if w)
+    """The paper's name, ours, the settings, and how it ended or that the run or its series is missing."""
+    chosen, run = line.chosen, line.chosen.run
+    words = f"{chosen.role} ({chosen.asked.solver}), {chosen.settings}"
     if run is None:
-        return f"{words}: not in this run"
+        return f"{words}: {MISSING}"
     if run.succeeded and line.series is not None:
         return words
     end = run.status.replace("_", " ")

@@ -12,50 +12,43 @@ from ...harness.results.series import Series
 from ..model import curves
 from ..model.curves import Curve
 from ..model.words import number
-from ..plots.palette import DASHES, Look
+from ..plots.palette import DASHES, Look, dashes
 from ..plots.spec import end_of
 from ..plots.style import INK, MUTED, PAPER, log_axis, mark_end
 from .limits import is_rounding, limits_of
 from .picking import Chosen
-from .printed import role
-from .spec import Panel, Pick
+from .spec import Panel
 
 
 @dataclass(frozen=True)
 class Line:
-    """A run that a figure draws: its series, how it looks, how it is named."""
+    """A run that a figure draws, with its series and how it looks."""
 
     chosen: Chosen
     series: Series | None
     look: Look
     dash: tuple[float, Sequence[float]]
-    name: str  # short, for sentences: the part it plays, and what tells it from others of the same part
-
-    @property
-    def key(self) -> str:
-        return self.chosen.pick.key
 
 
 def lines_of(chosen: Sequence[Chosen], series: Mapping[str, Series | None], looks: Mapping[str, Look]) -> list[Line]:
-    """In the order of the picks; a solver's finest settings are solid, its others dashed, dotted, dash-dotted."""
+    """In the order of the picks; ``series`` by run, ``looks`` by solver."""
+    strokes = dashes(c.run for c in chosen if c.run)
     out = []
     for c in chosen:
-        own = [o.pick for o in chosen if o.pick.solver == c.pick.solver]
-        k = sorted(own, key=lambda p: p.dt or p.rtol or 0.0).index(c.pick)
-        found = series.get(c.run.record.run_id) if c.run else None
-        out.append(Line(c, found, looks[c.pick.solver], DASHES[k % len(DASHES)], _name(c.pick, own)))
+        run = c.run.record.run_id if c.run else ""
+        out.append(Line(c, series.get(run), looks[c.asked.solver], strokes.get(run, DASHES[0])))
     return out
-
-
-def _name(pick: Pick, own: Sequence[Pick]) -> str:
-    step = f"dt {pick.dt:g} s" if pick.dt is not None else f"rtol {pick.rtol:g}"
-    apart = pick.words or (step if len(own) > 1 else "")
-    return f"{role(pick)}, {apart}" if apart else role(pick)
 
 
 def shown(panel: Panel, lines: Sequence[Line]) -> list[Line]:
     """Those that the panel asks for."""
-    return [k for k in lines if not panel.only or k.key in panel.only]
+    if not panel.tightest:
+        return list(lines)
+    least: dict[str, float] = {}
+    for k in lines:
+        solver, rtol = k.chosen.asked.solver, k.chosen.asked.control.rtol or 0.0
+        least[solver] = min(rtol, least.get(solver, rtol))
+    return [k for k in lines if (k.chosen.asked.control.rtol or 0.0) == least[k.chosen.asked.solver]]
 
 
 def draw_panel(ax: Axes, panel: Panel, lines: Sequence[Line]) -> None:
