@@ -5,7 +5,7 @@ from typing import Any
 
 import msgspec
 
-from ...harness.results import store
+from ...harness.files import to_json, write_text
 
 FOLDER, FILE = "paper", "captions.json"
 
@@ -91,5 +91,4 @@ def write(folder: Path, environment: Any, made: list[Caption], order: list[str])
     every = [*(c for c in read(folder) if c.name in order and c.name not in new), *made]
     figures = tuple(sorted(every, key=lambda c: order.index(c.name)))
     whole = Captions(str(environment.get("run") or folder.name), str(environment.get("commit", "")), figures)
-    text = msgspec.json.format(msgspec.json.encode(whole), indent=1).decode()
-    store.write_text(folder / FOLDER / FILE, text)
+    write_text(folder / FOLDER / FILE, to_json(whole, indent=1))
