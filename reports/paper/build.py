@@ -41,7 +41,8 @@ def command(
 def one(results: Results, figure: PaperFigure, specs: Sequence[Asked], suffixes: Sequence[str] = SUFFIXES) -> Caption:
     """Draw one figure and write its caption."""
     lines = found_lines(results, figure, specs)
-    files = save(lambda: draw(figure, lines), results.folder / FOLDER, figure.name, suffixes)
+    own = looks({*results.solvers, *(k.chosen.asked.solver for k in lines)})
+    files = save(lambda: draw(figure, lines, own), results.folder / FOLDER, figure.name, suffixes)
     return caption(figure, lines, results.folder, [p.name for p in files])
 
 
@@ -49,7 +50,7 @@ def found_lines(results: Results, figure: PaperFigure, specs: Sequence[Asked]) -
     """The runs of a figure with their series."""
     chosen = choose(figure.picks, specs, results.runs)
     series = {c.run.record.run_id: _series(results, c.run) for c in chosen if c.run}
-    return lines_of(chosen, series, looks({*results.solvers, *(c.asked.solver for c in chosen)}))
+    return lines_of(chosen, series)
 
 
 def _series(results: Results, run: Run) -> Series | None:

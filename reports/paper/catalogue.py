@@ -3,6 +3,7 @@
 Settings are in ``harness/suites/paper.toml``, what the paper claims in ``results/claims.toml``.
 """
 
+from ..plots.spec import Axis
 from .spec import PRINTED, RECOMMENDED, Panel, PaperFigure, Pick, Sketch, Window
 
 BODY, CHAIN, TOP, GRID = "torque_free_body[t_end=300]", "chain", "heavy_top", "four_bar_grid"
@@ -10,8 +11,11 @@ PENDULUM, SPATIAL = "spherical_pendulum", "spherical_pendulum[omega_z=0.1]"
 GC, AL = "gc_weak_form", "gc_augmented_lagrangian"
 RK, FI, SE, INDEX3 = "rk45_strong_form", "ida_index1", "ndf_index1", "ida_index3"
 
-ENERGY, STEP = r"$E$ [J]", r"$\Delta t$ [s]"
-OMEGA, OMEGA_AXIS = ("obs_Omega_x", "obs_Omega_y", "obs_Omega_z"), r"$\Omega$ [rad/s]"
+ENERGY = Axis("energy", "J", symbol="E")
+STEP = Axis("step", "s", log=True, symbol=r"\Delta t")
+PHI = Axis("constraints", "m", log=True, symbol=r"\|\phi\|")
+PHI_DOT = Axis("constraint rates", "m/s", log=True, symbol=r"\|\dot\phi\|")
+OMEGA, OMEGA_AXIS = ("obs_Omega_x", "obs_Omega_y", "obs_Omega_z"), Axis("Omega", "rad/s", symbol=r"\Omega")
 OMEGA_LABELS = (r"$\Omega_x$", r"$\Omega_y$", r"$\Omega_z$")
 
 TOLERANCES = "the tolerances (those in the legend are ours)"
@@ -67,32 +71,32 @@ def _pendulum(number: int, title: str, variant: str, *rows: tuple) -> tuple[Pape
 
 
 def _norms(window: Window) -> tuple[Panel, Panel]:
-    return (Panel("constraints", ("phi_norm",), r"$\|\phi\|$ [m]", window, log=True),
-            Panel("constraint rates", ("phi_dot_norm",), r"$\|\dot\phi\|$ [m/s]", window, log=True))  # fmt: skip
+    return (Panel("constraints", ("phi_norm",), PHI, window),
+            Panel("constraint rates", ("phi_dot_norm",), PHI_DOT, window))  # fmt: skip
 
 
 def _step_energy(window: Window) -> tuple[Panel, Panel]:
-    return (Panel("step", ("dt",), STEP, window, log=True),
+    return (Panel("step", ("dt",), STEP, window),
             Panel("mechanical energy", ("energy",), ENERGY, window))  # fmt: skip
 
 
 def _centre(window: Window) -> tuple[Panel, Panel]:
-    return (Panel("centre of mass along OX", ("obs_C_x",), r"$X_C$ [m]", window, exact="ref_C_x"),
-            Panel("centre of mass along OZ", ("obs_C_z",), r"$Z_C$ [m]", window, exact="ref_C_z"))  # fmt: skip
+    return (_exact("centre of mass along OX", "C_x", "X_C", "m", window[1]),
+            _exact("centre of mass along OZ", "C_z", "Z_C", "m", window[1]))  # fmt: skip
 
 
-def _exact(title: str, name: str, axis: str, t_end: float) -> Panel:
-    return Panel(title, (f"obs_{name}",), axis, (0.0, t_end), exact=f"ref_{name}")
+def _exact(title: str, name: str, symbol: str, unit: str, t_end: float) -> Panel:
+    return Panel(title, (f"obs_{name}",), Axis(name, unit, symbol=symbol), (0.0, t_end), exact=f"ref_{name}")
 
 
 _GRID_TITLE = "Grid of four-bar linkages: start, energy, first row, a bottom joint"
 _GRID_ROWS = (
     (Sketch("initial position", "grid"),
      Panel("mechanical energy", ("energy",), ENERGY, (0.0, 10.0), band=True)),
-    (_exact("first row, angular position", "angle_1", r"$\varphi_1$ [rad]", 10.0),
-     _exact("first row, angular velocity", "rate_1", r"$\dot\varphi_1$ [rad/s]", 10.0)),
-    (_exact("joint A, Y", "bottom_left_y", r"$Y_A$ [m]", 10.0),
-     _exact("joint A, Z", "bottom_left_z", r"$Z_A$ [m]", 10.0)),
+    (_exact("first row, angular position", "angle_1", r"\varphi_1", "rad", 10.0),
+     _exact("first row, angular velocity", "rate_1", r"\dot\varphi_1", "rad/s", 10.0)),
+    (_exact("joint A, Y", "bottom_left_y", r"Y_A", "m", 10.0),
+     _exact("joint A, Z", "bottom_left_z", r"Z_A", "m", 10.0)),
 )  # fmt: skip
 
 FIGURES: tuple[PaperFigure, ...] = (
@@ -113,13 +117,13 @@ FIGURES: tuple[PaperFigure, ...] = (
     *_both(9, "Sect. 5.3", "Chain: energy over 2 s and 20 s, displacement of E out of the plane, step", CHAIN, (
         (Panel("energy over 2 s", ("energy",), ENERGY, (0.0, 2.0)),
          Panel("energy over 20 s", ("energy",), ENERGY, (0.0, 20.0), tightest=True)),
-        (Panel("out of the plane", ("obs_E_z",), r"$Z_E$ [m]", (0.0, 20.0), tightest=True),
-         Panel("step", ("dt",), STEP, (0.0, 20.0), log=True))),
+        (Panel("out of the plane", ("obs_E_z",), Axis("Z_E", "m", symbol="Z_E"), (0.0, 20.0), tightest=True),
+         Panel("step", ("dt",), STEP, (0.0, 20.0)))),
         (TOLERANCES, INERTIA, DIRECTION, STARTS, CODES), printed=(GC, INDEX3), height=2.0),
     _sketch(10, "Sect. 5.4", "The spinning top", TOP, "top", 2.3),
     *_both(11, "Sect. 5.4", "Spinning top in cuspidal motion: nutation, precession rate, step and energy", TOP, (
-        (_exact("nutation angle", "theta", r"$\theta$ [deg]", 5.0),
-         _exact("precession rate", "phi_dot", r"$\dot\varphi$ [rad/s]", 5.0)),
+        (_exact("nutation angle", "theta", r"\theta", "deg", 5.0),
+         _exact("precession rate", "phi_dot", r"\dot\varphi", "rad/s", 5.0)),
         _step_energy((0.0, 5.0))), (GAINS, DIRECTION, STARTS, JACOBIANS, "when DAE-FI fails")),
     PaperFigure(12, PRINTED, "Sect. 5.5", _GRID_TITLE, (Pick(PRINTED, GRID, (AL,)), _recommended(GRID, AL)),
                 _GRID_ROWS, (PENALTIES, JOINT_A, BENCHMARK, INERTIA)),

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from ..plots.spec import Axis
+
 Window = tuple[float, float]
 PRINTED, RECOMMENDED = "as printed", "recommended"  # labels of the suite ``paper``
 
@@ -22,9 +24,8 @@ class Panel:
 
     title: str
     of: tuple[str, ...]
-    axis: str
+    axis: Axis
     window: Window
-    log: bool = False
     tightest: bool = False  # of each solver the smallest tolerance alone
     exact: str = ""  # series of the reference
     labels: tuple[str, ...] = ()  # beside the lines of several series
