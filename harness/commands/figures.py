@@ -5,6 +5,7 @@ from typing import Any
 
 from rich.console import Console
 
+from ..suites.suite import load_suite
 from .run import existing
 
 
@@ -23,8 +24,10 @@ def run(arguments: argparse.Namespace) -> int:
     from ...reports import publication  # here: they take a second to load
     from ...reports.paper import build as paper
 
-    module = paper if arguments.paper else publication
     out = Console(highlight=False, markup=False, soft_wrap=True)
-    module.command(folder, arguments.only, out.print)
-    out.print(f"figures: {folder / module.FOLDER}")
+    if arguments.paper:
+        paper.command(folder, arguments.only, load_suite("paper").specs, out.print)
+    else:
+        publication.command(folder, arguments.only, out.print)
+    out.print(f"figures: {folder / (paper if arguments.paper else publication).FOLDER}")
     return 0

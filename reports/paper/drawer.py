@@ -3,101 +3,88 @@
 from collections.abc import Mapping, Sequence
 from textwrap import fill
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 
-from ...harness.results.series import Series
-from ..model.words import time
 from ..plots.palette import Look
-from ..plots.style import DOUBLE, INK, MUTED, PAPER, SINGLE, plain, sheet
-from .lines import Line, draw_panel, lines_of, shown
-from .picking import Chosen, settings_of
-from .printed import role
+from ..plots.printed import Legend, label, panel
+from ..plots.spec import Plot, Trace
+from ..plots.style import DOUBLE, MUTED, SINGLE, plain, sheet
+from .lines import Line, plot_of, records_of
 from .sketch import draw_sketch
 from .spec import Panel, PaperFigure, Sketch
 
 COLUMNS = 12
-WRAP = 64  # characters of a label: two columns of them fill the sheet
+NONE = np.zeros(0)
 
 
-def draw(
-    spec: PaperFigure, chosen: Sequence[Chosen], series: Mapping[str, Series | None], looks: Mapping[str, Look]
-) -> Figure:
-    """``series`` by run, ``looks`` by solver."""
-    lines = lines_of(chosen, series, looks)
-    alone = all(isinstance(p, Sketch) for p in spec.panels())
-    handles = [] if alone else _handles(spec, lines)
-    columns = legend_columns(handles)
-    deep = [str(h.get_label()).count("\n") + 1 for h in handles]
-    each = -(-len(deep) // columns)  # the legend fills its columns one after the other
-    rows = max((sum(deep[k : k + each]) for k in range(0, len(deep), each or 1)), default=0)
-    figure = sheet(SINGLE if alone else DOUBLE, spec.height * len(spec.rows) + 0.16 * rows + 0.1)
+def draw(spec: PaperFigure, lines: Sequence[Line], looks: Mapping[str, Look]) -> Figure:
+    """``spec`` with its runs; ``looks`` by solver."""
+    plots = [[plot_of(p, lines) if isinstance(p, Panel) else p for p in row] for row in spec.rows]
+    panels = [p for row in plots for p in row if isinstance(p, Plot)]
+    legend = Legend.of(_named(lines, panels) if panels else [], looks, wide=True)
+    figure = sheet(DOUBLE if panels else SINGLE, spec.height * len(spec.rows) + legend.height + 0.1)
     places = figure.add_gridspec(len(spec.rows), COLUMNS)
     letter = 0
     for i, row in enumerate(spec.rows):
         left, before = 0, None
-        for part in row:
+        for part, plot in zip(row, plots[i], strict=True):
             continued = isinstance(part, Panel) and part.continued
             ax = figure.add_subplot(places[i, left : left + part.width], sharey=before if continued else None)
             left, before = left + part.width, ax
-            if not continued and not alone:
+            if panels and not continued:
                 ax.set_title(f"{chr(ord('a') + letter)}  {part.title}")
                 letter += 1
-            _fill(ax, part, lines)
-    if handles:
-        figure.legend(handles=handles, loc="outside lower left", ncols=columns)
+            if isinstance(part, Sketch):
+                _sketch(ax, part, lines)
+            elif isinstance(plot, Plot):
+                panel(ax, plot, looks)
+                _frame(ax, part, plot, lines)
+    legend.put(figure)
     return figure
 
 
-def _fill(ax: Axes, part: Panel | Sketch, lines: Sequence[Line]) -> None:
-    if isinstance(part, Panel):
-        draw_panel(ax, part, lines)
-        ax.set_xlabel(r"$t$ [s]")
-        return
+def _named(lines: Sequence[Line], plots: Sequence[Plot]) -> list[Trace]:
+    """What the legend names: every run asked for, a missing one without a line, and what belongs to no solver."""
+    asked = [(k, k.chosen.asked.solver if k.chosen.run else "") for k in lines]
+    runs = [Trace(k.words, NONE, NONE, solver, "lines" if solver else "markers", k.dash) for k, solver in asked]
+    return [*runs, *(t for p in plots for t in p.traces if not t.solver)]
+
+
+def _sketch(ax: Axes, part: Sketch, lines: Sequence[Line]) -> None:
     source = next((k.series for k in lines if k.series is not None and "frame_t" in k.series), None)
     if not draw_sketch(ax, part.view, source):
-        asked = lines[0].chosen
-        why = "no poses recorded" if asked.run else "not in this run"
-        words = f"{asked.pick.solver}, {settings_of(asked.pick)}: {why}"
-        ax.text(0.5, 0.5, plain(fill(words, 40)), transform=ax.transAxes, ha="center", va="center", color=MUTED)
+        words = f"{lines[0].words}{': no poses recorded' if lines[0].chosen.run else ''}"
+        ax.text(0.5, 0.5, fill(plain(words), 40), transform=ax.transAxes, ha="center", va="center", color=MUTED)
 
 
-def _handles(spec: PaperFigure, lines: Sequence[Line]) -> list[Line2D]:
-    panels = [p for p in spec.panels() if isinstance(p, Panel)]
-    used = {k.key for p in panels for k in shown(p, lines)}
-    out = [_handle(k) for k in lines if k.key in used]
-    exact = any(p.exact and k.series is not None and p.exact in k.series for p in panels for k in shown(p, lines))
-    if exact:
-        out.append(Line2D([], [], color=INK, linewidth=0.7, label="exact motion"))
-    return out
+def _frame(ax: Axes, part: Panel, plot: Plot, lines: Sequence[Line]) -> None:
+    """What the paper's panels have beside their lines."""
+    ax.set_xlabel(label(plot.x))
+    ax.set_ylabel("" if part.continued else label(plot.y))
+    ax.tick_params(labelleft=not part.continued)
+    ax.xaxis.set_major_locator(MaxNLocator(6 if part.width > 4 else 4, steps=[1, 2, 2.5, 5, 10]))
+    ax.text(0.5, 0.6, plot.caption, transform=ax.transAxes, ha="center", color=MUTED)
+    if not plot.y.log:
+        ax.ticklabel_format(axis="y", useOffset=False)
+    if part.band:
+        _band(ax, plot, lines)
+    starts = [float(t.y[0]) for t in plot.traces if t.solver]
+    for words, y in zip(part.labels, starts, strict=False):  # the first run's, one after the other
+        ax.annotate(words, (1.0, y), xycoords=("axes fraction", "data"), xytext=(4, 0), va="center",
+                    textcoords="offset points", annotation_clip=False)  # fmt: skip
 
 
-def _handle(line: Line) -> Line2D:
-    there = line.chosen.run is not None
-    return Line2D([], [], color=line.look.colour if there else MUTED, linestyle=line.dash if there else "",
-                  marker=line.look.marker if there else "x", markersize=3.6, markerfacecolor=PAPER,
-                  markeredgewidth=0.8, label=fill(plain(label_of(line)), WRAP))  # fmt: skip
-
-
-def label_of(line: Line) -> str:
-    """The paper's name, ours, the step, and how it ended; said too where the run or its series is not there."""
-    pick, run = line.chosen.pick, line.chosen.run
-    step = f"dt = {pick.dt:g} s" if pick.dt is not None else f"rtol = {pick.rtol:g}"
-    words = ", ".join(w for w in (f"{role(pick)} ({pick.solver})", step, pick.words) if w)
-    if run is None:
-        return f"{words}: not in this run"
-    if run.succeeded and line.series is not None:
-        return words
-    end = run.status.replace("_", " ")
-    if line.series is None and run.record.series:
-        return f"{words}: its series cannot be read"
-    if line.series is None:
-        return f"{words}  ★ no step: {end}"
-    return f"{words}  ★ {end} at {time(round(run.record.t_reached_s, 3))} s" if run.stopped else f"{words}  ✖ {end}"
-
-
-def legend_columns(handles: Sequence[Line2D]) -> int:
-    """As many as the longest label leaves room for."""
-    longest = max((len(str(h.get_label())) for h in handles), default=1)
-    return 3 if longest <= 36 else 2
+def _band(ax: Axes, plot: Plot, lines: Sequence[Line]) -> None:
+    """The allowed energy, shaded; in words where it is wider than the axis."""
+    record = next((r for r in records_of(lines) if r.energy_allowed_J > 0.0), None)
+    if record is None:
+        return
+    low, high = (record.energy_start_J + s * record.energy_allowed_J for s in (-1.0, 1.0))
+    if low < plot.y.low and high > plot.y.high:
+        words = f"allowed: within {record.energy_allowed_J:g} J of the start, beyond this axis"
+        ax.text(0.02, 0.98, words, transform=ax.transAxes, va="top", color=MUTED, fontsize=7)
+    else:
+        ax.axhspan(max(low, plot.y.low), min(high, plot.y.high), color=MUTED, alpha=0.13, linewidth=0)

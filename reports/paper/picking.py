@@ -1,58 +1,87 @@
-"""The runs that a figure asks for, found in a run; one that is not there stays in the list, to be said."""
+"""The runs that a figure asks for, found in the results; one that is not there stays in the list, to be named."""
 
-import json
-import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
-from ..model.results import Run, named, text_of
+from ...harness.types import StepControl
+from ..model.results import Run, named
 from .spec import Pick
+
+ROLES = {
+    "gc_weak_form": "ODE-GC", "gc_augmented_lagrangian": "ODE-GC (AL)", "rk45_strong_form": "ODE-45",
+    "ida_index1": "DAE-FI", "ndf_index1": "DAE-SE", "ida_index3": "index 3",
+}  # fmt: skip
+DIRECTIONS = {"a": "c_R = a/(a·a)", "translation": "c_R = (e_R, 0)"}  # Eq. (31)
+
+
+class Asked(Protocol):
+    """A run of the suite ``paper``; reports read no suites, the caller hands them over."""
+
+    @property
+    def problem(self) -> str: ...
+    @property
+    def parameters(self) -> Mapping[str, Any]: ...
+    @property
+    def solver(self) -> str: ...
+    @property
+    def options(self) -> Mapping[str, Any]: ...
+    @property
+    def control(self) -> StepControl: ...
+    @property
+    def label(self) -> str: ...
+    @property
+    def settings_id(self) -> str: ...
+    @property
+    def case(self) -> str: ...
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """A pick and its run; None where the run has none with these settings."""
+    """A run asked for and the one found; None where the results have none with these settings."""
 
-    pick: Pick
+    asked: Asked
     run: Run | None
+    settings: str  # step or tolerance, and in what else it differs from the figure's other runs of the solver
+
+    @property
+    def role(self) -> str:
+        """Whose part in the paper the solver plays."""
+        return ROLES[self.asked.solver]
+
+    @property
+    def name(self) -> str:
+        return f"{self.role}, {self.settings}"
 
 
-def choose(picks: Iterable[Pick], runs: Iterable[Run]) -> list[Chosen]:
-    """Each pick with its run. Of two runs that differ in limits, the one with more room; else the later one."""
-    ordered = sorted(runs, key=lambda c: (c.record.max_steps, c.record.finished))
-    return [Chosen(p, next((c for c in reversed(ordered) if fits(p, c)), None)) for p in picks]
+def choose(picks: Iterable[Pick], specs: Iterable[Asked], runs: Iterable[Run]) -> list[Chosen]:
+    """In the order of the picks; of two runs with the same settings the later one."""
+    known = list(specs)
+    asked = [s for p in picks for s in selected(p, known)]
+    found = {r.record.settings_id: r for r in sorted(runs, key=lambda r: r.record.finished)}
+    return [Chosen(s, found.get(s.settings_id), _settings(s, asked)) for s in asked]
 
 
-def fits(pick: Pick, run: Run) -> bool:
-    """Whether ``run`` has exactly the pick's settings; limits and labels do not matter."""
-    r = run.record
-    return (
-        (r.solver, r.problem) == (pick.solver, pick.problem)
-        and _same(run.parameters, pick.parameters)
-        and _same(run.options, pick.options)
-        and _equal(r.dt_s, pick.dt)
-        and _equal(r.rtol, pick.rtol)
-        and _equal(r.max_step_s, pick.max_step)
-    )
+def selected(pick: Pick, specs: Sequence[Asked]) -> list[Asked]:
+    """The runs of the suite that ``pick`` means, solver by solver."""
+    there = [s for s in specs if s.label == pick.label and named(s.problem, s.parameters) == pick.variant]
+    out: list[Asked] = []
+    for solver in pick.solvers:
+        own = [s for s in there if s.solver == solver]
+        out += own if pick.every else own and [min(own, key=lambda s: s.control.rtol or -(s.control.dt or 0.0))]
+    return out
 
 
-def settings_of(pick: Pick) -> str:
-    """In words, as ``Run.settings`` says them."""
-    words = [f"{k} = {v:g}{u}" for k, v, u in (("dt", pick.dt, " s"), ("rtol", pick.rtol, "")) if v is not None]
-    words += [f"max step {pick.max_step:g} s"] if pick.max_step is not None else []
-    words += [f"{k} = {text_of(v)}" for k, v in sorted(pick.options.items())]
-    return ", ".join(words)
+def _settings(asked: Asked, others: Sequence[Asked]) -> str:
+    c = asked.control
+    own = [s for s in others if s.solver == asked.solver]
+    differs = [of(asked) for of in (_label, _direction) if len({of(s) for s in own}) > 1]
+    return ", ".join([f"dt = {c.dt:g} s" if c.dt is not None else f"rtol = {c.rtol:g}", *differs])
 
 
-def asked_for(pick: Pick) -> str:
-    """The whole of it in one line: what to run to have it."""
-    return f"{pick.solver} on {named(pick.problem, pick.parameters)}, {settings_of(pick)}"
+def _label(asked: Asked) -> str:
+    return asked.label
 
 
-def _same(found: Mapping[str, Any], asked: Mapping[str, Any]) -> bool:
-    return dict(found) == json.loads(json.dumps(dict(asked)))
-
-
-def _equal(found: float, asked: float | None) -> bool:
-    return math.isnan(found) if asked is None else math.isclose(found, asked, rel_tol=1e-12)
+def _direction(asked: Asked) -> str:
+    return DIRECTIONS[asked.options.get("direction", "a")]

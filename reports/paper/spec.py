@@ -1,37 +1,32 @@
-"""What a figure of the paper is made of, as data: which runs, which panels, what the paper says about them."""
+"""What a figure of the paper is made of, as data: which runs and which panels."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
+
+from ..plots.spec import Axis
 
 Window = tuple[float, float]
+PRINTED, RECOMMENDED = "as printed", "recommended"  # labels of the suite ``paper``
 
 
 @dataclass(frozen=True)
 class Pick:
-    """A run by its settings, as they stand in records: those that differ from the defaults, and the step asked for."""
+    """Runs of the suite ``paper``: all under a label that solve one variant with these solvers."""
 
-    key: str  # by which panels and sayings of the figure name it
-    solver: str
-    problem: str
-    parameters: Mapping[str, Any] = field(default_factory=dict)
-    options: Mapping[str, Any] = field(default_factory=dict)
-    dt: float | None = None
-    rtol: float | None = None
-    max_step: float | None = None
-    words: str = ""  # beside the solver's name in the legend, where the step does not tell its lines apart
+    label: str
+    variant: str  # a problem with its parameters, e.g. heavy_top[t_end=1]
+    solvers: tuple[str, ...]  # in the order of the legend
+    every: bool = True  # False: of each solver one, with the largest step (the printed one) or the smallest tolerance
 
 
 @dataclass(frozen=True)
 class Panel:
-    """Axes over time. ``of`` are names of series; each is drawn for every pick, or for those in ``only``."""
+    """Axes over time. ``of`` are names of series; each is drawn for every run of the figure."""
 
     title: str
     of: tuple[str, ...]
-    axis: str
+    axis: Axis
     window: Window
-    log: bool = False
-    only: tuple[str, ...] = ()  # keys; empty: all
+    tightest: bool = False  # of each solver the smallest tolerance alone
     exact: str = ""  # series of the reference
     labels: tuple[str, ...] = ()  # beside the lines of several series
     band: bool = False  # the benchmark's limit on the energy error, shaded
@@ -41,7 +36,7 @@ class Panel:
 
 @dataclass(frozen=True)
 class Sketch:
-    """The mechanism at t = 0, drawn from the stored poses and joints of the first pick that has them."""
+    """The mechanism at t = 0, drawn from the stored poses and joints of the first run that has them."""
 
     title: str
     view: str  # name in reports.paper.sketch
@@ -49,36 +44,22 @@ class Sketch:
 
 
 @dataclass(frozen=True)
-class Says:
-    """What the paper says, in a line, and what is measured beside it (a name in reports.paper.measures)."""
-
-    words: str
-    measure: str
-    picks: tuple[str, ...] = ()  # keys; empty: all
-    series: str = ""
-    window: Window | None = None
-    fails_at: float | None = None  # [s] where the paper says that it stops
-    runs: bool = False  # the paper says that it gets to the end
-
-
-@dataclass(frozen=True)
 class PaperFigure:
-    """One figure in one variant; ``rows`` from the top, panels from the left."""
+    """One figure with the settings of one label; ``rows`` from the top, panels from the left."""
 
     number: int
-    variant: str  # "as printed" or "recommended"
+    label: str
     section: str
     title: str
     picks: tuple[Pick, ...]
     rows: tuple[tuple[Panel | Sketch, ...], ...]
-    says: tuple[Says, ...] = ()
-    not_printed: tuple[str, ...] = ()  # settings that the paper does not give, and what is taken
+    not_printed: tuple[str, ...] = ()  # settings that the paper does not give
     height: float = 1.75  # [in] of a row
 
     @property
     def name(self) -> str:
         """Of its files."""
-        return f"fig{self.number:02d}" + ("" if self.variant == "as printed" else f"-{self.variant}")
+        return f"fig{self.number:02d}" + ("" if self.label == PRINTED else f"-{self.label}")
 
     def panels(self) -> list[Panel | Sketch]:
         return [p for row in self.rows for p in row]

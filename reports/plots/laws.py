@@ -103,7 +103,7 @@ def observables(d: Drawing) -> Chapter | None:
         exact = max((m.exact[name] for m in d.motions.values() if name in m.exact), key=len, default=None)
         in_unit = unit(next(m.units.get(f"obs_{name}", "") for m in d.motions.values() if name in m.observables))
         of = _of("observables", name)
-        low, high = _limits([c for c in d.curves(of) if c is not None and len(c)], exact)
+        low, high = value_limits([c for c in d.curves(of) if c is not None and len(c)], exact)
         known = [] if exact is None else [Trace("reference", exact.t, exact.y)]
         caption = f"Smallest and largest of each span; {'the thin line is the' if known else 'there is no'} reference."
         own = traces(d.lines, d.motions, of, (2 * low - high, 2 * high - low))
@@ -140,13 +140,16 @@ def _of(kind: str, name: str) -> Callable[[Motion], Curve | None]:
     return lambda m: getattr(m, kind).get(name)
 
 
-def _limits(shown: Sequence[Curve], exact: Curve | None) -> tuple[float, float]:
-    """All values; where one blew up, the neighbourhood of the reference."""
+def value_limits(shown: Sequence[Curve], exact: Curve | None, reach: float = np.inf) -> tuple[float, float]:
+    """All values; where one blew up, the neighbourhood of the reference, or ``reach`` to each side of the start."""
     values = [c.y for c in shown] + ([exact.y] if exact is not None else [])
     low, high = min((float(v.min()) for v in values), default=0.0), max((float(v.max()) for v in values), default=1.0)
     if exact is not None and len(exact):
         size = max(float(np.ptp(exact.y)), float(np.abs(exact.y).max()))
         if size > BLOWN_UP * (high - low):
             low, high = max(low, float(exact.y.min()) - size), min(high, float(exact.y.max()) + size)
+    elif shown:
+        start = float(shown[0].y[0])
+        low, high = max(low, start - reach), min(high, start + reach)
     margin = 0.08 * (high - low) or 0.08 * abs(high) or 1.0
     return low - margin, high + margin

@@ -43,7 +43,7 @@ def all_lines(
     found: dict[str, Line] = {}
     for solver, own in by_solver(runs).items():
         for k, c in enumerate(sorted(own, key=lambda c: c.finest_first)):
-            words = f"{solver}, {c.settings(alike[solver])}{_ended(c)}"
+            words = f"{solver}, {c.settings(alike[solver])}{ended(c)}"
             found[c.record.run_id] = Line(c, words, k, k == 0, url(c))
     return [found[c.record.run_id] for c in runs]
 
@@ -91,7 +91,7 @@ def _urgency(line: Line) -> tuple[bool, bool, int]:
     return not line.main, line.run.succeeded, line.dash
 
 
-def _ended(run: Run) -> str:
+def ended(run: Run) -> str:
     """For the name of its line; empty for a success."""
     word, r = run.status.replace("_", " "), run.record
     if run.succeeded:

@@ -1,6 +1,7 @@
 """Plots for print: panels of a figure with one legend, drawn from the same plots as those of the pages."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from textwrap import fill
 
 import numpy as np
@@ -26,11 +27,8 @@ def figure(
     """One column of a journal wide, or two for ``columns`` over 1; ``unseen`` traces are in the legend alone."""
     wide, columns = columns > 1, min(columns, len(plots))
     rows, width = -(-len(plots) // columns), DOUBLE if wide else SINGLE
-    handles = _handles([*(t for p in plots for t in p.traces), *unseen], looks, 96 if wide else 62)
-    longest = max((len(str(h.get_label())) for h in handles), default=0)
-    abreast = 1 if not wide or longest > 54 else 2 if longest > 32 else 3
-    lines = -(-sum(1 + str(h.get_label()).count("\n") for h in handles) // abreast)
-    out = sheet(width, height * rows + 0.14 * lines + 0.2)
+    legend = Legend.of([*(t for p in plots for t in p.traces), *unseen], looks, wide)
+    out = sheet(width, height * rows + legend.height + 0.2)
     axes: dict[tuple[int, int], Axes] = {}
     for k, plot in enumerate(plots):
         at = row, column = divmod(k, columns)
@@ -38,24 +36,49 @@ def figure(
         sharex = axes[row - 1, column] if above and above.x == plot.x else None
         sharey = axes[row, column - 1] if beside and beside.y == plot.y else None
         ax = axes[at] = out.add_subplot(rows, columns, k + 1, sharex=sharex, sharey=sharey)
-        _panel(ax, plot, looks)
+        panel(ax, plot, looks)
         if columns > 1:
             ax.set_title(f"{chr(ord('a') + k)}  {plain(plot.title)}")
         below = plots[k + columns] if k + columns < len(plots) else None
         for axis, spec, hidden in ((ax.xaxis, plot.x, below and below.x == plot.x), (ax.yaxis, plot.y, sharey)):
-            axis.set_label_text("" if hidden else _label(spec))
+            axis.set_label_text("" if hidden else label(spec))
             axis.set_tick_params(which="both", **{f"label{'bottom' if axis is ax.xaxis else 'left'}": not hidden})
-    if handles:
-        out.legend(handles=handles, loc="outside lower left", ncols=abreast)
+    legend.put(out)
     return out
 
 
-def _label(axis: Axis) -> str:
+@dataclass(frozen=True)
+class Legend:
+    """One for all panels of a figure, below them."""
+
+    handles: tuple[Line2D, ...]
+    columns: int
+
+    @staticmethod
+    def of(traces: Sequence[Trace], looks: Mapping[str, Look], wide: bool) -> "Legend":
+        """Every name once, as many abreast as the longest leaves room for."""
+        handles = _handles(traces, looks, 96 if wide else 62)
+        longest = max((len(str(h.get_label())) for h in handles), default=0)
+        return Legend(tuple(handles), 1 if not wide or longest > 54 else 2 if longest > 32 else 3)
+
+    @property
+    def height(self) -> float:
+        """[in] that it takes."""
+        return 0.14 * -(-sum(1 + str(h.get_label()).count("\n") for h in self.handles) // self.columns)
+
+    def put(self, figure: Figure) -> None:
+        if self.handles:
+            figure.legend(handles=list(self.handles), loc="outside lower left", ncols=self.columns)
+
+
+def label(axis: Axis) -> str:
+    """Symbol and unit."""
     words = f"${axis.symbol}$" if axis.symbol else plain(axis.title)
     return f"{words} [{plain(axis.unit)}]" if axis.unit else words
 
 
-def _panel(ax: Axes, plot: Plot, looks: Mapping[str, Look]) -> None:
+def panel(ax: Axes, plot: Plot, looks: Mapping[str, Look]) -> None:
+    """The traces of a plot, within its limits."""
     for which, axis in (("x", plot.x), ("y", plot.y)):
         if axis.log:
             log_axis(ax, which)

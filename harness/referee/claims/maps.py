@@ -13,8 +13,10 @@ from typing import Any
 
 from ...catalogue import registry
 from ...suites.spec import RunSpec
+from ...suites.suite import load_suite
 
 ANY = "any"
+AS_PRINTED = "as printed"  # label in the suite ``paper``
 RENAMED = {"coordinates": "chart"}
 FRAMES = ("yaw", "rotation", "perturb", "seed")
 FORMS = {"ndf_index1": "se"}  # its constraint row never holds u', whatever the accelerations are
@@ -96,8 +98,23 @@ def values_of(given: Iterable[Any]) -> list[Any]:
 
 
 def is_printed(p: Place, printed: Iterable[Mapping[str, Any]]) -> bool:
-    """Whether these are settings the paper prints, as far as it prints any."""
-    return any(all(_allowed(p.dimensions.get(k), v) for k, v in one.items()) for one in printed)
+    """Whether these are settings the paper prints, as far as it prints any.
+
+    A dimension that is ``as printed`` has the value of a run with that label in the suite ``paper``.
+    """
+    for one in printed:
+        named = [k for k, v in one.items() if v == AS_PRINTED]
+        given = all(_allowed(p.dimensions.get(k), v) for k, v in one.items() if k not in named)
+        runs = _printed_runs(p.spec.problem, p.spec.solver) if named else (p,)
+        if given and any(all(_same(p.dimensions.get(k), q.dimensions.get(k)) for k in named) for q in runs):
+            return True
+    return False
+
+
+@cache
+def _printed_runs(problem: str, solver: str) -> tuple[Place, ...]:
+    wanted = (AS_PRINTED, problem, solver)
+    return tuple(place(s) for s in load_suite("paper").specs if (s.label, s.problem, s.solver) == wanted)
 
 
 def _options(spec: RunSpec) -> tuple[dict[str, Any], set[str]]:

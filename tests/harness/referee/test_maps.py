@@ -87,6 +87,14 @@ def test_printed_settings_are_recognised():
     assert not is_printed(PLACES[0], [])
 
 
+def test_printed_values_are_those_of_the_suite():
+    """Fig. 5: the tolerance 1e-3 in Euler angles, as the suite ``paper`` has it under that label."""
+    printed = [{"chart": "as printed", "tolerance": "as printed"}]
+    found = {(p.dimensions["chart"], p.dimensions["tolerance"]) for p in PLACES if is_printed(p, printed)}
+    assert found == {("euler313", 1e-3)}
+    assert not any(is_printed(p, [{**printed[0], "solver": "ndf_index1"}]) for p in PLACES)
+
+
 def test_values_come_in_order():
     """Numbers by size, truth before its contrary, texts, and last what does not exist."""
     assert values_of([None, "b", 2.0, 1.0, "a"]) == [1.0, 2.0, "a", "b", None]

@@ -1,7 +1,8 @@
-"""A run folder with every run that the paper's figures ask for: real problems, made-up motions, own numbers."""
+"""A results folder with every run that the paper's figures ask for: real problems, made-up motions and numbers."""
 
 import dataclasses
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,22 +13,27 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.series import Series
+from mbsbench.harness.suites.spec import RunSpec
+from mbsbench.harness.suites.suite import load_suite
 from mbsbench.reports.paper.catalogue import FIGURES
-from mbsbench.reports.paper.spec import Pick
+from mbsbench.reports.paper.picking import selected
+from mbsbench.reports.paper.spec import PRINTED
 
 from ..conftest import put
 
 ROWS = 60
 
 
-def picks(figures=()) -> dict[str, Pick]:
-    """Those of these figures (of all), by the name of a run for each."""
-    out: dict[str, Pick] = {}
-    for spec in FIGURES:
-        for p in spec.picks:
-            if p not in out.values() and (spec.name in figures or not figures):
-                out[f"{len(out):016x}"] = p
-    return out
+@cache
+def suite() -> tuple[RunSpec, ...]:
+    """The runs of the suite ``paper``."""
+    return load_suite("paper").specs
+
+
+def asked(*figures: str) -> list[RunSpec]:
+    """The runs that these figures (all, without names) ask for."""
+    wanted = [p for f in FIGURES if f.name in figures or not figures for p in f.picks]
+    return list({s.settings_id: s for p in wanted for s in selected(p, suite())}.values())
 
 
 def series_for(problem, t_end: float, size: float) -> Series:
@@ -50,38 +56,38 @@ def series_for(problem, t_end: float, size: float) -> Series:
     return Series(arrays, (), *names, units, {f"obs_{o.name}": o.symbol for o in problem.observables})
 
 
-def record_for(run: str, pick: Pick, **changes) -> RunRecord:
-    """A success with the pick's settings and numbers that no other run has."""
-    n = int(run, 16) + 1
-    problem = registry.make_problem(pick.problem, dict(pick.parameters))
-    nan = float("nan")
+def record_for(spec: RunSpec, n: int = 1, **changes) -> RunRecord:
+    """A success with the settings of ``spec`` and numbers that no other ``n`` has."""
+    problem = registry.make_problem(spec.problem, dict(spec.parameters))
+    nan, c = float("nan"), spec.control
     base = RunRecord(
-        run_id=run, settings_id=f"s{run}", case=f"case {run}", suite="made up", label="recommended",
-        problem=pick.problem,
-        section=problem.section, problem_parameters=json.dumps(dict(pick.parameters)), solver=pick.solver,
-        solver_options=json.dumps(dict(pick.options)), control="rtol" if pick.dt is None else "dt",
-        dt_s=nan if pick.dt is None else pick.dt, rtol=nan if pick.rtol is None else pick.rtol,
-        max_step_s=nan if pick.max_step is None else pick.max_step, t_end_s=problem.t_end, status="success",
+        run_id=f"{n:016x}", settings_id=spec.settings_id, case=spec.case, suite="made up", label=spec.label,
+        problem=spec.problem, section=problem.section, problem_parameters=json.dumps(dict(spec.parameters)),
+        solver=spec.solver, solver_options=json.dumps(dict(spec.options)), control="rtol" if c.dt is None else "dt",
+        dt_s=nan if c.dt is None else c.dt, rtol=nan if c.rtol is None else c.rtol,
+        max_step_s=nan if c.max_step is None else c.max_step, t_end_s=problem.t_end, status="success",
         claimed="success", t_reached_s=problem.t_end, energy_start_J=1.0, energy_scale_J=10.0, length_scale_m=1.0,
         energy_drift_max_J=1.234e-3 * n, energy_drift_end_J=-5.67e-4 * n, phi_max=1e-4 * n, phi_dot_max=1e-3 * n,
         position_error_max_m=2.345e-3 * n, orientation_error_max_rad=3.456e-3 * n, steps=ROWS - 1,
         step_min_s=1e-5 * n, step_max_s=1e-2 * n, finished="2026-01-01",
         energy_allowed_J=nan if problem.energy_allowed is None else problem.energy_allowed,
-        observable_errors=json.dumps({o.name: {"max": 0.1 * n, "unit": o.unit} for o in problem.observables}),
     )  # fmt: skip
     return dataclasses.replace(base, **changes)
 
 
-def fill(folder: Path, *figures: str, without=(), **changes_by_key) -> dict[str, RunRecord]:
-    """Store a run for each pick of ``figures`` but those whose key is in ``without``; changes of records by key."""
+def fill(folder: Path, *figures: str, without=(), **changes) -> dict[str, RunRecord]:
+    """Store a run for all that ``figures`` ask for; ``without`` are solvers whose printed runs are left out.
+
+    ``changes`` are of records, by the solver whose printed runs they concern.
+    """
     out = {}
-    for k, (run, pick) in enumerate(picks(figures).items()):
-        if pick.key in without:
+    for n, spec in enumerate(asked(*figures), 1):
+        printed = spec.label == PRINTED
+        if printed and spec.solver in without:
             continue
-        changes = changes_by_key.get(pick.key, {})
-        made = record_for(run, pick, **changes)
-        problem = registry.make_problem(pick.problem, dict(pick.parameters))
-        out[run] = put(folder, made, series_for(problem, made.t_reached_s, 1e-3 * (k + 1)))
+        made = record_for(spec, n, **(changes.get(spec.solver, {}) if printed else {}))
+        problem = registry.make_problem(spec.problem, dict(spec.parameters))
+        out[made.run_id] = put(folder, made, series_for(problem, made.t_reached_s, 1e-3 * n))
     return out
 
 

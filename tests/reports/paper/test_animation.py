@@ -8,22 +8,22 @@ from PIL import Image
 
 from mbsbench.harness.__main__ import main
 from mbsbench.harness.catalogue import registry
+from mbsbench.harness.suites.spec import make_spec
 from mbsbench.reports.mechanism.animation import animate, choosing, files
 from mbsbench.reports.mechanism.animation.stage import Stage, actors_of, flat, view_of
 from mbsbench.reports.mechanism.segments import mechanism_of
-from mbsbench.reports.paper.spec import Pick
 
 from ..conftest import put
 from .conftest import record_for, series_for
 
-GC = Pick("gc", "gc_weak_form", "spherical_pendulum", dt=0.01)
-RK = Pick("rk", "rk45_strong_form", "spherical_pendulum", rtol=1e-8)
+PENDULUM = registry.make_problem("spherical_pendulum", {})
+GC, COARSE = (make_spec(PENDULUM, "gc_weak_form", control={"dt": dt}) for dt in (0.01, 0.02))
+RK = make_spec(PENDULUM, "rk45_strong_form", control={"rtol": 1e-8})
 
 
 def turning(t_end: float = 2.0, n: int = 81):
     """A pendulum that turns once about OZ in two seconds, as a series file."""
-    problem = registry.make_problem("spherical_pendulum", {})
-    still = series_for(problem, t_end, 1e-3)
+    still = series_for(PENDULUM, t_end, 1e-3)
     t = np.linspace(0.0, t_end, n)
     angle = np.pi * t
     arm = still["frame_r"][0, 0]
@@ -39,9 +39,9 @@ def turning(t_end: float = 2.0, n: int = 81):
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     path = tmp_path_factory.mktemp("run")
-    put(path, record_for("a" * 16, GC, t_end_s=2.0, t_reached_s=2.0), turning())
-    put(path, record_for("b" * 16, RK, t_end_s=2.0, t_reached_s=1.0, status="singular"), turning(1.0))
-    put(path, record_for("c" * 16, dataclasses.replace(GC, dt=0.02), status="refused"), None)
+    put(path, record_for(GC, run_id="a" * 16, t_end_s=2.0, t_reached_s=2.0), turning())
+    put(path, record_for(RK, run_id="b" * 16, t_end_s=2.0, t_reached_s=1.0, status="singular"), turning(1.0))
+    put(path, record_for(COARSE, run_id="c" * 16, status="refused"), None)
     return path
 
 

@@ -1,219 +1,196 @@
-"""The paper's figures: each is made, says what is missing, stars what stopped, and tells the numbers of the records."""
+"""The paper's figures: each is made, names what is missing, stars what stopped, and shows the claims on it."""
 
 import dataclasses
 import json
-import math
 
 import pytest
 
 from mbsbench.harness.__main__ import main
-from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.suites.suite import load_suite
+from mbsbench.harness.referee.judge import FOLDER, PUBLISHED, read_claims, write
+from mbsbench.reports import site
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.model.words import number, signed
-from mbsbench.reports.paper import build, drawer, lines, picking
+from mbsbench.reports.paper import build, captions, drawer, lines, notes, picking
 from mbsbench.reports.paper.catalogue import FIGURES, NUMBERS
 from mbsbench.reports.plots import palette
-from mbsbench.reports.plots.style import style
+from mbsbench.reports.plots.style import SUFFIXES, style
 
-from .conftest import fill
+from .conftest import asked, fill, record_for, suite
 
 BY_NAME = {s.name: s for s in FIGURES}
 
 
 def drawn(folder, name):
     """A figure and its lines, not written."""
-    results, spec = read_results(folder), BY_NAME[name]
-    chosen = picking.choose(spec.picks, results.runs)
-    series = {c.run.record.run_id: results.series(c.run) for c in chosen if c.run}
-    own = palette.looks({p.solver for p in spec.picks})
+    own = build.found_lines(read_results(folder, check_series=False), BY_NAME[name], suite())
     with style():
-        return drawer.draw(spec, chosen, series, own), lines.lines_of(chosen, series, own)
+        return drawer.draw(BY_NAME[name], own, palette.looks({k.chosen.asked.solver for k in own})), own
+
+
+def one(folder, name, suffixes=("png",)):
+    """The caption of a figure, which is written."""
+    return build.one(read_results(folder), BY_NAME[name], suite(), suffixes)
 
 
 def legend(figure) -> str:
     return " ".join(" ".join(t.get_text() for t in k.get_texts()) for k in figure.legends).replace("\n", " ")
 
 
-def test_every_run_that_a_figure_asks_for_is_in_the_suite():
-    """Else a figure would say "not in this run" for ever."""
-    runs = [
-        Run(RunRecord(
-            run_id="", settings_id=c.settings_id, case=c.case, problem=c.problem, solver=c.solver,
-            problem_parameters=json.dumps(dict(c.parameters), default=list), solver_options=json.dumps(dict(c.options)),
-            dt_s=math.nan if c.control.dt is None else c.control.dt,
-            rtol=math.nan if c.control.rtol is None else c.control.rtol,
-            max_step_s=math.nan if c.control.max_step is None else c.control.max_step,
-        )) for c in load_suite("paper").specs
-    ]  # fmt: skip
-    absent = [picking.asked_for(p.pick) for s in FIGURES for p in picking.choose(s.picks, runs) if p.run is None]
-    assert not absent
+def test_every_pick_finds_runs_in_the_suite():
+    """Else a figure would miss a line without a word."""
+    for figure in FIGURES:
+        for pick in figure.picks:
+            assert [s for s in pick.solvers if s not in {a.solver for a in picking.selected(pick, suite())}] == []
+
+
+def test_of_recommended_runs_the_printed_step_and_the_smallest_tolerance_are_drawn():
+    """The suite has the steps 0.01 and 0.005 s and the tolerances 1e-6 and 1e-8."""
+    recommended = picking.selected(BY_NAME["fig06-recommended"].picks[0], suite())
+    assert [s.control.dt or s.control.rtol for s in recommended] == [0.01, 1e-8, 1e-8, 1e-8, 1e-8]
 
 
 def test_catalogue_has_the_twelve_figures_as_printed():
-    assert [s.number for s in FIGURES if s.variant == "as printed"] == list(NUMBERS)
+    assert [s.number for s in FIGURES if s.label == "as printed"] == list(NUMBERS)
     assert len({s.name for s in FIGURES}) == len(FIGURES)
 
 
-@pytest.mark.parametrize("variant", ["as printed", pytest.param("recommended", marks=pytest.mark.slow)])
-def test_every_figure_is_made(whole, variant):
+@pytest.mark.parametrize("label", ["as printed", pytest.param("recommended", marks=pytest.mark.slow)])
+def test_every_figure_is_made(whole, label):
     """With a caption each; the captions file is strict JSON, its numbers are the records'."""
     folder, records = whole
-    specs = [s for s in FIGURES if s.variant == variant]
-    build.build(folder, specs, suffixes=("png",))
+    figures = [f for f in FIGURES if f.label == label]
+    build.command(folder, [f.name for f in figures], suite(), suffixes=("png",))
     told = json.loads((folder / "paper" / "captions.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
     by_name = {f["name"]: f for f in told["figures"]}
-    for spec in specs:
+    for spec in figures:
         said = by_name[spec.name]
         assert said["title"] and said["files"] == [f"{spec.name}.png"]
         assert (folder / "paper" / f"{spec.name}.png").stat().st_size > 5000
         assert said["runs"] and all(c["found"] for c in said["runs"])
         for c in said["runs"]:
-            own = records[c["run"]]
+            own = records[c["run_id"]]
             assert c["energy_drift_max_J"] == own.energy_drift_max_J and c["t_reached_s"] == own.t_reached_s
 
 
 def test_files_for_print_hold_their_fonts_and_do_not_change(whole, tmp_path):
     """TrueType in the PDF, paths in the SVG; the same records give the same bytes."""
     folder, _ = whole
-    results = read_results(folder)
-    first = build.one(results, BY_NAME["fig05"])
+    first = one(folder, "fig05", SUFFIXES)
     content = {n: (folder / "paper" / n).read_bytes() for n in first.files}
     assert sorted(content) == ["fig05.pdf", "fig05.png", "fig05.svg"]
     assert b"/FontFile2" in content["fig05.pdf"] and b"/Type3" not in content["fig05.pdf"]
     assert b"<text" not in content["fig05.svg"]
-    build.one(results, BY_NAME["fig05"])
+    one(folder, "fig05", SUFFIXES)
     assert {n: (folder / "paper" / n).read_bytes() for n in first.files} == content
 
 
-def test_missing_runs_are_said_on_figure_and_caption(tmp_path):
+def test_missing_runs_are_named_on_figure_and_caption(tmp_path):
     """Never dropped in silence, not even when nothing is left."""
-    fill(tmp_path, "fig04", "fig05", "fig12", without=("DAE-SE 0.001", "gc_weak_form"))
+    fill(tmp_path, "fig05", "fig12", without=("ndf_index1",))
     figure, _ = drawn(tmp_path, "fig05")
-    assert "DAE-SE (ndf_index1), rtol = 0.001: not in this run" in legend(figure)
-    caption = build.one(read_results(tmp_path), BY_NAME["fig05"], ("png",))
-    assert any(
-        n.startswith("Not in this run: DAE-SE") and "ndf_index1 on spherical_pendulum" in n for n in caption.note
-    )
+    assert "DAE-SE (ndf_index1), rtol = 0.001: not in these results" in legend(figure)
+    note = " ".join(one(tmp_path, "fig05").note)
+    assert "Not in these results: spherical_pendulum ndf_index1[accelerations=eliminated," in note
     sketch, _ = drawn(tmp_path, "fig04")
-    assert "not in this run" in " ".join(t.get_text() for t in sketch.axes[0].texts).replace("\n", " ")
+    assert "not in these results" in " ".join(t.get_text() for t in sketch.axes[0].texts).replace("\n", " ")
     for path in (tmp_path / "runs").iterdir():
         path.unlink()
     empty, _ = drawn(tmp_path, "fig12")
-    assert legend(empty).count("not in this run") == 2
+    assert legend(empty).count("not in these results") == 2
 
 
 def test_a_run_that_stopped_is_starred_where_it_stopped(tmp_path):
     """In every panel that reaches so far, and in words in legend and caption."""
     stop = {"status": "singular", "t_reached_s": 1.5, "message": "the matrix is singular"}
-    records = fill(tmp_path, "fig06", **{"DAE-FI 0.001": stop})
+    fill(tmp_path, "fig06", ida_index1=stop)
     figure, _ = drawn(tmp_path, "fig06")
-    run = next(c for c, r in records.items() if r.status == "singular")
-    stars = [line for ax in figure.axes for line in ax.get_lines() if line.get_gid() == f"star-{run}"]
+    stars = [line for ax in figure.axes for line in ax.get_lines() if line.get_marker() == "*"]
     assert len(stars) == 4 and all(s.get_xdata()[0] == pytest.approx(1.5) for s in stars)
     assert "★ singular at 1.5 s" in legend(figure)
-    caption = build.one(read_results(tmp_path), BY_NAME["fig06"], ("png",))
-    assert any("stops at 1.5 s, singular (the matrix is singular)" in n for n in caption.note)
+    assert "DAE-FI, rtol = 0.001: stops at 1.5 s, singular (the matrix is singular)." in one(tmp_path, "fig06").note
 
 
-def test_what_ends_otherwise_than_in_the_paper_is_told(tmp_path, whole):
-    """Sect. 5.2: DAE-FI fails at 5.5 s (Fig. 7) and runs through in Fig. 6."""
-    ran = build.one(read_results(whole[0]), BY_NAME["fig07"], ("png",))
-    assert (
-        len(ran.differs) == 1 and "DAE-FI failed at about 5.5 s" in ran.differs[0] and "reaches 40 s" in ran.differs[0]
-    )
-    stop = {"status": "diverged", "t_reached_s": 5.4, "message": "too large"}
-    fill(tmp_path, "fig06", "fig07", **{"DAE-FI 0.001": stop})
-    results = read_results(tmp_path)
-    assert build.one(results, BY_NAME["fig07"], ("png",)).differs == []
-    assert any("DAE-FI ran through" in d for d in build.one(results, BY_NAME["fig06"], ("png",)).differs)
+def test_runs_of_a_solver_are_named_by_what_differs(whole):
+    """Both choices of c_R; the printed and the recommended settings of the grid."""
+    names = {k.chosen.name for name in ("fig05", "fig12") for k in drawn(whole[0], name)[1]}
+    assert {"ODE-GC, dt = 0.01 s, c_R = a/(a·a)", "ODE-GC, dt = 0.01 s, c_R = (e_R, 0)"} < names
+    assert {"ODE-GC (AL), dt = 0.01 s, as printed", "ODE-GC (AL), dt = 0.01 s, recommended"} < names
+    assert "DAE-FI, rtol = 0.001" in names
 
 
-def test_numbers_of_notes_are_those_of_the_records(whole):
-    """Drift of Fig. 12, in the note and as a number beside it; steps, errors and observables likewise."""
-    folder, records = whole
-    results = read_results(folder)
-    grid = build.one(results, BY_NAME["fig12"], ("png",))
-    own = {c["key"]: records[c["run"]] for c in grid.runs}
-    drift = next(f for f in grid.facts if "energy drift at most 1 J" in f["text"])
-    for key, values in drift["values"].items():
-        assert values == {n: getattr(own[key], n) for n in ("energy_drift_max_J", "energy_drift_end_J")}
-        assert (
-            f"at most {number(own[key].energy_drift_max_J)} J, {signed(own[key].energy_drift_end_J)} J" in drift["text"]
-        )
-    top = build.one(results, BY_NAME["fig11"], ("png",))
-    by_key = {c["key"]: records[c["run"]] for c in top.runs}
-    away = next(f for f in top.facts if "coincide" in f["text"])
-    for key, values in away["values"].items():
-        assert values["max"] == json.loads(by_key[key].observable_errors)["theta"]["max"]
-    step = next(f for f in top.facts if "four orders" in f["text"])
-    assert step["values"]["DAE-SE 0.0001"]["step_min_s"] == by_key["DAE-SE 0.0001"].step_min_s
-    assert "(3.0 decades)" in step["text"]
+def test_the_loose_tolerance_is_left_out_where_the_paper_does(whole):
+    """Fig. 9b and c show the smaller tolerance alone."""
+    _, own = drawn(whole[0], "fig09")
+    panel = next(p for p in BY_NAME["fig09"].panels() if p.tightest)
+    assert len(own) == 4
+    assert [k.chosen.asked.control.rtol for k in lines.shown(panel, own)] == [None, None, 1e-6]
 
 
 def test_a_solver_has_its_colour_and_its_settings_dashes(whole):
     """Colours of the palette; the finest tolerance is solid, as in the report."""
-    _, own = drawn(whole[0], "fig02")
-    fi = [k for k in own if k.chosen.pick.solver == "ida_index1"]
-    assert {k.look for k in fi} == {palette.looks(["ida_index1"])["ida_index1"]}
-    assert len({k.dash for k in fi}) == 3
-    assert min(fi, key=lambda k: k.chosen.pick.rtol).dash == palette.DASHES[0]
+    figure, own = drawn(whole[0], "fig02")
+    fi = sorted((k.chosen.asked.control.rtol, k.dash) for k in own if k.chosen.asked.solver == "ida_index1")
+    assert [dash for _, dash in fi] == [0, 1, 2]
+    (legend,) = figure.legends
+    colours = {h.get_color() for h in legend.legend_handles}
+    assert colours == {look.colour for look in palette.looks(["ida_index1", "gc_weak_form"]).values()}
 
 
-def test_a_damaged_series_is_said(tmp_path):
+def test_a_damaged_series_is_named(tmp_path):
     """The record is there, its file is not what was recorded."""
     records = fill(tmp_path, "fig12")
     run = next(c for c, r in records.items() if '"loop"' in r.solver_options)
     (tmp_path / "series" / f"{run}.npz").write_bytes(b"not a file of numbers")
-    build.build(tmp_path, [BY_NAME["fig12"]], ("png",))
-    assert (tmp_path / "paper" / "fig12.png").exists()
-    results, spec = read_results(tmp_path, check_series=False), BY_NAME["fig12"]
-    chosen = picking.choose(spec.picks, results.runs)
-    series = {c.run.record.run_id: build._series(results, c.run) for c in chosen}
-    line = lines.lines_of(chosen, series, palette.looks({"gc_augmented_lagrangian"}))[0]
-    assert drawer.label_of(line).endswith("its series cannot be read")
+    _, own = drawn(tmp_path, "fig12")
+    assert own[0].words.endswith("its series cannot be read")
 
 
 def test_one_figure_made_again_keeps_the_captions_of_the_others(tmp_path):
     fill(tmp_path, "fig08", "fig10")
-    build.build(tmp_path, [BY_NAME["fig10"]], ("png",))
-    build.build(tmp_path, [BY_NAME["fig08"]], ("png",))
-    told = json.loads((tmp_path / "paper" / "captions.json").read_text(encoding="utf-8"))
-    assert [f["name"] for f in told["figures"]] == ["fig08", "fig10"]
+    build.command(tmp_path, ["fig10"], suite(), suffixes=("png",))
+    build.command(tmp_path, ["fig08"], suite(), suffixes=("png",))
+    assert [c.name for c in captions.read(tmp_path)] == ["fig08", "fig10"]
 
 
-def test_a_run_run_again_takes_the_place_of_the_old_one(tmp_path, whole):
-    """Two states of the code in one folder: the later counts."""
-    record = next(iter(whole[1].values()))
-    old, new = record, dataclasses.replace(record, run_id="f" * 16, finished="2026-02-02")
-    pick = next(p for s in FIGURES for p in s.picks if picking.fits(p, Run(record)))
-    assert picking.choose([pick], [Run(new), Run(old)])[0].run.record is new
-    limited = dataclasses.replace(new, max_steps=500, finished="2026-03-03")
-    roomy = dataclasses.replace(new, max_steps=10**7)
-    assert picking.choose([pick], [Run(limited), Run(roomy)])[0].run.record is roomy
-    assert not picking.fits(pick, Run(dataclasses.replace(record, max_step_s=0.5)))
-    assert not picking.fits(pick, Run(dataclasses.replace(record, problem_parameters='{"gravity": 1.0}')))
+def test_a_run_made_again_takes_the_place_of_the_old_one():
+    """Two states of the code in one folder: the later counts; other settings never do."""
+    figure = BY_NAME["fig08"]
+    old = record_for(asked("fig08")[0])
+    new = dataclasses.replace(old, run_id="f" * 16, finished="2026-02-02")
+    assert picking.choose(figure.picks, suite(), [Run(new), Run(old)])[0].run.record is new
+    other = dataclasses.replace(old, settings_id="another")
+    assert picking.choose(figure.picks, suite(), [Run(other)])[0].run is None
 
 
-def test_judged_claims_of_a_figure_stand_in_its_caption(tmp_path):
-    """By the number of their figure; a broken file is no claim."""
-    fill(tmp_path, "fig09", "fig12")
-    (tmp_path / "judgement").mkdir()
-    found = [{"id": "a", "figure": "Fig. 9a", "claim": "x", "verdict": "REFUTED", "because": "y"},
-             {"id": "b", "figure": "Figs. 2, 3", "verdict": "SUPPORTED"}, {"id": "c", "figure": 12}]  # fmt: skip
-    path = tmp_path / "judgement" / "claims.json"
-    path.write_text(json.dumps(found), encoding="utf-8")
-    results = read_results(tmp_path)
-    assert [c["id"] for c in build.one(results, BY_NAME["fig09"], ("png",)).claims] == ["a"]
-    assert [c["id"] for c in build.one(results, BY_NAME["fig12"], ("png",)).claims] == ["c"]
-    path.write_text("[{", encoding="utf-8")
-    assert build.one(results, BY_NAME["fig09"], ("png",)).claims == []
+def test_claims_of_a_figure_are_in_its_caption(tmp_path):
+    """The published verdicts, marked so, until these results are judged; under the printed settings alone."""
+    fill(tmp_path, "fig09", "fig09-recommended")
+    published = read_claims(PUBLISHED)
+    before = one(tmp_path, "fig09")
+    assert before.claims_published
+    assert [c.id for c in before.claims] == [c["id"] for c in published if 9 in notes.figures_of(c)]
+    assert one(tmp_path, "fig09-recommended").claims == ()
+    own = [{**c, "verdict": "REFUTED"} for c in published if c["id"] == "9-energy-drop"]
+    write(tmp_path / FOLDER, {"claims": own})
+    (claim,) = one(tmp_path, "fig09").claims
+    assert (claim.verdict, claim.tests) == ("REFUTED", (("-1.79 J", "at most -0.1 J"),))
+    assert (claim.holds, claim.settings, claim.printed_holds, claim.printed) == (14, 83, 2, 14)
+    (tmp_path / FOLDER / "claims.json").write_text("[{", encoding="utf-8")
+    assert one(tmp_path, "fig09").claims_published
 
 
-def test_command_writes_one_figure_or_says_what_there_is(whole, capsys):
+def test_command_writes_one_figure_or_names_all(whole, capsys):
     folder = str(whole[0])
     assert main(["figures", folder, "--paper", "--only", "fig08"]) == 0
     assert "fig08" in capsys.readouterr().out and (whole[0] / "paper" / "fig08.pdf").exists()
     assert main(["figures", folder, "--paper", "--only", "fig13"]) == 2
     said = capsys.readouterr().err
     assert said.startswith("error: no figure 'fig13'") and said.count("\n") == 1
+
+
+def test_the_page_shows_figures_claims_and_runs(tmp_path):
+    """Also of a run that these results do not hold."""
+    fill(tmp_path, "fig11", without=("ndf_index1",))
+    build.command(tmp_path, ["fig11"], suite(), suffixes=("svg",))
+    html = (site.build(tmp_path).parent / "paper.html").read_text(encoding="utf-8")
+    assert "Fig. 11" in html and "not run" in html
+    assert "These results are not judged" in html and "DAE-SE gets to 5 s" in html and "refuted" in html

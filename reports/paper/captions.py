@@ -1,0 +1,94 @@
+"""What is said about the figures, ``paper/captions.json``: numbers that do not exist are null."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from ...harness.files import to_json, write_text
+
+FOLDER, FILE = "paper", "captions.json"
+
+
+class CaptionRun(msgspec.Struct, frozen=True):
+    """A run asked for; without a ``run_id`` the results do not have it."""
+
+    role: str  # of its solver, in the paper
+    solver: str
+    asked: str  # its settings in words
+    settings_id: str
+    found: bool
+    run_id: str = ""
+    reasons: tuple[str, ...] = ()  # why it is no success
+    status: str = ""
+    t_reached_s: float | None = None
+    t_end_s: float | None = None
+    steps: float | None = None
+    energy_start_J: float | None = None
+    energy_drift_max_J: float | None = None
+    energy_drift_end_J: float | None = None
+    phi_max: float | None = None
+    phi_dot_max: float | None = None
+    position_error_max_m: float | None = None
+    orientation_error_max_rad: float | None = None
+    step_min_s: float | None = None
+    step_max_s: float | None = None
+
+
+COLUMNS = CaptionRun.__struct_fields__[CaptionRun.__struct_fields__.index("status") :]  # those of the record
+
+
+class CaptionClaim(msgspec.Struct, frozen=True):
+    """A claim on the figure and its verdict; counts are of settings that decide it, all and those that are printed."""
+
+    id: str
+    quote: str
+    claim: str
+    verdict: str
+    missing: str  # why it cannot be tested
+    tests: tuple[tuple[str, str], ...]  # measured, band
+    holds: int
+    settings: int
+    printed_holds: int
+    printed: int
+
+
+class Caption(msgspec.Struct, frozen=True):
+    """All that is said about a figure."""
+
+    number: int
+    name: str
+    label: str
+    section: str
+    title: str
+    panels: tuple[str, ...]
+    note: tuple[str, ...]
+    runs: tuple[CaptionRun, ...]
+    claims: tuple[CaptionClaim, ...]
+    claims_published: bool  # the results are not judged: verdicts are the published ones
+    files: tuple[str, ...]
+
+
+class Captions(msgspec.Struct, frozen=True):
+    """The file."""
+
+    run: str
+    commit: str
+    figures: tuple[Caption, ...]
+
+
+def read(folder: Path) -> tuple[Caption, ...]:
+    """Those of the figures made from the results in ``folder``; none where the file is not of this shape."""
+    try:
+        return msgspec.json.decode((folder / FOLDER / FILE).read_bytes(), type=Captions).figures
+    except (OSError, ValueError, RecursionError):
+        return ()
+
+
+def write(folder: Path, environment: Any, made: list[Caption], order: list[str]) -> None:
+    """Those made now, and those of other figures that were made before."""
+    new = {c.name for c in made}
+    every = [*(c for c in read(folder) if c.name in order and c.name not in new), *made]
+    figures = tuple(sorted(every, key=lambda c: order.index(c.name)))
+    whole = Captions(str(environment.get("run") or folder.name), str(environment.get("commit", "")), figures)
+    write_text(folder / FOLDER / FILE, to_json(whole, indent=1))
