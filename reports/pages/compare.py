@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...harness.results.comparison import Comparison, Likeness, compare
+from ...harness.results.judgements import CLAIMS
 from ...harness.results.provenance import differences, stamp_of
 from ..model.curves import upper
 from ..model.provenance import facts
@@ -84,7 +85,7 @@ def changes(a: Results, b: Results) -> tuple[Part, ...]:
     before, after = ([c.record for c in results.runs] for results in (a, b))
     rows = [
         *ranking.endings(before, after),
-        *ranking.claims(judged(a.folder, "claims").rows, judged(b.folder, "claims").rows),
+        *ranking.claims(*(judged(results.folder, CLAIMS).found or () for results in (a, b))),
         *ranking.physics(before, after),
         *ranking.work(before, after),
         *ranking.timings(before, after),

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from ...harness.results.comparison import METRICS, Change, Likeness, compare
+from ...harness.results.judgements import Claim, Verdict
 from ...harness.results.records import RunRecord
 from ..model.words import mark, number
-from .judgement import Entry
 
 PHYSICS = {  # column: words, unit, the scale of the record it is measured by
     "energy_drift_max_J": ("largest energy error", "J", "energy_scale_J"),
@@ -28,7 +28,7 @@ WORK = {
     "factorisations": "factorisations", "newton_iterations": "Newton's corrections",
 }  # fmt: skip
 BETTER = ("good", "refused", "failed", "wrong")  # endings, best first
-CLAIM_ORDER = ("SUPPORTED", "CONDITIONAL", "UNTESTABLE", "REFUTED")
+CLAIM_ORDER = (Verdict.SUPPORTED, Verdict.CONDITIONAL, Verdict.UNTESTABLE, Verdict.REFUTED)
 SAME = 0.01  # relative: a change this small is neither better nor worse
 LITTLE = 1e-5  # of a problem's scale: said as "less than"
 SPREAD = 1.3  # timings closer than this factor are called equal
@@ -72,18 +72,16 @@ def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
     return ordered(out)
 
 
-def claims(before: Sequence[Entry], after: Sequence[Entry]) -> list[Ranked]:
-    """Claims that are judged otherwise."""
-    then = {e.text("id"): e for e in before}
+def claims(before: Sequence[Claim], after: Sequence[Claim]) -> list[Ranked]:
+    """Claims with another verdict."""
+    then = {c.id: c.verdict for c in before}
     out = []
-    for e in after:
-        old = then.get(e.text("id"))
-        if old is None or old.text("verdict") == e.text("verdict"):
-            continue
-        words = old.text("verdict"), e.text("verdict")
-        known = [CLAIM_ORDER.index(w) if w in CLAIM_ORDER else len(CLAIM_ORDER) for w in words]
-        out.append(Ranked(Rank.CLAIM, e.text("id"), e.text("claim") or e.text("id"), "verdict", words[0].lower(),
-                          words[1].lower(), "", known[1] > known[0], float(abs(known[1] - known[0]))))  # fmt: skip
+    for c in after:
+        old = then.get(c.id, c.verdict)
+        if old != c.verdict:
+            change = CLAIM_ORDER.index(c.verdict) - CLAIM_ORDER.index(old)
+            out.append(Ranked(Rank.CLAIM, c.id, c.claim, "verdict", old.lower(), c.verdict.lower(), "", change > 0,
+                              float(abs(change))))  # fmt: skip
     return ordered(out)
 
 

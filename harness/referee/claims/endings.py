@@ -5,8 +5,8 @@ would have gone on, and one that took no step has no motion to be judged by: the
 """
 
 import math
-from enum import StrEnum
 
+from ...results.judgements import Ending
 from ...results.provisional import is_provisional
 from ...results.records import RunRecord
 from ...results.series import Series
@@ -16,15 +16,6 @@ from .register import Test
 
 LAST = 0.1  # of the steps taken: the pace of a run is that of these
 PATIENCE = 100.0  # budgets of steps: a run that would need more than these to its end is stuck
-
-
-class Ending(StrEnum):
-    """In the words that say why settings are left out."""
-
-    FINAL = "final"
-    MACHINE = "a limit on time or memory ended them, which another machine might not meet"
-    SLOW = "the budget of steps ended them while they were only slow"
-    NO_STEP = "they could not take a first step"
 
 
 def ending(record: RunRecord, series: Series | None = None) -> Ending:
