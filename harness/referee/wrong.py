@@ -1,4 +1,4 @@
-"""False successes: runs whose solver claims success while laws, symmetry or the reference say no."""
+"""False successes: runs whose solver claims success while a law, a symmetry or the reference contradicts it."""
 
 import math
 from collections.abc import Iterable

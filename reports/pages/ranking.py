@@ -1,4 +1,4 @@
-"""What changed between two runs, ranked by how much it matters: endings, then physics, then work, timings last."""
+"""What changed between two results, the most important first: status, claims, physics, work, timings last."""
 
 import math
 from collections.abc import Sequence
@@ -30,12 +30,12 @@ WORK = {
 BETTER = ("good", "refused", "failed", "wrong")  # endings, best first
 CLAIM_ORDER = (Verdict.SUPPORTED, Verdict.CONDITIONAL, Verdict.UNTESTABLE, Verdict.REFUTED)
 SAME = 0.01  # relative: a change this small is neither better nor worse
-LITTLE = 1e-5  # of a problem's scale: said as "less than"
+LITTLE = 1e-5  # of a problem's scale: shown as "less than"
 SPREAD = 1.3  # timings closer than this factor are called equal
 
 
 class Rank(IntEnum):
-    """What kind of change, the gravest first."""
+    """What kind of change, the most important first."""
 
     ENDING = 0
     CLAIM = 1
@@ -125,7 +125,7 @@ def ordered(found: list[Ranked]) -> list[Ranked]:
 
 
 def gathered(found: list[Ranked]) -> list[Ranked]:
-    """One a run: its gravest change, with the others beneath."""
+    """One a run: its largest change, with the others beneath."""
     by_run: dict[str, list[Ranked]] = {}
     for r in ordered(found):
         by_run.setdefault(r.settings_id, []).append(r)
@@ -169,7 +169,7 @@ def _physics(a: RunRecord, b: RunRecord, c: Change) -> list[Ranked]:
     if gap <= SAME * max(abs(x), abs(y)):
         worse = None
     if a.status != b.status and not math.isfinite(weight):
-        return []  # said already: a run that ended otherwise has other numbers
+        return []  # the status says it already
     limit = a.energy_allowed_J
     if c.metric == "energy_drift_max_J" and (x > limit) != (y > limit) and limit > 0.0:
         weight, size = math.inf, f"crosses the benchmark's limit of {number(limit)} J"

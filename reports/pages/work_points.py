@@ -26,7 +26,7 @@ class Field:
 
     @property
     def own(self) -> float:
-        """The reference's own error: points below it cannot be distinguished."""
+        """The reference's own error: errors below it cannot be compared."""
         return reference_error(self.points)
 
 

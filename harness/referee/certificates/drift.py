@@ -86,7 +86,7 @@ def split(t: Float[np.ndarray, " nt"], e: Float[np.ndarray, " nt"], marks: Float
 def period_marks(
     t: Float[np.ndarray, " nt"], observables: dict[str, Float[np.ndarray, " nt"]]
 ) -> Float[np.ndarray, " n"] | None:
-    """Times at which the most regular observable rises through its middle; None if none comes round often."""
+    """Times at which the most regular observable rises through its middle; None if none has enough periods."""
     best: tuple[float, np.ndarray] | None = None
     for _, a in sorted(observables.items()):
         if not np.all(np.isfinite(a)) or np.ptp(a) == 0.0:

@@ -1,7 +1,7 @@
 """How a run ended, and what can be concluded from one that was cut short.
 
 A run that got to its end or failed by itself is final. One that a clock, its memory or its budget of steps ended
-would have gone on, and one that took no step has no motion to be judged by: these settle only what they had settled.
+might have continued, and one that took no step has no motion to judge: these settle only what they had settled.
 """
 
 import math
@@ -50,7 +50,7 @@ def to_end(record: RunRecord, series: Series) -> float:
 
 
 def settled(test: Test, record: RunRecord, how: Ending, value: float) -> bool:
-    """Whether a run that ended so settles a test of its own number: going on would not change the finding."""
+    """Whether a run that ended so settles a test of its own number: running on would not change the finding."""
     if in_time(test, record, how):
         return True
     m = MEASURES[test.metric]
