@@ -1,6 +1,7 @@
 """``judge``: the verdicts on the paper's claims from a run, and what changed against the published ones."""
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,12 +9,16 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from ...reports.model import claim_words
 from ..referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 from ..results import store
+from ..results.judgements import Claim, Verdict
 from .run import existing
 
-STYLE = {"SUPPORTED": "green", "CONDITIONAL": "yellow", "REFUTED": "bold red", "UNTESTABLE": "dim"}
+STYLE = {
+    Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.REFUTED: "bold red", Verdict.UNTESTABLE: "dim",
+}  # fmt: skip
 
 
 def add(commands: Any) -> None:
@@ -50,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if changed else 0
 
 
-def show(claims: list[dict[str, Any]], changed: list[Change], compared: bool, publishing: bool) -> None:
+def show(claims: Sequence[Claim], changed: list[Change], compared: bool, publishing: bool) -> None:
     """The table of verdicts, how many of each, and the changes."""
     out = Console()
     if not out.is_terminal:
@@ -59,12 +64,11 @@ def show(claims: list[dict[str, Any]], changed: list[Change], compared: bool, pu
     for name in ("claim", "figure", "verdict", "measured", "band", "holds in"):
         table.add_column(name, overflow="fold")
     for c in claims:
-        holding = sum(row["holds"] is True for row in c["map"])
-        band = c["tests"][0]["band"] if c["tests"] else ""
-        counted = sum(row["holds"] is not None for row in c["map"])
-        tried = f"{holding} of {counted}" if c["map"] else c["missing"]
-        verdict = Text(c["verdict"], STYLE[c["verdict"]])
-        table.add_row(Text(c["id"]), c["figure"], verdict, Text(c["measured_words"]), Text(band), Text(tried))
+        first = c.tests[0] if c.tests else None
+        numbers = (claim_words.measured(first), claim_words.band(first)) if first else ("", "")
+        tried = claim_words.missing(c) or f"{c.because.holds} of {c.because.settings}"
+        cells = (c.id, claim_words.figures(c), Text(c.verdict, STYLE[c.verdict]), *numbers, tried)
+        table.add_row(*(x if isinstance(x, Text) else Text(x) for x in cells))
     out.print(table)
     out.print(Text(tally(claims)))
     for change in changed:
@@ -76,10 +80,10 @@ def show(claims: list[dict[str, Any]], changed: list[Change], compared: bool, pu
         out.print(f"{len(changed)} verdicts differ from the published ones" if changed else "as published")
 
 
-def tally(claims: list[dict[str, Any]]) -> str:
-    """How many of each verdict among the results; checks of how we posed the problems beside them."""
-    results = [c for c in claims if c["kind"] != PRESENTATION]
-    words = ", ".join(f"{sum(c['verdict'] == v for c in results)} {v}" for v in STYLE)
-    checks = [c for c in claims if c["kind"] == PRESENTATION]
-    good = sum(c["verdict"] == "SUPPORTED" for c in checks)
+def tally(claims: Sequence[Claim]) -> str:
+    """How many of each verdict among the results; checks of the presentation of the problems beside them."""
+    results = [c for c in claims if c.kind != PRESENTATION]
+    words = ", ".join(f"{sum(c.verdict == v for c in results)} {v}" for v in STYLE)
+    checks = [c for c in claims if c.kind == PRESENTATION]
+    good = sum(c.verdict == Verdict.SUPPORTED for c in checks)
     return f"{words}; and checks of the presentation: {good} of {len(checks)} SUPPORTED" if checks else words

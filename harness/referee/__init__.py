@@ -1,1 +1,3 @@
-"""Judges a whole run: the paper's claims, orders, drift, symmetries and work."""
+"""Judges results: the paper's claims, orders, drift, symmetries, work and false successes. The door is ``judge``; what
+it finds are the shapes of ``harness.results.judgements``.
+"""

@@ -1,4 +1,4 @@
-"""The failure atlas: how long each solver goes on, and for every stop its last steps and its cause."""
+"""The failure atlas: how far each solver's runs get, and for every stop its last steps and its cause."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -148,7 +148,7 @@ def plot_of(curves: Curves, slug: str) -> Plot:
             traces.append(Trace(f"{s.solver}: {s.good} of {s.total} right", np.array([1.0]),
                                 np.array([s.good / s.total]), solver=s.solver, mode="markers", ends=["wrong"],
                                 words=[f"{s.solver}: {s.good} of {s.total} right at the end"]))  # fmt: skip
-    axes = Axis("part of the simulated time", low=0.0, high=1.02), Axis("share still going", low=0.0, high=1.03)
+    axes = Axis("part of the simulated time", low=0.0, high=1.02), Axis("share of runs not stopped", low=0.0, high=1.03)
     return Plot(f"survival-{slug}", curves.title, "", *axes, tuple(traces), wide=True)
 
 

@@ -5,8 +5,7 @@ A module of ``reports/pages/`` (or ``reports/<package>/page.py``) that has a fun
     def write(run: Run, site: Site) -> Page | None
 
 is found and called once; there is no list to edit (a module's ``RANK``, 0 without one, puts it later). It computes
-from ``run`` (runs, variants, series) and from ``site.judgement("claims")`` (a file of ``<run>/judgement/``,
-None when it is not there), then hands its page over ::
+from the results (runs, variants, series) and their judgements (``judgement.judged``), then hands its page over ::
 
     page = Page("Claims", "claims.html", nav=True, order=20)
     return site.write(page, "claims.html", claims=found, plots=[...], scripts=[site.data("x", {}), "assets/x.js"])
@@ -33,7 +32,6 @@ a variant's slug, a solver or a run is linked from that one's page. Return None 
 """
 
 import importlib
-import json
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -121,13 +119,6 @@ class Site:
         if isinstance(about, Variant):
             return f"problem-{about.slug}.html"
         return self._solver_urls[about]
-
-    def judgement(self, name: str) -> Any:
-        """``<run>/judgement/<name>.json``, or None where it is missing or cannot be read."""
-        try:
-            return json.loads((self.results.folder / "judgement" / f"{name}.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            return None
 
     @property
     def figures(self) -> Path:

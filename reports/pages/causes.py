@@ -30,18 +30,18 @@ class Cause:
 
 
 CAUSES = (
-    Cause("killed", "The process died", "An exception, a signal or the limit on memory ended it from outside."),
-    Cause("unmoved", "Never began", "Not one step was accepted: the start or the first step failed."),
-    Cause("chart", "Singular angles", "The angles that describe an orientation lose their rates where sin θ = 0: a "
-          "fault of the coordinates, not of the motion."),
+    Cause("killed", "The process died", "An exception, a signal or the limit on memory ended it."),
+    Cause("unmoved", "No step accepted", "The start or the first step failed."),
+    Cause("chart", "Singular angles", "The rates of the angles are singular where sin θ = 0: a fault of the "
+          "coordinates, not of the motion."),
     Cause("dependent", "Constraints became dependent", "The solver reports a singular system: rows of the constraint "
           "matrix lost their independence, as in the mechanism's singular positions."),
-    Cause("energy", "Energy blew up", "The energy error passed a tenth of all the energy there is to exchange."),
-    Cause("apart", "Joints came apart", "|φ| passed a hundredth of the mechanism's size."),
-    Cause("collapse", "The step collapsed", "The last steps are less than a thousandth of the usual one: nothing "
-          "large was wrong yet, but no step was small enough."),
-    Cause("corrector", "The corrector failed", "The nonlinear solver gave up at steps of ordinary size."),
-    Cause("limit", "A limit was reached", "The number of steps or the time allowed ran out while it was going on."),
+    Cause("energy", "Energy blew up", "The energy error exceeded a tenth of the energy that the motion exchanges."),
+    Cause("apart", "Joints came apart", "|φ| exceeded a hundredth of the mechanism's size."),
+    Cause("collapse", "The step collapsed", "The last steps are shorter than a thousandth of the usual one, "
+          "while errors were still small."),
+    Cause("corrector", "The corrector failed", "The nonlinear solver did not converge at steps of usual size."),
+    Cause("limit", "A limit was reached", "The limit on steps or time ended a run that was still advancing."),
 )  # fmt: skip
 
 
@@ -60,9 +60,9 @@ def autopsy(run: Run, series: Series | None) -> Autopsy:
         died = run.status in (Status.CRASHED, Status.MEMORY)
         return Autopsy(_named("killed" if died else "unmoved"), ())
     found: dict[str, str] = {}
-    told = (_chart(series), _energy(run, series), _joints(run, series), _step(run, series))
+    signs = (_chart(series), _energy(run, series), _joints(run, series), _step(run, series))
     evidence = []
-    for key, applies, words in (t for t in told if t is not None):
+    for key, applies, words in (s for s in signs if s is not None):
         evidence.append(words)
         if applies:
             found[key] = words
@@ -109,7 +109,7 @@ def _energy(run: Run, series: Series) -> tuple[str, bool, str] | None:
     if size is None or not scale > 0.0:
         return None
     last = float(size[-1])
-    words = f"energy error {number(last)} J at the end, {_percent(last / scale)} of the energy to exchange"
+    words = f"energy error {number(last)} J at the end, {_percent(last / scale)} of the energy exchanged"
     return "energy", not last <= ENERGY * scale, words + _grown(size)
 
 

@@ -1,71 +1,52 @@
-"""The page of what holds beyond one run: orders, drift, metamorphic checks, successes that are none."""
+"""The page of what holds beyond one run: orders, drift, symmetries, false successes."""
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
+from ...harness.results.judgements import DRIFTS, ORDERS, SYMMETRIES, WRONG
+from ...harness.results.words import words_of
 from ..model.results import Results, slug
 from ..model.words import Mark
 from ..plots.spec import Axis, Plot, Trace
+from . import scorecard
 from .base import Page, Site
-from .drifts import anatomies, common_scale, drawn, parted
-from .judgement import Entry, judged
-from .links import Links, links_of
-from .orders import USED, Certificate, certificates, glance, told
-from .scorecard import card
-
-NAMES = ("certificates", "drift", "metamorphic", "wrong")
-
-
-@dataclass(frozen=True)
-class Wrong:
-    """A success that is none."""
-
-    case: str
-    page: str
-    solver: str
-    problem: str
-    because: tuple[str, ...]
-
-
-def wrongs(rows: Sequence[Entry], links: Links) -> tuple[Wrong, ...]:
-    """As judged; those of the records where nothing is."""
-    return tuple(
-        Wrong(e.text("case") or links.words(e.text("run")), links.page(e.text("run")), e.text("solver"),
-              e.text("problem"), e.texts("because"))
-        for e in rows
-    )  # fmt: skip
+from .drifts import anatomies, common_scale, drawn, parted, parts, words
+from .judgement import judged
+from .links import links_of
+from .orders import USED, Certificate, certificates, glance, verdict_mark
+from .scorecard import MARKS, card
 
 
 def ladders(found: Sequence[Certificate]) -> tuple[Plot, ...]:
     """Error against step, a plot for each quantity of each problem, a fit and its points for each solver."""
-    keys = dict.fromkeys((c.variant, c.quantity) for c in found)
+    groups: dict[tuple[str, str], list[Certificate]] = {}
+    for c in found:
+        if c.points:
+            groups.setdefault((c.of.variant, c.of.quantity), []).append(c)
     taken: set[str] = set()
     plots = []
-    for variant, quantity in keys:
-        own = [c for c in found if (c.variant, c.quantity) == (variant, quantity) and c.points]
-        if own:
-            axes = (
-                Axis("step, or mean step under error control", "s", log=True),
-                Axis(f"error of {quantity}", own[0].unit, log=True),
-            )
-            name, title = slug(f"order-{variant}-{quantity}", taken), f"{variant}: {quantity}"
-            plots.append(Plot(name, title, "", *axes, tuple(t for c in own for t in _traces(c)), wide=True))
+    for (variant, quantity), own in groups.items():
+        axes = (
+            Axis("step, or mean step under error control", "s", log=True),
+            Axis(f"error of {quantity}", own[0].of.unit, log=True),
+        )
+        name, title = slug(f"order-{variant}-{quantity}", taken), f"{variant}: {quantity}"
+        plots.append(Plot(name, title, "", *axes, tuple(t for c in own for t in _traces(c)), wide=True))
     return tuple(plots)
 
 
 def _traces(c: Certificate) -> list[Trace]:
-    out = []
+    out, case = [], c.of.case
     if c.fit:
         x, y = (np.array(v) for v in zip(*c.fit, strict=True))
-        out.append(Trace(f"{c.case}: order {told(c)}, {c.interval}", x, y, solver=c.solver))
+        out.append(Trace(f"{case}: order {c.order}, {c.interval}", x, y, solver=c.of.solver))
     for kind in dict.fromkeys(p.kind for p in c.points):
         own = [p for p in c.points if p.kind == kind]
-        words = [c.case if kind == USED else f"{c.case}: {kind}, left out of the fit"] * len(own)
-        name = c.case if kind == USED else f"{c.case}, {kind}"
-        out.append(Trace(name, np.array([p.dt for p in own]), np.array([p.error for p in own]), solver=c.solver,
+        words = [case if kind == USED else f"{case}: {kind}, left out of the fit"] * len(own)
+        name = case if kind == USED else f"{case}, {kind}"
+        out.append(Trace(name, np.array([p.dt for p in own]), np.array([p.error for p in own]), solver=c.of.solver,
                          mode="markers", words=words, hollow=kind != USED))  # fmt: skip
     return out
 
@@ -78,16 +59,16 @@ def tally(found: Sequence[Certificate]) -> list[tuple[Mark, int]]:
 def write(results: Results, site: Site) -> Page | None:
     """``certificates.html``."""
     links = links_of(results.runs)
-    files = {name: judged(results.folder, name) for name in NAMES}
-    orders, drifts = certificates(files["certificates"].rows, links), anatomies(files["drift"].rows, links)
+    order, drift, symmetry, false = (judged(results.folder, f) for f in (ORDERS, DRIFTS, SYMMETRIES, WRONG))
+    orders, drifts, wrong = certificates(order.found or (), links), anatomies(drift.found or ()), false.found or ()
     long, short, none = parted(drifts)
-    wrong = wrongs(files["wrong"].rows, links)
     scale, plots = common_scale((*long, *short)), ladders(orders)
+    whys = {"orders": order.why, "drift": drift.why, "symmetries": symmetry.why, "wrong": false.why}
     return site.write(
         Page("Certificates", "certificates.html", nav=True, order=30), "certificates.html",
-        scripts=["assets/judgement.js"], plots=plots, whys={k: v.why for k, v in files.items()}, certificates=orders,
-        order_counts=tally(orders), ladders=plots, told=told, glance=glance(orders),
-        drifts=drifts, long=long, short=short,
-        periodless=none, scale=scale, strip=lambda a: drawn(a, scale), card=card(files["metamorphic"].rows, links),
-        wrong=wrong, wrong_count=Counter((w.solver, w.problem) for w in wrong),
+        scripts=["assets/judgement.js"], plots=plots, whys=whys, certificates=orders, links=links,
+        order_counts=tally(orders), ladders=plots, glance=glance(orders), verdict_mark=verdict_mark,
+        drifts=drifts, long=long, short=short, periodless=none, scale=scale, strip=lambda d: drawn(d, scale),
+        parts=parts, drift_words=words, card=card(symmetry.found or ()), marks_of=MARKS, symmetry_words=scorecard.words,
+        wrong=wrong, wrong_count=Counter((w.solver, w.problem) for w in wrong), reason_words=words_of,
     )  # fmt: skip

@@ -4,15 +4,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ...harness.results.judgements import MapRow, Value
+from ..model.claim_words import setting
 from ..model.words import Mark, mark, number
-from .judgement import Entry
 from .links import Links
 
-PLACES = ("run", "case", "tolerance", "gain", "holds", "measured", "status", "printed")  # all else makes facets
-SAID = {
-    "lambda_in_error_test": ("λ in the error test", "λ outside the error test"),
-    "consistent_start": ("consistent start", "start not made consistent"),
-}
+AXES = ("tolerance", "gain")  # other dimensions make facets
 MOST = 6  # boxes in one place
 HOLDS = Mark("✓", "holds", "good")
 NOT = Mark("✗", "does not hold", "wrong")
@@ -22,7 +19,7 @@ UNKNOWN = Mark("?", "not judged", "refused")
 
 @dataclass(frozen=True)
 class Box:
-    """One tried setting; several runs may share a place (other frames, other cases)."""
+    """One setting; several runs may share a place (other frames, other cases)."""
 
     mark: Mark
     words: str  # all of it, for hover, focus and screen readers
@@ -40,78 +37,66 @@ class Grid:
     rows: tuple[tuple[tuple[Box, ...], ...], ...]  # by gain, by tolerance
 
 
-def grids(rows: Sequence[Entry], links: Links) -> tuple[Grid, ...]:
+def grids(rows: Sequence[MapRow], links: Links) -> tuple[Grid, ...]:
     """One a facet, all with the same tolerances and gains, so that places can be compared."""
-    tolerances, gains = (_values(rows, key) for key in ("tolerance", "gain"))
-    facets = tuple(dict.fromkeys(k for e in rows for k in e.given if k not in PLACES))
-    found: dict[tuple[str, ...], list[Entry]] = {}
-    for e in rows:
-        found.setdefault(tuple(_said(e, f) for f in facets), []).append(e)
+    tolerances, gains = (_values([m.at.get(key) for m in rows], falling=key == "tolerance") for key in AXES)
+    facets = tuple(dict.fromkeys(k for m in rows for k in m.at if k not in AXES))
+    found: dict[tuple[str, ...], list[MapRow]] = {}
+    for m in rows:
+        found.setdefault(tuple(setting(f, m.at[f]) if f in m.at else "" for f in facets), []).append(m)
     varies = [k for k in range(len(facets)) if len({key[k] for key in found}) > 1]
     out = []
     for key, own in found.items():
         title = ", ".join(key[k] for k in varies if key[k]) or ", ".join(filter(None, key)) or "all settings"
         boxes = tuple(
-            tuple(_place([e for e in own if (_value(e, "gain"), _value(e, "tolerance")) == (g, t)], links)
+            tuple(_place([m for m in own if (_text(m.at.get("gain")), _text(m.at.get("tolerance"))) == (g, t)], links)
                   for t in tolerances) for g in gains
         )  # fmt: skip
         out.append(Grid(title, tolerances, gains, boxes))
     return tuple(sorted(out, key=lambda g: g.title))
 
 
-def state(e: Entry) -> Mark:
+def state(m: MapRow) -> Mark:
     """Whether the claim holds there; a run that stopped and was not judged is a failure."""
-    holds = e.flag("holds")
-    stopped = bool(e.text("status")) and mark(e.text("status")).kind == "failed"
-    if holds is None:
+    stopped = mark(m.status).kind == "failed"
+    if m.holds is None:
         return FAILED if stopped else UNKNOWN
-    return HOLDS if holds else FAILED if stopped else NOT
+    return HOLDS if m.holds else FAILED if stopped else NOT
 
 
-def _place(rows: Sequence[Entry], links: Links) -> tuple[Box, ...]:
+def _place(rows: Sequence[MapRow], links: Links) -> tuple[Box, ...]:
     """A box a run; one box for all of a place that many share."""
     if len(rows) <= MOST:
-        return tuple(_box(e, links) for e in rows)
-    held = sum(e.flag("holds") is True for e in rows)
-    kind = HOLDS.kind if held == len(rows) else NOT.kind if held == 0 else FAILED.kind
-    stopped = sum(state(e) is FAILED for e in rows)
-    words = f"{held} of {len(rows)} runs hold, {stopped} do not and stopped; first {_box(rows[0], links).words}"
-    mark_of = Mark(f"{held}/{len(rows)}", "", kind)
-    return (Box(mark_of, words, links.page(rows[0].text("run")), any(e.flag("printed") is True for e in rows)),)
+        return tuple(_box(m, links) for m in rows)
+    holds = sum(m.holds is True for m in rows)
+    kind = HOLDS.kind if holds == len(rows) else NOT.kind if holds == 0 else FAILED.kind
+    stopped = sum(state(m) is FAILED for m in rows)
+    words = f"{holds} of {len(rows)} runs hold, {stopped} do not and stopped; first {_box(rows[0], links).words}"
+    page = links.page(rows[0].settings_id)
+    return (Box(Mark(f"{holds}/{len(rows)}", "", kind), words, page, any(m.printed for m in rows)),)
 
 
-def _box(e: Entry, links: Links) -> Box:
-    here = state(e)
-    measured = e.number("measured")
-    run = links.run(e.text("run"))  # its page has all settings; its place and its facet's title say those that vary
-    words = [
-        f"{run.variant} {run.record.solver}" if run else e.text("case") or links.words(e.text("run")),
-        here.word,
-    ]
-    if not math.isnan(measured):
-        words.append(f"measured {number(measured)}")
-    if e.text("status"):
-        words.append(f"ended {mark(e.text('status')).word}")
-    if e.flag("printed"):
+def _box(m: MapRow, links: Links) -> Box:
+    here, run = state(m), links.run(m.settings_id)  # its page has all settings, its place and facet those that vary
+    words = [here.word]
+    if not math.isnan(m.measured):
+        words.append(f"measured {number(m.measured)}")
+    words.append(f"ended {mark(m.status).word}")
+    if m.printed:
         words.append("as the paper prints it")
-    return Box(here, f"{words[0]} – {', '.join(words[1:])}", links.page(e.text("run")), e.flag("printed") is True)
+    name = f"{run.variant} {run.record.solver}" if run else m.case
+    return Box(here, f"{name} – {', '.join(words)}", links.page(m.settings_id), m.printed)
 
 
-def _values(rows: Sequence[Entry], key: str) -> tuple[str, ...]:
-    """All values of an axis; numbers in their order, texts (``1/h``) after them."""
-    seen = {_value(e, key): e.number(key) for e in rows}
-    return tuple(sorted(seen, key=lambda text: (math.isnan(seen[text]), -seen[text] if key == "tolerance" else
-                                                seen[text], text)))  # fmt: skip
+def _values(given: Sequence[Value], *, falling: bool) -> tuple[str, ...]:
+    """All values of an axis; numbers in their order, texts (``1/h``) and none after them."""
+
+    def key(v: Value) -> tuple[bool, float, str]:
+        size = float(v) if isinstance(v, int | float) else math.nan
+        return (True, 0.0, _text(v)) if math.isnan(size) else (False, -size if falling else size, "")
+
+    return tuple(dict.fromkeys(_text(v) for v in sorted(given, key=key)))
 
 
-def _value(e: Entry, key: str) -> str:
-    value = e.number(key)
-    return e.text(key) or "none" if math.isnan(value) else f"{value:g}"
-
-
-def _said(e: Entry, facet: str) -> str:
-    flag = e.flag(facet)
-    if flag is not None:
-        yes, no = SAID.get(facet, (facet, f"not {facet}"))
-        return yes if flag else no
-    return e.text(facet)
+def _text(value: Value) -> str:
+    return "none" if value is None else value if isinstance(value, str) else f"{value:g}"

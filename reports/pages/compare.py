@@ -1,4 +1,4 @@
-"""Two runs side by side: what changed, ranked by how much it matters, and which inputs may be why."""
+"""Two results side by side: what changed, the most important first, and which inputs may be the cause."""
 
 import os
 import shutil
@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ...harness.results.comparison import Comparison, Likeness, compare
+from ...harness.results.judgements import CLAIMS
 from ...harness.results.provenance import differences, stamp_of
 from ..model.curves import upper
 from ..model.provenance import facts
@@ -17,22 +18,22 @@ from .base import FOLDER, Page, Site
 from .judgement import judged
 from .ranking import Rank, Ranked
 
-OVERLAYS = 24  # runs whose energy errors are drawn over each other, the gravest changes first
+OVERLAYS = 24  # runs whose energy errors are drawn over each other, the largest changes first
 ASSETS = ("site.css", "site.js", "judgement.css", "judgement.js", "plots.js", "plotly-basic.min.js",
           "plotly-LICENSE.txt")  # fmt: skip
 HEADS = {
-    Rank.ENDING: ("Endings", "Runs that end otherwise. Those that became wrong come first."),
+    Rank.ENDING: ("Endings", "Runs with another status. Those that became wrong come first."),
     Rank.CLAIM: ("Claims", "Verdicts on the paper that differ."),
     Rank.PHYSICS: (
         "Motion",
-        "Energy, constraints, errors: those that differ by more than two machines may, as parts of the problem's own "
-        "energy, size or time.",
+        "Energy, constraints, errors that differ by more than two machines may, as fractions of the problem's energy, "
+        "size or time.",
     ),
     Rank.WORK: ("Work", "Steps and evaluations, which do not depend on the machine."),
     Rank.TIMING: (
         "Timings",
-        "Only where spreads do not touch and the ratio is above 1.3. They depend on the machine, on what else ran, and "
-        "on how many runs ran at a time: a ratio is not a finding about a solver.",
+        "Only where spreads do not overlap and the ratio is above 1.3. They depend on the machine and its load: they "
+        "say nothing about a solver.",
     ),
 }
 
@@ -63,7 +64,7 @@ def write_compare(a: Path, b: Path, folder: Path) -> Path:
 
 
 def write_page(a: Results, b: Results, site: Site) -> Page:
-    """The page of the two runs."""
+    """The page of the two results."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
     found, parts = compare(before, after), changes(a, b)
     unknown = ranking.unmeasured(before, after)
@@ -80,11 +81,11 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
 
 
 def changes(a: Results, b: Results) -> tuple[Part, ...]:
-    """By rank, the gravest first; ranks without a change are left out."""
+    """By rank, the most important first; ranks without a change are left out."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
     rows = [
         *ranking.endings(before, after),
-        *ranking.claims(judged(a.folder, "claims").rows, judged(b.folder, "claims").rows),
+        *ranking.claims(*(judged(results.folder, CLAIMS).found or () for results in (a, b))),
         *ranking.physics(before, after),
         *ranking.work(before, after),
         *ranking.timings(before, after),
@@ -102,7 +103,7 @@ def alike(found: Comparison, unknown: set[str]) -> tuple[int, int]:
 
 
 def overlays(a: Results, b: Results, parts: Sequence[Part]) -> list[Plot]:
-    """The energy errors of both runs, for the runs whose ending or motion changed, the gravest first."""
+    """The energy errors of both runs, for the runs whose ending or motion changed, the most important first."""
     runs = [{c.record.settings_id: c for c in results.runs} for results in (a, b)]
     ranks = (Rank.ENDING, Rank.PHYSICS)
     wanted = dict.fromkeys(r.settings_id for p in parts for r in p.rows if r.rank in ranks)

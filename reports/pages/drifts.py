@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
+from ...harness.results.judgements import Drift
 from ..model.results import natural
-from ..model.words import Mark, number
-from .judgement import Entry
-from .links import Links
-from .orders import verdict_mark
+from ..model.words import number
 from .svg import Scale, strip
 
 LONG = 100.0  # periods
@@ -27,82 +25,69 @@ class Part:
     sure: bool
 
 
-@dataclass(frozen=True)
-class Anatomy:
-    """One run."""
-
-    variant: str
-    solver: str
-    case: str
-    page: str
-    periods: float
-    span: float
-    parts: tuple[Part, ...]
-    trend: float  # [W]
-    trend_low: float
-    trend_high: float
-    mark: Mark
-    words: str
-
-
-def anatomies(rows: Sequence[Entry], links: Links) -> tuple[Anatomy, ...]:
+def anatomies(drifts: Sequence[Drift]) -> tuple[Drift, ...]:
     """By problem and solver."""
-    found = [_anatomy(e, links) for e in rows]
-    return tuple(sorted(found, key=lambda a: (natural(a.variant), a.solver, natural(a.case))))
+    return tuple(sorted(drifts, key=lambda d: (natural(d.variant), d.solver, natural(d.case))))
 
 
-def parted(found: Sequence[Anatomy]) -> tuple[tuple[Anatomy, ...], tuple[Anatomy, ...], int]:
-    """The long runs, those too short to tell growth from a swing, and how many have no period to speak of."""
-    told = [a for a in found if a.periods > 0.0 or a.mark.word == "failed"]
-    long = tuple(a for a in told if not a.periods < LONG)
-    return (long or tuple(told)), tuple(a for a in told if long and a.periods < LONG), len(found) - len(told)
+def words(d: Drift) -> str:
+    """Oscillation, trend and walk with their intervals."""
+    if d.verdict == "failed":
+        return f"it ended with {d.status} at {d.span_s:.4g} s"
+    if d.verdict == "too short":
+        return "too few periods, or none, to separate the parts"
+    most = max(abs(d.trend_low_W), abs(d.trend_high_W))
+    bound = f"|trend| < {most:.1e} W at 95 %"
+    interval = f"({d.trend_low_W:.2e} to {d.trend_high_W:.2e})"
+    over = f"{d.periods} periods ({d.span_s:.4g} s)"
+    trend = {
+        "trend": f"trend of {d.trend_W:.2e} W {interval}, {d.trend_W * d.span_s:.2e} J over {over}",
+        "wanders": f"trend not distinguishable from zero: {bound}, {over}",
+        "undecided": f"no trend is seen, but it may be as large as {most:.1e} W at 95 % over {over}",
+        "bounded": (f"negligible trend: {d.trend_W:.2e} W {interval}" if d.trend_low_W > 0.0 or d.trend_high_W < 0.0
+                    else f"no trend: {bound}") + f", that is at most {most * d.span_s:.1e} J over {over}",
+    }[d.verdict]  # fmt: skip
+    found = [f"oscillation of {d.oscillation_J:.2e} J", trend]
+    if d.walk_J_per_sqrt_s > 0.0:
+        found.append(f"random walk of {d.walk_J_per_sqrt_s:.1e} J/sqrt(s) ({d.walk_low:.1e} to {d.walk_high:.1e})")
+    return "; ".join(found)
 
 
-def common_scale(found: Sequence[Anatomy]) -> Scale:
+def parted(found: Sequence[Drift]) -> tuple[tuple[Drift, ...], tuple[Drift, ...], int]:
+    """The long runs, those too short to distinguish growth from an oscillation, and how many have no period."""
+    shown = tuple(d for d in found if d.periods or d.verdict == "failed")
+    long = tuple(d for d in shown if d.periods >= LONG)
+    return long or shown, tuple(d for d in shown if long and d.periods < LONG), len(found) - len(shown)
+
+
+def common_scale(found: Sequence[Drift]) -> Scale:
     """One for all strips, so that rows can be compared; logarithmic."""
-    sizes = [v for a in found for p in a.parts for v in (p.size, p.high) if v > 0.0 and math.isfinite(v)]
+    sizes = [v for d in found for p in parts(d) for v in (p.size, p.high) if v > 0.0 and math.isfinite(v)]
     low, high = (min(sizes), max(sizes)) if sizes else (1e-12, 1.0)
-    floor = max(low, high * 1e-14)  # below it nothing is told apart from rounding
+    floor = max(low, high * 1e-14)  # below it all is rounding
     return Scale(
         10.0 ** math.floor(math.log10(floor)), 10.0 ** math.ceil(math.log10(high * 1.01)), 8.0, 292.0, log=True
     )
 
 
-def drawn(a: Anatomy, scale: Scale) -> Markup:
+def drawn(d: Drift, scale: Scale) -> Markup:
     """The three parts on the common scale."""
-    words = "; ".join(f"{p.name} {number(p.size)} J{'' if p.sure else ' (not told from zero)'}" for p in a.parts)
-    return strip([(p.name, p.size, p.low, p.high, p.sure) for p in a.parts], scale, words)
+    said = "; ".join(f"{p.name} {number(p.size)} J{'' if p.sure else ' (may be zero)'}" for p in parts(d))
+    return strip([(p.name, p.size, p.low, p.high, p.sure) for p in parts(d)], scale, said)
 
 
-def _anatomy(e: Entry, links: Links) -> Anatomy:
-    span = e.number("span_s")
-    trend, low, high = (e.number(f"trend{k}_W") for k in ("", "_low", "_high"))
-    root = math.sqrt(span) if span >= 0.0 else math.nan
-    walk = (e.number("walk_J_per_sqrt_s") * root, e.number("walk_low") * root, e.number("walk_high") * root)
-    oscillation = e.number("oscillation_J")
-    parts = (
-        Part("oscillation", oscillation, oscillation, oscillation, oscillation > 0.0),
-        _part("trend", trend * span, low * span, high * span),
-        _part("random walk", *walk),
-    )
-    return Anatomy(
-        e.text("variant") or e.text("problem"),
-        e.text("solver"),
-        e.text("case") or links.words(e.text("run")),
-        links.page(e.text("run")),
-        e.number("periods"),
-        span,
-        parts,
-        trend,
-        low,
-        high,
-        verdict_mark(e.text("verdict")),
-        e.text("words"),
+def parts(d: Drift) -> tuple[Part, ...]:
+    """Oscillation, trend and walk over the whole run."""
+    root = math.sqrt(d.span_s) if d.span_s >= 0.0 else math.nan
+    return (
+        Part("oscillation", d.oscillation_J, d.oscillation_J, d.oscillation_J, d.oscillation_J > 0.0),
+        _part("trend", d.span_s, d.trend_W, d.trend_low_W, d.trend_high_W),
+        _part("random walk", root, d.walk_J_per_sqrt_s, d.walk_low, d.walk_high),
     )
 
 
-def _part(name: str, value: float, low: float, high: float) -> Part:
+def _part(name: str, over: float, value: float, low: float, high: float) -> Part:
     """Magnitudes: an interval about zero begins there."""
     sure = low > 0.0 or high < 0.0
-    ends = sorted((abs(low), abs(high)))
-    return Part(name, abs(value), ends[0] if sure else 0.0, ends[1], sure)
+    ends = sorted((abs(low * over), abs(high * over)))
+    return Part(name, abs(value * over), ends[0] if sure else 0.0, ends[1], sure)

@@ -1,4 +1,4 @@
-"""The page of results over runs and commits."""
+"""The page of results over time and commits."""
 
 import csv
 import io
@@ -14,9 +14,9 @@ from .timeline import Line, gather, lines, moments
 SHOWN = 60  # runs on the page, those that changed first; the table file has all
 HEADS = ("case", "runs", "changed", "ending_first", "ending_last", "energy_drift_max_J_first",
          "energy_drift_max_J_last", "error_m_first", "error_m_last", "cpu_over_first", "gate")  # fmt: skip
-ALONE = 12  # where nothing changed, or no other run is there to compare with
+ALONE = 12  # where nothing changed, or there are no other results to compare with
 TABLE = "data/history.csv"
-MOST = 24  # runs whose marks are shown in a row, the newest
+MOST = 24  # results whose marks are shown in a row, the newest
 
 
 def write(results: Results, site: Site) -> Page | None:
@@ -24,13 +24,13 @@ def write(results: Results, site: Site) -> Page | None:
     rows, bad = gather(results)
     found = lines(results, rows)
     runs = moments(rows)
-    told = [line for line in found if len(line.rows) > 1]
+    shared = [line for line in found if len(line.rows) > 1]
     shown = found[: SHOWN if any(line.changed for line in found) else ALONE]
-    store.write_text(site.folder / TABLE, table(told))
+    store.write_text(site.folder / TABLE, table(shared))
     known = {name: sorted({getattr(line, name) for line in shown}) for name in ("problem", "solver")}
     return site.write(
         Page("History", "history.html", nav=True, order=60), "history.html", scripts=["assets/judgement.js"],
-        lines=shown, left_out=len(found) - len(shown), told=len(told), table=TABLE, new=len(found) - len(told),
+        lines=shown, left_out=len(found) - len(shown), shared=len(shared), table=TABLE, new=len(found) - len(shared),
         changed=sum(line.changed for line in found), moments=runs, commits=list(dict.fromkeys(m.commit for m in runs)),
         bad=bad, most=MOST, here=results.folder.resolve().name, spark=spark, problems=known["problem"],
         solvers=known["solver"],
@@ -38,18 +38,18 @@ def write(results: Results, site: Site) -> Page | None:
 
 
 def spark(line: Line, what: str) -> dict[str, object]:
-    """A line over the runs with its first and last value."""
+    """A line over all results with its first and last value."""
     values = line.errors if what == "error" else line.values(what)
     known = [v for v in values if v == v]
     if not known:
         return {"drawn": "", "first": "", "last": "", "value": ""}
-    words = f"{line.case}: from {number(known[0])} to {number(known[-1])} over {len(values)} runs"
+    words = f"{line.case}: from {number(known[0])} to {number(known[-1])} over {len(values)} results"
     drawn = sparkline(values, words) if len(values) > 1 else ""
     return {"drawn": drawn, "first": number(known[0]), "last": number(known[-1]), "value": repr(known[-1])}
 
 
 def table(found: Sequence[Line]) -> str:
-    """Each run that several runs hold: its first and last ending, drift, error and CPU time over the first's."""
+    """Each run that several results hold: first and last status, drift and error, and CPU time over the first's."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(HEADS)

@@ -1,4 +1,4 @@
-"""From the digests in judgement files to runs of this run: their words, their solver, their page."""
+"""From the settings_ids in judgements to runs of these results: their words, their solver, their page."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from ..model.results import Run
 
 @dataclass(frozen=True)
 class Links:
-    """Runs by what judgements call them: the digest of their settings, or their own."""
+    """Runs by their settings_id."""
 
     runs: Mapping[str, Run]
 
@@ -16,9 +16,9 @@ class Links:
         return self.runs.get(key)
 
     def words(self, key: str) -> str:
-        """The settings in words; a run that is not here keeps the head of its digest."""
+        """The settings in words; a run that is not here keeps the head of its settings_id."""
         run = self.runs.get(key)
-        return run.record.case if run else f"{key[:12]} (not in this run)"
+        return run.record.case if run else f"{key[:12]} (not in these results)"
 
     def solver(self, key: str) -> str:
         run = self.runs.get(key)
@@ -29,10 +29,14 @@ class Links:
         run = self.runs.get(key)
         return page_of(run) if run else ""
 
+    def all(self, keys: Sequence[str]) -> tuple[tuple[str, str], ...]:
+        """Words and page of each."""
+        return tuple((self.words(k), self.page(k)) for k in keys)
+
 
 def links_of(runs: Sequence[Run]) -> Links:
-    """Of a run."""
-    return Links({**{c.record.run_id: c for c in runs}, **{c.record.settings_id: c for c in runs}})
+    """Of the runs of these results."""
+    return Links({c.record.settings_id: c for c in runs})
 
 
 def page_of(run: Run) -> str:

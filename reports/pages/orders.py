@@ -4,13 +4,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ...harness.results.judgements import Note, Order
 from ..model.results import natural
-from ..model.words import Mark, number, unit
-from .judgement import Entry
+from ..model.words import Mark, plural
 from .links import Links
 
 FLOOR = 3.0  # of the floor: points below so many times it are said to lie on it
 USED, EARLY, FLOORED = "used", "pre-asymptotic", "at the floor"
+NOTES = {
+    Note.NO_SCALE: "the problem is not at hand, so the scale of its velocities is not known",
+    Note.CUT: "steps that were cut are left out",
+    Note.UNRESOLVED: "errors that the reference cannot resolve are left out",
+}
 
 
 @dataclass(frozen=True)
@@ -24,103 +29,111 @@ class Point:
 
 @dataclass(frozen=True)
 class Certificate:
-    """The order of one quantity of one solver on one problem."""
+    """The order of one quantity of one solver on one variant, as it is shown."""
 
-    variant: str
-    solver: str
-    case: str
-    quantity: str
-    symbol: str
-    unit: str
-    declared: float
-    fixed: bool  # a ladder of fixed steps; else of tolerances, over the mean step
-    order: float
-    low: float
-    high: float
-    floor: float
+    of: Order
     points: tuple[Point, ...]
     mark: Mark
     words: str
     runs: tuple[tuple[str, str], ...]
 
     @property
+    def fixed(self) -> bool:
+        """A ladder of fixed steps; else of tolerances, over the mean step."""
+        return self.of.against == "dt"
+
+    @property
     def fit(self) -> tuple[tuple[float, float], ...]:
         """Two points of the line through those used, in the mean of their logarithms; none if there is no order."""
         used = [(math.log(p.dt), math.log(p.error)) for p in self.points if p.kind == USED and p.error > 0.0 < p.dt]
-        if len(used) < 2 or not math.isfinite(self.order):
+        if len(used) < 2 or not math.isfinite(self.of.order):
             return ()
         x, y = (sum(p[k] for p in used) / len(used) for k in (0, 1))
         ends = min(p[0] for p in used), max(p[0] for p in used)
-        return tuple((math.exp(e), math.exp(y + self.order * (e - x))) for e in ends)
+        return tuple((math.exp(e), math.exp(y + self.of.order * (e - x))) for e in ends)
+
+    @property
+    def order(self) -> str:
+        """``2.00``."""
+        return f"{self.of.order:.2f}" if math.isfinite(self.of.order) else "–"
 
     @property
     def interval(self) -> str:
         """``1.98 to 2.03``."""
-        return f"{self.low:.2f} to {self.high:.2f}" if math.isfinite(self.low) and math.isfinite(self.high) else "none"
+        return f"{self.of.low:.2f} to {self.of.high:.2f}" if math.isfinite(self.of.low + self.of.high) else "none"
 
 
-def certificates(rows: Sequence[Entry], links: Links) -> tuple[Certificate, ...]:
+def certificates(orders: Sequence[Order], links: Links) -> tuple[Certificate, ...]:
     """By problem, solver and quantity."""
-    found = [_certificate(e, links) for e in rows]
-    return tuple(sorted(found, key=lambda c: (natural(c.variant), c.solver, natural(c.case))))
+    ordered = sorted(orders, key=lambda o: (natural(o.variant), o.solver, natural(o.case)))
+    return tuple(Certificate(o, _points(o), verdict_mark(o.verdict), words(o), links.all(o.settings_ids))
+                 for o in ordered)  # fmt: skip
 
 
 VERDICTS = {  # of certificates and of drifts
-    "certified": ("✓", "good"), "exact": ("✓", "good"), "bounded": ("✓", "good"), "holds": ("✓", "good"),
+    "certified": ("✓", "good"), "exact": ("✓", "good"), "bounded": ("✓", "good"),
     "above declared": ("△", "refused"), "below declared": ("✗", "wrong"),
-    "trend": ("↗", "failed"), "wanders": ("≈", "failed"),
+    "trend": ("↗", "failed"), "wanders": ("≈", "failed"), "failed": ("★", "failed"),
     "measured": ("○", "refused"), "undecided": ("○", "refused"), "floor": ("○", "refused"),
     "too short": ("–", "refused"),
 }  # fmt: skip
 
 
-def verdict_mark(word: str) -> Mark:
-    """The mark of a verdict; one we do not know is no success."""
-    low = word.lower().strip()
-    symbol, kind = VERDICTS.get(low, ("★", "failed"))
-    return Mark(symbol, low or "no verdict", kind)
+def verdict_mark(verdict: str) -> Mark:
+    """The mark of a verdict."""
+    symbol, kind = VERDICTS[verdict]
+    return Mark(symbol, verdict, kind)
 
 
-def _certificate(e: Entry, links: Links) -> Certificate:
-    floor, declared = e.number("floor"), e.number("declared")
-    used = e.given.get("used")
-    flags = used if isinstance(used, list) else []
-    rows = zip(e.numbers("dt"), e.numbers("error"), strict=False)
-    given = [(dt, error, k < len(flags) and flags[k] is True) for k, (dt, error) in enumerate(rows)]
-    coarsest = max((dt for dt, _, good in given if good), default=math.inf)
-    points = tuple(Point(dt, error, _kind(dt, error, good, floor, coarsest)) for dt, error, good in given)
-    return Certificate(
-        e.text("variant") or e.text("problem"),
-        e.text("solver"),
-        e.text("case"),
-        e.text("quantity"),
-        e.text("symbol"),
-        unit(e.text("unit")),
-        declared,
-        not e.text("against") or e.text("against") == "dt",
-        e.number("order"),
-        e.number("low"),
-        e.number("high"),
-        floor,
-        points,
-        verdict_mark(e.text("verdict")),
-        e.text("words"),
-        tuple((links.words(k), links.page(k)) for k in e.texts("runs")),
-    )
+def words(o: Order) -> str:
+    """The fit in words, and what was left out of it."""
+    unfinished = f"{o.unfinished} of {len(o.dt) + o.unfinished} runs did not finish" if o.unfinished else ""
+    return "; ".join(filter(None, (*_fit(o), unfinished, *(NOTES[n] for n in o.notes))))
+
+
+def _fit(o: Order) -> list[str]:
+    slopes = ", ".join(f"{s:.2f}" for s in o.slopes)
+    if o.verdict in ("exact", "floor"):
+        why = "rounding" if o.verdict == "exact" else "the level of the solver's own tolerance"
+        return [f"no order to fit: at most {max(o.error):.1e} {o.unit} at every step, which is {why}"]
+    if o.fit == "flat":
+        return [f"does not depend on the step: about {sorted(o.error)[len(o.error) // 2]:.1e} {o.unit}"]
+    if o.fit == "none":
+        few = len(o.slopes) < 3
+        return ["too few steps whose errors can be fitted" if few else
+                f"no range of steps in which the error is a power of the step (slopes {slopes})"]  # fmt: skip
+    inside = [h for h, used in zip(o.dt, o.used, strict=True) if used]
+    steps = "steps" if o.against == "dt" else "mean steps"
+    out = [f"order {o.order:.2f} ({o.low:.2f} to {o.high:.2f}) over {len(inside)} {steps} of {max(inside):.3g} to "
+           f"{min(inside):.3g} s"]  # fmt: skip
+    finest = f"finest {'slope' if len(o.slopes) == 1 else 'slopes'} {slopes}"
+    if o.fit == "lost":
+        do = "does" if len(o.slopes) == 1 else "do"
+        return [f"{out[0]}, but the {finest} {do} not follow it, and no floor is seen"]
+    if not math.isnan(o.exponent):
+        out.append(f"error ~ rtol^{o.exponent:.2f} ({o.exponent_low:.2f} to {o.exponent_high:.2f})")
+    if not math.isnan(o.declared):
+        out[0] += f", declared {o.declared:g}"
+    coarser = sum(h > max(inside) for h in o.dt)
+    if coarser:
+        out.append(f"{plural(coarser, 'coarser step is', 'coarser steps are')} not yet in that range")
+    if math.isfinite(o.floor):
+        floor = f"floor of {o.floor:.1e} {o.unit}"
+        out.append(f"{finest} left out: at the {floor}" if o.against == "dt" else floor)
+    return out
+
+
+def _points(o: Order) -> tuple[Point, ...]:
+    coarsest = max((dt for dt, used in zip(o.dt, o.used, strict=True) if used), default=math.inf)
+    return tuple(Point(dt, error, _kind(dt, error, used, o.floor, coarsest))
+                 for dt, error, used in zip(o.dt, o.error, o.used, strict=True))  # fmt: skip
 
 
 def _kind(dt: float, error: float, used: bool, floor: float, coarsest: float) -> str:
     """A point left out of the fit is coarser than all used ones, or it lies on the floor."""
     if used:
         return USED
-    if dt > coarsest and not error <= FLOOR * floor:
-        return EARLY
-    return FLOORED
-
-
-def told(c: Certificate) -> str:
-    """The order in a run of the table."""
-    return number(c.order) if not math.isfinite(c.order) else f"{c.order:.2f}"
+    return EARLY if dt > coarsest and not error <= FLOOR * floor else FLOORED
 
 
 @dataclass(frozen=True)
@@ -128,18 +141,14 @@ class Glance:
     """Orders of fixed steps: a row a solver and problem, a column a quantity; None where there is no ladder."""
 
     quantities: tuple[str, ...]
-    rows: tuple[tuple[Certificate, tuple[Certificate | None, ...]], ...]  # one that stands for the row, its columns
+    rows: tuple[tuple[Order, tuple[Certificate | None, ...]], ...]  # one that stands for the row, its columns
 
 
 def glance(found: Sequence[Certificate]) -> Glance:
     """Of the ladders of fixed steps."""
-    fixed = [c for c in found if c.fixed]
-    quantities = tuple(dict.fromkeys(c.quantity for c in fixed))
-    keys = dict.fromkeys(
-        (c.solver, c.variant, c.case) for c in sorted(fixed, key=lambda c: (c.solver, natural(c.variant)))
-    )
-    rows = []
-    for key in keys:
-        own = {c.quantity: c for c in fixed if (c.solver, c.variant, c.case) == key}
-        rows.append((next(iter(own.values())), tuple(own.get(q) for q in quantities)))
-    return Glance(quantities, tuple(rows))
+    quantities = tuple(dict.fromkeys(c.of.quantity for c in found if c.fixed))
+    rows: dict[tuple[str, str, str], dict[str, Certificate]] = {}
+    for c in sorted((c for c in found if c.fixed), key=lambda c: (c.of.solver, natural(c.of.variant))):
+        rows.setdefault((c.of.solver, c.of.variant, c.of.case), {})[c.of.quantity] = c
+    return Glance(quantities, tuple((next(iter(own.values())).of, tuple(map(own.get, quantities)))
+                                    for own in rows.values()))  # fmt: skip

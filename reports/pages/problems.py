@@ -1,5 +1,6 @@
 """A page for each variant: what its runs show, all of them, and interactive plots."""
 
+from ...harness.results.judgements import DRIFTS
 from ..model.accuracy import measure_for
 from ..model.curves import SPANS_UPPER
 from ..model.extras import events, extras, facts_of
@@ -12,6 +13,8 @@ from ..plots.lines import lines_of
 from ..plots.spec import Chapter
 from ..plots.work import work_chapter
 from .base import Page, Site
+from .drifts import words
+from .judgement import judged
 
 ROWS = 100  # of a folded table: the first page's table and the CSV have all
 SPANS_VARIANT = 80  # of time in the curves of a variant: a run has a hundred of them
@@ -35,9 +38,10 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
     chapters: list[Chapter] = [c for c in made if c is not None]
     page = Page(variant.title, site.url(variant), brief=spans < SPANS_UPPER)
     where = f"index.html?problem={results.variants.index(variant)}&label="
-    drifts = [d for d in site.judgement("drift") or [] if isinstance(d, dict) and d.get("variant") == variant.title]
+    drifts = [d for d in judged(results.folder, DRIFTS).found or () if d.variant == variant.title]
     site.write(
         page, "problem.html", variant=variant, chapters=chapters, measure=measure_for(variant.runs), drifts=drifts,
+        drift_words=words,
         plots=[p for c in chapters for p in c.plots], left_out=len(variant.runs) - len(lines),
         facts_of_it=facts_of(variant, max((m.bodies for m in motions.values()), default=0)),
         findings=findings_of(variant, label), groups=groups, most=ROWS,

@@ -1,4 +1,4 @@
-"""What changed between two runs, ranked by how much it matters: endings, then physics, then work, timings last."""
+"""What changed between two results, the most important first: status, claims, physics, work, timings last."""
 
 import math
 from collections.abc import Sequence
@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from ...harness.results.comparison import METRICS, Change, Likeness, compare
+from ...harness.results.judgements import Claim, Verdict
 from ...harness.results.records import RunRecord
 from ..model.words import mark, number
-from .judgement import Entry
 
 PHYSICS = {  # column: words, unit, the scale of the record it is measured by
     "energy_drift_max_J": ("largest energy error", "J", "energy_scale_J"),
@@ -28,14 +28,14 @@ WORK = {
     "factorisations": "factorisations", "newton_iterations": "Newton's corrections",
 }  # fmt: skip
 BETTER = ("good", "refused", "failed", "wrong")  # endings, best first
-CLAIM_ORDER = ("SUPPORTED", "CONDITIONAL", "UNTESTABLE", "REFUTED")
+CLAIM_ORDER = (Verdict.SUPPORTED, Verdict.CONDITIONAL, Verdict.UNTESTABLE, Verdict.REFUTED)
 SAME = 0.01  # relative: a change this small is neither better nor worse
-LITTLE = 1e-5  # of a problem's scale: said as "less than"
+LITTLE = 1e-5  # of a problem's scale: shown as "less than"
 SPREAD = 1.3  # timings closer than this factor are called equal
 
 
 class Rank(IntEnum):
-    """What kind of change, the gravest first."""
+    """What kind of change, the most important first."""
 
     ENDING = 0
     CLAIM = 1
@@ -72,18 +72,16 @@ def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
     return ordered(out)
 
 
-def claims(before: Sequence[Entry], after: Sequence[Entry]) -> list[Ranked]:
-    """Claims that are judged otherwise."""
-    then = {e.text("id"): e for e in before}
+def claims(before: Sequence[Claim], after: Sequence[Claim]) -> list[Ranked]:
+    """Claims with another verdict."""
+    then = {c.id: c.verdict for c in before}
     out = []
-    for e in after:
-        old = then.get(e.text("id"))
-        if old is None or old.text("verdict") == e.text("verdict"):
-            continue
-        words = old.text("verdict"), e.text("verdict")
-        known = [CLAIM_ORDER.index(w) if w in CLAIM_ORDER else len(CLAIM_ORDER) for w in words]
-        out.append(Ranked(Rank.CLAIM, e.text("id"), e.text("claim") or e.text("id"), "verdict", words[0].lower(),
-                          words[1].lower(), "", known[1] > known[0], float(abs(known[1] - known[0]))))  # fmt: skip
+    for c in after:
+        old = then.get(c.id, c.verdict)
+        if old != c.verdict:
+            change = CLAIM_ORDER.index(c.verdict) - CLAIM_ORDER.index(old)
+            out.append(Ranked(Rank.CLAIM, c.id, c.claim, "verdict", old.lower(), c.verdict.lower(), "", change > 0,
+                              float(abs(change))))  # fmt: skip
     return ordered(out)
 
 
@@ -127,7 +125,7 @@ def ordered(found: list[Ranked]) -> list[Ranked]:
 
 
 def gathered(found: list[Ranked]) -> list[Ranked]:
-    """One a run: its gravest change, with the others beneath."""
+    """One a run: its largest change, with the others beneath."""
     by_run: dict[str, list[Ranked]] = {}
     for r in ordered(found):
         by_run.setdefault(r.settings_id, []).append(r)
@@ -171,7 +169,7 @@ def _physics(a: RunRecord, b: RunRecord, c: Change) -> list[Ranked]:
     if gap <= SAME * max(abs(x), abs(y)):
         worse = None
     if a.status != b.status and not math.isfinite(weight):
-        return []  # said already: a run that ended otherwise has other numbers
+        return []  # the status says it already
     limit = a.energy_allowed_J
     if c.metric == "energy_drift_max_J" and (x > limit) != (y > limit) and limit > 0.0:
         weight, size = math.inf, f"crosses the benchmark's limit of {number(limit)} J"

@@ -1,34 +1,29 @@
-"""The metamorphic scorecard: solver by check, the worst outcome in each box and every outcome beneath."""
+"""The scorecard of symmetries: solver by check, the worst outcome in each box and every outcome beneath."""
 
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..model.words import Mark, number, unit
-from .judgement import Entry
-from .links import Links
+from ...harness.results.judgements import Symmetry, Unjudged
+from ..model.words import Mark
 
-MARKS = {
-    "holds": Mark("✓", "holds", "good"),
+MARKS = {  # the worst first
     "broken": Mark("✗", "broken", "wrong"),
     "failed": Mark("★", "the run failed", "failed"),
     "undecided": Mark("○", "not decided", "refused"),
     "refused": Mark("⊘", "refused", "refused"),
+    "holds": Mark("✓", "holds", "good"),
     "not applicable": Mark("–", "not applicable", "none"),
 }
-WORST_FIRST = ("broken", "failed", "undecided", "refused", "holds", "not applicable")
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """One check of one solver on one problem."""
-
-    variant: str
-    mark: Mark
-    deviation: str
-    bound: str
-    words: str
-    runs: tuple[tuple[str, str], ...]
+UNJUDGED = {
+    Unjudged.BASE: "the run as it stands ended with {status}: {message}",
+    Unjudged.PRESENTED: "{status}: {message}",
+    Unjudged.BOUND: "no bound: one of the runs that it is measured by failed or has no end",
+    Unjudged.SINGLE: "one body and one joint have no order",
+    Unjudged.WAY_BACK: "{message}",
+    Unjudged.END: "no end to compare",
+}
+MISSES = {"time reversal": "misses the start", "planar symmetry": "leaves the plane"}
 
 
 @dataclass(frozen=True)
@@ -37,7 +32,7 @@ class Box:
 
     mark: Mark
     tally: str
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[Symmetry, ...]
 
 
 @dataclass(frozen=True)
@@ -48,41 +43,44 @@ class Card:
     rows: tuple[tuple[str, tuple[Box | None, ...]], ...]
 
 
-def card(rows: Sequence[Entry], links: Links) -> Card:
+def card(found: Sequence[Symmetry]) -> Card:
     """Solvers down, checks across, in the order of their names and of their appearance."""
-    checks = tuple(dict.fromkeys(e.text("check") for e in rows))
-    solvers = sorted({e.text("solver") for e in rows})
-    grid = tuple(
-        (s, tuple(_box([e for e in rows if (e.text("solver"), e.text("check")) == (s, c)], links) for c in checks))
-        for s in solvers
-    )
-    return Card(checks, grid)
+    checks = tuple(dict.fromkeys(s.title for s in found))
+    boxes: dict[tuple[str, str], list[Symmetry]] = {}
+    for s in found:
+        boxes.setdefault((s.solver, s.title), []).append(s)
+    solvers = sorted({s.solver for s in found})
+    return Card(checks, tuple((name, tuple(_box(boxes.get((name, c), ())) for c in checks)) for name in solvers))
 
 
-def mark_of(word: str) -> Mark:
-    """One we do not know counts as a failure."""
-    return MARKS.get(word, Mark("★", word or "no verdict", "failed"))
+def words(s: Symmetry) -> str:
+    """How far apart two runs end, and how far they may, with what the bound is made of."""
+    if s.unjudged is not None:
+        return UNJUDGED[s.unjudged].format(status=s.status, message=s.message or "no message")
+    parts = [f"a tenth of the tolerance moves the end by {s.level:.1e} m"]
+    if s.halved > 0.0:
+        parts.append(f"half the step by {s.halved:.1e} m")
+    parts += [f"rounding by {s.rounding:.1e} m at most", f"a change of the start grows {s.growth:.2g}-fold"]
+    missed = f"{MISSES.get(s.check, 'ends elsewhere')} by {s.deviation:.1e} m"
+    allowed = f"{missed} of {s.bound:.1e} m allowed"
+    if s.verdict == "broken":
+        times = f"{s.deviation / s.bound:.3g} times the {s.bound:.1e} m allowed" if s.bound > 0.0 else "nothing allowed"
+        said = f"{missed}, {times}"
+    elif s.verdict == "undecided":
+        said = f"{missed}, but {s.bound:.1e} m allowed is more than the mechanism's size"
+    elif s.exact is None:
+        said = allowed
+    elif s.exact:
+        said = f"exactly: {missed}, as far as the steps are solved, {s.exact_bound:.1e} m"
+    else:
+        said = f"not exactly, within its error: {allowed}"
+    return f"{said} ({', '.join(parts)})"
 
 
-def _box(rows: Sequence[Entry], links: Links) -> Box | None:
-    if not rows:
+def _box(found: Sequence[Symmetry]) -> Box | None:
+    if not found:
         return None
-    count = Counter(e.text("verdict") for e in rows)
-    worst = next((w for w in WORST_FIRST if count[w]), rows[0].text("verdict"))
-    if any(w not in MARKS for w in count):
-        worst = next(w for w in count if w not in MARKS)
-    told = sum(n for w, n in count.items() if w != "not applicable")
-    tally = f"{count['holds']} of {told}" if told else ""
-    return Box(mark_of(worst), tally, tuple(_outcome(e, links) for e in rows))
-
-
-def _outcome(e: Entry, links: Links) -> Outcome:
-    measure = unit(e.text("unit"))
-    return Outcome(
-        e.text("variant") or e.text("problem"),
-        mark_of(e.text("verdict")),
-        f"{number(e.number('deviation'))} {measure}".strip(),
-        f"{number(e.number('bound'))} {measure}".strip(),
-        e.text("words"),
-        tuple((links.words(k), links.page(k)) for k in e.texts("runs")),
-    )
+    count = Counter(s.verdict for s in found)
+    worst = next(mark for verdict, mark in MARKS.items() if count[verdict])  # type: ignore[index]
+    tried = len(found) - count["not applicable"]
+    return Box(worst, f"{count['holds']} of {tried}" if tried else "", tuple(found))

@@ -1,4 +1,4 @@
-"""Who is still going: the share of a solver's runs that have not stopped, over the part of the time asked for."""
+"""Survival: the share of a solver's runs that have not stopped, over the part of the simulated time."""
 
 import math
 from collections.abc import Sequence
@@ -16,8 +16,8 @@ class Survival:
     refused: int
     stopped: int
     wrong: int
-    x: tuple[float, ...]  # part of the time asked for, 0 to 1: corners of the step line
-    y: tuple[float, ...]  # share still going
+    x: tuple[float, ...]  # part of the simulated time, 0 to 1: corners of the step line
+    y: tuple[float, ...]  # share not stopped
 
     @property
     def reached(self) -> int:

@@ -1,4 +1,4 @@
-"""Results over runs: a line for each run of this run, and what each run amounted to."""
+"""Results over time: a line for each run, and what each results folder amounted to."""
 
 import math
 from collections import Counter
@@ -22,7 +22,7 @@ GATE = {
 
 @dataclass(frozen=True)
 class Moment:
-    """One run among all."""
+    """One results folder among all."""
 
     results: str
     time: str
@@ -34,7 +34,7 @@ class Moment:
 
 @dataclass(frozen=True)
 class Line:
-    """One run over the runs."""
+    """One run over all results."""
 
     settings: str
     case: str
@@ -80,7 +80,7 @@ def moved(values: Sequence[float], least: float) -> bool:
 
 
 def gather(results: Results, committed: Path = COMMITTED) -> tuple[tuple[Row, ...], list[str]]:
-    """All rows of runs beside this one and of committed files, and what could not be read."""
+    """All rows of results beside these and of committed files, and what could not be read."""
     folders, files = standing(results.folder.resolve().parent, committed)
     bad = []
     for kept, read in ((files, read_rows), (folders, lambda f: history([f]))):
@@ -94,7 +94,7 @@ def gather(results: Results, committed: Path = COMMITTED) -> tuple[tuple[Row, ..
 
 
 def lines(results: Results, rows: Sequence[Row]) -> tuple[Line, ...]:
-    """Of the runs that this run holds, the oldest row first; those that changed come first."""
+    """Of the runs in these results, the oldest row first; those that changed come first."""
     here = {c.record.settings_id: c for c in results.runs}
     found: dict[str, list[Row]] = {}
     for row in rows:
@@ -105,7 +105,7 @@ def lines(results: Results, rows: Sequence[Row]) -> tuple[Line, ...]:
 
 
 def moments(rows: Sequence[Row]) -> tuple[Moment, ...]:
-    """Each run with its endings, the oldest first."""
+    """Each results folder with the statuses of its runs, the oldest first."""
     runs: dict[str, list[Row]] = {}
     for row in rows:
         runs.setdefault(row.results, []).append(row)

@@ -3,6 +3,7 @@
 import math
 from functools import partial
 
+from ...harness.results.judgements import WORK
 from ..model.results import Results
 from ..model.variants import broadest, themselves
 from ..plots.printed import figure
@@ -22,9 +23,10 @@ COMPARED = 4  # solvers on a problem, for a figure of its own; of variants, plot
 def write(results: Results, site: Site) -> Page | None:
     """``work.html``, and ``figures/work-*.svg`` and ``.pdf``."""
     links = links_of(results.runs)
-    points, profile = judged(results.folder, "work", "points"), profiles(judged(results.folder, "work", "profile").rows)
-    default = profiles(judged(results.folder, "work", "profile_default").rows, tuned=False)
-    found = [(f, plots_of(f)) for f in fields(results, points.rows, links)]
+    work = judged(results.folder, WORK)
+    profile = profiles(work.found.profile if work.found else ())
+    default = profiles(work.found.profile_default if work.found else (), tuned=False)
+    found = [(f, plots_of(f)) for f in fields(results, work.found.points if work.found else (), links)]
     works = list(dict.fromkeys(p.work for p in profile))
     kinds = [(w, *WORKS[w]) for w in WORKS if any(key.endswith(f"-{w}") for _, own in found for key in own)]
     profile_plots = [profile_plot((*profile, *default), w) for w in works]
@@ -33,7 +35,7 @@ def write(results: Results, site: Site) -> Page | None:
     drawn = [_print(site, f"work-profile-{w}", [profile_plot(profile, w)], 3.2) for w in works if w in PAPER]
     return site.write(
         Page("Work", "work.html", nav=True, order=25), "work.html", scripts=["assets/judgement.js"],
-        plots=[*profile_plots, *(p for _, own in found for p in own.values())], why=points.why,
+        plots=[*profile_plots, *(p for _, own in found for p in own.values())], why=work.why,
         errors=[(k, *e) for k, e in ERRORS.items()], works=kinds, fields=found, profiles=(*profile, *default),
         profile_plots=profile_plots, named=named, work_at=work_at,
         figures={f.slug: figures.get(f.slug, []) for f, _ in found},

@@ -4,9 +4,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ...harness.results.judgements import WorkPoint, WorkProfile
 from ..model.results import Results
 from ..plots.work import ERRORS, WORKS, Point, Profile, kind_of, method_of, recorded, reference_error
-from .judgement import Entry
 from .links import Links, page_of
 
 
@@ -26,13 +26,13 @@ class Field:
 
     @property
     def own(self) -> float:
-        """The reference's own error: points below it cannot be distinguished."""
+        """The reference's own error: errors below it cannot be compared."""
         return reference_error(self.points)
 
 
-def fields(results: Results, rows: Sequence[Entry], links: Links) -> tuple[Field, ...]:
+def fields(results: Results, judged: Sequence[WorkPoint], links: Links) -> tuple[Field, ...]:
     """One a variant that has a point; judged points where there are any."""
-    points = [p for e in rows if (p := _judged(e, links)) is not None] or [
+    points = [_judged(p, links) for p in judged] or [
         p for variant in results.variants for p in recorded(variant, page_of)
     ]
     out: list[Field] = []
@@ -45,41 +45,32 @@ def fields(results: Results, rows: Sequence[Entry], links: Links) -> tuple[Field
     return tuple(out)
 
 
-def profiles(rows: Sequence[Entry], *, tuned: bool = True) -> tuple[Profile, ...]:
+def profiles(found: Sequence[WorkProfile], *, tuned: bool = True) -> tuple[Profile, ...]:
     """As judged, by kind of work, those that no machine changes first, and by solver."""
-    order, found = list(WORKS), []
-    for e in rows:
-        at = tuple(sorted(v for v in e.numbers("target_work") if math.isfinite(v)))
-        total = e.number("total")
-        found.append(Profile(e.text("solver"), e.text("work"), int(total) if total >= 0.0 else len(at), at, tuned))
-    known = {work: k for k, work in enumerate(order)}
-    return tuple(sorted(found, key=lambda p: (known.get(p.work, len(order)), p.work, p.solver)))
+    ordered = sorted(found, key=lambda p: (list(WORKS).index(p.work), p.solver))
+    return tuple(Profile(p.solver, p.work, p.total, p.target_work, tuned) for p in ordered)
 
 
-def _judged(e: Entry, links: Links) -> Point | None:
-    run = links.run(e.text("run"))
-    if run is None and not e.text("solver"):
-        return None
-    works = {key: e.number("cpu_s" if key == "cpu" else key) for key in WORKS}
-    errors = {"error": e.number("error"), "energy": e.number("energy_drift_J"), "phi": e.number("phi_max")}
+def _judged(p: WorkPoint, links: Links) -> Point:
+    run = links.run(p.settings_id)
     return Point(
-        e.text("variant") or (run.variant if run else e.text("problem")),
-        e.text("problem"),
-        e.text("solver"),
-        e.text("case") or links.words(e.text("run")),
-        links.page(e.text("run")),
-        e.text("status") or (run.status if run else "unknown"),
-        e.text("label"),
-        works,
-        errors,
-        method_of(run) if run else e.text("solver"),
+        p.variant,
+        p.problem,
+        p.solver,
+        p.case,
+        links.page(p.settings_id),
+        p.status,
+        p.label,
+        {key: p.cpu_s if key == "cpu" else float(getattr(p, key)) for key in WORKS},
+        {"error": p.error, "energy": p.energy_drift_J, "phi": p.phi_max},
+        method_of(run) if run else p.solver,
         default=run is not None and not run.options,
-        best=e.flag("best") is True,
+        best=p.best,
         step=run.step_words if run else "",
         size=run.step_or_tolerance if run else 0.0,
-        kind=e.text("error_kind") or "error",
-        unit=e.text("unit"),
-        own=e.number("reference_own_error"),
+        kind=p.error_kind,
+        unit=p.unit,
+        own=p.reference_own_error,
         cpu=(run.record.cpu_min_s, run.record.cpu_max_s) if run else (math.nan, math.nan),
         repeats=run.record.repeats if run else 0,
     )

@@ -1,32 +1,32 @@
 """Anatomy of drift: a long run's energy error as an oscillation, a trend and a random walk, with intervals.
 
 The motion's own period is found from its most regular observable; means over whole periods take the oscillation out,
-and means over blocks of periods go to ``harness.referee.trend``. A verdict is a test of equivalence, not of
+and means over blocks of periods go to module trend. A verdict is a test of equivalence, not of
 significance: a run is bounded when the 95 % interval of the trend, over the whole span, stays below a tenth of the
 oscillation.
 Integrals are of the straight lines through the kept steps: a thinned series keeps points of the curve, extremes among
 them, so that a mean of points would be wrong and the integral is not.
 """
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
 
 from ...results import store
+from ...results.judgements import Drift
 from ...results.records import RunRecord
 from ...results.series import Series
-from .trend import FEWEST, Drift, drift
+from .trend import FEWEST, Trend, trend_of
 
 PERIODS = 50  # fewer are no long run
 BLOCKS = 40  # at most: their means must span several periods
 BAND = 0.1  # of the range of an observable, about its middle: it must cross all of it to count as a crossing
-MATTERS = 0.1  # of the oscillation: a trend that over the whole span adds less is none that matters
+MATTERS = 0.1  # of the oscillation: a trend that adds less over the whole span does not matter
 ROUNDING = 1e-12  # of the energy scale: changes over a whole run below that are rounding
 
 
@@ -37,11 +37,11 @@ class Anatomy:
     periods: int
     span: float  # [s] of whole periods looked at
     oscillation: float  # [J] half the range within a period, median over periods
-    drift: Drift
+    trend: Trend
 
 
-def anatomy(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]]:
-    """One entry a long run, as in ``drift.json``; runs of fewer than ``PERIODS`` periods are left out."""
+def anatomy(folder: Path, records: Iterable[RunRecord]) -> tuple[Drift, ...]:
+    """One a long run; runs of fewer than ``PERIODS`` periods are left out."""
     out = []
     for r in sorted(records, key=lambda r: (r.problem, r.problem_parameters, r.solver, r.case)):
         if r.label != "long" and r.t_end_s < 100.0:
@@ -50,8 +50,8 @@ def anatomy(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]]:
         found = None if series is None else dissect(series)
         if found is None and r.label != "long":
             continue
-        out.append(_entry(r, found))
-    return out
+        out.append(_judged(r, found))
+    return tuple(out)
 
 
 def dissect(s: Series) -> Anatomy | None:
@@ -76,8 +76,8 @@ def split(t: Float[np.ndarray, " nt"], e: Float[np.ndarray, " nt"], marks: Float
     total = _integral(t, e, marks[::size])
     means = np.diff(total) / np.diff(marks[::size])
     span = float(marks[-1] - marks[0])
-    found = drift(means, span / blocks)
-    level = e - found.trend * t
+    found = trend_of(means, span / blocks)
+    level = e - found.slope * t
     at = np.searchsorted(t, marks)
     halves = [0.5 * np.ptp(level[a : b + 1]) for a, b in pairwise(at) if b > a]
     return Anatomy(blocks * size, span, float(np.median(halves)), found)
@@ -86,7 +86,7 @@ def split(t: Float[np.ndarray, " nt"], e: Float[np.ndarray, " nt"], marks: Float
 def period_marks(
     t: Float[np.ndarray, " nt"], observables: dict[str, Float[np.ndarray, " nt"]]
 ) -> Float[np.ndarray, " n"] | None:
-    """Times at which the most regular observable rises through its middle; None if none comes round often."""
+    """Times at which the most regular observable rises through its middle; None if none has enough periods."""
     best: tuple[float, np.ndarray] | None = None
     for _, a in sorted(observables.items()):
         if not np.all(np.isfinite(a)) or np.ptp(a) == 0.0:
@@ -125,67 +125,19 @@ def _integral(t: np.ndarray, e: np.ndarray, at: np.ndarray) -> np.ndarray:
     return whole[k] + x * e[k] + 0.5 * x**2 * (e[k + 1] - e[k]) / h[k]
 
 
-def _entry(r: RunRecord, found: Anatomy | None) -> dict[str, Any]:
-    entry: dict[str, Any] = {
-        "problem": r.problem,
-        "variant": r.case.split(" ")[0],
-        "solver": r.solver,
-        "case": r.case,
-        "run": r.settings_id,
-    }
+def _judged(r: RunRecord, found: Anatomy | None) -> Drift:
+    head = (r.problem, r.case.split(" ")[0], r.solver, r.case, r.settings_id, r.status)
     if found is None or r.claimed != "success":
-        names = (
-            "oscillation_J",
-            "trend_W",
-            "trend_low_W",
-            "trend_high_W",
-            "walk_J_per_sqrt_s",
-            "walk_low",
-            "walk_high",
-        )
-        failed = r.claimed != "success"
-        words = (
-            f"it ended with {r.status} at {r.t_reached_s:.4g} s"
-            if failed
-            else f"no motion that comes round more than {PERIODS} times in it"
-        )
-        nothing = dict.fromkeys(names, math.nan)
-        return {**entry, "periods": 0, "span_s": r.t_reached_s, **nothing,
-                "verdict": "failed" if failed else "too short", "words": words}  # fmt: skip
-    verdict, words = _told(r, found)
-    d = found.drift
-    return {
-        **entry,
-        "periods": found.periods,
-        "span_s": found.span,
-        "oscillation_J": found.oscillation,
-        "trend_W": d.trend,
-        "trend_low_W": d.trend_low,
-        "trend_high_W": d.trend_high,
-        "walk_J_per_sqrt_s": d.walk,
-        "walk_low": d.walk_low,
-        "walk_high": d.walk_high,
-        "verdict": verdict,
-        "words": words,
-    }
+        return Drift(*head, "failed" if r.claimed != "success" else "too short", r.t_reached_s)
+    t = found.trend
+    energy = (found.oscillation, t.slope, t.low, t.high, t.walk, t.walk_low, t.walk_high)
+    return Drift(*head, _verdict(r, found), found.span, found.periods, *energy)
 
 
-def _told(r: RunRecord, a: Anatomy) -> tuple[str, str]:
-    d = a.drift
-    most = max(abs(d.trend_low), abs(d.trend_high))
-    over = f"{a.periods} periods ({a.span:.4g} s)"
-    matters = max(MATTERS * a.oscillation, ROUNDING * r.energy_scale_J) / a.span
-    seen = d.trend_low > 0.0 or d.trend_high < 0.0
-    wander = f"; it wanders by {d.walk:.1e} J/sqrt(s) ({d.walk_low:.1e} to {d.walk_high:.1e})" if d.walk > 0.0 else ""
-    swing = f"swings by {a.oscillation:.2e} J"
-    if most <= matters:
-        detail = f"no trend: |trend| < {most:.1e} W at 95 %"
-        if seen:
-            detail = f"no trend that matters: {d.trend:.1e} W ({d.trend_low:.1e} to {d.trend_high:.1e})"
-        return "bounded", f"{swing}; {detail}, that is at most {most * a.span:.1e} J over {over}{wander}"
-    if seen:
-        adds = f"{d.trend:.2e} W ({d.trend_low:.2e} to {d.trend_high:.2e}), {d.trend * a.span:.2e} J over {over}"
-        return "trend", f"trend of {adds}; {swing}{wander}"
-    if d.walk > 0.0:
-        return "wanders", f"{swing}; no trend told from zero: |trend| < {most:.1e} W at 95 %, {over}{wander}"
-    return "undecided", f"{swing}; no trend seen, but it may be as large as {most:.1e} W at 95 % over {over}"
+def _verdict(r: RunRecord, a: Anatomy) -> Literal["bounded", "trend", "wanders", "undecided"]:
+    t = a.trend
+    if max(abs(t.low), abs(t.high)) * a.span <= max(MATTERS * a.oscillation, ROUNDING * r.energy_scale_J):
+        return "bounded"
+    if t.low > 0.0 or t.high < 0.0:
+        return "trend"
+    return "wanders" if t.walk > 0.0 else "undecided"

@@ -14,6 +14,8 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 from scipy.stats import theilslopes
 
+from ...results.judgements import FitKind
+
 AGREE = 0.15  # slopes of halvings that differ by less are one power: C dt^p (1 + K dt) at K dt = 0.1 bends by as much
 FLAT = 0.3  # a slope below this is a floor, not a power; so is a tail of finer steps that on the whole gains no more
 FEWEST = 3  # slopes that must agree, four steps
@@ -25,7 +27,7 @@ LEVEL = 0.95
 class Fit:
     """``order`` with its interval over the points ``used``; ``kind`` says what the ladder looks like."""
 
-    kind: str  # "power", "flat" (no error depends on the step), "lost" (not at the finest steps), "none"
+    kind: FitKind  # "flat": no error depends on the step; "lost": not a power at the finest steps
     order: float
     low: float
     high: float
@@ -52,7 +54,7 @@ def ladder(dt: Sequence[float], error: Sequence[float], small: float = 0.0) -> F
         return Fit("none", math.nan, math.nan, math.nan, nothing, math.nan, tuple(slopes))
     window = _longest_agreement(slopes)
     if window is None:
-        kind = "flat" if np.median(np.abs(slopes)) < FLAT else "none"
+        kind: FitKind = "flat" if np.median(np.abs(slopes)) < FLAT else "none"
         return Fit(kind, math.nan, math.nan, math.nan, nothing, math.nan, tuple(slopes))
     first, last = window  # slopes first..last agree: points first..last + 1
     used = tuple(first <= k <= last + 1 for k in range(len(x)))

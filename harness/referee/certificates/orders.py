@@ -1,9 +1,9 @@
 """Order certificates: for every ladder of steps or tolerances in a run, the order of each quantity with its interval.
 
-A ladder is all records of one problem, as posed, and one solver with the same options that differ in dt alone, or in
-rtol alone, but for those of the suite ``work``, whose few steps are wide apart and span long motions. With dt: the
-order in dt, held to what the solver declares. With rtol: the order achieved against the mean step, and beside it the
-exponent against rtol; solvers under error control declare no order.
+A ladder is all records of one variant and one solver with the same options that differ in dt alone, or in rtol alone;
+those of the suite ``work`` are left out, for their few steps are wide apart and span long motions. With dt: the order
+in dt, compared with the declared one. With rtol: the order achieved against the mean step, and the exponent against
+rtol; solvers under error control declare no order.
 """
 
 import json
@@ -12,20 +12,20 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 from ...catalogue import registry
 from ...metrics.scales import scales
+from ...results.judgements import Note, Order, OrderVerdict
 from ...results.records import RunRecord
 from .fitting import FEWEST, Fit, ladder, scattered
 
 CURVES = "work"  # label of runs that are points of a curve, not steps of a ladder
 WITHIN = 0.1  # of the declared order, on either side
 LOOSE = 0.2  # the whole interval must be within this of it
-EXACT = 1e-13  # of its scale: rounding of some thousand steps; what a tolerance of 1e-12 holds is above
-HELD = 1e-9  # of its scale: errors no larger at any step are held by a tolerance, not by the step
+EXACT = 1e-13  # of its scale: rounding of some thousand steps; a tolerance of 1e-12 leaves more
+HELD = 1e-9  # of its scale: errors no larger at any step are set by a tolerance, not by the step
 KEPT = 1e-7  # the same where errors are seen not to depend on the step at all
-OWN = 3.0  # times the reference's own error: below, errors are not told apart
+OWN = 3.0  # times the reference's own error: smaller errors cannot be told apart
 DIFFERENCED = 1e-7  # of the largest reaction: what sixth-order differences of the exact motion can be wrong by
 
 
@@ -98,9 +98,9 @@ QUANTITIES = (
 )  # fmt: skip
 
 
-def certify(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]]:
-    """One entry a ladder and quantity, as in ``certificates.json``; in the order of problems and solvers."""
-    return [entry for run in _ladders(records) for q in QUANTITIES if (entry := _certificate(run, q)) is not None]
+def certify(folder: Path, records: Iterable[RunRecord]) -> tuple[Order, ...]:
+    """One a ladder and quantity, in the order of problems and solvers."""
+    return tuple(o for run in _ladders(records) for q in QUANTITIES if (o := _certificate(run, q)) is not None)
 
 
 def _ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
@@ -115,58 +115,51 @@ def _ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
     return [run for run in runs if len(run) > FEWEST and not json.loads(run[0].problem_parameters).get("retrace")]
 
 
-def _certificate(run: Sequence[RunRecord], q: Quantity) -> dict[str, Any] | None:
+def _certificate(run: Sequence[RunRecord], q: Quantity) -> Order | None:
     done = [r for r in run if r.claimed == "success" and math.isfinite(q.of(r)) and r.steps > 0]
     if len(done) <= FEWEST:
         return None
-    fixed = run[0].control == "dt"
-    first = run[0]
+    first, fixed = run[0], run[0].control == "dt"
     scale = max(q.scale(r) for r in done)
     errors = [q.of(r) for r in done]
     steps = [r.dt_s if fixed else r.t_reached_s / r.steps for r in done]
     good = [q.own(r) < e < q.most * scale and not _cut(r) for r, e in zip(done, errors, strict=True)]
     fit, rate = _fitted(done, steps, errors, good, scale, fixed)
-    verdict = _verdict(fit, first.declared_order, fixed)
     if max(errors) == 0.0 and math.isnan(first.declared_order):
-        return None  # a quantity that does not move: nothing said of anybody
-    at_own = max(errors) > 0.0 and any(e <= q.own(r) for r, e in zip(done, errors, strict=True))
-    used = _spread(fit.used, good)
-    words = _words(verdict, fit, rate, steps, used, errors, q, first, fixed)
-    notes = []
-    if len(done) < len(run):
-        notes.append(f"{len(run) - len(done)} of {len(run)} runs did not finish")
-    if math.isnan(scale):
-        notes.append("the problem is not at hand: what its velocities are compared with is not known")
-    if verdict != "exact" and any(_cut(r) for r in done):
-        notes.append("steps that were cut are left out")
-    if verdict != "exact" and at_own:
-        notes.append("errors the reference cannot resolve are left out")
-    return {
-        "problem": first.problem,
-        "variant": _variant(first),
-        "solver": first.solver,
-        "case": _case(first),
-        "quantity": q.name,
-        "symbol": q.symbol,
-        "unit": q.unit,
-        "against": "dt" if fixed else "mean step",
-        "declared": first.declared_order if fixed else math.nan,
-        "order": fit.order,
-        "low": fit.low,
-        "high": fit.high,
-        "dt": steps,
-        "error": errors,
-        "used": used,
-        "floor": fit.floor,
-        "rtol": [r.rtol for r in done] if not fixed else [],
-        "exponent": rate.order,
-        "exponent_low": rate.low,
-        "exponent_high": rate.high,
-        "verdict": verdict,
-        "words": "; ".join([words, *notes]),
-        "t_end_s": first.t_end_s,
-        "runs": [r.settings_id for r in done],
-    }
+        return None  # a quantity that does not move
+    notes = {Note.NO_SCALE: math.isnan(scale)}
+    if fit.kind != "exact":
+        notes[Note.CUT] = any(_cut(r) for r in done)
+        notes[Note.UNRESOLVED] = max(errors) > 0.0 and any(e <= q.own(r) for r, e in zip(done, errors, strict=True))
+    return Order(
+        problem=first.problem,
+        variant=first.case.split(" ")[0],
+        solver=first.solver,
+        case=" ".join(w for w in first.case.split(" ")[1:] if not w.startswith(("dt=", "rtol="))),
+        quantity=q.name,
+        symbol=q.symbol,
+        unit=q.unit,
+        against="dt" if fixed else "mean step",
+        declared=first.declared_order if fixed else math.nan,
+        order=fit.order,
+        low=fit.low,
+        high=fit.high,
+        dt=tuple(steps),
+        error=tuple(errors),
+        used=_spread(fit.used, good),
+        floor=fit.floor,
+        rtol=() if fixed else tuple(r.rtol for r in done),
+        exponent=rate.order,
+        exponent_low=rate.low,
+        exponent_high=rate.high,
+        verdict=_verdict(fit, first.declared_order, fixed),
+        fit=fit.kind,
+        slopes=fit.left if any(fit.used) else fit.slopes,
+        unfinished=len(run) - len(done),
+        notes=tuple(n for n, there in notes.items() if there),
+        t_end_s=first.t_end_s,
+        settings_ids=tuple(r.settings_id for r in done),
+    )
 
 
 NOTHING = Fit("none", math.nan, math.nan, math.nan, (), math.nan, ())
@@ -206,16 +199,19 @@ def _cut(r: RunRecord) -> bool:
     return r.control == "dt" and r.steps != math.ceil(r.t_reached_s / r.dt_s - 1e-6)
 
 
-def _spread(used: Sequence[bool], good: Sequence[bool]) -> list[bool]:
-    """``used``, told of the good points, told of all."""
+def _spread(used: Sequence[bool], good: Sequence[bool]) -> tuple[bool, ...]:
+    """``used`` of the good points as one of all points."""
     of_good = iter(used)
-    return [next(of_good, False) if g else False for g in good]
+    return tuple(next(of_good, False) if g else False for g in good)
 
 
-def _verdict(fit: Fit, declared: float, fixed: bool) -> str:
-    if fit.kind in ("exact", "flat"):
-        still = "undecided" if math.isnan(declared) else "below declared"
-        return "exact" if fit.kind == "exact" else "floor" if math.isfinite(fit.floor) else still
+def _verdict(fit: Fit, declared: float, fixed: bool) -> OrderVerdict:
+    if fit.kind == "exact":
+        return "exact"
+    if fit.kind == "flat" and math.isfinite(fit.floor):
+        return "floor"
+    if fit.kind == "flat" and not math.isnan(declared):
+        return "below declared"
     if fit.kind != "power":
         return "undecided"
     if not fixed or math.isnan(declared):
@@ -225,54 +221,3 @@ def _verdict(fit: Fit, declared: float, fixed: bool) -> str:
     if fit.low > declared + WITHIN:
         return "above declared"
     return "below declared" if fit.high < declared - WITHIN else "undecided"
-
-
-def _words(
-    verdict: str,
-    fit: Fit,
-    rate: Fit,
-    steps: Sequence[float],
-    used: Sequence[bool],
-    errors: Sequence[float],
-    q: Quantity,
-    first: RunRecord,
-    fixed: bool,
-) -> str:
-    if verdict == "exact":
-        return f"no order to fit: at most {max(errors):.1e} {q.unit} at every step, which is rounding"
-    if verdict == "floor":
-        return f"no order to fit: at most {max(errors):.1e} {q.unit} at every step, held by the solver's own tolerance"
-    if fit.kind == "flat":
-        return f"does not depend on the step: about {sorted(errors)[len(errors) // 2]:.1e} {q.unit}"
-    slopes = ", ".join(f"{s:.2f}" for s in fit.slopes)
-    if fit.kind == "none" and not fit.slopes[FEWEST - 1 :]:
-        return f"fewer than {FEWEST + 1} steps whose errors can be fitted"
-    if fit.kind == "none":
-        return f"no range of steps in which the error is a power of them (slopes {slopes or 'none'})"
-    inside = [h for h, u in zip(steps, used, strict=True) if u]
-    over = f"over {len(inside)} {'steps' if fixed else 'mean steps'} of {max(inside):.3g} to {min(inside):.3g} s"
-    text = f"order {fit.order:.2f} ({fit.low:.2f} to {fit.high:.2f}) {over}"
-    left = f"finest {'slope' if len(fit.left) == 1 else 'slopes'} {', '.join(f'{s:.2f}' for s in fit.left)}"
-    if fit.kind == "lost":
-        return f"{text}, but the {left} {'does' if len(fit.left) == 1 else 'do'} not follow it, and no floor is seen"
-    if not fixed:
-        text += f"; error ~ rtol^{rate.order:.2f} ({rate.low:.2f} to {rate.high:.2f})" if rate.kind == "power" else ""
-    elif not math.isnan(first.declared_order):
-        text += f", declared {first.declared_order:g}"
-    coarser = sum(h > max(inside) for h in steps)
-    if coarser:
-        text += f"; {coarser} coarser {'step is' if coarser == 1 else 'steps are'} not yet in that range"
-    if not math.isfinite(fit.floor):
-        return text
-    if not fixed:
-        return f"{text}; floor at {fit.floor:.1e} {q.unit}"
-    return f"{text}; {left} left out: at the floor of {fit.floor:.1e} {q.unit}"
-
-
-def _variant(r: RunRecord) -> str:
-    return r.case.split(" ")[0]
-
-
-def _case(r: RunRecord) -> str:
-    """The words of a case without its step."""
-    return " ".join(w for w in r.case.split(" ")[1:] if not w.startswith(("dt=", "rtol=")))

@@ -24,26 +24,26 @@ PRIOR = 1.0 / (len(RATIOS) - 1)  # of each ratio above zero
 
 
 @dataclass(frozen=True)
-class Drift:
+class Trend:
     """Slope [unit/s] and wandering [unit/sqrt(s)], each with its interval; ``still`` is the probability of no walk."""
 
-    trend: float
-    trend_low: float
-    trend_high: float
+    slope: float
+    low: float
+    high: float
     walk: float
     walk_low: float
     walk_high: float
     still: float
 
 
-def drift(y: Float[np.ndarray, " blocks"], tau: float) -> Drift:
+def trend_of(y: Float[np.ndarray, " blocks"], tau: float) -> Trend:
     """From means of blocks of ``tau`` [s] that follow each other."""
     n = len(y)
     if n < FEWEST:
         raise ValueError(f"at least {FEWEST} blocks are needed (got {n})")
     size = float(np.max(np.abs(y - np.mean(y))))
     if size == 0.0:
-        return Drift(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+        return Trend(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
     scaled = (y - np.mean(y)) / size
     free = n - 2
     solve, information, log_det = _designs(n)
@@ -78,10 +78,10 @@ def drift(y: Float[np.ndarray, " blocks"], tau: float) -> Drift:
     )
     seen = still < 1.0 - LEVEL
     root = size / math.sqrt(tau)
-    return Drift(
-        trend=float(np.sum(weight * beta[:, 1])) * unit,
-        trend_low=low * unit,
-        trend_high=high * unit,
+    return Trend(
+        slope=float(np.sum(weight * beta[:, 1])) * unit,
+        low=low * unit,
+        high=high * unit,
         walk=walk_mid * root if seen else 0.0,
         walk_low=walk_low * root if seen else 0.0,
         walk_high=walk_high * root,

@@ -2,9 +2,9 @@
 
 A target is a variant and an accuracy, half decades of the mechanism's size. A solver reaches it with the run
 of least work, whatever its options, whose error is no larger: best-tuned means the lower envelope of the runs at hand.
-Targets nobody's reference can judge, below three times its own error, are left out; those a solver never reaches count
-as never reached, a refusal too. Runs whose success is contradicted reach nothing. Profiles count the variants that all
-were tried on and that are predictable to their end, points are of all. Profiles of default options only stand beside.
+Targets below three times the reference's own error cannot be judged and are left out; those a solver does not reach
+count as not reached, a refusal too. Wrong runs reach nothing. Profiles count the variants that all solvers were tried
+on and that are predictable to their end; points are of all variants. Further profiles count default options only.
 """
 
 import json
@@ -12,28 +12,28 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from ...results.judgements import Targets, Work, WorkPoint, WorkProfile
 from ...results.records import RunRecord
 from ...types import PREDICTABLE
-from .metamorphic import CHANGES
+from .symmetries import CHANGES
 
 TARGETS = tuple(10.0 ** (-0.5 * k) for k in range(2, 19))  # 1e-1 to 1e-9 of the size (of 1 rad)
 OWN = 3.0  # times the reference's own error: nothing is judged below
-EXACT = 1e-12  # of the size: positions everybody has to rounding compare nothing, orientations then do
+EXACT = 1e-12  # of the size: where all positions are exact to rounding, orientations are compared
 END = 1e-9
 FEWEST = 2  # solvers on a variant: fewer are no comparison
 JUDGED = 0.9  # of the simulated time: a chaotic rest costs work and is not compared
-REGULAR = 0.5  # of the variants: who was tried on fewer is a guest, whose absence elsewhere leaves no variant out
+REGULAR = 0.5  # of the variants: a solver tried on fewer leaves no variant out by its absence
 
 
-def _operations(r: RunRecord) -> float:
+def operations(r: RunRecord) -> float:
     """Evaluations plus factorisations; evaluations alone where a solver does not count the others."""
     return r.evaluations + (0.0 if math.isnan(r.factorisations) else r.factorisations)
 
 
 WORKS: Mapping[str, Callable[[RunRecord], float]] = {
-    "operations": _operations,
+    "operations": operations,
     "evaluations": lambda r: r.evaluations,
     "factorisations": lambda r: r.factorisations,
     "steps": lambda r: float(r.steps),
@@ -68,26 +68,25 @@ class Field:
         return tuple(target * self.size for target in TARGETS if target * self.size >= OWN * self.own)
 
 
-def work(folder: Path, records: Iterable[RunRecord]) -> dict[str, Any]:
-    """Points and profiles, as in ``work.json``."""
+def work(folder: Path, records: Iterable[RunRecord]) -> Work:
+    """Points, and profiles of the variants that can be compared."""
     fields = _fields(records)
     solvers = sorted({name for f in fields for name in f.tried})
     regular = {name for name in solvers if sum(name in f.tried for f in fields) >= REGULAR * len(fields)}
     counted = [f for f in fields if regular <= f.tried and f.predictable]
     compared = [name for name in solvers if any(name in f.tried for f in counted)]
-    return {
-        "points": [p for f in fields for p in _points(f)],
-        "profile": _profiles(counted, compared, lambda r: True),
-        "profile_default": _profiles(counted, compared, lambda r: r.solver_options == "{}"),
-        "targets": [{"variant": f.variant, "unit": f.unit, "own": f.own, "errors": list(f.targets)} for f in counted],
-    }
+    return Work(
+        tuple(p for f in fields for p in _points(f)),
+        _profiles(counted, compared, lambda r: True),
+        _profiles(counted, compared, lambda r: r.solver_options == "{}"),
+        tuple(Targets(f.variant, f.unit, f.own, f.targets) for f in counted),
+    )
 
 
 def _fields(records: Iterable[RunRecord]) -> list[Field]:
     groups: dict[tuple[str, str], list[RunRecord]] = {}
     for r in sorted(records, key=lambda r: (r.problem, r.case, r.finished)):
-        told = json.loads(r.problem_parameters)
-        if not ({*CHANGES, "perturb"} & set(told)):
+        if not ({*CHANGES, "perturb"} & json.loads(r.problem_parameters).keys()):
             groups.setdefault((r.problem, r.problem_parameters), []).append(r)
     fields = [f for own in groups.values() if (f := _field(own)) is not None]
     return [f for f in fields if len({r.solver for r in f.runs if _sound(r)}) >= FEWEST]
@@ -113,43 +112,28 @@ def _sound(r: RunRecord) -> bool:
     return r.status == "success" and r.t_reached_s >= r.t_end_s * (1.0 - END)
 
 
-def _points(f: Field) -> list[dict[str, Any]]:
+def _points(f: Field) -> list[WorkPoint]:
     out = []
     for r in f.runs:
         rivals = [q for q in f.runs if q.solver == r.solver and _sound(q)]
+        best = _sound(r) and not any(_beats(f, q, r) for q in rivals)
         out.append(
-            {
-                "problem": r.problem,
-                "variant": f.variant,
-                "solver": r.solver,
-                "case": r.case,
-                "run": r.settings_id,
-                "label": r.label,
-                "best": _sound(r) and not any(_beats(f, q, r) for q in rivals),
-                "status": r.status,
-                "error": f.error(r),
-                "error_kind": f.kind,
-                "unit": f.unit,
-                "energy_drift_J": r.energy_drift_max_J,
-                "phi_max": r.phi_max,
-                "cpu_s": r.cpu_median_s,
-                "steps": r.steps,
-                "evaluations": r.evaluations,
-                "factorisations": r.factorisations,
-                "operations": _operations(r),
-                "reference_own_error": f.own,
-            }
-        )
+            WorkPoint(r.problem, f.variant, r.solver, r.case, r.settings_id, r.label, best, r.status, f.error(r),
+                      f.kind, f.unit, r.energy_drift_max_J, r.phi_max, r.cpu_median_s, r.steps, r.evaluations,
+                      r.factorisations, operations(r), f.own)
+        )  # fmt: skip
     return out
 
 
 def _beats(f: Field, q: RunRecord, r: RunRecord) -> bool:
     """Whether ``q`` is no worse in error and work, and better in one."""
-    mine, theirs = (f.error(r), _operations(r)), (f.error(q), _operations(q))
+    mine, theirs = (f.error(r), operations(r)), (f.error(q), operations(q))
     return theirs[0] <= mine[0] and theirs[1] <= mine[1] and theirs != mine
 
 
-def _profiles(fields: Sequence[Field], solvers: Sequence[str], counts: Callable[[RunRecord], bool]) -> list[dict]:
+def _profiles(
+    fields: Sequence[Field], solvers: Sequence[str], counts: Callable[[RunRecord], bool]
+) -> tuple[WorkProfile, ...]:
     total = sum(len(f.targets) for f in fields)
     out = []
     for name, of in WORKS.items():
@@ -159,8 +143,7 @@ def _profiles(fields: Sequence[Field], solvers: Sequence[str], counts: Callable[
                 runs = [r for r in f.runs if r.solver == solver and _sound(r) and counts(r)]
                 for target in f.targets:
                     costs = [of(r) for r in runs if f.error(r) <= target and not math.isnan(of(r))]
-                    if costs:
-                        reached.append(min(costs))
+                    reached += [min(costs)] if costs else []
             if reached or name != "factorisations":
-                out.append({"solver": solver, "work": name, "total": total, "target_work": sorted(reached)})
-    return out
+                out.append(WorkProfile(solver, name, total, tuple(sorted(reached))))
+    return tuple(out)

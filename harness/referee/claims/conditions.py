@@ -1,7 +1,5 @@
-"""Which settings decide: a small decision over single dimensions and pairs of them, in words with counts.
-
-A verdict CONDITIONAL must name its conditions, and they are found in the map, not written by hand: one dimension that
-separates what holds from what does not, else two together, else the values and pairs that always or never hold.
+"""Which settings decide: one dimension that separates where a claim holds from where it does not, else two together,
+else the values and pairs with which it always or never holds. Conditions are found in the map, not written by hand.
 """
 
 import itertools
@@ -9,106 +7,53 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from ...results.judgements import Condition, Count, Decision
 from .maps import values_of
 
 Points = Sequence[tuple[Mapping[str, Any], bool]]
-MOST_NAMED = 4  # statements of each kind; the rest is in the map
-MOST_LISTED = 6  # combinations of a pair that are listed one by one
-SAID = {
-    "lambda_in_error_test": ("multipliers in the error test", "multipliers outside the error test"),
-    "velocities_in_error_test": ("velocities in the error test", "velocities outside the error test"),
-    "consistent_start": ("a consistent start", "a start from lambda = 0"),
-}
+MOST_NAMED = 4  # conditions of each kind; the rest is in the map
 
 
-def factors(points: Points) -> dict[str, dict[str, list[int]]]:
-    """For each dimension that varies, each value: ``[settings where it holds, settings]``."""
-    return {
-        name: {said(name, v): list(_count(points, {name: v})) for v in values}
-        for name, values in _varied(points).items()
-    }
+def factors(points: Points) -> dict[str, tuple[Count, ...]]:
+    """For each dimension that varies, the settings with each value."""
+    return {name: tuple(_by(points, name, values)) for name, values in _varied(points).items()}
 
 
-def decision(points: Points) -> str:
+def decision(points: Points) -> Decision:
     """What separates the settings where the claim holds from those where it does not."""
     names = _varied(points)
     everywhere = [n for n, values in names.items() if None not in values]  # others exist for some solvers only
     for size in (1, 2):
         for chosen in itertools.combinations(everywhere, size):
-            specs = _cross(points, {n: names[n] for n in chosen})
-            if all(held in (0, total) for _, held, total in specs):
-                return _separated(chosen, specs)
-    return _mixed(points, names)
-
-
-def said(name: str, value: Any) -> str:
-    """A value of a dimension in words: ``gain 5``, ``a consistent start``."""
-    if isinstance(value, bool):
-        yes, no = SAID.get(name, (name.replace("_", " "), f"no {name.replace('_', ' ')}"))
-        return yes if value else no
-    if value is None:
-        return f"no {name.replace('_', ' ')}"
-    if name in ("problem", "solver", "frame"):
-        return str(value)
-    return (
-        f"{name.replace('_', ' ')} {value:g}" if isinstance(value, int | float) else f"{name.replace('_', ' ')} {value}"
-    )
-
-
-def _separated(chosen: Sequence[str], specs: Sequence[tuple[Mapping[str, Any], int, int]]) -> str:
-    """Both sides by name where they are short, else the shorter one by name and the rest in a count."""
-    where = " and ".join(n.replace("_", " ") for n in chosen)
-    decides = "decides alone" if len(chosen) == 1 else "decide together"
-    yes, no = [c for c in specs if c[1]], [c for c in specs if not c[1]]
-    whole = len(specs) <= MOST_LISTED
-    holds = _listed(yes) if whole or len(yes) <= len(no) else f"all else ({_sums(yes)})"
-    fails = _listed(no) if whole or len(yes) > len(no) else f"anything else ({_sums(no)})"
-    return f"{where} {decides}: holds with {holds}, not with {fails}"
-
-
-def _listed(specs: Sequence[tuple[Mapping[str, Any], int, int]]) -> str:
-    more = f"; and {len(specs) - MOST_LISTED} more" if len(specs) > MOST_LISTED else ""
-    return "; ".join(f"{_said(at)} ({held} of {total})" for at, held, total in specs[:MOST_LISTED]) + more
-
-
-def _sums(specs: Sequence[tuple[Mapping[str, Any], int, int]]) -> str:
-    return f"{sum(c[1] for c in specs)} of {sum(c[2] for c in specs)}"
-
-
-def _mixed(points: Points, names: Mapping[str, list[Any]]) -> str:
-    """No one or two dimensions separate: values and pairs that always or never hold, then the most telling factor."""
-    parts = []
-    for word, wanted in (("always with", True), ("never with", False)):
-        pure: list[tuple[Mapping[str, Any], frozenset[int]]] = []
-        for size in (1, 2):
-            for chosen in itertools.combinations(names, size):
-                known = {n: [v for v in names[n] if v is not None] for n in chosen}
-                for at, held, total in _cross(points, known):
-                    here = _where(points, at)
-                    said_already = any(here <= wider for _, wider in pure)
-                    if held == (total if wanted else 0) and not said_already:
-                        pure.append((at, here))
-        pure.sort(key=lambda item: -len(item[1]))  # stable: ties stay in the order of the dimensions
-        counts = [(at, len(here)) for at, here in pure[:MOST_NAMED]]
-        listed = [f"{_said(at)} ({total if wanted else 0} of {total})" for at, total in counts]
-        if listed:
-            parts.append(f"{word} {'; '.join(listed)}")
+            found = _cross(points, {n: names[n] for n in chosen})
+            if all(c.holds in (0, c.settings) for c in found):
+                return Decision(chosen, tuple(found))
+    pure = (*_pure(points, names, True), *_pure(points, names, False))
     telling = [n for n in names if None not in names[n]] or list(names)
-    best = max(telling, key=lambda n: _told(points, n, names[n]), default="")
-    if best:
-        counted = ", ".join(f"{said(best, v)} {held} of {total}" for v, (held, total) in _by(points, best, names[best]))
-        parts.append(f"{best.replace('_', ' ')} tells most: {counted}")
-    return "; ".join(parts) or "no dimension varies"
+    return Decision((), pure, max(telling, key=lambda n: _information(points, _by(points, n, names[n])), default=""))
 
 
-def _told(points: Points, name: str, values: Sequence[Any]) -> float:
+def _pure(points: Points, names: Mapping[str, list[Any]], wanted: bool) -> list[Condition]:
+    """Values and pairs with which the claim always (or never) holds, those of most settings; none within another."""
+    found: list[tuple[Condition, frozenset[int]]] = []
+    for size in (1, 2):
+        for chosen in itertools.combinations(names, size):
+            for c in _cross(points, {n: [v for v in names[n] if v is not None] for n in chosen}):
+                here = _where(points, c.at)
+                if c.holds == (c.settings if wanted else 0) and not any(here <= wider for _, wider in found):
+                    found.append((c, here))
+    found.sort(key=lambda item: -item[0].settings)  # stable: ties stay in the order of the dimensions
+    return [c for c, _ in found[:MOST_NAMED]]
+
+
+def _information(points: Points, counts: Sequence[Count]) -> float:
     """How much is known about holding once the value is: the fall of entropy [bits]."""
-    rest = sum(total * _entropy(held, total) for _, (held, total) in _by(points, name, values))
-    return _entropy(sum(h for _, h in points), len(points)) - rest / len(points)
+    rest = sum(c.settings * _entropy(c.holds, c.settings) for c in counts)
+    return _entropy(sum(holds for _, holds in points), len(points)) - rest / len(points)
 
 
-def _entropy(held: int, total: int) -> float:
-    p = held / total if total else 0.0
+def _entropy(holds: int, total: int) -> float:
+    p = holds / total if total else 0.0
     return -sum(q * math.log2(q) for q in (p, 1.0 - p) if q > 0.0)
 
 
@@ -118,19 +63,14 @@ def _varied(points: Points) -> dict[str, list[Any]]:
     return {n: v for n, v in found.items() if len(v) > 1}
 
 
-def _by(points: Points, name: str, values: Sequence[Any]) -> list[tuple[Any, tuple[int, int]]]:
-    return [(v, _count(points, {name: v})) for v in values]
+def _by(points: Points, name: str, values: Sequence[Any]) -> list[Count]:
+    return [Count(v, *_count(points, {name: v})) for v in values]
 
 
-def _cross(points: Points, chosen: Mapping[str, Sequence[Any]]) -> list[tuple[dict[str, Any], int, int]]:
-    """Each combination that occurs, with the settings where it holds and all of them."""
-    out = []
-    for values in itertools.product(*chosen.values()):
-        at = dict(zip(chosen, values, strict=True))
-        held, total = _count(points, at)
-        if total:
-            out.append((at, held, total))
-    return out
+def _cross(points: Points, chosen: Mapping[str, Sequence[Any]]) -> list[Condition]:
+    """Each combination that occurs."""
+    found = [dict(zip(chosen, values, strict=True)) for values in itertools.product(*chosen.values())]
+    return [c for at in found if (c := Condition(at, *_count(points, at))).settings]
 
 
 def _count(points: Points, at: Mapping[str, Any]) -> tuple[int, int]:
@@ -144,7 +84,3 @@ def _where(points: Points, at: Mapping[str, Any]) -> frozenset[int]:
 
 def _equal(a: Any, b: Any) -> bool:
     return bool(a == b) and isinstance(a, bool) == isinstance(b, bool)
-
-
-def _said(at: Mapping[str, Any]) -> str:
-    return " and ".join(said(n, v) for n, v in at.items())

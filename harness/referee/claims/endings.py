@@ -1,12 +1,12 @@
 """How a run ended, and what can be concluded from one that was cut short.
 
 A run that got to its end or failed by itself is final. One that a clock, its memory or its budget of steps ended
-would have gone on, and one that took no step has no motion to be judged by: these settle only what they had settled.
+might have continued, and one that took no step has no motion to judge: these settle only what they had settled.
 """
 
 import math
-from enum import StrEnum
 
+from ...results.judgements import Ending
 from ...results.provisional import is_provisional
 from ...results.records import RunRecord
 from ...results.series import Series
@@ -16,15 +16,6 @@ from .register import Test
 
 LAST = 0.1  # of the steps taken: the pace of a run is that of these
 PATIENCE = 100.0  # budgets of steps: a run that would need more than these to its end is stuck
-
-
-class Ending(StrEnum):
-    """In the words that say why settings are left out."""
-
-    FINAL = "final"
-    MACHINE = "a limit on time or memory ended them, which another machine might not meet"
-    SLOW = "the budget of steps ended them while they were only slow"
-    NO_STEP = "they could not take a first step"
 
 
 def ending(record: RunRecord, series: Series | None = None) -> Ending:
@@ -59,7 +50,7 @@ def to_end(record: RunRecord, series: Series) -> float:
 
 
 def settled(test: Test, record: RunRecord, how: Ending, value: float) -> bool:
-    """Whether a run that ended so settles a test of its own number: going on would not change the finding."""
+    """Whether a run that ended so settles a test of its own number: running on would not change the finding."""
     if in_time(test, record, how):
         return True
     m = MEASURES[test.metric]

@@ -3,11 +3,11 @@
 import json
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
-from typing import Any
 
+from ...results.judgements import Ending
 from ...results.records import RunRecord
 from ...results.series import Series
-from .endings import Ending, by_budget, ending
+from .endings import by_budget, ending
 from .evidence import MEASURES, evaluate, evaluate_pair
 from .register import Test
 
@@ -64,15 +64,6 @@ def _key(settings: str, test: Test) -> Key:
     return settings, test.metric, json.dumps(dict(test.arguments), sort_keys=True)
 
 
-def shortened(value: float) -> float | None:
-    """Six digits, the same on machines that differ in the last bits; None for what is not a finite number."""
-    return float(f"{value:.6g}") if abs(value) < float("inf") else None
-
-
-def in_words(value: float, unit: Any) -> str:
-    """``0.031 J``; ``never`` for a time that does not come."""
-    if value != value:
-        return "no such number"
-    if value == float("inf"):
-        return "never" if unit == "s" else "unbounded"
-    return f"{value:.3g} {unit}".strip()
+def shortened(value: float) -> float:
+    """Six digits, the same on machines that differ in the last bits; NaN for what is not a finite number."""
+    return float(f"{value:.6g}") if abs(value) < float("inf") else float("nan")

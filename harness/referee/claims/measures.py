@@ -24,7 +24,7 @@ class Measure:
     """A function of (record, series, arguments) with the arguments it takes and those it cannot do without.
 
     ``until`` says which part of a run settles the number: ``to`` (or ``at``; without either the end), ``end``, or
-    ``known``: once there is a number, it stays. A number that ``grows`` can only become larger as a run goes on.
+    ``known``: once there is a number, it stays. A number that ``grows`` can only become larger as a run continues.
     """
 
     of: Callable[..., float]

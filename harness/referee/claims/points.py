@@ -9,15 +9,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from .endings import Ending, in_time, settled
+from ...results.judgements import Ending
+from .endings import in_time, settled
 from .evidence import MEASURES
 from .maps import Place, is_printed
 from .measured import Numbers
 from .measures import reached_end
 from .predicates import COMBINE, COMPARE, NEAREST, RATIOS
 from .register import Claim, Test
-
-NOTHING_TO_COMPARE = "fewer than two of their runs can be compared"
 
 
 @dataclass(frozen=True)
@@ -28,7 +27,7 @@ class Point:
     numbers: tuple[float, ...]  # one a test
     holds: bool | None  # None: left open
     printed: bool
-    left_out: str = ""  # why, where it is left open
+    left_out: Ending = Ending.FINAL  # why, where it is left open
     stopped: bool = False  # holds, and by a number that is endless because the run stopped
     met_at: tuple[Any, ...] = ()  # the values that meet the claim, where one along ``across`` suffices
 
@@ -61,7 +60,7 @@ def _point(claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequen
     holds = False if False in each else None if None in each else True
     printed = claim.map is not None and any(is_printed(p, claim.map.printed) for p in ordered)
     endless = any(map(math.isinf, found)) and not all(reached_end(numbers.records[p.spec.settings_id]) for p in ordered)
-    why = _why(claim, used, numbers) if holds is None else ""
+    why = _why(claim, used, numbers) if holds is None else Ending.FINAL
     return Point(tuple(ordered), found, holds, printed, why, bool(holds and endless))
 
 
@@ -96,9 +95,9 @@ def _ending(claim: Claim, p: Place, numbers: Numbers) -> Ending:
     return Ending.FINAL if claim.starting and how is Ending.NO_STEP else how
 
 
-def _why(claim: Claim, used: Sequence[Place], numbers: Numbers) -> str:
-    found = {_ending(claim, p, numbers) for p in used}
-    return next((str(how) for how in Ending if how in found and how is not Ending.FINAL), NOTHING_TO_COMPARE)
+def _why(claim: Claim, used: Sequence[Place], numbers: Numbers) -> Ending:
+    found = {_ending(claim, p, numbers) for p in used} - {Ending.FINAL}
+    return next((how for how in Ending if how in found), Ending.UNCOMPARED)
 
 
 def _partners(claim: Claim, p: Place, others: Sequence[Place]) -> list[Place]:

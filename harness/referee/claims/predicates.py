@@ -24,15 +24,6 @@ class Band:
         """How far outside, or (negative) how near to the end of the band; endless for no number."""
         return math.inf if math.isnan(value) else max(self.low - value, value - self.high)
 
-    def words(self, unit: str) -> str:
-        """``at least 0.05 m``."""
-        unit = f" {unit}" if unit else ""
-        if math.isinf(self.high):
-            return f"at least {self.low:g}{unit}"
-        if math.isinf(self.low):
-            return f"at most {self.high:g}{unit}"
-        return f"{self.low:g} to {self.high:g}{unit}"
-
 
 def _ratio(above: float, below: float) -> float:
     """above/below; 1 for two that are equally good. Two that are unbounded cannot be compared: both runs failed."""

@@ -4,76 +4,87 @@ What the keys mean and how to write one: ``docs/claims.md``.
 """
 
 import math
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
+
+from msgspec import Meta, field
 
 from ...catalogue.options import nearest
+from ...files import parse_toml, read_text
+from ...shapes import LARGEST, Shape, Text, shaped
 from .evidence import MEASURES
 from .predicates import COMBINE, COMPARE, NEAREST, Band
 
 REGISTER = Path(__file__).resolve().parents[3] / "results" / "claims.toml"
-LONGEST_QUOTE = 140  # a line of the paper, not a paragraph
-QUANTIFIERS = ("all", "some")
-RESULT, PRESENTATION = KINDS = (
-    "result",
-    "presentation",
-)  # a finding about solvers; a check that we pose what the paper does
-CLAIM_KEYS = (
-    "id", "section", "figure", "quote", "claim", "map", "against", "pair_by", "across", "quantifier", "tests",
-    "needs", "caveats", "kind", "starting",
-)  # fmt: skip
-TEST_KEYS = ("metric", "unit", "at_least", "at_most", "combine", "compare")
-MAP_KEYS = ("over", "dimensions", "printed")
-NEEDS = ("solver", "observable", "given")
+PRESENTATION = "presentation"  # a check that we present a problem as the paper does, no result about a solver
+CHOICES = {"metric": tuple(MEASURES), "combine": (*COMBINE, NEAREST, ""), "compare": (*COMPARE, "")}
+Names = str | tuple[str, ...]
 
 
 class ClaimsError(ValueError):
     """A register that cannot be judged by; the message is one line with the place."""
 
 
-@dataclass(frozen=True)
-class Test:
+class Test(Shape, frozen=True):
     """One measured number and the band it must lie in."""
 
     metric: str
-    arguments: Mapping[str, Any]
-    band: Band
     unit: str
+    at_least: Annotated[float, Meta(ge=-LARGEST)] = -math.inf
+    at_most: Annotated[float, Meta(le=LARGEST)] = math.inf
     combine: str = ""  # how the values along ``across`` become one
-    compare: str = ""  # how the value is set against those of the map ``against``
+    compare: str = ""  # how the value is compared with those of the map ``against``
+    arguments: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def band(self) -> Band:
+        return Band(self.at_least, self.at_most)
 
 
-@dataclass(frozen=True)
-class Map:
+class Map(Shape, frozen=True):
     """The runs a claim is tried on: a union of selections, the values each dimension must have, the printed ones."""
 
     name: str
-    over: tuple[Mapping[str, Any], ...]
-    dimensions: Mapping[str, int] = field(default_factory=dict)
-    printed: tuple[Mapping[str, Any], ...] = ()
+    over: Annotated[tuple[dict[str, Any], ...], Meta(min_length=1)]
+    dimensions: dict[str, Annotated[int, Meta(ge=1)]] = field(default_factory=dict)
+    printed: tuple[dict[str, Any], ...] = ()
 
 
-@dataclass(frozen=True)
-class Claim:
-    """One claim of the paper as data."""
+class Selection(Shape, frozen=True, forbid_unknown_fields=False):
+    """Settings of runs; other keys are dimensions."""
 
-    id: str
-    section: str
-    figures: tuple[int, ...]
-    quote: str
-    claim: str
-    tests: tuple[Test, ...]
-    map: Map | None
+    problem: Names
+    solver: Names
+
+
+class Need(Shape, frozen=True):
+    """What a claim cannot be tested without: a solver, an observable, or what only the authors have."""
+
+    why: Text
+    solver: str = ""
+    observable: str = ""  # ``problem.name``
+    given: str = ""
+
+
+class Claim(Shape, frozen=True):
+    """One claim of the paper."""
+
+    id: Text
+    section: Text
+    quote: Annotated[Text, Meta(max_length=140)]  # a line of the paper, not a paragraph
+    claim: Text
+    figure: tuple[Annotated[int, Meta(ge=1, le=12)], ...] = ()
+    tests: tuple[Test, ...] = ()
+    map: Map | None = None
     against: Map | None = None
     pair_by: tuple[str, ...] = ()
     across: str = ""
-    quantifier: str = "all"
-    needs: tuple[Mapping[str, str], ...] = ()
-    caveats: tuple[str, ...] = ()
-    kind: str = RESULT
+    quantifier: Literal["all", "some"] = "all"
+    needs: tuple[Need, ...] = ()
+    caveats: tuple[Text, ...] = ()
+    kind: Literal["result", "presentation"] = "result"
     starting: bool = False  # about starting: a run that took no step counts
 
 
@@ -86,165 +97,81 @@ class Register:
     solvers: Mapping[str, str]
 
 
+class _File(Shape, frozen=True):
+    claims: Annotated[tuple[dict[str, Any], ...], Meta(min_length=1)]
+    maps: dict[str, dict[str, Any]] = field(default_factory=dict)
+    solvers: dict[str, Text] = field(default_factory=dict)
+
+
 def read_register(path: Path = REGISTER) -> Register:
     """The register in ``path``, or ClaimsError."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ClaimsError(f"cannot read claims {path}: {getattr(error, 'strerror', None) or error}") from None
-    return parse_register(text, str(path))
+    return parse_register(read_text(path, "claims", ClaimsError), str(path))
 
 
 def parse_register(text: str, where: str = "claims") -> Register:
     """The register in ``text``; ``where`` names it in messages."""
-    try:
-        plain = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise ClaimsError(f"{where}: {error}") from None
-    _known(plain, ("solvers", "maps", "claims"), where)
-    solvers = _table(plain.get("solvers", {}), f"{where}: solvers")
-    for name, words in solvers.items():
-        _text(words, f"{where}: solvers.{name}")
-    given = _table(plain.get("maps", {}), f"{where}: maps")
-    maps = {name: _map(name, m, f"{where}: maps.{name}") for name, m in given.items()}
-    rows = plain.get("claims", [])
-    if not isinstance(rows, list) or not rows:
-        raise ClaimsError(f"{where}: at least one [[claims]] is needed")
-    claims: list[Claim] = []
-    for k, row in enumerate(rows):
-        at = f"{where}: claim {k + 1}"
-        if isinstance(row, dict) and isinstance(row.get("id"), str) and row["id"]:
-            at = f"{where}: claim {row['id']!r}"
+    file = shaped(parse_toml(text, where, ClaimsError), _File, where, ClaimsError)
+    maps = {name: _map(name, m, f"{where}: maps.{name}") for name, m in file.maps.items()}
+    claims: dict[str, Claim] = {}
+    for k, row in enumerate(file.claims):
+        at = f"{where}: claim {row['id']!r}" if isinstance(row.get("id"), str) else f"{where}: claim {k + 1}"
         claim = _claim(row, maps, at)
-        if any(c.id == claim.id for c in claims):
+        if claim.id in claims:
             raise ClaimsError(f"{at}: the id is taken")
-        claims.append(claim)
-    return Register(tuple(claims), maps, solvers)
+        claims[claim.id] = claim
+    return Register(tuple(claims.values()), maps, file.solvers)
 
 
-def _claim(row: Any, maps: Mapping[str, Map], at: str) -> Claim:
-    _known(_table(row, at), CLAIM_KEYS, at)
-    texts = {k: _text(row.get(k), f"{at}: {k}") for k in ("id", "section", "quote", "claim")}
-    if len(texts["quote"]) > LONGEST_QUOTE:
-        raise ClaimsError(f"{at}: quote has {len(texts['quote'])} characters, a line has {LONGEST_QUOTE}")
-    figures = row.get("figure", [])
-    if not isinstance(figures, list) or not all(isinstance(n, int) and 1 <= n <= 12 for n in figures):
-        raise ClaimsError(f"{at}: figure must be a list of numbers from 1 to 12 (got {figures!r})")
-    needs = _needs(row.get("needs", []), at)
-    tests = tuple(_test(t, f"{at}: test {k + 1}") for k, t in enumerate(_list(row.get("tests", []), f"{at}: tests")))
-    named = {k: _named_map(row[k], maps, f"{at}: {k}") for k in ("map", "against") if k in row}
-    if not needs and not (tests and "map" in named):
+def _claim(row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Claim:
+    tests = row.get("tests", [])
+    if isinstance(tests, list):
+        tests = [_test(t, f"{at}: test {k + 1}") if isinstance(t, dict) else t for k, t in enumerate(tests)]
+    named = {k: _named(row[k], maps, f"{at}: {k}") for k in ("map", "against") if k in row}
+    claim = shaped({**row, "tests": tests, **named}, Claim, at, ClaimsError)
+    for k, need in enumerate(claim.needs):
+        if sum(map(bool, (need.solver, need.observable, need.given))) != 1:
+            raise ClaimsError(f"{at}: needs {k + 1}: give one of solver, observable, given, and why")
+    if not claim.needs and not (claim.tests and claim.map):
         raise ClaimsError(f"{at}: a map and a test are needed, or needs, which says what is missing")
-    quantifier = row.get("quantifier", "all")
-    if quantifier not in QUANTIFIERS:
-        raise ClaimsError(f"{at}: quantifier must be all or some (got {quantifier!r})")
-    kind, starting = row.get("kind", RESULT), row.get("starting", False)
-    if kind not in KINDS:
-        raise ClaimsError(f"{at}: kind must be {' or '.join(KINDS)} (got {kind!r})")
-    if not isinstance(starting, bool):
-        raise ClaimsError(f"{at}: starting must be true or false (got {starting!r})")
-    across = row.get("across", "")
-    if len({t.combine == NEAREST for t in tests}) > 1:
+    if len({t.combine == NEAREST for t in claim.tests}) > 1:
         raise ClaimsError(f"{at}: combine = {NEAREST!r} goes with all tests or none: one and the same run meets them")
-    for k, t in enumerate(tests):
-        if bool(t.combine) != bool(across):
+    for k, t in enumerate(claim.tests):
+        if bool(t.combine) != bool(claim.across):
             raise ClaimsError(f"{at}: test {k + 1}: combine goes with across, and across with combine")
-        if bool(t.compare) != ("against" in named):
+        if bool(t.compare) != (claim.against is not None):
             raise ClaimsError(f"{at}: test {k + 1}: compare goes with against, and against with compare")
-    return Claim(
-        **{k: texts[k] for k in ("id", "section", "quote", "claim")},
-        figures=tuple(figures),
-        tests=tests,
-        map=named.get("map"),
-        against=named.get("against"),
-        pair_by=tuple(_list(row.get("pair_by", []), f"{at}: pair_by")),
-        across=across,
-        quantifier=quantifier,
-        needs=needs,
-        caveats=tuple(_text(c, f"{at}: caveats") for c in _list(row.get("caveats", []), f"{at}: caveats")),
-        kind=kind,
-        starting=starting,
-    )
+    return claim
 
 
-def _test(row: Any, at: str) -> Test:
-    given = dict(_table(row, at))
-    name = given.get("metric")
-    if name not in MEASURES:
-        raise ClaimsError(f"{at}: unknown metric {name!r}{nearest(str(name), list(MEASURES))}")
-    _known(given, (*TEST_KEYS, *MEASURES[name].takes), at)
-    for k in MEASURES[name].wants:
-        if k not in given:
-            raise ClaimsError(f"{at}: metric {name} needs {k}")
-    low, high = given.get("at_least", -math.inf), given.get("at_most", math.inf)
-    for k, v in (("at_least", low), ("at_most", high)):
-        if isinstance(v, bool) or not isinstance(v, int | float) or math.isnan(v):
-            raise ClaimsError(f"{at}: {k} must be a number (got {v!r})")
-    if math.isinf(low) and math.isinf(high):
+def _test(row: dict[str, Any], at: str) -> Test:
+    metric = row.get("metric", "")
+    for key, known in CHOICES.items():
+        if (given := row.get(key, known[-1])) not in known:
+            raise ClaimsError(f"{at}: unknown {key} {given!r}{nearest(str(given), [k for k in known if k])}")
+    takes, wants = (MEASURES[metric].takes, MEASURES[metric].wants) if metric else ((), ())
+    arguments = {k: v for k, v in row.items() if k in takes}
+    rest = {k: v for k, v in row.items() if k not in takes}
+    test = shaped({**rest, "arguments": arguments}, Test, at, ClaimsError)
+    for k in wants:
+        if k not in row:
+            raise ClaimsError(f"{at}: metric {metric} needs {k}")
+    if math.isinf(test.at_least) and math.isinf(test.at_most):
         raise ClaimsError(f"{at}: a band is needed: at_least, at_most or both")
-    if low > high:
-        raise ClaimsError(f"{at}: the band is empty: at_least {low:g} is above at_most {high:g}")
-    for key, known in (("combine", (*COMBINE, NEAREST)), ("compare", COMPARE)):
-        if key in given and given[key] not in known:
-            raise ClaimsError(f"{at}: {key} must be one of {', '.join(known)} (got {given[key]!r})")
-    if not isinstance(given.get("unit"), str):
-        raise ClaimsError(f"{at}: unit must be text, empty for a pure number (got {given.get('unit')!r})")
-    arguments = {k: v for k, v in given.items() if k in MEASURES[name].takes}
-    band = Band(float(low), float(high))
-    return Test(name, arguments, band, given["unit"], given.get("combine", ""), given.get("compare", ""))
+    if test.at_least > test.at_most:
+        raise ClaimsError(f"{at}: the band is empty: at_least {test.at_least:g} is above at_most {test.at_most:g}")
+    return test
 
 
-def _map(name: str, row: Any, at: str) -> Map:
-    _known(_table(row, at), MAP_KEYS, at)
-    over = _list(row.get("over", []), f"{at}: over")
-    if not over:
-        raise ClaimsError(f"{at}: over needs at least one selection")
-    for k, selection in enumerate(over):
-        _table(selection, f"{at}: selection {k + 1}")
-        for key in ("problem", "solver"):
-            if not isinstance(selection.get(key), str | list):
-                raise ClaimsError(f"{at}: selection {k + 1}: {key} must be a name or a list of names")
-    dimensions = _table(row.get("dimensions", {}), f"{at}: dimensions")
-    if not all(isinstance(n, int) and n > 0 for n in dimensions.values()):
-        raise ClaimsError(f"{at}: dimensions must be whole numbers > 0, how many values each has")
-    given = row.get("printed", [])
-    printed = [_table(p, f"{at}: printed") for p in (given if isinstance(given, list) else [given])]
-    return Map(name, tuple(over), dimensions, tuple(printed))
+def _map(name: str, row: dict[str, Any], at: str) -> Map:
+    printed = row.get("printed", [])
+    found = shaped({**row, "name": name, "printed": [printed] if isinstance(printed, dict) else printed}, Map, at,
+                   ClaimsError)  # fmt: skip
+    for k, selection in enumerate(found.over):
+        shaped(selection, Selection, f"{at}: selection {k + 1}", ClaimsError)
+    return found
 
 
-def _named_map(name: Any, maps: Mapping[str, Map], at: str) -> Map:
+def _named(name: Any, maps: Mapping[str, Map], at: str) -> Map:
     if name not in maps:
         raise ClaimsError(f"{at}: unknown map {name!r}{nearest(str(name), list(maps))}")
     return maps[name]
-
-
-def _needs(given: Any, at: str) -> tuple[Mapping[str, str], ...]:
-    for k, need in enumerate(_list(given, f"{at}: needs")):
-        _known(_table(need, f"{at}: needs {k + 1}"), (*NEEDS, "why"), f"{at}: needs {k + 1}")
-        if sum(key in need for key in NEEDS) != 1 or "why" not in need:
-            raise ClaimsError(f"{at}: needs {k + 1}: give one of {', '.join(NEEDS)}, and why")
-    return tuple(given)
-
-
-def _known(given: Mapping[str, Any], known: tuple[str, ...], at: str) -> None:
-    for key in given:
-        if key not in known:
-            raise ClaimsError(f"{at}: unknown key {key!r}{nearest(key, list(known))}")
-
-
-def _table(given: Any, at: str) -> Mapping[str, Any]:
-    if not isinstance(given, dict):
-        raise ClaimsError(f"{at}: expected a table (got {given!r})")
-    return given
-
-
-def _list(given: Any, at: str) -> list[Any]:
-    if not isinstance(given, list):
-        raise ClaimsError(f"{at}: expected a list (got {given!r})")
-    return given
-
-
-def _text(given: Any, at: str) -> str:
-    if not isinstance(given, str) or not given.strip():
-        raise ClaimsError(f"{at}: expected text (got {given!r})")
-    return given

@@ -1,29 +1,31 @@
-"""From the register, the runs of the suite and the records to a verdict with its evidence. Nothing is typed.
+"""From the register, the runs of the suite and the records to verdicts with their evidence.
 
-Pure: the same records in any order give the same verdicts. No time of a clock enters. Settings whose runs settle
-nothing are left out of the count and named (module points).
+Pure: the same records in any order give the same verdicts. No clock time enters. Settings whose runs settle nothing
+are left out of the count and named (module points).
 """
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
 
 from ...catalogue import registry
+from ...results.judgements import Because, Claim, Count, Ending, Gap, LeftOut, MapRow, Missing, Test, Value, Verdict
 from ...results.records import RunRecord
 from ...suites.spec import RunSpec
-from .conditions import decision, factors, said
+from . import register as given
+from .conditions import decision, factors
 from .maps import Place, place, select, values_of, varied
-from .measured import Numbers, SeriesOf, in_words, shortened
+from .measured import Numbers, SeriesOf, shortened
 from .points import Point, points
-from .register import Claim, Register, Test
+from .register import Register
 
-SUPPORTED, REFUTED, CONDITIONAL, UNTESTABLE = "SUPPORTED", "REFUTED", "CONDITIONAL", "UNTESTABLE"
-SHOWN = ("tolerance", "gain", "form", "chart", "lambda_in_error_test", "consistent_start", "frame")
+SHOWN = (
+    "tolerance", "gain", "form", "chart", "lambda_in_error_test", "consistent_start", "frame", "gauge", "sigma0",
+)  # fmt: skip
 
 
 def judge(
     register: Register, specs: Iterable[RunSpec], records: Iterable[RunRecord], series_of: SeriesOf
-) -> list[dict[str, Any]]:
+) -> tuple[Claim, ...]:
     """All verdicts, in the order of the register."""
     places = [place(c) for c in specs]
     numbers = Numbers(by_settings(records), series_of)
@@ -31,7 +33,7 @@ def judge(
     numbers.gather(
         (p.spec.settings_id, t) for c in register.claims for p in (*tried[c.id][0], *tried[c.id][1]) for t in c.tests
     )
-    return [_judged(c, register, *tried[c.id], numbers) for c in register.claims]
+    return tuple(_judged(c, register, *tried[c.id], numbers) for c in register.claims)
 
 
 def by_settings(records: Iterable[RunRecord]) -> dict[str, RunRecord]:
@@ -39,62 +41,57 @@ def by_settings(records: Iterable[RunRecord]) -> dict[str, RunRecord]:
     return {r.settings_id: r for r in sorted(records, key=lambda r: (r.finished, r.run_id))}
 
 
-def untestable(claim: Claim) -> list[str]:
-    """What the claim needs and nobody here has."""
+def untestable(claim: given.Claim) -> list[Missing]:
+    """What the claim needs and is not at hand."""
     out = []
     for need in claim.needs:
-        if "solver" in need and need["solver"] in registry.solvers():
+        problem, _, name = need.observable.partition(".")
+        if need.solver in registry.solvers():
             continue
-        if "observable" in need:
-            problem, _, name = need["observable"].partition(".")
-            if any(o.name == name for o in registry.make_problem(problem, {}).observables):
-                continue
-        out.append(need["why"])
+        if problem and any(o.name == name for o in registry.make_problem(problem, {}).observables):
+            continue
+        out.append(Missing(Gap.NEED, need.why))
     return out
 
 
-def _tried(claim: Claim, places: Sequence[Place]) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+def _tried(claim: given.Claim, places: Sequence[Place]) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
     own = select(places, claim.map.over) if claim.map else ()
     return own, select(places, claim.against.over) if claim.against else ()
 
 
 def _judged(
-    claim: Claim, register: Register, own: tuple[Place, ...], others: tuple[Place, ...], numbers: Numbers
-) -> dict[str, Any]:
+    claim: given.Claim, register: Register, own: tuple[Place, ...], others: tuple[Place, ...], numbers: Numbers
+) -> Claim:
     missing = untestable(claim) or _gaps(claim, own, others, numbers.records)
     found = [] if missing else points(claim, own, others, numbers)
     counted = [p for p in found if p.holds is not None]
-    if not missing:
-        missing = _unmeasured(claim, found, counted)
-    verdict = UNTESTABLE if missing else _verdict(claim, counted)
+    missing = missing or _unmeasured(claim, found, counted)
     shown = _shown(claim, counted)
-    first = claim.tests[0] if claim.tests else None
     values = [p.numbers[0] for p in counted]
-    return {
-        "id": claim.id,
-        "kind": claim.kind,
-        "section": claim.section,
-        "figure": ", ".join(map(str, claim.figures)),
-        "quote": claim.quote,
-        "claim": claim.claim,
-        "verdict": verdict,
-        "measured": shortened(shown.numbers[0]) if shown else None,
-        "measured_words": in_words(shown.numbers[0], first.unit) if shown and first else "nothing",
-        "measured_range": [shortened(min(values, key=_low)), shortened(max(values, key=_high))] if values else [],
-        "unit": first.unit if first else "",
-        "band": [shortened(first.band.low), shortened(first.band.high)] if first else [],
-        "tests": [_test_words(t, shown, k) for k, t in enumerate(claim.tests)],
-        "because": "; ".join(missing) if missing else _because(claim, register, found, counted),
-        "settings": _settings(own, others),
-        "runs": [p.spec.settings_id for p in (*own, *others)],
-        "factors": factors([_dimensions(claim, p) for p in counted]) if counted else {},
-        "map": [_row(claim, p, numbers.records) for p in found],
-        "missing": "; ".join(missing),
-        "caveats": list(claim.caveats),
-    }
+    return Claim(
+        claim.id,
+        claim.kind,
+        claim.section,
+        claim.figure,
+        claim.quote,
+        claim.claim,
+        Verdict.UNTESTABLE if missing else _verdict(claim, counted),
+        tuple(_test(t, shown, k) for k, t in enumerate(claim.tests)),
+        (shortened(min(values, key=_low)), shortened(max(values, key=_high))) if values else (),
+        _because(claim, register, found, decide=not missing),
+        tuple(missing),
+        claim.caveats,
+        _settings(own, others),
+        tuple(dict.fromkeys(p.spec.case for p in others)),
+        tuple(p.spec.settings_id for p in (*own, *others)),
+        factors([_dimensions(claim, p) for p in counted]) if counted else {},
+        tuple(_row(claim, p, numbers.records) for p in found),
+    )
 
 
-def _gaps(claim: Claim, own: Sequence[Place], others: Sequence[Place], records: Mapping[str, RunRecord]) -> list[str]:
+def _gaps(
+    claim: given.Claim, own: Sequence[Place], others: Sequence[Place], records: Mapping[str, RunRecord]
+) -> list[Missing]:
     """Runs or values that the map should have: a map with holes decides nothing."""
     out = []
     for m, places in ((claim.map, own), (claim.against, others)):
@@ -103,29 +100,25 @@ def _gaps(claim: Claim, own: Sequence[Place], others: Sequence[Place], records: 
         for name, wanted in m.dimensions.items():
             found = len(values_of(p.dimensions.get(name) for p in places))
             if found < wanted:
-                out.append(f"the suite has {found} of {wanted} values of {name} for the map {m.name}")
+                out.append(Missing(Gap.VALUES, name, m.name, found, wanted))
         absent = [p for p in places if p.spec.settings_id not in records]
-        if absent:
-            out.append(f"runs missing: {len(absent)} of {len(places)} of the map {m.name}, first {absent[0].spec.case}")
-        elif not places:
-            out.append(f"runs missing: the suite has none for the map {m.name}")
+        if absent or not places:
+            first = absent[0].spec.case if absent else ""
+            out.append(Missing(Gap.RUNS, first, m.name, len(places) - len(absent), len(places)))
     return out
 
 
-def _unmeasured(claim: Claim, found: Sequence[Point], counted: Sequence[Point]) -> list[str]:
+def _unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequence[Point]) -> list[Missing]:
     """What no run of the map has: a number that nowhere exists refutes nothing."""
     if not found:
-        return [f"no two runs of the map differ in {claim.across} alone"]
+        return [Missing(Gap.GROUPS, claim.across)]
     if not counted:
-        return ["no setting of the map settles it", *_left_out(found)]
-    return [
-        f"no run of the map has the number {t.metric!r} (test {k + 1})"
-        for k, t in enumerate(claim.tests)
-        if all(p.numbers[k] != p.numbers[k] for p in counted)
-    ]
+        return [Missing(Gap.SETTLED)]
+    absent = [t for k, t in enumerate(claim.tests) if all(p.numbers[k] != p.numbers[k] for p in counted)]
+    return [Missing(Gap.NUMBER, t.metric) for t in absent]
 
 
-def _shown(claim: Claim, counted: Sequence[Point]) -> Point | None:
+def _shown(claim: given.Claim, counted: Sequence[Point]) -> Point | None:
     """The setting whose numbers stand in the table: the first printed one, else the one that speaks most against it."""
     measurable = [p for p in counted if p.numbers[0] == p.numbers[0]] or list(counted)
     printed = next((p for p in measurable if p.printed), None)
@@ -133,84 +126,58 @@ def _shown(claim: Claim, counted: Sequence[Point]) -> Point | None:
     return printed or against
 
 
-def _verdict(claim: Claim, counted: Sequence[Point]) -> str:
-    held = sum(p.holds is True for p in counted)
-    if held == len(counted) or (held and claim.quantifier == "some"):
-        return SUPPORTED
-    return CONDITIONAL if held else REFUTED
+def _verdict(claim: given.Claim, counted: Sequence[Point]) -> Verdict:
+    holding = sum(p.holds is True for p in counted)
+    if holding == len(counted) or (holding and claim.quantifier == "some"):
+        return Verdict.SUPPORTED
+    return Verdict.CONDITIONAL if holding else Verdict.REFUTED
 
 
-def _dimensions(claim: Claim, p: Point) -> tuple[Mapping[str, Any], bool]:
+def _dimensions(claim: given.Claim, p: Point) -> tuple[Mapping[str, Value], bool]:
     return {k: v for k, v in p.places[0].dimensions.items() if k != claim.across}, p.holds is True
 
 
-def _because(claim: Claim, register: Register, found: Sequence[Point], counted: Sequence[Point]) -> str:
-    held, printed = [p for p in counted if p.holds], [p for p in counted if p.printed]
+def _because(claim: given.Claim, register: Register, found: Sequence[Point], decide: bool) -> Because:
+    counted = [p for p in found if p.holds is not None]
+    holding, printed = [p for p in counted if p.holds], [p for p in counted if p.printed]
+    met, left = Counter(v for p in holding for v in p.met_at), Counter(p.left_out for p in found if p.holds is None)
     solvers = values_of(q.dimensions["solver"] for p in found for q in p.places)
-    out = [register.solvers[s] for s in solvers if s in register.solvers]
-    out.append(f"holds in {len(held)} of {len(counted)} settings")
-    if claim.across:
-        out[-1] += f", each looked at across {claim.across}"
-    stopped = sum(p.stopped for p in held)
-    if stopped:
-        out.append(f"in {stopped} of these {len(held)} because a run did not get to its end")
-    if printed:
-        out.append(f"with what the paper prints in {sum(p.holds is True for p in printed)} of {len(printed)}")
-    met = Counter(v for p in held for v in p.met_at)
-    if met:
-        each = ", ".join(f"{said(claim.across, v)} in {met[v]}" for v in values_of(met))
-        out.append(f"one {claim.across} that meets it suffices: {each}")
-    if 0 < len(held) < len(counted):
-        out.append(decision([_dimensions(claim, p) for p in counted]))
-    return ". ".join(s[0].upper() + s[1:] for s in (*out, *_left_out(found), *claim.caveats)) + "."
+    mixed = decide and 0 < len(holding) < len(counted)
+    return Because(
+        holds=len(holding),
+        settings=len(counted),
+        across=claim.across,
+        stopped=sum(p.stopped for p in holding),
+        printed_holds=sum(p.holds is True for p in printed),
+        printed=len(printed),
+        met_at=tuple(Count(v, met[v], len(holding)) for v in values_of(met)),
+        decision=decision([_dimensions(claim, p) for p in counted]) if mixed else None,
+        left_out=tuple(LeftOut(why, left[why]) for why in Ending if left[why]),
+        stand_ins=tuple(register.solvers[s] for s in solvers if s in register.solvers),
+    )
 
 
-def _left_out(found: Sequence[Point]) -> list[str]:
-    """How many settings do not count, for each reason."""
-    reasons = Counter(p.left_out for p in found if p.holds is None)
-    return [f"{n} {'setting is' if n == 1 else 'settings are'} left out: {why}" for why, n in sorted(reasons.items())]
-
-
-def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, str]:
+def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, tuple[Value, ...]]:
     places = [*own, *others]
     if not places:
         return {}
-    out = {k: ", ".join(values_of(p.dimensions[k] for p in places)) for k in ("problem", "solver")}
-    for name, values in varied(own).items():
-        if name not in out:
-            out[name] = ", ".join(said(name, v).removeprefix(f"{name.replace('_', ' ')} ") for v in values)
-    if others:
-        out["against"] = ", ".join(dict.fromkeys(p.spec.case for p in others[:4])) + (" ..." if others[4:] else "")
-    return out
+    out = {k: tuple(values_of(p.dimensions[k] for p in places)) for k in ("problem", "solver")}
+    return out | {name: tuple(values) for name, values in varied(own).items() if name not in out}
 
 
-def _test_words(test: Test, shown: Point | None, k: int) -> dict[str, Any]:
-    how = " ".join(filter(None, (test.compare and f"({test.compare} of others)", test.combine and f"({test.combine})")))
-    at = ", ".join(f"{a} {v}" for a, v in test.arguments.items() if a != "partial")
-    return {
-        "metric": " ".join(filter(None, (test.metric, at and f"[{at}]", how))),
-        "band": test.band.words(test.unit),
-        "unit": test.unit,
-        "measured": shortened(shown.numbers[k]) if shown else None,
-        "measured_words": in_words(shown.numbers[k], test.unit) if shown else "nothing",
-    }
+def _test(test: given.Test, shown: Point | None, k: int) -> Test:
+    number = shown.numbers[k] if shown else float("nan")
+    low, high = (v if abs(v) < float("inf") else None for v in (test.at_least, test.at_most))
+    return Test(test.metric, test.arguments, test.combine, test.compare, test.unit, (low, high),
+                shortened(number), number == float("inf"))  # fmt: skip
 
 
-def _row(claim: Claim, p: Point, records: Mapping[str, RunRecord]) -> dict[str, Any]:
-    first, record = p.places[0], records[p.places[0].spec.settings_id]
+def _row(claim: given.Claim, p: Point, records: Mapping[str, RunRecord]) -> MapRow:
+    first = p.places[0]
     at = {k: first.dimensions[k] for k in SHOWN if k in first.dimensions and k != claim.across}
-    if "gauge" in first.dimensions:
-        at["form"] = f"gauge {first.dimensions['gauge']}, sigma0 {first.dimensions['sigma0']}"
-    more = f" and {len(p.places) - 1} more across {claim.across}" if len(p.places) > 1 else ""
-    return {
-        "run": first.spec.settings_id,
-        "case": first.spec.case + more,
-        **at,
-        "holds": p.holds,
-        "measured": shortened(p.numbers[0]),
-        "status": record.status,
-        "printed": p.printed,
-    }
+    settings_id = first.spec.settings_id
+    return MapRow(settings_id, first.spec.case, len(p.places) - 1, at, p.holds, shortened(p.numbers[0]),
+                  records[settings_id].status, p.printed)  # fmt: skip
 
 
 def _low(value: float) -> float:

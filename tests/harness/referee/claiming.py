@@ -2,6 +2,7 @@
 
 from mbsbench.harness.referee.claims.register import parse_register
 from mbsbench.harness.referee.claims.verdicts import judge
+from mbsbench.harness.results.judgements import Because, Claim, Verdict
 
 from .synthetic import HEAD, record, runs_of
 
@@ -34,6 +35,13 @@ over = [{ problem = "spherical_pendulum", solver = "gc_weak_form", step = 0.01, 
 """  # noqa: E501
 TEST = 'map = "m"\ntests = [{ metric = "column", name = "phi_max", at_most = 1.0, unit = "m" }]\n'
 CELLS = runs_of(SUITE)
+
+
+def judged(name, verdict, kind="result"):
+    """A claim with its verdict, judged from nothing."""
+    return Claim(
+        name, kind, "5.1", (1,), "words", name, Verdict(verdict), (), (), Because(0, 0), (), (), {}, (), (), {}, ()
+    )
 
 
 def options(spec):

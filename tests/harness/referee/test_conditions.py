@@ -3,6 +3,7 @@
 import itertools
 
 from mbsbench.harness.referee.claims.conditions import decision, factors
+from mbsbench.harness.results.judgements import Condition, Count
 
 DIMENSIONS = {
     "tolerance": [1e-3, 1e-4, 1e-6],
@@ -18,16 +19,18 @@ def points(holds):
 
 
 def test_one_dimension_that_decides_is_named_with_counts():
-    words = decision(points(lambda at: at["chart"] == "euler313"))
-    assert words == "chart decides alone: holds with chart euler313 (6 of 6), not with chart quaternion (0 of 6)"
+    found = decision(points(lambda at: at["chart"] == "euler313"))
+    assert found.by == ("chart",)
+    assert found.conditions == (Condition({"chart": "euler313"}, 6, 6), Condition({"chart": "quaternion"}, 0, 6))
 
 
 def test_two_dimensions_that_decide_together_are_named():
     """Neither alone separates; the two do."""
-    words = decision(points(lambda at: at["chart"] == "euler313" and at["lambda_in_error_test"]))
-    assert words.startswith("chart and lambda in error test decide together")
-    assert "holds with chart euler313 and multipliers in the error test (3 of 3)" in words
-    assert "chart euler313 and multipliers outside the error test (0 of 3)" in words
+    found = decision(points(lambda at: at["chart"] == "euler313" and at["lambda_in_error_test"]))
+    assert found.by == ("chart", "lambda_in_error_test") and len(found.conditions) == 4
+    assert [c for c in found.conditions if c.holds] == [
+        Condition({"chart": "euler313", "lambda_in_error_test": True}, 3, 3)
+    ]
 
 
 def test_a_mixed_map_names_what_always_and_never_holds():
@@ -37,20 +40,21 @@ def test_a_mixed_map_names_what_always_and_never_holds():
         return at["chart"] == "euler313" and at["lambda_in_error_test"] and at["tolerance"] == 1e-3
 
     extra = [({**at, "gain": g}, h if g else False) for at, h in points(holds) for g in (0.0, 5.0)]
-    words = decision(extra)
-    assert "never with chart quaternion (0 of 12)" in words and "tells most" in words
+    found = decision(extra)
+    assert found.by == () and found.telling
+    assert Condition({"chart": "quaternion"}, 0, 12) in found.conditions
 
 
 def test_the_same_settings_are_not_said_twice():
     """A dimension that follows from another (the solver's form) adds nothing."""
     both = [({**at, "form": at["chart"][:2]}, h) for at, h in points(lambda at: at["chart"] == "euler313")]
-    assert "form" not in decision(both)
+    assert decision(both).by == ("chart",)
 
 
 def test_factors_count_every_value():
     counts = factors(points(lambda at: at["chart"] == "euler313"))
-    assert counts["chart"] == {"chart euler313": [6, 6], "chart quaternion": [0, 6]}
-    assert counts["tolerance"]["tolerance 0.001"] == [2, 4]
+    assert counts["chart"] == (Count("euler313", 6, 6), Count("quaternion", 0, 6))
+    assert counts["tolerance"][-1] == Count(1e-3, 2, 4)
 
 
 def test_the_order_of_points_does_not_matter():

@@ -7,7 +7,7 @@ import pytest
 
 from mbsbench.harness.metrics.thinning import rows_to_keep
 from mbsbench.harness.referee.certificates.drift import MATTERS, dissect, period_marks, split
-from mbsbench.harness.referee.certificates.trend import FEWEST, drift
+from mbsbench.harness.referee.certificates.trend import FEWEST, trend_of
 from mbsbench.harness.results.series import Series
 
 PERIOD, PERIODS, STEPS = 2.0, 300, 40
@@ -35,42 +35,42 @@ def test_a_pure_oscillation_has_neither_trend_nor_walk():
     exact = 0.5 * np.ptp(2.0 * np.cos(2.0 * np.linspace(0, 2 * np.pi, 4000) + 0.3)
                          + 0.6 * np.sin(np.linspace(0, 2 * np.pi, 4000)))  # fmt: skip
     assert a.oscillation == pytest.approx(exact, rel=0.01)
-    assert a.drift.trend_low <= 0.0 <= a.drift.trend_high or abs(a.drift.trend) * a.span < 1e-6
-    assert max(abs(a.drift.trend_low), abs(a.drift.trend_high)) * a.span < 1e-3 * a.oscillation
-    assert a.drift.walk * math.sqrt(a.span) < 1e-3 * a.oscillation
+    assert a.trend.low <= 0.0 <= a.trend.high or abs(a.trend.slope) * a.span < 1e-6
+    assert max(abs(a.trend.low), abs(a.trend.high)) * a.span < 1e-3 * a.oscillation
+    assert a.trend.walk * math.sqrt(a.span) < 1e-3 * a.oscillation
 
 
 def test_a_trend_under_an_oscillation_a_thousand_times_its_change_a_period_is_found():
     """trend = 5e-4 of the swing a second, 0.3 of it over the run."""
     a = parts(*swinging(trend=-5e-4, noise=0.01))
-    assert a.drift.trend_low <= -5e-4 <= a.drift.trend_high
-    assert a.drift.trend_high < 0.0
-    assert a.drift.walk_low == 0.0
+    assert a.trend.low <= -5e-4 <= a.trend.high
+    assert a.trend.high < 0.0
+    assert a.trend.walk_low == 0.0
 
 
 def test_a_random_walk_is_found_and_is_no_trend():
     """It ends anywhere; the line through it is told from nothing in 5 of 100 cases only."""
     a = parts(*swinging(walk=0.05, seed=3))
-    assert a.drift.walk_low <= 0.05 <= a.drift.walk_high
-    assert a.drift.still < 0.05
-    assert a.drift.trend_low <= 0.0 <= a.drift.trend_high
+    assert a.trend.walk_low <= 0.05 <= a.trend.walk_high
+    assert a.trend.still < 0.05
+    assert a.trend.low <= 0.0 <= a.trend.high
 
 
 def test_a_trend_and_a_walk_are_told_apart():
     """Both seen in every one of eight runs, and in seven at least within both intervals."""
     held = 0
     for seed in range(5, 13):
-        d = parts(*swinging(trend=0.02, walk=0.05, seed=seed)).drift
-        assert d.trend_low > 0.0
+        d = parts(*swinging(trend=0.02, walk=0.05, seed=seed)).trend
+        assert d.low > 0.0
         assert d.still < 0.05
-        held += d.trend_low <= 0.02 <= d.trend_high and d.walk_low <= 0.05 <= d.walk_high
+        held += d.low <= 0.02 <= d.high and d.walk_low <= 0.05 <= d.walk_high
     assert held >= 7
 
 
 def test_a_beat_of_a_few_periods_is_no_walk():
     """Blocks of several periods average it out."""
     a = parts(*swinging(slow=0.2, noise=0.01))
-    assert max(abs(a.drift.trend_low), abs(a.drift.trend_high)) * a.span < MATTERS * a.oscillation
+    assert max(abs(a.trend.low), abs(a.trend.high)) * a.span < MATTERS * a.oscillation
 
 
 def test_thinning_that_keeps_extremes_moves_nothing():
@@ -80,8 +80,8 @@ def test_thinning_that_keeps_extremes_moves_nothing():
     keep = rows_to_keep(len(t), e, np.abs(e) ** 2, at_most=len(t) // 3)
     assert len(keep) < 0.5 * len(t)
     thin = parts(t[keep], e[keep], o[keep])
-    assert abs(thin.drift.trend - whole.drift.trend) < 1e-6
-    assert thin.drift.trend_low <= 2e-4 <= thin.drift.trend_high
+    assert abs(thin.trend.slope - whole.trend.slope) < 1e-6
+    assert thin.trend.low <= 2e-4 <= thin.trend.high
     assert thin.oscillation == pytest.approx(whole.oscillation, rel=0.05)
 
 
@@ -97,8 +97,8 @@ def test_intervals_hold_the_truth_as_often_as_they_say(trend, walk, noise):
     for _ in range(100):
         steps = walk / math.sqrt(20.0) * random.standard_normal(800)
         y = trend * np.arange(40) + np.cumsum(steps).reshape(40, 20).mean(axis=1) + noise * random.standard_normal(40)
-        d = drift(y, 1.0)
-        held_trend.append(d.trend_low <= trend <= d.trend_high)
+        d = trend_of(y, 1.0)
+        held_trend.append(d.low <= trend <= d.high)
         held_walk.append(d.walk_low <= walk <= d.walk_high)
         seen.append(d.walk_low > 0.0)
     assert np.mean(held_trend) >= 0.88
@@ -125,10 +125,10 @@ def test_ordinary_least_squares_would_have_promised_too_much():
 
 def test_nothing_at_all_has_no_drift():
     """An energy error that is exactly zero."""
-    d = drift(np.zeros(20), 1.0)
-    assert (d.trend, d.trend_low, d.trend_high, d.walk_high, d.still) == (0.0, 0.0, 0.0, 0.0, 1.0)
+    d = trend_of(np.zeros(20), 1.0)
+    assert (d.slope, d.low, d.high, d.walk_high, d.still) == (0.0, 0.0, 0.0, 0.0, 1.0)
     with pytest.raises(ValueError, match=f"at least {FEWEST}"):
-        drift(np.zeros(FEWEST - 1), 1.0)
+        trend_of(np.zeros(FEWEST - 1), 1.0)
 
 
 def series(t, e, **observables):

@@ -18,7 +18,7 @@ from mbsbench.harness.results import store
 from mbsbench.harness.suites.suite import Suite
 
 from ..conftest import Silent
-from .claiming import MAP, SUITE, TEST
+from .claiming import MAP, SUITE, TEST, judged
 from .synthetic import HEAD, record, runs_of
 
 CELLS = runs_of(SUITE)
@@ -90,16 +90,16 @@ def test_wrong_calls_are_one_line(made, capsys, tmp_path):
 
 
 def test_the_tally_is_that_of_results():
-    """That we pose a problem as the paper does is nothing found about a solver."""
-    rows = [{"kind": "result", "verdict": "REFUTED"}] * 2 + [{"kind": "presentation", "verdict": "SUPPORTED"}]
+    """That a problem is presented as in the paper says nothing about a solver."""
+    rows = [judged("a", "REFUTED")] * 2 + [judged("b", "SUPPORTED", "presentation")]
     words = "0 SUPPORTED, 0 CONDITIONAL, 2 REFUTED, 0 UNTESTABLE"
     assert command.tally(rows) == words + "; and checks of the presentation: 1 of 1 SUPPORTED"
     assert command.tally(rows[:2]) == words
 
 
 def test_claims_that_come_and_go_are_changes():
-    before = [{"id": "a", "verdict": "SUPPORTED"}, {"id": "b", "verdict": "REFUTED"}]
-    after = [{"id": "b", "verdict": "CONDITIONAL"}, {"id": "c", "verdict": "SUPPORTED"}]
+    before = [judged("a", "SUPPORTED"), judged("b", "REFUTED")]
+    after = [judged("b", "CONDITIONAL"), judged("c", "SUPPORTED")]
     assert [dataclasses.astuple(c) for c in judging.changes(before, after)] == [
         ("b", "REFUTED", "CONDITIONAL"),
         ("c", "", "SUPPORTED"),
@@ -161,7 +161,7 @@ def twice(tmp_path_factory):
     for jobs in (1, 2):
         folder = tmp_path_factory.mktemp(f"jobs{jobs}")
         loaded = run_suite(Request(part, folder, jobs), Silent(), LocalPool)
-        out.append(judge(few, runs_tried, loaded.records, partial(judging.series_of, folder)))
+        out.append(judge(few, runs_tried, loaded.records, partial(store.series_of, folder)))
     return out
 
 
@@ -170,8 +170,8 @@ def test_verdicts_are_the_same_with_one_and_two_processes(twice):
     """Two runs, each of its own processes: the same judgement, byte for byte."""
     first, second = map(judging.as_text, twice)
     assert first == second
-    assert {c["id"] for c in twice[0]} == set(CHEAP)
-    assert {c["verdict"] for c in twice[0]} == set(command.STYLE)
+    assert {c.id for c in twice[0]} == set(CHEAP)
+    assert {c.verdict for c in twice[0]} == set(command.STYLE)
 
 
 @pytest.mark.slow
@@ -180,8 +180,8 @@ def test_verdicts_are_those_published(twice):
     published = judging.read_claims(judging.PUBLISHED)
     if published is None:
         pytest.skip("nothing is published: mbsbench judge --publish")
-    known = {c["id"]: c["verdict"] for c in published}
-    assert {c["id"]: c["verdict"] for c in twice[0]} == {c: known.get(c) for c in CHEAP}
+    known = {c.id: c.verdict for c in published}
+    assert {c.id: c.verdict for c in twice[0]} == {c: known.get(c) for c in CHEAP}
 
 
 def newest_whole(runs, specs):
@@ -216,5 +216,5 @@ def test_the_newest_whole_run_is_judged_as_published():
     if found is None:
         pytest.skip("no whole run of the suite referee is in results/local: mbsbench run referee")
     folder, records = found
-    judged = judge(read_register(), specs, records, partial(judging.series_of, folder))
-    assert judging.changes(published, judged) == []
+    found = judge(read_register(), specs, records, partial(store.series_of, folder))
+    assert judging.changes(published, found) == []

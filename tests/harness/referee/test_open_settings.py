@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from mbsbench.harness.results.judgements import Ending, Gap, LeftOut
+from mbsbench.reports.model.claim_words import because
+
 from .claiming import CELLS, claim
 from .synthetic import record, series
 
@@ -23,17 +26,21 @@ def test_runs_ended_by_a_clock_are_left_out_and_named():
     """They would decide it, and another machine might let them go on: by a clock, out of memory, killed."""
     for columns in (CUT | {"steps": 8}, CUT | {"status": "memory"}):
         c = claim(records=one_of(columns))
-        assert c["verdict"] == "SUPPORTED" and "Holds in 11 of 11" in c["because"] and c["map"][0]["holds"] is None
-        assert "1 setting is left out: a limit on time or memory ended them" in c["because"]
+        assert c.verdict == "SUPPORTED" and "Holds in 11 of 11" in because(c) and c.map[0].holds is None
+        assert c.because.left_out == (LeftOut(Ending.MACHINE, 1),)
     killed = {"status": "crashed", "message": "the solver was done, but measuring its motion took more than 120 s"}
-    assert claim(records=one_of(killed | {"t_reached_s": float("nan")}))["verdict"] == "SUPPORTED"
+    assert claim(records=one_of(killed | {"t_reached_s": float("nan")})).verdict == "SUPPORTED"
 
 
 def test_a_budget_of_steps_ends_stuck_runs_and_interrupts_slow_ones():
     """Nine steps to 3 of 10 s, a hundred budgets are 900: at 0.01 s a step 700 more are needed, at 1e-3 s 7000."""
     slow, stuck = (claim(records=one_of(CUT), of=pace(last)) for last in (0.01, 1e-3))
-    assert slow["verdict"] == "SUPPORTED" and "only slow" in slow["because"] and slow["map"][0]["holds"] is None
-    assert stuck["verdict"] == "CONDITIONAL" and "left out" not in stuck["because"] and not stuck["map"][0]["holds"]
+    assert (
+        slow.verdict == "SUPPORTED"
+        and slow.because.left_out == (LeftOut(Ending.SLOW, 1),)
+        and slow.map[0].holds is None
+    )
+    assert stuck.verdict == "CONDITIONAL" and not stuck.because.left_out and not stuck.map[0].holds
 
 
 def test_what_a_slow_run_had_settled_counts():
@@ -52,14 +59,14 @@ def test_what_a_slow_run_had_settled_counts():
             t = np.append(np.linspace(0.0, 2.99, 9), 3.0) if r.t_reached_s == 3.0 else np.linspace(0.0, 10.0, 9)
             return series(t, phi_norm=np.full(len(t), phi))
 
-        assert claim(text, one_of(CUT), of)["map"][0]["holds"] is holds, (asked, phi)
+        assert claim(text, one_of(CUT), of).map[0].holds is holds, (asked, phi)
 
 
 @pytest.mark.parametrize(("band", "holds"), [("at_least = 5, at_most = 6", None), ("at_least = 1, at_most = 2", False)])
 def test_a_slow_run_stops_later_than_it_was_interrupted(band, holds):
     """At 3 s: it does not stop between 1 and 2 s; between 5 and 6 s it might."""
     text = f'map = "m"\ntests = [{{ metric = "stops at", {band}, unit = "s" }}]\n'
-    assert claim(text, one_of(CUT, {"phi_max": 0.5}), pace(0.01))["map"][0]["holds"] is holds
+    assert claim(text, one_of(CUT, {"phi_max": 0.5}), pace(0.01)).map[0].holds is holds
 
 
 def test_a_limit_is_passed_later_than_a_slow_run_was_interrupted():
@@ -75,7 +82,7 @@ def test_a_limit_is_passed_later_than_a_slow_run_was_interrupted():
             t = np.append(np.linspace(0.0, 2.99, 200), 3.0) if r.t_reached_s == 3.0 else np.linspace(0.0, 10.0, 200)
             return series(t, x=(t > leaves).astype(float))
 
-        assert claim(text, one_of(CUT), of)["map"][0]["holds"] is holds
+        assert claim(text, one_of(CUT), of).map[0].holds is holds
 
 
 def test_runs_that_took_no_step_are_left_out_and_named():
@@ -84,10 +91,10 @@ def test_runs_that_took_no_step_are_left_out_and_named():
     for band in ("at_most = 5", "at_least = 5"):
         text = f'map = "m"\ntests = [{{ metric = "stops at", {band}, unit = "s" }}]\n'
         c = claim(text, one_of(never))
-        assert c["map"][0]["holds"] is None
-        assert "1 setting is left out: they could not take a first step" in c["because"]
-        assert claim(text + "starting = true\n", one_of(never))["map"][0]["holds"] is (band == "at_most = 5")
-    assert claim(text, one_of(never | {"status": "refused"}))["map"][0]["holds"] is False
+        assert c.map[0].holds is None
+        assert c.because.left_out == (LeftOut(Ending.NO_STEP, 1),)
+        assert claim(text + "starting = true\n", one_of(never)).map[0].holds is (band == "at_most = 5")
+    assert claim(text, one_of(never | {"status": "refused"})).map[0].holds is False
 
 
 def test_a_comparison_with_a_run_cut_short_is_left_out():
@@ -102,12 +109,13 @@ def test_a_comparison_with_a_run_cut_short_is_left_out():
 
     for to, verdict in ((4.0, "UNTESTABLE"), (2.0, "SUPPORTED")):
         test = f'metric = "largest", series = "phi_norm", to = {to}, compare = "over largest", at_least = 1, unit = ""'
-        assert claim(f"{head}tests = [{{ {test} }}]\n", found, of)["verdict"] == verdict
+        assert claim(f"{head}tests = [{{ {test} }}]\n", found, of).verdict == verdict
 
 
 def test_no_setting_that_settles_it_is_untestable():
     c = claim(records=[record(x, phi_max=0.5, **CUT | {"steps": 8}) for x in CELLS])
-    assert c["verdict"] == "UNTESTABLE" and "12 settings are left out: a limit on time" in c["missing"]
+    assert c.verdict == "UNTESTABLE" and [m.gap for m in c.missing] == [Gap.SETTLED]
+    assert c.because.left_out == (LeftOut(Ending.MACHINE, 12),)
 
 
 def test_it_is_told_how_many_hold_because_a_run_stopped():
@@ -115,8 +123,7 @@ def test_it_is_told_how_many_hold_because_a_run_stopped():
     text = 'map = "m"\ntests = [{ metric = "loss", at_least = 1, unit = "m" }]\n'
     ends = [{"t_reached_s": 3.0, "steps": 9, "status": "diverged"}] * 2 + [{}] * len(CELLS)
     found = [record(x, position_error_max_m=2.0, **e) for x, e in zip(CELLS, ends, strict=False)]
-    assert (
-        "Holds in 12 of 12 settings. In 2 of these 12 because a run did not get to its end"
-        in claim(text, found)["because"]
+    assert "Holds in 12 of 12 settings. In 2 of these 12 because a run stopped before its end" in because(
+        claim(text, found)
     )
-    assert "because a run" not in claim(text, [record(x, position_error_max_m=2.0) for x in CELLS])["because"]
+    assert "because a run" not in because(claim(text, [record(x, position_error_max_m=2.0) for x in CELLS]))

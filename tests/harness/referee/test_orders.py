@@ -1,7 +1,6 @@
 """Orders are found where they are known: in made-up ladders, and in ladders of solvers, broken ones among them."""
 
 import dataclasses
-import json
 import math
 from pathlib import Path
 
@@ -14,8 +13,10 @@ from mbsbench.harness.execution.worker import run
 from mbsbench.harness.metrics.scales import scales
 from mbsbench.harness.referee.certificates.fitting import ladder, scattered
 from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify
+from mbsbench.harness.results.judgements import ORDERS, as_text, read
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
+from mbsbench.reports.pages.orders import words
 
 from .synthetic import bare
 
@@ -124,8 +125,8 @@ def made_up(column, errors, **columns):
 def test_a_certificate_has_two_sides(order, verdict):
     """Exact powers: within 0.1 of two is certified; what is higher is another order, said apart."""
     entry = by_quantity(made_up("position_error_max_m", 0.1 * DT**order))["position"]
-    assert entry["verdict"] == verdict
-    assert f"order {order:.2f}" in entry["words"] and "declared 2" in entry["words"]
+    assert entry.verdict == verdict
+    assert f"order {order:.2f}" in words(entry) and "declared 2" in words(entry)
 
 
 @pytest.mark.parametrize(("order", "wrong"), [(2.0, "above declared"), (2.0, "below declared"), (2.3, "certified")])
@@ -134,17 +135,17 @@ def test_noise_does_not_change_sides(order, wrong):
     random = np.random.default_rng(3)
     noise = np.exp(0.02 * random.standard_normal((100, 10)))
     found = [by_quantity(made_up("position_error_max_m", 0.1 * DT**order * n))["position"] for n in noise]
-    assert wrong not in {e["verdict"] for e in found}
+    assert wrong not in {e.verdict for e in found}
 
 
 def test_words_say_why_finest_slopes_are_left_out():
     """At a floor, with its level; or for no reason that is seen, and then the order is not certified."""
     lost = by_quantity(made_up("position_error_max_m", 0.1 * following(2.0, 2.0, 2.0, 2.0, 1.1)))["position"]
-    assert lost["verdict"] == "undecided"
-    assert "the finest slope 1.10 does not follow it, and no floor is seen" in lost["words"]
+    assert lost.verdict == "undecided"
+    assert "the finest slope 1.10 does not follow it, and no floor is seen" in words(lost)
     floored = by_quantity(made_up("position_error_max_m", 0.1 * following(2.0, 2.0, 2.0, 2.0, 1.1, 0.1)))["position"]
-    assert floored["verdict"] == "certified"
-    assert "finest slopes 1.10, 0.10 left out: at the floor of 1.8e-04 m" in floored["words"]
+    assert floored.verdict == "certified"
+    assert "finest slopes 1.10, 0.10 left out: at the floor of 1.8e-04 m" in words(floored)
 
 
 def test_what_steps_leave_unsolved_is_a_floor_and_nothing_above_it():
@@ -153,9 +154,9 @@ def test_what_steps_leave_unsolved_is_a_floor_and_nothing_above_it():
     for last, verdict in ((2.8e-6, "certified"), (3.0e-6, "undecided")):
         errors = last * shape / shape[-1]
         runs = [dataclasses.replace(r, solver="gc_weak_form") for r in made_up("position_error_max_m", errors)]
-        assert by_quantity(runs)["position"]["verdict"] == verdict
+        assert by_quantity(runs)["position"].verdict == verdict
         sharp = [dataclasses.replace(r, solver_options='{"tolerance": 1e-12}') for r in runs]
-        assert by_quantity(sharp)["position"]["verdict"] == "undecided"
+        assert by_quantity(sharp)["position"].verdict == "undecided"
 
 
 def test_velocities_have_scales_and_own_errors_of_their_unit():
@@ -176,7 +177,7 @@ def test_velocity_errors_the_reference_cannot_resolve_are_left_out():
     errors = 1e-2 * DT**2 / DT[0] ** 2
     entry = by_quantity(made_up("velocity_error_max_m_per_s", errors, reference_own_error_m=1e-6))["velocity"]
     told = [e > 3.0 * 1e-6 * 6.264 for e in errors]
-    assert entry["used"] == told and sum(told) == 5
+    assert entry.used == tuple(told) and sum(told) == 5
     assert sum(e > 3e-6 for e in errors) == 6
 
 
@@ -185,8 +186,8 @@ def test_a_problem_that_is_not_at_hand_has_no_order_in_velocity():
     runs = made_up("position_error_max_m", 0.1 * DT**2, velocity_error_max_m_per_s=1.0)
     runs = [dataclasses.replace(r, problem="gone") for r in runs]
     found = by_quantity(runs)
-    assert found["position"]["verdict"] == "certified"
-    assert found["velocity"]["verdict"] == "undecided" and "not at hand" in found["velocity"]["words"]
+    assert found["position"].verdict == "certified"
+    assert found["velocity"].verdict == "undecided" and "not at hand" in words(found["velocity"])
 
 
 def test_errors_that_do_not_depend_on_the_step_have_no_order():
@@ -239,7 +240,7 @@ def ran(tmp_path_factory):
 
 
 def by_quantity(records):
-    return {e["quantity"]: e for e in certify(NOWHERE, records)}
+    return {e.quantity: e for e in certify(NOWHERE, records)}
 
 
 SHARP = {"tolerance": 1e-12}
@@ -254,9 +255,9 @@ def test_ode_gc_is_certified_of_order_two(ran, problem, parameters, dt):
     """q, v, energy, |phi| and the reaction, within 0.1; |phi_dot| is held by the tolerance at every step."""
     found = by_quantity(ran(problem, "gc_weak_form", [dt / 2**k for k in range(6)], parameters, SHARP))
     for name in ("position", "orientation", "velocity", "angular velocity", "energy", "|phi|", "reaction"):
-        assert found[name]["verdict"] == "certified", found[name]["words"]
-        assert abs(found[name]["order"] - 2.0) < 0.1, name
-    assert found["|phi_dot|"]["verdict"] in ("floor", "exact")
+        assert found[name].verdict == "certified", words(found[name])
+        assert abs(found[name].order - 2.0) < 0.1, name
+    assert found["|phi_dot|"].verdict in ("floor", "exact")
 
 
 def test_without_the_b_term_no_order_is_certified(ran):
@@ -268,43 +269,46 @@ def test_without_the_b_term_no_order_is_certified(ran):
         ran("spherical_pendulum", "gc_weak_form", steps, away, {**SHARP, "gauge": "zero", "b_term": False})
     )
     for name in ("position", "velocity"):
-        assert sound[name]["verdict"] == "certified", sound[name]["words"]
-        assert broken[name]["verdict"] == "below declared", broken[name]["words"]
-        assert broken[name]["order"] < 1.2
+        assert sound[name].verdict == "certified", words(sound[name])
+        assert broken[name].verdict == "below declared", words(broken[name])
+        assert broken[name].order < 1.2
 
 
 def test_a_free_sphere_is_exact_and_has_no_order(ran):
     """One step of any size is the motion: said, not fitted."""
     entry = by_quantity(ran("torque_free_body", "gc_weak_form", [1.0, 0.5, 0.25, 0.125], {"t_end": 4.0}))["orientation"]
-    assert entry["verdict"] == "exact"
-    assert "no order to fit" in entry["words"]
-    assert math.isnan(entry["order"])
+    assert entry.verdict == "exact"
+    assert "no order to fit" in words(entry)
+    assert math.isnan(entry.order)
 
 
 def test_error_control_has_an_order_achieved_and_an_exponent(ran):
     """Runge-Kutta 5(4): fifth order in the mean step, and errors proportional to rtol."""
     runs = ran("heavy_top", "rk45_strong_form", [1e-5, 1e-6, 1e-7, 1e-8, 1e-9], {"t_end": 0.5}, control="rtol")
     entry = by_quantity(runs)["orientation"]
-    assert entry["verdict"] == "measured"
-    assert entry["against"] == "mean step"
-    assert 4.5 < entry["order"] < 5.6
-    assert 0.85 < entry["exponent"] < 1.15
-    assert math.isnan(entry["declared"])
+    assert entry.verdict == "measured"
+    assert entry.against == "mean step"
+    assert 4.5 < entry.order < 5.6
+    assert 0.85 < entry.exponent < 1.15
+    assert math.isnan(entry.declared)
 
 
 def test_runs_that_failed_or_cut_their_steps_are_not_fitted(ran):
     """Their error belongs to other steps than the one asked for."""
     runs = ran("spherical_pendulum", "gc_weak_form", [0.04 / 2**k for k in range(6)], {"t_end": 2.0}, SHARP)
     cut = [dataclasses.replace(runs[0], steps=runs[0].steps + 3), *runs[1:]]
-    assert not by_quantity(cut)["position"]["used"][0]
+    assert not by_quantity(cut)["position"].used[0]
     failed = [dataclasses.replace(runs[0], claimed="diverged"), *runs[1:]]
     entry = by_quantity(failed)["position"]
-    assert len(entry["dt"]) == 5
-    assert "1 of 6 runs did not finish" in entry["words"]
-    assert certify(NOWHERE, runs[:3]) == []
+    assert len(entry.dt) == 5
+    assert "1 of 6 runs did not finish" in words(entry)
+    assert certify(NOWHERE, runs[:3]) == ()
 
 
-def test_certificates_are_json(ran):
-    """Numbers, texts and lists; NaN is left to the writer."""
+def test_certificates_survive_their_file(ran, tmp_path):
+    """Written and read back they are the same, numbers that do not exist among them."""
     runs = ran("spherical_pendulum", "gc_weak_form", [0.04 / 2**k for k in range(6)], {"t_end": 2.0}, SHARP)
-    assert json.loads(json.dumps(certify(NOWHERE, runs)))[0]["runs"] == [r.settings_id for r in runs]
+    found = certify(NOWHERE, runs)
+    (tmp_path / "certificates.json").write_text(as_text(found))
+    assert repr(read(ORDERS, tmp_path)) == repr(found)
+    assert found[0].settings_ids == tuple(r.settings_id for r in runs)

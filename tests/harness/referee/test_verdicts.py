@@ -8,7 +8,8 @@ import pytest
 
 from mbsbench.harness.referee.claims.register import parse_register
 from mbsbench.harness.referee.claims.verdicts import judge
-from mbsbench.harness.referee.judge import as_text
+from mbsbench.harness.results.judgements import Count, Ending, LeftOut, as_text
+from mbsbench.reports.model.claim_words import because, missing
 
 from .claiming import CELLS, TEST, claim, options
 from .synthetic import HEAD, record, series
@@ -16,14 +17,14 @@ from .synthetic import HEAD, record, series
 
 def test_holding_everywhere_is_supported_and_worded_for_the_solver_run():
     c = claim()
-    assert c["verdict"] == "SUPPORTED" and c["measured"] == 0.5 and c["band"] == [None, 1.0] and c["unit"] == "m"
-    assert "not ode15i" in c["because"] and "12 of 12" in c["because"] and len(c["map"]) == 12
-    assert set(c["runs"]) == {x.settings_id for x in CELLS if x.solver == "ida_index1"}
+    assert c.verdict == "SUPPORTED" and c.tests[0].measured == 0.5 and c.tests[0].band == (None, 1.0)
+    assert "not ode15i" in because(c) and "12 of 12" in because(c) and len(c.map) == 12
+    assert set(c.settings_ids) == {x.settings_id for x in CELLS if x.solver == "ida_index1"}
 
 
 def test_holding_nowhere_is_refuted():
     c = claim(records=[record(x, phi_max=1.5) for x in CELLS])
-    assert c["verdict"] == "REFUTED" and "0 of 12" in c["because"]
+    assert c.verdict == "REFUTED" and "0 of 12" in because(c)
 
 
 def test_one_altered_number_flips_the_verdict():
@@ -31,44 +32,44 @@ def test_one_altered_number_flips_the_verdict():
     own = [c for c in CELLS if c.solver == "ida_index1"]
     for k in range(len(own)):
         c = claim(records=[record(x, phi_max=1.5 if x is own[k] else 0.5) for x in CELLS])
-        assert c["verdict"] == "CONDITIONAL"
-        assert [row["holds"] for row in c["map"]].count(False) == 1
-        assert next(row for row in c["map"] if not row["holds"])["run"] == own[k].settings_id
+        assert c.verdict == "CONDITIONAL"
+        assert [row.holds for row in c.map].count(False) == 1
+        assert next(row for row in c.map if not row.holds).settings_id == own[k].settings_id
 
 
 def test_conditional_names_the_planted_condition():
     """Runs in the paper's chart are bad: the chart is named, with counts, and what is printed counted apart."""
     c = claim(records=[record(x, phi_max=1.5 if options(x)["chart"] == "euler313" else 0.5) for x in CELLS])
-    assert c["verdict"] == "CONDITIONAL"
-    assert "Chart decides alone: holds with chart quaternion (6 of 6), not with chart euler313 (0 of 6)" in c["because"]
-    assert "what the paper prints in 0 of 2" in c["because"] and c["measured"] == 1.5
-    assert c["factors"]["chart"]["chart quaternion"] == [6, 6]
+    assert c.verdict == "CONDITIONAL"
+    assert "Chart decides alone: holds with chart quaternion (6 of 6), not with chart euler313 (0 of 6)" in because(c)
+    assert (c.because.printed_holds, c.because.printed) == (0, 2) and c.tests[0].measured == 1.5
+    assert c.factors["chart"][1] == Count("quaternion", 6, 6)
 
 
 def test_missing_runs_are_untestable_never_green():
     """One of twelve runs is not there: nothing is decided, and it is said what is missing."""
     c = claim(records=[record(x, phi_max=0.5) for x in CELLS[1:]])
-    assert c["verdict"] == "UNTESTABLE" and c["map"] == [] and "runs missing: 1 of 12" in c["missing"]
+    assert c.verdict == "UNTESTABLE" and c.map == () and "runs missing: 1 of 12" in missing(c)
 
 
 def test_a_suite_that_shrank_is_untestable():
     """Runs taken out of the suite leave the map with fewer values than the claim asks for."""
     small = [c for c in CELLS if options(c)["chart"] == "euler313"]
     c = claim(specs=small)
-    assert c["verdict"] == "UNTESTABLE" and "1 of 2 values of chart" in c["missing"]
+    assert c.verdict == "UNTESTABLE" and "1 of 2 values of chart" in missing(c)
 
 
 def test_a_number_that_nowhere_exists_refutes_nothing():
     c = claim(records=[record(x) for x in CELLS])
-    assert c["verdict"] == "UNTESTABLE" and "no run of the map has the number 'column'" in c["missing"]
+    assert c.verdict == "UNTESTABLE" and "no run of the map has the number 'column'" in missing(c)
 
 
 def test_some_needs_one_and_all_needs_all():
     """An existence claim is supported by one run; the map still says where."""
     found = [record(x, phi_max=0.5 if k == 0 else 1.5) for k, x in enumerate(CELLS)]
     c = claim(TEST + 'quantifier = "some"\n', found)
-    assert c["verdict"] == "SUPPORTED" and "1 of 12" in c["because"]
-    assert claim(TEST + 'quantifier = "some"\n', [record(x, phi_max=1.5) for x in CELLS])["verdict"] == "REFUTED"
+    assert c.verdict == "SUPPORTED" and "1 of 12" in because(c)
+    assert claim(TEST + 'quantifier = "some"\n', [record(x, phi_max=1.5) for x in CELLS]).verdict == "REFUTED"
 
 
 @pytest.mark.parametrize(
@@ -84,7 +85,7 @@ def test_some_needs_one_and_all_needs_all():
 def test_what_is_needed_is_looked_up(need, verdict):
     """A solver or an observable that joins the catalogue makes its claim testable without a change to the claim."""
     c = claim(TEST + f"needs = [{need}]\n")
-    assert c["verdict"] == verdict and (verdict == "SUPPORTED" or c["missing"])
+    assert c.verdict == verdict and (verdict == "SUPPORTED" or missing(c))
 
 
 def test_across_a_dimension_values_are_taken_in_order():
@@ -94,8 +95,8 @@ def test_across_a_dimension_values_are_taken_in_order():
     )
     falls = claim(text, [record(x, phi_max=(x.control.rtol or 1.0) ** 0.5) for x in CELLS])
     grows = claim(text, [record(x, phi_max=(x.control.rtol or 1.0) ** -0.5) for x in CELLS])
-    assert falls["verdict"] == "SUPPORTED" and len(falls["map"]) == 4 and "tolerance" not in falls["map"][0]
-    assert falls["measured"] == pytest.approx(1e-3**0.5, rel=1e-5) and grows["verdict"] == "REFUTED"
+    assert falls.verdict == "SUPPORTED" and len(falls.map) == 4 and "tolerance" not in falls.map[0].at
+    assert falls.tests[0].measured == pytest.approx(1e-3**0.5, rel=1e-5) and grows.verdict == "REFUTED"
 
 
 def test_two_failures_across_a_dimension_compare_nothing():
@@ -111,11 +112,9 @@ def test_two_failures_across_a_dimension_compare_nothing():
             ]
 
         c = claim(text, made(stopped))
-        assert [row["holds"] for row in c["map"]].count(None) == 2 and "2 settings are left out: fewer than" in c[
-            "because"
-        ]
+        assert [row.holds for row in c.map].count(None) == 2 and c.because.left_out == (LeftOut(Ending.UNCOMPARED, 2),)
         tight = [record(x, position_error_max_m=1.0, **(stopped if x.control.rtol == 1e-6 else {})) for x in CELLS]
-        assert claim(text, tight)["verdict"] == "SUPPORTED"
+        assert claim(text, tight).verdict == "SUPPORTED"
 
 
 def test_a_group_of_one_value_across_a_dimension_tests_nothing():
@@ -124,9 +123,9 @@ def test_a_group_of_one_value_across_a_dimension_tests_nothing():
         "map =", 'across = "tolerance"\nmap ='
     )
     few = [x for x in CELLS if options(x)["chart"] == "quaternion" or x.control.rtol in (None, 1e-3)]
-    assert len(claim(text, specs=few)["map"]) == 2
+    assert len(claim(text, specs=few).map) == 2
     none = claim(text, specs=[x for x in CELLS if x.control.rtol in (None, 1e-3)])
-    assert none["verdict"] == "UNTESTABLE"
+    assert none.verdict == "UNTESTABLE"
 
 
 def test_one_tolerance_that_meets_all_tests_suffices():
@@ -143,10 +142,10 @@ def test_one_tolerance_that_meets_all_tests_suffices():
         return record(x, phi_max=phi, phi_dot_max=phi_dot)
 
     c = claim(text, [both(x) for x in CELLS])
-    assert c["verdict"] == "CONDITIONAL" and "Holds in 2 of 4 settings" in c["because"]
-    assert "One tolerance that meets it suffices: tolerance 0.0001 in 2" in c["because"]
-    assert "chart decides alone" in c["because"].lower()
-    (row,) = {(r["case"].split()[2], r["measured"]) for r in c["map"] if r["holds"]}
+    assert c.verdict == "CONDITIONAL" and "Holds in 2 of 4 settings" in because(c)
+    assert "One tolerance that meets it suffices: tolerance 0.0001 in 2" in because(c)
+    assert "chart decides alone" in because(c).lower()
+    (row,) = {(r.case.split()[2], r.measured) for r in c.map if r.holds}
     assert row == ("rtol=0.0001", 0.5)
 
 
@@ -157,15 +156,15 @@ def test_against_others_the_worst_of_them_counts():
     def made(gc):
         return [record(x, phi_max=gc if x.solver == "gc_weak_form" else 1.0) for x in CELLS]
 
-    assert claim(text, made(0.5))["measured"] == 2.0 and claim(text, made(0.5))["verdict"] == "SUPPORTED"
-    assert claim(text, made(1.5))["verdict"] == "REFUTED"
+    assert claim(text, made(0.5)).tests[0].measured == 2.0 and claim(text, made(0.5)).verdict == "SUPPORTED"
+    assert claim(text, made(1.5)).verdict == "REFUTED"
 
 
 def test_several_tests_must_all_hold():
     """A good |phi| does not make up for a bad |phi_dot|, nor the other way round."""
     text = TEST.replace("}]", '}, { metric = "column", name = "phi_dot_max", at_most = 1.0, unit = "m/s" }]')
     for phi, phi_dot, verdict in ((0.5, 0.5, "SUPPORTED"), (0.5, 1.5, "REFUTED"), (1.5, 0.5, "REFUTED")):
-        assert claim(text, [record(x, phi_max=phi, phi_dot_max=phi_dot) for x in CELLS])["verdict"] == verdict
+        assert claim(text, [record(x, phi_max=phi, phi_dot_max=phi_dot) for x in CELLS]).verdict == verdict
 
 
 def test_pairs_share_the_dimensions_asked_for():
@@ -184,7 +183,7 @@ over = [{ problem = "spherical_pendulum", solver = "ida_index1", max_step = 0.01
     size = {"euler313": 1.0, "quaternion": 10.0}
     records = [record(x, phi_max=size[options(x)["chart"]] * (2.0 if x.control.rtol == 1e-3 else 1.0)) for x in CELLS]
     registers = [parse_register(split + HEAD + t) for t in (text, text.replace('pair_by = ["chart"]\n', ""))]
-    verdicts = [judge(r, CELLS, records, lambda _: None)[0]["verdict"] for r in registers]
+    verdicts = [judge(r, CELLS, records, lambda _: None)[0].verdict for r in registers]
     assert verdicts == ["SUPPORTED", "CONDITIONAL"]
 
 
@@ -197,15 +196,17 @@ def test_numbers_are_read_off_series():
         return lambda r: series(t, out_of_plane=np.where(t < leaves - 0.01, 0.0, 0.1))
 
     records = [record(x) for x in CELLS]
-    assert claim(text, records, of(6.0))["verdict"] == "SUPPORTED" and claim(text, records, of(6.0))["measured"] == 6.0
-    assert claim(text, records, of(6.1))["verdict"] == "REFUTED"
+    assert (
+        claim(text, records, of(6.0)).verdict == "SUPPORTED" and claim(text, records, of(6.0)).tests[0].measured == 6.0
+    )
+    assert claim(text, records, of(6.1)).verdict == "REFUTED"
 
 
 def test_the_newer_of_two_codes_counts():
     """The same settings run again: the verdict follows the later result."""
     old = [record(x, phi_max=1.5, finished="2026-01-01") for x in CELLS]
     new = [record(x, phi_max=0.5, finished="2026-01-02") for x in CELLS]
-    assert claim(records=[*new, *old])["verdict"] == "SUPPORTED" == claim(records=[*old, *new])["verdict"]
+    assert claim(records=[*new, *old]).verdict == "SUPPORTED" == claim(records=[*old, *new]).verdict
 
 
 def test_verdicts_do_not_depend_on_the_order_of_records():
@@ -224,4 +225,4 @@ def test_judgements_are_strict_json():
     c = claim(records=[record(x, phi_max=float("inf") if k == 0 else 0.5) for k, x in enumerate(CELLS)])
     text = as_text([c])
     assert json.loads(text, parse_constant=pytest.fail)[0]["map"][0]["measured"] is None
-    assert sum('"holds"' in line for line in text.splitlines()) == 12
+    assert sum('"settings_id"' in line for line in text.splitlines()) == 12

@@ -3,9 +3,12 @@
 import math
 import re
 
+from msgspec.structs import replace
+
+from mbsbench.harness.results.judgements import Condition, Decision, Verdict
+from mbsbench.reports.model.claim_words import band, because, decision, measured, missing, tried
 from mbsbench.reports.pages.claim_map import grids
-from mbsbench.reports.pages.claims import band_of, claims_of, counts, differences, verdict
-from mbsbench.reports.pages.judgement import Entry
+from mbsbench.reports.pages.claims import claims_of, counts, differences, verdict
 from mbsbench.reports.pages.links import links_of
 from mbsbench.reports.pages.svg import number_line, said, scale_for
 
@@ -15,7 +18,7 @@ NONE = links_of([])
 
 
 def rows():
-    return [Entry(row) for row in synthetic.claims(["aa01", "aa02"])]
+    return synthetic.claims(["aa01", "aa02"])
 
 
 def test_counts_are_those_of_the_file_and_name_absent_verdicts():
@@ -24,39 +27,63 @@ def test_counts_are_those_of_the_file_and_name_absent_verdicts():
     assert {m.word: n for m, n in counts([])}["refuted"] == 0
 
 
-def test_checks_of_the_variant_are_no_results():
+def test_checks_of_the_presentation_are_no_results():
     """They are on the page, but not in the tally of what was found about solvers."""
     found = claims_of(rows(), NONE)
-    assert [c.id for c in found if c.presentation] == ["posed-claim"] and len(found) == len(rows())
+    assert [c.of.id for c in found if c.presentation] == ["posed-claim"] and len(found) == len(rows())
     assert sum(n for _, n in counts(found)) == len(rows()) - 1
 
 
 def test_settings_left_open_are_not_counted_as_failing():
-    (third,) = [c for c in claims_of(rows(), NONE) if c.id == "third-claim"]
-    at = [e.flag("holds") for e in rows()[2].entries("map")]
+    third = rows()[2]
+    at = [m.holds for m in third.map]
     assert at.count(None) > 0
-    assert third.tried == f"{at.count(True)} of {len(at) - at.count(None)} settings hold, {at.count(None)} left out"
+    settles = len(at) - at.count(None)
+    assert tried(third) == f"holds in {at.count(True)} of {settles} settings, {at.count(None)} left out"
 
 
-def test_verdict_has_symbol_and_word_and_an_unknown_one_is_no_success():
-    symbols = {verdict(v).symbol for v in ("SUPPORTED", "REFUTED", "CONDITIONAL", "UNTESTABLE")}
-    assert len(symbols) == 4
-    assert verdict("PERHAPS").kind == "failed" and verdict("PERHAPS").word == "perhaps"
+def test_verdicts_have_a_symbol_and_a_word_each():
+    marks = [verdict(v) for v in Verdict]
+    assert len({m.symbol for m in marks}) == len({m.word for m in marks}) == 4
 
 
-def test_band_may_be_open_at_one_end_or_no_numbers():
-    assert band_of(Entry({"band": [None, 0.05]})) == (-math.inf, 0.05)
-    assert band_of(Entry({"band": {"low": 1.0}})) == (1.0, math.inf)
-    assert band_of(Entry({"band": "as printed"})) is None
-    assert band_of(Entry({"band": [None, None]})) is None
+def test_a_band_may_be_open_at_one_end():
+    assert band(synthetic.TEST) == "0 to 0.05 m"
+    assert band(replace(synthetic.TEST, band=(None, 0.05))) == "at most 0.05 m"
+    assert band(replace(synthetic.TEST, band=(1.0, None), unit="")) == "at least 1"
     assert said(0.02, -math.inf, 0.05, "m") == "measured 0.0200 m; band at most 0.0500 m"
+
+
+def test_a_number_that_does_not_exist_is_said_so():
+    none = replace(synthetic.TEST, measured=math.nan)
+    assert measured(none) == "not measured"
+    assert measured(replace(none, unbounded=True)) == "unbounded"
+    assert measured(replace(none, unbounded=True, unit="s")) == "never"
+    assert measured(replace(none, measured=12.0, unit="")) == "12"
+
+
+def test_conditions_are_worded_with_counts():
+    """One dimension that separates, two that do, and a mixed map."""
+    alone = Decision(("chart",), (Condition({"chart": "euler313"}, 6, 6), Condition({"chart": "quaternion"}, 0, 6)))
+    words = decision(synthetic.CLAIM, alone)
+    assert words == "chart decides alone: holds with chart euler313 (6 of 6), not with chart quaternion (0 of 6)"
+    flags = [Condition({"gain": 5.0, "lambda_in_error_test": on}, 3 * on, 3) for on in (True, False)]
+    words = decision(synthetic.CLAIM, Decision(("gain", "lambda_in_error_test"), tuple(flags)))
+    assert "decide together: holds with gain 5 and multipliers in the error test (3 of 3)" in words
+    mixed = because(rows()[2])
+    assert "always with gain 0 (6 of 6)" in mixed.lower() and "gain matters most: gain 0 6 of 6" in mixed
+    assert "settings are left out: the limit on steps ended them" in mixed
+
+
+def test_what_is_missing_is_named():
+    assert missing(rows()[3]) == "the commercial code; runs missing: 3 of 5 of the map m, first case 3"
 
 
 def diamond(svg) -> float:
     return float(re.search(r'class="dot[^"]*" d="M([\d.]+)', svg)[1])
 
 
-def band(svg) -> tuple[float, float]:
+def band_of(svg) -> tuple[float, float]:
     x, width = re.search(r'class="band" x="([\d.]+)" y="[\d.]+" width="([\d.]+)"', svg).groups()
     return float(x), float(x) + float(width)
 
@@ -65,7 +92,7 @@ def test_measured_mark_lies_in_the_band_exactly_when_the_number_does():
     """Also for numbers decades apart, at zero, below zero, and with an open end."""
     for low, high in ((0.0, 0.05), (-2.0, -1.0), (1e-9, 1e-3), (-math.inf, 0.3), (0.3, math.inf)):
         for value in (-1.5, 0.0, 1e-10, 0.04, 0.2, 4.0, 1e5):
-            left, right = band(number_line(value, low, high, "m", "good"))
+            left, right = band_of(number_line(value, low, high, "m", "good"))
             x = diamond(number_line(value, low, high, "m", "good"))
             assert (left - 0.2 <= x <= right + 0.2) == (low <= value <= high), (value, low, high)
 
@@ -79,26 +106,28 @@ def test_scales_keep_the_order_of_values():
 
 
 def test_map_has_a_place_for_every_setting_and_facets_only_for_what_varies():
-    at = [Entry(row) for row in synthetic.claims(["aa01"])[2]["map"]]
+    at = rows()[2].map
     found = grids(at, NONE)
     assert len(found) == 4  # two charts, two starts
     assert all(g.tolerances == ("0.001", "1e-05", "1e-07") and g.gains == ("0", "5", "20", "1/h") for g in found)
     assert sum(len(boxes) for g in found for row in g.rows for boxes in row) == len(at)
-    assert {g.title for g in found} >= {"euler313, consistent start", "quaternion, start not made consistent"}
+    assert {g.title for g in found} >= {
+        "chart euler313, a consistent start",
+        "chart quaternion, a start from lambda = 0",
+    }
     symbols = [b.mark.symbol for g in found for row in g.rows for boxes in row for b in boxes]
-    assert symbols.count("✓") == sum(e.flag("holds") is True for e in at)
+    assert symbols.count("✓") == sum(m.holds is True for m in at)
 
 
 def test_runs_that_share_a_place_are_all_there():
-    same = {"tolerance": 1e-3, "gain": 5.0, "holds": True}
-    found = grids([Entry(same | {"frame": "yawed"}), Entry(same | {"frame": "yawed", "holds": False})], NONE)
+    found = grids([synthetic.ROW, replace(synthetic.ROW, holds=False)], NONE)
     assert [b.mark.symbol for b in found[0].rows[0][0]] == ["✓", "✗"]
 
 
 def test_changed_verdicts_against_the_published_are_found_and_put_first():
     now = rows()
-    then = [Entry({**e.given, "verdict": "SUPPORTED"}) for e in now if e.text("id") != "fourth-claim"]
-    then.append(Entry({"id": "gone", "verdict": "REFUTED"}))
+    then = [replace(c, verdict=Verdict.SUPPORTED) for c in now if c.id != "fourth-claim"]
+    then.append(replace(synthetic.CLAIM, id="gone", verdict=Verdict.REFUTED))
     found = differences(now, then, claims_of(now, NONE))
     assert [d.id for d in found] == ["second-claim", "third-claim", "gone", "fourth-claim"]
     assert found[0].before.word == "supported" and found[0].after.word == "refuted"
@@ -106,7 +135,7 @@ def test_changed_verdicts_against_the_published_are_found_and_put_first():
 
 
 def test_a_place_that_many_runs_share_is_one_box_with_their_count():
-    many = [Entry({"tolerance": 1e-3, "gain": 5.0, "holds": k < 3, "case": f"case {k}"}) for k in range(8)]
+    many = [replace(synthetic.ROW, holds=k < 3, case=f"case {k}") for k in range(8)]
     (box,) = grids(many, NONE)[0].rows[0][0]
     assert (box.mark.symbol, box.mark.kind) == ("3/8", "failed")
     assert box.words.startswith("3 of 8 runs hold, 0 do not and stopped; first case 0")

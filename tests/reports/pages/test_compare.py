@@ -5,15 +5,17 @@ import json
 import math
 
 import pytest
+from msgspec.structs import replace
 
+from mbsbench.harness.results.judgements import Verdict
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.compare import changes, write_compare
-from mbsbench.reports.pages.judgement import Entry
 from mbsbench.reports.pages.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work
 
 from ..bundles import opened
 from ..conftest import HOSTILE, because, every_kind, put, record, series
 from .conftest import Outline
+from .synthetic import CLAIM
 
 
 def test_what_became_wrong_comes_before_what_got_better():
@@ -74,8 +76,8 @@ def test_work_is_a_ratio_and_timings_need_more_than_spread():
 
 
 def test_changed_verdicts_say_which_way():
-    before = [Entry({"id": k, "claim": k, "verdict": v}) for k, v in (("a", "SUPPORTED"), ("b", "REFUTED"))]
-    after = [Entry({"id": k, "claim": k, "verdict": v}) for k, v in (("a", "REFUTED"), ("b", "CONDITIONAL"))]
+    before = [replace(CLAIM, id=k, verdict=Verdict(v)) for k, v in (("a", "SUPPORTED"), ("b", "REFUTED"))]
+    after = [replace(CLAIM, id=k, verdict=Verdict(v)) for k, v in (("a", "REFUTED"), ("b", "CONDITIONAL"))]
     assert [(r.settings_id, r.worse) for r in claims(before, after)] == [("a", True), ("b", False)]
 
 

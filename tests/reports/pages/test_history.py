@@ -56,7 +56,7 @@ def test_runs_are_told_in_their_order_with_their_endings(three_runs, tmp_path):
 def test_page_of_three_commits(three_runs):
     html = render(three_runs, [history])["history.html"]
     assert "<script>alert" not in html and HOSTILE in Outline(html).text
-    assert "3 runs, 3 commits" in Outline(html).text and "no history yet" not in html
+    assert "3 folders, 3 commits" in Outline(html).text and "no history yet" not in html
 
 
 def test_one_commit_is_said(tmp_path, monkeypatch):

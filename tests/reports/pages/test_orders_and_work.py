@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.certificates import tally
-from mbsbench.reports.pages.drifts import anatomies, common_scale, parted
-from mbsbench.reports.pages.judgement import Entry
+from mbsbench.reports.pages.drifts import common_scale, parted, parts
 from mbsbench.reports.pages.links import links_of
 from mbsbench.reports.pages.orders import EARLY, FLOORED, USED, certificates, glance
 from mbsbench.reports.pages.scorecard import card
@@ -24,23 +24,19 @@ from . import synthetic
 NONE = links_of([])
 
 
-def entries(rows):
-    return [Entry(row) for row in rows]
-
-
 def test_points_left_out_of_a_fit_say_why():
     """Coarser than all used ones: pre-asymptotic; else on the floor."""
-    row = {"dt": [0.4, 0.2, 0.1, 0.05, 0.025], "error": [9.0, 0.04, 0.01, 1.1e-12, 1e-12], "floor": 1e-12,
-           "used": [False, True, True, False, False]}  # fmt: skip
-    (found,) = certificates(entries([row]), NONE)
+    order = replace(synthetic.ORDER, dt=(0.4, 0.2, 0.1, 0.05, 0.025), error=(9.0, 0.04, 0.01, 1.1e-12, 1e-12),
+                    floor=1e-12, used=(False, True, True, False, False), fit="power")  # fmt: skip
+    (found,) = certificates([order], NONE)
     assert [p.kind for p in found.points] == [EARLY, USED, USED, FLOORED, FLOORED]
 
 
 def test_drawn_fit_has_the_order_and_goes_through_the_points():
     """error = dt^2 exactly: the drawn line is that law."""
-    found = next(c for c in certificates(entries(synthetic.certificates(["aa01"])), NONE) if c.quantity == "q")
+    found = next(c for c in certificates(synthetic.orders(["aa01"]), NONE) if c.of.quantity == "q")
     (x0, y0), (x1, y1) = found.fit
-    assert math.log(y1 / y0) / math.log(x1 / x0) == pytest.approx(found.order)
+    assert math.log(y1 / y0) / math.log(x1 / x0) == pytest.approx(found.of.order)
     assert y0 == pytest.approx(x0**2) and y1 == pytest.approx(x1**2)
     assert found.interval == "1.98 to 2.02"
 
@@ -48,7 +44,7 @@ def test_drawn_fit_has_the_order_and_goes_through_the_points():
 def test_an_order_above_the_declared_one_has_a_mark_of_its_own_and_is_no_failure():
     """Neither certified nor failed: counted apart."""
     words = ("certified", "above declared", "above declared", "below declared", "undecided")
-    found = certificates(entries([{"verdict": w} for w in words]), NONE)
+    found = certificates([replace(synthetic.ORDER, verdict=w) for w in words], NONE)
     above = found[1].mark
     assert (above.word, above.kind) == ("above declared", "refused")
     assert above.symbol not in {c.mark.symbol for c in found if c.mark.word != "above declared"}
@@ -57,31 +53,30 @@ def test_an_order_above_the_declared_one_has_a_mark_of_its_own_and_is_no_failure
 
 def test_a_check_that_decides_nothing_is_no_success():
     """Its box says so, and it is not counted among those that hold."""
-    row = {"solver": "alpha", "check": "yaw", "variant": "p", "verdict": "holds", "words": ""}
-    found = card(entries([row, {**row, "verdict": "undecided"}]), NONE)
+    found = card([synthetic.SYMMETRY, replace(synthetic.SYMMETRY, verdict="undecided")])
     box = found.rows[0][1][0]
     assert (box.mark.word, box.mark.kind, box.tally) == ("not decided", "refused", "1 of 2")
 
 
 def test_trend_and_walk_are_shown_in_joules_over_the_run():
     """1e-5 W over 600 s is 6e-3 J; 1e-8 J/sqrt(s) over 600 s is 2.45e-7 J; about zero it is unsure."""
-    found = {a.solver: a for a in anatomies(entries(synthetic.drift(["aa01"])), NONE)}
-    swing, trend, walk = found["beta"].parts
+    found = {d.solver: d for d in synthetic.drift(["aa01"])}
+    swing, trend, walk = parts(found["beta"])
     assert (swing.size, trend.size) == (1e-3, pytest.approx(6e-3))
-    assert trend.sure and not found["alpha"].parts[1].sure
+    assert trend.sure and not parts(found["alpha"])[1].sure
     assert walk.size == pytest.approx(1e-8 * math.sqrt(600.0)) and not walk.sure
     scale = common_scale(list(found.values()))
     assert scale.low <= walk.size < trend.high <= scale.high
 
 
 def test_box_of_the_scorecard_shows_its_worst_outcome():
-    found = card(entries(synthetic.metamorphic(["aa01"])), NONE)
+    found = card(synthetic.symmetries(["aa01"]))
     boxes = {solver: dict(zip(found.checks, row, strict=True)) for solver, row in found.rows}
     assert boxes["alpha"]["time reversal"].mark.word == "broken" and boxes["alpha"]["time reversal"].tally == "1 of 2"
     assert boxes["alpha"]["yaw"].mark.word == "holds"
     assert boxes["gamma"]["yaw"].tally == ""  # what does not apply is not counted
     assert boxes["gamma"]["time reversal"] is None
-    assert boxes[synthetic.HOSTILE][synthetic.HOSTILE].mark.kind == "failed"  # a verdict nobody knows is no success
+    assert boxes[synthetic.HOSTILE][synthetic.HOSTILE].mark.kind == "refused"  # decides nothing
 
 
 def test_profile_rises_by_one_target_at_its_work():
@@ -91,7 +86,7 @@ def test_profile_rises_by_one_target_at_its_work():
     assert y == pytest.approx([0.0, 0.25, 0.25, 0.5, 0.5, 0.75])
     assert (work_at(p, 0.5), p.share) == (100.0, 0.75)
     assert math.isnan(work_at(p, 1.0))
-    plot = profile_plot(profiles(entries(synthetic.work(["aa01"])["profile"])), "evaluations")
+    plot = profile_plot(profiles(synthetic.work(["aa01"]).profile), "evaluations")
     assert len(plot.traces) == 3 and plot.x.log
 
 
@@ -111,9 +106,7 @@ def test_work_of_records_stands_in_until_it_is_judged(tmp_path):
 
 def test_best_settings_get_a_ring_and_zeros_stay_zeros(tmp_path):
     results = read_run_of(tmp_path)
-    found = next(
-        f for f in fields(results, entries(synthetic.work(["aa01"])["points"]), NONE) if f.variant == "pendulum"
-    )
+    found = next(f for f in fields(results, synthetic.work(["aa01"]).points, NONE) if f.variant == "pendulum")
     plots = plots_of(found)
     ring = next(t for t in plots["error-evaluations"].traces if t.hollow)
     assert ring.x == pytest.approx([1200.0]) and ring.y == pytest.approx([0.01])
@@ -129,17 +122,17 @@ def read_run_of(folder):
 
 def test_only_long_runs_are_shown_first():
     """Of 400, 30 and 0 periods: growth is judged by the long one; without long ones all are shown."""
-    rows = [{"case": str(n), "periods": n, "verdict": "bounded"} for n in (400, 30, 0)]
-    long, short, none = parted(anatomies(entries(rows), NONE))
-    assert ([a.case for a in long], [a.case for a in short], none) == (["400"], ["30"], 1)
-    long, short, none = parted(anatomies(entries(rows[1:]), NONE))
-    assert ([a.case for a in long], [a.case for a in short], none) == (["30"], [], 1)
+    rows = [replace(synthetic.DRIFT, periods=n) for n in (400, 30, 0)]
+    long, short, none = parted(rows)
+    assert ([a.periods for a in long], [a.periods for a in short], none) == ([400], [30], 1)
+    long, short, none = parted(rows[1:])
+    assert ([a.periods for a in long], [a.periods for a in short], none) == ([30], [], 1)
 
 
 def test_orders_at_a_glance_have_a_place_for_every_fixed_ladder_and_none_for_tolerances():
     ladders = (("alpha", "q", "dt"), ("alpha", "v", "dt"), ("beta", "v", "dt"), ("beta", "q", "mean step"))
-    rows = [{"solver": s, "variant": "p", "case": s, "quantity": q, "against": a, "order": 2.0} for s, q, a in ladders]
-    found = glance(certificates(entries(rows), NONE))
+    rows = [replace(synthetic.ORDER, solver=s, case=s, quantity=q, against=a) for s, q, a in ladders]
+    found = glance(certificates(rows, NONE))
     assert set(found.quantities) == {"q", "v"}
-    shown = {c.solver: [o and o.quantity for o in own] for c, own in found.rows}
+    shown = {c.solver: [o and o.of.quantity for o in own] for c, own in found.rows}
     assert sorted(shown["alpha"]) == ["q", "v"] and [o for o in shown["beta"] if o] == ["v"]

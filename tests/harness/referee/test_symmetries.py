@@ -1,4 +1,4 @@
-"""The scorecard tells what a solver keeps from what it does not: on solvers that keep it, and on planted breaks."""
+"""The scorecard separates symmetries that a solver keeps from those it breaks, planted breaks among them."""
 
 import dataclasses
 import json
@@ -9,13 +9,16 @@ import pytest
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.worker import run
-from mbsbench.harness.referee.certificates import metamorphic
-from mbsbench.harness.referee.certificates.metamorphic import Yardstick, _compared, scorecard
+from mbsbench.harness.referee.certificates import symmetries
+from mbsbench.harness.referee.certificates.symmetries import Yardstick, _compared, _made, scorecard
 from mbsbench.harness.referee.wrong import wrong
+from mbsbench.harness.results.judgements import Unjudged
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
+from mbsbench.harness.types import Law
+from mbsbench.reports.pages.scorecard import words
 
-from .synthetic import altered
+from .synthetic import altered, bare
 
 START = {"t_end": 0.5, "omega_z": 3.0}
 PENDULUM = "spherical_pendulum"
@@ -50,7 +53,7 @@ def told(folder):
 
 
 def card(folder, records):
-    return {e["check"]: e for e in scorecard(folder, records)}
+    return {e.title: e for e in scorecard(folder, records)}
 
 
 WAYS = ({"yaw": 0.7}, {"mirror": "X"}, {"retrace": True}, {"unit_mass": 1024.0}, {"renumber": 1})
@@ -60,17 +63,17 @@ def test_the_weak_form_keeps_its_symmetries_exactly(folder, told):
     """Frame about the vertical, mirror and the way back: as far as its steps are solved; one body has no order."""
     found = card(folder, told(*WAYS))
     for check in ("mirror image", "time reversal", "unit of mass x 1024"):
-        assert found[check]["verdict"] == "holds", found[check]["words"]
-        assert found[check]["exact"], found[check]["words"]
-    assert found["yaw"]["verdict"] == "holds"
-    assert found["renumbering"]["verdict"] == "not applicable"
+        assert found[check].verdict == "holds", words(found[check])
+        assert found[check].exact, words(found[check])
+    assert found["yaw"].verdict == "holds"
+    assert found["renumbering"].verdict == "not applicable"
 
 
 def test_a_one_sided_gauge_does_not_retrace_exactly(folder, told):
     """Break the physics: the zero gauge is second order all the same, but its way back is another one."""
     entry = card(folder, told({"retrace": True}, gauge="zero"))["time reversal"]
-    assert entry["exact"] is False, entry["words"]
-    assert "not exactly" in entry["words"] or entry["verdict"] == "broken"
+    assert entry.exact is False, words(entry)
+    assert "not exactly" in words(entry) or entry.verdict == "broken"
 
 
 def test_the_direction_decides_about_frames_and_units(folder, told):
@@ -78,22 +81,22 @@ def test_the_direction_decides_about_frames_and_units(folder, told):
     ways = ({"rotation": [0.3, -0.5, 0.7]}, {"unit_length": 1024.0})
     plain, sound = card(folder, told(*ways)), card(folder, told(*ways, direction="translation"))
     for check in ("rotation", "unit of length x 1024"):
-        assert plain[check]["exact"] is False
-        assert sound[check]["exact"] is True, sound[check]["words"]
+        assert plain[check].exact is False
+        assert sound[check].exact is True, words(sound[check])
 
 
 def test_an_error_controlled_solver_is_held_to_its_tolerance(folder, told):
     """All hold; nothing is said of exactness, as its steps differ."""
     found = card(folder, told(*WAYS[:3], {"duplicate": 1}, solver="ida_index1"))
-    assert {e["verdict"] for e in found.values()} == {"holds"}, [e["words"] for e in found.values()]
-    assert {e["exact"] for e in found.values()} == {None}
+    assert {e.verdict for e in found.values()} == {"holds"}, found
+    assert {e.exact for e in found.values()} == {None}
 
 
 def test_planar_motion_stays_planar_however_it_is_told(folder, told):
     """As it stands and yawed, each a row of its own."""
     found = card(folder, told({"yaw": 0.7}, start={"t_end": 0.5}))
     for check in ("planar symmetry", "planar symmetry, yaw"):
-        assert found[check]["verdict"] == "holds", found[check]["words"]
+        assert found[check].verdict == "holds", words(found[check])
 
 
 def test_a_planted_deviation_is_broken_and_wrong_though_it_succeeds(folder, told):
@@ -102,33 +105,33 @@ def test_a_planted_deviation_is_broken_and_wrong_though_it_succeeds(folder, told
     stranger = next(r for r in told({"yaw": 0.7}) if "yaw" in r.problem_parameters)
     planted = dataclasses.replace(records[-1], series=stranger.series, series_sha256=stranger.series_sha256)
     entry = card(folder, [*records[:-1], planted])["mirror image"]
-    assert entry["verdict"] == "broken"
-    assert entry["deviation"] > entry["bound"]
+    assert entry.verdict == "broken"
+    assert entry.deviation > entry.bound
     told_of = [*records[:-1], planted]
     found = wrong(told_of, scorecard(folder, told_of))
-    assert [e["run"] for e in found] == [planted.settings_id]
-    assert found[0]["because"][0].startswith("mirror image: ends elsewhere")
-    assert wrong(records, scorecard(folder, records)) == []
+    assert [e.settings_id for e in found] == [planted.settings_id]
+    assert [(b.law, b.name) for b in found[0].because] == [(Law.SYMMETRY, "mirror image")]
+    assert wrong(records, scorecard(folder, records)) == ()
 
 
 def test_refusals_failures_and_missing_ways_back_are_told_apart(folder, told):
     """Each with the solver's own words."""
     records = told({"duplicate": 1}, {"retrace": True})
     found = card(folder, records)
-    assert found["repeated joint"]["verdict"] == "refused"
-    assert "rank 3" in found["repeated joint"]["words"]
+    assert found["repeated joint"].verdict == "refused"
+    assert "rank 3" in words(found["repeated joint"])
     note = json.dumps(["the way back ended with diverged at 0.1 s: no"])
     lost = dataclasses.replace(records[-1], notes=note, return_error_m=float("nan"), return_error_rad=float("nan"))
     failed = dataclasses.replace(records[-1], status="diverged", claimed="diverged", message="no")
-    assert card(folder, [*records[:-1], lost])["time reversal"]["verdict"] == "failed"
-    assert "the way back" in card(folder, [*records[:-1], lost])["time reversal"]["words"]
-    assert card(folder, [*records[:-1], failed])["time reversal"]["verdict"] == "failed"
+    assert card(folder, [*records[:-1], lost])["time reversal"].verdict == "failed"
+    assert "the way back" in words(card(folder, [*records[:-1], lost])["time reversal"])
+    assert card(folder, [*records[:-1], failed])["time reversal"].verdict == "failed"
 
 
 def test_without_a_yardstick_nothing_is_judged(folder, told):
     """A deviation without a bound is no finding."""
     records = told({"mirror": "X"})
-    assert scorecard(folder, [records[0], records[-1]]) == []
+    assert scorecard(folder, [records[0], records[-1]]) == ()
 
 
 NAN = float("nan")
@@ -139,7 +142,7 @@ def test_half_a_way_back_is_none(folder, told, column):
     """Distance and angle are both needed, whichever is not a number."""
     records = told({"retrace": True})
     lost = dataclasses.replace(records[-1], **{column: NAN})
-    assert card(folder, [*records[:-1], lost])["time reversal"]["verdict"] == "failed"
+    assert card(folder, [*records[:-1], lost])["time reversal"].verdict == "failed"
 
 
 @pytest.mark.parametrize("pose", ["end_r", "end_R"])
@@ -147,37 +150,42 @@ def test_half_a_way_back_is_none(folder, told, column):
 def test_what_has_no_end_pose_is_no_success_of_a_check(folder, told, monkeypatch, whose, pose):
     """Not a number in the run told otherwise, at half the step, from the changed start, at a tenth: nothing holds."""
     records = told({"mirror": "X"})
-    read = metamorphic.store.series_of
+    read = symmetries.store.series_of
 
     def series_of(where, r):
         s = read(where, r)
         return altered(s, **{pose: np.full_like(s[pose], NAN)}) if r.run_id == records[whose].run_id else s
 
-    monkeypatch.setattr(metamorphic.store, "series_of", series_of)
+    monkeypatch.setattr(symmetries.store, "series_of", series_of)
     entry = card(folder, records)["mirror image"]
-    assert entry["verdict"] == "failed", entry["words"]
-    assert "no end pose" in entry["words"]
+    assert entry.verdict == "failed", words(entry)
+    assert entry.unjudged in (Unjudged.END, Unjudged.BOUND)
 
 
 def test_a_missing_series_is_a_failure_too(folder, told, monkeypatch):
     """Its file is lost: there is nothing to compare."""
     records = told({"mirror": "X"})
-    read = metamorphic.store.series_of
+    read = symmetries.store.series_of
     gone = records[-1].run_id
-    monkeypatch.setattr(metamorphic.store, "series_of", lambda where, r: None if r.run_id == gone else read(where, r))
-    assert card(folder, records)["mirror image"]["verdict"] == "failed"
+    monkeypatch.setattr(symmetries.store, "series_of", lambda where, r: None if r.run_id == gone else read(where, r))
+    assert card(folder, records)["mirror image"].verdict == "failed"
 
 
 def test_a_bound_above_the_size_decides_nothing_and_a_broken_row_says_by_how_much():
     """Any two ends of a mechanism are closer than that; 4 m of 2 m allowed is twice as much."""
     wide, narrow = Yardstick(0.2, 0.0, 1.0, 100, 1.0), Yardstick(0.02, 0.0, 1.0, 100, 1.0)
-    assert _compared(0.5, wide, "ends elsewhere")[0] == "undecided"
-    assert _compared(0.1, narrow, "ends elsewhere")[0] == "holds"
-    verdict, words = _compared(0.4, narrow, "ends elsewhere")
-    assert verdict == "broken" and "2 times the 2.0e-01 m allowed" in words
+    base = bare(solver_options="{}", case="p s")
+
+    def made(deviation, yard):
+        return _compared(_made(base, "yaw"), deviation, yard)
+
+    assert made(0.5, wide).verdict == "undecided"
+    assert made(0.1, narrow).verdict == "holds"
+    broken = made(0.4, narrow)
+    assert broken.verdict == "broken" and "2 times the 2.0e-01 m allowed" in words(broken)
     exact = Yardstick(1e-6, 5.0, 1.0, 100, 1.0)  # half the step decides nothing, but it is kept exactly
-    assert _compared(1e-6, exact, "ends elsewhere")[0] == "holds"
-    assert _compared(1e-4, exact, "ends elsewhere")[0] == "undecided"
+    assert made(1e-6, exact).verdict == "holds"
+    assert made(1e-4, exact).verdict == "undecided"
 
 
 def test_the_tighter_run_has_the_same_largest_step_and_is_chosen_by_its_settings(folder, told):
@@ -191,8 +199,8 @@ def test_the_tighter_run_has_the_same_largest_step_and_is_chosen_by_its_settings
     alone = card(folder, records)["mirror image"]
     for finished in ("0", "9"):
         coarse = dataclasses.replace(coarse, finished=finished)
-        assert card(folder, [*records, other, coarse])["mirror image"]["bound"] == alone["bound"]
-    assert scorecard(folder, [records[0], other, *records[2:]]) == []
+        assert card(folder, [*records, other, coarse])["mirror image"].bound == alone.bound
+    assert scorecard(folder, [records[0], other, *records[2:]]) == ()
 
 
 def test_growth_is_the_motions_own(folder, told):
@@ -200,8 +208,8 @@ def test_growth_is_the_motions_own(folder, told):
     loose = told({"retrace": True}, solver="ida_index1")
     moved = [dataclasses.replace(r, series=loose[1].series, series_sha256=loose[1].series_sha256)
              if "perturb" in r.problem_parameters else r for r in loose]  # fmt: skip
-    by = {e["solver"]: e["bound"] for e in scorecard(folder, [*told({"retrace": True}), *moved])}
-    alone = card(folder, moved)["time reversal"]["bound"]
+    by = {e.solver: e.bound for e in scorecard(folder, [*told({"retrace": True}), *moved])}
+    alone = card(folder, moved)["time reversal"].bound
     assert by["ida_index1"] < 0.1 * alone
 
 

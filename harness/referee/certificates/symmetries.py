@@ -1,11 +1,11 @@
-"""The metamorphic scorecard: what must hold of a solver whatever the motion is, so that no reference is needed.
+"""Symmetries of mechanics that a solver must keep whatever the motion is; no reference is needed.
 
-Each check compares two runs that differ in one thing the physics does not see: frame, mirror image, numbering, units, a
-joint told twice, or the direction of time. How far apart they may end is not chosen: it is ``SLACK`` times what the
-same solver's end moves by at a tenth of its tolerance, plus rounding times the growth of a start changed by 1e-10, plus
-for fixed steps ``HALVES`` times what it moves by at half the step. Two runs of one motion may differ by their errors,
-all solvers alike; whether a fixed step keeps a symmetry exactly, without that last part, is said beside the verdict.
-No verdict is made of what is not a finite number; a bound above the mechanism's size decides nothing.
+Each check compares two runs that differ in the presentation alone: frame, mirror image, numbering, units, a joint
+declared twice, or the direction of time. How far apart they may end is measured: ``SLACK`` times the change of the same
+solver's end at a tenth of its tolerance, plus rounding times the growth of a start changed by 1e-10, plus for fixed
+steps ``HALVES`` times the change at half the step. Two runs of one motion may differ by their errors; whether a fixed
+step keeps a symmetry exactly, without that last part, is stated beside the verdict.
+A number that is not finite gives no verdict; a bound above the mechanism's size decides nothing.
 Distances are of whole poses, max over bodies of |r - r'| and L times the angle of R to R', L the mechanism's size.
 """
 
@@ -23,8 +23,10 @@ from jaxtyping import Float
 
 from ...mechanics import so3
 from ...results import store
+from ...results.judgements import Symmetry, SymmetryVerdict, Unjudged
 from ...results.records import RunRecord
 from ...results.words import words_of_ending
+from ...types import Status
 
 SLACK = 10.0  # errors of one tolerance scatter by several times: steps fall differently
 HALVES = 3.0  # one run may err by 4/3 of its change at half the step, the other by as much the other way
@@ -41,6 +43,7 @@ CHANGES: Mapping[str, str] = {
     "unit_time": "unit of time",
     "duplicate": "repeated joint",
 }
+PLANARITY = "planar symmetry"
 TOLERANCE = 1e-8  # default of solvers with a fixed step; they take it from options, where it stands if it differs
 
 
@@ -75,8 +78,8 @@ class Yardstick:
         return 1.0 + max(self.growth, 1.0)
 
 
-def scorecard(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]]:
-    """One entry a solver, check and variant, as in ``metamorphic.json``."""
+def scorecard(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmetry, ...]:
+    """One a solver, check and variant."""
     known = {_key(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings_id))}
     runs = sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.settings_id))
     ends = _Ends(folder)
@@ -84,20 +87,20 @@ def scorecard(folder: Path, records: Iterable[RunRecord]) -> list[dict[str, Any]
     found = []
     for base in runs:
         kin, others, finer = by_rest[_rest(base)], by_tolerance[_but_tolerance(base)], by_halving[_halving(base)]
-        told = [r for r in kin if _changed(base, r)]
+        presented = [r for r in kin if _changed(base, r)]
         tighter = min((r for r in others if _is_tighter(base, r)), key=lambda r: _off(base, r), default=None)
         nudged = min((r for r in kin if _is_nudged(base, r)), key=lambda r: (_nudge(r), r.settings_id), default=None)
         halved = next((r for r in finer if 2.0 * r.dt_s == base.dt_s), None)
-        if not told or tighter is None or nudged is None or (halved is None and base.control == "dt"):
+        if not presented or tighter is None or nudged is None or (halved is None and base.control == "dt"):
             continue
-        found.append((base, told, _yardstick(base, tighter, nudged, halved, ends)))
-    out = []
-    for base, told, own in found:
+        found.append((base, presented, _yardstick(base, tighter, nudged, halved, ends)))
+    out: list[Symmetry] = []
+    for base, presented, own in found:
         yard = own and replace(own, growth=_least_growth(base, [(b, y) for b, _, y in found if y is not None]))
-        for r in sorted(told, key=lambda r: (list(CHANGES).index(_changed(base, r)), r.case)):
-            out.append(_entry(base, r, _changed(base, r), yard, ends))
-        out += [e for r in (base, *told) if (e := _planarity(base, r, yard)) is not None]
-    return out
+        for r in sorted(presented, key=lambda r: (list(CHANGES).index(_changed(base, r)), r.case)):
+            out.append(_judged(base, r, _changed(base, r), yard, ends))
+        out += [e for r in (base, *presented) if (e := _planarity(base, r, yard)) is not None]
+    return tuple(out)
 
 
 class _Ends:
@@ -151,7 +154,7 @@ def _key(r: RunRecord) -> tuple:
 
 
 def _changed(base: RunRecord, r: RunRecord) -> str:
-    """The one thing told otherwise in ``r``, all else alike; empty if it is none or more."""
+    """The one presentation that ``r`` has and ``base`` has not, all else alike; empty if it is none or more."""
     here, there = _parameters(base), _parameters(r)
     if any(k in CHANGES for k in here) or any(there.get(k) != v for k, v in here.items()):
         return ""
@@ -160,15 +163,11 @@ def _changed(base: RunRecord, r: RunRecord) -> str:
 
 
 def _is_nudged(base: RunRecord, r: RunRecord) -> bool:
-    return _nudge(r) > 0.0 and _without(r, "perturb") == _parameters(base)
+    return _nudge(r) > 0.0 and {k: v for k, v in _parameters(r).items() if k != "perturb"} == _parameters(base)
 
 
 def _nudge(r: RunRecord) -> float:
     return float(_parameters(r).get("perturb", 0.0))
-
-
-def _without(r: RunRecord, name: str) -> dict[str, Any]:
-    return {k: v for k, v in _parameters(r).items() if k != name}
 
 
 def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
@@ -213,75 +212,62 @@ def _least_growth(base: RunRecord, found: Iterable[tuple[RunRecord, Yardstick]])
     return min((g for g in same if math.isfinite(g)), default=math.nan)
 
 
-def _entry(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, ends: _Ends) -> dict[str, Any]:
-    told = _parameters(r)[change]
-    title = f"{CHANGES[change]}{_how(change, told)}"
-    deviation, bound = math.nan, math.nan
+def _made(base: RunRecord, check: str, *runs: RunRecord) -> Callable[..., Symmetry]:
+    """All of a row but its verdict and numbers."""
+    options, variant = json.loads(base.solver_options), base.case.split(" ")[0]
+    ids = tuple(r.settings_id for r in runs)
+    return functools.partial(Symmetry, base.solver, options, check, base.problem, variant, ids)
+
+
+def _judged(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, ends: _Ends) -> Symmetry:
+    value = _parameters(r)[change]
+    made = _made(base, CHANGES[change], base, r)
+    if change.startswith("unit_"):
+        made = functools.partial(made, factor=float(value))
     if base.claimed != "success":
-        verdict = "refused" if base.status == "refused" else "failed"
-        said = words_of_ending(base)
-        words = f"as it stands: {base.status}: {said}" if said else f"as it stands: {base.status}"
-    elif yard is None:
-        verdict, words = "failed", "no bound: the run at a tenth of the tolerance or from the changed start failed"
-    elif r.claimed != "success":
-        verdict = "refused" if r.status == "refused" else "failed"
-        words = f"{r.status}: {words_of_ending(r)}"
-    elif change == "renumber" and _single(ends, base):
-        verdict, words = "not applicable", "one body and one joint have no order"
-    elif change == "retrace":
+        return made(_ended(base), Unjudged.BASE, base.status, words_of_ending(base))
+    if yard is None:
+        return made("failed", Unjudged.BOUND)
+    if r.claimed != "success":
+        return made(_ended(r), Unjudged.PRESENTED, r.status, words_of_ending(r))
+    if change == "renumber" and _single(ends, base):
+        return made("not applicable", Unjudged.SINGLE)
+    if change == "retrace":
         deviation = float(np.maximum(r.return_error_m, r.length_scale_m * r.return_error_rad))
-        bound = yard.bound * yard.back
-        verdict, words = _compared(deviation, yard, "misses the start", yard.back)
         if math.isnan(deviation):
-            verdict, words = "failed", "; ".join(n for n in json.loads(r.notes) if "the way back" in n) or "no way back"
-    else:
-        found = ends.of(base)
-        turned = np.eye(3) if found is None else _frame(change, told, found[2])
-        deviation, bound = ends.apart(base, r, turned), yard.bound
-        verdict, words = _compared(deviation, yard, "ends elsewhere")
-    return _row(base, title, (deviation, bound), yard, verdict, words, [base.settings_id, r.settings_id])
+            return made("failed", Unjudged.WAY_BACK, "", *json.loads(r.notes)[-1:], bound=yard.bound * yard.back)
+        return _compared(made, deviation, yard, yard.back)
+    found = ends.of(base)
+    turned = np.eye(3) if found is None else _frame(change, value, found[2])
+    return _compared(made, ends.apart(base, r, turned), yard)
 
 
-def _planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> dict[str, Any] | None:
-    """Planar motion must stay in its plane, as it stands and however it is told."""
+def _planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> Symmetry | None:
+    """Planar motion must stay in its plane, also in a turned frame."""
     if math.isnan(r.out_of_plane_max_m) or yard is None or r.claimed != "success":
         return None
-    if r is not base and _changed(base, r) not in ("yaw", "rotation"):
+    change = _changed(base, r)
+    if r is not base and change not in ("yaw", "rotation"):
         return None
-    title = "planar symmetry" if r is base else f"planar symmetry, {CHANGES[_changed(base, r)]}"
-    deviation = r.out_of_plane_max_m
-    verdict, words = _compared(deviation, yard, "leaves the plane")
-    return _row(base, title, (deviation, yard.bound), yard, verdict, words, [r.settings_id])
+    made = _made(base, PLANARITY, r)
+    return _compared(functools.partial(made, presented=CHANGES.get(change, "")), r.out_of_plane_max_m, yard)
 
 
-def _compared(deviation: float, yard: Yardstick, what: str, grown: float = 1.0) -> tuple[str, str]:
-    """Verdict and words; ``grown`` multiplies all that is allowed."""
+def _compared(made: Callable[..., Symmetry], deviation: float, yard: Yardstick, grown: float = 1.0) -> Symmetry:
+    """The verdict; ``grown`` multiplies all that is allowed."""
     exact, bound = yard.exact * grown, yard.bound * grown
-    if not math.isfinite(deviation):
-        return "failed", "no end pose to compare"
-    if not math.isfinite(bound):
-        return "failed", "no bound: no end pose at a tenth of the tolerance, at half the step or from the changed start"
-    parts = f"a tenth of the tolerance moves the end by {yard.level:.1e} m"
-    if yard.halved > 0.0:
-        parts += f", half the step by {yard.halved:.1e} m"
-    parts += f", rounding by {yard.rounding / SLACK:.1e} m at most, a change of the start grows {yard.growth:.2g}-fold"
-    if deviation > bound:
-        times = f"{deviation / bound:.3g} times the {bound:.1e} m allowed" if bound > 0.0 else "nothing allowed"
-        return "broken", f"{what} by {deviation:.1e} m, {times} ({parts})"
+    if not math.isfinite(deviation) or not math.isfinite(bound):
+        return made("failed", Unjudged.END if not math.isfinite(deviation) else Unjudged.BOUND, bound=bound)
     kept = yard.halved > 0.0 and deviation <= exact
-    if (exact if kept else bound) > yard.size:
-        return "undecided", f"{what} by {deviation:.1e} m, but {bound:.1e} m allowed is more than its size ({parts})"
-    if yard.halved == 0.0:
-        return "holds", f"{what} by {deviation:.1e} m of {bound:.1e} m allowed ({parts})"
-    if kept:
-        return "holds", f"exactly: {what} by {deviation:.1e} m, as far as the steps are solved, {exact:.1e} m ({parts})"
-    return "holds", f"not exactly, within its error: {what} by {deviation:.1e} m of {bound:.1e} m allowed ({parts})"
+    verdict = "broken" if deviation > bound else "undecided" if (exact if kept else bound) > yard.size else "holds"
+    return made(
+        verdict, deviation=deviation, bound=bound, exact=None if yard.halved == 0.0 else kept and verdict == "holds",
+        exact_bound=exact, level=yard.level, halved=yard.halved, rounding=yard.rounding / SLACK, growth=yard.growth,
+    )  # fmt: skip
 
 
-def _how(change: str, told: Any) -> str:
-    if change.startswith("unit_"):
-        return f" x {told:g}"
-    return ""
+def _ended(r: RunRecord) -> SymmetryVerdict:
+    return "refused" if r.status == Status.REFUSED else "failed"
 
 
 def _single(ends: _Ends, r: RunRecord) -> bool:
@@ -289,37 +275,11 @@ def _single(ends: _Ends, r: RunRecord) -> bool:
     return found is not None and len(found[0]) == 1
 
 
-def _frame(change: str, told: Any, gravity: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Rotation from the frame as it stands to the one told, as the registry turns problems."""
+def _frame(change: str, value: Any, gravity: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+    """Rotation from the frame of the problem to that of the presentation, as the registry turns problems."""
     if change == "rotation":
-        return so3.exp(np.array(told, dtype=float))
+        return so3.exp(np.array(value, dtype=float))
     if change == "yaw":
         g = float(np.linalg.norm(gravity))
-        return so3.exp(float(told) * (-gravity / g if g > 0.0 else np.array([0.0, 0.0, 1.0])))
+        return so3.exp(float(value) * (-gravity / g if g > 0.0 else np.array([0.0, 0.0, 1.0])))
     return np.eye(3)
-
-
-def _row(
-    base: RunRecord,
-    check: str,
-    sizes: tuple[float, float],
-    yard: Yardstick | None,
-    verdict: str,
-    words: str,
-    specs: list[str],
-) -> dict[str, Any]:
-    deviation, bound = sizes
-    return {
-        "solver": base.solver,
-        "options": json.loads(base.solver_options),
-        "check": check,
-        "problem": base.problem,
-        "variant": base.case.split(" ")[0],
-        "deviation": deviation,
-        "bound": bound,
-        "unit": "m",
-        "exact": words.startswith("exactly") if yard is not None and yard.halved > 0.0 and deviation >= 0.0 else None,
-        "verdict": verdict,
-        "words": words,
-        "runs": specs,
-    }
