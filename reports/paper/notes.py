@@ -1,12 +1,12 @@
 """The note under a figure: its runs, how they ended, the judged claims on it, and what the paper does not print."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-from ...harness.referee.judge import FOLDER, PUBLISHED, read_claims
+from ...harness.referee.judge import read_claims
+from ...harness.results.judgements import FOLDER, PUBLISHED, Claim
 from ...harness.results.store import StoreError
-from ..model import curves
+from ..model import claim_words, curves
 from .captions import COLUMNS, Caption, CaptionClaim, CaptionRun
 from .lines import Line
 from .spec import PRINTED, Panel, PaperFigure
@@ -29,37 +29,26 @@ def caption(figure: PaperFigure, lines: Sequence[Line], folder: Path, files: Seq
         panels=tuple(p.title for p in figure.panels() if p.title),
         note=tuple(_note(figure, lines)),
         runs=tuple(map(_run, lines)),
-        claims=tuple(_claim(c) for c in judged if figure.label == PRINTED and figure.number in figures_of(c)),
+        claims=tuple(_claim(c) for c in judged if figure.label == PRINTED and figure.number in c.figure),
         claims_published=published,
         files=tuple(files),
     )
 
 
-def judged_claims(folder: Path) -> tuple[list[dict[str, Any]], bool]:
+def judged_claims(folder: Path) -> tuple[tuple[Claim, ...], bool]:
     """The claims judged by these results; the published ones, and True, where there are none that can be read."""
     try:
         own = read_claims(folder / FOLDER)
     except StoreError:
         own = None
-    return (read_claims(PUBLISHED) or [], True) if own is None else (own, False)
+    return (read_claims(PUBLISHED) or (), True) if own is None else (own, False)
 
 
-def figures_of(claim: Mapping[str, Any]) -> list[int]:
-    """The numbers of the figures that it is about."""
-    return [int(n) for n in claim["figure"].split(",") if n]
-
-
-def _claim(claim: Mapping[str, Any]) -> CaptionClaim:
-    rows = [r for r in claim["map"] if r["holds"] is not None]
-    printed = [r for r in rows if r["printed"]]
-    return CaptionClaim(
-        **{key: claim[key] for key in ("id", "quote", "claim", "verdict", "missing")},
-        tests=tuple((t["measured_words"], t["band"]) for t in claim["tests"]),
-        holds=sum(r["holds"] for r in rows),
-        settings=len(rows),
-        printed_holds=sum(r["holds"] for r in printed),
-        printed=len(printed),
-    )
+def _claim(c: Claim) -> CaptionClaim:
+    b = c.because
+    tests = tuple((claim_words.measured(t), claim_words.band(t)) for t in c.tests)
+    counts = b.holds, b.settings, b.printed_holds, b.printed
+    return CaptionClaim(c.id, c.quote, c.claim, c.verdict, claim_words.missing(c), tests, *counts)
 
 
 def _note(figure: PaperFigure, lines: Sequence[Line]) -> list[str]:

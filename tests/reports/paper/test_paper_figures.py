@@ -4,12 +4,14 @@ import dataclasses
 import json
 
 import pytest
+from msgspec.structs import replace
 
 from mbsbench.harness.__main__ import main
-from mbsbench.harness.referee.judge import FOLDER, PUBLISHED, read_claims, write
+from mbsbench.harness.referee.judge import read_claims, write
+from mbsbench.harness.results.judgements import FOLDER, PUBLISHED, Verdict
 from mbsbench.reports import site
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.paper import build, captions, drawer, lines, notes, picking
+from mbsbench.reports.paper import build, captions, drawer, lines, picking
 from mbsbench.reports.paper.catalogue import FIGURES, NUMBERS
 from mbsbench.reports.plots import palette
 from mbsbench.reports.plots.style import SUFFIXES, style
@@ -167,12 +169,12 @@ def test_claims_of_a_figure_are_in_its_caption(tmp_path):
     published = read_claims(PUBLISHED)
     before = one(tmp_path, "fig09")
     assert before.claims_published
-    assert [c.id for c in before.claims] == [c["id"] for c in published if 9 in notes.figures_of(c)]
+    assert [c.id for c in before.claims] == [c.id for c in published if 9 in c.figure]
     assert one(tmp_path, "fig09-recommended").claims == ()
-    own = [{**c, "verdict": "REFUTED"} for c in published if c["id"] == "9-energy-drop"]
-    write(tmp_path / FOLDER, {"claims": own})
+    judged = next(c for c in published if c.id == "9-energy-drop")
+    write(tmp_path / FOLDER, {"claims": (replace(judged, verdict=Verdict.REFUTED),)})
     (claim,) = one(tmp_path, "fig09").claims
-    assert (claim.verdict, claim.tests) == ("REFUTED", (("-1.79 J", "at most -0.1 J"),))
+    assert (claim.verdict, claim.tests) == ("REFUTED", (("−1.79 J", "at most -0.1 J"),))
     assert (claim.holds, claim.settings, claim.printed_holds, claim.printed) == (14, 83, 2, 14)
     (tmp_path / FOLDER / "claims.json").write_text("[{", encoding="utf-8")
     assert one(tmp_path, "fig09").claims_published
