@@ -12,6 +12,7 @@ from ..referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 from ..results import store
 from .run import existing
+from .terms import check_ours
 
 STYLE = {"SUPPORTED": "green", "CONDITIONAL": "yellow", "REFUTED": "bold red", "UNTESTABLE": "dim"}
 
@@ -32,6 +33,8 @@ def run(arguments: argparse.Namespace) -> int:
     register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
     folder = existing(arguments.folder)
     published = Path(arguments.published) if arguments.published else PUBLISHED
+    if arguments.publish:
+        check_ours(published, "--published DIR")
     told = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     before = None if arguments.publish else read_claims(published)
     unreadable = store.load(folder, check_series=False).unreadable
