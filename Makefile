@@ -23,6 +23,7 @@ $(READY): requirements.lock pyproject.toml
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	mkdir -p $(VENV)/src && ln -sfn ../.. $(VENV)/src/mbsbench
 	@touch $@
 
 test: $(READY) ## all tests but the slow ones
@@ -38,7 +39,7 @@ test-slow: $(CLUSTER) ## the slow ones too, with those of a cluster (installs Da
 check: $(READY) ## lint, format, types, import rules
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	$(BIN)/mypy $(VENV)/src/mbsbench  # under the package's name, whatever the folder of the checkout is called
 	$(BIN)/lint-imports
 
 format: $(READY) ## put the code into the agreed form

@@ -8,6 +8,10 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .harness.api import Results as Results
+    from .harness.api import Run as Run
+    from .harness.api import load as load
+    from .harness.api import solve as solve
     from .harness.catalogue.options import Parameter as Parameter
     from .harness.catalogue.options import option as option
     from .harness.catalogue.registry import make_problem as make_problem
@@ -37,6 +41,7 @@ if TYPE_CHECKING:
     from .harness.types import Trajectory as Trajectory
 
 _HOMES = {  # the same list for the interpreter, which loads none before it is asked for
+    "api": ("Results", "Run", "load", "solve"),
     "catalogue.options": ("Parameter", "option"),
     "catalogue.registry": ("make_problem", "problem", "solver"),
     "mechanics": ("so3",),

@@ -72,6 +72,10 @@ class SolverEntry:
     control: str
     order: float = math.nan  # the solver's own claim, of its fixed steps; certificates hold it to that
 
+    def made(self, options: Mapping[str, Any] | None = None) -> Solver:
+        """The solver with ``options`` (numbers or text)."""
+        return self.make(**_read(f"solver {self.name}", self.parameters, options or {}))
+
 
 def problem(name: str) -> Callable[[Callable[..., Problem]], Callable[..., Problem]]:
     """Mark the function of a problem file."""
@@ -112,6 +116,20 @@ def is_own_problem(name: str) -> bool:
 def is_own_solver(name: str) -> bool:
     """Whether ``name`` is of ``solvers/``, not of a plugin."""
     return name in _own_solvers()
+
+
+def solver_entry(cls: type) -> SolverEntry:
+    """The entry of a class marked ``@solver`` that need not be in the catalogue, or ValueError."""
+    if _MARK not in vars(cls):
+        raise ValueError(f"solver must be a name or a dataclass marked @solver (got {cls.__name__})")
+    try:
+        entry = _solver_entry(vars(cls)[_MARK], cls)
+    except TypeError as error:
+        raise ValueError(str(error)) from None
+    known = solvers().get(entry.name)
+    if known is not None and known.make is not cls:
+        raise ValueError(f"the name {entry.name!r} is taken by a solver of the catalogue")
+    return entry
 
 
 def load_plugin(plugin: Path | str) -> None:
@@ -181,7 +199,7 @@ def make_solver(name: str, options: Mapping[str, Any] | None = None) -> Solver:
     known = solvers()
     if name not in known:
         raise ValueError(f"unknown solver {name!r}{nearest(name, list(known))}")
-    return known[name].make(**_read(f"solver {name}", known[name].parameters, options or {}))
+    return known[name].made(options)
 
 
 def in_frame(p: Problem, Q: np.ndarray) -> Problem:

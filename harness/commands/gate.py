@@ -29,7 +29,7 @@ from ..suites.suite import Suite, load_suite
 from .progress import progress
 from .run import add_running, existing, jobs
 from .screen import Column, fitted, lines, screen
-from .terms import UsageError, check_writable, load_plugins
+from .terms import UsageError, check_ours, check_writable, load_plugins
 
 COLUMNS = (
     Column("state", right=False),
@@ -80,6 +80,8 @@ def run(arguments: argparse.Namespace) -> int:
     ):
         if getattr(arguments, given) and (arguments.update if other else not arguments.update):
             raise UsageError(f"--{given} goes {'without' if other else 'with'} --update")
+    if arguments.update:
+        check_ours(path, "--thresholds FILE")
     thresholds = Thresholds(suite.name)
     if path.exists() or not arguments.update:
         thresholds = read_thresholds(path)

@@ -15,6 +15,7 @@ from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgeme
 from ..results import store
 from ..results.judgements import Claim, Verdict
 from .run import existing
+from .terms import check_ours
 
 STYLE = {
     Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.REFUTED: "bold red", Verdict.UNTESTABLE: "dim",
@@ -37,6 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
     register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
     folder = existing(arguments.folder)
     published = Path(arguments.published) if arguments.published else PUBLISHED
+    if arguments.publish:
+        check_ours(published, "--published DIR")
     told = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     before = None if arguments.publish else read_claims(published)
     unreadable = store.load(folder, check_series=False).unreadable

@@ -11,7 +11,7 @@ from rich.text import Text
 from ..gate.kernels import BASELINE, compared, newest, trimmed
 from ..results.store import write_text
 from .screen import Column, fitted, lines, screen
-from .terms import Parser, UsageError, check_writable
+from .terms import Parser, UsageError, check_ours, check_writable
 
 COLUMNS = (
     Column("kernel", right=False, fold=True),
@@ -42,6 +42,7 @@ def keep(arguments: argparse.Namespace) -> int:
     """Write the baseline."""
     source = Path(arguments.file) if arguments.file else newest()
     text, out = trimmed(source), Path(arguments.out)
+    check_ours(out, "--out FILE")
     check_writable(out)
     write_text(out, text)
     lines().print(f"{source} kept as {out}")

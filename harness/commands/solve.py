@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     if out.suffix != ".npz":
         raise UsageError(f"--out must end in .npz, the one format that is written (got {arguments.out!r})")
     check_writable(out)
-    from ..execution import single
+    from ..execution import run_file, single
 
     console = lines()
     said = (lambda words: None) if arguments.json else console.print
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise
     good = outcome.record.status == Status.SUCCESS
     if arguments.json:
-        console.print(json.dumps(_plain(outcome.record, out, single.SUMMARY), ensure_ascii=False, allow_nan=False))
+        console.print(json.dumps(_plain(outcome.record, out, run_file.SUMMARY), ensure_ascii=False, allow_nan=False))
         return 0 if good else 1
     for line in _lines(outcome.record):
         console.print(line)

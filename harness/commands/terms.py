@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NoReturn
 
+from ..cache import ROOT, is_checkout
 from ..catalogue import plugins, registry
 from ..sandbox.trial import tried
 
@@ -40,6 +41,12 @@ def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
     for path in paths:
         tried(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
     return tuple(plugins.resolved(p) for p in paths)
+
+
+def check_ours(path: Path, option: str) -> None:
+    """Committed files are changed in a checkout; those of an installed package stay as they are."""
+    if path.resolve().is_relative_to(ROOT) and not is_checkout():
+        raise UsageError(f"{path.name} is part of the installed package; give another place with {option}")
 
 
 def check_writable(out: Path) -> None:

@@ -44,14 +44,15 @@ def _in_folder(job: Job) -> Keep:
     """Writes ``series/<run>.npz`` in the results folder."""
 
     def keep(problem: Problem, trajectory: Trajectory, measured: Measured, record: RunRecord) -> RunRecord:
-        series, path = _series(problem, trajectory, measured), f"series/{job.id}.npz"
+        series, path = series_of(problem, trajectory, measured), f"series/{job.id}.npz"
         digest = write_series(job.folder / path, series)
         return dataclasses.replace(record, series=path, series_sha256=digest, series_rows=len(series["t"]))
 
     return keep
 
 
-def _series(problem: Problem, trajectory: Trajectory, m: Measured) -> Series:
+def series_of(problem: Problem, trajectory: Trajectory, m: Measured) -> Series:
+    """What the series file of a run holds: rows and frames thinned, peaks kept."""
     keep = rows_to_keep(len(m.t), m.energy_error, m.phi_norm)
     frames = frames_to_keep(m.t)
     full: dict[str, np.ndarray | None] = {

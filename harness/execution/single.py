@@ -14,27 +14,20 @@ import numpy as np
 from ..catalogue import registry
 from ..files import partial_of
 from ..mechanics.state import States
-from ..metrics.measure import Measured, measure
-from ..metrics.reactions import largest_joint_force
+from ..metrics.measure import measure
 from ..results import records
 from ..results.records import RunRecord
-from ..results.series import write_npz
 from ..sandbox.apart import Apart
 from ..sandbox.isolation import CANNOT_WRITE
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Problem, Status, Trajectory
 from .job import Job, unfinished
-from .measuring import Keep
+from .run_file import in_file
 from .supervisor import GRACE
 from .warmup import runs_to_warm, warm_apart_then_here
 from .worker import salvaged, solved
 
 PATIENCE = 3.0  # [s] until it is said that compilation may take a while
-SUMMARY = (  # columns of the record that the file carries too
-    "status", "claimed", "message", "ended_by", "ended_limit_s", "exit_code", "signal", "counters", "notes", "t_end_s",
-    "t_reached_s", "steps", "energy_drift_max_J", "energy_scale_J", "phi_max", "phi_dot_max", "position_error_max_m",
-    "orientation_error_max_rad", "accurate_until_s", "setup_s",
-)  # fmt: skip
 NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
 
 
@@ -76,7 +69,7 @@ def solve_to_file(
         if ended.code == CANNOT_WRITE:
             raise OSError(errno.ENOSPC, "nothing was written: no space left", str(out))
         bare = unfinished(job, ended, time.monotonic() - began, EndedBy.WALL_LIMIT, limit + GRACE)
-        record = salvaged(job, dataclasses.replace(bare, section=problem.section, t_end_s=problem.t_end), _in(out))
+        record = salvaged(job, dataclasses.replace(bare, section=problem.section, t_end_s=problem.t_end), in_file(out))
         return Outcome(_written(record, problem, out), native)
 
 
@@ -95,7 +88,7 @@ class _Patience:
 
 
 def _solve(job: Job, problem: Problem, out: Path, send: Callable[[str], None]) -> None:
-    record = _written(solved(job, send, _in(out), soft=1.0), problem, out)
+    record = _written(solved(job, send, in_file(out), soft=1.0), problem, out)
     send(records.to_json(record))
 
 
@@ -104,26 +97,4 @@ def _written(record: RunRecord, problem: Problem, out: Path) -> RunRecord:
     if record.series:
         return record
     start = Trajectory(np.zeros(1), States.one(problem.initial), Status(record.status), record.message, {})
-    return _in(out)(problem, start, measure(problem, start), record)
-
-
-def _in(out: Path) -> Keep:
-    """Writes the file of ``solve``."""
-
-    def keep(problem: Problem, trajectory: Trajectory, m: Measured, record: RunRecord) -> RunRecord:
-        s = trajectory.states
-        arrays = {
-            "t": m.t, "r": s.r, "R": s.R, "v": s.v, "Omega": s.Omega,
-            "energy": m.energy, "phi_norm": m.phi_norm, "phi_dot_norm": m.phi_dot_norm, "dt": np.diff(m.t),
-            **{name: np.asarray(getattr(record, name)) for name in SUMMARY},
-            "reasons": np.asarray(record.wrong_because), "cpu_s": np.asarray(record.cpu_min_s),
-            **{f"obs_{name}": values for name, values in m.observables.items()},
-        }  # fmt: skip
-        if trajectory.reaction is not None:
-            reaction = np.asarray(trajectory.reaction, dtype=float)
-            arrays["obs_joint_force"] = largest_joint_force(problem.system, reaction)
-            arrays["reaction"] = reaction  # (nt, nrows), conjugate to phi: N for point rows, N m for axis rows
-        write_npz(out, arrays)
-        return dataclasses.replace(record, series=str(out), series_rows=len(m.t))
-
-    return keep
+    return in_file(out)(problem, start, measure(problem, start), record)

@@ -82,14 +82,27 @@ def _attempt(job: Job, send: Callable[[str], None], keep: Keep | None, soft: flo
     spec = job.spec
     problem = registry.make_problem(spec.problem, spec.parameters)
     known.update(section=problem.section, t_end_s=problem.t_end)
-    solver = presented(registry.make_solver(spec.solver, spec.options), problem)
     limit = None if math.isinf(spec.wall_limit) else soft * spec.wall_limit
     control = dataclasses.replace(spec.control, wall_limit=limit, spool=FileSpool(job.spool))
-    reason = solver.refuses(problem, control)
+    return attempt(job, problem, registry.make_solver(spec.solver, spec.options), control, known, send, keep)
+
+
+def attempt(
+    job: Job,
+    problem: Problem,
+    solver: Solver,
+    control: StepControl,
+    known: dict[str, Any],
+    send: Callable[[str], None],
+    keep: Keep | None,
+) -> RunRecord:
+    """Ask the solver, solve, measure. ``known`` takes the columns known so far, for a run that ends in an exception."""
+    called = presented(solver, problem)
+    reason = called.refuses(problem, control)
     if reason:
         said = {"claimed": str(Status.REFUSED), "ended_by": str(EndedBy.SOLVER), "message": reason}
         return record_of(job, Status.REFUSED, **said, **known)
-    trajectory, cost = solve_repeatedly(solver, problem, control, spec.repeats)
+    trajectory, cost = solve_repeatedly(called, problem, control, job.spec.repeats)
     known.update(claimed=str(trajectory.status), **cost)
     send(MEASURING)
     began = time.monotonic()

@@ -98,6 +98,8 @@ def _content(path: Path) -> bytes:
 
 
 def _git(*arguments: str) -> str:
+    if not (ROOT / ".git").exists():  # installed: a repository around the environment is another project's
+        return ""
     try:
         done = subprocess.run(("git", *arguments), cwd=ROOT, capture_output=True, text=True, timeout=20, check=False)
     except (OSError, subprocess.TimeoutExpired):

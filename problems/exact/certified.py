@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.integrate import solve_ivp
 
+from ...harness.cache import cache_folder
 from .extrapolation import gbs_adaptive
 from .linkage import Linkage, by_angles, by_nodes
 
@@ -27,7 +28,7 @@ FLOOR = 1e-13  # [m] rounding of evaluation
 TOLERANCE = 1e-13  # route 1
 CORRECTION = 1e-12  # route 2; its error is that of a higher order still
 FORMAT = 1  # of the files; raise it when an equation of a route changes
-FOLDER = Path(__file__).resolve().parents[2] / "results" / "local" / "references"
+FOLDER = cache_folder("references", Path(__file__).resolve().parents[2] / "results" / "local")
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,34 @@
+"""Where computed things are kept between runs: in the checkout or, once installed, in the user's cache folder.
+
+Nothing is written beside installed modules: that folder may be shared or read-only.
+"""
+
+import os
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+def is_checkout() -> bool:
+    """Whether this is a checkout, not an installed package."""
+    return (ROOT / "pyproject.toml").exists()
+
+
+def cache_folder(name: str, in_checkout: Path) -> Path:
+    """``in_checkout / name`` in a checkout; installed, ``mbsbench/name`` in ``$XDG_CACHE_HOME`` or ``~/.cache``."""
+    if is_checkout() and os.access(ROOT, os.W_OK):
+        return in_checkout / name
+    given = os.environ.get("XDG_CACHE_HOME", "")
+    user = Path(given if os.path.isabs(given) else os.path.expanduser("~/.cache")) / "mbsbench" / name
+    temporary = Path(tempfile.gettempdir()) / f"mbsbench-{os.getuid()}" / name  # no home, or a read-only one
+    return user if _is_ours(user) else temporary if _is_ours(temporary) else Path(tempfile.mkdtemp(prefix="mbsbench-"))
+
+
+def _is_ours(folder: Path) -> bool:
+    """Whether it is there, or can be made, and only we write to it: machine code is loaded from it."""
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        return folder.parent.stat().st_uid == os.getuid() and os.access(folder, os.W_OK)
+    except OSError:
+        return False

@@ -1,0 +1,75 @@
+"""One run as one NPZ file: its trajectory with every accepted step, what was measured on it, and its record."""
+
+import dataclasses
+import json
+import zipfile
+from pathlib import Path
+
+import numpy as np
+
+from ..mechanics.state import States
+from ..metrics.measure import Measured
+from ..metrics.reactions import largest_joint_force
+from ..results.records import BadRecord, RunRecord, from_json, to_json
+from ..results.series import write_npz
+from ..types import Problem, Status, Trajectory
+from .measuring import Keep
+
+POSES = ("r", "R", "v", "Omega")
+SUMMARY = (  # columns of the record that the file carries too
+    "status", "claimed", "message", "ended_by", "ended_limit_s", "exit_code", "signal", "counters", "notes", "t_end_s",
+    "t_reached_s", "steps", "energy_drift_max_J", "energy_scale_J", "phi_max", "phi_dot_max", "position_error_max_m",
+    "orientation_error_max_rad", "accurate_until_s", "setup_s",
+)  # fmt: skip
+
+
+def in_file(path: Path) -> Keep:
+    """Writes the file, whole or not at all; its arrays are listed in ``docs/results-format.md``."""
+
+    def keep(problem: Problem, trajectory: Trajectory, m: Measured, record: RunRecord) -> RunRecord:
+        s = trajectory.states
+        arrays = {
+            "t": m.t, **{name: getattr(s, name) for name in POSES},
+            "energy": m.energy, "phi_norm": m.phi_norm, "phi_dot_norm": m.phi_dot_norm, "dt": np.diff(m.t),
+            **{name: np.asarray(getattr(record, name)) for name in SUMMARY},
+            "reasons": np.asarray(record.wrong_because), "cpu_s": np.asarray(record.cpu_min_s),
+            "record": np.asarray(to_json(record)), "events": np.asarray(json.dumps(list(trajectory.events))),
+            **{f"obs_{name}": values for name, values in m.observables.items()},
+            **{f"diag_{name}": np.asarray(values, dtype=float) for name, values in trajectory.diagnostics.items()},
+        }  # fmt: skip
+        if trajectory.reaction is not None:
+            reaction = np.asarray(trajectory.reaction, dtype=float)
+            arrays["obs_joint_force"] = largest_joint_force(problem.system, reaction)
+            arrays["reaction"] = reaction  # (nt, nrows), conjugate to phi: N for point rows, N m for axis rows
+        write_npz(path, arrays)
+        return dataclasses.replace(record, series=str(path), series_rows=len(m.t))
+
+    return keep
+
+
+def read_run(path: Path) -> tuple[RunRecord, Trajectory]:
+    """The record and the trajectory in ``path``, or ValueError in one line."""
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+        record = from_json(str(arrays["record"]))
+        trajectory = Trajectory(
+            arrays["t"],
+            States(*(arrays[name] for name in POSES)),
+            Status(record.claimed or record.status),
+            record.message,
+            json.loads(record.counters),
+            arrays.get("reaction"),
+            {name[5:]: values for name, values in arrays.items() if name.startswith("diag_")},
+            tuple(json.loads(str(arrays["events"]))),
+            tuple(json.loads(record.notes)),
+            record.cpu_median_s,
+            record.setup_s,
+        )
+    except BadRecord as error:
+        raise ValueError(f"{path} was written by another version of mbsbench ({error}); solve it again") from None
+    except KeyError as error:
+        raise ValueError(f"{path} is not a file written by solve (it has no {error})") from None
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise ValueError(f"cannot read {path}: {error}") from None
+    return record, trajectory

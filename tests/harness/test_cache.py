@@ -1,0 +1,43 @@
+"""Where computed things are kept: in the checkout, else where the user may write, never beside installed modules."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from mbsbench.harness import cache
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch) -> Path:
+    """A package without ``pyproject.toml`` beside it; its user has a cache folder."""
+    monkeypatch.setattr(cache, "ROOT", tmp_path / "site-packages" / "mbsbench")
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(cache.tempfile, "gettempdir", lambda: str(tmp_path / "tmp"))
+    return tmp_path
+
+
+def test_checkout_keeps_its_own(tmp_path):
+    """These tests run in one: what it computes stays in it, for ``make clean`` to remove."""
+    assert cache.is_checkout()
+    assert cache.cache_folder("references", tmp_path) == tmp_path / "references"
+
+
+def test_installed_it_is_the_users_cache(installed):
+    """The folder named by XDG_CACHE_HOME, made for this user alone."""
+    found = cache.cache_folder("references", Path("beside"))
+    assert found == installed / "cache" / "mbsbench" / "references"
+    assert found.stat().st_mode & 0o077 == 0
+
+
+def test_without_a_cache_folder_it_is_a_temporary_one(installed, monkeypatch):
+    """No home, or one that cannot be written to: a file stands where the folder would be."""
+    (installed / "cache").write_text("")
+    assert cache.cache_folder("kernels", Path()) == installed / "tmp" / f"mbsbench-{os.getuid()}" / "kernels"
+
+
+def test_folder_of_another_user_is_not_used(installed, monkeypatch):
+    """Machine code is loaded from it, so it has to be ours."""
+    monkeypatch.setattr(cache.os, "getuid", lambda: 4711)
+    found = cache.cache_folder("kernels", Path())
+    assert "4711" not in str(found) and found.is_dir()

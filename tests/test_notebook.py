@@ -1,0 +1,145 @@
+"""``docs/notebook.md`` does what it says, and wrong calls of ``solve`` and ``load`` are one clear line."""
+
+import dataclasses
+import math
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import mbsbench
+from mbsbench import Problem, Run, Status, load, make_problem, solve
+from mbsbench.harness.__main__ import main
+
+PAGE = Path(mbsbench.__file__).with_name("docs") / "notebook.md"
+SHORT = {"dt": 0.01, "t_end": 0.1}
+
+
+@pytest.fixture(scope="module")
+def run() -> Run:
+    return solve("torque_free_body", "gc_weak_form", **SHORT)
+
+
+def test_page_runs_block_by_block(tmp_path, monkeypatch, capsys):
+    """Each block runs in the order of the page; what is asserted here is what the page promises in its comments."""
+    monkeypatch.chdir(tmp_path)
+    names: dict = {"__name__": "notebook"}
+    monkeypatch.setitem(sys.modules, "notebook", sys)  # dataclasses look their module up
+    blocks = re.findall(r"^```(\w+)\n(.*?)^```", PAGE.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+    assert len([kind for kind, _ in blocks if kind == "python"]) >= 6
+    for kind, block in blocks:
+        if kind == "toml":
+            Path("small.toml").write_text(block, encoding="utf-8")
+        elif kind == "sh":
+            command = [sys.executable, "-m", "mbsbench.harness", *block.split()[1:]]
+            subprocess.run(command, check=True, capture_output=True)
+        else:
+            exec(compile(block, str(PAGE), "exec"), names)
+    assert "<Run heavy_top[t_end=0.5] gc_weak_form dt=0.001: success, 500 steps to 0.5 s" in capsys.readouterr().out
+    assert 13.0 < names["coarse"].orientation_error_max_rad / names["fine"].orientation_error_max_rad < 19.0
+    assert Path("top.png").stat().st_size > 10_000
+    assert len(names["results"].runs) == len(names["table"]) == 3
+    assert list(names["table"].status) == ["success"] * 3
+
+
+def test_numbers_are_those_of_a_run_of_the_harness(tmp_path, run):
+    """One code measures all: the record of a suite's run has the same metrics, bit for bit."""
+    from mbsbench.harness.execution.job import Job
+    from mbsbench.harness.execution.worker import run as worker
+    from mbsbench.harness.results import store
+    from mbsbench.harness.suites.spec import make_spec
+
+    problem = make_problem("torque_free_body", {"t_end": 0.1})
+    spec = make_spec(problem, "gc_weak_form", control={"dt": 0.01})
+    theirs = worker(Job(spec, store.create(tmp_path)), lambda phase: None)
+    same = ["settings_id", "case", "status", "paper_label", "declared_order", "steps", "counters", "energy_drift_max_J",
+            "phi_max", "position_error_max_m", "observable_errors", "invariant_drifts", "reference"]  # fmt: skip
+    assert {k: getattr(run.record, k) for k in same} == {k: getattr(theirs, k) for k in same}
+
+
+def test_saved_run_is_read_back(tmp_path, run):
+    """Trajectory and record come back as they were, and with them the series."""
+    run.save(tmp_path / "free.npz")
+    again = load(tmp_path / "free.npz")
+    assert again.record == dataclasses.replace(run.record) or str(again.record) == str(run.record)  # NaN is not NaN
+    assert np.array_equal(again.trajectory.states.R, run.trajectory.states.R)
+    assert np.array_equal(again.series["energy_error"], run.series["energy_error"])
+    assert again.problem.name == "torque_free_body"
+
+
+def test_file_of_the_command_is_read(tmp_path, run):
+    """``mbsbench solve`` and ``Run.save`` write the same file, so ``load`` gives the same run."""
+    words = ["solve", "torque_free_body", "gc_weak_form", "--set", "dt=0.01", "--t-end", "0.1", "--out"]
+    assert main([*words, str(tmp_path / "free.npz")]) == 0
+    run.save(tmp_path / "saved.npz")
+    with np.load(tmp_path / "free.npz") as theirs, np.load(tmp_path / "saved.npz") as ours:
+        assert set(theirs.files) == set(ours.files)
+    again = load(tmp_path / "free.npz")
+    assert np.array_equal(again.trajectory.states.R, run.trajectory.states.R)
+    assert again.record.case == run.record.case and again.status is run.status
+
+
+def test_plot_has_a_panel_for_each_quantity(run):
+    """The free body has an exact motion: five panels; without one, no position error."""
+    assert len([ax for ax in run.plot().axes if ax.axison]) == 5
+    unknown = dataclasses.replace(make_problem("torque_free_body"), name="mine", reference_from=None)
+    own = solve(unknown, "gc_weak_form", **SHORT)
+    assert own.record.problem == "mine" and math.isnan(own.record.position_error_max_m)
+    assert len([ax for ax in own.plot().axes if ax.axison]) == 4
+
+
+def test_problem_outside_the_catalogue_is_given_again(tmp_path, run):
+    """A file names the problem only: what is in no catalogue cannot be made anew from it."""
+    unknown = dataclasses.replace(make_problem("torque_free_body"), name="mine")
+    solve(unknown, "gc_weak_form", **SHORT).save(tmp_path / "own.npz")
+    with pytest.raises(ValueError, match="unknown problem 'mine'"):
+        load(tmp_path / "own.npz").plot()
+    again = load(tmp_path / "own.npz", dataclasses.replace(unknown, t_end=0.1))
+    assert again.series["t"][-1] == pytest.approx(0.1)
+
+
+def test_refusal_is_a_result_without_a_motion():
+    """The weak form takes no redundant joints; what it says is in the record."""
+    refused = solve(make_problem("four_bar_grid", {"rows": 1, "columns": 1}), "gc_weak_form", t_end=0.1)
+    assert refused.status is Status.REFUSED and refused.trajectory is None and refused.series is None
+    assert "redundant" in refused.record.message
+    with pytest.raises(ValueError, match=r"refused, .*redundant"):
+        refused.plot()
+
+
+TOP = "heavy_top", "gc_weak_form"
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "words"),
+    [
+        (("heavytop", "gc_weak_form"), {}, "unknown problem 'heavytop' - did you mean 'heavy_top'"),
+        (("heavy_top", "gc_weakform"), {}, "unknown solver 'gc_weakform' - did you mean 'gc_weak_form'"),
+        (TOP, {"dtt": 0.1}, "no option 'dtt' - did you mean 'dt'"),
+        (TOP, {"spin": 20.0}, "spin is a parameter of the problem: make_problem"),
+        (TOP, {"rtol": 1e-6}, "controlled by dt, not by rtol"),
+        (TOP, {"dt": -1.0}, "dt must be a finite number > 0"),
+        (TOP, {"t_end": math.nan}, "t_end must be a finite number > 0"),
+        (TOP, {"wall_limit": -1.0}, "wall_limit must be a finite number > 0"),
+        ((make_problem, "gc_weak_form"), {}, "problem must be a name or a Problem"),
+        (("heavy_top", Problem), {}, "solver must be a name or a dataclass marked @solver"),
+    ],
+)
+def test_wrong_call_is_one_line(given, options, words):
+    """ValueError, with the nearest name where a name is misspelt."""
+    with pytest.raises(ValueError, match=re.escape(words)) as caught:
+        solve(*given, **options)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["nowhere", "absent.npz", "text.npz", "other.npz"])
+def test_what_cannot_be_loaded_is_one_line(name, tmp_path):
+    """A path that is not there, a text, and somebody else's arrays."""
+    (tmp_path / "text.npz").write_text("no arrays")
+    np.savez(tmp_path / "other.npz", a=1)
+    with pytest.raises(ValueError, match=name) as caught:
+        load(tmp_path / name)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,74 @@
+"""What is installed is what runs: the packages are all listed, and a wheel carries every file that is read."""
+
+import os
+import subprocess
+import sys
+import tomllib
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from mbsbench.harness.results import environment
+
+ROOT = Path(__file__).resolve().parents[1]
+SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
+PARTS = ("harness", "problems", "solvers", "reports")
+
+
+def test_every_folder_with_modules_is_listed():
+    """Packages are listed one by one: a folder that is forgotten would be missing once installed."""
+    found = {p.parent for part in PARTS for p in (ROOT / part).rglob("*.py")}
+    names = {".".join(("mbsbench", *folder.relative_to(ROOT).parts)) for folder in (ROOT, *found)}
+    assert names == set(SETUPTOOLS["packages"])
+    assert all((folder / "__init__.py").is_file() for folder in found)
+
+
+def test_every_data_file_is_named():
+    """What is in the repository beside modules in the packages, and what the harness reads below results/."""
+    package_data = {
+        file
+        for package, patterns in SETUPTOOLS["package-data"].items()
+        for pattern in patterns
+        for file in ROOT.joinpath(*package.split(".")[1:]).glob(pattern)
+    }
+    assert {f for f in _data() if f not in package_data} == set()
+
+
+def _data() -> list[Path]:
+    git = subprocess.run(("git", "ls-files", *PARTS, "results"), cwd=ROOT, capture_output=True, text=True, check=False)
+    if git.returncode:
+        pytest.skip("needs git and a checkout")
+    files = [ROOT / line for line in git.stdout.splitlines() if not line.endswith(".py")]
+    return [f for f in [*files, ROOT / "requirements.lock"] if f.exists()]
+
+
+@pytest.mark.slow
+def test_wheel_carries_modules_and_data(tmp_path):
+    """Built from a copy of what is committed or about to be; the same files shape results there as here."""
+    listed = subprocess.run(
+        ("git", "ls-files", "--cached", "--others", "--exclude-standard"), cwd=ROOT, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    if listed.returncode:
+        pytest.skip("needs git and a checkout")
+    for name in listed.stdout.splitlines():
+        if (ROOT / name).is_file():
+            (tmp_path / "src" / name).parent.mkdir(parents=True, exist_ok=True)
+            (tmp_path / "src" / name).write_bytes((ROOT / name).read_bytes())
+    pip = (sys.executable, "-m", "pip", "wheel", ".", "--no-deps", "--no-build-isolation", "--quiet", "-w", "..")
+    subprocess.run(pip, cwd=tmp_path / "src", check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    modules = [ROOT / "__init__.py", *(p for part in PARTS for p in (ROOT / part).rglob("*.py"))]
+    with zipfile.ZipFile(wheel) as file:
+        inside = set(file.namelist())
+        file.extractall(tmp_path / "installed")
+    wanted = {f"mbsbench/{f.relative_to(ROOT).as_posix()}" for f in [*modules, *_data()]}
+    assert wanted - inside == set()
+    assert not {n for n in inside - wanted if not n.split("/")[0].endswith(".dist-info")}
+    code = "import mbsbench.harness.results.environment as e; print(e.code_digest(), e.commit() or 'no commit')"
+    installed = subprocess.run(
+        (sys.executable, "-c", code), cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(tmp_path / "installed")},
+        check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    assert installed.stdout.strip() == f"{environment.code_digest()} no commit"
