@@ -1,83 +1,80 @@
-"""``judge``: the verdicts on the paper's claims from a run, and what changed against the published ones."""
+"""``judge``: the verdicts on the paper's claims from a results folder, and what changed since they were published."""
 
 import argparse
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from ..referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 from ..results import store
-from .run import existing
+from .screen import Column, errors, lines, print_table, unreadable_line
+from .terms import add_results, existing, subcommand
 
 STYLE = {"SUPPORTED": "green", "CONDITIONAL": "yellow", "REFUTED": "bold red", "UNTESTABLE": "dim"}
+COLUMNS = (
+    Column("claim", right=False, fold=True), Column("figure", rank=2, right=False), Column("verdict", right=False),
+    Column("measured", right=False, fold=True, least=12), Column("band", rank=1, right=False, fold=True, least=12),
+    Column("holds in", right=False, fold=True, least=12),
+)  # fmt: skip
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("judge", help="verdicts on the paper's claims; 1 where they differ from the published")
-    p.add_argument("folder", nargs="?", default="latest", metavar="RUN", help="run folder (default: the newest)")
-    p.add_argument("--publish", action="store_true", help="write them to results/published/ as well")
-    p.add_argument("--claims", metavar="FILE.toml", help="another register than results/claims.toml")
-    p.add_argument("--published", metavar="DIR", help="another folder than results/published")
-    p.add_argument("--json", action="store_true", help="the claims as JSON, for machines")
-    p.set_defaults(run=run)
+    words = "judge the paper's claims; exit code 1 if a verdict differs from the published one"
+    p = subcommand(commands, "judge", run, words, "the claims with their verdicts and maps")
+    add_results(p)
+    p.add_argument("--publish", action="store_true", help="write the verdicts to results/published/ too")
+    p.add_argument("--claims", metavar="FILE.toml", help="register of claims (default: results/claims.toml)")
+    p.add_argument("--published", metavar="DIR", help="published verdicts (default: results/published/)")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """0, or 1 where a verdict differs from the published one and is not published now."""
     register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
-    folder = existing(arguments.folder)
+    folder = existing(arguments.results)
     published = Path(arguments.published) if arguments.published else PUBLISHED
-    told = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     before = None if arguments.publish else read_claims(published)
-    unreadable = store.load(folder, check_series=False).unreadable
-    for item in unreadable:
-        told.print(f"not read: {item.path}: {item.why}")
-    judged = judgements(folder, register, lambda part: told.print(f"judging: {part}"))
+    for item in store.load(folder, check_series=False).unreadable:
+        errors().print(unreadable_line(item))
+    judged = judgements(folder, register, lambda part: errors().print(f"judging: {part}"))
     write(folder / FOLDER, judged)
     changed = changes(before, judged["claims"]) if before is not None else []
     if arguments.json:
-        Console(highlight=False, markup=False, soft_wrap=True).print(as_text(judged["claims"]), end="")
+        lines().print(as_text(judged["claims"]), end="")
     else:
         show(judged["claims"], changed, before is not None, arguments.publish)
     if arguments.publish:
         write(published, judged)
-        told.print(f"published: {published}")
+        errors().print(f"published: {published}")
     return 1 if changed else 0
 
 
 def show(claims: list[dict[str, Any]], changed: list[Change], compared: bool, publishing: bool) -> None:
     """The table of verdicts, how many of each, and the changes."""
-    out = Console()
-    if not out.is_terminal:
-        out = Console(width=160)
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for name in ("claim", "figure", "verdict", "measured", "band", "holds in"):
-        table.add_column(name, overflow="fold")
+    rows = []
     for c in claims:
-        holding = sum(row["holds"] is True for row in c["map"])
+        counted, holding = (sum(test(row["holds"]) for row in c["map"]) for test in (_counts, bool))
         band = c["tests"][0]["band"] if c["tests"] else ""
-        counted = sum(row["holds"] is not None for row in c["map"])
         tried = f"{holding} of {counted}" if c["map"] else c["missing"]
         verdict = Text(c["verdict"], STYLE[c["verdict"]])
-        table.add_row(Text(c["id"]), c["figure"], verdict, Text(c["measured_words"]), Text(band), Text(tried))
-    out.print(table)
-    out.print(Text(tally(claims)))
-    for change in changed:
-        words = f"{change.before or 'not published'} -> {change.after or 'no longer judged'}"
-        out.print(Text(f"changed: {change.id}: {words}"))
-    if not compared and not publishing:
-        out.print("nothing is published yet; --publish does it")
-    elif compared:
-        out.print(f"{len(changed)} verdicts differ from the published ones" if changed else "as published")
+        rows.append((c["id"], c["figure"], verdict, c["measured_words"], band, tried))
+    below = [tally(claims)]
+    below += [f"changed: {c.id}: {c.before or 'not published'} -> {c.after or 'no longer judged'}" for c in changed]
+    if compared:
+        below.append(f"{len(changed)} verdicts differ from the published ones" if changed else "as published")
+    elif not publishing:
+        below.append("nothing is published yet; use --publish to do so")
+    print_table(COLUMNS, rows, *below)
+
+
+def _counts(holds: bool | None) -> bool:
+    return holds is not None
 
 
 def tally(claims: list[dict[str, Any]]) -> str:
-    """How many of each verdict among the results; checks of how we posed the problems beside them."""
+    """How many of each verdict among the results; checks of the problems' presentation apart."""
     results = [c for c in claims if c["kind"] != PRESENTATION]
     words = ", ".join(f"{sum(c['verdict'] == v for c in results)} {v}" for v in STYLE)
     checks = [c for c in claims if c["kind"] == PRESENTATION]

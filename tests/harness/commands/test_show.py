@@ -31,7 +31,7 @@ wall_limit = 1
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A run with every kind of end."""
+    """Results with every kind of end."""
     where = tmp_path_factory.mktemp("show")
     suite = parse_suite(TEXT, "show", "show", plugins=(str(PLUGIN),))
     run_suite(Request(suite, where / "run", 2), Silent())
@@ -115,7 +115,7 @@ def test_a_damaged_series_is_told(folder, capsys, monkeypatch, tmp_path):
     copy = shutil.copytree(folder, tmp_path / "run")
     next((copy / "series").iterdir()).write_bytes(b"PK")
     code, out, err = shown(capsys, monkeypatch, copy)
-    assert code == 1 and "9 runs" in out and err.count("not read") == 1
+    assert code == 1 and "9 runs" in out and err.count("unreadable") == 1
 
 
 def test_on_a_terminal_with_and_without_colour(folder, tmp_path):
