@@ -48,6 +48,7 @@ from markupsafe import Markup
 from ...harness.results import store
 from ..model import words
 from ..model.accuracy import energy_kind
+from ..model.glossary import term
 from ..model.provenance import cautions, facts, packages, stamp
 from ..model.results import Results, Run, Variant, slug
 from ..model.scores import score
@@ -176,7 +177,7 @@ class Site:
             run_title=self.results.environment.get("run") or self.results.folder.name, facts=facts(self.results),
             cautions=cautions(self.results), packages=packages(self.results), stamp=stamp(self.results),
             nan=float("nan"), num=_num, energy_kind=energy_kind, score_of=score, slug_of=lambda run: slugs[run.variant],
-            related=lambda about: [p for p in self.pages() if p.about and p.about == about],
+            term=term, related=lambda about: [p for p in self.pages() if p.about and p.about == about],
         )  # fmt: skip
         return environment
 
