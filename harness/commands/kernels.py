@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
         for t in timings:
             print_json({"kernel": t.kernel, "before": t.before, "after": t.after, "slower": t in slower})
         return 1 if slower else 0
-    rows = [
+    rows: list[tuple[Text | str, ...]] = [
         (Text(t.kernel, "bold red" if t in slower else ""), *(number(x, 4) for x in (t.before, t.after, t.factor)))
         for t in timings
     ]

@@ -22,7 +22,7 @@ def test_every_term_of_a_template_is_in_the_glossary():
     """A tooltip without a meaning would stop the report."""
     used = set()
     for path in (ROOT / "reports" / "templates").glob("*.html"):
-        used |= set(re.findall(r"term\('([^']+)'", path.read_text(encoding="utf-8")))
+        used |= set(re.findall(r"""term\(["']([^"']+)["']""", path.read_text(encoding="utf-8")))
     assert used and used <= GLOSSARY.keys()
 
 
