@@ -1,4 +1,4 @@
-"""Grid of four-bar linkages with redundant joints (Sect. 5.5, Fig. 12), hanging from the ground, released with an initial rate.
+"""Grid of four-bar linkages with redundant joints (Sect. 5.5, Fig. 12), hanging from the ground, with initial rates.
 
 Numbers: Sect. 5.5: 5 x 5 cells, bars of 1 m and 1 kg, revolute joints along OX, gravity along -Z, 2 pi/3 rad/s, 10 s,
 energy drift of 1 J allowed. "Negligible" axial inertia: 1e-4 kg m2, which planar motion does not see. The wording
@@ -47,7 +47,7 @@ def four_bar_grid(
     mass_seed: Annotated[int, Parameter("seed of mass_spread", "", at_least=0)] = 0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Parallelogram cells of 3-D bars on revolute joints: many redundant constraint rows, one degree of freedom per row of cells."""
+    """Parallelogram cells of 3-D bars on revolute joints: redundant rows, one degree of freedom per row of cells."""
     nb = rows * (2 * columns + 1)
     spread = np.random.default_rng(mass_seed).uniform(-1.0, 1.0, nb)
     masses = mass * (1.0 + mass_spread * spread)

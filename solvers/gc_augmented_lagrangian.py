@@ -2,9 +2,9 @@
 
 Newton's correction and the augmentation mu := mu - xi psi (85), applied together, are one proximal saddle
 ``[[J_vv, -D'], [A, (Xi M_bar)^-1]]``, regular for any rank of A; the paper's nested loop is the option
-``loop = "nested"``. Where the proximal loop does not converge (a configuration in which A loses rank), the step is done
-again by the nested loop at a low penalty. In redundant systems the poses are corrected to phi = 0 after each step, because
-with phi = O(dt^2) a mechanism cannot pass its singular configurations (docs/decisions/singular-passages.md).
+``loop = "nested"``. Where the proximal loop does not converge (a configuration in which A loses rank), the step is
+repeated by the nested loop at a low penalty. In redundant systems the poses are corrected to phi = 0 after each step,
+because with phi = O(dt^2) a mechanism cannot pass its singular configurations (docs/decisions/singular-passages.md).
 """
 
 from dataclasses import dataclass, replace

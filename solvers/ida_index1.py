@@ -28,7 +28,7 @@ class IdaIndex1(BaumgarteOptions):
 
     form: str = option(
         "fi",
-        "fi (fully implicit) keeps u' in the constraint row, se (semi-explicit) substitutes M^-1",
+        "fully implicit (u' in the constraint row) or semi-explicit (M^-1)",
         choices=("fi", "se"),
     )
 

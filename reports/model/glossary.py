@@ -1,6 +1,6 @@
 """The terms of this project, one sentence each: tooltips and a page of the report, and ``docs/glossary.md``.
 
-``python -m mbsbench.reports.model.glossary`` prints the table that ``docs/glossary.md`` must hold; a test compares them.
+``python -m mbsbench.reports.model.glossary`` prints the table for ``docs/glossary.md``; a test compares.
 """
 
 import sys

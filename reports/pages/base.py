@@ -21,6 +21,7 @@ Pages are rendered after all modules have run, so each may ask whether another o
   ``marks.solver(name)`` (with its colour), ``marks.run(run)`` (a link with its settings and its mark),
   ``marks.plots_bar()`` (one legend and the switches for all plots of the page; put it before them),
   ``marks.plot(p)`` for each ``p`` of ``plots`` (``Plot`` of reports/plots/spec.py) inside ``<div class="plots">``.
+- ``term(name, shown)``: a term of the glossary with its meaning as a tooltip.
 - ``num(value, show)``: a table's entry that sorts by its value; ``looks[solver].colour``; ``number``, ``whole``,
   ``signed``, ``seconds``, ``time``, ``unit``, ``mark``, ``plural``, ``listed`` of reports/model/words.py.
 

@@ -20,9 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from ...harness.mechanics.state import State, States
 
-NORM_RATE = (
-    1.0  # [1/s] at which |q| returns to 1; slow compared with every motion here, so that it never limits the step
-)
+NORM_RATE = 1.0  # [1/s] at which |q| returns to 1; slow compared with every motion here: it never limits the step
 SINGULAR_CHART = 1e-6  # |sin(theta)| below which T^-1 amplifies rounding to 1e-10
 
 

@@ -17,7 +17,7 @@ class SymbolicOptions:
     )
     redundancy: str = option(
         "drop",
-        "redundant rows: drop all but an independent set at the start, or refuse the problem",
+        "redundant rows: drop all but an independent set at the start, or refuse",
         choices=("drop", "refuse"),
     )
 

@@ -1,4 +1,4 @@
-"""The loop around an error-controlled integrator: accepted steps kept, limits watched, failures turned into a status and a message."""
+"""The loop around an error-controlled integrator: keeps accepted steps, checks limits, returns failures as a status."""
 
 import time
 from collections.abc import Callable, Mapping
