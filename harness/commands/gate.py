@@ -7,7 +7,6 @@ import math
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +31,7 @@ from .terms import RESULTS, UsageError, check_writable, existing, jobs, load_plu
 
 COLUMNS = (
     Column("state", right=False), Column("case", right=False, fold=True),
-    Column("metric", right=False, fold=True, least=12), Column("measured"), Column("threshold value", rank=2),
+    Column("metric", right=False, fold=True, least=12), Column("measured"), Column("baseline", rank=2),
     Column("bound", rank=1, right=False, fold=True, least=10), Column("unit", rank=3, right=False),
     Column("reason", right=False, fold=True, least=16),
 )  # fmt: skip
@@ -65,24 +64,19 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--any-code needs --results; a suite that is run now is of this code")
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     path = Path(arguments.thresholds) if arguments.thresholds else FOLDER / f"{suite.name}.toml"
-    for name, needs_update in (
-        ("junit", False),
-        ("markdown", False),
-        ("json", False),
-        ("loosen", True),
-        ("write", True),
-    ):
-        if getattr(arguments, name) and arguments.update is not needs_update:
-            raise UsageError(f"--{name} {'needs' if needs_update else 'cannot be combined with'} --update")
+    for name in ("junit", "markdown", "json", "loosen", "write"):
+        needs = name in ("loosen", "write")
+        if getattr(arguments, name) and arguments.update is not needs:
+            raise UsageError(f"--{name} {'needs' if needs else 'cannot be combined with'} --update")
     thresholds = Thresholds(suite.name, (), {})
     if path.exists() or not arguments.update:
         thresholds = read_thresholds(path)
-    done = _done(arguments, suite)
+    name, stamp, records = _results(arguments, suite)
     code = None if arguments.any_code else code_digest(suite.plugins)
-    judged = newest(done.loaded.records if code is None else of_code(done.loaded.records, code))
+    judged = newest(records if code is None else of_code(records, code))
     if arguments.update:
         return _update(path, thresholds, judged, loosen=arguments.loosen, write=arguments.write)
-    verdict = judge(suite.specs, done.loaded.records, thresholds, code)
+    verdict = judge(suite.specs, records, thresholds, code)
     if arguments.json:
         print_json(as_plain(verdict, suite.name))
     else:
@@ -90,7 +84,11 @@ def run(arguments: argparse.Namespace) -> int:
     for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
         if file:
             store.write_text(Path(file), made(verdict, suite.name))
-    _remember(done, judged, verdict)
+    worst: dict[str, str] = {}
+    for f in verdict.findings:  # the worst come first
+        worst.setdefault(f.case, f.state.name)
+    with contextlib.suppress(OSError):  # a folder that cannot be written only costs the history
+        write_rows(store.LOCAL / GATES / f"{name}.jsonl", rows_of(name, stamp, judged, worst))
     return 0 if verdict.is_open else 1
 
 
@@ -101,34 +99,17 @@ def _clear(file: Path) -> None:
         file.unlink()
 
 
-@dataclass(frozen=True)
-class Done:
-    """Results to be judged."""
-
-    name: str
-    stamp: Mapping[str, Any]
-    loaded: store.Loaded
-
-
-def _done(arguments: argparse.Namespace, suite: Suite) -> Done:
+def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[str, Any], tuple[RunRecord, ...]]:
+    """Name and stamp of the results folder, and its records."""
     if arguments.results:
         folder = existing(arguments.results)
-        return Done(folder.resolve().name, stamp_of(folder), store.load(folder))
+        return folder.resolve().name, stamp_of(folder), store.load(folder).records
     with tempfile.TemporaryDirectory() as place:
         name = new_folder(suite.name).name
         folder = Path(arguments.out) if arguments.out else Path(place) / name
         with progress(quiet=arguments.json, size=jobs(arguments.jobs)) as watcher:
             loaded = run_suite(Request(suite, folder, jobs(arguments.jobs)), watcher)
-        return Done(name, stamp_of(folder), loaded)
-
-
-def _remember(done: Done, judged: Sequence[RunRecord], verdict: Verdict) -> None:
-    """Rows for the history, with each run's worst state; left out where the folder cannot be written."""
-    worst: dict[str, str] = {}
-    for f in verdict.findings:  # the worst come first
-        worst.setdefault(f.case, f.state.name)
-    with contextlib.suppress(OSError):
-        write_rows(store.LOCAL / GATES / f"{done.name}.jsonl", rows_of(done.name, done.stamp, judged, worst))
+        return name, stamp_of(folder), loaded.records
 
 
 def _print(verdict: Verdict, *, everything: bool) -> None:
@@ -139,10 +120,10 @@ def _print(verdict: Verdict, *, everything: bool) -> None:
         measured = "" if math.isnan(f.measured) else f"{f.measured:.4g}"
         words = f.words if f.state is not State.PASS else ""
         rows.append((Text(f.state.name, STYLE[f.state]), f.case, f.what, measured, was, f.bound, f.unit, words))
-    hidden = len(verdict.findings) - len(shown)
-    print_table(
-        COLUMNS, rows, *([f"{hidden} more pass and have moved by less than 1 % (--all shows them)"] if hidden else [])
-    )
+    print_table(COLUMNS, rows)
+    if len(shown) < len(verdict.findings):
+        more = len(verdict.findings) - len(shown)
+        lines().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
     counts = {s: sum(f.state is s for f in verdict.findings) for s in sorted(State, reverse=True)}
     words = ", ".join(f"{n} {s.name}" for s, n in counts.items() if n) or "nothing was judged"
     lines().print(Text(f"gate {'open' if verdict.is_open else 'CLOSED'}: {words}", STYLE[verdict.state]))

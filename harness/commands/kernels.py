@@ -21,17 +21,11 @@ NEWEST = "default: the newest file in results/local/kernels/"
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = subcommand(
-        commands, "kernels", run, "compare timings of the kernels with a baseline, or keep them as the baseline"
-    )
+    words = "compare timings of the kernels with a baseline, or keep them as the baseline"
+    p = subcommand(commands, "kernels", run, words)
     actions = p.add_subparsers(metavar="ACTION", required=True, parser_class=Parser)
-    c = subcommand(
-        actions,
-        "compare",
-        run,
-        "compare two timing files; exit code 1 if a kernel is slower or missing",
-        "one object per kernel",
-    )
+    words = "compare two timing files; exit code 1 if a kernel is slower or missing"
+    c = subcommand(actions, "compare", run, words, "one object per kernel")
     c.add_argument("before", nargs="?", metavar="BEFORE.json", help="default: results/baselines/kernels.json")
     c.add_argument("after", nargs="?", metavar="AFTER.json", help=NEWEST)
     c.add_argument("--limit", default=str(LIMIT), metavar="X", help=f"largest factor allowed (default: {LIMIT})")

@@ -4,7 +4,6 @@ import argparse
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -37,19 +36,10 @@ SHOWN = {
 SORTS = {"drift": "energy_drift_max_J", "error": "position_error_max_m", "phi": "phi_max", "cpu": "cpu_min_s"}
 
 
-@dataclass(frozen=True)
-class Shown:
-    """A record and its energy error over time."""
-
-    record: RunRecord
-    spark: str
-
-
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = subcommand(
-        commands, "show", run, "show a results folder as a table, or one run in detail", "one record per line"
-    )
+    words = "show a results folder as a table, or one run in detail"
+    p = subcommand(commands, "show", run, words, "one record per line")
     add_results(p)
     p.add_argument("run_name", metavar="RUN", nargs="?", help="show one run: run_id (or its first digits) or case")
     for name in FILTERS:
@@ -72,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.run_name is not None:
         show_run(folder, chosen[0], command(chosen[0], plugins))
     else:
-        _table([_with_spark(folder, r, unreadable) for r in chosen])
+        _table(chosen, [_spark(folder, r, unreadable) for r in chosen])
     for item in unreadable:
         errors().print(unreadable_line(item))
     return 1 if unreadable else 0
@@ -109,37 +99,36 @@ def one(found: Sequence[RunRecord], given: str) -> RunRecord:
     if not match:
         raise UsageError(f"no run {given!r} in these results{nearest(given, [r.case for r in found][:500])[:200]}")
     if len(match) > 1:
-        raise UsageError(
-            f"{given!r} is ambiguous: {len(match)} runs begin so ({', '.join(r.run_id for r in match[:5])})"
-        )
+        raise UsageError(f"{given!r} is the start of {len(match)} runs: {', '.join(r.run_id for r in match[:5])}")
     return match[0]
 
 
-def _with_spark(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> Shown:
+def _spark(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> str:
+    """The energy error over time."""
     try:
         series = store.series_of(folder, record)
     except BadSeries as error:
         unreadable.append(Unreadable(folder / record.series, str(error)))
-        return Shown(record, "")
-    line = "" if series is None else timeline(series["t"], series["energy_error"], record.t_end_s, SPARK)
-    return Shown(record, line)
+        return ""
+    return "" if series is None else timeline(series["t"], series["energy_error"], record.t_end_s, SPARK)
 
 
-def _table(shown: Sequence[Shown]) -> None:
+def _table(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
     columns = [
         Column("run", rank=1, right=False), Column("case", right=False, fold=True), Column("status", right=False),
         Column("steps", rank=7), next(iter(SHOWN.values())), Column("dE over time", right=False),
         *list(SHOWN.values())[1:],
     ]  # fmt: skip
     rows: list[tuple[Text | str, ...]] = []
-    for s in shown:
-        r = s.record
+    for r, spark in zip(chosen, sparks, strict=True):
         first, *rest = [number(getattr(r, name)) for name in SHOWN]
         status = Text(r.status, status_style(r.status))
-        rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, s.spark, *rest))
-    failed = [s.record for s in shown if s.record.status != Status.SUCCESS]
+        rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, spark, *rest))
+    failed = [r for r in chosen if r.status != Status.SUCCESS]
     below = [f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(why(r))}" for r in failed]
-    summary = f"{len(shown)} runs, {len(shown) - len(failed)} success; `mbsbench show RESULTS RUN` shows one in detail"
+    summary = (
+        f"{len(chosen)} runs, {len(chosen) - len(failed)} success; `mbsbench show RESULTS RUN` shows one"
+    )
     print_table(columns, rows, *below, summary)
 
 
