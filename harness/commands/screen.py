@@ -1,7 +1,6 @@
 """The terminal: consoles of the right width, tables that fit, numbers and series in a few characters."""
 
 import itertools
-import json
 import math
 import os
 import re
@@ -15,6 +14,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from ..files import to_json
 from ..results.store import Unreadable
 from ..types import Status
 
@@ -43,15 +43,7 @@ def errors() -> Console:
 
 def print_json(plain: Any) -> None:
     """``plain`` on one line; null for a number that is not finite."""
-    lines().print(json.dumps(_finite(plain), ensure_ascii=False, allow_nan=False))
-
-
-def _finite(plain: Any) -> Any:
-    if isinstance(plain, dict):
-        return {k: _finite(v) for k, v in plain.items()}
-    if isinstance(plain, list | tuple):
-        return [_finite(v) for v in plain]
-    return None if isinstance(plain, float) and not math.isfinite(plain) else plain
+    lines().print(to_json(plain))
 
 
 def status_style(status: str) -> str:

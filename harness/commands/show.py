@@ -126,9 +126,7 @@ def _table(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
         rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, spark, *rest))
     failed = [r for r in chosen if r.status != Status.SUCCESS]
     below = [f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(why(r))}" for r in failed]
-    summary = (
-        f"{len(chosen)} runs, {len(chosen) - len(failed)} success; `mbsbench show RESULTS RUN` shows one"
-    )
+    summary = f"{len(chosen)} runs, {len(chosen) - len(failed)} success; `mbsbench show RESULTS RUN` shows one"
     print_table(columns, rows, *below, summary)
 
 
