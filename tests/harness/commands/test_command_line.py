@@ -116,7 +116,7 @@ BAD = [
 
 
 @pytest.mark.parametrize(("arguments", "words"), BAD, ids=[" ".join(a[:1] + a[-1:]) for a, _ in BAD])
-def test_wrong_calls_are_told_in_a_line(capsys, monkeypatch, tmp_path, arguments, words):
+def test_wrong_calls_are_reported_in_one_line(capsys, monkeypatch, tmp_path, arguments, words):
     """Exit code 2, one line on standard error, nothing written."""
     monkeypatch.chdir(tmp_path)
     assert main(list(arguments)) == 2
@@ -213,7 +213,7 @@ def test_an_old_verdict_does_not_outlive_a_gate_that_came_to_none(tmp_path, caps
         assert not (tmp_path / "gate.xml").exists() and not (tmp_path / "gate.md").exists()
 
 
-def test_files_that_cannot_be_used_are_told_in_a_line(tmp_path, capsys, monkeypatch):
+def test_files_that_cannot_be_used_are_reported_in_one_line(tmp_path, capsys, monkeypatch):
     """Names too long, a file where a folder must be, a folder where a file must be, lists in lists without end."""
     monkeypatch.chdir(tmp_path)
     long, deep = "x" * 300, tmp_path / "deep"
