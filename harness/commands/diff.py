@@ -9,7 +9,7 @@ from rich.text import Text
 from ..results import store
 from ..results.comparison import Comparison, Likeness, compare
 from ..results.provenance import Difference, differences, stamp_of, why
-from .screen import Column, errors, print_json, print_table, unreadable_line
+from .screen import Column, errors, plural, print_json, print_table, unreadable_line
 from .terms import RESULTS, UsageError, existing, subcommand, whole
 
 COLUMNS = (
@@ -62,7 +62,7 @@ def show(found: Comparison, inputs: list[Difference], limit: int = SHOWN, *, jso
     if len(found.changes) > limit:
         below.insert(0, f"{len(found.changes) - limit} smaller changes are not shown (--limit)")
     changed = len({c.case for c in found.changes})
-    below.append(f"{found.compared} runs in both, {found.compared - changed} of them bit for bit identical")
+    below.append(f"{plural(found.compared, 'run')} in both, {found.compared - changed} of them bit for bit identical")
     if inputs or not found.same:
         below.append(f"possible causes: {why(inputs)}")
     print_table(COLUMNS, rows, *below)

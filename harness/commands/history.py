@@ -9,7 +9,7 @@ from rich.text import Text
 from ..catalogue.options import nearest
 from ..results.history import METRICS, HistoryError, Row, as_plain, history, read_rows, standing, write_rows
 from ..results.store import StoreError
-from .screen import Column, errors, number, print_json, print_table, sparkline
+from .screen import Column, errors, number, plural, print_json, print_table, sparkline
 from .terms import UsageError, check_writable, existing, subcommand
 
 COLUMNS = (
@@ -87,7 +87,7 @@ def _table(rows: list[Row], metric: str) -> None:
     print_table(
         COLUMNS,
         shown,
-        f"{metric}: {len(by_run)} runs in {len(folders)} results folders",
+        f"{metric}: {plural(len(by_run), 'run')} in {plural(len(folders), 'results folder')}",
         *(
             f"  {time}  {commit.removesuffix('+dirty')[:10]}{'+dirty' if commit.endswith('+dirty') else ''}  {name}"
             for time, name, commit in folders[-5:]

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ..results.merging import merge
-from .screen import lines, print_json, unreadable_line
+from .screen import lines, plural, print_json, unreadable_line
 from .terms import existing, subcommand
 
 
@@ -25,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
         print_json({**plain, "conflicts": done.conflicts, "codes": done.codes})
         return 1 if done.unreadable or done.conflicts else 0
     out = lines()
-    out.print(f"{len(done.records)} runs in {arguments.out}, {done.added} of them new")
+    out.print(f"{plural(len(done.records), 'run')} in {arguments.out}, {done.added} of them new")
     for item in done.unreadable:
         out.print(unreadable_line(item))
     for conflict in done.conflicts:

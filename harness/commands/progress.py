@@ -17,7 +17,7 @@ from ..results.records import RunRecord
 from ..results.store import Loaded, Unreadable
 from ..results.words import why
 from ..types import Status
-from .screen import status_style
+from .screen import plural, status_style
 
 LISTED = 50  # at most so many runs that were not started
 BAR = 30  # characters
@@ -46,7 +46,7 @@ class Watch:
         self.compiling = bool(runs_to_warm([job.spec for job in waiting]))
         self.estimate = Estimate(durations(suite=waiting[0].suite) if waiting else {})
         kept = f", {self.before} already done" if self.before else ""
-        self._say(f"{total} runs{kept}, results in {folder}")
+        self._say(f"{plural(total, 'run')}{kept}, results in {folder}")
         for item in unreadable:
             self._say(f"set aside: {item.path.name}: {item.why}")
         self.tick()
@@ -98,15 +98,14 @@ class Watch:
             self._say(f"not started: {job.spec.case}")
         if left:
             more = f" ({len(left) - LISTED} more are not listed)" if left[LISTED:] else ""
-            self._say(f"{len(left)} runs were not started and have no result; --resume runs them{more}")
+            self._say(f"{plural(len(left), 'run')} not started, without a result; --resume runs them{more}")
 
     def finish(self, folder: Path, loaded: Loaded) -> None:
         """The last lines: how many runs have which status, and where they are."""
         counted = Counter(r.status for r in loaded.records)
         words = ", ".join(f"{n} {status}" for status, n in counted.most_common())
-        self._say(
-            f"{len(loaded.records)} runs: {words} in {time.monotonic() - self.opened:.1f} s; {folder}/runs.parquet"
-        )
+        spent = time.monotonic() - self.opened
+        self._say(f"{plural(len(loaded.records), 'run')}: {words} in {spent:.1f} s; {folder}/runs.parquet")
         if self.worst[1]:
             self._say(f"largest energy drift: {self.drift()}")
 

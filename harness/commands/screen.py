@@ -116,6 +116,11 @@ def _loose(text: str, room: int) -> str:
     return text if cell_len(text) <= room else re.sub(r",(?! )", ", ", text).replace("[", " [")
 
 
+def plural(n: int, word: str) -> str:
+    """``1 run``, ``3 runs``."""
+    return f"{n} {word}{'' if n == 1 else 's'}"
+
+
 def number(value: float, digits: int = 3) -> str:
     """Significant digits, or a dash for NaN."""
     return "-" if math.isnan(value) else f"{value:.{digits}g}"

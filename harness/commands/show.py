@@ -19,7 +19,7 @@ from ..results.store import Unreadable
 from ..results.words import why
 from ..types import Status
 from .run_view import show_run
-from .screen import Column, errors, number, print_json, print_table, status_style, timeline, unreadable_line
+from .screen import Column, errors, number, plural, print_json, print_table, status_style, timeline, unreadable_line
 from .terms import UsageError, add_results, existing, subcommand, whole
 
 SPARK = 12  # characters of the energy error over time
@@ -126,7 +126,9 @@ def _table(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
         rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, spark, *rest))
     failed = [r for r in chosen if r.status != Status.SUCCESS]
     below = [f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(why(r))}" for r in failed]
-    summary = f"{len(chosen)} runs, {len(chosen) - len(failed)} success; `mbsbench show RESULTS RUN` shows one"
+    summary = (
+        f"{plural(len(chosen), 'run')}, {len(chosen) - len(failed)} success; `mbsbench show RESULTS RUN` shows one"
+    )
     print_table(columns, rows, *below, summary)
 
 

@@ -117,7 +117,7 @@ def test_the_run_says_what_is_left(tmp_path, capsys):
     line = ["run", str(suite), "--out", str(tmp_path / "out"), "--jobs", "1"]
     assert main(line) == 1
     out = capsys.readouterr().out
-    assert "3 runs were not started" in out and "--resume runs them" in out
+    assert "3 runs not started" in out and "--resume runs them" in out
     assert [x for x in out.splitlines() if x.startswith("not started: ")] == [
         f"not started: free_fall exact dt={dt}" for dt in (0.1, 0.2, 0.25)
     ]
