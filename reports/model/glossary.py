@@ -15,8 +15,8 @@ GLOSSARY: Mapping[str, str] = tomllib.loads(SOURCE.read_text(encoding="utf-8"))
 
 
 def term(name: str, shown: str = "") -> Markup:
-    """``shown`` (or the term itself) with its meaning as a tooltip; for templates."""
-    return Markup('<abbr title="{}">{}</abbr>').format(GLOSSARY[name], shown or name)
+    """``shown`` (or the term itself) with its meaning as a tooltip, where it has one; for templates."""
+    return Markup('<abbr title="{}">{}</abbr>').format(GLOSSARY.get(name, name), shown or name)
 
 
 def markdown() -> str:
