@@ -1,10 +1,10 @@
-# One checkout, one .venv, no other tools than python3 (3.11 or later). `make help` lists the targets.
+# One checkout, one .venv; needs only python3 (3.11 or later). `make help` lists the targets.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 CLUSTER := $(VENV)/.ready-cluster
-RUN ?= latest
+RESULTS ?= latest
 PROBLEM ?= chain
 OUT ?= $(PROBLEM).gif
 export OMP_NUM_THREADS := 1
@@ -13,10 +13,10 @@ export OPENBLAS_NUM_THREADS := 1
 .DEFAULT_GOAL := help
 .PHONY: help setup test test-slow check format bench bench-kernels gate report paper figures animate clean
 
-help: ## this list
+help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
 
-setup: $(READY) ## .venv with the locked packages and the command mbsbench
+setup: $(READY) ## make .venv with the locked packages and the command mbsbench
 
 $(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "error: python 3.11 or later is needed (got %s); make PYTHON=..." % sys.version.split()[0])'
@@ -26,52 +26,52 @@ $(READY): requirements.lock pyproject.toml
 	mkdir -p $(VENV)/src && ln -sfn ../.. $(VENV)/src/mbsbench
 	@touch $@
 
-test: $(READY) ## all tests but the slow ones
+test: $(READY) ## run all tests but the slow ones
 	$(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable
 
 $(CLUSTER): requirements-cluster.lock $(READY)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-cluster.lock
 	@touch $@
 
-test-slow: $(CLUSTER) ## the slow ones too, with those of a cluster (installs Dask)
+test-slow: $(CLUSTER) ## run all tests, with those of a cluster (installs Dask)
 	$(BIN)/python -m pytest -q -n 2 --benchmark-disable
 
-check: $(READY) ## lint, format, types, import rules
+check: $(READY) ## check lint, format, types and import layers
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy $(VENV)/src/mbsbench  # under the package's name, whatever the folder of the checkout is called
 	$(BIN)/lint-imports
 
-format: $(READY) ## put the code into the agreed form
+format: $(READY) ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(READY) ## the suite `paper` and its report: the main result
+bench: $(READY) ## run the suite `paper` and write its report: the main result
 	$(BIN)/mbsbench run paper
 	$(BIN)/mbsbench report
 
-paper: $(READY) ## the paper judged: suite `referee` (goes on where it stopped), verdicts, figures 1 to 12, report
+paper: $(READY) ## judge the paper: run or resume the suite `referee`; verdicts, figures 1 to 12, report
 	$(BIN)/mbsbench run referee --resume
 	@status=0; $(BIN)/mbsbench judge || status=$$?; test $$status -le 1 || exit $$status; \
 	$(BIN)/mbsbench figures --paper && $(BIN)/mbsbench report && exit $$status
 
-figures: $(READY) ## publication figures and tables of RUN (the newest)
-	$(BIN)/mbsbench figures $(RUN)
+figures: $(READY) ## publication figures and tables of RESULTS (default: the newest)
+	$(BIN)/mbsbench figures $(RESULTS)
 
-animate: $(READY) ## PROBLEM (chain) of RUN (the newest) as OUT (chain.gif)
-	$(BIN)/mbsbench animate $(RUN) --problem $(PROBLEM) --out $(OUT)
+animate: $(READY) ## animation of PROBLEM (chain) of RESULTS (the newest) as OUT (chain.gif)
+	$(BIN)/mbsbench animate $(RESULTS) --problem $(PROBLEM) --out $(OUT)
 
-report: $(READY) ## the report of the newest run
+report: $(READY) ## write the report of the newest results
 	$(BIN)/mbsbench report
 
-gate: $(READY) ## the suite `ci` against results/baselines/ci.toml
+gate: $(READY) ## run the suite `ci` and compare it with results/baselines/ci.toml
 	$(BIN)/mbsbench gate
 
-bench-kernels: $(READY) ## timings of the kernels, compared with results/baselines/kernels.json
+bench-kernels: $(READY) ## time the kernels and compare with results/baselines/kernels.json
 	@mkdir -p results/local/kernels
 	$(BIN)/python -m pytest -q tests/benchmarks --benchmark-only --benchmark-json results/local/kernels/$$(date -u +%Y%m%d-%H%M%S).json
 	$(BIN)/mbsbench kernels compare
 
-clean: ## results/local and caches; the .venv stays
+clean: ## remove results/local and caches; keep .venv
 	rm -rf results/local .pytest_cache .hypothesis .benchmarks .mypy_cache .ruff_cache .import_linter_cache
 	find . -name __pycache__ -not -path './$(VENV)/*' -prune -exec rm -rf {} +

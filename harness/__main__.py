@@ -1,4 +1,4 @@
-"""``mbsbench``: the command line. 0 done, 1 a run or gate failed, 2 a wrong call (one line, no traceback)."""
+"""``mbsbench``, the command line. Exit code 0: done, 1: a run or gate failed, 2: wrong call (one line)."""
 
 import importlib
 import os
@@ -14,10 +14,10 @@ from .results.environment import THREADS
 FIRST = ("catalogue", "solve", "run", "show", "report", "judge", "gate", "check", "verify", "diff", "merge", "history")
 
 INTERRUPTED = {
-    "run": "interrupted; finished runs are kept (--resume goes on)",
+    "run": "interrupted; finished runs are kept (--resume continues)",
     "gate": "interrupted; nothing was judged",
 }
-SAYS_SO_ITSELF = ("solve",)
+OWN_MESSAGE = ("solve",)
 
 os.environ.update(THREADS)  # before numpy is loaded, which reads them once
 
@@ -27,7 +27,9 @@ def main(arguments: list[str] | None = None) -> int:
     from .commands.terms import Parser
     from .execution.pool import PoolError
 
-    parser = Parser(prog="mbsbench", description="The referee of constrained multibody dynamics.")
+    words = "Benchmark of integrators for constrained multibody dynamics: run, measure, judge, report."
+    more = "mbsbench COMMAND --help explains a command; docs/glossary.md explains the terms."
+    parser = Parser(prog="mbsbench", description=words, epilog=more)
     commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
     for command in _commands():
         command.add(commands)
@@ -40,10 +42,10 @@ def main(arguments: list[str] | None = None) -> int:
         return 1 if isinstance(error, PoolError) else 2
     except KeyboardInterrupt:
         asked = str(parsed.run.__module__).rpartition(".")[2] if parsed is not None else ""
-        if asked not in SAYS_SO_ITSELF:
+        if asked not in OWN_MESSAGE:
             sys.stderr.write(f"{INTERRUPTED.get(asked, 'interrupted')}\n")
         return 130
-    except BrokenPipeError:  # the reader (head, less) has gone, and with it what was to be said: never a good end
+    except BrokenPipeError:  # the output pipe is closed (head, less): part of the output is lost, so no success
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 128 + signal.SIGPIPE
     except OSError as error:  # a full disk, a folder that may only be read, a name too long
@@ -51,12 +53,12 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stderr.write(f"error: {where}{' '.join(str(error.strerror or error).split())}\n")
         return 2
     except RecursionError:
-        sys.stderr.write("error: what was to be read is nested too deeply\n")
+        sys.stderr.write("error: a file is nested too deeply to be read\n")
         return 2
 
 
 def _commands() -> list[ModuleType]:
-    """The modules of ``harness/commands/`` that add a command, those of ``FIRST`` first."""
+    """The modules of ``harness/commands/`` that add a subcommand, in the order of ``FIRST``."""
     names = [m.name for m in pkgutil.iter_modules(command_modules.__path__)]
     ordered = sorted(names, key=lambda n: (FIRST.index(n) if n in FIRST else len(FIRST), n))
     modules = [importlib.import_module(f".{name}", command_modules.__name__) for name in ordered]
@@ -64,7 +66,7 @@ def _commands() -> list[ModuleType]:
 
 
 def _terminated(number: int, frame: object) -> NoReturn:
-    raise SystemExit(128 + number)  # through every ``finally``: what runs is ended, nothing is left half-written
+    raise SystemExit(128 + number)  # through every ``finally``: child processes end, no file is left half-written
 
 
 def command_line() -> NoReturn:

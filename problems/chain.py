@@ -34,12 +34,12 @@ def chain(
     mass: Annotated[float, Parameter("mass of a bar", "kg", above=0.0)] = 1.0,
     length: Annotated[float, Parameter("length of a bar", "m", above=0.0)] = 0.3048,
     span_ratio: Annotated[
-        float, Parameter("distance of two supports per length of the bars between", "", above=0.0)
+        float, Parameter("distance between two supports / length of the bars between them", "", above=0.0)
     ] = 0.6,
     axial_inertia: Annotated[float, Parameter("inertia of a bar about its axis", "kg m2", above=0.0)] = 1e-4,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
-    """Bars with spherical joints, hinged at A and D, let go from three separately static spans."""
+    """Bars with spherical joints, hinged at A and D, released from three separately static spans."""
     alpha = start_angles(links, span_ratio)
     transverse = mass * length**2 / 12.0
     bar = np.diag([axial_inertia, transverse, transverse])

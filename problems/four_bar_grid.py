@@ -1,4 +1,4 @@
-"""Grid of four-bar linkages with redundant joints (Sect. 5.5, Fig. 12), hanging from the ground, set swinging.
+"""Grid of four-bar linkages with redundant joints (Sect. 5.5, Fig. 12), hanging from the ground, with initial rates.
 
 Numbers: Sect. 5.5: 5 x 5 cells, bars of 1 m and 1 kg, revolute joints along OX, gravity along -Z, 2 pi/3 rad/s, 10 s,
 energy drift of 1 J allowed. "Negligible" axial inertia: 1e-4 kg m2, which planar motion does not see. The wording
@@ -37,17 +37,17 @@ def four_bar_grid(
     rows: Annotated[int, Parameter("rows of cells, one degree of freedom each", "", at_least=1)] = 5,
     columns: Annotated[int, Parameter("cells in a row", "", at_least=1)] = 5,
     release: Annotated[str, Parameter("which rows turn at the start", "", choices=("top_row", "all_rows"))] = "top_row",
-    rate: Annotated[float, Parameter("their initial rate about OX", "rad/s")] = 2.0 * np.pi / 3.0,
+    rate: Annotated[float, Parameter("initial rate of these rows about OX", "rad/s")] = 2.0 * np.pi / 3.0,
     mass: Annotated[float, Parameter("mass of a bar", "kg", above=0.0)] = 1.0,
     length: Annotated[float, Parameter("length of a bar", "m", above=0.0)] = 1.0,
     axial_inertia: Annotated[float, Parameter("inertia of a bar about its axis", "kg m2", above=0.0)] = 1e-4,
     mass_spread: Annotated[
-        float, Parameter("masses vary evenly by this part of theirs", "", at_least=0.0, at_most=0.9)
+        float, Parameter("relative spread of the masses, uniformly distributed", "", at_least=0.0, at_most=0.9)
     ] = 0.0,
     mass_seed: Annotated[int, Parameter("seed of mass_spread", "", at_least=0)] = 0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
-    """Parallelogram cells of 3-D bars on revolute joints: far more joint rows than needed, one freedom a row."""
+    """Parallelogram cells of 3-D bars on revolute joints: redundant rows, one degree of freedom per row of cells."""
     nb = rows * (2 * columns + 1)
     spread = np.random.default_rng(mass_seed).uniform(-1.0, 1.0, nb)
     masses = mass * (1.0 + mass_spread * spread)

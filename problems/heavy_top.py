@@ -1,4 +1,4 @@
-"""Heavy top in cuspidal motion (Sect. 5.4, Figs. 10, 11): released at rest but for its spin, it nutates and precesses.
+"""Heavy top in cuspidal motion (Sect. 5.4, Figs. 10, 11): released with spin only, it nutates and precesses.
 
 All numbers: Sect. 5.4. I_t and I_a are about the fixed point O, so about C the transverse inertia is I_t - m l^2.
 Exact: Lagrange's top by theta functions (problems/exact/lagrange_top).

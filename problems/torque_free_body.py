@@ -1,8 +1,8 @@
-"""Torque-free body with spherical inertia (Sect. 5.1, Figs. 1 to 3): it must keep turning about its first axis.
+"""Torque-free body with spherical inertia (Sect. 5.1, Figs. 1 to 3): it keeps rotating about its initial axis.
 
 Numbers: Sect. 5.1: three rods of 1 kg and 1 m along the body axes, J = m l^2 / 6 times the identity, held at its
 centre by a spherical joint (r = 0), which the motion never loads. ``inertia_factors`` make it Euler's asymmetric body.
-Exact: even turning, or theta functions (problems/exact/euler_top).
+Exact: uniform rotation, or theta functions (problems/exact/euler_top).
 """
 
 from functools import partial
@@ -32,7 +32,7 @@ def torque_free_body(
     angles: Annotated[Triple, Parameter("initial 3-1-3 angles", "deg")] = (0.0, 90.0, 0.0),
     omega: Annotated[Triple, Parameter("initial Omega, body frame", "rad/s")] = (1.0, 2.0, 3.0),
 ) -> Problem:
-    """Three equal crossed rods turning freely about a held centre."""
+    """Three equal crossed rods rotating freely about their fixed centre."""
     inertia = rod_mass * rod_length**2 / 6.0 * np.diag(inertia_factors)
     system = assemble([RigidBody(3.0 * rod_mass, inertia, "rods")], [Joint(0, (0.0, 0.0, 0.0), name="O")])
     R = so3.euler313(*np.deg2rad(angles))

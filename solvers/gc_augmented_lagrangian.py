@@ -2,9 +2,9 @@
 
 Newton's correction and the augmentation mu := mu - xi psi (85), applied together, are one proximal saddle
 ``[[J_vv, -D'], [A, (Xi M_bar)^-1]]``, regular for any rank of A; the paper's nested loop is the option
-``loop = "nested"``. Where the proximal loop does not converge (a configuration in which A loses rank), the step is done
-again by the nested loop at a low penalty. In redundant systems the poses are corrected to phi = 0 after each step, for
-with phi = O(dt^2) a mechanism cannot pass its singular configurations (docs/decisions/singular-passages.md).
+``loop = "nested"``. Where the proximal loop does not converge (a configuration in which A loses rank), the step is
+repeated by the nested loop at a low penalty. In redundant systems the poses are corrected to phi = 0 after each step,
+because with phi = O(dt^2) a mechanism cannot pass its singular configurations (docs/decisions/singular-passages.md).
 """
 
 from dataclasses import dataclass, replace
@@ -26,20 +26,20 @@ from .formulations.rank import rows_to_keep
 class GcAugmentedLagrangian(GaugeChoices):
     """Augmented Lagrangian weak form of fixed step: any rank of the constraints, singular passages included."""
 
-    max_newton: int = option(12, "corrections before the step counts as singular or is cut", "", at_least=1)
+    max_newton: int = option(12, "corrections until a step counts as singular or is cut", "", at_least=1)
     penalty: float = option(1e7, "xi of Eq. (84), per M_bar", "", above=0.0)
     loop: str = option(
         "proximal", "correction and augmentation at once, or the paper's nested loop", choices=("proximal", "nested")
     )
-    max_augmentations: int = option(12, "of the nested loop in a step", "", at_least=1)
-    accept: float = option(1e-3, "(81) at which a singular step counts as done", "sqrt(J)", above=0.0)
+    max_augmentations: int = option(12, "augmentations of the nested loop per step", "", at_least=1)
+    accept: float = option(1e-3, "norm of Eq. (81) at which a singular step is accepted", "sqrt(J)", above=0.0)
     soft_penalty: float = option(0.1, "xi (omega dt)^2 of singular steps; indefinite above about 0.3", "", above=0.0)
     singular_turn: float = option(
-        0.005, "limit on the turn of a body in a step once a singular configuration has been met, for the passages "
+        0.005, "largest rotation of a body per step after the first singular configuration, because passages "
         "amplify errors; 0: no limit", "rad", at_least=0.0,
     )  # fmt: skip
     correct_pose: str = option(
-        "redundant", "poses corrected to phi = 0 after each step: in redundant systems, never, or always",
+        "redundant", "when poses are corrected to phi = 0 after each step: in redundant systems, never, or always",
         choices=("redundant", "never", "always"),
     )  # fmt: skip
 
@@ -49,11 +49,11 @@ class GcAugmentedLagrangian(GaugeChoices):
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Only options that do not fit."""
+        """Only incompatible options."""
         return self.refuses_choice(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March with the fixed step ``control.dt``; singular passages are in ``events``."""
+        """Integrate with the fixed step ``control.dt``; singular passages are in ``events``."""
         redundant = problem.system.nrows - len(rows_to_keep(problem.system, problem.initial))
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)
         penalty = Penalty(

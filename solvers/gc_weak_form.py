@@ -27,7 +27,7 @@ class GcWeakForm(GaugeChoices):
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Redundant constraints make the Newton matrix singular; options may not fit."""
+        """Redundant rows, which make the Newton matrix singular, and incompatible options."""
         reason = self.refuses_choice(problem, control)
         if reason is not None:
             return reason
@@ -41,6 +41,6 @@ class GcWeakForm(GaugeChoices):
         return None
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March with the fixed step ``control.dt``."""
+        """Integrate with the fixed step ``control.dt``."""
         run, step = prepare(problem, self.settings(problem), self.mu0)
         return integrate(problem, control, run, step, self.max_cuts, self.max_turn)

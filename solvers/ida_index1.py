@@ -26,7 +26,11 @@ from .formulations.start import consistent, coordinates_and_velocities, layout_f
 class IdaIndex1(BaumgarteOptions):
     """IDA (BDF) on index 1 + Baumgarte, fully implicit or semi-explicit."""
 
-    form: str = option("fi", "fi keeps u' in the constraint row, se substitutes M^-1", choices=("fi", "se"))
+    form: str = option(
+        "fi",
+        "fully implicit (u' in the constraint row) or semi-explicit (M^-1)",
+        choices=("fi", "se"),
+    )
 
     name: ClassVar[str]
     paper_label: ClassVar[str] = "DAE-FI"

@@ -26,8 +26,8 @@ from .formulations.start import consistent, coordinates_and_velocities, layout_f
 class IdaIndex3(SymbolicOptions):
     """IDA (BDF) on index 3, positions alone in the error test."""
 
-    velocities_in_error_test: bool = option(False, "let velocities take part in the local error test")
-    lambda_in_error_test: bool = option(False, "let the multipliers take part in the local error test")
+    velocities_in_error_test: bool = option(False, "include the velocities in the local error test")
+    lambda_in_error_test: bool = option(False, "include the multipliers in the local error test")
     first_step: float = option(
         1e-5, "first step; 0 lets IDA choose, so small that rounding in phi/h^2 swamps Newton", "s", at_least=0.0
     )

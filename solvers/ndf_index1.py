@@ -41,7 +41,7 @@ class NdfIndex1(BaumgarteOptions):
     """NDF (ode15s's class) on semi-explicit index 1 + Baumgarte."""
 
     accelerations: str = option(
-        "unknown", "algebraic unknowns, or eliminated by M^-1", choices=("unknown", "eliminated")
+        "unknown", "accelerations as algebraic unknowns, or eliminated by M^-1", choices=("unknown", "eliminated")
     )
 
     name: ClassVar[str]

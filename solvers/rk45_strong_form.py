@@ -4,7 +4,7 @@
 
 explicit, error per step, rtol = atol. The constraints hold through phi_ddot = 0 alone (C_bar = K_bar = 0 without
 springs and dampers), so phi drifts with the integration error; ``alpha`` and ``beta`` add Baumgarte's terms, which
-the paper's strong form has not. lam and lam_dot are quadratures that act on nothing (``strong_form``), so by
+the paper's strong form does not have. lam and lam_dot are quadratures that affect nothing else (``strong_form``), so by
 default they are left out of the error test.
 
 Counted: accepted steps and evaluations; rejected steps follow (six evaluations an attempt, two at the start).
@@ -35,9 +35,9 @@ EVALUATIONS_A_STEP = 6  # seven stages, the last of which is the next step's fir
 class Rk45StrongForm(SymbolicOptions):
     """Explicit Runge-Kutta 5(4) on Eq. (65)."""
 
-    alpha: float = option(0.0, "adds 2 alpha phi_dot to the constraint row; the paper's has none", "1/s", at_least=0.0)
-    beta: float = option(0.0, "adds beta^2 phi to the constraint row", "1/s", at_least=0.0)
-    lambda_in_error_test: bool = option(False, "let lam and lam_dot take part in the local error test")
+    alpha: float = option(0.0, "Baumgarte: 2 alpha phi_dot (none in the paper)", "1/s", at_least=0.0)
+    beta: float = option(0.0, "Baumgarte: beta^2 phi (none in the paper)", "1/s", at_least=0.0)
+    lambda_in_error_test: bool = option(False, "include lam and lam_dot in the local error test")
 
     name: ClassVar[str]
     paper_label: ClassVar[str] = "ODE-45"
@@ -51,7 +51,7 @@ class Rk45StrongForm(SymbolicOptions):
         layout, notes = layout_for(problem, self.coordinates)
         k, n = layout.k, layout.n_p + layout.n_u
         form, clock = StrongForm(layout, self.alpha, self.beta), Clock(control.wall_limit)
-        latest = np.zeros(k)  # reaction at the last evaluation: that of the accepted state, the seventh stage being it
+        latest = np.zeros(k)  # reaction at the last evaluation, the seventh stage, which is the accepted state
 
         def rhs(t: float, y: np.ndarray) -> np.ndarray:
             clock.check()

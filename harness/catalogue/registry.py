@@ -30,23 +30,26 @@ _MARK = "__mbsbench_name__"
 MIRRORS = tuple(SPACE_AXES)
 
 COMMON_PARAMETERS: dict[str, tuple[Any, Parameter]] = {
-    "t_end": (0.0, Parameter("simulated time; 0 takes the problem's own", "s", at_least=0.0)),
-    "yaw": (0.0, Parameter("turn everything, gravity included, about the vertical", "rad")),
-    "rotation": ((0.0, 0.0, 0.0), Parameter("turn everything by this rotation vector, after yaw", "rad")),
+    "t_end": (0.0, Parameter("simulated time; 0: the problem's own", "s", at_least=0.0)),
+    "yaw": (0.0, Parameter("rotate everything, gravity included, about the vertical", "rad")),
+    "rotation": ((0.0, 0.0, 0.0), Parameter("rotate everything by this rotation vector, after yaw", "rad")),
     "perturb": (
         0.0,
-        Parameter("relative size of a random change of the start, made consistent again", "", at_least=0.0),
+        Parameter("relative size of a random change of the start, then made consistent", "", at_least=0.0),
     ),
     "seed": (0, Parameter("seed of perturb", "", at_least=0)),
-    "mirror": ("none", Parameter("tell the solver the image in the plane with this normal", "", choices=MIRRORS)),
-    "duplicate": (0, Parameter("tell it this joint twice, counted from 1; 0: none", "", at_least=0)),
-    "renumber": (0, Parameter("tell it bodies and joints in the random order of this seed; 0: as is", "", at_least=0)),
-    "unit_length": (1.0, Parameter("tell it all lengths times this number", "", at_least=1e-6, at_most=1e6)),
-    "unit_mass": (1.0, Parameter("tell it all masses times this number", "", at_least=1e-6, at_most=1e6)),
-    "unit_time": (1.0, Parameter("tell it all times times this number, dt too", "", at_least=1e-6, at_most=1e6)),
-    "retrace": (False, Parameter("send it back from the end, velocities reversed: what misses the start", "")),
+    "mirror": ("none", Parameter("present the mirror image in the plane with this normal", "", choices=MIRRORS)),
+    "duplicate": (0, Parameter("declare this joint twice, counted from 1; 0: none", "", at_least=0)),
+    "renumber": (0, Parameter("renumber bodies and joints at random with this seed; 0: no change", "", at_least=0)),
+    "unit_length": (1.0, Parameter("factor of all lengths: another unit", "", at_least=1e-6, at_most=1e6)),
+    "unit_mass": (1.0, Parameter("factor of all masses: another unit", "", at_least=1e-6, at_most=1e6)),
+    "unit_time": (1.0, Parameter("factor of all times, dt included: another unit", "", at_least=1e-6, at_most=1e6)),
+    "retrace": (
+        False,
+        Parameter("integrate back to the start with reversed velocities", ""),
+    ),
 }
-# The last seven change what the solver is told, not the problem: its motion is brought back before it is measured.
+# The last seven change the presentation, not the problem: the motion is transformed back before it is measured.
 PRESENTED = ("mirror", "duplicate", "renumber", "unit_length", "unit_mass", "unit_time")
 
 
@@ -149,7 +152,7 @@ def load_plugin(plugin: Path | str) -> None:
         taken = sorted({n for n, _ in made} & {*problems(), *solvers()})
         if taken:
             raise ValueError(f"the name {taken[0]!r} is taken")
-    except (Exception, SystemExit) as error:  # whatever a foreign file does on import is its own fault, told in a line
+    except (Exception, SystemExit) as error:  # whatever a plugin does on import: reported in one line
         raise ValueError(f"plugin {where}: {error or type(error).__name__}") from error
     _plugin_files.add(where)
     _plugin_solvers.update({n: e for n, e in made if isinstance(e, SolverEntry)})
@@ -172,7 +175,7 @@ def _own_solvers() -> Mapping[str, SolverEntry]:
 
 
 def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:
-    """The problem ``name`` with ``parameters`` (numbers or text), posed in its frame, its start checked."""
+    """The problem ``name`` with ``parameters`` (numbers or text), in its frame, its start checked."""
     known = problems()
     if name not in known:
         raise ValueError(f"unknown problem {name!r}{nearest(name, list(known))}")
@@ -203,7 +206,7 @@ def make_solver(name: str, options: Mapping[str, Any] | None = None) -> Solver:
 
 
 def in_frame(p: Problem, Q: np.ndarray) -> Problem:
-    """``p`` posed in space turned by ``Q``: ground points and axes, gravity and start; the reference follows."""
+    """``p`` in a space rotated by ``Q``: ground points and axes, gravity and start; the reference follows."""
     if np.array_equal(Q, np.eye(3)):
         return p
     start = rotated(States.one(p.initial), Q)[0]

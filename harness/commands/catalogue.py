@@ -2,7 +2,6 @@
 
 import argparse
 import dataclasses
-import json
 from collections.abc import Mapping
 from typing import Any
 
@@ -15,23 +14,21 @@ from ..catalogue.options import Parameter
 from ..results.naming import text_of
 from ..suites.includes import suite_names
 from ..suites.spec import DEFAULT_RTOL
-from .screen import lines, screen
-from .terms import load_plugins
+from .screen import print_json, screen
+from .terms import add_plugin, load_plugins, subcommand
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("list", help="problems, solvers, their options with units and defaults, suites")
-    p.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help="also those of this file")
-    p.add_argument("--json", action="store_true", help="one JSON object, for machines")
-    p.set_defaults(run=run)
+    words = "list problems, solvers and suites, with options, units and defaults"
+    add_plugin(subcommand(commands, "list", run, words, "one object"))
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print the catalogues."""
     load_plugins(arguments.plugin)
     if arguments.json:
-        lines().print(json.dumps(as_plain(), ensure_ascii=False))
+        print_json(as_plain())
         return 0
     out = screen()
     out.print("[bold]Problems[/bold]   --problem-set name=value\n")
@@ -39,7 +36,7 @@ def run(arguments: argparse.Namespace) -> int:
         own = {k: v for k, v in problem.parameters.items() if k not in registry.COMMON_PARAMETERS}
         out.print(f"[bold cyan]{problem.name}[/bold cyan]  {escape(problem.doc)}")
         _options(out, own)
-    out.print("[bold cyan]every problem[/bold cyan]  takes these too")
+    out.print("[bold cyan]every problem[/bold cyan]  has these too")
     _options(out, registry.COMMON_PARAMETERS)
     out.print("[bold]Solvers[/bold]   --set name=value\n")
     for solver in registry.solvers().values():
@@ -50,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
         out.print(f"[bold green]{solver.name}[/bold green]  [{escape(solver.paper_label)}]  {escape(solver.doc)}")
         limits = "max_steps (default 10000000); wall_limit [s] (default: none)"
-        out.print(escape(f"  control: {step}; {limits}"), style="dim")
+        out.print(escape(f"  {step}; {limits}"), style="dim")
         _options(out, solver.parameters)
     out.print("[bold]Suites[/bold]   " + ", ".join(suite_names()))
     return 0
@@ -62,27 +59,17 @@ def as_plain() -> dict[str, Any]:
         {"name": p.name, "doc": p.doc, "parameters": _plain(p.parameters)} for p in registry.problems().values()
     ]
     solvers = [
-        {
-            "name": s.name,
-            "paper_label": s.paper_label,
-            "doc": s.doc,
-            "control": s.control,
-            "options": _plain(s.parameters),
-        }
+        {**{k: getattr(s, k) for k in ("name", "paper_label", "doc", "control")}, "options": _plain(s.parameters)}
         for s in registry.solvers().values()
     ]
     return {"problems": problems, "solvers": solvers, "suites": suite_names()}
 
 
 def _plain(parameters: Mapping[str, tuple[Any, Parameter]]) -> list[dict[str, Any]]:
-    return [
-        {
-            "name": name,
-            "default": default,
-            **{k: v for k, v in dataclasses.asdict(meaning).items() if v not in (None, ())},
-        }
-        for name, (default, meaning) in parameters.items()
-    ]
+    meanings = {
+        k: {n: v for n, v in dataclasses.asdict(p).items() if v not in (None, ())} for k, (_, p) in parameters.items()
+    }
+    return [{"name": name, "default": default, **meanings[name]} for name, (default, _) in parameters.items()]
 
 
 def _options(out: Console, parameters: Mapping[str, tuple[Any, Parameter]]) -> None:
@@ -90,9 +77,8 @@ def _options(out: Console, parameters: Mapping[str, tuple[Any, Parameter]]) -> N
     for column in ("name", "default", "unit", "meaning"):
         table.add_column(column, overflow="fold", no_wrap=column != "meaning")
     for name, (default, parameter) in parameters.items():
-        table.add_row(
-            f"  {name}", text_of(default), parameter.unit and escape(f"[{parameter.unit}]"), escape(_meaning(parameter))
-        )
+        unit = parameter.unit and escape(f"[{parameter.unit}]")
+        table.add_row(f"  {name}", text_of(default), unit, escape(_meaning(parameter)))
     if table.row_count:
         out.print(table)
     out.print()

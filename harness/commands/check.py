@@ -1,7 +1,6 @@
-"""``check``: the contracts of solvers and problems, on those of a file from outside the tree."""
+"""``check``: solver and problem requirements, tested on a plugin or on an entry of the catalogue."""
 
 import argparse
-import json
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -15,22 +14,20 @@ from ..conformance.claims import Finding
 from ..conformance.solver import judged, suite_of
 from ..execution.runner import Request, run_suite
 from .progress import progress
-from .run import jobs
-from .screen import lines
-from .terms import UsageError, load_plugins
+from .screen import lines, print_json
+from .terms import UsageError, add_jobs, jobs, load_plugins, subcommand
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("check", help="the contract suite on a solver or problem of yours; explains each failure")
-    p.add_argument("plugin", metavar="FILE.py", help="file, or entry point, or a solver or problem of ours")
-    p.add_argument("--jobs", metavar="N", help="processes at a time (default: cores)")
-    p.add_argument("--json", action="store_true", help="one JSON object a claim and line, for machines")
-    p.set_defaults(run=run)
+    words = "test the requirements on a solver or problem and explain each failure; exit code 1 if one fails"
+    p = subcommand(commands, "check", run, words, "one object per requirement")
+    p.add_argument("plugin", metavar="FILE.py", help="Python file, entry point, or name of a solver or problem")
+    add_jobs(p)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 if every claim holds, else 1."""
+    """0 if every requirement is met, else 1."""
     size = jobs(arguments.jobs)
     plugins, names = _named(arguments.plugin)
     findings: list[Finding] = []
@@ -42,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = lines()
     for f in findings:
         if arguments.json:
-            out.print(json.dumps(vars(f), ensure_ascii=False))
+            print_json(vars(f))
         elif f.holds:
             out.print(f"ok    {f.solver}: {f.claim}" + (f" ({f.found})" if f.found else ""))
         else:
@@ -50,19 +47,19 @@ def run(arguments: argparse.Namespace) -> int:
             out.print(f"      found:  {f.found}\n      why:    {f.why}\n      remedy: {f.remedy}")
     broken = sum(not f.holds for f in findings)
     if not arguments.json:
-        out.print(f"{len(findings) - broken} of {len(findings)} claims hold")
+        out.print(f"{len(findings) - broken} of {len(findings)} requirements met")
     return 1 if broken else 0
 
 
 def _named(given: str) -> tuple[tuple[str, ...], list[str]]:
-    """The plugin, and the problems and solvers it brings, problems first; or one of ours by name."""
+    """The plugin and the problems and solvers it adds, problems first; or the catalogue's entry of that name."""
     before = {*registry.problems(), *registry.solvers()}
     if given in before:
         return (), [given]
     plugins = load_plugins([given])
     names = [n for n in (*sorted(registry.problems()), *sorted(registry.solvers())) if n not in before]
     if not names:
-        raise UsageError(f"{given} brings nothing that was not there{nearest(given, sorted(before))}")
+        raise UsageError(f"{given} adds no problem or solver{nearest(given, sorted(before))}")
     return plugins, names
 
 

@@ -1,4 +1,4 @@
-"""``gate``: run the short suite and hold it against the committed thresholds."""
+"""``gate``: run a short suite and compare it with the committed thresholds."""
 
 import argparse
 import contextlib
@@ -7,14 +7,12 @@ import math
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rich.text import Text
 
 from ..execution.runner import Request, new_folder, run_suite
-from ..files import to_json
 from ..gate.files import as_plain, junit, markdown
 from ..gate.judging import State, Verdict, has_moved, judge, of_code, tightened
 from ..gate.proposal import proposed
@@ -27,120 +25,96 @@ from ..results.records import RunRecord
 from ..results.store import newest
 from ..suites.suite import Suite, load_suite
 from .progress import progress
-from .run import add_running, existing, jobs
-from .screen import Column, fitted, lines, screen
-from .terms import UsageError, check_ours, check_writable, load_plugins
+from .run import add_running
+from .screen import Column, lines, print_json, print_table
+from .terms import RESULTS, UsageError, check_ours, check_writable, existing, jobs, load_plugins, subcommand
 
 COLUMNS = (
-    Column("state", right=False),
-    Column("case", right=False, fold=True),
-    Column("metric", right=False, fold=True, least=12),
-    Column("measured"),
-    Column("was", rank=2),
-    Column("bound", rank=1, right=False, fold=True, least=10),
-    Column("unit", rank=3, right=False),
-    Column("why", right=False, fold=True, least=16),
-)
+    Column("state", right=False), Column("case", right=False, fold=True),
+    Column("metric", right=False, fold=True, least=12), Column("measured"), Column("baseline", rank=2),
+    Column("bound", rank=1, right=False, fold=True, least=10), Column("unit", rank=3, right=False),
+    Column("reason", right=False, fold=True, least=16),
+)  # fmt: skip
 COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#", re.MULTILINE)  # not in a string
 STYLE = {State.FAIL: "bold red", State.XPASS: "yellow", State.XFAIL: "cyan", State.PASS: "green"}
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("gate", help="run a suite and compare with committed thresholds; 0 open, 1 closed")
-    p.add_argument("--suite", default="ci", help="name or TOML file (default: ci)")
+    words = "run a suite and compare it with thresholds; exit code 0 if the gate is open, 1 if closed"
+    p = subcommand(commands, "gate", run, words, "one object")
+    p.add_argument("--suite", default="ci", metavar="SUITE", help="name or TOML file (default: ci)")
     p.add_argument("--thresholds", metavar="FILE", help="default: results/baselines/<suite>.toml")
-    p.add_argument("--run", metavar="DIR", dest="folder", help="judge this run folder instead of running")
-    p.add_argument("--any-code", action="store_true", help="with --run: judge results of other code than today's too")
+    p.add_argument("--results", metavar="RESULTS", help=f"judge this {RESULTS}, instead of running the suite")
+    p.add_argument("--any-code", action="store_true", help="with --results: accept results of other code too")
     p.add_argument("--update", action="store_true", help="print a diff that tightens thresholds and adds missing ones")
-    p.add_argument("--loosen", action="store_true", help="with --update: propose wider bounds too")
+    p.add_argument("--loosen", action="store_true", help="with --update: also propose wider bounds")
     p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
-    p.add_argument("--all", action="store_true", help="show every threshold, not only what failed or moved")
-    p.add_argument("--json", action="store_true", help="one JSON object, for machines")
+    p.add_argument("--all", action="store_true", help="show every threshold, not only those that failed or moved")
     p.add_argument("--junit", metavar="FILE", help="write the verdict as JUnit XML")
-    p.add_argument("--markdown", metavar="FILE", help="write what failed or moved as Markdown")
+    p.add_argument("--markdown", metavar="FILE", help="write failed and moved thresholds as Markdown")
     add_running(p)
-    p.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """0 if nothing failed and something was judged, else 1."""
     for file in filter(None, (arguments.junit, arguments.markdown)):
         _clear(Path(file))
-    if arguments.any_code and not arguments.folder:
-        raise UsageError("--any-code goes with --run: what is run now is of this code")
+    if arguments.any_code and not arguments.results:
+        raise UsageError("--any-code needs --results; a suite that is run now is of this code")
     suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
     path = Path(arguments.thresholds) if arguments.thresholds else FOLDER / f"{suite.name}.toml"
-    for given, other in (
-        ("junit", "update"),
-        ("markdown", "update"),
-        ("json", "update"),
-        ("loosen", ""),
-        ("write", ""),
-    ):
-        if getattr(arguments, given) and (arguments.update if other else not arguments.update):
-            raise UsageError(f"--{given} goes {'without' if other else 'with'} --update")
+    for name in ("junit", "markdown", "json", "loosen", "write"):
+        needs = name in ("loosen", "write")
+        if getattr(arguments, name) and arguments.update is not needs:
+            raise UsageError(f"--{name} {'needs' if needs else 'cannot be combined with'} --update")
     if arguments.update:
         check_ours(path, "--thresholds FILE")
     thresholds = Thresholds(suite.name)
     if path.exists() or not arguments.update:
         thresholds = read_thresholds(path)
-    done = _done(arguments, suite)
+    name, stamp, records = _results(arguments, suite)
     code = None if arguments.any_code else code_digest(suite.plugins)
-    judged = newest(done.loaded.records if code is None else of_code(done.loaded.records, code))
+    judged = newest(records if code is None else of_code(records, code))
     if arguments.update:
         return _update(path, thresholds, judged, loosen=arguments.loosen, write=arguments.write)
-    verdict = judge(suite.specs, done.loaded.records, thresholds, code)
+    verdict = judge(suite.specs, records, thresholds, code)
     if arguments.json:
-        lines().print(to_json(as_plain(verdict, suite.name)))
+        print_json(as_plain(verdict, suite.name))
     else:
         _print(verdict, everything=arguments.all)
     for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
         if file:
             store.write_text(Path(file), made(verdict, suite.name))
-    _remember(done, judged, verdict)
+    worst: dict[str, str] = {}
+    for f in verdict.findings:  # the worst come first
+        worst.setdefault(f.case, f.state.name)
+    with contextlib.suppress(OSError):  # a folder that cannot be written only costs the history
+        write_rows(store.LOCAL / GATES / f"{name}.jsonl", rows_of(name, stamp, judged, worst))
     return 0 if verdict.is_open else 1
 
 
 def _clear(file: Path) -> None:
-    """The verdict of an earlier gate must not be taken for that of one that came to none."""
+    """Remove the verdict of an earlier gate: if this one is interrupted, it must not be taken for its verdict."""
     check_writable(file)
     if file.is_file() and not file.is_symlink():
         file.unlink()
 
 
-@dataclass(frozen=True)
-class Done:
-    """A run to be judged."""
-
-    name: str
-    stamp: Mapping[str, Any]
-    loaded: store.Loaded
-
-
-def _done(arguments: argparse.Namespace, suite: Suite) -> Done:
-    if arguments.folder:
-        folder = existing(arguments.folder)
-        return Done(folder.resolve().name, stamp_of(folder), store.load(folder))
+def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[str, Any], tuple[RunRecord, ...]]:
+    """Name and stamp of the results folder, and its records."""
+    if arguments.results:
+        folder = existing(arguments.results)
+        return folder.resolve().name, stamp_of(folder), store.load(folder).records
     with tempfile.TemporaryDirectory() as place:
         name = new_folder(suite.name).name
         folder = Path(arguments.out) if arguments.out else Path(place) / name
         with progress(quiet=arguments.json, size=jobs(arguments.jobs)) as watcher:
             loaded = run_suite(Request(suite, folder, jobs(arguments.jobs)), watcher)
-        return Done(name, stamp_of(folder), loaded)
-
-
-def _remember(done: Done, judged: Sequence[RunRecord], verdict: Verdict) -> None:
-    """Rows for the history, with each run's worst state; a folder that cannot be written costs the history only."""
-    worst: dict[str, str] = {}
-    for f in verdict.findings:  # the worst come first
-        worst.setdefault(f.case, f.state.name)
-    with contextlib.suppress(OSError):
-        write_rows(store.LOCAL / GATES / f"{done.name}.jsonl", rows_of(done.name, done.stamp, judged, worst))
+        return name, stamp_of(folder), loaded.records
 
 
 def _print(verdict: Verdict, *, everything: bool) -> None:
-    out = screen()
     shown = [f for f in verdict.findings if everything or f.state is not State.PASS or has_moved(f)]
     rows = []
     for f in shown:
@@ -148,13 +122,13 @@ def _print(verdict: Verdict, *, everything: bool) -> None:
         measured = "" if math.isnan(f.measured) else f"{f.measured:.4g}"
         words = f.words if f.state is not State.PASS else ""
         rows.append((Text(f.state.name, STYLE[f.state]), f.case, f.what, measured, was, f.bound, f.unit, words))
-    if rows:
-        out.print(fitted(COLUMNS, rows, out.width))
+    print_table(COLUMNS, rows)
     if len(shown) < len(verdict.findings):
-        out.print(f"{len(verdict.findings) - len(shown)} more pass and have not moved by 1 % (--all shows them)")
+        more = len(verdict.findings) - len(shown)
+        lines().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
     counts = {s: sum(f.state is s for f in verdict.findings) for s in sorted(State, reverse=True)}
     words = ", ".join(f"{n} {s.name}" for s, n in counts.items() if n) or "nothing was judged"
-    out.print(Text(f"gate {'open' if verdict.is_open else 'CLOSED'}: {words}", STYLE[verdict.state]))
+    lines().print(Text(f"gate {'open' if verdict.is_open else 'CLOSED'}: {words}", STYLE[verdict.state]))
 
 
 def _moved(measured: float, value: float) -> str:
@@ -165,16 +139,14 @@ def _moved(measured: float, value: float) -> str:
 
 def _update(path: Path, old: Thresholds, judged: Sequence[RunRecord], *, loosen: bool, write: bool) -> int:
     new = write_thresholds(tightened(old, judged, proposed(judged), loosen=loosen))
-    parse_thresholds(new, path)  # what the gate could not read is not written
+    parse_thresholds(new, path)  # nothing is written that the gate could not read
     before = path.read_text(encoding="utf-8") if path.exists() else ""
     out = lines()
     if write:
         store.write_text(path, new)
         out.print(f"written: {path}")
         if COMMENT.search(before):
-            out.print(
-                "its comments are not in it any more: take them over from the version before, or put them in reasons"
-            )
+            out.print("its comments were removed: restore them from the previous version, or move them into `reason`")
         return 0
     for line in difflib.unified_diff(before.splitlines(), new.splitlines(), str(path), "proposed", lineterm=""):
         out.print(line)

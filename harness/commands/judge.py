@@ -1,12 +1,10 @@
-"""``judge``: the verdicts on the paper's claims from a run, and what changed against the published ones."""
+"""``judge``: the verdicts on the paper's claims from a results folder, and what changed since they were published."""
 
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-from rich.table import Table
 from rich.text import Text
 
 from ...reports.model import claim_words
@@ -14,77 +12,71 @@ from ..referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 from ..results import store
 from ..results.judgements import Claim, Verdict
-from .run import existing
-from .terms import check_ours
+from .screen import Column, errors, lines, print_table, unreadable_line
+from .terms import add_results, check_ours, existing, subcommand
 
 STYLE = {
     Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.REFUTED: "bold red", Verdict.UNTESTABLE: "dim",
 }  # fmt: skip
+COLUMNS = (
+    Column("claim", right=False, fold=True), Column("figure", rank=2, right=False), Column("verdict", right=False),
+    Column("measured", right=False, fold=True, least=12), Column("band", rank=1, right=False, fold=True, least=12),
+    Column("holds in", right=False, fold=True, least=12),
+)  # fmt: skip
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("judge", help="verdicts on the paper's claims; 1 where they differ from the published")
-    p.add_argument("folder", nargs="?", default="latest", metavar="RUN", help="run folder (default: the newest)")
-    p.add_argument("--publish", action="store_true", help="write them to results/published/ as well")
-    p.add_argument("--claims", metavar="FILE.toml", help="another register than results/claims.toml")
-    p.add_argument("--published", metavar="DIR", help="another folder than results/published")
-    p.add_argument("--json", action="store_true", help="the claims as JSON, for machines")
-    p.set_defaults(run=run)
+    words = "judge the paper's claims; exit code 1 if a verdict differs from the published one"
+    p = subcommand(commands, "judge", run, words, "the claims with their verdicts and maps")
+    add_results(p)
+    p.add_argument("--publish", action="store_true", help="write the verdicts to results/published/ too")
+    p.add_argument("--claims", metavar="FILE.toml", help="register of claims (default: results/claims.toml)")
+    p.add_argument("--published", metavar="DIR", help="published verdicts (default: results/published/)")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """0, or 1 where a verdict differs from the published one and is not published now."""
     register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
-    folder = existing(arguments.folder)
+    folder = existing(arguments.results)
     published = Path(arguments.published) if arguments.published else PUBLISHED
     if arguments.publish:
         check_ours(published, "--published DIR")
-    told = Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
     before = None if arguments.publish else read_claims(published)
-    unreadable = store.load(folder, check_series=False).unreadable
-    for item in unreadable:
-        told.print(f"not read: {item.path}: {item.why}")
-    judged = judgements(folder, register, lambda part: told.print(f"judging: {part}"))
+    for item in store.load(folder, check_series=False).unreadable:
+        errors().print(unreadable_line(item))
+    judged = judgements(folder, register, lambda part: errors().print(f"judging: {part}"))
     write(folder / FOLDER, judged)
     changed = changes(before, judged["claims"]) if before is not None else []
     if arguments.json:
-        Console(highlight=False, markup=False, soft_wrap=True).print(as_text(judged["claims"]), end="")
+        lines().print(as_text(judged["claims"]), end="")
     else:
         show(judged["claims"], changed, before is not None, arguments.publish)
     if arguments.publish:
         write(published, judged)
-        told.print(f"published: {published}")
+        errors().print(f"published: {published}")
     return 1 if changed else 0
 
 
 def show(claims: Sequence[Claim], changed: list[Change], compared: bool, publishing: bool) -> None:
     """The table of verdicts, how many of each, and the changes."""
-    out = Console()
-    if not out.is_terminal:
-        out = Console(width=160)
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    for name in ("claim", "figure", "verdict", "measured", "band", "holds in"):
-        table.add_column(name, overflow="fold")
+    rows = []
     for c in claims:
         first = c.tests[0] if c.tests else None
         numbers = (claim_words.measured(first), claim_words.band(first)) if first else ("", "")
         tried = claim_words.missing(c) or f"{c.because.holds} of {c.because.settings}"
-        cells = (c.id, claim_words.figures(c), Text(c.verdict, STYLE[c.verdict]), *numbers, tried)
-        table.add_row(*(x if isinstance(x, Text) else Text(x) for x in cells))
-    out.print(table)
-    out.print(Text(tally(claims)))
-    for change in changed:
-        words = f"{change.before or 'not published'} -> {change.after or 'no longer judged'}"
-        out.print(Text(f"changed: {change.id}: {words}"))
-    if not compared and not publishing:
-        out.print("nothing is published yet; --publish does it")
-    elif compared:
-        out.print(f"{len(changed)} verdicts differ from the published ones" if changed else "as published")
+        rows.append((c.id, claim_words.figures(c), Text(c.verdict, STYLE[c.verdict]), *numbers, tried))
+    below = [tally(claims)]
+    below += [f"changed: {c.id}: {c.before or 'not published'} -> {c.after or 'no longer judged'}" for c in changed]
+    if compared:
+        below.append(f"{len(changed)} verdicts differ from the published ones" if changed else "as published")
+    elif not publishing:
+        below.append("nothing is published yet; use --publish to do so")
+    print_table(COLUMNS, rows, *below)
 
 
 def tally(claims: Sequence[Claim]) -> str:
-    """How many of each verdict among the results; checks of the presentation of the problems beside them."""
+    """How many of each verdict among the results; checks of the problems' presentation apart."""
     results = [c for c in claims if c.kind != PRESENTATION]
     words = ", ".join(f"{sum(c.verdict == v for c in results)} {v}" for v in STYLE)
     checks = [c for c in claims if c.kind == PRESENTATION]

@@ -1,7 +1,6 @@
-"""``kernels``: timings of two runs of ``make bench-kernels`` compared, and one kept as the baseline."""
+"""``kernels``: compare the timings of ``make bench-kernels`` with a baseline, or make them the baseline."""
 
 import argparse
-import json
 import math
 from pathlib import Path
 from typing import Any
@@ -10,32 +9,29 @@ from rich.text import Text
 
 from ..gate.kernels import BASELINE, compared, newest, trimmed
 from ..results.store import write_text
-from .screen import Column, fitted, lines, screen
-from .terms import Parser, UsageError, check_ours, check_writable
+from .screen import Column, lines, number, print_json, print_table
+from .terms import Parser, UsageError, check_ours, check_writable, subcommand
 
 COLUMNS = (
-    Column("kernel", right=False, fold=True),
-    Column("before", rank=1),
-    Column("after", rank=2),
-    Column("factor"),
-)
+    Column("kernel", right=False, fold=True), Column("before", rank=1), Column("after", rank=2), Column("factor"),
+)  # fmt: skip
 LIMIT = 1.3  # times slower: ratios of least times repeat to about 10 % on a shared machine
+NEWEST = "default: the newest file in results/local/kernels/"
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("kernels", help="timings of kernels: compare two files of pytest-benchmark, or keep one")
+    words = "compare timings of the kernels with a baseline, or keep them as the baseline"
+    p = subcommand(commands, "kernels", run, words)
     actions = p.add_subparsers(metavar="ACTION", required=True, parser_class=Parser)
-    c = actions.add_parser("compare", help="ratios to the calibration kernel; 0 none slower, 1 one slower or gone")
+    words = "compare two timing files; exit code 1 if a kernel is slower or missing"
+    c = subcommand(actions, "compare", run, words, "one object per kernel")
     c.add_argument("before", nargs="?", metavar="BEFORE.json", help="default: results/baselines/kernels.json")
-    c.add_argument("after", nargs="?", metavar="AFTER.json", help="default: the newest of results/local/kernels/")
-    c.add_argument("--limit", default=str(LIMIT), metavar="X", help=f"times slower that fails (default: {LIMIT})")
-    c.add_argument("--json", action="store_true", help="one JSON object a kernel and line, for machines")
-    c.set_defaults(run=run)
-    k = actions.add_parser("keep", help="write timings, trimmed, as the committed baseline")
-    k.add_argument("file", nargs="?", metavar="FILE.json", help="default: the newest of results/local/kernels/")
-    k.add_argument("--out", default=str(BASELINE), help="default: results/baselines/kernels.json")
-    k.set_defaults(run=keep)
+    c.add_argument("after", nargs="?", metavar="AFTER.json", help=NEWEST)
+    c.add_argument("--limit", default=str(LIMIT), metavar="X", help=f"largest factor allowed (default: {LIMIT})")
+    k = subcommand(actions, "keep", keep, "write a timing file, trimmed, as the baseline")
+    k.add_argument("file", nargs="?", metavar="FILE.json", help=NEWEST)
+    k.add_argument("--out", default=str(BASELINE), metavar="FILE", help="default: results/baselines/kernels.json")
 
 
 def keep(arguments: argparse.Namespace) -> int:
@@ -45,7 +41,7 @@ def keep(arguments: argparse.Namespace) -> int:
     check_ours(out, "--out FILE")
     check_writable(out)
     write_text(out, text)
-    lines().print(f"{source} kept as {out}")
+    lines().print(f"baseline {out} written from {source}")
     return 0
 
 
@@ -63,19 +59,12 @@ def run(arguments: argparse.Namespace) -> int:
     slower = [t for t in timings if t.is_slower(limit)]
     if arguments.json:
         for t in timings:
-            plain = {"kernel": t.kernel, "before": _number(t.before), "after": _number(t.after), "slower": t in slower}
-            lines().print(json.dumps(plain))
+            print_json({"kernel": t.kernel, "before": t.before, "after": t.after, "slower": t in slower})
         return 1 if slower else 0
-    rows: list[tuple[Text | str, ...]] = []
-    for t in timings:
-        numbers = ["-" if math.isnan(x) else f"{x:.4g}" for x in (t.before, t.after, t.factor)]
-        rows.append((Text(t.kernel, "bold red" if t in slower else ""), *numbers))
-    out = screen()
-    out.print(fitted(COLUMNS, rows, out.width))
-    words = f"{len(slower)} of {len(timings)} slower by more than {limit:g} or gone"
-    out.print(Text(f"{before} and {after}, in units of the calibration kernel: {words}"))
+    rows: list[tuple[Text | str, ...]] = [
+        (Text(t.kernel, "bold red" if t in slower else ""), *(number(x, 4) for x in (t.before, t.after, t.factor)))
+        for t in timings
+    ]
+    summary = f"{len(slower)} of {len(timings)} kernels slower by more than a factor of {limit:g}, or missing"
+    print_table(COLUMNS, rows, f"{before} and {after}, relative to the calibration kernel: {summary}")
     return 1 if slower else 0
-
-
-def _number(x: float) -> float | None:
-    return None if math.isnan(x) else x

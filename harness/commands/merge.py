@@ -1,38 +1,35 @@
-"""``merge``: the run folders of shards into one."""
+"""``merge``: the results folders of shards into one."""
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
 from ..results.merging import merge
-from .run import existing
-from .screen import lines
+from .screen import lines, plural, print_json, unreadable_line
+from .terms import existing, subcommand
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("merge", help="run folders of shards into one; the sources stay as they are")
-    p.add_argument("out", metavar="OUT", help="run folder, new or to be added to")
-    p.add_argument("sources", metavar="IN", nargs="+", help="run folders")
-    p.add_argument("--json", action="store_true", help="one JSON object, for machines")
-    p.set_defaults(run=run)
+    p = subcommand(commands, "merge", run, "merge results folders into one; the sources are not changed", "one object")
+    p.add_argument("out", metavar="OUT", help="results folder to create or to add to")
+    p.add_argument("sources", metavar="RESULTS", nargs="+", help="results folders to merge")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 when every record was good and no run contradicts another, else 1."""
+    """0 when every record could be read and no run contradicts another, else 1."""
     done = merge(Path(arguments.out), [existing(f) for f in arguments.sources])
-    out = lines()
     if arguments.json:
         unreadable = [{"path": str(u.path), "why": u.why} for u in done.unreadable]
         plain = {"runs": len(done.records), "added": done.added, "unreadable": unreadable}
-        out.print(json.dumps({**plain, "conflicts": done.conflicts, "codes": done.codes}, ensure_ascii=False))
+        print_json({**plain, "conflicts": done.conflicts, "codes": done.codes})
         return 1 if done.unreadable or done.conflicts else 0
-    out.print(f"{len(done.records)} runs in {arguments.out}, {done.added} of them new")
+    out = lines()
+    out.print(f"{plural(len(done.records), 'run')} in {arguments.out}, {done.added} of them new")
     for item in done.unreadable:
-        out.print(f"not read: {item.path}: {item.why}")
-    for words in done.conflicts:
-        out.print(f"contradiction, the first is kept: {words}")
+        out.print(unreadable_line(item))
+    for conflict in done.conflicts:
+        out.print(f"conflict, the first result is kept: {conflict}")
     if len(done.codes) > 1:
         out.print(f"results of different code: {', '.join(done.codes)}")
     return 1 if done.unreadable or done.conflicts else 0

@@ -1,4 +1,4 @@
-"""How a run goes, on the terminal: a bar, the time to go, the worst drift, what runs; plain lines elsewhere."""
+"""Progress of a suite: on a terminal a bar, the time left, the worst drift and the running runs; else plain lines."""
 
 import time
 from collections import Counter
@@ -17,36 +17,36 @@ from ..results.records import RunRecord
 from ..results.store import Loaded, Unreadable
 from ..results.words import why
 from ..types import Status
+from .screen import plural, status_style
 
-STYLE = {Status.SUCCESS: "green", Status.REFUSED: "cyan", Status.WRONG: "bold red"}
-LISTED = 50  # runs named at most
+LISTED = 50  # at most so many runs that were not started
 BAR = 30  # characters
-SHOWN = 8  # running runs on the screen at most
-PATIENCE = 3.0  # [s] until it is said that compilation goes on
-EVERY = 30.0  # [s] between two lines on how far it is, where there is no bar
+SHOWN = 8  # at most so many running runs
+PATIENCE = 3.0  # [s] of compilation until it is mentioned
+EVERY = 30.0  # [s] between two progress lines where there is no bar
 
 
 class Watch:
-    """Prints one line a finished run, and keeps the lines at the foot of a terminal."""
+    """Prints one line per finished run, and keeps the status lines at the bottom of a terminal."""
 
     def __init__(self, console: Console, live: Live | None, size: int = 1) -> None:
         self.console, self.live, self.size = console, live, size
         self.total = self.before = self.done = 0
-        self.opened = self.told = time.monotonic()
+        self.opened = self.reported = time.monotonic()
         self.waiting: dict[str, Job] = {}
         self.running: dict[str, tuple[Job, float]] = {}
         self.estimate = Estimate({})
-        self.compiling = False  # and it has not been said
+        self.compiling = False  # and not mentioned yet
         self.worst = (0.0, "")
-        self.left = 0  # runs that a limit on the whole run has kept from beginning
+        self.left = 0  # runs not started because of total_limit
 
     def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
         self.total, self.before = total, total - len(waiting)
         self.waiting = {job.id: job for job in waiting}
         self.compiling = bool(runs_to_warm([job.spec for job in waiting]))
         self.estimate = Estimate(durations(suite=waiting[0].suite) if waiting else {})
-        kept = f", {self.before} of them done before" if self.before else ""
-        self._say(f"{total} runs{kept} into {folder}")
+        kept = f", {self.before} already done" if self.before else ""
+        self._say(f"{plural(total, 'run')}{kept}, results in {folder}")
         for item in unreadable:
             self._say(f"set aside: {item.path.name}: {item.why}")
         self.tick()
@@ -70,46 +70,47 @@ class Watch:
             because = why(record)
             words += f"  ({because[0]}{f', and {len(because) - 1} more' if because[1:] else ''})"
         count = f"[{self.before + self.done}/{self.total}]"
-        self._say(f"{count} {words}", STYLE.get(Status(record.status), "yellow"))
+        self._say(f"{count} {words}", status_style(record.status))
         self.tick()
 
     def warmed(self, times: dict[str, float]) -> None:
         slow = [f"{solver} {seconds:.0f} s" for solver, seconds in times.items() if seconds > PATIENCE]
         if slow:
-            self._say(f"compiled once, before any clock runs: {', '.join(slow)}")
+            self._say(f"compiled once, not counted in any run: {', '.join(slow)}")
 
     def tick(self) -> None:
         now = time.monotonic()
         if self.compiling and now - self.opened > PATIENCE:
             self.compiling = False
-            self._say("compiling the solvers' kernels, before any clock runs: half a minute or more the first time")
+            self._say(
+                "compiling the kernels of the solvers: half a minute or more the first time, not counted in any run"
+            )
         if self.live is not None:
             self.live.update(Group(*self.foot(now)), refresh=True)
-        elif now - self.told > EVERY and self.running:
-            self.told = now
+        elif now - self.reported > EVERY and self.running:
+            self.reported = now
             self._say(f"    {self.count()}; {self.drift()}" if self.worst[1] else f"    {self.count()}")
 
     def stopped(self, left: Sequence[Job], limit: float) -> None:
         self.left = len(left)
-        self._say(f"stopped at the limit of {limit:g} s for the whole run (total_limit)", "yellow")
+        self._say(f"stopped at the suite's total_limit of {limit:g} s", "yellow")
         for job in left[:LISTED]:
-            self._say(f"left: {job.spec.case}")
+            self._say(f"not started: {job.spec.case}")
         if left:
             more = f" ({len(left) - LISTED} more are not listed)" if left[LISTED:] else ""
-            self._say(f"{len(left)} runs were not begun and have no result; --resume runs them{more}")
+            self._say(f"{plural(len(left), 'run')} not started, without a result; --resume runs them{more}")
 
     def finish(self, folder: Path, loaded: Loaded) -> None:
-        """The last line: how many ended how, and where they are."""
+        """The last lines: how many runs have which status, and where they are."""
         counted = Counter(r.status for r in loaded.records)
         words = ", ".join(f"{n} {status}" for status, n in counted.most_common())
-        self._say(
-            f"{len(loaded.records)} runs: {words} in {time.monotonic() - self.opened:.1f} s; {folder}/runs.parquet"
-        )
+        spent = time.monotonic() - self.opened
+        self._say(f"{plural(len(loaded.records), 'run')}: {words} in {spent:.1f} s; {folder}/runs.parquet")
         if self.worst[1]:
             self._say(f"largest energy drift: {self.drift()}")
 
     def foot(self, now: float) -> list[Text]:
-        """The lines under all others, none longer than the terminal is wide."""
+        """The status lines, none wider than the terminal."""
         share = (self.before + self.done) / self.total if self.total else 0.0
         full = round(share * BAR)
         lines = [Text.assemble(("━" * full, "green"), ("─" * (BAR - full), "dim"), f" {self.count()}")]
@@ -124,7 +125,7 @@ class Watch:
         return lines
 
     def count(self) -> str:
-        """How many are done, and the time to go."""
+        """How many runs are done, and the time left."""
         now = time.monotonic()
         running = [(job.spec, now - since) for job, since in self.running.values()]
         left = self.estimate.left(running, (job.spec for job in self.waiting.values()), self.size)
@@ -132,7 +133,7 @@ class Watch:
         return f"{self.before + self.done} of {self.total}{words}"
 
     def drift(self) -> str:
-        """The worst so far."""
+        """The largest so far."""
         return f"{self.worst[0]:.2g} of the energy scale, {self.worst[1]}"
 
     def _say(self, words: str, style: str = "") -> None:
@@ -141,7 +142,7 @@ class Watch:
 
 @contextmanager
 def progress(*, quiet: bool = False, size: int = 1) -> Iterator[Watch]:
-    """A ``Watch`` with lines at the foot if standard output is a terminal; ``quiet`` leaves it to what follows."""
+    """A ``Watch`` with status lines if standard output is a terminal; ``quiet``: one that prints nothing."""
     console = Console(quiet=quiet)
     if quiet or not console.is_terminal or console.is_dumb_terminal:
         yield Watch(console, None, size)

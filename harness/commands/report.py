@@ -1,31 +1,31 @@
-"""``report``: the site of a run folder, or what changed between two."""
+"""``report``: the web pages of a results folder, or the comparison of two."""
 
 import argparse
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from ..results.store import StoreError
-from .run import existing
-from .terms import UsageError
+from .screen import lines
+from .terms import RESULTS, UsageError, existing, subcommand
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("report", help="write the report of a run, or compare two runs")
-    p.add_argument("folder", nargs="*", default=["latest"], help="run folder (default: the newest), or two to compare")
-    p.add_argument("--out", type=Path, help="folder of the comparison (default: report/ of the second run)")
-    p.set_defaults(run=run)
+    p = subcommand(commands, "report", run, "write the report of a results folder, or compare two")
+    results = f"{RESULTS} (default: the newest); two of them are compared"
+    p.add_argument("results", nargs="*", default=["latest"], metavar="RESULTS", help=results)
+    p.add_argument(
+        "--out", type=Path, metavar="DIR", help="where to write a comparison (default: report/ in the second)"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Build it and say where it is."""
-    if len(arguments.folder) > 2:
-        raise UsageError(f"report takes one run folder, or two to compare (got {len(arguments.folder)})")
-    folders = [existing(name) for name in arguments.folder]
+    """Write it and print where it is."""
+    folders = [existing(name) for name in arguments.results]
+    if len(folders) > 2:
+        raise UsageError(f"report takes one results folder, or two to compare (got {len(folders)})")
     if arguments.out is not None and len(folders) < 2:
-        raise UsageError("--out is for the comparison of two runs; the report of one is in its folder")
+        raise UsageError("--out needs two results folders to compare; the report of one is written into it")
     from ...reports.pages.compare import write_compare  # here: they take a second to load
     from ...reports.site import build
 
@@ -38,5 +38,5 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(str(error)) from None
     except OSError as error:
         raise UsageError(f"cannot write the report: {error}") from None
-    Console(highlight=False, soft_wrap=True).print(f"report: {index}", markup=False)
+    lines().print(f"report: {index}")
     return 0

@@ -1,4 +1,4 @@
-"""One run on the terminal: settings, numbers, series over time, standard error, and the command that runs it again."""
+"""One run on the terminal: settings, numbers, series over time, standard error, and the command that repeats it."""
 
 import json
 import math
@@ -13,11 +13,9 @@ from ..results import store
 from ..results.records import COLUMNS, RunRecord, reasons_of
 from ..results.series import BadSeries
 from ..results.words import words_of, words_of_ending
-from ..types import Status
-from .progress import STYLE
-from .screen import Column, fitted, lines, screen, timeline
+from .screen import Column, fitted, lines, screen, status_style, timeline
 
-SERIES = {  # name in the series file: what the line is called
+SERIES = {  # name in the series file: label
     "energy_error": "|dE| [J]", "position_error": "error [m]", "orientation_error": "error [rad]",
     "phi_norm": "|phi| [m]", "phi_dot_norm": "|phi'| [m/s]", "dt": "step [s]",
 }  # fmt: skip
@@ -29,10 +27,9 @@ LAST = 5  # lines of standard error
 def show_run(folder: Path, record: RunRecord, command: str) -> None:
     """Print all of it."""
     out = screen()
-    style = STYLE.get(Status(record.status) if record.status in set(Status) else Status.CRASHED, "yellow")
-    said = words_of_ending(record)
+    ending = words_of_ending(record)
     out.print(Text(record.case, "bold"))
-    out.print(Text.assemble((record.status, style), f": {said}" if said else ""))
+    out.print(Text.assemble((record.status, status_style(record.status)), f": {ending}" if ending else ""))
     for reason in reasons_of(record.wrong_because):
         out.print(Text(f"  because: {words_of(reason)}"))
     for words in json.loads(record.notes):
@@ -45,10 +42,10 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
     _numbers(out, record)
     native = folder / record.stderr if record.stderr else None
     if native is not None and native.is_file():
-        _heading(out, f"Standard error ({record.stderr}), the last lines")
+        _heading(out, f"Standard error (last lines of {record.stderr})")
         for line in native.read_text(encoding="utf-8", errors="replace").splitlines()[-LAST:]:
             out.print(Text("  " + _printable(line)))
-    _heading(out, "Again")
+    _heading(out, "Command that repeats this run")
     lines().print(f"  {command}")
 
 
@@ -61,7 +58,7 @@ def _settings(r: RunRecord) -> dict[str, str]:
         value = getattr(r, name)
         if value not in ("", 0) and not (isinstance(value, float) and math.isnan(value)):
             out[name] = f"{value:.12g}" if isinstance(value, float) else str(value)
-    return {**out, "run": r.run_id, "code, commit": f"{r.code}, {r.commit or 'none'}", "finished": r.finished}
+    return {**out, "run_id": r.run_id, "code, commit": f"{r.code}, {r.commit or 'none'}", "finished": r.finished}
 
 
 def _assigned(text: str) -> list[str]:
@@ -69,11 +66,11 @@ def _assigned(text: str) -> list[str]:
 
 
 def _series(out: Console, folder: Path, record: RunRecord) -> None:
-    _heading(out, f"Over time, 0 to {record.t_end_s:g} s (a bar more is ten times more; * where it stopped)")
+    _heading(out, f"Over time, 0 to {record.t_end_s:g} s (one bar is a factor of ten; * marks where it stopped)")
     try:
         series = store.series_of(folder, record)
     except BadSeries as error:
-        out.print(Text(f"  not read: {error}"))
+        out.print(Text(f"  unreadable: {error}"))
         return
     if series is None:
         out.print("  no steps were kept")
@@ -97,11 +94,8 @@ def _numbers(out: Console, record: RunRecord) -> None:
     for name in ("invariant_drifts", "observable_errors"):
         for key, entry in json.loads(getattr(record, name)).items():
             rows.append((f"  {name[:-1]}: {key}", f"{_of(entry, 'max'):.6g}", f"{entry.get('unit', '')}, max"))
-    columns = (
-        Column("  column", right=False, fold=True),
-        Column("value"),
-        Column("meaning", right=False, fold=True, least=20),
-    )
+    text = Column("  column", right=False, fold=True), Column("meaning", right=False, fold=True, least=20)
+    columns = (text[0], Column("value"), text[1])
     out.print(fitted(columns, rows, out.width))
 
 
@@ -117,5 +111,5 @@ def _heading(out: Console, words: str) -> None:
 
 
 def _printable(line: str) -> str:
-    """What a process wrote must not move the cursor."""
+    """Without control characters: a process may have written what moves the cursor."""
     return "".join(c if c.isprintable() or c == "\t" else "?" for c in line)

@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from rich.cells import cell_len
@@ -14,7 +14,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-PIPED = 200  # columns where no terminal says how many: a case on one line, for grep
+from ..files import to_json
+from ..results.store import Unreadable
+from ..types import Status
+
+PIPED = 200  # columns where no terminal gives a width: a case on one line, for grep
+STYLE = {Status.SUCCESS: "green", Status.REFUSED: "cyan", Status.WRONG: "bold red"}
 BARS = "▁▂▃▄▅▆▇█"
 DECADES = 16.0  # shown at most
 GAP = 2  # columns of text between two columns of a table
@@ -36,9 +41,24 @@ def errors() -> Console:
     return Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
 
 
+def print_json(plain: Any) -> None:
+    """``plain`` on one line; null for a number that is not finite."""
+    lines().print(to_json(plain))
+
+
+def status_style(status: str) -> str:
+    """The colour of a status."""
+    return STYLE.get(Status(status), "yellow") if status in set(Status) else "yellow"
+
+
+def unreadable_line(item: Unreadable) -> str:
+    """A file that could not be read, and why."""
+    return f"unreadable: {item.path}: {item.why}"
+
+
 @dataclass(frozen=True)
 class Column:
-    """A column of a table; those with the largest ``rank`` go first where a terminal is too narrow."""
+    """A column of a table; those of the largest ``rank`` are left out first where a terminal is too narrow."""
 
     name: str
     rank: int = 0
@@ -48,10 +68,10 @@ class Column:
 
 
 def fitted(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], width: int) -> Table:
-    """A table of at most ``width`` columns of text: first columns of large rank are left out, then text folds."""
+    """A table of at most ``width`` characters: first columns of large rank are left out, then text folds."""
     needs = [
         max([cell_len(c.name), *(cell_len(str(row[k])) for row in rows)]) for k, c in enumerate(columns)
-    ]  # what each would take unfolded
+    ]  # unfolded
     kept = list(range(len(columns)))
 
     def least() -> int:
@@ -66,36 +86,50 @@ def fitted(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], widt
         justify: Literal["left", "right"] = "right" if c.right else "left"
         table.add_column(Text(c.name), justify=justify, overflow="fold", no_wrap=not c.fold, width=room[k])
     for row in rows:
-        specs = [row[k] if isinstance(row[k], Text) else Text(_loose(str(row[k]), room[k])) for k in kept]
-        table.add_row(*specs)
+        entries = [row[k] if isinstance(row[k], Text) else Text(_loose(str(row[k]), room[k])) for k in kept]
+        table.add_row(*entries)
     return table
 
 
+def print_table(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], *below: str) -> None:
+    """The table, if it has rows, and the lines ``below`` it."""
+    out = screen()
+    if rows:
+        out.print(fitted(columns, rows, out.width))
+    for line in below:
+        out.print(Text(line))
+
+
 def _room(columns: Sequence[Column], kept: Sequence[int], needs: Sequence[int], width: int) -> dict[int, int]:
-    """Characters for each column: what it needs, or a share of what is left for those that may be folded."""
+    """Characters for each column: what it needs, or for those that may be folded a share of the rest."""
     room = {k: needs[k] for k in kept if not columns[k].fold}
     left = width - sum(room.values()) - GAP * len(kept)
     folding = sorted((k for k in kept if columns[k].fold), key=lambda k: needs[k])
-    for n, k in enumerate(folding):  # the shortest first: what it does not need is for the others
+    for n, k in enumerate(folding):  # the shortest first: the others get what it does not need
         room[k] = max(1, min(needs[k], left // (len(folding) - n)))
         left -= room[k]
     return room
 
 
 def _loose(text: str, room: int) -> str:
-    """Lists of options with blanks where they would be broken at any character otherwise."""
+    """Lists of options with blanks to fold at."""
     return text if cell_len(text) <= room else re.sub(r",(?! )", ", ", text).replace("[", " [")
 
 
-def number(value: float) -> str:
-    """Three digits, or a dash where there is none."""
-    return "-" if math.isnan(value) else f"{value:.3g}"
+def plural(n: int, word: str) -> str:
+    """``1 run``, ``3 runs``."""
+    return f"{n} {word}{'' if n == 1 else 's'}"
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Significant digits, or a dash for NaN."""
+    return "-" if math.isnan(value) else f"{value:.{digits}g}"
 
 
 def sparkline(values: Sequence[float], width: int, *, log: bool = True) -> str:
     """``values`` in ``width`` characters, the largest of each stretch; ``log``: a bar is a power of ten or more.
 
-    A blank stands for values that are not there; values of zero stand at the bottom.
+    A blank stands for missing values; zero is at the bottom.
     """
     if not values:
         return ""
@@ -120,7 +154,7 @@ def _bar(x: float, low: float, high: float) -> str:
 
 
 def timeline(t: np.ndarray, values: np.ndarray, t_end: float, width: int) -> str:
-    """``values`` over the time from 0 to ``t_end``; a motion that ended before has a star where it stopped."""
+    """``values`` over the time from 0 to ``t_end``; a star marks where a run stopped early."""
     if not len(t) or not t_end > 0.0:
         return ""
     place = np.minimum((np.asarray(t) / t_end * width).astype(int), width - 1)

@@ -1,10 +1,9 @@
-"""``show``: a run folder as a table on the terminal, or one of its runs with all there is to know."""
+"""``show``: a results folder as a table on the terminal, or one of its runs in detail."""
 
 import argparse
 import json
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +18,12 @@ from ..results.series import BadSeries
 from ..results.store import Unreadable
 from ..results.words import why
 from ..types import Status
-from .progress import STYLE
-from .run import existing, whole
 from .run_view import show_run
-from .screen import Column, errors, fitted, lines, number, screen, timeline
-from .terms import UsageError
+from .screen import Column, errors, number, plural, print_json, print_table, status_style, timeline, unreadable_line
+from .terms import UsageError, add_results, existing, subcommand, whole
 
 SPARK = 12  # characters of the energy error over time
-PREFIX = 7  # characters of a run's address in the table
+PREFIX = 7  # characters of the run_id in the table
 FILTERS = ("problem", "solver", "status", "label")
 SHOWN = {
     "energy_drift_max_J": Column("|dE| [J]"),
@@ -39,32 +36,21 @@ SHOWN = {
 SORTS = {"drift": "energy_drift_max_J", "error": "position_error_max_m", "phi": "phi_max", "cpu": "cpu_min_s"}
 
 
-@dataclass(frozen=True)
-class Shown:
-    """A record and its energy error over time."""
-
-    record: RunRecord
-    spark: str
-
-
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("show", help="a run folder as a table, or one run of it")
-    p.add_argument("folder", nargs="?", default="latest", help="run folder (default: the newest)")
-    p.add_argument(
-        "run_name", metavar="RUN", nargs="?", help="one run: its address as in the table (or its start), or its case"
-    )
+    words = "show a results folder as a table, or one run in detail"
+    p = subcommand(commands, "show", run, words, "one record per line")
+    add_results(p)
+    p.add_argument("run_name", metavar="RUN", nargs="?", help="show one run: run_id (or its first digits) or case")
     for name in FILTERS:
-        p.add_argument(f"--{name}", metavar="A,B", help=f"only runs with one of these (default: any {name})")
-    p.add_argument("--sort", metavar="KEY", help=f"largest first: {', '.join(SORTS)}, or any numeric column")
+        p.add_argument(f"--{name}", metavar="A,B", help=f"only runs with this {name}, or one of these")
+    p.add_argument("--sort", metavar="KEY", help=f"largest first, by {', '.join(SORTS)} or any numeric column")
     p.add_argument("--limit", metavar="N", help="only the first N runs")
-    p.add_argument("--json", action="store_true", help="one JSON record a line, for machines")
-    p.set_defaults(run=run)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Print it; 1 if files in it could not be read."""
-    folder = existing(arguments.folder)
+    """Print it; 1 if a file in it could not be read."""
+    folder = existing(arguments.results)
     loaded = store.load(folder, check_series=arguments.json)
     plugins = [p for p in stamp_of(folder).get("plugins", []) if isinstance(p, str)]
     unreadable = list(loaded.unreadable)
@@ -72,18 +58,18 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         for record in chosen:
             plain = json.loads(records.to_json(record))
-            lines().print(json.dumps({**plain, "command": command(record, plugins)}, ensure_ascii=False))
+            print_json({**plain, "command": command(record, plugins)})
     elif arguments.run_name is not None:
         show_run(folder, chosen[0], command(chosen[0], plugins))
     else:
-        _table([_with_spark(folder, r, unreadable) for r in chosen])
+        _table(chosen, [_spark(folder, r, unreadable) for r in chosen])
     for item in unreadable:
-        errors().print(f"not read: {item.path}: {item.why}")
+        errors().print(unreadable_line(item))
     return 1 if unreadable else 0
 
 
 def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[RunRecord]:
-    """Filtered, sorted, cut; UsageError where a filter names what is not there."""
+    """Filtered, sorted, limited; UsageError where a filter matches no run."""
     if arguments.run_name is not None:
         return [one(found, arguments.run_name)]
     chosen = list(found)
@@ -94,7 +80,7 @@ def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[R
         wanted, known = given.split(","), sorted({str(getattr(r, name)) for r in found})
         for word in wanted:
             if word not in known:
-                raise UsageError(f"--{name}: no run of the run has {word!r}{nearest(word, known)}")
+                raise UsageError(f"--{name}: no run has {name} {word!r}{nearest(word, known)}")
         chosen = [r for r in chosen if getattr(r, name) in wanted]
     if arguments.sort is not None:
         key = SORTS.get(arguments.sort, arguments.sort)
@@ -106,48 +92,44 @@ def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[R
 
 
 def one(found: Sequence[RunRecord], given: str) -> RunRecord:
-    """The run of that address, case, or start of an address."""
+    """The run of that run_id, its first digits, or that case."""
     match = [r for r in found if given in (r.run_id, r.case)] or [
         r for r in found if given and r.run_id.startswith(given)
     ]
     if not match:
-        raise UsageError(f"no run {given!r} in the run{nearest(given, [r.case for r in found][:500])[:200]}")
+        raise UsageError(f"no run {given!r} in these results{nearest(given, [r.case for r in found][:500])[:200]}")
     if len(match) > 1:
         raise UsageError(f"{given!r} is the start of {len(match)} runs: {', '.join(r.run_id for r in match[:5])}")
     return match[0]
 
 
-def _with_spark(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> Shown:
+def _spark(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> str:
+    """The energy error over time."""
     try:
         series = store.series_of(folder, record)
     except BadSeries as error:
         unreadable.append(Unreadable(folder / record.series, str(error)))
-        return Shown(record, "")
-    line = "" if series is None else timeline(series["t"], series["energy_error"], record.t_end_s, SPARK)
-    return Shown(record, line)
+        return ""
+    return "" if series is None else timeline(series["t"], series["energy_error"], record.t_end_s, SPARK)
 
 
-def _table(shown: Sequence[Shown]) -> None:
-    out = screen()
+def _table(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
     columns = [
         Column("run", rank=1, right=False), Column("case", right=False, fold=True), Column("status", right=False),
         Column("steps", rank=7), next(iter(SHOWN.values())), Column("dE over time", right=False),
         *list(SHOWN.values())[1:],
     ]  # fmt: skip
     rows: list[tuple[Text | str, ...]] = []
-    for s in shown:
-        r = s.record
+    for r, spark in zip(chosen, sparks, strict=True):
         first, *rest = [number(getattr(r, name)) for name in SHOWN]
-        status = Text(r.status, STYLE.get(Status(r.status) if r.status in set(Status) else Status.CRASHED, "yellow"))
-        rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, s.spark, *rest))
-    if rows:
-        out.print(fitted(columns, rows, out.width))
-    for s in shown:
-        r = s.record
-        if r.status != Status.SUCCESS:
-            out.print(Text(f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(why(r))}"))
-    good = sum(s.record.status == Status.SUCCESS for s in shown)
-    out.print(Text(f"{len(shown)} runs, {good} success; `show RUN CELL` tells all about one"))
+        status = Text(r.status, status_style(r.status))
+        rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, spark, *rest))
+    failed = [r for r in chosen if r.status != Status.SUCCESS]
+    below = [f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(why(r))}" for r in failed]
+    summary = (
+        f"{plural(len(chosen), 'run')}, {len(chosen) - len(failed)} success; `mbsbench show RESULTS RUN` shows one"
+    )
+    print_table(columns, rows, *below, summary)
 
 
 def _size(value: float) -> float:

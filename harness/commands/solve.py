@@ -22,7 +22,7 @@ CONTROL = ("dt", "rtol", "max_step", "max_steps", "wall_limit")
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("solve", help="one run, written as an NPZ file")
+    p = commands.add_parser("solve", help="run one solver on one problem and write an NPZ file")
     p.add_argument("problem")
     p.add_argument("solver")
     p.add_argument(

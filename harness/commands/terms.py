@@ -1,14 +1,17 @@
-"""What the subcommands share: words for wrong calls, ``key=value`` arguments, plugins."""
+"""What the subcommands share: common arguments, values from the command line, and one line for a wrong call."""
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from ..cache import ROOT, is_checkout
 from ..catalogue import plugins, registry
+from ..results import store
 from ..sandbox.trial import tried
+
+RESULTS = "results folder: a path, or a name in results/local/"
 
 
 class UsageError(ValueError):
@@ -16,10 +19,38 @@ class UsageError(ValueError):
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse with its complaint in one line."""
+    """argparse with its errors in one line."""
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message} (see {self.prog} --help)")
+
+
+def subcommand(
+    commands: Any, name: str, run: Callable[[argparse.Namespace], int], summary: str, json: str = ""
+) -> argparse.ArgumentParser:
+    """A parser that shows ``summary`` in the list of commands and in its own help; ``json``: what --json prints."""
+    p: argparse.ArgumentParser = commands.add_parser(
+        name, help=summary, description=f"{summary[0].upper()}{summary[1:]}."
+    )
+    p.set_defaults(run=run)
+    if json:
+        p.add_argument("--json", action="store_true", help=f"print JSON: {json}")
+    return p
+
+
+def add_results(p: argparse.ArgumentParser) -> None:
+    """The argument RESULTS."""
+    p.add_argument("results", nargs="?", default="latest", metavar="RESULTS", help=f"{RESULTS} (default: the newest)")
+
+
+def add_jobs(p: argparse.ArgumentParser) -> None:
+    """The option --jobs."""
+    p.add_argument("--jobs", metavar="N", help="parallel processes (default: all cores; use 1 for reliable timings)")
+
+
+def add_plugin(p: argparse.ArgumentParser, words: str = "Python file that adds problems or solvers") -> None:
+    """The option --plugin."""
+    p.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help=f"{words}; may be repeated")
 
 
 def assignments(given: Sequence[str], what: str) -> dict[str, str]:
@@ -37,7 +68,7 @@ def assignments(given: Sequence[str], what: str) -> dict[str, str]:
 
 
 def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
-    """Load the named plugins, each tried in a process of its own first; their full names."""
+    """Load the named plugins, each first in a process of its own; their full names."""
     for path in paths:
         tried(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
     return tuple(plugins.resolved(p) for p in paths)
@@ -49,8 +80,35 @@ def check_ours(path: Path, option: str) -> None:
         raise UsageError(f"{path.name} is part of the installed package; give another place with {option}")
 
 
+def existing(name: str) -> Path:
+    """The results folder at a path, or of that name in results/local/."""
+    for path in (Path(name), store.LOCAL / name):
+        if store.is_results(path):
+            return path
+        store.refuse_older(path)
+    if name == "latest":
+        raise UsageError(
+            f"no results in {store.LOCAL}; run a suite first (mbsbench run paper) or give a results folder"
+        )
+    raise UsageError(f"{name} is not a results folder: expected a path, or the name of a folder in {store.LOCAL}")
+
+
+def whole(text: str, what: str) -> int:
+    """A whole number > 0 from the command line."""
+    if not text.isdecimal() or int(text) < 1:
+        raise UsageError(f"{what} must be a whole number > 0 (got {text!r})")
+    return int(text)
+
+
+def jobs(given: str | None) -> int:
+    """Number of processes."""
+    if given is not None:
+        return whole(given, "--jobs")
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def check_writable(out: Path) -> None:
-    """Before the run: nobody wants to learn after an hour that the folder is not there."""
+    """Before the run, so that an hour of computing is not lost to a folder that does not exist."""
     probe = out.parent / f".{out.name}.{os.getpid()}.probe"
     try:
         if out.is_dir():

@@ -8,11 +8,11 @@ from pathlib import Path
 from ..results import store
 from ..suites.spec import RunSpec
 
-RUNS = 3  # earlier run folders that are looked into
+RUNS = 3  # earlier results folders that are read
 
 
 def durations(local: Path = store.LOCAL, suite: str = "") -> dict[str, float]:
-    """Wall time [s] by ``settings`` in the newest run folders, those of ``suite`` before others."""
+    """Wall time [s] by ``settings`` in the newest results folders, those of ``suite`` before others."""
     folders = [p for p in local.glob("*") if (p / "runs").is_dir() and not p.is_symlink()]
     newest = sorted(folders, key=lambda p: (p.name.startswith(f"{suite}-"), p.stat().st_mtime))[-RUNS:]
     out: dict[str, float] = {}

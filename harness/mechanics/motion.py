@@ -1,4 +1,4 @@
-"""What a motion tells, whatever computed it: energy, momenta, phi and phi_dot, batched over time.
+"""Quantities of a motion, whatever computed it: energy, momenta, phi and phi_dot, batched over time.
 
 One code for every solver: it sees only poses and velocities (r, R, v, Omega), never a solver's coordinates.
 """

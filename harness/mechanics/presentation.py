@@ -1,7 +1,7 @@
-"""The same system told otherwise: mirrored, a joint repeated, bodies and joints renumbered, other units of measure.
+"""The same system presented otherwise: mirrored, a joint declared twice, bodies and joints renumbered, other units.
 
-A solver is given the posed system; its motion is brought back before anything is measured, so that numbers of runs
-that differ only in their variant may be compared as they stand. Order: mirror, repeat, renumber, units.
+A solver gets the presented system; its motion is transformed back before anything is measured, so that runs which
+differ only in their presentation can be compared directly. Order: mirror, duplicate, renumber, units.
 """
 
 import dataclasses
@@ -20,11 +20,11 @@ BODY_MIRROR = np.diag([1.0, 1.0, -1.0])  # of every body frame, so that a mirror
 
 @dataclass(frozen=True)
 class Presentation:
-    """How a system is told. The numbers of a length, a mass, a time are multiplied by the ``unit_`` factors."""
+    """How a system is presented. The numbers of a length, a mass, a time are multiplied by the ``unit_`` factors."""
 
     mirror: str = "none"  # the plane through the origin of space with this normal
-    duplicate: int = 0  # joint that is there twice, counted from 1; 0: none
-    renumber: int = 0  # seed of the permutations; 0: as it stands
+    duplicate: int = 0  # joint that is declared twice, counted from 1; 0: none
+    renumber: int = 0  # seed of the permutations; 0: no change
     unit_length: float = 1.0
     unit_mass: float = 1.0
     unit_time: float = 1.0
@@ -40,13 +40,13 @@ class Presentation:
         return self.unit_mass * self.unit_length / self.unit_time**2
 
     def system(self, s: MultibodySystem) -> MultibodySystem:
-        """``s`` as a solver sees it."""
+        """``s`` as presented to a solver."""
         if self.duplicate > s.nj:
             raise ValueError(f"duplicate must be 0..{s.nj}, a joint of this system (got {self.duplicate})")
         return _in_units(_renumbered(_repeated(_mirrored(s, self._space()), self.duplicate), *self._orders(s)), self)
 
     def state(self, s: MultibodySystem, state: State) -> State:
-        """A state of the system ``s`` as a solver sees it."""
+        """A state of the system ``s`` as presented to a solver."""
         bodies, _ = self._orders(s)
         m = _mirrored_states(States.one(state), self._space()).at(slice(None))
         return State(
@@ -57,7 +57,7 @@ class Presentation:
         )
 
     def states_back(self, s: MultibodySystem, presented: States) -> States:
-        """What a solver found, as states of the system ``s``."""
+        """States of the presented system as states of the system ``s``."""
         back = np.argsort(self._orders(s)[0])
         home = States(
             presented.r[:, back] / self.unit_length,
@@ -68,7 +68,7 @@ class Presentation:
         return _mirrored_states(home, self._space())
 
     def reaction_back(self, s: MultibodySystem, presented: Float[np.ndarray, "nt n"]) -> Float[np.ndarray, "nt nrows"]:
-        """Forces conjugate to phi of ``s``; a repeated joint carries what both copies do."""
+        """Forces conjugate to phi of ``s``; a joint declared twice carries the sum of both."""
         _, joints = self._orders(s)
         repeated = _repeated(s, self.duplicate)
         start = repeated.row_start
@@ -92,7 +92,7 @@ class Presentation:
         return np.diag(signs)
 
     def _orders(self, s: MultibodySystem) -> tuple[Int[np.ndarray, " nb"], Int[np.ndarray, " nj"]]:
-        """Old numbers of bodies and joints (the repeated one last) in their new order."""
+        """Old numbers of bodies and joints (the duplicate last) in their new order."""
         nj = s.nj + (1 if self.duplicate else 0)
         if self.renumber == 0:
             return np.arange(s.nb), np.arange(nj)

@@ -1,4 +1,4 @@
-"""Poses and velocities of all bodies, coordinate-free: what every solver, whatever its coordinates, must hand back."""
+"""Poses and velocities of all bodies, coordinate-free: what every solver returns, whatever its coordinates."""
 
 from dataclasses import dataclass
 
@@ -60,7 +60,7 @@ class States:
 
 
 def rotated(s: States, Q: Float[np.ndarray, "3 3"]) -> States:
-    """The same motion in space turned by ``Q``; Omega, in the body frame, stays."""
+    """The same motion in a space rotated by ``Q``; Omega, in the body frame, stays."""
     return States(s.r @ Q.T, Q @ s.R, s.v @ Q.T, s.Omega)
 
 

@@ -115,7 +115,7 @@ def assemble(
     gravity: Sequence[float] = (0.0, 0.0, 0.0),
     springs: Sequence[SpringDamper] = (),
 ) -> MultibodySystem:
-    """Arrays from parts, or ValueError naming the part that is impossible."""
+    """Arrays from parts, or ValueError naming the invalid part."""
     for k, body in enumerate(bodies):
         _check_body(k, body)
     parts: tuple[Joint | SpringDamper, ...] = (*joints, *springs)

@@ -24,7 +24,7 @@ class NotInstalled(ValueError):
 
 @dataclass(frozen=True)
 class Variant:
-    """How the model is stated."""
+    """How the system is modelled."""
 
     words: str
     node: str  # of ``exudyn_model.NODES``
@@ -39,7 +39,7 @@ KEPT = Variant("redundant rows kept", "tait_bryan", "EigenDense", True)
 
 
 def engine() -> ModuleType:
-    """The package, or a line that says how to get it."""
+    """The package, or an error that says how to install it."""
     try:
         exu = importlib.import_module(NAME)
         for part in ("itemInterface", "rigidBodyUtilities"):
@@ -70,7 +70,7 @@ def solve(problem: Problem, dt: float, variant: Variant, *, record: bool) -> Tra
     began = time.process_time()
     try:
         if not model.mbs.SolveDynamic(settings, solverType=exu.DynamicSolverType.TrapezoidalIndex2):
-            status, message = Status.DIVERGED, "its solver gave up"
+            status, message = Status.DIVERGED, "its solver failed"
     except Exception as error:  # its failures are results; their class is not public
         status, message = Status.DIVERGED, str(error).strip().split("\n")[0]
     cpu = time.process_time() - began

@@ -1,1 +1,1 @@
-"""Exact and certified motions for the problems: they owe nothing to any solver."""
+"""Exact and certified motions for the problems: computed without any of the solvers."""

@@ -25,7 +25,7 @@ SAME_INERTIA = 1e-14  # relative: rounding of computed data
 
 
 def euler_top(body: PinnedBody, start: State) -> PinnedMotion | None:
-    """The motion without torque, or None on the separatrix (creeping towards the middle axis for ever)."""
+    """The motion without torque, or None on the separatrix (which approaches the intermediate axis)."""
     R0, Omega0 = start.R[0], start.Omega[0]
     inertia, P = np.linalg.eigh(body.inertia_O)
     P[:, 2] = np.cross(P[:, 0], P[:, 1])

@@ -1,7 +1,7 @@
 """Gragg-Bulirsch-Stoer extrapolation in whatever precision the start has (longdouble: 1e-19).
 
 Modified midpoint rule with 2, 4, ..., 2 k substeps, extrapolated in h^2: order 2 k (Hairer, Norsett, Wanner I, II.9).
-An integrator that no contestant uses, for second routes.
+An integrator that none of the solvers uses, for second routes.
 """
 
 from collections.abc import Callable, Iterator

@@ -34,7 +34,7 @@ SYMMETRIC = 1e-14  # relative difference of the transverse inertias, rounding of
 
 
 def lagrange_top(body: PinnedBody, start: State) -> PinnedMotion | None:
-    """The motion, or None if the body is not symmetric about the line OC, or if it creeps up to an unstable balance."""
+    """The motion, or None if the body is not symmetric about the line OC or approaches an unstable equilibrium."""
     c = float(np.linalg.norm(body.arm))
     e = body.arm / c
     axial = float(e @ body.inertia_O @ e)

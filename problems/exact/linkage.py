@@ -1,7 +1,7 @@
 """Planar chain of rods from a fixed point, two formulations: the chain, and the grid seen as one rod a row.
 
 Rod k (0..n-1) has length l and mass M_k spread evenly; node k, its far end, carries a mass H_k; node -1 is the origin.
-The last node is held or free. Gravity acts along -y of the plane (x, y).
+The last node is fixed or free. Gravity acts along -y of the plane (x, y).
 
 ``by_angles``  absolute angles of the rods to x, and multipliers for the two equations that hold the last node:
     sum_j c_ij (cos(a_i - a_j) a_j_ddot + sin(a_i - a_j) a_j_dot^2) + (g/l) w_i cos a_i = (closure)_i
@@ -21,7 +21,7 @@ Rate = Callable[[Float[np.ndarray, " ny"]], Float[np.ndarray, " ny"]]
 
 @dataclass(frozen=True)
 class Linkage:
-    """Rods [kg, m], node masses [kg], gravity [m/s2]; ``end`` [m] is where the last node is held, None: free."""
+    """Rods [kg, m], node masses [kg], gravity [m/s2]; ``end`` [m] is where the last node is fixed, None: free."""
 
     rod_mass: Float[np.ndarray, " n"]
     node_mass: Float[np.ndarray, " n"]

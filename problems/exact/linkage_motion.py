@@ -1,4 +1,4 @@
-"""Certified planar motion of bodies that hang together as a linkage of rods (module ``linkage``)."""
+"""Certified planar motion of bodies that form a linkage of rods (module ``linkage``)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class LinkageMotion:
 def linkage_motion(
     link: Linkage, angle: Float[np.ndarray, " n"], rate: Float[np.ndarray, " n"], t_max: float, bodies: Bodies
 ) -> LinkageMotion | None:
-    """The motion from these angles [rad] and rates [rad/s], sought up to ``t_max``; None if it would take minutes."""
+    """The motion from these angles [rad] and rates [rad/s], up to ``t_max`` at most; None if it would take minutes."""
     if link.n > MOST_RODS:
         return None
     return LinkageMotion(certified_orbit(link, np.concatenate((angle, rate)), t_max, CHUNK), bodies)

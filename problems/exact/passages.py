@@ -5,7 +5,7 @@ from scipy.optimize import brentq
 
 from ...harness.types import Problem
 
-SAMPLING = 1e-3  # [s]; a row in and out again within this is not seen
+SAMPLING = 1e-3  # [s]; a row that folds and unfolds within this is missed
 
 
 def singular_passages(problem: Problem, t_end: float) -> tuple[tuple[float, int], ...]:

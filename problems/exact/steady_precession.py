@@ -1,4 +1,4 @@
-"""Steady precession: the body turns evenly about a fixed direction of space and about a fixed axis of its own.
+"""Steady precession: the body rotates uniformly about a fixed direction of space and about a body-fixed axis.
 
     R(t) = Rot_k(p t) R(0) Rot_e(s t)
 

@@ -43,7 +43,7 @@ def _spread(c: Run) -> Value:
 
 COLUMNS: Sequence[Column] = (
     Column("label", "Group", "", "Label of the run in its suite.", _of("label"), latex="Group"),
-    Column("settings", "Settings", "", "Step or tolerance asked for, and options that differ from the defaults.",
+    Column("settings", "Settings", "", "Step or tolerance, and options that differ from the defaults.",
            lambda c: c.settings(), latex="Settings"),
     Column("status", "Status", "", "How the run ended; wrong: success was claimed, but a law is broken.",
            lambda c: mark(c.status).word, latex="Status"),
@@ -57,15 +57,15 @@ COLUMNS: Sequence[Column] = (
            _of("energy_trend_W"), signed),
     Column("energy_kind", "Energy error", "", "Drifts if its mean shifts from the first to the last quarter of the "
            "run by over a third of its largest value, else bounded; this says nothing of its size.", energy_kind),
-    Column("position_error", "Position error", "m", "Largest distance of any centre of mass from the reference's.",
+    Column("position_error", "Position error", "m", "Largest distance of a centre of mass from its exact position.",
            _of("position_error_max_m"), latex="Position error [m]"),
-    Column("orientation_error", "Orientation error", "rad", "Largest angle between a body and the reference's.",
+    Column("orientation_error", "Orientation error", "rad", "Largest angle between a body and its exact orientation.",
            _of("orientation_error_max_rad"), latex="Orientation error [rad]"),
     Column("judged_to", "judged to", "s", "Errors are judged up to this time: beyond it the motion is chaotic and no "
            "solver can track it, so only energy and constraints count.", _of("judged_to_s"), time),
     Column("position_error_judged", "Position error judged", "m", "The position error up to there.",
            _of("position_error_judged_m")),
-    Column("reference_own_error", "Reference's own", "m",
+    Column("reference_own_error", "Stated error", "m",
            "Certified error of the reference itself: smaller errors cannot be distinguished.",
            _of("reference_own_error_m")),
     Column("phi_max", "max |φ|", "m", "Largest norm of the constraint residual: how far joints come apart.",

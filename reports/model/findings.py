@@ -54,7 +54,7 @@ def _others(runs: Sequence[Run], label: str) -> Finding:
     """How all other settings ended."""
     about = f"“{label}”" if label else "default options"
     words = f"Of {plural(len(runs), 'run')} at other settings, folded below: {score(runs).words}."
-    return Finding(f"All this is about {about}. {words}")
+    return Finding(f"These findings are about {about}. {words}")
 
 
 def called(run: Run) -> str:
@@ -184,7 +184,7 @@ def _ends(variant: Variant) -> Iterator[Finding]:
             if math.isfinite(r.t_reached_s)
             else "before its first step"
         )
-        more = f" So did {len(own) - 1} more of {solver}, later." if len(own) > 1 else ""
+        more = f" {len(own) - 1} more of {solver} did so later." if len(own) > 1 else ""
         reason = _short(own[0].reasons[0])
         yield Finding(f"{called(own[0])} ended {where}, {mark(own[0].status).word}: {reason}{more}", "failed")
     refused: dict[tuple[str, str], list[Run]] = {}

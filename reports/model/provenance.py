@@ -15,17 +15,17 @@ def facts(results: Results) -> list[tuple[str, str]]:
     commit = str(e.get("commit") or UNKNOWN)
     return [
         ("Suite", str(e.get("suite") or _all(results.runs, "suite"))),
-        ("Run", str(e.get("run") or results.folder.name)),
+        ("Results", str(e.get("run") or results.folder.name)),
         ("Started", str(e.get("started") or UNKNOWN)),
         ("Commit", commit + (" with uncommitted changes (dirty)" if e.get("dirty") else "")),
         ("Code digest", str(e.get("code") or _all(results.runs, "code"))),
         ("Steps and tolerances", _asked(results.runs)),
-        ("Limits a run", _limits(results.runs)),
+        ("Limits per run", _limits(results.runs)),
         (
             "Machine",
             f"{e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores, {e.get('system', '')} {e.get('machine', '')}",
         ),
-        ("Processes at a time", str(e.get("jobs") or UNKNOWN)),
+        ("Parallel processes", str(e.get("jobs") or UNKNOWN)),
         ("BLAS", _blas(e.get("blas"))),
         ("Python", str(e.get("python") or UNKNOWN)),
         ("Lock file", str(e.get("lock_sha256") or UNKNOWN)[:16]),

@@ -18,7 +18,7 @@ PRESENTED = {
     "perturb": "from a slightly perturbed start",
 }  # parameters that every problem has and that change no motion, or hardly
 SAME_MOTION = ("mirror", "renumber", "duplicate", "unit_length", "unit_mass", "unit_time", "retrace")
-OTHER_PARAMETERS = "other times, sizes and releases"
+OTHER_PARAMETERS = "other end times, sizes and releases"
 
 
 @dataclass(frozen=True)

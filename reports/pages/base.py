@@ -20,6 +20,7 @@ Pages are rendered after all modules have run, so each may ask whether another o
   ``marks.solver(name)`` (with its colour), ``marks.run(run)`` (a link with its settings and its mark),
   ``marks.plots_bar()`` (one legend and the switches for all plots of the page; put it before them),
   ``marks.plot(p)`` for each ``p`` of ``plots`` (``Plot`` of reports/plots/spec.py) inside ``<div class="plots">``.
+- ``term(name, shown)``: a term of the glossary with its meaning as a tooltip.
 - ``num(value, show)``: a table's entry that sorts by its value; ``looks[solver].colour``; ``number``, ``whole``,
   ``signed``, ``seconds``, ``time``, ``unit``, ``mark``, ``plural``, ``listed`` of reports/model/words.py.
 
@@ -46,6 +47,7 @@ from markupsafe import Markup
 from ...harness.results import store
 from ..model import words
 from ..model.accuracy import energy_kind
+from ..model.glossary import term
 from ..model.provenance import cautions, facts, packages, stamp
 from ..model.results import Results, Run, Variant, slug
 from ..model.scores import score
@@ -167,7 +169,7 @@ class Site:
             run_title=self.results.environment.get("run") or self.results.folder.name, facts=facts(self.results),
             cautions=cautions(self.results), packages=packages(self.results), stamp=stamp(self.results),
             nan=float("nan"), num=_num, energy_kind=energy_kind, score_of=score, slug_of=lambda run: slugs[run.variant],
-            related=lambda about: [p for p in self.pages() if p.about and p.about == about],
+            term=term, related=lambda about: [p for p in self.pages() if p.about and p.about == about],
         )  # fmt: skip
         return environment
 

@@ -56,6 +56,6 @@ def growth(problem: str, found: Sequence[Growth], url: Callable[[Run], str]) -> 
             solver=g.solver, mode="lines+markers", dash=dash, urls=[url(c) for c in g.runs],
             words=[f"{c.variant}, {c.record.steps} steps, CPU {seconds(c.record.cpu_median_s)}" for c in g.runs],
         ))  # fmt: skip
-    caption = "The slope in a line's name is that of a power law fitted to all its sizes: 1 is in proportion."
+    caption = "The number in the legend is the exponent of a power law fitted to all sizes: 1 is linear."
     axes = Axis("bodies", "", log=True), Axis("CPU per step", "ms", log=True)
     return Plot(f"growth-{problem}", f"{problem}: cost of a step over its size", caption, *axes, traces, wide=True)

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from ...harness.mechanics.state import State, States
 
-NORM_RATE = 1.0  # [1/s] at which |q| returns to 1; slow beside every motion here, so it never sets a step
+NORM_RATE = 1.0  # [1/s] at which |q| returns to 1; slow compared with every motion here: it never limits the step
 SINGULAR_CHART = 1e-6  # |sin(theta)| below which T^-1 amplifies rounding to 1e-10
 
 
@@ -45,7 +45,7 @@ class Chart(ABC):
         """p_dot = G(p) u, linear in u."""
 
     def restoring(self, p: ca.SX) -> ca.SX:
-        """What is added to p_dot to keep p on its own manifold; turns no body."""
+        """Added to p_dot to keep p on its manifold; rotates no body."""
         return ca.SX.zeros(self.size)
 
     def rotation_rates(self, p: Float[np.ndarray, "*batch size"]) -> Float[np.ndarray, "*batch 3 3"]:
@@ -70,7 +70,7 @@ class Chart(ABC):
         """Distance from the chart's nearest singularity over bodies: 1 far from it, 0 on it."""
 
     def refusal(self, state: State) -> str | None:
-        """Why the chart cannot hold ``state``, or None."""
+        """Why the chart cannot represent ``state``, or None."""
         return None
 
 
@@ -132,7 +132,7 @@ class Euler313(Chart):
             return None
         where = int(np.argmin(sine))
         return (
-            f"3-1-3 Euler angles cannot hold the start: body {where} has |sin(theta)| = {sine[where]:.3g}, where "
+            f"3-1-3 Euler angles cannot represent the start: body {where} has |sin(theta)| = {sine[where]:.3g}, where "
             "precession and spin are one rotation; use coordinates=quaternion or turn the problem"
         )
 

@@ -10,17 +10,19 @@ from .start import redundancy_refusal
 
 @dataclass(frozen=True)
 class SymbolicOptions:
-    """Coordinates, and what to do about redundant rows."""
+    """Coordinates, and the treatment of redundant rows."""
 
     coordinates: str = option(
         "quaternion", "chart of each body; the paper's is euler313", choices=("quaternion", "euler313")
     )
     redundancy: str = option(
-        "drop", "redundant rows: keep an independent set chosen at the start, or refuse", choices=("drop", "refuse")
+        "drop",
+        "redundant rows: drop all but an independent set at the start, or refuse",
+        choices=("drop", "refuse"),
     )
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Why this solver cannot take the problem, or None."""
+        """Why this solver cannot solve the problem, or None."""
         if control.rtol is None:
             return f"error control needs rtol; a fixed step was given (dt={control.dt:g})"
         if self.redundancy == "refuse":
@@ -32,9 +34,9 @@ class SymbolicOptions:
 
 @dataclass(frozen=True)
 class BaumgarteOptions(SymbolicOptions):
-    """Eq. (94) and the multipliers' part in the error test; the paper gives no alpha, beta."""
+    """Eq. (94), and whether the multipliers are in the error test; the paper gives no alpha, beta."""
 
     alpha: float = option(5.0, "Baumgarte: 2 alpha phi_dot", "1/s", at_least=0.0)
     beta: float = option(5.0, "Baumgarte: beta^2 phi", "1/s", at_least=0.0)
-    lambda_in_error_test: bool = option(False, "let the multipliers take part in the local error test")
-    consistent_start: bool = option(True, "start from the exact accelerations and multipliers, else from lambda = 0")
+    lambda_in_error_test: bool = option(False, "include the multipliers in the local error test")
+    consistent_start: bool = option(True, "start from consistent accelerations and multipliers, else from lambda = 0")

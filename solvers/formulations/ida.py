@@ -60,7 +60,7 @@ def integrate(
     residual, jacobian = _callbacks(layout, form, clock, work)
     ones = form.pattern.column_matrix(np.ones(form.pattern.nnz))
     options = {"linsolver": "dense"} if layout.n < DENSE_BELOW else {"linsolver": "sparse", "sparsity": ones}
-    with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()) as said:  # it prints SUNDIALS' messages
+    with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()) as said:  # IDA prints SUNDIALS' messages
         warnings.filterwarnings("ignore", "Custom sparse Jacobian approximation")  # ours is exact, and meant
         ida = IDA(
             residual,

@@ -43,7 +43,7 @@ def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray
     band[(i - j)[lower], j[lower]] = entries.data[lower]
     band[0] += ADDED
     factor, info = lapack.dpbtrf(band, lower=1)
-    out = np.full(system.nrows, np.sqrt(DEPENDENT * INDEPENDENT))  # undecided, should rounding beat what was added
+    out = np.full(system.nrows, np.sqrt(DEPENDENT * INDEPENDENT))  # undecided, in case rounding exceeds ADDED
     if info == 0:
         out[order] = factor[0] ** 2
     return out

@@ -1,4 +1,4 @@
-"""The loop around an error-controlled integrator: accepted steps kept, limits watched, failures turned into words."""
+"""The loop around an error-controlled integrator: keeps accepted steps, checks limits, returns failures as a status."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -13,7 +13,7 @@ from ...harness.mechanics.state import States
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from .layout import Layout
 
-LOOK_EVERY = 100  # steps between looks at phi; a look costs about ten steps of one body
+LOOK_EVERY = 100  # steps between two checks of phi; a check costs about ten steps of one body
 LOST_AXIS = 0.5  # axis rows are cosines: 30 degrees out
 NEAR_CHART_SINGULARITY = 0.05  # |sin(theta)| worth mentioning when a run fails there
 DEPENDENT_ROWS = 1e-4  # smallest to largest singular value of A below which a failure is called singular
@@ -21,7 +21,7 @@ LARGEST_SVD = 2000  # rows; beyond, the dense SVD would cost more than the run
 
 
 class StepFailure(Exception):
-    """Raised inside a step: why it cannot go on."""
+    """Raised inside a step: why it cannot continue."""
 
     def __init__(self, status: Status, message: str) -> None:
         super().__init__(message)
@@ -49,7 +49,7 @@ class Clock:
 
 @dataclass
 class March:
-    """What came of the integration: accepted (t, y, reaction), status and message."""
+    """The result of the integration: accepted (t, y, reaction), status and message."""
 
     t: list[float]
     y: list[Float[np.ndarray, " n"]]
@@ -139,7 +139,7 @@ def no_trajectory(problem: Problem, status: Status, message: str) -> Trajectory:
 
 
 def _check_constraints(layout: Layout, y: np.ndarray) -> None:
-    """Stop a run whose joints have come apart by their own arms: it integrates another mechanism."""
+    """Stop a run with a joint open by the length of its arms: it integrates another mechanism."""
     s = layout.system
     phi = np.abs(constraint(s, _states(layout, y[None]))[0])
     first = s.row_start[:-1]

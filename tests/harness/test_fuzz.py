@@ -204,7 +204,7 @@ def test_filters_of_show_are_told_in_a_line(value, flag, capsys, tmp_path_factor
     store.write_record(folder, RunRecord(run_id="abc", case="c", problem="p", solver="s", status="success"))
     code = main(["show", str(folder), f"{flag}={value}"])
     out, err = capsys.readouterr()
-    assert (code == 0 and "1 runs" in out and not err) or (code == 2 and err.count("\n") == 1 and not out)
+    assert (code == 0 and "1 run" in out and not err) or (code == 2 and err.count("\n") == 1 and not out)
 
 
 @MORE

@@ -20,7 +20,7 @@ def choose(runs: Sequence[Run], problem: str, asked: Sequence[str]) -> list[Run]
     if not asked:
         return [_best(own) for own in by_solver(runs).values()][:MOST]
     if len(asked) > MOST:
-        raise ValueError(f"at most {MOST} runs have room in a picture (got {len(asked)})")
+        raise ValueError(f"at most {MOST} runs fit into a picture (got {len(asked)})")
     return [_one(runs, text) for text in asked]
 
 

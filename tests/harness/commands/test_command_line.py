@@ -1,4 +1,4 @@
-"""The command line: one file from one line, and every wrong call told in one line."""
+"""The command line: one file from one line, and every wrong call reported in one line."""
 
 import json
 
@@ -94,33 +94,33 @@ BAD = [
     (("run", "ci", "--shard", "0/2"), "--shard"),
     (("run", "ci", "--shard", "1"), "--shard"),
     (("run", "ci", "--cluster", "tcp://localhost:1", "--jobs", "2"), "--jobs"),
-    (("verify", "nowhere"), "not a run folder"),
+    (("verify", "nowhere"), "not a results folder"),
     (("verify", "nowhere", "--sample", "0"), "--sample"),
-    (("diff", "nowhere", "elsewhere"), "not a run folder"),
+    (("diff", "nowhere", "elsewhere"), "not a results folder"),
     (("diff", "nowhere"), "required"),
-    (("merge", "out", "nowhere"), "not a run folder"),
+    (("merge", "out", "nowhere"), "not a results folder"),
     (("merge", "out"), "required"),
     (("kernels", "compare", "a.json", "b.json"), "cannot read"),
     (("kernels", "compare", "a.json", "b.json", "--limit", "0"), "--limit"),
     (("kernels", "contrast", "a.json", "b.json"), "invalid choice"),
-    (("show", "nowhere"), "not a run folder"),
-    (("history", "nowhere"), "not a run folder"),
+    (("show", "nowhere"), "not a results folder"),
+    (("history", "nowhere"), "not a results folder"),
     (("history", "nowhere.jsonl"), "cannot read"),
     (("history", "--metric", "beauty"), "unknown metric"),
-    (("report", "nowhere"), "not a run folder"),
+    (("report", "nowhere"), "not a results folder"),
     (("gate", "--thresholds", "nowhere.toml"), "cannot read"),
     (("gate", "--suite", "nothing"), "unknown suite"),
     (("gate", "--junit", "nowhere/gate.xml"), "cannot write"),
-    (("gate", "--junit", "gate.xml", "--update"), "without --update"),
-    (("gate", "--write"), "with --update"),
-    (("gate", "--json", "--update"), "without --update"),
+    (("gate", "--junit", "gate.xml", "--update"), "cannot be combined with --update"),
+    (("gate", "--write"), "needs --update"),
+    (("gate", "--json", "--update"), "cannot be combined with --update"),
     (("dance",), "invalid choice"),
     ((), "required"),
 ]
 
 
 @pytest.mark.parametrize(("arguments", "words"), BAD, ids=[" ".join(a[:1] + a[-1:]) for a, _ in BAD])
-def test_wrong_calls_are_told_in_a_line(capsys, monkeypatch, tmp_path, arguments, words):
+def test_wrong_calls_are_reported_in_one_line(capsys, monkeypatch, tmp_path, arguments, words):
     """Exit code 2, one line on standard error, nothing written."""
     monkeypatch.chdir(tmp_path)
     assert main(list(arguments)) == 2
@@ -177,7 +177,7 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
 
     assert "a bug of mine" in said("show", "out")
     assert [json.loads(line)["status"] for line in said("show", "out", "--json").splitlines()] == ["success", "crashed"]
-    judge = ("gate", "--suite", "small.toml", *WITH, "--run", "out", "--thresholds", "bounds.toml")
+    judge = ("gate", "--suite", "small.toml", *WITH, "--results", "out", "--thresholds", "bounds.toml")
     said(*judge)
     (tmp_path / "bounds.toml").write_text(BOUND.replace("1e-10", "-1.0"))
     closed = said(*judge, "--junit", "gate.xml", "--markdown", "gate.md", code=1)
@@ -189,7 +189,7 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
     assert not plain["open"] and plain["counts"]["FAIL"] == sum(f["state"] == "FAIL" for f in plain["findings"]) > 0
     assert "position_error_max_m" in said(*judge, "--update")
     (tmp_path / "bounds.toml").write_text("# why\n" + BOUND)
-    assert "comments are not in it" in said(*judge, "--update", "--write")
+    assert "comments were removed" in said(*judge, "--update", "--write")
     assert "gate open" in said(*judge)
     monkeypatch.setattr("mbsbench.harness.commands.gate.code_digest", lambda plugins: "other")
     assert "result of other code" in said(*judge, "--json", code=1) and "gate open" in said(*judge, "--any-code")
@@ -217,7 +217,7 @@ def test_an_old_verdict_does_not_outlive_a_gate_that_came_to_none(tmp_path, caps
         assert not (tmp_path / "gate.xml").exists() and not (tmp_path / "gate.md").exists()
 
 
-def test_files_that_cannot_be_used_are_told_in_a_line(tmp_path, capsys, monkeypatch):
+def test_files_that_cannot_be_used_are_reported_in_one_line(tmp_path, capsys, monkeypatch):
     """Names too long, a file where a folder must be, a folder where a file must be, lists in lists without end."""
     monkeypatch.chdir(tmp_path)
     long, deep = "x" * 300, tmp_path / "deep"

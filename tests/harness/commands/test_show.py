@@ -1,4 +1,4 @@
-"""``show`` on a terminal: fits, filters, sorts, tells all about one run, and prints nothing it should not."""
+"""``show`` on a terminal: fits, filters, sorts, shows one run in detail, and prints nothing it should not."""
 
 import json
 import shlex
@@ -31,7 +31,7 @@ wall_limit = 1
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """A run with every kind of end."""
+    """Results with every kind of end."""
     where = tmp_path_factory.mktemp("show")
     suite = parse_suite(TEXT, "show", "show", plugins=(str(PLUGIN),))
     run_suite(Request(suite, where / "run", 2), Silent())
@@ -75,7 +75,7 @@ def test_filters_and_sort(folder, capsys, monkeypatch):
      (("--sort", "beauty"), "unknown column"), (("--sort", "driftt"), "did you mean 'drift'"), (("zzz",), "no run"),
      (("--limit", "0"), "--limit"), (("",), "no run")],
 )  # fmt: skip
-def test_what_is_not_there_is_told_in_a_line(folder, capsys, monkeypatch, arguments, words):
+def test_unknown_names_are_reported_in_one_line(folder, capsys, monkeypatch, arguments, words):
     """Exit code 2."""
     code, out, err = shown(capsys, monkeypatch, folder, *arguments)
     assert code == 2 and words in err and err.count("\n") == 1 and not out
@@ -108,14 +108,14 @@ def test_a_run_that_failed_says_why_and_where(folder, capsys, monkeypatch):
     assert "on principle" in out and "no steps were kept" in out
 
 
-def test_a_damaged_series_is_told(folder, capsys, monkeypatch, tmp_path):
+def test_a_damaged_series_is_reported(folder, capsys, monkeypatch, tmp_path):
     """Exit code 1, the rest is shown."""
     import shutil
 
     copy = shutil.copytree(folder, tmp_path / "run")
     next((copy / "series").iterdir()).write_bytes(b"PK")
     code, out, err = shown(capsys, monkeypatch, copy)
-    assert code == 1 and "9 runs" in out and err.count("not read") == 1
+    assert code == 1 and "9 runs" in out and err.count("unreadable") == 1
 
 
 def test_on_a_terminal_with_and_without_colour(folder, tmp_path):

@@ -65,7 +65,7 @@ def test_the_worked_example_keeps_the_contract(tmp_path, command):
     (tmp_path / "gyroscope.py").write_text(EXAMPLE, encoding="utf-8")
     done = command("check", "gyroscope.py")
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "14 of 14 claims hold" in done.stdout and "no reference" not in done.stdout
+    assert "14 of 14 requirements met" in done.stdout and "no reference" not in done.stdout
     step = ("--set", "dt=0.001", "--t-end", "0.1", "--out", "gyroscope.npz")
     done = command("solve", "gyroscope", "gc_weak_form", "--plugin", "gyroscope.py", *step, timeout=300.0)
     assert done.returncode == 0 and "error" in done.stdout, done.stdout + done.stderr

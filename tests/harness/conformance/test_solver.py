@@ -47,7 +47,7 @@ def test_the_worked_example_keeps_the_contract(example, command):
     """What docs/your-own-solver.md prints is a whole solver, and does what the page says."""
     done = command("check", str(example), timeout=180.0)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "9 of 9 claims hold" in done.stdout
+    assert "9 of 9 requirements met" in done.stdout
 
 
 def test_the_worked_example_runs(example, command, tmp_path):

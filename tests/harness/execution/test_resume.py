@@ -61,7 +61,7 @@ def test_kill_and_resume_recomputes_nothing(tmp_path):
         assert done(folder) == kept  # nobody goes on in the dark
     assert 9 <= len(kept) < 24
     out, err = start(folder, suite, "--resume").communicate(timeout=60)
-    assert f"{len(kept)} of them done before" in out, err
+    assert f"{len(kept)} already done" in out, err
     assert all(done(folder)[name] == time_ for name, time_ in kept.items())
     loaded = store.load(folder)
     assert len(loaded.records) == 24 and {r.status for r in loaded.records} == {"success"}

@@ -117,13 +117,13 @@ def test_the_run_says_what_is_left(tmp_path, capsys):
     line = ["run", str(suite), "--out", str(tmp_path / "out"), "--jobs", "1"]
     assert main(line) == 1
     out = capsys.readouterr().out
-    assert "3 runs were not begun" in out and "--resume runs them" in out
-    assert [x for x in out.splitlines() if x.startswith("left: ")] == [
-        f"left: free_fall exact dt={dt}" for dt in (0.1, 0.2, 0.25)
+    assert "3 runs not started" in out and "--resume runs them" in out
+    assert [x for x in out.splitlines() if x.startswith("not started: ")] == [
+        f"not started: free_fall exact dt={dt}" for dt in (0.1, 0.2, 0.25)
     ]
     suite.write_text("total_limit = 600\n" + text)
     assert main([*line, "--resume"]) == 0
-    assert len(store.load(tmp_path / "out").records) == 3 and "not begun" not in capsys.readouterr().out
+    assert len(store.load(tmp_path / "out").records) == 3 and "not started" not in capsys.readouterr().out
 
 
 def test_the_limit_holds_by_the_clock(tmp_path):

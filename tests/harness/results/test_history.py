@@ -103,15 +103,15 @@ def test_what_stands_is_found(three, tmp_path):
     assert [f.name for f in folders] == ["a-1", "b-2", "c-3"] and [f.name for f in files] == ["old.jsonl", "gate.jsonl"]
 
 
-def test_the_command_prints_a_line_a_run(three, capsys, monkeypatch):
-    """First, last, a sparkline; JSON for machines; a wrong metric is told."""
+def test_the_command_prints_one_line_per_run(three, capsys, monkeypatch):
+    """First, last, a sparkline; JSON for machines; an unknown metric is an error."""
     monkeypatch.setenv("COLUMNS", "80")
     names = [str(f) for f in three]
     assert main(["history", *names]) == 0
     out = capsys.readouterr().out
     assert all(len(line) <= 80 for line in out.splitlines())
     line = next(x for x in out.splitlines() if x.startswith("p s[a]"))
-    assert "0.001" in line and "0.004" in line and "█" in line and "2 runs in 3 runs" in out
+    assert "0.001" in line and "0.004" in line and "█" in line and "2 runs in 3 results folders" in out
     assert main(["history", *names, "--json"]) == 0
     rows = [json.loads(x) for x in capsys.readouterr().out.splitlines()]
     assert len(rows) == 5 and {*METRICS} < {*rows[0]} and rows[-1]["cpu_ratio"] is None

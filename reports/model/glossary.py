@@ -1,0 +1,29 @@
+"""The terms of this project, one sentence each: tooltips and a page of the report, and ``docs/glossary.md``.
+
+``python -m mbsbench.reports.model.glossary`` prints the table for ``docs/glossary.md``; a test compares.
+"""
+
+import sys
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+
+from markupsafe import Markup
+
+SOURCE = Path(__file__).parent.parent / "assets" / "glossary.toml"
+GLOSSARY: Mapping[str, str] = tomllib.loads(SOURCE.read_text(encoding="utf-8"))
+
+
+def term(name: str, shown: str = "") -> Markup:
+    """``shown`` (or the term itself) with its meaning as a tooltip, where it has one; for templates."""
+    return Markup('<abbr title="{}">{}</abbr>').format(GLOSSARY.get(name, name), shown or name)
+
+
+def markdown() -> str:
+    """The table of ``docs/glossary.md``."""
+    rows = "".join(f"| {name} | {text.replace('|', '&#124;')} |\n" for name, text in GLOSSARY.items())
+    return f"| term | meaning |\n|---|---|\n{rows}"
+
+
+if __name__ == "__main__":
+    sys.stdout.write(markdown())
