@@ -21,9 +21,9 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write it and print where it is."""
+    if len(arguments.results) > 2:
+        raise UsageError(f"report takes one results folder, or two to compare (got {len(arguments.results)})")
     folders = [existing(name) for name in arguments.results]
-    if len(folders) > 2:
-        raise UsageError(f"report takes one results folder, or two to compare (got {len(folders)})")
     if arguments.out is not None and len(folders) < 2:
         raise UsageError("--out needs two results folders to compare; the report of one is written into it")
     from ...reports.pages.compare import write_compare  # here: they take a second to load

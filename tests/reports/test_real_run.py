@@ -43,7 +43,7 @@ def test_wrong_calls_are_told_in_a_line(tmp_path, capsys):
     for words, said in (
         (["report", str(tmp_path / "nowhere")], "nowhere"),
         (["report", "a", "b", "c"], "two to compare (got 3)"),
-        (["report", str(tmp_path), "--out", "x"], "--out is for the comparison"),
+        (["report", str(tmp_path), "--out", "x"], "--out needs two results folders"),
     ):
         assert main(words) == 2
         complaint = capsys.readouterr().err

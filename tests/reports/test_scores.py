@@ -90,9 +90,9 @@ def test_problems_stand_before_their_variants(tmp_path):
     put(tmp_path, record("aa01", "alpha"))
     for k in range(3):
         told = json.dumps({"t_end": 1.0, "yaw": 0.1 * (k + 1)})
-        put(tmp_path, record(f"y{k}", label="metamorphic", problem_parameters=told, status="wrong"))
-        put(tmp_path, record(f"b{k}", f"beta{k}", label="metamorphic", problem_parameters='{"t_end": 1.0}'))
-    put(tmp_path, record("cc01", problem="other", label="metamorphic"))
+        put(tmp_path, record(f"y{k}", label="symmetries", problem_parameters=told, status="wrong"))
+        put(tmp_path, record(f"b{k}", f"beta{k}", label="symmetries", problem_parameters='{"t_end": 1.0}'))
+    put(tmp_path, record("cc01", problem="other", label="symmetries"))
     results = read_results(tmp_path)
     label = broadest(results)
     assert label == "recommended"
@@ -101,8 +101,8 @@ def test_problems_stand_before_their_variants(tmp_path):
     assert apart == {OTHER_PARAMETERS: 1, "turned about the vertical": 3}
     (v,) = [v for v in verdicts(results) if v.solver == "alpha"]
     assert v.finest.runs == 1 and not v.breaks_on and v.everything.wrong == 3
-    assert [p.label for p in matrix(results)] == ["recommended", "metamorphic"] and len(matrix(results)[0].rows) == 1
-    assert broadest(read_results(only(tmp_path, "metamorphic"))) == "metamorphic"
+    assert [p.label for p in matrix(results)] == ["recommended", "symmetries"] and len(matrix(results)[0].rows) == 1
+    assert broadest(read_results(only(tmp_path, "symmetries"))) == "symmetries"
 
 
 def only(folder, label):

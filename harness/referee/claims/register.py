@@ -73,7 +73,7 @@ class Claim(Shape, frozen=True):
 
     id: Text
     section: Text
-    quote: Annotated[Text, Meta(max_length=140)]  # a line of the paper, not a paragraph
+    quote: Annotated[str, Meta(pattern=r"\S", max_length=140, description="a line of at most 140 characters")]
     claim: Text
     figure: tuple[Annotated[int, Meta(ge=1, le=12)], ...] = ()
     tests: tuple[Test, ...] = ()

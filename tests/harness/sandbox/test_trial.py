@@ -75,7 +75,7 @@ def test_a_full_disk_is_no_crash_of_the_solver(tmp_path, capsys, monkeypatch):
     def full(out, arrays):
         raise OSError(errno.ENOSPC, "No space left on device", str(out))
 
-    monkeypatch.setattr("mbsbench.harness.execution.single.write_npz", full)
+    monkeypatch.setattr("mbsbench.harness.execution.run_file.write_npz", full)
     line = ("solve", "free_fall", "exact", "--plugin", str(PLUGIN), "--out", str(tmp_path / "x.npz"))
     refused(capsys, "no space left", *line)
     assert not list(tmp_path.iterdir())
