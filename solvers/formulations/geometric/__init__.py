@@ -12,6 +12,6 @@ import numba
 from ....harness.cache import cache_folder
 
 _HERE = Path(__file__).parent
-_SOURCE = b"".join(file.read_bytes() for file in sorted(_HERE.glob("*.py")))
+_SOURCE = b"".join(file.read_bytes() for file in sorted(_HERE.rglob("*.py")))
 _NAME = f"kernels-{hashlib.sha256(_SOURCE).hexdigest()[:12]}"
 numba.config.CACHE_DIR = str(cache_folder(_NAME, _HERE / "__pycache__"))

@@ -20,6 +20,7 @@ from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.formulations import symbolic, system_elements
 from mbsbench.solvers.formulations.geometric.choices import GaugeChoices
+from mbsbench.solvers.formulations.geometric.index1 import integrate
 
 SUITE = load_suite("ci")
 THRESHOLDS = read_thresholds(FOLDER / "ci.toml")
@@ -90,11 +91,23 @@ def geometric_with(monkeypatch, **change: float) -> None:
     monkeypatch.setattr(GaugeChoices, "settings", lambda self, problem: sound(self, problem)._replace(**change))
 
 
+ON_INDEX_1 = ("rattle", "rkmk_dop853", "rkmk_dopri5")
+
+
+def index_1_with(monkeypatch, factor: float) -> None:
+    """The index-1 kernel with J Omega times ``factor`` where the spin enters: its inverse stays as it is."""
+    sound = integrate.model_of
+    monkeypatch.setattr(integrate, "model_of", lambda system: (m := sound(system))._replace(J=factor * m.J))
+
+
 @pytest.mark.parametrize("solver", sorted({c.solver for c in SUITE.specs}))
 @pytest.mark.parametrize("planted", ["sign", "dropped"])
 def test_a_changed_line_closes_the_gate(solver, planted, monkeypatch, tmp_path):
     """A sign turned or a term dropped in the source of each solver."""
-    if registry.solvers()[solver].control == "dt":
+    if solver in ON_INDEX_1:
+        index_1_with(monkeypatch, {"sign": -1.0, "dropped": 0.0}[planted])
+        spec = run_of(solver, TOP)
+    elif registry.solvers()[solver].control == "dt":
         geometric_with(monkeypatch, b_term={"sign": -1.0, "dropped": 0.0}[planted])
         spec = run_of(solver)
     else:

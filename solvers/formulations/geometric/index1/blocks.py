@@ -1,0 +1,94 @@
+"""The pattern of S = A M^-1 A^T by joints and of its block Cholesky factor, analysed once for a system.
+
+Two joints share a block of S when they hold the same moving body. Joints are eliminated in the order of least degree;
+an elimination joins the neighbours of a joint to each other (fill).
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arrays import Model
+
+WIDTH = 5  # rows of the largest joint: blocks are WIDTH x WIDTH, a spherical joint leaves two rows of them empty
+
+
+class Blocks(NamedTuple):
+    """Columns of the factor in elimination order; blocks are stored column by column, the diagonal one first."""
+
+    joint: np.ndarray  # (nj,) joint of each column
+    size: np.ndarray  # (nj,) its rows
+    row: np.ndarray  # (nj,) its first row of phi
+    start: np.ndarray  # (nj + 1,) first block of each column
+    other: np.ndarray  # (nblocks,) column of the block's other joint; the column itself on the diagonal
+    shared: np.ndarray  # (nshared, 3): block, end of the block's other joint, end of the column's: at one body
+    shared_start: np.ndarray  # (nblocks + 1,)
+    update: np.ndarray  # (nupdates, 3): block -= left right^T, column by column
+    update_start: np.ndarray  # (nj + 1,)
+
+
+def analyse(model: Model) -> Blocks:
+    """Order, fill and the list of block products."""
+    nj = len(model.body)
+    held: dict[int, list[tuple[int, int]]] = {}
+    for j, ends in enumerate(model.body):
+        for e, body in enumerate(ends):
+            if body >= 0:
+                held.setdefault(int(body), []).append((j, e))
+    near: list[set[int]] = [set() for _ in range(nj)]
+    for users in held.values():
+        for j, _ in users:
+            near[j] |= {k for k, _ in users if k != j}
+    order, below = _least_degree(near)
+    place = {j: c for c, j in enumerate(order)}
+    start: list[int] = [0]
+    other: list[int] = []
+    index: dict[tuple[int, int], int] = {}
+    for c, j in enumerate(order):
+        for o in (c, *sorted(place[k] for k in below[j])):
+            index[o, c] = len(other)
+            other.append(o)
+        start.append(len(other))
+    shared: list[tuple[int, int, int]] = []
+    for users in held.values():
+        for j, e in users:
+            for k, f in users:
+                if place[j] >= place[k]:
+                    shared.append((index[place[j], place[k]], e, f))
+    shared.sort()
+    update, update_start = [], [0]
+    for c in range(nj):
+        column = other[start[c] + 1 : start[c + 1]]
+        for a, left in enumerate(column):
+            for right in column[: a + 1]:
+                update.append((index[left, right], index[left, c], index[right, c]))
+        update_start.append(len(update))
+    size = np.diff(model.row)[order] if nj else np.zeros(0, dtype=np.int64)
+    counts = np.bincount([s[0] for s in shared], minlength=len(other)) if shared else np.zeros(len(other), dtype=int)
+    return Blocks(
+        joint=np.array(order, dtype=np.int64),
+        size=np.asarray(size, dtype=np.int64),
+        row=np.asarray(model.row[order] if nj else [], dtype=np.int64),
+        start=np.array(start, dtype=np.int64),
+        other=np.array(other, dtype=np.int64),
+        shared=np.array(shared, dtype=np.int64).reshape(-1, 3),
+        shared_start=np.concatenate(([0], np.cumsum(counts))).astype(np.int64),
+        update=np.array(update, dtype=np.int64).reshape(-1, 3),
+        update_start=np.array(update_start, dtype=np.int64),
+    )
+
+
+def _least_degree(near: list[set[int]]) -> tuple[list[int], dict[int, set[int]]]:
+    """Joints in the order of elimination, and for each its neighbours then still there."""
+    left = {j: set(n) for j, n in enumerate(near)}
+    order: list[int] = []
+    below: dict[int, set[int]] = {}
+    while left:
+        j = min(left, key=lambda k: (len(left[k]), k))
+        mine = left.pop(j)
+        order.append(j)
+        below[j] = mine
+        for k in mine:
+            left[k] |= mine
+            left[k] -= {j, k}
+    return order, below

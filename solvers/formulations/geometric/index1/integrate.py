@@ -1,0 +1,126 @@
+"""From a problem to a trajectory on the index-1 kernel: arrays, a compiled march in stretches, its record."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+
+from .....harness.types import Problem, States, Status, StepControl, Trajectory
+from ..arrays import Model, model_of
+from . import rattle, rkmk
+from .blocks import WIDTH, Blocks
+from .free_body import principal
+from .kernel import Kernel, empty_kernel
+from .tableaux import Tableau
+
+FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
+STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
+Stretch = Callable[[rkmk.Record], tuple[int, int]]  # fills a record: outcome, steps done
+
+
+def start_of(problem: Problem) -> tuple[Model, Blocks, Kernel]:
+    """Arrays and analysis, the kernel at the problem's start."""
+    model = model_of(problem.system)
+    kernel, blocks = empty_kernel(model)
+    first = problem.initial
+    kernel.r[:], kernel.R[:], kernel.v[:, :3], kernel.v[:, 3:] = first.r, first.R, first.v, first.Omega
+    return model, blocks, kernel
+
+
+def runge_kutta(problem: Problem, control: StepControl, tableau: Tableau) -> Trajectory:
+    """An explicit pair with error control."""
+    began = time.perf_counter()
+    assert control.rtol is not None  # the catalogue has seen to it
+    model, blocks, kernel = start_of(problem)
+    stages = rkmk.empty_stages(problem.system.nb, len(tableau.b))
+    steps = rkmk.Control(
+        np.array([0.0, min(FIRST_STEP, problem.t_end), 1e-4]), np.zeros(3, dtype=np.int64), control.rtol,
+        control.max_step or np.inf, problem.t_end, float(tableau.order),
+    )  # fmt: skip
+
+    def stretch(record: rkmk.Record) -> tuple[int, int]:
+        return rkmk.march(model, blocks, kernel, stages, tableau, steps, record)
+
+    def counters() -> dict[str, int]:
+        evaluations, rejected = map(int, steps.tally[:2])
+        return {"evaluations": evaluations, "rejected": rejected, "factorisations": evaluations}
+
+    stretch(rkmk.empty_record(0, problem.system.nb, problem.system.nrows))  # compiles
+    rkmk.start(model, blocks, kernel, stages, steps)
+    return _march(problem, control, stretch, kernel.lam.copy(), counters, time.perf_counter() - began)
+
+
+def compose_rattle(problem: Problem, control: StepControl, gamma: np.ndarray, tolerance: float) -> Trajectory:
+    """Steps of ``control.dt``, each composed of RATTLE sub-steps ``gamma dt``; ``tolerance`` of phi [m and 1]."""
+    began = time.perf_counter()
+    dt, system = control.dt, problem.system
+    assert dt is not None  # the catalogue has seen to it
+    model, blocks, kernel = start_of(problem)
+    axes = principal(np.array(system.inertia))
+    step = rattle.empty_step(system.nb, system.nrows, system.nj, WIDTH, tolerance, not system.is_conservative)
+
+    def stretch(record: rkmk.Record) -> tuple[int, int]:
+        return rattle.march(model, blocks, axes, kernel, step, gamma, dt, problem.t_end, record)
+
+    def counters() -> dict[str, int]:
+        return {"newton_iterations": int(step.clock[1]), "factorisations": int(step.clock[2])}
+
+    stretch(rkmk.empty_record(0, system.nb, system.nrows))  # compiles
+    rattle.start(model, blocks, kernel, step)
+    return _march(problem, control, stretch, kernel.lam.copy(), counters, time.perf_counter() - began)
+
+
+def _march(
+    problem: Problem,
+    control: StepControl,
+    stretch: Stretch,
+    reaction: np.ndarray,
+    counters: Callable[[], dict[str, int]],
+    set_up: float,
+) -> Trajectory:
+    system, first = problem.system, problem.initial
+    room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * system.nb + system.nrows)))))
+    began, cpu = time.perf_counter(), time.process_time()
+    done: list[rkmk.Record] = []
+    taken, t, status, message = 0, 0.0, Status.SUCCESS, ""
+    while True:
+        record = rkmk.empty_record(min(room, control.max_steps - taken), system.nb, system.nrows)
+        outcome, n = stretch(record)
+        done.append(rkmk.Record(*(a[:n] for a in record)))
+        taken += n
+        t = float(done[-1].t[-1]) if n else t
+        if control.spool is not None and n:
+            control.spool.take(done[-1].t, _states(done[-1]))
+        if outcome == rkmk.FINISHED:
+            break
+        if outcome != rkmk.FULL:
+            status, words = ENDS[outcome]
+            message = f"{words} at t = {t:g} s"
+            break
+        if taken >= control.max_steps:
+            status, message = Status.STALLED, f"max_steps = {control.max_steps} reached at t = {t:g} s"
+            break
+        if control.wall_limit is not None and time.perf_counter() - began > control.wall_limit:
+            status, message = Status.STALLED, f"wall limit of {control.wall_limit:g} s reached at t = {t:g} s"
+            break
+    cpu = time.process_time() - cpu
+    whole = rkmk.Record(*(np.concatenate(a) for a in zip(*done, strict=True)))
+    moved = _states(whole)
+    return Trajectory(
+        t=np.concatenate(([0.0], whole.t)),
+        states=States(*(np.concatenate((getattr(first, n)[None], getattr(moved, n))) for n in NAMES)),
+        status=status, message=message, counters={"steps": taken, **counters()},
+        reaction=np.concatenate((reaction[None], whole.lam)), cpu_time=cpu, setup_time=set_up,
+    )  # fmt: skip
+
+
+NAMES = ("r", "R", "v", "Omega")
+ENDS = {
+    rkmk.UNDERFLOW: (Status.STEP_UNDERFLOW, "the error test asks for a step below the spacing of times"),
+    rkmk.NOT_FINITE: (Status.DIVERGED, "the motion is no longer finite"),
+    rattle.STUCK: (Status.STEP_UNDERFLOW, "the iteration for phi = 0 does not converge with this step"),
+}
+
+
+def _states(record: rkmk.Record) -> States:
+    return States(record.r, record.R, record.v[:, :, :3], record.v[:, :, 3:])

@@ -1,0 +1,39 @@
+"""RATTLE on the rotation group with the free rigid body as drift, plain or composed to orders 4, 6 and 8.
+
+McLachlan, Modin, Verdier, Wilkins (2014), SIAM J. Sci. Comput. 36: half a kick by forces and constraints, free motion
+of every body (exact where two principal inertias are equal), half a kick, velocities projected. Symplectic and
+time-reversible; phi and A v at rounding in every step. Compositions: Suzuki (1990), Kahan and Li (1997).
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.geometric.index1.compositions import COMPOSITIONS
+from .formulations.geometric.index1.integrate import compose_rattle
+
+HOW = "plain (order 2), or composed: Suzuki's five steps (4), Kahan and Li's nine (6) or seventeen (8)"
+
+
+@solver("rattle")
+@dataclass(frozen=True)
+class Rattle:
+    """Symplectic, time-reversible steps of fixed size with exact constraints."""
+
+    composition: str = option("plain", HOW, choices=tuple(COMPOSITIONS))
+    tolerance: float = option(1e-13, "of phi in the iteration of a step: m, axis rows without unit", "m", above=0.0)
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "dt"
+    order: ClassVar[float] = 2.0
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Takes every problem: redundant rows are dropped as they appear."""
+        return None
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March with the fixed step ``control.dt``."""
+        return compose_rattle(problem, control, COMPOSITIONS[self.composition][0], self.tolerance)

@@ -1,0 +1,33 @@
+"""Runge-Kutta-Munthe-Kaas with the pair 5(4) of Dormand and Prince (1980), on index 1, projected.
+
+Positions and rotation vectors of the step, R = R0 exp(theta), with theta' = dexp^-1(theta) Omega (Munthe-Kaas 1999,
+Appl. Numer. Math. 29); accelerations from S lam = -gamma - A M^-1 f, S = A M^-1 A^T (Eq. 92, M^-1 substituted). After
+every accepted step poses are projected onto phi = 0 and velocities onto A v = 0 along M^-1 A^T. Redundant rows get a
+multiplier of zero; nothing is stabilised, nothing damped.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.geometric.index1.integrate import runge_kutta
+from .formulations.geometric.index1.tableaux import DOPRI5
+
+
+@solver("rkmk_dopri5")
+@dataclass(frozen=True)
+class RkmkDopri5:
+    """Dormand-Prince 5(4) on the rotation group, index 1 with projection, error control."""
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "rtol"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Takes every problem: redundant rows are dropped as they appear."""
+        return None
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March with error control at ``control.rtol``."""
+        return runge_kutta(problem, control, DOPRI5)
