@@ -8,6 +8,7 @@ Integrals are of the straight lines through the kept steps: a thinned series kee
 them, so that a mean of points would be wrong and the integral is not.
 """
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -16,6 +17,8 @@ from typing import Literal
 
 import numpy as np
 from jaxtyping import Float
+from scipy.integrate import cumulative_trapezoid
+from scipy.stats import variation
 
 from ...results import store
 from ...results.judgements import Drift
@@ -26,6 +29,7 @@ from .trend import FEWEST, Trend, trend_of
 PERIODS = 50  # fewer are no long run
 BLOCKS = 40  # at most: their means must span several periods
 BAND = 0.1  # of the range of an observable, about its middle: it must cross all of it to count as a crossing
+UNEVEN = 0.2  # standard deviation of the periods over their mean: more is no period
 MATTERS = 0.1  # of the oscillation: a trend that adds less over the whole span does not matter
 ROUNDING = 1e-12  # of the energy scale: changes over a whole run below that are rounding
 
@@ -48,9 +52,8 @@ def anatomy(folder: Path, records: Iterable[RunRecord]) -> tuple[Drift, ...]:
             continue
         series = store.series_of(folder, r)
         found = None if series is None else dissect(series)
-        if found is None and r.label != "long":
-            continue
-        out.append(_judged(r, found))
+        if found is not None or r.label == "long":
+            out.append(_judged(r, found))
     return tuple(out)
 
 
@@ -87,18 +90,10 @@ def period_marks(
     t: Float[np.ndarray, " nt"], observables: dict[str, Float[np.ndarray, " nt"]]
 ) -> Float[np.ndarray, " n"] | None:
     """Times at which the most regular observable rises through its middle; None if none has enough periods."""
-    best: tuple[float, np.ndarray] | None = None
-    for _, a in sorted(observables.items()):
-        if not np.all(np.isfinite(a)) or np.ptp(a) == 0.0:
-            continue
-        marks = _rises(t, a)
-        if len(marks) <= PERIODS:
-            continue
-        gaps = np.diff(marks)
-        uneven = float(np.std(gaps) / np.mean(gaps))
-        if best is None or uneven < best[0]:
-            best = uneven, marks
-    return None if best is None or best[0] > 0.2 else best[1]
+    moving = [a for _, a in sorted(observables.items()) if np.all(np.isfinite(a)) and np.ptp(a) > 0.0]
+    found = [(variation(np.diff(marks)), marks) for a in moving if len(marks := _rises(t, a)) > PERIODS]
+    uneven, best = min(found, key=lambda item: item[0], default=(math.inf, None))
+    return best if uneven <= UNEVEN else None
 
 
 def _rises(t: np.ndarray, a: np.ndarray) -> np.ndarray:
@@ -118,11 +113,9 @@ def _rises(t: np.ndarray, a: np.ndarray) -> np.ndarray:
 
 def _integral(t: np.ndarray, e: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Of the straight lines through (t, e), from the start to ``at``."""
-    h = np.diff(t)
-    whole = np.concatenate(([0.0], np.cumsum(0.5 * h * (e[1:] + e[:-1]))))
+    whole = cumulative_trapezoid(e, t, initial=0)
     k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
-    x = at - t[k]
-    return whole[k] + x * e[k] + 0.5 * x**2 * (e[k + 1] - e[k]) / h[k]
+    return whole[k] + 0.5 * (at - t[k]) * (e[k] + np.interp(at, t, e))
 
 
 def _judged(r: RunRecord, found: Anatomy | None) -> Drift:

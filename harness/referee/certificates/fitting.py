@@ -8,13 +8,14 @@ every run has steps of its own and errors scatter: Theil and Sen's median of slo
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.stats import t as student
 from scipy.stats import theilslopes
 
-from ...results.judgements import FitKind
+from ...results.judgements import NAN, FitKind
 
 AGREE = 0.15  # slopes of halvings that differ by less are one power: C dt^p (1 + K dt) at K dt = 0.1 bends by as much
 FLAT = 0.3  # a slope below this is a floor, not a power; so is a tail of finer steps that on the whole gains no more
@@ -28,12 +29,12 @@ class Fit:
     """``order`` with its interval over the points ``used``; ``kind`` says what the ladder looks like."""
 
     kind: FitKind  # "flat": no error depends on the step; "lost": not a power at the finest steps
-    order: float
-    low: float
-    high: float
-    used: tuple[bool, ...]
-    floor: float  # median error of the finer points left out; NaN without such
-    slopes: tuple[float, ...]  # between neighbours among the points given
+    used: tuple[bool, ...] = ()
+    slopes: tuple[float, ...] = ()  # between neighbours among the points given
+    order: float = NAN
+    low: float = NAN
+    high: float = NAN
+    floor: float = NAN  # median error of the finer points left out
 
     @property
     def left(self) -> tuple[float, ...]:
@@ -51,21 +52,20 @@ def ladder(dt: Sequence[float], error: Sequence[float], small: float = 0.0) -> F
     slopes = np.diff(y) / np.diff(x)
     nothing = (False,) * len(x)
     if len(x) < FEWEST + 1:
-        return Fit("none", math.nan, math.nan, math.nan, nothing, math.nan, tuple(slopes))
+        return Fit("none", nothing, tuple(slopes))
     window = _longest_agreement(slopes)
     if window is None:
-        kind: FitKind = "flat" if np.median(np.abs(slopes)) < FLAT else "none"
-        return Fit(kind, math.nan, math.nan, math.nan, nothing, math.nan, tuple(slopes))
+        return Fit("flat" if np.median(np.abs(slopes)) < FLAT else "none", nothing, tuple(slopes))
     first, last = window  # slopes first..last agree: points first..last + 1
     used = tuple(first <= k <= last + 1 for k in range(len(x)))
     order, low, high = _robust_line(x[first : last + 2], y[first : last + 2])
     low, high = min(low, float(slopes[last])), max(high, float(slopes[last]))  # the finest pair has the least bias
     finer = slopes[last + 1 :]
     if np.all(np.abs(finer - order) <= AGREE):  # scatter about the order: nothing is lost and no floor seen
-        return Fit("power", order, low, high, used, math.nan, tuple(slopes))
+        return Fit("power", used, tuple(slopes), order, low, high)
     if not _is_floor(x[last + 2 :], y[last + 2 :], small):
-        return Fit("lost", order, low, high, used, math.nan, tuple(slopes))
-    return Fit("power", order, low, high, used, float(np.exp(np.median(y[last + 2 :]))), tuple(slopes))
+        return Fit("lost", used, tuple(slopes), order, low, high)
+    return Fit("power", used, tuple(slopes), order, low, high, float(np.exp(np.median(y[last + 2 :]))))
 
 
 def _is_floor(x: np.ndarray, y: np.ndarray, small: float) -> bool:
@@ -88,37 +88,33 @@ def scattered(x: Sequence[float], error: Sequence[float]) -> Fit:
     n = len(a) if n == len(a) - 1 else n  # a single one may be scatter
     used = tuple(k < n for k in range(len(a)))
     if n < FEWEST + 1:
-        return Fit("none", math.nan, math.nan, math.nan, (False,) * len(a), math.nan, tuple(slopes))
+        return Fit("none", (False,) * len(a), tuple(slopes))
     order, _, low, high = (float(v) for v in theilslopes(y[:n], a[:n], LEVEL))
-    floor = float(np.exp(np.median(y[n:]))) if n < len(a) else math.nan
-    return Fit("power", order, low, high, used, floor, tuple(slopes))
+    floor = float(np.exp(np.median(y[n:]))) if n < len(a) else NAN
+    return Fit("power", used, tuple(slopes), order, low, high, floor)
 
 
 def _longest_agreement(slopes: np.ndarray) -> tuple[int, int] | None:
     """First and last of the longest run of slopes that agree and are no floor; of equal ones the finest."""
-    best: tuple[int, int] | None = None
-    for first in range(len(slopes)):
-        for last in range(first + FEWEST - 1, len(slopes)):
-            part = slopes[first : last + 1]
-            if np.ptp(part) > AGREE or np.median(part) < FLAT:
-                continue
-            if best is None or last - first >= best[1] - best[0]:
-                best = (first, last)
-    return best
+    agreeing = [
+        (first, last) for first, last in combinations(range(len(slopes)), 2) if last - first + 1 >= FEWEST
+        and np.ptp(part := slopes[first : last + 1]) <= AGREE and np.median(part) >= FLAT
+    ]  # fmt: skip
+    return max(agreeing, key=lambda window: (window[1] - window[0], window[0]), default=None)
 
 
 def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
     """Slope of Huber's line with Student's interval from the weighted residuals."""
-    middle = np.mean(x)
+    d = x - np.mean(x)
 
     def residual(p: np.ndarray) -> np.ndarray:
-        return p[0] + p[1] * (x - middle) - y
+        return p[0] + p[1] * d - y
 
-    slope, intercept = np.polyfit(x - middle, y, 1)
-    p = least_squares(residual, (intercept, slope), loss="huber", f_scale=HUBER).x
-    r = residual(p)
+    slope, intercept = np.polyfit(d, y, 1)
+    found = least_squares(residual, (intercept, slope), loss="huber", f_scale=HUBER)
+    order, r = float(found.x[1]), found.fun
     weight = np.minimum(1.0, HUBER / np.maximum(np.abs(r), 1e-300))
     free = len(x) - 2
-    variance = float(np.sum(weight * r**2)) / free / float(np.sum(weight * (x - middle) ** 2))
+    variance = float(np.sum(weight * r**2)) / free / float(np.sum(weight * d**2))
     half = float(student.ppf(0.5 + 0.5 * LEVEL, free)) * math.sqrt(variance)
-    return float(p[1]), float(p[1]) - half, float(p[1]) + half
+    return order, order - half, order + half

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import compress
 from pathlib import Path
 
 from ...catalogue import registry
@@ -38,7 +39,7 @@ class Quantity:
     unit: str
     column: str
     scale: Callable[[RunRecord], float]  # what a large error is
-    own: Callable[[RunRecord], float]  # what the reference cannot resolve
+    own: Callable[[RunRecord], float] = lambda r: 0.0  # what the reference cannot resolve
     most: float = math.inf  # of its scale: an error that large is no small number to fit
 
     def of(self, record: RunRecord) -> float:
@@ -52,10 +53,6 @@ def _length(r: RunRecord) -> float:
 
 def _own(r: RunRecord) -> float:
     return OWN * r.reference_own_error_m
-
-
-def _none(r: RunRecord) -> float:
-    return 0.0
 
 
 def _rate(r: RunRecord) -> float:
@@ -79,22 +76,17 @@ def _speed(r: RunRecord) -> float:
 
 QUANTITIES = (
     Quantity("position", "r", "m", "position_error_max_m", _length, _own, 0.3),
-    Quantity(
-        "orientation", "R", "rad", "orientation_error_max_rad", lambda r: 1.0,
-        lambda r: _own(r) / _length(r), 0.6,
-    ),
+    Quantity("orientation", "R", "rad", "orientation_error_max_rad", lambda r: 1.0,
+             lambda r: _own(r) / _length(r), 0.6),
     Quantity("velocity", "v", "m/s", "velocity_error_max_m_per_s", _speed, lambda r: _own(r) * _rate(r)),
-    Quantity(
-        "angular velocity", "Omega", "rad/s", "angular_velocity_error_max_rad_per_s", _rate,
-        lambda r: _own(r) / _length(r) * _rate(r),
-    ),
-    Quantity("energy", "E", "J", "energy_drift_max_J", lambda r: r.energy_scale_J, _none),
-    Quantity("|phi|", "|phi|", "m", "phi_max", _length, _none),
-    Quantity("|phi_dot|", "|phi_dot|", "m/s", "phi_dot_max", _speed, _none),
-    Quantity(
-        "reaction", "A^T lam", "N", "reaction_error_max_N",
-        lambda r: r.reaction_size_N if r.reaction_size_N > 0.0 else 1.0, lambda r: DIFFERENCED * r.reaction_size_N,
-    ),
+    Quantity("angular velocity", "Omega", "rad/s", "angular_velocity_error_max_rad_per_s", _rate,
+             lambda r: _own(r) / _length(r) * _rate(r)),
+    Quantity("energy", "E", "J", "energy_drift_max_J", lambda r: r.energy_scale_J),
+    Quantity("|phi|", "|phi|", "m", "phi_max", _length),
+    Quantity("|phi_dot|", "|phi_dot|", "m/s", "phi_dot_max", _speed),
+    Quantity("reaction", "A^T lam", "N", "reaction_error_max_N",
+             lambda r: r.reaction_size_N if r.reaction_size_N > 0.0 else 1.0,
+             lambda r: DIFFERENCED * r.reaction_size_N),
 )  # fmt: skip
 
 
@@ -131,38 +123,23 @@ def _certificate(run: Sequence[RunRecord], q: Quantity) -> Order | None:
     if fit.kind != "exact":
         notes[Note.CUT] = any(_cut(r) for r in done)
         notes[Note.UNRESOLVED] = max(errors) > 0.0 and any(e <= q.own(r) for r, e in zip(done, errors, strict=True))
+    variant, *words = first.case.split(" ")
+    of_good = iter(fit.used)
     return Order(
-        problem=first.problem,
-        variant=first.case.split(" ")[0],
-        solver=first.solver,
-        case=" ".join(w for w in first.case.split(" ")[1:] if not w.startswith(("dt=", "rtol="))),
-        quantity=q.name,
-        symbol=q.symbol,
-        unit=q.unit,
-        against="dt" if fixed else "mean step",
-        declared=first.declared_order if fixed else math.nan,
-        order=fit.order,
-        low=fit.low,
-        high=fit.high,
-        dt=tuple(steps),
-        error=tuple(errors),
-        used=_spread(fit.used, good),
-        floor=fit.floor,
+        first.problem, variant, first.solver, " ".join(w for w in words if not w.startswith(("dt=", "rtol="))),
+        q.name, q.symbol, q.unit, against="dt" if fixed else "mean step",
+        declared=first.declared_order if fixed else math.nan, order=fit.order, low=fit.low, high=fit.high,
+        dt=tuple(steps), error=tuple(errors), used=tuple(g and next(of_good, False) for g in good), floor=fit.floor,
         rtol=() if fixed else tuple(r.rtol for r in done),
-        exponent=rate.order,
-        exponent_low=rate.low,
-        exponent_high=rate.high,
-        verdict=_verdict(fit, first.declared_order, fixed),
-        fit=fit.kind,
-        slopes=fit.left if any(fit.used) else fit.slopes,
-        unfinished=len(run) - len(done),
-        notes=tuple(n for n, there in notes.items() if there),
-        t_end_s=first.t_end_s,
+        exponent=rate.order, exponent_low=rate.low, exponent_high=rate.high,
+        verdict=_verdict(fit, first.declared_order, fixed), fit=fit.kind,
+        slopes=fit.left if any(fit.used) else fit.slopes, unfinished=len(run) - len(done),
+        notes=tuple(n for n, there in notes.items() if there), t_end_s=first.t_end_s,
         settings_ids=tuple(r.settings_id for r in done),
-    )
+    )  # fmt: skip
 
 
-NOTHING = Fit("none", math.nan, math.nan, math.nan, (), math.nan, ())
+NOTHING = Fit("none")
 
 
 def _fitted(
@@ -170,18 +147,17 @@ def _fitted(
 ) -> tuple[Fit, Fit]:
     """The order, and for error control the exponent against rtol."""
     if max(errors) <= EXACT * scale:
-        return Fit("exact", math.nan, math.nan, math.nan, (False,) * sum(good), math.nan, ()), NOTHING
+        return Fit("exact"), NOTHING
     if max(errors) <= HELD * scale:
-        return Fit("flat", math.nan, math.nan, math.nan, (False,) * sum(good), max(errors), ()), NOTHING
-    x = [h for h, g in zip(steps, good, strict=True) if g]
-    y = [e for e, g in zip(errors, good, strict=True) if g]
+        return Fit("flat", floor=max(errors)), NOTHING
+    x, y, rtol = (list(compress(v, good)) for v in (steps, errors, (r.rtol for r in done)))
     if fixed:
         fit = ladder(x, y, max(HELD, *(_unsolved(r) for r in done)) * scale)
         held = fit.kind == "flat" and max(y) <= KEPT * scale
         return (replace(fit, floor=max(y)) if held else fit), NOTHING
     if len(y) <= FEWEST:
-        return Fit("none", math.nan, math.nan, math.nan, (False,) * len(y), math.nan, ()), NOTHING
-    return scattered(x, y), scattered([r.rtol for r, g in zip(done, good, strict=True) if g], y)
+        return NOTHING, NOTHING
+    return scattered(x, y), scattered(rtol, y)
 
 
 def _unsolved(r: RunRecord) -> float:
@@ -197,12 +173,6 @@ def _unsolved(r: RunRecord) -> float:
 def _cut(r: RunRecord) -> bool:
     """Whether a fixed step was not kept: the error then belongs to other steps."""
     return r.control == "dt" and r.steps != math.ceil(r.t_reached_s / r.dt_s - 1e-6)
-
-
-def _spread(used: Sequence[bool], good: Sequence[bool]) -> tuple[bool, ...]:
-    """``used`` of the good points as one of all points."""
-    of_good = iter(used)
-    return tuple(next(of_good, False) if g else False for g in good)
 
 
 def _verdict(fit: Fit, declared: float, fixed: bool) -> OrderVerdict:

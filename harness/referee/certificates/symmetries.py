@@ -10,6 +10,7 @@ Distances are of whole poses, max over bodies of |r - r'| and L times the angle 
 """
 
 import functools
+import itertools
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -43,6 +44,8 @@ CHANGES: Mapping[str, str] = {
     "unit_time": "unit of time",
     "duplicate": "repeated joint",
 }
+SHAPING = ("problem", "problem_parameters", "solver", "solver_options", "control", "dt_s", "rtol", "max_step_s")
+COMPARED = ("problem_parameters", "rtol", "dt_s")  # columns in which the runs of a check differ, one at a time
 PLANARITY = "planar symmetry"
 TOLERANCE = 1e-8  # default of solvers with a fixed step; they take it from options, where it stands if it differs
 
@@ -80,13 +83,15 @@ class Yardstick:
 
 def scorecard(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmetry, ...]:
     """One a solver, check and variant."""
-    known = {_key(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings_id))}
+    known = {_all_but(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings_id))}
     runs = sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.settings_id))
     ends = _Ends(folder)
-    by_rest, by_tolerance, by_halving = (_grouped(runs, key) for key in (_rest, _but_tolerance, _halving))
+    alike: dict[tuple, list[RunRecord]] = {}  # thousands of runs are not compared each with each
+    for r, column in itertools.product(runs, COMPARED):
+        alike.setdefault(_all_but(r, column), []).append(r)
     found = []
     for base in runs:
-        kin, others, finer = by_rest[_rest(base)], by_tolerance[_but_tolerance(base)], by_halving[_halving(base)]
+        kin, others, finer = (alike[_all_but(base, column)] for column in COMPARED)
         presented = [r for r in kin if _changed(base, r)]
         tighter = min((r for r in others if _is_tighter(base, r)), key=lambda r: _off(base, r), default=None)
         nudged = min((r for r in kin if _is_nudged(base, r)), key=lambda r: (_nudge(r), r.settings_id), default=None)
@@ -107,15 +112,13 @@ class _Ends:
     """Last poses of runs, read once."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._known: dict[str, tuple[np.ndarray, np.ndarray, np.ndarray] | None] = {}
+        self.of = functools.cache(functools.partial(self._read, folder))
 
-    def of(self, r: RunRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    @staticmethod
+    def _read(folder: Path, r: RunRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """r, R of all bodies and gravity, space frame; None where the run has none."""
-        if r.run_id not in self._known:
-            s = store.series_of(self._folder, r)
-            self._known[r.run_id] = None if s is None else (s["end_r"], s["end_R"], s["gravity"])
-        return self._known[r.run_id]
+        s = store.series_of(folder, r)
+        return None if s is None else (s["end_r"], s["end_R"], s["gravity"])
 
     def apart(self, one: RunRecord, other: RunRecord, turned: np.ndarray) -> float:
         """Distance [m] of the ends, ``other`` brought back from the frame ``turned``; NaN if one has none."""
@@ -127,14 +130,6 @@ class _Ends:
         return float(np.maximum(gap, one.length_scale_m * np.max(so3.angle_between(R, a[1]))))
 
 
-def _grouped(runs: Iterable[RunRecord], key: Callable[[RunRecord], tuple]) -> Mapping[tuple, list[RunRecord]]:
-    """Thousands of runs are not compared each with each."""
-    out: dict[tuple, list[RunRecord]] = {}
-    for r in runs:
-        out.setdefault(key(r), []).append(r)
-    return out
-
-
 def _parameters(r: RunRecord) -> Mapping[str, Any]:
     return _read(r.problem_parameters)
 
@@ -144,13 +139,13 @@ def _read(text: str) -> Mapping[str, Any]:
     return MappingProxyType(json.loads(text))
 
 
-def _rest(r: RunRecord) -> tuple:
-    """All that shapes a run but the problem's parameters."""
-    return (r.problem, r.solver, r.solver_options, r.control, str(r.dt_s), str(r.rtol), str(r.max_step_s))
-
-
-def _key(r: RunRecord) -> tuple:
-    return (*_rest(r), r.problem_parameters)
+def _all_but(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
+    """All that shapes a run but one column; a step's equations are solved to an option, so ``rtol`` stands for both."""
+    shape = {k: str(getattr(r, k)) for k in SHAPING if k != left_out}
+    if left_out == "rtol" and r.control == "dt":
+        options = {k: v for k, v in _read(r.solver_options).items() if k != "tolerance"}
+        shape["solver_options"] = json.dumps(options, sort_keys=True)
+    return left_out, *shape.values()
 
 
 def _changed(base: RunRecord, r: RunRecord) -> str:
@@ -174,13 +169,6 @@ def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
     return TENTH[0] < _tolerance(r) / _tolerance(base) < TENTH[1]
 
 
-def _but_tolerance(r: RunRecord) -> tuple:
-    """All that shapes a run but the tolerance of its errors, or of its steps' equations."""
-    options = {k: v for k, v in _read(r.solver_options).items() if not (r.control == "dt" and k == "tolerance")}
-    step = (str(r.dt_s), str(r.max_step_s))
-    return (r.problem, r.problem_parameters, r.solver, json.dumps(options, sort_keys=True), r.control, *step)
-
-
 def _tolerance(r: RunRecord) -> float:
     return float(_read(r.solver_options).get("tolerance", TOLERANCE)) if r.control == "dt" else r.rtol
 
@@ -188,10 +176,6 @@ def _tolerance(r: RunRecord) -> float:
 def _off(base: RunRecord, r: RunRecord) -> tuple[float, str]:
     """How far from a tenth a tighter run is."""
     return abs(math.log(10.0 * _tolerance(r) / _tolerance(base))), r.settings_id
-
-
-def _halving(r: RunRecord) -> tuple:
-    return (r.problem, r.problem_parameters, r.solver, r.solver_options, r.control, str(r.max_step_s))
 
 
 def _yardstick(

@@ -15,9 +15,11 @@ from functools import cache
 
 import numpy as np
 from jaxtyping import Float
+from scipy.optimize import bisect
 from scipy.special import chdtrc, stdtr
 
 LEVEL = 0.95
+TAIL = 0.5 - 0.5 * LEVEL  # on either side
 FEWEST = 8  # blocks: six degrees of freedom
 RATIOS = np.concatenate(([0.0], np.logspace(-3.0, 4.0, 57)))
 PRIOR = 1.0 / (len(RATIOS) - 1)  # of each ratio above zero
@@ -64,29 +66,21 @@ def trend_of(y: Float[np.ndarray, " blocks"], tau: float) -> Trend:
         return float(np.sum(weight * stdtr(free, (x - beta[:, 1]) / spread)))
 
     reach = float(np.max(np.abs(beta[:, 1]) + 60.0 * spread))
-    low, high = (_root(slope_below, -reach, reach, p) for p in (0.5 - 0.5 * LEVEL, 0.5 + 0.5 * LEVEL))
+    low, high = (_root(slope_below, -reach, reach, p) for p in (TAIL, 1.0 - TAIL))
     walks = np.sqrt(RATIOS * rss)  # times 1/sqrt(chi2)
 
     def walk_below(x: float) -> float:
-        with np.errstate(divide="ignore"):
+        with np.errstate(divide="ignore", over="ignore"):
             part = np.where(walks > 0.0, chdtrc(free, (walks / max(x, 1e-300)) ** 2), 1.0)
         return float(np.sum(weight * part))
 
     most = float(np.max(walks)) + 1e-300
-    walk_low, walk_mid, walk_high = (
-        _root(walk_below, 0.0, most, p) for p in (0.5 - 0.5 * LEVEL, 0.5, 0.5 + 0.5 * LEVEL)
-    )
-    seen = still < 1.0 - LEVEL
+    walk_low, walk, walk_high = (_root(walk_below, 0.0, most, p) for p in (TAIL, 0.5, 1.0 - TAIL))
+    if still >= 1.0 - LEVEL:
+        walk_low = walk = 0.0
     root = size / math.sqrt(tau)
-    return Trend(
-        slope=float(np.sum(weight * beta[:, 1])) * unit,
-        low=low * unit,
-        high=high * unit,
-        walk=walk_mid * root if seen else 0.0,
-        walk_low=walk_low * root if seen else 0.0,
-        walk_high=walk_high * root,
-        still=still,
-    )
+    slope = float(np.sum(weight * beta[:, 1]))
+    return Trend(slope * unit, low * unit, high * unit, walk * root, walk_low * root, walk_high * root, still)
 
 
 def _time(n: int) -> Float[np.ndarray, " n"]:
@@ -116,10 +110,4 @@ def _designs(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _root(rising: Callable[[float], float], low: float, high: float, value: float) -> float:
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        if rising(middle) < value:
-            low = middle
-        else:
-            high = middle
-    return 0.5 * (low + high)
+    return float(bisect(lambda x: rising(x) - value, low, high, xtol=1e-300, disp=False))

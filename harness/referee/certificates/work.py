@@ -7,6 +7,7 @@ count as not reached, a refusal too. Wrong runs reach nothing. Profiles count th
 on and that are predictable to their end; points are of all variants. Further profiles count default options only.
 """
 
+import itertools
 import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -113,16 +114,14 @@ def _sound(r: RunRecord) -> bool:
 
 
 def _points(f: Field) -> list[WorkPoint]:
-    out = []
-    for r in f.runs:
-        rivals = [q for q in f.runs if q.solver == r.solver and _sound(q)]
-        best = _sound(r) and not any(_beats(f, q, r) for q in rivals)
-        out.append(
-            WorkPoint(r.problem, f.variant, r.solver, r.case, r.settings_id, r.label, best, r.status, f.error(r),
-                      f.kind, f.unit, r.energy_drift_max_J, r.phi_max, r.cpu_median_s, r.steps, r.evaluations,
-                      r.factorisations, operations(r), f.own)
-        )  # fmt: skip
-    return out
+    sound = [r for r in f.runs if _sound(r)]
+    return [
+        WorkPoint(r.problem, f.variant, r.solver, r.case, r.settings_id, r.label,
+                  _sound(r) and not any(_beats(f, q, r) for q in sound if q.solver == r.solver), r.status, f.error(r),
+                  f.kind, f.unit, r.energy_drift_max_J, r.phi_max, r.cpu_median_s, r.steps, r.evaluations,
+                  r.factorisations, operations(r), f.own)
+        for r in f.runs
+    ]  # fmt: skip
 
 
 def _beats(f: Field, q: RunRecord, r: RunRecord) -> bool:
@@ -136,14 +135,12 @@ def _profiles(
 ) -> tuple[WorkProfile, ...]:
     total = sum(len(f.targets) for f in fields)
     out = []
-    for name, of in WORKS.items():
-        for solver in solvers:
-            reached = []
-            for f in fields:
-                runs = [r for r in f.runs if r.solver == solver and _sound(r) and counts(r)]
-                for target in f.targets:
-                    costs = [of(r) for r in runs if f.error(r) <= target and not math.isnan(of(r))]
-                    reached += [min(costs)] if costs else []
-            if reached or name != "factorisations":
-                out.append(WorkProfile(solver, name, total, tuple(sorted(reached))))
+    for (name, of), solver in itertools.product(WORKS.items(), solvers):
+        reached = []
+        for f in fields:
+            runs = [r for r in f.runs if r.solver == solver and _sound(r) and counts(r) and not math.isnan(of(r))]
+            costs = [[of(r) for r in runs if f.error(r) <= target] for target in f.targets]
+            reached += [min(c) for c in costs if c]
+        if reached or name != "factorisations":
+            out.append(WorkProfile(solver, name, total, tuple(sorted(reached))))
     return tuple(out)

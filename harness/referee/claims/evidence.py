@@ -1,17 +1,18 @@
 """What is measured for a claim: numbers read off the record and the series of one run.
 
-The rules of measures are in ``harness.referee.catalogue``; those of steps and passages in ``harness.referee.passages``.
+The rules of measures are in module measures; those of steps and passages in module passages.
 """
 
 import json
 import math
+from typing import Any
 
 import numpy as np
 
 from ...results.records import RunRecord
 from ...results.series import Series
 from . import passages  # enters its measures
-from .measures import END, MEASURES, NAN, array, bound, evaluate, evaluate_pair, measure, reached_end, stretch
+from .measures import END, MEASURES, NAN, bound, evaluate, evaluate_pair, measure, measure_over, reached_end, stretch
 
 __all__ = ["MEASURES", "evaluate", "evaluate_pair", "passages"]
 
@@ -65,46 +66,34 @@ def late_energy(record: RunRecord, series: Series | None) -> float:
     return abs(record.energy_mean_last_quarter_J) if reached_end(record) else math.inf
 
 
-@measure("series", "from to partial", grows=True)
-def largest(
-    record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
-) -> float:
+@measure_over(stretch, "series", grows=True)
+def largest(a: np.ndarray) -> float:
     """max |series| over a stretch of time."""
-    a = stretch(record, s, series, begin, to, partial)
-    return NAN if a is None else bound(a, np.max(np.abs(a)))
+    return bound(a, np.max(np.abs(a)))
 
 
-@measure("series", "from to partial", grows=True)
-def highest(
-    record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
-) -> float:
+@measure_over(stretch, "series", grows=True)
+def highest(a: np.ndarray) -> float:
     """max of the series over a stretch of time, signed."""
-    a = stretch(record, s, series, begin, to, partial)
-    return NAN if a is None else bound(a, np.max(a))
+    return bound(a, np.max(a))
 
 
-@measure("series", "from to partial")
-def lowest(
-    record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
-) -> float:
+@measure_over(stretch, "series")
+def lowest(a: np.ndarray) -> float:
     """min of the series over a stretch of time, signed."""
-    a = stretch(record, s, series, begin, to, partial)
-    return NAN if a is None else bound(a, np.min(a))
+    return bound(a, np.min(a))
 
 
-@measure("series", "from to partial", grows=True)
-def extent(
-    record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
-) -> float:
+@measure_over(stretch, "series", grows=True)
+def extent(a: np.ndarray) -> float:
     """max - min of the series over a stretch of time."""
-    a = stretch(record, s, series, begin, to, partial)
-    return NAN if a is None else bound(a, np.ptp(a))
+    return bound(a, np.ptp(a))
 
 
 @measure("series at")
 def value(record: RunRecord, s: Series, series: str, at: float) -> float:
     """The series at a time, between steps by a straight line."""
-    t, a = s["t"], array(s, series)
+    t, a = s["t"], s.arrays.get(series)
     if a is None or at > t[-1] * (1.0 + END):
         return NAN
     return float(np.interp(at, t, a))
@@ -113,7 +102,7 @@ def value(record: RunRecord, s: Series, series: str, at: float) -> float:
 @measure("series at", until="known")
 def rate(record: RunRecord, s: Series, series: str, at: float) -> float:
     """|d series/dt| over the first step that ends after ``at``."""
-    t, a = s["t"], array(s, series)
+    t, a = s["t"], s.arrays.get(series)
     if a is None or at >= t[-1]:
         return NAN
     k = int(np.searchsorted(t, at, side="right"))
@@ -127,9 +116,9 @@ def change(record: RunRecord, s: Series, series: str, begin: float, to: float) -
 
 
 @measure("of", "from to partial", grows=True)
-def away(record: RunRecord, s: Series, of: str, begin: float = 0.0, to: float = NAN, partial: bool = False) -> float:
+def away(record: RunRecord, s: Series, of: str, **within: Any) -> float:
     """max |observable - the reference's| over a stretch of time."""
-    own, exact = (stretch(record, s, f"{k}_{of}", begin, to, partial) for k in ("obs", "ref"))
+    own, exact = (stretch(record, s, f"{k}_{of}", **within) for k in ("obs", "ref"))
     if own is None or exact is None:
         return NAN
     known = ~np.isnan(exact)  # NaN beyond the reference's horizon
@@ -139,7 +128,7 @@ def away(record: RunRecord, s: Series, of: str, begin: float = 0.0, to: float = 
 @measure("series limit", grows=True, until="known")
 def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
     """First time |series| passes a limit; infinite if it never does."""
-    a = array(s, series)
+    a = s.arrays.get(series)
     if a is None:
         return NAN
     beyond = np.flatnonzero(~(np.abs(a) <= limit))
@@ -150,8 +139,7 @@ def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
 def grows(record: RunRecord, s: Series, series: str) -> float:
     """max |series| in the last quarter of the time asked for over that in the first quarter."""
     quarter = 0.25 * record.t_end_s
-    first = stretch(record, s, series, 0.0, quarter, False)
-    last = stretch(record, s, series, 3.0 * quarter, NAN, False)
+    first, last = stretch(record, s, series, to=quarter), stretch(record, s, series, 3.0 * quarter)
     if first is None or last is None:
         return NAN
     a, b = float(np.max(np.abs(last))), float(np.max(np.abs(first)))
@@ -161,7 +149,7 @@ def grows(record: RunRecord, s: Series, series: str) -> float:
 @measure("series to", until="end")
 def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
     """max |series| up to a time over that of the whole run: small for what grows gradually."""
-    first, whole = stretch(record, s, series, 0.0, to, False), stretch(record, s, series, 0.0, NAN, False)
+    first, whole = stretch(record, s, series, to=to), stretch(record, s, series)
     if first is None or whole is None or not np.max(np.abs(whole)) > 0.0:
         return NAN
     return float(np.max(np.abs(first)) / np.max(np.abs(whole)))
@@ -174,16 +162,11 @@ def energy_ratio(record: RunRecord, s: Series) -> float:
     return bound(E, np.max(E)) / float(E[0]) if E[0] != 0.0 else NAN
 
 
-@measure("series", "from to partial")
-def peak_over_median(
-    record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
-) -> float:
+@measure_over(stretch, "series")
+def peak_over_median(a: np.ndarray) -> float:
     """max |series| over its median over a stretch of time: how far one moment stands out."""
-    a = stretch(record, s, series, begin, to, partial)
-    if a is None or not np.any(np.isfinite(a)):
-        return NAN
     known = np.abs(a[np.isfinite(a)])
-    return float(np.max(known) / np.median(known)) if np.median(known) > 0.0 else NAN
+    return float(np.max(known) / np.median(known)) if np.any(known) and np.median(known) > 0.0 else NAN
 
 
 @measure("series", "", pair=True)

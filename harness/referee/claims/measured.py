@@ -22,7 +22,6 @@ class Numbers:
     def __init__(self, records: Mapping[str, RunRecord], series_of: SeriesOf) -> None:
         self.records = records
         self._series_of = lru_cache(maxsize=KEPT)(lambda settings: series_of(records[settings]))
-        self._read = series_of
         self._found: dict[Key, float] = {}
         self._ending: dict[str, Ending] = {}
 
@@ -33,12 +32,10 @@ class Numbers:
             if settings in self.records and not MEASURES[test.metric].of_pair:
                 by_run.setdefault(settings, {})[_key(settings, test)] = test
         for settings, tests in by_run.items():
-            record = self.records[settings]
-            needs = any(MEASURES[t.metric].needs_series for t in tests.values()) or by_budget(record)
-            series = self._read(record) if needs else None
-            self._ending[settings] = ending(record, series)
+            self.ending(settings)  # while the series that it may need is at hand
+            series = self._series_of(settings) if any(MEASURES[t.metric].needs_series for t in tests.values()) else None
             for key, test in tests.items():
-                self._found[key] = evaluate(test.metric, record, series, test.arguments)
+                self._found[key] = evaluate(test.metric, self.records[settings], series, test.arguments)
 
     def of(self, settings: str, test: Test) -> float:
         """The number of one run."""

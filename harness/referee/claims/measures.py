@@ -7,6 +7,7 @@ that stopped must not look accurate. ``partial = true`` in a test asks for the p
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import wraps
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,6 @@ class Measure:
     of_pair: bool = False
     until: str = "to"
     grows: bool = False
-    doc: str = ""
 
 
 MEASURES: dict[str, Measure] = {}
@@ -46,10 +46,8 @@ def measure(
     """Enter a function in the catalogue under its name, with spaces for underscores."""
 
     def enter(function: Callable[..., float]) -> Callable[..., float]:
-        needed, known = tuple(wants.split()), tuple(takes.split())
-        doc = (function.__doc__ or "").strip().splitlines()[0]
-        name = function.__name__.replace("_", " ")
-        MEASURES[name] = Measure(function, (*needed, *known), needed, series, pair, until, grows, doc)
+        needed, name = tuple(wants.split()), function.__name__.replace("_", " ")
+        MEASURES[name] = Measure(function, (*needed, *takes.split()), needed, series, pair, until, grows)
         return function
 
     return enter
@@ -82,19 +80,33 @@ def reached_end(record: RunRecord) -> bool:
     return record.t_reached_s >= record.t_end_s * (1.0 - END)  # False for NaN
 
 
-def array(s: Series, name: str) -> np.ndarray | None:
-    """The series of that name, None where a run has none."""
-    return s.arrays.get(name)
+def measure_over(
+    part: Callable[..., np.ndarray | None], wants: str = "", *, grows: bool = False
+) -> Callable[[Callable[[np.ndarray], float]], Callable[..., float]]:
+    """Enter a function of what ``part`` takes from a stretch of time; NaN where that is nothing."""
+
+    def enter(function: Callable[[np.ndarray], float]) -> Callable[..., float]:
+        @measure(wants, "from to partial", grows=grows)
+        @wraps(function)
+        def measured(record: RunRecord, s: Series, **arguments: Any) -> float:
+            a = part(record, s, **arguments)
+            return NAN if a is None else function(a)
+
+        return measured
+
+    return enter
 
 
-def stretch(record: RunRecord, s: Series, name: str, begin: float, to: float, partial: bool) -> np.ndarray | None:
+def stretch(
+    record: RunRecord, s: Series, series: str, begin: float = 0.0, to: float = NAN, partial: bool = False
+) -> np.ndarray | None:
     """The series in [begin, to]; None if it does not exist or the run ended before ``to`` (``partial``: ``begin``)."""
-    a, t = array(s, name), s["t"]
+    a, t = s.arrays.get(series), s["t"]
     end = record.t_end_s if math.isnan(to) else to
     if a is None or (not partial and t[-1] < end * (1.0 - END)):
         return None
     inside = a[(t >= begin) & (t <= end * (1.0 + END))]
-    if name in COMPARED:
+    if series in COMPARED:
         inside = inside[~np.isnan(inside)]
     return inside if len(inside) else None
 

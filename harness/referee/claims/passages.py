@@ -6,37 +6,45 @@ import numpy as np
 
 from ...results.records import RunRecord
 from ...results.series import Series
-from .measures import END, NAN, array, measure, stretch
+from .measures import END, NAN, measure, measure_over, stretch
 
 START_UP = 0.01  # of t_end: step sizes are judged after it
 
 
-@measure("", "from to partial", grows=True)
-def step_ratio(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False) -> float:
+def _steps(
+    record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False
+) -> np.ndarray | None:
+    t, dt = s["t"][:-1], s["dt"][:-1]
+    begin = START_UP * record.t_end_s if math.isnan(begin) else begin
+    end = record.t_end_s if math.isnan(to) else to
+    if not partial and s["t"][-1] < end * (1.0 - END):
+        return None
+    inside = dt[(t > begin) & (t <= end) & (dt > 0.0)]
+    return inside if len(inside) > 2 else None
+
+
+@measure_over(_steps, grows=True)
+def step_ratio(dt: np.ndarray) -> float:
     """Largest over smallest step after the start-up, the last step left out."""
-    dt = _steps(record, s, begin, to, partial)
-    return NAN if dt is None else float(np.max(dt) / np.min(dt))
+    return float(np.max(dt) / np.min(dt))
 
 
-@measure("", "from to partial")
-def irregularity(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False) -> float:
+@measure_over(_steps)
+def irregularity(dt: np.ndarray) -> float:
     """Mean |change of log10 dt| from step to step after the start-up: 0 for a fixed step."""
-    dt = _steps(record, s, begin, to, partial)
-    return NAN if dt is None else float(np.mean(np.abs(np.diff(np.log10(dt)))))
+    return float(np.mean(np.abs(np.diff(np.log10(dt)))))
 
 
-@measure("", "from to partial")
-def typical_step(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False) -> float:
+@measure_over(_steps)
+def typical_step(dt: np.ndarray) -> float:
     """Median step after the start-up [s]."""
-    dt = _steps(record, s, begin, to, partial)
-    return NAN if dt is None else float(np.median(dt))
+    return float(np.median(dt))
 
 
-@measure("", "from to partial")
-def smallest_step(record: RunRecord, s: Series, begin: float = NAN, to: float = NAN, partial: bool = False) -> float:
+@measure_over(_steps)
+def smallest_step(dt: np.ndarray) -> float:
     """Smallest step after the start-up [s], the last step left out."""
-    dt = _steps(record, s, begin, to, partial)
-    return NAN if dt is None else float(np.min(dt))
+    return float(np.min(dt))
 
 
 @measure("series low within", until="known")
@@ -56,22 +64,12 @@ def rise_at_lowest(record: RunRecord, s: Series, series: str, low: str, within: 
 @measure("series low", "to")
 def peak_after_lowest(record: RunRecord, s: Series, series: str, low: str, to: float = NAN) -> float:
     """|time of the largest |series| up to ``to`` - time of the first minimum of ``low``| [s]."""
-    a, turn = stretch(record, s, series, 0.0, to, False), _first_minimum(s, low)
+    a, turn = stretch(record, s, series, to=to), _first_minimum(s, low)
     return NAN if a is None or turn is None else float(abs(s["t"][int(np.argmax(np.abs(a)))] - s["t"][turn]))
 
 
-def _steps(record: RunRecord, s: Series, begin: float, to: float, partial: bool) -> np.ndarray | None:
-    t, dt = s["t"][:-1], s["dt"][:-1]
-    begin = START_UP * record.t_end_s if math.isnan(begin) else begin
-    end = record.t_end_s if math.isnan(to) else to
-    if not partial and s["t"][-1] < end * (1.0 - END):
-        return None
-    inside = dt[(t > begin) & (t <= end) & (dt > 0.0)]
-    return inside if len(inside) > 2 else None
-
-
 def _first_minimum(s: Series, low: str) -> int | None:
-    h = array(s, low)
+    h = s.arrays.get(low)
     if h is None:
         return None
     turns = np.flatnonzero((h[1:-1] < h[:-2]) & (h[1:-1] <= h[2:])) + 1
@@ -79,7 +77,7 @@ def _first_minimum(s: Series, low: str) -> int | None:
 
 
 def _around_lowest(s: Series, name: str, low: str, within: float) -> np.ndarray | None:
-    a, turn, t = array(s, name), _first_minimum(s, low), s["t"]
+    a, turn, t = s.arrays.get(name), _first_minimum(s, low), s["t"]
     if a is None or turn is None or t[-1] < (t[turn] + within) * (1.0 - END):
         return None
     return a[np.abs(t - t[turn]) <= within]

@@ -4,11 +4,25 @@ Pure: the same records in any order give the same verdicts. No clock time enters
 are left out of the count and named (module points).
 """
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from ...catalogue import registry
-from ...results.judgements import Because, Claim, Count, Ending, Gap, LeftOut, MapRow, Missing, Test, Value, Verdict
+from ...results.judgements import (
+    NAN,
+    Because,
+    Claim,
+    Count,
+    Ending,
+    Gap,
+    LeftOut,
+    MapRow,
+    Missing,
+    Test,
+    Value,
+    Verdict,
+)
 from ...results.records import RunRecord
 from ...suites.spec import RunSpec
 from . import register as given
@@ -67,26 +81,18 @@ def _judged(
     counted = [p for p in found if p.holds is not None]
     missing = missing or _unmeasured(claim, found, counted)
     shown = _shown(claim, counted)
-    values = [p.numbers[0] for p in counted]
+    values = [v for v in (p.numbers[0] for p in counted) if v == v] or ([NAN] if counted else [])
     return Claim(
-        claim.id,
-        claim.kind,
-        claim.section,
-        claim.figure,
-        claim.quote,
-        claim.claim,
-        Verdict.UNTESTABLE if missing else _verdict(claim, counted),
-        tuple(_test(t, shown, k) for k, t in enumerate(claim.tests)),
-        (shortened(min(values, key=_low)), shortened(max(values, key=_high))) if values else (),
-        _because(claim, register, found, decide=not missing),
-        tuple(missing),
-        claim.caveats,
-        _settings(own, others),
-        tuple(dict.fromkeys(p.spec.case for p in others)),
-        tuple(p.spec.settings_id for p in (*own, *others)),
-        factors([_dimensions(claim, p) for p in counted]) if counted else {},
-        tuple(_row(claim, p, numbers.records) for p in found),
-    )
+        claim.id, claim.kind, claim.section, claim.figure, claim.quote, claim.claim,
+        verdict=Verdict.UNTESTABLE if missing else _verdict(claim, counted),
+        tests=tuple(_test(t, shown, k) for k, t in enumerate(claim.tests)),
+        measured_range=(shortened(min(values)), shortened(max(values))) if values else (),
+        because=_because(claim, register, found, decide=not missing), missing=tuple(missing), caveats=claim.caveats,
+        settings=_settings(own, others), against=tuple(dict.fromkeys(p.spec.case for p in others)),
+        settings_ids=tuple(p.spec.settings_id for p in (*own, *others)),
+        factors=factors([_dimensions(claim, p) for p in counted]) if counted else {},
+        map=tuple(_row(claim, p, numbers.records) for p in found),
+    )  # fmt: skip
 
 
 def _gaps(
@@ -144,32 +150,27 @@ def _because(claim: given.Claim, register: Register, found: Sequence[Point], dec
     solvers = values_of(q.dimensions["solver"] for p in found for q in p.places)
     mixed = decide and 0 < len(holding) < len(counted)
     return Because(
-        holds=len(holding),
-        settings=len(counted),
-        across=claim.across,
-        stopped=sum(p.stopped for p in holding),
-        printed_holds=sum(p.holds is True for p in printed),
-        printed=len(printed),
+        holds=len(holding), settings=len(counted), across=claim.across, stopped=sum(p.stopped for p in holding),
+        printed_holds=sum(p.holds is True for p in printed), printed=len(printed),
         met_at=tuple(Count(v, met[v], len(holding)) for v in values_of(met)),
         decision=decision([_dimensions(claim, p) for p in counted]) if mixed else None,
         left_out=tuple(LeftOut(why, left[why]) for why in Ending if left[why]),
         stand_ins=tuple(register.solvers[s] for s in solvers if s in register.solvers),
-    )
+    )  # fmt: skip
 
 
 def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, tuple[Value, ...]]:
-    places = [*own, *others]
-    if not places:
+    if not (places := [*own, *others]):
         return {}
     out = {k: tuple(values_of(p.dimensions[k] for p in places)) for k in ("problem", "solver")}
     return out | {name: tuple(values) for name, values in varied(own).items() if name not in out}
 
 
 def _test(test: given.Test, shown: Point | None, k: int) -> Test:
-    number = shown.numbers[k] if shown else float("nan")
-    low, high = (v if abs(v) < float("inf") else None for v in (test.at_least, test.at_most))
+    number = shown.numbers[k] if shown else NAN
+    low, high = (v if math.isfinite(v) else None for v in (test.at_least, test.at_most))
     return Test(test.metric, test.arguments, test.combine, test.compare, test.unit, (low, high),
-                shortened(number), number == float("inf"))  # fmt: skip
+                shortened(number), number == math.inf)  # fmt: skip
 
 
 def _row(claim: given.Claim, p: Point, records: Mapping[str, RunRecord]) -> MapRow:
@@ -178,11 +179,3 @@ def _row(claim: given.Claim, p: Point, records: Mapping[str, RunRecord]) -> MapR
     settings_id = first.spec.settings_id
     return MapRow(settings_id, first.spec.case, len(p.places) - 1, at, p.holds, shortened(p.numbers[0]),
                   records[settings_id].status, p.printed)  # fmt: skip
-
-
-def _low(value: float) -> float:
-    return float("inf") if value != value else value
-
-
-def _high(value: float) -> float:
-    return float("-inf") if value != value else value
