@@ -22,11 +22,9 @@ from .wrong import wrong
 __all__ = ["FOLDER", "PUBLISHED", "Change", "as_text", "changes", "judgements", "read_claims", "tried_on", "write"]
 SUITES = ("paper", "claims")  # claims are tried on their runs; both are in the suite ``referee``
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
-    (files.ORDERS.name, certify),
-    (files.DRIFTS.name, anatomy),
-    (files.SYMMETRIES.name, scorecard),
+    (files.ORDERS.name, certify), (files.DRIFTS.name, anatomy), (files.SYMMETRIES.name, scorecard),
     (files.WORK.name, work),
-)
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -53,8 +51,7 @@ def judgements(folder: Path, register: Register, watch: Callable[[str], None] = 
 
 def tried_on() -> tuple[RunSpec, ...]:
     """The runs of the maps, each once."""
-    found = {c.settings_id: c for name in SUITES for c in load_suite(name).specs}
-    return tuple(found.values())
+    return tuple({c.settings_id: c for name in SUITES for c in load_suite(name).specs}.values())
 
 
 def write(folder: Path, judged: dict[str, Any]) -> list[Path]:

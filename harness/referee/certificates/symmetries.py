@@ -34,16 +34,10 @@ HALVES = 3.0  # one run may err by 4/3 of its change at half the step, the other
 TENTH = (0.05, 0.2)  # of the tolerance: what counts as a tenth
 ROUNDING = 2.2e-16  # a step, relative; steps add up
 CHANGES: Mapping[str, str] = {
-    "retrace": "time reversal",
-    "yaw": "yaw",
-    "rotation": "rotation",
-    "mirror": "mirror image",
-    "renumber": "renumbering",
-    "unit_length": "unit of length",
-    "unit_mass": "unit of mass",
-    "unit_time": "unit of time",
-    "duplicate": "repeated joint",
-}
+    "retrace": "time reversal", "yaw": "yaw", "rotation": "rotation", "mirror": "mirror image",
+    "renumber": "renumbering", "unit_length": "unit of length", "unit_mass": "unit of mass",
+    "unit_time": "unit of time", "duplicate": "repeated joint",
+}  # fmt: skip
 SHAPING = ("problem", "problem_parameters", "solver", "solver_options", "control", "dt_s", "rtol", "max_step_s")
 COMPARED = ("problem_parameters", "rtol", "dt_s")  # columns in which the runs of a check differ, one at a time
 PLANARITY = "planar symmetry"
@@ -214,15 +208,15 @@ def _judged(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, 
         return made("failed", Unjudged.BOUND)
     if r.claimed != "success":
         return made(_ended(r), Unjudged.PRESENTED, r.status, words_of_ending(r))
-    if change == "renumber" and _single(ends, base):
+    end = ends.of(base)
+    if change == "renumber" and end is not None and len(end[0]) == 1:
         return made("not applicable", Unjudged.SINGLE)
     if change == "retrace":
         deviation = float(np.maximum(r.return_error_m, r.length_scale_m * r.return_error_rad))
         if math.isnan(deviation):
             return made("failed", Unjudged.WAY_BACK, "", *json.loads(r.notes)[-1:], bound=yard.bound * yard.back)
         return _compared(made, deviation, yard, yard.back)
-    found = ends.of(base)
-    turned = np.eye(3) if found is None else _frame(change, value, found[2])
+    turned = np.eye(3) if end is None else _frame(change, value, end[2])
     return _compared(made, ends.apart(base, r, turned), yard)
 
 
@@ -252,11 +246,6 @@ def _compared(made: Callable[..., Symmetry], deviation: float, yard: Yardstick, 
 
 def _ended(r: RunRecord) -> SymmetryVerdict:
     return "refused" if r.status == Status.REFUSED else "failed"
-
-
-def _single(ends: _Ends, r: RunRecord) -> bool:
-    found = ends.of(r)
-    return found is not None and len(found[0]) == 1
 
 
 def _frame(change: str, value: Any, gravity: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ...results.judgements import Condition, Count, Decision
-from .maps import values_of
+from .maps import same, varied
 
 Points = Sequence[tuple[Mapping[str, Any], bool]]
 MOST_NAMED = 4  # conditions of each kind; the rest is in the map
@@ -16,12 +16,12 @@ MOST_NAMED = 4  # conditions of each kind; the rest is in the map
 
 def factors(points: Points) -> dict[str, tuple[Count, ...]]:
     """For each dimension that varies, the settings with each value."""
-    return {name: tuple(_by(points, name, values)) for name, values in _varied(points).items()}
+    return {n: tuple(_by(points, n, values)) for n, values in varied([at for at, _ in points]).items()}
 
 
 def decision(points: Points) -> Decision:
     """What separates the settings where the claim holds from those where it does not."""
-    names = _varied(points)
+    names = varied([at for at, _ in points])
     everywhere = [n for n, values in names.items() if None not in values]  # others exist for some solvers only
     for size in (1, 2):
         for chosen in itertools.combinations(everywhere, size):
@@ -57,12 +57,6 @@ def _entropy(holds: int, total: int) -> float:
     return -sum(q * math.log2(q) for q in (p, 1.0 - p) if q > 0.0)
 
 
-def _varied(points: Points) -> dict[str, list[Any]]:
-    names = dict.fromkeys(k for at, _ in points for k in at)
-    found = {n: values_of(at.get(n) for at, _ in points) for n in names}
-    return {n: v for n, v in found.items() if len(v) > 1}
-
-
 def _by(points: Points, name: str, values: Sequence[Any]) -> list[Count]:
     return [Count(v, *_count(points, {name: v})) for v in values]
 
@@ -79,8 +73,4 @@ def _count(points: Points, at: Mapping[str, Any]) -> tuple[int, int]:
 
 
 def _where(points: Points, at: Mapping[str, Any]) -> frozenset[int]:
-    return frozenset(k for k, (where, _) in enumerate(points) if all(_equal(where.get(n), v) for n, v in at.items()))
-
-
-def _equal(a: Any, b: Any) -> bool:
-    return bool(a == b) and isinstance(a, bool) == isinstance(b, bool)
+    return frozenset(k for k, (where, _) in enumerate(points) if all(same(where.get(n), v) for n, v in at.items()))

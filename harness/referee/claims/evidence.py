@@ -41,9 +41,7 @@ def observable_error(
 @measure(series=False, grows=True)
 def reached(record: RunRecord, series: Series | None) -> float:
     """Part of the time asked for that the run got through: 1 is the end."""
-    if reached_end(record):
-        return 1.0
-    return 0.0 if math.isnan(record.t_reached_s) else min(record.t_reached_s / record.t_end_s, 1.0)
+    return min(stops_at(record, series) / record.t_end_s, 1.0)
 
 
 @measure(series=False, grows=True)

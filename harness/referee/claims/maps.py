@@ -6,6 +6,7 @@ solvers name differently: ``tolerance`` (rtol, or the stop test of ODE-GC), ``ga
 its default, so that no claim gathers runs it was not written for.
 """
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -47,18 +48,11 @@ def place(spec: RunSpec) -> Place:
     given["frame"] = _frame(spec.parameters)
     unusual |= {"frame"} if given["frame"] != ALIGNED else set()
     given |= options
-    control: dict[str, Any] = {
-        "tolerance": spec.control.rtol,
-        "step": spec.control.dt,
-        "max_step": spec.control.max_step,
-    }
-    if spec.control.dt is not None and spec.control.dt >= given["duration"]:
-        control["step"] = WHOLE
-    for name, number in control.items():
-        if number is not None:
-            given[name] = number
-            unusual |= {name}  # a step or tolerance is always asked for: a selection has to name it
-    return Place(spec, given, frozenset(given) - unusual)
+    c = spec.control
+    step = WHOLE if c.dt is not None and c.dt >= given["duration"] else c.dt
+    asked = {k: v for k, v in (("tolerance", c.rtol), ("step", step), ("max_step", c.max_step)) if v is not None}
+    # a step or tolerance is always asked for: a selection has to name it
+    return Place(spec, given | asked, frozenset(given) - unusual - asked.keys())
 
 
 @cache
@@ -76,19 +70,15 @@ def select(places: Iterable[Place], selections: Sequence[Mapping[str, Any]]) -> 
     for p in places:
         if any(_matches(p, s) for s in selections):
             key = repr(sorted((k, str(v)) for k, v in p.dimensions.items()))
-            if key not in out or _budget(p) < _budget(out[key]):
+            if key not in out or p.spec.control.max_steps < out[key].spec.control.max_steps:
                 out[key] = p
     return tuple(out.values())
 
 
-def _budget(p: Place) -> int:
-    return p.spec.control.max_steps
-
-
-def varied(places: Sequence[Place]) -> dict[str, list[Any]]:
-    """The dimensions with more than one value among ``places``, each with its values in order."""
-    names = dict.fromkeys(k for p in places for k in p.dimensions)
-    found = {k: values_of(p.dimensions.get(k) for p in places) for k in names}
+def varied(settings: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+    """The dimensions with more than one value among ``settings``, each with its values in order."""
+    names = dict.fromkeys(itertools.chain.from_iterable(settings))
+    found = {k: values_of(at.get(k) for at in settings) for k in names}
     return {k: v for k, v in found.items() if len(v) > 1}
 
 
@@ -106,7 +96,7 @@ def is_printed(p: Place, printed: Iterable[Mapping[str, Any]]) -> bool:
         named = [k for k, v in one.items() if v == AS_PRINTED]
         given = all(_allowed(p.dimensions.get(k), v) for k, v in one.items() if k not in named)
         runs = _printed_runs(p.spec.problem, p.spec.solver) if named else (p,)
-        if given and any(all(_same(p.dimensions.get(k), q.dimensions.get(k)) for k in named) for q in runs):
+        if given and any(all(same(p.dimensions.get(k), q.dimensions.get(k)) for k in named) for q in runs):
             return True
     return False
 
@@ -145,20 +135,17 @@ def _frame(parameters: Mapping[str, Any]) -> str:
 
 
 def _matches(p: Place, selection: Mapping[str, Any]) -> bool:
-    for name, wanted in selection.items():
-        if wanted != ANY and not _allowed(p.dimensions.get(name), wanted):
-            return False
-    return all(name in selection or name in p.usual for name in p.dimensions)
+    named = all(wanted == ANY or _allowed(p.dimensions.get(name), wanted) for name, wanted in selection.items())
+    return named and p.dimensions.keys() <= selection.keys() | p.usual
 
 
 def _allowed(value: Any, wanted: Any) -> bool:
-    return any(_same(value, w) for w in (wanted if isinstance(wanted, list) else [wanted]))
+    return any(same(value, w) for w in (wanted if isinstance(wanted, list) else [wanted]))
 
 
-def _same(value: Any, wanted: Any) -> bool:
-    if isinstance(value, bool) or isinstance(wanted, bool):
-        return value is wanted
-    return bool(value == wanted)
+def same(value: Any, wanted: Any) -> bool:
+    """Whether two values of a dimension are one: True is no 1."""
+    return bool(value == wanted) and isinstance(value, bool) == isinstance(wanted, bool)
 
 
 def _order(value: Any) -> tuple[int, float, str]:

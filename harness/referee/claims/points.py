@@ -6,7 +6,7 @@ runs to be compared with each other have no numbers to compare.
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...results.judgements import Ending
@@ -60,7 +60,8 @@ def _point(claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequen
     holds = False if False in each else None if None in each else True
     printed = claim.map is not None and any(is_printed(p, claim.map.printed) for p in ordered)
     endless = any(map(math.isinf, found)) and not all(reached_end(numbers.records[p.spec.settings_id]) for p in ordered)
-    why = _why(claim, used, numbers) if holds is None else Ending.FINAL
+    endings = {_ending(claim, p, numbers) for p in used} - {Ending.FINAL}
+    why = next((how for how in Ending if how in endings), Ending.UNCOMPARED) if holds is None else Ending.FINAL
     return Point(tuple(ordered), found, holds, printed, why, bool(holds and endless))
 
 
@@ -77,8 +78,7 @@ def _nearest(
     best = max(each, key=near)
     places = (*best.places, *(p for p in ordered if p is not best.places[0]))
     met = tuple(p.dimensions[claim.across] for p, q in zip(ordered, each, strict=True) if q.holds)
-    printed = any(p.printed for p in each)
-    return Point(places, best.numbers, best.holds, printed, best.left_out, best.stopped, met)
+    return replace(best, places=places, printed=any(p.printed for p in each), met_at=met)
 
 
 def _settled(claim: Claim, test: Test, value: float, used: Sequence[Place], numbers: Numbers) -> bool:
@@ -95,24 +95,17 @@ def _ending(claim: Claim, p: Place, numbers: Numbers) -> Ending:
     return Ending.FINAL if claim.starting and how is Ending.NO_STEP else how
 
 
-def _why(claim: Claim, used: Sequence[Place], numbers: Numbers) -> Ending:
-    found = {_ending(claim, p, numbers) for p in used} - {Ending.FINAL}
-    return next((how for how in Ending if how in found), Ending.UNCOMPARED)
-
-
 def _partners(claim: Claim, p: Place, others: Sequence[Place]) -> list[Place]:
     return [q for q in others if all(q.dimensions.get(k) == p.dimensions.get(k) for k in claim.pair_by)]
 
 
 def _number(test: Test, ordered: Sequence[Place], partners: Mapping[str, Sequence[Place]], numbers: Numbers) -> float:
-    values = []
-    for p in ordered:
-        own, beside = p.spec.settings_id, partners[p.spec.settings_id]
-        if MEASURES[test.metric].of_pair:
-            values.append(COMPARE[test.compare](0.0, [numbers.between(own, q.spec.settings_id, test) for q in beside]))
-        elif test.compare:
-            them = [numbers.of(q.spec.settings_id, test) for q in beside]
-            values.append(COMPARE[test.compare](numbers.of(own, test), them))
-        else:
-            values.append(numbers.of(own, test))
+    values, of_pair = [], MEASURES[test.metric].of_pair
+    for own in (p.spec.settings_id for p in ordered):
+        value = 0.0 if of_pair else numbers.of(own, test)
+        if of_pair or test.compare:
+            beside = (q.spec.settings_id for q in partners[own])
+            them = [numbers.between(own, q, test) if of_pair else numbers.of(q, test) for q in beside]
+            value = COMPARE[test.compare](value, them)
+        values.append(value)
     return values[0] if test.combine in ("", NEAREST) else COMBINE[test.combine](values)

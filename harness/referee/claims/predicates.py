@@ -36,17 +36,9 @@ def _ratio(above: float, below: float) -> float:
     return above / below
 
 
-def _last_over_first(values: Sequence[float]) -> float:
-    return _ratio(values[-1], values[0]) if len(values) > 1 else NAN
-
-
 def _worst_step(values: Sequence[float]) -> float:
     """Largest ratio of a value to the one before: below 1, each is smaller than the last. NaN as soon as one is."""
-    return max((_ratio(b, a) for a, b in pairwise(values)), default=NAN, key=_nan_last)
-
-
-def _nan_last(value: float) -> float:
-    return math.inf if math.isnan(value) else value
+    return float(np.max([_ratio(b, a) for a, b in pairwise(values)])) if len(values) > 1 else NAN
 
 
 def _of_all(function: Callable[[Sequence[float]], float]) -> Callable[[Sequence[float]], float]:
@@ -63,7 +55,7 @@ RATIOS = ("last over first", "worst step")  # NaN where there is nothing to comp
 
 # values in order of the dimension: the loosest tolerance first, the smallest of any other first
 COMBINE: dict[str, Callable[[Sequence[float]], float]] = {
-    "last over first": _last_over_first,
+    "last over first": lambda v: _ratio(v[-1], v[0]) if len(v) > 1 else NAN,
     "worst step": _of_all(_worst_step),
     "largest": _of_all(max),
     "smallest": _of_all(min),

@@ -152,9 +152,8 @@ def _test(row: dict[str, Any], at: str) -> Test:
     arguments = {k: v for k, v in row.items() if k in takes}
     rest = {k: v for k, v in row.items() if k not in takes}
     test = shaped({**rest, "arguments": arguments}, Test, at, ClaimsError)
-    for k in wants:
-        if k not in row:
-            raise ClaimsError(f"{at}: metric {metric} needs {k}")
+    if absent := [k for k in wants if k not in row]:
+        raise ClaimsError(f"{at}: metric {metric} needs {absent[0]}")
     if math.isinf(test.at_least) and math.isinf(test.at_most):
         raise ClaimsError(f"{at}: a band is needed: at_least, at_most or both")
     if test.at_least > test.at_most:

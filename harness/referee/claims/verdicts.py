@@ -60,11 +60,9 @@ def untestable(claim: given.Claim) -> list[Missing]:
     out = []
     for need in claim.needs:
         problem, _, name = need.observable.partition(".")
-        if need.solver in registry.solvers():
-            continue
-        if problem and any(o.name == name for o in registry.make_problem(problem, {}).observables):
-            continue
-        out.append(Missing(Gap.NEED, need.why))
+        observables = registry.make_problem(problem, {}).observables if problem else ()
+        if need.solver not in registry.solvers() and all(o.name != name for o in observables):
+            out.append(Missing(Gap.NEED, need.why))
     return out
 
 
@@ -116,11 +114,9 @@ def _gaps(
 
 def _unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequence[Point]) -> list[Missing]:
     """What no run of the map has: a number that nowhere exists refutes nothing."""
-    if not found:
-        return [Missing(Gap.GROUPS, claim.across)]
     if not counted:
-        return [Missing(Gap.SETTLED)]
-    absent = [t for k, t in enumerate(claim.tests) if all(p.numbers[k] != p.numbers[k] for p in counted)]
+        return [Missing(Gap.SETTLED) if found else Missing(Gap.GROUPS, claim.across)]
+    absent = [t for k, t in enumerate(claim.tests) if all(math.isnan(p.numbers[k]) for p in counted)]
     return [Missing(Gap.NUMBER, t.metric) for t in absent]
 
 
@@ -163,7 +159,7 @@ def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, tuple[
     if not (places := [*own, *others]):
         return {}
     out = {k: tuple(values_of(p.dimensions[k] for p in places)) for k in ("problem", "solver")}
-    return out | {name: tuple(values) for name, values in varied(own).items() if name not in out}
+    return out | {k: tuple(v) for k, v in varied([p.dimensions for p in own]).items() if k not in out}
 
 
 def _test(test: given.Test, shown: Point | None, k: int) -> Test:
