@@ -124,10 +124,6 @@ class _Ends:
         return float(np.maximum(gap, one.length_scale_m * np.max(so3.angle_between(R, a[1]))))
 
 
-def _parameters(r: RunRecord) -> Mapping[str, Any]:
-    return _read(r.problem_parameters)
-
-
 @functools.cache
 def _read(text: str) -> Mapping[str, Any]:
     return MappingProxyType(json.loads(text))
@@ -144,7 +140,7 @@ def _all_but(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
 
 def _changed(base: RunRecord, r: RunRecord) -> str:
     """The one presentation that ``r`` has and ``base`` has not, all else alike; empty if it is none or more."""
-    here, there = _parameters(base), _parameters(r)
+    here, there = _read(base.problem_parameters), _read(r.problem_parameters)
     if any(k in CHANGES for k in here) or any(there.get(k) != v for k, v in here.items()):
         return ""
     more = [k for k in there if k not in here]
@@ -152,11 +148,13 @@ def _changed(base: RunRecord, r: RunRecord) -> str:
 
 
 def _is_nudged(base: RunRecord, r: RunRecord) -> bool:
-    return _nudge(r) > 0.0 and {k: v for k, v in _parameters(r).items() if k != "perturb"} == _parameters(base)
+    return _nudge(r) > 0.0 and {k: v for k, v in _read(r.problem_parameters).items() if k != "perturb"} == _read(
+        base.problem_parameters
+    )
 
 
 def _nudge(r: RunRecord) -> float:
-    return float(_parameters(r).get("perturb", 0.0))
+    return float(_read(r.problem_parameters).get("perturb", 0.0))
 
 
 def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
@@ -198,7 +196,7 @@ def _made(base: RunRecord, check: str, *runs: RunRecord) -> Callable[..., Symmet
 
 
 def _judged(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, ends: _Ends) -> Symmetry:
-    value = _parameters(r)[change]
+    value = _read(r.problem_parameters)[change]
     made = _made(base, CHANGES[change], base, r)
     if change.startswith("unit_"):
         made = functools.partial(made, factor=float(value))
