@@ -5,11 +5,11 @@ import io
 import json
 import re
 import zipfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,8 @@ from ...harness.results.series import KIND, SERIES_SCHEMA, Series
 from ...harness.results.words import why
 from ...harness.types import Status
 
+T = TypeVar("T")
+K = TypeVar("K", bound=Hashable)
 STDERR_SHOWN = 4000  # characters, the last ones: a native library says the reason last
 
 
@@ -209,12 +211,17 @@ def _series_fault(folder: Path, record: RunRecord) -> str:
     return "" if whole else f"its series file {record.series} is of another schema"
 
 
+def grouped(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
+    """Items by key, keys in the order of their first items."""
+    found: dict[K, list[T]] = {}
+    for item in items:
+        found.setdefault(key(item), []).append(item)
+    return found
+
+
 def by_solver(runs: Iterable[Run]) -> dict[str, list[Run]]:
     """In the order of their first runs."""
-    found: dict[str, list[Run]] = {}
-    for run in runs:
-        found.setdefault(run.record.solver, []).append(run)
-    return found
+    return grouped(runs, lambda run: run.record.solver)
 
 
 def natural(text: str) -> list[tuple[int, float, str]]:

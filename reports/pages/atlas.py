@@ -9,12 +9,13 @@ from markupsafe import Markup
 from ...harness.results.records import reasons_of
 from ...harness.results.series import Series
 from ...harness.results.words import law_of
-from ..model.results import Results, Run, slug
+from ..model.results import Results, Run, grouped, slug
+from ..plots.palette import Look
 from ..plots.spec import Axis, Plot, Trace
 from .base import Page, Site
 from .causes import CAUSES, Autopsy, Cause, autopsy
 from .survival import Survival, part_reached, survival
-from .svg import Zoom, panel
+from .svg import panel
 
 DRAWN = 80  # of the last rows
 LISTED = 40  # runs named beside the one that is worked out; the pages of solvers and problems have all
@@ -22,22 +23,14 @@ SHOWN = (("dt", "step size", "s"), ("energy_error", "|energy error|", "J"), ("ph
 
 
 @dataclass(frozen=True)
-class Stop:
-    """One run that stopped before its end."""
-
-    run: Run
-    autopsy: Autopsy
-
-
-@dataclass(frozen=True)
 class Family:
     """Stops of one solver on one problem, for one cause; the plainest variant and settings stand for all."""
 
-    stops: tuple[Stop, ...]
+    stops: tuple[Autopsy, ...]
     panels: tuple[Markup, ...] = ()  # of the head: the last steps drawn
 
     @property
-    def head(self) -> Stop:
+    def head(self) -> Autopsy:
         return self.stops[0]
 
 
@@ -69,16 +62,15 @@ class Broken:
         return sum(map(len, self.families))
 
 
-def groups(results: Results, colours: Mapping[str, str]) -> tuple[Group, ...]:
+def groups(results: Results, looks: Mapping[str, Look]) -> tuple[Group, ...]:
     """Every run that stopped, by cause in the order of ``CAUSES``."""
-    stops = [Stop(c, autopsy(c, results.series(c))) for c in results.runs if c.stopped]
+    stops = [autopsy(c, results.series(c)) for c in results.runs if c.stopped]
     found = []
     for cause in CAUSES:
-        own = {s.run.record.run_id: s for s in stops if s.autopsy.cause is cause}
-        families = []
-        for f in families_of([s.run for s in own.values()]):
-            colour = colours.get(f[0].record.solver, "currentColor")
-            families.append(Family(tuple(own[c.record.run_id] for c in f), zoom(f[0], results.series(f[0]), colour)))
+        own = {s.run.record.run_id: s for s in stops if s.cause is cause}
+        families = [Family(tuple(own[c.record.run_id] for c in f),
+                           zoom(f[0], results.series(f[0]), looks[f[0].record.solver].colour))
+                    for f in families_of([s.run for s in own.values()])]  # fmt: skip
         if families:
             found.append(Group(cause, tuple(families)))
     return tuple(found)
@@ -90,18 +82,14 @@ def zoom(run: Run, series: Series | None, colour: str) -> tuple[Markup, ...]:
         return ()
     rows = min(DRAWN, len(series["t"]) - 1)
     return tuple(
-        panel(Zoom(title, unit, tuple(map(float, series[name][-rows:])), run.stopped, colour, rows - 1))
-        for name, title, unit in SHOWN
-        if name in series
-    )
+        panel(title, unit, series[name][-rows:].tolist(), colour, star=run.stopped)
+        for name, title, unit in SHOWN if name in series
+    )  # fmt: skip
 
 
 def broken(runs: Sequence[Run]) -> tuple[Broken, ...]:
     """The wrong ones by the first law they break, the most frequent first."""
-    found: dict[str, list[Run]] = {}
-    for c in runs:
-        if c.status == "wrong":
-            found.setdefault(_first_law(c), []).append(c)
+    found = grouped((c for c in runs if c.status == "wrong"), _first_law)
     ordered = sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))
     return tuple(Broken(law, families_of(own)) for law, own in ordered)
 
@@ -113,35 +101,24 @@ def _first_law(run: Run) -> str:
 
 def families_of(runs: Sequence[Run]) -> tuple[tuple[Run, ...], ...]:
     """By problem and solver, the largest first; in each the plainest variant and settings first."""
-    found: dict[tuple[str, str], list[Run]] = {}
-    for c in sorted(runs, key=lambda c: (len(c.parameters), len(c.options), c.variant, c.record.case)):
-        found.setdefault((c.record.problem, c.record.solver), []).append(c)
+    plainest = sorted(runs, key=lambda c: (len(c.parameters), len(c.options), c.variant, c.record.case))
+    found = grouped(plainest, lambda c: (c.record.problem, c.record.solver))
     return tuple(tuple(found[k]) for k in sorted(found, key=lambda k: (-len(found[k]), k)))
 
 
-@dataclass(frozen=True)
-class Curves:
-    """Survival on one problem, or on all."""
-
-    title: str
-    solvers: tuple[Survival, ...]
-
-
-def survivals(results: Results) -> tuple[Curves, ...]:
-    """On all problems, then on each where some run stopped."""
-    out = [Curves("All problems", survival(results.runs))]
-    by_problem: dict[str, list[Run]] = {}
-    for c in results.runs:
-        by_problem.setdefault(c.record.problem, []).append(c)
+def survivals(results: Results) -> dict[str, tuple[Survival, ...]]:
+    """By title: on all problems, then on each where some run stopped."""
+    out = {"All problems": survival(results.runs)}
+    by_problem = grouped(results.runs, lambda c: c.record.problem)
     if len(by_problem) > 1:
-        out += [Curves(name, survival(own)) for name, own in sorted(by_problem.items()) if any(c.stopped for c in own)]
-    return tuple(out)
+        out |= {name: survival(own) for name, own in sorted(by_problem.items()) if any(c.stopped for c in own)}
+    return out
 
 
-def plot_of(curves: Curves, slug: str) -> Plot:
+def plot_of(title: str, solvers: Sequence[Survival], slug: str) -> Plot:
     """Step lines; where some are wrong, a cross at the share that is right."""
     traces = []
-    for s in (s for s in curves.solvers if s.total):
+    for s in (s for s in solvers if s.total):
         traces.append(Trace(f"{s.solver}: {s.reached} of {s.total} reach the end", np.array(s.x), np.array(s.y),
                             solver=s.solver))  # fmt: skip
         if s.wrong:
@@ -149,18 +126,17 @@ def plot_of(curves: Curves, slug: str) -> Plot:
                                 np.array([s.good / s.total]), solver=s.solver, mode="markers", ends=["wrong"],
                                 words=[f"{s.solver}: {s.good} of {s.total} right at the end"]))  # fmt: skip
     axes = Axis("part of the simulated time", low=0.0, high=1.02), Axis("share of runs not stopped", low=0.0, high=1.03)
-    return Plot(f"survival-{slug}", curves.title, "", *axes, tuple(traces), wide=True)
+    return Plot(f"survival-{slug}", title, "", *axes, tuple(traces), wide=True)
 
 
 def write(results: Results, site: Site) -> Page | None:
     """``atlas.html``."""
-    colours = {name: look.colour for name, look in site.looks.items()}
-    found, curves, taken = groups(results, colours), survivals(results), set[str]()
+    found, curves, taken = groups(results, site.looks), survivals(results), set[str]()
     stopped = [c for c in results.runs if c.stopped]
     return site.write(
         Page("Failures", "atlas.html", nav=True, order=40), "atlas.html", scripts=["assets/judgement.js"],
-        plots=[plot_of(c, slug(c.title, taken)) for c in curves] if results.runs else [], groups=found,
-        survivals=curves, broken=broken(results.runs),
+        plots=[plot_of(k, v, slug(k, taken)) for k, v in curves.items()] if results.runs else [], groups=found,
+        survival=curves["All problems"], broken=broken(results.runs),
         refused=families_of([c for c in results.runs if c.status == "refused"]),
         part=part_reached, listed_at_most=LISTED, stopped_solvers=sorted({c.record.solver for c in stopped}),
         stopped_problems=sorted({c.record.problem for c in stopped}),

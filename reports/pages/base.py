@@ -38,7 +38,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
@@ -55,10 +54,10 @@ from ..plots.browser import for_browser
 from ..plots.packing import bundle, script
 from ..plots.palette import Look, looks
 from ..plots.spec import Plot
+from .judgement import page_of
 
 SORTED = 6  # digits of a number that a table sorts by
 FOLDER = Path(__file__).parent.parent
-ALWAYS = ("assets/site.js",)
 PLOTTING = ("assets/plotly-basic.min.js", "assets/plots.js")
 SPEAKING = ("number", "whole", "signed", "seconds", "time", "unit", "mark", "plural", "listed")  # of model/words.py
 
@@ -104,20 +103,20 @@ class Site:
 
     def data(self, name: str, value: Any) -> str:
         """Write ``data/<name>.js``; returns its path, for ``scripts``."""
-        path = f"data/{name}.js"
-        store.write_text(self.folder / path, script(name, value))
-        return path
+        return self._written(name, script(name, value))
 
     def bundle(self, name: str, value: Any) -> str:
         """The same deflated, for ``MBS.unpack``; arrays are for ``MBS.numbers``."""
-        path = f"data/{name}.js"
-        store.write_text(self.folder / path, bundle(name, value))
-        return path
+        return self._written(name, bundle(name, value))
+
+    def _written(self, name: str, text: str) -> str:
+        store.write_text(self.folder / "data" / f"{name}.js", text)
+        return f"data/{name}.js"
 
     def url(self, about: Run | Variant | str) -> str:
         """The page of a run, of a variant, or of a solver, from the report folder."""
         if isinstance(about, Run):
-            return f"runs/{about.record.run_id}.html"
+            return page_of(about)
         if isinstance(about, Variant):
             return f"problem-{about.slug}.html"
         return self._solver_urls[about]
@@ -142,12 +141,11 @@ class Site:
         pages = self.pages()
         self.data("pages", [[p.title, p.file] for p in pages if p.nav and p.file != "index.html"])
         for page, template, values in self._pending.values():
-            values = {**values, "page": page, "root": page.root, "pages": pages}
-            values["scripts"] = [*ALWAYS, *(["data/pages.js"] if page.root else []), *values["scripts"]]
-            text = environment.get_template(template).render(values)
+            scripts = ["assets/site.js", *(["data/pages.js"] if page.root else []), *values["scripts"]]
+            given = {**values, "scripts": scripts, "page": page, "root": page.root, "pages": pages}
             path = self.folder / page.file
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
+            path.write_text(environment.get_template(template).render(given), encoding="utf-8")
 
     @cached_property
     def _solver_urls(self) -> Mapping[str, str]:
@@ -155,13 +153,8 @@ class Site:
         return {name: f"solver-{slug(name, taken)}.html" for name in self.results.solvers}
 
     def _environment(self) -> Environment:
-        environment = Environment(
-            loader=FileSystemLoader(FOLDER / "templates"),
-            autoescape=True,
-            undefined=StrictUndefined,
-            trim_blocks=True,
-            lstrip_blocks=True,
-        )
+        environment = Environment(loader=FileSystemLoader(FOLDER / "templates"), autoescape=True,
+                                  undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)  # fmt: skip
         slugs = {p.title: p.slug for p in self.results.variants}
         environment.globals.update({k: getattr(words, k) for k in SPEAKING})
         environment.globals.update(
@@ -182,12 +175,8 @@ def _num(value: float | None, show: Callable[[float], str] = words.number) -> Ma
 
 def writers() -> Iterator[tuple[str, Callable[[Results, Site], Page | None]]]:
     """Every ``write`` of the page modules: smallest ``RANK`` of the module first (0 without one), then by name."""
-    for module in sorted(_modules(), key=lambda m: (getattr(m, "RANK", 0), m.__name__)):
-        write = getattr(module, "write", None)
-        if write is not None:
-            yield module.__name__, write
-
-
-def _modules() -> Iterator[ModuleType]:
-    for found in sorted(pkgutil.iter_modules([str(FOLDER / "pages")]), key=lambda m: m.name):
-        yield importlib.import_module(f".{found.name}", __package__)
+    found = pkgutil.iter_modules([str(FOLDER / "pages")])
+    modules = [importlib.import_module(f".{m.name}", __package__) for m in found]
+    for module in sorted(modules, key=lambda m: (getattr(m, "RANK", 0), m.__name__)):
+        if hasattr(module, "write"):
+            yield module.__name__, module.write

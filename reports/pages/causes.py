@@ -1,7 +1,6 @@
 """Why a run stopped, as far as its record and its series tell: one cause to group by, and all the evidence."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,6 +16,10 @@ COLLAPSE = 1e-3  # of the usual step: a step this small is no longer a choice of
 NEAR_CHART = 0.05  # of |sin theta|: the angles' rates are 20 times the body's there
 ENERGY = 0.1  # of the energy there is to exchange: what a claimed success is called wrong at
 APART = 0.01  # of the mechanism's size, the same for joints
+SIZES = {  # of a cause: what grew, its unit, what it is measured by
+    "energy": ("energy error", "J", "the energy exchanged"),
+    "apart": ("|φ|", "m", "the mechanism's size"),
+}
 GROWTH = 100.0  # within the last rows: more than a swing
 
 
@@ -47,47 +50,37 @@ CAUSES = (
 
 @dataclass(frozen=True)
 class Autopsy:
-    """What is known of one stop."""
+    """What is known of one run that stopped before its end."""
 
+    run: Run
     cause: Cause
     evidence: tuple[str, ...]
 
 
 def autopsy(run: Run, series: Series | None) -> Autopsy:
     """The first cause that applies, in the order of ``CAUSES``, and what each series shows."""
-    r = run.record
+    r, died = run.record, run.status in (Status.CRASHED, Status.MEMORY)
+    causes = {c.key: c for c in CAUSES}
     if series is None or "t" not in series or len(series["t"]) < 2:
-        died = run.status in (Status.CRASHED, Status.MEMORY)
-        return Autopsy(_named("killed" if died else "unmoved"), ())
-    found: dict[str, str] = {}
-    signs = (_chart(series), _energy(run, series), _joints(run, series), _step(run, series))
-    evidence = []
-    for key, applies, words in (s for s in signs if s is not None):
-        evidence.append(words)
-        if applies:
-            found[key] = words
-    ends: dict[str, Callable[[], bool]] = {
-        "killed": lambda: run.status in (Status.CRASHED, Status.MEMORY),
-        "dependent": lambda: run.status == Status.SINGULAR,
-        "corrector": lambda: run.status in (Status.DIVERGED, Status.STEP_UNDERFLOW),
-        "limit": lambda: True,
-    }
-    cause = next(c for c in CAUSES if c.key in found or (c.key in ends and ends[c.key]()))
+        return Autopsy(run, causes["killed" if died else "unmoved"], ())
+    signs = [s for s in (
+        _chart(series), _size(series, "energy_error", "energy", r.energy_scale_J, ENERGY),
+        _size(series, "phi_norm", "apart", r.length_scale_m, APART), _step(series),
+    ) if s is not None]  # fmt: skip
+    applies = {key for key, found, _ in signs if found} | {"limit"}
+    applies |= {key for key, ended in (
+        ("killed", died), ("dependent", run.status == Status.SINGULAR),
+        ("corrector", run.status in (Status.DIVERGED, Status.STEP_UNDERFLOW)),
+    ) if ended}  # fmt: skip
+    evidence = [words for _, _, words in signs]
     if r.steps and r.series_rows and r.series_rows < r.steps + 1:
-        evidence.append(
-            f"the series is thinned to {r.series_rows} of {r.steps + 1} rows: its last rows span more steps"
-        )
-    return Autopsy(cause, tuple(evidence))
+        rows = f"{r.series_rows} of {r.steps + 1} rows"
+        evidence.append(f"the series is thinned to {rows}: its last rows span more steps")
+    return Autopsy(run, next(c for c in CAUSES if c.key in applies), tuple(evidence))
 
 
-def _named(key: str) -> Cause:
-    return next(c for c in CAUSES if c.key == key)
-
-
-def _step(run: Run, series: Series) -> tuple[str, bool, str] | None:
-    if "dt" not in series:
-        return None
-    dt = series["dt"][1:]
+def _step(series: Series) -> tuple[str, bool, str] | None:
+    dt = series["dt"][1:] if "dt" in series else np.empty(0)
     dt = dt[np.isfinite(dt)]
     if len(dt) < 2:
         return None
@@ -103,24 +96,16 @@ def usual_step(dt: Float[np.ndarray, " n"]) -> float:
     return float(ordered[np.searchsorted(np.cumsum(ordered), 0.5 * np.sum(ordered))])
 
 
-def _energy(run: Run, series: Series) -> tuple[str, bool, str] | None:
-    scale = run.record.energy_scale_J
-    size = _sizes(series, "energy_error")
-    if size is None or not scale > 0.0:
+def _size(series: Series, name: str, cause: str, scale: float, limit: float) -> tuple[str, bool, str] | None:
+    """The size of an error at the end, as a part of its scale."""
+    if name not in series or not len(series[name]) or not scale > 0.0:
         return None
+    size = np.abs(series[name])
     last = float(size[-1])
-    words = f"energy error {number(last)} J at the end, {_percent(last / scale)} of the energy exchanged"
-    return "energy", not last <= ENERGY * scale, words + _grown(size)
-
-
-def _joints(run: Run, series: Series) -> tuple[str, bool, str] | None:
-    length = run.record.length_scale_m
-    size = _sizes(series, "phi_norm")
-    if size is None or not length > 0.0:
-        return None
-    last = float(size[-1])
-    words = f"|φ| {number(last)} m at the end, {_percent(last / length)} of the mechanism's size"
-    return "apart", not last <= APART * length, words + _grown(size)
+    what, unit, whole = SIZES[cause]
+    share = f"{number(100.0 * last / scale)} %" if not last / scale < 1e-5 else "less than 0.001 %"
+    words = f"{what} {number(last)} {unit} at the end, {share} of {whole}{_grown(size)}"
+    return cause, not last <= limit * scale, words
 
 
 def _chart(series: Series) -> tuple[str, bool, str] | None:
@@ -128,16 +113,10 @@ def _chart(series: Series) -> tuple[str, bool, str] | None:
     if "diag_chart_margin" not in series:
         return None
     margin = np.abs(series["diag_chart_margin"][-LAST:])
-    if len(margin) == 0 or not np.any(np.isfinite(margin)):
-        return None
-    least = float(np.nanmin(margin))
+    least = float(np.fmin.reduce(margin, initial=np.inf))  # NaN is left out
     if least >= NEAR_CHART:
         return None
     return "chart", True, f"|sin θ| came down to {number(least)} within the last {len(margin)} steps"
-
-
-def _sizes(series: Series, name: str) -> np.ndarray | None:
-    return np.abs(series[name]) if name in series and len(series[name]) else None
 
 
 def _grown(size: np.ndarray) -> str:
@@ -148,10 +127,5 @@ def _grown(size: np.ndarray) -> str:
     if len(before) == 0 or not math.isfinite(float(size[-1])):
         return ""
     factor = float(size[-1]) / float(np.median(before))
-    return (
-        f", {number(factor)} times its median {len(tail) // 2} to {len(tail)} steps before" if factor > GROWTH else ""
-    )
-
-
-def _percent(share: float) -> str:
-    return f"{number(100.0 * share)} %" if not share < 1e-5 else "less than 0.001 %"
+    words = f", {number(factor)} times its median {len(tail) // 2} to {len(tail)} steps before"
+    return words if factor > GROWTH else ""

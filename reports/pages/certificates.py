@@ -7,33 +7,27 @@ import numpy as np
 
 from ...harness.results.judgements import DRIFTS, ORDERS, SYMMETRIES, WRONG
 from ...harness.results.words import words_of
-from ..model.results import Results, slug
+from ..model.results import Results, grouped, slug
 from ..model.words import Mark
 from ..plots.spec import Axis, Plot, Trace
 from . import scorecard
 from .base import Page, Site
 from .drifts import anatomies, common_scale, drawn, parted, parts, words
-from .judgement import judged
-from .links import links_of
+from .judgement import judged, links_of
 from .orders import USED, Certificate, certificates, glance, verdict_mark
 from .scorecard import MARKS, card
 
 
 def ladders(found: Sequence[Certificate]) -> tuple[Plot, ...]:
     """Error against step, a plot for each quantity of each problem, a fit and its points for each solver."""
-    groups: dict[tuple[str, str], list[Certificate]] = {}
-    for c in found:
-        if c.points:
-            groups.setdefault((c.of.variant, c.of.quantity), []).append(c)
+    groups = grouped((c for c in found if c.points), lambda c: (c.of.variant, c.of.quantity))
     taken: set[str] = set()
     plots = []
     for (variant, quantity), own in groups.items():
-        axes = (
-            Axis("step, or mean step under error control", "s", log=True),
-            Axis(f"error of {quantity}", own[0].of.unit, log=True),
-        )
+        step = Axis("step, or mean step under error control", "s", log=True)
+        error = Axis(f"error of {quantity}", own[0].of.unit, log=True)
         name, title = slug(f"order-{variant}-{quantity}", taken), f"{variant}: {quantity}"
-        plots.append(Plot(name, title, "", *axes, tuple(t for c in own for t in _traces(c)), wide=True))
+        plots.append(Plot(name, title, "", step, error, tuple(t for c in own for t in _traces(c)), wide=True))
     return tuple(plots)
 
 

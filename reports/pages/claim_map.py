@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 from ...harness.results.judgements import MapRow, Value
 from ..model.claim_words import setting
+from ..model.results import grouped
 from ..model.words import Mark, mark, number
-from .links import Links
+from .judgement import Links
 
 AXES = ("tolerance", "gain")  # other dimensions make facets
 MOST = 6  # boxes in one place
@@ -41,9 +42,7 @@ def grids(rows: Sequence[MapRow], links: Links) -> tuple[Grid, ...]:
     """One a facet, all with the same tolerances and gains, so that places can be compared."""
     tolerances, gains = (_values([m.at.get(key) for m in rows], falling=key == "tolerance") for key in AXES)
     facets = tuple(dict.fromkeys(k for m in rows for k in m.at if k not in AXES))
-    found: dict[tuple[str, ...], list[MapRow]] = {}
-    for m in rows:
-        found.setdefault(tuple(setting(f, m.at[f]) if f in m.at else "" for f in facets), []).append(m)
+    found = grouped(rows, lambda m: tuple(setting(f, m.at[f]) if f in m.at else "" for f in facets))
     varies = [k for k in range(len(facets)) if len({key[k] for key in found}) > 1]
     out = []
     for key, own in found.items():
@@ -77,15 +76,12 @@ def _place(rows: Sequence[MapRow], links: Links) -> tuple[Box, ...]:
 
 
 def _box(m: MapRow, links: Links) -> Box:
-    here, run = state(m), links.run(m.settings_id)  # its page has all settings, its place and facet those that vary
-    words = [here.word]
-    if not math.isnan(m.measured):
-        words.append(f"measured {number(m.measured)}")
-    words.append(f"ended {mark(m.status).word}")
-    if m.printed:
-        words.append("as the paper prints it")
-    name = f"{run.variant} {run.record.solver}" if run else m.case
-    return Box(here, f"{name} – {', '.join(words)}", links.page(m.settings_id), m.printed)
+    here, run = state(m), links.runs.get(m.settings_id)
+    measured = "" if math.isnan(m.measured) else f", measured {number(m.measured)}"
+    printed = ", as the paper prints it" if m.printed else ""
+    name = f"{run.variant} {run.record.solver}" if run else m.case  # its page, place and facet have the settings
+    words = f"{name} – {here.word}{measured}, ended {mark(m.status).word}{printed}"
+    return Box(here, words, links.page(m.settings_id), m.printed)
 
 
 def _values(given: Sequence[Value], *, falling: bool) -> tuple[str, ...]:

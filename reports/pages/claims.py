@@ -9,12 +9,11 @@ from markupsafe import Markup
 
 from ...harness.results.judgements import CLAIMS, PUBLISHED, Claim, Verdict
 from ..model import claim_words
-from ..model.results import Results, natural, slug
+from ..model.results import Results, grouped, natural, slug
 from ..model.words import Mark, unit
 from .base import Page, Site
 from .claim_map import Grid, grids
-from .judgement import JUDGE, judged, read_or_why
-from .links import Links, links_of
+from .judgement import JUDGE, Links, judged, links_of, read_or_why
 from .svg import number_line
 
 VERDICTS: Mapping[Verdict, Mark] = {
@@ -71,25 +70,19 @@ def counts(claims: Iterable[Shown]) -> list[tuple[Mark, int]]:
     return [(m, found[v]) for v, m in VERDICTS.items()]
 
 
-def verdict(text: str) -> Mark:
-    """The mark of a verdict."""
-    return VERDICTS[Verdict(text)]
-
-
 def differences(claims: Sequence[Claim], published: Sequence[Claim], shown: Sequence[Shown]) -> list[Difference]:
     """From the published verdicts: changed ones first, then claims that came and went."""
     now, then = ({c.id: c for c in found} for found in (claims, published))
     anchors = {c.of.id: c.anchor for c in shown}
     out = []
-    for name, c in now.items():
-        old = then.get(name)
-        if old is None:
-            out.append(Difference(name, anchors.get(name, ""), None, VERDICTS[c.verdict], "not published yet"))
-        elif old.verdict != c.verdict:
-            words = f"{_first(old)} before, {_first(c)} now"
-            out.append(Difference(name, anchors.get(name, ""), VERDICTS[old.verdict], VERDICTS[c.verdict], words))
-    gone = [c for c in published if c.id not in now]
-    out += [Difference(c.id, "", VERDICTS[c.verdict], None, "published, but not judged here") for c in gone]
+    for name in now.keys() | then.keys():
+        new, old = now.get(name), then.get(name)
+        if new and old and new.verdict == old.verdict:
+            continue
+        words = f"{_first(old)} before, {_first(new)} now" if new and old else (
+            "not published yet" if new else "published, but not judged here")  # fmt: skip
+        before, after = (VERDICTS[c.verdict] if c else None for c in (old, new))
+        out.append(Difference(name, anchors.get(name, ""), before, after, words))
     return sorted(out, key=lambda d: (d.before is None, d.after is None, natural(d.id)))
 
 
@@ -108,7 +101,7 @@ def _shown(c: Claim, links: Links, anchor: str) -> Shown:
         more = len(c.against) - AGAINST
         settings.append(("against", ", ".join(c.against[:AGAINST]) + (f" and {more} more" if more > 0 else "")))
     on_map = {m.settings_id for m in c.map}
-    solvers = {s for k in c.settings_ids if (s := links.solver(k))}
+    solvers = {links.runs[k].record.solver for k in c.settings_ids if k in links.runs}
     section = f"Sect. {c.section}" if c.section[:1].isdigit() else c.section
     return Shown(c, anchor, section, mark, line, tuple(settings), _elsewhere(c.settings_ids, on_map, links),
                  tuple(sorted(solvers)), grids(c.map, links))  # fmt: skip
@@ -117,19 +110,11 @@ def _shown(c: Claim, links: Links, anchor: str) -> Shown:
 def _elsewhere(keys: Sequence[str], on_map: set[str], links: Links) -> tuple[tuple[str, str], ...]:
     """Runs that are not on the map, a few of them; those that are not in these results are counted."""
     rest = [k for k in keys if k not in on_map]
-    here = [k for k in rest if links.run(k) is not None]
+    here = [k for k in rest if k in links.runs]
     out = [(links.words(k), links.page(k)) for k in here[:LISTED]]
     for n, words in ((len(here) - LISTED, "more in these results"), (len(rest) - len(here), "not in these results")):
         out += [(f"{n} {words}", "")] if n > 0 else []
     return tuple(out)
-
-
-def sections_of(claims: Sequence[Shown]) -> list[tuple[str, tuple[Shown, ...]]]:
-    """Claims by section, in their order."""
-    found: dict[str, list[Shown]] = {}
-    for c in claims:
-        found.setdefault(c.section, []).append(c)
-    return [(k, tuple(v)) for k, v in found.items()]
 
 
 def write(results: Results, site: Site) -> Page | None:
@@ -141,6 +126,6 @@ def write(results: Results, site: Site) -> Page | None:
     return site.write(
         page, "claims.html", scripts=["assets/judgement.js"], why=found.why, claims=claims, counts=counts(claims),
         checks=[c for c in claims if c.presentation], say=claim_words,
-        sections=sections_of(claims), solvers=sorted({s for c in claims for s in c.solvers}),
+        sections=grouped(claims, lambda c: c.section), solvers=sorted({s for c in claims for s in c.solvers}),
         differences=differences(found.found or (), published.found or (), claims), published_why=published.why,
     )  # fmt: skip

@@ -15,7 +15,7 @@ from ..model.results import Results, Run, read_results, slug
 from ..plots.spec import Axis, Plot, Trace
 from . import ranking
 from .base import FOLDER, Page, Site
-from .judgement import judged
+from .judgement import judged, links_of, page_of
 from .ranking import Rank, Ranked
 
 OVERLAYS = 24  # runs whose energy errors are drawn over each other, the largest changes first
@@ -24,18 +24,12 @@ ASSETS = ("site.css", "site.js", "judgement.css", "judgement.js", "plots.js", "p
 HEADS = {
     Rank.ENDING: ("Endings", "Runs with another status. Those that became wrong come first."),
     Rank.CLAIM: ("Claims", "Verdicts on the paper that differ."),
-    Rank.PHYSICS: (
-        "Motion",
-        "Energy, constraints, errors that differ by more than two machines may, as fractions of the problem's energy, "
-        "size or time.",
-    ),
+    Rank.PHYSICS: ("Motion", "Energy, constraints, errors that differ by more than two machines may, as fractions of "
+                   "the problem's energy, size or time."),
     Rank.WORK: ("Work", "Steps and evaluations, which do not depend on the machine."),
-    Rank.TIMING: (
-        "Timings",
-        "Only where spreads do not overlap and the ratio is above 1.3. They depend on the machine and its load: they "
-        "say nothing about a solver.",
-    ),
-}
+    Rank.TIMING: ("Timings", "Only where spreads do not overlap and the ratio is above 1.3. They depend on the machine "
+                  "and its load: they say nothing about a solver."),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -49,13 +43,12 @@ class Part:
 
 def write_compare(a: Path, b: Path, folder: Path) -> Path:
     """Write ``compare.html`` with what it needs into ``folder``; returns its path."""
-    both = read_results(Path(a)), read_results(Path(b))
-    folder = Path(folder)
+    both = read_results(a), read_results(b)
     (folder / "assets").mkdir(parents=True, exist_ok=True)
-    (folder / "data").mkdir(exist_ok=True)
     for name in ASSETS:
         shutil.copyfile(FOLDER / "assets" / name, folder / "assets" / name)
-    known = {c.record.settings_id for c in both[1].runs}
+    (folder / "data").mkdir(exist_ok=True)
+    known = links_of(both[1].runs).runs
     everyone = (*both[1].runs, *(c for c in both[0].runs if c.record.settings_id not in known))
     site = Site(replace(both[1], runs=everyone), folder)  # solvers of either run have their colour
     write_page(*both, site)
@@ -68,28 +61,24 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
     before, after = ([c.record for c in results.runs] for results in (a, b))
     found, parts = compare(before, after), changes(a, b)
     unknown = ranking.unmeasured(before, after)
+    changed = {r.settings_id for p in parts for r in p.rows}
     return site.write(
         Page("Comparison", "compare.html", nav=True, order=90), "compare.html", scripts=["assets/judgement.js"],
         plots=overlays(a, b, parts), parts=parts, found=found, alike=alike(found, set.union(*unknown)),
         unmeasured=[sorted(u) for u in unknown],
-        inputs=differences(stamp_of(a.folder), stamp_of(b.folder)), names=[titled(a), titled(b)],
-        both=list(zip(facts(a), facts(b), strict=True)), shown=OVERLAYS,
-        beside=(site.folder / "index.html").is_file(),
-        pages={s: address for s in {r.settings_id for p in parts for r in p.rows}
-               if (address := _page(b, s, site.folder) or _page(a, s, site.folder))},
+        inputs=differences(stamp_of(a.folder), stamp_of(b.folder)), shown=OVERLAYS,
+        names=[r.environment.get("run") or r.folder.name for r in (a, b)],
+        both=list(zip(facts(a), facts(b), strict=True)), beside=(site.folder / "index.html").is_file(),
+        pages=_addresses(a, changed, site.folder) | _addresses(b, changed, site.folder),
     )  # fmt: skip
 
 
 def changes(a: Results, b: Results) -> tuple[Part, ...]:
     """By rank, the most important first; ranks without a change are left out."""
     before, after = ([c.record for c in results.runs] for results in (a, b))
-    rows = [
-        *ranking.endings(before, after),
-        *ranking.claims(*(judged(results.folder, CLAIMS).found or () for results in (a, b))),
-        *ranking.physics(before, after),
-        *ranking.work(before, after),
-        *ranking.timings(before, after),
-    ]
+    verdicts = (judged(results.folder, CLAIMS).found or () for results in (a, b))
+    rows = [*ranking.endings(before, after), *ranking.claims(*verdicts), *ranking.physics(before, after),
+            *ranking.work(before, after), *ranking.timings(before, after)]  # fmt: skip
     parts = (Part(*HEADS[rank], tuple(r for r in rows if r.rank is rank)) for rank in Rank)
     return tuple(p for p in parts if p.rows)
 
@@ -104,28 +93,21 @@ def alike(found: Comparison, unknown: set[str]) -> tuple[int, int]:
 
 def overlays(a: Results, b: Results, parts: Sequence[Part]) -> list[Plot]:
     """The energy errors of both runs, for the runs whose ending or motion changed, the most important first."""
-    runs = [{c.record.settings_id: c for c in results.runs} for results in (a, b)]
+    runs = [links_of(results.runs).runs for results in (a, b)]
     ranks = (Rank.ENDING, Rank.PHYSICS)
     wanted = dict.fromkeys(r.settings_id for p in parts for r in p.rows if r.rank in ranks)
     taken: set[str] = set()
     plots = []
     for settings in wanted:
-        pair = [(results, runs[k][settings], name) for k, (results, name) in enumerate(((a, "A"), (b, "B")))]
-        traces = [
-            t for k, (results, run, name) in enumerate(pair) if (t := _trace(results, run, name, 1 - k)) is not None
-        ]
+        drawn = (_trace(a, runs[0][settings], "A", dash=1), _trace(b, runs[1][settings], "B", dash=0))
+        traces = tuple(t for t in drawn if t is not None)
         if traces:
-            title = pair[1][1].record.case
+            title = runs[1][settings].record.case
             axes = Axis("time", "s"), Axis("|energy error|", "J", log=True)
-            plots.append(Plot(f"energy-{slug(title, taken)}", title, "", *axes, tuple(traces)))
+            plots.append(Plot(f"energy-{slug(title, taken)}", title, "", *axes, traces))
         if len(plots) == OVERLAYS:
             break
     return plots
-
-
-def titled(results: Results) -> str:
-    """The name of a run."""
-    return str(results.environment.get("run") or results.folder.name)
 
 
 def _trace(results: Results, run: Run, name: str, dash: int) -> Trace | None:
@@ -138,10 +120,8 @@ def _trace(results: Results, run: Run, name: str, dash: int) -> Trace | None:
                  end=end) if len(curve) else None  # fmt: skip
 
 
-def _page(results: Results, settings: str, folder: Path) -> str:
-    """The address of a run's page in its own report, if that was written."""
-    run = next((c for c in results.runs if c.record.settings_id == settings), None)
-    if run is None:
-        return ""
-    path = results.folder / "report" / "runs" / f"{run.record.run_id}.html"
-    return os.path.relpath(path, folder).replace(os.sep, "/") if path.is_file() else ""
+def _addresses(results: Results, wanted: set[str], folder: Path) -> dict[str, str]:
+    """By settings_id: the pages of runs in their own report, those that were written."""
+    paths = {c.record.settings_id: results.folder / "report" / page_of(c) for c in results.runs}
+    return {s: os.path.relpath(paths[s], folder).replace(os.sep, "/") for s in wanted & set(paths)
+            if paths[s].is_file()}  # fmt: skip

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from markupsafe import Markup
 
@@ -14,8 +14,7 @@ from .svg import Scale, strip
 LONG = 100.0  # periods
 
 
-@dataclass(frozen=True)
-class Part:
+class Part(NamedTuple):
     """One part of an energy error, over the whole run [J]; ``sure`` if its interval leaves out zero."""
 
     name: str
@@ -65,15 +64,14 @@ def common_scale(found: Sequence[Drift]) -> Scale:
     sizes = [v for d in found for p in parts(d) for v in (p.size, p.high) if v > 0.0 and math.isfinite(v)]
     low, high = (min(sizes), max(sizes)) if sizes else (1e-12, 1.0)
     floor = max(low, high * 1e-14)  # below it all is rounding
-    return Scale(
-        10.0 ** math.floor(math.log10(floor)), 10.0 ** math.ceil(math.log10(high * 1.01)), 8.0, 292.0, log=True
-    )
+    ends = math.floor(math.log10(floor)), math.ceil(math.log10(high * 1.01))
+    return Scale(10.0 ** ends[0], 10.0 ** ends[1], 8.0, 292.0, log=True)
 
 
 def drawn(d: Drift, scale: Scale) -> Markup:
     """The three parts on the common scale."""
     said = "; ".join(f"{p.name} {number(p.size)} J{'' if p.sure else ' (may be zero)'}" for p in parts(d))
-    return strip([(p.name, p.size, p.low, p.high, p.sure) for p in parts(d)], scale, said)
+    return strip(parts(d), scale, said)
 
 
 def parts(d: Drift) -> tuple[Part, ...]:

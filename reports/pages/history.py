@@ -22,18 +22,15 @@ MOST = 24  # results whose marks are shown in a row, the newest
 def write(results: Results, site: Site) -> Page | None:
     """``history.html``."""
     rows, bad = gather(results)
-    found = lines(results, rows)
-    runs = moments(rows)
+    found, runs = lines(results, rows), moments(rows)
     shared = [line for line in found if len(line.rows) > 1]
     shown = found[: SHOWN if any(line.changed for line in found) else ALONE]
     store.write_text(site.folder / TABLE, table(shared))
-    known = {name: sorted({getattr(line, name) for line in shown}) for name in ("problem", "solver")}
     return site.write(
         Page("History", "history.html", nav=True, order=60), "history.html", scripts=["assets/judgement.js"],
         lines=shown, left_out=len(found) - len(shown), shared=len(shared), table=TABLE, new=len(found) - len(shared),
         changed=sum(line.changed for line in found), moments=runs, commits=list(dict.fromkeys(m.commit for m in runs)),
-        bad=bad, most=MOST, here=results.folder.resolve().name, spark=spark, problems=known["problem"],
-        solvers=known["solver"],
+        bad=bad, most=MOST, here=results.folder.resolve().name, spark=spark,
     )  # fmt: skip
 
 
@@ -54,16 +51,9 @@ def table(found: Sequence[Line]) -> str:
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(HEADS)
     for line in found:
-        ends = [f(v) for v in (line.values("energy_drift_max_J"), line.errors) for f in (_first, _last)]
+        numbers = [v[k] for v in (line.values("energy_drift_max_J"), line.errors) for k in (0, -1)]
+        ends = [f"{v:.4g}" if v == v else "" for v in (*numbers, line.values("cpu_ratio")[-1])]
         marks = line.marks
         row = [line.case, len(line.rows), "yes" if line.changed else "no", marks[0].word, marks[-1].word, *ends]
-        writer.writerow([*row, _last(line.values("cpu_ratio")), line.gates[-1].word if line.gates else ""])
+        writer.writerow([*row, line.gates[-1].word if line.gates else ""])
     return out.getvalue()
-
-
-def _first(values: Sequence[float]) -> str:
-    return f"{values[0]:.4g}" if values[0] == values[0] else ""
-
-
-def _last(values: Sequence[float]) -> str:
-    return f"{values[-1]:.4g}" if values[-1] == values[-1] else ""

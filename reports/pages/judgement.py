@@ -1,10 +1,12 @@
-"""Judgements of results as pages see them: what was read, or why nothing was and the command that makes it."""
+"""Judgements as pages see them: what was read, or why nothing was, and the runs of these results behind it."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
 from ...harness.results.judgements import FOLDER, File, JudgementError, read
+from ..model.results import Run
 
 JUDGE = "mbsbench judge"
 T = TypeVar("T")
@@ -31,3 +33,34 @@ def read_or_why(folder: Path, file: File[T], command: str) -> Judged[T]:
         return Judged(why=f"There is no {folder.name}/{file.name}.json yet. To make it: {command}")
     except JudgementError as error:
         return Judged(why=f"{error}. To make it anew: {command}")
+
+
+@dataclass(frozen=True)
+class Links:
+    """Runs by their settings_id."""
+
+    runs: Mapping[str, Run]
+
+    def words(self, key: str) -> str:
+        """The settings in words; a run that is not here keeps the head of its settings_id."""
+        run = self.runs.get(key)
+        return run.record.case if run else f"{key[:12]} (not in these results)"
+
+    def page(self, key: str) -> str:
+        """The address of its page, as seen from a page of the report; empty for a run that is not here."""
+        run = self.runs.get(key)
+        return page_of(run) if run else ""
+
+    def all(self, keys: Sequence[str]) -> tuple[tuple[str, str], ...]:
+        """Words and page of each."""
+        return tuple((self.words(k), self.page(k)) for k in keys)
+
+
+def links_of(runs: Sequence[Run]) -> Links:
+    """Of the runs of these results."""
+    return Links({c.record.settings_id: c for c in runs})
+
+
+def page_of(run: Run) -> str:
+    """The address of a run's page."""
+    return f"runs/{run.record.run_id}.html"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from ...harness.results.judgements import Note, Order
 from ..model.results import natural
 from ..model.words import Mark, plural
-from .links import Links
+from .judgement import Links
 
 FLOOR = 3.0  # of the floor: points below so many times it are said to lie on it
 USED, EARLY, FLOORED = "used", "pre-asymptotic", "at the floor"

@@ -1,5 +1,6 @@
 """The first page: which solvers succeed, drift and fail, and why; the matrix; all runs, to sort and to filter."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from ..model.accuracy import energy_kind, measure_for
@@ -20,38 +21,31 @@ def write(results: Results, site: Site) -> Page | None:
     found, label = verdicts(results), broadest(results)
     apart = variant_groups(results, label)
     main = {c.record.run_id for p in themselves(results, label) for c in p.runs}
-    page = Page("Overview", "index.html", nav=True, order=0)
+    ordered = sorted(results.runs, key=lambda c: (c.record.label != label, c.record.run_id not in main))
     return site.write(
-        page, "overview.html", scripts=[site.bundle("runs", _table(results, site, label, main)), "assets/overview.js"],
+        Page("Overview", "index.html", nav=True, order=0), "overview.html",
+        scripts=[site.bundle("runs", _table(results, site, ordered)), "assets/overview.js"],
         findings=findings(results), matrix=matrix(results), verdicts=found, label=label,
-        answers=headline(found, label, unpredictable(results)),
-        score=score(results.runs),
+        answers=headline(found, label, unpredictable(results)), score=score(results.runs),
         variant_groups=[(v, score(v.runs), tally(results, v)) for v in apart], columns=COLUMNS,
-        apart=score(c for v in apart for c in v.runs),
+        apart=score(c for v in apart for c in v.runs), loud=ordered,
         problems=list(dict.fromkeys(p.problem for p in results.variants)),
-        loud=sorted(results.runs, key=lambda c: (c.record.label != label, c.record.run_id not in main)),
     )  # fmt: skip
 
 
-def _table(results: Results, site: Site, label: str, main: set[str]) -> dict[str, Any]:
-    """All runs as rows of numbers and texts, those of the plain comparison first, then of the same problems.
-
-    Problems, solvers and labels are stored by their place in a list.
-    """
-    variants, labels = (
-        {p.title: k for k, p in enumerate(results.variants)},
-        {name: k for k, name in enumerate(results.labels())},
-    )
-    solvers = {s: k for k, s in enumerate(results.solvers)}
+def _table(results: Results, site: Site, runs: Sequence[Run]) -> dict[str, Any]:
+    """``runs`` as rows of numbers and texts; problems, solvers and labels are stored by their place in a list."""
+    titles = [p.title for p in results.variants]
+    variants, labels, solvers = ({name: k for k, name in enumerate(names)}
+                                 for names in (titles, results.labels(), results.solvers))  # fmt: skip
     measures = [measure_for(p.runs) for p in results.variants]
     rows = []
-    for c in sorted(results.runs, key=lambda c: (c.record.label != label, c.record.run_id not in main)):
+    for c in runs:
         r, m = c.record, mark(c.status)
         measure = measures[variants[c.variant]]
         rows.append([
             r.run_id, m.kind, f"{m.symbol} {m.word}", solvers[r.solver], variants[c.variant], labels[r.label],
-            c.settings(),
-            "" if c.succeeded else " ".join(c.reasons[0].split())[:160],
+            c.settings(), "" if c.succeeded else " ".join(c.reasons[0].split())[:160],
             *_numbers(c, measure.of(c) if measure else None),
         ])  # fmt: skip
     return {

@@ -6,7 +6,7 @@ from pathlib import Path
 from ..model.results import Results
 from ..paper import captions
 from .base import Page, Site
-from .claims import verdict
+from .claims import VERDICTS
 
 SUFFIXES = (".svg", ".pdf")
 
@@ -19,7 +19,7 @@ def write(results: Results, site: Site) -> Page | None:
         return None
     page = Page("Paper", "paper.html", nav=True, order=45)
     runs = {r.record.run_id: r for r in results.runs}
-    return site.write(page, "paper.html", figures=figures, runs=runs, verdict=verdict)
+    return site.write(page, "paper.html", figures=figures, runs=runs, verdicts=VERDICTS)
 
 
 def _files(results: Results, site: Site, figure: str) -> dict[str, str]:

@@ -8,6 +8,7 @@ from enum import IntEnum
 from ...harness.results.comparison import METRICS, Change, Likeness, compare
 from ...harness.results.judgements import Claim, Verdict
 from ...harness.results.records import RunRecord
+from ..model.results import grouped
 from ..model.words import mark, number
 
 PHYSICS = {  # column: words, unit, the scale of the record it is measured by
@@ -66,9 +67,9 @@ def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
     for a, b in pairs(before, after):
         if a.status != b.status:
             old, new = (BETTER.index(mark(r.status).kind) for r in (a, b))
-            out.append(Ranked(Rank.ENDING, a.settings_id, a.case, "ending", mark(a.status).word, mark(b.status).word,
-                              "",
-                              None if old == new else new > old, 10.0 * (new > old) + max(old, new)))  # fmt: skip
+            worse, weight = None if old == new else new > old, 10.0 * (new > old) + max(old, new)
+            then, now = mark(a.status).word, mark(b.status).word
+            out.append(Ranked(Rank.ENDING, a.settings_id, a.case, "ending", then, now, "", worse, weight))
     return ordered(out)
 
 
@@ -126,9 +127,7 @@ def ordered(found: list[Ranked]) -> list[Ranked]:
 
 def gathered(found: list[Ranked]) -> list[Ranked]:
     """One a run: its largest change, with the others beneath."""
-    by_run: dict[str, list[Ranked]] = {}
-    for r in ordered(found):
-        by_run.setdefault(r.settings_id, []).append(r)
+    by_run = grouped(ordered(found), lambda r: r.settings_id)
     return [replace(own[0], others=tuple(own[1:])) for own in by_run.values()]
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..model.results import Results, Run, by_solver, text_of
+from ..model.results import Results, Run, by_solver, grouped, text_of
 from ..model.scores import Score, score
 from ..model.variants import broadest, groups_of, themselves
 from .base import Page, Site
@@ -49,8 +49,5 @@ def _options(runs: Sequence[Run]) -> list[Option]:
 
 def _reasons(runs: Sequence[Run]) -> list[tuple[str, list[Run]]]:
     """Runs that did not succeed, grouped by how they ended; the most frequent ending first."""
-    found: dict[str, list[Run]] = {}
-    for c in runs:
-        if not c.succeeded:
-            found.setdefault(c.status, []).append(c)
+    found = grouped((c for c in runs if not c.succeeded), lambda c: c.status)
     return sorted(found.items(), key=lambda kv: (kv[0] != "wrong", -len(kv[1])))

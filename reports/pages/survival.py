@@ -4,7 +4,9 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..model.results import Run
+import numpy as np
+
+from ..model.results import Run, by_solver
 
 
 @dataclass(frozen=True)
@@ -35,7 +37,7 @@ class Survival:
 
 def survival(runs: Sequence[Run]) -> tuple[Survival, ...]:
     """One a solver, by name."""
-    return tuple(_of(s, [c for c in runs if c.record.solver == s]) for s in sorted({c.record.solver for c in runs}))
+    return tuple(_of(solver, own) for solver, own in sorted(by_solver(runs).items()))
 
 
 def part_reached(run: Run) -> float:
@@ -49,12 +51,7 @@ def part_reached(run: Run) -> float:
 def _of(solver: str, runs: Sequence[Run]) -> Survival:
     began = [c for c in runs if c.status != "refused"]
     stops = sorted(part_reached(c) for c in began if c.stopped)
-    x, y, left = [0.0], [1.0], len(began)
-    for stop in stops:
-        before, left = y[-1], left - 1
-        x += [stop, stop]
-        y += [before, left / len(began)]
-    x.append(1.0)
-    y.append(y[-1])
+    left = [(len(began) - k) / len(began) for k in range(len(stops) + 1)] if began else [1.0]
+    x, y = (0.0, *np.repeat(stops, 2).tolist(), 1.0), tuple(np.repeat(left, 2).tolist())
     wrong = sum(c.status == "wrong" for c in began)
-    return Survival(solver, len(began), len(runs) - len(began), len(stops), wrong, tuple(x), tuple(y))
+    return Survival(solver, len(began), len(runs) - len(began), len(stops), wrong, x, y)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from ..model.words import number
 
@@ -52,22 +52,19 @@ def number_line(measured: float, low: float, high: float, unit: str, kind: str, 
     scale = scale_for([v for v in (measured, low, high, *around) if math.isfinite(v)], 8.0, width - 8.0)
     if not scale.log and low == 0.0 and min((measured, *around)) >= 0.0:
         scale = Scale(0.0, scale.high, scale.start, scale.end)
-    ends = [8.0 if not math.isfinite(low) else scale(low), width - 8.0 if not math.isfinite(high) else scale(high)]
-    parts = [Markup('<line class="axis" x1="4" x2="236" y1="{y}" y2="{y}"/>').format(y=y)]
+    left, right = scale(low) if math.isfinite(low) else 8.0, scale(high) if math.isfinite(high) else width - 8.0
+    parts = [_line("axis", 4.0, 236.0, y, y)]
     if not (math.isnan(low) and math.isnan(high)):
-        parts.append(Markup('<rect class="band" x="{:.1f}" y="{:.1f}" width="{:.1f}" height="12" rx="2"/>').format(
-            ends[0], y - 6.0, max(ends[1] - ends[0], 3.0)))  # fmt: skip
-    parts += [_tick(scale(v), y, number(v)) for v in (low, high) if math.isfinite(v)]
+        parts.append(_tag("rect", "band", x=left, y=y - 6.0, width=max(right - left, 3.0), height=12.0, rx=2.0))
+    for x, v in ((scale(v), v) for v in (low, high) if math.isfinite(v)):
+        anchor = "start" if x < 30.0 else "end" if x > 210.0 else "middle"
+        parts += [_line("edge", x, x, y - 8.0, y + 8.0), _text("tick", x, y + 21.0, number(v), anchor)]
     if len(around) == 2 and around[0] < around[1]:
-        parts.append(Markup('<line class="spread" x1="{:.1f}" x2="{:.1f}" y1="{y}" y2="{y}"><title>{}</title></line>')
-                     .format(scale(around[0]), scale(around[1]),
-                             f"from {number(around[0])} to {number(around[1])} over all settings", y=y))  # fmt: skip
+        title = Markup("<title>from {} to {} over all settings</title>").format(*map(number, around))
+        parts.append(_line("spread", scale(around[0]), scale(around[1]), y, y, title))
     if not math.isnan(measured):
-        parts.append(_diamond(scale(measured), y, kind))
-    words = said(measured, low, high, unit)
-    return Markup('<svg class="numberline" viewBox="0 0 240 44" role="img" aria-label="{}">{}</svg>').format(
-        words, Markup("").join(parts)
-    )
+        parts.append(_tag("path", f"dot {kind}", d=f"M{scale(measured):.1f} {y - 7.0:.1f}l6 7l-6 7l-6 -7z"))
+    return _drawing("numberline", 240, 44, said(measured, low, high, unit), parts)
 
 
 def said(measured: float, low: float, high: float, unit: str) -> str:
@@ -90,59 +87,31 @@ def sparkline(values: Sequence[float], words: str) -> Markup:
         scale = Scale(middle - room, middle + room, height - 4.0, 4.0)
     step = (width - 8.0) / max(len(values) - 1, 1)
     dots = [(4.0 + k * step, scale(v)) for k, v in enumerate(values) if math.isfinite(v)]
-    line = " ".join(f"{x:.1f},{y:.1f}" for x, y in dots)
-    last = Markup('<circle cx="{:.1f}" cy="{:.1f}" r="2.6"/>').format(*dots[-1]) if dots else ""
-    return Markup('<svg class="spark" viewBox="0 0 110 26" role="img" aria-label="{}"><polyline points="{}"/>{}</svg>'
-                  ).format(words, line, last)  # fmt: skip
+    parts = [_polyline(dots), *(_tag("circle", "", cx=x, cy=y, r=2.6) for x, y in dots[-1:])]
+    return _drawing("spark", 110, 26, words, parts)
 
 
-@dataclass(frozen=True)
-class Zoom:
-    """One panel of a zoom: values of the last steps, the last one with a star if the run stopped there."""
-
-    title: str
-    unit: str
-    values: tuple[float, ...]
-    star: bool
-    colour: str
-    first: int  # steps before the last one
-
-
-def panel(zoom: Zoom) -> Markup:
-    """Values on a logarithmic axis over steps counted from the last one."""
-    width, height, left, top, bottom = 260.0, 112.0, 46.0, 18.0, 20.0
-    sizes = [abs(v) for v in zoom.values]
-    y = scale_for(sizes, height - bottom, top, log=True)
-    x = Scale(-float(zoom.first), 0.0, left, width - 12.0)
-    count = max(len(sizes) - 1, 1)
-    places = [x(-zoom.first * (1.0 - k / count)) for k in range(len(sizes))]
-    dots = [(px, y(v)) for px, v in zip(places, sizes, strict=True) if math.isfinite(v)]
-    line = " ".join(f"{px:.1f},{py:.1f}" for px, py in dots)
-    parts = [_grid(y, left, width)]
-    parts.append(Markup('<polyline points="{}" style="stroke: {}"/>').format(line, zoom.colour))
-    if dots:
-        parts.append(_star(*dots[-1], zoom.colour) if zoom.star else _cross(*dots[-1], zoom.colour))
-    parts.append(Markup('<text x="4" y="11" class="head">{} {}</text>').format(
-        zoom.title, f"[{zoom.unit}]" if zoom.unit else ""))  # fmt: skip
-    for value, anchor in ((-zoom.first, "start"), (0, "end")):
-        text = "the last step" if value == 0 else f"{-value} steps before"
-        parts.append(Markup('<text class="tick" x="{:.0f}" y="{:.0f}" text-anchor="{}">{}</text>').format(
-            x(value), height - 6.0, anchor, text))  # fmt: skip
-    finite = [v for v in sizes if math.isfinite(v)]
-    words = (f"{zoom.title} over the last {zoom.first} steps: from {number(finite[0])} to {number(finite[-1])} "
-             f"{zoom.unit}" if finite else f"{zoom.title}: no number")  # fmt: skip
-    return Markup('<svg class="zoom" viewBox="0 0 260 112" role="img" aria-label="{}">{}</svg>').format(
-        words, Markup("").join(parts)
-    )
-
-
-def _grid(y: Scale, left: float, width: float) -> Markup:
-    return Markup("").join(
-        Markup('<line class="rule" x1="{:.0f}" x2="{:.0f}" y1="{:.1f}" y2="{:.1f}"/>'
-               '<text class="tick" x="{:.0f}" y="{:.1f}" text-anchor="end">{}</text>').format(
-            left, width - 12.0, y(v), y(v), left - 4.0, y(v) + 3.0, number(v, 1).removeprefix("1×"))
-        for v in ticks(y.low, y.high)
-    )  # fmt: skip
+def panel(title: str, unit: str, values: Sequence[float], colour: str, *, star: bool) -> Markup:
+    """Values on a logarithmic axis over steps counted from the last one, which has a star if the run stopped there."""
+    width, height, left, first = 260.0, 112.0, 46.0, len(values) - 1
+    sizes = [abs(v) for v in values]
+    y = scale_for(sizes, height - 20.0, 18.0, log=True)
+    x = Scale(-float(first), 0.0, left, width - 12.0)
+    dots = [(x(k - first), y(v)) for k, v in enumerate(sizes) if math.isfinite(v)]
+    parts = []
+    for v in ticks(y.low, y.high):
+        parts += [_line("rule", left, width - 12.0, y(v), y(v)),
+                  _text("tick", left - 4.0, y(v) + 3.0, number(v, 1).removeprefix("1×"), "end")]  # fmt: skip
+    parts.append(_polyline(dots, style=f"stroke: {colour}"))
+    for px, py in dots[-1:]:
+        parts.append(_star(px, py, colour) if star else _tag(
+            "path", "cross", d=f"M{px - 4.0:.1f} {py - 4.0:.1f}l8 8m0 -8l-8 8", style=f"stroke: {colour}"))  # fmt: skip
+    parts += [_text("head", 4.0, 11.0, f"{title} [{unit}]" if unit else title),
+              _text("tick", x(-first), height - 6.0, f"{first} steps before", "start"),
+              _text("tick", x(0.0), height - 6.0, "the last step", "end")]  # fmt: skip
+    finite = [number(v) for v in sizes if math.isfinite(v)]
+    change = f" over the last {first} steps: from {finite[0]} to {finite[-1]} {unit}" if finite else ": no number"
+    return _drawing("zoom", 260, 112, title + change, parts)
 
 
 def ticks(low: float, high: float) -> list[float]:
@@ -155,44 +124,48 @@ def ticks(low: float, high: float) -> list[float]:
     return [v for v in fine if low <= v <= high][:4]
 
 
-def _tick(x: float, y: float, text: str) -> Markup:
-    anchor = "start" if x < 30.0 else "end" if x > 210.0 else "middle"
-    return Markup('<line class="edge" x1="{:.1f}" x2="{:.1f}" y1="{:.1f}" y2="{:.1f}"/>'
-                  '<text class="tick" x="{:.1f}" y="{:.1f}" text-anchor="{}">{}</text>').format(
-        x, x, y - 8.0, y + 8.0, x, y + 21.0, anchor, text)  # fmt: skip
-
-
-def _diamond(x: float, y: float, kind: str) -> Markup:
-    return Markup('<path class="dot {}" d="M{:.1f} {:.1f}l6 7l-6 7l-6 -7z"/>').format(kind, x, y - 7.0)
-
-
-def _star(x: float, y: float, colour: str) -> Markup:
-    points = []
-    for k in range(10):
-        radius, angle = (7.0 if k % 2 == 0 else 3.0), math.pi * (k / 5.0 - 0.5)
-        points.append(f"{x + radius * math.cos(angle):.1f},{y + radius * math.sin(angle):.1f}")
-    return Markup('<polygon class="star" points="{}" style="fill: {}"/>').format(" ".join(points), colour)
-
-
-def _cross(x: float, y: float, colour: str) -> Markup:
-    return Markup('<path class="cross" d="M{:.1f} {:.1f}l8 8m0 -8l-8 8" style="stroke: {}"/>').format(
-        x - 4.0, y - 4.0, escape(colour))  # fmt: skip
-
-
 def strip(parts: Sequence[tuple[str, float, float, float, bool]], scale: Scale, words: str) -> Markup:
     """Sizes with their intervals on one line: circle, triangle, square; filled where distinct from zero."""
     shapes = ("M{x:.1f} 9a5 5 0 1 0 .01 0z", "M{x:.1f} 7.5l6 11h-12z", "M{x0:.1f} 9h10v10h-10z")
-    drawn = [Markup('<line class="rule" x1="{:.1f}" x2="{:.1f}" y1="14" y2="14"/>').format(scale.start, scale.end)]
+    drawn = [_line("rule", scale.start, scale.end, 14.0, 14.0)]
     for (name, size, low, high, sure), shape in zip(parts, shapes, strict=False):
         if not size > 0.0:
             continue
-        x = scale(size)
         if high > low and math.isfinite(high):
-            drawn.append(Markup('<line class="range" x1="{:.1f}" x2="{:.1f}" y1="14" y2="14"/>').format(
-                scale(low), scale(high)))  # fmt: skip
-        place = shape.format(x=x, x0=x - 5.0)
-        drawn.append(Markup('<path class="part {}" d="{}"><title>{}</title></path>').format(
-            "sure" if sure else "unsure", place, f"{name} {number(size)} J"))  # fmt: skip
-    return Markup('<svg class="strip" viewBox="0 0 300 28" role="img" aria-label="{}">{}</svg>').format(
-        words, Markup("").join(drawn)
-    )
+            drawn.append(_line("range", scale(low), scale(high), 14.0, 14.0))
+        title = Markup("<title>{} {} J</title>").format(name, number(size))
+        place = shape.format(x=scale(size), x0=scale(size) - 5.0)
+        drawn.append(_tag("path", "part sure" if sure else "part unsure", title, d=place))
+    return _drawing("strip", 300, 28, words, drawn)
+
+
+def _star(x: float, y: float, colour: str) -> Markup:
+    turns = ((7.0 if k % 2 == 0 else 3.0, math.pi * (k / 5.0 - 0.5)) for k in range(10))
+    points = " ".join(f"{x + r * math.cos(a):.1f},{y + r * math.sin(a):.1f}" for r, a in turns)
+    return _tag("polygon", "star", points=points, style=f"fill: {colour}")
+
+
+def _tag(name: str, kind: str, inside: str = "", /, **attributes: float | str) -> Markup:
+    """An element of class ``kind``; numbers to a tenth of a pixel, ``_`` in a name for ``-``."""
+    own = {"class": kind} if kind else {}
+    pairs = {k.replace("_", "-"): v if isinstance(v, str) else f"{v:.1f}" for k, v in (own | attributes).items()}
+    words = Markup("").join(Markup(' {}="{}"').format(k, v) for k, v in pairs.items())
+    return Markup("<{0}{1}>{2}</{0}>" if inside else "<{0}{1}/>").format(name, words, inside)
+
+
+def _line(kind: str, x1: float, x2: float, y1: float, y2: float, inside: str = "") -> Markup:
+    return _tag("line", kind, inside, x1=x1, x2=x2, y1=y1, y2=y2)
+
+
+def _text(kind: str, x: float, y: float, words: str, anchor: str = "start") -> Markup:
+    return _tag("text", kind, words, x=x, y=y, text_anchor=anchor)
+
+
+def _polyline(dots: Sequence[tuple[float, float]], **attributes: str) -> Markup:
+    return _tag("polyline", "", points=" ".join(f"{x:.1f},{y:.1f}" for x, y in dots), **attributes)
+
+
+def _drawing(kind: str, width: int, height: int, words: str, parts: Sequence[Markup]) -> Markup:
+    """A whole drawing, with ``words`` for those who do not see it."""
+    inside = Markup("").join(parts)
+    return _tag("svg", kind, inside, viewBox=f"0 0 {width} {height}", role="img", aria_label=words)

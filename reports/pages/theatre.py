@@ -31,10 +31,10 @@ def write(results: Results, site: Site) -> Page | None:
                 poses *= 0.97 * level / own.size
                 own = _stage(results, site, variant, poses)
         if own is not None:
-            page = Page(
-                f"Theatre: {variant.title}", f"theatre-{variant.slug}.html", order=60, about=variant.slug, brief=True
-            )
-            pages.append(site.write(page, "theatre.html", [*SCRIPTS[:-1], own.path, SCRIPTS[-1]], **_said(own)))
+            page = Page(f"Theatre: {variant.title}", f"{own.name}.html", order=60, about=variant.slug, brief=True)
+            worst = {f"worst_{k}": max(p[f"off_{k}"] for p in own.play["players"]) for k in ("m", "rad")}
+            scripts = [*SCRIPTS[:-1], own.path, SCRIPTS[-1]]
+            pages.append(site.write(page, "theatre.html", scripts, own=own, rule=RULE, **worst))
     return pages[0] if pages else None
 
 
@@ -61,12 +61,6 @@ class Stage:
         """What its poses take before compression, each run's as much as the longest's."""
         players = self.play["players"]
         return float(BODY_BYTES * self.play["bodies"] * len(players) * max(p["frames"] for p in players))
-
-
-def _said(own: Stage) -> dict[str, Any]:
-    players = own.play["players"]
-    worst = {f"worst_{k}": max(p[f"off_{k}"] for p in players) for k in ("m", "rad")}
-    return {"own": own, "rule": RULE, **worst}
 
 
 def _stage(results: Results, site: Site, variant: Variant, pose_bytes: float) -> Stage | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ...harness.files import FileError
 from ...harness.results.history import Row, history, read_rows, standing
-from ..model.results import Results
+from ..model.results import Results, grouped
 from ..model.words import Mark, mark
 
 COMMITTED = Path(__file__).resolve().parents[2] / "results" / "history"
@@ -95,22 +95,16 @@ def gather(results: Results, committed: Path = COMMITTED) -> tuple[tuple[Row, ..
 
 def lines(results: Results, rows: Sequence[Row]) -> tuple[Line, ...]:
     """Of the runs in these results, the oldest row first; those that changed come first."""
-    here = {c.record.settings_id: c for c in results.runs}
-    found: dict[str, list[Row]] = {}
-    for row in rows:
-        if row.settings_id in here:
-            found.setdefault(row.settings_id, []).append(row)
+    here = {c.record.settings_id for c in results.runs}
+    found = grouped((row for row in rows if row.settings_id in here), lambda row: row.settings_id)
     out = [Line(k, own[-1].case, own[-1].problem, own[-1].solver, tuple(own)) for k, own in found.items()]
     return tuple(sorted(out, key=lambda line: (not line.changed, len(line.rows) == 1, line.case)))
 
 
 def moments(rows: Sequence[Row]) -> tuple[Moment, ...]:
     """Each results folder with the statuses of its runs, the oldest first."""
-    runs: dict[str, list[Row]] = {}
-    for row in rows:
-        runs.setdefault(row.results, []).append(row)
     out = []
-    for name, own in runs.items():
+    for name, own in grouped(rows, lambda row: row.results).items():
         ends = Counter(mark(r.status).kind for r in own)
         kinds = {"good": mark("success"), "wrong": mark("wrong"), "refused": mark("refused"),
                  "failed": Mark("★", "stopped", "failed")}  # fmt: skip

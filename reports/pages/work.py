@@ -11,12 +11,10 @@ from ..plots.spec import Plot
 from ..plots.style import save
 from ..plots.work import ERRORS, PAIRS, WORKS, Profile, named, profile_plot, work_plots
 from .base import Page, Site
-from .judgement import judged
-from .links import links_of
-from .work_plots import plots_of
+from .judgement import judged, links_of
 from .work_points import Field, fields, profiles
 
-PAPER = ("operations", "evaluations", "cpu")  # works whose profile is drawn for papers
+FEW = ("operations", "evaluations", "cpu")  # works that energy and joints are drawn over, and profiles for papers
 COMPARED = 4  # solvers on a problem, for a figure of its own; of variants, plots can be saved from the page
 
 
@@ -32,7 +30,7 @@ def write(results: Results, site: Site) -> Page | None:
     profile_plots = [profile_plot((*profile, *default), w) for w in works]
     plain = {p.slug for p in themselves(results, broadest(results))}
     figures = {f.slug: _print(site, f"work-{f.slug}", _compared(f)) for f, _ in found if f.slug in plain}
-    drawn = [_print(site, f"work-profile-{w}", [profile_plot(profile, w)], 3.2) for w in works if w in PAPER]
+    drawn = [_print(site, f"work-profile-{w}", [profile_plot(profile, w)], 3.2) for w in works if w in FEW]
     return site.write(
         Page("Work", "work.html", nav=True, order=25), "work.html", scripts=["assets/judgement.js"],
         plots=[*profile_plots, *(p for _, own in found for p in own.values())], why=work.why,
@@ -41,6 +39,13 @@ def write(results: Results, site: Site) -> Page | None:
         figures={f.slug: figures.get(f.slug, []) for f, _ in found},
         profile_figures=[name for names in drawn for name in names],
     )  # fmt: skip
+
+
+def plots_of(f: Field) -> dict[str, Plot]:
+    """By ``<error>-<work>``; energy and joints over fewer works, and of default and best settings alone."""
+    errors = work_plots(f.slug, f.points, [("error", work) for work in WORKS], folded=True)
+    laws = [(error, work) for error in ("energy", "phi") for work in WORKS if work in FEW]
+    return errors | work_plots(f.slug, [p for p in f.points if p.default or p.best], laws, folded=True)
 
 
 def work_at(p: Profile, share: float) -> float:

@@ -1,13 +1,12 @@
 """What each run cost and how far off it was: from the judgement where there is one, else from the records."""
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ...harness.results.judgements import WorkPoint, WorkProfile
 from ..model.results import Results
 from ..plots.work import ERRORS, WORKS, Point, Profile, kind_of, method_of, recorded, reference_error
-from .links import Links, page_of
+from .judgement import Links, page_of
 
 
 @dataclass(frozen=True)
@@ -32,9 +31,7 @@ class Field:
 
 def fields(results: Results, judged: Sequence[WorkPoint], links: Links) -> tuple[Field, ...]:
     """One a variant that has a point; judged points where there are any."""
-    points = [_judged(p, links) for p in judged] or [
-        p for variant in results.variants for p in recorded(variant, page_of)
-    ]
+    points = [_judged(p, links) for p in judged] or [p for v in results.variants for p in recorded(v, page_of)]
     out: list[Field] = []
     slugs = {p.title: p.slug for p in results.variants}
     order = {p.title: k for k, p in enumerate(results.variants)}
@@ -52,25 +49,15 @@ def profiles(found: Sequence[WorkProfile], *, tuned: bool = True) -> tuple[Profi
 
 
 def _judged(p: WorkPoint, links: Links) -> Point:
-    run = links.run(p.settings_id)
-    return Point(
-        p.variant,
-        p.problem,
-        p.solver,
-        p.case,
-        links.page(p.settings_id),
-        p.status,
-        p.label,
-        {key: p.cpu_s if key == "cpu" else float(getattr(p, key)) for key in WORKS},
-        {"error": p.error, "energy": p.energy_drift_J, "phi": p.phi_max},
-        method_of(run) if run else p.solver,
-        default=run is not None and not run.options,
-        best=p.best,
-        step=run.step_words if run else "",
-        size=run.step_or_tolerance if run else 0.0,
-        kind=p.error_kind,
-        unit=p.unit,
-        own=p.reference_own_error,
-        cpu=(run.record.cpu_min_s, run.record.cpu_max_s) if run else (math.nan, math.nan),
-        repeats=run.record.repeats if run else 0,
-    )
+    run = links.runs.get(p.settings_id)
+    works = {key: p.cpu_s if key == "cpu" else float(getattr(p, key)) for key in WORKS}
+    errors = {"error": p.error, "energy": p.energy_drift_J, "phi": p.phi_max}
+    point = Point(
+        p.variant, p.problem, p.solver, p.case, links.page(p.settings_id), p.status, p.label, works, errors, p.solver,
+        best=p.best, kind=p.error_kind, unit=p.unit, own=p.reference_own_error,
+    )  # fmt: skip
+    if run is None:
+        return point
+    r = run.record
+    return replace(point, method=method_of(run), default=not run.options, step=run.step_words,
+                   size=run.step_or_tolerance, cpu=(r.cpu_min_s, r.cpu_max_s), repeats=r.repeats)  # fmt: skip

@@ -13,6 +13,7 @@ from mbsbench.reports.pages.atlas import broken, groups, zoom
 from mbsbench.reports.pages.causes import CAUSES, autopsy, usual_step
 from mbsbench.reports.pages.survival import survival
 from mbsbench.reports.pages.svg import ticks
+from mbsbench.reports.plots.palette import looks
 
 from ..conftest import put, record, series
 
@@ -109,7 +110,8 @@ def test_stops_of_one_solver_on_one_problem_stand_together(tmp_path):
         put(tmp_path, record(f"s{k}", status="stalled", solver_options=options, t_reached_s=1.0), series(40, 1.0))
     put(tmp_path, record("c1", status="crashed", t_reached_s=1.0), series(40, 1.0))
     put(tmp_path, record("o1", "beta", status="stalled", t_reached_s=1.0), series(40, 1.0))
-    found = {g.cause.key: g for g in groups(read_results(tmp_path), {})}
+    results = read_results(tmp_path)
+    found = {g.cause.key: g for g in groups(results, looks(results.solvers))}
     assert {k: g.count for k, g in found.items()} == {"killed": 1, "limit": 4}
     heads = [(f.head.run.record.solver, len(f.stops), f.head.run.record.run_id) for f in found["limit"].families]
     assert heads == [("alpha", 3, "s1"), ("beta", 1, "o1")]

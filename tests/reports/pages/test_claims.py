@@ -8,8 +8,8 @@ from msgspec.structs import replace
 from mbsbench.harness.results.judgements import Condition, Decision, Verdict
 from mbsbench.reports.model.claim_words import band, because, decision, measured, missing, tried
 from mbsbench.reports.pages.claim_map import grids
-from mbsbench.reports.pages.claims import claims_of, counts, differences, verdict
-from mbsbench.reports.pages.links import links_of
+from mbsbench.reports.pages.claims import VERDICTS, claims_of, counts, differences
+from mbsbench.reports.pages.judgement import links_of
 from mbsbench.reports.pages.svg import number_line, said, scale_for
 
 from . import synthetic
@@ -43,7 +43,7 @@ def test_settings_left_open_are_not_counted_as_failing():
 
 
 def test_verdicts_have_a_symbol_and_a_word_each():
-    marks = [verdict(v) for v in Verdict]
+    marks = [VERDICTS[v] for v in Verdict]
     assert len({m.symbol for m in marks}) == len({m.word for m in marks}) == 4
 
 
