@@ -209,10 +209,7 @@
         b.setAttribute("aria-pressed", !shown.hidden.has(name));
         plots.forEach(render);
       });
-      b.className = "solver";
-      b.style.setProperty("--c", colour);
-      b.setAttribute("aria-pressed", "true");
-      b.title = "Click: show or hide. Double click: this one alone.";
+      Object.assign(b, { className: "solver", style: `--c: ${colour}`, ariaPressed: true, title: "Click: show or hide. Double click: this one alone." });
       b.addEventListener("dblclick", () => {
         const alone = shown.hidden.size === solvers.size - 1 && !shown.hidden.has(name);
         shown.hidden = new Set(alone ? [] : [...solvers.keys()].filter((s) => s !== name));

@@ -37,14 +37,15 @@
     return sign + (power >= -3 && power < 5 ? Math.abs(v).toFixed(Math.max(digits - 1 - power, 0)) : `${mantissa}×10${MBS.raised(power)}`);
   };
 
-  // pages in subfolders, of which there are thousands, have their navigation from one file
-  document.addEventListener("DOMContentLoaded", () => document.querySelectorAll("[data-nav]").forEach((list) => list.prepend(...(MBS.pages || []).map(([title, file]) => (
-    MBS.element("li", {}, MBS.element("a", { textContent: title, href: document.body.dataset.root + file })))))));
-  // what each number of a run's page means, from one file for all of them
-  document.addEventListener("DOMContentLoaded", () => document.querySelectorAll("[data-meanings] dt").forEach((head) => {
-    const meaning = (MBS.meanings || {})[head.textContent] || (head.textContent.startsWith("counted: ") ? "By the solver itself." : "");
-    if (meaning) head.nextElementSibling.append(MBS.element("small", { textContent: meaning }));
-  }));
+  // pages in subfolders, of which there are thousands, have their navigation and what their numbers mean from one file each
+  document.addEventListener("DOMContentLoaded", () => {
+    const item = ([title, file]) => MBS.element("li", {}, MBS.element("a", { href: document.body.dataset.root + file }, title));
+    for (const list of document.querySelectorAll("[data-nav]")) list.prepend(...(MBS.pages || []).map(item));
+    for (const head of document.querySelectorAll("[data-meanings] dt")) {
+      const meaning = (MBS.meanings || {})[head.textContent] || (head.textContent.startsWith("counted: ") ? "By the solver itself." : "");
+      if (meaning) head.nextElementSibling.append(MBS.element("small", {}, meaning));
+    }
+  });
 
   const listeners = [];
   MBS.onTheme = (f) => listeners.push(f);
