@@ -22,7 +22,6 @@
   find("flat").hidden = !flat;
   const strips = new T.Strips(find("strips"), find("cursor"), play, (t) => { pause(); seek(t); });
 
-  const compass = find("compass");
   const stars = players.map((p) => {
     if (!p.stopped) return null;
     const words = `${p.solver}, ${MBS.number(p.last, 4)} s: ${p.status.replaceAll("_", " ")}`;
@@ -78,7 +77,7 @@
     }
     stage.calm(!state.playing && !view.held);
     stage.draw({ motions, shown: state.shown, solid: state.solid, trails: players_.map(trailOf) });
-    view.point(compass);
+    view.point(find("compass"));
     mark();
     if (strips.left(state.t)) {
       strips.stretch(strips.zoom, state.playing ? state.t + 0.45 * strips.span : state.t);
@@ -129,7 +128,7 @@
   scrub.addEventListener("input", () => { pause(); seek(Number(scrub.value)); });
 
   const speeds = [0.125, 0.25, 0.5, 1, 2, 4, 8], speed = find("speed");
-  const setSpeed = (x) => { state.speed = x; speed.value = String(x); };
+  const setSpeed = (x) => { state.speed = x; speed.value = x; };
   speed.addEventListener("change", () => setSpeed(Number(speed.value)));
   setSpeed([1, 0.5, 0.25, 0.125].find((x) => play.t_end / x >= 4) ?? 0.125);
   if (play.t_end > 60) setSpeed([2, 4, 8].find((x) => play.t_end / x <= 60) ?? 8);
