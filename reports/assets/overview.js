@@ -29,21 +29,13 @@
         const button = head.querySelector("button"), by = k === 0 ? "problem" : table.dataset.shown === undefined ? "the share that succeeded" : MEASURES[measure()];
         button.setAttribute("aria-label", k === 0 ? "Sort by problem, in the paper's order" : `Sort by ${by} of ${head.querySelector(".solver").textContent}`);
         button.title = button.getAttribute("aria-label");
-        if (k === now.column) head.setAttribute("aria-sort", now.up ? "ascending" : "descending");
-        else head.removeAttribute("aria-sort");
       });
       if (now.column === null) return;
       const order = ([late, x], [later, y]) => late - later || (late || x === y ? 0 : (x < y ? -1 : 1) * (now.up ? 1 : -1));
       body.append(...all.map((row) => [rank(row), row]).sort((a, b) => order(a[0], b[0])).map((pair) => pair[1]));
     };
-    heads.forEach((head, column) => {
-      const button = Object.assign(document.createElement("button"), { type: "button", textContent: "sort", className: "sorter" });
-      head.append(" ", button);
-      button.addEventListener("click", () => {
-        Object.assign(now, { up: now.column === column ? !now.up : true, column });
-        sort();
-      });
-    });
+    const sorter = (head) => { head.append(" "); return MBS.element("button", { type: "button", textContent: "sort", className: "sorter" }); };
+    MBS.sorters(heads, sorter, (column, up) => { Object.assign(now, { column, up }); sort(); });
     sort();
     return { all, sort, folded: table.closest("details") };
   };
@@ -91,34 +83,27 @@
 
   const table = document.querySelector("[data-runs]");
   if (!table) return;
-  const { rows, solvers, problems, labels } = await window.MBS.unpack(window.MBS.runs);
+  const { rows, solvers, problems, labels } = await MBS.unpack(MBS.runs);
   const form = document.querySelector("[data-filters]"), more = document.querySelector("[data-more]");
   const RUN = 0, KIND = 1, STATUS = 2, SOLVER = 3, PROBLEM = 4, LABEL = 5, SETTINGS = 6, WHY = 7, T = 8, ENERGY = 9, ERROR = 10, PHI = 11, WORK = 12, CPU = 13, DRIFT = 14;
   const columns = [SOLVER, PROBLEM, SETTINGS, LABEL, STATUS, T, ENERGY, DRIFT, ERROR, PHI, WORK, CPU];
   const named = { [SOLVER]: (v) => solvers[v][0], [PROBLEM]: (v) => problems[v][0], [LABEL]: (v) => labels[v] };
   const FIRST = 30; // rows shown at first
-  const sorting = { column: null, up: true };
+  let sorting = { column: null, up: true };
   let everything = false;
 
-  const element = (tag, text, attributes = {}) => {
-    const e = document.createElement(tag);
-    e.textContent = text;
-    for (const [k, v] of Object.entries(attributes)) e.setAttribute(k, v);
-    return e;
-  };
+  const link = (textContent, href) => MBS.element("a", { textContent, href });
   const entry = (row, column) => {
     const value = row[column], td = document.createElement(column === SOLVER ? "th" : "td");
     if (column === SOLVER) {
       td.scope = "row";
-      td.append(element("a", solvers[value][0], { class: "solver", href: solvers[value][1], style: `--c: ${solvers[value][2]}` }));
-    } else if (column === PROBLEM) { td.className = "name"; td.append(element("a", problems[value][0], { href: problems[value][1] })); }
-    else if (column === SETTINGS) { td.className = "words"; td.append(element("a", value, { href: `runs/${row[RUN]}.html` })); }
-    else if (column === STATUS) { td.append(element("span", value, { class: `mark ${row[KIND]}` })); if (row[WHY]) td.append(element("small", row[WHY])); }
-    else if (column === LABEL || column === DRIFT) {
-      td.className = "short";
-      td.textContent = column === LABEL ? labels[value] : value;
-    }
-    else { td.className = "n"; td.textContent = column === WORK && value !== null ? Math.round(value).toLocaleString("en").replace(/,/g, "\u202f") : column === T && value !== null ? String(value) : column === CPU && value === 0 ? "below the clock" : window.MBS.number(value); }
+      const [name, url, colour] = solvers[value];
+      td.append(Object.assign(link(name, url), { className: "solver", style: `--c: ${colour}` }));
+    } else if (column === PROBLEM) { td.className = "name"; td.append(link(...problems[value])); }
+    else if (column === SETTINGS) { td.className = "words"; td.append(link(value, `runs/${row[RUN]}.html`)); }
+    else if (column === STATUS) { td.append(MBS.element("span", { textContent: value, className: `mark ${row[KIND]}` })); if (row[WHY]) td.append(MBS.element("small", { textContent: row[WHY] })); }
+    else if (column === LABEL || column === DRIFT) { td.className = "short"; td.textContent = column === LABEL ? labels[value] : value; }
+    else { td.className = "n"; td.textContent = column === WORK && value !== null ? Math.round(value).toLocaleString("en").replace(/,/g, "\u202f") : column === T && value !== null ? String(value) : column === CPU && value === 0 ? "below the clock" : MBS.number(value); }
     return td;
   };
   const chosen = () => {
@@ -128,37 +113,16 @@
       && words.every((w) => `${named[SOLVER](r[SOLVER])} ${named[PROBLEM](r[PROBLEM])} ${r[SETTINGS]} ${r[WHY]} ${r[STATUS]} ${r[DRIFT]}`.toLowerCase().includes(w)));
     if (sorting.column === null) return out;
     const key = (r) => (named[sorting.column] ? named[sorting.column](r[sorting.column]) : r[sorting.column]);
-    return out.sort((a, b) => {
-      const [x, y] = [key(a), key(b)];
-      if (x === null || y === null || x === "" || y === "") return (x === null || x === "") - (y === null || y === "");
-      const order = typeof x === "string" ? x.localeCompare(y, undefined, { numeric: true }) : x - y;
-      return sorting.up ? order : -order;
-    });
+    return out.sort((a, b) => MBS.ordered(key(a) ?? "", key(b) ?? "", sorting.up));
   };
   const render = () => {
     const own = chosen(), some = everything ? own : own.slice(0, FIRST);
-    table.tBodies[0].replaceChildren(...some.map((row) => {
-      const tr = document.createElement("tr");
-      tr.className = row[KIND];
-      tr.append(...columns.map((c) => entry(row, c)));
-      return tr;
-    }));
+    table.tBodies[0].replaceChildren(...some.map((row) => MBS.element("tr", { className: row[KIND] }, ...columns.map((c) => entry(row, c)))));
     document.querySelector("[data-count]").textContent = `${own.length} of ${rows.length} runs`;
     more.hidden = some.length === own.length;
     more.textContent = `Show all ${own.length}`;
   };
-  const heads = [...table.tHead.rows[0].cells];
-  heads.forEach((head, k) => {
-    const button = element("button", head.textContent, { type: "button" });
-    head.replaceChildren(button);
-    button.addEventListener("click", () => {
-      sorting.up = sorting.column === columns[k] ? !sorting.up : true;
-      sorting.column = columns[k];
-      heads.forEach((other) => other.removeAttribute("aria-sort"));
-      head.setAttribute("aria-sort", sorting.up ? "ascending" : "descending");
-      render();
-    });
-  });
+  MBS.sorters([...table.tHead.rows[0].cells], MBS.wrapped, (k, up) => { sorting = { column: columns[k], up }; render(); });
   for (const [name, value] of new URLSearchParams(location.search)) if (form.elements[name]) form.elements[name].value = value;
   form.addEventListener("input", render);
   form.addEventListener("reset", () => setTimeout(render));

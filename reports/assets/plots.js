@@ -111,18 +111,12 @@
   };
   const reset = (plot) => {
     const colours = theme(), layout = layoutOf(plot, colours);
-    const to = {};
-    for (const name of ["xaxis", "yaxis"]) {
-      if (layout[name].range) to[`${name}.range`] = layout[name].range;
-      else to[`${name}.autorange`] = true;
-    }
-    Plotly.relayout(plot.canvas, to);
+    const to = ["xaxis", "yaxis"].map((name) => (layout[name].range ? [`${name}.range`, layout[name].range] : [`${name}.autorange`, true]));
+    Plotly.relayout(plot.canvas, Object.fromEntries(to));
   };
 
   const save = (name, kind, text) => {
-    const link = document.createElement("a");
-    link.href = URL.createObjectURL(new Blob([text], { type: kind }));
-    link.download = name;
+    const link = MBS.element("a", { href: URL.createObjectURL(new Blob([text], { type: kind })), download: name });
     link.click();
     setTimeout(() => URL.revokeObjectURL(link.href), 10000);
   };
@@ -147,17 +141,8 @@
     return decodeURIComponent(url.slice(url.indexOf(",") + 1));
   };
 
-  const row = (cells, kind = "td") => {
-    const tr = document.createElement("tr");
-    cells.forEach((text, k) => {
-      const cell = document.createElement(k === 0 ? "th" : kind);
-      cell.scope = kind === "th" ? "col" : k === 0 ? "row" : "";
-      if (k > 0) cell.className = "n";
-      cell.textContent = text;
-      tr.append(cell);
-    });
-    return tr;
-  };
+  const row = (cells, kind = "td") => MBS.element("tr", {}, ...cells.map((textContent, k) => MBS.element(k === 0 ? "th" : kind,
+    { textContent, scope: kind === "th" ? "col" : k === 0 ? "row" : "", className: k > 0 ? "n" : "" })));
   const fill = (plot) => {
     const own = plot.traces.filter(visible), points = own.some((t) => t.mode !== "lines");
     const table = document.createElement("table"), [x, y] = [axisTitle(plot.x), axisTitle(plot.y)];
@@ -168,25 +153,17 @@
     for (const t of own) {
       if (points) t.x.forEach((v, k) => body.append(row([t.name, v === 0 && plot.x.title === "CPU time" ? "below the clock" : number(v), number(t.y[k]), (t.ends && END_WORDS[t.ends[k]]) || ""])));
       else if (t.y.length) {
-        let [low, high] = [0, 0];
-        t.y.forEach((v, k) => { if (v < t.y[low]) low = k; if (v > t.y[high]) high = k; });
-        const last = t.y.length - 1;
+        const extreme = (before) => t.y.reduce((best, v, k) => (before(v, t.y[best]) ? k : best), 0), last = t.y.length - 1;
+        const low = extreme((a, b) => a < b), high = extreme((a, b) => a > b);
         body.append(row([t.name, number(t.y[low]), number(t.y[high]), number(t.x[high]), number(t.y[last]), `${number(t.x[last])} ${END_WORDS[t.end] || ""}`]));
       }
     }
-    const box = document.createElement("div");
-    box.className = "scroll";
-    box.tabIndex = 0;
-    box.append(table);
-    plot.table.querySelector("div").replaceChildren(box);
+    plot.table.querySelector("div").replaceChildren(MBS.element("div", { className: "scroll", tabIndex: 0 }, table));
   };
 
-  const button = (words, label, act) => {
-    const b = document.createElement("button");
-    b.type = "button";
-    b.textContent = words;
-    b.setAttribute("aria-label", label);
-    b.addEventListener("click", () => act(b));
+  const button = (textContent, ariaLabel, act) => {
+    const b = MBS.element("button", { type: "button", textContent, ariaLabel });
+    b.addEventListener("click", act);
     return b;
   };
   const toggle = (plot, which) => {
@@ -232,10 +209,7 @@
         b.setAttribute("aria-pressed", !shown.hidden.has(name));
         plots.forEach(render);
       });
-      b.className = "solver";
-      b.style.setProperty("--c", colour);
-      b.setAttribute("aria-pressed", "true");
-      b.title = "Click: show or hide. Double click: this one alone.";
+      Object.assign(b, { className: "solver", style: `--c: ${colour}`, ariaPressed: true, title: "Click: show or hide. Double click: this one alone." });
       b.addEventListener("dblclick", () => {
         const alone = shown.hidden.size === solvers.size - 1 && !shown.hidden.has(name);
         shown.hidden = new Set(alone ? [] : [...solvers.keys()].filter((s) => s !== name));
@@ -254,7 +228,6 @@
   };
 
   // a run's page shows its own curves out of its problem's plots: those where it moves off zero
-  const moves = (t) => t.y.length && t.y.some((v) => v !== 0);
   const bundles = {};
   for (const e of document.querySelectorAll("[data-plot], [data-plots-of]")) {
     const from = e.dataset.from || e.dataset.plotsOf;
@@ -267,14 +240,10 @@
     const { plotsOf: from, only } = box.dataset;
     for (const [name, p] of Object.entries(bundles[from])) {
       const own = p.traces.find((t) => t.urls && t.urls.n === 1 && said(t, "urls")[0] === only);
-      if (!p.x.link || !own || !moves({ y: list(own.y) })) continue;
-      const figure = document.createElement("figure");
-      figure.className = "panel";
-      figure.innerHTML = '<figcaption><b></b></figcaption><div class="canvas"></div>';
-      figure.querySelector("b").textContent = p.title;
-      const canvas = figure.querySelector(".canvas");
+      if (!p.x.link || !own || !list(own.y).some((v) => v !== 0)) continue;
+      const canvas = MBS.element("div", { className: "canvas" }), title = MBS.element("b", { textContent: p.title });
       Object.assign(canvas.dataset, { plot: name, from, only });
-      box.append(figure);
+      box.append(MBS.element("figure", { className: "panel" }, MBS.element("figcaption", {}, title), canvas));
     }
   }
   for (const canvas of document.querySelectorAll("[data-plot]")) {
@@ -289,9 +258,8 @@
       plot.y = { ...plot.y, low: undefined, high: undefined };
     }
     const figure = canvas.closest("figure");
-    canvas.setAttribute("role", "group");
-    canvas.setAttribute("aria-roledescription", "plot");
-    canvas.setAttribute("aria-label", `${plot.title}: ${plot.y.title} over ${plot.x.title}. Arrow keys move, plus and minus zoom, 0 shows all; the numbers are in the table below.`);
+    Object.assign(canvas, { role: "group", ariaRoleDescription: "plot", tabIndex: 0, title: "",
+      ariaLabel: `${plot.title}: ${plot.y.title} over ${plot.x.title}. Arrow keys move, plus and minus zoom, 0 shows all; the numbers are in the table below.` });
     canvas.insertAdjacentHTML("afterend", '<div class="tools"></div><details class="numbers"><summary>The numbers</summary><div></div></details>');
     plot.table = figure.querySelector("details.numbers");
     plot.table.addEventListener("toggle", () => { if (plot.table.open) { begin(plot); fill(plot); } });
@@ -300,8 +268,6 @@
     tools.append(toggle(plot, "y"), button("reset", `Show all of ${plot.title}`, () => reset(plot)),
       button("SVG", `Save ${plot.title} as SVG`, async () => save(`${plot.name}.svg`, "image/svg+xml", await svg(plot))),
       button("CSV", `Save the numbers of ${plot.title} as CSV`, () => save(`${plot.name}.csv`, "text/csv", csv(plot))));
-    canvas.tabIndex = 0;
-    canvas.title = "";
     canvas.addEventListener("keydown", keys(plot));
     plots.push(plot);
   }

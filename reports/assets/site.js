@@ -3,11 +3,15 @@
   const MBS = (window.MBS ||= {});
   const kinds = { f4: Float32Array, u2: Uint16Array, i4: Int32Array };
 
-  const bytesOf = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  MBS.element = (tag, properties = {}, ...children) => {
+    const e = Object.assign(document.createElement(tag), properties);
+    e.append(...children);
+    return e;
+  };
 
   // a bundle of reports/plots/packing.py: a promise of its value, whose arrays are still {kind, at, n} and know their bytes
   MBS.unpack = async ({ packed }) => {
-    const stream = new Blob([bytesOf(packed)]).stream().pipeThrough(new DecompressionStream("deflate"));
+    const raw = Uint8Array.from(atob(packed), (c) => c.charCodeAt(0)), stream = new Blob([raw]).stream().pipeThrough(new DecompressionStream("deflate"));
     const whole = new Uint8Array(await new Response(stream).arrayBuffer());
     const head = new DataView(whole.buffer).getUint32(0, true), bytes = whole.subarray(4 + head);
     return JSON.parse(new TextDecoder().decode(whole.subarray(4, 4 + head)), (_, v) => (v && v.kind && v.at !== undefined ? { ...v, bytes } : v));
@@ -23,35 +27,32 @@
     return values.map((v) => Number((log === undefined ? low + v * step : v && Math.exp(log + (v - 1) * step)).toPrecision(log === undefined ? 6 : 5)));
   };
 
-  // three digits, powers of ten: as reports/model/words.py writes numbers
-  const raised = (n) => String(n).replace(/[-0-9]/g, (c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]);
-  MBS.number = (v) => {
+  // powers of ten as reports/model/words.py writes numbers
+  MBS.raised = (n) => String(n).replace(/[-0-9]/g, (c) => "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"["-0123456789".indexOf(c)]);
+  MBS.number = (v, digits = 3) => {
     if (v === null || v === undefined || Number.isNaN(v)) return "–";
     if (!Number.isFinite(v)) return v > 0 ? "∞" : "−∞";
     if (v === 0) return "0";
-    const [mantissa, exponent] = Math.abs(v).toExponential(2).split("e"), power = Number(exponent), sign = v < 0 ? "−" : "";
-    return sign + (power >= -3 && power < 5 ? Math.abs(v).toFixed(Math.max(2 - power, 0)) : `${mantissa}×10${raised(power)}`);
+    const [mantissa, exponent] = Math.abs(v).toExponential(digits - 1).split("e"), power = Number(exponent), sign = v < 0 ? "−" : "";
+    return sign + (power >= -3 && power < 5 ? Math.abs(v).toFixed(Math.max(digits - 1 - power, 0)) : `${mantissa}×10${MBS.raised(power)}`);
   };
 
-  // pages in subfolders, of which there are thousands, have their navigation from one file
-  document.addEventListener("DOMContentLoaded", () => document.querySelectorAll("[data-nav]").forEach((list) => list.prepend(...(MBS.pages || []).map(([title, file]) => {
-    const item = document.createElement("li"), link = Object.assign(document.createElement("a"), { textContent: title });
-    link.href = document.body.dataset.root + file;
-    item.append(link);
-    return item;
-  }))));
-  // what each number of a run's page means, from one file for all of them
-  document.addEventListener("DOMContentLoaded", () => document.querySelectorAll("[data-meanings] dt").forEach((head) => {
-    const meaning = (MBS.meanings || {})[head.textContent] || (head.textContent.startsWith("counted: ") ? "By the solver itself." : "");
-    if (meaning) head.nextElementSibling.append(Object.assign(document.createElement("small"), { textContent: meaning }));
-  }));
+  // pages in subfolders, of which there are thousands, have their navigation and what their numbers mean from one file each
+  document.addEventListener("DOMContentLoaded", () => {
+    const item = ([title, file]) => MBS.element("li", {}, MBS.element("a", { href: document.body.dataset.root + file }, title));
+    for (const list of document.querySelectorAll("[data-nav]")) list.prepend(...(MBS.pages || []).map(item));
+    for (const head of document.querySelectorAll("[data-meanings] dt")) {
+      const meaning = (MBS.meanings || {})[head.textContent] || (head.textContent.startsWith("counted: ") ? "By the solver itself." : "");
+      if (meaning) head.nextElementSibling.append(MBS.element("small", {}, meaning));
+    }
+  });
 
   const listeners = [];
   MBS.onTheme = (f) => listeners.push(f);
   const changed = () => listeners.forEach((f) => f());
   // the colour that a custom property has now, as the browser resolves it
   MBS.colour = (name) => {
-    const probe = document.createElement("i");
+    const probe = MBS.element("i");
     probe.style.cssText = `display: none; color: var(${name})`;
     document.body.append(probe);
     const found = getComputedStyle(probe).color;
@@ -77,30 +78,32 @@
     changed();
   });
 
-  // Tables with class "sortable": a click on a head sorts by it, another one the other way; empty values stay last.
+  // a click on a head asks for an order by its column, another one for the other way; `make` gives a head its button
+  MBS.sorters = (heads, make, act) => heads.forEach((head, column) => {
+    const sorter = make(head);
+    head.append(sorter);
+    sorter.addEventListener("click", () => {
+      const up = head.getAttribute("aria-sort") !== "ascending";
+      heads.forEach((other) => other.removeAttribute("aria-sort"));
+      head.setAttribute("aria-sort", up ? "ascending" : "descending");
+      act(column, up);
+    });
+  });
+  MBS.wrapped = (head) => MBS.element("button", { type: "button" }, ...head.childNodes);
+  // numbers by value, other texts by their words; empty values stay last
   const number = (text) => (text === "inf" ? Infinity : text === "-inf" ? -Infinity : Number(text));
-  const ordered = (x, y, up) => {
+  MBS.ordered = (x, y, up) => {
     if (x === "" || y === "") return (x === "") - (y === "");
     const [p, q] = [number(x), number(y)];
     const order = Number.isNaN(p) || Number.isNaN(q) ? x.localeCompare(y, undefined, { numeric: true }) : p === q ? 0 : p - q;
     return up ? order : -order;
   };
   for (const table of document.querySelectorAll("table.sortable")) {
-    const heads = [...table.tHead.rows[table.tHead.rows.length - 1].cells];
-    heads.forEach((head, column) => {
-      const sorter = document.createElement("button");
-      sorter.type = "button";
-      sorter.append(...head.childNodes);
-      head.append(sorter);
-      sorter.addEventListener("click", () => {
-        const up = head.getAttribute("aria-sort") !== "ascending";
-        heads.forEach((other) => other.removeAttribute("aria-sort"));
-        head.setAttribute("aria-sort", up ? "ascending" : "descending");
-        const body = table.tBodies[0];
-        const value = (row) => row.cells[column].dataset.v ?? row.cells[column].textContent.trim();
-        const rows = [...body.rows].map((row) => [value(row), row]);
-        body.append(...rows.sort((a, b) => ordered(a[0], b[0], up)).map((pair) => pair[1]));
-      });
+    MBS.sorters([...table.tHead.rows[table.tHead.rows.length - 1].cells], MBS.wrapped, (column, up) => {
+      const body = table.tBodies[0];
+      const value = (row) => row.cells[column].dataset.v ?? row.cells[column].textContent.trim();
+      const rows = [...body.rows].map((row) => [value(row), row]);
+      body.append(...rows.sort((a, b) => MBS.ordered(a[0], b[0], up)).map((pair) => pair[1]));
     });
   }
 })();

@@ -15,63 +15,48 @@
 
     theme(colours) { this.colours = colours; }
 
-    resize(width, height, ratio) {
-      const { canvas } = this.pen;
-      canvas.width = Math.round(width * ratio);
-      canvas.height = Math.round(height * ratio);
-      this.ratio = ratio;
-    }
+    resize(width, height, ratio) { T.sized(this.pen, width, height, ratio); }
 
     calm() {}
 
     draw({ motions, shown, solid, trails }) {
       const { pen, view } = this;
       this.calls = 0;
-      pen.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
       pen.clearRect(0, 0, view.width, view.height);
       view.camera.updateMatrixWorld();
       pen.lineCap = "round";
       for (const [a, b] of this.lines) this.line(view.place(a), view.place(b), this.colours.rule, 1, 1);
       for (const p of this.play.ground) this.dot(view.place(p), 4, this.colours.muted, 1);
       trails.forEach((t, p) => t && this.path(t, this.play.players[p].colour));
-      const order = motions.map((_, p) => p).filter((p) => shown[p] && p !== solid);
-      if (shown[solid]) order.push(solid);
-      for (const p of order) this.player(motions[p].body, this.play.players[p].colour, p === solid);
+      for (const p of T.order(shown, solid)) this.player(motions[p], this.play.players[p].colour, p === solid);
     }
 
-    player(body, colour, solid) {
+    player(motion, colour, solid) {
       const alpha = solid ? 1 : 0.35;
       this.play.shapes.forEach((s, k) => {
-        const a = this.space(body, s.body, s.a), pixel = this.pixels(a);
-        if (s.kind === "ball") this.dot(this.view.place(a), Math.max(s.radius * pixel, 1.2), colour, alpha);
-        else if (s.kind === "rod") this.line(this.view.place(a), this.view.place(this.space(body, s.body, s.b)), colour, Math.max(2 * s.radius * pixel, solid ? 2 : 1.2), alpha);
-        else this.rim(body, s, this.local[k], colour, alpha);
+        const place = (at) => this.view.place(motion.point(s.body, at)), pixel = this.pixels(motion.point(s.body, s.a));
+        if (s.kind === "ball") this.dot(place(s.a), Math.max(s.radius * pixel, 1.2), colour, alpha);
+        else if (s.kind === "rod") this.line(place(s.a), place(s.b), colour, Math.max(2 * s.radius * pixel, solid ? 2 : 1.2), alpha);
+        else this.rim(place, s, this.local[k], colour, alpha);
       });
     }
 
     // a disc is its upper rim, a cone its rim and lines to its tip
-    rim(body, s, l, colour, alpha) {
-      const { pen, view } = this, end = s.kind === "cone" ? -0.5 : 0.5, tip = view.place(this.space(body, s.body, s.a));
+    rim(place, s, l, colour, alpha) {
+      const { pen } = this, end = s.kind === "cone" ? -0.5 : 0.5, tip = place(s.a);
       pen.beginPath();
       for (let k = 0; k <= ROUND; k++) {
         const c = Math.cos((2 * Math.PI * k) / ROUND), d = Math.sin((2 * Math.PI * k) / ROUND);
-        const p = view.place(this.space(body, s.body, [0, 1, 2].map((i) => l[i] * c + l[6 + i] * d + l[3 + i] * end + l[9 + i])));
+        const p = place([0, 1, 2].map((i) => l[i] * c + l[6 + i] * d + l[3 + i] * end + l[9 + i]));
         if (!p) return;
-        if (k) pen.lineTo(...p); else pen.moveTo(...p);
+        pen.lineTo(...p);
         if (s.kind === "cone" && tip && k % 4 === 0) { pen.lineTo(...tip); pen.lineTo(...p); }
       }
-      pen.strokeStyle = pen.fillStyle = colour;
-      pen.lineWidth = 1.5;
-      pen.globalAlpha = 0.25 * alpha;
+      Object.assign(pen, { strokeStyle: colour, fillStyle: colour, lineWidth: 1.5, globalAlpha: 0.25 * alpha });
       pen.fill();
       pen.globalAlpha = alpha;
       pen.stroke();
       this.calls++;
-    }
-
-    space(R, b, s) {
-      const o = 12 * b;
-      return [0, 1, 2].map((c) => R[o + c] * s[0] + R[o + 3 + c] * s[1] + R[o + 6 + c] * s[2] + R[o + 9 + c]);
     }
 
     // pixels a metre at a place
@@ -82,22 +67,15 @@
 
     line(a, b, colour, width, alpha) {
       if (!a || !b) return;
-      const { pen } = this;
-      pen.globalAlpha = alpha;
-      pen.strokeStyle = colour;
-      pen.lineWidth = width;
-      pen.beginPath();
-      pen.moveTo(...a);
-      pen.lineTo(...b);
-      pen.stroke();
+      Object.assign(this.pen, { globalAlpha: alpha, strokeStyle: colour, lineWidth: width });
+      T.stroke(this.pen, [a, b]);
       this.calls++;
     }
 
     dot(p, radius, colour, alpha) {
       if (!p) return;
       const { pen } = this;
-      pen.globalAlpha = alpha;
-      pen.fillStyle = colour;
+      Object.assign(pen, { globalAlpha: alpha, fillStyle: colour });
       pen.beginPath();
       pen.arc(...p, radius, 0, 2 * Math.PI);
       pen.fill();
@@ -105,16 +83,10 @@
     }
 
     path({ path, from, to, head }, colour) {
-      const { pen, view } = this;
-      pen.globalAlpha = 0.8;
-      pen.strokeStyle = colour;
-      pen.lineWidth = 1.2;
-      pen.beginPath();
-      for (let k = from; k <= to + 1; k++) {
-        const p = view.place(k > to ? head : path.subarray(3 * k, 3 * k + 3));
-        if (p) { if (k === from) pen.moveTo(...p); else pen.lineTo(...p); }
-      }
-      pen.stroke();
+      const points = [];
+      for (let k = from; k <= to + 1; k++) points.push(this.view.place(k > to ? head : path.subarray(3 * k, 3 * k + 3)));
+      Object.assign(this.pen, { globalAlpha: 0.8, strokeStyle: colour, lineWidth: 1.2 });
+      T.stroke(this.pen, points);
       this.calls++;
     }
 

@@ -70,27 +70,17 @@
     }
 
     // a point of a body in space, from the last at(t), into out at i
-    point(b, s, out, i) {
+    point(b, s, out = [], i = 0) {
       const R = this.body, o = 12 * b;
       for (let c = 0; c < 3; c++) out[i + c] = R[o + c] * s[0] + R[o + 3 + c] * s[1] + R[o + 6 + c] * s[2] + R[o + 9 + c];
+      return out;
     }
 
     // where a point goes, one place a stored pose
     path(b, s) {
       const out = new Float32Array(3 * this.n);
-      for (let f = 0; f < this.n; f++) {
-        this.k = f;
-        this.one(b, f);
-        this.point(b, s, out, 3 * f);
-      }
-      this.k = 0;
+      this.t.forEach((t, f) => { this.at(t); this.point(b, s, out, 3 * f); });
       return out;
-    }
-
-    one(b, f) {
-      const p = f * 7 * this.bodies + 7 * b;
-      for (let c = 0; c < 3; c++) this.body[12 * b + 9 + c] = this.middle[c] + this.quantum[c] * this.rows[p + c];
-      this.turn(this.rows, p + 3, p + 3, 0, 12 * b);
     }
   };
 })();

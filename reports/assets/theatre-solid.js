@@ -53,8 +53,7 @@
       this.scene.add(this.ground);
       this.feet(play.ground);
       this.trails = play.players.map((p) => {
-        const geometry_ = new THREE.BufferGeometry();
-        const line = new THREE.Line(geometry_, new THREE.LineBasicMaterial({ color: p.colour, transparent: true, opacity: 0.85 }));
+        const line = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: p.colour, transparent: true, opacity: 0.85 }));
         line.frustumCulled = false;
         this.scene.add(line);
         return line;
@@ -83,10 +82,9 @@
       mesh.frustumCulled = false;
       const up = this.view.up, hang = [up.x, up.y, up.z];
       points.forEach((p, k) => {
-        const away = this.view.heavy ? 1 : 0; // supports hold from above what hangs, from below what stands
         const stands = this.play.high.reduce((s, h, c) => s + (0.5 * (h + this.play.low[c]) - p[c]) * hang[c], 0) > 0;
-        const sign = stands ? -1 : 1, base = p.map((x, c) => x + sign * away * size * hang[c]);
-        const m = T.local({ kind: "cone", a: p, b: base.map((x, c) => (away ? x : p[c] - size * hang[c])), radius: size });
+        const sign = stands || !this.view.heavy ? -1 : 1; // supports hold from above what hangs, from below what stands
+        const m = T.local({ kind: "cone", a: p, b: p.map((x, c) => x + sign * size * hang[c]), radius: size });
         for (let c = 0; c < 4; c++) for (let r = 0; r < 4; r++) mesh.instanceMatrix.array[16 * k + 4 * c + r] = r < 3 ? m[3 * c + r] : c === 3 ? 1 : 0;
       });
       this.scene.add(mesh);

@@ -3,16 +3,6 @@
   const T = ((window.MBS ||= {}).theatre ||= {});
   const LEFT = 52, RIGHT = 10, TOP = 20, GAP = 10, FOOT = 20;
   const DASH = [[], [6, 3], [2, 2], [7, 2, 2, 2]];
-  const SUPERS = "⁰¹²³⁴⁵⁶⁷⁸⁹";
-  const power = (n) => "10" + (n < 0 ? "⁻" : "") + String(Math.abs(n)).replace(/\d/g, (d) => SUPERS[d]);
-  // three digits, as reports/model/words.py writes them
-  T.number = (x, digits = 3) => {
-    if (x === null || Number.isNaN(x)) return "–";
-    if (!Number.isFinite(x)) return x > 0 ? "∞" : "−∞";
-    if (x === 0) return "0";
-    const [m, e] = Math.abs(x).toExponential(digits - 1).split("e"), sign = x < 0 ? "−" : "";
-    return sign + (e >= -3 && e < 5 ? Math.abs(x).toFixed(Math.max(digits - 1 - e, 0)) : `${m}×${power(+e)}`);
-  };
   const round = (span, n) => { // a step of 1, 2 or 5 that gives about n ticks
     const raw = span / n, p = 10 ** Math.floor(Math.log10(raw)), f = raw / p;
     return p * (f < 1.5 ? 1 : f < 3.5 ? 2 : f < 7.5 ? 5 : 10);
@@ -20,7 +10,7 @@
 
   T.Strips = class {
     constructor(canvas, cursor, play, sought) {
-      Object.assign(this, { canvas, cursor, play, pen: canvas.getContext("2d"), linear: false, from: 0, zoom: 1 });
+      Object.assign(this, { cursor, play, pen: canvas.getContext("2d"), linear: false, from: 0, zoom: 1 });
       const n = play.spans;
       this.curves = play.players.map((p) => {
         const all = Float32Array.from(MBS.numbers(p.strips));
@@ -47,9 +37,8 @@
     theme(colours) { this.colours = colours; }
 
     resize(width, height, ratio) {
-      Object.assign(this, { width, height, ratio });
-      this.canvas.width = Math.round(width * ratio);
-      this.canvas.height = Math.round(height * ratio);
+      Object.assign(this, { width, height });
+      T.sized(this.pen, width, height, ratio);
     }
 
     get span() { return this.play.t_end / this.zoom; }
@@ -68,7 +57,6 @@
 
     draw(shown, solid) {
       const { pen, play } = this, n = play.strips.length;
-      pen.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
       pen.clearRect(0, 0, this.width, this.height);
       pen.font = "11px system-ui, sans-serif";
       const each = (this.height - FOOT - n * TOP - (n - 1) * GAP) / n;
@@ -102,14 +90,10 @@
     panel(s, top, tall, shown, solid, last) {
       const { pen, play, colours } = this, strip = play.strips[s], signed = strip.signed && this.linear;
       const right = this.width - RIGHT, range = this.range(s, shown, signed);
-      pen.globalAlpha = 1;
       pen.setLineDash([]);
-      pen.fillStyle = colours.ink;
-      pen.textAlign = "left";
+      Object.assign(pen, { globalAlpha: 1, fillStyle: colours.ink, textAlign: "left", strokeStyle: colours.rule, lineWidth: 1 });
       const name = strip.signed && !signed ? `|${strip.symbol}|` : strip.symbol;
       pen.fillText(`${name} [${strip.unit}]`, LEFT, top - 6);
-      pen.strokeStyle = colours.rule;
-      pen.lineWidth = 1;
       pen.strokeRect(LEFT, top, right - LEFT, tall);
       this.times(top, tall, last);
       if (!range) {
@@ -123,8 +107,7 @@
       pen.beginPath();
       pen.rect(LEFT, top - 2, right - LEFT + 2, tall + 4);
       pen.clip();
-      const order = play.players.map((_, p) => p).filter((p) => shown[p] && p !== solid);
-      if (shown[solid]) order.push(solid);
+      const order = T.order(shown, solid);
       for (const p of order) this.curve(s, p, y, signed, p === solid, top + tall);
       pen.restore();
       for (const p of order) this.star(s, p, y, signed, top, tall);
@@ -133,24 +116,19 @@
 
     curve(s, p, y, signed, solid, floor) {
       const { pen, play } = this, [low, high] = this.curves[p][s], player = play.players[p];
-      pen.strokeStyle = pen.fillStyle = player.colour;
-      pen.globalAlpha = solid ? 1 : 0.75;
-      pen.lineWidth = solid ? 2.2 : 1.2;
-      pen.setLineDash(DASH[player.rank % DASH.length]);
-      pen.beginPath();
-      let begun = false;
+      const points = [];
       const first = Math.floor((this.from / play.t_end) * play.spans) - 40, last = first + play.spans / this.zoom + 80;
       for (let k = 0; k < play.spans; k++) {
         if (Number.isNaN(high[k]) || k < first || k > last) continue;
         const x = this.x(((k + 0.5) / play.spans) * play.t_end);
         const both = signed || s === this.steps ? [low[k], high[k]] : [Math.max(Math.abs(low[k]), Math.abs(high[k]))];
         for (const v of both) {
-          const place = signed || v > 0 ? Math.min(y(v), floor + 3) : floor + 3;
-          if (begun) pen.lineTo(x, place); else pen.moveTo(x, place);
-          begun = true;
+          points.push([x, signed || v > 0 ? Math.min(y(v), floor + 3) : floor + 3]);
         }
       }
-      pen.stroke();
+      Object.assign(pen, { strokeStyle: player.colour, globalAlpha: solid ? 1 : 0.75, lineWidth: solid ? 2.2 : 1.2 });
+      pen.setLineDash(DASH[player.rank % DASH.length]);
+      T.stroke(pen, points);
       pen.setLineDash([]);
     }
 
@@ -159,16 +137,13 @@
       if (!player.stopped || player.last < this.from || player.last > this.from + this.span) return;
       const v = this.value(p, s, player.last), { pen } = this;
       const at = v > 0 && !signed ? y(v) : top + tall / 2;
-      pen.globalAlpha = 1;
-      pen.font = "15px system-ui, sans-serif";
-      pen.textAlign = "center";
-      pen.lineWidth = 3;
-      pen.strokeStyle = this.colours.card;
-      pen.strokeText("★", this.x(player.last), Math.min(Math.max(at, top + 5), top + tall) + 5);
-      pen.fillStyle = player.colour;
-      pen.fillText("★", this.x(player.last), Math.min(Math.max(at, top + 5), top + tall) + 5);
-      pen.font = "11px system-ui, sans-serif";
-      pen.textAlign = "left";
+      const star = ["★", this.x(player.last), Math.min(Math.max(at, top + 5), top + tall) + 5];
+      pen.save();
+      Object.assign(pen, { globalAlpha: 1, font: "15px system-ui, sans-serif", textAlign: "center", lineWidth: 3,
+        strokeStyle: this.colours.card, fillStyle: player.colour });
+      pen.strokeText(...star);
+      pen.fillText(...star);
+      pen.restore();
     }
 
     events(shown, top) {
@@ -190,32 +165,23 @@
       const { pen, colours } = this, ticks = [];
       const step = signed ? round(range[1] - range[0], 4) : Math.max(1, Math.ceil((range[1] - range[0]) / 4));
       for (let v = Math.ceil(range[0] / step) * step; v <= range[1]; v += step) ticks.push(v);
-      pen.textAlign = "right";
+      Object.assign(pen, { textAlign: "right", strokeStyle: colours.rule, fillStyle: colours.muted });
       for (const v of ticks) {
         const at = y(signed ? v : 10 ** v);
-        pen.strokeStyle = colours.rule;
-        pen.beginPath();
-        pen.moveTo(LEFT, at);
-        pen.lineTo(right, at);
-        pen.stroke();
-        pen.fillStyle = colours.muted;
-        pen.fillText(signed ? T.number(Math.abs(v) < 1e-9 * step ? 0 : v, 2) : power(v), LEFT - 5, at + 4);
+        T.stroke(pen, [[LEFT, at], [right, at]]);
+        pen.fillText(signed ? MBS.number(Math.abs(v) < 1e-9 * step ? 0 : v, 2) : `10${MBS.raised(v)}`, LEFT - 5, at + 4);
       }
-      if (!ticks.length) pen.fillText(T.number(10 ** (0.5 * (range[0] + range[1])), 2), LEFT - 5, y(10 ** (0.5 * (range[0] + range[1]))) + 4);
+      const middle = 10 ** (0.5 * (range[0] + range[1]));
+      if (!ticks.length) pen.fillText(MBS.number(middle, 2), LEFT - 5, y(middle) + 4);
       pen.textAlign = "left";
     }
 
     times(top, tall, labelled) {
       const { pen, colours } = this, step = round(this.span, this.width < 420 ? 4 : 8);
-      pen.textAlign = "center";
+      Object.assign(pen, { textAlign: "center", strokeStyle: colours.rule, fillStyle: colours.muted });
       const end = this.from + this.span * (1 + 1e-9);
       for (let t = Math.ceil(this.from / step - 1e-9) * step; t <= end; t += step) {
-        pen.strokeStyle = colours.rule;
-        pen.beginPath();
-        pen.moveTo(this.x(t), top);
-        pen.lineTo(this.x(t), top + tall);
-        pen.stroke();
-        pen.fillStyle = colours.muted;
+        T.stroke(pen, [[this.x(t), top], [this.x(t), top + tall]]);
         if (labelled) pen.fillText(`${+t.toPrecision(6)}${t + step > end ? " s" : ""}`, Math.min(this.x(t), this.width - 16), top + tall + 14);
       }
       pen.textAlign = "left";

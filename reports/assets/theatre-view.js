@@ -4,6 +4,18 @@
   const V = THREE.Vector3;
   const FIELD = 32; // [deg]
 
+  // 2-D canvases: their size, a line through points [x, y] (null: left out), and who is drawn, the solid one last
+  T.sized = (pen, width, height, ratio) => {
+    Object.assign(pen.canvas, { width: Math.round(width * ratio), height: Math.round(height * ratio) });
+    pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  };
+  T.stroke = (pen, points) => {
+    pen.beginPath();
+    for (const p of points) if (p) pen.lineTo(...p);
+    pen.stroke();
+  };
+  T.order = (shown, solid) => [...shown.keys()].filter((p) => shown[p] && p !== solid).concat(shown[solid] ? [solid] : []);
+
   T.View = class {
     constructor(canvas, play, moved) {
       this.low = new V(...play.low);

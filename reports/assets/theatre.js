@@ -8,8 +8,7 @@
   const asked = new URLSearchParams(location.hash.slice(1));
   const still = matchMedia("(prefers-reduced-motion: reduce)");
   const state = { t: 0, playing: false, speed: 1, solid: 0, shown: players.map(() => true), trail: "short" };
-  const solidAsked = players.findIndex((p) => p.run === asked.get("solid"));
-  if (solidAsked >= 0) state.solid = solidAsked;
+  state.solid = Math.max(players.findIndex((p) => p.run === asked.get("solid")), 0);
 
   const motions = players.map((p) => new T.Motion(p, play));
   const paths = motions.map((m) => m.path(play.trail.body, play.trail.at));
@@ -23,22 +22,12 @@
   find("flat").hidden = !flat;
   const strips = new T.Strips(find("strips"), find("cursor"), play, (t) => { pause(); seek(t); });
 
-  // labels over the stage: g, axes, a star where a player stopped
-  const label = (text, kind) => {
-    const e = document.createElement("span");
-    e.textContent = text;
-    e.className = kind;
-    labels.append(e);
-    return e;
-  };
-  const compass = find("compass");
   const stars = players.map((p) => {
     if (!p.stopped) return null;
-    const e = label("★", "star");
+    const words = `${p.solver}, ${MBS.number(p.last, 4)} s: ${p.status.replaceAll("_", " ")}`;
+    const e = MBS.element("span", { className: "star" }, "★", MBS.element("small", {}, words));
     e.style.color = p.colour;
-    const words = document.createElement("small");
-    words.textContent = `${p.solver}, ${T.number(p.last, 4)} s: ${p.status.replaceAll("_", " ")}`;
-    e.append(words);
+    labels.append(e);
     return e;
   });
   const put = (e, at) => {
@@ -88,7 +77,7 @@
     }
     stage.calm(!state.playing && !view.held);
     stage.draw({ motions, shown: state.shown, solid: state.solid, trails: players_.map(trailOf) });
-    view.point(compass);
+    view.point(find("compass"));
     mark();
     if (strips.left(state.t)) {
       strips.stretch(strips.zoom, state.playing ? state.t + 0.45 * strips.span : state.t);
@@ -115,25 +104,22 @@
   const cells = rows.map((row) => [...row.querySelectorAll("[data-value]")]);
   function values() {
     scrub.setAttribute("aria-valuetext", `${clock(state.t)} s`);
-    for (const p of players_) cells[p].forEach((e, s) => { e.textContent = T.number(strips.value(p, s, state.t), 2); });
+    for (const p of players_) cells[p].forEach((e, s) => { e.textContent = MBS.number(strips.value(p, s, state.t), 2); });
   }
 
   // moving through time
   const seek = (t) => { state.t = Math.min(Math.max(t, 0), play.t_end); say(); moved(); };
   const playing = find("play");
-  function pause() {
-    state.playing = false;
-    playing.textContent = "▶ Play";
-    playing.setAttribute("aria-pressed", "false");
+  const run = (on) => {
+    state.playing = on;
+    Object.assign(playing, { textContent: on ? "❚❚ Pause" : "▶ Play", ariaPressed: on });
     wake();
-  }
+  };
+  function pause() { run(false); }
   const start = () => {
     if (state.t >= play.t_end) state.t = 0;
-    state.playing = true;
     note.textContent = "";
-    playing.textContent = "❚❚ Pause";
-    playing.setAttribute("aria-pressed", "true");
-    wake();
+    run(true);
   };
   const toggle = () => (state.playing ? pause() : start());
   playing.addEventListener("click", toggle);
@@ -142,15 +128,15 @@
   scrub.addEventListener("input", () => { pause(); seek(Number(scrub.value)); });
 
   const speeds = [0.125, 0.25, 0.5, 1, 2, 4, 8], speed = find("speed");
-  const setSpeed = (x) => { state.speed = x; speed.value = String(x); };
+  const setSpeed = (x) => { state.speed = x; speed.value = x; };
   speed.addEventListener("change", () => setSpeed(Number(speed.value)));
   setSpeed([1, 0.5, 0.25, 0.125].find((x) => play.t_end / x >= 4) ?? 0.125);
   if (play.t_end > 60) setSpeed([2, 4, 8].find((x) => play.t_end / x <= 60) ?? 8);
   const faster = (by) => setSpeed(speeds[Math.min(Math.max(speeds.indexOf(state.speed) + by, 0), speeds.length - 1)]);
 
   // moments to jump to
-  const marks = play.marks.map((m) => m).sort((a, b) => a.t - b.t);
-  const words = (m) => `${T.number(m.t, 4)} s, ${players[m.player].solver} (${players[m.player].settings}): ${m.words}`;
+  const marks = [...play.marks].sort((a, b) => a.t - b.t);
+  const words = (m) => `${MBS.number(m.t, 4)} s, ${players[m.player].solver} (${players[m.player].settings}): ${m.words}`;
   function say() {
     const near = marks.filter((m) => Math.abs(m.t - state.t) <= 1e-9 * play.t_end && state.shown[m.player]);
     const first = near.find((m) => m === aimed) || near[0];
@@ -171,27 +157,19 @@
     const to = m || (by > 0 ? some[0] : some[some.length - 1]);
     if (to) jump(to);
   };
-  for (const [name, kind] of [["stop", "stop"], ["event", "event"], ["whip", "whip"]]) {
-    const button = find(name);
+  for (const kind of ["stop", "event", "whip"]) {
+    const button = find(kind);
     button.disabled = !marks.some((m) => m.kind === kind);
     button.addEventListener("click", () => next(kind));
   }
   const list = find("jump");
-  marks.forEach((m, k) => {
-    const option = document.createElement("option");
-    option.value = k;
-    option.textContent = `${{ stop: "★", event: "◆", whip: "▲" }[m.kind]} ${words(m)}`.slice(0, 110);
-    list.append(option);
-  });
+  const signs = { stop: "★", event: "◆", whip: "▲" };
+  list.append(...marks.map((m, value) => MBS.element("option", { value }, `${signs[m.kind]} ${words(m)}`.slice(0, 110))));
   list.disabled = !marks.length;
   list.addEventListener("change", () => { if (list.value) jump(marks[Number(list.value)]); list.value = ""; });
   const ticks = find("ticks");
   for (const m of marks) {
-    const tick = document.createElement("i");
-    tick.className = m.kind;
-    tick.style.left = `${(100 * m.t) / play.t_end}%`;
-    tick.style.setProperty("--c", players[m.player].colour);
-    ticks.append(tick);
+    ticks.append(MBS.element("i", { className: m.kind, style: `left: ${(100 * m.t) / play.t_end}%; --c: ${players[m.player].colour}` }));
   }
 
   // who is shown, who is solid
@@ -199,8 +177,8 @@
   const of = (chip) => players_.filter((p) => players[p].solver === chip.dataset.solver);
   for (const b of chips) {
     b.addEventListener("click", () => {
-      const on = !of(b).some((p) => state.shown[p]);
-      for (const p of of(b)) state.shown[p] = on;
+      const own = of(b), on = !own.some((p) => state.shown[p]);
+      own.forEach((p) => { state.shown[p] = on; });
       changed();
     });
   }
@@ -212,8 +190,10 @@
     });
     for (const b of chips) b.setAttribute("aria-pressed", String(of(b).some((p) => state.shown[p])));
     const s = players[state.solid];
-    find("who").textContent = `Solid: ${s.solver}, ${s.settings}`;
-    find("who").style.setProperty("--c", s.colour);
+    Object.assign(find("who"), { textContent: `Solid: ${s.solver}, ${s.settings}`, style: `--c: ${s.colour}` });
+    redraw();
+  }
+  function redraw() {
     strips.draw(state.shown, state.solid);
     moved();
   }
@@ -226,13 +206,12 @@
   find("trail").addEventListener("change", (e) => { state.trail = e.target.value; moved(); });
   find("linear").addEventListener("click", (e) => {
     strips.linear = !strips.linear;
-    e.target.setAttribute("aria-pressed", String(strips.linear));
-    strips.draw(state.shown, state.solid);
+    e.target.ariaPressed = strips.linear;
+    redraw();
   });
   find("zoom").addEventListener("change", (e) => {
     strips.stretch(Number(e.target.value), state.t);
-    strips.draw(state.shown, state.solid);
-    moved();
+    redraw();
   });
   for (const b of root.querySelectorAll("[data-view]")) b.addEventListener("click", () => { view.show(b.dataset.view); moved(); });
 
@@ -259,23 +238,21 @@
     stage.resize(box.width, box.height, ratio);
     const own = find("strips").parentElement.getBoundingClientRect();
     strips.resize(own.width, own.height, Math.max(ratio, 1));
-    strips.draw(state.shown, state.solid);
     strips.seek(state.t);
-    moved();
+    redraw();
   };
   const theme = () => {
     const colours = Object.fromEntries(["ink", "muted", "rule", "card"].map((c) => [c, MBS.colour(`--${c}`)]));
     stage.theme(colours);
     strips.theme(colours);
   };
-  MBS.onTheme(() => { theme(); strips.draw(state.shown, state.solid); moved(); });
+  MBS.onTheme(() => { theme(); redraw(); });
   theme();
   new ResizeObserver(fit).observe(root);
   fit();
   view.show(asked.get("view") in { front: 1, side: 1, above: 1, oblique: 1 } ? asked.get("view") : "start");
   changed();
-  const facts = stage.facts();
-  document.querySelector("[data-renderer]").textContent = facts.renderer;
+  document.querySelector("[data-renderer]").textContent = stage.facts().renderer;
   addEventListener("hashchange", () => {
     const t = Number(new URLSearchParams(location.hash.slice(1)).get("t"));
     if (t > 0) { pause(); seek(t); }

@@ -63,39 +63,42 @@ def mechanism_of(series: Series | None) -> Mechanism | None:
     nf, nb = r.shape[:2]
     R = Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(nf, nb, 3, 3)
     i, j = series["joint_i"].astype(int), series["joint_j"].astype(int)
-    body, a, b = _segments(nb, i, j, series["joint_s_i"], series["joint_s_j"])
     gravity = series["gravity"] if "gravity" in series else np.zeros(3)
-    return Mechanism(
-        series["frame_t"][whole], r, R, body, a, b, i, series["joint_s_i"], series["joint_s_j"][j < 0], gravity
-    )
+    ground = series["joint_s_j"][j < 0]
+    return Mechanism(series["frame_t"][whole], r, R, *_segments(series, nb), i, series["joint_s_i"], ground, gravity)
 
 
-def _segments(
-    nb: int, i: np.ndarray, j: np.ndarray, s_i: np.ndarray, s_j: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def joint_points(series: Series, bodies: int, scale: float) -> list[Float[np.ndarray, "n 3"]]:
+    """The distinct joint points of each body, body frame; ``scale`` [m] is that of the mechanism."""
+    if "joint_i" not in series:
+        return [np.zeros((0, 3))] * bodies
+    owner, at = (np.concatenate([series[f"{k}_{side}"] for side in ("i", "j")]) for k in ("joint", "joint_s"))
+    return [_distinct(at[owner == body].astype(float), SAME * scale) for body in range(bodies)]
+
+
+def _segments(series: Series, nb: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    s_i, s_j = series["joint_s_i"], series["joint_s_j"][series["joint_j"] >= 0]
     found = []
-    scale = float(np.abs(np.concatenate((s_i, s_j[j >= 0]))).max(initial=0.0)) or LONE
-    for body in range(nb):
-        points = _distinct(np.concatenate((s_i[i == body], s_j[j == body])), SAME * scale)
+    scale = float(np.abs(np.concatenate((s_i, s_j))).max(initial=0.0)) or LONE
+    for body, points in enumerate(joint_points(series, nb, scale)):
         ends = points[np.linalg.norm(points, axis=1) > SAME * scale]
         if len(ends) == 2:
-            found += [(body, ends[0], ends[1])]
+            found += [(body, *ends)]
         elif len(ends) > 2:
             found += [(body, np.zeros(3), p) for p in ends]
         elif len(ends) == 1:
-            found += [(body, ends[0], -ends[0]), *((body, p, q) for p, q in _cross(ends[0]))]
+            found += [(body, ends[0], -ends[0]), (body, *_cross(ends[0]))]
         else:
-            rods = (scale if len(points) < len(s_i) else LONE) * np.eye(3)
-            found += [(body, -rod, rod) for rod in rods]
+            found += [(body, -rod, rod) for rod in (scale if len(points) < len(s_i) else LONE) * np.eye(3)]
     return np.array([f[0] for f in found]), np.array([f[1] for f in found]), np.array([f[2] for f in found])
 
 
-def _cross(end: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+def _cross(end: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """A bar through the free end, across the body: along the body axis that lies most across it."""
     free, axis = -end, np.eye(3)[int(np.argmin(np.abs(end)))]
     across = axis - free * (axis @ free) / (free @ free)
     half = CROSS * 2.0 * np.linalg.norm(end) * across / np.linalg.norm(across)
-    return [(free - half, free + half)]
+    return free - half, free + half
 
 
 def _distinct(points: np.ndarray, tolerance: float) -> np.ndarray:

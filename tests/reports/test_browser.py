@@ -328,5 +328,5 @@ def test_numbers_of_scripts_are_those_of_pages(report, browser):
 
     values = [0.0, 1.0, 0.00123, 1.23e-5, -4.5e7, 9.999, 12345.6, 99999.0, 0.1, 2.5e-300]
     tab = browser.open(report / "index.html")
-    assert tab.evaluate(f"{json.dumps(values)}.map(MBS.number)") == [number(v) for v in values]
+    assert tab.evaluate(f"{json.dumps(values)}.map((v) => MBS.number(v))") == [number(v) for v in values]
     tab.close()

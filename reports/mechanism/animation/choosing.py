@@ -50,8 +50,7 @@ def _one(runs: Sequence[Run], text: str) -> Run:
 
 def _best(runs: Sequence[Run]) -> Run:
     """A success if there is one, else the one that came furthest; then recommended, then finest."""
-
-    def rank(c: Run) -> tuple[bool, float, int, float, str]:
-        return not c.succeeded, -c.record.t_reached_s, len(c.options), c.step_or_tolerance, c.record.case
-
-    return min(runs, key=rank)
+    return min(
+        runs,
+        key=lambda c: (not c.succeeded, -c.record.t_reached_s, len(c.options), c.step_or_tolerance, c.record.case),
+    )

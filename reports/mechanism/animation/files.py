@@ -2,7 +2,8 @@
 
 import shutil
 import subprocess
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -51,12 +52,9 @@ def _gif(pictures: Iterable[Picture], out: Path, fps: int) -> None:
     colours[colours.min(axis=1) >= 246] = 255  # paper stays white
     palette.putpalette(colours.ravel().tolist())
 
-    def rest() -> Iterator[Image.Image]:
-        for picture in source:
-            yield Image.fromarray(picture).quantize(palette=palette, dither=Image.Dither.NONE)
-
+    rest = (Image.fromarray(p).quantize(palette=palette, dither=Image.Dither.NONE) for p in source)
     duration = max(round(100.0 / fps), 2) * 10  # [ms] GIF counts in hundredths, and viewers slow down below two
-    palette.save(out, "GIF", save_all=True, append_images=rest(), duration=duration, loop=0, optimize=False)
+    palette.save(out, "GIF", save_all=True, append_images=rest, duration=duration, loop=0, optimize=False)
 
 
 def _mp4(pictures: Iterable[Picture], out: Path, fps: int) -> None:
@@ -71,8 +69,7 @@ def _mp4(pictures: Iterable[Picture], out: Path, fps: int) -> None:
     with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as process:
         assert process.stdin is not None and process.stderr is not None
         try:
-            process.stdin.write(first.tobytes())
-            for picture in source:
+            for picture in chain([first], source):
                 process.stdin.write(picture.tobytes())
             process.stdin.close()
         except BrokenPipeError:

@@ -11,14 +11,15 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import MaxNLocator
 
 from ....harness.results import store
 from ...model.curves import Curve, log_limits, upper
 from ...model.results import Run
-from ...model.words import time
+from ...plots import printed
+from ...plots.lines import ended
 from ...plots.palette import Look, looks
-from ...plots.style import GRID, INK, MUTED, log_axis, plain, style
+from ...plots.spec import Axis, Plot, Trace
+from ...plots.style import GRID, INK, MUTED, plain, style
 from ..segments import Mechanism, mechanism_of
 from .files import Picture
 
@@ -50,7 +51,7 @@ class Actor:
 
     @property
     def name(self) -> str:
-        return plain(f"{self.run.record.solver}, {self.run.step_words}")
+        return f"{self.run.record.solver}, {self.run.step_words}{ended(self.run)}"
 
 
 def actors_of(folder: Path, runs: Sequence[Run]) -> list[Actor]:
@@ -70,13 +71,9 @@ class Stage:
     """Draws the background once and what moves for every picture."""
 
     def __init__(
-        self,
-        actors: Sequence[Actor],
-        *,
-        ghosts: bool,
-        frames: int,
+        self, actors: Sequence[Actor], *, ghosts: bool, frames: int,
         window: tuple[float | None, float | None] = (None, None),
-    ) -> None:
+    ) -> None:  # fmt: skip
         self.actors = list(actors)
         self.t = _times(self.actors, frames, window)
         self.view = view_of(self.actors[0].mechanism)
@@ -100,41 +97,39 @@ class Stage:
         low, high = _extent(self.actors, self.view)
         shape = (high[1] - low[1]) / (high[0] - low[0])
         tall = float(np.clip(WIDTH / abreast * shape + 0.25, 1.3, 4.2 if rows == 1 else 2.6))
-        self.figure = Figure(figsize=(WIDTH, tall * rows + STRIP), dpi=DPI, layout="constrained")
+        strip, looks_ = self._strip(), {a.run.record.solver: a.look for a in self.actors}
+        legend = printed.Legend.of(strip.traces if ghosts else [], looks_, wide=True)
+        self.figure = Figure(figsize=(WIDTH, tall * rows + STRIP + legend.height), dpi=DPI, layout="constrained")
         self.canvas = FigureCanvasAgg(self.figure)
         places = self.figure.add_gridspec(rows + 1, abreast, height_ratios=[tall] * rows + [STRIP])
         axes = [self.figure.add_subplot(places[k // abreast, k % abreast]) for k in range(panels)]
         for ax in axes:
-            _set(ax, low, high)
+            ax.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]), xticks=[], yticks=[])
+            ax.spines[:].set(visible=True, color=GRID)
         self.bodies: list[tuple[Axes, LineCollection, Line2D]] = []
         for k, actor in enumerate(self.actors):
             ax = axes[0] if ghosts else axes[k]
             self.bodies.append(_body(ax, actor, self.view, ghost=ghosts and k > 0))
             if not ghosts:
-                ax.set_title(f"{actor.name}{_ended(actor)}", color=actor.look.colour, fontsize=7.0)
-        self.strip = self.figure.add_subplot(places[rows, :])
-        self._energies(ghosts)
-
-    def _energies(self, ghosts: bool) -> None:
-        ax, curves = self.strip, [a.energy(self.t[0], self.t[-1]) for a in self.actors]
-        scale = max((s for a in self.actors if (s := a.run.record.energy_scale_J) > 0.0), default=1.0)
-        limits = log_limits(curves, scale)
-        log_axis(ax)
-        for a, c in zip(self.actors, curves, strict=True):
-            label = f"{a.name}{_ended(a)}" if ghosts else None
-            ax.plot(c.t, np.clip(c.y, *limits), color=a.look.colour, linewidth=0.9, label=label)
-        if not any(c.y.any() for c in curves):
-            ax.text(0.5, 0.5, "exactly zero throughout", transform=ax.transAxes, ha="center", color=MUTED)
-        ax.set_title(" ")  # room for the clock
-        ax.set_ylim(*limits)
-        ax.set_xlim(self.t[0], self.t[-1])
-        ax.xaxis.set_major_locator(MaxNLocator(8, steps=[1, 2, 2.5, 5, 10]))
-        ax.set_ylabel(r"$|E-E_0|$ [J]")
-        ax.set_xlabel(r"$t$ [s]")
-        if ghosts:
-            ax.legend(loc="upper left", bbox_to_anchor=(0.0, -0.42), ncols=2, fontsize=6.5)
+                ax.set_title(plain(actor.name), color=actor.look.colour, fontsize=7.0)
+        self.strip = ax = self.figure.add_subplot(places[rows, :])
+        printed.panel(ax, strip, looks_)
+        ax.set(xlabel=printed.label(strip.x), ylabel=printed.label(strip.y), title=" ")  # room for the clock
+        legend.put(self.figure)
         self.cursor = ax.axvline(self.t[0], color=INK, linewidth=0.8, animated=True)
         self.clock = ax.text(1.0, 1.03, "", transform=ax.transAxes, ha="right", animated=True)
+
+    def _strip(self) -> Plot:
+        """Energy errors of all; what blew up runs along the upper edge."""
+        curves = [a.energy(self.t[0], self.t[-1]) for a in self.actors]
+        scale = max((s for a in self.actors if (s := a.run.record.energy_scale_J) > 0.0), default=1.0)
+        low, high = log_limits(curves, scale)
+        traces = [
+            Trace(a.name, c.t, np.minimum(c.y, high), solver=a.run.record.solver)
+            for a, c in zip(self.actors, curves, strict=True)
+        ]
+        x = Axis("t", "s", low=float(self.t[0]), high=float(self.t[-1]), symbol="t")
+        return Plot("energy", "", "", x, Axis("", "J", log=True, low=low, high=high, symbol="|E-E_0|"), traces)
 
     def _move(self, now: float) -> None:
         for actor, (ax, lines, joints) in zip(self.actors, self.bodies, strict=True):
@@ -210,17 +205,6 @@ def _some(n: int) -> np.ndarray:
     return np.unique(np.linspace(0, n - 1, min(n, 200)).astype(int))
 
 
-def _set(ax: Axes, low: np.ndarray, high: np.ndarray) -> None:
-    ax.set_aspect("equal")
-    ax.set_xlim(low[0], high[0])
-    ax.set_ylim(low[1], high[1])
-    ax.set_xticks([])
-    ax.set_yticks([])
-    for spine in ax.spines.values():
-        spine.set_visible(True)
-        spine.set_color(GRID)
-
-
 def _body(ax: Axes, actor: Actor, view: np.ndarray, *, ghost: bool) -> tuple[Axes, LineCollection, Line2D]:
     m = actor.mechanism
     many = len(m.body) > 30
@@ -233,10 +217,3 @@ def _body(ax: Axes, actor: Actor, view: np.ndarray, *, ghost: bool) -> tuple[Axe
     ground = flat(m.ground, view)
     ax.plot(ground[:, 0], ground[:, 1], linestyle="", marker=7, color=MUTED, markersize=5, zorder=1)
     return ax, lines, joints
-
-
-def _ended(actor: Actor) -> str:
-    run = actor.run
-    if run.stopped:
-        return f"  ★ {run.status.replace('_', ' ')} at {time(round(run.record.t_reached_s, 2))} s"
-    return "" if run.succeeded else f"  ✖ {run.status.replace('_', ' ')}"

@@ -1,6 +1,7 @@
 """Which runs are shown: at most ten of a variant, by a rule that the page states with the runs left out."""
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby
 from typing import Any
 
 from ...model.results import Run, Variant
@@ -20,35 +21,35 @@ def cast(variant: Variant, moved: Sequence[str], at_most: int = AT_MOST) -> tupl
     """
     can = [c for c in variant.runs if c.record.run_id in set(moved)]
     chosen: list[Run] = []
-    for run in _order(variant, can):
+    for run in _order(can):
         if len(chosen) < at_most and all(_setting(run) != _setting(other) for other in chosen):
             chosen.append(run)
     chosen.sort(key=_soundness)
     return tuple(chosen), tuple(c for c in variant.runs if c not in chosen)
 
 
-def _order(variant: Variant, can: Sequence[Run]) -> Iterator[Run]:
+def _order(can: Sequence[Run]) -> Iterator[Run]:
     """All of ``can``, the most telling first; some more than once."""
-    firsts = [min(own, key=_held) for own in _grouped(can, lambda c: c.record.solver)]
+    firsts = _one_each(can, lambda c: c.record.solver, _held)
+    known = {_method(c) for c in firsts}
     yield from firsts
-    known = {(c.record.label, c.record.solver) for c in firsts}
-    for own in _grouped(can, lambda c: (c.record.label, c.record.solver)):
-        if (own[0].record.label, own[0].record.solver) not in known:
-            yield min(own, key=_broke)
+    yield from (c for c in _one_each(can, _method, _broke) if _method(c) not in known)
     yield from sorted(can, key=_broke)
+
+
+def _one_each(runs: Sequence[Run], by: Callable[[Run], Any], key: Callable[[Run], Any]) -> list[Run]:
+    """Of those alike ``by`` something the first by ``key``."""
+    return [min(own, key=key) for _, own in groupby(sorted(runs, key=by), by)]
+
+
+def _method(c: Run) -> tuple[str, str]:
+    return c.record.label, c.record.solver
 
 
 def _setting(c: Run) -> tuple[str, ...]:
     """Its settings, but for the label and the largest number of steps."""
     r = c.record
     return (r.solver, r.control, *map(repr, (r.dt_s, r.rtol, r.max_step_s, r.t_end_s)), repr(sorted(c.options.items())))
-
-
-def _grouped(runs: Sequence[Run], by: Callable[[Run], Any]) -> list[list[Run]]:
-    found: dict[Any, list[Run]] = {}
-    for c in runs:
-        found.setdefault(by(c), []).append(c)
-    return [found[k] for k in sorted(found)]
 
 
 def _held(c: Run) -> tuple[bool, int, float]:

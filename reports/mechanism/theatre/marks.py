@@ -33,9 +33,8 @@ def marks_of(series: Series, run: Run, player: int) -> list[Mark]:
         if error[k] > 0.0:
             out.append(Mark(float(t[k]), "whip", player, f"largest energy error, {series['energy_error'][k]:.3g} J"))
     if run.stopped:
-        out.append(
-            Mark(float(t[-1]), "stop", player, f"{run.status.replace('_', ' ')}: {'; '.join(run.reasons)}"[:400])
-        )
+        words = f"{run.status.replace('_', ' ')}: {'; '.join(run.reasons)}"[:400]
+        out.append(Mark(float(t[-1]), "stop", player, words))
     return sorted(out, key=lambda m: m.t)
 
 
@@ -43,9 +42,8 @@ def _event(event: Mapping[str, Any], player: int) -> Mark | None:
     t = event.get("t")
     if not isinstance(t, (int, float)) or not math.isfinite(t):
         return None
-    rest = [f"{k.replace('_', ' ')} {_short(v)}" for k, v in event.items() if k not in ("t", "kind")]
+    rest = [
+        f"{k.replace('_', ' ')} {f'{v:.3g}' if isinstance(v, float) else v}"
+        for k, v in event.items() if k not in ("t", "kind")
+    ]  # fmt: skip
     return Mark(float(t), "event", player, ", ".join([str(event.get("kind", "event")), *rest])[:200])
-
-
-def _short(value: Any) -> str:
-    return f"{value:.3g}" if isinstance(value, float) else str(value)

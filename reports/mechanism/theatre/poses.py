@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
 
 FIRST = 48  # poses tried at first
 NEAR = 0.003  # [of the size] drawn poses may be so far off stored ones where there is room for more
@@ -26,10 +27,10 @@ class Poses:
 
 
 def finite(poses: Poses) -> Poses:
-    """Up to the first pose that is no number."""
+    """Up to the first pose that is no number, or whose quaternion is zero."""
     good = np.isfinite(poses.t) & np.isfinite(poses.r).all(axis=(1, 2)) & np.isfinite(poses.q).all(axis=(1, 2))
-    n = len(good) if good.all() else int(np.argmin(good))
-    return Poses(poses.t[:n], poses.r[:n], poses.q[:n])
+    good &= poses.q.any(axis=-1).all(axis=-1)
+    return poses.at(np.flatnonzero(np.logical_and.accumulate(good)))
 
 
 def thinned(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
@@ -66,17 +67,10 @@ def turns(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "m nb"]:
     return 2.0 * np.arccos(np.clip(np.abs(np.sum(q[1:] * q[:-1], axis=-1)), 0.0, 1.0))
 
 
-def rates(poses: Poses) -> Float[np.ndarray, "m nb 3"]:
-    """Mean angular velocity [rad/s] between stored poses, body frame, on the shorter way round."""
-    a, b = poses.q[:-1].astype(float), poses.q[1:].astype(float)
-    vector = a[..., 3:] * b[..., :3] - b[..., 3:] * a[..., :3] - np.cross(a[..., :3], b[..., :3])  # of conj(a) b
-    scalar = np.sum(a * b, axis=-1, keepdims=True)
-    vector, scalar = np.where(scalar < 0.0, -vector, vector), np.abs(scalar)
-    sine = np.linalg.norm(vector, axis=-1, keepdims=True)
-    angle = 2.0 * np.arctan2(sine, scalar)
-    direction = np.divide(vector, sine, out=np.zeros_like(vector), where=sine > 0.0)
-    dt = np.maximum(np.diff(poses.t), 1e-300)[:, None, None]
-    return direction * angle / dt
+def rates(poses: Poses, body: int) -> Float[np.ndarray, "m 3"]:
+    """Mean angular velocity [rad/s] of a body between stored poses, body frame, on the shorter way round."""
+    R = Rotation.from_quat(poses.q[:, body])
+    return (R[:-1].inv() * R[1:]).as_rotvec() / np.maximum(np.diff(poses.t), 1e-300)[:, None]
 
 
 def between(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:

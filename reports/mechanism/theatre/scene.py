@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.results.series import Series
-from ...model.results import Results, Run, Variant
+from ...model.results import Results, Run, Variant, by_solver
 from ...plots.palette import Look
 from . import packing
 from .cast import cast
@@ -43,23 +43,18 @@ def players(results: Results, variant: Variant) -> tuple[list[Player], tuple[Run
     found: list[Player] = []
     for run in chosen:
         series = results.series(run)
-        if series is None or any(k not in series for k in ("t", "frame_t", "frame_r", "frame_q")):
-            left_out = (*left_out, run)
-            continue
-        poses = finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
-        same = not found or poses.r.shape[1:] == found[0].poses.r.shape[1:]
-        if len(poses) and len(series["t"]) and same:
-            found.append(Player(run, series, poses))
-        else:
-            left_out = (*left_out, run)
+        if series is not None and all(k in series for k in ("t", "frame_t", "frame_r", "frame_q")):
+            poses = finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
+            same = not found or poses.r.shape[1:] == found[0].poses.r.shape[1:]
+            if len(poses) and len(series["t"]) and same:
+                found.append(Player(run, series, poses))
+                continue
+        left_out = (*left_out, run)
     return found, left_out
 
 
 def scene(
-    variant: Variant,
-    cast_: Sequence[Player],
-    looks: Mapping[str, Look],
-    pose_bytes: float = POSE_BYTES,
+    variant: Variant, cast_: Sequence[Player], looks: Mapping[str, Look], pose_bytes: float = POSE_BYTES
 ) -> dict[str, Any]:
     """The data of a page; ``looks`` is colour by solver."""
     lead = cast_[0]
@@ -76,31 +71,23 @@ def scene(
     long = max(len(p.series["t"]) for p in cast_) > LONG and pose_bytes > FEW * POSE_BYTES
     spans = SPANS if long else SPANS // 3
     at_most = max(2, min(MOST_POSES, int(pose_bytes / (BODY_BYTES * bodies * len(cast_)))))
-    rank = _rank(cast_)
-    trail_body, trail_at = _trail(lead, shapes)
-    marks = [m for k, p in enumerate(cast_) for m in marks_of(p.series, p.run, k)]
+    ranked = by_solver(p.run for p in cast_).values()  # from a solver's second on: thinner, other dashes
+    rank = {run.record.run_id: k for own in ranked for k, run in enumerate(own)}
     return {
         "title": variant.title, "t_end": t_end, "bodies": bodies, "scale": scale,
         "gravity": gravity.tolist(), "normal": _normal(lead), "low": stage.low.tolist(), "high": stage.high.tolist(),
         "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
-        "ground": ground.tolist(), "shapes": shapes,
-        "trail": {"body": trail_body, "at": trail_at},
-        "spans": spans, "strips": STRIPS,
+        "ground": ground.tolist(), "shapes": shapes, "trail": _trail(lead, shapes), "spans": spans, "strips": STRIPS,
         "players": [_player(p, box, scale, at_most, (t_end, spans), looks, rank) for p in cast_],
-        "marks": marks,
+        "marks": [m for k, p in enumerate(cast_) for m in marks_of(p.series, p.run, k)],
         "events_cut": any(len(p.series.events) > EVENTS for p in cast_),
     }  # fmt: skip
 
 
 def _player(
-    p: Player,
-    box: Box,
-    scale: float,
-    at_most: int,
-    axis: tuple[float, int],
-    looks: Mapping[str, Look],
+    p: Player, box: Box, scale: float, at_most: int, axis: tuple[float, int], looks: Mapping[str, Look],
     rank: Mapping[str, int],
-) -> dict[str, Any]:
+) -> dict[str, Any]:  # fmt: skip
     rows = enough(p.poses, at_most, scale)
     kept = p.poses.at(rows)
     n, bodies = len(kept), kept.r.shape[1]
@@ -116,15 +103,6 @@ def _player(
         "frames": n, "stored": len(p.poses), "off_m": distance, "off_rad": angle,
         "strips": strips.ravel(),
     }  # fmt: skip
-
-
-def _rank(cast_: Sequence[Player]) -> dict[str, int]:
-    """0 for a solver's first player, 1 for its second, ...: thinner bodies, other dashes."""
-    seen: dict[str, int] = {}
-    out = {}
-    for p in cast_:
-        out[p.run.record.run_id] = seen[p.run.record.solver] = seen.get(p.run.record.solver, -1) + 1
-    return out
 
 
 def _reach(sound: Sequence[Player], shapes: Sequence[Shape], ground: Float[np.ndarray, "n 3"]) -> Box:
@@ -149,22 +127,21 @@ def _normal(lead: Player) -> list[float] | None:
     if len(size) < 3 or size[1] == 0.0 or size[2] > FLAT * size[1]:
         return None
     n = axes[2] * np.sign(axes[2][np.argmax(np.abs(axes[2]))])
-    return [float(x) for x in n]
+    return n.tolist()
 
 
-def _trail(lead: Player, shapes: Sequence[Shape]) -> tuple[int, list[float]]:
+def _trail(lead: Player, shapes: Sequence[Shape]) -> dict[str, Any]:
     """The end of a body that goes the longest way: what a trail is drawn of."""
-    rows = thinned(lead.poses, 200, 1.0)
-    some = lead.poses.at(rows)
+    some = lead.poses.at(thinned(lead.poses, 200, 1.0))
     best, body, at = -1.0, 0, np.zeros(3)
-    candidates = range(some.r.shape[1]) if some.r.shape[1] <= 200 else range(0, some.r.shape[1], 50)
-    for k in candidates:
+    bodies = some.r.shape[1]
+    for k in range(0, bodies, 1 if bodies <= 200 else 50):
         for end in ends(list(shapes), k):
             x = some.r[:, k] + turned(some.q[:, k], end)
             way = float(np.sum(np.linalg.norm(np.diff(x, axis=0), axis=1)))
             if way > best * (1.0 + 1e-6):
                 best, body, at = way, k, end
-    return body, [float(x) for x in at]
+    return {"body": body, "at": at.tolist()}
 
 
 def turned(q: Float[np.ndarray, "n 4"], x: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float
 
 from ....harness.results.series import Series
+from ..segments import SAME, joint_points
 from .poses import Poses, rates
 
-SAME = 1e-9  # [of the scale] two joint points this close are one
 SPINS = 2.0  # a top turns about its axis at least so much faster than across
 AXES = np.eye(3)
 
@@ -24,22 +24,10 @@ class Shape:
 
     kind: str
     body: int
-    a: tuple[float, float, float]
-    b: tuple[float, float, float]
+    a: tuple[float, ...]
+    b: tuple[float, ...]
     radius: float
     tint: float = 1.0  # below 1: darker than the body, to show how it turns
-
-
-def joint_points(series: Series, bodies: int, scale: float) -> list[Float[np.ndarray, "n 3"]]:
-    """The distinct joint points of each body, body frame."""
-    points: list[list[np.ndarray]] = [[] for _ in range(bodies)]
-    if "joint_i" in series:
-        for side in ("i", "j"):
-            for body, s in zip(series[f"joint_{side}"], series[f"joint_s_{side}"], strict=True):
-                known = points[int(body)] if 0 <= int(body) < bodies else None
-                if known is not None and all(np.linalg.norm(s - p) > SAME * scale for p in known):
-                    known.append(np.asarray(s, dtype=float))
-    return [np.array(p).reshape(-1, 3) for p in points]
 
 
 def ground_points(series: Series) -> Float[np.ndarray, "n 3"]:
@@ -61,7 +49,7 @@ def shapes_of(series: Series, poses: Poses, scale: float) -> list[Shape]:
         elif far and _is_top(poses, body, far[0]):
             out += _top(body, far[0])
         elif far:
-            out += _rod(body, far[0], -far[0], 0.045)
+            out.append(_rod(body, far[0], -far[0], 0.045))
         else:
             out += _cross(body, 0.5 * scale)
     return out
@@ -75,25 +63,19 @@ def ends(shapes: list[Shape], body: int) -> Float[np.ndarray, "n 3"]:
 def _bars(body: int, points: Float[np.ndarray, "n 3"]) -> list[Shape]:
     distance = np.linalg.norm(points[:, None] - points[None], axis=-1)
     i, j = (int(k) for k in np.unravel_index(np.argmax(distance), distance.shape))
-    out = _rod(body, points[i], points[j], 0.03)
+    out = [_rod(body, points[i], points[j], 0.03)]
     u = points[j] - points[i]
     for k in set(range(len(points))) - {i, j}:
         foot = points[i] + u * (np.dot(points[k] - points[i], u) / np.dot(u, u))  # joints beside the line get an arm
         if np.linalg.norm(foot - points[k]) > 1e-3 * np.linalg.norm(u):
-            out += _rod(body, points[k], foot, 0.03)
-    balls = [Shape("ball", body, _triple(p), _triple(p), 0.045 * float(np.linalg.norm(u)), 0.75) for p in points]
-    return out + balls
-
-
-def _rod(body: int, a: np.ndarray, b: np.ndarray, thick: float) -> list[Shape]:
-    radius = thick * float(np.linalg.norm(b - a))
-    return [Shape("rod", body, _triple(a), _triple(b), radius)]
+            out.append(_rod(body, points[k], foot, 0.03))
+    return out + [_shape("ball", body, p, p, 0.045 * float(np.linalg.norm(u)), 0.75) for p in points]
 
 
 def _is_top(poses: Poses, body: int, point: np.ndarray) -> bool:
     if len(poses) < 3:
         return False
-    omega, axis = rates(poses)[:, body], point / np.linalg.norm(point)
+    omega, axis = rates(poses, body), point / np.linalg.norm(point)
     about = omega @ axis
     across = np.linalg.norm(omega - about[:, None] * axis, axis=1)
     return bool(np.median(np.abs(about)) > SPINS * np.median(across))
@@ -101,30 +83,31 @@ def _is_top(poses: Poses, body: int, point: np.ndarray) -> bool:
 
 def _top(body: int, tip: np.ndarray) -> list[Shape]:
     """A cone on its tip with a disc at its centre; a darker spoke shows the spin."""
-    u = -tip / np.linalg.norm(tip)
     length = 2.0 * float(np.linalg.norm(tip))
+    u = -2.0 * tip / length
     side = np.cross(u, AXES[int(np.argmin(np.abs(u)))])
     side /= np.linalg.norm(side)
-    wide = 0.42 * length
-    high = 0.06 * length * u
-    spoke = Shape("rod", body, _triple(high * 1.2), _triple(high * 1.2 + 0.94 * wide * side), 0.03 * length, 0.4)
+    wide, high = 0.42 * length, 0.06 * length * u
     return [
-        Shape("rod", body, _triple(tip), _triple(-tip), 0.025 * length),
-        Shape("cone", body, _triple(tip), _triple(-0.3 * high), 0.9 * wide, 0.7),
-        Shape("disc", body, _triple(-high), _triple(high), wide),
-        spoke,
+        _rod(body, tip, -tip, 0.025),
+        _shape("cone", body, tip, -0.3 * high, 0.9 * wide, 0.7),
+        _shape("disc", body, -high, high, wide),
+        _shape("rod", body, high * 1.2, high * 1.2 + 0.94 * wide * side, 0.03 * length, 0.4),
     ]
 
 
 def _cross(body: int, half: float) -> list[Shape]:
     """Rods along the body's axes, with a ball where each is positive: large, middle, small for x, y, z."""
     out: list[Shape] = []
-    for axis, ball in zip(AXES, (0.11, 0.08, 0.055), strict=True):
-        out += _rod(body, -half * axis, half * axis, 0.022)
-        tip = _triple(half * axis)
-        out.append(Shape("ball", body, tip, tip, ball * half, 0.75))
+    for tip, ball in zip(half * AXES, (0.11, 0.08, 0.055), strict=True):
+        out += [_rod(body, -tip, tip, 0.022), _shape("ball", body, tip, tip, ball * half, 0.75)]
     return out
 
 
-def _triple(p: np.ndarray) -> tuple[float, float, float]:
-    return (round(float(p[0]), 7), round(float(p[1]), 7), round(float(p[2]), 7))
+def _rod(body: int, a: np.ndarray, b: np.ndarray, thick: float) -> Shape:
+    return _shape("rod", body, a, b, thick * float(np.linalg.norm(b - a)))
+
+
+def _shape(kind: str, body: int, a: np.ndarray, b: np.ndarray, radius: float, tint: float = 1.0) -> Shape:
+    first, second = (tuple(round(float(x), 7) for x in p) for p in (a, b))
+    return Shape(kind, body, first, second, radius, tint)

@@ -87,7 +87,7 @@ def test_side_by_side_and_as_ghosts(folder):
     assert len(Stage(actors, ghosts=False, frames=2).figure.axes) == 3
     ghosts = Stage(actors, ghosts=True, frames=4)
     assert len(ghosts.figure.axes) == 2
-    assert "singular at 1 s" in ghosts.strip.get_legend().get_texts()[1].get_text()
+    assert "singular at 1 s" in ghosts.figure.legends[0].get_texts()[1].get_text()
     colours = []
     for _ in ghosts.pictures():
         colours.append(tuple(ghosts.bodies[1][1].get_color()[0]))
