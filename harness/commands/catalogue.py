@@ -17,6 +17,11 @@ from ..suites.spec import DEFAULT_RTOL
 from .screen import print_json, screen
 from .terms import add_plugin, load_plugins, subcommand
 
+STEP = {
+    "dt": "dt [s] (fixed step, default: the problem's)",
+    "rtol": f"rtol (default {DEFAULT_RTOL:g}), max_step [s] (default: none)",
+}
+
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
@@ -40,11 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     _options(out, registry.COMMON_PARAMETERS)
     out.print("[bold]Solvers[/bold]   --set name=value\n")
     for solver in registry.solvers().values():
-        step = (
-            "dt [s] (fixed step, default: the problem's)"
-            if solver.control == "dt"
-            else f"rtol (default {DEFAULT_RTOL:g}), max_step [s] (default: none)"
-        )
+        step = STEP[solver.control]
         out.print(f"[bold green]{solver.name}[/bold green]  [{escape(solver.paper_label)}]  {escape(solver.doc)}")
         limits = "max_steps (default 10000000); wall_limit [s] (default: none)"
         out.print(escape(f"  {step}; {limits}"), style="dim")
@@ -66,10 +67,10 @@ def as_plain() -> dict[str, Any]:
 
 
 def _plain(parameters: Mapping[str, tuple[Any, Parameter]]) -> list[dict[str, Any]]:
-    meanings = {
-        k: {n: v for n, v in dataclasses.asdict(p).items() if v not in (None, ())} for k, (_, p) in parameters.items()
-    }
-    return [{"name": name, "default": default, **meanings[name]} for name, (default, _) in parameters.items()]
+    return [
+        {"name": k, "default": default, **{n: v for n, v in dataclasses.asdict(p).items() if v not in (None, ())}}
+        for k, (default, p) in parameters.items()
+    ]
 
 
 def _options(out: Console, parameters: Mapping[str, tuple[Any, Parameter]]) -> None:
@@ -78,11 +79,8 @@ def _options(out: Console, parameters: Mapping[str, tuple[Any, Parameter]]) -> N
         table.add_column(column, overflow="fold", no_wrap=column != "meaning")
     for name, (default, parameter) in parameters.items():
         unit = parameter.unit and escape(f"[{parameter.unit}]")
-        table.add_row(f"  {name}", text_of(default), unit, escape(_meaning(parameter)))
+        choices = f": {' | '.join(map(str, parameter.choices))}" if parameter.choices else ""
+        table.add_row(f"  {name}", text_of(default), unit, escape(parameter.doc + choices))
     if table.row_count:
         out.print(table)
     out.print()
-
-
-def _meaning(p: Parameter) -> str:
-    return p.doc + (f": {' | '.join(map(str, p.choices))}" if p.choices else "")

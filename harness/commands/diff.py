@@ -9,13 +9,12 @@ from rich.text import Text
 from ..results import store
 from ..results.comparison import Comparison, Likeness, compare
 from ..results.provenance import Difference, differences, stamp_of, why
-from .screen import Column, errors, plural, print_json, print_table, unreadable_line
+from .screen import Column, plural, print_json, print_table, print_unreadable
 from .terms import RESULTS, UsageError, existing, subcommand, whole
 
 COLUMNS = (
-    Column("likeness", right=False), Column("case", right=False, fold=True),
-    Column("metric", right=False, fold=True, least=12), Column("before", rank=1), Column("after"),
-    Column("relative", rank=2),
+    Column("likeness", right=False), Column("case", fold=True), Column("metric", fold=True, least=12),
+    Column("before", rank=1), Column("after"), Column("relative", rank=2),
 )  # fmt: skip
 STYLE = {Likeness.CHANGED: "bold red", Likeness.ROUNDING: "yellow", Likeness.SAME: "green"}
 SHOWN = 40  # changes
@@ -40,8 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     found = compare(*(part.records for part in loaded))
     inputs = differences(*map(stamp_of, folders))
     show(found, inputs, limit, json=arguments.json)
-    for item in (u for part in loaded for u in part.unreadable):
-        errors().print(unreadable_line(item))
+    print_unreadable(u for part in loaded for u in part.unreadable)
     return 0 if found.same else 1
 
 
@@ -56,9 +54,8 @@ def show(found: Comparison, inputs: list[Difference], limit: int = SHOWN, *, jso
     for c in found.changes[:limit]:
         values = [v if isinstance(v, str) else f"{v:.6g}" for v in (c.before, c.after)]
         rows.append((Text(c.likeness, STYLE[c.likeness]), c.case, c.metric, *values, f"{c.size:.2g}"))
-    below = [f"only before: {case}" for case in found.only_before] + [
-        f"only after: {case}" for case in found.only_after
-    ]
+    below = [f"only before: {case}" for case in found.only_before]
+    below += [f"only after: {case}" for case in found.only_after]
     if len(found.changes) > limit:
         below.insert(0, f"{len(found.changes) - limit} smaller changes are not shown (--limit)")
     changed = len({c.case for c in found.changes})

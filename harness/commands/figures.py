@@ -23,9 +23,6 @@ def run(arguments: argparse.Namespace) -> int:
     from ...reports import publication  # here: they take a second to load
     from ...reports.paper import build as paper
 
-    """Write them and print where they are."""
-    folder = existing(arguments.results)
-
     out = lines()
     if arguments.paper:
         paper.command(folder, arguments.only, load_suite("paper").specs, out.print)

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from ..execution.runner import Request, new_folder, run_suite
 from ..gate.files import as_plain, junit, markdown
-from ..gate.judging import State, Verdict, has_moved, judge, of_code, tightened
+from ..gate.judging import State, Verdict, judge, judged_of, tightened
 from ..gate.proposal import proposed
 from ..gate.thresholds import FOLDER, Thresholds, parse_thresholds, read_thresholds, write_thresholds
 from ..results import store
@@ -22,7 +22,6 @@ from ..results.environment import code_digest
 from ..results.history import GATES, rows_of, write_rows
 from ..results.provenance import stamp_of
 from ..results.records import RunRecord
-from ..results.store import newest
 from ..suites.suite import Suite, load_suite
 from .progress import progress
 from .run import add_running
@@ -30,10 +29,9 @@ from .screen import Column, lines, print_json, print_table
 from .terms import RESULTS, UsageError, check_ours, check_writable, existing, jobs, load_plugins, subcommand
 
 COLUMNS = (
-    Column("state", right=False), Column("case", right=False, fold=True),
-    Column("metric", right=False, fold=True, least=12), Column("measured"), Column("baseline", rank=2),
-    Column("bound", rank=1, right=False, fold=True, least=10), Column("unit", rank=3, right=False),
-    Column("reason", right=False, fold=True, least=16),
+    Column("state", right=False), Column("case", fold=True), Column("metric", fold=True, least=12),
+    Column("measured"), Column("baseline", rank=2), Column("bound", rank=1, fold=True, least=10),
+    Column("unit", rank=3, right=False), Column("reason", fold=True, least=16),
 )  # fmt: skip
 COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#", re.MULTILINE)  # not in a string
 STYLE = {State.FAIL: "bold red", State.XPASS: "yellow", State.XFAIL: "cyan", State.PASS: "green"}
@@ -70,12 +68,11 @@ def run(arguments: argparse.Namespace) -> int:
             raise UsageError(f"--{name} {'needs' if needs else 'cannot be combined with'} --update")
     if arguments.update:
         check_ours(path, "--thresholds FILE")
-    thresholds = Thresholds(suite.name)
-    if path.exists() or not arguments.update:
-        thresholds = read_thresholds(path)
+    is_new = arguments.update and not path.exists()
+    thresholds = Thresholds(suite.name) if is_new else read_thresholds(path)
     name, stamp, records = _results(arguments, suite)
     code = None if arguments.any_code else code_digest(suite.plugins)
-    judged = newest(records if code is None else of_code(records, code))
+    judged = judged_of(records, code)
     if arguments.update:
         return _update(path, thresholds, judged, loosen=arguments.loosen, write=arguments.write)
     verdict = judge(suite.specs, records, thresholds, code)
@@ -86,9 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
     for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
         if file:
             store.write_text(Path(file), made(verdict, suite.name))
-    worst: dict[str, str] = {}
-    for f in verdict.findings:  # the worst come first
-        worst.setdefault(f.case, f.state.name)
+    worst = {f.case: f.state.name for f in reversed(verdict.findings)}  # the worst come first
     with contextlib.suppress(OSError):  # a folder that cannot be written only costs the history
         write_rows(store.LOCAL / GATES / f"{name}.jsonl", rows_of(name, stamp, judged, worst))
     return 0 if verdict.is_open else 1
@@ -115,20 +110,17 @@ def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[
 
 
 def _print(verdict: Verdict, *, everything: bool) -> None:
-    shown = [f for f in verdict.findings if everything or f.state is not State.PASS or has_moved(f)]
+    shown = verdict.findings if everything else verdict.notable
     rows = []
     for f in shown:
         was = "" if math.isnan(f.value) else f"{f.value:.3g} ({_moved(f.measured, f.value)})"
         measured = "" if math.isnan(f.measured) else f"{f.measured:.4g}"
-        words = f.words if f.state is not State.PASS else ""
-        rows.append((Text(f.state.name, STYLE[f.state]), f.case, f.what, measured, was, f.bound, f.unit, words))
+        why = f.why if f.state is not State.PASS else ""
+        rows.append((Text(f.state.name, STYLE[f.state]), f.case, f.metric, measured, was, f.bound, f.unit, why))
     print_table(COLUMNS, rows)
-    if len(shown) < len(verdict.findings):
-        more = len(verdict.findings) - len(shown)
+    if more := len(verdict.findings) - len(shown):
         lines().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
-    counts = {s: sum(f.state is s for f in verdict.findings) for s in sorted(State, reverse=True)}
-    words = ", ".join(f"{n} {s.name}" for s, n in counts.items() if n) or "nothing was judged"
-    lines().print(Text(f"gate {'open' if verdict.is_open else 'CLOSED'}: {words}", STYLE[verdict.state]))
+    lines().print(Text(f"gate {'open' if verdict.is_open else 'CLOSED'}: {verdict.summary}", STYLE[verdict.state]))
 
 
 def _moved(measured: float, value: float) -> str:

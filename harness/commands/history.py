@@ -14,7 +14,7 @@ from .screen import Column, errors, number, plural, print_json, print_table, spa
 from .terms import UsageError, check_writable, existing, subcommand
 
 COLUMNS = (
-    Column("case", right=False, fold=True, least=30), Column("results", rank=4), Column("first", rank=2),
+    Column("case", fold=True, least=30), Column("results", rank=4), Column("first", rank=2),
     Column("last"), Column("history", right=False), Column("CPU ratio", rank=3),
     Column("last status", right=False, rank=1),
 )  # fmt: skip
@@ -38,9 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.write:
         check_writable(Path(arguments.write))
     rows, bad = _rows(arguments.source)
-    rows = [
-        r for r in rows if (arguments.problem or r.problem) == r.problem and (arguments.solver or r.solver) == r.solver
-    ]
+    problem, solver = arguments.problem, arguments.solver
+    rows = [r for r in rows if problem in (None, "", r.problem) and solver in (None, "", r.solver)]
     if arguments.write:
         write_rows(Path(arguments.write), rows)
     if arguments.json:
@@ -85,12 +84,8 @@ def _table(rows: list[Row], metric: str) -> None:
         spark = sparkline(values[-WIDTH:], WIDTH)
         shown.append((last.case, *numbers, spark, number(last.cpu_ratio), Text(last.status, style)))
     folders = sorted({(r.time, r.results, r.commit) for r in rows})
-    print_table(
-        COLUMNS,
-        shown,
-        f"{metric}: {plural(len(by_run), 'run')} in {plural(len(folders), 'results folder')}",
-        *(
-            f"  {time}  {commit.removesuffix('+dirty')[:10]}{'+dirty' if commit.endswith('+dirty') else ''}  {name}"
-            for time, name, commit in folders[-5:]
-        ),
-    )
+    below = [f"{metric}: {plural(len(by_run), 'run')} in {plural(len(folders), 'results folder')}"]
+    for time, name, commit in folders[-5:]:
+        digits, dirty, _ = commit.partition("+dirty")
+        below.append(f"  {time}  {digits[:10]}{dirty}  {name}")
+    print_table(COLUMNS, shown, *below)

@@ -12,16 +12,16 @@ from ..referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 from ..results import store
 from ..results.judgements import Claim, Verdict
-from .screen import Column, errors, lines, print_table, unreadable_line
+from .screen import Column, errors, lines, print_table, print_unreadable
 from .terms import add_results, check_ours, existing, subcommand
 
 STYLE = {
     Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.REFUTED: "bold red", Verdict.UNTESTABLE: "dim",
 }  # fmt: skip
 COLUMNS = (
-    Column("claim", right=False, fold=True), Column("figure", rank=2, right=False), Column("verdict", right=False),
-    Column("measured", right=False, fold=True, least=12), Column("band", rank=1, right=False, fold=True, least=12),
-    Column("holds in", right=False, fold=True, least=12),
+    Column("claim", fold=True), Column("figure", rank=2, right=False), Column("verdict", right=False),
+    Column("measured", fold=True, least=12), Column("band", rank=1, fold=True, least=12),
+    Column("holds in", fold=True, least=12),
 )  # fmt: skip
 
 
@@ -43,8 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.publish:
         check_ours(published, "--published DIR")
     before = None if arguments.publish else read_claims(published)
-    for item in store.load(folder, check_series=False).unreadable:
-        errors().print(unreadable_line(item))
+    print_unreadable(store.load(folder, check_series=False).unreadable)
     judged = judgements(folder, register, lambda part: errors().print(f"judging: {part}"))
     write(folder / FOLDER, judged)
     changed = changes(before, judged["claims"]) if before is not None else []

@@ -1,7 +1,6 @@
 """``kernels``: compare the timings of ``make bench-kernels`` with a baseline, or make them the baseline."""
 
 import argparse
-import math
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +9,10 @@ from rich.text import Text
 from ..gate.kernels import BASELINE, compared, newest, trimmed
 from ..results.store import write_text
 from .screen import Column, lines, number, print_json, print_table
-from .terms import Parser, UsageError, check_ours, check_writable, subcommand
+from .terms import Parser, above, check_ours, check_writable, subcommand
 
 COLUMNS = (
-    Column("kernel", right=False, fold=True), Column("before", rank=1), Column("after", rank=2), Column("factor"),
+    Column("kernel", fold=True), Column("before", rank=1), Column("after", rank=2), Column("factor"),
 )  # fmt: skip
 LIMIT = 1.3  # times slower: ratios of least times repeat to about 10 % on a shared machine
 NEWEST = "default: the newest file in results/local/kernels/"
@@ -47,12 +46,7 @@ def keep(arguments: argparse.Namespace) -> int:
 
 def run(arguments: argparse.Namespace) -> int:
     """0 if no kernel has become slower by more than the limit, else 1."""
-    try:
-        limit = float(arguments.limit)
-    except ValueError:
-        limit = math.nan
-    if not 1.0 < limit < math.inf:
-        raise UsageError(f"--limit must be a finite number > 1 (got {arguments.limit!r})")
+    limit = above(arguments.limit, "--limit", 1.0)
     before = Path(arguments.before) if arguments.before else BASELINE
     after = Path(arguments.after) if arguments.after else newest()
     timings = compared(before, after)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from ..results.merging import merge
-from .screen import lines, plural, print_json, unreadable_line
+from .screen import lines, plural, print_json, print_unreadable
 from .terms import existing, subcommand
 
 
@@ -19,17 +19,17 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """0 when every record could be read and no run contradicts another, else 1."""
     done = merge(Path(arguments.out), [existing(f) for f in arguments.sources])
+    code = 1 if done.unreadable or done.conflicts else 0
     if arguments.json:
         unreadable = [{"path": str(u.path), "why": u.why} for u in done.unreadable]
         plain = {"runs": len(done.records), "added": done.added, "unreadable": unreadable}
         print_json({**plain, "conflicts": done.conflicts, "codes": done.codes})
-        return 1 if done.unreadable or done.conflicts else 0
+        return code
     out = lines()
     out.print(f"{plural(len(done.records), 'run')} in {arguments.out}, {done.added} of them new")
-    for item in done.unreadable:
-        out.print(unreadable_line(item))
+    print_unreadable(done.unreadable, out)
     for conflict in done.conflicts:
         out.print(f"conflict, the first result is kept: {conflict}")
     if len(done.codes) > 1:
         out.print(f"results of different code: {', '.join(done.codes)}")
-    return 1 if done.unreadable or done.conflicts else 0
+    return code

@@ -2,6 +2,7 @@
 
 import argparse
 import dataclasses
+import json
 import math
 import os
 import tempfile
@@ -12,19 +13,19 @@ from typing import Any
 from ..catalogue import registry
 from ..execution.pool import PoolError
 from ..peers import exudyn_engine
-from ..peers.race import Result, Runner, race, read, write
+from ..peers.race import Result, Runner, race
 from ..sandbox.apart import Apart
 from ..suites.spec import step_control
 from ..types import Problem, Solver, StepControl
 from .screen import Column, lines, number, print_json, print_table
-from .terms import UsageError, assignments, subcommand, whole
+from .terms import UsageError, add_assignments, assignments, subcommand, whole
 
 PROBLEMS = ("chain", "four_bar_grid")  # of Sects. 5.3 and 5.5
 MEMORY = 8000.0  # [MB]
 LIMIT = 3600.0  # [s] of CPU for a problem
 WARM_STEPS = 3
 COLUMNS = (
-    Column("", right=False, fold=True), Column("CPU [s]"), Column("from", rank=2), Column("to", rank=2),
+    Column("", fold=True), Column("CPU [s]"), Column("from", rank=2), Column("to", rank=2),
     Column("runs", rank=3), Column("ratio"), Column("|dE| [J]"), Column("dE at end [J]", rank=4),
     Column("|phi'| [m/s]", rank=1), Column("error [m]"),
 )  # fmt: skip
@@ -37,10 +38,7 @@ def add(commands: Any) -> None:
     p.add_argument("problem", nargs="*", metavar="PROBLEM", help=f"default: {' and '.join(PROBLEMS)}")
     ours = "our solver (default: gc_weak_form, or gc_augmented_lagrangian where it refuses)"
     p.add_argument("--solver", metavar="NAME", help=ours)
-    p.add_argument("--set", action="append", default=[], metavar="K=V", help="solver option; may be repeated")
-    p.add_argument(
-        "--problem-set", action="append", default=[], metavar="K=V", help="problem parameter; may be repeated"
-    )
+    add_assignments(p, "solver option")
     p.add_argument("--dt", metavar="DT", help="step of both [s] (default: the problem's)")
     p.add_argument("--repeats", default="5", metavar="N", help="timed runs of each, in turns (default: 5)")
     budget = "CPU time [s] that repeating a run must not exceed (default: 60)"
@@ -63,16 +61,13 @@ def run(arguments: argparse.Namespace) -> int:
     for problem, (solver, control) in zip(problems, ours, strict=True):
         results = _apart(problem, solver, control, repeats, budget)
         if arguments.json:
-            print_json({"problem": problem.name, "engine": engine, "dt_s": control.dt, "results": _plain(results)})
+            ratios = ({"cpu_median_s": r.median_s, "ratio": r.median_s / results[0].median_s} for r in results)
+            plain = [{**dataclasses.asdict(r), **ratio} for r, ratio in zip(results, ratios, strict=True)]
+            print_json({"problem": problem.name, "engine": engine, "dt_s": control.dt, "results": plain})
         else:
             _print(problem, control, results)
         good = good and all(r.status == "success" for r in results)
     return 0 if good else 1
-
-
-def _plain(results: list[Result]) -> list[dict[str, Any]]:
-    first = results[0].median_s
-    return [{**dataclasses.asdict(r), "cpu_median_s": r.median_s, "ratio": r.median_s / first} for r in results]
 
 
 def _ours(problem: Problem, name: str | None, options: dict[str, str], dt: str | None) -> tuple[Solver, StepControl]:
@@ -81,9 +76,8 @@ def _ours(problem: Problem, name: str | None, options: dict[str, str], dt: str |
     for candidate in [name] if name else ["gc_weak_form", "gc_augmented_lagrangian"]:
         solver = registry.make_solver(candidate, options)
         if solver.control != "dt":
-            raise UsageError(
-                f"solver {candidate} is controlled by {solver.control}; peers compares solvers of fixed step"
-            )
+            words = f"is controlled by {solver.control}; peers compares solvers of fixed step"
+            raise UsageError(f"solver {candidate} {words}")
         reason = solver.refuses(problem, control)
         if reason is None:
             return solver, control
@@ -93,17 +87,18 @@ def _ours(problem: Problem, name: str | None, options: dict[str, str], dt: str |
 def _apart(problem: Problem, solver: Solver, control: StepControl, repeats: int, budget: float) -> list[Result]:
     """The race in a process of its own: an engine may crash, and prints to standard output."""
     with tempfile.TemporaryDirectory() as place:
-        note, said = Path(place) / "results.json", Path(place) / "stderr"
+        said = Path(place) / "stderr"
 
-        def target(tell: Callable[[str], None]) -> None:
+        def target(send: Callable[[str], None]) -> None:
             os.chdir(place)  # engines leave files
-            write(note, race(problem, _runners(problem, solver, control), repeats, budget))
+            results = race(problem, _runners(problem, solver, control), repeats, budget)
+            send(json.dumps([dataclasses.asdict(r) for r in results]))
 
         ended = Apart(target, limit=math.inf, memory=MEMORY, cpu=LIMIT, stderr=said).wait()
-        if ended.code != 0 or not note.exists():
+        if ended.code != 0 or not ended.sent:
             last = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1:]
             raise PoolError(f"the process of {problem.name} {ended.words}: {' '.join(last)}")
-        return read(note)
+        return [Result(**{**r, "cpu_s": tuple(r["cpu_s"])}) for r in json.loads(ended.sent)]
 
 
 def _runners(problem: Problem, solver: Solver, control: StepControl) -> list[Runner]:
@@ -111,7 +106,7 @@ def _runners(problem: Problem, solver: Solver, control: StepControl) -> list[Run
     assert dt is not None  # by step_control
     short = dataclasses.replace(problem, t_end=WARM_STEPS * dt)
     ours = Runner(solver.name, lambda: solver.solve(short, control), lambda: solver.solve(problem, control), shown=None)
-    return [ours, *(_theirs(problem, short, dt, v) for v in _variants(problem))]
+    return [ours, *(_theirs(problem, short, dt, v) for v in exudyn_engine.variants(problem))]
 
 
 def _theirs(problem: Problem, short: Problem, dt: float, variant: exudyn_engine.Variant) -> Runner:
@@ -121,12 +116,6 @@ def _theirs(problem: Problem, short: Problem, dt: float, variant: exudyn_engine.
         lambda: exudyn_engine.solve(problem, dt, variant, record=False),
         lambda: exudyn_engine.solve(problem, dt, variant, record=True),
     )
-
-
-def _variants(problem: Problem) -> tuple[exudyn_engine.Variant, ...]:
-    if exudyn_engine.redundant(problem):
-        return (exudyn_engine.DROPPED, exudyn_engine.KEPT)
-    return (exudyn_engine.INDEPENDENT,)
 
 
 def _print(problem: Problem, control: StepControl, results: list[Result]) -> None:

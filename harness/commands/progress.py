@@ -82,9 +82,8 @@ class Watch:
         now = time.monotonic()
         if self.compiling and now - self.opened > PATIENCE:
             self.compiling = False
-            self._say(
-                "compiling the kernels of the solvers: half a minute or more the first time, not counted in any run"
-            )
+            words = "half a minute or more the first time, not counted in any run"
+            self._say(f"compiling the kernels of the solvers: {words}")
         if self.live is not None:
             self.live.update(Group(*self.foot(now)), refresh=True)
         elif now - self.reported > EVERY and self.running:

@@ -14,9 +14,8 @@ def add(commands: Any) -> None:
     p = subcommand(commands, "report", run, "write the report of a results folder, or compare two")
     results = f"{RESULTS} (default: the newest); two of them are compared"
     p.add_argument("results", nargs="*", default=["latest"], metavar="RESULTS", help=results)
-    p.add_argument(
-        "--out", type=Path, metavar="DIR", help="where to write a comparison (default: report/ in the second)"
-    )
+    out = "where to write a comparison (default: report/ in the second)"
+    p.add_argument("--out", type=Path, metavar="DIR", help=out)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -60,10 +60,7 @@ def executor(address: str | None) -> Callable[..., Executor]:
         return LocalPool
     from ..execution.cluster import DaskPool
 
-    def dask(size: int, *watching: Any) -> Executor:
-        return DaskPool(address, *watching)
-
-    return dask
+    return lambda size, *watching: DaskPool(address, *watching)
 
 
 def shard(given: str | None) -> tuple[int, int]:

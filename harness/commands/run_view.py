@@ -50,10 +50,7 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
 
 
 def _settings(r: RunRecord) -> dict[str, str]:
-    out = {
-        "problem": " ".join([r.problem, *_assigned(r.problem_parameters)]),
-        "solver": " ".join([r.solver, *_assigned(r.solver_options)]),
-    }
+    out = {"problem": _assigned(r.problem, r.problem_parameters), "solver": _assigned(r.solver, r.solver_options)}
     for name in SETTINGS:
         value = getattr(r, name)
         if value not in ("", 0) and not (isinstance(value, float) and math.isnan(value)):
@@ -61,8 +58,8 @@ def _settings(r: RunRecord) -> dict[str, str]:
     return {**out, "run_id": r.run_id, "code, commit": f"{r.code}, {r.commit or 'none'}", "finished": r.finished}
 
 
-def _assigned(text: str) -> list[str]:
-    return [f"{k}={json.dumps(v)}" for k, v in json.loads(text).items()]
+def _assigned(name: str, text: str) -> str:
+    return " ".join([name, *(f"{k}={json.dumps(v)}" for k, v in json.loads(text).items())])
 
 
 def _series(out: Console, folder: Path, record: RunRecord) -> None:
@@ -78,8 +75,7 @@ def _series(out: Console, folder: Path, record: RunRecord) -> None:
     width = max(10, min(60, out.width - 46))
     for name, words in SERIES.items():
         if name in series:
-            values = np.abs(series[name])
-            finite = values[np.isfinite(values)]
+            finite = np.abs(series[name][np.isfinite(series[name])])
             ends = f"{finite.min():.2e} to {finite.max():.2e}" if len(finite) else "-"
             line = timeline(series["t"], series[name], record.t_end_s, width)
             out.print(Text(f"  {words:<12} {line}  {ends}"))
@@ -94,8 +90,7 @@ def _numbers(out: Console, record: RunRecord) -> None:
     for name in ("invariant_drifts", "observable_errors"):
         for key, entry in json.loads(getattr(record, name)).items():
             rows.append((f"  {name[:-1]}: {key}", f"{_of(entry, 'max'):.6g}", f"{entry.get('unit', '')}, max"))
-    text = Column("  column", right=False, fold=True), Column("meaning", right=False, fold=True, least=20)
-    columns = (text[0], Column("value"), text[1])
+    columns = (Column("  column", fold=True), Column("value"), Column("meaning", fold=True, least=20))
     out.print(fitted(columns, rows, out.width))
 
 

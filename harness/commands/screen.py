@@ -4,7 +4,7 @@ import itertools
 import math
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -51,9 +51,10 @@ def status_style(status: str) -> str:
     return STYLE.get(Status(status), "yellow") if status in set(Status) else "yellow"
 
 
-def unreadable_line(item: Unreadable) -> str:
-    """A file that could not be read, and why."""
-    return f"unreadable: {item.path}: {item.why}"
+def print_unreadable(items: Iterable[Unreadable], out: Console | None = None) -> None:
+    """Files that could not be read, and why; on standard error, unless ``out`` is given."""
+    for item in items:
+        (out or errors()).print(f"unreadable: {item.path}: {item.why}")
 
 
 @dataclass(frozen=True)
@@ -63,15 +64,14 @@ class Column:
     name: str
     rank: int = 0
     right: bool = True
-    fold: bool = False  # may be folded to ``least`` characters
+    fold: bool = False  # may be folded to ``least`` characters, and is never right
     least: int = 24
 
 
 def fitted(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], width: int) -> Table:
     """A table of at most ``width`` characters: first columns of large rank are left out, then text folds."""
-    needs = [
-        max([cell_len(c.name), *(cell_len(str(row[k])) for row in rows)]) for k, c in enumerate(columns)
-    ]  # unfolded
+    # unfolded
+    needs = [max(cell_len(str(entry)) for entry in (c.name, *(row[k] for row in rows))) for k, c in enumerate(columns)]
     kept = list(range(len(columns)))
 
     def least() -> int:
@@ -83,7 +83,7 @@ def fitted(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], widt
     table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False)
     for k in kept:
         c = columns[k]
-        justify: Literal["left", "right"] = "right" if c.right else "left"
+        justify: Literal["left", "right"] = "right" if c.right and not c.fold else "left"
         table.add_column(Text(c.name), justify=justify, overflow="fold", no_wrap=not c.fold, width=room[k])
     for row in rows:
         entries = [row[k] if isinstance(row[k], Text) else Text(_loose(str(row[k]), room[k])) for k in kept]
@@ -158,13 +158,11 @@ def timeline(t: np.ndarray, values: np.ndarray, t_end: float, width: int) -> str
     if not len(t) or not t_end > 0.0:
         return ""
     place = np.minimum((np.asarray(t) / t_end * width).astype(int), width - 1)
-    tops = [math.nan] * width
-    for k in range(width):
-        here = np.abs(np.asarray(values)[place == k])
-        here = here[np.isfinite(here)]
-        tops[k] = float(here.max()) if len(here) else math.nan
+    size = np.abs(np.asarray(values, dtype=float))
+    tops = np.full(width, np.nan)
+    np.fmax.at(tops, place, np.where(np.isfinite(size), size, np.nan))
     last = int(place[-1])
     for k in range(1, last):  # a long step leaves stretches without a value of their own
-        tops[k] = tops[k - 1] if math.isnan(tops[k]) and not math.isnan(tops[k - 1]) else tops[k]
-    line = sparkline(tops, width)
+        tops[k] = tops[k - 1] if math.isnan(tops[k]) else tops[k]
+    line = sparkline(tops.tolist(), width)
     return line if t[-1] > t_end * (1.0 - 1e-6) else (line[: last + 1] + "*").ljust(width)[:width]

@@ -19,20 +19,17 @@ from ..results.store import Unreadable
 from ..results.words import why
 from ..types import Status
 from .run_view import show_run
-from .screen import Column, errors, number, plural, print_json, print_table, status_style, timeline, unreadable_line
+from .screen import Column, number, plural, print_json, print_table, print_unreadable, status_style, timeline
 from .terms import UsageError, add_results, existing, subcommand, whole
 
 SPARK = 12  # characters of the energy error over time
 PREFIX = 7  # characters of the run_id in the table
 FILTERS = ("problem", "solver", "status", "label")
 SHOWN = {
-    "energy_drift_max_J": Column("|dE| [J]"),
-    "position_error_max_m": Column("error [m]", rank=2),
-    "orientation_error_max_rad": Column("error [rad]", rank=4),
-    "phi_max": Column("|phi| [m]", rank=5),
-    "phi_dot_max": Column("|phi'| [m/s]", rank=6),
-    "cpu_min_s": Column("CPU [s]", rank=3),
-}
+    "energy_drift_max_J": Column("|dE| [J]"), "position_error_max_m": Column("error [m]", rank=2),
+    "orientation_error_max_rad": Column("error [rad]", rank=4), "phi_max": Column("|phi| [m]", rank=5),
+    "phi_dot_max": Column("|phi'| [m/s]", rank=6), "cpu_min_s": Column("CPU [s]", rank=3),
+}  # fmt: skip
 SORTS = {"drift": "energy_drift_max_J", "error": "position_error_max_m", "phi": "phi_max", "cpu": "cpu_min_s"}
 
 
@@ -63,8 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         show_run(folder, chosen[0], command(chosen[0], plugins))
     else:
         _table(chosen, [_spark(folder, r, unreadable) for r in chosen])
-    for item in unreadable:
-        errors().print(unreadable_line(item))
+    print_unreadable(unreadable)
     return 1 if unreadable else 0
 
 
@@ -93,9 +89,8 @@ def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[R
 
 def one(found: Sequence[RunRecord], given: str) -> RunRecord:
     """The run of that run_id, its first digits, or that case."""
-    match = [r for r in found if given in (r.run_id, r.case)] or [
-        r for r in found if given and r.run_id.startswith(given)
-    ]
+    match = [r for r in found if given in (r.run_id, r.case)]
+    match = match or [r for r in found if given and r.run_id.startswith(given)]
     if not match:
         raise UsageError(f"no run {given!r} in these results{nearest(given, [r.case for r in found][:500])[:200]}")
     if len(match) > 1:
@@ -115,7 +110,7 @@ def _spark(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> str
 
 def _table(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
     columns = [
-        Column("run", rank=1, right=False), Column("case", right=False, fold=True), Column("status", right=False),
+        Column("run", rank=1, right=False), Column("case", fold=True), Column("status", right=False),
         Column("steps", rank=7), next(iter(SHOWN.values())), Column("dE over time", right=False),
         *list(SHOWN.values())[1:],
     ]  # fmt: skip
@@ -126,10 +121,8 @@ def _table(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
         rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, spark, *rest))
     failed = [r for r in chosen if r.status != Status.SUCCESS]
     below = [f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(why(r))}" for r in failed]
-    summary = (
-        f"{plural(len(chosen), 'run')}, {len(chosen) - len(failed)} success; `mbsbench show RESULTS RUN` shows one"
-    )
-    print_table(columns, rows, *below, summary)
+    success = f"{plural(len(chosen), 'run')}, {len(chosen) - len(failed)} success"
+    print_table(columns, rows, *below, f"{success}; `mbsbench show RESULTS RUN` shows one")
 
 
 def _size(value: float) -> float:

@@ -15,27 +15,20 @@ from ..suites.shape import LONGEST
 from ..suites.spec import make_spec
 from ..types import Status
 from .screen import errors, lines
-from .terms import UsageError, assignments, check_writable, load_plugins
+from .terms import UsageError, above, add_assignments, add_plugin, assignments, check_writable, load_plugins, subcommand
 
 CONTROL = ("dt", "rtol", "max_step", "max_steps", "wall_limit")
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = commands.add_parser("solve", help="run one solver on one problem and write an NPZ file")
+    p = subcommand(commands, "solve", run, "run one solver on one problem and write an NPZ file", "one object")
     p.add_argument("problem")
     p.add_argument("solver")
-    p.add_argument(
-        "--set", action="append", default=[], metavar="K=V", help=f"{', '.join(CONTROL)}, or a solver option"
-    )
-    p.add_argument("--problem-set", action="append", default=[], metavar="K=V", help="a problem parameter")
+    add_assignments(p, f"{', '.join(CONTROL)}, or a solver option")
     p.add_argument("--t-end", metavar="T", help="simulated time [s]")
     p.add_argument("--out", required=True, metavar="RUN.npz", help="file to write")
-    p.add_argument(
-        "--plugin", action="append", default=[], metavar="FILE.py", help="file with more problems or solvers"
-    )
-    p.add_argument("--json", action="store_true", help="one JSON object instead of lines, for machines")
-    p.set_defaults(run=run)
+    add_plugin(p)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -45,7 +38,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.t_end is not None:
         if "t_end" in parameters:
             raise UsageError("t_end is given twice, by --t-end and --problem-set")
-        parameters["t_end"] = _above_zero(arguments.t_end)
+        above(arguments.t_end, "t_end", unit=" [s]")
+        parameters["t_end"] = arguments.t_end
     given = assignments(arguments.set, "--set")
     control = {k: given.pop(k) for k in CONTROL if k in given}
     if arguments.solver not in registry.solvers():  # before the problem is made: that can take a while
@@ -53,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     problem = made(arguments.problem, parameters)
     limit = control.pop("wall_limit", None)
     spec = make_spec(problem, arguments.solver, given, control)
-    wall = None if limit is None else float(_above_zero(limit, "wall_limit"))
+    wall = None if limit is None else above(limit, "wall_limit", unit=" [s]")
     if wall is not None and wall > LONGEST:
         raise UsageError(f"wall_limit must be at most {LONGEST:g} s (got {limit})")
     out = Path(arguments.out)
@@ -108,13 +102,3 @@ def _lines(r: RunRecord) -> list[str]:
     if not math.isnan(r.cpu_min_s):
         out.append(f"CPU time           {r.cpu_min_s:.3g} s (set-up {r.setup_s:.3g} s)")
     return out + [f"note               {n}" for n in json.loads(r.notes)]
-
-
-def _above_zero(text: str, name: str = "t_end") -> str:
-    try:
-        good = 0.0 < float(text) < float("inf")
-    except ValueError:
-        good = False
-    if not good:
-        raise UsageError(f"{name} must be a finite number > 0 [s] (got {text!r})")
-    return text

@@ -1,6 +1,7 @@
 """What the subcommands share: common arguments, values from the command line, and one line for a wrong call."""
 
 import argparse
+import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -29,9 +30,8 @@ def subcommand(
     commands: Any, name: str, run: Callable[[argparse.Namespace], int], summary: str, json: str = ""
 ) -> argparse.ArgumentParser:
     """A parser that shows ``summary`` in the list of commands and in its own help; ``json``: what --json prints."""
-    p: argparse.ArgumentParser = commands.add_parser(
-        name, help=summary, description=f"{summary[0].upper()}{summary[1:]}."
-    )
+    description = f"{summary[0].upper()}{summary[1:]}."
+    p: argparse.ArgumentParser = commands.add_parser(name, help=summary, description=description)
     p.set_defaults(run=run)
     if json:
         p.add_argument("--json", action="store_true", help=f"print JSON: {json}")
@@ -51,6 +51,12 @@ def add_jobs(p: argparse.ArgumentParser) -> None:
 def add_plugin(p: argparse.ArgumentParser, words: str = "Python file that adds problems or solvers") -> None:
     """The option --plugin."""
     p.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help=f"{words}; may be repeated")
+
+
+def add_assignments(p: argparse.ArgumentParser, what: str) -> None:
+    """The options --set, for ``what``, and --problem-set."""
+    for option, words in (("--set", what), ("--problem-set", "problem parameter")):
+        p.add_argument(option, action="append", default=[], metavar="K=V", help=f"{words}; may be repeated")
 
 
 def assignments(given: Sequence[str], what: str) -> dict[str, str]:
@@ -87,9 +93,8 @@ def existing(name: str) -> Path:
             return path
         store.refuse_older(path)
     if name == "latest":
-        raise UsageError(
-            f"no results in {store.LOCAL}; run a suite first (mbsbench run paper) or give a results folder"
-        )
+        remedy = "run a suite first (mbsbench run paper) or give a results folder"
+        raise UsageError(f"no results in {store.LOCAL}; {remedy}")
     raise UsageError(f"{name} is not a results folder: expected a path, or the name of a folder in {store.LOCAL}")
 
 
@@ -98,6 +103,17 @@ def whole(text: str, what: str) -> int:
     if not text.isdecimal() or int(text) < 1:
         raise UsageError(f"{what} must be a whole number > 0 (got {text!r})")
     return int(text)
+
+
+def above(text: str, what: str, least: float = 0.0, unit: str = "") -> float:
+    """A finite number > ``least`` from the command line."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not least < value < math.inf:
+        raise UsageError(f"{what} must be a finite number > {least:g}{unit} (got {text!r})")
+    return value
 
 
 def jobs(given: str | None) -> int:

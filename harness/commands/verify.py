@@ -17,7 +17,7 @@ from ..suites.spec import RunSpec, make_spec
 from ..suites.suite import Suite
 from .diff import show
 from .progress import progress
-from .screen import lines, unreadable_line
+from .screen import lines, print_unreadable
 from .terms import RESULTS, UsageError, add_jobs, add_plugin, existing, jobs, load_plugins, subcommand, whole
 
 SEED = 1  # the same sample every time, unless --seed says otherwise
@@ -58,8 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = lines()
     demand = "bit for bit: same code, same platform" if exact else "within the differences between platforms"
     out.print(f"{'verified' if good else 'NOT verified'}: {len(sample)} of {len(records)} runs ({demand})")
-    for item in loaded.unreadable:
-        out.print(unreadable_line(item))
+    print_unreadable(loaded.unreadable, out)
     return 0 if good and not loaded.unreadable else 1
 
 

@@ -15,6 +15,10 @@ class Claim:
     holds: Callable[[Any], str | None]  # what was found instead, None when it holds
     of_reference: bool = False
 
+    def finding(self, solver: str, found: str | None, note: str = "") -> "Finding":
+        """With ``found`` it does not hold; a ``note`` says why there was nothing to test."""
+        return Finding(solver, self.name, found is None, found or note, self.why, self.remedy)
+
 
 @dataclass(frozen=True)
 class Finding:

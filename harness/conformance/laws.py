@@ -58,10 +58,15 @@ class Subject:
         return self.reference.states(self.t)
 
     @cached_property
-    def slack(self) -> float:
-        """[m] the largest error the reference says it has over ``t``."""
+    def stated(self) -> np.ndarray:
+        """[m] the error the reference says it has at ``t``."""
         assert self.reference is not None
-        own = np.asarray(self.reference.error(self.t), dtype=float)
+        return np.asarray(self.reference.error(self.t), dtype=float)
+
+    @property
+    def slack(self) -> float:
+        """[m] the largest of them."""
+        own = self.stated
         return float(np.max(own)) if own.shape == self.t.shape and np.all(np.isfinite(own)) else 0.0
 
     @cached_property
@@ -85,11 +90,9 @@ def documented(s: Subject) -> str | None:
     if not entry.doc.strip():
         return "its function has no docstring"
     own = {k: p for k, (_, p) in entry.parameters.items() if k not in registry.COMMON_PARAMETERS}
-    silent = [k for k, p in own.items() if not p.doc.strip()]
-    if silent:
+    if silent := [k for k, p in own.items() if not p.doc.strip()]:
         return f"no meaning given for {', '.join(silent)}"
-    missing = [what for what in ("source", "name") if not getattr(s.problem, what).strip()]
-    if missing:
+    if missing := [what for what in ("source", "name") if not getattr(s.problem, what).strip()]:
         return f"empty: {', '.join(missing)}"
     return None if s.problem.name == s.name else f"it calls itself {s.problem.name!r}"
 
@@ -166,7 +169,7 @@ def turns(s: Subject) -> str | None:
 def own_error(s: Subject) -> str | None:
     """The reference's error(t) [m] is finite, >= 0 and below a thousandth of the size; route and horizon are given."""
     assert s.reference is not None
-    own = np.asarray(s.reference.error(s.t), dtype=float)
+    own = s.stated
     if own.shape != s.t.shape or not np.all(np.isfinite(own)) or np.any(own < 0.0):
         return f"error(t) must be {len(s.t)} finite numbers >= 0 for as many times (got {own.tolist()[:3]} ...)"
     if not s.reference.route.strip() or not s.reference.horizon > 0.0:
@@ -227,8 +230,7 @@ def _near(s: Subject) -> tuple[list[States], float]:
 def rates(s: Subject) -> str | None:
     """dr/dt = v (space) and dR/dt = R hat(Omega) (body), from differences of sixth order."""
     near, step = _near(s)
-    r_dot = sum(c * x.r for c, x in zip(DIFFERENCE, near, strict=True)) / step
-    R_dot = sum(c * x.R for c, x in zip(DIFFERENCE, near, strict=True)) / step
+    r_dot, R_dot = (np.tensordot(DIFFERENCE, [getattr(x, f) for x in near], 1) / step for f in ("r", "R"))
     here = near[3]
     allowed = s.differenced(step) * s.rate
     v = float(np.max(np.abs(r_dot - here.v))) / s.size.length
@@ -244,16 +246,14 @@ def obeys(s: Subject) -> str | None:
     if len(system.spring_i):
         return None  # loads of springs are tested through the energy
     near, step = _near(s)
-    v_dot = sum(c * x.v for c, x in zip(DIFFERENCE, near, strict=True)) / step
-    W_dot = sum(c * x.Omega for c, x in zip(DIFFERENCE, near, strict=True)) / step
+    v_dot, W_dot = (np.tensordot(DIFFERENCE, [getattr(x, f) for x in near], 1) / step for f in ("v", "Omega"))
     force_scale = s.size.mass * (np.linalg.norm(system.gravity) + s.size.length * s.rate**2)
     for k in range(len(near[3])):
         here = near[3][k]
         force = system.mass[:, None] * (v_dot[k] - system.gravity)
         momentum = np.einsum("bij,bj->bi", system.inertia, here.Omega)
         torque = np.einsum("bij,bj->bi", system.inertia, W_dot[k]) + np.cross(here.Omega, momentum)
-        wrench = np.concatenate((force, torque), axis=1).ravel()
-        left = wrench
+        left = wrench = np.concatenate((force, torque), axis=1).ravel()
         if system.nrows:
             A = constraint_jacobian(system, here).toarray()
             left = A.T @ np.linalg.lstsq(A.T, wrench, rcond=1e-10)[0] - wrench

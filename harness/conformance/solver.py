@@ -5,7 +5,7 @@ The runs run in processes of their own like any others, so a solver that hangs o
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,10 +53,10 @@ class Evidence:
 def runs_of(solver: str) -> dict[str, RunSpec]:
     """The runs of the contract by role."""
     control = registry.solvers()[solver].control
+    values = STEPS if control == "dt" else TOLERANCES
     out = {role: _run(solver, name, parameters) for role, (name, parameters) in FITS.items()}
-    for k, value in enumerate(STEPS if control == "dt" else TOLERANCES):
-        out[f"finer {k}"] = _run(solver, BASE, MOVING, {control: value})
-    middle = {control: (STEPS if control == "dt" else TOLERANCES)[1]}
+    out |= {f"finer {k}": _run(solver, BASE, MOVING, {control: value}) for k, value in enumerate(values)}
+    middle = {control: values[1]}
     out["again"] = _run(solver, BASE, {**MOVING, "seed": 1}, middle)  # another run, the same motion: perturb is 0
     out["few steps"] = _run(solver, BASE, MOVING, {**middle, "max_steps": 3})
     endless = {"dt": 1e-4} if control == "dt" else {"rtol": 1e-8, "max_step": 1e-4}
@@ -75,11 +75,7 @@ def judged(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> list[Fi
     mine = {role: by_settings[spec.settings_id] for role, spec in runs_of(solver).items()}
     series = {role: store.series_of(folder, r) for role, r in mine.items()}
     evidence = Evidence(registry.solvers()[solver].control, mine, series)
-    out = []
-    for claim in CLAIMS:
-        found = claim.holds(evidence)
-        out.append(Finding(solver, claim.name, found is None, found or "", claim.why, claim.remedy))
-    return out
+    return [claim.finding(solver, claim.holds(evidence)) for claim in CLAIMS]
 
 
 def _run(
@@ -90,8 +86,7 @@ def _run(
 
 
 def _ends_well(e: Evidence) -> str | None:
-    bad = [e.records[role] for role in FITS if e.records[role].status not in (Status.SUCCESS, Status.REFUSED)]
-    return _first(bad)
+    return _first(e.records[role] for role in FITS if e.records[role].status not in (Status.SUCCESS, Status.REFUSED))
 
 
 def _takes_one(e: Evidence) -> str | None:
@@ -100,16 +95,14 @@ def _takes_one(e: Evidence) -> str | None:
 
 
 def _reasons(e: Evidence) -> str | None:
-    silent = [r for r in e.records.values() if r.status == Status.REFUSED and len(r.message.split()) < 2]
-    return _first(silent)
+    return _first(r for r in e.records.values() if r.status == Status.REFUSED and len(r.message.split()) < 2)
 
 
 def _converges(e: Evidence) -> str | None:
     runs = [e.records[role] for role in e.records if role.startswith("finer")]
     if all(r.status == Status.REFUSED for r in runs):
         return None
-    bad = [r for r in runs if r.status != Status.SUCCESS and r is not runs[0]]
-    if bad:
+    if bad := [r for r in runs[1:] if r.status != Status.SUCCESS]:
         return _first(bad)
     errors = np.array([r.position_error_max_m for r in runs])
     listed = ", ".join(f"{x:.3g}" for x in errors)
@@ -156,62 +149,31 @@ def _reaction_fits(e: Evidence) -> str | None:
     return None
 
 
-def _first(records: list[RunRecord]) -> str | None:
-    if not records:
-        return None
-    r = records[0]
-    more = f" (and {len(records) - 1} more)" if records[1:] else ""
-    return f"{r.case}: {r.status}: {'; '.join(why(r))}{more}"
+def _first(records: Iterable[RunRecord]) -> str | None:
+    found = [f"{r.case}: {r.status}: {'; '.join(why(r))}" for r in records]
+    return found[0] + (f" (and {len(found) - 1} more)" if found[1:] else "") if found else None
 
 
 CLAIMS = (
-    Claim(
-        "it ends in success or refuses",
+    Claim("it ends in success or refuses",
         "easy problems with exact references: a success is checked against energy, constraints and the exact motion",
-        "see the reason given; `mbsbench solve` on that case shows its numbers and standard error",
-        _ends_well,
-    ),
+        "see the reason given; `mbsbench solve` on that case shows its numbers and standard error", _ends_well),
     Claim("it takes a problem", "a solver that refuses all can show nothing", "see refuses()", _takes_one),
-    Claim(
-        "a refusal has a reason",
-        "tables print it instead of numbers",
-        "let refuses() return a sentence with the numbers, or None",
-        _reasons,
-    ),
-    Claim(
-        "finer steps bring smaller errors",
-        "a scheme that does not converge solves another equation",
-        "compare with the exact motion term by term: a missing or turned sign leaves an error that stays",
-        _converges,
-    ),
-    Claim(
-        "the same run gives the same numbers",
-        "results are compared bit for bit between runs",
-        "seed what is random; keep no state between calls: options are frozen, buffers belong to one call",
-        _repeats,
-    ),
-    Claim(
-        "max_steps stops it",
-        "a run that cannot be limited cannot be put in a suite",
-        "count accepted steps; at control.max_steps return Status.STALLED with the steps so far",
-        _stops("few steps"),
-    ),
-    Claim(
-        "it stops itself at the wall limit",
+    Claim("a refusal has a reason", "tables print it instead of numbers",
+        "let refuses() return a sentence with the numbers, or None", _reasons),
+    Claim("finer steps bring smaller errors", "a scheme that does not converge solves another equation",
+        "compare with the exact motion term by term: a missing or turned sign leaves an error that stays", _converges),
+    Claim("the same run gives the same numbers", "results are compared bit for bit between runs",
+        "seed what is random; keep no state between calls: options are frozen, buffers belong to one call", _repeats),
+    Claim("max_steps stops it", "a run that cannot be limited cannot be put in a suite",
+        "count accepted steps; at control.max_steps return Status.STALLED with the steps so far", _stops("few steps")),
+    Claim("it stops itself at the wall limit",
         f"it is asked to stop at {0.9 * SHORT_WALL:g} s; what is killed loses its counters and its last steps",
         "look at time.monotonic() every step; past control.wall_limit return Status.STALLED with the steps so far",
-        _stops("endless"),
-    ),
-    Claim(
-        "steps are kept when it is stopped",
-        "a failure is a result: the motion up to it is measured and drawn",
+        _stops("endless")),
+    Claim("steps are kept when it is stopped", "a failure is a result: the motion up to it is measured and drawn",
         "return the accepted steps with the failure's status, or hand them to control.spool as they come",
-        _keeps_steps,
-    ),
-    Claim(
-        "reactions have a row each",
-        "they are compared between solvers row by row",
-        "return reaction of shape (nt, system.nrows), NaN for rows without one, or None",
-        _reaction_fits,
-    ),
-)
+        _keeps_steps),
+    Claim("reactions have a row each", "they are compared between solvers row by row",
+        "return reaction of shape (nt, system.nrows), NaN for rows without one, or None", _reaction_fits),
+)  # fmt: skip

@@ -1,83 +1,64 @@
 """The gate's verdict for machines and reviewers: JUnit XML for CI, Markdown for a merge request."""
 
+import dataclasses
 import math
 import re
 from typing import Any
 from xml.etree import ElementTree
 
-from .judging import Finding, State, Verdict, has_moved
+from .judging import Finding, State, Verdict
 
 NOT_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")  # what XML 1.0 cannot hold
 
 
 def junit(verdict: Verdict, suite: str) -> str:
     """One test case a finding; FAIL and XPASS are failures, XFAIL is skipped, a gate that judged nothing fails."""
-    findings = verdict.findings or (Finding(State.FAIL, suite, "gate", math.nan, math.nan, "", "", "nothing judged"),)
+    findings = verdict.findings or (Finding(State.FAIL, suite, "gate", why="nothing judged"),)
     closed = sum(f.state in (State.FAIL, State.XPASS) for f in findings)
     skipped = sum(f.state is State.XFAIL for f in findings)
     counts = {"tests": str(len(findings)), "failures": str(closed), "errors": "0", "skipped": str(skipped)}
     root = ElementTree.Element("testsuites", counts)
     group = ElementTree.SubElement(root, "testsuite", {"name": _xml(f"gate {suite}"), **counts})
     for f in findings:
-        case = ElementTree.SubElement(group, "testcase", {"classname": _xml(f.case), "name": _xml(f.what)})
+        case = ElementTree.SubElement(group, "testcase", {"classname": _xml(f.case), "name": _xml(f.metric)})
         if f.state is State.XFAIL:
-            ElementTree.SubElement(case, "skipped", {"message": _xml(f"expected to fail: {f.words}")})
+            ElementTree.SubElement(case, "skipped", {"message": _xml(f"expected to fail: {f.why}")})
         elif f.state is not State.PASS:
-            kind = {"type": f.state.name, "message": _xml(said(f))}
-            ElementTree.SubElement(case, "failure", kind).text = _xml(f.words)
+            kind = {"type": f.state.name, "message": _xml(_said(f))}
+            ElementTree.SubElement(case, "failure", kind).text = _xml(f.why)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
 def markdown(verdict: Verdict, suite: str) -> str:
     """A headline and a table of what did not pass or has moved."""
-    counts = {s: sum(f.state is s for f in verdict.findings) for s in sorted(State, reverse=True)}
-    words = ", ".join(f"{n} {s.name}" for s, n in counts.items() if n) or "nothing was judged"
-    out = [f"## Gate `{suite}`: {'open' if verdict.is_open else 'CLOSED'}", "", f"{words}.", ""]
-    shown = [f for f in verdict.findings if f.state is not State.PASS or has_moved(f)]
-    if shown:
+    out = [f"## Gate `{suite}`: {'open' if verdict.is_open else 'CLOSED'}", "", f"{verdict.summary}.", ""]
+    if verdict.notable:
         out += ["| state | case | metric | measured | was | bound | unit | why |", "|---|---|---|---|---|---|---|---|"]
-        for f in shown:
-            numbers = [_number(f.measured), _number(f.value), f.bound]
-            specs = [f.state.name, f.case, f.what, *numbers, f.unit, f.words if f.state is not State.PASS else "moved"]
-            out.append("| " + " | ".join(map(_markdown, specs)) + " |")
+        for f in verdict.notable:
+            numbers = ["" if math.isnan(x) else f"{x:.4g}" for x in (f.measured, f.value)]
+            why = f.why if f.state is not State.PASS else "moved"
+            texts = (f.state.name, f.case, f.metric, *numbers, f.bound, f.unit, why)
+            out.append("| " + " | ".join(map(_markdown, texts)) + " |")
         out.append("")
     return "\n".join(out)
 
 
 def as_plain(verdict: Verdict, suite: str) -> dict[str, Any]:
     """The verdict as ``--json`` prints it."""
-    findings = [
-        {
-            "state": f.state.name, "case": f.case, "metric": f.what, "measured": f.measured,
-            "value": f.value, "bound": f.bound, "unit": f.unit, "why": f.words, "moved": has_moved(f),
-        }
-        for f in verdict.findings
-    ]  # fmt: skip
-    counts = {s.name: sum(f.state is s for f in verdict.findings) for s in sorted(State, reverse=True)}
-    return {
-        "suite": suite,
-        "open": verdict.is_open,
-        "state": verdict.state.name,
-        "counts": counts,
-        "findings": findings,
-    }
+    findings = [{**dataclasses.asdict(f), "state": f.state.name, "moved": f.moved} for f in verdict.findings]
+    verdict_of = {"suite": suite, "open": verdict.is_open, "state": verdict.state.name}
+    return {**verdict_of, "counts": verdict.counts, "findings": findings}
 
 
-def said(f: Finding) -> str:
-    """A finding in a line."""
+def _said(f: Finding) -> str:
     if math.isnan(f.measured):
-        return f"{f.state.name}: {f.words}"
-    return f"{f.state.name}: {f.what} is {f.measured:.6g} {f.unit}, bound {f.bound}, was {f.value:.6g}"
-
-
-def _number(x: float) -> str:
-    return "" if math.isnan(x) else f"{x:.4g}"
+        return f"{f.state.name}: {f.why}"
+    return f"{f.state.name}: {f.metric} is {f.measured:.6g} {f.unit}, bound {f.bound}, was {f.value:.6g}"
 
 
 def _markdown(text: str) -> str:
-    flat = " ".join(text.split())
-    return re.sub(r"([\\|<>`*_\[\]])", r"\\\1", flat)
+    return re.sub(r"([\\|<>`*_\[\]])", r"\\\1", " ".join(text.split()))
 
 
 def _xml(text: str) -> str:

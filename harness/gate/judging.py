@@ -19,6 +19,8 @@ from ..types import Status
 from .thresholds import Expectation, Threshold, Thresholds
 
 WORTH = 0.95  # of a bound: less is not worth a commit
+UNBOUNDED = "no threshold for this run: propose one with gate --update"
+UNKNOWN = "the suite has no such run"
 MISSING = "no result: the run is missing"
 OTHER_CODE = "result of other code: the run is missing at this one (--any-code judges it all the same)"
 ROUNDED = 1e-11  # in any of the metrics' units: below it, a change is the machine's
@@ -39,12 +41,17 @@ class Finding:
 
     state: State
     case: str
-    what: str  # metric or "status"
-    measured: float
-    value: float  # when the threshold was set
-    bound: str
-    unit: str
-    words: str
+    metric: str  # or "status"
+    measured: float = math.nan
+    value: float = math.nan  # when the threshold was set
+    bound: str = ""
+    unit: str = ""
+    why: str = ""
+
+    @property
+    def moved(self) -> bool:
+        """By 1 % and by more than rounding; what was not measured has not."""
+        return abs(self.measured - self.value) > max(0.01 * abs(self.value), ROUNDED)
 
 
 @dataclass(frozen=True)
@@ -63,10 +70,25 @@ class Verdict:
         """Nothing failed, and something was judged."""
         return self.state in (State.PASS, State.XFAIL)
 
+    @property
+    def counts(self) -> dict[str, int]:
+        """Findings of each state, the worst first."""
+        return {s.name: sum(f.state is s for f in self.findings) for s in sorted(State, reverse=True)}
 
-def of_code(records: Sequence[RunRecord], code: str) -> tuple[RunRecord, ...]:
-    """Those that ``code`` gave: a gate on a finished run is on the code of today."""
-    return tuple(r for r in records if r.code == code)
+    @property
+    def summary(self) -> str:
+        """The counts in words."""
+        return ", ".join(f"{n} {state}" for state, n in self.counts.items() if n) or "nothing was judged"
+
+    @property
+    def notable(self) -> list[Finding]:
+        """What did not pass, or has moved."""
+        return [f for f in self.findings if f.state is not State.PASS or f.moved]
+
+
+def judged_of(records: Sequence[RunRecord], code: str | None) -> tuple[RunRecord, ...]:
+    """The newest result of each run: those that ``code`` gave, or all of them with None."""
+    return newest(tuple(r for r in records if code in (None, r.code)))
 
 
 def judge(
@@ -76,8 +98,7 @@ def judge(
 
     With ``code``, a result of other code counts as missing; of several results of a run the newest is judged.
     """
-    judged = records if code is None else of_code(records, code)
-    by_settings = {r.settings_id: r for r in newest(judged)}
+    by_settings = {r.settings_id: r for r in judged_of(records, code)}
     other = {r.settings_id for r in records} - {*by_settings}
     found: list[Finding] = []
     by_case = {c.case: by_settings.get(c.settings_id) for c in specs}
@@ -88,23 +109,10 @@ def judge(
         found.append(_status(case, record, statuses.get(case), missing[case]))
         wanted = statuses[case].status if case in statuses else Status.SUCCESS
         if case not in bounded and wanted is Status.SUCCESS:
-            found.append(_fail(case, "no threshold", "no threshold for this run: propose one with gate --update"))
-    for b in thresholds.bounds:
-        if b.case not in by_case:
-            found.append(_fail(b.case, b.metric, "the suite has no such run", b))
-        else:
-            found.append(_bound(b, by_case[b.case], missing[b.case]))
-    for case in statuses:
-        if case not in by_case:
-            found.append(_fail(case, "status", "the suite has no such run"))
-    return Verdict(tuple(sorted(found, key=lambda f: (-f.state, f.case, f.what))))
-
-
-def has_moved(f: Finding) -> bool:
-    """By 1 % and by more than rounding."""
-    if math.isnan(f.measured) or math.isnan(f.value):
-        return False
-    return abs(f.measured - f.value) > max(0.01 * abs(f.value), ROUNDED)
+            found.append(Finding(State.FAIL, case, "no threshold", why=UNBOUNDED))
+    found += [_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in thresholds.bounds]
+    found += [Finding(State.FAIL, case, "status", why=UNKNOWN) for case in statuses if case not in by_case]
+    return Verdict(tuple(sorted(found, key=lambda f: (-f.state, f.case, f.metric))))
 
 
 def tightened(
@@ -147,33 +155,24 @@ def _width(b: Threshold) -> float:
 def _status(case: str, record: RunRecord | None, expected: Expectation | None, missing: str) -> Finding:
     wanted = expected.status if expected else Status.SUCCESS
     if record is None:
-        return _fail(case, "status", missing)
-    nan = math.nan
+        return Finding(State.FAIL, case, "status", why=missing)
     if record.status == wanted:
         state = State.PASS if wanted is Status.SUCCESS else State.XFAIL
-        return Finding(state, case, "status", nan, nan, str(wanted), "", expected.reason if expected else "")
+        return Finding(state, case, "status", bound=str(wanted), why=expected.reason if expected else "")
     words = f"{record.status}, expected {wanted}: {'; '.join(why(record))}"
     state = State.XPASS if record.status == Status.SUCCESS else State.FAIL
-    return Finding(state, case, "status", nan, nan, str(wanted), "", words)
+    return Finding(state, case, "status", bound=str(wanted), why=words)
 
 
 def _bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
     if record is None:
-        return _fail(b.case, b.metric, missing, b)
+        return Finding(State.FAIL, b.case, b.metric, math.nan, b.value, _range(b), b.unit, missing)
     measured = float(getattr(record, b.metric))
-    good = b.holds(measured)
-    state = {
-        (True, "pass"): State.PASS,
-        (False, "pass"): State.FAIL,
-        (True, "fail"): State.XPASS,
-        (False, "fail"): State.XFAIL,
-    }
-    return Finding(state[good, b.expect], b.case, b.metric, measured, b.value, _range(b), b.unit, b.reason)
-
-
-def _fail(case: str, what: str, words: str, b: Threshold | None = None) -> Finding:
-    value, bound, unit = (b.value, _range(b), b.unit) if b else (math.nan, "", "")
-    return Finding(State.FAIL, case, what, math.nan, value, bound, unit, words)
+    if b.expect == "pass":
+        state = State.PASS if b.holds(measured) else State.FAIL
+    else:
+        state = State.XPASS if b.holds(measured) else State.XFAIL
+    return Finding(state, b.case, b.metric, measured, b.value, _range(b), b.unit, b.reason)
 
 
 def _range(b: Threshold) -> str:

@@ -9,12 +9,9 @@ from ..types import Status
 from .thresholds import Threshold
 
 UNITS = {
-    "energy_drift_max_J": "J",
-    "phi_max": "m",
-    "phi_dot_max": "m/s",
-    "position_error_max_m": "m",
+    "energy_drift_max_J": "J", "phi_max": "m", "phi_dot_max": "m/s", "position_error_max_m": "m",
     "orientation_error_max_rad": "rad",
-}
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -50,19 +47,14 @@ def _of(r: RunRecord) -> list[Threshold]:
         if not math.isfinite(value):
             continue
         size = {"J": r.energy_scale_J, "rad": 1.0}.get(unit, r.length_scale_m)
-        rounding = (
-            1e-14 * math.sqrt(max(r.steps, 1)) * max(size, 1.0)
-        )  # 50 units in the last place, adding up at random
-        width = _width(r, metric, value, size)
-        if value <= rounding:
-            width, value_bound = ROUNDING, ROUNDING.factor * rounding
-        else:
-            value_bound = width.factor * value
-        bound = Threshold(case=r.case, metric=metric, value=value, upper=value_bound, unit=unit, reason=width.reason)
-        out.append(bound)
+        # 50 units in the last place, adding up at random
+        rounding = 1e-14 * math.sqrt(max(r.steps, 1)) * max(size, 1.0)
+        width = ROUNDING if value <= rounding else _width(r, metric, value, size)
+        upper = width.factor * max(value, rounding)
+        out.append(Threshold(case=r.case, metric=metric, value=value, upper=upper, unit=unit, reason=width.reason))
     if r.control == "dt" and r.rejected == 0.0:
-        steps = float(r.steps)
-        out.append(Threshold(case=r.case, metric="steps", value=steps, reason=SAME_STEPS, direction="equal"))
+        fixed = Threshold(case=r.case, metric="steps", value=float(r.steps), reason=SAME_STEPS, direction="equal")
+        out.append(fixed)
     return out
 
 

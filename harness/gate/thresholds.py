@@ -65,10 +65,8 @@ class Threshold(Shape, frozen=True, kw_only=True):
             return
         if not (high or low):
             raise ValueError("give upper or lower; without a bound nothing is checked")
-        if (
-            self.direction not in (None, "between" if high and low else "smaller" if high else "larger")
-            or self.tolerance
-        ):
+        fitting = "between" if high and low else "smaller" if high else "larger"
+        if self.direction not in (None, fitting) or self.tolerance:
             raise ValueError(
                 f"direction must fit the bounds: smaller with upper, larger with lower, between with both, equal "
                 f"(and tolerance) with value alone (got {self.direction!r})"

@@ -18,24 +18,20 @@ from .exudyn_model import Model, independent_rows
 NAME = "exudyn"
 
 
-class NotInstalled(ValueError):
-    """The engine is an optional extra."""
-
-
 @dataclass(frozen=True)
 class Variant:
     """How the system is modelled."""
 
     words: str
-    node: str  # of ``exudyn_model.NODES``
+    node: str  # of ``exudyn.NodeType``
     linear_solver: str
     keep_redundant: bool
 
 
-INDEPENDENT = Variant("", "euler_parameters", "EigenSparse", True)
-DROPPED = Variant("redundant rows left out", "euler_parameters", "EigenSparse", False)
+INDEPENDENT = Variant("", "RotationEulerParameters", "EigenSparse", True)
+DROPPED = Variant("redundant rows left out", "RotationEulerParameters", "EigenSparse", False)
 # Euler parameters bring a row a body: with them the singular matrix is not survived, nor by the engine's own dense LU
-KEPT = Variant("redundant rows kept", "tait_bryan", "EigenDense", True)
+KEPT = Variant("redundant rows kept", "RotationRxyz", "EigenDense", True)
 
 
 def engine() -> ModuleType:
@@ -45,7 +41,7 @@ def engine() -> ModuleType:
         for part in ("itemInterface", "rigidBodyUtilities"):
             importlib.import_module(f"{NAME}.{part}")
     except ImportError as error:
-        raise NotInstalled(f"{NAME} is not installed ({error}): pip install -r requirements-engines.lock") from None
+        raise ValueError(f"{NAME} is not installed ({error}): pip install -r requirements-engines.lock") from None
     return exu
 
 
@@ -61,9 +57,8 @@ def solve(problem: Problem, dt: float, variant: Variant, *, record: bool) -> Tra
         raise ValueError(f"t_end must be a whole number of steps (got {problem.t_end:g} s and dt={dt:g} s)")
     exu = engine()
     began = time.process_time()
-    model = Model(
-        exu, problem.system, problem.initial, variant.node, keep=variant.keep_redundant, record=record
-    )  # assembled, not solved
+    keep = variant.keep_redundant
+    model = Model(exu, problem.system, problem.initial, variant.node, keep=keep, record=record)  # not solved yet
     settings = _settings(exu, problem.t_end, steps, variant)
     setup = time.process_time() - began
     status, message = Status.SUCCESS, ""
@@ -95,6 +90,6 @@ def _settings(exu: ModuleType, t_end: float, steps: int, variant: Variant) -> ob
     return s
 
 
-def redundant(problem: Problem) -> bool:
-    """Whether constraint rows depend on others at the start."""
-    return not np.all(independent_rows(problem.system, problem.initial))
+def variants(problem: Problem) -> tuple[Variant, ...]:
+    """Two where constraint rows depend on others at the start, else one."""
+    return (INDEPENDENT,) if np.all(independent_rows(problem.system, problem.initial)) else (DROPPED, KEPT)

@@ -16,11 +16,6 @@ from ..mechanics.jacobian import constraint_jacobian
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 
-NODES = {
-    "euler_parameters": "RotationEulerParameters",
-    "tait_bryan": "RotationRxyz",
-    "rotation_vector": "RotationRotationVector",
-}
 INDEPENDENT = 1e-9  # of the largest pivot: rounding is 1e-15, true pivots are above 1e-3
 OUTPUTS = ("Position", "RotationMatrix", "Velocity", "AngularVelocityLocal")
 
@@ -34,7 +29,7 @@ class Model:
         self._container = exu.SystemContainer()
         self.mbs = mbs = self._container.AddSystem()
         self._ground = mbs.AddObject(items.ObjectGround())
-        self._bodies = [self._body(system, start, b, NODES[node]) for b in range(system.nb)]
+        self._bodies = [self._body(system, start, b, node) for b in range(system.nb)]
         rows = np.ones(system.nrows, dtype=bool) if keep else independent_rows(system, start)
         self.rows = int(np.sum(rows))
         for k in range(system.nj):
@@ -52,16 +47,12 @@ class Model:
         return t, States(r, R.reshape(*R.shape[:2], 3, 3), v, Omega)
 
     def _body(self, system: MultibodySystem, start: State, b: int, node: str) -> Any:
-        exu = self._exu
+        inertia = self._exu.rigidBodyUtilities.RigidBodyInertia(system.mass[b], system.inertia[b])
         return self.mbs.CreateRigidBody(
-            referencePosition=start.r[b],
-            referenceRotationMatrix=start.R[b],
-            initialVelocity=start.v[b],
-            initialAngularVelocity=start.R[b] @ start.Omega[b],  # theirs is in space
-            inertia=exu.rigidBodyUtilities.RigidBodyInertia(system.mass[b], system.inertia[b]),
-            gravity=system.gravity,
-            nodeType=getattr(exu.NodeType, node),
-        )
+            referencePosition=start.r[b], referenceRotationMatrix=start.R[b],
+            initialVelocity=start.v[b], initialAngularVelocity=start.R[b] @ start.Omega[b],  # theirs is in space
+            inertia=inertia, gravity=system.gravity, nodeType=getattr(self._exu.NodeType, node),
+        )  # fmt: skip
 
     def _marker(self, body: int, place: np.ndarray) -> Any:
         number = self._ground if body == GROUND else self._bodies[body]
@@ -77,28 +68,14 @@ class Model:
         in_i, in_j = joint_frames(system, start, k)
         point, first, second = rows[:3], rows[3], rows[4]  # a row on normal x stops the turning about y, and conversely
         axes = [*point, second, first, False]
-        self.mbs.AddObject(
-            items.GenericJoint(
-                markerNumbers=markers,
-                constrainedAxes=[int(a) for a in axes],
-                rotationMarker0=in_i,
-                rotationMarker1=in_j,
-            )
-        )
+        frames = {"rotationMarker0": in_i, "rotationMarker1": in_j}
+        self.mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=[int(a) for a in axes], **frames))
 
     def _spring(self, system: MultibodySystem, k: int) -> None:
-        markers = [
-            self._marker(int(system.spring_i[k]), system.spring_p_i[k]),
-            self._marker(int(system.spring_j[k]), system.spring_p_j[k]),
-        ]
-        self.mbs.AddObject(
-            self._exu.itemInterface.SpringDamper(
-                markerNumbers=markers,
-                referenceLength=system.spring_d0[k],
-                stiffness=system.spring_k[k],
-                damping=system.spring_c[k],
-            )
-        )
+        i, j = int(system.spring_i[k]), int(system.spring_j[k])
+        markers = [self._marker(i, system.spring_p_i[k]), self._marker(j, system.spring_p_j[k])]
+        law = {"stiffness": system.spring_k[k], "damping": system.spring_c[k], "referenceLength": system.spring_d0[k]}
+        self.mbs.AddObject(self._exu.itemInterface.SpringDamper(markerNumbers=markers, **law))
 
     def _sensor(self, body: Any, name: str) -> Any:
         kind = getattr(self._exu.OutputVariableType, name)

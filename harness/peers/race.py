@@ -4,17 +4,17 @@ CPU time of the integration alone, in turns (A B A B), so that a machine that sl
 clock starts compiles and warms; one after it records what an engine that is timed without output does not show.
 """
 
-import json
 import math
 import statistics
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
-from pathlib import Path
+from dataclasses import dataclass
 
 from ..metrics.measure import measure
 from ..metrics.scales import scales
 from ..metrics.summary import columns
 from ..types import Problem, Status, Trajectory
+
+MEASURED = ("energy_drift_max_J", "energy_drift_end_J", "phi_dot_max", "position_error_judged_m", "judged_to_s")
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Result:
     message: str
     notes: str
     cpu_s: tuple[float, ...]
-    energy_drift_max_J: float
+    energy_drift_max_J: float  # this and the next are ``MEASURED``, in its order
     energy_drift_end_J: float
     phi_dot_max: float
     position_error_m: float  # up to ``judged_to_s``
@@ -69,30 +69,10 @@ def race(problem: Problem, runners: Sequence[Runner], repeats: int, budget: floa
     return [_result(problem, r.name, shown[r.name], times[r.name]) for r in runners]
 
 
-def write(path: Path, results: Sequence[Result]) -> None:
-    """As JSON, from the process that ran them."""
-    path.write_text(json.dumps([asdict(r) for r in results]), encoding="utf-8")
-
-
-def read(path: Path) -> list[Result]:
-    """The inverse of ``write``."""
-    return [Result(**{**r, "cpu_s": tuple(r["cpu_s"])}) for r in json.loads(path.read_text(encoding="utf-8"))]
-
-
 def _result(problem: Problem, name: str, trajectory: Trajectory, times: Sequence[float]) -> Result:
     numbers: dict[str, float] = {}
     if len(trajectory.t) > 1:
         size = scales(problem.system, problem.initial)
         numbers = columns(problem, trajectory, measure(problem, trajectory), size)
-    return Result(
-        name=name,
-        status=str(trajectory.status),
-        message=trajectory.message,
-        notes="; ".join(trajectory.notes),
-        cpu_s=tuple(times),
-        energy_drift_max_J=numbers.get("energy_drift_max_J", math.nan),
-        energy_drift_end_J=numbers.get("energy_drift_end_J", math.nan),
-        phi_dot_max=numbers.get("phi_dot_max", math.nan),
-        position_error_m=numbers.get("position_error_judged_m", math.nan),
-        judged_to_s=numbers.get("judged_to_s", math.nan),
-    )
+    found = [numbers.get(k, math.nan) for k in MEASURED]
+    return Result(name, str(trajectory.status), trajectory.message, "; ".join(trajectory.notes), tuple(times), *found)

@@ -89,7 +89,7 @@ def test_a_result_of_other_code_counts_as_missing():
         assert judge(CELLS, records, BOUNDS, "now").is_open
         assert judge(CELLS, records, BOUNDS).state is State.FAIL  # the newest of all is the one of other code
     closed = judge(CELLS, [old, here], BOUNDS, "now")
-    assert not closed.is_open and all("other code" in f.words for f in closed.findings if f.case == CASE)
+    assert not closed.is_open and all("other code" in f.why for f in closed.findings if f.case == CASE)
     assert not judge(CELLS, [old, here], BOUNDS, "later").is_open
 
 
