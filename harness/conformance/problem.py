@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable, Sequence
 
 from ..catalogue import registry
-from ..sandbox.apart import run_apart
+from ..sandbox.apart import Apart
 from . import laws
 from .claims import Claim, Finding
 from .laws import Subject
@@ -18,7 +18,7 @@ MEMORY = 2000.0  # [MB]
 
 def findings(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
     """Every claim on the problem ``name``; its code runs elsewhere."""
-    ended = run_apart(lambda send: _judge(name, plugins, send), limit=LIMIT, memory=MEMORY)
+    ended = Apart(lambda send: _judge(name, plugins, send), limit=LIMIT, memory=MEMORY).wait()
     found = [Finding(**json.loads(line)) for line in ended.sent.splitlines()]
     words = f"timed out after {LIMIT:g} s" if ended.killed else f"its process {ended.words} here"
     for claim in CLAIMS[len(found) :]:

@@ -19,9 +19,9 @@ from typing import Any
 
 from ..files import write_bytes
 from ..results import environment
-from ..results.store import write_record
-from ..types import EndedBy, Status
-from .job import Job, record_of
+from ..results.store import PARTS, create, write_record
+from ..types import EndedBy
+from .job import Job, cut_short
 from .pool import TICK, PoolError, TimeLimit
 from .protocol import Done, Lost, News, Start, Stop, Supervised, Warm
 from .warmup import runs_to_warm
@@ -63,9 +63,8 @@ class DaskPool:
                 while waiting and len(self._flying) < AHEAD * threads:
                     job = waiting.pop()
                     self.started(job)
-                    self._flying[client.submit(run_run, job.to_json(), ticket, key=f"{ticket}-{job.id}", retries=0)] = (
-                        job
-                    )
+                    future = client.submit(run_run, job.to_json(), ticket, key=f"{ticket}-{job.id}", retries=0)
+                    self._flying[future] = job
                 self._collect()
                 self.tick()
         except OSError as error:
@@ -91,7 +90,7 @@ class DaskPool:
             if failed is None:
                 _store(job, future.result())
             elif isinstance(failed, distributed.KilledWorker):
-                write_record(job.folder, record_of(job, Status.CRASHED, ended_by=str(EndedBy.WORKERS_LOST)))
+                write_record(job.folder, cut_short(job, EndedBy.WORKERS_LOST))
             else:
                 raise PoolError(f"a worker cannot run runs: {failed}")
             self.ended(job)
@@ -136,28 +135,23 @@ def run_run(text: str, ticket: str = "") -> dict[str, bytes]:
         raise RuntimeError(f"its code {here} is not the runner's {job.code}: use the same checkout and packages")
     with tempfile.TemporaryDirectory() as place:
         local = replace(job, folder=Path(place))
-        for part in ("runs", "series", "stderr"):
-            (local.folder / part).mkdir()
+        create(local.folder)
         supervisor = _supervisor()
         _serving.setdefault(ticket, []).append(supervisor)
         try:
             supervisor.run(local)
         finally:
             _serving[ticket].remove(supervisor)
-        parts = ("runs", "series", "stderr")
-        return {f"{part}/{p.name}": p.read_bytes() for part in parts for p in (local.folder / part).iterdir()}
+        return {f"{part}/{p.name}": p.read_bytes() for part in PARTS for p in (local.folder / part).iterdir()}
 
 
 def _store(job: Job, files: Mapping[str, bytes]) -> None:
     """Write what a worker sent, the record last."""
     for name in sorted(files, key=lambda n: n.startswith("runs/")):
-        target = job.folder / name
         try:
-            write_bytes(target, files[name])
-        except OSError as error:  # ours, not the cluster's
-            raise PoolError(
-                f"cannot write to {job.folder}: {error.strerror or error}; finished runs are kept"
-            ) from None
+            write_bytes(job.folder / name, files[name])
+        except OSError as e:  # ours, not the cluster's
+            raise PoolError(f"cannot write to {job.folder}: {e.strerror or e}; finished runs are kept") from None
 
 
 class _Supervisor(Supervised):

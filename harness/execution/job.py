@@ -62,30 +62,16 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
     if job.stderr.exists() and job.stderr.stat().st_size > 0:
         files = {"stderr": f"stderr/{job.stderr.name}"}
     return RunRecord(
-        run_id=job.id,
-        settings_id=spec.settings_id,
-        case=spec.case,
-        suite=job.suite,
-        label=spec.label,
-        problem=spec.problem,
-        problem_parameters=_json(spec.parameters),
-        solver=spec.solver,
-        paper_label=entry.paper_label if entry else "",
-        declared_order=entry.order if entry else math.nan,
-        solver_options=_json(spec.options),
-        control="rtol" if control.dt is None else "dt",
-        dt_s=_or_nan(control.dt),
-        rtol=_or_nan(control.rtol),
-        max_step_s=_or_nan(control.max_step),
-        max_steps=control.max_steps,
-        wall_limit_s=spec.wall_limit,
-        memory_limit_MB=spec.memory,
-        status=str(status),
-        code=job.code,
-        commit=job.commit,
-        finished=environment.now(),
+        run_id=job.id, settings_id=spec.settings_id, case=spec.case, suite=job.suite, label=spec.label,
+        problem=spec.problem, problem_parameters=_json(spec.parameters),
+        solver=spec.solver, solver_options=_json(spec.options),
+        paper_label=entry.paper_label if entry else "", declared_order=entry.order if entry else math.nan,
+        control="rtol" if control.dt is None else "dt", dt_s=_or_nan(control.dt), rtol=_or_nan(control.rtol),
+        max_step_s=_or_nan(control.max_step), max_steps=control.max_steps,
+        wall_limit_s=spec.wall_limit, memory_limit_MB=spec.memory,
+        status=str(status), code=job.code, commit=job.commit, finished=environment.now(),
         **{"t_end_s": spec.parameters.get("t_end", math.nan), **files, **columns},
-    )
+    )  # fmt: skip
 
 
 STATUS_OF = {
@@ -93,8 +79,13 @@ STATUS_OF = {
     EndedBy.CPU_LIMIT: Status.STALLED,
     EndedBy.TOTAL_LIMIT: Status.STALLED,
     EndedBy.MEMORY_LIMIT: Status.MEMORY,
-}  # of a process that left no record; all others crashed
+}  # of a run that was cut short; all others crashed
 NEAR = 0.9  # of the memory allowed: a signal then means that it ran out
+
+
+def cut_short(job: Job, by: EndedBy, **columns: Any) -> RunRecord:
+    """The record of a run that was ended ``by`` something other than its solver."""
+    return record_of(job, STATUS_OF.get(by, Status.CRASHED), ended_by=str(by), **columns)
 
 
 def unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -> RunRecord:
@@ -106,16 +97,8 @@ def unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -
             by = EndedBy.CPU_LIMIT
         elif by is EndedBy.SIGNAL and ended.peak > NEAR * job.spec.memory:
             by = EndedBy.MEMORY_LIMIT
-    return record_of(
-        job,
-        STATUS_OF.get(by, Status.CRASHED),
-        ended_by=str(by),
-        ended_limit_s=limit,
-        exit_code=max(ended.code, 0),
-        signal=max(-ended.code, 0),
-        wall_s=wall,
-        peak_memory_MB=ended.peak,
-    )
+    ending = {"exit_code": max(ended.code, 0), "signal": max(-ended.code, 0), "ended_limit_s": limit}
+    return cut_short(job, by, wall_s=wall, peak_memory_MB=ended.peak, **ending)
 
 
 def _json(values: Mapping[str, Any]) -> str:

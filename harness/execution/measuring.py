@@ -22,11 +22,12 @@ from .job import Job, record_of
 
 SERIES = ("energy", "energy_error", "phi_norm", "phi_dot_norm", "eq81_norm", "orthogonality", "position_error",
           "orientation_error", "reference_own_error", "out_of_plane")  # fmt: skip
+DRAWING = ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "gravity")  # of the system: what a drawing needs
 Keep = Callable[[Problem, Trajectory, Measured, RunRecord], RunRecord]  # writes the series; the record with its place
 
 
 def judged(job: Job, problem: Problem, trajectory: Trajectory, keep: Keep | None = None, **known: Any) -> RunRecord:
-    """Measure, judge, write the series file; returns the record, not yet written."""
+    """Measure, judge, write the series (by ``keep``, or into the results folder); returns the record, not written."""
     size = scales(problem.system, problem.initial)
     measured = measure(problem, trajectory)
     numbers = columns(problem, trajectory, measured, size)
@@ -37,18 +38,11 @@ def judged(job: Job, problem: Problem, trajectory: Trajectory, keep: Keep | None
     said = {"claimed": str(trajectory.status), "ended_by": str(EndedBy.SOLVER), "message": str(trajectory.message)}
     found = {"section": problem.section, "t_end_s": problem.t_end, "wrong_because": reasons_json(because)}
     record = record_of(job, status, **{**said, **found, **numbers, **known})
-    return (keep or _in_folder(job))(problem, trajectory, measured, record)
-
-
-def _in_folder(job: Job) -> Keep:
-    """Writes ``series/<run>.npz`` in the results folder."""
-
-    def keep(problem: Problem, trajectory: Trajectory, measured: Measured, record: RunRecord) -> RunRecord:
-        series, path = series_of(problem, trajectory, measured), f"series/{job.id}.npz"
-        digest = write_series(job.folder / path, series)
-        return dataclasses.replace(record, series=path, series_sha256=digest, series_rows=len(series["t"]))
-
-    return keep
+    if keep is not None:
+        return keep(problem, trajectory, measured, record)
+    series, path = series_of(problem, trajectory, measured), f"series/{job.id}.npz"
+    digest = write_series(job.folder / path, series)
+    return dataclasses.replace(record, series=path, series_sha256=digest, series_rows=len(series["t"]))
 
 
 def series_of(problem: Problem, trajectory: Trajectory, m: Measured) -> Series:
@@ -72,13 +66,10 @@ def series_of(problem: Problem, trajectory: Trajectory, m: Measured) -> Series:
     units |= {"obs_joint_force": "N", "ref_joint_force": "N"}
     units |= {f"inv_{i.name}": i.unit for i in problem.invariants}
     return Series(
-        {**arrays, **_poses(m.t, trajectory, frames), **_drawing(problem)},
-        tuple(trajectory.events),
-        tuple(problem.system.body_names),
-        tuple(problem.system.joint_names),
-        units,
+        {**arrays, **_poses(m.t, trajectory, frames), **{k: getattr(problem.system, k) for k in DRAWING}},
+        tuple(trajectory.events), tuple(problem.system.body_names), tuple(problem.system.joint_names), units,
         {f"obs_{o.name}": o.symbol for o in problem.observables} | {"obs_joint_force": r"\max_j |F_j|"},
-    )
+    )  # fmt: skip
 
 
 def _poses(t: np.ndarray, trajectory: Trajectory, frames: np.ndarray) -> dict[str, np.ndarray]:
@@ -103,8 +94,3 @@ def _quaternions(s: States) -> np.ndarray:
     if np.any(sound):
         q[sound] = Rotation.from_matrix(R[sound]).as_quat()
     return q.reshape(*s.R.shape[:2], 4).astype(np.float32)
-
-
-def _drawing(problem: Problem) -> dict[str, np.ndarray]:
-    names = ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "gravity")
-    return {name: getattr(problem.system, name) for name in names}

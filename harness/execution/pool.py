@@ -7,10 +7,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from ..results.records import RunRecord
 from ..results.store import write_record
-from ..types import EndedBy, Status
-from .job import Job, record_of
+from ..types import EndedBy
+from .job import Job, cut_short
 from .protocol import Lost, News, Start, Stop, Supervised, Warm, Warmed
 from .warmup import runs_to_warm
 
@@ -58,19 +57,16 @@ class LocalPool:
             if deaths > 3 and not self._over():
                 raise PoolError(f"the supervisor process ends with code {code} again and again")
             for job in self._flying.values():
-                if (job.folder / "runs" / f"{job.id}.json").exists():  # done; the word of it went with the supervisor
-                    self.ended(job)
-                elif self._limit is not None and self._over():
-                    write_record(job.folder, _out_of_time(job, self._limit))
-                    self.ended(job)
-                elif self._attempts[job.id] < 2:
-                    waiting.append(job)  # at the end: it goes next, and alone
-                else:
-                    lost = {"exit_code": max(code, 0), "signal": max(-code, 0)}
-                    write_record(
-                        job.folder, record_of(job, Status.CRASHED, ended_by=str(EndedBy.SUPERVISOR_LOST), **lost)
-                    )
-                    self.ended(job)
+                if not (job.folder / "runs" / f"{job.id}.json").exists():  # else only the news of its end was lost
+                    if self._limit is not None and self._over():
+                        ending = cut_short(job, EndedBy.TOTAL_LIMIT, ended_limit_s=self._limit.seconds)
+                    elif self._attempts[job.id] < 2:
+                        waiting.append(job)  # at the end: it goes next, and alone
+                        continue
+                    else:
+                        ending = cut_short(job, EndedBy.SUPERVISOR_LOST, exit_code=max(code, 0), signal=max(-code, 0))
+                    write_record(job.folder, ending)
+                self.ended(job)
             self._flying.clear()
 
     def _serve(self, waiting: list[Job]) -> int | None:
@@ -124,7 +120,3 @@ class LocalPool:
         if news.error:
             raise PoolError(news.error)
         self.ended(job)
-
-
-def _out_of_time(job: Job, limit: TimeLimit) -> RunRecord:
-    return record_of(job, Status.STALLED, ended_by=str(EndedBy.TOTAL_LIMIT), ended_limit_s=limit.seconds)

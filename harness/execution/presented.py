@@ -90,15 +90,9 @@ def _as_seen(problem: Problem, control: StepControl) -> tuple[Problem, StepContr
     if control.spool is not None:
         changes["spool"] = _SpoolAtHome(control.spool, problem)
     seen = dataclasses.replace(
-        problem,
-        system=p.system(problem.system),
-        initial=p.state(problem.system, problem.initial),
-        t_end=problem.t_end * p.unit_time,
-        dt=problem.dt * p.unit_time,
-        observables=(),  # in terms of the bodies as they stand: of no use to a solver
-        invariants=(),
-        reference_from=None,
-        planar_normal=None,
-        presentation=Presentation(),
-    )
+        problem, system=p.system(problem.system), initial=p.state(problem.system, problem.initial),
+        t_end=problem.t_end * p.unit_time, dt=problem.dt * p.unit_time, presentation=Presentation(),
+        # in terms of the bodies as they stand: of no use to a solver
+        observables=(), invariants=(), reference_from=None, planar_normal=None,
+    )  # fmt: skip
     return seen, dataclasses.replace(control, **changes)

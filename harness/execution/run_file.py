@@ -54,18 +54,12 @@ def read_run(path: Path) -> tuple[RunRecord, Trajectory]:
             arrays = {name: file[name] for name in file.files}
         record = from_json(str(arrays["record"]))
         trajectory = Trajectory(
-            arrays["t"],
-            States(*(arrays[name] for name in POSES)),
-            Status(record.claimed or record.status),
-            record.message,
-            json.loads(record.counters),
-            arrays.get("reaction"),
+            arrays["t"], States(*(arrays[name] for name in POSES)), Status(record.claimed or record.status),
+            record.message, json.loads(record.counters), arrays.get("reaction"),
             {name[5:]: values for name, values in arrays.items() if name.startswith("diag_")},
-            tuple(json.loads(str(arrays["events"]))),
-            tuple(json.loads(record.notes)),
-            record.cpu_median_s,
-            record.setup_s,
-        )
+            tuple(json.loads(str(arrays["events"]))), tuple(json.loads(record.notes)),
+            record.cpu_median_s, record.setup_s,
+        )  # fmt: skip
     except BadRecord as error:
         raise ValueError(f"{path} was written by another version of mbsbench ({error}); solve it again") from None
     except KeyError as error:

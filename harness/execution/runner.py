@@ -30,7 +30,6 @@ class Executor(Protocol):
 
         At the ``limit`` running runs are ended as stalled with its words, and those that have not begun are left.
         """
-        ...
 
 
 class Watcher(Protocol):
@@ -38,27 +37,21 @@ class Watcher(Protocol):
 
     def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
         """Of ``total`` runs those ``waiting`` will be run; the others were there already."""
-        ...
 
     def started(self, job: Job) -> None:
         """A run begins."""
-        ...
 
     def ended(self, job: Job, record: RunRecord) -> None:
         """A run has its record."""
-        ...
 
     def warmed(self, times: dict[str, float]) -> None:
         """Solvers are compiled; how long each took [s]."""
-        ...
 
     def tick(self) -> None:
         """Time passes."""
-        ...
 
     def stopped(self, left: Sequence[Job], limit: float) -> None:
         """The run has met its limit [s]; the runs ``left`` had not begun and have no record."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -75,8 +68,8 @@ class Request:
 
 def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] = LocalPool) -> Loaded:
     """Run what is not done yet; returns the records of this suite's runs, damaged files apart."""
-    suite, folder = request.suite, request.folder
-    limit = _limit(suite)
+    suite, folder, total = request.suite, request.folder, request.suite.total_limit
+    limit = TimeLimit(time.monotonic() + total, total) if total else None  # compilation included
     if not request.resume and (folder / "runs").exists() and any((folder / "runs").iterdir()):
         raise store.StoreError(f"{folder} already holds results; add --resume to continue it, or give another --out")
     store.create(folder)
@@ -86,8 +79,10 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         shutil.rmtree(folder / ".spool", ignore_errors=True)  # of runs that a killed runner left half-way
         _stamp(request)
         k, n = request.shard
-        jobs = jobs_of(suite, folder)[k - 1 :: n][: request.limit]
-        again = _provisional(folder, {job.id for job in jobs}, before.records)
+        of_suite = suite.name, environment.code_digest(suite.plugins), environment.commit(), suite.plugins
+        jobs = [Job(spec, folder.resolve(), *of_suite) for spec in suite.specs[k - 1 :: n][: request.limit]]
+        own = {job.id for job in jobs}
+        again = _provisional(folder, own, before.records)
         done = {r.run_id for r in before.records} - {u.path.stem for u in again}
         waiting = [job for job in jobs if job.id not in done]
         watcher.begin(folder, len(jobs), waiting, (*before.unreadable, *again))
@@ -96,7 +91,8 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
             watcher.ended(job, store.read_record(folder / "runs" / f"{job.id}.json"))
 
         def finished() -> Loaded:
-            loaded = _of_suite(folder, {job.id for job in jobs}, before.unreadable)
+            now = store.load(folder, check_series=False)  # a resumed folder may hold runs of another suite or code
+            loaded = Loaded(tuple(r for r in now.records if r.run_id in own), (*before.unreadable, *now.unreadable))
             store.write_table(folder, loaded.records)
             store.point_latest(folder)
             return loaded
@@ -110,16 +106,9 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         loaded = finished()
         there = {r.run_id for r in loaded.records}
         left = [job for job in waiting if job.id not in there]
-        if limit is not None and suite.total_limit and (left or time.monotonic() > limit.until):
-            watcher.stopped(left, suite.total_limit)
+        if limit and (left or time.monotonic() > limit.until):
+            watcher.stopped(left, limit.seconds)
     return loaded
-
-
-def _limit(suite: Suite) -> TimeLimit | None:
-    """Counted from here, compilation included; going on with a run begins anew."""
-    if suite.total_limit is None:
-        return None
-    return TimeLimit(time.monotonic() + suite.total_limit, suite.total_limit)
 
 
 def _provisional(folder: Path, specs: set[str], records: Sequence[RunRecord]) -> tuple[Unreadable, ...]:
@@ -128,12 +117,6 @@ def _provisional(folder: Path, specs: set[str], records: Sequence[RunRecord]) ->
     for files in found:
         store.set_aside(folder, files)
     return tuple(files[0] for files in found)
-
-
-def jobs_of(suite: Suite, folder: Path) -> list[Job]:
-    """The suite's runs as jobs of this checkout."""
-    code, commit = environment.code_digest(suite.plugins), environment.commit()
-    return [Job(spec, folder.resolve(), suite.name, code, commit, suite.plugins) for spec in suite.specs]
 
 
 def new_folder(suite: str, local: Path = store.LOCAL) -> Path:
@@ -146,15 +129,8 @@ def new_folder(suite: str, local: Path = store.LOCAL) -> Path:
 def last_folder(suite: str, local: Path = store.LOCAL) -> Path | None:
     """The newest run of a suite."""
     own = re.compile(rf"{re.escape(suite)}-\d{{8}}-\d{{6}}(-\d+)?")  # as new_folder names it: not of a suite "NAME-2"
-    found = sorted(p for p in local.glob("*") if own.fullmatch(p.name) and (p / "runs").is_dir())
-    runs = [p for p in found if not p.is_symlink()]
-    return runs[-1] if runs else None
-
-
-def _of_suite(folder: Path, specs: set[str], unreadable: tuple[Unreadable, ...]) -> Loaded:
-    """Only this suite's runs at this code: a resumed folder may hold those of an older one."""
-    now = store.load(folder, check_series=False)
-    return Loaded(tuple(r for r in now.records if r.run_id in specs), (*unreadable, *now.unreadable))
+    found = (p for p in local.glob("*") if own.fullmatch(p.name) and store.is_results(p) and not p.is_symlink())
+    return max(found, default=None)
 
 
 def _stamp(request: Request) -> None:

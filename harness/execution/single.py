@@ -55,7 +55,8 @@ def solve_to_file(
         job = Job(dataclasses.replace(spec, wall_limit=limit), Path(place))
         began, stderr = time.monotonic(), Path(place) / "stderr"
         process = Apart(
-            lambda send: _solve(job, problem, out, send), limit=limit + GRACE, memory=spec.memory, stderr=stderr,
+            lambda send: send(records.to_json(_written(solved(job, send, in_file(out), soft=1.0), problem, out))),
+            limit=limit + GRACE, memory=spec.memory, stderr=stderr,
             cpu=NO_LIMIT if wall_limit is None else 2.0 * wall_limit + 60.0,
         )  # fmt: skip
         try:
@@ -85,11 +86,6 @@ class _Patience:
             self.said = True
             self.say("running; the first run after an installation or a change compiles kernels: half a minute or more")
         return False
-
-
-def _solve(job: Job, problem: Problem, out: Path, send: Callable[[str], None]) -> None:
-    record = _written(solved(job, send, in_file(out), soft=1.0), problem, out)
-    send(records.to_json(record))
 
 
 def _written(record: RunRecord, problem: Problem, out: Path) -> RunRecord:

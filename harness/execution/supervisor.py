@@ -42,11 +42,6 @@ class Running:
     by: EndedBy = EndedBy.WALL_LIMIT  # what it is then ended by
     instead: RunRecord | None = None  # of the run, already gone, whose kept steps this process measures
 
-    def begins_to_measure(self) -> None:
-        """The solver is done: another limit counts from now on."""
-        self.by, self.limit = EndedBy.MEASURE_LIMIT, MEASURE_LIMIT
-        self.process.deadline = time.monotonic() + MEASURE_LIMIT
-
 
 class Supervisor:
     """The running runs. ``start`` one, ``step`` until it is done."""
@@ -73,7 +68,8 @@ class Supervisor:
         select.select([*pipes, *inputs], [], [], 0.002 if ending else timeout)
         for run in list(self.running.values()):
             if run.by is EndedBy.WALL_LIMIT and run.instead is None and worker.MEASURING in run.process.hear():
-                run.begins_to_measure()
+                run.by, run.limit = EndedBy.MEASURE_LIMIT, MEASURE_LIMIT  # the solver is done: another limit counts
+                run.process.deadline = time.monotonic() + MEASURE_LIMIT
             ended = run.process.look()
             if ended is not None:
                 del self.running[run.process.pid]

@@ -10,9 +10,8 @@ import time
 from collections.abc import Callable, Sequence
 
 from ..catalogue import registry
-from ..sandbox.apart import run_apart
+from ..sandbox.apart import Apart
 from ..suites.spec import RunSpec
-from ..types import StepControl
 
 LIMIT = 600.0  # [s] for all solvers together: a cold compiler needs half a minute for the kernels
 MEMORY = 4000.0  # [MB]
@@ -25,8 +24,9 @@ def runs_to_warm(specs: Sequence[RunSpec]) -> list[RunSpec]:
     first: dict[str, RunSpec] = {}
     for spec in specs:
         if registry.is_own_solver(spec.solver) and registry.is_own_problem(spec.problem):
-            first.setdefault(spec.solver, spec)
-    return [_short(spec) for spec in first.values()]
+            t_end = SHORT if spec.control.dt is None else STEPS * spec.control.dt
+            first.setdefault(spec.solver, dataclasses.replace(spec, parameters={**spec.parameters, "t_end": t_end}))
+    return list(first.values())
 
 
 def warm(specs: Sequence[RunSpec]) -> dict[str, float]:
@@ -54,15 +54,9 @@ def warm_apart_then_here(specs: Sequence[RunSpec], unwanted: Callable[[], bool] 
         for spec in specs:
             send(json.dumps(warm([spec])))
 
-    ended = run_apart(run, limit=LIMIT, memory=MEMORY, unwanted=unwanted)
+    ended = Apart(run, limit=LIMIT, memory=MEMORY).wait(unwanted)
     for line in ended.sent.splitlines():
         times |= json.loads(line)
     if not unwanted():
         warm([spec for spec in specs if spec.solver in times])
     return times
-
-
-def _short(spec: RunSpec) -> RunSpec:
-    c: StepControl = spec.control
-    t_end = SHORT if c.dt is None else STEPS * c.dt
-    return dataclasses.replace(spec, parameters={**spec.parameters, "t_end": t_end})

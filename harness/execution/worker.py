@@ -18,7 +18,7 @@ from ..results.records import RunRecord
 from ..sandbox.isolation import DISK_FULL
 from ..sandbox.spool import FileSpool, kept
 from ..types import EndedBy, Problem, Solver, Status, StepControl, Trajectory
-from .job import STATUS_OF, Job, record_of
+from .job import Job, cut_short, record_of
 from .measuring import Keep, judged
 from .presented import Presented, presented
 
@@ -52,11 +52,12 @@ def solved(job: Job, send: Callable[[str], None], keep: Keep | None = None, soft
             sys.stderr.flush()
         memory = isinstance(error, MemoryError) or "bad_alloc" in str(error)
         by = EndedBy.MEMORY_LIMIT if memory else EndedBy.EXCEPTION
-        failed = {"status": STATUS_OF.get(by, Status.CRASHED), "ended_by": str(by), "message": _words(error)}
+        failed = {"by": by, "message": _words(error)}
     if failed:  # here the frames that filled the memory are gone
         send(MEASURING)
-        record = salvaged(job, record_of(job, **failed, **known), keep)
-    return dataclasses.replace(record, peak_memory_MB=peak_memory(), wall_s=time.monotonic() - began)
+        record = salvaged(job, cut_short(job, **failed, **known), keep)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
+    return dataclasses.replace(record, peak_memory_MB=peak, wall_s=time.monotonic() - began)
 
 
 def salvaged(job: Job, bare: RunRecord, keep: Keep | None = None) -> RunRecord:
@@ -88,14 +89,9 @@ def _attempt(job: Job, send: Callable[[str], None], keep: Keep | None, soft: flo
 
 
 def attempt(
-    job: Job,
-    problem: Problem,
-    solver: Solver,
-    control: StepControl,
-    known: dict[str, Any],
-    send: Callable[[str], None],
-    keep: Keep | None,
-) -> RunRecord:
+    job: Job, problem: Problem, solver: Solver, control: StepControl, known: dict[str, Any],
+    send: Callable[[str], None], keep: Keep | None,
+) -> RunRecord:  # fmt: skip
     """Ask the solver, solve, measure. ``known`` takes the columns known so far, for a run that ends in an exception."""
     called = presented(solver, problem)
     reason = called.refuses(problem, control)
@@ -115,22 +111,16 @@ def solve_repeatedly(
 ) -> tuple[Trajectory, dict[str, Any]]:
     """The first trajectory and the cost columns. Repeats stop when the next would pass the wall limit."""
     began = time.monotonic()
-    first, cpu = _timed(solver, problem, control)
+    first, spent = _timed(solver, problem, control)
     control = dataclasses.replace(control, spool=None)
-    times = [cpu]
+    times = [spent]
     longest = time.monotonic() - began
     while len(times) < repeats and first.status is Status.SUCCESS:
         if control.wall_limit is not None and time.monotonic() - began + longest > control.wall_limit:
             break
         times.append(_timed(solver, problem, control)[1])
-    cost = {
-        "repeats": len(times),
-        "cpu_min_s": float(np.min(times)),
-        "cpu_median_s": float(np.median(times)),
-        "cpu_max_s": float(np.max(times)),
-        "setup_s": float(first.setup_time),
-    }
-    return first, cost
+    cpu = {"cpu_min_s": min(times), "cpu_median_s": float(np.median(times)), "cpu_max_s": max(times)}
+    return first, {"repeats": len(times), **cpu, "setup_s": float(first.setup_time)}
 
 
 def _timed(solver: Solver | Presented, problem: Problem, control: StepControl) -> tuple[Trajectory, float]:
@@ -144,12 +134,6 @@ def _timed(solver: Solver | Presented, problem: Problem, control: StepControl) -
         raise ValueError(f"solve must return {problem.system.nb} bodies (got {trajectory.states.nb})")
     own = float(trajectory.cpu_time)
     return trajectory, spent if math.isnan(own) else own
-
-
-def peak_memory() -> float:
-    """Largest resident memory of this process so far [MB], libraries included."""
-    kilobytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return kilobytes / (2**20 if sys.platform == "darwin" else 2**10)
 
 
 def _words(error: BaseException) -> str:

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from .isolation import fork, kill_group
+from .isolation import Target, fork, kill_group
 
 NOWHERE = Path(os.devnull)
 TICK = 0.02  # [s] between two looks while nothing is sent
@@ -34,17 +34,10 @@ class Apart:
     """A forked process, watched by ``look`` or ``wait``."""
 
     def __init__(
-        self,
-        target: Callable[[Callable[[str], None]], object],
-        *,
-        limit: float,
-        memory: float,
-        cpu: float | None = None,
-        stderr: Path = NOWHERE,
+        self, target: Target, *, limit: float, memory: float, cpu: float | None = None, stderr: Path = NOWHERE
     ) -> None:
         """Run ``target(send)`` for ``limit`` [s] at most, with ``memory`` [MB] and ``cpu`` [s] (default: the limit)."""
-        child = fork(target, stderr, memory, limit if cpu is None else cpu)
-        self.pid, self.pipe = child.pid, child.pipe
+        self.pid, self.pipe = fork(target, stderr, memory, limit if cpu is None else cpu)
         os.set_blocking(self.pipe, False)
         self.deadline = time.monotonic() + limit
         self.killed = False
@@ -97,15 +90,3 @@ class Apart:
         if not self.killed:
             self.killed = True
             kill_group(self.pid)
-
-
-def run_apart(
-    target: Callable[[Callable[[str], None]], object],
-    *,
-    limit: float,
-    memory: float,
-    stderr: Path = NOWHERE,
-    unwanted: Callable[[], bool] = lambda: False,
-) -> Ended:
-    """Run ``target(send)`` in a process of its own; ``send`` hands lines back."""
-    return Apart(target, limit=limit, memory=memory, stderr=stderr).wait(unwanted)

@@ -13,9 +13,9 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
+Target = Callable[[Callable[[str], None]], object]  # what a child runs, given how to send a line
 OUTPUT_LIMIT = 2**30  # [bytes] largest file a run may write
 CANNOT_WRITE = 74  # exit code (EX_IOERR): the disk is full, which is not a result of the run
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
@@ -23,17 +23,10 @@ PR_SET_PDEATHSIG = 1  # prctl(2)
 STDERR_KEPT = 2**16  # [bytes] of each end of a longer standard error
 
 
-@dataclass(frozen=True)
-class Child:
-    """A forked process (and group) and the pipe on which it sends lines."""
-
-    pid: int
-    pipe: int  # file descriptor, read end
-
-
-def fork(target: Callable[[Callable[[str], None]], object], stderr: Path, memory: float, cpu: float) -> Child:
+def fork(target: Target, stderr: Path, memory: float, cpu: float) -> tuple[int, int]:
     """Run ``target(send)`` in a child with ``memory`` [MB] beyond what is loaded and ``cpu`` [s].
 
+    Returns its process (and group) and the read end of the pipe on which it sends lines.
     The child ends with exit code 0 if ``target`` returns, 70 if it raises, ``CANNOT_WRITE`` on a full disk.
     """
     if threading.active_count() > 1:
@@ -46,7 +39,7 @@ def fork(target: Callable[[Callable[[str], None]], object], stderr: Path, memory
     pid = os.fork()
     if pid:
         os.close(write)
-        return Child(pid, read)
+        return pid, read
     code = 70
     try:
         os.closerange(3, write)  # the parent's own
@@ -117,9 +110,7 @@ def _limit(memory: float, cpu: float) -> None:
     seconds = int(cpu) + 1
     resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
     allowed = _data_in_use() + int(memory * 2**20)
-    resource.setrlimit(
-        resource.RLIMIT_DATA, (allowed, allowed)
-    )  # private memory; RLIMIT_AS would count mapped libraries
+    resource.setrlimit(resource.RLIMIT_DATA, (allowed, allowed))  # private memory; RLIMIT_AS counts mapped libraries
 
 
 def _data_in_use() -> int:

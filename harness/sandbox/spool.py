@@ -49,8 +49,7 @@ class FileSpool:
                 file.write(block.tobytes())
             self._size += block.nbytes
             self.rows += len(t)
-            now = time.monotonic()
-            self._next = now + max(EVERY, (now - began) / SHARE)
+            self._next = (now := time.monotonic()) + max(EVERY, (now - began) / SHARE)
         else:
             self._next = float("inf")
 
@@ -63,14 +62,8 @@ def kept(path: Path, problem: Problem, status: Status, message: str) -> Trajecto
     rows = np.frombuffer(content[: whole * 8 * (1 + NUMBERS * nb)]).reshape(whole, 1 + NUMBERS * nb)
     if whole == 0 or rows[-1, 0] <= 0.0:
         return None
-    t, cuts = rows[:, 0], 1 + nb * np.array([3, 12, 15])
-    r, R, v, Omega = np.split(rows[:, 1:], cuts - 1, axis=1)
-    start = problem.initial
-    first = slice(1, None) if t[0] == 0.0 else slice(0, None)  # some solvers hand over the start, some do not
-    states = States(
-        np.concatenate((start.r[None], r.reshape(-1, nb, 3)[first])),
-        np.concatenate((start.R[None], R.reshape(-1, nb, 3, 3)[first])),
-        np.concatenate((start.v[None], v.reshape(-1, nb, 3)[first])),
-        np.concatenate((start.Omega[None], Omega.reshape(-1, nb, 3)[first])),
-    )
-    return Trajectory(np.concatenate(([0.0], t[first])), states, status, message, {})
+    rows = rows[1:] if rows[0, 0] == 0.0 else rows  # some solvers hand over the start, some do not
+    parts = np.split(rows[:, 1:], nb * np.array([3, 12, 15]), axis=1)
+    starts = (getattr(problem.initial, name)[None] for name in ("r", "R", "v", "Omega"))
+    states = States(*(np.concatenate((a, b.reshape(-1, *a.shape[1:]))) for a, b in zip(starts, parts, strict=True)))
+    return Trajectory(np.insert(rows[:, 0], 0, 0.0), states, status, message, {})

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 
 from ..catalogue import registry
 from ..types import Problem
-from .apart import run_apart
+from .apart import Apart
 
 T = TypeVar("T")
 LIMIT = 60.0  # [s] to be imported, or to make a problem
@@ -53,7 +53,7 @@ def _elsewhere(what: str, attempt: Callable[[], object]) -> str:
             complaint = _words(what, error)
         send(json.dumps(complaint))
 
-    ended = run_apart(run, limit=LIMIT, memory=MEMORY)
+    ended = Apart(run, limit=LIMIT, memory=MEMORY).wait()
     if ended.sent:
         return str(json.loads(ended.sent))
     return f"{what}: " + (f"timed out after {LIMIT:g} s" if ended.killed else f"its process {ended.words} unexpectedly")

@@ -10,7 +10,7 @@ import pytest
 
 from mbsbench.harness.results import store
 from mbsbench.harness.results.words import why, words_of_ending
-from mbsbench.harness.sandbox.apart import Apart, run_apart
+from mbsbench.harness.sandbox.apart import Apart
 from mbsbench.harness.sandbox.isolation import fork
 from mbsbench.harness.types import EndedBy, Status
 
@@ -202,17 +202,17 @@ def test_a_process_is_ended_with_all_that_it_started_and_what_it_sent_is_kept():
         raise KeyboardInterrupt
 
     began = time.monotonic()
-    ended = run_apart(hang, limit=0.5, memory=500.0)
+    ended = Apart(hang, limit=0.5, memory=500.0).wait()
     assert ended.killed and ended.code == -signal.SIGKILL and ended.sent.startswith("began\n")
-    assert run_apart(hang, limit=60.0, memory=500.0, unwanted=lambda: True).killed
+    assert Apart(hang, limit=60.0, memory=500.0).wait(lambda: True).killed
     with pytest.raises(KeyboardInterrupt):
-        run_apart(hang, limit=60.0, memory=500.0, unwanted=interrupted)
+        Apart(hang, limit=60.0, memory=500.0).wait(interrupted)
     assert time.monotonic() - began < 30.0 and not psutil.Process().children()
 
 
 def test_a_long_message_arrives_whole():
     """Longer than a pipe holds."""
-    ended = run_apart(lambda send: send("x" * 2**20), limit=60.0, memory=500.0)
+    ended = Apart(lambda send: send("x" * 2**20), limit=60.0, memory=500.0).wait()
     assert ended.sent == "x" * 2**20 + "\n" and ended.code == 0 and ended.words == "exited with code 0"
 
 
@@ -221,8 +221,8 @@ def test_a_run_ends_with_its_parent(tmp_path):
     middle = os.fork()
     if not middle:
         try:
-            child = fork(lambda tell: time.sleep(600.0), tmp_path / "stderr", 500.0, 60.0)
-            (tmp_path / "pid").write_text(str(child.pid))
+            child, _ = fork(lambda tell: time.sleep(600.0), tmp_path / "stderr", 500.0, 60.0)
+            (tmp_path / "pid").write_text(str(child))
         finally:
             os.kill(os.getpid(), signal.SIGKILL)
     os.waitpid(middle, 0)
