@@ -2,14 +2,14 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from .accuracy import Measure, measure_for
-from .results import Results, Run, Variant, by_solver
+from .results import Results, Run, Variant, by_solver, grouped
 from .scores import score
 from .variants import plain_runs
-from .words import listed, mark, number, plural, seconds, time
+from .words import cut, listed, mark, number, plural, seconds, time
 
 SAME_ERROR = 1.25  # errors closer than this factor are called equal
 SAME_CPU = 1.3  # so are timings: the spread of single timings on a shared machine
@@ -42,19 +42,14 @@ def findings_of(whole: Variant, label: str = "") -> list[Finding]:
         out.append(Finding("No run solved this problem to the end.", "failed"))
     if measure is not None:
         out += [*_most_accurate(variant, measure), *_cheapest(variant, measure), *_response(variant, measure)]
-    out += _energy(variant)
-    out += _ends(variant)
+    out += [*_energy(variant), *_ends(variant)]
     if len(runs) < len(whole.runs):
         here = {c.record.run_id for c in runs}
-        out.append(_others([c for c in whole.runs if c.record.run_id not in here], runs[0].record.label))
+        others = [c for c in whole.runs if c.record.run_id not in here]
+        about = f"“{runs[0].record.label}”" if runs[0].record.label else "default options"
+        words = f"Of {plural(len(others), 'run')} at other settings, folded below: {score(others).words}."
+        out.append(Finding(f"These findings are about {about}. {words}"))
     return out
-
-
-def _others(runs: Sequence[Run], label: str) -> Finding:
-    """How all other settings ended."""
-    about = f"“{label}”" if label else "default options"
-    words = f"Of {plural(len(runs), 'run')} at other settings, folded below: {score(runs).words}."
-    return Finding(f"These findings are about {about}. {words}")
 
 
 def called(run: Run) -> str:
@@ -115,9 +110,8 @@ def _cheapest(variant: Variant, measure: Measure) -> Iterator[Finding]:
         return
     good.sort(key=lambda c: c.record.cpu_median_s)
     least = good[0].record.cpu_median_s
-    close = [
-        c for c in good if c.record.cpu_median_s <= SAME_CPU * least or c.record.cpu_min_s <= good[0].record.cpu_max_s
-    ]
+    most = good[0].record.cpu_max_s
+    close = [c for c in good if c.record.cpu_median_s <= SAME_CPU * least or c.record.cpu_min_s <= most]
     who = listed([f"{called(c)} {seconds(c.record.cpu_median_s)}" for c in close])
     single = " (single timings)" if any(c.record.repeats < 2 for c in close) else ""
     close_words = f", too close to distinguish: {who}" if len(close) > 1 else f": {who}"
@@ -128,12 +122,9 @@ def _cheapest(variant: Variant, measure: Measure) -> Iterator[Finding]:
 
 
 def _response(variant: Variant, measure: Measure) -> Iterator[Finding]:
-    families: dict[str, list[Run]] = {}
-    for c in variant.runs:
-        whole = c.succeeded or c.status == "wrong"
-        if whole and measure.of(c) > max(10.0 * measure.own, 0.0) and math.isfinite(measure.of(c)):
-            families.setdefault(f"{c.method} {c.record.max_step_s:g}", []).append(c)
-    for own in families.values():
+    whole = [c for c in variant.runs if (c.succeeded or c.status == "wrong") and math.isfinite(measure.of(c))]
+    above = [c for c in whole if measure.of(c) > max(10.0 * measure.own, 0.0)]
+    for own in grouped(above, lambda c: f"{c.method} {c.record.max_step_s:g}").values():
         own.sort(key=lambda c: -c.step_or_tolerance)
         coarse, fine = own[0], own[-1]
         if fine.step_or_tolerance <= 0.0 or coarse.step_or_tolerance / fine.step_or_tolerance < 1.5:
@@ -179,22 +170,12 @@ def _ends(variant: Variant) -> Iterator[Finding]:
     early = sorted((c for c in variant.runs if c.stopped), key=lambda c: c.record.t_reached_s)
     for solver, own in by_solver(early).items():
         r = own[0].record
-        where = (
-            f"at {time(r.t_reached_s)} of {time(r.t_end_s)} s"
-            if math.isfinite(r.t_reached_s)
-            else "before its first step"
-        )
+        known = math.isfinite(r.t_reached_s)
+        where = f"at {time(r.t_reached_s)} of {time(r.t_end_s)} s" if known else "before its first step"
         more = f" {len(own) - 1} more of {solver} did so later." if len(own) > 1 else ""
-        reason = _short(own[0].reasons[0])
+        reason = cut(own[0].reasons[0], REASON)
         yield Finding(f"{called(own[0])} ended {where}, {mark(own[0].status).word}: {reason}{more}", "failed")
-    refused: dict[tuple[str, str], list[Run]] = {}
-    for c in variant.runs:
-        if c.status == "refused":
-            refused.setdefault((c.record.solver, c.reasons[0]), []).append(c)
-    for (_, reason), own in refused.items():
+    refused = [c for c in variant.runs if c.status == "refused"]
+    for (_, reason), own in grouped(refused, lambda c: (c.record.solver, c.reasons[0])).items():
         more = f" and {len(own) - 1} more" if len(own) > 1 else ""
-        yield Finding(f"{called(own[0])}{more} refused: {_short(reason)}")
-
-
-def _short(reason: str) -> str:
-    return reason if len(reason) <= REASON else reason[: REASON - 1] + "…"
+        yield Finding(f"{called(own[0])}{more} refused: {cut(reason, REASON)}")

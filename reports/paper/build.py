@@ -3,8 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ...harness.results.series import BadSeries, Series
-from ..model.results import Results, Run, read_results
+from ..model.results import Results, read_results
 from ..plots.palette import looks
 from ..plots.style import SUFFIXES, save
 from .captions import FOLDER, Caption, write
@@ -49,13 +48,4 @@ def one(results: Results, figure: PaperFigure, specs: Sequence[Asked], suffixes:
 def found_lines(results: Results, figure: PaperFigure, specs: Sequence[Asked]) -> list[Line]:
     """The runs of a figure with their series."""
     chosen = choose(figure.picks, specs, results.runs)
-    series = {c.run.record.run_id: _series(results, c.run) for c in chosen if c.run}
-    return lines_of(chosen, series)
-
-
-def _series(results: Results, run: Run) -> Series | None:
-    """None where the file is damaged: the figure says so."""
-    try:
-        return results.series(run)
-    except BadSeries:
-        return None
+    return lines_of(chosen, {c.run.record.run_id: results.readable_series(c.run) for c in chosen if c.run})

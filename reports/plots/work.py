@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.accuracy import measure_for
-from ..model.results import Run, Variant
+from ..model.results import Run, Variant, grouped
 from ..model.words import number, seconds
 from .spec import Axis, Chapter, Plot, Trace, end_of
 
@@ -134,9 +134,8 @@ def _reference_region(points: Sequence[Point], work: str) -> list[Trace]:
 
 def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> list[Trace]:
     """Runs of one method at several steps, coarsest first; those that stopped early apart from the line."""
-    methods: dict[tuple[str, str], list[Point]] = {}
-    for p in sorted(points, key=lambda p: (p.method, p.label, -p.size)):
-        methods.setdefault((p.method, p.label), []).append(p)
+    ladders = sorted(points, key=lambda p: (p.method, p.label, -p.size))
+    methods = grouped(ladders, lambda p: (p.method, p.label))
     out, loose, seen = [], dict[tuple[str, str], list[Point]](), dict[str, int]()
     ordered = sorted(methods.items(), key=lambda kv: (not kv[1][0].default, -len(kv[1])))  # the main ones are solid
     for (method, label), own in ordered:
@@ -237,10 +236,8 @@ def named(work: str) -> tuple[str, str]:
 
 def steps_of(p: Profile, right: float = math.nan) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the step line: up by one target where it is reached, then level to ``right``."""
-    count = np.arange(1, len(p.at) + 1) / max(p.total, 1)
     x = np.repeat(np.array(p.at, dtype=float), 2)
-    y = np.empty(2 * len(p.at))
-    y[0::2], y[1::2] = count - 1.0 / max(p.total, 1), count
+    y = np.arange(1, len(x) + 1) // 2 / max(p.total, 1)
     if len(x) and right > x[-1]:
         x, y = np.append(x, right), np.append(y, y[-1])
     return x, y
