@@ -65,20 +65,16 @@ def _counts(results: Results) -> Iterator[Finding]:
     wrong = sorted(((s, n) for s, n in scores.items() if n.wrong), key=lambda kv: -kv[1].wrong)
     if wrong:
         whose = listed([f"{solver} {n.wrong} of {n.runs}" for solver, n in wrong])
-        yield Finding(
-            f"{plural(count['wrong'], 'false success', 'false successes')}: energy, constraints, invariants or the "
-            f"reference are violated: {whose}.",
-            "wrong",
-        )
+        yield Finding(f"{plural(count['wrong'], 'false success', 'false successes')}: energy, constraints, invariants "
+                      f"or the reference are violated: {whose}.", "wrong")  # fmt: skip
     for label in results.labels() if len(results.labels()) > 1 else ():
         own = score(c for c in results.runs if c.record.label == label)
         yield Finding(f"“{label or 'no label'}”: of {plural(own.runs, 'run')} {own.words}.")
     judged = [(s, n.drifting, n.drifting + n.bounded) for s, n in scores.items() if n.drifting + n.bounded]
     if judged:
-        yield Finding(
-            f"Among successes, the energy error drifts in: {listed([f'{s} {k} of {n}' for s, k, n in judged], 12)}. "
-            "Its size is in the tables: a drift may be small and a bounded error large."
-        )
+        where = listed([f"{s} {k} of {n}" for s, k, n in judged], 12)
+        yield Finding(f"Among successes, the energy error drifts in: {where}. Its size is in the tables: a drift may "
+                      "be small and a bounded error large.")  # fmt: skip
 
 
 def _most_accurate(variant: Variant, measure: Measure) -> Iterator[Finding]:
@@ -94,10 +90,8 @@ def _most_accurate(variant: Variant, measure: Measure) -> Iterator[Finding]:
     close = [c for c in ranked if measure.of(c) <= SAME_ERROR * best]
     who = listed([called(c) for c in close])
     many = f"{who} (within {SAME_ERROR:g} of each other)" if len(close) > 1 else who
-    yield Finding(
-        f"Smallest {measure.what} of {plural(len(ranked), 'success', 'successes')}: {number(best)} {measure.unit}, "
-        f"{many}."
-    )
+    yield Finding(f"Smallest {measure.what} of {plural(len(ranked), 'success', 'successes')}: {number(best)} "
+                  f"{measure.unit}, {many}.")  # fmt: skip
 
 
 def _cheapest(variant: Variant, measure: Measure) -> Iterator[Finding]:
@@ -135,11 +129,9 @@ def _response(variant: Variant, measure: Measure) -> Iterator[Finding]:
             yield Finding(f"{coarse.method}: from {coarse.step_words} to {fine.step_words} the {measure.what} falls by "
                           f"{number(gain)}: observed order {order:.2f}.")  # fmt: skip
         elif gain < 1.0:
-            yield Finding(
-                f"{coarse.method}: tightening from {coarse.step_words} to {fine.step_words} makes the {measure.what} "
-                f"larger, from {number(measure.of(coarse))} to {number(measure.of(fine))} {measure.unit}.",
-                "failed",
-            )
+            yield Finding(f"{coarse.method}: tightening from {coarse.step_words} to {fine.step_words} makes the "
+                          f"{measure.what} larger, from {number(measure.of(coarse))} to {number(measure.of(fine))} "
+                          f"{measure.unit}.", "failed")  # fmt: skip
 
 
 def _energy(variant: Variant) -> Iterator[Finding]:
@@ -148,21 +140,17 @@ def _energy(variant: Variant) -> Iterator[Finding]:
         known.sort(key=lambda c: c.record.energy_drift_max_J)
         least, most = known[0].record.energy_drift_max_J, known[-1].record.energy_drift_max_J
         if most > SAME_ERROR * least:
-            yield Finding(
-                f"Energy errors of successes range from {number(least)} J, {called(known[0])}, "
-                f"to {number(most)} J, {called(known[-1])}."
-            )
+            yield Finding(f"Energy errors of successes range from {number(least)} J, {called(known[0])}, "
+                          f"to {number(most)} J, {called(known[-1])}.")  # fmt: skip
         else:
             yield Finding(f"All successes have about the same largest energy error, {number(most)} J.")
     allowed = next((c.record.energy_allowed_J for c in variant.runs if c.record.energy_allowed_J > 0.0), math.nan)
     if not math.isnan(allowed):
         over = [c for c in variant.runs if c.record.energy_drift_max_J > allowed]
         words = f"exceeded by {listed([called(c) for c in over])}" if over else "kept by every run that took a step"
-        yield Finding(
-            f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}. Exceeding it does not "
-            "make a run wrong: that limit is a tenth of the energy scale, for all problems.",
-            "failed" if over else "plain",
-        )
+        yield Finding(f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}. Exceeding it does "
+                      "not make a run wrong: that limit is a tenth of the energy scale, for all problems.",
+                      "failed" if over else "plain")  # fmt: skip
 
 
 def _ends(variant: Variant) -> Iterator[Finding]:

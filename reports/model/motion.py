@@ -60,9 +60,7 @@ def motion_of(run: Run, series: Series | None, spans: int = SPANS_UPPER) -> Moti
 
 def bodies_in(series: Series) -> int:
     """How many bodies the system has; 0 if the file does not say."""
-    if series.body_names:
-        return len(series.body_names)
-    return len(series["end_r"]) if "end_r" in series else 0
+    return len(series.body_names) or (len(series["end_r"]) if "end_r" in series else 0)
 
 
 def _steps(series: Series, run: Run, spans: int) -> Curve | None:

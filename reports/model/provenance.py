@@ -78,9 +78,7 @@ def _values(runs: Sequence[Run], columns: Mapping[str, str], link: str, *, large
 
 
 def _blas(given: Any) -> str:
-    if not isinstance(given, list):
-        return UNKNOWN
-    known = [b for b in given if isinstance(b, dict)]
+    known = [b for b in given if isinstance(b, dict)] if isinstance(given, list) else []
     names = dict.fromkeys(" ".join(str(b[k]) for k in ("internal_api", "version") if b.get(k)) for b in known)
     threads = sorted({str(b.get("num_threads")) for b in known})
     return f"{', '.join(names)}: {' or '.join(threads)} thread(s)" if known else UNKNOWN

@@ -50,9 +50,8 @@ def broadest(results: Results) -> str:
     for name in HEADLINE:
         if name in labels:
             return name
-    pairs = {
-        (c.record.label, p.title, c.record.solver) for p in results.variants if not presentation(p) for c in p.runs
-    }
+    plain = [p for p in results.variants if not presentation(p)]
+    pairs = {(c.record.label, p.title, c.record.solver) for p in plain for c in p.runs}
     count = Counter(label for label, _, _ in pairs)
     return max(labels, key=count.__getitem__, default="")
 

@@ -12,12 +12,9 @@ from ..model.words import number, seconds
 from .spec import Axis, Chapter, Plot, Trace, end_of
 
 WORKS = {  # words and unit
-    "operations": ("evaluations and factorisations", ""),
-    "evaluations": ("evaluations", ""),
-    "factorisations": ("factorisations", ""),
-    "steps": ("accepted steps", ""),
-    "cpu": ("CPU time", "s"),
-}
+    "operations": ("evaluations and factorisations", ""), "evaluations": ("evaluations", ""),
+    "factorisations": ("factorisations", ""), "steps": ("accepted steps", ""), "cpu": ("CPU time", "s"),
+}  # fmt: skip
 ERRORS = {"error": ("error", ""), "energy": ("largest energy error", "J"), "phi": ("largest |φ|", "m")}
 PAIRS = tuple((error, work) for error in ("error", "energy") for work in ("cpu", "evaluations"))
 NEAR = 100.0  # the reference's own error is drawn where a point comes that close to it
@@ -91,9 +88,8 @@ def work_chapter(variant: Variant, url: Callable[[Run], str]) -> Chapter | None:
     return Chapter("Work against error", NOTE, tuple(plots.values())) if plots else None
 
 
-def work_plots(
-    name: str, points: Sequence[Point], pairs: Sequence[tuple[str, str]], *, folded: bool = False
-) -> dict[str, Plot]:
+def work_plots(name: str, points: Sequence[Point], pairs: Sequence[tuple[str, str]], *,
+               folded: bool = False) -> dict[str, Plot]:  # fmt: skip
     """By ``<error>-<work>``; pairs that no run has are left out.
 
     ``folded`` puts short ladders with options together, a trace a solver, and hides what is neither default nor best.
@@ -182,9 +178,8 @@ def point_words(p: Point, *, whole: bool = True) -> str:
     cpu = [f"CPU {seconds(p.cpu[0])} to {seconds(p.cpu[1])} in {p.repeats} repeats"] if p.repeats > 1 else (
         ["single timing"] if p.repeats else [])  # fmt: skip
     steps = [f"{number(p.works['steps'])} steps"] if p.works["steps"] >= 0.0 else []
-    return ", ".join(
-        [p.words.removeprefix(f"{p.variant} ") if whole else p.step or p.words, *marks, *ending, *cpu, *steps]
-    )
+    named = p.words.removeprefix(f"{p.variant} ") if whole else p.step or p.words
+    return ", ".join([named, *marks, *ending, *cpu, *steps])
 
 
 def _numbers(own: Sequence[Point], kind: str, key: str) -> np.ndarray:
