@@ -102,7 +102,6 @@ def unpredictable(results: Results) -> str:
 
 
 def _ended(run: Run) -> str:
-    """How it ended, and where it stopped."""
     r = run.record
     tells = run.stopped and r.t_reached_s == r.t_reached_s
     return mark(run.status).word + (f" at {time(r.t_reached_s)} of {time(r.t_end_s)} s" if tells else "")

@@ -34,10 +34,8 @@ def write_tables(variants: Sequence[Variant], folder: Path, *, rounded: bool = F
 
 def csv_of(runs: Sequence[Run]) -> str:
     """All columns, numbers in full; empty where a quantity does not exist."""
-    rows = [
-        [c.variant, c.record.solver, c.record.paper_label, *(_full(k, c) for k in COLUMNS), "; ".join(c.reasons)]
-        for c in runs
-    ]
+    rows = [[c.variant, c.record.solver, c.record.paper_label, *(_full(k, c) for k in COLUMNS), "; ".join(c.reasons)]
+            for c in runs]  # fmt: skip
     return _csv([["problem", "solver", "paper_label", *map(_head, COLUMNS), "reason"], *rows])
 
 

@@ -1,6 +1,7 @@
 """Numbers and statuses as a reader wants them: three digits, powers of ten, a mark and a word."""
 
 import math
+import re
 from dataclasses import dataclass
 
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
@@ -68,9 +69,7 @@ def seconds(value: float) -> str:
 
 def unit(text: str) -> str:
     """``kg m2/s`` as ``kg m²/s``."""
-    return "".join(
-        c.translate(SUPERSCRIPTS) if k and c in "23" and text[k - 1].isalpha() else c for k, c in enumerate(text)
-    )
+    return re.sub(r"(?<=[^\W\d_])[23]", lambda digit: digit[0].translate(SUPERSCRIPTS), text)
 
 
 def plural(n: int, one: str, many: str = "") -> str:

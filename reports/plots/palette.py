@@ -26,14 +26,9 @@ def looks(solvers: Iterable[str]) -> dict[str, Look]:
     """A look for every solver; two solvers share one only when there are more than eight."""
     taken: dict[str, int] = {}
     for name in sorted(solvers):
-        slot = home(name)
+        slot = hashlib.sha256(f"{SALT} {name}".encode()).digest()[0] % len(COLOURS)
         if len(taken) < len(COLOURS):
             while slot in taken.values():
                 slot = (slot + 1) % len(COLOURS)
         taken[name] = slot
     return {name: Look(COLOURS[k], MARKERS[k]) for name, k in taken.items()}
-
-
-def home(name: str) -> int:
-    """The place in ``COLOURS`` that a name asks for."""
-    return hashlib.sha256(f"{SALT} {name}".encode()).digest()[0] % len(COLOURS)

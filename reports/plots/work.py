@@ -203,10 +203,6 @@ class Profile:
     at: tuple[float, ...] = ()  # work at each target reached, sorted
     tuned: bool = True  # by the best of all settings; else by default options alone
 
-    @property
-    def share(self) -> float:
-        return len(self.at) / self.total if self.total else 0.0
-
 
 def profile_plot(found: Sequence[Profile], work: str) -> Plot:
     """The share of all targets reached, over work; more work than a solver's runs took reaches nothing more."""
