@@ -210,7 +210,8 @@ def _figure(record: RunRecord, series: Series) -> "Figure":
         )
         results = read_results(folder)
         (run,) = results.runs
-        drawing = Drawing([run], all_lines([run], shared_options([run])), {record.run_id: motion_of(results, run)})
+        motions = {record.run_id: motion_of(run, results.series(run))}
+        drawing = Drawing([run], all_lines([run], shared_options([run])), motions)
     chapters = [c for c in (laws(drawing), errors(drawing)) if c]
     with style():
         return figure([p for c in chapters for p in c.plots if p.name in PLOTTED], looks([record.solver]))

@@ -10,8 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from ..harness.files import write_text
-from ..harness.results.series import BadSeries
-from .model.motion import Motion, motion_of
+from .model.motion import motion_of
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
 from .model.tables import write_tables
 from .plots.laws import Drawing, laws
@@ -79,7 +78,7 @@ def figures_of(results: Results, variant: Variant) -> Iterator[Printed]:
     for label, runs in variant.labels().items():
         if len(runs) > MAP:
             continue
-        motions = {c.record.run_id: _motion(results, c) for c in runs}
+        motions = {c.record.run_id: motion_of(c, results.readable_series(c)) for c in runs}
         for part in parts(runs):
             base = slug(f"{variant.slug}-{label or 'all'}", taken)
             lines = all_lines(part, shared_options(part))
@@ -101,14 +100,6 @@ def figures_of(results: Results, variant: Variant) -> Iterator[Printed]:
 
 def _caption(title: str, plots: Sequence[Plot]) -> str:
     return f"{title}. " + " ".join(f"{p.title}: {p.caption[0].lower()}{p.caption[1:]}" for p in plots)
-
-
-def _motion(results: Results, run: Run) -> Motion:
-    """Without curves where the series file is damaged."""
-    try:
-        return motion_of(results, run)
-    except BadSeries:
-        return Motion(run)
 
 
 def parts(runs: Sequence[Run]) -> list[list[Run]]:

@@ -26,10 +26,6 @@ class Measure:
         return whole if math.isnan(judged) else judged
 
 
-POSITION = ("position_error_judged_m", "position_error_max_m")
-ORIENTATION = ("orientation_error_judged_rad", "orientation_error_max_rad")
-
-
 def measure_for(runs: Sequence[Run]) -> Measure | None:
     """Position error; orientation where all positions are exact (a body that only turns); None without a reference."""
     known = [c for c in runs if not math.isnan(c.record.position_error_max_m)]
@@ -39,12 +35,13 @@ def measure_for(runs: Sequence[Run]) -> Measure | None:
     own = max((e for c in known if not math.isnan(e := c.record.reference_own_error_m)), default=math.nan)
     until = judged_until(known)
     words = "" if until is None else f" to {until:.4g} s"
-    position = Measure(
-        f"position error{words}", POSITION, "m", own if until is None else min(own, PREDICTABLE * length), until
-    )
+    own = own if until is None else min(own, PREDICTABLE * length)
+    columns = "position_error_judged_m", "position_error_max_m"
+    position = Measure(f"position error{words}", columns, "m", own, until)
     if max(map(position.of, known)) > EXACT * length:
         return position
-    return Measure(f"orientation error{words}", ORIENTATION, "rad", position.own / length, until)
+    columns = "orientation_error_judged_rad", "orientation_error_max_rad"
+    return Measure(f"orientation error{words}", columns, "rad", own / length, until)
 
 
 def judged_until(runs: Sequence[Run]) -> float | None:

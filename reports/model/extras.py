@@ -32,11 +32,9 @@ class Events:
 
 def extras(runs: Sequence[Run]) -> list[Extra]:
     """Observables against the reference, invariants against their start; only tables that have a column."""
-    found = [
-        _extra("Largest distance of observables from the reference", runs, lambda c: c.observable_errors),
-        _extra("Largest departure of invariants from their start", runs, lambda c: c.invariant_drifts),
-    ]
-    return [e for e in found if e.heads]
+    tables = {"Largest distance of observables from the reference": [c.observable_errors for c in runs],
+              "Largest departure of invariants from their start": [c.invariant_drifts for c in runs]}  # fmt: skip
+    return [_extra(title, runs, found) for title, found in tables.items() if any(found)]
 
 
 def facts_of(variant: Variant, bodies: int) -> tuple[str, ...]:
@@ -52,23 +50,19 @@ def facts_of(variant: Variant, bodies: int) -> tuple[str, ...]:
     if scale:
         out.append(f"energy scale {number(scale.energy_scale_J)} J, size {number(scale.length_scale_m)} m")
     known = next((r for r in records if r.reference), None)
-    if known:
-        out.append(
-            f"reference: {known.reference}, certified to {number(known.reference_own_error_m)} m"
-            + (f" up to {time(known.reference_horizon_s)} s" if math.isfinite(known.reference_horizon_s) else "")
-        )
-    else:
-        out.append("no exact solution: only energy and constraints are checked")
-    return tuple(out)
+    if known is None:
+        return (*out, "no exact solution: only energy and constraints are checked")
+    until = f" up to {time(known.reference_horizon_s)} s" if math.isfinite(known.reference_horizon_s) else ""
+    return (*out, f"reference: {known.reference}, certified to {number(known.reference_own_error_m)} m{until}")
 
 
-def _extra(title: str, runs: Sequence[Run], of) -> Extra:  # type: ignore[no-untyped-def]
-    units = {n: str(e.get("unit", "")) for c in runs for n, e in of(c).items()}
-    rows = tuple((c, tuple(_value(of(c).get(n)) for n in units)) for c in runs)
+def _extra(title: str, runs: Sequence[Run], found: Sequence[Mapping[str, Mapping[str, Any]]]) -> Extra:
+    units = {n: str(e.get("unit", "")) for of in found for n, e in of.items()}
+    rows = tuple((c, tuple(_value(of.get(n)) for n in units)) for c, of in zip(runs, found, strict=True))
     return Extra(title, tuple(f"{n} [{unit(u)}]" if u else n for n, u in units.items()), rows)
 
 
-def _value(found: Mapping | None) -> tuple[float, str]:
+def _value(found: Mapping[str, Any] | None) -> tuple[float, str]:
     try:
         value = float(found["max"]) if found else math.nan
     except (KeyError, TypeError, ValueError):

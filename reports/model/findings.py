@@ -2,14 +2,14 @@
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from .accuracy import Measure, measure_for
-from .results import Results, Run, Variant, by_solver
+from .results import Results, Run, Variant, by_solver, grouped
 from .scores import score
 from .variants import plain_runs
-from .words import listed, mark, number, plural, seconds, time
+from .words import cut, listed, mark, number, plural, seconds, time
 
 SAME_ERROR = 1.25  # errors closer than this factor are called equal
 SAME_CPU = 1.3  # so are timings: the spread of single timings on a shared machine
@@ -42,19 +42,14 @@ def findings_of(whole: Variant, label: str = "") -> list[Finding]:
         out.append(Finding("No run solved this problem to the end.", "failed"))
     if measure is not None:
         out += [*_most_accurate(variant, measure), *_cheapest(variant, measure), *_response(variant, measure)]
-    out += _energy(variant)
-    out += _ends(variant)
+    out += [*_energy(variant), *_ends(variant)]
     if len(runs) < len(whole.runs):
         here = {c.record.run_id for c in runs}
-        out.append(_others([c for c in whole.runs if c.record.run_id not in here], runs[0].record.label))
+        others = [c for c in whole.runs if c.record.run_id not in here]
+        about = f"“{runs[0].record.label}”" if runs[0].record.label else "default options"
+        words = f"Of {plural(len(others), 'run')} at other settings, folded below: {score(others).words}."
+        out.append(Finding(f"These findings are about {about}. {words}"))
     return out
-
-
-def _others(runs: Sequence[Run], label: str) -> Finding:
-    """How all other settings ended."""
-    about = f"“{label}”" if label else "default options"
-    words = f"Of {plural(len(runs), 'run')} at other settings, folded below: {score(runs).words}."
-    return Finding(f"These findings are about {about}. {words}")
 
 
 def called(run: Run) -> str:
@@ -70,20 +65,16 @@ def _counts(results: Results) -> Iterator[Finding]:
     wrong = sorted(((s, n) for s, n in scores.items() if n.wrong), key=lambda kv: -kv[1].wrong)
     if wrong:
         whose = listed([f"{solver} {n.wrong} of {n.runs}" for solver, n in wrong])
-        yield Finding(
-            f"{plural(count['wrong'], 'false success', 'false successes')}: energy, constraints, invariants or the "
-            f"reference are violated: {whose}.",
-            "wrong",
-        )
+        yield Finding(f"{plural(count['wrong'], 'false success', 'false successes')}: energy, constraints, invariants "
+                      f"or the reference are violated: {whose}.", "wrong")  # fmt: skip
     for label in results.labels() if len(results.labels()) > 1 else ():
         own = score(c for c in results.runs if c.record.label == label)
         yield Finding(f"“{label or 'no label'}”: of {plural(own.runs, 'run')} {own.words}.")
     judged = [(s, n.drifting, n.drifting + n.bounded) for s, n in scores.items() if n.drifting + n.bounded]
     if judged:
-        yield Finding(
-            f"Among successes, the energy error drifts in: {listed([f'{s} {k} of {n}' for s, k, n in judged], 12)}. "
-            "Its size is in the tables: a drift may be small and a bounded error large."
-        )
+        where = listed([f"{s} {k} of {n}" for s, k, n in judged], 12)
+        yield Finding(f"Among successes, the energy error drifts in: {where}. Its size is in the tables: a drift may "
+                      "be small and a bounded error large.")  # fmt: skip
 
 
 def _most_accurate(variant: Variant, measure: Measure) -> Iterator[Finding]:
@@ -99,10 +90,8 @@ def _most_accurate(variant: Variant, measure: Measure) -> Iterator[Finding]:
     close = [c for c in ranked if measure.of(c) <= SAME_ERROR * best]
     who = listed([called(c) for c in close])
     many = f"{who} (within {SAME_ERROR:g} of each other)" if len(close) > 1 else who
-    yield Finding(
-        f"Smallest {measure.what} of {plural(len(ranked), 'success', 'successes')}: {number(best)} {measure.unit}, "
-        f"{many}."
-    )
+    yield Finding(f"Smallest {measure.what} of {plural(len(ranked), 'success', 'successes')}: {number(best)} "
+                  f"{measure.unit}, {many}.")  # fmt: skip
 
 
 def _cheapest(variant: Variant, measure: Measure) -> Iterator[Finding]:
@@ -115,9 +104,8 @@ def _cheapest(variant: Variant, measure: Measure) -> Iterator[Finding]:
         return
     good.sort(key=lambda c: c.record.cpu_median_s)
     least = good[0].record.cpu_median_s
-    close = [
-        c for c in good if c.record.cpu_median_s <= SAME_CPU * least or c.record.cpu_min_s <= good[0].record.cpu_max_s
-    ]
+    most = good[0].record.cpu_max_s
+    close = [c for c in good if c.record.cpu_median_s <= SAME_CPU * least or c.record.cpu_min_s <= most]
     who = listed([f"{called(c)} {seconds(c.record.cpu_median_s)}" for c in close])
     single = " (single timings)" if any(c.record.repeats < 2 for c in close) else ""
     close_words = f", too close to distinguish: {who}" if len(close) > 1 else f": {who}"
@@ -128,12 +116,9 @@ def _cheapest(variant: Variant, measure: Measure) -> Iterator[Finding]:
 
 
 def _response(variant: Variant, measure: Measure) -> Iterator[Finding]:
-    families: dict[str, list[Run]] = {}
-    for c in variant.runs:
-        whole = c.succeeded or c.status == "wrong"
-        if whole and measure.of(c) > max(10.0 * measure.own, 0.0) and math.isfinite(measure.of(c)):
-            families.setdefault(f"{c.method} {c.record.max_step_s:g}", []).append(c)
-    for own in families.values():
+    whole = [c for c in variant.runs if (c.succeeded or c.status == "wrong") and math.isfinite(measure.of(c))]
+    above = [c for c in whole if measure.of(c) > max(10.0 * measure.own, 0.0)]
+    for own in grouped(above, lambda c: f"{c.method} {c.record.max_step_s:g}").values():
         own.sort(key=lambda c: -c.step_or_tolerance)
         coarse, fine = own[0], own[-1]
         if fine.step_or_tolerance <= 0.0 or coarse.step_or_tolerance / fine.step_or_tolerance < 1.5:
@@ -144,11 +129,9 @@ def _response(variant: Variant, measure: Measure) -> Iterator[Finding]:
             yield Finding(f"{coarse.method}: from {coarse.step_words} to {fine.step_words} the {measure.what} falls by "
                           f"{number(gain)}: observed order {order:.2f}.")  # fmt: skip
         elif gain < 1.0:
-            yield Finding(
-                f"{coarse.method}: tightening from {coarse.step_words} to {fine.step_words} makes the {measure.what} "
-                f"larger, from {number(measure.of(coarse))} to {number(measure.of(fine))} {measure.unit}.",
-                "failed",
-            )
+            yield Finding(f"{coarse.method}: tightening from {coarse.step_words} to {fine.step_words} makes the "
+                          f"{measure.what} larger, from {number(measure.of(coarse))} to {number(measure.of(fine))} "
+                          f"{measure.unit}.", "failed")  # fmt: skip
 
 
 def _energy(variant: Variant) -> Iterator[Finding]:
@@ -157,21 +140,17 @@ def _energy(variant: Variant) -> Iterator[Finding]:
         known.sort(key=lambda c: c.record.energy_drift_max_J)
         least, most = known[0].record.energy_drift_max_J, known[-1].record.energy_drift_max_J
         if most > SAME_ERROR * least:
-            yield Finding(
-                f"Energy errors of successes range from {number(least)} J, {called(known[0])}, "
-                f"to {number(most)} J, {called(known[-1])}."
-            )
+            yield Finding(f"Energy errors of successes range from {number(least)} J, {called(known[0])}, "
+                          f"to {number(most)} J, {called(known[-1])}.")  # fmt: skip
         else:
             yield Finding(f"All successes have about the same largest energy error, {number(most)} J.")
     allowed = next((c.record.energy_allowed_J for c in variant.runs if c.record.energy_allowed_J > 0.0), math.nan)
     if not math.isnan(allowed):
         over = [c for c in variant.runs if c.record.energy_drift_max_J > allowed]
         words = f"exceeded by {listed([called(c) for c in over])}" if over else "kept by every run that took a step"
-        yield Finding(
-            f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}. Exceeding it does not "
-            "make a run wrong: that limit is a tenth of the energy scale, for all problems.",
-            "failed" if over else "plain",
-        )
+        yield Finding(f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}. Exceeding it does "
+                      "not make a run wrong: that limit is a tenth of the energy scale, for all problems.",
+                      "failed" if over else "plain")  # fmt: skip
 
 
 def _ends(variant: Variant) -> Iterator[Finding]:
@@ -179,22 +158,12 @@ def _ends(variant: Variant) -> Iterator[Finding]:
     early = sorted((c for c in variant.runs if c.stopped), key=lambda c: c.record.t_reached_s)
     for solver, own in by_solver(early).items():
         r = own[0].record
-        where = (
-            f"at {time(r.t_reached_s)} of {time(r.t_end_s)} s"
-            if math.isfinite(r.t_reached_s)
-            else "before its first step"
-        )
+        known = math.isfinite(r.t_reached_s)
+        where = f"at {time(r.t_reached_s)} of {time(r.t_end_s)} s" if known else "before its first step"
         more = f" {len(own) - 1} more of {solver} did so later." if len(own) > 1 else ""
-        reason = _short(own[0].reasons[0])
+        reason = cut(own[0].reasons[0], REASON)
         yield Finding(f"{called(own[0])} ended {where}, {mark(own[0].status).word}: {reason}{more}", "failed")
-    refused: dict[tuple[str, str], list[Run]] = {}
-    for c in variant.runs:
-        if c.status == "refused":
-            refused.setdefault((c.record.solver, c.reasons[0]), []).append(c)
-    for (_, reason), own in refused.items():
+    refused = [c for c in variant.runs if c.status == "refused"]
+    for (_, reason), own in grouped(refused, lambda c: (c.record.solver, c.reasons[0])).items():
         more = f" and {len(own) - 1} more" if len(own) > 1 else ""
-        yield Finding(f"{called(own[0])}{more} refused: {_short(reason)}")
-
-
-def _short(reason: str) -> str:
-    return reason if len(reason) <= REASON else reason[: REASON - 1] + "…"
+        yield Finding(f"{called(own[0])}{more} refused: {cut(reason, REASON)}")

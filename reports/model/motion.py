@@ -8,7 +8,7 @@ import numpy as np
 
 from ...harness.results.series import Series
 from .curves import SPANS_UPPER, Curve, band, signed, upper
-from .results import Results, Run
+from .results import Run
 
 NORMS = ("energy_error", "phi_norm", "phi_dot_norm", "position_error", "orientation_error", "out_of_plane")
 
@@ -36,9 +36,8 @@ class Motion:
         return any(len(c) > 0 for c in self.norms.values())
 
 
-def motion_of(results: Results, run: Run, spans: int = SPANS_UPPER) -> Motion:
+def motion_of(run: Run, series: Series | None, spans: int = SPANS_UPPER) -> Motion:
     """The curves of a run over ``spans`` of time; without a series file there are none."""
-    series = results.series(run)
     if series is None or "t" not in series or len(series["t"]) == 0:
         return Motion(run)
     t, t_end = series["t"], 0.0 if run.stopped else run.record.t_end_s  # who stopped is drawn up to there, as fine
@@ -61,9 +60,7 @@ def motion_of(results: Results, run: Run, spans: int = SPANS_UPPER) -> Motion:
 
 def bodies_in(series: Series) -> int:
     """How many bodies the system has; 0 if the file does not say."""
-    if series.body_names:
-        return len(series.body_names)
-    return len(series["end_r"]) if "end_r" in series else 0
+    return len(series.body_names) or (len(series["end_r"]) if "end_r" in series else 0)
 
 
 def _steps(series: Series, run: Run, spans: int) -> Curve | None:

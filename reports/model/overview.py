@@ -10,7 +10,6 @@ from .scores import Score, score
 from .variants import VariantGroup, broadest, themselves
 from .words import Mark, mark, number, seconds
 
-WORST_FIRST = ("wrong", "failed", "refused", "good")
 FEWEST_DIGITS, MOST_DIGITS = 0.0, 14.0  # of a bar: empty when exact to 14 digits, full when none is right
 
 
@@ -82,11 +81,8 @@ def matrix(results: Results) -> list[Part]:
 
 def tally(results: Results, own: VariantGroup) -> list[tuple[Variant, list[Score | None]]]:
     """Variants by solvers, counted; None for a solver that did not take one."""
-    out = []
-    for p in own.variants:
-        runs = by_solver(p.runs)
-        out.append((p, [score(runs[s]) if s in runs else None for s in results.solvers]))
-    return out
+    counted = [(p, by_solver(p.runs)) for p in own.variants]
+    return [(p, [score(runs[s]) if s in runs else None for s in results.solvers]) for p, runs in counted]
 
 
 def entry(variant: Variant, runs: Sequence[Run]) -> Entry:

@@ -1,30 +1,28 @@
 """What ran, where and with which versions, for the head of a page."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .results import Results, Run
 
 UNKNOWN = "not recorded"
+ASKED = {"dt_s": "dt {} s", "rtol": "rtol {}", "max_step_s": "max step {} s"}
+LIMITS = {"wall_limit_s": "{} s wall time", "memory_limit_MB": "{} MB"}
 STAMPED = ("numpy", "scipy")  # packages of the short form
 
 
 def facts(results: Results) -> list[tuple[str, str]]:
     """Name and value, those a reader checks first at the top."""
     e = results.environment
-    commit = str(e.get("commit") or UNKNOWN)
     return [
         ("Suite", str(e.get("suite") or _all(results.runs, "suite"))),
         ("Results", str(e.get("run") or results.folder.name)),
         ("Started", str(e.get("started") or UNKNOWN)),
-        ("Commit", commit + (" with uncommitted changes (dirty)" if e.get("dirty") else "")),
+        ("Commit", _commit(e)),
         ("Code digest", str(e.get("code") or _all(results.runs, "code"))),
-        ("Steps and tolerances", _asked(results.runs)),
-        ("Limits per run", _limits(results.runs)),
-        (
-            "Machine",
-            f"{e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores, {e.get('system', '')} {e.get('machine', '')}",
-        ),
+        ("Steps and tolerances", _values(results.runs, ASKED, "; ", largest_first=True)),
+        ("Limits per run", _values(results.runs, LIMITS, ", ")),
+        ("Machine", f"{_machine(e)}, {e.get('system', '')} {e.get('machine', '')}"),
         ("Parallel processes", str(e.get("jobs") or UNKNOWN)),
         ("BLAS", _blas(e.get("blas"))),
         ("Python", str(e.get("python") or UNKNOWN)),
@@ -38,9 +36,15 @@ def stamp(results: Results) -> str:
     e = results.environment
     versions = dict(packages(results))
     known = [f"Python {e.get('python') or UNKNOWN}", *(f"{k} {versions[k]}" for k in STAMPED if k in versions)]
-    commit = str(e.get("commit") or UNKNOWN)[:12] + (" with uncommitted changes (dirty)" if e.get("dirty") else "")
-    machine = f"{e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores"
-    return f"Commit {commit}; {', '.join(known)}; {machine}."
+    return f"Commit {_commit(e, 12)}; {', '.join(known)}; {_machine(e)}."
+
+
+def _commit(e: Mapping[str, Any], digits: int | None = None) -> str:
+    return str(e.get("commit") or UNKNOWN)[:digits] + (" with uncommitted changes (dirty)" if e.get("dirty") else "")
+
+
+def _machine(e: Mapping[str, Any]) -> str:
+    return f"{e.get('cpu') or UNKNOWN}, {e.get('cores', '?')} cores"
 
 
 def cautions(results: Results) -> list[str]:
@@ -65,27 +69,16 @@ def packages(results: Results) -> list[tuple[str, str]]:
     return sorted((str(k), str(v)) for k, v in found.items()) if isinstance(found, dict) else []
 
 
-def _asked(runs: Sequence[Run]) -> str:
-    words = []
-    for name, column, unit in (("dt", "dt_s", " s"), ("rtol", "rtol", ""), ("max step", "max_step_s", " s")):
-        values = sorted({v for c in runs if (v := getattr(c.record, column)) == v}, reverse=True)
-        if values:
-            words.append(f"{name} {', '.join(f'{v:g}' for v in values)}{unit}")
-    return "; ".join(words) or UNKNOWN
-
-
-def _limits(runs: Sequence[Run]) -> str:
-    wall = sorted({c.record.wall_limit_s for c in runs if c.record.wall_limit_s == c.record.wall_limit_s})
-    memory = sorted({c.record.memory_limit_MB for c in runs if c.record.memory_limit_MB == c.record.memory_limit_MB})
-    words = [f"{', '.join(f'{v:g}' for v in wall)} s wall time"] if wall else []
-    words += [f"{', '.join(f'{v:g}' for v in memory)} MB"] if memory else []
-    return ", ".join(words) or UNKNOWN
+def _values(runs: Sequence[Run], columns: Mapping[str, str], link: str, *, largest_first: bool = False) -> str:
+    """All values of ``columns``, each column with its words."""
+    found = {k: {v for c in runs if (v := getattr(c.record, k)) == v} for k in columns}
+    values = {k: ", ".join(f"{v:g}" for v in sorted(own, reverse=largest_first)) for k, own in found.items() if own}
+    words = [columns[k].format(v) for k, v in values.items()]
+    return link.join(words) or UNKNOWN
 
 
 def _blas(given: Any) -> str:
-    if not isinstance(given, list):
-        return UNKNOWN
-    known = [b for b in given if isinstance(b, dict)]
+    known = [b for b in given if isinstance(b, dict)] if isinstance(given, list) else []
     names = dict.fromkeys(" ".join(str(b[k]) for k in ("internal_api", "version") if b.get(k)) for b in known)
     threads = sorted({str(b.get("num_threads")) for b in known})
     return f"{', '.join(names)}: {' or '.join(threads)} thread(s)" if known else UNKNOWN

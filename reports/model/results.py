@@ -5,9 +5,11 @@ import io
 import json
 import re
 import zipfile
+from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import chain, count
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -17,13 +19,17 @@ from ...harness.results import store
 from ...harness.results.naming import named, text_of
 from ...harness.results.provenance import stamp_of
 from ...harness.results.records import RunRecord
-from ...harness.results.series import KIND, SERIES_SCHEMA, Series
+from ...harness.results.series import KIND, SERIES_SCHEMA, BadSeries, Series
 from ...harness.results.words import why
 from ...harness.types import Status
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
 STDERR_SHOWN = 4000  # characters, the last ones: a native library says the reason last
+
+
+def _unpacked(column: str) -> cached_property[Mapping[str, Any]]:
+    return cached_property(lambda run: json.loads(getattr(run.record, column)))
 
 
 @dataclass(frozen=True)
@@ -43,30 +49,11 @@ class Run:
         """The solver with its options, without the step or tolerance."""
         return named(self.record.solver, self.options)
 
-    @cached_property
-    def parameters(self) -> Mapping[str, Any]:
-        return json.loads(self.record.problem_parameters)
-
-    @property
-    def parameter_words(self) -> str:
-        """Parameters of the problem in words; empty where all are its defaults."""
-        return ", ".join(f"{k} = {text_of(v)}" for k, v in self.parameters.items())
-
-    @cached_property
-    def options(self) -> Mapping[str, Any]:
-        return json.loads(self.record.solver_options)
-
-    @cached_property
-    def counters(self) -> Mapping[str, Any]:
-        return json.loads(self.record.counters)
-
-    @cached_property
-    def observable_errors(self) -> Mapping[str, Mapping[str, Any]]:
-        return json.loads(self.record.observable_errors)
-
-    @cached_property
-    def invariant_drifts(self) -> Mapping[str, Mapping[str, Any]]:
-        return json.loads(self.record.invariant_drifts)
+    parameters = _unpacked("problem_parameters")
+    options = _unpacked("solver_options")
+    counters = _unpacked("counters")
+    observable_errors = _unpacked("observable_errors")
+    invariant_drifts = _unpacked("invariant_drifts")
 
     @cached_property
     def notes(self) -> Sequence[str]:
@@ -136,13 +123,11 @@ class Variant:
     @property
     def parameters(self) -> str:
         """In words; empty for the problem as its file has it."""
-        return self.runs[0].parameter_words
+        return ", ".join(f"{k} = {text_of(v)}" for k, v in self.runs[0].parameters.items())
 
     def labels(self) -> dict[str, tuple[Run, ...]]:
         """The runs by label of the suite, the largest group first."""
-        found: dict[str, list[Run]] = {}
-        for run in self.runs:
-            found.setdefault(run.record.label, []).append(run)
+        found = grouped(self.runs, lambda run: run.record.label)
         return {k: tuple(v) for k, v in sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))}
 
     def solved(self) -> tuple[Run, ...]:
@@ -161,10 +146,8 @@ class Results:
     @cached_property
     def variants(self) -> tuple[Variant, ...]:
         """In the order of the paper's sections, then by name."""
-        found: dict[str, list[Run]] = {}
-        for run in self.runs:
-            found.setdefault(run.variant, []).append(run)
-        ordered = sorted(found.items(), key=lambda kv: (kv[1][0].record.section or "~", natural(kv[0])))
+        found = grouped(self.runs, lambda run: run.variant).items()
+        ordered = sorted(found, key=lambda kv: (kv[1][0].record.section or "~", natural(kv[0])))
         taken: set[str] = set()
         return tuple(Variant(title, slug(title, taken), tuple(runs)) for title, runs in ordered)
 
@@ -174,13 +157,18 @@ class Results:
 
     def labels(self) -> tuple[str, ...]:
         """Labels of the suite, the one with most runs first."""
-        count: dict[str, int] = {}
-        for run in self.runs:
-            count[run.record.label] = count.get(run.record.label, 0) + 1
-        return tuple(sorted(count, key=lambda k: (-count[k], k)))
+        number = Counter(run.record.label for run in self.runs)
+        return tuple(sorted(number, key=lambda k: (-number[k], k)))
 
     def series(self, run: Run) -> Series | None:
         return store.series_of(self.folder, run.record)
+
+    def readable_series(self, run: Run) -> Series | None:
+        """None where the file is damaged, too: the figure says so."""
+        try:
+            return self.series(run)
+        except BadSeries:
+            return None
 
 
 def read_results(folder: Path, *, check_series: bool = True) -> Results:
@@ -233,10 +221,8 @@ def natural(text: str) -> list[tuple[int, float, str]]:
 def slug(title: str, taken: set[str]) -> str:
     """A name for files and anchors, unlike those in ``taken``, to which it is added."""
     base = re.sub(r"[^a-zA-Z0-9.]+", "-", title).strip("-.")[:80] or "unnamed"
-    name, n = base, 1
-    while name.lower() in taken:
-        n += 1
-        name = f"{base}-{n}"
+    names = chain([base], (f"{base}-{n}" for n in count(2)))
+    name = next(name for name in names if name.lower() not in taken)
     taken.add(name.lower())
     return name
 

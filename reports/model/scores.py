@@ -1,14 +1,17 @@
 """How runs ended, counted: what a bar of the overview and a line of a solver's page show."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from .accuracy import drifts, measure_for
 from .results import Results, Run, Variant, by_solver
 from .variants import broadest, themselves
-from .words import listed, mark, number, plural, time
+from .words import cut, listed, mark, number, plural, time
 
+KINDS = {"good": "succeeded", "wrong": "wrong", "failed": "stopped", "refused": "refused"}  # of marks, in words
 NAMED = 3  # variants named for a solver in an answer; more are counted
+REASON = 90  # characters of a reason
 
 
 @dataclass(frozen=True)
@@ -29,25 +32,19 @@ class Score:
     @property
     def shares(self) -> list[tuple[str, int, float]]:
         """Kind, count and percent of all, for a bar."""
-        parts = (("good", self.succeeded), ("wrong", self.wrong), ("failed", self.stopped), ("refused", self.refused))
-        return [(kind, n, 100.0 * n / self.runs) for kind, n in parts if n]
+        return [(kind, n, 100.0 * n / self.runs) for kind, name in KINDS.items() if (n := getattr(self, name))]
 
     @property
     def words(self) -> str:
         """``5 succeeded, 1 wrong``."""
-        names = ("succeeded", "wrong", "stopped", "refused")
-        return listed([f"{n} {name}" for name in names if (n := getattr(self, name))]) or "no run"
+        return listed([f"{n} {name}" for name in KINDS.values() if (n := getattr(self, name))]) or "no run"
 
 
 def score(runs: Iterable[Run]) -> Score:
     """Of any runs."""
-    kinds = {"good": 0, "wrong": 0, "failed": 0, "refused": 0}
-    energy = {True: 0, False: 0}
-    for c in runs:
-        kinds[mark(c.status).kind] += 1
-        wanders = drifts(c) if c.succeeded else None
-        if wanders is not None:
-            energy[wanders] += 1
+    own = list(runs)
+    kinds = Counter(mark(c.status).kind for c in own)
+    energy = Counter(drifts(c) for c in own if c.succeeded)
     return Score(kinds["good"], kinds["wrong"], kinds["failed"], kinds["refused"], energy[False], energy[True])
 
 
@@ -75,7 +72,7 @@ def verdicts(results: Results) -> list[Verdict]:
         out.append(Verdict(
             solver, own[0].record.paper_label, score(heads), score(own),
             tuple(c for c in heads if c.succeeded and drifts(c)),
-            tuple((c, _short(c) + _finer(p, c)) for p, c in stands if not c.succeeded),
+            tuple((c, cut(c.reasons[0], REASON) + _finer(p, c)) for p, c in stands if not c.succeeded),
             tuple(c for c in heads if c.succeeded and drifts(c) is False),
         ))  # fmt: skip
     return sorted(out, key=lambda v: (-(v.finest.succeeded / v.finest.runs if v.finest.runs else -1.0), v.solver))
@@ -89,39 +86,25 @@ def finest(variant: Variant, solver: str, label: str) -> Run | None:
 
 def _finer(variant: Variant, run: Run) -> str:
     """Words for a finer step or tolerance at which the same settings succeed, in whatever group that was run."""
-    own = [
-        c
-        for c in variant.runs
-        if c.method == run.method and c.succeeded and c.step_or_tolerance < run.step_or_tolerance
-    ]
-    best = min(own, key=lambda c: -c.step_or_tolerance, default=None)
+    own = [c for c in variant.runs if c.method == run.method and c.succeeded]
+    finer = [c for c in own if c.step_or_tolerance < run.step_or_tolerance]
+    best = max(finer, key=lambda c: c.step_or_tolerance, default=None)
     return f"; succeeds at {best.step_words}" if best else ""
 
 
 def unpredictable(results: Results) -> str:
     """On what problems of the plain comparison errors are judged over a part of the time only."""
-    found = [
-        (p, m) for p in themselves(results, broadest(results)) if (m := measure_for(p.runs)) and m.until is not None
-    ]
-    if not found:
-        return ""
-    parts = [f"{p.title} to {m.until:.2g} of {max(c.record.t_end_s for c in p.runs):g} s" for p, m in found]
-    return f" Errors are judged while the motion is predictable: {listed(parts)}; then only energy and constraints."
+    variants = themselves(results, broadest(results))
+    found = [(p, m.until) for p in variants if (m := measure_for(p.runs)) and m.until is not None]
+    parts = [f"{p.title} to {until:.2g} of {max(c.record.t_end_s for c in p.runs):g} s" for p, until in found]
+    judged = f" Errors are judged while the motion is predictable: {listed(parts)}; then only energy and constraints."
+    return judged if parts else ""
 
 
 def _ended(run: Run) -> str:
-    """How it ended, and where it stopped."""
     r = run.record
-    where = (
-        f" at {time(r.t_reached_s)} of {time(r.t_end_s)} s" if run.stopped and r.t_reached_s == r.t_reached_s else ""
-    )
-    return f"{mark(run.status).word}{where}"
-
-
-def _short(run: Run, most: int = 90) -> str:
-    """The first reason."""
-    reason = " ".join(run.reasons[0].split())
-    return reason if len(reason) <= most else reason[: most - 1] + "…"
+    tells = run.stopped and r.t_reached_s == r.t_reached_s
+    return mark(run.status).word + (f" at {time(r.t_reached_s)} of {time(r.t_end_s)} s" if tells else "")
 
 
 @dataclass(frozen=True)
@@ -167,10 +150,7 @@ def headline(found: Sequence[Verdict], label: str, judged: str = "") -> list[Ans
 
 def _breaks(v: Verdict) -> str:
     """On what, how, and the first reason."""
-    parts = [
-        f"{c.variant}{f' at {c.step_words}' if c.step_words else ''}: {_ended(c)}: {reason}"
-        for c, reason in v.breaks_on[:NAMED]
-    ]
+    parts = [f"{c.variant} at {c.step_words}: {_ended(c)}: {reason}" for c, reason in v.breaks_on[:NAMED]]
     more = len(v.breaks_on) - NAMED
     return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
 

@@ -34,10 +34,8 @@ def write_tables(variants: Sequence[Variant], folder: Path, *, rounded: bool = F
 
 def csv_of(runs: Sequence[Run]) -> str:
     """All columns, numbers in full; empty where a quantity does not exist."""
-    rows = [
-        [c.variant, c.record.solver, c.record.paper_label, *(_full(k, c) for k in COLUMNS), "; ".join(c.reasons)]
-        for c in runs
-    ]
+    rows = [[c.variant, c.record.solver, c.record.paper_label, *(_full(k, c) for k in COLUMNS), "; ".join(c.reasons)]
+            for c in runs]  # fmt: skip
     return _csv([["problem", "solver", "paper_label", *map(_head, COLUMNS), "reason"], *rows])
 
 
@@ -60,18 +58,11 @@ def _head(column: Column) -> str:
 def latex_of(title: str, runs: Sequence[Run]) -> str:
     """The main columns, for booktabs; a failure keeps its row and says how it ended."""
     kinds = "".join("l" if isinstance(c.of(runs[0]), str) else "r" for c in SHOWN)
-    lines = [
-        f"% {_one_line(title)}",
-        "% needs \\usepackage{booktabs}",
-        f"\\begin{{tabular}}{{l{kinds}}}",
-        "\\toprule",
-        " & ".join(["Solver", *(c.latex for c in SHOWN)]) + r" \\",
-        "\\midrule",
-    ]
-    for run in runs:
-        values = [latex_text(run.record.solver), *(_latex(c, run) for c in SHOWN)]
-        lines.append(" & ".join(values) + r" \\")
-    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", ""])
+    rows = [["Solver", *(c.latex for c in SHOWN)]]
+    rows += [[latex_text(run.record.solver), *(_latex(c, run) for c in SHOWN)] for run in runs]
+    head, *body = [" & ".join(row) + r" \\" for row in rows]
+    start = [f"% {_one_line(title)}", r"% needs \usepackage{booktabs}", rf"\begin{{tabular}}{{l{kinds}}}"]
+    return "\n".join([*start, r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}", ""])
 
 
 def latex_text(text: str) -> str:

@@ -1,8 +1,9 @@
 """Which variants are the problems themselves, and which present them otherwise or vary their parameters."""
 
+from collections import Counter
 from dataclasses import dataclass
 
-from .results import Results, Run, Variant
+from .results import Results, Run, Variant, grouped
 
 HEADLINE = ("recommended", "default")  # labels of a suite's plain comparison
 PRESENTED = {
@@ -49,11 +50,10 @@ def broadest(results: Results) -> str:
     for name in HEADLINE:
         if name in labels:
             return name
-    pairs: dict[str, set[tuple[str, str]]] = {label: set() for label in labels}
-    for p in results.variants:
-        for c in p.runs if not presentation(p) else ():
-            pairs[c.record.label].add((p.title, c.record.solver))
-    return max(pairs, key=lambda label: len(pairs[label]), default="")
+    plain = [p for p in results.variants if not presentation(p)]
+    pairs = {(c.record.label, p.title, c.record.solver) for p in plain for c in p.runs}
+    count = Counter(label for label, _, _ in pairs)
+    return max(labels, key=count.__getitem__, default="")
 
 
 def themselves(results: Results, label: str) -> tuple[Variant, ...]:
@@ -65,13 +65,10 @@ def themselves(results: Results, label: str) -> tuple[Variant, ...]:
 
 def variant_groups(results: Results, label: str) -> tuple[VariantGroup, ...]:
     """All others, by how they differ; the same problems at other times and sizes first."""
-    apart: dict[str, list[Variant]] = {OTHER_PARAMETERS: []}
     here = {p.title for p in themselves(results, label)}
-    for p in results.variants:
-        if p.title not in here:
-            apart.setdefault(presentation(p) or OTHER_PARAMETERS, []).append(p)
-    order = {words: k for k, words in enumerate((OTHER_PARAMETERS, *PRESENTED.values()))}
-    return tuple(VariantGroup(w, tuple(apart[w])) for w in sorted(apart, key=order.__getitem__) if apart[w])
+    others = [p for p in results.variants if p.title not in here]
+    apart = grouped(others, lambda p: presentation(p) or OTHER_PARAMETERS)
+    return tuple(VariantGroup(w, tuple(apart[w])) for w in (OTHER_PARAMETERS, *PRESENTED.values()) if w in apart)
 
 
 def groups_of(variant: Variant, label: str) -> dict[str, tuple[Run, ...]]:

@@ -1,13 +1,13 @@
 """Numbers and statuses as a reader wants them: three digits, powers of ten, a mark and a word."""
 
 import math
+import re
 from dataclasses import dataclass
-
-from ...harness.types import Status
 
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 BELOW_CLOCK = "below the clock"  # a CPU time that reads 0: too short to measure
 NONE = "–"  # the quantity does not exist here
+MARKS = {"success": ("✓", "good"), "wrong": ("✗", "wrong"), "refused": ("⊘", "refused")}  # by status
 
 
 @dataclass(frozen=True)
@@ -21,14 +21,8 @@ class Mark:
 
 def mark(status: str) -> Mark:
     """The mark of a status; one we do not know counts as a failure."""
-    word = status.replace("_", " ")
-    if status == Status.SUCCESS:
-        return Mark("✓", "success", "good")
-    if status == Status.WRONG:
-        return Mark("✗", "wrong", "wrong")
-    if status == Status.REFUSED:
-        return Mark("⊘", "refused", "refused")
-    return Mark("★", word, "failed")
+    symbol, kind = MARKS.get(status, ("★", "failed"))
+    return Mark(symbol, status.replace("_", " "), kind)
 
 
 def number(value: float, digits: int = 3) -> str:
@@ -75,14 +69,18 @@ def seconds(value: float) -> str:
 
 def unit(text: str) -> str:
     """``kg m2/s`` as ``kg m²/s``."""
-    return "".join(
-        c.translate(SUPERSCRIPTS) if k and c in "23" and text[k - 1].isalpha() else c for k, c in enumerate(text)
-    )
+    return re.sub(r"(?<=[^\W\d_])[23]", lambda digit: digit[0].translate(SUPERSCRIPTS), text)
 
 
 def plural(n: int, one: str, many: str = "") -> str:
     """``1 run``, ``2 runs``."""
     return f"{n} {one if n == 1 else many or one + 's'}"
+
+
+def cut(text: str, most: int) -> str:
+    """In one line of at most so many characters."""
+    line = " ".join(text.split())
+    return line if len(line) <= most else line[: most - 1] + "…"
 
 
 def listed(items: list[str], most: int = 6) -> str:

@@ -31,7 +31,7 @@ def write(results: Results, site: Site) -> Page | None:
 
 def _write(results: Results, site: Site, variant: Variant, label: str, spans: int) -> None:
     lines = lines_of(variant, site.url)
-    motions = {line.run.record.run_id: motion_of(results, line.run, spans) for line in lines}
+    motions = {line.run.record.run_id: motion_of(line.run, results.series(line.run), spans) for line in lines}
     drawing = Drawing(variant.runs, lines, motions, spans)
     groups = groups_of(variant, label)
     made = (work_chapter(variant, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))

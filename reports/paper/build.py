@@ -3,8 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ...harness.results.series import BadSeries, Series
-from ..model.results import Results, Run, read_results
+from ..model.results import Results, read_results
 from ..plots.palette import looks
 from ..plots.style import SUFFIXES, save
 from .captions import FOLDER, Caption, write
@@ -16,13 +15,8 @@ from .picking import Asked, choose
 from .spec import PaperFigure
 
 
-def command(
-    folder: Path,
-    only: Sequence[str],
-    specs: Sequence[Asked],
-    tell: Callable[[str], None] = lambda words: None,
-    suffixes: Sequence[str] = SUFFIXES,
-) -> list[Caption]:
+def command(folder: Path, only: Sequence[str], specs: Sequence[Asked], tell: Callable[[str], None] = lambda words: None,
+            suffixes: Sequence[str] = SUFFIXES) -> list[Caption]:  # fmt: skip
     """What ``mbsbench figures --paper`` does; ``only`` are names of figures, ``specs`` the runs of the suite."""
     names = [s.name for s in FIGURES]
     unknown = [name for name in only if name not in names]
@@ -49,13 +43,4 @@ def one(results: Results, figure: PaperFigure, specs: Sequence[Asked], suffixes:
 def found_lines(results: Results, figure: PaperFigure, specs: Sequence[Asked]) -> list[Line]:
     """The runs of a figure with their series."""
     chosen = choose(figure.picks, specs, results.runs)
-    series = {c.run.record.run_id: _series(results, c.run) for c in chosen if c.run}
-    return lines_of(chosen, series)
-
-
-def _series(results: Results, run: Run) -> Series | None:
-    """None where the file is damaged: the figure says so."""
-    try:
-        return results.series(run)
-    except BadSeries:
-        return None
+    return lines_of(chosen, {c.run.record.run_id: results.readable_series(c.run) for c in chosen if c.run})

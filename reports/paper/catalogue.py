@@ -130,4 +130,3 @@ FIGURES: tuple[PaperFigure, ...] = (
     PaperFigure(12, RECOMMENDED, "Sect. 5.5", _GRID_TITLE, (_recommended(GRID, AL, RK, FI, SE, INDEX3),),
                 _GRID_ROWS, (JOINT_A, BENCHMARK, INERTIA)),
 )  # fmt: skip
-NUMBERS = range(1, 13)

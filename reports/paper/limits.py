@@ -14,9 +14,8 @@ CUT = 30.0  # of the energy that the problem has to exchange, or of its size: wh
 START = 0.01  # of the window: first steps of error-controlled solvers are tiny and do not stretch the axis
 
 
-def limits_of(
-    panel: Panel, records: Sequence[RunRecord], units: set[str], drawn: Sequence[Curve], exact: Curve | None
-) -> tuple[float, float]:
+def limits_of(panel: Panel, records: Sequence[RunRecord], units: set[str], drawn: Sequence[Curve],
+              exact: Curve | None) -> tuple[float, float]:  # fmt: skip
     """Lowest and highest value shown."""
     size = _largest(records, "length_scale_m", 1.0)
     if not drawn:

@@ -9,6 +9,7 @@ from ...harness.results.records import RunRecord
 from ...harness.results.series import Series
 from ..model import curves
 from ..model.curves import Curve
+from ..model.results import grouped
 from ..model.words import number
 from ..plots.lines import all_lines, ended, shared_options
 from ..plots.spec import Axis, Plot, Trace, end_of
@@ -51,18 +52,15 @@ def shown(panel: Panel, lines: Sequence[Line]) -> list[Line]:
     """Those that the panel asks for."""
     if not panel.tightest:
         return list(lines)
-    least: dict[str, float] = {}
-    for k in lines:
-        solver, rtol = k.chosen.asked.solver, k.chosen.asked.control.rtol or 0.0
-        least[solver] = min(rtol, least.get(solver, rtol))
+    asked = grouped((k.chosen.asked for k in lines), lambda a: a.solver)
+    least = {solver: min(a.control.rtol or 0.0 for a in own) for solver, own in asked.items()}
     return [k for k in lines if (k.chosen.asked.control.rtol or 0.0) == least[k.chosen.asked.solver]]
 
 
 def plot_of(panel: Panel, lines: Sequence[Line]) -> Plot:
     """All of it but its letter; the caption says what a line does not show by itself."""
-    made = [
-        (k, c) for k in shown(panel, lines) for name in panel.of if (c := curve(k, name, panel)) is not None and len(c)
-    ]
+    found = [(k, curve(k, name, panel)) for k in shown(panel, lines) for name in panel.of]
+    made = [(k, c) for k, c in found if c is not None and len(c)]
     drawn, exact, known = [c for _, c in made], exact_of(panel, lines), records_of(lines)
     units = {k.series.units.get(name, "") for k in lines if k.series is not None for name in panel.of}
     low, high = limits_of(panel, known, units, drawn, exact)
@@ -107,9 +105,8 @@ def exact_of(panel: Panel, lines: Sequence[Line]) -> Curve | None:
     return None if longest is None else within(longest["t"], longest[panel.exact], panel.window)
 
 
-def _remark(
-    panel: Panel, drawn: Sequence[Curve], limits: tuple[float, float], records: Sequence[RunRecord], units: set[str]
-) -> str:
+def _remark(panel: Panel, drawn: Sequence[Curve], limits: tuple[float, float], records: Sequence[RunRecord],
+            units: set[str]) -> str:  # fmt: skip
     """What a line does not show by itself: rounding, values beyond the axis; that there is none."""
     if not drawn:
         return "none of the runs recorded this"

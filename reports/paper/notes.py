@@ -21,18 +21,12 @@ def caption(figure: PaperFigure, lines: Sequence[Line], folder: Path, files: Seq
     """Of one figure; claims stand under the figure with the printed settings."""
     judged, published = judged_claims(folder)
     return Caption(
-        number=figure.number,
-        name=figure.name,
-        label=figure.label,
-        section=figure.section,
-        title=figure.title,
+        number=figure.number, name=figure.name, label=figure.label, section=figure.section, title=figure.title,
         panels=tuple(p.title for p in figure.panels() if p.title),
-        note=tuple(_note(figure, lines)),
-        runs=tuple(map(_run, lines)),
+        note=tuple(_note(figure, lines)), runs=tuple(map(_run, lines)),
         claims=tuple(_claim(c) for c in judged if figure.label == PRINTED and figure.number in c.figure),
-        claims_published=published,
-        files=tuple(files),
-    )
+        claims_published=published, files=tuple(files),
+    )  # fmt: skip
 
 
 def judged_claims(folder: Path) -> tuple[tuple[Claim, ...], bool]:

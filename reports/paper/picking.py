@@ -74,14 +74,7 @@ def selected(pick: Pick, specs: Sequence[Asked]) -> list[Asked]:
 
 def _settings(asked: Asked, others: Sequence[Asked]) -> str:
     c = asked.control
-    own = [s for s in others if s.solver == asked.solver]
-    differs = [of(asked) for of in (_label, _direction) if len({of(s) for s in own}) > 1]
+    own = [asked, *(s for s in others if s.solver == asked.solver)]
+    words = zip(*((s.label, DIRECTIONS[s.options.get("direction", "a")]) for s in own), strict=True)
+    differs = [of[0] for of in words if len(set(of)) > 1]
     return ", ".join([f"dt = {c.dt:g} s" if c.dt is not None else f"rtol = {c.rtol:g}", *differs])
-
-
-def _label(asked: Asked) -> str:
-    return asked.label
-
-
-def _direction(asked: Asked) -> str:
-    return DIRECTIONS[asked.options.get("direction", "a")]

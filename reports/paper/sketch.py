@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
+from scipy.spatial import ConvexHull
 
 from ...harness.results.series import Series
 from ..mechanism.segments import Mechanism, mechanism_of
@@ -178,8 +179,9 @@ def _top(b: Board) -> None:
     z = R[:, 2]
     arm = float(np.linalg.norm(C - O))
     rim = C + 0.015 * z + wide * (np.cos(turn)[:, None] * R[:, 0] + np.sin(turn)[:, None] * R[:, 1])
-    b.ax.add_patch(Polygon(b.flat(_hull(np.vstack((b.flat(rim), b.flat(O)[None]))) @ np.array([b.right, b.up])),
-                           facecolor=BODY, edgecolor=INK, linewidth=0.8))  # fmt: skip
+    cone = b.flat(np.vstack((rim, O)))
+    outline = cone[ConvexHull(cone).vertices]  # of the disk and the tip below it
+    b.ax.add_patch(Polygon(outline, facecolor=BODY, edgecolor=INK, linewidth=0.8))
     b.ax.add_patch(Polygon(b.flat(rim), facecolor="#e2e8ee", edgecolor=INK, linewidth=0.8, zorder=2))
     b.line(np.array([O, C]), linestyle=(0, (3, 2)), zorder=3)
     b.arrow(C, O + 1.75 * arm * z, "$z$")
@@ -211,24 +213,6 @@ def _grid(b: Board) -> None:
     b.write(A, "$A$", (-8, 0))
     b.frame(m.ground[0] - 0.45 * size * b.right - 0.55 * size * b.up, 0.16 * size, origin="")
     b.gravity(m.ground[-1] + 0.16 * size * b.right - 0.1 * size * b.up, 0.2 * size)
-
-
-def _hull(points: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
-    """Convex outline, by Andrew's chain: of a disk and the tip below it."""
-    ordered = sorted(map(tuple, points))
-    out: list[tuple[float, float]] = []
-    for sweep in (ordered, ordered[::-1]):
-        start = len(out)
-        for p in sweep:
-            while len(out) - start > 1 and _turn(out[-2], out[-1], p) <= 0.0:
-                out.pop()
-            out.append(p)
-        out.pop()
-    return np.array(out)
-
-
-def _turn(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> float:
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
 OBLIQUE = ((-0.45, 0.9, 0.0), (-0.33, -0.165, 0.93))  # X towards the reader's left, Y to the right, Z up

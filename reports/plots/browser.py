@@ -17,16 +17,9 @@ from .spec import Axis, Plot, Trace
 def for_browser(plots: Sequence[Plot], looks: Mapping[str, Look]) -> dict[str, Any]:
     """Short names, nothing that is a default; texts that come again and again by their number."""
     texts: dict[str, int] = {}
-    found = {
-        p.name: {
-            "title": p.title,
-            "x": _axis(p.x),
-            "y": _axis(p.y),
-            "traces": [_trace(t, looks, p, texts) for t in p.traces],
-            "marks": {k: list(v) for k, v in p.marks.items()},
-        }
-        for p in plots
-    }
+    found = {p.name: {"title": p.title, "x": _axis(p.x), "y": _axis(p.y),
+                      "traces": [_trace(t, looks, p, texts) for t in p.traces],
+                      "marks": {k: list(v) for k, v in p.marks.items()}} for p in plots}  # fmt: skip
     return {"texts": list(texts), "plots": found}
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model.results import Run
+from ..model.results import Run, grouped
 from ..model.words import seconds
 from .spec import Axis, Plot, Trace
 
@@ -32,16 +32,15 @@ class Growth:
 
 def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
     """All there are; ``bodies`` by run. Only runs that reached the end with a CPU time count."""
-    found: dict[tuple[str, str, str, str], dict[int, list[Run]]] = {}
-    for c in runs:
-        n, r = bodies.get(c.record.run_id, 0), c.record
-        if c.succeeded and n > 0 and r.steps > 0 and r.cpu_median_s > 0.0:
-            found.setdefault((r.problem, c.method, r.solver, c.step_words), {}).setdefault(n, []).append(c)
+    timed = [c for c in runs if c.succeeded and c.record.steps > 0 and c.record.cpu_median_s > 0.0]
+    sized = [c for c in timed if bodies.get(c.record.run_id, 0) > 0]
+    found = grouped(sized, lambda c: (c.record.problem, c.method, c.record.solver, c.step_words))
     out = []
-    for key, sizes in sorted(found.items()):
+    for key, own in sorted(found.items()):
+        sizes = dict(sorted(grouped(own, lambda c: bodies[c.record.run_id]).items()))
         if len(sizes) >= SIZES:
-            cost = [float(np.median([c.record.cpu_median_s / c.record.steps for c in sizes[n]])) for n in sorted(sizes)]
-            out.append(Growth(*key, tuple(sorted(sizes)), tuple(cost), tuple(sizes[n][0] for n in sorted(sizes))))
+            cost = [float(np.median([c.record.cpu_median_s / c.record.steps for c in same])) for same in sizes.values()]
+            out.append(Growth(*key, tuple(sizes), tuple(cost), tuple(same[0] for same in sizes.values())))
     return out
 
 

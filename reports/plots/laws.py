@@ -60,12 +60,12 @@ def laws(d: Drawing) -> Chapter | None:
     energy, length = d.scale("energy_scale_J"), d.scale("length_scale_m")
     plots = [
         d.log("energy", "Energy error", f"Magnitude, {d.largest}; the work of dampers is subtracted.",
-              Axis("|E − E₀|", "J", symbol="|E-E_0|"), _norm("energy_error"), energy),
+              Axis("|E − E₀|", "J", symbol="|E-E_0|"), _of("norms", "energy_error"), energy),
         d.log("phi", "Constraints",
               f"Norm of the constraint residual, {d.largest}; axis rows have no unit and count as metres.",
-              Axis("|φ|", "m", symbol=r"\|\phi\|"), _norm("phi_norm"), length),
+              Axis("|φ|", "m", symbol=r"\|\phi\|"), _of("norms", "phi_norm"), length),
         d.log("phi-dot", "Constraint rates", f"Norm of its rate, {d.largest}.",
-              Axis("|φ̇|", "m/s", symbol=r"\|\dot\phi\|"), _norm("phi_dot_norm"), length),
+              Axis("|φ̇|", "m/s", symbol=r"\|\dot\phi\|"), _of("norms", "phi_dot_norm"), length),
         d.log("step", "Step", "Median of each span, in a band from smallest to largest.",
               Axis("Δt", "s", symbol=r"\Delta t"), lambda m: m.step, d.axis.high),
     ]  # fmt: skip
@@ -76,20 +76,19 @@ def errors(d: Drawing) -> Chapter | None:
     """Distance from the exact motion."""
     length = d.scale("length_scale_m")
     until = judged_until(d.runs)
-    own = max(
-        (m for m in d.motions.values() if m.own_error is not None), key=lambda m: len(m.own_error or ()), default=None
-    )
-    floor = [] if own is None or own.own_error is None else [
-        Trace("the reference's own error", own.own_error.t, own.own_error.y, dash=2)]  # fmt: skip
+    own = max((m.own_error for m in d.motions.values() if m.own_error is not None), key=len, default=None)
+    floor = [] if own is None else [Trace("the reference's own error", own.t, own.y, dash=2)]
     far = f"Worst body, {d.largest}, up to the end of the reference."
     marks = {} if until is None else {"judged up to here": [until]}
     plots = [
-        d.log("position", "Position error", far, Axis("|r − r exact|", "m"), _norm("position_error"), length, floor),
-        d.log("orientation", "Orientation error", far, Axis("∠(R, R exact)", "rad"), _norm("orientation_error"), 1.0),
-    ]
+        d.log("position", "Position error", far, Axis("|r − r exact|", "m"), _of("norms", "position_error"), length,
+              floor),
+        d.log("orientation", "Orientation error", far, Axis("∠(R, R exact)", "rad"), _of("norms", "orientation_error"),
+              1.0),
+    ]  # fmt: skip
     plots = [p and replace(p, marks=marks) for p in plots]  # the plane needs no reference
     plots.append(d.log("plane", "Out of the plane", "Worst body's distance from the plane that the exact motion stays "
-                       "in.", Axis("distance", "m"), _norm("out_of_plane"), length))  # fmt: skip
+                       "in.", Axis("distance", "m"), _of("norms", "out_of_plane"), length))  # fmt: skip
     note = "Distance from the exact motion."
     if until is not None:
         note += f" Errors are judged up to {time(until)} s (dotted line); beyond it the motion is chaotic."
@@ -130,10 +129,6 @@ def invariants(d: Drawing) -> Chapter | None:
 def _chapter(title: str, note: str, plots: Sequence[Plot | None]) -> Chapter | None:
     there = tuple(p for p in plots if p is not None)
     return Chapter(title, note, there) if there else None
-
-
-def _norm(name: str) -> Callable[[Motion], Curve | None]:
-    return lambda m: m.norms.get(name)
 
 
 def _of(kind: str, name: str) -> Callable[[Motion], Curve | None]:

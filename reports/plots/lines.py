@@ -36,9 +36,8 @@ def lines_of(variant: Variant, url: Callable[[Run], str]) -> list[Line]:
     return [kept[name] for name in ordered if name in kept]
 
 
-def all_lines(
-    runs: Sequence[Run], alike: Mapping[str, frozenset[str]], url: Callable[[Run], str] = lambda run: ""
-) -> list[Line]:
+def all_lines(runs: Sequence[Run], alike: Mapping[str, frozenset[str]],
+              url: Callable[[Run], str] = lambda run: "") -> list[Line]:  # fmt: skip
     """Of each of ``runs``, all under one label; options in ``alike`` are left out of their words."""
     found: dict[str, Line] = {}
     for solver, own in by_solver(runs).items():
@@ -59,13 +58,8 @@ def shared_options(runs: Iterable[Run]) -> dict[str, frozenset[str]]:
     return out
 
 
-def traces(
-    lines: Sequence[Line],
-    motions: Mapping[str, Motion],
-    of: Callable[[Motion], Curve | None],
-    limits: tuple[float, float],
-    floor: float | None = None,
-) -> list[Trace]:
+def traces(lines: Sequence[Line], motions: Mapping[str, Motion], of: Callable[[Motion], Curve | None],
+           limits: tuple[float, float], floor: float | None = None) -> list[Trace]:  # fmt: skip
     """One a run that has the curve, cut to ``limits``; on a logarithmic axis what is below ``floor`` is rounding."""
     out = []
     for line in lines:

@@ -42,8 +42,8 @@ class Steps:
             return np.zeros(0, dtype=np.int64), {}
         if not self.log:
             low, step = float(v.min()), float(np.ptp(v)) / STEPS
-            return np.rint((v - low) / step if step > 0.0 else np.zeros(len(v))).astype(np.int64), {
-                "low": low, "step": step}  # fmt: skip
+            counts = np.rint((v - low) / step) if step > 0.0 else np.zeros(len(v))
+            return counts.astype(np.int64), {"low": low, "step": step}
         above = v[v > 0.0]
         if not above.size:
             return np.zeros(len(v), dtype=np.int64), {"log": 0.0, "step": LOG_STEP}

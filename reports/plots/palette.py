@@ -7,8 +7,6 @@ import hashlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from ..model.results import Run, by_solver
-
 # Okabe and Ito's set for colour-blind readers, without the yellow and black that vanish on white and on dark pages
 COLOURS = ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#D55E00", "#CC79A7", "#999933", "#8A8A8A")
 MARKERS = ("o", "P", "s", "^", "v", "D", "h", "p")
@@ -28,23 +26,9 @@ def looks(solvers: Iterable[str]) -> dict[str, Look]:
     """A look for every solver; two solvers share one only when there are more than eight."""
     taken: dict[str, int] = {}
     for name in sorted(solvers):
-        slot = home(name)
+        slot = hashlib.sha256(f"{SALT} {name}".encode()).digest()[0] % len(COLOURS)
         if len(taken) < len(COLOURS):
             while slot in taken.values():
                 slot = (slot + 1) % len(COLOURS)
         taken[name] = slot
     return {name: Look(COLOURS[k], MARKERS[k]) for name, k in taken.items()}
-
-
-def home(name: str) -> int:
-    """The place in ``COLOURS`` that a name asks for."""
-    return hashlib.sha256(f"{SALT} {name}".encode()).digest()[0] % len(COLOURS)
-
-
-def dashes(runs: Iterable[Run]) -> dict[str, tuple[float, Sequence[float]]]:
-    """Dash by run: a solver's finest settings solid, its others dashed, dotted, dash-dotted."""
-    out = {}
-    for own in by_solver(runs).values():
-        for k, run in enumerate(sorted(own, key=lambda c: (c.step_or_tolerance, c.record.case))):
-            out[run.record.run_id] = DASHES[k % len(DASHES)]
-    return out

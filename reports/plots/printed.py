@@ -20,10 +20,8 @@ DECADE = 10.0  # room around values that are all alike
 INKED = Look(INK, "o")  # of what belongs to no solver
 
 
-def figure(
-    plots: Sequence[Plot], looks: Mapping[str, Look], *, columns: int = 2, height: float = 1.95,
-    unseen: Sequence[Trace] = (),
-) -> Figure:  # fmt: skip
+def figure(plots: Sequence[Plot], looks: Mapping[str, Look], *, columns: int = 2, height: float = 1.95,
+           unseen: Sequence[Trace] = ()) -> Figure:  # fmt: skip
     """One column of a journal wide, or two for ``columns`` over 1; ``unseen`` traces are in the legend alone."""
     wide, columns = columns > 1, min(columns, len(plots))
     rows, width = -(-len(plots) // columns), DOUBLE if wide else SINGLE
@@ -150,8 +148,7 @@ def _handles(traces: Sequence[Trace], looks: Mapping[str, Look], wrap: int) -> l
         look = looks.get(t.solver, INKED)
         style = _style(t, look) | ({} if t.solver or t.hollow else {"marker": ""})
         out.append(Line2D([], [], **style, label=fill(plain(name), wrap)))
-    words = {"*": ("failed", "stopped early"), "X": ("wrong", "false success")}
-    for symbol, (kind, text) in words.items():
+    for symbol, kind, text in (("*", "failed", "stopped early"), ("X", "wrong", "false success")):
         if any(kind in t.ends for t in traces):
             out.append(Line2D([], [], color=PAPER, marker=symbol, linestyle="", label=text, markersize=7,
                               markeredgecolor=INK))  # fmt: skip

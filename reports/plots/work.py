@@ -7,17 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..model.accuracy import measure_for
-from ..model.results import Run, Variant
+from ..model.results import Run, Variant, grouped
 from ..model.words import number, seconds
 from .spec import Axis, Chapter, Plot, Trace, end_of
 
 WORKS = {  # words and unit
-    "operations": ("evaluations and factorisations", ""),
-    "evaluations": ("evaluations", ""),
-    "factorisations": ("factorisations", ""),
-    "steps": ("accepted steps", ""),
-    "cpu": ("CPU time", "s"),
-}
+    "operations": ("evaluations and factorisations", ""), "evaluations": ("evaluations", ""),
+    "factorisations": ("factorisations", ""), "steps": ("accepted steps", ""), "cpu": ("CPU time", "s"),
+}  # fmt: skip
 ERRORS = {"error": ("error", ""), "energy": ("largest energy error", "J"), "phi": ("largest |φ|", "m")}
 PAIRS = tuple((error, work) for error in ("error", "energy") for work in ("cpu", "evaluations"))
 NEAR = 100.0  # the reference's own error is drawn where a point comes that close to it
@@ -91,9 +88,8 @@ def work_chapter(variant: Variant, url: Callable[[Run], str]) -> Chapter | None:
     return Chapter("Work against error", NOTE, tuple(plots.values())) if plots else None
 
 
-def work_plots(
-    name: str, points: Sequence[Point], pairs: Sequence[tuple[str, str]], *, folded: bool = False
-) -> dict[str, Plot]:
+def work_plots(name: str, points: Sequence[Point], pairs: Sequence[tuple[str, str]], *,
+               folded: bool = False) -> dict[str, Plot]:  # fmt: skip
     """By ``<error>-<work>``; pairs that no run has are left out.
 
     ``folded`` puts short ladders with options together, a trace a solver, and hides what is neither default nor best.
@@ -134,9 +130,8 @@ def _reference_region(points: Sequence[Point], work: str) -> list[Trace]:
 
 def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> list[Trace]:
     """Runs of one method at several steps, coarsest first; those that stopped early apart from the line."""
-    methods: dict[tuple[str, str], list[Point]] = {}
-    for p in sorted(points, key=lambda p: (p.method, p.label, -p.size)):
-        methods.setdefault((p.method, p.label), []).append(p)
+    ladders = sorted(points, key=lambda p: (p.method, p.label, -p.size))
+    methods = grouped(ladders, lambda p: (p.method, p.label))
     out, loose, seen = [], dict[tuple[str, str], list[Point]](), dict[str, int]()
     ordered = sorted(methods.items(), key=lambda kv: (not kv[1][0].default, -len(kv[1])))  # the main ones are solid
     for (method, label), own in ordered:
@@ -183,9 +178,8 @@ def point_words(p: Point, *, whole: bool = True) -> str:
     cpu = [f"CPU {seconds(p.cpu[0])} to {seconds(p.cpu[1])} in {p.repeats} repeats"] if p.repeats > 1 else (
         ["single timing"] if p.repeats else [])  # fmt: skip
     steps = [f"{number(p.works['steps'])} steps"] if p.works["steps"] >= 0.0 else []
-    return ", ".join(
-        [p.words.removeprefix(f"{p.variant} ") if whole else p.step or p.words, *marks, *ending, *cpu, *steps]
-    )
+    named = p.words.removeprefix(f"{p.variant} ") if whole else p.step or p.words
+    return ", ".join([named, *marks, *ending, *cpu, *steps])
 
 
 def _numbers(own: Sequence[Point], kind: str, key: str) -> np.ndarray:
@@ -208,10 +202,6 @@ class Profile:
     total: int
     at: tuple[float, ...] = ()  # work at each target reached, sorted
     tuned: bool = True  # by the best of all settings; else by default options alone
-
-    @property
-    def share(self) -> float:
-        return len(self.at) / self.total if self.total else 0.0
 
 
 def profile_plot(found: Sequence[Profile], work: str) -> Plot:
@@ -237,10 +227,8 @@ def named(work: str) -> tuple[str, str]:
 
 def steps_of(p: Profile, right: float = math.nan) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the step line: up by one target where it is reached, then level to ``right``."""
-    count = np.arange(1, len(p.at) + 1) / max(p.total, 1)
     x = np.repeat(np.array(p.at, dtype=float), 2)
-    y = np.empty(2 * len(p.at))
-    y[0::2], y[1::2] = count - 1.0 / max(p.total, 1), count
+    y = np.arange(1, len(x) + 1) // 2 / max(p.total, 1)
     if len(x) and right > x[-1]:
         x, y = np.append(x, right), np.append(y, y[-1])
     return x, y

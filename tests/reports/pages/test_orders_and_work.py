@@ -83,7 +83,7 @@ def test_profile_rises_by_one_target_at_its_work():
     x, y = steps_of(p)
     assert np.array_equal(x, [10, 10, 100, 100, 1000, 1000])
     assert y == pytest.approx([0.0, 0.25, 0.25, 0.5, 0.5, 0.75])
-    assert (work_at(p, 0.5), p.share) == (100.0, 0.75)
+    assert work_at(p, 0.5) == 100.0
     assert math.isnan(work_at(p, 1.0))
     plot = profile_plot(profiles(synthetic.work(["aa01"]).profile), "evaluations")
     assert len(plot.traces) == 3 and plot.x.log
