@@ -18,6 +18,7 @@ Pages are rendered after all modules have run, so each may ask whether another o
   there ("" at the top, "../" in a subfolder). ``exists("theatre-chain.html")``; ``pages``: all, in order.
 - ``{% import "marks.html" as marks with context %}``: ``marks.status(run)`` (symbol, word, colour: wrong ones loud),
   ``marks.solver(name)`` (with its colour), ``marks.run(run)`` (a link with its settings and its mark),
+  ``marks.table(label, heads, class)`` called with a table's rows,
   ``marks.plots_bar()`` (one legend and the switches for all plots of the page; put it before them),
   ``marks.plot(p)`` for each ``p`` of ``plots`` (``Plot`` of reports/plots/spec.py) inside ``<div class="plots">``.
 - ``term(name, shown)``: a term of the glossary with its meaning as a tooltip.
