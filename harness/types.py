@@ -1,6 +1,6 @@
 """What crosses the layers: problems and solvers on one side, runner, results and reports on the other.
 
-Arrows point one way: ``harness.mechanics <- harness.types <- problems, solvers <- harness.runner <- reports``.
+Arrows point one way: ``harness.mechanics <- harness.types <- problems, solvers <- harness.execution <- reports``.
 """
 
 import math
@@ -149,7 +149,7 @@ class Reference(Protocol):
 class Problem:
     """A system, its start, and all that is known about its motion.
 
-    ``frame`` takes the home frame (the paper's) to space: 1 unless the problem was posed in another frame.
+    ``frame`` takes the home frame (the paper's) to space: 1 unless the problem is presented in another frame.
     """
 
     name: str
@@ -168,7 +168,7 @@ class Problem:
     energy_allowed: float | None = None  # [J] the benchmark's own limit on max |E - E0|, if it has one
     presentation: Presentation = field(
         default_factory=Presentation
-    )  # how a solver is told of it (module posed); nothing here changes
+    )  # how a solver gets it (execution.presented); nothing here changes
     retrace: bool = False  # whether the solver is sent back from the end with velocities reversed
 
     def home(self, s: States) -> States:
@@ -268,7 +268,7 @@ class Trajectory:
     notes: tuple[str, ...] = ()  # choices the solver made, e.g. which redundant rows it dropped
     cpu_time: float = float("nan")  # [s] the integration alone, without compilation and set-up
     setup_time: float = float("nan")  # [s] compilation, symbolic analysis, consistent start
-    returned: State | None = None  # where the way back ended, velocities turned again (module posed)
+    returned: State | None = None  # where the way back ended, velocities turned again (execution.presented)
 
     def __post_init__(self) -> None:
         t = np.asarray(self.t, dtype=float)

@@ -46,7 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     out.print("[bold]Solvers[/bold]   --set name=value\n")
     for solver in registry.solvers().values():
         step = STEP[solver.control]
-        out.print(f"[bold green]{solver.name}[/bold green]  [{escape(solver.paper_label)}]  {escape(solver.doc)}")
+        label = escape(f"[{solver.paper_label}]  ") if solver.paper_label else ""
+        out.print(f"[bold green]{solver.name}[/bold green]  {label}{escape(solver.doc)}")
         limits = "max_steps (default 10000000); wall_limit [s] (default: none)"
         out.print(escape(f"  {step}; {limits}"), style="dim")
         _options(out, solver.parameters)

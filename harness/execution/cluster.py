@@ -92,7 +92,7 @@ class DaskPool:
             elif isinstance(failed, distributed.KilledWorker):
                 write_record(job.folder, cut_short(job, EndedBy.WORKERS_LOST))
             else:
-                raise PoolError(f"a worker cannot run runs: {failed}")
+                raise PoolError(f"a worker cannot execute runs: {failed}")
             self.ended(job)
 
 
@@ -109,7 +109,7 @@ def stop_here(ticket: str, limit: float) -> None:
 
 
 def on_slurm(**options: Any) -> Any:
-    """A ``dask_jobqueue.SLURMCluster`` whose workers run runs: one at a time each, one thread, from this checkout.
+    """A ``dask_jobqueue.SLURMCluster`` whose workers execute runs: one at a time each, one thread, from this checkout.
 
     ``options`` are its own: memory, walltime, queue, account, job_extra_directives; ``scale`` it, then give its
     ``scheduler_address`` to ``--cluster``.
@@ -126,7 +126,7 @@ def on_slurm(**options: Any) -> Any:
 
 
 def run_run(text: str, ticket: str = "") -> dict[str, bytes]:
-    """On a worker: run the job and return its files by place in the run folder; none if its run was stopped before."""
+    """On a worker: run the job and return its files by place in the folder; none if its run was stopped before."""
     job = Job.from_json(text)
     if ticket in _stopped:
         return {}

@@ -1,4 +1,4 @@
-"""A job: a run, its address, and the run folder its result belongs to. What a worker is handed, as JSON."""
+"""A job: a run, its address, and the results folder its result belongs to. What a worker is handed, as JSON."""
 
 import json
 import math

@@ -1,4 +1,4 @@
-"""Runs a suite into a run folder: what is done stays done, what is damaged is set aside, the rest is run."""
+"""Runs a suite into a results folder: what is done stays done, what is damaged is set aside, the rest is run."""
 
 import contextlib
 import datetime
@@ -23,7 +23,7 @@ from .pool import LocalPool, TimeLimit
 
 
 class Executor(Protocol):
-    """Runs runs somewhere: ``harness.pool`` on this machine, ``harness.cluster`` on others."""
+    """Executes runs: ``harness.pool`` on this machine, ``harness.cluster`` on others."""
 
     def run(self, jobs: Sequence[Job], limit: TimeLimit | None = None) -> None:
         """Run all ``jobs``; returns when each has a record in its folder. PoolError when that cannot be.
@@ -120,7 +120,7 @@ def _provisional(folder: Path, specs: set[str], records: Sequence[RunRecord]) ->
 
 
 def new_folder(suite: str, local: Path = store.LOCAL) -> Path:
-    """A folder name for a new run."""
+    """A name for a new results folder."""
     time = datetime.datetime.now(datetime.UTC).strftime("%Y%m%d-%H%M%S")
     folder = local / f"{suite}-{time}"
     return folder if not folder.exists() else folder.with_name(f"{folder.name}-{os.getpid()}")

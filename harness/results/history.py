@@ -1,6 +1,6 @@
-"""Results over commits: one row for each run of each run, from run folders and from small files of such rows.
+"""Results over commits: one row for each run of each results folder and from small files of such rows.
 
-Rows are matched by ``settings``, which the code is no part of: a line over time is one ``settings``.
+Rows are matched by ``settings_id``, which the code is no part of: a line over time is one ``settings``.
 """
 
 from collections.abc import Iterable, Mapping
@@ -16,7 +16,7 @@ from .provenance import stamp_of
 from .records import RunRecord
 
 COMMITTED = Path("results") / "history"  # rows worth keeping for good, one file a run
-GATES = "history"  # beside the run folders: rows of runs that were judged by the gate and not kept
+GATES = "history"  # beside the results folders: rows of runs that were judged by the gate and not kept
 NAN = float("nan")
 
 
@@ -79,7 +79,7 @@ def rows_of(
 
 
 def standing(local: Path = store.LOCAL, committed: Path = COMMITTED) -> tuple[list[Path], list[Path]]:
-    """The run folders and the files of rows that there are."""
+    """The results folders and the files of rows that there are."""
     folders = sorted(p for p in local.glob("*") if store.is_results(p) and not p.is_symlink())
     return folders, [*sorted(committed.glob("*.jsonl")), *sorted((local / GATES).glob("*.jsonl"))]
 

@@ -36,7 +36,7 @@ class Difference:
 
 
 def stamp_of(folder: Path) -> dict[str, Any]:
-    """``environment.json`` of a run folder; empty where it cannot be read."""
+    """``environment.json`` of a results folder; empty where it cannot be read."""
     path = folder / "environment.json"
     try:
         plain = parse_json(read_text(path, "environment"), str(path))

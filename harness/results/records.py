@@ -102,7 +102,7 @@ class RunRecord:
     angular_velocity_error_max_rad_per_s: float = column("max over time and bodies of |Omega - Omega_exact|")
     reaction_error_max_N: float = column("max over instants and bodies of the error of the joint forces' sum on a body")
     reaction_size_N: float = column("largest such sum of the exact motion")
-    judged_to_s: float = column("errors are judged up to here: beyond, the motion is chaotic (harness.summary)")
+    judged_to_s: float = column("errors are judged up to here: beyond, the motion is chaotic")
     position_error_judged_m: float = column("max of the position error up to there")
     orientation_error_judged_rad: float = column("max of the orientation error up to there")
     observable_errors: str = column("JSON: {name: {max, end, unit}} of |observable - exact|", "{}")
@@ -137,7 +137,7 @@ class RunRecord:
     measure_s: float = column("wall time of measuring alone")
     peak_memory_MB: float = column("largest resident memory of the process")
 
-    # files, relative to the run folder
+    # files, relative to the results folder
     series: str = column("the run's series file, empty if there is none", "")
     series_sha256: str = column("its digest", "")
     series_rows: int = column("rows in it; fewer than steps + 1 when thinned", 0)

@@ -1,4 +1,4 @@
-"""A run folder on disk: records written whole or not at all, read with suspicion, never deleted.
+"""A results folder on disk: records written whole or not at all, read with suspicion, never deleted.
 
 ``runs/<run>.json`` is the truth, one file a finished run; ``runs.parquet`` is made from them. What each file
 holds: ``docs/results-format.md``.
@@ -47,7 +47,7 @@ class Unreadable:
 
 @dataclass(frozen=True)
 class Loaded:
-    """What a run folder holds: the good records by run, and what could not be read."""
+    """What a results folder holds: the good records by run, and what could not be read."""
 
     records: tuple[RunRecord, ...]
     unreadable: tuple[Unreadable, ...]

@@ -1,4 +1,4 @@
-"""Accepted steps on disk while a run runs: what a process that is killed, crashes or raises leaves of its motion.
+"""Accepted steps on disk during a run: what a process that is killed, crashes or raises leaves of its motion.
 
 Rows of float64, (t, r, R, v, Omega) of all bodies, appended in whole blocks. The system keeps what was written,
 whatever ends the process. A run that ends in order hands back its trajectory, and the file goes.

@@ -10,7 +10,7 @@ from ..shapes import shaped
 from .shape import SuiteFile
 
 FOLDER = Path(__file__).parent
-OWN_COPY = "suite"  # what the copy of the suite itself is called in a run folder
+OWN_COPY = "suite"  # what the copy of the suite itself is called in a results folder
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def with_included(first: Source) -> list[Source]:
     """``first`` behind all it includes, directly or not; each file once."""
     found: dict[Path, Source] = {}
     _follow(first, _place(first), (), found)
-    names: dict[str, str] = {OWN_COPY: "its own copy in the run folder"}
+    names: dict[str, str] = {OWN_COPY: "its own copy in the results folder"}
     for s in list(found.values())[:-1]:  # copies go into one folder, and a name must mean one suite
         if s.name in names:
             raise FileError(f"{first.where}: {s.where} and {names[s.name]} have the same name: rename one")

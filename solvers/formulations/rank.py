@@ -3,7 +3,7 @@
 Rows are scaled to length one and reordered (reverse Cuthill-McKee). A little is added to the diagonal, so that the
 factorisation goes through; the squared pivot of a row is then its squared distance from the span of the rows before
 it, or that little if it depends on them. On the four-bar grid the two kinds are 1e-12 and 8e-3, on one of 20 x 20
-runs 1e-12 and 8e-5. Pivots between the two bounds leave the choice to a pivoted QR.
+cells 1e-12 and 8e-5. Pivots between the two bounds leave the choice to a pivoted QR.
 """
 
 import numpy as np

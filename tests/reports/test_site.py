@@ -114,7 +114,7 @@ def test_readers_without_eyes_are_told(pages):
 
 
 def test_every_page_says_where_its_numbers_come_from(pages):
-    """In full at the top, in a line with the way there below: a run has thousands of runs."""
+    """In full at the top, in a line with the way there below: a results folder has thousands of runs."""
     for name, html in pages.items():
         text, brief = Outline(html).text, 'id="provenance"' not in html
         for word in ("f00d" * 3, "dirty", "a processor", "Python", "3.11"):

@@ -22,7 +22,7 @@ def test_kept_rows_are_as_many_as_the_rank_and_as_well_conditioned(rows, columns
 
 
 def test_no_pivot_is_in_doubt_on_a_grid_of_820_bodies():
-    """6100 rows of rank 4900, found sparsely: one freedom a row of runs."""
+    """6100 rows of rank 4900, found sparsely: one freedom a row of cells."""
     p = make_problem("four_bar_grid", {"rows": 20, "columns": 20})
     distance = squared_distances(p.system, p.initial)
     assert not np.any((distance > DEPENDENT) & (distance < INDEPENDENT))

@@ -54,7 +54,7 @@ def test_steps_shrink_near_the_charts_singularity_only(solver):
 
 @pytest.mark.parametrize("solver", ALL)
 def test_redundant_rows_are_refused_on_request(solver):
-    """One grid run has 14 redundant rows of 20: named in the refusal, dropped by default with a note."""
+    """One cell of the grid has 14 redundant rows of 20: named in the refusal, dropped by default with a note."""
     p = make_problem("four_bar_grid", {"rows": 1, "columns": 1, "t_end": 0.01})
     control = StepControl(rtol=1e-5)
     rank = make_solver(solver, {"redundancy": "refuse"}).refuses(p, control)

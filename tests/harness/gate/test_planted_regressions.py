@@ -52,7 +52,7 @@ def planted():
 
 
 def state_of(spec, run, folder: Path) -> State:
-    """What the gate says when ``run`` is what the code makes of ``run``."""
+    """What the gate says when the code makes ``run`` of ``spec``."""
     record = worker.run(Job(run, store.create(folder)))
     assert record.status != Status.CRASHED, record.message  # a gate red for a bug of ours proves nothing
     record = dataclasses.replace(record, case=spec.case, settings_id=spec.settings_id)
@@ -117,6 +117,6 @@ def test_a_changed_line_closes_the_gate(solver, planted, monkeypatch, tmp_path):
 
 
 def test_every_solver_is_in_the_gate():
-    """A solver that no run runs can break unseen."""
+    """A solver that no run uses can break unseen."""
     ours = {n for n, e in registry.solvers().items() if e.make.__module__.startswith("mbsbench.solvers.")}
     assert ours == {c.solver for c in SUITE.specs}

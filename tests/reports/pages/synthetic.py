@@ -88,7 +88,7 @@ def claims(runs: Sequence[str]) -> tuple[Claim, ...]:
               tests=(TEST, Test(HOSTILE, {}, HOSTILE, "", HOSTILE, (1.0, None), NAN, unbounded=True))),
         replace(claim("fourth-claim", "UNTESTABLE", missing=needs, section="5.3", tests=(), settings={},
                       measured_range=(), because=Because(0, 0)), settings_ids=()),
-        claim("posed-claim", "SUPPORTED", kind="presentation"),
+        claim("presentation-claim", "SUPPORTED", kind="presentation"),
         replace(claim(HOSTILE, "SUPPORTED", section=HOSTILE, quote=HOSTILE, settings={HOSTILE: (HOSTILE,)},
                       against=(HOSTILE,), caveats=(HOSTILE,),
                       map=(MapRow(HOSTILE, HOSTILE, 0, {"form": HOSTILE}, True, NAN, HOSTILE, False),)),

@@ -30,7 +30,7 @@ def test_counts_are_those_of_the_file_and_name_absent_verdicts():
 def test_checks_of_the_presentation_are_no_results():
     """They are on the page, but not in the tally of what was found about solvers."""
     found = claims_of(rows(), NONE)
-    assert [c.of.id for c in found if c.presentation] == ["posed-claim"] and len(found) == len(rows())
+    assert [c.of.id for c in found if c.presentation] == ["presentation-claim"] and len(found) == len(rows())
     assert sum(n for _, n in counts(found)) == len(rows()) - 1
 
 
