@@ -7,6 +7,7 @@ import math
 import os
 import tempfile
 from collections.abc import Callable
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
@@ -54,7 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     names = arguments.problem or PROBLEMS
     problems = [registry.make_problem(name, parameters) for name in names]  # all wrong calls are found before a run
     ours = [_ours(problem, arguments.solver, options, arguments.dt) for problem in problems]
-    engine = f"{exudyn_engine.NAME} {exudyn_engine.version()}"
+    engine = f"{exudyn_engine.NAME} {version(exudyn_engine.NAME)}"
     if not arguments.json:
         lines().print(f"{engine}, index-2 trapezoidal integrator; CPU time, one thread")
     good = True

@@ -83,7 +83,8 @@ def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[R
         numeric = [c.name for c in records.COLUMNS if c.type in (float, int)]
         if key not in numeric:
             raise UsageError(f"--sort: unknown column {key!r}{nearest(key, [*SORTS, *numeric])}")
-        chosen.sort(key=lambda r: -_size(getattr(r, key)))
+        size = {r.run_id: abs(getattr(r, key)) for r in chosen}
+        chosen.sort(key=lambda r: math.inf if math.isnan(size[r.run_id]) else -size[r.run_id])
     return chosen[: whole(arguments.limit, "--limit")] if arguments.limit is not None else chosen
 
 
@@ -123,7 +124,3 @@ def _table(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
     below = [f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(why(r))}" for r in failed]
     success = f"{plural(len(chosen), 'run')}, {len(chosen) - len(failed)} success"
     print_table(columns, rows, *below, f"{success}; `mbsbench show RESULTS RUN` shows one")
-
-
-def _size(value: float) -> float:
-    return -math.inf if math.isnan(value) else abs(value)

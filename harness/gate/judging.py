@@ -142,14 +142,11 @@ def _narrowed(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | No
     lower = min(was.lower, new.value) if loosen else was.lower
     if was.upper == math.inf:
         return replace(was, value=new.value, lower=lower) if lower < was.lower else None
-    upper = max(new.upper, new.value * _width(was))  # a width somebody gave a reason for stays
+    width = was.upper / was.value if was.value > 0.0 else 0.0
+    upper = max(new.upper, new.value * width)  # a width somebody gave a reason for stays
     if upper < lower or not (loosen or upper < WORTH * was.upper):
         return None
     return replace(was, value=new.value, upper=upper, lower=lower, unit=new.unit)
-
-
-def _width(b: Threshold) -> float:
-    return b.upper / b.value if b.value > 0.0 and math.isfinite(b.upper) else 0.0
 
 
 def _status(case: str, record: RunRecord | None, expected: Expectation | None, missing: str) -> Finding:

@@ -5,7 +5,6 @@ the model: sparse LU, or dense LU with the singular Jacobian ignored when redund
 """
 
 import importlib
-import importlib.metadata
 import time
 from dataclasses import dataclass
 from types import ModuleType
@@ -43,11 +42,6 @@ def engine() -> ModuleType:
     except ImportError as error:
         raise ValueError(f"{NAME} is not installed ({error}): pip install -r requirements-engines.lock") from None
     return exu
-
-
-def version() -> str:
-    """Of the installed package."""
-    return importlib.metadata.version(NAME)
 
 
 def solve(problem: Problem, dt: float, variant: Variant, *, record: bool) -> Trajectory:
