@@ -123,11 +123,10 @@ def solve(
     variant = _problem(problem, t_end)
     given = {"dt": dt, "rtol": rtol, "max_step": max_step, "max_steps": max_steps}
     entry, made = _solver(solver, options, variant, list(given))
-    changed = {k: getattr(made, k) for k, (default, _) in entry.parameters.items() if getattr(made, k) != default}
     steps = step_control(entry.name, entry.control, variant, {k: v for k, v in given.items() if v is not None})
     control = dataclasses.replace(steps, wall_limit=wall_limit)
     limits: dict[str, Any] = {"wall_limit": wall_limit or math.inf, "memory": math.inf}
-    spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), changed, **limits)
+    spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), entry.changed(made), **limits)
     if wall_limit is not None:  # compile before its clock starts
         warm(runs_to_warm([spec]))
     job = Job(spec, Path(), "", environment.code_digest(), environment.commit())
@@ -180,9 +179,10 @@ def _solver(
         if options:
             raise ValueError(f"give the options to {type(given).__name__}(...) (got {', '.join(options)})")
         return registry.solver_entry(type(given)), given
-    if isinstance(given, str) and given not in registry.solvers():
-        raise ValueError(f"unknown solver {given!r}{nearest(given, list(registry.solvers()))}")
-    entry = registry.solvers()[given] if isinstance(given, str) else registry.solver_entry(given)
+    if isinstance(given, str):
+        entry = registry.entry_of("solver", given, registry.solvers())
+    else:
+        entry = registry.solver_entry(given)
     known = registry.problems().get(variant.name)
     for key in options:
         if known and key in known.parameters and key not in entry.parameters:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from types import ModuleType
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from ..types import Problem, Solver
 from . import plugins
 from .options import Parameter, nearest, read_value
 
+T = TypeVar("T")
 _MARK = "__mbsbench_name__"
 MIRRORS = tuple(SPACE_AXES)
 
@@ -33,10 +34,7 @@ COMMON_PARAMETERS: dict[str, tuple[Any, Parameter]] = {
     "t_end": (0.0, Parameter("simulated time; 0: the problem's own", "s", at_least=0.0)),
     "yaw": (0.0, Parameter("rotate everything, gravity included, about the vertical", "rad")),
     "rotation": ((0.0, 0.0, 0.0), Parameter("rotate everything by this rotation vector, after yaw", "rad")),
-    "perturb": (
-        0.0,
-        Parameter("relative size of a random change of the start, then made consistent", "", at_least=0.0),
-    ),
+    "perturb": (0.0, Parameter("relative size of a random change of the start, then made consistent", at_least=0.0)),
     "seed": (0, Parameter("seed of perturb", "", at_least=0)),
     "mirror": ("none", Parameter("present the mirror image in the plane with this normal", "", choices=MIRRORS)),
     "duplicate": (0, Parameter("declare this joint twice, counted from 1; 0: none", "", at_least=0)),
@@ -44,10 +42,7 @@ COMMON_PARAMETERS: dict[str, tuple[Any, Parameter]] = {
     "unit_length": (1.0, Parameter("factor of all lengths: another unit", "", at_least=1e-6, at_most=1e6)),
     "unit_mass": (1.0, Parameter("factor of all masses: another unit", "", at_least=1e-6, at_most=1e6)),
     "unit_time": (1.0, Parameter("factor of all times, dt included: another unit", "", at_least=1e-6, at_most=1e6)),
-    "retrace": (
-        False,
-        Parameter("integrate back to the start with reversed velocities", ""),
-    ),
+    "retrace": (False, Parameter("integrate back to the start with reversed velocities")),
 }
 # The last seven change the presentation, not the problem: the motion is transformed back before it is measured.
 PRESENTED = ("mirror", "duplicate", "renumber", "unit_length", "unit_mass", "unit_time")
@@ -74,6 +69,10 @@ class SolverEntry:
     paper_label: str
     control: str
     order: float = math.nan  # the solver's own claim, of its fixed steps; certificates hold it to that
+
+    def changed(self, made: Solver) -> dict[str, Any]:
+        """The options of ``made`` that differ from the defaults."""
+        return {k: v for k, (default, _) in self.parameters.items() if (v := getattr(made, k)) != default}
 
     def made(self, options: Mapping[str, Any] | None = None) -> Solver:
         """The solver with ``options`` (numbers or text)."""
@@ -109,6 +108,13 @@ def problems() -> Mapping[str, ProblemEntry]:
 def solvers() -> Mapping[str, SolverEntry]:
     """All solvers by name, those of loaded plugins included."""
     return {**_own_solvers(), **_plugin_solvers}
+
+
+def entry_of(kind: str, name: str, known: Mapping[str, T]) -> T:
+    """The entry ``name`` of a catalogue of problems or solvers, or ValueError."""
+    if name not in known:
+        raise ValueError(f"unknown {kind} {name!r}{nearest(name, list(known))}")
+    return known[name]
 
 
 def is_own_problem(name: str) -> bool:
@@ -176,33 +182,26 @@ def _own_solvers() -> Mapping[str, SolverEntry]:
 
 def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:
     """The problem ``name`` with ``parameters`` (numbers or text), in its frame, its start checked."""
-    known = problems()
-    if name not in known:
-        raise ValueError(f"unknown problem {name!r}{nearest(name, list(known))}")
-    entry = known[name]
+    entry = entry_of("problem", name, problems())
     values = _read(f"problem {name}", entry.parameters, parameters or {})
-    own = {k: v for k, v in values.items() if k not in COMMON_PARAMETERS}
-    made = entry.make(**own)
+    made = entry.make(**{k: v for k, v in values.items() if k not in COMMON_PARAMETERS})
     check_start(made.system, made.initial)
     if values["perturb"] > 0.0:
-        start = perturbed(made.system, made.initial, values["perturb"], values["seed"])
-        made = dataclasses.replace(made, initial=start)
+        made = dataclasses.replace(
+            made, initial=perturbed(made.system, made.initial, values["perturb"], values["seed"])
+        )
     made = in_frame(made, so3.exp(np.array(values["rotation"])) @ _yaw(made.system, values["yaw"]))
     presentation = Presentation(**{k: values[k] for k in PRESENTED})
     presentation.system(made.system)  # says no to a joint that is not there
     t_end = values["t_end"] or made.t_end
     given = {k: v for k, v in values.items() if v != entry.parameters[k][0]}
-    return dataclasses.replace(
-        made, t_end=t_end, parameters=given, presentation=presentation, retrace=values["retrace"]
-    )
+    asked = {"parameters": given, "presentation": presentation, "retrace": values["retrace"]}
+    return dataclasses.replace(made, t_end=t_end, **asked)
 
 
 def make_solver(name: str, options: Mapping[str, Any] | None = None) -> Solver:
     """The solver ``name`` with ``options`` (numbers or text)."""
-    known = solvers()
-    if name not in known:
-        raise ValueError(f"unknown solver {name!r}{nearest(name, list(known))}")
-    return known[name].made(options)
+    return entry_of("solver", name, solvers()).made(options)
 
 
 def in_frame(p: Problem, Q: np.ndarray) -> Problem:
@@ -269,15 +268,11 @@ def _first_line(o: Any) -> str:
 def _problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
     own: dict[str, tuple[Any, Parameter]] = {}
     for p in inspect.signature(function).parameters.values():
-        note = (
-            [a for a in get_args(p.annotation)[1:] if isinstance(a, Parameter)]
-            if get_origin(p.annotation) is Annotated
-            else []
-        )
+        notes = get_args(p.annotation)[1:] if get_origin(p.annotation) is Annotated else ()
+        note = [a for a in notes if isinstance(a, Parameter)]
         if p.kind is not p.KEYWORD_ONLY or p.default is p.empty or not note:
-            raise TypeError(
-                f"problem {name}: {p.name} must be keyword-only, Annotated with a Parameter, with a default"
-            )
+            where = f"problem {name}: {p.name}"
+            raise TypeError(f"{where} must be keyword-only, Annotated with a Parameter, with a default")
         own[p.name] = (p.default, note[0])
     return ProblemEntry(name, function, {**own, **COMMON_PARAMETERS}, _first_line(function))
 

@@ -53,18 +53,12 @@ def measure(problem: Problem, trajectory: Trajectory) -> Measured:
         work = np.concatenate(([0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(t))))
         at_home = problem.home(s)
         return Measured(
-            t=t,
-            energy=E,
-            energy_error=E - E[0] - work,
-            phi_norm=phi,
-            phi_dot_norm=phi_dot,
-            eq81_norm=eq81,
-            orthogonality=defect,
+            t, E, E - E[0] - work, phi, phi_dot, eq81, defect,
             out_of_plane=_out_of_plane(problem, at_home),
             observables={o.name: np.asarray(o.of(at_home), dtype=float) for o in problem.observables},
             invariants={i.name: np.asarray(i.of(at_home), dtype=float) for i in problem.invariants},
             **_against_reference(problem, t, s, trajectory.reaction),
-        )
+        )  # fmt: skip
 
 
 def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
@@ -105,13 +99,8 @@ def _against_reference(problem: Problem, t: np.ndarray, s: States, reaction: np.
         series["reference_own_error"][rows] = reference.error(t[rows])
         for name, values in problem.observe(exact).items():
             theirs[name][rows] = values
-    return {
-        **series,
-        **_reaction_error(problem, reference, t, reaction),
-        "reference_route": reference.route,
-        "reference_horizon": float(reference.horizon),
-        "reference_observables": theirs,
-    }
+    about = {"reference_route": reference.route, "reference_horizon": float(reference.horizon)}
+    return {**series, **_reaction_error(problem, reference, t, reaction), **about, "reference_observables": theirs}
 
 
 def _reaction_error(problem: Problem, reference: Reference, t: np.ndarray, reaction: np.ndarray | None) -> dict:

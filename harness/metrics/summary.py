@@ -161,13 +161,8 @@ def _steps(t: np.ndarray) -> dict[str, float]:
         return {"steps": 0}
     whole = dt[:-1] if len(dt) > 1 else dt  # the last step may be cut to end at t_end
     least, most = float(np.min(whole)), float(np.max(whole))
-    return {
-        "steps": len(dt),
-        "step_min_s": least,
-        "step_median_s": float(np.median(whole)),
-        "step_max_s": most,
-        "step_ratio": most / least,
-    }
+    sizes = {"step_min_s": least, "step_median_s": float(np.median(whole)), "step_max_s": most}
+    return {"steps": len(dt), **sizes, "step_ratio": most / least}
 
 
 def _counted(counters: Mapping[str, int]) -> dict[str, Any]:

@@ -21,9 +21,7 @@ INVARIANT = 0.10  # of its scale by unit (momentum: m v L), or of its start if t
 PHI = 0.01  # of the mechanism's size: the joint is visibly apart
 PHI_DOT = 0.05  # of sqrt(2 E / m): velocities leave the joints by a twentieth of the typical speed
 POSITION = 0.10  # of the mechanism's size, beyond the reference's own error, while the motion is predictable
-ORIENTATION = (
-    0.5  # [rad], about 30 deg: a fast spin may lag by tenths of a rad over hundreds of turns without being lost
-)
+ORIENTATION = 0.5  # [rad], about 30 deg: a fast spin may lag by tenths over hundreds of turns without being lost
 ORTHOGONALITY = 1e-3  # |R^T R - 1|: such an R distorts lengths by as much
 START = 1e-9  # [m], [m/s], relative to 1 + size: what the consistency check of problems allows
 
@@ -33,9 +31,8 @@ def doubts(
 ) -> list[Reason]:
     """Why a claimed success is wrong; empty if nothing contradicts it."""
     s, t = trajectory.states, m.t
-    finite = np.isfinite(t)
-    for a in (s.r, s.R, s.v, s.Omega):
-        finite = finite & np.isfinite(a).all(axis=tuple(range(1, a.ndim)))
+    values = [a.reshape(len(t), -1) for a in (t, s.r, s.R, s.v, s.Omega)]
+    finite = np.isfinite(np.concatenate(values, axis=1)).all(axis=1)
     if not np.all(finite):
         return [Reason(Law.FINITE, time_s=_first(t, ~finite))]
     out = []

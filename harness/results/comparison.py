@@ -45,11 +45,10 @@ class Change:
     @property
     def size(self) -> float:
         """Relative, infinite where a status changed or a number came or went."""
-        if isinstance(self.before, str) or isinstance(self.after, str):
+        a, b = self.before, self.after
+        if isinstance(a, str) or isinstance(b, str) or not (math.isfinite(a) and math.isfinite(b)):
             return math.inf
-        if not (math.isfinite(self.before) and math.isfinite(self.after)):
-            return math.inf
-        return abs(self.after - self.before) / max(abs(self.before), abs(self.after), 1e-300)
+        return abs(b - a) / max(abs(a), abs(b), 1e-300)
 
 
 @dataclass(frozen=True)
@@ -69,8 +68,8 @@ class Comparison:
     @property
     def alike(self) -> bool:
         """Nothing changed by more than machines may differ."""
-        worst = {c.likeness for c in self.changes}
-        return Likeness.CHANGED not in worst and not (self.only_before or self.only_after)
+        changed = any(c.likeness is Likeness.CHANGED for c in self.changes)
+        return not (changed or self.only_before or self.only_after)
 
 
 def compare(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> Comparison:

@@ -14,15 +14,10 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
 LOCK = ROOT / "requirements.lock"
-THREADS = {  # one thread: timings mean CPU time of one core, and results do not depend on the number of cores
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-    "BLIS_NUM_THREADS": "1",
-    "VECLIB_MAXIMUM_THREADS": "1",
-    "NUMEXPR_NUM_THREADS": "1",
-    "NUMBA_NUM_THREADS": "1",
-}
+THREADS = dict.fromkeys((  # one thread: timings mean CPU time of one core, and results do not depend on how many
+    "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS",
+    "NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS",
+), "1")  # fmt: skip
 SHAPING = (  # what the process of one run executes; the rest only arranges, judges or shows
     "harness/catalogue", "harness/execution/job.py", "harness/execution/measuring.py",
     "harness/execution/presented.py", "harness/execution/supervisor.py", "harness/execution/warmup.py",
@@ -54,38 +49,26 @@ def commit() -> str:
 
 def stamp(run: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[str, Any]:
     """The content of ``environment.json``."""
+    import psutil
     from threadpoolctl import threadpool_info
 
     names = sorted({*_locked(), "numpy", "scipy"})
     return {
-        "schema": 1,
-        "run": run,
-        "suite": suite,
-        "started": now(),
-        "commit": commit().removesuffix("+dirty"),
-        "dirty": commit().endswith("+dirty"),
-        "code": code_digest(tuple(plugins)),
-        "lock_sha256": hashlib.sha256(_content(LOCK)).hexdigest(),
-        "python": platform.python_version(),
-        "implementation": platform.python_implementation(),
-        "executable": sys.executable,
-        "packages": {name: v for name in names if (v := _version(name))},
-        "system": f"{platform.system()} {platform.release()}",
-        "machine": platform.machine(),
-        "cpu": _cpu(),
-        "cores": os.cpu_count(),
-        "memory_MB": _memory(),
+        "schema": 1, "run": run, "suite": suite, "started": now(),
+        "commit": commit().removesuffix("+dirty"), "dirty": commit().endswith("+dirty"),
+        "code": code_digest(tuple(plugins)), "lock_sha256": hashlib.sha256(_content(LOCK)).hexdigest(),
+        "python": platform.python_version(), "implementation": platform.python_implementation(),
+        "executable": sys.executable, "packages": {name: v for name in names if (v := _version(name))},
+        "system": f"{platform.system()} {platform.release()}", "machine": platform.machine(), "cpu": _cpu(),
+        "cores": os.cpu_count(), "memory_MB": int(psutil.virtual_memory().total // 2**20),
         "blas": [{k: b.get(k) for k in ("internal_api", "version", "num_threads")} for b in threadpool_info()],
-        "threads": dict(THREADS),
-        "jobs": jobs,
-        "plugins": list(plugins),
-    }
+        "threads": dict(THREADS), "jobs": jobs, "plugins": list(plugins),
+    }  # fmt: skip
 
 
 def files_between(before: str, after: str) -> list[str]:
     """Files that shape results and differ between two commits of this checkout; empty if one is not known here."""
-    said = _git("diff", "--name-only", before, after, "--", LOCK.name, *SHAPING)
-    return said.splitlines()
+    return _git("diff", "--name-only", before, after, "--", LOCK.name, *SHAPING).splitlines()
 
 
 def now() -> str:
@@ -124,12 +107,5 @@ def _cpu() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor()
-    return next(
-        (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), platform.processor()
-    )
-
-
-def _memory() -> int:
-    import psutil
-
-    return int(psutil.virtual_memory().total // 2**20)
+    models = (line.split(":", 1)[1].strip() for line in lines if line.startswith("model name"))
+    return next(models, platform.processor())

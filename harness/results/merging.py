@@ -54,12 +54,11 @@ def merge(out: Path, sources: Sequence[Path]) -> Merged:
 def _environment(source: Path, out: Path) -> None:
     """The first source's stamp and suite become those of ``out``; further stamps are kept beside it."""
     for name in ("environment.json", "suite.toml"):
-        if (source / name).is_file():
-            other = f"environment.{source.resolve().name}.json"
-            if not (out / name).exists():
-                _copy(source / name, out / name)
-            elif name == "environment.json" and (out / name).read_bytes() != (source / name).read_bytes():
-                _copy(source / name, out / other)
+        if not (out / name).exists():
+            _copy(source / name, out / name)
+    stamp = source / "environment.json"
+    if stamp.is_file() and stamp.read_bytes() != (out / stamp.name).read_bytes():
+        _copy(stamp, out / f"environment.{source.resolve().name}.json")
 
 
 def _copy(source: Path, target: Path) -> None:

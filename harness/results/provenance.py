@@ -10,18 +10,11 @@ from ..files import FileError, parse_json, read_text
 from . import environment
 
 WORDS = {
-    "code": "code that shapes results",
-    "lock_sha256": "lock file",
-    "python": "Python",
-    "implementation": "Python implementation",
-    "cpu": "processor",
-    "machine": "machine type",
-    "system": "operating system",
-    "blas": "linear algebra libraries",
-    "threads": "threads",
-    "plugins": "plugins",
+    "code": "code that shapes results", "lock_sha256": "lock file", "python": "Python",
+    "implementation": "Python implementation", "cpu": "processor", "machine": "machine type",
+    "system": "operating system", "blas": "linear algebra libraries", "threads": "threads", "plugins": "plugins",
     "suite": "suite",
-}
+}  # fmt: skip
 PLATFORM = ("python", "implementation", "packages", "cpu", "machine", "blas", "threads")  # numbers may depend on these
 
 

@@ -21,9 +21,7 @@ def command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> st
         words += ["--plugin", plugin]
     for name, value in json.loads(record.problem_parameters).items():
         words += ["--problem-set", f"{name}={text_of(value)}"]
-    for name, value in json.loads(record.solver_options).items():
-        words += ["--set", f"{name}={text_of(value)}"]
-    for name, value in _control(record).items():
+    for name, value in {**json.loads(record.solver_options), **_control(record)}.items():
         words += ["--set", f"{name}={text_of(value)}"]
     words += ["--out", out or f"{record.run_id or record.problem}.npz"]
     return shlex.join(words)
@@ -31,10 +29,7 @@ def command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> st
 
 def _control(record: RunRecord) -> dict[str, Any]:
     """What ``solve`` takes by ``--set`` beside the solver's options; what does not exist is left out."""
-    steps = {"dt": record.dt_s, "rtol": record.rtol, "max_step": record.max_step_s}
-    out: dict[str, Any] = {k: v for k, v in steps.items() if not math.isnan(v)}
-    if record.max_steps not in (0, StepControl.max_steps):
-        out["max_steps"] = record.max_steps
-    if not math.isnan(record.wall_limit_s):
-        out["wall_limit"] = record.wall_limit_s
-    return out
+    r = record
+    max_steps = math.nan if r.max_steps in (0, StepControl.max_steps) else r.max_steps
+    given = {"dt": r.dt_s, "rtol": r.rtol, "max_step": r.max_step_s, "max_steps": max_steps, "wall_limit": r.wall_limit_s}
+    return {k: v for k, v in given.items() if not math.isnan(v)}

@@ -8,17 +8,11 @@ from .records import RunRecord, reasons_of
 
 WORKERS = 3  # Dask gives a run up after it has lost that many
 LAWS = {
-    Law.ENERGY: "the energy error",
-    Law.CONSTRAINT: "|phi|",
-    Law.CONSTRAINT_RATE: "|phi_dot|",
-    Law.ORTHOGONALITY: "|R^T R - 1|",
-    Law.POSITION: "the position error",
-    Law.ORIENTATION: "the orientation error",
-    Law.PLANE: "the distance from the plane of motion",
-    Law.FINITE: "values that are not finite",
-    Law.START: "another start",
-    Law.END: "another end",
-}
+    Law.ENERGY: "the energy error", Law.POSITION: "the position error", Law.ORIENTATION: "the orientation error",
+    Law.CONSTRAINT: "|phi|", Law.CONSTRAINT_RATE: "|phi_dot|", Law.ORTHOGONALITY: "|R^T R - 1|",
+    Law.PLANE: "the distance from the plane of motion", Law.FINITE: "values that are not finite",
+    Law.START: "another start", Law.END: "another end",
+}  # fmt: skip
 
 
 def why(record: RunRecord) -> list[str]:

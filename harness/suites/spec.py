@@ -7,8 +7,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import msgspec
-
 from ..catalogue import registry
 from ..catalogue.options import shown
 from ..results.naming import named, text_of
@@ -53,26 +51,12 @@ class RunSpec:
             words.append(f"max_steps={c.max_steps}")
         return " ".join([named(self.problem, self.parameters), named(self.solver, self.options), *words])
 
-    def to_plain(self) -> dict[str, Any]:
-        """JSON-able."""
-        return msgspec.to_builtins(self)
-
-    @staticmethod
-    def from_plain(plain: Mapping[str, Any]) -> "RunSpec":
-        """The inverse of ``to_plain``."""
-        return msgspec.convert(plain, RunSpec)
-
     def _settings(self) -> dict[str, Any]:
         return {
-            "problem": self.problem,
-            "parameters": dict(self.parameters),
-            "solver": self.solver,
-            "options": dict(self.options),
-            "control": self._control(),
-        }
-
-    def _control(self) -> dict[str, Any]:
-        return {k: getattr(self.control, k) for k in ("dt", "rtol", "max_step", "max_steps")}
+            "problem": self.problem, "parameters": dict(self.parameters),
+            "solver": self.solver, "options": dict(self.options),
+            "control": {k: getattr(self.control, k) for k in ("dt", "rtol", "max_step", "max_steps")},
+        }  # fmt: skip
 
 
 def make_spec(
@@ -83,11 +67,9 @@ def make_spec(
     **limits: Any,
 ) -> RunSpec:
     """The run of ``problem`` (as made by the registry), or ValueError in one line."""
-    made = registry.make_solver(solver, options)
-    known = registry.solvers()[solver].parameters
-    given = {k: getattr(made, k) for k, (default, _) in known.items() if getattr(made, k) != default}
-    steps = step_control(solver, registry.solvers()[solver].control, problem, control or {})
-    return RunSpec(problem.name, solver, steps, dict(problem.parameters), given, **limits)
+    entry = registry.entry_of("solver", solver, registry.solvers())
+    steps = step_control(solver, entry.control, problem, control or {})
+    return RunSpec(problem.name, solver, steps, dict(problem.parameters), entry.changed(entry.made(options)), **limits)
 
 
 def step_control(solver: str, kind: str, problem: Problem, given: Mapping[str, Any]) -> StepControl:

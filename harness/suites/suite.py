@@ -13,7 +13,6 @@ from typing import Any
 import msgspec
 
 from ..catalogue import registry
-from ..catalogue.options import nearest
 from ..catalogue.plugins import resolved
 from ..files import FileError
 from ..sandbox.trial import tried
@@ -111,16 +110,13 @@ def _with_defaults(group: Group, defaults: Defaults) -> Group:
 def _expand(group: Group, made: dict[tuple[str, str], Problem]) -> Iterator[RunSpec]:
     limits = group.given(*LIMITS)
     for name, solver in itertools.product(_list(group.problem), _list(group.solver)):
-        if solver not in registry.solvers():
-            raise ValueError(f"unknown solver {solver!r}{nearest(solver, list(registry.solvers()))}")
-        if name not in registry.problems():
-            raise ValueError(f"unknown problem {name!r}{nearest(name, list(registry.problems()))}")
-        entry = registry.solvers()[solver]
+        entry = registry.entry_of("solver", solver, registry.solvers())
+        known = registry.entry_of("problem", name, registry.problems()).parameters
         control = group.given(*CONTROL)
         if "dt" in control and "rtol" in control:  # both given: each solver takes the one it is controlled by
             for other in ("rtol", "max_step") if entry.control == "dt" else ("dt",):
                 control.pop(other, None)
-        for parameters in _product(group.parameters or {}, registry.problems()[name].parameters):
+        for parameters in _product(group.parameters or {}, known):
             variant = (name, repr(sorted(parameters.items())))
             if variant not in made:
                 made[variant] = _made(name, parameters)
