@@ -209,7 +209,7 @@ class _TurnedReference:
 
 
 class Spool(Protocol):
-    """Takes accepted steps while a run goes on, so that a process that is killed leaves them (module spool)."""
+    """Takes accepted steps during a run, so that a killed process leaves them (harness/sandbox/spool)."""
 
     rows: int  # taken so far
 

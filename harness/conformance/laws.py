@@ -162,7 +162,7 @@ def turns(s: Subject) -> str | None:
     there = turned.observe(States.one(turned.initial))
     for name, value in here.items():
         if not np.allclose(there[name], value, rtol=1e-9, atol=1e-9 * (1.0 + s.size.length)):
-            return f"{name} is {value[0]:.6g} at the start, {there[name][0]:.6g} when all is turned"
+            return f"{name} is {value[0]:.6g} at the start, {there[name][0]:.6g} when everything is turned"
     return None
 
 
@@ -259,5 +259,5 @@ def obeys(s: Subject) -> str | None:
             left = A.T @ np.linalg.lstsq(A.T, wrench, rcond=1e-10)[0] - wrench
         worst = float(np.max(np.abs(left)))
         if not worst < 10.0 * s.differenced(step) * force_scale * max(1.0, s.size.length):
-            return f"{worst:.3g} N (or N m) of m a - f are no force of the joints"
+            return f"{worst:.3g} N (or N m) of m a - f are not joint forces"
     return None

@@ -23,7 +23,7 @@ def findings(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
     words = f"timed out after {LIMIT:g} s" if ended.killed else f"its process {ended.words} here"
     for claim in CLAIMS[len(found) :]:
         found.append(claim.finding(name, words))
-        words = "not tried: an earlier claim ended the process"
+        words = "not tested: an earlier test ended the process"
     return found
 
 
@@ -45,38 +45,38 @@ def _judge(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> No
 
 CLAIMS = (
     Claim("it can be made and is documented",
-        "list, reports and reviewers know it by its words; a number without a source cannot be checked",
+        "list and reports show these texts; a number without a source cannot be checked",
         "a docstring, a meaning (and unit) in each Parameter, source and name in Problem", laws.documented),
     Claim("its start is consistent",
-        "every solver begins there: a start off the constraints moves energy before the first step",
+        "every solver starts there: an inconsistent start changes the energy before the first step",
         "make phi and phi_dot vanish: v_C = omega x (C - joint); harness.mechanics.consistency.project helps",
         laws.starts_well),
-    Claim("its times make sense", "suites take them as they are", "give t_end >= dt > 0 [s], both finite", laws.times),
+    Claim("its times are valid", "suites use them unchanged", "give t_end >= dt > 0 [s], both finite", laws.times),
     Claim("its energy is finite and has a scale", "energy drift is the first metric, compared with this scale",
-        "look at masses, inertias, gravity and springs", laws.energy),
+        "check masses, inertias, gravity and springs", laws.energy),
     Claim("observables and invariants are numbers over time",
-        "they are taken of whole motions: shape (nt,), from the states of the same time alone",
-        "index bodies, keep the axis of time: lambda s: s.r[:, 0, 2]", laws.measures),
-    Claim("made twice it is the same", "results are compared bit for bit and stored by parameters",
+        "they are evaluated on whole motions: shape (nt,), each value from the state of its time only",
+        "index the body, keep the time axis: lambda s: s.r[:, 0, 2]", laws.measures),
+    Claim("making it twice gives the same problem", "results are compared bit for bit and stored by parameters",
         "seed what is random, by a parameter", laws.repeats),
-    Claim("it can be turned", "yaw and rotation pose every problem in another frame; observables are seen from home",
+    Claim("it can be turned", "yaw and rotation turn every problem; observables refer to the home frame",
         "let measures use only the states they are given", laws.turns),
-    Claim("its reference states its own error", "errors of solvers below it mean nothing and are not shown",
+    Claim("its reference states its error", "smaller errors of solvers are meaningless and are not shown",
         "error(t): a bound [m] for each time, below a thousandth of the size within the horizon", laws.own_error,
         of_reference=True),
     Claim("its reference begins at the start",
-        "also from a perturbed one: reference_from is given the start to begin from",
-        "take r, R, v, Omega from the State you are given, or return None", laws.begins, of_reference=True),
+        "also for a perturbed start, which reference_from receives",
+        "take r, R, v, Omega from the State passed in, or return None", laws.begins, of_reference=True),
     Claim("its reference keeps the joints closed", "R must be rotations and phi zero, to its stated error",
         "compare with the positions of the joints' points, body by body", laws.keeps_joints, of_reference=True),
     Claim("velocities of its reference are those of its poses", "errors of velocity and energy are taken from them",
         "dr/dt = v in space, dR/dt = R hat(Omega) with Omega in the body", laws.rates, of_reference=True),
     Claim("its reference keeps the energy", "no damper acts: T + V is constant along any true motion",
-        "look at the sign of gravity and at inertias about C, not about the joint", laws.keeps_energy,
+        "check the sign of gravity, and that inertias are about C, not about the joint", laws.keeps_energy,
         of_reference=True),
     Claim("its invariants are constant along its reference", "solvers are judged by their drift",
-        "drop what the exact motion does not keep, or mend the formula", laws.keeps_invariants, of_reference=True),
+        "drop what the exact motion does not keep, or correct the formula", laws.keeps_invariants, of_reference=True),
     Claim("its reference obeys Newton and Euler",
-        "m a - f must be forces of the joints, or it is the motion of something else",
-        "look for the term that is missing: gyroscopic torque, gravity, Steiner", laws.obeys, of_reference=True),
+        "m a - f must be joint forces, else it is the motion of another system",
+        "look for a missing term: gyroscopic torque, gravity, Steiner", laws.obeys, of_reference=True),
 )  # fmt: skip

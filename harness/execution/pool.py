@@ -55,7 +55,7 @@ class LocalPool:
                 return
             deaths = deaths + 1 if len(waiting) == before else 1  # the supervisor died; a run may have done it
             if deaths > 3 and not self._over():
-                raise PoolError(f"the supervisor process ends with code {code} again and again")
+                raise PoolError(f"the supervisor process ended repeatedly with code {code}")
             for job in self._flying.values():
                 if not (job.folder / "runs" / f"{job.id}.json").exists():  # else only the news of its end was lost
                     if self._limit is not None and self._over():

@@ -33,7 +33,7 @@ class Executor(Protocol):
 
 
 class Watcher(Protocol):
-    """Who wants to know how a run goes."""
+    """Is told about the progress of a suite."""
 
     def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
         """Of ``total`` runs those ``waiting`` will be run; the others were there already."""

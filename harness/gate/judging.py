@@ -22,7 +22,7 @@ WORTH = 0.95  # of a bound: less is not worth a commit
 UNBOUNDED = "no threshold for this run: propose one with gate --update"
 UNKNOWN = "the suite has no such run"
 MISSING = "no result: the run is missing"
-OTHER_CODE = "result of other code: the run is missing at this one (--any-code judges it all the same)"
+OTHER_CODE = "result of other code, so the run is missing (--any-code accepts it)"
 ROUNDED = 1e-11  # in any of the metrics' units: below it, a change is the machine's
 
 

@@ -52,7 +52,7 @@ METRICS = tuple(f.name for f in fields(Row) if f.type is float)
 
 
 def history(folders: Iterable[Path], files: Iterable[Path] = ()) -> tuple[Row, ...]:
-    """All rows, the oldest first; a run of a run that is there twice, once."""
+    """All rows, the oldest first, without duplicates."""
     found: dict[tuple[str, str], Row] = {}
     for path in files:
         for row in read_rows(path):

@@ -64,7 +64,7 @@ def same_platform(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
 def why(found: Sequence[Difference]) -> str:
     """The differences in a sentence."""
     if not found:
-        return "no input differs: a solver is not deterministic, or a limit on time or memory was met"
+        return "no input differs: a solver is not deterministic, or a limit on time or memory was reached"
     return "; ".join(f"{d.what} {d.before} -> {d.after}" + (f" ({d.detail})" if d.detail else "") for d in found)
 
 

@@ -34,17 +34,17 @@ class RunRecord:
     """One run. NaN (or an empty string) where a quantity does not exist, e.g. an error without a reference."""
 
     # asked
-    run_id: str = column("content address: problem, parameters, solver, options, control, code", "")
+    run_id: str = column("content address: problem, parameters, solver, options, step or tolerance, code", "")
     settings_id: str = column("the same without the code: equal between runs of different commits", "")
     case: str = column("the settings in words, unique in a suite: 'heavy_top gc_weak_form dt=0.001'", "")
     suite: str = column("name of the suite", "")
-    label: str = column("group of the suite the run belongs to, e.g. 'recommended' or 'as printed'", "")
+    label: str = column("group of runs in the suite, e.g. 'recommended' or 'as printed'", "")
     problem: str = column("name in problems/", "")
     section: str = column("section of the paper", "")
     problem_parameters: str = column("JSON: those that differ from the defaults", "{}")
     solver: str = column("name in solvers/", "")
     paper_label: str = column("the paper's name of such a solver", "")
-    declared_order: float = column("order in dt the solver claims for its fixed steps; NaN if it claims none")
+    declared_order: float = column("order in dt that a solver of fixed step declares; NaN if none")
     solver_options: str = column("JSON: those that differ from the defaults", "{}")
     control: str = column("'dt' (fixed step) or 'rtol' (error control)", "")
     dt_s: float = column("fixed step asked for")
@@ -62,7 +62,7 @@ class RunRecord:
     ended_limit_s: float = column("the limit on time that ended it, with its grace period")
     message: str = column("the solver's message, or that of the exception it raised", "")
     wrong_because: str = column("JSON list of harness.types.Reason: why a claimed success is wrong", "[]")
-    notes: str = column("JSON list: choices the solver made", "[]")
+    notes: str = column("JSON list: notes of the solver, e.g. which redundant rows it dropped", "[]")
     events: int = column("number of events in the series file, e.g. singular passages", 0)
     t_reached_s: float = column("time of the last accepted step")
     exit_code: int = column("exit code of the run's process (of the supervisor, if that was lost)", 0)
@@ -92,7 +92,7 @@ class RunRecord:
     # against the reference, within its horizon
     reference: str = column("how the reference is computed; empty without one", "")
     reference_horizon_s: float = column("errors are taken up to here, or to t_end")
-    reference_own_error_m: float = column("certified error of the reference itself over that time")
+    reference_own_error_m: float = column("stated error of the reference over that time")
     accurate_until_s: float = column("the position error stays within a tenth of length_scale_m up to here")
     position_error_max_m: float = column("max over time and bodies of |r - r_exact|")
     position_error_end_m: float = column("the same at the last compared step")
@@ -108,8 +108,8 @@ class RunRecord:
     observable_errors: str = column("JSON: {name: {max, end, unit}} of |observable - exact|", "{}")
     invariant_drifts: str = column("JSON: {name: {max, end, start, unit}} of |invariant - its start|", "{}")
 
-    # the way back, where the problem asks for it (retrace): what misses the start, worst body
-    return_error_m: float = column("distance of C from its start after the way back; NaN if that failed, see notes")
+    # integrated back to the start (retrace): difference from the start, worst body
+    return_error_m: float = column("distance of C from its start after integrating back; NaN if that failed, see notes")
     return_error_rad: float = column("angle of R to its start")
     return_error_m_per_s: float = column("difference of v, turned again, to its start")
     return_error_rad_per_s: float = column("difference of Omega, turned again, to its start")
@@ -125,7 +125,7 @@ class RunRecord:
     evaluations: float = column("evaluations of residual or right side")
     jacobians: float = column("evaluations of the Jacobian")
     factorisations: float = column("matrix factorisations")
-    counters: str = column("JSON: all the solver counted", "{}")
+    counters: str = column("JSON: all counters of the solver", "{}")
 
     # cost
     repeats: int = column("times the solve was run; the motion is that of the first", 0)

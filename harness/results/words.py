@@ -46,15 +46,15 @@ def words_of_ending(record: RunRecord) -> str:
     words = {
         EndedBy.WALL_LIMIT: f"killed after {r.ended_limit_s:g} s (wall limit of {r.wall_limit_s:g} s): "
         "the solver did not stop when asked",
-        EndedBy.CPU_LIMIT: "used up its CPU time",
-        EndedBy.MEASURE_LIMIT: f"the solver was done, but measuring its motion took more than {r.ended_limit_s:g} s",
-        EndedBy.TOTAL_LIMIT: f"killed when the suite met its total_limit of {r.ended_limit_s:g} s",
-        EndedBy.EXIT: f"its process exited with code {r.exit_code} and no result",
+        EndedBy.CPU_LIMIT: "reached its CPU time limit",
+        EndedBy.MEASURE_LIMIT: f"the solver returned, but measuring its motion took more than {r.ended_limit_s:g} s",
+        EndedBy.TOTAL_LIMIT: f"killed when the suite reached its total_limit of {r.ended_limit_s:g} s",
+        EndedBy.EXIT: f"the process exited with code {r.exit_code} and no result",
         EndedBy.SIGNAL: _signal(r),
         EndedBy.MEMORY_LIMIT: f"{_signal(r)}, near its memory limit" if r.signal else r.message,
         EndedBy.SUPERVISOR_LOST: "the supervisor process died twice "
         f"(code {r.exit_code - r.signal}) during this run, the second time with this run alone",
-        EndedBy.WORKERS_LOST: f"the workers it was given to died, {WORKERS} or more times",
+        EndedBy.WORKERS_LOST: f"its worker died {WORKERS} or more times",
     }.get(r.ended_by, r.message)  # type: ignore[call-overload]
     kept = r.ended_by not in ("", EndedBy.SOLVER) and r.t_reached_s > 0.0
     return f"{words} (steps to t = {r.t_reached_s:.6g} s kept)" if kept else words

@@ -126,7 +126,7 @@ def _expand(group: Group, made: dict[tuple[str, str], Problem]) -> Iterator[RunS
 
 
 def _made(name: str, parameters: Mapping[str, Any]) -> Problem:
-    """A plugin's problem may raise anything: that is told in a line; in one of ours it is a bug."""
+    """A plugin's problem may raise anything: reported in one line; in one of ours it is a bug."""
     try:
         return registry.make_problem(name, parameters)
     except (ValueError, OverflowError):

@@ -39,9 +39,9 @@ BREACHES = {  # what is changed in the example (from, to), and the claims that m
         '"""Disc on a spherical joint in steady precession."""', "pass", "it can be made and is documented",
     ),
     "another start each time": (
-        "math.radians(theta)", "math.radians(theta + np.random.rand())", "made twice it is the same",
+        "math.radians(theta)", "math.radians(theta + np.random.rand())", "making it twice gives the same problem",
     ),
-    "an error that is none": ("return 1e-15 * (1.0", "return -1e-15 * (1.0", "its reference states its own error"),
+    "an error that is none": ("return 1e-15 * (1.0", "return -1e-15 * (1.0", "its reference states its error"),
     "a crash in the reference": (
         "turn = so3.exp(self.rate", "import os; os._exit(3)\n        turn = so3.exp(self.rate",
         "its reference begins at the start",

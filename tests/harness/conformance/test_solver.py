@@ -67,7 +67,8 @@ def test_each_broken_claim_is_explained(example, command, tmp_path):
     assert done.returncode == 1 and all(f["remedy"] and f["why"] for f in findings)
     failed = {f["claim"] for f in findings if not f["holds"]}
     assert failed == {
-        "a refusal has a reason", "finer steps bring smaller errors", "the same run gives the same numbers",
+        "a refusal has a reason",
+        "smaller steps or tolerances give smaller errors", "the same run gives the same numbers",
         "max_steps stops it", "it stops itself at the wall limit", "steps are kept when it is stopped",
     }  # fmt: skip
 
