@@ -76,7 +76,7 @@ class SolverEntry:
 
     def made(self, options: Mapping[str, Any] | None = None) -> Solver:
         """The solver with ``options`` (numbers or text)."""
-        return self.make(**_read(f"solver {self.name}", self.parameters, options or {}))
+        return self.make(**_read("option", f"solver {self.name}", self.parameters, options or {}))
 
 
 def problem(name: str) -> Callable[[Callable[..., Problem]], Callable[..., Problem]]:
@@ -183,7 +183,7 @@ def _own_solvers() -> Mapping[str, SolverEntry]:
 def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:
     """The problem ``name`` with ``parameters`` (numbers or text), in its frame, its start checked."""
     entry = entry_of("problem", name, problems())
-    values = _read(f"problem {name}", entry.parameters, parameters or {})
+    values = _read("parameter", f"problem {name}", entry.parameters, parameters or {})
     made = entry.make(**{k: v for k, v in values.items() if k not in COMMON_PARAMETERS})
     check_start(made.system, made.initial)
     if values["perturb"] > 0.0:
@@ -233,10 +233,10 @@ def _yaw(system: MultibodySystem, angle: float) -> np.ndarray:
     return so3.exp(angle * (-system.gravity / g if g > 0.0 else np.array([0.0, 0.0, 1.0])))
 
 
-def _read(where: str, known: Mapping[str, tuple[Any, Parameter]], given: Mapping[str, Any]) -> dict[str, Any]:
+def _read(what: str, of: str, known: Mapping[str, tuple[Any, Parameter]], given: Mapping[str, Any]) -> dict[str, Any]:
     for key in given:
         if key not in known:
-            raise ValueError(f"{where} has no option {key!r}{nearest(key, list(known))}")
+            raise ValueError(f"{of} has no {what} {key!r}{nearest(key, list(known))}")
     return {k: read_value(k, given[k], default, p) if k in given else default for k, (default, p) in known.items()}
 
 

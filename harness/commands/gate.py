@@ -14,9 +14,8 @@ from rich.text import Text
 
 from ..execution.runner import Request, new_folder, run_suite
 from ..gate.files import as_plain, junit, markdown
-from ..gate.judging import State, Verdict, judge, judged_of, tightened
-from ..gate.proposal import proposed
-from ..gate.thresholds import FOLDER, Thresholds, parse_thresholds, read_thresholds, write_thresholds
+from ..gate.judging import Judged, State, judge, judged_of, tightened
+from ..gate.thresholds import FOLDER, Thresholds, parse_thresholds, proposed, read_thresholds, write_thresholds
 from ..results import store
 from ..results.environment import code_digest
 from ..results.history import GATES, rows_of, write_rows
@@ -49,7 +48,7 @@ def add(commands: Any) -> None:
     p.add_argument("--loosen", action="store_true", help="with --update: also propose wider bounds")
     p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
     p.add_argument("--all", action="store_true", help="show every threshold, not only those that failed or moved")
-    p.add_argument("--junit", metavar="FILE", help="write the verdict as JUnit XML")
+    p.add_argument("--junit", metavar="FILE", help="write the result as JUnit XML")
     p.add_argument("--markdown", metavar="FILE", help="write failed and moved thresholds as Markdown")
     add_running(p)
 
@@ -75,22 +74,22 @@ def run(arguments: argparse.Namespace) -> int:
     judged = judged_of(records, code)
     if arguments.update:
         return _update(path, thresholds, judged, loosen=arguments.loosen, write=arguments.write)
-    verdict = judge(suite.specs, records, thresholds, code)
+    result = judge(suite.specs, records, thresholds, code)
     if arguments.json:
-        print_json(as_plain(verdict, suite.name))
+        print_json(as_plain(result, suite.name))
     else:
-        _print(verdict, everything=arguments.all)
+        _print(result, everything=arguments.all)
     for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
         if file:
-            store.write_text(Path(file), made(verdict, suite.name))
-    worst = {f.case: f.state.name for f in reversed(verdict.findings)}  # the worst come first
+            store.write_text(Path(file), made(result, suite.name))
+    worst = {f.case: f.state.name for f in reversed(result.findings)}  # the worst come first
     with contextlib.suppress(OSError):  # a folder that cannot be written only costs the history
         write_rows(store.LOCAL / GATES / f"{name}.jsonl", rows_of(name, stamp, judged, worst))
-    return 0 if verdict.is_open else 1
+    return 0 if result.is_open else 1
 
 
 def _clear(file: Path) -> None:
-    """Remove the verdict of an earlier gate: if this one is interrupted, it must not be taken for its verdict."""
+    """Remove the result of an earlier gate: if this one is interrupted, it must not be taken for its own."""
     check_writable(file)
     if file.is_file() and not file.is_symlink():
         file.unlink()
@@ -109,8 +108,8 @@ def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[
         return name, stamp_of(folder), loaded.records
 
 
-def _print(verdict: Verdict, *, everything: bool) -> None:
-    shown = verdict.findings if everything else verdict.notable
+def _print(result: Judged, *, everything: bool) -> None:
+    shown = result.findings if everything else result.notable
     rows = []
     for f in shown:
         was = "" if math.isnan(f.value) else f"{f.value:.3g} ({_moved(f.measured, f.value)})"
@@ -118,9 +117,9 @@ def _print(verdict: Verdict, *, everything: bool) -> None:
         why = f.why if f.state is not State.PASS else ""
         rows.append((Text(f.state.name, STYLE[f.state]), f.case, f.metric, measured, was, f.bound, f.unit, why))
     print_table(COLUMNS, rows)
-    if more := len(verdict.findings) - len(shown):
+    if more := len(result.findings) - len(shown):
         lines().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
-    lines().print(Text(f"gate {'open' if verdict.is_open else 'CLOSED'}: {verdict.summary}", STYLE[verdict.state]))
+    lines().print(Text(f"gate {'open' if result.is_open else 'CLOSED'}: {result.summary}", STYLE[result.state]))
 
 
 def _moved(measured: float, value: float) -> str:

@@ -22,9 +22,15 @@ CONTROL = ("dt", "rtol", "max_step", "max_steps", "wall_limit")
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = subcommand(commands, "solve", run, "run one solver on one problem and write an NPZ file", "one object")
-    p.add_argument("problem")
-    p.add_argument("solver")
+    p = subcommand(
+        commands,
+        "solve",
+        run,
+        "run one solver on one problem; write motion and measurements",
+        "one object",
+    )
+    p.add_argument("problem", metavar="PROBLEM", help="name of a problem (see mbsbench list)")
+    p.add_argument("solver", metavar="SOLVER", help="name of a solver (see mbsbench list)")
     add_assignments(p, f"{', '.join(CONTROL)}, or a solver option")
     p.add_argument("--t-end", metavar="T", help="simulated time [s]")
     p.add_argument("--out", required=True, metavar="RUN.npz", help="file to write")

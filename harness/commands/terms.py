@@ -9,6 +9,7 @@ from typing import Any, NoReturn
 
 from ..cache import ROOT, is_checkout
 from ..catalogue import plugins, registry
+from ..catalogue.options import nearest
 from ..results import store
 from ..sandbox.trial import tried
 
@@ -20,7 +21,13 @@ class UsageError(ValueError):
 
 
 class Parser(argparse.ArgumentParser):
-    """argparse with its errors in one line."""
+    """argparse with its errors in one line; an unknown option is answered with the nearest one of its command."""
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
+        found, left = super().parse_known_args(args, namespace)
+        for name in (word.partition("=")[0] for word in left if word.startswith("--")):
+            self.error(f"unknown option {name}{nearest(name, list(self._option_string_actions))}")
+        return found, left
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message} (see {self.prog} --help)")

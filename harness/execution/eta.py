@@ -1,4 +1,4 @@
-"""How long a run will still take: from what its runs took before, here or in earlier runs."""
+"""How long a suite will still take: from what its runs took so far, and in earlier results folders."""
 
 import heapq
 import statistics

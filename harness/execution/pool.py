@@ -22,7 +22,7 @@ class PoolError(RuntimeError):
 
 @dataclass(frozen=True)
 class TimeLimit:
-    """When a whole run has to end."""
+    """When a suite has to end."""
 
     until: float  # of time.monotonic()
     seconds: float  # [s] as the suite gives it

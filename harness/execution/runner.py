@@ -51,7 +51,7 @@ class Watcher(Protocol):
         """Time passes."""
 
     def stopped(self, left: Sequence[Job], limit: float) -> None:
-        """The run has met its limit [s]; the runs ``left`` had not begun and have no record."""
+        """The suite has met its limit [s]; the runs ``left`` had not begun and have no record."""
 
 
 @dataclass(frozen=True)

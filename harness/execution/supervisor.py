@@ -27,7 +27,7 @@ from .warmup import warm_apart_then_here
 
 GRACE = 2.0  # [s] over the wall limit, then killed: a solver was asked to stop at 0.9 of the limit
 MEASURE_LIMIT = 120.0  # [s] for metrics once the solver is done, reference included
-STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a run had kept, when the whole run is stopped
+STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a run had kept, when the suite is stopped
 POLL = 0.1  # [s]
 
 
@@ -76,7 +76,7 @@ class Supervisor:
                 yield from self._ended(run, ended)
 
     def stop(self, limit: float) -> None:
-        """End every running run : the suite has met its limit [s]. Each gets a record, with the steps it had kept."""
+        """End every running run: the suite has met its limit [s]. Each gets a record, with the steps it had kept."""
         self.stopped = True
         for run in self.running.values():
             if run.instead is not None:

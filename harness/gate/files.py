@@ -1,4 +1,4 @@
-"""The gate's verdict for machines and reviewers: JUnit XML for CI, Markdown for a merge request."""
+"""The result of the gate for machines and reviewers: JUnit XML for CI, Markdown for a merge request."""
 
 import dataclasses
 import math
@@ -6,14 +6,14 @@ import re
 from typing import Any
 from xml.etree import ElementTree
 
-from .judging import Finding, State, Verdict
+from .judging import Finding, Judged, State
 
 NOT_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")  # what XML 1.0 cannot hold
 
 
-def junit(verdict: Verdict, suite: str) -> str:
+def junit(result: Judged, suite: str) -> str:
     """One test case a finding; FAIL and XPASS are failures, XFAIL is skipped, a gate that judged nothing fails."""
-    findings = verdict.findings or (Finding(State.FAIL, suite, "gate", why="nothing judged"),)
+    findings = result.findings or (Finding(State.FAIL, suite, "gate", why="nothing judged"),)
     closed = sum(f.state in (State.FAIL, State.XPASS) for f in findings)
     skipped = sum(f.state is State.XFAIL for f in findings)
     counts = {"tests": str(len(findings)), "failures": str(closed), "errors": "0", "skipped": str(skipped)}
@@ -30,12 +30,12 @@ def junit(verdict: Verdict, suite: str) -> str:
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
 
-def markdown(verdict: Verdict, suite: str) -> str:
+def markdown(result: Judged, suite: str) -> str:
     """A headline and a table of what did not pass or has moved."""
-    out = [f"## Gate `{suite}`: {'open' if verdict.is_open else 'CLOSED'}", "", f"{verdict.summary}.", ""]
-    if verdict.notable:
+    out = [f"## Gate `{suite}`: {'open' if result.is_open else 'CLOSED'}", "", f"{result.summary}.", ""]
+    if result.notable:
         out += ["| state | case | metric | measured | was | bound | unit | why |", "|---|---|---|---|---|---|---|---|"]
-        for f in verdict.notable:
+        for f in result.notable:
             numbers = ["" if math.isnan(x) else f"{x:.4g}" for x in (f.measured, f.value)]
             why = f.why if f.state is not State.PASS else "moved"
             texts = (f.state.name, f.case, f.metric, *numbers, f.bound, f.unit, why)
@@ -44,11 +44,11 @@ def markdown(verdict: Verdict, suite: str) -> str:
     return "\n".join(out)
 
 
-def as_plain(verdict: Verdict, suite: str) -> dict[str, Any]:
-    """The verdict as ``--json`` prints it."""
-    findings = [{**dataclasses.asdict(f), "state": f.state.name, "moved": f.moved} for f in verdict.findings]
-    verdict_of = {"suite": suite, "open": verdict.is_open, "state": verdict.state.name}
-    return {**verdict_of, "counts": verdict.counts, "findings": findings}
+def as_plain(result: Judged, suite: str) -> dict[str, Any]:
+    """The result as ``--json`` prints it."""
+    findings = [{**dataclasses.asdict(f), "state": f.state.name, "moved": f.moved} for f in result.findings]
+    head = {"suite": suite, "open": result.is_open, "state": result.state.name}
+    return {**head, "counts": result.counts, "findings": findings}
 
 
 def _said(f: Finding) -> str:

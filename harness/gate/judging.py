@@ -20,6 +20,7 @@ from .thresholds import Expectation, Threshold, Thresholds
 
 WORTH = 0.95  # of a bound: less is not worth a commit
 UNBOUNDED = "no threshold for this run: propose one with gate --update"
+NO_BOUNDS = "no threshold for this run, and none can be proposed: it was {}; fix it, or add a [[status]] entry"
 UNKNOWN = "the suite has no such run"
 MISSING = "no result: the run is missing"
 OTHER_CODE = "result of other code, so the run is missing (--any-code accepts it)"
@@ -55,7 +56,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Judged:
     """All findings, the worst first."""
 
     findings: tuple[Finding, ...]
@@ -93,7 +94,7 @@ def judged_of(records: Sequence[RunRecord], code: str | None) -> tuple[RunRecord
 
 def judge(
     specs: Sequence[RunSpec], records: Sequence[RunRecord], thresholds: Thresholds, code: str | None = None
-) -> Verdict:
+) -> Judged:
     """Every run's status and every threshold; runs without a threshold and thresholds without a run fail too.
 
     With ``code``, a result of other code counts as missing; of several results of a run the newest is judged.
@@ -109,10 +110,12 @@ def judge(
         found.append(_status(case, record, statuses.get(case), missing[case]))
         wanted = statuses[case].status if case in statuses else Status.SUCCESS
         if case not in bounded and wanted is Status.SUCCESS:
-            found.append(Finding(State.FAIL, case, "no threshold", why=UNBOUNDED))
+            able = record is None or record.status == Status.SUCCESS
+            words = UNBOUNDED if able else NO_BOUNDS.format(record.status)
+            found.append(Finding(State.FAIL, case, "no threshold", why=words))
     found += [_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in thresholds.bounds]
     found += [Finding(State.FAIL, case, "status", why=UNKNOWN) for case in statuses if case not in by_case]
-    return Verdict(tuple(sorted(found, key=lambda f: (-f.state, f.case, f.metric))))
+    return Judged(tuple(sorted(found, key=lambda f: (-f.state, f.case, f.metric))))
 
 
 def tightened(

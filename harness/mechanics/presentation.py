@@ -109,16 +109,11 @@ def _mirrored(s: MultibodySystem, S: np.ndarray) -> MultibodySystem:
         return _frozen(np.where(at_ground, a @ S, a @ BODY_MIRROR))
 
     return dataclasses.replace(
-        s,
-        inertia=_frozen(BODY_MIRROR @ s.inertia @ BODY_MIRROR),
-        gravity=_frozen(S @ s.gravity),
-        joint_s_i=image(s.joint_s_i, s.joint_i),
-        joint_s_j=image(s.joint_s_j, s.joint_j),
-        joint_u=image(s.joint_u, s.joint_i),
-        joint_n=image(s.joint_n, s.joint_j),
-        spring_p_i=image(s.spring_p_i, s.spring_i),
-        spring_p_j=image(s.spring_p_j, s.spring_j),
-    )
+        s, inertia=_frozen(BODY_MIRROR @ s.inertia @ BODY_MIRROR), gravity=_frozen(S @ s.gravity),
+        joint_s_i=image(s.joint_s_i, s.joint_i), joint_s_j=image(s.joint_s_j, s.joint_j),
+        joint_u=image(s.joint_u, s.joint_i), joint_n=image(s.joint_n, s.joint_j),
+        spring_p_i=image(s.spring_p_i, s.spring_i), spring_p_j=image(s.spring_p_j, s.spring_j),
+    )  # fmt: skip
 
 
 def _mirrored_states(s: States, S: np.ndarray) -> States:
@@ -144,21 +139,14 @@ def _renumbered(s: MultibodySystem, bodies: np.ndarray, joints: np.ndarray) -> M
         return s
     new = np.append(np.argsort(bodies), GROUND)  # new number of each body; the last entry, at -1, is the ground
     return dataclasses.replace(
-        s,
-        mass=_frozen(s.mass[bodies]),
-        inertia=_frozen(s.inertia[bodies]),
-        joint_i=_frozen(new[s.joint_i[joints]]),
-        joint_j=_frozen(new[s.joint_j[joints]]),
-        joint_s_i=_frozen(s.joint_s_i[joints]),
-        joint_s_j=_frozen(s.joint_s_j[joints]),
-        joint_revolute=_frozen(s.joint_revolute[joints]),
-        joint_u=_frozen(s.joint_u[joints]),
-        joint_n=_frozen(s.joint_n[joints]),
-        spring_i=_frozen(new[s.spring_i]),
-        spring_j=_frozen(new[s.spring_j]),
+        s, mass=_frozen(s.mass[bodies]), inertia=_frozen(s.inertia[bodies]),
+        joint_i=_frozen(new[s.joint_i[joints]]), joint_j=_frozen(new[s.joint_j[joints]]),
+        joint_s_i=_frozen(s.joint_s_i[joints]), joint_s_j=_frozen(s.joint_s_j[joints]),
+        joint_revolute=_frozen(s.joint_revolute[joints]), joint_u=_frozen(s.joint_u[joints]),
+        joint_n=_frozen(s.joint_n[joints]), spring_i=_frozen(new[s.spring_i]), spring_j=_frozen(new[s.spring_j]),
         body_names=tuple(s.body_names[b] for b in bodies) if s.body_names else (),
         joint_names=tuple(s.joint_names[j] for j in joints) if s.joint_names else (),
-    )
+    )  # fmt: skip
 
 
 def _in_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
@@ -166,18 +154,12 @@ def _in_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
     if L == M == T == 1.0:
         return s
     return dataclasses.replace(
-        s,
-        mass=_frozen(s.mass * M),
-        inertia=_frozen(s.inertia * (M * L**2)),
-        gravity=_frozen(s.gravity * (L / T**2)),
-        joint_s_i=_frozen(s.joint_s_i * L),
-        joint_s_j=_frozen(s.joint_s_j * L),
-        spring_p_i=_frozen(s.spring_p_i * L),
-        spring_p_j=_frozen(s.spring_p_j * L),
-        spring_k=_frozen(s.spring_k * (M / T**2)),
-        spring_d0=_frozen(s.spring_d0 * L),
-        spring_c=_frozen(s.spring_c * (M / T)),
-    )
+        s, mass=_frozen(s.mass * M), inertia=_frozen(s.inertia * (M * L**2)),
+        gravity=_frozen(s.gravity * (L / T**2)), joint_s_i=_frozen(s.joint_s_i * L),
+        joint_s_j=_frozen(s.joint_s_j * L), spring_p_i=_frozen(s.spring_p_i * L),
+        spring_p_j=_frozen(s.spring_p_j * L), spring_k=_frozen(s.spring_k * (M / T**2)),
+        spring_d0=_frozen(s.spring_d0 * L), spring_c=_frozen(s.spring_c * (M / T)),
+    )  # fmt: skip
 
 
 def _frozen(a: np.ndarray) -> np.ndarray:

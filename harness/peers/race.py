@@ -19,7 +19,7 @@ MEASURED = ("energy_drift_max_J", "energy_drift_end_J", "phi_dot_max", "position
 
 @dataclass(frozen=True)
 class Runner:
-    """A contestant: ``warm`` a short run, ``timed`` the one that counts, ``shown`` the one whose motion is measured."""
+    """A solver or engine: ``warm`` a short run, ``timed`` the one that counts, ``shown`` the one that is measured."""
 
     name: str
     warm: Callable[[], Trajectory]
@@ -29,7 +29,7 @@ class Runner:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of a contestant; NaN where it has nothing to show."""
+    """What came of one of them; NaN where it has nothing to show."""
 
     name: str
     status: str

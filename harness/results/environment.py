@@ -47,14 +47,14 @@ def commit() -> str:
     return head + ("+dirty" if head and _git("status", "--porcelain") else "")
 
 
-def stamp(run: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[str, Any]:
+def stamp(folder: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[str, Any]:
     """The content of ``environment.json``."""
     import psutil
     from threadpoolctl import threadpool_info
 
     names = sorted({*_locked(), "numpy", "scipy"})
     return {
-        "schema": 1, "run": run, "suite": suite, "started": now(),
+        "schema": 1, "results_folder": folder, "suite": suite, "started": now(),
         "commit": commit().removesuffix("+dirty"), "dirty": commit().endswith("+dirty"),
         "code": code_digest(tuple(plugins)), "lock_sha256": hashlib.sha256(_content(LOCK)).hexdigest(),
         "python": platform.python_version(), "implementation": platform.python_implementation(),

@@ -60,12 +60,9 @@ class RunSpec:
 
 
 def make_spec(
-    problem: Problem,
-    solver: str,
-    options: Mapping[str, Any] | None = None,
-    control: Mapping[str, Any] | None = None,
-    **limits: Any,
-) -> RunSpec:
+    problem: Problem, solver: str, options: Mapping[str, Any] | None = None,
+    control: Mapping[str, Any] | None = None, **limits: Any,
+) -> RunSpec:  # fmt: skip
     """The run of ``problem`` (as made by the registry), or ValueError in one line."""
     entry = registry.entry_of("solver", solver, registry.solvers())
     steps = step_control(solver, entry.control, problem, control or {})

@@ -35,7 +35,7 @@ class Suite:
     text: str
     plugins: tuple[str, ...] = ()
     included: tuple[tuple[str, str], ...] = ()  # name and text of the suites it includes, for the results folder
-    total_limit: float | None = None  # [s] wall time of a whole run
+    total_limit: float | None = None  # [s] wall time of all runs together
 
 
 def load_suite(name: str, plugins: tuple[str, ...] = ()) -> Suite:

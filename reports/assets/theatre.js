@@ -164,6 +164,7 @@
   }
   const list = find("jump");
   const signs = { stop: "★", event: "◆", whip: "▲" };
+  list.options[0].text = marks.length ? "a moment …" : "no moments";
   list.append(...marks.map((m, value) => MBS.element("option", { value }, `${signs[m.kind]} ${words(m)}`.slice(0, 110))));
   list.disabled = !marks.length;
   list.addEventListener("change", () => { if (list.value) jump(marks[Number(list.value)]); list.value = ""; });

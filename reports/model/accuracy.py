@@ -17,7 +17,7 @@ class Measure:
     what: str
     columns: tuple[str, str]  # the error while the motion is predictable, and, where that is not known, over all time
     unit: str
-    own: float  # the reference's own error in that unit; NaN if not known
+    own: float  # the reference's stated error in that unit; NaN if not known
     until: float | None = None  # [s] errors are judged to here where that is before the end
 
     def of(self, run: Run) -> float:

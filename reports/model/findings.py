@@ -85,7 +85,7 @@ def _most_accurate(variant: Variant, measure: Measure) -> Iterator[Finding]:
     below = [c for c in ranked if measure.of(c) <= measure.own]
     if len(below) > 1:
         names = listed([called(c) for c in below])
-        yield Finding(f"At or below the reference's own error, and so not distinguished by {measure.what}: {names}.")
+        yield Finding(f"At or below the reference's stated error, and so not distinguished by {measure.what}: {names}.")
         return
     close = [c for c in ranked if measure.of(c) <= SAME_ERROR * best]
     who = listed([called(c) for c in close])

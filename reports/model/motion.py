@@ -22,7 +22,7 @@ class Motion:
     norms: Mapping[str, Curve] = field(default_factory=dict)
     invariants: Mapping[str, Curve] = field(default_factory=dict)
     step: Curve | None = None
-    own_error: Curve | None = None  # of the reference
+    own_error: Curve | None = None  # stated by the reference
     observables: Mapping[str, Curve] = field(default_factory=dict)
     exact: Mapping[str, Curve] = field(default_factory=dict)
     away: Mapping[str, Curve] = field(default_factory=dict)  # |observable - exact|
@@ -43,19 +43,14 @@ def motion_of(run: Run, series: Series | None, spans: int = SPANS_UPPER) -> Moti
     t, t_end = series["t"], 0.0 if run.stopped else run.record.t_end_s  # who stopped is drawn up to there, as fine
     observables, exact = series.named("obs_"), series.named("ref_")
     return Motion(
-        run,
-        bodies_in(series),
-        {n: upper(t, series[n], t_end, spans) for n in NORMS if n in series},
-        {n: upper(t, a, t_end, spans) for n, a in series.named("inv_").items()},
-        _steps(series, run, spans),
+        run, bodies_in(series), {n: upper(t, series[n], t_end, spans) for n in NORMS if n in series},
+        {n: upper(t, a, t_end, spans) for n, a in series.named("inv_").items()}, _steps(series, run, spans),
         upper(t, series["reference_own_error"], t_end, spans) if "reference_own_error" in series else None,
         {n: signed(t, a, t_end, 3 * spans // 4) for n, a in observables.items()},
         {n: signed(t, a, t_end, 3 * spans // 4) for n, a in exact.items() if np.any(np.isfinite(a))},
-        {n: upper(t, a - exact[n], t_end, spans) for n, a in observables.items() if n in exact},
-        series.units,
-        series.symbols,
-        series.events,
-    )
+        {n: upper(t, a - exact[n], t_end, spans) for n, a in observables.items() if n in exact}, series.units,
+        series.symbols, series.events,
+    )  # fmt: skip
 
 
 def bodies_in(series: Series) -> int:

@@ -16,19 +16,15 @@ def facts(results: Results) -> list[tuple[str, str]]:
     e = results.environment
     return [
         ("Suite", str(e.get("suite") or _all(results.runs, "suite"))),
-        ("Results", str(e.get("run") or results.folder.name)),
-        ("Started", str(e.get("started") or UNKNOWN)),
-        ("Commit", _commit(e)),
-        ("Code digest", str(e.get("code") or _all(results.runs, "code"))),
+        ("Results", str(e.get("results_folder") or results.folder.name)), ("Started", str(e.get("started") or UNKNOWN)),
+        ("Commit", _commit(e)), ("Code digest", str(e.get("code") or _all(results.runs, "code"))),
         ("Steps and tolerances", _values(results.runs, ASKED, "; ", largest_first=True)),
         ("Limits per run", _values(results.runs, LIMITS, ", ")),
         ("Machine", f"{_machine(e)}, {e.get('system', '')} {e.get('machine', '')}"),
-        ("Parallel processes", str(e.get("jobs") or UNKNOWN)),
-        ("BLAS", _blas(e.get("blas"))),
-        ("Python", str(e.get("python") or UNKNOWN)),
-        ("Lock file", str(e.get("lock_sha256") or UNKNOWN)[:16]),
+        ("Parallel processes", str(e.get("jobs") or UNKNOWN)), ("BLAS", _blas(e.get("blas"))),
+        ("Python", str(e.get("python") or UNKNOWN)), ("Lock file", str(e.get("lock_sha256") or UNKNOWN)[:16]),
         ("Plugins", ", ".join(map(str, e.get("plugins") or [])) or "none"),
-    ]
+    ]  # fmt: skip
 
 
 def stamp(results: Results) -> str:

@@ -49,7 +49,7 @@ def score(runs: Iterable[Run]) -> Score:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Standing:
     """What became of a solver's finest settings on the problems of the plain comparison, and of all else."""
 
     solver: str
@@ -61,7 +61,7 @@ class Verdict:
     swings_on: tuple[Run, ...] = ()
 
 
-def verdicts(results: Results) -> list[Verdict]:
+def standings(results: Results) -> list[Standing]:
     """One a solver, whose finest settings succeed on most problems first; equals by name."""
     label = broadest(results)
     variants = themselves(results, label)
@@ -69,7 +69,7 @@ def verdicts(results: Results) -> list[Verdict]:
     for solver, own in by_solver(results.runs).items():
         stands = [(p, h) for p in variants if (h := finest(p, solver, label)) is not None]
         heads = [h for _, h in stands]
-        out.append(Verdict(
+        out.append(Standing(
             solver, own[0].record.paper_label, score(heads), score(own),
             tuple(c for c in heads if c.succeeded and drifts(c)),
             tuple((c, cut(c.reasons[0], REASON) + _finer(p, c)) for p, c in stands if not c.succeeded),
@@ -117,7 +117,7 @@ class Answer:
     lines: tuple[tuple[str, str], ...]
 
 
-def headline(found: Sequence[Verdict], label: str, judged: str = "") -> list[Answer]:
+def headline(found: Sequence[Standing], label: str, judged: str = "") -> list[Answer]:
     """Which solvers succeed, drift and fail; ``judged`` says how far errors are."""
     ran = [v for v in found if v.finest.runs]
     settings = f"each at its finest step or tolerance in “{label}”" if label else "each at its finest step or tolerance"
@@ -148,14 +148,14 @@ def headline(found: Sequence[Verdict], label: str, judged: str = "") -> list[Ans
     ]  # fmt: skip
 
 
-def _breaks(v: Verdict) -> str:
+def _breaks(v: Standing) -> str:
     """On what, how, and the first reason."""
     parts = [f"{c.variant} at {c.step_words}: {_ended(c)}: {reason}" for c, reason in v.breaks_on[:NAMED]]
     more = len(v.breaks_on) - NAMED
     return "; ".join(parts) + (f"; and {more} more" if more > 0 else "")
 
 
-def _sizes(v: Verdict) -> str:
+def _sizes(v: Standing) -> str:
     """Where it drifts, the largest first, with how far."""
     worst = sorted(v.drifts_on, key=lambda c: -c.record.energy_drift_max_J)
     return listed([f"{c.variant} {number(c.record.energy_drift_max_J)} J" for c in worst], NAMED)

@@ -1,5 +1,6 @@
 """The failure atlas: how far each solver's runs get, and for every stop its last steps and its cause."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -9,17 +10,64 @@ from markupsafe import Markup
 from ...harness.results.records import reasons_of
 from ...harness.results.series import Series
 from ...harness.results.words import law_of
-from ..model.results import Results, Run, grouped, slug
+from ..model.results import Results, Run, by_solver, grouped, slug
 from ..plots.palette import Look
 from ..plots.spec import Axis, Plot, Trace
 from .base import Page, Site
 from .causes import CAUSES, Autopsy, Cause, autopsy
-from .survival import Survival, part_reached, survival
 from .svg import panel
 
 DRAWN = 80  # of the last rows
 LISTED = 40  # runs named beside the one that is worked out; the pages of solvers and problems have all
 SHOWN = (("dt", "step size", "s"), ("energy_error", "|energy error|", "J"), ("phi_norm", "|φ|", "m"))
+
+
+@dataclass(frozen=True)
+class Survival:
+    """Of one solver. Refusals are no part of it; wrong runs survive, and are counted apart."""
+
+    solver: str
+    total: int  # runs that began
+    refused: int
+    stopped: int
+    wrong: int
+    x: tuple[float, ...]  # part of the simulated time, 0 to 1: corners of the step line
+    y: tuple[float, ...]  # share not stopped
+
+    @property
+    def reached(self) -> int:
+        return self.total - self.stopped
+
+    @property
+    def good(self) -> int:
+        return self.reached - self.wrong
+
+    @property
+    def least(self) -> float:
+        """The part of the time at which the first of them stopped; 1 if none did."""
+        return next((a for a, b in zip(self.x, self.y, strict=True) if b < 1.0), 1.0)
+
+
+def survival(runs: Sequence[Run]) -> tuple[Survival, ...]:
+    """One a solver, by name."""
+    return tuple(_of(solver, own) for solver, own in sorted(by_solver(runs).items()))
+
+
+def part_reached(run: Run) -> float:
+    """Of the time asked for, 0 to 1; 0 for a run without a step."""
+    r = run.record
+    if not (r.t_end_s > 0.0 and math.isfinite(r.t_reached_s)):
+        return 0.0
+    return min(max(r.t_reached_s / r.t_end_s, 0.0), 1.0)
+
+
+def _of(solver: str, runs: Sequence[Run]) -> Survival:
+    began = [c for c in runs if c.status != "refused"]
+    stops = sorted(part_reached(c) for c in began if c.stopped)
+    left = [(len(began) - k) / len(began) for k in range(len(stops) + 1)] if began else [1.0]
+    x, y = (0.0, *np.repeat(stops, 2).tolist(), 1.0), tuple(np.repeat(left, 2).tolist())
+    wrong = sum(c.status == "wrong" for c in began)
+    return Survival(solver, len(began), len(runs) - len(began), len(stops), wrong, x, y)
 
 
 @dataclass(frozen=True)

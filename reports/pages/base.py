@@ -51,8 +51,7 @@ from ..model.glossary import term
 from ..model.provenance import cautions, facts, packages, stamp
 from ..model.results import Results, Run, Variant, slug
 from ..model.scores import score
-from ..plots.browser import for_browser
-from ..plots.packing import bundle, script
+from ..plots.browser import bundle, for_browser, script
 from ..plots.palette import Look, looks
 from ..plots.spec import Plot
 from .judgement import page_of
@@ -160,10 +159,11 @@ class Site:
         environment.globals.update({k: getattr(words, k) for k in SPEAKING})
         environment.globals.update(
             results=self.results, looks=self.looks, url=self.url, exists=self._pending.__contains__,
-            run_title=self.results.environment.get("run") or self.results.folder.name, facts=facts(self.results),
-            cautions=cautions(self.results), packages=packages(self.results), stamp=stamp(self.results),
-            nan=float("nan"), num=_num, energy_kind=energy_kind, score_of=score, slug_of=lambda run: slugs[run.variant],
-            term=term, related=lambda about: [p for p in self.pages() if p.about and p.about == about],
+            run_title=self.results.environment.get("results_folder") or self.results.folder.name,
+            stamp=stamp(self.results), facts=facts(self.results), cautions=cautions(self.results),
+            packages=packages(self.results), nan=float("nan"), num=_num, energy_kind=energy_kind, score_of=score,
+            slug_of=lambda run: slugs[run.variant], term=term,
+            related=lambda about: [p for p in self.pages() if p.about and p.about == about],
         )  # fmt: skip
         return environment
 

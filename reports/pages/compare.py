@@ -67,7 +67,7 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
         plots=overlays(a, b, parts), parts=parts, found=found, alike=alike(found, set.union(*unknown)),
         unmeasured=[sorted(u) for u in unknown],
         inputs=differences(stamp_of(a.folder), stamp_of(b.folder)), shown=OVERLAYS,
-        names=[r.environment.get("run") or r.folder.name for r in (a, b)],
+        names=[r.environment.get("results_folder") or r.folder.name for r in (a, b)],
         both=list(zip(facts(a), facts(b), strict=True)), beside=(site.folder / "index.html").is_file(),
         pages=_addresses(a, changed, site.folder) | _addresses(b, changed, site.folder),
     )  # fmt: skip

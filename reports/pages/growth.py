@@ -1,11 +1,66 @@
-"""What a step costs as a mechanism grows, where there are several sizes of one problem."""
+"""What a step costs as a mechanism grows, wherever a run has the same settings at several sizes."""
 
 from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from ..model.motion import bodies_in
-from ..model.results import Results
-from ..plots.growth import growth, growths
+from ..model.results import Results, Run, grouped
+from ..model.words import seconds
+from ..plots.spec import Axis, Plot, Trace
 from .base import Page, Site
+
+SIZES = 3  # a slope from two sizes would be no evidence
+
+
+@dataclass(frozen=True)
+class Growth:
+    """One solver's settings on one problem at several sizes, smallest first."""
+
+    problem: str
+    method: str
+    solver: str
+    step: str
+    bodies: tuple[int, ...]
+    cpu_per_step: tuple[float, ...]
+    runs: tuple[Run, ...]  # one a size
+
+    @property
+    def slope(self) -> float:
+        """Exponent of the power law fitted to all sizes."""
+        return float(np.polyfit(np.log(self.bodies), np.log(self.cpu_per_step), 1)[0])
+
+
+def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
+    """All there are; ``bodies`` by run. Only runs that reached the end with a CPU time count."""
+    timed = [c for c in runs if c.succeeded and c.record.steps > 0 and c.record.cpu_median_s > 0.0]
+    sized = [c for c in timed if bodies.get(c.record.run_id, 0) > 0]
+    found = grouped(sized, lambda c: (c.record.problem, c.method, c.record.solver, c.step_words))
+    out = []
+    for key, own in sorted(found.items()):
+        sizes = dict(sorted(grouped(own, lambda c: bodies[c.record.run_id]).items()))
+        if len(sizes) >= SIZES:
+            cost = [float(np.median([c.record.cpu_median_s / c.record.steps for c in same])) for same in sizes.values()]
+            out.append(Growth(*key, tuple(sizes), tuple(cost), tuple(same[0] for same in sizes.values())))
+    return out
+
+
+def growth(problem: str, found: Sequence[Growth], url: Callable[[Run], str]) -> Plot:
+    """All settings of one problem in one panel."""
+    seen: dict[str, int] = {}
+    traces = []
+    for g in (g for g in found if g.problem == problem):
+        dash = seen[g.solver] = seen.get(g.solver, -1) + 1
+        traces.append(Trace(
+            f"{g.method}, {g.step}: slope {g.slope:.2f}", np.array(g.bodies), 1e3 * np.array(g.cpu_per_step),
+            solver=g.solver, mode="lines+markers", dash=dash, urls=[url(c) for c in g.runs],
+            words=[f"{c.variant}, {c.record.steps} steps, CPU {seconds(c.record.cpu_median_s)}" for c in g.runs],
+        ))  # fmt: skip
+    caption = "The number in the legend is the exponent of a power law fitted to all sizes: 1 is linear."
+    axes = Axis("bodies", "", log=True), Axis("CPU per step", "ms", log=True)
+    return Plot(f"growth-{problem}", f"{problem}: cost of a step over its size", caption, *axes, traces, wide=True)
 
 
 def write(results: Results, site: Site) -> Page | None:

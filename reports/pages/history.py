@@ -1,22 +1,129 @@
-"""The page of results over time and commits."""
+"""Results over time and commits: a line for each run, and what each results folder amounted to."""
 
 import csv
 import io
+import math
+from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
+from ...harness.files import FileError
 from ...harness.results import store
-from ..model.results import Results
-from ..model.words import number
+from ...harness.results.history import Row, history, read_rows, standing
+from ..model.results import Results, grouped
+from ..model.words import Mark, mark, number
 from .base import Page, Site
 from .svg import sparkline
-from .timeline import Line, gather, lines, moments
 
+COMMITTED = Path(__file__).resolve().parents[2] / "results" / "history"
+MOVED = 0.01  # relative: the gate calls less than that no move
+LITTLE = 1e-9  # of the problem's energy: a drift below is rounding whatever its ratio
+GATE = {
+    "PASS": Mark("✓", "pass", "good"), "XFAIL": Mark("○", "fails as expected", "refused"),
+    "XPASS": Mark("!", "passes against expectation", "failed"), "FAIL": Mark("✗", "fail", "wrong"),
+}  # fmt: skip
 SHOWN = 60  # runs on the page, those that changed first; the table file has all
 HEADS = ("case", "runs", "changed", "ending_first", "ending_last", "energy_drift_max_J_first",
          "energy_drift_max_J_last", "error_m_first", "error_m_last", "cpu_over_first", "gate")  # fmt: skip
 ALONE = 12  # where nothing changed, or there are no other results to compare with
 TABLE = "data/history.csv"
 MOST = 24  # results whose marks are shown in a row, the newest
+
+
+@dataclass(frozen=True)
+class Moment:
+    """One results folder among all."""
+
+    results: str
+    time: str
+    commit: str
+    counts: tuple[tuple[Mark, int], ...]
+    gate: tuple[tuple[Mark, int], ...]
+    total: int
+
+
+@dataclass(frozen=True)
+class Line:
+    """One run over all results."""
+
+    settings: str
+    case: str
+    problem: str
+    solver: str
+    rows: tuple[Row, ...]
+
+    @property
+    def marks(self) -> tuple[Mark, ...]:
+        return tuple(mark(r.status) for r in self.rows)
+
+    @property
+    def gates(self) -> tuple[Mark, ...]:
+        return tuple(gate_mark(r.gate) for r in self.rows if r.gate)
+
+    def values(self, metric: str) -> tuple[float, ...]:
+        return tuple(float(getattr(r, metric)) for r in self.rows)
+
+    @property
+    def errors(self) -> tuple[float, ...]:
+        """The judged error, of positions; the whole one where nothing was judged yet."""
+        pairs = zip(self.values("position_error_judged_m"), self.values("position_error_max_m"), strict=True)
+        return tuple(whole if math.isnan(judged) else judged for judged, whole in pairs)
+
+    @property
+    def changed(self) -> bool:
+        """Its ending, its drift or its error is not what it was at first."""
+        if len({r.status for r in self.rows}) > 1:
+            return True
+        scale = max((r.energy_scale_J for r in self.rows if r.energy_scale_J > 0.0), default=1.0)
+        return moved(self.values("energy_drift_max_J"), LITTLE * scale) or moved(self.errors, LITTLE)
+
+
+def gate_mark(state: str) -> Mark:
+    """The state of the gate on a run."""
+    return GATE.get(state, Mark("?", state.lower() or "not judged", "refused"))
+
+
+def moved(values: Sequence[float], least: float) -> bool:
+    """Whether known values spread by more than a hundredth, and by more than ``least``."""
+    known = [v for v in values if math.isfinite(v)]
+    return len(known) > 1 and max(known) - min(known) > max(MOVED * max(map(abs, known)), least)
+
+
+def gather(results: Results, committed: Path = COMMITTED) -> tuple[tuple[Row, ...], list[str]]:
+    """All rows of results beside these and of committed files, and what could not be read."""
+    folders, files = standing(results.folder.resolve().parent, committed)
+    bad = []
+    for kept, read in ((files, read_rows), (folders, lambda f: history([f]))):
+        for path in list(kept):
+            try:
+                read(path)  # type: ignore[operator]
+            except FileError as error:
+                bad.append(str(error))
+                kept.remove(path)
+    return history(folders, files), bad
+
+
+def lines(results: Results, rows: Sequence[Row]) -> tuple[Line, ...]:
+    """Of the runs in these results, the oldest row first; those that changed come first."""
+    here = {c.record.settings_id for c in results.runs}
+    found = grouped((row for row in rows if row.settings_id in here), lambda row: row.settings_id)
+    out = [Line(k, own[-1].case, own[-1].problem, own[-1].solver, tuple(own)) for k, own in found.items()]
+    return tuple(sorted(out, key=lambda line: (not line.changed, len(line.rows) == 1, line.case)))
+
+
+def moments(rows: Sequence[Row]) -> tuple[Moment, ...]:
+    """Each results folder with the statuses of its runs, the oldest first."""
+    out = []
+    for name, own in grouped(rows, lambda row: row.results).items():
+        ends = Counter(mark(r.status).kind for r in own)
+        kinds = {"good": mark("success"), "wrong": mark("wrong"), "refused": mark("refused"),
+                 "failed": Mark("★", "stopped", "failed")}  # fmt: skip
+        counts = tuple((m, ends[kind]) for kind, m in kinds.items() if ends[kind])
+        gates = Counter(gate_mark(r.gate) for r in own if r.gate)
+        commits = Counter(r.commit for r in own)
+        out.append(Moment(name, own[0].time, commits.most_common(1)[0][0], counts, tuple(gates.items()), len(own)))
+    return tuple(sorted(out, key=lambda m: (m.time, m.results)))
 
 
 def write(results: Results, site: Site) -> Page | None:

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..model.accuracy import energy_kind, measure_for
-from ..model.columns import COLUMNS
 from ..model.findings import findings
 from ..model.overview import matrix, tally
 from ..model.results import Results, Run
-from ..model.scores import headline, score, unpredictable, verdicts
+from ..model.scores import headline, score, standings, unpredictable
+from ..model.tables import COLUMNS
 from ..model.variants import broadest, themselves, variant_groups
 from ..model.words import mark
 from .base import Page, Site
@@ -18,14 +18,14 @@ DIGITS = 6  # of numbers in the table's data file: twice what is shown
 
 def write(results: Results, site: Site) -> Page | None:
     """``index.html``."""
-    found, label = verdicts(results), broadest(results)
+    found, label = standings(results), broadest(results)
     apart = variant_groups(results, label)
     main = {c.record.run_id for p in themselves(results, label) for c in p.runs}
     ordered = sorted(results.runs, key=lambda c: (c.record.label != label, c.record.run_id not in main))
     return site.write(
         Page("Overview", "index.html", nav=True, order=0), "overview.html",
         scripts=[site.bundle("runs", _table(results, site, ordered)), "assets/overview.js"],
-        findings=findings(results), matrix=matrix(results), verdicts=found, label=label,
+        findings=findings(results), matrix=matrix(results), standings=found, label=label,
         answers=headline(found, label, unpredictable(results)), score=score(results.runs),
         variant_groups=[(v, score(v.runs), tally(results, v)) for v in apart], columns=COLUMNS,
         apart=score(c for v in apart for c in v.runs), loud=ordered,

@@ -1,8 +1,8 @@
 """A page for each run: what was asked, how it ended, every number with its meaning, and how to run it again."""
 
 from ...harness.results.reproduce import command
-from ..model.columns import COLUMNS
 from ..model.results import Results, Run
+from ..model.tables import COLUMNS
 from ..model.words import number, time
 from .base import PLOTTING, Page, Site
 

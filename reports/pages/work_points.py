@@ -25,7 +25,7 @@ class Field:
 
     @property
     def own(self) -> float:
-        """The reference's own error: errors below it cannot be compared."""
+        """The reference's stated error: errors below it cannot be compared."""
         return reference_error(self.points)
 
 

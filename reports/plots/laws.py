@@ -77,7 +77,7 @@ def errors(d: Drawing) -> Chapter | None:
     length = d.scale("length_scale_m")
     until = judged_until(d.runs)
     own = max((m.own_error for m in d.motions.values() if m.own_error is not None), key=len, default=None)
-    floor = [] if own is None else [Trace("the reference's own error", own.t, own.y, dash=2)]
+    floor = [] if own is None else [Trace("the reference's stated error", own.t, own.y, dash=2)]
     far = f"Worst body, {d.largest}, up to the end of the reference."
     marks = {} if until is None else {"judged up to here": [until]}
     plots = [

@@ -75,10 +75,17 @@ _PRINT: dict[str, Callable[[Figure, io.BytesIO], None]] = {
 class Powers(LogFormatter):
     """``10⁻⁵`` as text: setting mathematics for every tick takes as long as all the lines."""
 
+    def set_locs(self, locs: Any = None) -> None:
+        """Where few powers of ten are seen, so many parts of a decade are labelled that none overlap."""
+        super().set_locs(locs)
+        low, high = self.axis.get_view_interval()
+        if self._sublabels and len(self._sublabels) > 1 and high > 2.0 * low:
+            self._sublabels = {1.0, 3.0} if high > 10.0 * low else {1.0, 2.0, 3.0, 5.0}
+
     def __call__(self, x: float, pos: int | None = None) -> str:
         if not super().__call__(x, pos) or not x > 0.0:
             return ""
-        mantissa, power = f"{x:.0e}".split("e")
+        mantissa, power = f"{x:.2e}".split("e")
         shown = f"10{str(int(power)).translate(SUPERSCRIPTS)}"
         return shown if float(mantissa) == 1.0 else f"{float(mantissa):g}×{shown}"
 

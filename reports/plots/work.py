@@ -17,7 +17,7 @@ WORKS = {  # words and unit
 }  # fmt: skip
 ERRORS = {"error": ("error", ""), "energy": ("largest energy error", "J"), "phi": ("largest |φ|", "m")}
 PAIRS = tuple((error, work) for error in ("error", "energy") for work in ("cpu", "evaluations"))
-NEAR = 100.0  # the reference's own error is drawn where a point comes that close to it
+NEAR = 100.0  # the reference's stated error is drawn where a point comes that close to it
 LADDER = 3  # steps of one method that are worth a line among many methods
 ZERO = 20.0  # zeros are drawn so many times below the smallest value above zero, as in assets/plots.js
 NOTE = (
@@ -48,7 +48,7 @@ class Point:
     size: float = 0.0  # of that step or tolerance
     kind: str = "error"
     unit: str = ""
-    own: float = math.nan  # error of the reference itself
+    own: float = math.nan  # stated error of the reference
     cpu: tuple[float, float] = (math.nan, math.nan)  # [s] least and most of the repeats
     repeats: int = 0
 
@@ -114,7 +114,7 @@ def kind_of(points: Sequence[Point]) -> tuple[str, str]:
 
 
 def reference_error(points: Sequence[Point]) -> float:
-    """The reference's own error: points below it cannot be distinguished; NaN if not known."""
+    """The reference's stated error: points below it cannot be distinguished; NaN if not known."""
     return max((p.own for p in points if p.own > 0.0), default=math.nan)
 
 
@@ -125,7 +125,7 @@ def _reference_region(points: Sequence[Point], work: str) -> list[Trace]:
         return []
     edge, bottom = np.full(2, own), np.full(2, min(own / ZERO, min(y) / 2.0))
     ends = np.array([min(x) / 2.0, max(x) * 2.0])
-    return [Trace("below the reference's own error", ends, edge, low=bottom, high=edge, dash=2)]
+    return [Trace("below the reference's stated error", ends, edge, low=bottom, high=edge, dash=2)]
 
 
 def _families(points: Sequence[Point], work: str, error: str, folded: bool) -> list[Trace]:

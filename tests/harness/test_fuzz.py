@@ -198,7 +198,7 @@ words = st.one_of(
 
 @MORE
 @given(value=words, flag=st.sampled_from(["--solver", "--status", "--sort", "--limit", "--label"]))
-def test_filters_of_show_are_told_in_a_line(value, flag, capsys, tmp_path_factory):
+def test_filters_of_show_are_reported_in_one_line(value, flag, capsys, tmp_path_factory):
     """Whatever is asked of a run of one run: a table, or one line and exit code 2."""
     folder = store.create(tmp_path_factory.mktemp("w"))
     store.write_record(folder, RunRecord(run_id="abc", case="c", problem="p", solver="s", status="success"))
@@ -209,7 +209,7 @@ def test_filters_of_show_are_told_in_a_line(value, flag, capsys, tmp_path_factor
 
 @MORE
 @given(key=st.sampled_from(["dt", "max_steps", "wall_limit", "lift", "rtol"]) | words, value=words, mass=words)
-def test_values_on_the_command_line_are_told_in_a_line(key, value, mass, capsys, tmp_path_factory):
+def test_values_on_the_command_line_are_reported_in_one_line(key, value, mass, capsys, tmp_path_factory):
     """Exit code 2, one line, nothing written; only numbers that make sense get any further."""
     folder = tmp_path_factory.mktemp("c") / "gone"
     line = ["solve", "free_fall", "exact", "--plugin", str(PLUGIN), "--out", str(folder / "x.npz")]

@@ -9,12 +9,11 @@ import pytest
 from mbsbench.reports.model import curves
 from mbsbench.reports.model.motion import motion_of
 from mbsbench.reports.model.results import read_results
+from mbsbench.reports.pages.growth import growths
 from mbsbench.reports.plots import palette, style
-from mbsbench.reports.plots.browser import for_browser
-from mbsbench.reports.plots.growth import growths
+from mbsbench.reports.plots.browser import LOG_STEP, STEPS, Steps, bundle, for_browser, script, text
 from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, observables
 from mbsbench.reports.plots.lines import MOST, lines_of, traces
-from mbsbench.reports.plots.packing import LOG_STEP, STEPS, Steps, bundle, script, text
 from mbsbench.reports.plots.work import work_chapter
 
 from .bundles import opened
@@ -65,7 +64,7 @@ def test_of_a_large_group_the_finest_and_the_failures_are_drawn(tmp_path):
     assert len(drawn) == MOST and {"c00", "c07", "c21"} <= drawn
 
 
-def test_ends_are_marked_and_settings_told(built):
+def test_ends_are_marked_and_settings_named(built):
     d = drawing_of(built[0])
     found = {t.solver: t for t in traces(d.lines, d.motions, lambda m: m.norms.get("energy_error"), (0.0, 1.0))}
     assert found["delta"].end == "failed" and "step underflow at 0.7 s" in found["delta"].name
@@ -157,7 +156,7 @@ def test_what_is_no_number_is_null_in_json():
     assert json.loads(text({"a": [float("nan"), float("inf"), np.float64(2.0)]})) == {"a": [None, None, 2.0]}
 
 
-def test_a_bundle_gives_its_numbers_back_to_what_is_told():
+def test_a_bundle_gives_its_numbers_back_to_the_stated_precision():
     """Times and linear values to half a step of their range, others to a tenth of a percent, zeros as zeros."""
     rng = np.random.default_rng(0)
     t, noise = np.sort(rng.uniform(0.0, 40.0, 999)), 10.0 ** rng.uniform(-17.0, 5.0, 999)

@@ -37,7 +37,7 @@ def test_real_run_has_a_report(tmp_path, capsys):
     assert list((report / "tables").glob("*.csv")) and list((report / "data").glob("plots-problem-*.js"))
 
 
-def test_wrong_calls_are_told_in_a_line(tmp_path, capsys):
+def test_wrong_calls_are_reported_in_one_line(tmp_path, capsys):
     """No folder, three folders, a place to write that no single report has."""
     (tmp_path / "runs").mkdir()
     for words, said in (

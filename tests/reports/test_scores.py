@@ -4,7 +4,7 @@ import json
 
 from mbsbench.reports.model.overview import matrix
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.model.scores import finest, headline, score, unpredictable, verdicts
+from mbsbench.reports.model.scores import finest, headline, score, standings, unpredictable
 from mbsbench.reports.model.variants import OTHER_PARAMETERS, broadest, themselves, variant_groups
 
 from .conftest import because, put, record
@@ -12,7 +12,7 @@ from .conftest import because, put, record
 
 def answers(folder) -> dict[str, str]:
     results = read_results(folder)
-    told = headline(verdicts(results), broadest(results), unpredictable(results))
+    told = headline(standings(results), broadest(results), unpredictable(results))
     names = {"Which solvers succeed": "succeed", "Which solvers drift": "drift", "Which solvers fail, and why": "fail"}
     return {names[a.question]: " ".join([a.words, *(f"{s}: {words}." for s, words in a.lines)]) for a in told}
 
@@ -21,7 +21,7 @@ def test_finest_settings_speak_for_a_solver_and_the_rest_are_counted(tmp_path):
     """A coarse step that fails is no breakdown of the fine one, and not hidden either."""
     put(tmp_path, record("aa01", dt_s=0.01, status="diverged", message="too coarse"))
     put(tmp_path, record("aa02", dt_s=0.005))
-    (v,) = verdicts(read_results(tmp_path))
+    (v,) = standings(read_results(tmp_path))
     assert (v.finest.succeeded, v.finest.runs) == (1, 1) and not v.breaks_on
     assert (v.everything.succeeded, v.everything.stopped) == (1, 1)
     (part,) = matrix(read_results(tmp_path))
@@ -51,7 +51,7 @@ def test_questions_are_answered_from_the_numbers(tmp_path):
     assert "1 false success" in breaks and "beta" not in breaks
 
 
-def test_a_larger_swing_a_finer_step_that_holds_and_the_end_of_prediction_are_told(tmp_path):
+def test_a_larger_swing_a_finer_step_that_holds_and_the_end_of_prediction_are_reported(tmp_path):
     """What else would mislead: a small drift beside a large swing, another tolerance, errors of a part of the time."""
     drift = {"energy_mean_first_quarter_J": 1e-4, "energy_mean_last_quarter_J": 9e-4}
     put(tmp_path, record("aa01", "alpha", energy_drift_max_J=0.5, judged_to_s=0.5))
@@ -99,7 +99,7 @@ def test_problems_stand_before_their_variants(tmp_path):
     assert {p.title for p in themselves(results, label)} == {"pendulum", "other"}
     apart = {v.words: len(v.variants) for v in variant_groups(results, label)}
     assert apart == {OTHER_PARAMETERS: 1, "turned about the vertical": 3}
-    (v,) = [v for v in verdicts(results) if v.solver == "alpha"]
+    (v,) = [v for v in standings(results) if v.solver == "alpha"]
     assert v.finest.runs == 1 and not v.breaks_on and v.everything.wrong == 3
     assert [p.label for p in matrix(results)] == ["recommended", "symmetries"] and len(matrix(results)[0].rows) == 1
     assert broadest(read_results(only(tmp_path, "symmetries"))) == "symmetries"

@@ -98,7 +98,7 @@ def test_every_address_is_of_a_file_in_the_folder(built, pages):
                     assert anchor in ids[target.resolve().relative_to(report.resolve()).as_posix()], (name, value)
 
 
-def test_readers_without_eyes_are_told(pages):
+def test_screen_readers_get_descriptions(pages):
     """Tables have captions and scoped heads, headings their order, names are unique, boxes scroll by the keyboard."""
     for name, html in pages.items():
         tags = Outline(html).tags

@@ -4,9 +4,8 @@ import csv
 import io
 import math
 
-from mbsbench.reports.model.columns import COLUMNS
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.model.tables import csv_of, latex_number, latex_of, latex_text
+from mbsbench.reports.model.tables import COLUMNS, csv_of, latex_number, latex_of, latex_text
 from mbsbench.reports.model.words import number, seconds, signed, unit, whole
 
 from .conftest import HOSTILE, record

@@ -2,7 +2,7 @@
 
 A target is a variant and an accuracy, half decades of the mechanism's size. A solver reaches it with the run
 of least work, whatever its options, whose error is no larger: best-tuned means the lower envelope of the runs at hand.
-Targets below three times the reference's own error cannot be judged and are left out; those a solver does not reach
+Targets below three times the reference's stated error cannot be judged and are left out; those a solver does not reach
 count as not reached, a refusal too. Wrong runs reach nothing. Profiles count the variants that all solvers were tried
 on and that are predictable to their end; points are of all variants. Further profiles count default options only.
 """
@@ -20,7 +20,7 @@ from ...types import PREDICTABLE
 from .symmetries import CHANGES
 
 TARGETS = tuple(10.0 ** (-0.5 * k) for k in range(2, 19))  # 1e-1 to 1e-9 of the size (of 1 rad)
-OWN = 3.0  # times the reference's own error: nothing is judged below
+OWN = 3.0  # times the reference's stated error: nothing is judged below
 EXACT = 1e-12  # of the size: where all positions are exact to rounding, orientations are compared
 END = 1e-9
 FEWEST = 2  # solvers on a variant: fewer are no comparison

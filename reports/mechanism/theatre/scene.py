@@ -11,13 +11,10 @@ from jaxtyping import Float
 from ....harness.results.series import Series
 from ...model.results import Results, Run, Variant, by_solver
 from ...plots.palette import Look
-from . import packing
 from .cast import cast
-from .marks import EVENTS, marks_of
-from .packing import Box, box_of
-from .poses import Poses, enough, finite, off, thinned
+from .poses import Box, Poses, box_of, columns, enough, finite, off, positions, quaternions, rounded, thinned
 from .shapes import Shape, ends, ground_points, shapes_of
-from .strips import SPANS, STRIPS, strips_of
+from .strips import EVENTS, SPANS, STRIPS, marks_of, strips_of
 
 POSE_BYTES = 3_500_000  # of all players of a page, before compression
 BODY_BYTES = 14  # three int16 and four
@@ -91,15 +88,15 @@ def _player(
     rows = enough(p.poses, at_most, scale)
     kept = p.poses.at(rows)
     n, bodies = len(kept), kept.r.shape[1]
-    both = np.concatenate((packing.positions(kept.r, box), packing.quaternions(kept.q)), axis=-1)
+    both = np.concatenate((positions(kept.r, box), quaternions(kept.q)), axis=-1)
     distance, angle = off(p.poses, rows)
-    strips = packing.rounded(strips_of(p.series, p.run, *axis))
+    strips = rounded(strips_of(p.series, p.run, *axis))
     return {
         "solver": p.run.record.solver, "settings": p.run.settings(), "label": p.run.record.label,
         "status": p.run.status, "because": "; ".join(p.run.reasons)[:400],
         "run": p.run.record.run_id, "colour": looks[p.run.record.solver].colour, "rank": rank[p.run.record.run_id],
         "stopped": p.run.stopped, "last": float(p.series["t"][-1]),
-        "t": kept.t, "poses": packing.columns(both.reshape(n, bodies * 7)),
+        "t": kept.t, "poses": columns(both.reshape(n, bodies * 7)),
         "frames": n, "stored": len(p.poses), "off_m": distance, "off_rad": angle,
         "strips": strips.ravel(),
     }  # fmt: skip

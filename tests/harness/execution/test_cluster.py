@@ -84,7 +84,7 @@ def test_a_killed_worker_costs_nothing(cluster, tmp_path):
     assert not store.load(tmp_path / "far").unreadable
 
 
-def test_no_cluster_is_told_in_a_line(tmp_path, monkeypatch):
+def test_no_cluster_is_reported_in_one_line(tmp_path, monkeypatch):
     """Nobody listens, or the file is not there."""
     with pytest.raises(PoolError, match="scheduler file"):
         DaskPool(str(tmp_path / "x.json")).run([object()])  # type: ignore[list-item]

@@ -48,17 +48,17 @@ def done(folder):
     return {p.name: p.stat().st_mtime_ns for p in folder.glob("runs/[!.]*.json")}
 
 
-@pytest.mark.parametrize(("CELLS", "KILLS"), [(30, 2), pytest.param(300, 20, marks=pytest.mark.slow)])
-def test_kills_lose_nothing(tmp_path, CELLS, KILLS):
+@pytest.mark.parametrize(("RUNS", "KILLS"), [(30, 2), pytest.param(300, 20, marks=pytest.mark.slow)])
+def test_kills_lose_nothing(tmp_path, RUNS, KILLS):
     """SIGKILL to the runner, every fourth time to its supervisor too, from its first moments to its last."""
     suite = tmp_path / "killed.toml"
-    suite.write_text(suite_of(CELLS))
+    suite.write_text(suite_of(RUNS))
     rng, folder, kept = random.Random(SEED), tmp_path / "run", {}
     for k in range(KILLS):
         process = start(suite, folder, *(("--resume",) if k else ()))
-        aim = len(kept) + rng.randrange(0, 2 * (CELLS - len(kept)) // (KILLS - k) + 1)  # about even over the run
+        aim = len(kept) + rng.randrange(0, 2 * (RUNS - len(kept)) // (KILLS - k) + 1)  # about even over the run
         until = time.monotonic() + 60.0
-        while len(done(folder)) < min(aim, CELLS - 1) and process.poll() is None and time.monotonic() < until:
+        while len(done(folder)) < min(aim, RUNS - 1) and process.poll() is None and time.monotonic() < until:
             time.sleep(0.01)
         time.sleep(rng.uniform(0.0, 0.3))
         if k % 4 == 3 or k == KILLS - 1:
@@ -77,5 +77,5 @@ def test_kills_lose_nothing(tmp_path, CELLS, KILLS):
     run_suite(Request(load_suite(str(suite)), tmp_path / "calm", 2), Silent())
     loaded = [store.load(x) for x in (folder, tmp_path / "calm")]
     killed, calm = (store.table(x.records).drop(columns=TIMED) for x in loaded)
-    assert len(killed) == CELLS and killed.equals(calm)
+    assert len(killed) == RUNS and killed.equals(calm)
     assert not (folder / "set_aside").exists()

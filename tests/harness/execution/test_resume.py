@@ -137,7 +137,7 @@ def test_a_signal_to_all_ends_all(tmp_path, number, code):
     assert not psutil.wait_procs(started, timeout=10)[1]
 
 
-def test_output_that_nobody_reads_is_no_success(tmp_path, monkeypatch):
+def test_output_to_a_closed_pipe_is_no_success(tmp_path, monkeypatch):
     """As after SIGPIPE: 141."""
     monkeypatch.setattr(
         "mbsbench.harness.commands.gate.load_suite", lambda *_: (_ for _ in ()).throw(BrokenPipeError())
@@ -216,7 +216,7 @@ def test_table_does_not_depend_on_jobs(run_text, tmp_path):
     assert tables[0].equals(tables[1])
 
 
-def test_a_full_disk_is_nobodys_result(tmp_path, monkeypatch):
+def test_a_full_disk_is_no_result_of_a_run(tmp_path, monkeypatch):
     """ENOSPC while writing is not stored as the solver's crash: the run stays to be done."""
     import errno
 

@@ -10,11 +10,11 @@ from msgspec.structs import replace
 from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.files import junit, markdown
 from mbsbench.harness.gate.judging import State, judge, tightened
-from mbsbench.harness.gate.proposal import proposed
 from mbsbench.harness.gate.thresholds import (
     Expectation,
     Threshold,
     Thresholds,
+    proposed,
     read_thresholds,
     write_thresholds,
 )
@@ -22,11 +22,10 @@ from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import RunSpec
 from mbsbench.harness.types import Status, StepControl
 
-CELLS = tuple(RunSpec("free_fall", "exact", StepControl(dt=dt)) for dt in (0.1, 0.5))
-CASE, OTHER = (c.case for c in CELLS)
+RUNS = tuple(RunSpec("free_fall", "exact", StepControl(dt=dt)) for dt in (0.1, 0.5))
+CASE, OTHER = (c.case for c in RUNS)
 RECORDS = [
-    RunRecord(run_id=c.settings_id, settings_id=c.settings_id, case=c.case, status="success", phi_max=1.0)
-    for c in CELLS
+    RunRecord(run_id=c.settings_id, settings_id=c.settings_id, case=c.case, status="success", phi_max=1.0) for c in RUNS
 ]
 
 
@@ -38,7 +37,7 @@ def threshold(case: str, **change) -> Threshold:
 BOUNDS = Thresholds("t", (threshold(CASE), threshold(OTHER)))
 
 
-def state(records=RECORDS, bounds=BOUNDS, specs=CELLS):
+def state(records=RECORDS, bounds=BOUNDS, specs=RUNS):
     return judge(specs, records, bounds)
 
 
@@ -86,14 +85,14 @@ def test_a_result_of_other_code_counts_as_missing():
     )
     here = dataclasses.replace(RECORDS[1], code="now")
     for records in ([old, new, here], [here, new, old]):
-        assert judge(CELLS, records, BOUNDS, "now").is_open
-        assert judge(CELLS, records, BOUNDS).state is State.FAIL  # the newest of all is the one of other code
-    closed = judge(CELLS, [old, here], BOUNDS, "now")
+        assert judge(RUNS, records, BOUNDS, "now").is_open
+        assert judge(RUNS, records, BOUNDS).state is State.FAIL  # the newest of all is the one of other code
+    closed = judge(RUNS, [old, here], BOUNDS, "now")
     assert not closed.is_open and all("other code" in f.why for f in closed.findings if f.case == CASE)
-    assert not judge(CELLS, [old, here], BOUNDS, "later").is_open
+    assert not judge(RUNS, [old, here], BOUNDS, "later").is_open
 
 
-def test_expected_failures_are_told_apart():
+def test_expected_failures_are_distinguished():
     """XFAIL keeps the gate open; XPASS closes it, for the expectation is out of date."""
     bounds = with_bound(expect="fail", upper=0.5)
     assert state(bounds=bounds).state is State.XFAIL and state(bounds=bounds).is_open
@@ -105,7 +104,7 @@ def test_expected_failures_are_told_apart():
     assert state(changed(status="crashed"), expects).state is State.FAIL
 
 
-def test_update_only_tightens_unless_told():
+def test_update_only_tightens_unless_asked():
     """A worse number must be asked for by name."""
     better, worse = threshold(CASE, upper=0.6, value=0.5), threshold(OTHER, upper=9.0, value=7.5)
     new = tightened(BOUNDS, RECORDS, [better, worse], loosen=False)
@@ -215,7 +214,7 @@ ENTRY = '[[threshold]]\ncase = "a"\nmetric = "phi_max"\nupper = 1.0\nreason = "r
      ("", "expect"), ("", "finite"), ("", "twice"), ("", "unknown key"), ("", "unknown status"),
      ("", "too deeply"), ("", "upper must be a finite"), ("", "digits")],
 )  # fmt: skip
-def test_wrong_thresholds_are_told(tmp_path, text, words):
+def test_wrong_thresholds_are_reported(tmp_path, text, words):
     """A gate with a misread bound would be green for nothing."""
     broken = {
         "upper or lower": ENTRY.replace("upper = 1.0\n", ""),

@@ -83,7 +83,7 @@ def test_the_committed_baseline_has_every_kernel():
      ('{"benchmarks": []}', "calibration"), ('{"benchmarks": [{"name": "x", "stats": {"min": 0}}]}', "> 0"),
      ('{"benchmarks": [{"name": "calibration", "stats": {"min": 1}}]}', "no kernel")],
 )  # fmt: skip
-def test_other_files_are_told(tmp_path, text, words):
+def test_other_files_are_reported(tmp_path, text, words):
     """One line."""
     path = tmp_path / "x.json"
     path.write_text(text)

@@ -34,7 +34,7 @@ over = [{ problem = "spherical_pendulum", solver = "gc_weak_form", step = 0.01, 
 [[claims]]
 """  # noqa: E501
 TEST = 'map = "m"\ntests = [{ metric = "column", name = "phi_max", at_most = 1.0, unit = "m" }]\n'
-CELLS = runs_of(SUITE)
+RUNS = runs_of(SUITE)
 
 
 def judged(name, verdict, kind="result"):
@@ -48,7 +48,7 @@ def options(spec):
     return {"chart": spec.options.get("coordinates", "quaternion"), "lam": spec.options.get("lambda_in_error_test")}
 
 
-def claim(text=TEST, records=None, of=lambda r: None, specs=CELLS):
+def claim(text=TEST, records=None, of=lambda r: None, specs=RUNS):
     """The verdict on one claim; by default every run has |phi| = 0.5 m."""
     found = [record(c, phi_max=0.5) for c in specs] if records is None else records
     return judge(parse_register(MAP + HEAD + text), specs, found, of)[0]

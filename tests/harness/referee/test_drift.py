@@ -56,7 +56,7 @@ def test_a_random_walk_is_found_and_is_no_trend():
     assert a.trend.low <= 0.0 <= a.trend.high
 
 
-def test_a_trend_and_a_walk_are_told_apart():
+def test_a_trend_and_a_walk_are_distinguished():
     """Both seen in every one of eight runs, and in seven at least within both intervals."""
     held = 0
     for seed in range(5, 13):

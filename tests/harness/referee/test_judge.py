@@ -21,20 +21,20 @@ from ..conftest import Silent
 from .claiming import MAP, SUITE, TEST, judged
 from .synthetic import HEAD, record, runs_of
 
-CELLS = runs_of(SUITE)
+RUNS = runs_of(SUITE)
 
 
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """A run folder of made-up records and a register of one claim, judged on the suite of the tests alone."""
-    monkeypatch.setattr(judging, "tried_on", lambda: CELLS)
+    monkeypatch.setattr(judging, "tried_on", lambda: RUNS)
     monkeypatch.setattr(judging, "OTHERS", ())
     register = tmp_path / "claims.toml"
     register.write_text(MAP + HEAD + TEST)
 
     def write(phi_max):
         folder = store.create(tmp_path / "run")
-        for x in CELLS:
+        for x in RUNS:
             store.write_record(folder, record(x, phi_max=phi_max, series=""))
         return folder
 
@@ -196,14 +196,14 @@ def newest_whole(runs, specs):
 
 def test_an_unfinished_run_is_passed_over(tmp_path):
     """The newest run lacks a run: the one before is compared."""
-    for name, specs in (("referee-1", CELLS), ("referee-2", CELLS), ("referee-3", CELLS[1:])):
+    for name, specs in (("referee-1", RUNS), ("referee-2", RUNS), ("referee-3", RUNS[1:])):
         folder = store.create(tmp_path / name)
         for x in specs:
             store.write_record(folder, record(x, series=""))
     (tmp_path / "referee-4").mkdir()
-    folder, records = newest_whole(tmp_path.iterdir(), CELLS)
-    assert folder.name == "referee-2" and len(records) == len(CELLS)
-    assert newest_whole([tmp_path / "referee-3"], CELLS) is None
+    folder, records = newest_whole(tmp_path.iterdir(), RUNS)
+    assert folder.name == "referee-2" and len(records) == len(RUNS)
+    assert newest_whole([tmp_path / "referee-3"], RUNS) is None
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ import pytest
 from mbsbench.harness.results.judgements import Ending, Gap, LeftOut
 from mbsbench.reports.model.claim_words import because
 
-from .claiming import CELLS, claim
+from .claiming import RUNS, claim
 from .synthetic import record, series
 
 CUT = {"status": "stalled", "t_reached_s": 3.0, "steps": 9, "max_steps": 9}  # of 10 s
@@ -14,7 +14,7 @@ CUT = {"status": "stalled", "t_reached_s": 3.0, "steps": 9, "max_steps": 9}  # o
 
 def one_of(columns, others=None):
     """The first run with these columns, the others with |phi| = 0.5 m."""
-    return [record(x, **(columns if k == 0 else others or {"phi_max": 0.5})) for k, x in enumerate(CELLS)]
+    return [record(x, **(columns if k == 0 else others or {"phi_max": 0.5})) for k, x in enumerate(RUNS)]
 
 
 def pace(last):
@@ -101,7 +101,7 @@ def test_a_comparison_with_a_run_cut_short_is_left_out():
     """ODE-GC, to be compared with, ran into a clock: no setting is settled; over a time it got through all are."""
     head = 'map = "m"\nagainst = "gc"\n'
     cut = {"status": "stalled", "t_reached_s": 3.0, "steps": 5, "max_steps": 9}
-    found = [record(x, **(cut if x.solver == "gc_weak_form" else {})) for x in CELLS]
+    found = [record(x, **(cut if x.solver == "gc_weak_form" else {})) for x in RUNS]
 
     def of(r):
         t = np.linspace(0.0, r.t_reached_s, 11)
@@ -113,17 +113,17 @@ def test_a_comparison_with_a_run_cut_short_is_left_out():
 
 
 def test_no_setting_that_settles_it_is_untestable():
-    c = claim(records=[record(x, phi_max=0.5, **CUT | {"steps": 8}) for x in CELLS])
+    c = claim(records=[record(x, phi_max=0.5, **CUT | {"steps": 8}) for x in RUNS])
     assert c.verdict == "UNTESTABLE" and [m.gap for m in c.missing] == [Gap.SETTLED]
     assert c.because.left_out == (LeftOut(Ending.MACHINE, 12),)
 
 
-def test_it_is_told_how_many_hold_because_a_run_stopped():
+def test_the_count_of_those_that_hold_because_a_run_stopped():
     """Losses of 2 m are above 1 m; two runs have no loss but an end before the end."""
     text = 'map = "m"\ntests = [{ metric = "loss", at_least = 1, unit = "m" }]\n'
-    ends = [{"t_reached_s": 3.0, "steps": 9, "status": "diverged"}] * 2 + [{}] * len(CELLS)
-    found = [record(x, position_error_max_m=2.0, **e) for x, e in zip(CELLS, ends, strict=False)]
+    ends = [{"t_reached_s": 3.0, "steps": 9, "status": "diverged"}] * 2 + [{}] * len(RUNS)
+    found = [record(x, position_error_max_m=2.0, **e) for x, e in zip(RUNS, ends, strict=False)]
     assert "Holds in 12 of 12 settings. In 2 of these 12 because a run stopped before its end" in because(
         claim(text, found)
     )
-    assert "because a run" not in because(claim(text, [record(x, position_error_max_m=2.0) for x in CELLS]))
+    assert "because a run" not in because(claim(text, [record(x, position_error_max_m=2.0) for x in RUNS]))

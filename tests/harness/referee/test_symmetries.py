@@ -92,7 +92,7 @@ def test_an_error_controlled_solver_is_held_to_its_tolerance(folder, told):
     assert {e.exact for e in found.values()} == {None}
 
 
-def test_planar_motion_stays_planar_however_it_is_told(folder, told):
+def test_planar_motion_stays_planar_however_it_is_presented(folder, told):
     """As it stands and yawed, each a row of its own."""
     found = card(folder, told({"yaw": 0.7}, start={"t_end": 0.5}))
     for check in ("planar symmetry", "planar symmetry, yaw"):
@@ -114,7 +114,7 @@ def test_a_planted_deviation_is_broken_and_wrong_though_it_succeeds(folder, told
     assert wrong(records, scorecard(folder, records)) == ()
 
 
-def test_refusals_failures_and_missing_ways_back_are_told_apart(folder, told):
+def test_refusals_failures_and_missing_ways_back_are_distinguished(folder, told):
     """Each with the solver's own words."""
     records = told({"duplicate": 1}, {"retrace": True})
     found = card(folder, records)

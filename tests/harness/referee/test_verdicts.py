@@ -11,7 +11,7 @@ from mbsbench.harness.referee.claims.verdicts import judge
 from mbsbench.harness.results.judgements import Count, Ending, LeftOut, as_text
 from mbsbench.reports.model.claim_words import because, missing
 
-from .claiming import CELLS, TEST, claim, options
+from .claiming import RUNS, TEST, claim, options
 from .synthetic import HEAD, record, series
 
 
@@ -19,19 +19,19 @@ def test_holding_everywhere_is_supported_and_worded_for_the_solver_run():
     c = claim()
     assert c.verdict == "SUPPORTED" and c.tests[0].measured == 0.5 and c.tests[0].band == (None, 1.0)
     assert "not ode15i" in because(c) and "12 of 12" in because(c) and len(c.map) == 12
-    assert set(c.settings_ids) == {x.settings_id for x in CELLS if x.solver == "ida_index1"}
+    assert set(c.settings_ids) == {x.settings_id for x in RUNS if x.solver == "ida_index1"}
 
 
 def test_holding_nowhere_is_refuted():
-    c = claim(records=[record(x, phi_max=1.5) for x in CELLS])
+    c = claim(records=[record(x, phi_max=1.5) for x in RUNS])
     assert c.verdict == "REFUTED" and "0 of 12" in because(c)
 
 
 def test_one_altered_number_flips_the_verdict():
     """Each of the twelve runs alone: its number out of the band, and the claim holds no longer everywhere."""
-    own = [c for c in CELLS if c.solver == "ida_index1"]
+    own = [c for c in RUNS if c.solver == "ida_index1"]
     for k in range(len(own)):
-        c = claim(records=[record(x, phi_max=1.5 if x is own[k] else 0.5) for x in CELLS])
+        c = claim(records=[record(x, phi_max=1.5 if x is own[k] else 0.5) for x in RUNS])
         assert c.verdict == "CONDITIONAL"
         assert [row.holds for row in c.map].count(False) == 1
         assert next(row for row in c.map if not row.holds).settings_id == own[k].settings_id
@@ -39,7 +39,7 @@ def test_one_altered_number_flips_the_verdict():
 
 def test_conditional_names_the_planted_condition():
     """Runs in the paper's chart are bad: the chart is named, with counts, and what is printed counted apart."""
-    c = claim(records=[record(x, phi_max=1.5 if options(x)["chart"] == "euler313" else 0.5) for x in CELLS])
+    c = claim(records=[record(x, phi_max=1.5 if options(x)["chart"] == "euler313" else 0.5) for x in RUNS])
     assert c.verdict == "CONDITIONAL"
     assert "Chart decides alone: holds with chart quaternion (6 of 6), not with chart euler313 (0 of 6)" in because(c)
     assert (c.because.printed_holds, c.because.printed) == (0, 2) and c.tests[0].measured == 1.5
@@ -48,28 +48,28 @@ def test_conditional_names_the_planted_condition():
 
 def test_missing_runs_are_untestable_never_green():
     """One of twelve runs is not there: nothing is decided, and it is said what is missing."""
-    c = claim(records=[record(x, phi_max=0.5) for x in CELLS[1:]])
+    c = claim(records=[record(x, phi_max=0.5) for x in RUNS[1:]])
     assert c.verdict == "UNTESTABLE" and c.map == () and "runs missing: 1 of 12" in missing(c)
 
 
 def test_a_suite_that_shrank_is_untestable():
     """Runs taken out of the suite leave the map with fewer values than the claim asks for."""
-    small = [c for c in CELLS if options(c)["chart"] == "euler313"]
+    small = [c for c in RUNS if options(c)["chart"] == "euler313"]
     c = claim(specs=small)
     assert c.verdict == "UNTESTABLE" and "1 of 2 values of chart" in missing(c)
 
 
 def test_a_number_that_nowhere_exists_refutes_nothing():
-    c = claim(records=[record(x) for x in CELLS])
+    c = claim(records=[record(x) for x in RUNS])
     assert c.verdict == "UNTESTABLE" and "no run of the map has the number 'column'" in missing(c)
 
 
 def test_some_needs_one_and_all_needs_all():
     """An existence claim is supported by one run; the map still says where."""
-    found = [record(x, phi_max=0.5 if k == 0 else 1.5) for k, x in enumerate(CELLS)]
+    found = [record(x, phi_max=0.5 if k == 0 else 1.5) for k, x in enumerate(RUNS)]
     c = claim(TEST + 'quantifier = "some"\n', found)
     assert c.verdict == "SUPPORTED" and "1 of 12" in because(c)
-    assert claim(TEST + 'quantifier = "some"\n', [record(x, phi_max=1.5) for x in CELLS]).verdict == "REFUTED"
+    assert claim(TEST + 'quantifier = "some"\n', [record(x, phi_max=1.5) for x in RUNS]).verdict == "REFUTED"
 
 
 @pytest.mark.parametrize(
@@ -93,8 +93,8 @@ def test_across_a_dimension_values_are_taken_in_order():
     text = TEST.replace("at_most = 1.0", 'combine = "last over first", at_most = 0.1').replace(
         "map =", 'across = "tolerance"\nmap ='
     )
-    falls = claim(text, [record(x, phi_max=(x.control.rtol or 1.0) ** 0.5) for x in CELLS])
-    grows = claim(text, [record(x, phi_max=(x.control.rtol or 1.0) ** -0.5) for x in CELLS])
+    falls = claim(text, [record(x, phi_max=(x.control.rtol or 1.0) ** 0.5) for x in RUNS])
+    grows = claim(text, [record(x, phi_max=(x.control.rtol or 1.0) ** -0.5) for x in RUNS])
     assert falls.verdict == "SUPPORTED" and len(falls.map) == 4 and "tolerance" not in falls.map[0].at
     assert falls.tests[0].measured == pytest.approx(1e-3**0.5, rel=1e-5) and grows.verdict == "REFUTED"
 
@@ -107,13 +107,11 @@ def test_two_failures_across_a_dimension_compare_nothing():
         text = 'map = "m"\n' + text
 
         def made(ends, chart="euler313"):
-            return [
-                record(x, position_error_max_m=1.0, **(ends if options(x)["chart"] == chart else {})) for x in CELLS
-            ]
+            return [record(x, position_error_max_m=1.0, **(ends if options(x)["chart"] == chart else {})) for x in RUNS]
 
         c = claim(text, made(stopped))
         assert [row.holds for row in c.map].count(None) == 2 and c.because.left_out == (LeftOut(Ending.UNCOMPARED, 2),)
-        tight = [record(x, position_error_max_m=1.0, **(stopped if x.control.rtol == 1e-6 else {})) for x in CELLS]
+        tight = [record(x, position_error_max_m=1.0, **(stopped if x.control.rtol == 1e-6 else {})) for x in RUNS]
         assert claim(text, tight).verdict == "SUPPORTED"
 
 
@@ -122,9 +120,9 @@ def test_a_group_of_one_value_across_a_dimension_tests_nothing():
     text = TEST.replace("at_most = 1.0", 'combine = "largest", at_most = 1.0').replace(
         "map =", 'across = "tolerance"\nmap ='
     )
-    few = [x for x in CELLS if options(x)["chart"] == "quaternion" or x.control.rtol in (None, 1e-3)]
+    few = [x for x in RUNS if options(x)["chart"] == "quaternion" or x.control.rtol in (None, 1e-3)]
     assert len(claim(text, specs=few).map) == 2
-    none = claim(text, specs=[x for x in CELLS if x.control.rtol in (None, 1e-3)])
+    none = claim(text, specs=[x for x in RUNS if x.control.rtol in (None, 1e-3)])
     assert none.verdict == "UNTESTABLE"
 
 
@@ -141,7 +139,7 @@ def test_one_tolerance_that_meets_all_tests_suffices():
         phi, phi_dot = good[options(x)["chart"]].get(x.control.rtol, (3.0, 3.0)) if x.control.rtol else (0.5, 0.5)
         return record(x, phi_max=phi, phi_dot_max=phi_dot)
 
-    c = claim(text, [both(x) for x in CELLS])
+    c = claim(text, [both(x) for x in RUNS])
     assert c.verdict == "CONDITIONAL" and "Holds in 2 of 4 settings" in because(c)
     assert "One tolerance that meets it suffices: tolerance 0.0001 in 2" in because(c)
     assert "chart decides alone" in because(c).lower()
@@ -154,7 +152,7 @@ def test_against_others_the_worst_of_them_counts():
     text = TEST.replace("at_most = 1.0", 'compare = "over largest", at_least = 1.0') + 'against = "gc"\n'
 
     def made(gc):
-        return [record(x, phi_max=gc if x.solver == "gc_weak_form" else 1.0) for x in CELLS]
+        return [record(x, phi_max=gc if x.solver == "gc_weak_form" else 1.0) for x in RUNS]
 
     assert claim(text, made(0.5)).tests[0].measured == 2.0 and claim(text, made(0.5)).verdict == "SUPPORTED"
     assert claim(text, made(1.5)).verdict == "REFUTED"
@@ -164,7 +162,7 @@ def test_several_tests_must_all_hold():
     """A good |phi| does not make up for a bad |phi_dot|, nor the other way round."""
     text = TEST.replace("}]", '}, { metric = "column", name = "phi_dot_max", at_most = 1.0, unit = "m/s" }]')
     for phi, phi_dot, verdict in ((0.5, 0.5, "SUPPORTED"), (0.5, 1.5, "REFUTED"), (1.5, 0.5, "REFUTED")):
-        assert claim(text, [record(x, phi_max=phi, phi_dot_max=phi_dot) for x in CELLS]).verdict == verdict
+        assert claim(text, [record(x, phi_max=phi, phi_dot_max=phi_dot) for x in RUNS]).verdict == verdict
 
 
 def test_pairs_share_the_dimensions_asked_for():
@@ -181,9 +179,9 @@ over = [{ problem = "spherical_pendulum", solver = "ida_index1", max_step = 0.01
         'tests = [{ metric = "column", name = "phi_max", compare = "over largest", at_least = 2.0, unit = "" }]\n'
     )
     size = {"euler313": 1.0, "quaternion": 10.0}
-    records = [record(x, phi_max=size[options(x)["chart"]] * (2.0 if x.control.rtol == 1e-3 else 1.0)) for x in CELLS]
+    records = [record(x, phi_max=size[options(x)["chart"]] * (2.0 if x.control.rtol == 1e-3 else 1.0)) for x in RUNS]
     registers = [parse_register(split + HEAD + t) for t in (text, text.replace('pair_by = ["chart"]\n', ""))]
-    verdicts = [judge(r, CELLS, records, lambda _: None)[0].verdict for r in registers]
+    verdicts = [judge(r, RUNS, records, lambda _: None)[0].verdict for r in registers]
     assert verdicts == ["SUPPORTED", "CONDITIONAL"]
 
 
@@ -195,7 +193,7 @@ def test_numbers_are_read_off_series():
     def of(leaves):
         return lambda r: series(t, out_of_plane=np.where(t < leaves - 0.01, 0.0, 0.1))
 
-    records = [record(x) for x in CELLS]
+    records = [record(x) for x in RUNS]
     assert (
         claim(text, records, of(6.0)).verdict == "SUPPORTED" and claim(text, records, of(6.0)).tests[0].measured == 6.0
     )
@@ -204,15 +202,15 @@ def test_numbers_are_read_off_series():
 
 def test_the_newer_of_two_codes_counts():
     """The same settings run again: the verdict follows the later result."""
-    old = [record(x, phi_max=1.5, finished="2026-01-01") for x in CELLS]
-    new = [record(x, phi_max=0.5, finished="2026-01-02") for x in CELLS]
+    old = [record(x, phi_max=1.5, finished="2026-01-01") for x in RUNS]
+    new = [record(x, phi_max=0.5, finished="2026-01-02") for x in RUNS]
     assert claim(records=[*new, *old]).verdict == "SUPPORTED" == claim(records=[*old, *new]).verdict
 
 
 def test_verdicts_do_not_depend_on_the_order_of_records():
     """Shuffled records give the same bytes, whatever the number of processes that wrote them."""
     cut = {"status": "memory", "t_reached_s": 3.0}
-    found = [record(x, phi_max=1.5 if k % 3 else 0.5, **({} if k % 4 else cut)) for k, x in enumerate(CELLS)]
+    found = [record(x, phi_max=1.5 if k % 3 else 0.5, **({} if k % 4 else cut)) for k, x in enumerate(RUNS)]
     texts = set()
     for seed in range(5):
         random.Random(seed).shuffle(found)
@@ -222,7 +220,7 @@ def test_verdicts_do_not_depend_on_the_order_of_records():
 
 def test_judgements_are_strict_json():
     """Numbers that do not exist are null; a row of a map is a line."""
-    c = claim(records=[record(x, phi_max=float("inf") if k == 0 else 0.5) for k, x in enumerate(CELLS)])
+    c = claim(records=[record(x, phi_max=float("inf") if k == 0 else 0.5) for k, x in enumerate(RUNS)])
     text = as_text([c])
     assert json.loads(text, parse_constant=pytest.fail)[0]["map"][0]["measured"] is None
     assert sum('"settings_id"' in line for line in text.splitlines()) == 12

@@ -26,7 +26,7 @@ BASE = RunRecord(
      ({"status": "wrong"}, Likeness.CHANGED), ({"phi_max": float("nan")}, Likeness.CHANGED),
      ({"phi_max": float("inf")}, Likeness.CHANGED)],
 )  # fmt: skip
-def test_differences_are_told_apart(change, likeness):
+def test_differences_are_distinguished(change, likeness):
     """Times are not compared; a last digit is rounding; one step, a status or a lost number is a change."""
     found = compare([BASE], [dataclasses.replace(BASE, **change)])
     assert {c.likeness for c in found.changes} == ({likeness} if likeness else set())

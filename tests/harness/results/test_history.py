@@ -78,14 +78,14 @@ def test_files_of_rows_add_what_folders_no_longer_hold(three, tmp_path):
 
 
 @pytest.mark.parametrize("line", ["{", "[]", "3", "{}", '{"commit": 1}', "null"])
-def test_other_files_are_told_in_a_line(tmp_path, line):
+def test_other_files_are_reported_in_one_line(tmp_path, line):
     """With the line's number."""
     (tmp_path / "x.jsonl").write_text(f"\n{line}\n")
     with pytest.raises(FileError, match=r"x\.jsonl:2: "):
         read_rows(tmp_path / "x.jsonl")
 
 
-def test_wrong_types_are_told(tmp_path):
+def test_wrong_types_are_reported(tmp_path):
     """A number that is text, text that is a number."""
     good = json.loads(to_json(Row(*["x"] * 10)))
     for bad in ({"phi_max": 10**400}, {"phi_max": "1"}, {"steps": True}, {"case": 3}, {"gate": None}):

@@ -40,7 +40,7 @@ def test_merged_shards_are_the_whole_run(tmp_path):
     assert (tmp_path / "merged" / "environment.json").exists() and (tmp_path / "merged" / "environment.2.json").exists()
 
 
-def test_contradictions_and_damage_are_told(tmp_path):
+def test_contradictions_and_damage_are_reported(tmp_path):
     """Two folders with other numbers for one run: the first is kept; a damaged record is not copied."""
     run(tmp_path / "a")
     first, *others = store.load(tmp_path / "a").records

@@ -55,7 +55,7 @@ def test_a_file_that_does_not_come_back_is_no_plugin(text, tmp_path, capsys, mon
 
 
 @pytest.mark.parametrize("text", MADE)
-def test_a_problem_that_cannot_be_made_is_told(text, tmp_path, capsys, monkeypatch):
+def test_a_problem_that_cannot_be_made_is_reported(text, tmp_path, capsys, monkeypatch):
     """By run and solve alike, without a traceback."""
     monkeypatch.setattr(trial, "LIMIT", 0.5 if "sleep" in text else trial.LIMIT)
     (tmp_path / "foreign.py").write_text(PROBLEM.format(text))

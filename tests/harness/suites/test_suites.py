@@ -124,7 +124,7 @@ INCLUDES = {
 
 
 @pytest.mark.parametrize("text", INCLUDES, ids=range(len(INCLUDES)))
-def test_wrong_includes_are_told_in_a_line(text, tmp_path):
+def test_wrong_includes_are_reported_in_one_line(text, tmp_path):
     """Unknown, circular, ambiguous, or wrong themselves."""
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "base.toml").write_text(GROUP)
@@ -184,7 +184,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("text", BAD, ids=range(len(BAD)))
-def test_wrong_suites_are_told_in_a_line(text):
+def test_wrong_suites_are_reported_in_one_line(text):
     """With the file, the group, and what was expected."""
     with pytest.raises(FileError) as error:
         specs(text)

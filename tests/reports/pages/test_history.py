@@ -6,9 +6,9 @@ import math
 import pytest
 
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.pages import history, timeline
+from mbsbench.reports.pages import history
+from mbsbench.reports.pages.history import gather, lines, moments, moved
 from mbsbench.reports.pages.svg import sparkline
-from mbsbench.reports.pages.timeline import gather, lines, moments, moved
 
 from ..conftest import HOSTILE, put, record, series
 from .conftest import Outline, render
@@ -47,7 +47,7 @@ def test_a_line_for_each_run_those_that_changed_first(three_runs, tmp_path):
     assert len(found[3].rows) == 1
 
 
-def test_runs_are_told_in_their_order_with_their_endings(three_runs, tmp_path):
+def test_runs_are_listed_in_their_order_with_their_endings(three_runs, tmp_path):
     found = moments(gather(three_runs, tmp_path / "none")[0])
     assert [m.results for m in found] == ["run-1", "run-2", "run-3"]
     assert [(m.word, n) for m, n in found[2].counts] == [("success", 3), ("wrong", 1)]

@@ -97,7 +97,7 @@ def test_work_of_records_stands_in_until_it_is_judged(tmp_path):
     traces = plots_of(found)["error-evaluations"].traces
     ends = {t.solver: list(t.ends) for t in traces if t.solver}
     assert ends["beta"] == ["wrong"] and ends["delta"] == ["failed"]
-    assert all(t.solver for t in traces)  # no run comes near the reference's own error: it is not drawn
+    assert all(t.solver for t in traces)  # no run comes near the reference's stated error: it is not drawn
     near = dataclasses.replace(found, points=tuple(dataclasses.replace(p, own=1e-4) for p in found.points))
     region = plots_of(near)["error-evaluations"].traces[0]
     assert not region.solver and region.high[0] == pytest.approx(1e-4) and region.low[0] < 1e-4

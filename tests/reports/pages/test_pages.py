@@ -37,7 +37,7 @@ def test_page_needs_only_files_beside_it(judged_run, judged_pages, name):
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_readers_without_eyes_are_told(judged_pages, name):
+def test_screen_readers_get_descriptions(judged_pages, name):
     """Tables have captions and scoped heads, drawings a description, headings their order, names are unique."""
     tags = Outline(judged_pages[name]).tags
     assert sum(t == "table" for t, _ in tags) == sum(t == "caption" for t, _ in tags)

@@ -9,7 +9,7 @@ from PIL import Image
 from mbsbench.harness.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.suites.spec import make_spec
-from mbsbench.reports.mechanism.animation import animate, choosing, files
+from mbsbench.reports.mechanism.animation import animate, choose, files, runs_of
 from mbsbench.reports.mechanism.animation.stage import Stage, actors_of, flat, view_of
 from mbsbench.reports.mechanism.segments import mechanism_of
 
@@ -62,7 +62,7 @@ def test_gif_has_the_pictures_asked_for(folder, tmp_path):
 
 def test_the_body_is_where_its_pose_says(folder):
     """At 0.5 s it has turned by a quarter: upright, seen from the front."""
-    (actor,) = actors_of(folder, choosing.choose(choosing.runs_of(folder), "spherical_pendulum", ["gc_weak_form"]))
+    (actor,) = actors_of(folder, choose(runs_of(folder), "spherical_pendulum", ["gc_weak_form"]))
     stage = Stage([actor], ghosts=False, frames=3, window=(0.0, 1.0))
     pictures = list(stage.pictures())
     assert len(pictures) == 3 and stage.t.tolist() == [0.0, 0.5, 1.0]
@@ -82,7 +82,7 @@ def test_spatial_motion_is_seen_at_an_angle():
 
 def test_side_by_side_and_as_ghosts(folder):
     """A panel each, or one for all; the one that stopped turns grey after its end."""
-    actors = actors_of(folder, choosing.choose(choosing.runs_of(folder), "spherical_pendulum", []))
+    actors = actors_of(folder, choose(runs_of(folder), "spherical_pendulum", []))
     assert [a.run.record.solver for a in actors] == ["gc_weak_form", "rk45_strong_form"]
     assert len(Stage(actors, ghosts=False, frames=2).figure.axes) == 3
     ghosts = Stage(actors, ghosts=True, frames=4)
@@ -94,7 +94,7 @@ def test_side_by_side_and_as_ghosts(folder):
     assert colours[0] == colours[1] != colours[-1]
 
 
-def test_wrong_calls_are_told_in_one_line(folder, tmp_path, capsys):
+def test_wrong_calls_are_reported_in_one_line(folder, tmp_path, capsys):
     """Kind of file, problem, run, numbers, window: each with what would be right."""
     for words, said in (
         (["--problem", "spherical_pendulum", "--out", str(tmp_path / "x.avi")], "a .gif or an .mp4"),

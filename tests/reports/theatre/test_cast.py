@@ -18,7 +18,7 @@ def names(runs) -> list[str]:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_everyone_plays_or_is_told(seed):
+def test_everyone_plays_or_is_reported(seed):
     """The cast and those left out are all runs, once each; every solver with a motion is on the stage."""
     random = np.random.default_rng(seed)
     runs = [

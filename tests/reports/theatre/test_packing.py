@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from mbsbench.reports.mechanism.theatre import packing
-from mbsbench.reports.mechanism.theatre.packing import LEVELS, Box, box_of
-from mbsbench.reports.plots.packing import bundle
+from mbsbench.reports.mechanism.theatre import poses as packing
+from mbsbench.reports.mechanism.theatre.poses import LEVELS, Box, box_of
+from mbsbench.reports.plots.browser import bundle
 
 from ..bundles import opened
 
