@@ -75,6 +75,8 @@ _PRINT: dict[str, Callable[[Figure, io.BytesIO], None]] = {
 class Powers(LogFormatter):
     """``10⁻⁵`` as text: setting mathematics for every tick takes as long as all the lines."""
 
+    _sublabels: set[float] | None  # of the base class
+
     def set_locs(self, locs: Any = None) -> None:
         """Where few powers of ten are seen, so many parts of a decade are labelled that none overlap."""
         super().set_locs(locs)

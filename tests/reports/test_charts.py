@@ -1,10 +1,12 @@
 """Plots: solvers keep their looks, peaks survive, groups stay small, numbers in data files are the numbers measured."""
 
 import dataclasses
+import itertools
 import json
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.reports.model import curves
 from mbsbench.reports.model.motion import motion_of
@@ -217,3 +219,19 @@ def test_slope_of_growth_is_that_of_the_data(tmp_path):
 def test_text_of_files_is_plain_in_figures():
     """Nothing of it is mathematics."""
     assert style.plain("a$b") == r"a\$b"
+
+
+@pytest.mark.parametrize("decades", [0.5, 0.97, 1.5, 3.0])
+@pytest.mark.parametrize("low", [1.05e-5, 2.1e-5, 3.3e-5, 9.1e-5])
+def test_labels_of_a_printed_log_axis_do_not_overlap(low, decades):
+    """In the width of one column, from half a decade to several; there is always a label."""
+    with style.style():
+        figure = style.sheet(style.SINGLE, 2.0)
+        ax, canvas = figure.add_subplot(), FigureCanvasAgg(figure)
+        style.log_axis(ax, "x")
+        ax.set_xlim(low, low * 10.0**decades)
+        canvas.draw()
+        ticks = [*ax.xaxis.get_major_ticks(), *ax.xaxis.get_minor_ticks()]
+        inside = [t.label1 for t in ticks if low <= t.get_loc() <= low * 10.0**decades and t.label1.get_text()]
+        boxes = [label.get_window_extent(canvas.get_renderer()) for label in inside]
+    assert boxes and not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))

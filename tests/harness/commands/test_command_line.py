@@ -114,6 +114,7 @@ BAD = [
     (("gate", "--junit", "gate.xml", "--update"), "cannot be combined with --update"),
     (("gate", "--write"), "needs --update"),
     (("gate", "--json", "--update"), "cannot be combined with --update"),
+    (("run", "ci", "--limt", "3"), "did you mean '--limit'?"),
     (("dance",), "invalid choice"),
     ((), "required"),
 ]

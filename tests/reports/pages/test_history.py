@@ -26,7 +26,7 @@ def run_folder(parent, name, commit, runs):
 @pytest.fixture
 def three_runs(tmp_path, monkeypatch):
     """aa01 stays, aa02 drifts more each time, aa03 becomes wrong, aa04 is new in the last."""
-    monkeypatch.setattr(timeline, "COMMITTED", tmp_path / "none")
+    monkeypatch.setattr(history, "COMMITTED", tmp_path / "none")
     for k in (1, 2, 3):
         commit = str(k) * 40
         runs = [record("aa01", commit=commit), record("aa02", commit=commit, energy_drift_max_J=1e-3 * 10.0**k),
@@ -60,7 +60,7 @@ def test_page_of_three_commits(three_runs):
 
 
 def test_one_commit_is_said(tmp_path, monkeypatch):
-    monkeypatch.setattr(timeline, "COMMITTED", tmp_path / "none")
+    monkeypatch.setattr(history, "COMMITTED", tmp_path / "none")
     results = read_results(run_folder(tmp_path, "run-1", "1" * 40, [record("aa01", commit="1" * 40)]))
     assert "there is no history yet" in Outline(render(results, [history])["history.html"]).text
 
