@@ -110,8 +110,8 @@ def judge(
         found.append(_status(case, record, statuses.get(case), missing[case]))
         wanted = statuses[case].status if case in statuses else Status.SUCCESS
         if case not in bounded and wanted is Status.SUCCESS:
-            able = record is None or record.status == Status.SUCCESS
-            words = UNBOUNDED if able else NO_BOUNDS.format(record.status)
+            ended = record.status if record else Status.SUCCESS
+            words = UNBOUNDED if ended == Status.SUCCESS else NO_BOUNDS.format(ended)
             found.append(Finding(State.FAIL, case, "no threshold", why=words))
     found += [_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in thresholds.bounds]
     found += [Finding(State.FAIL, case, "status", why=UNKNOWN) for case in statuses if case not in by_case]
