@@ -20,7 +20,7 @@ from .claims.verdicts import judge
 from .wrong import wrong
 
 __all__ = ["FOLDER", "PUBLISHED", "Change", "as_text", "changes", "judgements", "read_claims", "tried_on", "write"]
-SUITES = ("paper", "claims")  # claims are tried on their runs; both are in the suite ``referee``
+SUITES = ("paper", "claims", "work")  # claims are tried on their runs; all are in the suite ``referee``
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
     (files.ORDERS.name, certify), (files.DRIFTS.name, anatomy), (files.SYMMETRIES.name, scorecard),
     (files.WORK.name, work),
