@@ -167,7 +167,7 @@ def _problem(given: str | Problem, t_end: float | None) -> Problem:
         return registry.make_problem(given, changes)
     if not isinstance(given, Problem):
         raise ValueError(f"problem must be a name or a Problem (got {_kind(given)})")
-    check_start(given.system, given.initial)
+    check_start(given.system, given.initial, literal=given.literal_start)
     return dataclasses.replace(given, parameters={**given.parameters, **changes}, **changes)
 
 

@@ -169,6 +169,7 @@ class Problem:
     presentation: Presentation = field(
         default_factory=Presentation
     )  # how a solver gets it (execution.presented); nothing here changes
+    literal_start: bool = False  # as printed, though phi_dot is not zero: that check is waived and a note says so
     retrace: bool = False  # whether the solver is sent back from the end with velocities reversed
 
     def home(self, s: States) -> States:

@@ -185,7 +185,7 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
     entry = entry_of("problem", name, problems())
     values = _read(f"problem {name}", entry.parameters, parameters or {})
     made = entry.make(**{k: v for k, v in values.items() if k not in COMMON_PARAMETERS})
-    check_start(made.system, made.initial)
+    check_start(made.system, made.initial, literal=made.literal_start)
     if values["perturb"] > 0.0:
         made = dataclasses.replace(
             made, initial=perturbed(made.system, made.initial, values["perturb"], values["seed"])
