@@ -9,7 +9,7 @@ from mbsbench.reports.model.claim_words import because
 from .claiming import CELLS, claim
 from .synthetic import record, series
 
-CUT = {"status": "stalled", "t_reached_s": 3.0, "steps": 9, "max_steps": 9}  # of 10 s
+CUT = {"status": "stalled", "t_reached_s": 3.0, "steps": 9, "max_steps": 9, "max_step_s": 0.5}  # of 10 s
 
 
 def one_of(columns, others=None):
@@ -33,7 +33,7 @@ def test_runs_ended_by_a_clock_are_left_out_and_named():
 
 
 def test_a_budget_of_steps_ends_stuck_runs_and_interrupts_slow_ones():
-    """Nine steps to 3 of 10 s, a hundred budgets are 900: at 0.01 s a step 700 more are needed, at 1e-3 s 7000."""
+    """Nine steps to 3 of 10 s, of 0.5 s at most: at last 0.01 s a step is slow, 1e-3 s less than a hundredth, stuck."""
     slow, stuck = (claim(records=one_of(CUT), of=pace(last)) for last in (0.01, 1e-3))
     assert (
         slow.verdict == "SUPPORTED"
