@@ -139,7 +139,8 @@ def solve(
     known: dict[str, Any] = {"section": variant.section, "t_end_s": variant.t_end}
     with threadpool_limits(1):
         record = attempt(job, variant, made, control, known, lambda phase: None, keep)
-    record = dataclasses.replace(record, paper_label=entry.paper_label, declared_order=entry.order, stderr="")
+    label, order = registry.declared(made)
+    record = dataclasses.replace(record, paper_label=label, declared_order=order, stderr="")
     trajectory, series = found[0] if found else (None, None)
     return Run(record, trajectory, series, variant)
 

@@ -285,12 +285,17 @@ class Trajectory:
 class Solver(Protocol):
     """A frozen dataclass of options (module ``harness.options``) with two methods; one file in ``solvers/`` each.
 
-    A solver of fixed steps may also say ``order: ClassVar[float]``, the order in dt that certificates hold it to.
+    A solver of fixed steps may also say ``order``, the order in dt that certificates hold it to. ``paper_label`` and
+    ``order`` are class variables, or properties where they depend on the options.
     """
 
     name: ClassVar[str]
-    paper_label: ClassVar[str]
     control: ClassVar[str]  # "dt" or "rtol": which of the two ``StepControl`` it takes
+
+    @property
+    def paper_label(self) -> str:
+        """The paper's name of such a solver; empty for none."""
+        ...
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why this solver cannot take the problem, or None."""
