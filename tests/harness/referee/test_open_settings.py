@@ -122,8 +122,8 @@ def test_it_is_told_how_many_hold_because_a_run_stopped():
     """Losses of 2 m are above 1 m; two runs have no loss but an end before the end."""
     text = 'map = "m"\ntests = [{ metric = "loss", at_least = 1, unit = "m" }]\n'
     ends = [{"t_reached_s": 3.0, "steps": 9, "status": "diverged"}] * 2 + [{}] * len(CELLS)
-    found = [record(x, position_error_max_m=2.0, **e) for x, e in zip(CELLS, ends, strict=False)]
+    found = [record(x, position_error_judged_m=2.0, **e) for x, e in zip(CELLS, ends, strict=False)]
     assert "Holds in 12 of 12 settings. In 2 of these 12 because a run stopped before its end" in because(
         claim(text, found)
     )
-    assert "because a run" not in because(claim(text, [record(x, position_error_max_m=2.0) for x in CELLS]))
+    assert "because a run" not in because(claim(text, [record(x, position_error_judged_m=2.0) for x in CELLS]))

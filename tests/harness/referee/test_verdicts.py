@@ -108,12 +108,12 @@ def test_two_failures_across_a_dimension_compare_nothing():
 
         def made(ends, chart="euler313"):
             return [
-                record(x, position_error_max_m=1.0, **(ends if options(x)["chart"] == chart else {})) for x in CELLS
+                record(x, position_error_judged_m=1.0, **(ends if options(x)["chart"] == chart else {})) for x in CELLS
             ]
 
         c = claim(text, made(stopped))
         assert [row.holds for row in c.map].count(None) == 2 and c.because.left_out == (LeftOut(Ending.UNCOMPARED, 2),)
-        tight = [record(x, position_error_max_m=1.0, **(stopped if x.control.rtol == 1e-6 else {})) for x in CELLS]
+        tight = [record(x, position_error_judged_m=1.0, **(stopped if x.control.rtol == 1e-6 else {})) for x in CELLS]
         assert claim(text, tight).verdict == "SUPPORTED"
 
 
