@@ -13,8 +13,8 @@ from ..referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 from ..results import store
 from ..results.judgements import Claim, Verdict
-from .screen import Column, errors, lines, print_table, print_unreadable
 from ..suites.spec import RunSpec
+from .screen import Column, errors, lines, print_table, print_unreadable
 from .terms import UsageError, add_results, check_ours, existing, subcommand
 
 STYLE = {
@@ -48,7 +48,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.publish:
         _require(folder, judging.whole_run(), "that verdicts are published from")
     elif not arguments.partial:
-        _require(folder, judging.needed(register), "that the claims are tried on", ", or judge what is there: --partial")
+        _require(
+            folder, judging.needed(register), "that the claims are tried on", ", or judge what is there: --partial"
+        )
     before = None if arguments.publish else read_claims(published)
     print_unreadable(store.load(folder, check_series=False).unreadable)
     judged = judgements(folder, register, lambda part: errors().print(f"judging: {part}"))

@@ -19,7 +19,6 @@ from .measures import reached_end
 from .predicates import COMBINE, COMPARE, NEAREST, RATIOS
 from .register import Claim, Test
 
-
 LOOSEST_FIRST = ("tolerance", "step", "max_step")
 
 
