@@ -139,7 +139,8 @@ def solve(
     known: dict[str, Any] = {"section": variant.section, "t_end_s": variant.t_end}
     with threadpool_limits(1):
         record = attempt(job, variant, made, control, known, lambda phase: None, keep)
-    record = dataclasses.replace(record, paper_label=entry.paper_label, declared_order=entry.order, stderr="")
+    label, order = registry.declared(made)
+    record = dataclasses.replace(record, paper_label=label, declared_order=order, stderr="")
     trajectory, series = found[0] if found else (None, None)
     return Run(record, trajectory, series, variant)
 
@@ -167,7 +168,7 @@ def _problem(given: str | Problem, t_end: float | None) -> Problem:
         return registry.make_problem(given, changes)
     if not isinstance(given, Problem):
         raise ValueError(f"problem must be a name or a Problem (got {_kind(given)})")
-    check_start(given.system, given.initial)
+    check_start(given.system, given.initial, literal=given.literal_start)
     return dataclasses.replace(given, parameters={**given.parameters, **changes}, **changes)
 
 

@@ -169,6 +169,7 @@ class Problem:
     presentation: Presentation = field(
         default_factory=Presentation
     )  # how a solver gets it (execution.presented); nothing here changes
+    literal_start: bool = False  # as printed, though phi_dot is not zero: that check is waived and a note says so
     retrace: bool = False  # whether the solver is sent back from the end with velocities reversed
 
     def home(self, s: States) -> States:
@@ -284,12 +285,17 @@ class Trajectory:
 class Solver(Protocol):
     """A frozen dataclass of options (module ``harness.options``) with two methods; one file in ``solvers/`` each.
 
-    A solver of fixed steps may also say ``order: ClassVar[float]``, the order in dt that certificates hold it to.
+    A solver of fixed steps may also say ``order``, the order in dt that certificates hold it to. ``paper_label`` and
+    ``order`` are class variables, or properties where they depend on the options.
     """
 
     name: ClassVar[str]
-    paper_label: ClassVar[str]
     control: ClassVar[str]  # "dt" or "rtol": which of the two ``StepControl`` it takes
+
+    @property
+    def paper_label(self) -> str:
+        """The paper's name of such a solver; empty for none."""
+        ...
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why this solver cannot take the problem, or None."""

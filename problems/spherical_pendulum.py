@@ -2,7 +2,8 @@
 
 Numbers: Sect. 5.2: a solid cylinder of 1 kg, length 2 l = 1 m, radius 0.1 m, gravity along -Y. Its inertia about C
 follows from these. ``omega_z`` is in the body frame (body z = -Y at the start), which needs
-r_dot_C = Omega x (C - O) to be consistent. Exact: it is a Lagrange top (problems/exact/lagrange_top).
+r_dot_C = Omega x (C - O) to be consistent; ``literal_start`` keeps the printed r_dot_C = 0 instead, with
+|phi_dot| = l omega_z = 0.05 m/s. Exact: it is a Lagrange top (problems/exact/lagrange_top).
 """
 
 from functools import partial
@@ -31,6 +32,7 @@ def spherical_pendulum(
     half_length: Annotated[float, Parameter("l, distance of C from the joint O", "m", above=0.0)] = 0.5,
     radius: Annotated[float, Parameter("radius of the cylinder", "m", above=0.0)] = 0.1,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
+    literal_start: Annotated[bool, Parameter("C starts at rest as printed, also where Omega opens the joint")] = False,
 ) -> Problem:
     """Cylinder on a spherical joint, released horizontally under gravity -Y."""
     axial = 0.5 * mass * radius**2
@@ -40,7 +42,8 @@ def spherical_pendulum(
     R = so3.euler313(np.deg2rad(angle), np.pi / 2, 0.0)
     Omega = np.array([omega_x, omega_y, omega_z])
     arm = np.array([half_length, 0.0, 0.0])
-    start = State((R @ arm)[None], R[None], (R @ np.cross(Omega, arm))[None], Omega[None])
+    v = np.zeros(3) if literal_start else R @ np.cross(Omega, arm)
+    start = State((R @ arm)[None], R[None], v[None], Omega[None])
     return Problem(
         "spherical_pendulum",
         system,
@@ -59,5 +62,6 @@ def spherical_pendulum(
             Invariant("Omega_x", "rad/s", lambda s: s.Omega[:, 0, 0]),
         ),
         reference_from=partial(one_body_motion, system),
+        literal_start=literal_start,
         planar_normal=np.array([0.0, 0.0, 1.0]) if omega_x == omega_z == 0.0 else None,
     )

@@ -31,6 +31,12 @@ class GcAugmentedLagrangian(GaugeChoices):
     loop: str = option(
         "proximal", "correction and augmentation at once, or the paper's nested loop", choices=("proximal", "nested")
     )
+    lambda_bar: bool = option(
+        False, "lam - xi phi of Eq. (84) in the nested loop, beside mu - xi psi; acts where K_bar is not zero"
+    )
+    penalty_growth: float = option(
+        1.0, "factor on xi after an augmentation that does not quarter phi_dot; 1: xi stays", "", at_least=1.0
+    )
     max_augmentations: int = option(12, "augmentations of the nested loop per step", "", at_least=1)
     accept: float = option(1e-3, "norm of Eq. (81) at which a singular step is accepted", "sqrt(J)", above=0.0)
     soft_penalty: float = option(0.1, "xi (omega dt)^2 of singular steps; indefinite above about 0.3", "", above=0.0)
@@ -44,12 +50,19 @@ class GcAugmentedLagrangian(GaugeChoices):
     )  # fmt: skip
 
     name: ClassVar[str]
-    paper_label: ClassVar[str] = "ODE-GC (AL)"
+    variant: ClassVar[str] = "AL, "
     control: ClassVar[str] = "dt"
     order: ClassVar[float] = 2.0
 
+    @property
+    def printed(self) -> bool:
+        """Sect. 4.3 has a nested loop, and no correction of poses."""
+        return super().printed and self.loop == "nested" and self.correct_pose == "never"
+
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Only incompatible options."""
+        if self.loop != "nested" and (self.lambda_bar or self.penalty_growth > 1.0):
+            return "lambda_bar and penalty_growth belong to the nested loop: set loop = nested"
         return self.refuses_choice(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
@@ -58,7 +71,8 @@ class GcAugmentedLagrangian(GaugeChoices):
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)
         penalty = Penalty(
             active=1, nested=int(self.loop == "nested"), xi=self.penalty, max_augmentations=self.max_augmentations,
-            accept=self.accept, correct_pose=int(correct), soft=self.soft_penalty,
+            accept=self.accept, correct_pose=int(correct), soft=self.soft_penalty, lambda_bar=int(self.lambda_bar),
+            growth=self.penalty_growth,
             singular_turn=self.singular_turn or float("inf"),
         )  # fmt: skip
         run, step = prepare(problem, self.settings(problem)._replace(penalty=penalty), self.mu0)

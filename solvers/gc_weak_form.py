@@ -9,6 +9,7 @@ in the symmetric gauge. phi itself is not corrected: it stays O(dt^2).
 from dataclasses import dataclass
 from typing import ClassVar
 
+from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.choices import GaugeChoices
@@ -21,8 +22,9 @@ from .formulations.rank import rows_to_keep
 class GcWeakForm(GaugeChoices):
     """Weak form with geometrically consistent steps of fixed size, independent constraints."""
 
+    rank_check: bool = option(True, "refuse redundant rows; without it the step is tried and fails or not on its own")
+
     name: ClassVar[str]
-    paper_label: ClassVar[str] = "ODE-GC"
     control: ClassVar[str] = "dt"
     order: ClassVar[float] = 2.0
 
@@ -32,7 +34,7 @@ class GcWeakForm(GaugeChoices):
         if reason is not None:
             return reason
         rows = problem.system.nrows
-        missing = rows - len(rows_to_keep(problem.system, problem.initial))
+        missing = rows - len(rows_to_keep(problem.system, problem.initial)) if self.rank_check else 0
         if missing:
             return (
                 f"needs independent constraints: {rows} rows have rank {rows - missing} at the start "

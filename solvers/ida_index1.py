@@ -15,7 +15,6 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, Status, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
-from .formulations.dae import ImplicitForm
 from .formulations.ida import Start, integrate
 from .formulations.recording import StepFailure, no_trajectory
 from .formulations.start import consistent, coordinates_and_velocities, layout_for, unloaded
@@ -47,6 +46,6 @@ class IdaIndex1(BaumgarteOptions):
             y, y_dot = consistent(layout, y, self.alpha, self.beta) if self.consistent_start else unloaded(layout, y)
         except StepFailure as failure:
             return no_trajectory(problem, failure.status, f"no consistent start: {failure.message}")
-        form = ImplicitForm(layout, self.form, self.alpha, self.beta)
+        form = self.implicit(layout, self.form, self.alpha, self.beta)
         out_of_test = () if self.lambda_in_error_test else (layout.lam,)
         return integrate(problem, control, layout, form, Start(y, y_dot, out_of_test), notes, began)

@@ -14,8 +14,7 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, Status, StepControl, Trajectory
-from .formulations.classical import SymbolicOptions
-from .formulations.dae import ImplicitForm
+from .formulations.classical import ImplicitOptions
 from .formulations.ida import Start, integrate
 from .formulations.recording import StepFailure, no_trajectory
 from .formulations.start import consistent, coordinates_and_velocities, layout_for
@@ -23,7 +22,7 @@ from .formulations.start import consistent, coordinates_and_velocities, layout_f
 
 @solver("ida_index3")
 @dataclass(frozen=True)
-class IdaIndex3(SymbolicOptions):
+class IdaIndex3(ImplicitOptions):
     """IDA (BDF) on index 3, positions alone in the error test."""
 
     velocities_in_error_test: bool = option(False, "include the velocities in the local error test")
@@ -46,7 +45,7 @@ class IdaIndex3(SymbolicOptions):
             y, y_dot = consistent(layout, coordinates_and_velocities(layout, problem), 0.0, 0.0)
         except StepFailure as failure:
             return no_trajectory(problem, failure.status, f"no consistent start: {failure.message}")
-        form = ImplicitForm(layout, "position", 0.0, 0.0)
+        form = self.implicit(layout, "position", 0.0, 0.0)
         velocities = () if self.velocities_in_error_test else (layout.u,)
         multipliers = () if self.lambda_in_error_test else (layout.lam,)
         start = Start(y, y_dot, (*velocities, *multipliers), self.first_step)

@@ -28,7 +28,11 @@ class Rattle:
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "dt"
-    order: ClassVar[float] = 2.0
+
+    @property
+    def order(self) -> float:
+        """2, or that of the composition."""
+        return float(COMPOSITIONS[self.composition][1])
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Takes every problem: redundant rows are dropped as they appear."""

@@ -66,9 +66,8 @@ class SolverEntry:
     make: Callable[..., Solver]
     parameters: Mapping[str, tuple[Any, Parameter]]
     doc: str
-    paper_label: str
+    paper_label: str  # of the default options
     control: str
-    order: float = math.nan  # the solver's own claim, of its fixed steps; certificates hold it to that
 
     def changed(self, made: Solver) -> dict[str, Any]:
         """The options of ``made`` that differ from the defaults."""
@@ -77,6 +76,17 @@ class SolverEntry:
     def made(self, options: Mapping[str, Any] | None = None) -> Solver:
         """The solver with ``options`` (numbers or text)."""
         return self.make(**_read("option", f"solver {self.name}", self.parameters, options or {}))
+
+
+def declared(made: Solver) -> tuple[str, float]:
+    """The paper's name of ``made`` and the order in dt it claims (NaN: none); certificates hold it to that."""
+    label, order = getattr(made, "paper_label", None), getattr(made, "order", math.nan)
+    where = f"solver {made.name}"
+    if not isinstance(label, str):
+        raise TypeError(f"{where}: paper_label must be text (got {label!r})")
+    if isinstance(order, bool) or not isinstance(order, int | float):
+        raise TypeError(f"{where}: order must be a number, the order in dt it claims (got {order!r})")
+    return label, float(order)
 
 
 def problem(name: str) -> Callable[[Callable[..., Problem]], Callable[..., Problem]]:
@@ -185,7 +195,7 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
     entry = entry_of("problem", name, problems())
     values = _read("parameter", f"problem {name}", entry.parameters, parameters or {})
     made = entry.make(**{k: v for k, v in values.items() if k not in COMMON_PARAMETERS})
-    check_start(made.system, made.initial)
+    check_start(made.system, made.initial, literal=made.literal_start)
     if values["perturb"] > 0.0:
         made = dataclasses.replace(
             made, initial=perturbed(made.system, made.initial, values["perturb"], values["seed"])
@@ -280,10 +290,10 @@ def _problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
 def _solver_entry(name: str, cls: Any) -> SolverEntry:
     if not getattr(getattr(cls, "__dataclass_params__", None), "frozen", False):
         raise TypeError(f"solver {name}: {cls.__name__} must be a frozen dataclass (below @solver)")
-    for what, kinds in (("paper_label", None), ("control", ("dt", "rtol"))):
-        given = getattr(cls, what, None)
-        if not isinstance(given, str) or (kinds and given not in kinds):
-            raise TypeError(f"solver {name}: {what} must be {' or '.join(kinds or ('text',))} (got {given!r})")
+    if not hasattr(cls, "paper_label"):
+        raise TypeError(f"solver {name}: paper_label must be text (got None)")
+    if getattr(cls, "control", None) not in ("dt", "rtol"):
+        raise TypeError(f"solver {name}: control must be dt or rtol (got {getattr(cls, 'control', None)!r})")
     for what in ("refuses", "solve"):
         if not callable(getattr(cls, what, None)):
             raise TypeError(f"solver {name}: the method {what} is missing")
@@ -291,7 +301,4 @@ def _solver_entry(name: str, cls: Any) -> SolverEntry:
         if "parameter" not in f.metadata or f.default is dataclasses.MISSING:
             raise TypeError(f"solver {name}: {f.name} must be made by mbsbench.option, with a default")
     own = {f.name: (f.default, f.metadata["parameter"]) for f in dataclasses.fields(cls)}
-    order = getattr(cls, "order", math.nan)
-    if isinstance(order, bool) or not isinstance(order, int | float):
-        raise TypeError(f"solver {name}: order must be a number, the order in dt it claims (got {order!r})")
-    return SolverEntry(name, cls, own, _first_line(cls), cls.paper_label, cls.control, float(order))
+    return SolverEntry(name, cls, own, _first_line(cls), declared(cls())[0], cls.control)

@@ -8,12 +8,14 @@ from typing import Any
 from rich.text import Text
 
 from ...reports.model import claim_words
+from ..referee import judge as judging
 from ..referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 from ..results import store
 from ..results.judgements import Claim, Verdict
+from ..suites.spec import RunSpec
 from .screen import Column, errors, lines, print_table, print_unreadable
-from .terms import add_results, check_ours, existing, subcommand
+from .terms import UsageError, add_results, check_ours, existing, subcommand
 
 STYLE = {
     Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.REFUTED: "bold red", Verdict.UNTESTABLE: "dim",
@@ -30,7 +32,8 @@ def add(commands: Any) -> None:
     words = "judge the paper's claims; exit code 1 if a verdict differs from the published one"
     p = subcommand(commands, "judge", run, words, "the claims with their verdicts and maps")
     add_results(p)
-    p.add_argument("--publish", action="store_true", help="write the verdicts to results/published/ too")
+    p.add_argument("--partial", action="store_true", help="judge results that lack runs: their claims are UNTESTABLE")
+    p.add_argument("--publish", action="store_true", help="write the verdicts of a whole run to results/published/ too")
     p.add_argument("--claims", metavar="FILE.toml", help="register of claims (default: results/claims.toml)")
     p.add_argument("--published", metavar="DIR", help="published verdicts (default: results/published/)")
 
@@ -42,6 +45,12 @@ def run(arguments: argparse.Namespace) -> int:
     published = Path(arguments.published) if arguments.published else PUBLISHED
     if arguments.publish:
         check_ours(published, "--published DIR")
+    if arguments.publish:
+        _require(folder, judging.whole_run(), "that verdicts are published from")
+    elif not arguments.partial:
+        _require(
+            folder, judging.needed(register), "that the claims are tried on", ", or judge what is there: --partial"
+        )
     before = None if arguments.publish else read_claims(published)
     print_unreadable(store.load(folder, check_series=False).unreadable)
     judged = judgements(folder, register, lambda part: errors().print(f"judging: {part}"))
@@ -55,6 +64,13 @@ def run(arguments: argparse.Namespace) -> int:
         write(published, judged)
         errors().print(f"published: {published}")
     return 1 if changed else 0
+
+
+def _require(folder: Path, specs: Sequence[RunSpec], what: str, remedy: str = "") -> None:
+    if missing := judging.absent(folder, specs):
+        again = f"mbsbench run {judging.WHOLE} --resume"
+        raise UsageError(f"{folder} lacks {len(missing)} of {len(specs)} runs {what} (the first: {missing[0].case}); "
+                         f"make them: {again}{remedy}")  # fmt: skip
 
 
 def show(claims: Sequence[Claim], changed: list[Change], compared: bool, publishing: bool) -> None:

@@ -58,6 +58,7 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
     """The record of a job: what was asked, its ``status``, and what else is known."""
     spec, control = job.spec, job.spec.control
     entry = registry.solvers().get(spec.solver)
+    label, order = registry.declared(entry.made(spec.options)) if entry else ("", math.nan)
     files: Mapping[str, Any] = {}
     if job.stderr.exists() and job.stderr.stat().st_size > 0:
         files = {"stderr": f"stderr/{job.stderr.name}"}
@@ -65,7 +66,7 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
         run_id=job.id, settings_id=spec.settings_id, case=spec.case, suite=job.suite, label=spec.label,
         problem=spec.problem, problem_parameters=_json(spec.parameters),
         solver=spec.solver, solver_options=_json(spec.options),
-        paper_label=entry.paper_label if entry else "", declared_order=entry.order if entry else math.nan,
+        paper_label=label, declared_order=order,
         control="rtol" if control.dt is None else "dt", dt_s=_or_nan(control.dt), rtol=_or_nan(control.rtol),
         max_step_s=_or_nan(control.max_step), max_steps=control.max_steps,
         wall_limit_s=spec.wall_limit, memory_limit_MB=spec.memory,

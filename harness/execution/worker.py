@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 
 from ..catalogue import registry
+from ..mechanics.motion import constraint_rate
+from ..mechanics.state import States
 from ..results import store
 from ..results.records import RunRecord
 from ..sandbox.isolation import DISK_FULL
@@ -100,6 +102,10 @@ def attempt(
         return record_of(job, Status.REFUSED, **said, **known)
     trajectory, cost = solve_repeatedly(called, problem, control, job.spec.repeats)
     known.update(claimed=str(trajectory.status), **cost)
+    if problem.literal_start:
+        phi_dot = float(np.max(np.abs(constraint_rate(problem.system, States.one(problem.initial))), initial=0.0))
+        words = f"literal start: max |phi_dot| = {phi_dot:.3g} at t = 0, not made consistent"
+        trajectory = dataclasses.replace(trajectory, notes=(*trajectory.notes, words))
     send(MEASURING)
     began = time.monotonic()
     record = judged(job, problem, trajectory, keep, **cost)

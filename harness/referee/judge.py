@@ -1,6 +1,6 @@
 """All judgements of results, written to ``<results>/judgement/``, and what changed against the published ones."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,12 +15,15 @@ from .certificates.drift import anatomy
 from .certificates.orders import certify
 from .certificates.symmetries import scorecard
 from .certificates.work import work
+from .claims.maps import place, select
 from .claims.register import Register
 from .claims.verdicts import judge
 from .wrong import wrong
 
-__all__ = ["FOLDER", "PUBLISHED", "Change", "as_text", "changes", "judgements", "read_claims", "tried_on", "write"]
-SUITES = ("paper", "claims")  # claims are tried on their runs; both are in the suite ``referee``
+__all__ = ["FOLDER", "PUBLISHED", "Change", "absent", "as_text", "changes", "judgements", "needed", "read_claims",
+           "tried_on", "whole_run", "write"]  # fmt: skip
+WHOLE = "referee"  # the suite that everything is judged on
+SUITES = ("paper", "claims", "work")  # claims are tried on their runs; all are in the suite ``referee``
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
     (files.ORDERS.name, certify), (files.DRIFTS.name, anatomy), (files.SYMMETRIES.name, scorecard),
     (files.WORK.name, work),
@@ -52,6 +55,24 @@ def judgements(folder: Path, register: Register, watch: Callable[[str], None] = 
 def tried_on() -> tuple[RunSpec, ...]:
     """The runs of the maps, each once."""
     return tuple({c.settings_id: c for name in SUITES for c in load_suite(name).specs}.values())
+
+
+def needed(register: Register) -> tuple[RunSpec, ...]:
+    """The runs that the claims of ``register`` are tried on."""
+    places = [place(s) for s in tried_on()]
+    maps = {m.name: m for c in register.claims for m in (c.map, c.against) if m}.values()
+    return tuple({p.spec.settings_id: p.spec for m in maps for p in select(places, m.over)}.values())
+
+
+def whole_run() -> tuple[RunSpec, ...]:
+    """The runs that verdicts are published from."""
+    return load_suite(WHOLE).specs
+
+
+def absent(folder: Path, specs: Iterable[RunSpec]) -> list[RunSpec]:
+    """Those that the results in ``folder`` do not hold."""
+    held = {r.settings_id for r in store.load(folder, check_series=False).records}
+    return [s for s in specs if s.settings_id not in held]
 
 
 def write(folder: Path, judged: dict[str, Any]) -> list[Path]:

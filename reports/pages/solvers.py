@@ -29,7 +29,8 @@ def write(results: Results, site: Site) -> Page | None:
         rows = [row for row in rows if row[2]]
         site.write(
             Page(name, site.url(name)), "solver.html", solver=name, most=CHIPS, runs=runs, score=score(runs),
-            paper_label=runs[0].record.paper_label, options=_options(runs), reasons=_reasons(runs),
+            paper_label=", ".join(sorted({c.record.paper_label for c in runs} - {""})), options=_options(runs),
+            reasons=_reasons(runs),
             rows=[row for row in rows if row[0].title in plain],
             apart=[row for row in rows if row[0].title not in plain],
             loud=sorted(runs, key=lambda c: (c.record.label != label, c.variant not in plain)),

@@ -46,8 +46,9 @@ class Chosen:
 
     @property
     def role(self) -> str:
-        """Whose part in the paper the solver plays."""
-        return ROLES[self.asked.solver]
+        """Whose part in the paper the solver plays: ODE-GC by the label of its record, which has the gauge."""
+        role = ROLES[self.asked.solver]
+        return (role.startswith("ODE-GC") and self.run and self.run.record.paper_label) or role
 
     @property
     def name(self) -> str:

@@ -42,7 +42,8 @@ def all_lines(runs: Sequence[Run], alike: Mapping[str, frozenset[str]],
     found: dict[str, Line] = {}
     for solver, own in by_solver(runs).items():
         for k, c in enumerate(sorted(own, key=lambda c: c.finest_first)):
-            words = f"{solver}, {c.settings(alike[solver])}{ended(c)}"
+            named = f"{solver} [{label}]" if (label := c.record.paper_label) else solver
+            words = f"{named}, {c.settings(alike[solver])}{ended(c)}"
             found[c.record.run_id] = Line(c, words, k, k == 0, url(c))
     return [found[c.record.run_id] for c in runs]
 

@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from ...harness.catalogue.options import option
 from ...harness.types import Problem, StepControl
 from .charts import CHARTS
+from .dae import ImplicitForm
+from .differences import DifferencedForm
+from .layout import Layout
 from .start import redundancy_refusal
 
 
@@ -33,7 +36,22 @@ class SymbolicOptions:
 
 
 @dataclass(frozen=True)
-class BaumgarteOptions(SymbolicOptions):
+class ImplicitOptions(SymbolicOptions):
+    """Where the Jacobian of F(t, y, y') = 0 comes from."""
+
+    jacobian: str = option(
+        "exact",
+        "exact, or column-grouped forward differences as in a code that is given no derivatives",
+        choices=("exact", "finite_difference"),
+    )
+
+    def implicit(self, layout: Layout, form: str, alpha: float, beta: float) -> ImplicitForm:
+        """F with its Jacobian."""
+        return (ImplicitForm if self.jacobian == "exact" else DifferencedForm)(layout, form, alpha, beta)
+
+
+@dataclass(frozen=True)
+class BaumgarteOptions(ImplicitOptions):
     """Eq. (94), and whether the multipliers are in the error test; the paper gives no alpha, beta."""
 
     alpha: float = option(5.0, "Baumgarte: 2 alpha phi_dot", "1/s", at_least=0.0)

@@ -10,7 +10,7 @@ The three have the same solutions; what differs is what an integrator's error te
 """
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from .assembly import Assembly
 from .layout import Layout
@@ -29,11 +29,18 @@ class ImplicitForm:
         self._inverse_mass = InverseMass(layout)
         self._no_u_dot = np.zeros(layout.n_u)
         self._jacobian = _Semi(layout, self._motion) if form == "se" else _Direct(layout, self._motion)
+        self.difference_evaluations = 0  # of F, spent on Jacobians by differences
 
     @property
     def pattern(self) -> FixedPattern:
         """By column, of dF/dy and dF/dy' together."""
         return self._jacobian.pattern
+
+    @property
+    def structure(self) -> tuple[Bool[np.ndarray, " nnz"], Bool[np.ndarray, " nnz"]]:
+        """Which nonzeros of ``pattern`` belong to dF/dy and which to dF/dy'."""
+        of = self._jacobian
+        return np.diff(of.of_y.indptr) > 0, (np.diff(of.of_y_dot.indptr) > 0) | (of.p_dot != 0.0)
 
     def residual(self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
         """F(y, y'); no explicit t occurs."""
@@ -78,13 +85,13 @@ class _Direct:
         )
         sign = np.where(row < layout.n_p, -1.0, 1.0) * used
         nothing = np.zeros(layout.n_p)
-        self._of_y = self.pattern.weighted(np.concatenate((sign * ~motion.of_w, nothing)))[:, : len(row)]
-        self._of_y_dot = self.pattern.weighted(np.concatenate((sign * motion.of_w, nothing)))[:, : len(row)]
+        self.of_y = self.pattern.weighted(np.concatenate((sign * ~motion.of_w, nothing)))[:, : len(row)]
+        self.of_y_dot = self.pattern.weighted(np.concatenate((sign * motion.of_w, nothing)))[:, : len(row)]
         of_p_dot = self.pattern.weighted(np.concatenate((0.0 * sign, nothing + 1.0)))
-        self._p_dot = of_p_dot @ np.ones(len(sign) + layout.n_p)
+        self.p_dot = of_p_dot @ np.ones(len(sign) + layout.n_p)
 
     def parts(self, entries: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return self._of_y @ entries, self._of_y_dot @ entries + self._p_dot
+        return self.of_y @ entries, self.of_y_dot @ entries + self.p_dot
 
 
 class _Semi:
@@ -111,14 +118,14 @@ class _Semi:
         sign = np.where(row < layout.n_p, -1.0, 1.0)
         rest, p_dot = np.ones(product.nnz), np.ones(layout.n_p)
         weights = np.concatenate((sign * upper * ~of_w, 1.0 * lower, -rest, 0.0 * p_dot))
-        self._of_y = self.pattern.weighted(weights)[:, : len(weights) - layout.n_p]
+        self.of_y = self.pattern.weighted(weights)[:, : len(weights) - layout.n_p]
         of_y_dot = np.concatenate((sign * upper * of_w, 0.0 * lower, 0.0 * rest, 0.0 * p_dot))
-        self._of_y_dot = self.pattern.weighted(of_y_dot)[:, : len(row)]
+        self.of_y_dot = self.pattern.weighted(of_y_dot)[:, : len(row)]
         of_p_dot = self.pattern.weighted(np.concatenate((np.zeros(len(weights) - layout.n_p), p_dot)))
-        self._p_dot = of_p_dot @ np.ones(len(weights))
+        self.p_dot = of_p_dot @ np.ones(len(weights))
 
     def parts(self, at_y_dot: np.ndarray, at_w: np.ndarray, blocks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         A_inverse_mass = self._A_inverse_mass.data(self._A.data(at_w[self._A_entries]), blocks)
         product = self._product.data(A_inverse_mass, self._e.data(at_w[self._e_entries]))
         entries = np.concatenate((at_y_dot, at_w, product))
-        return self._of_y @ entries, self._of_y_dot @ at_y_dot + self._p_dot
+        return self.of_y @ entries, self.of_y_dot @ at_y_dot + self.p_dot

@@ -5,7 +5,8 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, problems
 from mbsbench.harness.mechanics.consistency import InconsistentStart, check_start
-from mbsbench.harness.mechanics.state import State
+from mbsbench.harness.mechanics.motion import constraint, constraint_rate
+from mbsbench.harness.mechanics.state import State, States
 
 IMPOSSIBLE = [
     ("torque_free_body", {"rod_mass": -1.0}, "rod_mass must be > 0"),
@@ -51,3 +52,16 @@ def test_a_start_off_the_constraints_is_refused(name: str, part: str) -> None:
     moved[part] += 1e-6
     with pytest.raises(InconsistentStart, match=r"got \|phi\| = "):
         check_start(p.system, State(**moved))
+
+
+def test_the_printed_start_of_the_spatial_pendulum_opens_the_joint_by_l_omega() -> None:
+    """C at rest and Omega_z = 0.1 rad/s at l = 0.5 m: phi = 0, |phi_dot| = 0.05 m/s. The waiver is of phi_dot alone."""
+    p = make_problem("spherical_pendulum", {"omega_z": 0.1, "literal_start": True})
+    start = States.one(p.initial)
+    assert np.max(np.abs(constraint(p.system, start))) < 1e-15
+    assert np.linalg.norm(constraint_rate(p.system, start)) == pytest.approx(0.05)
+    with pytest.raises(InconsistentStart):
+        check_start(p.system, p.initial)
+    moved = State(p.initial.r + 1e-6, p.initial.R, p.initial.v, p.initial.Omega)
+    with pytest.raises(InconsistentStart):
+        check_start(p.system, moved, literal=True)

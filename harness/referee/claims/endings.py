@@ -15,7 +15,7 @@ from .measures import END, MEASURES, reached_end
 from .register import Test
 
 LAST = 0.1  # of the steps taken: the pace of a run is that of these
-PATIENCE = 100.0  # budgets of steps: a run that would need more than these to its end is stuck
+STUCK = 0.01  # of the step asked for: a pace below it would need more than a hundred times the steps
 
 
 def ending(record: RunRecord, series: Series | None = None) -> Ending:
@@ -23,7 +23,7 @@ def ending(record: RunRecord, series: Series | None = None) -> Ending:
     if by_machine(record):
         return Ending.MACHINE
     if by_budget(record):
-        return Ending.FINAL if series is None or to_end(record, series) > PATIENCE * record.steps else Ending.SLOW
+        return Ending.FINAL if series is None or pace(record, series) < STUCK * asked(record) else Ending.SLOW
     started = record.steps > 0 or reached_end(record) or record.status == Status.REFUSED
     return Ending.FINAL if started else Ending.NO_STEP
 
@@ -40,13 +40,16 @@ def by_machine(record: RunRecord) -> bool:
     return stopped or unmeasured or record.status == Status.MEMORY or is_provisional(record)
 
 
-def to_end(record: RunRecord, series: Series) -> float:
-    """Steps still needed at the pace of the last tenth of those taken; rows of thinned series stand for equal parts."""
+def pace(record: RunRecord, series: Series) -> float:
+    """Time a step over the last tenth of those taken [s]; rows of thinned series stand for equal parts."""
     t = series["t"]
     k = math.floor((1.0 - LAST) * (len(t) - 1))
-    steps = record.steps * (1.0 - k / (len(t) - 1)) if len(t) > 1 else math.nan
-    pace = (t[-1] - t[k]) / steps
-    return float((record.t_end_s - t[-1]) / pace) if pace > 0.0 else math.inf
+    return float(t[-1] - t[k]) / (record.steps * (1.0 - k / (len(t) - 1))) if len(t) > 1 else 0.0
+
+
+def asked(record: RunRecord) -> float:
+    """The step that the run may take: its limit or its dt, else the largest it took [s]."""
+    return next((s for s in (record.max_step_s, record.dt_s) if not math.isnan(s)), record.step_max_s)
 
 
 def settled(test: Test, record: RunRecord, how: Ending, value: float) -> bool:

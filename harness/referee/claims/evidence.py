@@ -54,8 +54,14 @@ def stops_at(record: RunRecord, series: Series | None) -> float:
 
 @measure(series=False)
 def loss(record: RunRecord, series: Series | None) -> float:
-    """Largest position error against the reference [m]; unbounded for a run that stopped before its end."""
-    return record.position_error_max_m if reached_end(record) else math.inf
+    """Largest position error [m] while the motion is predictable; unbounded for a run that stopped before its end."""
+    return record.position_error_judged_m if reached_end(record) else math.inf
+
+
+@measure(series=False)
+def orientation_loss(record: RunRecord, series: Series | None) -> float:
+    """The same of the orientation [rad]."""
+    return record.orientation_error_judged_rad if reached_end(record) else math.inf
 
 
 @measure(series=False)
@@ -151,6 +157,19 @@ def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
     if first is None or whole is None or not np.max(np.abs(whole)) > 0.0:
         return NAN
     return float(np.max(np.abs(first)) / np.max(np.abs(whole)))
+
+
+@measure_over(stretch, "series", grows=True)
+def swing(a: np.ndarray) -> float:
+    """The smaller of the largest rise and the largest fall of the series: zero for a drift, however large."""
+    rise, fall = np.max(a - np.minimum.accumulate(a)), np.max(np.maximum.accumulate(a) - a)
+    return bound(a, min(rise, fall))
+
+
+@measure(series=False, until="end")
+def corrections_per_step(record: RunRecord, series: Series | None) -> float:
+    """Newton's corrections a step, of a run that got to its end."""
+    return record.newton_iterations / record.steps if reached_end(record) and record.steps else NAN
 
 
 @measure(grows=True)

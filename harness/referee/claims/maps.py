@@ -20,7 +20,7 @@ ANY = "any"
 AS_PRINTED = "as printed"  # label in the suite ``paper``
 RENAMED = {"coordinates": "chart"}
 FRAMES = ("yaw", "rotation", "perturb", "seed")
-FORMS = {"ndf_index1": "se"}  # its constraint row never holds u', whatever the accelerations are
+FORMS = {"unknown": "fi", "eliminated": "se"}  # of the NDF: the formula gives u', so that its unknown w is u'
 ALIGNED = "aligned"
 WHOLE = "the whole run"  # of a run in one step
 
@@ -119,8 +119,9 @@ def _options(spec: RunSpec) -> tuple[dict[str, Any], set[str]]:
         if old in options:
             options[new] = options.pop(old)
             unusual = unusual - {old} | ({new} if old in unusual else set())
-    if spec.solver in FORMS:
-        options["form"] = FORMS[spec.solver]
+    if "accelerations" in options:
+        options["form"] = FORMS[options.pop("accelerations")]
+        unusual = unusual - {"accelerations"} | ({"form"} if "accelerations" in unusual else set())
     return options, unusual
 
 

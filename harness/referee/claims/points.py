@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...results.judgements import Ending
+from ..certificates.work import operations
 from .endings import in_time, settled
 from .evidence import MEASURES
 from .maps import Place, is_printed
@@ -17,6 +18,8 @@ from .measured import Numbers
 from .measures import reached_end
 from .predicates import COMBINE, COMPARE, NEAREST, RATIOS
 from .register import Claim, Test
+
+LOOSEST_FIRST = ("tolerance", "step", "max_step")
 
 
 @dataclass(frozen=True)
@@ -40,13 +43,13 @@ def points(claim: Claim, own: Iterable[Place], others: Sequence[Place], numbers:
         groups.setdefault(repr(rest), []).append(p)
     out = []
     for group in groups.values():
-        partners = {p.spec.settings_id: _partners(claim, p, others) for p in group}
+        partners = {p.spec.settings_id: _partners(claim, p, others, numbers) for p in group}
         if not claim.across:
             out.append(_point(claim, group, partners, numbers))
         elif len(group) > 1:
             ordered = sorted(group, key=lambda p: p.dimensions.get(claim.across) or 0.0)
-            if claim.across == "tolerance":
-                ordered.reverse()  # the loosest first
+            if claim.across in LOOSEST_FIRST:
+                ordered.reverse()
             make = _nearest if claim.tests[0].combine == NEAREST else _point
             out.append(make(claim, ordered, partners, numbers))
     return out
@@ -82,7 +85,7 @@ def _nearest(
 
 
 def _settled(claim: Claim, test: Test, value: float, used: Sequence[Place], numbers: Numbers) -> bool:
-    if test.combine in RATIOS and math.isnan(value):
+    if (test.combine in RATIOS or claim.at_equal_work) and math.isnan(value):
         return False
     runs = [(numbers.records[p.spec.settings_id], _ending(claim, p, numbers)) for p in used]
     if len(runs) == 1:
@@ -95,8 +98,13 @@ def _ending(claim: Claim, p: Place, numbers: Numbers) -> Ending:
     return Ending.FINAL if claim.starting and how is Ending.NO_STEP else how
 
 
-def _partners(claim: Claim, p: Place, others: Sequence[Place]) -> list[Place]:
-    return [q for q in others if all(q.dimensions.get(k) == p.dimensions.get(k) for k in claim.pair_by)]
+def _partners(claim: Claim, p: Place, others: Sequence[Place], numbers: Numbers) -> list[Place]:
+    """The runs to compare with; at equal work those that took no more than a run that got to its end."""
+    found = [q for q in others if all(q.dimensions.get(k) == p.dimensions.get(k) for k in claim.pair_by)]
+    own = numbers.records[p.spec.settings_id]
+    if not claim.at_equal_work or not reached_end(own):
+        return found
+    return [q for q in found if operations(numbers.records[q.spec.settings_id]) <= operations(own)]
 
 
 def _number(test: Test, ordered: Sequence[Place], partners: Mapping[str, Sequence[Place]], numbers: Numbers) -> float:

@@ -80,6 +80,7 @@ class Claim(Shape, frozen=True):
     map: Map | None = None
     against: Map | None = None
     pair_by: tuple[str, ...] = ()
+    at_equal_work: bool = False  # compared with the runs of no more operations alone
     across: str = ""
     quantifier: Literal["all", "some"] = "all"
     needs: tuple[Need, ...] = ()
@@ -111,7 +112,9 @@ def read_register(path: Path = REGISTER) -> Register:
 def parse_register(text: str, where: str = "claims") -> Register:
     """The register in ``text``; ``where`` names it in messages."""
     file = shaped(parse_toml(text, where, ClaimsError), _File, where, ClaimsError)
-    maps = {name: _map(name, m, f"{where}: maps.{name}") for name, m in file.maps.items()}
+    maps: dict[str, Map] = {}
+    for name, row in file.maps.items():
+        maps[name] = _map(name, row, maps, f"{where}: maps.{name}")
     claims: dict[str, Claim] = {}
     for k, row in enumerate(file.claims):
         at = f"{where}: claim {row['id']!r}" if isinstance(row.get("id"), str) else f"{where}: claim {k + 1}"
@@ -138,6 +141,8 @@ def _claim(row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Claim:
     for k, t in enumerate(claim.tests):
         if bool(t.combine) != bool(claim.across):
             raise ClaimsError(f"{at}: test {k + 1}: combine goes with across, and across with combine")
+        if claim.at_equal_work and claim.against is None:
+            raise ClaimsError(f"{at}: at_equal_work goes with against")
         if bool(t.compare) != (claim.against is not None):
             raise ClaimsError(f"{at}: test {k + 1}: compare goes with against, and against with compare")
     return claim
@@ -161,13 +166,29 @@ def _test(row: dict[str, Any], at: str) -> Test:
     return test
 
 
-def _map(name: str, row: dict[str, Any], at: str) -> Map:
-    printed = row.get("printed", [])
-    found = shaped({**row, "name": name, "printed": [printed] if isinstance(printed, dict) else printed}, Map, at,
-                   ClaimsError)  # fmt: skip
+def _map(name: str, row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Map:
+    printed, over = row.get("printed", []), row.get("over")
+    if isinstance(over, list):
+        over = [s for k, given in enumerate(over) for s in _selections(given, maps, f"{at}: selection {k + 1}")]
+    printed = [_one_a_key(p) for p in ([printed] if isinstance(printed, dict) else printed)]
+    found = shaped({**row, "name": name, "over": over, "printed": printed}, Map, at, ClaimsError)
     for k, selection in enumerate(found.over):
         shaped(selection, Selection, f"{at}: selection {k + 1}", ClaimsError)
     return found
+
+
+def _selections(given: Any, maps: Mapping[str, Map], at: str) -> list[Any]:
+    """A selection, or those of another map, narrowed or widened by the other keys."""
+    own = _one_a_key(given)
+    if not isinstance(own, dict) or "map" not in own:
+        return [own]
+    rest = {k: v for k, v in own.items() if k != "map"}
+    return [{**s, **rest} for s in _named(own["map"], maps, at).over]
+
+
+def _one_a_key(given: Any) -> Any:
+    """``{ "a, b" = 1 }`` as ``{ a = 1, b = 1 }``."""
+    return {n.strip(): v for k, v in given.items() for n in k.split(",")} if isinstance(given, dict) else given
 
 
 def _named(name: Any, maps: Mapping[str, Map], at: str) -> Map:

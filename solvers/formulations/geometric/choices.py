@@ -3,7 +3,7 @@ and the form in which the kernels read them.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -22,6 +22,8 @@ class Penalty(NamedTuple):
     accept: float = 0.0  # [sqrt(J)] (81) at which a step counts as done though (81) does not reach the tolerance
     correct_pose: int = 0  # 1: poses corrected to phi = 0 after every step
     soft: float = 1.0  # xi (omega dt)^2 of the nested loop at singular configurations
+    lambda_bar: int = 0  # 1: lam - xi phi of Eq. (84) in the nested loop
+    growth: float = 1.0  # factor on xi after an augmentation that does not reduce phi_dot enough
     singular_turn: float = np.inf  # [rad] limit on the turn in a step once a singular configuration has been met
 
 
@@ -32,7 +34,10 @@ class Settings(NamedTuple):
     keep_nu: int  # 1: nu is carried from step to step (accumulate, or C_bar, K_bar != 0)
     direction: int  # index in ``directions.CHOICES``
     use_f_bar: int
-    corrective: int  # 1: C_bar, K_bar by Eq. (32); mu, lam and sigma carried
+    corrective: int  # 1: C_bar, K_bar are not zero; mu, lam and sigma carried
+    by_forces: int  # 1: C_bar, K_bar by Eq. (32)
+    c_bar: float  # [1/s] added to C_bar, per M_bar
+    k_bar: float  # [1/s2] added to K_bar, per M_bar
     carry_sigma: int  # 1: sigma0 of (75) is that of (62) at the last step, else 0
     b_term: float  # 1; 0 drops the B term of Eq. (71), which costs the order (a planted error)
     tolerance: float  # [sqrt(J)], Eqs. (80), (81)
@@ -42,13 +47,16 @@ class Settings(NamedTuple):
     penalty: Penalty = Penalty()
 
 
+GAUGES = {"symmetric": "symmetric", "zero": "zero gauge", "accumulate": "accumulating"}
+
+
 @dataclass(frozen=True)
 class GaugeChoices:
     """Options of a geometric solver; the first of each list is the default, and docs/notation.md says why."""
 
     gauge: str = option(
         "symmetric", "value of mu at a step's start, of which only increments are physical: minus its end value "
-        "(time-reversible), zero, or carried on as printed", choices=("symmetric", "zero", "accumulate"),
+        "(time-reversible), zero, or carried on as printed", choices=tuple(GAUGES),
     )  # fmt: skip
     mu0: str = option(
         "zero", "first mu of the accumulate gauge: zero or the velocity along c_R", choices=("zero", "velocity")
@@ -57,6 +65,12 @@ class GaugeChoices:
     direction: str = option("a", "c_R of Eq. (31): a/(a.a), M^-1 a/(a.M^-1 a), or (e_k, 0)", choices=CHOICES)
     f_bar: bool = option(True, "f_bar of Eq. (30) taken out of nu")
     corrective: bool = option(True, "C_bar, K_bar of Eq. (32) where springs or dampers make them non-zero")
+    c_bar: float = option(
+        0.0, "given C_bar of Eq. (37) in every row, per M_bar; added to that of (32)", "1/s", at_least=0.0
+    )
+    k_bar: float = option(
+        0.0, "given K_bar of Eq. (37) in every row, per M_bar; added to that of (32)", "1/s2", at_least=0.0
+    )
     b_term: bool = option(True, "B term of Eq. (71); without it the scheme loses its order (a planted error)")
     tolerance: float = option(1e-8, "of the tests (80), (81)", "sqrt(J)", above=0.0)
     max_newton: int = option(20, "corrections before the step is cut", "", at_least=1)
@@ -69,9 +83,33 @@ class GaugeChoices:
         0.0, "cut the step where a body would turn further in it; 0: no limit", "rad", at_least=0.0
     )
 
+    variant: ClassVar[str] = ""  # of ODE-GC, in front of the gauge
+
+    @property
+    def printed(self) -> bool:
+        """Whether nothing differs from what Sect. 4.2 prints. c_R, mu0 and the tolerance are open there."""
+        return (
+            (self.gauge, self.sigma0) == ("accumulate", "carried")
+            and (self.f_bar, self.corrective, self.b_term) == (True, True, True)
+            and (self.c_bar, self.k_bar) == (0.0, 0.0)
+        )
+
+    @property
+    def paper_label(self) -> str:
+        """ODE-GC with what tells the variants apart: as printed, or the gauge and what is carried."""
+        if self.printed:
+            return f"ODE-GC ({self.variant}as printed)"
+        words = [GAUGES[self.gauge]]
+        if self.sigma0 == "carried":
+            words.append("sigma carried")
+        if self.c_bar or self.k_bar:
+            words = ["C_bar, K_bar given"]  # mu is physical then and has no gauge
+        return f"ODE-GC ({self.variant}{', '.join(words)})"
+
     def settings(self, problem: Problem) -> Settings:
-        """The kernels' form of the choices. With springs and Eq. (32), mu, lam and sigma are physical and carried."""
-        corrective = self.corrective and len(problem.system.spring_k) > 0
+        """The kernels' form of the choices. Where C_bar or K_bar is not zero, mu, lam and sigma are carried."""
+        by_forces = self.corrective and len(problem.system.spring_k) > 0
+        corrective = by_forces or self.c_bar > 0.0 or self.k_bar > 0.0
         exact = self.newton == "exact"
         return Settings(
             gauge=-1.0 if self.gauge == "symmetric" and not corrective else 0.0,
@@ -79,6 +117,9 @@ class GaugeChoices:
             direction=CHOICES.index(self.direction),
             use_f_bar=int(self.f_bar),
             corrective=int(corrective),
+            by_forces=int(by_forces),
+            c_bar=self.c_bar,
+            k_bar=self.k_bar,
             carry_sigma=int(self.sigma0 == "carried" or corrective),
             b_term=float(self.b_term),
             tolerance=self.tolerance,

@@ -26,11 +26,17 @@ def complete(model, motion, settings):
     axes(model, motion)
     applied(model, motion)
     masses_and_forces(model, motion, settings.direction)
-    if settings.corrective:
+    if settings.by_forces:
         for j in range(len(model.body)):
             for row in range(model.row[j], model.row[j + 1]):
                 direction(model, motion, j, row, settings.direction)
                 coefficients(model, motion, j, row)
+                motion.c_bar[row] += settings.c_bar * motion.m_bar[row]
+                motion.k_bar[row] += settings.k_bar * motion.m_bar[row]
+    elif settings.corrective:
+        for row in range(len(motion.m_bar)):
+            motion.c_bar[row] = settings.c_bar * motion.m_bar[row]
+            motion.k_bar[row] = settings.k_bar * motion.m_bar[row]
 
 
 @njit(**INNER)
@@ -50,13 +56,21 @@ def start_forces(step, settings):
     for k in range(len(rows.G0)):
         rows.G0[k] = -settings.use_f_bar * start.f_bar[k]
         if settings.corrective:
-            rows.G0[k] += start.c_bar[k] * rows.mu0[k] + start.k_bar[k] * rows.lam0[k]
+            lam_bar = rows.lam0[k] - lambda_penalty(settings) * start.phi[k]
+            rows.G0[k] += start.c_bar[k] * rows.mu0[k] + start.k_bar[k] * lam_bar
+
+
+@njit(**INNER)
+def lambda_penalty(settings):
+    """xi of lam_bar = lam - xi phi, Eq. (84); it stays when the xi of mu_bar is raised."""
+    return settings.penalty.xi if settings.penalty.lambda_bar else 0.0
 
 
 @njit(**JIT)
 def end_forces(step, settings):
     """G1, its derivative, and the factors of (75)."""
-    end, rows, half = step.end, step.rows, 0.5 * step.dt
+    end, rows, half, xi = step.end, step.rows, 0.5 * step.dt, lambda_penalty(settings)
+    by_lam = 2.0 if settings.penalty.lambda_bar else 1.0  # the nested loop has -xi dphi1 = dt/2 dmu1, too
     for k in range(len(rows.G1)):
         rows.G1[k] = -settings.use_f_bar * end.f_bar[k]
         rows.dG[k] = 0.0
@@ -65,8 +79,8 @@ def end_forces(step, settings):
         if settings.corrective:
             mu1 = rows.nu1[k] / end.m_bar[k]
             lam1 = rows.lam0[k] + half * (rows.mu0[k] + mu1)  # (67)
-            rows.G1[k] += end.c_bar[k] * mu1 + end.k_bar[k] * lam1
-            rows.dG[k] = (end.c_bar[k] + half * end.k_bar[k]) / end.m_bar[k]
+            rows.G1[k] += end.c_bar[k] * mu1 + end.k_bar[k] * (lam1 - xi * end.phi[k])
+            rows.dG[k] = (end.c_bar[k] + by_lam * half * end.k_bar[k]) / end.m_bar[k]
             rows.on_rate[k] = 1.0 + half * end.c_bar[k] / end.m_bar[k]
             rows.on_phi[k] = half * end.k_bar[k] / end.m_bar[k]
 

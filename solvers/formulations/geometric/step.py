@@ -1,5 +1,6 @@
 """One step, Sect. 4.2 or 4.3: first estimate, Newton's method or the nested loop, and what the next step needs."""
 
+import numpy as np
 from numba import njit
 
 from .block_lu import solve
@@ -8,11 +9,13 @@ from .newton import AUGMENTATIONS, CONVERGED, LOOSE, SLOW, SOLVES, newton, put_r
 from .residual import complete, constraint_norm, start_forces
 from .vectors import INNER, JIT, add, copy, dot, turn, turned_by
 
+ENOUGH = 0.25  # an augmentation that leaves more of phi_dot raises xi (Powell; Bertsekas)
+
 
 @njit(**INNER)
 def nested_loop(run, step):
     """The paper's loop: Newton to convergence at a fixed multiplier, then (85), until phi_dot is small enough."""
-    settings, work = run.settings, run.work
+    settings, work, before = run.settings, run.work, np.inf
     copy(step.rows.nu1, work.nu_kept)
     for _ in range(settings.penalty.max_augmentations):
         outcome = newton(run, step, 1)
@@ -23,6 +26,10 @@ def nested_loop(run, step):
         work.counts[AUGMENTATIONS] += 1
         if work.norm[1] < settings.tolerance:
             return CONVERGED
+        if settings.penalty.growth > 1.0 and work.norm[1] > ENOUGH * before:
+            work.xi[0] *= settings.penalty.growth
+            work.factored_dt[0] = 0.0
+        before = work.norm[1]
     return LOOSE if work.norm[1] < settings.penalty.accept else SLOW
 
 

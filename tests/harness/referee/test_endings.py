@@ -9,7 +9,7 @@ import pytest
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.job import Job, unfinished
-from mbsbench.harness.referee.claims.endings import Ending, by_budget, by_machine, ending, to_end
+from mbsbench.harness.referee.claims.endings import Ending, by_budget, by_machine, ending, pace
 from mbsbench.harness.results.words import words_of_ending
 from mbsbench.harness.sandbox.apart import Ended
 from mbsbench.harness.types import EndedBy, StepControl
@@ -102,21 +102,23 @@ def test_the_budget_of_steps_is_no_clock(made):
 
 
 def test_pace_is_that_of_the_last_tenth():
-    """Ninety steps of 0.05 s and ten of 0.01 s: 5.4 s are left, 540 steps. Of a thinned series too."""
+    """Ninety steps of 0.05 s and ten of 0.01 s. Of a thinned series too. A hundred times less than asked is stuck."""
     t = np.concatenate([[0.0], np.cumsum([0.05] * 90 + [0.01] * 10)])
-    r = bare(10.0, t_reached_s=t[-1], status="stalled", steps=100, max_steps=100)
-    assert to_end(r, series(t)) == pytest.approx(540.0)
-    every_fifth = bare(10.0, t_reached_s=t[-1], status="stalled", steps=100, max_steps=100)
-    assert to_end(every_fifth, series(t[::5])) == pytest.approx(540.0)
-    assert ending(r, series(t)) is Ending.SLOW
-    assert ending(bare(110.0, t_reached_s=t[-1], status="stalled", steps=100, max_steps=100), series(t)) is Ending.FINAL
+
+    def cut(asked):
+        return bare(10.0, t_reached_s=t[-1], status="stalled", steps=100, max_steps=100, max_step_s=asked)
+
+    assert pace(cut(0.05), series(t)) == pytest.approx(0.01)
+    assert pace(cut(0.05), series(t[::5])) == pytest.approx(0.01)
+    assert ending(cut(0.9), series(t)) is Ending.SLOW
+    assert ending(cut(1.1), series(t)) is Ending.FINAL
 
 
 def test_a_run_that_stands_still_is_stuck():
     """Its last steps are below the spacing of times: no pace, no end."""
     t = np.append(np.linspace(0.0, 4.0, 91), np.full(10, 4.0))
-    r = bare(t_reached_s=4.0, status="stalled", steps=100, max_steps=100)
-    assert to_end(r, series(t)) == np.inf and ending(r, series(t)) is Ending.FINAL
+    r = bare(t_reached_s=4.0, status="stalled", steps=100, max_steps=100, step_max_s=0.05)
+    assert pace(r, series(t)) == 0.0 and ending(r, series(t)) is Ending.FINAL
 
 
 def test_what_failed_by_itself_is_final():

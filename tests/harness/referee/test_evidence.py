@@ -78,8 +78,8 @@ def test_a_motion_that_became_nan_is_unbounded():
 
 def test_ends_of_runs():
     """Failure times, parts reached, and losses of runs that stopped."""
-    stopped = bare(t_reached_s=4.0, position_error_max_m=0.1, energy_mean_last_quarter_J=-0.2)
-    ended = bare(position_error_max_m=0.1, energy_mean_last_quarter_J=-0.2)
+    stopped = bare(t_reached_s=4.0, position_error_judged_m=0.1, energy_mean_last_quarter_J=-0.2)
+    ended = bare(position_error_judged_m=0.1, energy_mean_last_quarter_J=-0.2)
     assert evaluate("stops at", stopped, None, {}) == 4.0 and evaluate("stops at", ended, None, {}) == math.inf
     assert evaluate("reached", stopped, None, {}) == 0.4 and evaluate("reached", ended, None, {}) == 1.0
     assert evaluate("stops at", bare(t_reached_s=math.nan), None, {}) == 0.0

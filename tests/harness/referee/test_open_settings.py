@@ -9,7 +9,7 @@ from mbsbench.reports.model.claim_words import because
 from .claiming import RUNS, claim
 from .synthetic import record, series
 
-CUT = {"status": "stalled", "t_reached_s": 3.0, "steps": 9, "max_steps": 9}  # of 10 s
+CUT = {"status": "stalled", "t_reached_s": 3.0, "steps": 9, "max_steps": 9, "max_step_s": 0.5}  # of 10 s
 
 
 def one_of(columns, others=None):
@@ -33,7 +33,7 @@ def test_runs_ended_by_a_clock_are_left_out_and_named():
 
 
 def test_a_budget_of_steps_ends_stuck_runs_and_interrupts_slow_ones():
-    """Nine steps to 3 of 10 s, a hundred budgets are 900: at 0.01 s a step 700 more are needed, at 1e-3 s 7000."""
+    """Nine steps to 3 of 10 s, of 0.5 s at most: at last 0.01 s a step is slow, 1e-3 s less than a hundredth, stuck."""
     slow, stuck = (claim(records=one_of(CUT), of=pace(last)) for last in (0.01, 1e-3))
     assert (
         slow.verdict == "SUPPORTED"
@@ -122,8 +122,8 @@ def test_the_count_of_those_that_hold_because_a_run_stopped():
     """Losses of 2 m are above 1 m; two runs have no loss but an end before the end."""
     text = 'map = "m"\ntests = [{ metric = "loss", at_least = 1, unit = "m" }]\n'
     ends = [{"t_reached_s": 3.0, "steps": 9, "status": "diverged"}] * 2 + [{}] * len(RUNS)
-    found = [record(x, position_error_max_m=2.0, **e) for x, e in zip(RUNS, ends, strict=False)]
+    found = [record(x, position_error_judged_m=2.0, **e) for x, e in zip(RUNS, ends, strict=False)]
     assert "Holds in 12 of 12 settings. In 2 of these 12 because a run stopped before its end" in because(
         claim(text, found)
     )
-    assert "because a run" not in because(claim(text, [record(x, position_error_max_m=2.0) for x in RUNS]))
+    assert "because a run" not in because(claim(text, [record(x, position_error_judged_m=2.0) for x in RUNS]))

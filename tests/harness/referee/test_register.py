@@ -56,8 +56,8 @@ def test_every_map_is_used():
 
 
 def test_every_dae_claim_is_tried_over_the_dimensions_of_the_issue(places):
-    """Tolerance, gain, form, chart, multipliers in or out of the test, consistent start: none rests on one setting."""
-    asked = {"tolerance", "gain", "chart", "lambda_in_error_test", "consistent_start"}
+    """Every open choice of a classical code varies: no verdict on DAE solvers rests on one setting of any."""
+    asked = {"tolerance", "gain", "chart", "lambda_in_error_test", "consistent_start", "jacobian", "norm", "max_step"}
     for name in ("free-fi", "free-se", "planar-fi", "planar-se", "spatial-fi", "spatial-se", "top-fi", "top-se"):
         found = select(places, REGISTER.maps[name].over)
         for d in asked:
@@ -95,6 +95,8 @@ def test_solvers_with_a_stand_in_are_worded_for_what_was_run(places):
         (MAP + HEAD + TEST.replace("at_most = 1.0", 'at_most = "1"'), "at_most must be a number (got '1')"),
         (MAP + HEAD + TEST + 'across = "tolerance"\n', "combine goes with across"),
         (MAP + HEAD + TEST + 'against = "gc"\n', "compare goes with against"),
+        (MAP + HEAD + TEST + "at_equal_work = true\n", "at_equal_work goes with against"),
+        (MAP.replace("{ problem = ", '{ map = "x", problem = ', 1) + HEAD + TEST, "selection 1: unknown map 'x'"),
         (MAP + HEAD + TEST + 'quantifier = "most"\n', "unknown quantifier 'most'"),
         (MAP + HEAD + TEST + 'kind = "guess"\n', "unknown kind 'guess'"),
         (MAP + HEAD + TEST + 'starting = "yes"\n', "starting must be true or false"),
@@ -110,6 +112,14 @@ def test_a_bad_register_is_refused_in_a_line_with_the_place(text, complaint):
     with pytest.raises(ClaimsError, match=re.escape(complaint)) as caught:
         parse_register(text)
     assert "\n" not in str(caught.value) and str(caught.value).startswith("claims:")
+
+
+def test_a_map_takes_the_settings_of_another_and_keys_share_a_value():
+    """``{ map = ..., chart = ... }`` replaces one choice and keeps the rest; ``"a, b" = x`` is ``a = x, b = x``."""
+    derived = '\n[maps.n]\nover = [{ map = "m", "chart, gain" = "any" }]\n\n[[claims]]\n'
+    register = parse_register((MAP + HEAD + TEST).replace("\n[[claims]]\n", derived))
+    (own,), (other,) = register.maps["m"].over, register.maps["n"].over
+    assert other == own | {"chart": "any", "gain": "any"}
 
 
 def test_a_register_that_is_not_there_is_a_line():

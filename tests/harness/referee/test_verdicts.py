@@ -107,11 +107,13 @@ def test_two_failures_across_a_dimension_compare_nothing():
         text = 'map = "m"\n' + text
 
         def made(ends, chart="euler313"):
-            return [record(x, position_error_max_m=1.0, **(ends if options(x)["chart"] == chart else {})) for x in RUNS]
+            return [
+                record(x, position_error_judged_m=1.0, **(ends if options(x)["chart"] == chart else {})) for x in RUNS
+            ]
 
         c = claim(text, made(stopped))
         assert [row.holds for row in c.map].count(None) == 2 and c.because.left_out == (LeftOut(Ending.UNCOMPARED, 2),)
-        tight = [record(x, position_error_max_m=1.0, **(stopped if x.control.rtol == 1e-6 else {})) for x in RUNS]
+        tight = [record(x, position_error_judged_m=1.0, **(stopped if x.control.rtol == 1e-6 else {})) for x in RUNS]
         assert claim(text, tight).verdict == "SUPPORTED"
 
 

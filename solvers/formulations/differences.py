@@ -1,0 +1,65 @@
+"""Jacobians of an ``ImplicitForm`` from forward differences: what a code that is given no derivatives works with.
+
+Columns without a common row change together (Curtis, Powell and Reid 1974), groups from the structure of dF/dy and of
+dF/dy'. The increment is sqrt(eps) max(|y|, 1), the scale of the error test at rtol = atol, made exactly representable.
+It has no memory: MATLAB's and SciPy's ``num_jac`` adapt a factor that grows without bound where F ignores a variable.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .dae import ImplicitForm
+from .layout import Layout
+from .sparse_pattern import FixedPattern
+
+INCREMENT = float(np.sqrt(np.finfo(float).eps))
+
+
+class DifferencedForm(ImplicitForm):
+    """F as it is, dF/dy and dF/dy' by differences."""
+
+    def __init__(self, layout: Layout, form: str, alpha: float, beta: float) -> None:
+        super().__init__(layout, form, alpha, beta)
+        self._groups_y, self._groups_y_dot = (column_groups(self.pattern, used) for used in self.structure)
+
+    def jacobian(
+        self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"]
+    ) -> tuple[Float[np.ndarray, " nnz"], Float[np.ndarray, " nnz"]]:
+        """(dF/dy, dF/dy') as nonzeros of ``pattern``, each wrong by about sqrt(eps) of F's terms."""
+        F = self.residual(y, y_dot)
+        self.difference_evaluations += 1 + len(self._groups_y) + len(self._groups_y_dot)
+        return (
+            self._differences(F, y, lambda x: self.residual(x, y_dot), self._groups_y),
+            self._differences(F, y_dot, lambda x: self.residual(y, x), self._groups_y_dot),
+        )
+
+    def _differences(
+        self, F: np.ndarray, x: np.ndarray, residual: Callable, groups: list[Int[np.ndarray, " m"]]
+    ) -> np.ndarray:
+        rows, columns, out = self.pattern.rows, self.pattern.columns, np.zeros(self.pattern.nnz)
+        h = x + INCREMENT * np.maximum(np.abs(x), 1.0) - x
+        for entries in groups:
+            changed = x.copy()
+            changed[columns[entries]] = (x + h)[columns[entries]]
+            out[entries] = (residual(changed) - F)[rows[entries]] / h[columns[entries]]
+        return out
+
+
+def column_groups(pattern: FixedPattern, used: np.ndarray) -> list[Int[np.ndarray, " m"]]:
+    """Groups of columns of which no two share a row, first fit, each as the ``used`` nonzeros in it."""
+    taken: list[np.ndarray] = []  # rows of each group
+    entries_of: list[list[np.ndarray]] = []
+    for start, end in zip(pattern.indptr[:-1], pattern.indptr[1:], strict=True):
+        entries = np.arange(start, end)[used[start:end]]
+        if len(entries) == 0:
+            continue
+        rows = pattern.rows[entries]
+        group = next((k for k, there in enumerate(taken) if not there[rows].any()), len(taken))
+        if group == len(taken):
+            taken.append(np.zeros(pattern.shape[0], dtype=bool))
+            entries_of.append([])
+        taken[group][rows] = True
+        entries_of[group].append(entries)
+    return [np.concatenate(entries) for entries in entries_of]

@@ -1,0 +1,75 @@
+"""What the paper's authors would object to, each answered by runs that are in a claim's map or are made here."""
+
+from functools import cache
+from typing import Any
+
+import pytest
+
+from mbsbench.harness.execution.pool import LocalPool
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.files import parse_toml
+from mbsbench.harness.referee.claims.evidence import MEASURES, evaluate
+from mbsbench.harness.referee.claims.maps import place, same, select
+from mbsbench.harness.referee.claims.predicates import Band
+from mbsbench.harness.referee.claims.register import REGISTER, read_register
+from mbsbench.harness.referee.judge import tried_on
+from mbsbench.harness.results import store
+from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.suites.suite import parse_suite
+
+from ..conftest import Silent
+
+PATH = REGISTER.with_name("objections.toml")
+OBJECTIONS: list[dict[str, Any]] = parse_toml(PATH.read_text(encoding="utf-8"), PATH.name, ValueError)["objections"]
+CLAIMS = {c.id: c for c in read_register().claims}
+PAGE = ROOT / "docs" / "decisions" / "objections.md"
+BAND = {"at_least": float("-inf"), "at_most": float("inf")}
+
+
+def named(key: str) -> Any:
+    """A parameter for each objection that has ``key``, under its id."""
+    return pytest.mark.parametrize("given", [pytest.param(o, id=o["id"]) for o in OBJECTIONS if key in o])
+
+
+@cache
+def places():
+    return [place(s) for s in tried_on()]
+
+
+@named("runs")
+def test_runs_that_answer_are_in_the_map_of_the_claim(given):
+    """Else the verdict would not depend on what is objected to; the number named is one that the claim reads."""
+    for run in given["runs"]:
+        claim, settings = CLAIMS[run["claim"]], run["settings"]
+        own = select(places(), claim.map.over)
+        assert any(all(same(p.dimensions.get(k), v) for k, v in settings.items()) for p in own), run
+        assert run["number"] in {t.metric for t in claim.tests}, run
+
+
+@named("suite")
+def test_small_runs_answer(given, tmp_path):
+    """Each run of the objection has the numbers that the answer says."""
+    made = run_suite(Request(parse_suite(given["suite"], "review", given["id"]), tmp_path, 1), Silent(), LocalPool)
+    assert made.records
+    for record in made.records:
+        series = store.series_of(tmp_path, record)
+        for test in given["tests"]:
+            band, metric = BAND | {k: v for k, v in test.items() if k in BAND}, test["metric"]
+            arguments = {k: v for k, v in test.items() if k in MEASURES[metric].takes}
+            value = evaluate(metric, record, series, arguments)
+            assert Band(band["at_least"], band["at_most"]).holds(value), (record.case, metric, value)
+
+
+def page() -> str:
+    """The page, made from the file."""
+    rows = []
+    for o in OBJECTIONS:
+        tried = "; ".join(f"`{r['claim']}` ({', '.join(f'{k} = {v}' for k, v in r['settings'].items())}: {r['number']})"
+                          for r in o["runs"])  # fmt: skip
+        rows.append(f"## {o['objection']}\n\n{o['answer']}\n\nRuns: {tried}.\n")
+    head = PAGE.read_text(encoding="utf-8").split("\n## ", maxsplit=1)[0]
+    return head + "\n" + "\n".join(rows)
+
+
+def test_the_page_says_what_the_file_says():
+    assert PAGE.read_text(encoding="utf-8") == page()

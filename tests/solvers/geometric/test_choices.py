@@ -1,0 +1,156 @@
+"""Options of ODE-GC: labels, given C_bar and K_bar, Eq. (84) in full, raised penalties, the rank check."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.api import solve
+from mbsbench.harness.catalogue.registry import declared, make_problem, make_solver, solvers
+from mbsbench.harness.mechanics.motion import constraint
+from mbsbench.harness.mechanics.system import Joint, RigidBody, SpringDamper, assemble
+from mbsbench.harness.types import Problem, Status, StepControl
+from mbsbench.solvers.formulations.geometric.driver import prepare
+from mbsbench.solvers.formulations.geometric.residual import complete, end_forces
+
+from ..arbitrary_systems import consistent
+from .test_laws import orders, run, spring_problem
+
+PRINTED = {"gauge": "accumulate", "sigma0": "carried"}
+NESTED = {"loop": "nested", "penalty": 1e3}
+
+
+@pytest.mark.parametrize(
+    ("solver", "options", "label", "order"),
+    [
+        ("gc_weak_form", {}, "ODE-GC (symmetric)", 2.0),
+        ("gc_weak_form", {"gauge": "zero"}, "ODE-GC (zero gauge)", 2.0),
+        ("gc_weak_form", PRINTED, "ODE-GC (as printed)", 2.0),
+        ("gc_weak_form", PRINTED | {"f_bar": False}, "ODE-GC (accumulating, sigma carried)", 2.0),
+        ("gc_augmented_lagrangian", {}, "ODE-GC (AL, symmetric)", 2.0),
+        ("gc_augmented_lagrangian", PRINTED | NESTED, "ODE-GC (AL, accumulating, sigma carried)", 2.0),
+        ("gc_augmented_lagrangian", PRINTED | NESTED | {"correct_pose": "never"}, "ODE-GC (AL, as printed)", 2.0),
+        ("rattle", {}, "", 2.0),
+        ("rattle", {"composition": "kahan_li6"}, "", 6.0),
+        ("rkmk_dop853", {}, "", math.nan),
+    ],
+)  # fmt: skip
+def test_label_and_order_follow_the_options(solver, options, label, order):
+    """Printed are the choices of Sects. 4.2 and 4.3, all of them; the order is that of the composition."""
+    assert declared(make_solver(solver, options))[0] == label
+    assert declared(make_solver(solver, options))[1] == pytest.approx(order, nan_ok=True)
+
+
+def test_a_record_has_the_label_of_its_options():
+    """The catalogue lists the label of the defaults."""
+    done = solve("torque_free_body", "gc_weak_form", dt=0.1, t_end=0.5, gauge="zero")
+    assert done.record.paper_label == "ODE-GC (zero gauge)"
+    assert solvers()["gc_weak_form"].paper_label == "ODE-GC (symmetric)"
+
+
+@pytest.mark.parametrize("direction", ["a", "mass", "translation"])
+def test_given_c_bar_and_k_bar_pull_phi_back(direction):
+    """M_bar (phi_ddot + c phi_dot + k phi) = 0, Eq. (37): critically damped, phi stays below a tenth of what it was.
+
+    The motion keeps order two whatever c_R is: corrective terms vanish on the constraint manifold.
+    """
+    problem = make_problem("spherical_pendulum", {"omega_z": 0.1, "t_end": 2.0})
+    exact = problem.reference()
+    free = run(problem, 0.005)
+    errors = []
+    for dt in (0.01, 0.005, 0.0025):
+        out = run(problem, dt, c_bar=200.0, k_bar=1e4, direction=direction)
+        errors.append(np.max(np.abs(out.states.r - exact.states(out.t).r)))
+        if dt == 0.005:
+            held = np.max(np.abs(constraint(problem.system, out.states)))
+    assert held < 0.1 * np.max(np.abs(constraint(problem.system, free.states)))
+    assert np.all(np.abs(orders(errors) - 2.0) < 0.3)
+
+
+@pytest.mark.parametrize("direction", ["a", "mass", "translation"])
+def test_eq_32_converges_for_every_c_r(direction):
+    """Springs and dampers, C_bar and K_bar of Eq. (32) and given ones on top: to the strong form with order two."""
+    pin = [Joint(0, (0.3, 0.1, 0.0), s_j=(0.1, -0.2, 0.3)), Joint(1, (0.2, 0.0, -0.3), 0, (-0.4, 0.1, 0.2))]
+    bodies = [RigidBody(m, np.diag(m * np.array([0.04, 0.07, 0.09]))) for m in (1.3, 0.7)]
+    springs = [SpringDamper(1, (-0.1, 0.2, 0.0), stiffness=40.0, rest_length=0.2, damping=0.7, p_j=(1.0, 2.0, -1.0))]
+    system = assemble(bodies, pin, (1.1, -2.3, -9.5), springs)
+    problem = Problem("pins", system, consistent(system, 2), t_end=0.3, dt=1e-3, section="", source="")
+    strong = make_solver("rk45_strong_form").solve(problem, StepControl(rtol=1e-12))
+    errors = []
+    for dt in (4e-3, 2e-3, 1e-3):
+        out = run(problem, dt, direction=direction, c_bar=5.0, k_bar=50.0)
+        errors.append(np.max(np.abs(out.states.r[-1] - strong.states.r[-1])))
+    assert np.all(np.abs(orders(errors) - 2.0) < 0.2)
+
+
+def test_lambda_bar_is_lam_minus_xi_phi():
+    """Eq. (84): what lambda_bar adds to the row forces of Eq. (71) is -K_bar xi phi."""
+    problem = spring_problem(0.3)
+    forces = []
+    for on in (False, True):
+        made = make_solver("gc_augmented_lagrangian", NESTED | {"lambda_bar": on, "k_bar": 30.0})
+        settings = made.settings(problem)
+        settings = settings._replace(penalty=settings.penalty._replace(active=1, nested=1, xi=1e3, lambda_bar=int(on)))
+        model_run, step = prepare(problem, settings)
+        step.end.r[:], step.end.R[:], step.end.v[:] = step.start.r + 1e-3, step.start.R, step.start.v
+        step = step._replace(dt=1e-3)
+        complete(model_run.model, step.end, settings)
+        end_forces(step, settings)
+        forces.append(step.rows.G1.copy())
+        added = -1e3 * step.end.k_bar * step.end.phi
+    assert np.max(np.abs(added)) > 1.0
+    assert np.allclose(forces[1] - forces[0], added, rtol=1e-12, atol=1e-9)
+
+
+def test_lambda_bar_leaves_the_motion_alone():
+    """The augmentation takes phi_dot to zero with or without it: the multipliers change, the motion hardly."""
+    problem = spring_problem(0.3)
+    strong = make_solver("rk45_strong_form").solve(problem, StepControl(rtol=1e-12))
+    without, errors = run(problem, 1e-3, "gc_augmented_lagrangian", **NESTED), []
+    for dt in (4e-3, 2e-3, 1e-3):
+        out = run(problem, dt, "gc_augmented_lagrangian", **NESTED, lambda_bar=True)
+        errors.append(np.max(np.abs(out.states.r[-1] - strong.states.r[-1])))
+    assert np.all(np.abs(orders(errors) - 2.0) < 0.2)
+    assert 0.0 < np.max(np.abs(out.states.r - without.states.r)) < 0.01 * errors[-1]
+
+
+def test_a_raised_penalty_converges_where_a_low_one_does_not():
+    """xi = 1 leaves steps that run out of augmentations; raised tenfold where phi_dot falls too slowly, none."""
+    problem = make_problem("chain", {"t_end": 0.1})
+    low = run(problem, 1e-3, "gc_augmented_lagrangian", loop="nested", penalty=1.0)
+    raised = run(problem, 1e-3, "gc_augmented_lagrangian", loop="nested", penalty=1.0, penalty_growth=10.0)
+    plain = run(problem, 1e-3)
+    assert low.counters["loose_steps"] > 10
+    assert raised.counters["loose_steps"] == 0
+    assert np.nanmax(raised.diagnostics["penalty"]) > 1.0
+    assert np.max(np.abs(raised.states.r - plain.states.r)) < 1e-7
+
+
+@pytest.mark.parametrize("option", [{"lambda_bar": True}, {"penalty_growth": 10.0}], ids=str)
+def test_options_of_the_nested_loop_need_it(option):
+    """The proximal loop has no augmentations of its own."""
+    problem = make_problem("heavy_top")
+    reason = make_solver("gc_augmented_lagrangian", option).refuses(problem, StepControl(dt=1e-3))
+    assert "nested" in reason
+
+
+def test_without_the_rank_check_redundant_rows_are_tried():
+    """The run ends by its own doing, in success or not, and says how."""
+    problem = make_problem("four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.1})
+    tried = make_solver("gc_weak_form", {"rank_check": False})
+    assert tried.refuses(problem, StepControl(dt=1e-2)) is None
+    out = tried.solve(problem, StepControl(dt=1e-2))
+    assert out.counters["factorisations"] > 0
+    assert out.status == Status.SUCCESS or out.message
+
+
+def test_as_printed_runs_on_the_grid_without_correcting_poses():
+    """Fig. 12 as printed: phi stays where the step leaves it, so it is larger than with corrected poses."""
+    problem = make_problem("four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.5})
+    worst = {}
+    for when in ("never", "redundant"):
+        options = PRINTED | NESTED | {"tolerance": 1e-3, "correct_pose": when}
+        out = run(problem, 1e-2, "gc_augmented_lagrangian", **options)
+        worst[when] = np.max(np.abs(constraint(problem.system, out.states)))
+        assert any("corrected" in note for note in out.notes) == (when == "redundant")
+    assert worst["never"] > 10.0 * worst["redundant"]
