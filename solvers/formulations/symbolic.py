@@ -122,15 +122,24 @@ def spring_pair(chart: Chart, parameters: ca.SX) -> Pair:
 def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) -> Element:
     """Parameters as in ``ROWS``; z ends with lam. Outputs load_i, load_j = -A^T lam and c, the constraint row.
 
-    ``level`` "acceleration": c = phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "position": c = phi, Eq. (93).
+    ``level`` "acceleration": c = phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "velocity": phi_dot + alpha phi;
+    "position": phi, Eq. (93); "both": (phi, phi_dot), and z ends with lam, eta, which adds G A^T eta to p_dot.
     """
     _, n, n_parameters = ROWS[kind]
     parameters, lam = ca.SX.sym(kind, n_parameters), ca.SX.sym("lam", n)
     pair = joint_pair(kind, chart, parameters)
-    c = pair.value
-    if level == "acceleration":
-        c = pair.acceleration + 2.0 * alpha * pair.rate + beta**2 * pair.value
     load = -pair.A_chart.T @ lam
+    if level == "both":
+        eta = ca.SX.sym("eta", n)
+        slip = pair.A_chart.T @ eta  # a velocity
+        moved = ca.vertcat(chart.flow(pair.i.p, slip[:6]), chart.flow(pair.j.p, slip[6:]))
+        outputs = {"load": load, "c": pair.value, "c_dot": pair.rate, "moved": moved}
+        return Element(_unknowns(pair, lam, eta), _accelerations(pair), parameters, outputs)
+    c = {
+        "position": pair.value,
+        "velocity": pair.rate + alpha * pair.value,
+        "acceleration": pair.acceleration + 2.0 * alpha * pair.rate + beta**2 * pair.value,
+    }[level]
     return Element(_unknowns(pair, lam), _accelerations(pair), parameters, {"load": load, "c": c})
 
 
