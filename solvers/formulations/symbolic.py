@@ -143,21 +143,29 @@ def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) 
     return Element(_unknowns(pair, lam), _accelerations(pair), parameters, {"load": load, "c": c})
 
 
-def strong_row_element(kind: str, chart: Chart) -> Element:
+DIRECTIONS = ("a", "mass", "translation")
+
+
+def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element:
     """What Eq. (65) needs of the rows, at u_dot = 0; parameters as in ``ROWS``, then m_i, J_i, m_j, J_j, 1 if j moves.
 
     Outputs: A in the chart, ``gamma`` = phi_ddot, phi_dot, phi, M_bar, M_bar_dot and c. The last three are taken in the
-    coordinate-free velocities V, c = a / (a . a) per Eq. (31) and M_bar = c^T M c per Eq. (30), so that they do not
-    depend on the chart. Matrices are by columns; the ground has no part in a.
+    coordinate-free velocities V, c with a . c = 1 per Eq. (31) and M_bar = c^T M c per Eq. (30), so that they do not
+    depend on the chart. ``direction`` of c: "a" a / (a . a); "mass" M^-1 a / (a . M^-1 a); "translation" (e_k, 0) on
+    the first body, for point rows. Matrices are by columns; the ground has no part in a.
     """
-    n_own = ROWS[kind][2]
+    _, n, n_own = ROWS[kind]
     parameters = ca.SX.sym(kind, n_own + 21)
     body = parameters[n_own:]
     pair = joint_pair(kind, chart, parameters[:n_own])
     a = pair.A @ ca.diagcat(ca.SX.eye(6), body[20] * ca.SX.eye(6))
-    mass = [ca.diagcat(body[k] * ca.SX.eye(3), ca.reshape(body[k + 1 : k + 10], 3, 3)) for k in (0, 10)]
-    c = a / ca.repmat(ca.sum2(a * a), 1, 12)
-    M_bar = ca.sum2((c @ ca.diagcat(*mass)) * c)
+    M = ca.diagcat(*[ca.diagcat(body[k] * ca.SX.eye(3), ca.reshape(body[k + 1 : k + 10], 3, 3)) for k in (0, 10)])
+    if direction == "translation":
+        c = ca.horzcat(ca.SX.eye(n), ca.SX.zeros(n, 12 - n))
+    else:
+        c = a if direction == "a" else ca.solve(M, a.T).T
+        c = c / ca.repmat(ca.sum2(a * c), 1, 12)
+    M_bar = ca.sum2((c @ M) * c)
     p, p_dot = ca.vertcat(pair.i.p, pair.j.p), ca.vertcat(pair.i.p_dot, pair.j.p_dot)
     w = _accelerations(pair)
     outputs = {
