@@ -1,12 +1,15 @@
-"""Eqs. (92)-(94) as F(t, y, y') = 0 with y = (p, u, lam), in three forms, with exact sparse Jacobians::
+"""Eqs. (92)-(94) as F(t, y, y') = 0 with y = (p, u, lam), in five forms, with exact sparse Jacobians::
 
     p'  - G(p) u = 0
     M u' + h - f - A^T lam = 0
     fi         A u' + gamma + 2 alpha phi_dot + beta^2 phi = 0             the derivative stays in the row
     se         A w + gamma + 2 alpha phi_dot + beta^2 phi = 0,  w = M^-1 (f - h + A^T lam)   semi-explicit
     position   phi = 0                                                     index 3
+    velocity   A u + alpha phi = 0                                         index 2
+    both       phi = 0, A u = 0, and p' - G(p) (u + A^T eta) = 0           index 2, Gear, Gupta, Leimkuhler (1985)
 
-The three have the same solutions; what differs is what an integrator's error test and Newton iteration see.
+"both" has y = (p, u, lam, eta), a ``Stabilised`` layout; its solution has eta = 0. All have the same solutions; what
+differs is what an integrator's error test and Newton iteration see.
 """
 
 import numpy as np
@@ -20,11 +23,11 @@ from .system_elements import equations_of_motion
 
 
 class ImplicitForm:
-    """F and its Jacobian; ``form`` fi, se or position. Holds buffers: one instance a run."""
+    """F and its Jacobian; ``form`` as above. Holds buffers: one instance a run."""
 
     def __init__(self, layout: Layout, form: str, alpha: float, beta: float) -> None:
         self.layout, self.form = layout, form
-        level = "position" if form == "position" else "acceleration"
+        level = "acceleration" if form in ("fi", "se") else form
         self._motion = equations_of_motion(layout, level, alpha, beta, differentiable=True)
         self._inverse_mass = InverseMass(layout)
         self._no_u_dot = np.zeros(layout.n_u)
@@ -71,7 +74,7 @@ class ImplicitForm:
 
 
 class _Direct:
-    """Jacobian of fi and position: the elements' own derivatives, signs and places."""
+    """Jacobian of all forms but se: the elements' own derivatives, signs and places."""
 
     def __init__(self, layout: Layout, motion: Assembly) -> None:
         row, column = motion.row, motion.column

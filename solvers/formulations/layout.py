@@ -47,7 +47,7 @@ class Layout:
 
     @property
     def lam(self) -> slice:
-        return slice(self.n_p + self.n_u, self.n)
+        return slice(self.n_p + self.n_u, self.n_p + self.n_u + self.k)
 
     @property
     def constants(self) -> Float[np.ndarray, " c"]:
@@ -74,10 +74,23 @@ class Layout:
     def multiplier(self, rows: Int[np.ndarray, "m r"]) -> Int[np.ndarray, "m r"]:
         """Indices of lam in y; a dropped row reads the zero."""
         place = self.row(rows)
-        return np.where(place < 0, self.n + self.chart.size + 6, self.n_p + self.n_u + place)
+        return np.where(place < 0, self.n + self.chart.size + 6, self.lam.start + place)
 
     def all_rows(self, lam: Float[np.ndarray, "nt k"]) -> Float[np.ndarray, "nt nrows"]:
         """``lam`` on all rows of phi, zero on the dropped ones."""
         out = np.zeros((len(lam), self.system.nrows))
         out[:, self.kept] = lam
         return out
+
+
+@dataclass(frozen=True)
+class Stabilised(Layout):
+    """y = (p, u, lam, eta): a second multiplier of the kept rows, that of the stabilised index 2."""
+
+    @property
+    def n(self) -> int:
+        return super().n + self.k
+
+    @property
+    def eta(self) -> slice:
+        return slice(self.lam.stop, self.n)

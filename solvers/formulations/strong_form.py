@@ -4,11 +4,12 @@
     M_bar phi_ddot + (M_bar_dot + C_bar) phi_dot + K_bar phi = 0
 
 Solved for (u_dot, F) first: F is the reaction, and lam_ddot follows row by row. So lam and lam_dot are quadratures;
-they act on nothing, and with C_bar = K_bar = 0 (no springs, no dampers) and phi_dot = 0 the acceleration is that of
-plain index 1 without stabilisation. Here f_bar = c . f and C_bar = -c^T df/dV c, K_bar = -c^T df/dx c per row,
+they act on nothing, and with C_bar = K_bar = 0 (no springs, no dampers, none given) and phi_dot = 0 the acceleration is
+that of plain index 1 without stabilisation. Here f_bar = c . f and C_bar = -c^T df/dV c, K_bar = -c^T df/dx c per row,
 diagonal as in Eq. (35), in the coordinate-free velocities V.
 """
 
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -57,12 +58,21 @@ class RowTerms(NamedTuple):
     f_bar: Float[np.ndarray, " k"]
 
 
+@dataclass(frozen=True)
+class Choice:
+    """What Eqs. (31), (32) leave open: the direction c, and C_bar, K_bar of every row beyond those of Eq. (32)."""
+
+    direction: str = "a"
+    c_bar: float = 0.0  # [kg/s] of point rows
+    k_bar: float = 0.0  # [N/m] of point rows
+
+
 class StrongForm:
     """Eq. (65) on the kept rows, with optional Baumgarte terms. Holds buffers: one instance a run."""
 
-    def __init__(self, layout: Layout, alpha: float = 0.0, beta: float = 0.0) -> None:
+    def __init__(self, layout: Layout, alpha: float = 0.0, beta: float = 0.0, choice: Choice = Choice()) -> None:
         self._bare = Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64))  # z has no lam here
-        self._k, self._alpha, self._beta = layout.k, alpha, beta
+        self._k, self._alpha, self._beta, self._choice = layout.k, alpha, beta, choice
         row, column = [], []
         for kind in ROWS:
             joints, rows = joint_rows(layout, kind)
@@ -87,14 +97,14 @@ class StrongForm:
         """Everything of Eq. (65) at (p, u)."""
         out = self._motion.values(pu, self._at_rest)
         p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, of_c = (out[part] for part in self._slices)
-        zero = np.zeros(self._k)
+        C_bar, K_bar = (np.full(self._k, given) for given in (self._choice.c_bar, self._choice.k_bar))
         if self._springs is None:
-            return RowTerms(
-                p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, zero, zero, self.pattern.times(of_c, self._gravity)
-            )
-        f, damping, stiffness = self._springs.at(pu)
+            f_bar = self.pattern.times(of_c, self._gravity)
+            return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, C_bar, K_bar, f_bar)
+        f, *slopes = self._springs.at(pu)
         c = self.pattern.matrix(of_c)
-        C_bar, K_bar = (np.asarray((c @ slope).multiply(c).sum(axis=1)).ravel() for slope in (damping, stiffness))
+        for given, slope in zip((C_bar, K_bar), slopes, strict=True):
+            given += np.asarray((c @ slope).multiply(c).sum(axis=1)).ravel()
         return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, C_bar, K_bar, c @ (self._gravity + f))
 
     def rates(
@@ -124,7 +134,8 @@ class StrongForm:
             parts = [(A, entries), *((start, row) for start in (gamma, phi_dot, phi, M_bar, M_bar_dot)), (c, entries)]
             out = np.concatenate([np.where(index < 0, -1, start + index) for start, index in parts], axis=1)
             parameters = np.concatenate((own, *inertia, moves), axis=1)
-            batches.append(Batch(strong_row_element(kind, layout.chart), parameters, ends.z, ends.w, out))
+            direction = self._choice.direction if len(joints) else "a"  # none of a kind: none is evaluated
+            batches.append(Batch(strong_row_element(kind, layout.chart, direction), parameters, ends.z, ends.w, out))
         return batches
 
 
@@ -160,8 +171,8 @@ def _slices(layout: Layout, nnz: int) -> tuple[list[slice], int]:
 
 
 def _inertia(layout: Layout, bodies: np.ndarray) -> np.ndarray:
-    """(m, J) of bodies (m, 10); zero for the ground."""
+    """(m, J) of bodies (m, 10); 1 for the ground, on which c has no part."""
     s = layout.system
-    table = np.zeros((s.nb + 1, 10))
+    table = np.tile(np.append(1.0, np.eye(3)), (s.nb + 1, 1))
     table[: s.nb, 0], table[: s.nb, 1:] = s.mass, s.inertia.reshape(-1, 9)
     return table[bodies]  # the ground is -1: the last

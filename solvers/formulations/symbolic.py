@@ -122,33 +122,50 @@ def spring_pair(chart: Chart, parameters: ca.SX) -> Pair:
 def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) -> Element:
     """Parameters as in ``ROWS``; z ends with lam. Outputs load_i, load_j = -A^T lam and c, the constraint row.
 
-    ``level`` "acceleration": c = phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "position": c = phi, Eq. (93).
+    ``level`` "acceleration": c = phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "velocity": phi_dot + alpha phi;
+    "position": phi, Eq. (93); "both": (phi, phi_dot), and z ends with lam, eta, which adds G A^T eta to p_dot.
     """
     _, n, n_parameters = ROWS[kind]
     parameters, lam = ca.SX.sym(kind, n_parameters), ca.SX.sym("lam", n)
     pair = joint_pair(kind, chart, parameters)
-    c = pair.value
-    if level == "acceleration":
-        c = pair.acceleration + 2.0 * alpha * pair.rate + beta**2 * pair.value
     load = -pair.A_chart.T @ lam
+    if level == "both":
+        eta = ca.SX.sym("eta", n)
+        slip = pair.A_chart.T @ eta  # a velocity
+        moved = ca.vertcat(chart.flow(pair.i.p, slip[:6]), chart.flow(pair.j.p, slip[6:]))
+        outputs = {"load": load, "c": pair.value, "c_dot": pair.rate, "moved": moved}
+        return Element(_unknowns(pair, lam, eta), _accelerations(pair), parameters, outputs)
+    c = {
+        "position": pair.value,
+        "velocity": pair.rate + alpha * pair.value,
+        "acceleration": pair.acceleration + 2.0 * alpha * pair.rate + beta**2 * pair.value,
+    }[level]
     return Element(_unknowns(pair, lam), _accelerations(pair), parameters, {"load": load, "c": c})
 
 
-def strong_row_element(kind: str, chart: Chart) -> Element:
+DIRECTIONS = ("a", "mass", "translation")
+
+
+def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element:
     """What Eq. (65) needs of the rows, at u_dot = 0; parameters as in ``ROWS``, then m_i, J_i, m_j, J_j, 1 if j moves.
 
     Outputs: A in the chart, ``gamma`` = phi_ddot, phi_dot, phi, M_bar, M_bar_dot and c. The last three are taken in the
-    coordinate-free velocities V, c = a / (a . a) per Eq. (31) and M_bar = c^T M c per Eq. (30), so that they do not
-    depend on the chart. Matrices are by columns; the ground has no part in a.
+    coordinate-free velocities V, c with a . c = 1 per Eq. (31) and M_bar = c^T M c per Eq. (30), so that they do not
+    depend on the chart. ``direction`` of c: "a" a / (a . a); "mass" M^-1 a / (a . M^-1 a); "translation" (e_k, 0) on
+    the first body, for point rows. Matrices are by columns; the ground has no part in a.
     """
-    n_own = ROWS[kind][2]
+    _, n, n_own = ROWS[kind]
     parameters = ca.SX.sym(kind, n_own + 21)
     body = parameters[n_own:]
     pair = joint_pair(kind, chart, parameters[:n_own])
     a = pair.A @ ca.diagcat(ca.SX.eye(6), body[20] * ca.SX.eye(6))
-    mass = [ca.diagcat(body[k] * ca.SX.eye(3), ca.reshape(body[k + 1 : k + 10], 3, 3)) for k in (0, 10)]
-    c = a / ca.repmat(ca.sum2(a * a), 1, 12)
-    M_bar = ca.sum2((c @ ca.diagcat(*mass)) * c)
+    M = ca.diagcat(*[ca.diagcat(body[k] * ca.SX.eye(3), ca.reshape(body[k + 1 : k + 10], 3, 3)) for k in (0, 10)])
+    if direction == "translation":
+        c = ca.horzcat(ca.SX.eye(n), ca.SX.zeros(n, 12 - n))
+    else:
+        c = a if direction == "a" else ca.solve(M, a.T).T
+        c = c / ca.repmat(ca.sum2(a * c), 1, 12)
+    M_bar = ca.sum2((c @ M) * c)
     p, p_dot = ca.vertcat(pair.i.p, pair.j.p), ca.vertcat(pair.i.p_dot, pair.j.p_dot)
     w = _accelerations(pair)
     outputs = {

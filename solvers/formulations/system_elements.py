@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Int
 
 from .assembly import Assembly, Batch
-from .layout import Layout
+from .layout import Layout, Stabilised
 from .symbolic import ROWS, body_element, row_element, spring_element
 
 
@@ -20,13 +20,17 @@ def equations_of_motion(layout: Layout, level: str, alpha: float, beta: float, *
         joints, rows = joint_rows(layout, kind)
         ends = pair_ends(layout, layout.system.joint_i[joints], layout.system.joint_j[joints])
         place = layout.row(rows)
+        z, out = [ends.z, layout.multiplier(rows)], [ends.load, np.where(place < 0, -1, layout.lam.start + place)]
+        if isinstance(layout, Stabilised):
+            z.append(np.where(place < 0, z[1], layout.eta.start + place))
+            out += [np.where(place < 0, -1, layout.eta.start + place), ends.p]
         batches.append(
             Batch(
                 row_element(kind, layout.chart, level, alpha, beta),
                 row_parameters(layout, kind),
-                np.concatenate((ends.z, layout.multiplier(rows)), axis=1),
+                np.concatenate(z, axis=1),
                 ends.w,
-                np.concatenate((ends.load, np.where(place < 0, -1, layout.n_p + layout.n_u + place)), axis=1),
+                np.concatenate(out, axis=1),
             )
         )
     return Assembly(layout, batches, layout.n, differentiable=differentiable)
@@ -71,15 +75,17 @@ def row_parameters(layout: Layout, kind: str) -> np.ndarray:
 
 
 class PairEnds(NamedTuple):
-    """What two-body parts read of (p, u) and of u_dot, and where their loads go: the ground's nowhere."""
+    """What two-body parts read of (p, u) and of u_dot, where their loads go and their p: the ground's nowhere."""
 
     z: Int[np.ndarray, "m n_z"]
     w: Int[np.ndarray, "m 12"]
     load: Int[np.ndarray, "m 12"]
+    p: Int[np.ndarray, "m n_p"]
 
 
 def pair_ends(layout: Layout, i: Int[np.ndarray, " m"], j: Int[np.ndarray, " m"]) -> PairEnds:
     """Indices of parts between bodies ``i`` and ``j``."""
     z = np.concatenate((layout.body(i), layout.body(j)), axis=1)
     w = np.concatenate((layout.velocity(i), layout.velocity(j)), axis=1)
-    return PairEnds(z, w, np.where(w < layout.n_u, layout.n_p + w, -1))
+    p = np.concatenate([layout.body(end)[:, : layout.chart.size] for end in (i, j)], axis=1)
+    return PairEnds(z, w, np.where(w < layout.n_u, layout.n_p + w, -1), np.where(p < layout.n_p, p, -1))

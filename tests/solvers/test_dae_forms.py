@@ -13,7 +13,7 @@ from mbsbench.harness.types import Problem
 from mbsbench.solvers.formulations.charts import CHARTS
 from mbsbench.solvers.formulations.dae import ImplicitForm
 from mbsbench.solvers.formulations.differences import INCREMENT, DifferencedForm
-from mbsbench.solvers.formulations.layout import Layout
+from mbsbench.solvers.formulations.layout import Layout, Stabilised
 from mbsbench.solvers.formulations.start import (
     Accelerations,
     consistent,
@@ -27,6 +27,7 @@ from .arbitrary_systems import arbitrary, linkage
 SYSTEM = linkage(springs=True)
 STEP = 1e-6  # of central differences
 ALPHA, BETA = 3.0, 7.0
+FORMS = ("fi", "se", "position", "velocity", "both")
 few = settings(max_examples=10, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
 
 
@@ -35,15 +36,20 @@ def presented(seed: int) -> Problem:
     return Problem("linkage", SYSTEM, state, t_end=1.0, dt=1e-3, section="", source="")
 
 
+def of_form(form: str, at: Layout) -> Layout:
+    return Stabilised(at.system, at.chart, at.kept) if form == "both" else at
+
+
 @pytest.mark.parametrize("coordinates", CHARTS)
-@pytest.mark.parametrize("form", ["fi", "se", "position"])
+@pytest.mark.parametrize("form", FORMS)
 def test_jacobians_are_exact(form, coordinates):
     """dF/dy and dF/dy' equal central differences column by column at an inconsistent state with rows dropped."""
     kept = np.delete(np.arange(SYSTEM.nrows), [4, 9])
-    at = Layout(SYSTEM, CHARTS[coordinates], kept)
+    at = of_form(form, Layout(SYSTEM, CHARTS[coordinates], kept))
     random = np.random.default_rng(3)
     p, u = at.chart.coordinates(arbitrary(SYSTEM, 3))
-    y, y_dot = np.concatenate((p.ravel(), u.ravel(), random.standard_normal(at.k))), random.standard_normal(at.n)
+    multipliers = random.standard_normal(at.n - at.n_p - at.n_u)
+    y, y_dot = np.concatenate((p.ravel(), u.ravel(), multipliers)), random.standard_normal(at.n)
     implicit = ImplicitForm(at, form, ALPHA, BETA)
     of_y, of_y_dot = (implicit.pattern.dense(part) for part in implicit.jacobian(y, y_dot))
     for k, way in enumerate(np.eye(at.n)):
@@ -55,7 +61,7 @@ def test_jacobians_are_exact(form, coordinates):
         np.testing.assert_allclose(of_y_dot[:, k], by_y_dot, atol=1e-7 * size)
 
 
-@pytest.mark.parametrize("form", ["fi", "se", "position"])
+@pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", ["linkage", "chain", "four_bar_grid"])
 def test_differences_of_grouped_columns_equal_the_exact_jacobian(name, form):
     """At random states, to sqrt(eps) of the terms in F, with the grid's redundant rows dropped.
@@ -64,9 +70,10 @@ def test_differences_of_grouped_columns_equal_the_exact_jacobian(name, form):
     evaluations than columns.
     """
     problem = presented(3) if name == "linkage" else make_problem(name)
-    at, _ = layout_for(problem, "quaternion")
-    random = np.random.default_rng(5)
-    y = coordinates_and_velocities(at, problem) + 0.1 * random.standard_normal(at.n)
+    start, _ = layout_for(problem, "quaternion")
+    at, random = of_form(form, start), np.random.default_rng(5)
+    y = np.concatenate((coordinates_and_velocities(start, problem), np.zeros(at.n - start.n)))
+    y += 0.1 * random.standard_normal(at.n)
     y_dot = random.standard_normal(at.n)
     exact, differenced = (kind(at, form, ALPHA, BETA) for kind in (ImplicitForm, DifferencedForm))
     for ours, expected in zip(differenced.jacobian(y, y_dot), exact.jacobian(y, y_dot), strict=True):
@@ -78,14 +85,39 @@ def test_differences_of_grouped_columns_equal_the_exact_jacobian(name, form):
 @few
 @given(seed=st.integers(0, 1000))
 def test_a_consistent_start_satisfies_every_form(coordinates, seed):
-    """One (y, y') solves fi, se and index 3: they are one set of equations. Rounding times forces of order 1e3."""
+    """One (y, y') solves all forms, with eta = 0: they are one set of equations. Rounding times forces of order 1e3."""
     problem = presented(seed)
     at, notes = layout_for(problem, coordinates)
     assert notes == ()
     y, y_dot = consistent(at, coordinates_and_velocities(at, problem), ALPHA, BETA)
     size = 1.0 + np.max(np.abs(np.concatenate((y, y_dot))))
-    for form in ("fi", "se", "position"):
-        assert np.max(np.abs(ImplicitForm(at, form, ALPHA, BETA).residual(y, y_dot))) < 1e-10 * size, form
+    for form in FORMS:
+        here = of_form(form, at)
+        eta = np.zeros(here.n - at.n)
+        F = ImplicitForm(here, form, ALPHA, BETA).residual(np.append(y, eta), np.append(y_dot, eta))
+        assert np.max(np.abs(F)) < 1e-10 * size, form
+
+
+@pytest.mark.parametrize("coordinates", CHARTS)
+def test_eta_moves_the_bodies_along_the_gradients_of_the_constraints(coordinates):
+    """Of F only p' depends on eta, and d phi/dt of what eta adds is A A^T eta in the chart's velocities: a pull on phi.
+
+    The change of phi by a step of h along it, in central differences, against A of the form "velocity".
+    """
+    at = Layout(SYSTEM, CHARTS[coordinates], np.arange(SYSTEM.nrows))
+    random, h = np.random.default_rng(11), 1e-5
+    p, u = at.chart.coordinates(arbitrary(SYSTEM, 11))
+    y, eta = np.concatenate((p.ravel(), u.ravel(), np.zeros(at.k))), random.standard_normal(at.k)
+    both = ImplicitForm(of_form("both", at), "both", 0.0, 0.0)
+    F = [both.residual(np.append(y, e), np.zeros(at.n + at.k)) for e in (0.0 * eta, eta)]
+    change = F[0] - F[1]
+    assert not np.any(change[at.n_p :])
+    y_dot = np.zeros(at.n)
+    velocity, position = (ImplicitForm(at, form, 0.0, 0.0) for form in ("velocity", "position"))
+    A = velocity.pattern.dense(velocity.jacobian(y, y_dot)[0])[at.lam, at.u]
+    moved = [y + way * np.append(change[at.p], np.zeros(at.n - at.n_p)) for way in (h, -h)]
+    phi = [position.residual(z, y_dot)[at.lam] for z in moved]
+    np.testing.assert_allclose((phi[0] - phi[1]) / (2.0 * h), A @ A.T @ eta, atol=1e-7 * np.max(np.abs(A @ A.T)))
 
 
 def test_lambda_dot_of_the_start_is_the_derivative_along_the_motion():

@@ -1,17 +1,22 @@
 """Eq. (65) as printed, against its solution by the saddle, and against plain index 1."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mbsbench.harness.mechanics.motion import scaling_masses
+from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics.motion import constraint, constraint_rate, scaling_masses
 from mbsbench.harness.mechanics.state import State
+from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations.charts import CHARTS
 from mbsbench.solvers.formulations.layout import Layout
 from mbsbench.solvers.formulations.saddle import InverseMass
 from mbsbench.solvers.formulations.start import Accelerations
-from mbsbench.solvers.formulations.strong_form import RowTerms, StrongForm
+from mbsbench.solvers.formulations.strong_form import Choice, RowTerms, StrongForm
+from mbsbench.solvers.formulations.symbolic import DIRECTIONS
 
 from .arbitrary_systems import arbitrary, consistent, linkage
 
@@ -47,14 +52,14 @@ def test_without_springs_the_strong_form_is_unstabilised_index_1(coordinates, se
     np.testing.assert_allclose(strong.reaction, reaction, atol=1e-10 * size)
 
 
-@pytest.mark.parametrize("springs", [False, True])
+@pytest.mark.parametrize(("springs", "choice"), [(False, Choice()), (True, Choice("mass", c_bar=3.0, k_bar=40.0))])
 @pytest.mark.parametrize("coordinates", CHARTS)
 @few
 @given(seed=seeds)
-def test_the_printed_matrix_equation_holds(coordinates, springs, seed):
+def test_the_printed_matrix_equation_holds(coordinates, springs, choice, seed):
     """Both rows of Eq. (65), assembled densely with M, A, M_bar, vanish, at states off the constraints too."""
     at = layout(coordinates, springs=springs)
-    form, pu = StrongForm(at), position_and_velocity(at, arbitrary(at.system, seed))
+    form, pu = StrongForm(at, choice=choice), position_and_velocity(at, arbitrary(at.system, seed))
     lam, lam_dot = np.random.default_rng(seed).standard_normal((2, at.k))
     r = form.rates(pu, lam, lam_dot)
     s: RowTerms = form.terms(pu)
@@ -121,3 +126,54 @@ def test_c_bar_and_k_bar_are_slopes_of_the_force_along_c(seed):
 def _flow(at: Layout, pu: np.ndarray, V: np.ndarray) -> np.ndarray:
     """p_dot of velocities V at p."""
     return StrongForm(at).terms(np.concatenate((pu[at.p], V))).p_dot
+
+
+def opened(direction: str) -> tuple[Problem, Trajectory]:
+    """The spatial pendulum, 2 s from a joint open by 2 cm along each axis, with C_bar = 3 kg/s and K_bar = 50 N/m."""
+    p = make_problem("spherical_pendulum", {"omega_z": 0.1, "t_end": 2.0})
+    p = replace(p, initial=State(p.initial.r + 0.02, p.initial.R, p.initial.v, p.initial.Omega))
+    solver = make_solver("rk45_strong_form", {"direction": direction, "c_bar": 3.0, "k_bar": 50.0})
+    t = solver.solve(p, StepControl(rtol=1e-9, max_step=1e-3))
+    assert t.status is Status.SUCCESS, t.message
+    return p, t
+
+
+def test_along_the_translation_phi_is_a_damped_oscillator():
+    """c = (e_k, 0) makes M_bar = m, constant: m phi'' + c_bar phi' + k_bar phi = 0 from phi = 0.02 m at rest."""
+    p, t = opened("translation")
+    decay = 3.0 / (2.0 * p.system.mass[0])
+    omega = np.sqrt(50.0 / p.system.mass[0] - decay**2)
+    expected = 0.02 * np.exp(-decay * t.t) * (np.cos(omega * t.t) + decay / omega * np.sin(omega * t.t))
+    np.testing.assert_allclose(constraint(p.system, t.states), np.tile(expected[:, None], 3), atol=1e-7)
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS)
+def test_phi_obeys_eq_64_for_every_direction(direction):
+    """M_bar phi_dot + c_bar phi + k_bar int phi dt = const, by the trapezoid rule over steps of 1 ms.
+
+    M_bar is written out here from Eqs. (30), (31) with a = (e_k, s x R^T e_k) of the one spherical joint.
+    """
+    p, t = opened(direction)
+    phi, phi_dot, s = constraint(p.system, t.states), constraint_rate(p.system, t.states), np.array([-0.5, 0.0, 0.0])
+    m, J = p.system.mass[0], p.system.inertia[0]
+    turning = np.cross(s, t.states.R[:, 0])  # (nt, 3 rows, 3)
+    if direction == "a":
+        size = 1.0 + np.sum(turning**2, axis=2)
+        M_bar = (m + np.einsum("tki,ij,tkj->tk", turning, J, turning)) / size**2
+    elif direction == "mass":
+        M_bar = 1.0 / (1.0 / m + np.einsum("tki,ij,tkj->tk", turning, np.linalg.inv(J), turning))
+    else:
+        M_bar = np.full_like(phi, m)
+    area = np.cumsum(0.5 * (phi[1:] + phi[:-1]) * np.diff(t.t)[:, None], axis=0)
+    kept = M_bar * phi_dot + 3.0 * phi
+    kept[1:] += 50.0 * area
+    assert np.max(np.abs(kept - kept[0])) < 1e-5
+    assert np.max(np.abs(phi_dot)) > 0.05
+
+
+def test_the_translational_direction_is_refused_at_revolute_joints():
+    """(e_k, 0) has a . c = 0 with an axis row, against Eq. (31)."""
+    reason = make_solver("rk45_strong_form", {"direction": "translation"}).refuses(
+        make_problem("four_bar_grid"), StepControl(rtol=1e-6)
+    )
+    assert reason is not None and "spherical joints" in reason

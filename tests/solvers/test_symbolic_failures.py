@@ -9,7 +9,7 @@ from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.types import Problem, Status, StepControl
 
-ALL = ["rk45_strong_form", "ndf_index1", "ida_index1", "ida_index3"]
+ALL = ["rk45_strong_form", "ndf_index1", "ida_index1", "ida_index2", "ida_index3"]
 
 
 def free_body(theta: float, Omega: tuple[float, float, float]) -> Problem:

@@ -1,5 +1,7 @@
 """RK45, NDF and IDA on the symbolic route, against exact references and against each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,8 +12,8 @@ from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 
-ALL = ["rk45_strong_form", "ndf_index1", "ida_index1", "ida_index3"]
-INDEX_1 = ALL[:3]
+ALL = ["rk45_strong_form", "ndf_index1", "ida_index1", "ida_index2", "ida_index3"]
+INDEX_1, UP_TO_INDEX_2 = ALL[:3], ALL[:4]
 IMPLICIT = ALL[1:]
 
 
@@ -35,7 +37,7 @@ def error(problem: Problem, t: Trajectory) -> float:
 
 
 @pytest.mark.parametrize("coordinates", ["quaternion", "euler313"])
-@pytest.mark.parametrize("solver", INDEX_1)
+@pytest.mark.parametrize("solver", UP_TO_INDEX_2)
 @pytest.mark.parametrize(("problem", "allowed"), [(top, 1e-4), (pendulum, 1e-3)])
 def test_tight_tolerance_reaches_the_exact_motion(problem, allowed, solver, coordinates):
     """At rtol 1e-8 the top stays within 1e-4 m for 2 s, the spatial pendulum within 1e-3 m for 10 s, in both charts."""
@@ -61,6 +63,8 @@ def test_errors_follow_the_tolerance(solver):
         ("ida_index1", {"lambda_in_error_test": True, "form": "se"}),
         ("ida_index1", {"alpha": 0.0, "beta": 0.0}),
         ("ida_index1", {"consistent_start": False}),
+        ("ida_index2", {"form": "velocity"}),
+        ("ida_index2", {"form": "velocity", "alpha": 0.0}),
         ("ndf_index1", {"accelerations": "eliminated"}),
         ("ndf_index1", {"lambda_in_error_test": True, "accelerations": "eliminated"}),
         ("rk45_strong_form", {"alpha": 5.0, "beta": 5.0}),
@@ -102,7 +106,7 @@ def test_baumgarte_keeps_what_plain_index_1_loses():
     assert phi[5.0] < 1e-5 < phi[0.0]
 
 
-@pytest.mark.parametrize("solver", INDEX_1)
+@pytest.mark.parametrize("solver", UP_TO_INDEX_2)
 def test_springs_and_dampers_lose_what_the_dampers_take(solver):
     """E(t) - E(0) = integral of the damping power, by the trapezoid rule on the recorded steps (1 ms: 1e-5 J)."""
     from .arbitrary_systems import consistent, linkage
@@ -129,6 +133,34 @@ def test_either_jacobian_gives_the_same_motion(solver):
     assert differenced.counters["steps"] == pytest.approx(exact.counters["steps"], rel=0.1)
     spent = differenced.counters["difference_evaluations"]
     assert exact.counters["difference_evaluations"] == 0 < spent < differenced.counters["evaluations"]
+
+
+@pytest.mark.parametrize("coordinates", ["quaternion", "euler313"])
+@pytest.mark.parametrize("rtol", [1e-5, 1e-7])
+def test_the_stabilised_index_2_keeps_both_levels_and_more_energy_than_index_3(rtol, coordinates):
+    """phi = 0 and A u = 0 are rows of their own: both hold to Newton's error, some tolerances; index 3 has phi alone.
+
+    So index 3 loses velocity out of the joint and with it energy, ten times more of each.
+    """
+    p, kept = pendulum(4.0), {}
+    for solver in ("ida_index2", "ida_index3"):
+        t = solve(solver, p, rtol, {"coordinates": coordinates})
+        E = motion.energy(p.system, t.states)
+        norms = [np.max(np.abs(f(p.system, t.states))) for f in (motion.constraint, motion.constraint_rate)]
+        kept[solver] = (*norms, np.max(np.abs(E - E[0])))
+    (phi, phi_dot, drift), (_, phi_dot_3, drift_3) = kept["ida_index2"], kept["ida_index3"]
+    assert phi < 10.0 * rtol and phi_dot < 20.0 * rtol
+    assert 10.0 * phi_dot < phi_dot_3 and 10.0 * drift < drift_3
+
+
+def test_phi_decays_at_the_rate_of_velocity_level_baumgarte():
+    """A u + alpha phi = 0 is phi_dot = -alpha phi: from an open joint with that velocity, phi0 exp(-alpha t)."""
+    alpha, p = 4.0, pendulum(1.0)
+    apart = State(p.initial.r + 0.02, p.initial.R, p.initial.v - alpha * 0.02, p.initial.Omega)
+    t = solve("ida_index2", replace(p, initial=apart), 1e-8, {"form": "velocity", "alpha": alpha})
+    assert t.status is Status.SUCCESS, t.message
+    expected = np.broadcast_to(0.02 * np.exp(-alpha * t.t)[:, None], (len(t.t), 3))
+    np.testing.assert_allclose(motion.constraint(p.system, t.states), expected, atol=1e-6)
 
 
 def spinning_beside(idle: int) -> Problem:

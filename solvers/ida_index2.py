@@ -1,0 +1,60 @@
+"""SUNDIALS IDA on index 2: the stabilised form of Gear, Gupta and Leimkuhler (1985), or phi_dot with a pull on phi.
+
+    ggl        p' - G (u + A^T eta) = 0,   M u' + h - f - A^T lam = 0,   phi = 0,   A u = 0
+    velocity   p' - G u = 0,               M u' + h - f - A^T lam = 0,   A u + alpha phi = 0
+
+by variable-order BDF. This is what Baumgarte's idea becomes below index 1 (docs/decisions/baumgarte-index3.md): in ggl
+both levels hold at every step, in velocity phi decays as exp(-alpha t). lambda and eta stay out of the local error
+test, whose estimates for them do not vanish with the step at index 2; positions and velocities are controlled.
+"""
+
+import time
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, Status, StepControl, Trajectory
+from .formulations.classical import ImplicitOptions
+from .formulations.ida import Start, integrate
+from .formulations.layout import Stabilised
+from .formulations.recording import StepFailure, no_trajectory
+from .formulations.start import consistent, coordinates_and_velocities, layout_for
+
+
+@solver("ida_index2")
+@dataclass(frozen=True)
+class IdaIndex2(ImplicitOptions):
+    """IDA (BDF) on index 2, stabilised or with velocity-level Baumgarte."""
+
+    form: str = option(
+        "ggl", "phi = 0 and A u = 0 with a second multiplier, or A u + alpha phi = 0", choices=("ggl", "velocity")
+    )
+    alpha: float = option(5.0, "of form velocity: A u + alpha phi", "1/s", at_least=0.0)
+    lambda_in_error_test: bool = option(False, "include the multipliers in the local error test")
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = "IDA index 2 (GGL)"
+    control: ClassVar[str] = "rtol"
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate from the start to ``t_end``."""
+        began, reason = time.process_time(), self.refuses(problem, control)
+        if reason is not None:
+            return no_trajectory(problem, Status.REFUSED, reason)
+        layout, notes = layout_for(problem, self.coordinates)
+        rate = self.alpha if self.form == "velocity" else 0.0  # the row's derivative: phi_ddot + rate phi_dot
+        try:
+            y, y_dot = consistent(layout, coordinates_and_velocities(layout, problem), rate / 2.0, 0.0)
+        except StepFailure as failure:
+            return no_trajectory(problem, failure.status, f"no consistent start: {failure.message}")
+        multipliers = [layout.lam]
+        if self.form == "ggl":
+            layout = stabilised = Stabilised(layout.system, layout.chart, layout.kept)
+            y, y_dot = (np.concatenate((part, np.zeros(layout.k))) for part in (y, y_dot))
+            multipliers.append(stabilised.eta)
+        form = self.implicit(layout, "both" if self.form == "ggl" else "velocity", self.alpha, 0.0)
+        start = Start(y, y_dot, () if self.lambda_in_error_test else tuple(multipliers))
+        return integrate(problem, control, layout, form, start, notes, began)
