@@ -27,7 +27,7 @@ def settings(**choices: float) -> Settings:
     """Exact Newton in the symmetric gauge, but for ``choices``."""
     usual = Settings(
         gauge=-1.0, keep_nu=0, direction=0, use_f_bar=1, corrective=0, carry_sigma=0, b_term=1.0, tolerance=1e-8,
-        max_newton=20, refresh=0.0, couple=1,
+        max_newton=20, refresh=0.0, couple=1, by_forces=0, c_bar=0.0, k_bar=0.0,
     )  # fmt: skip
     return usual._replace(**choices)
 
