@@ -16,7 +16,6 @@ from .requirements import Measured
 
 WITHIN = 0.2  # of the declared order
 LEAST_ORDER = 0.8  # where none is declared: a first-order scheme may show a little less
-LEAST_GAIN = 100.0  # from rtol 1e-4 to 1e-8: errors follow rtol^(p/(p + 1)), the square root at order p = 1
 ROUNDED = 1e-11  # no order can be seen below
 LOOSE_REACTION = 0.05  # of the largest: of first order, dt times the rate of the motion at the finest step
 LOOSE_TORQUE = 0.01  # a hundred times what the integral over steps is off by
@@ -65,16 +64,20 @@ def reasons(e: Evidence) -> Measured:
 def converges(e: Evidence) -> Measured:
     """The order in dt at the finest halving above rounding; or how much smaller errors become with rtol."""
     finer = e.of("finer")
-    if missing := _missing(*finer[1:]):  # the first may be too coarse
+    if missing := _missing(*finer[1:]):
         return missing
+    finer = [r for r in finer if r.claimed == Status.SUCCESS]  # the first may be too coarse
     errors = [max(r.position_error_max_m / r.length_scale_m, r.orientation_error_max_rad) for r in finer]
     at = ", ".join(f"{r.dt_s if e.control == 'dt' else r.rtol:g}" for r in finer)
     words = f"errors {', '.join(f'{x:.3g}' for x in errors)} (of the length, or rad) at {e.control} {at}"
-    seen = [x for x in errors if not x < ROUNDED]
+    if not np.all(np.isfinite(errors)):
+        return Measured(words=words)
+    seen = [x for x in errors if x >= ROUNDED]
     if len(seen) < 2:
         return Measured(words=f"rounding alone: {words}", tested=False)
     if e.control == "rtol":
-        return Measured(seen[0] / seen[-1], "times smaller", least=LEAST_GAIN, words=words)
+        least = math.sqrt(finer[0].rtol / finer[-1].rtol)  # errors follow rtol^(p/(p + 1)) at order p >= 1
+        return Measured(errors[0] / max(errors[-1], ROUNDED), "times smaller", least=least, words=words)
     order = math.log2(seen[-2] / seen[-1])
     if math.isnan(e.order):
         return Measured(order, "order, none declared", least=LEAST_ORDER, words=words)
