@@ -8,6 +8,7 @@ import hashlib
 import importlib.metadata
 import importlib.util
 import sys
+from difflib import get_close_matches
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -42,17 +43,25 @@ def loaded(plugin: str) -> Any:
 
 def _module(path: Path) -> ModuleType:
     name = f"mbsbench_plugin_{hashlib.sha256(str(path).encode()).hexdigest()[:12]}"
+    if not path.is_file():
+        beside = get_close_matches(path.name, [p.name for p in path.parent.glob("*.py")], n=1)
+        raise ValueError("there is no such file" + (f" - did you mean {beside[0]!r}?" if beside else ""))
     spec = importlib.util.spec_from_file_location(name, path)
-    if spec is None or spec.loader is None or not path.is_file():
-        raise ValueError("it is not a Python file")
+    if spec is None or spec.loader is None:
+        raise ValueError("it is not a Python file: its name must end in .py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up
     spec.loader.exec_module(module)
     return module
 
 
+def entry_points() -> dict[str, importlib.metadata.EntryPoint]:
+    """Those of installed packages, by name; nothing is imported."""
+    return {e.name: e for group in GROUPS for e in importlib.metadata.entry_points(group=group)}
+
+
 def _entry_point(name: str) -> importlib.metadata.EntryPoint:
-    known = {e.name: e for group in GROUPS for e in importlib.metadata.entry_points(group=group)}
+    known = entry_points()
     if name not in known:
         raise ValueError(f"no file and no entry point of {' or '.join(GROUPS)}{nearest(name, list(known))}")
     return known[name]

@@ -1,26 +1,31 @@
 """``check``: solver and problem requirements, tested on a plugin or on an entry of the catalogue."""
 
 import argparse
+import math
 import tempfile
 from pathlib import Path
 from typing import Any
 
 from rich.text import Text
 
-from ..catalogue import registry
+from ..catalogue import plugins, registry
 from ..catalogue.options import nearest
-from ..conformance import problem as problem_contract
-from ..conformance.claims import Finding
-from ..conformance.solver import judged, suite_of
+from ..conformance import problem, solver
+from ..conformance.requirements import Finding, Measured
 from ..execution.runner import Request, run_suite
 from .progress import progress
-from .screen import lines, print_json
+from .screen import Column, lines, print_json, print_table
 from .terms import UsageError, add_jobs, jobs, load_plugins, subcommand
+
+COLUMNS = (
+    Column("", right=False), Column("requirement", right=False), Column("measured", right=False),
+    Column("expected", right=False), Column("found", fold=True),
+)  # fmt: skip
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    words = "test the requirements on a solver or problem and explain each failure; exit code 1 if one fails"
+    words = "test the requirements on a solver or problem, with the number measured; exit code 1 if one is not met"
     p = subcommand(commands, "check", run, words, "one object per requirement")
     p.add_argument("plugin", metavar="FILE.py", help="Python file, entry point, or name of a solver or problem")
     add_jobs(p)
@@ -29,26 +34,49 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """0 if every requirement is met, else 1."""
     size = jobs(arguments.jobs)
-    plugins, names = _named(arguments.plugin)
+    named, names = _named(arguments.plugin)
     findings: list[Finding] = []
     for name in names:
         if name in registry.problems():
-            findings += problem_contract.findings(name, plugins)
+            findings += problem.findings(name, named)
         else:
-            findings += _findings(name, plugins, size, quiet=arguments.json)
+            findings += _findings(name, named, size, quiet=arguments.json)
+    if arguments.json:
+        for f in findings:
+            print_json(f.plain())
+    else:
+        for name in names:
+            _print([f for f in findings if f.entry == name], name)
+    return 0 if all(f.measured.holds for f in findings) else 1
+
+
+def _print(findings: list[Finding], name: str) -> None:
     out = lines()
-    for f in findings:
-        if arguments.json:
-            print_json(vars(f))
-        elif f.holds:
-            out.print(f"ok    {f.solver}: {f.claim}" + (f" ({f.found})" if f.found else ""))
-        else:
-            out.print(Text(f"FAIL  {f.solver}: {f.claim}", "bold red"))
-            out.print(f"      found:  {f.found}\n      why:    {f.why}\n      remedy: {f.remedy}")
-    broken = sum(not f.holds for f in findings)
-    if not arguments.json:
-        out.print(f"{len(findings) - broken} of {len(findings)} requirements met")
-    return 1 if broken else 0
+    out.print(Text(name, "bold"))
+    print_table(COLUMNS, [_row(f.requirement.name, f.measured) for f in findings])
+    broken = [f.requirement for f in findings if not f.measured.holds]
+    for r in broken:
+        out.print(Text(f"FAIL  {r.name}", "bold red"))
+        out.print(f"      why:    {r.why}\n      remedy: {r.remedy}")
+    untested = sum(not f.measured.tested for f in findings)
+    met = f"{len(findings) - len(broken) - untested} of {len(findings)} requirements met"
+    out.print(met + (f", {untested} not tested" if untested else ""))
+
+
+def _row(name: str, m: Measured) -> list[Text | str]:
+    mark = Text("-") if not m.tested else Text("ok") if m.holds else Text("FAIL", "bold red")
+    measured = "not tested" if not m.tested else "-" if math.isnan(m.value) else f"{m.value:.4g} {m.unit}"
+    return [mark, name, measured, _expected(m) if m.tested else "", m.words]
+
+
+def _expected(m: Measured) -> str:
+    """The limits: a number, a range, or one side."""
+    least, most = f"{m.least:.3g}", f"{m.most:.3g}"
+    if not math.isfinite(m.least):
+        return f"at most {most}" if math.isfinite(m.most) else ""
+    if not math.isfinite(m.most):
+        return f"at least {least}"
+    return least if m.least == m.most else f"{least} to {most}"
 
 
 def _named(given: str) -> tuple[tuple[str, ...], list[str]]:
@@ -56,15 +84,18 @@ def _named(given: str) -> tuple[tuple[str, ...], list[str]]:
     before = {*registry.problems(), *registry.solvers()}
     if given in before:
         return (), [given]
-    plugins = load_plugins([given])
+    if not plugins.is_file(given) and given not in (points := plugins.entry_points()):
+        known = [*sorted(before), *points, *(p.name for p in Path().glob("*.py"))]
+        raise UsageError(f"unknown solver, problem or plugin {given!r}{nearest(given, known)}")
+    loaded = load_plugins([given])
     names = [n for n in (*sorted(registry.problems()), *sorted(registry.solvers())) if n not in before]
     if not names:
         raise UsageError(f"{given} adds no problem or solver{nearest(given, sorted(before))}")
-    return plugins, names
+    return loaded, names
 
 
-def _findings(solver: str, plugins: tuple[str, ...], size: int, *, quiet: bool) -> list[Finding]:
+def _findings(name: str, plugins: tuple[str, ...], size: int, *, quiet: bool) -> list[Finding]:
     with tempfile.TemporaryDirectory() as place, progress(quiet=quiet, size=size) as watcher:
         folder = Path(place) / "run"
-        loaded = run_suite(Request(suite_of(solver, plugins), folder, size), watcher)
-        return judged(solver, folder, loaded.records)
+        loaded = run_suite(Request(solver.suite_of(name, plugins), folder, size), watcher)
+        return solver.judged(name, folder, loaded.records)

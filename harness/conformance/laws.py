@@ -1,9 +1,10 @@
-"""The laws that a problem and its exact motion must satisfy: each returns what is wrong, or None.
+"""The laws that a problem and its exact motion must satisfy: each returns the number measured.
 
 They are those of the full system in (r, R), which the problem's own formulas do not enter.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,12 +12,14 @@ import numpy as np
 
 from ..catalogue import registry
 from ..mechanics import motion, so3
-from ..mechanics.consistency import InconsistentStart, check_start
+from ..mechanics.consistency import START_TOLERANCE, InconsistentStart, check_start
 from ..mechanics.jacobian import constraint_jacobian
 from ..mechanics.state import States
 from ..metrics.scales import Scales, scales
 from ..types import Invariant, Observable, Problem, Reference
+from .requirements import Measured
 
+FIELDS = ("r", "R", "v", "Omega")  # of a state
 SAMPLES = 21  # times along the reference
 SMALL = 1e-8  # of the problem's own scales: what is exact may be off by, its stated error apart
 DIFFERENCED = 1e-8  # the same for what is differenced: (step x rate)^6 is below 1e-12
@@ -26,7 +29,7 @@ DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0  # sixth 
 
 @dataclass(frozen=True)
 class Subject:
-    """The problem with what several claims need of it."""
+    """The problem with what several requirements need of it."""
 
     name: str
 
@@ -84,139 +87,151 @@ class Subject:
         return DIFFERENCED + (ROUNDED + 100.0 * self.slack / self.size.length) / (step * self.rate)
 
 
-def documented(s: Subject) -> str | None:
+def documented(s: Subject) -> Measured:
     """Docstring, a meaning for each parameter of its own, source and name."""
     entry = registry.problems()[s.name]
-    if not entry.doc.strip():
-        return "its function has no docstring"
     own = {k: p for k, (_, p) in entry.parameters.items() if k not in registry.COMMON_PARAMETERS}
-    if silent := [k for k, p in own.items() if not p.doc.strip()]:
-        return f"no meaning given for {', '.join(silent)}"
-    if missing := [what for what in ("source", "name") if not getattr(s.problem, what).strip()]:
-        return f"empty: {', '.join(missing)}"
-    return None if s.problem.name == s.name else f"it calls itself {s.problem.name!r}"
+    missing = [] if entry.doc.strip() else ["the docstring of its function"]
+    missing += [f"the meaning of {k}" for k, p in own.items() if not p.doc.strip()]
+    missing += [what for what in ("source", "name") if not getattr(s.problem, what).strip()]
+    named = s.problem.name == s.name
+    words = ", ".join(missing) if missing or named else f"it calls itself {s.problem.name!r}"
+    return Measured(len(missing), "texts missing", most=0, words=words, good=named)
 
 
-def starts_well(s: Subject) -> str | None:
+def starts_well(s: Subject) -> Measured:
     """phi and phi_dot of the start vanish, as every solver checks before its first step."""
+    made = registry.problems()[s.name].make()
     try:
-        made = registry.problems()[s.name].make()
         check_start(made.system, made.initial)
+        words = ""
     except InconsistentStart as error:
-        return str(error)
-    return None
+        words = str(error)
+    one = States.one(made.initial)
+    off = [motion.constraint(made.system, one), motion.constraint_rate(made.system, one)]
+    gap = max(float(np.max(np.abs(a), initial=0.0)) for a in off)
+    return Measured(gap, "m or m/s", most=START_TOLERANCE, words=words, good=not words)
 
 
-def times(s: Subject) -> str | None:
+def times(s: Subject) -> Measured:
     """0 < dt <= t_end [s], finite."""
     p = s.problem
-    good = all(math.isfinite(x) and x > 0.0 for x in (p.t_end, p.dt)) and p.dt <= p.t_end
-    return None if good else f"t_end = {p.t_end}, dt = {p.dt}"
+    good = all(math.isfinite(x) and x > 0.0 for x in (p.t_end, p.dt))
+    return Measured(p.t_end / p.dt if good else math.nan, "steps", 1.0, words=f"t_end = {p.t_end}, dt = {p.dt}")
 
 
-def energy(s: Subject) -> str | None:
+def energy(s: Subject) -> Measured:
     """T + V of the start and the scale of energy [J] are finite, the scale above zero."""
     E = float(motion.energy(s.problem.system, States.one(s.problem.initial))[0])
     good = math.isfinite(E) and math.isfinite(s.size.energy) and s.size.energy > 0.0
-    return None if good else f"T + V = {E} J at the start, scale {s.size.energy} J"
+    return Measured(s.size.energy, "J", words=f"T + V = {E:.6g} J at the start", good=good)
 
 
-def measures(s: Subject) -> str | None:
+def measures(s: Subject) -> Measured:
     """Observables and invariants take states (nt,) at home to (nt,) finite numbers, equal for equal states."""
     p = s.problem
     scalars: list[Observable | Invariant] = [*p.observables, *p.invariants]
     for names in ([m.name for m in p.observables], [m.name for m in p.invariants]):
         if len(set(names)) < len(names) or not all(n.isidentifier() for n in names):
-            return f"names must be different words of letters, digits and _ (got {', '.join(map(repr, names))})"
+            return Measured(
+                words=f"names must be different words of letters, digits and _ (got {', '.join(map(repr, names))})"
+            )
     one = p.home(States.one(p.initial))
-    many = States(*(np.repeat(getattr(one, f), 3, axis=0) for f in ("r", "R", "v", "Omega")))
+    many = States(*(np.repeat(getattr(one, f), 3, axis=0) for f in FIELDS))
     for m in scalars:
         if not isinstance(m.unit, str):
-            return f"{m.name}: unit must be text (got {m.unit!r})"
+            return Measured(words=f"{m.name}: unit must be text (got {m.unit!r})")
         values = np.asarray(m.of(many))
         if values.shape != (3,) or not np.all(np.isfinite(values)) or np.ptp(values) > 0.0:
-            return f"{m.name}: of three equal states expected three equal finite numbers (got {values.tolist()})"
-    return None
+            expected = "of three equal states expected three equal finite numbers"
+            return Measured(words=f"{m.name}: {expected} (got {values.tolist()})")
+    return Measured(len(scalars), "tried")
 
 
-def repeats(s: Subject) -> str | None:
+def repeats(s: Subject) -> Measured:
     """Made twice, start, masses and reference agree bit for bit."""
     again = registry.make_problem(s.name)
-    for what in ("r", "R", "v", "Omega"):
-        if not np.array_equal(getattr(s.problem.initial, what), getattr(again.initial, what)):
-            return f"initial {what} differs"
-    if not np.array_equal(s.problem.system.mass, again.system.mass):
-        return "masses differ"
     reference = again.reference()
     if (reference is None) != (s.reference is None):
-        return "the reference comes and goes"
-    if reference is not None and not np.array_equal(reference.states(s.t).r, s.exact.r):
-        return "the reference differs"
-    return None
+        return Measured(words="the reference comes and goes")
+    pairs = {f"initial {f}": (getattr(s.problem.initial, f), getattr(again.initial, f)) for f in FIELDS}
+    pairs["masses"] = s.problem.system.mass, again.system.mass
+    if reference is not None:
+        pairs["the reference"] = s.exact.r, reference.states(s.t).r
+    return _worst({name: (float(np.max(np.abs(a - b), initial=0.0)), "") for name, (a, b) in pairs.items()}, 0.0)
 
 
-def turns(s: Subject) -> str | None:
+def turns(s: Subject) -> Measured:
     """In a frame turned by exp(0.3, -0.2, 0.5) observables of the start, seen from home, stay to 1e-9."""
     turned = registry.make_problem(s.name, {"rotation": (0.3, -0.2, 0.5)})  # checks the turned start
     here = s.problem.observe(States.one(s.problem.initial))
     there = turned.observe(States.one(turned.initial))
-    for name, value in here.items():
-        if not np.allclose(there[name], value, rtol=1e-9, atol=1e-9 * (1.0 + s.size.length)):
-            return f"{name} is {value[0]:.6g} at the start, {there[name][0]:.6g} when everything is turned"
-    return None
+    found = {}
+    for name in here:
+        a, b = (float(np.ravel(values[name])[0]) for values in (here, there))
+        words = f"is {a:.6g} at the start, {b:.6g} when everything is turned"
+        found[name] = abs(a - b) / (1.0 + s.size.length + abs(a)), words
+    return _worst(found, 1e-9)
 
 
-def own_error(s: Subject) -> str | None:
+def own_error(s: Subject) -> Measured:
     """The reference's error(t) [m] is finite, >= 0 and below a thousandth of the size; route and horizon are given."""
     assert s.reference is not None
     own = s.stated
     if own.shape != s.t.shape or not np.all(np.isfinite(own)) or np.any(own < 0.0):
-        return f"error(t) must be {len(s.t)} finite numbers >= 0 for as many times (got {own.tolist()[:3]} ...)"
-    if not s.reference.route.strip() or not s.reference.horizon > 0.0:
-        return f"route {s.reference.route!r}, horizon {s.reference.horizon}"
-    worst = float(own.max())
-    return None if worst < 1e-3 * s.size.length else f"{worst:.3g} m within its horizon, of {s.size.length:.3g} m"
+        return Measured(
+            words=f"error(t) must be {len(s.t)} finite numbers >= 0 for as many times (got {own.tolist()[:3]} ...)"
+        )
+    good = bool(s.reference.route.strip()) and s.reference.horizon > 0.0
+    words = f"route {s.reference.route!r}, horizon {s.reference.horizon:g} s"
+    return Measured(float(own.max()), "m", most=1e-3 * s.size.length, words=words, good=good)
 
 
-def begins(s: Subject) -> str | None:
+def begins(s: Subject) -> Measured:
     """At t = 0 the reference has r, R, v (space) and Omega (body) of the start."""
-    p, rate = s.problem, s.rate
+    p, rate, found = s.problem, s.rate, {}
     units = {"r": s.size.length, "R": 1.0, "v": s.size.length * rate, "Omega": rate}
     for name, unit in units.items():
         gap = float(np.max(np.abs(getattr(s.exact[0], name) - getattr(p.initial, name)), initial=0.0))
-        if not gap < s.off * unit:
-            return f"{name} differs by {gap:.3g} at t = 0"
-    return None
+        found[name] = gap / unit, f"differs by {gap:.3g} at t = 0"
+    return _worst(found, s.off)
 
 
-def keeps_joints(s: Subject) -> str | None:
+def keeps_joints(s: Subject) -> Measured:
     """phi [m] and R^T R - 1 vanish along the reference, to its stated error."""
     phi = float(np.max(np.abs(motion.constraint(s.problem.system, s.exact)), initial=0.0))
     defect = float(np.max(so3.orthogonality_defect(s.exact.R)))
-    good = phi < s.off * max(s.size.length, 1.0) and defect < s.off
-    return None if good else f"|phi| reaches {phi:.3g}, |R^T R - 1| {defect:.3g}"
+    joints = phi / max(s.size.length, 1.0), f"reaches {phi:.3g}"
+    return _worst({"|phi|": joints, "|R^T R - 1|": (defect, f"reaches {defect:.3g}")}, s.off)
 
 
-def keeps_energy(s: Subject) -> str | None:
+def keeps_energy(s: Subject) -> Measured:
     """T + V [J] is constant along the reference, where no damper acts."""
     if not s.problem.system.is_conservative:
-        return None
-    E = motion.energy(s.problem.system, s.exact)
-    spread = float(np.ptp(E))
-    return None if spread < s.off * s.size.energy else f"T + V changes by {spread:.3g} J, of {s.size.energy:.3g} J"
+        return Measured(words="a damper acts", tested=False)
+    spread = float(np.ptp(motion.energy(s.problem.system, s.exact)))
+    return _worst({"T + V": (spread / s.size.energy, f"changes by {spread:.3g} J, of {s.size.energy:.3g} J")}, s.off)
 
 
-def keeps_invariants(s: Subject) -> str | None:
+def keeps_invariants(s: Subject) -> Measured:
     """Each invariant is constant along the reference, compared with the scale of its unit."""
-    at_home = s.problem.home(s.exact)
+    at_home, found = s.problem.home(s.exact), {}
     for kept in s.problem.invariants:
         values = np.asarray(kept.of(at_home))
         scale = s.size.of_unit(kept.unit)
         scale = scale if math.isfinite(scale) else max(float(np.max(np.abs(values))), 1e-3)
         spread = float(np.ptp(values))
-        if not spread < 10.0 * s.off * scale:
-            return f"{kept.name} changes by {spread:.3g} {kept.unit}, of {scale:.3g}"
-    return None
+        found[kept.name] = spread / scale, f"changes by {spread:.3g} {kept.unit}, of {scale:.3g}"
+    return _worst(found, 10.0 * s.off)
+
+
+def _worst(found: Mapping[str, tuple[float, str]], most: float) -> Measured:
+    """The largest of some shares of their scales, by what they are of; NaN is the largest."""
+    if not found:
+        return Measured(words="there are none", tested=False)
+    name = max(found, key=lambda k: (math.isnan(found[k][0]), found[k][0]))
+    share, words = found[name]
+    return Measured(share, "of its scale", most=most, words=f"{name} {words}".rstrip())
 
 
 def _near(s: Subject) -> tuple[list[States], float]:
@@ -227,27 +242,29 @@ def _near(s: Subject) -> tuple[list[States], float]:
     return [s.reference.states(t + k * step) for k in range(-3, 4)], step
 
 
-def rates(s: Subject) -> str | None:
+def rates(s: Subject) -> Measured:
     """dr/dt = v (space) and dR/dt = R hat(Omega) (body), from differences of sixth order."""
     near, step = _near(s)
     r_dot, R_dot = (np.tensordot(DIFFERENCE, [getattr(x, f) for x in near], 1) / step for f in ("r", "R"))
     here = near[3]
-    allowed = s.differenced(step) * s.rate
-    v = float(np.max(np.abs(r_dot - here.v))) / s.size.length
+    v = float(np.max(np.abs(r_dot - here.v)))
     Omega = float(np.max(np.abs(R_dot - here.R @ so3.hat(here.Omega))))
-    if v < allowed and Omega < allowed:
-        return None
-    return f"dr/dt - v reaches {v * s.size.length:.3g} m/s, dR/dt - R hat(Omega) {Omega:.3g} 1/s"
+    found = {
+        "dr/dt - v": (v / s.size.length / s.rate, f"reaches {v:.3g} m/s"),
+        "dR/dt - R hat(Omega)": (Omega / s.rate, f"reaches {Omega:.3g} 1/s"),
+    }
+    return _worst(found, s.differenced(step))
 
 
-def obeys(s: Subject) -> str | None:
+def obeys(s: Subject) -> Measured:
     """Newton and Euler: m (dv/dt - g) and J dOmega/dt + Omega x J Omega are joint forces, in the range of A^T."""
     system = s.problem.system
     if len(system.spring_i):
-        return None  # loads of springs are tested through the energy
+        return Measured(words="springs act, whose loads are tested through the energy", tested=False)
     near, step = _near(s)
     v_dot, W_dot = (np.tensordot(DIFFERENCE, [getattr(x, f) for x in near], 1) / step for f in ("v", "Omega"))
-    force_scale = s.size.mass * (np.linalg.norm(system.gravity) + s.size.length * s.rate**2)
+    acceleration = float(np.linalg.norm(system.gravity)) + s.size.length * s.rate**2
+    scale, worst = s.size.mass * acceleration * max(1.0, s.size.length), []
     for k in range(len(near[3])):
         here = near[3][k]
         force = system.mass[:, None] * (v_dot[k] - system.gravity)
@@ -257,7 +274,7 @@ def obeys(s: Subject) -> str | None:
         if system.nrows:
             A = constraint_jacobian(system, here).toarray()
             left = A.T @ np.linalg.lstsq(A.T, wrench, rcond=1e-10)[0] - wrench
-        worst = float(np.max(np.abs(left)))
-        if not worst < 10.0 * s.differenced(step) * force_scale * max(1.0, s.size.length):
-            return f"{worst:.3g} N (or N m) of m a - f are not joint forces"
-    return None
+        worst.append(float(np.max(np.abs(left))))
+    top = float(np.max(worst))
+    found = {"m a - f": (top / scale, f"has {top:.3g} N (or N m) that are not joint forces")}
+    return _worst(found, 10.0 * s.differenced(step))

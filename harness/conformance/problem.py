@@ -1,6 +1,6 @@
 """Problem requirements: a documented, consistent start, sound measures, and an exact motion that is one.
 
-Everything that calls the problem's code runs in a process of its own: one that hangs or crashes costs its own claims.
+Everything that calls the problem's code runs in a process of its own: one that hangs or crashes fails its requirement.
 """
 
 import json
@@ -9,74 +9,72 @@ from collections.abc import Callable, Sequence
 from ..catalogue import registry
 from ..sandbox.apart import Apart
 from . import laws
-from .claims import Claim, Finding
 from .laws import Subject
+from .requirements import Finding, Measured, Requirement
 
-LIMIT = 120.0  # [s] for all claims of a problem
+LIMIT = 120.0  # [s] for all requirements on a problem
 MEMORY = 2000.0  # [MB]
 
 
 def findings(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
-    """Every claim on the problem ``name``; its code runs elsewhere."""
+    """Every requirement on the problem ``name``; its code runs elsewhere."""
     ended = Apart(lambda send: _judge(name, plugins, send), limit=LIMIT, memory=MEMORY).wait()
-    found = [Finding(**json.loads(line)) for line in ended.sent.splitlines()]
+    sent = [Measured(**json.loads(line)) for line in ended.sent.splitlines()]
     words = f"timed out after {LIMIT:g} s" if ended.killed else f"its process {ended.words} here"
-    for claim in CLAIMS[len(found) :]:
-        found.append(claim.finding(name, words))
-        words = "not tested: an earlier test ended the process"
-    return found
+    for _ in REQUIREMENTS[len(sent) :]:
+        sent.append(Measured(words=words))
+        words = "not reached: an earlier test ended the process"
+    return [Finding(name, *pair) for pair in zip(REQUIREMENTS, sent, strict=True)]
 
 
 def _judge(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> None:
     for plugin in plugins:
         registry.load_plugin(plugin)
     subject = Subject(name)
-    for claim in CLAIMS:
-        found, note = None, ""
+    for requirement in REQUIREMENTS:
         try:
-            if claim.of_reference and subject.reference is None:
-                note = "no reference"
-            else:
-                found = claim.holds(subject)
+            silent = requirement.of_reference and subject.reference is None
+            measured = Measured(words="no reference", tested=False) if silent else requirement.measure(subject)
         except Exception as error:  # the problem's own code: what it raises is what was found
-            found = f"{type(error).__name__}: {' '.join(str(error).split())}"
-        send(json.dumps(vars(claim.finding(name, found, note))))
+            measured = Measured(words=f"{type(error).__name__}: {' '.join(str(error).split())}")
+        send(json.dumps(vars(measured)))
 
 
-CLAIMS = (
-    Claim("it can be made and is documented",
+REQUIREMENTS = (
+    Requirement("it can be made and is documented",
         "list and reports show these texts; a number without a source cannot be checked",
         "a docstring, a meaning (and unit) in each Parameter, source and name in Problem", laws.documented),
-    Claim("its start is consistent",
+    Requirement("its start is consistent",
         "every solver starts there: an inconsistent start changes the energy before the first step",
         "make phi and phi_dot vanish: v_C = omega x (C - joint); harness.mechanics.consistency.project helps",
         laws.starts_well),
-    Claim("its times are valid", "suites use them unchanged", "give t_end >= dt > 0 [s], both finite", laws.times),
-    Claim("its energy is finite and has a scale", "energy drift is the first metric, compared with this scale",
+    Requirement("its times are valid", "suites use them unchanged", "give t_end >= dt > 0 [s], both finite",
+        laws.times),
+    Requirement("its energy is finite and has a scale", "energy drift is the first metric, compared with this scale",
         "check masses, inertias, gravity and springs", laws.energy),
-    Claim("observables and invariants are numbers over time",
+    Requirement("observables and invariants are numbers over time",
         "they are evaluated on whole motions: shape (nt,), each value from the state of its time only",
         "index the body, keep the time axis: lambda s: s.r[:, 0, 2]", laws.measures),
-    Claim("making it twice gives the same problem", "results are compared bit for bit and stored by parameters",
+    Requirement("making it twice gives the same problem", "results are compared bit for bit and stored by parameters",
         "seed what is random, by a parameter", laws.repeats),
-    Claim("it can be turned", "yaw and rotation turn every problem; observables refer to the home frame",
+    Requirement("it can be turned", "yaw and rotation turn every problem; observables refer to the home frame",
         "let measures use only the states they are given", laws.turns),
-    Claim("its reference states its error", "smaller errors of solvers are meaningless and are not shown",
+    Requirement("its reference states its error", "smaller errors of solvers are meaningless and are not shown",
         "error(t): a bound [m] for each time, below a thousandth of the size within the horizon", laws.own_error,
         of_reference=True),
-    Claim("its reference begins at the start",
+    Requirement("its reference begins at the start",
         "also for a perturbed start, which reference_from receives",
         "take r, R, v, Omega from the State passed in, or return None", laws.begins, of_reference=True),
-    Claim("its reference keeps the joints closed", "R must be rotations and phi zero, to its stated error",
+    Requirement("its reference keeps the joints closed", "R must be rotations and phi zero, to its stated error",
         "compare with the positions of the joints' points, body by body", laws.keeps_joints, of_reference=True),
-    Claim("velocities of its reference are those of its poses", "errors of velocity and energy are taken from them",
+    Requirement("velocities of its reference are those of its poses", "errors of velocity and energy use them",
         "dr/dt = v in space, dR/dt = R hat(Omega) with Omega in the body", laws.rates, of_reference=True),
-    Claim("its reference keeps the energy", "no damper acts: T + V is constant along any true motion",
+    Requirement("its reference keeps the energy", "no damper acts: T + V is constant along any true motion",
         "check the sign of gravity, and that inertias are about C, not about the joint", laws.keeps_energy,
         of_reference=True),
-    Claim("its invariants are constant along its reference", "solvers are judged by their drift",
+    Requirement("its invariants are constant along its reference", "solvers are judged by their drift",
         "drop what the exact motion does not keep, or correct the formula", laws.keeps_invariants, of_reference=True),
-    Claim("its reference obeys Newton and Euler",
+    Requirement("its reference obeys Newton and Euler",
         "m a - f must be joint forces, else it is the motion of another system",
         "look for a missing term: gyroscopic torque, gravity, Steiner", laws.obeys, of_reference=True),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The contract of problems: the worked example keeps it, each breach is named with its number."""
+"""Problem requirements: the worked example meets them, each fault is named with its number."""
 
 import json
 import re
@@ -6,7 +6,7 @@ import re
 import pytest
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.conformance import problem as problem_contract
+from mbsbench.harness.conformance import problem as requirements
 from mbsbench.harness.results.environment import ROOT
 
 from ..conftest import PLUGIN
@@ -14,7 +14,7 @@ from ..conftest import PLUGIN
 PAGE = (ROOT / "docs" / "your-own-problem.md").read_text(encoding="utf-8")
 (EXAMPLE,) = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
 
-BREACHES = {  # what is changed in the example (from, to), and the claims that must fail
+FAULTS = {  # what is changed in the example (from, to), and the requirements that must fail
     "turned sign in the start": ("np.cross(omega, r)[None]", "-np.cross(omega, r)[None]", "its start is consistent"),
     "precession too fast": (
         "Precession(begin, rate, spin)", "Precession(begin, 1.01 * rate, spin)",
@@ -57,10 +57,10 @@ def checked(tmp_path, text):
         for name in ("_plugin_files", "_plugin_problems", "_plugin_solvers"):
             patch.setattr(registry, name, type(getattr(registry, name))())
         registry.load_plugin(path)
-        return problem_contract.findings("gyroscope", (str(path),))
+        return requirements.findings("gyroscope", (str(path),))
 
 
-def test_the_worked_example_keeps_the_contract(tmp_path, command):
+def test_the_worked_example_meets_the_requirements(tmp_path, command):
     """What docs/your-own-problem.md prints is a whole problem; the page's command says so."""
     (tmp_path / "gyroscope.py").write_text(EXAMPLE, encoding="utf-8")
     done = command("check", "gyroscope.py")
@@ -71,32 +71,36 @@ def test_the_worked_example_keeps_the_contract(tmp_path, command):
     assert done.returncode == 0 and "error" in done.stdout, done.stdout + done.stderr
 
 
-@pytest.mark.parametrize("breach", BREACHES)
-def test_each_breach_is_found(tmp_path, breach):
+@pytest.mark.parametrize("fault", FAULTS)
+def test_each_fault_is_found(tmp_path, fault):
     """And nothing is called broken that is not."""
-    old, new, *claims = BREACHES[breach]
-    expected = set(claims)
+    old, new, *names = FAULTS[fault]
+    expected = set(names)
     assert EXAMPLE.count(old) >= 1
     found = checked(tmp_path, EXAMPLE.replace(old, new))
-    failed = {f.claim for f in found if not f.holds}
-    assert expected <= failed and len(found) == len(problem_contract.CLAIMS)
-    assert all(f.found and f.why and f.remedy and "\n" not in f.found for f in found if not f.holds)
-    if "crash" in breach:
-        assert any("exited with code 3" in f.found for f in found)
-    if len(expected) == 1 and breach in ("an invariant that is none", "an observable without time", "no words"):
+    broken = [f for f in found if not f.measured.holds]
+    failed = {f.requirement.name for f in broken}
+    assert expected <= failed and len(found) == len(requirements.REQUIREMENTS)
+    assert all(f.measured.words and "\n" not in f.measured.words for f in broken)
+    if "crash" in fault:
+        assert any("exited with code 3" in f.measured.words for f in found)
+    if len(expected) == 1 and fault in ("an invariant that is none", "an observable without time", "no words"):
         assert failed == expected
 
 
-def test_a_problem_without_a_reference_is_told_so(tmp_path):
-    """Claims on it hold for want of one, and say it."""
+def test_without_a_reference_its_requirements_are_not_tested(tmp_path):
+    """They are neither met nor broken, and the reason is given."""
     found = checked(tmp_path, EXAMPLE.replace("reference_from=exact,", ""))
-    silent = [f for f in found if f.found == "no reference"]
-    assert all(f.holds for f in found) and len(silent) == sum(c.of_reference for c in problem_contract.CLAIMS)
+    silent = [f for f in found if not f.measured.tested and f.measured.words == "no reference"]
+    assert all(f.measured.holds for f in found) and len(silent) == sum(
+        c.of_reference for c in requirements.REQUIREMENTS
+    )
 
 
-def test_findings_are_told_to_machines_too(command):
-    """--json: one object a claim; the problem of a plugin with solvers is checked before them."""
+def test_json_has_the_numbers(command):
+    """One object a requirement; the problem of a plugin with solvers is checked before them."""
     done = command("check", "torque_free_body", "--json")
     findings = [json.loads(line) for line in done.stdout.splitlines()]
     assert done.returncode == 0, done.stdout
     assert len(findings) == 14 and all(f["holds"] for f in findings) and PLUGIN.exists()
+    assert all(isinstance(f["value"], int | float) and isinstance(f["unit"], str) for f in findings)

@@ -1,0 +1,56 @@
+"""Requirements on solvers and problems, what is measured for them, and what becomes of them."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A number and where it must lie; ``words`` say where it was found, or why there is none."""
+
+    value: float = math.nan
+    unit: str = ""
+    least: float = -math.inf
+    most: float = math.inf
+    words: str = ""
+    good: bool = True  # False where the number alone does not show what is wrong
+    tested: bool = True  # False where there was nothing to test
+
+    @property
+    def holds(self) -> bool:
+        """Within its limits, or not tested; NaN is outside."""
+        return not self.tested or (self.good and self.least <= self.value <= self.most)
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """One requirement; those ``of_reference`` say nothing about a problem without one."""
+
+    name: str
+    why: str
+    remedy: str
+    measure: Callable[[Any], Measured]
+    of_reference: bool = False
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was measured for a requirement on the solver or problem ``entry``."""
+
+    entry: str
+    requirement: Requirement
+    measured: Measured
+
+    def plain(self) -> dict[str, Any]:
+        """For JSON."""
+        r, m = self.requirement, self.measured
+        return {
+            "entry": self.entry,
+            "requirement": r.name,
+            "holds": m.holds,
+            **vars(m),
+            "why": r.why,
+            "remedy": r.remedy,
+        }

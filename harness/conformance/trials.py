@@ -1,0 +1,183 @@
+"""What a solver's runs show: each function measures one thing on their records and series."""
+
+import json
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..catalogue import registry
+from ..results.records import RunRecord
+from ..results.series import Series
+from ..results.words import why
+from ..types import Problem, Status
+from .requirements import Measured
+
+WITHIN = 0.2  # of the declared order
+LEAST_ORDER = 0.8  # where none is declared: a first-order scheme may show a little less
+ROUNDED = 1e-11  # no order can be seen below
+LOOSE_REACTION = 0.05  # of the largest: of first order, dt times the rate of the motion at the finest step
+LOOSE_TORQUE = 0.01  # a hundred times what the integral over steps is off by
+LOOSE_STEP = 1e-6  # a step is a difference of rounded times
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """The records of a solver's runs by role, and their series."""
+
+    control: str
+    order: float  # declared by the solver with its default options, NaN if it declares none
+    records: Mapping[str, RunRecord]
+    series: Mapping[str, Series | None]
+
+    def of(self, roles: str) -> list[RunRecord]:
+        """The runs whose role begins with that word."""
+        return [r for role, r in self.records.items() if role.startswith(roles)]
+
+    @property
+    def returned(self) -> list[RunRecord]:
+        """All runs of which the solver returned steps."""
+        return [r for r in self.records.values() if r.claimed and r.steps]
+
+
+def ends_well(e: Evidence) -> Measured:
+    """Neither success nor refused."""
+    easy = e.of("easy")
+    bad = [r for r in easy if r.status not in (Status.SUCCESS, Status.REFUSED)]
+    return Measured(len(bad), f"of {len(easy)} runs failed", most=0, words=_first(bad))
+
+
+def takes_one(e: Evidence) -> Measured:
+    """Not refused."""
+    easy = e.of("easy")
+    refused = [r for r in easy if r.status == Status.REFUSED]
+    return Measured(len(easy) - len(refused), f"of {len(easy)} runs taken", least=1, words=_first(refused))
+
+
+def reasons(e: Evidence) -> Measured:
+    """Refusals of less than two words."""
+    silent = [r for r in e.records.values() if r.status == Status.REFUSED and len(r.message.split()) < 2]
+    return Measured(len(silent), "refusals without", most=0, words=_first(silent))
+
+
+def converges(e: Evidence) -> Measured:
+    """The order in dt at the finest halving above rounding; or how much smaller errors become with rtol."""
+    finer = e.of("finer")
+    if missing := _missing(*finer[1:]):
+        return missing
+    finer = [r for r in finer if r.claimed == Status.SUCCESS]  # the first may be too coarse
+    errors = [max(r.position_error_max_m / r.length_scale_m, r.orientation_error_max_rad) for r in finer]
+    at = ", ".join(f"{r.dt_s if e.control == 'dt' else r.rtol:g}" for r in finer)
+    words = f"errors {', '.join(f'{x:.3g}' for x in errors)} (of the length, or rad) at {e.control} {at}"
+    if not np.all(np.isfinite(errors)):
+        return Measured(words=words)
+    seen = [x for x in errors if x >= ROUNDED]
+    if len(seen) < 2:
+        return Measured(words=f"rounding alone: {words}", tested=False)
+    if e.control == "rtol":
+        least = math.sqrt(finer[0].rtol / finer[-1].rtol)  # errors follow rtol^(p/(p + 1)) at order p >= 1
+        return Measured(errors[0] / max(errors[-1], ROUNDED), "times smaller", least=least, words=words)
+    order = math.log2(seen[-2] / seen[-1])
+    if math.isnan(e.order):
+        return Measured(order, "order, none declared", least=LEAST_ORDER, words=words)
+    higher = "higher than declared: " if order > e.order + WITHIN else ""
+    return Measured(order, f"order, {e.order:g} declared", least=e.order - WITHIN, words=higher + words)
+
+
+def feels_spin(e: Evidence) -> Measured:
+    """c of J Omega_dot = -c Omega x J Omega [N m], from its integral over the steps by least squares."""
+    r, series = e.records["spinning"], e.series["spinning"]
+    if series is None or _missing(r):
+        return _missing(r) or Measured(words="no series")
+    inertia = _problem_of(r).system.inertia[0]
+    Omega = np.stack([series[f"obs_Omega_{a}"] for a in "xyz"], axis=1)
+    momentum = Omega @ inertia
+    torque = np.cross(Omega, momentum)
+    impulse = np.cumsum(0.5 * (torque[1:] + torque[:-1]) * np.diff(series["t"])[:, None], axis=0)
+    share = -float(np.sum((momentum[1:] - momentum[0]) * impulse) / np.sum(impulse**2))
+    return Measured(share, "of Omega x J Omega", 1.0 - LOOSE_TORQUE, 1.0 + LOOSE_TORQUE, r.case)
+
+
+def reaction_fits(e: Evidence) -> Measured:
+    """Columns of reactions, of the first run where they are not the rows."""
+    out = Measured(words="no reactions", tested=False)
+    for role, series in e.series.items():
+        if series is not None and "frame_reaction" in series and out.holds:
+            r = e.records[role]
+            nrows = _problem_of(r).system.nrows
+            out = Measured(series["frame_reaction"][0].size, "columns", nrows, nrows, r.case)
+    return out
+
+
+def reaction_holds(e: Evidence) -> Measured:
+    """Error of the joint forces on a body over the largest exact one, at the finest step or tolerance."""
+    r = e.of("finer")[-1]
+    if missing := _missing(r):
+        return missing
+    words = f"off by {r.reaction_error_max_N:.3g} N of {r.reaction_size_N:.3g} N: {r.case}"
+    known = math.isfinite(r.reaction_size_N)
+    share = r.reaction_error_max_N / r.reaction_size_N
+    return Measured(
+        share, "of the largest", -math.inf, LOOSE_REACTION, words if known else "no reactions", tested=known
+    )
+
+
+def records_all(e: Evidence) -> Measured:
+    """Steps recorded over steps counted."""
+    shares = {r.case: r.steps / n for r in e.returned if (n := json.loads(r.counters).get("steps", 0)) > 0}
+    if not shares:
+        return Measured(words="it has no counter named steps", tested=False)
+    case = max(shares, key=lambda k: abs(shares[k] - 1.0))
+    return Measured(shares[case], "of those counted", 1.0, 1.0, case)
+
+
+def keeps_to_steps(e: Evidence) -> Measured:
+    """The largest time between records over dt or max_step."""
+    limit, column = ("dt", "dt_s") if e.control == "dt" else ("max_step", "max_step_s")
+    gaps = {r.case: gap for r in e.returned if math.isfinite(gap := r.step_max_s / getattr(r, column))}
+    if not gaps:
+        return Measured(words="no run has steps", tested=False)
+    case = max(gaps, key=lambda k: gaps[k])
+    return Measured(gaps[case], f"of {limit}", most=1.0 + LOOSE_STEP, words=case)
+
+
+def repeats(e: Evidence) -> Measured:
+    """The largest difference between two runs of the same."""
+    (one, a), (two, b) = ((e.records[role], e.series[role]) for role in ("finer 1", "again"))
+    if a is None or b is None:
+        return Measured(words=_first([two]), tested=one.status != two.status)
+    if len(a["t"]) != len(b["t"]):
+        return Measured(abs(len(a["t"]) - len(b["t"])), "steps more", most=0)
+    apart = max(float(np.max(np.abs(a[k] - b[k]))) for k in ("t", "end_r", "end_R", "end_v", "end_Omega"))
+    return Measured(apart, "apart", most=0, words="largest difference in t, r, R, v or Omega")
+
+
+def stops(
+    role: str, *, least: float = 0, most: float = math.inf, itself: bool = True
+) -> Callable[[Evidence], Measured]:
+    """Steps when it stopped ``itself``, or was stopped by whomever."""
+
+    def measure(e: Evidence) -> Measured:
+        r = e.records[role]
+        good = r.claimed == Status.STALLED or not itself
+        return Measured(r.steps, "steps", least, most, _first([r]), good, r.status != Status.REFUSED)
+
+    return measure
+
+
+def _missing(*runs: RunRecord) -> Measured | None:
+    """What to say where a run did not reach its end."""
+    if all(r.status == Status.REFUSED for r in runs):
+        return Measured(words=_first(runs), tested=False)
+    bad = [r for r in runs if r.claimed != Status.SUCCESS]
+    return Measured(words=_first(bad)) if bad else None
+
+
+def _problem_of(r: RunRecord) -> Problem:
+    return registry.make_problem(r.problem, json.loads(r.problem_parameters))
+
+
+def _first(records: Sequence[RunRecord]) -> str:
+    found = [f"{r.case}: {r.status}: {'; '.join(why(r))}" for r in records]
+    return found[0] + (f" (and {len(found) - 1} more)" if found[1:] else "") if found else ""

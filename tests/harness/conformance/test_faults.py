@@ -1,0 +1,143 @@
+"""Faults planted in a sound solver are found by the requirement that states them, with the number."""
+
+import re
+
+import pytest
+
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.conformance import solver as requirements
+from mbsbench.harness.conformance.trials import Evidence
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.results import store
+from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.suites.suite import Suite
+
+from ..conftest import Silent
+
+PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
+(FIXED,) = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
+ADAPTIVE = (
+    FIXED.replace('@solver("midpoint")\n', "").replace("class Midpoint:", "class Equations:")
+    + '''
+
+from scipy.integrate import RK45
+
+
+@solver("dormand_prince")
+@dataclass(frozen=True)
+class DormandPrince(Equations):
+    """The same equations under error control, poses as plain matrices."""
+
+    control: ClassVar[str] = "rtol"
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Steps of scipy's RK45, each kept."""
+        start = problem.initial
+
+        def packed(*parts):
+            return np.concatenate([np.ravel(part) for part in parts])
+
+        def state(y):
+            r, R, v, Omega = np.split(y, np.cumsum([3 * start.nb, 9 * start.nb, 3 * start.nb]))
+            return State(r.reshape(-1, 3), R.reshape(-1, 3, 3), v.reshape(-1, 3), Omega.reshape(-1, 3))
+
+        def rate(t, y):
+            s = state(y)
+            a, _ = self.acceleration(problem, s)
+            return packed(s.v, s.R @ so3.hat(s.Omega), a[:, :3], a[:, 3:])
+
+        longest = control.max_step or np.inf
+        y0 = packed(start.r, start.R, start.v, start.Omega)
+        run = RK45(rate, 0.0, y0, problem.t_end, max_step=longest, rtol=control.rtol, atol=control.rtol)
+        times, states = [0.0], [start]
+        while run.status == "running" and len(times) <= control.max_steps:
+            run.step()
+            times.append(run.t)
+            states.append(state(run.y))
+        status = Status.SUCCESS if run.status == "finished" else Status.STALLED
+        message = "max_steps reached"
+        reactions = [self.acceleration(problem, s)[1] for s in states]
+        stacked = States(*(np.array([getattr(x, name) for x in states]) for name in ("r", "R", "v", "Omega")))
+        return Trajectory(
+            np.array(times), stacked, status, message, {"steps": len(times) - 1}, reaction=np.array(reactions)
+        )
+'''
+)
+SOLVERS = {"midpoint": FIXED, "dormand_prince": ADAPTIVE}
+
+ORDER, TORQUE = "errors fall with the declared order, or with rtol", "gyroscopic torque is Omega x J Omega"
+REACTION, COUNTED = "reactions are those of the exact motion", "it records every step it counts"
+GAPS = "steps are no larger than dt or max_step"
+STACKED = "        stacked = "
+TENTH = """        counted = len(times) - 1
+        kept = sorted({*range(0, len(times), 10), counted})
+        times, states, reactions = ([part[k] for k in kept] for part in (times, states, reactions))
+"""
+GYRO, LESS = "-np.cross(Omega, J @ Omega)", "-0.8 * np.cross(Omega, J @ Omega)"
+FORCES, NEGATIVE = "return x[:n].reshape(-1, 6), x[n:]", "return x[:n].reshape(-1, 6), -x[n:]"
+
+FAULTS = {  # the solver, what is changed (from, to, ...), the requirements that fail with the value measured
+    "gyroscopic torque 20 % too small": ("midpoint", (GYRO, LESS), {TORQUE: 0.8, ORDER: 0.0}),
+    "order 4 declared, 2 true": ("midpoint", ("order: ClassVar[float] = 2.0", "order: ClassVar[float] = 4.0"),
+                                 {ORDER: 2.0}),
+    "reaction with the wrong sign": ("midpoint", (FORCES, NEGATIVE), {REACTION: 2.0}),
+    "every tenth step recorded": ("midpoint", (STACKED, TENTH + STACKED), {GAPS: 10.0}),
+    "every tenth step recorded, all counted": (
+        "midpoint", (STACKED, TENTH + STACKED, '{"steps": len(times) - 1', '{"steps": counted'),
+        {GAPS: 10.0, COUNTED: 0.1},
+    ),
+    "error control, gyroscopic torque 20 % too small": (
+        "dormand_prince", (GYRO, LESS), {TORQUE: 0.8, ORDER: 1.0},
+    ),
+    "error control, reaction with the wrong sign": ("dormand_prince", (FORCES, NEGATIVE), {REACTION: 2.0}),
+    "error control, every tenth step recorded": (
+        "dormand_prince", ("for s in states]\n" + STACKED, "for s in states]\n" + TENTH + STACKED), {GAPS: 10.0},
+    ),
+    "nothing": ("midpoint", (), {}),
+    "error control, nothing": ("dormand_prince", (), {}),
+}  # fmt: skip
+
+
+def measured(name, text, folder):
+    """What is measured on the runs that need no limit, by the requirement's name."""
+    path = folder / f"{name}.py"
+    path.write_text(text, encoding="utf-8")
+    with pytest.MonkeyPatch.context() as patch:
+        for known in ("_plugin_files", "_plugin_problems", "_plugin_solvers"):
+            patch.setattr(registry, known, type(getattr(registry, known))())
+        registry.load_plugin(path)
+        specs = {k: s for k, s in requirements.runs_of(name).items() if k.startswith(("finer", "spinning"))}
+        suite = Suite("faults", "", tuple(specs.values()), "", (str(path),))
+        records = {r.settings_id: r for r in run_suite(Request(suite, folder / "run", 1), Silent()).records}
+        mine = {role: records[spec.settings_id] for role, spec in specs.items()}
+        series = {role: store.series_of(folder / "run", r) for role, r in mine.items()}
+        made = registry.make_solver(name)
+        evidence = Evidence(made.control, made.order, mine, series)
+        names = (ORDER, TORQUE, REACTION, COUNTED, GAPS)
+        return {r.name: r.measure(evidence) for r in requirements.REQUIREMENTS if r.name in names}
+
+
+SLOW = [k for k in FAULTS if "error control" in k or "all counted" in k or k == "nothing"]
+
+
+@pytest.mark.parametrize("fault", [pytest.param(k, marks=[pytest.mark.slow] if k in SLOW else []) for k in FAULTS])
+def test_a_planted_fault_is_found_with_its_number(fault, tmp_path):
+    """Gyroscopic torque, order, reactions and records each have a requirement; nothing else fails with them."""
+    name, changes, expected = FAULTS[fault]
+    text = SOLVERS[name]
+    for old, new in zip(changes[::2], changes[1::2], strict=True):
+        assert old in text
+        text = text.replace(old, new)
+    found = measured(name, text, tmp_path)
+    assert len(found) == 5 and {k for k, m in found.items() if not m.holds} == set(expected)
+    for requirement, value in expected.items():
+        assert found[requirement].value == pytest.approx(value, rel=0.05, abs=0.05), found[requirement]
+
+
+@pytest.mark.slow
+def test_a_higher_order_is_met_and_said(tmp_path):
+    """Declared 1, observed 2."""
+    found = measured(
+        "midpoint", FIXED.replace("order: ClassVar[float] = 2.0", "order: ClassVar[float] = 1.0"), tmp_path
+    )
+    assert found[ORDER].holds and found[ORDER].value > 1.8 and found[ORDER].words.startswith("higher")
