@@ -6,12 +6,13 @@
     description = "one line"
     include = ["ci"]            # suites beside this file or in harness/suites/: their runs and plugins come first
     total_limit = 900.0         # [s] all runs together: those under way are then ended (stalled), others left out
-    [defaults]                  # any key of a group but problem and solver; of this file alone
+    [defaults]                  # any key of a group; of this file alone
     wall_limit = 60.0           # [s] a run
     [[runs]]
     label = "recommended"
     problem = "spherical_pendulum"              # or a list
     parameters = { omega_z = [0.0, 0.1] }       # a list is a product; of a tuple-valued parameter give a list of lists
+    # parameters = [{ yaw = 0.7 }, { mirror = "X" }]    # a list of tables: one after the other; options likewise
     solver = ["gc_weak_form", "rk45_strong_form"]
     options = { "alpha, beta" = [0.0, 5.0] }    # two keys with the same value
     dt = [0.02, 0.01]           # goes to the solvers controlled by dt, rtol and max_step to the others
@@ -25,6 +26,7 @@ from msgspec import Meta
 from ..shapes import Shape
 
 Names = str | Annotated[tuple[str, ...], Meta(min_length=1)]
+Tables = dict[str, Any] | Annotated[tuple[dict[str, Any], ...], Meta(min_length=1)]
 LONGEST = 1e7  # [s] four months
 Seconds = Annotated[float, Meta(gt=0.0, le=LONGEST, description=f"a finite number > 0, at most {LONGEST:g}")]
 Megabytes = Annotated[float, Meta(gt=0.0, le=1e9, description="a finite number > 0, at most 1e+09")]
@@ -36,8 +38,10 @@ class Defaults(Shape, frozen=True, kw_only=True):
     """Keys that groups share. Steps and tolerances are numbers or text, or lists of them."""
 
     label: str | None = None
-    parameters: dict[str, Any] | None = None
-    options: dict[str, Any] | None = None
+    problem: Names | None = None
+    parameters: Tables | None = None
+    solver: Names | None = None
+    options: Tables | None = None
     dt: Any = None
     rtol: Any = None
     max_step: Any = None
@@ -49,9 +53,6 @@ class Defaults(Shape, frozen=True, kw_only=True):
 
 class Group(Defaults, frozen=True, kw_only=True):
     """One ``[[runs]]`` table."""
-
-    problem: Names
-    solver: Names
 
     def given(self, *keys: str) -> dict[str, Any]:
         """Those of ``keys`` that are there."""

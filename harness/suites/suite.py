@@ -18,7 +18,7 @@ from ..files import FileError
 from ..sandbox.trial import tried
 from ..types import Problem
 from .includes import Source, path_of, read_source, source, with_included
-from .shape import Defaults, Group
+from .shape import Defaults, Group, Names, Tables
 from .spec import RunSpec, make_spec
 
 LIMITS = ("wall_limit", "memory", "repeats", "label")
@@ -109,6 +109,9 @@ def _with_defaults(group: Group, defaults: Defaults) -> Group:
 
 def _expand(group: Group, made: dict[tuple[str, str], Problem]) -> Iterator[RunSpec]:
     limits = group.given(*LIMITS)
+    for key in ("problem", "solver"):
+        if getattr(group, key) is None:
+            raise ValueError(f"{key} is missing: name it in the group or in [defaults]")
     for name, solver in itertools.product(_list(group.problem), _list(group.solver)):
         entry = registry.entry_of("solver", solver, registry.solvers())
         known = registry.entry_of("problem", name, registry.problems()).parameters
@@ -116,11 +119,11 @@ def _expand(group: Group, made: dict[tuple[str, str], Problem]) -> Iterator[RunS
         if "dt" in control and "rtol" in control:  # both given: each solver takes the one it is controlled by
             for other in ("rtol", "max_step") if entry.control == "dt" else ("dt",):
                 control.pop(other, None)
-        for parameters in _product(group.parameters or {}, known):
+        for parameters in _products(group.parameters, known):
             variant = (name, repr(sorted(parameters.items())))
             if variant not in made:
                 made[variant] = _made(name, parameters)
-            for options in _product(group.options or {}, entry.parameters):
+            for options in _products(group.options, entry.parameters):
                 for steps in _product(control, {}):
                     yield make_spec(made[variant], solver, options, steps, **limits)
 
@@ -137,6 +140,11 @@ def _made(name: str, parameters: Mapping[str, Any]) -> Problem:
         raise ValueError(f"problem {name}: {type(error).__name__}: {error}") from error
 
 
+def _products(given: Tables | None, known: Mapping[str, tuple[Any, Any]]) -> Iterator[dict[str, Any]]:
+    for table in given if isinstance(given, tuple) else (given or {},):
+        yield from _product(table, known)
+
+
 def _product(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> Iterator[dict[str, Any]]:
     """One dict for each combination of the listed values; a tuple-valued one takes a flat list as one value."""
     choices = []
@@ -151,5 +159,5 @@ def _product(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> 
         yield {name: v for part in combination for name, v in part.items()}
 
 
-def _list(names: str | tuple[str, ...]) -> tuple[str, ...]:
-    return (names,) if isinstance(names, str) else names
+def _list(names: Names | None) -> tuple[str, ...]:
+    return (names,) if isinstance(names, str) else names or ()

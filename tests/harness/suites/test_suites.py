@@ -24,6 +24,13 @@ def test_lists_are_products():
     assert len(made) == 12 and len({c.settings_id for c in made}) == len({c.case for c in made}) == 12
 
 
+def test_tables_follow_one_another_and_defaults_name_problem_and_solver():
+    """A list of tables is a sum, not a product; what a group leaves out is the default."""
+    text = '[defaults]\nproblem = "free_fall"\nsolver = "exact"\n[[runs]]\nparameters = [{mass = [1, 2]}, {mass = 3}]\n'
+    assert [s.parameters.get("mass", 2.0) for s in specs(text)] == [1.0, 2.0, 3.0]
+    assert {s.solver for s in specs(text + 'solver = "raises"')} == {"raises"}
+
+
 def test_keys_that_share_a_value_vary_together():
     """Three gains alpha = beta, not nine pairs."""
     text = '[[runs]]\nproblem = "heavy_top"\nsolver = "ida_index1"\noptions = { "alpha, beta" = [0.0, 1.0, 2.0] }'
@@ -178,7 +185,10 @@ BAD = {
     'name = "../x"\n' + GROUP: "name must be",
     'plugins = ["nowhere.py"]\n' + GROUP: "nowhere.py",
     "plugins = [1]\n" + GROUP: "plugins",
-    "[defaults]\nproblem = 1\n" + GROUP: "unknown key",
+    "[defaults]\nproblem = 1\n" + GROUP: "problem must be text or a list",
+    "[defaults]\nproblme = 'x'\n" + GROUP: "did you mean 'problem'",
+    '[[runs]]\nsolver = "exact"\n': "problem is missing",
+    GROUP + "parameters = []": "parameters",
     "defaults = 1\n" + GROUP: "defaults",
 }
 
