@@ -104,7 +104,7 @@ class Law(StrEnum):
 
 @dataclass(frozen=True)
 class Reason:
-    """A law that a motion breaks, or its distance from the reference: ``value`` passes ``limit``, for the first time at ``time_s``; NaN if unknown."""
+    """A law that a motion breaks, or its error: ``value`` passes ``limit``, first at ``time_s``; NaN if unknown."""
 
     law: Law
     value: float = math.nan

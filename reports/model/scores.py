@@ -48,7 +48,8 @@ def score(runs: Iterable[Run]) -> Score:
     own = list(runs)
     kinds = Counter(mark(c.status).kind for c in own)
     energy = Counter(drifts(c) for c in own if c.succeeded)
-    return Score(*(kinds[kind] for kind in KINDS), energy[False], energy[True])
+    ended = {name: kinds[kind] for kind, name in KINDS.items()}
+    return Score(**ended, bounded=energy[False], drifting=energy[True])
 
 
 @dataclass(frozen=True)

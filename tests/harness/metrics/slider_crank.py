@@ -38,7 +38,6 @@ def slider_crank(rocker: float = 20.0, rate: float = 3.0, t_end: float = 3.0) ->
 
 def with_ballast(system: MultibodySystem, s: States) -> tuple[MultibodySystem, States]:
     """The same motion beside a body of ten tonnes welded to the ground, 50 m away."""
-    parts = dict(gravity=system.gravity)
     bodies = [*(RigidBody(m, J) for m, J in zip(system.mass, system.inertia, strict=True)), BALLAST]
     joints = [
         Joint(i, si, j, sj, *((None, None) if not hinged else (u, np.cross(*n))))
@@ -55,7 +54,7 @@ def with_ballast(system: MultibodySystem, s: States) -> tuple[MultibodySystem, S
 
     rest = np.zeros(3)
     moved = States(beside(s.r, place), beside(s.R, np.eye(3)), beside(s.v, rest), beside(s.Omega, rest))
-    return assemble(bodies, joints, **parts), moved
+    return assemble(bodies, joints, system.gravity), moved
 
 
 def _about_z(angle: float) -> np.ndarray:

@@ -100,7 +100,7 @@ def test_scales_have_units(run):
 
 
 def test_a_run_that_blows_up_does_not_widen_its_own_limits(run):
-    """A sound motion, from a point on in other places at any speed, is wrong; its scales stay those of the sound part."""
+    """A sound motion that flies apart half way is wrong, by the scales of its sound part."""
     s = run.trajectory.states
     out = 1.0 + np.maximum(np.linspace(-1.0, 1.0, len(s)), 0.0)[:, None, None] * 1e6
     blown = dataclasses.replace(run.trajectory, states=States(s.r * out, s.R, s.v * out, s.Omega))
