@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from mbsbench.harness import api
+from mbsbench.harness.__main__ import main
+from mbsbench.harness.catalogue import registry
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
@@ -141,3 +143,23 @@ def test_a_motion_followed_to_the_end_of_its_reference_is_accurate_at_least_unti
     r = run.record
     assert r.compared_to_s < 8.0 and r.accurate_until_s == r.compared_to_s
     assert accurate_until(r)[0].startswith("at least")
+
+
+def test_a_turn_alone_makes_a_motion_inaccurate():
+    """A body free of forces turns wrongly at a coarse step; C, at rest, has no error at all, and all laws hold."""
+    run = api.solve(registry.make_problem("torque_free_body", {"inertia_factors": (1.0, 1.5, 2.0)}), SOUND[0], dt=0.1)
+    r = run.record
+    (reason,) = json.loads(r.wrong_because)
+    assert run.status is Status.INACCURATE and reason["law"] == Law.MOTION and r.position_error_max_m < 1e-12
+    assert reason["time_s"] == r.accurate_until_s and reason["value"] > reason["limit"]
+
+
+def test_solve_exits_with_zero_for_an_inaccurate_run(tmp_path, capsys):
+    """The top at five times its step keeps all laws and is late after 4 s."""
+    out = str(tmp_path / "top.npz")
+    assert main(["solve", "heavy_top", SOUND[0], "--set", "dt=0.005", "--out", out]) == 0
+    said = capsys.readouterr().out
+    assert "inaccurate: the motion error reaches" in " ".join(said.split()) and "accurate until" in said
+    assert main(["solve", "four_bar_grid", SOUND[0], "--out", out]) == 1
+    said = capsys.readouterr().out
+    assert "refused" in said and "nan" not in said and "CPU" not in said
