@@ -17,6 +17,7 @@ from .mechanics.state import State, States, rotated
 from .mechanics.system import MultibodySystem
 
 __all__ = [
+    "ACCURATE",
     "PREDICTABLE",
     "Array",
     "EndedBy",
@@ -38,17 +39,21 @@ __all__ = [
 
 Array = np.ndarray
 
-# Of the mechanism's size. References start at rounding (1e-15 to 1e-13). Once the certified error of a reference passes
+# Of the reach. References start at rounding (1e-15 to 1e-13). Once the certified error of a reference passes
 # this, errors have grown ten-thousandfold and more: no fixed accuracy follows such a motion, and the distance from the
 # reference says nothing about a solver. The chain gets there at 1.9 s, the other problems never.
 PREDICTABLE = 1e-9
 
+# Of the reach, by the column that says when the error first passes it. A motion that passes the first is inaccurate.
+ACCURATE = {"accurate_until_s": 0.1, "accurate_until_1pct_s": 0.01, "accurate_until_0p1pct_s": 0.001}
+
 
 class Status(StrEnum):
-    """How a run ended. All but ``SUCCESS`` are failures, and each is a result."""
+    """How a run ended. Each is a result."""
 
     SUCCESS = "success"
-    WRONG = "wrong"  # success claimed, but invariants, constraints or the reference say no
+    INACCURATE = "inaccurate"  # laws hold, the motion is off the reference by more than a tenth of its reach
+    WRONG = "wrong"  # success claimed, but a law is broken
     REFUSED = "refused"  # the solver said beforehand why it cannot
     DIVERGED = "diverged"
     STEP_UNDERFLOW = "step_underflow"
@@ -56,6 +61,11 @@ class Status(StrEnum):
     STALLED = "stalled"  # a limit on steps or time was reached
     MEMORY = "memory"
     CRASHED = "crashed"  # signal, exit or exception
+
+    @property
+    def lawful(self) -> bool:
+        """The motion reached its end and keeps all laws."""
+        return self in (Status.SUCCESS, Status.INACCURATE)
 
 
 class EndedBy(StrEnum):
@@ -75,7 +85,7 @@ class EndedBy(StrEnum):
 
 
 class Law(StrEnum):
-    """What a claimed success has to satisfy."""
+    """What a claimed success has to satisfy; ``MOTION``: to be near the reference."""
 
     FINITE = "finite"
     START = "start"
@@ -85,7 +95,8 @@ class Law(StrEnum):
     CONSTRAINT_RATE = "constraint_rate"
     ORTHOGONALITY = "orthogonality"
     INVARIANT = "invariant"
-    POSITION = "position"
+    MOTION = "motion"
+    POSITION = "position"  # this and the next only in judgements of before schema 3
     ORIENTATION = "orientation"
     PLANE = "plane"
     SYMMETRY = "symmetry"
@@ -93,7 +104,7 @@ class Law(StrEnum):
 
 @dataclass(frozen=True)
 class Reason:
-    """A law that a motion breaks: ``value`` passes ``limit``, for the first time at ``time_s``; NaN if unknown."""
+    """A law that a motion breaks, or its error: ``value`` passes ``limit``, first at ``time_s``; NaN if unknown."""
 
     law: Law
     value: float = math.nan

@@ -9,7 +9,7 @@ from typing import Any
 
 from ..catalogue import registry
 from ..results.records import RunRecord
-from ..results.words import why, words_of_ending
+from ..results.words import accurate_until, why, words_of_ending
 from ..sandbox.trial import made
 from ..suites.shape import LONGEST
 from ..suites.spec import make_spec
@@ -38,7 +38,7 @@ def add(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Check everything, run, write; 0 only for a success that nothing contradicts."""
+    """Check everything, run, write; 0 for a motion that reaches its end and keeps all laws."""
     load_plugins(arguments.plugin)
     parameters = assignments(arguments.problem_set, "--problem-set")
     if arguments.t_end is not None:
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     except (KeyboardInterrupt, SystemExit):
         errors().print(f"interrupted; nothing was written to {out}")
         raise
-    good = outcome.record.status == Status.SUCCESS
+    good = Status(outcome.record.status).lawful
     if arguments.json:
         console.print(json.dumps(_plain(outcome.record, out, run_file.SUMMARY), ensure_ascii=False, allow_nan=False))
         return 0 if good else 1
@@ -105,6 +105,8 @@ def _lines(r: RunRecord) -> list[str]:
         compared = min(r.reference_horizon_s, r.t_reached_s)
         worst = f"{r.position_error_max_m:.3e} m, {r.orientation_error_max_rad:.3e} rad"
         out.append(f"error              {worst} (to {compared:g} s)")
-    if not math.isnan(r.cpu_min_s):
-        out.append(f"CPU time           {r.cpu_min_s:.3g} s (set-up {r.setup_s:.3g} s)")
+        out.append(f"accurate until     {', '.join(accurate_until(r))} of the reach of {r.length_scale_m:.3g} m")
+    if r.cpu_min_s > 0.0 or r.steps:
+        set_up = "" if math.isnan(r.setup_s) else f" (set-up {r.setup_s:.3g} s)"
+        out.append(f"CPU time           {r.cpu_min_s:.3g} s{set_up}")
     return out + [f"note               {n}" for n in json.loads(r.notes)]

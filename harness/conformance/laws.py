@@ -41,7 +41,7 @@ class Subject:
     @cached_property
     def size(self) -> Scales:
         """What drifts are compared with."""
-        return scales(self.problem.system, self.problem.initial)
+        return scales(self.problem, self.reference)
 
     @cached_property
     def reference(self) -> Reference | None:
@@ -264,7 +264,7 @@ def obeys(s: Subject) -> Measured:
     near, step = _near(s)
     v_dot, W_dot = (np.tensordot(DIFFERENCE, [getattr(x, f) for x in near], 1) / step for f in ("v", "Omega"))
     acceleration = float(np.linalg.norm(system.gravity)) + s.size.length * s.rate**2
-    scale, worst = s.size.mass * acceleration * max(1.0, s.size.length), []
+    scale, worst = float(np.sum(system.mass)) * acceleration * max(1.0, s.size.length), []
     for k in range(len(near[3])):
         here = near[3][k]
         force = system.mass[:, None] * (v_dot[k] - system.gravity)

@@ -11,10 +11,9 @@ from scipy.spatial.transform import Rotation
 from ..mechanics.state import States
 from ..metrics.measure import Measured, measure
 from ..metrics.reactions import largest_joint_force
-from ..metrics.scales import scales
 from ..metrics.summary import columns
 from ..metrics.thinning import frames_to_keep, rows_to_keep
-from ..metrics.verdict import doubts
+from ..metrics.verdict import doubts, inaccuracy
 from ..results.records import RunRecord, reasons_json
 from ..results.series import Series, write_series
 from ..types import EndedBy, Problem, Reason, Status, Trajectory
@@ -28,13 +27,14 @@ Keep = Callable[[Problem, Trajectory, Measured, RunRecord], RunRecord]  # writes
 
 def judged(job: Job, problem: Problem, trajectory: Trajectory, keep: Keep | None = None, **known: Any) -> RunRecord:
     """Measure, judge, write the series (by ``keep``, or into the results folder); returns the record, not written."""
-    size = scales(problem.system, problem.initial)
     measured = measure(problem, trajectory)
-    numbers = columns(problem, trajectory, measured, size)
+    numbers = columns(problem, trajectory, measured)
     status, because = Status(trajectory.status), list[Reason]()
     if status is Status.SUCCESS:
-        because = doubts(problem, trajectory, measured, numbers, size)
+        because = doubts(problem, trajectory, measured, numbers)
         status = Status.WRONG if because else status
+    if status is Status.SUCCESS and (because := inaccuracy(measured, numbers)):
+        status = Status.INACCURATE
     said = {"claimed": str(trajectory.status), "ended_by": str(EndedBy.SOLVER), "message": str(trajectory.message)}
     found = {"section": problem.section, "t_end_s": problem.t_end, "wrong_because": reasons_json(because)}
     record = record_of(job, status, **{**said, **found, **numbers, **known})

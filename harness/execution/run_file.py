@@ -19,7 +19,8 @@ POSES = ("r", "R", "v", "Omega")
 SUMMARY = (  # columns of the record that the file carries too
     "status", "claimed", "message", "ended_by", "ended_limit_s", "exit_code", "signal", "counters", "notes", "t_end_s",
     "t_reached_s", "steps", "energy_drift_max_J", "energy_scale_J", "phi_max", "phi_dot_max", "position_error_max_m",
-    "orientation_error_max_rad", "accurate_until_s", "setup_s",
+    "orientation_error_max_rad", "motion_error_max_m", "length_scale_m", "compared_to_s", "accurate_until_s",
+    "accurate_until_1pct_s", "accurate_until_0p1pct_s", "setup_s",
 )  # fmt: skip
 
 

@@ -171,7 +171,7 @@ def _toml(value: Any, *, exact: bool = False) -> str:
 
 def proposed(records: Sequence[RunRecord]) -> list[Threshold]:
     """Bounds for energy drift, |phi|, |phi_dot|, the errors and fixed steps, of every run that succeeded."""
-    return [bound for r in records if r.status == Status.SUCCESS for bound in _of(r)]
+    return [bound for r in records if Status(r.status).lawful for bound in _of(r)]
 
 
 def _of(r: RunRecord) -> list[Threshold]:

@@ -3,6 +3,7 @@
 ``measure`` gives the series; the columns of a record are read off them in ``harness.summary``.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,8 +13,9 @@ from ..mechanics import so3
 from ..mechanics.motion import constraint, constraint_energy_norm, constraint_rate, damping_power, energy
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
-from ..types import Problem, Reference, Trajectory
+from ..types import Law, Problem, Reference, Trajectory
 from .reactions import exact_pull_on_bodies, instants_to_compare, pull_on_bodies
+from .scales import KINETIC, Run, Scales, displacement, reached, scales
 
 BLOCK = 4096  # steps measured at a time: bounds the memory of 55 bodies over 1e5 steps
 
@@ -23,6 +25,8 @@ class Measured:
     """Series over all accepted steps, (nt,) each; the reference's are NaN beyond its horizon, None without one."""
 
     t: Float[np.ndarray, " nt"]
+    size: Scales
+    laws: Mapping[Law, Float[np.ndarray, " nt"]]  # what is zero at each time in the exact motion
     energy: Float[np.ndarray, " nt"]
     energy_error: Float[np.ndarray, " nt"]
     phi_norm: Float[np.ndarray, " nt"]
@@ -32,6 +36,7 @@ class Measured:
     out_of_plane: Float[np.ndarray, " nt"] | None = None
     position_error: Float[np.ndarray, " nt"] | None = None
     orientation_error: Float[np.ndarray, " nt"] | None = None
+    motion_error: Float[np.ndarray, " nt"] | None = None  # of both, module ``scales``: ``displacement``
     velocity_error: Float[np.ndarray, " nt"] | None = None
     angular_velocity_error: Float[np.ndarray, " nt"] | None = None
     reference_own_error: Float[np.ndarray, " nt"] | None = None
@@ -47,18 +52,30 @@ class Measured:
 def measure(problem: Problem, trajectory: Trajectory) -> Measured:
     """All series of a trajectory."""
     t, s = np.asarray(trajectory.t, dtype=float), trajectory.states
+    reference = problem.reference()
     with np.errstate(all="ignore"):  # a motion may have blown up: its infinities are the result
-        parts = [_laws(problem.system, s.at(slice(k, k + BLOCK))) for k in range(0, len(t), BLOCK)]
-        E, phi, phi_dot, eq81, defect, power = (np.concatenate(p) for p in zip(*parts, strict=True))
-        work = np.concatenate(([0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(t))))
+        blocks = [s.at(slice(k, k + BLOCK)) for k in range(0, len(t), BLOCK)]
+        parts = [(*_laws(problem.system, b), reached(problem.system, problem.initial, b)) for b in blocks]
+        E, phi, phi_dot, eq81, defect, power, rows = (np.concatenate(p) for p in zip(*parts, strict=True))
+        drift = E - E[0] - np.concatenate(([0.0], np.cumsum(0.5 * (power[1:] + power[:-1]) * np.diff(t))))
+        rows[:, KINETIC] -= np.maximum(drift, 0.0)  # what was gained was not there to be exchanged
+        laws = {
+            Law.ENERGY: drift, Law.CONSTRAINT: phi, Law.CONSTRAINT_RATE: phi_dot, Law.ORTHOGONALITY: defect
+        }  # fmt: skip
         at_home = problem.home(s)
         return Measured(
-            t, E, E - E[0] - work, phi, phi_dot, eq81, defect,
+            t, scales(problem, reference, Run(rows, laws, covered(reference, t))), laws, E, drift, phi, phi_dot, eq81,
+            defect,
             out_of_plane=_out_of_plane(problem, at_home),
             observables={o.name: np.asarray(o.of(at_home), dtype=float) for o in problem.observables},
             invariants={i.name: np.asarray(i.of(at_home), dtype=float) for i in problem.invariants},
-            **_against_reference(problem, t, s, trajectory.reaction),
+            **_against_reference(problem, reference, t, s, trajectory.reaction),
         )  # fmt: skip
+
+
+def covered(reference: Reference | None, t: Float[np.ndarray, " nt"]) -> int:
+    """Steps up to the horizon; one of 5 s covers a last step at 5.000000000001 s."""
+    return 0 if reference is None else int(np.sum(t <= reference.horizon * (1.0 + 1e-12)))
 
 
 def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
@@ -80,13 +97,14 @@ def _out_of_plane(problem: Problem, at_home: States) -> np.ndarray | None:
     return np.max(np.abs(away - away[0]), axis=1)
 
 
-def _against_reference(problem: Problem, t: np.ndarray, s: States, reaction: np.ndarray | None) -> dict:
-    reference = problem.reference()
+def _against_reference(
+    problem: Problem, reference: Reference | None, t: np.ndarray, s: States, reaction: np.ndarray | None
+) -> dict:
     if reference is None:
         return {}
-    covered = t <= reference.horizon * (1.0 + 1e-12)  # a horizon of 5 s covers a last step at 5.000000000001 s
-    n = int(np.sum(covered))
-    names = ("position_error", "orientation_error", "velocity_error", "angular_velocity_error", "reference_own_error")
+    n = covered(reference, t)
+    names = ("position_error", "orientation_error", "motion_error", "velocity_error", "angular_velocity_error",
+             "reference_own_error")  # fmt: skip
     series = {k: np.full(len(t), np.nan) for k in names}
     theirs = {o.name: np.full(len(t), np.nan) for o in problem.observables}
     for k in range(0, n, BLOCK):
@@ -94,6 +112,7 @@ def _against_reference(problem: Problem, t: np.ndarray, s: States, reaction: np.
         exact = reference.states(np.minimum(t[rows], reference.horizon))
         series["position_error"][rows] = np.max(np.linalg.norm(s.r[rows] - exact.r, axis=2), axis=1)
         series["orientation_error"][rows] = np.max(so3.angle_between(s.R[rows], exact.R), axis=1)
+        series["motion_error"][rows] = np.max(displacement(problem.system, s.at(rows), exact), axis=1)
         series["velocity_error"][rows] = np.max(np.linalg.norm(s.v[rows] - exact.v, axis=2), axis=1)
         series["angular_velocity_error"][rows] = np.max(np.linalg.norm(s.Omega[rows] - exact.Omega, axis=2), axis=1)
         series["reference_own_error"][rows] = reference.error(t[rows])

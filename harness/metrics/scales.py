@@ -1,40 +1,124 @@
-"""Sizes of a problem that drifts and errors are compared with, known before any solver runs: none can move them."""
+"""Sizes that errors and drifts are compared with: what the motion reaches and exchanges, not what bodies could.
+
+They are read off the exact motion up to its horizon; where there is none, and beyond it, off the run. A run counts up
+to where it breaks a law by these very scales, and what it gained in energy does not count: a run that blows up cannot
+inflate what it is compared with. Bodies that do not move, however heavy or large, contribute nothing.
+"""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from jaxtyping import Float
 
 from ..mechanics.motion import kinetic_energy, potential_energy
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
+from ..types import Law, Problem, Reference
+
+SAMPLES = 2001  # of the exact motion, evenly over its time
+REST = 1e-6  # of what bodies could reach: a motion that stays below is none, and has no size of its own
+ENERGY = 0.10  # of the energy scale: a tenth of what is exchanged appears or disappears
+PHI = 0.01  # of the reach: the joint is visibly apart
+PHI_DOT = 0.05  # of the speed: velocities leave the joints by a twentieth of the fastest
+ORTHOGONALITY = 1e-3  # |R^T R - 1|: such an R distorts lengths by as much
+KINETIC = 3  # column of
+Rows = Float[np.ndarray, "nt 6"]  # of a motion: displacement, speed, momentum, T, V - V(0), V(0) - V
 
 
 @dataclass(frozen=True)
 class Scales:
-    """Characteristic mass, length and energy of a system at its start."""
+    """What the motion of a system reaches."""
 
-    mass: float  # [kg]
-    length: float  # [m]
-    energy: float  # [J]
+    length: float  # [m] its reach: the farthest that a body moves from its start (``displacement``)
+    speed: float  # [m/s] the largest of a body (``speeds``)
+    momentum: float  # [kg m/s] the largest sum of mass times speed
+    energy: float  # [J] exchanged: the largest kinetic energy, or span of potential energy if that is larger
 
     @property
-    def speed(self) -> float:
-        """sqrt(2 E / m) [m/s]."""
-        return math.sqrt(2.0 * self.energy / self.mass)
+    def allowed(self) -> Mapping[Law, float]:
+        """The limits of the laws that hold at each time."""
+        return {
+            Law.ENERGY: ENERGY * self.energy, Law.CONSTRAINT: PHI * self.length,
+            Law.CONSTRAINT_RATE: PHI_DOT * self.speed, Law.ORTHOGONALITY: ORTHOGONALITY,
+        }  # fmt: skip
 
     def of_unit(self, unit: str) -> float:
         """The scale of a quantity of this SI unit; NaN for a unit not known here."""
-        momentum = self.mass * self.speed
+        turning = self.momentum * self.length
         known = {
             "J": self.energy, "m": self.length, "m/s": self.speed, "rad/s": self.speed / self.length,
-            "kg m/s": momentum, "kg m2/s": momentum * self.length, "N m s": momentum * self.length,
+            "kg m/s": self.momentum, "kg m2/s": turning, "N m s": turning,
         }  # fmt: skip
         return known.get(unit, math.nan)
 
 
-def scales(system: MultibodySystem, start: State) -> Scales:
-    """Length: the largest of joint arms, spread of the C's and radius of gyration; energy: T(0) + m g L + springs."""
+@dataclass(frozen=True)
+class Run:
+    """What a run reaches, how it keeps the laws (nt,), and how many of its steps the exact motion covers."""
+
+    rows: Rows
+    laws: Mapping[Law, np.ndarray]
+    covered: int
+
+
+def displacement(system: MultibodySystem, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
+    """Distance [m] between two poses of each body: root mean square over its matter of |x_a - x_b|.
+
+    ``|r_a - r_b|^2 + tr(D S D^T) / m`` with ``D = R_a - R_b`` and ``S = tr(J)/2 1 - J``. One number in metres for
+    position and orientation: a turn counts by as much as it moves the body, a roll of a thin bar about its axis by
+    almost nothing, and where C stays in place the turn is all there is.
+    """
+    D = a.R - b.R
+    turn = np.sum((D @ _second_moments(system)) * D, axis=(2, 3)) / system.mass
+    return np.sqrt(np.sum((a.r - b.r) ** 2, axis=2) + np.maximum(turn, 0.0))
+
+
+def speeds(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb"]:
+    """sqrt(2 T / m) of each body [m/s]: root mean square of the speed of its matter."""
+    turning = np.einsum("tbi,bij,tbj->tb", s.Omega, system.inertia, s.Omega) / system.mass
+    return np.sqrt(np.sum(s.v**2, axis=2) + turning)
+
+
+def reached(system: MultibodySystem, start: State, s: States) -> Rows:
+    """What a motion from ``start`` reaches at each time."""
+    one, speed = States.one(start), speeds(system, s)
+    risen = potential_energy(system, s) - potential_energy(system, one)
+    moved = np.max(displacement(system, s, one), axis=1)
+    return np.stack(
+        (moved, np.max(speed, axis=1), speed @ system.mass, kinetic_energy(system, s), risen, -risen), axis=1
+    )
+
+
+def scales(problem: Problem, exact: Reference | None, run: Run | None = None) -> Scales:
+    """Of the exact motion, and of a run beyond its horizon."""
+    system, start, could = problem.system, problem.initial, possible(problem.system, problem.initial)
+    known = reached(system, start, States.one(start))
+    if exact is not None:
+        t = np.linspace(0.0, min(problem.t_end, exact.horizon), SAMPLES)
+        known = np.concatenate((known, reached(system, start, exact.states(t))))
+    run = run or Run(known[:0], {}, 0)
+    if not np.fmax.reduce(np.concatenate((known[:, 0], run.rows[run.covered :, 0]))) > REST * could.length:
+        return could
+    end = len(run.rows)
+    while True:
+        most = np.max(np.concatenate((known, run.rows[run.covered : end])), axis=0)
+        length, speed, momentum, energy = most[0], most[1], most[2], max(most[KINETIC], most[4] + most[5])
+        if exact is not None:  # one for all runs: it is what their errors are compared with
+            length = np.max(known[:, 0])
+        least = REST**2 * np.array([could.length, could.speed, could.momentum, could.energy])  # to divide by
+        size = Scales(*(float(v) for v in np.maximum((length, speed, momentum, energy), least)))
+        broken = ~np.isfinite(run.rows[:end]).all(axis=1)
+        for law, series in run.laws.items():
+            broken |= ~(np.abs(series[:end]) <= size.allowed[law])
+        if not np.any(broken):
+            return size
+        end = int(np.argmax(broken))
+
+
+def possible(system: MultibodySystem, start: State) -> Scales:
+    """Of a system that stays at rest, from what its bodies could: arms of joints, spread of the C's, T(0) + m g L."""
     gyration = math.sqrt(float(np.max(np.einsum("bii->b", system.inertia) / (2.0 * system.mass))))
     spread = float(np.linalg.norm(np.ptp(start.r, axis=0)))
     arms = np.concatenate((system.joint_s_i, system.joint_s_j[system.joint_j != GROUND]))  # of the ground: a place
@@ -45,5 +129,12 @@ def scales(system: MultibodySystem, start: State) -> Scales:
     gravity = float(np.linalg.norm(system.gravity))
     springs = float(potential_energy(system, one)[0] + np.einsum("b,i,bi->", system.mass, system.gravity, start.r))
     energy = float(kinetic_energy(system, one)[0]) + mass * gravity * length + springs
-    smallest = mass * (1e-6 * length) ** 2  # [J] at rest, free of forces: a micrometre a second, relative to the size
-    return Scales(mass, length, max(energy, smallest))
+    energy = max(energy, mass * (1e-6 * length) ** 2)  # [J] free of forces: a micrometre a second, relative to the size
+    speed = math.sqrt(2.0 * energy / mass)
+    return Scales(length, speed, mass * speed, energy)
+
+
+def _second_moments(system: MultibodySystem) -> Float[np.ndarray, "nb 3 3"]:
+    """Of the mass about C [kg m2], body frame: the integral of x x^T."""
+    half = 0.5 * np.einsum("bii->b", system.inertia)
+    return half[:, None, None] * np.eye(3) - system.inertia

@@ -10,11 +10,9 @@ from jaxtyping import Float
 
 from ..files import exact
 from ..mechanics import so3
-from ..types import PREDICTABLE, Problem, Trajectory
+from ..types import ACCURATE, PREDICTABLE, Problem, Trajectory
 from .measure import Measured
 from .scales import Scales
-
-ACCURATE = 0.1  # of the mechanism's size: up to there a motion is followed
 
 COUNTER_NAMES: Mapping[str, tuple[str, ...]] = {  # column: names solvers use for it, the first one preferred
     "rejected": ("rejected", "rejections", "rejected_steps", "cut_backs", "step_cuts", "error_test_failures"),
@@ -25,13 +23,15 @@ COUNTER_NAMES: Mapping[str, tuple[str, ...]] = {  # column: names solvers use fo
 }
 
 
-def columns(problem: Problem, trajectory: Trajectory, m: Measured, size: Scales) -> dict[str, Any]:
+def columns(problem: Problem, trajectory: Trajectory, m: Measured) -> dict[str, Any]:
     """The metric columns of ``RunRecord``."""
+    size = m.size
     with np.errstate(all="ignore"):
         return {
             "t_reached_s": float(m.t[-1]),
             **_energy(problem, m, size),
             "length_scale_m": size.length,
+            "speed_scale_m_per_s": size.speed,
             "phi_max": largest(m.phi_norm),
             "phi_end": float(m.phi_norm[-1]),
             "phi_dot_max": largest(m.phi_dot_norm),
@@ -95,14 +95,14 @@ def _energy(problem: Problem, m: Measured, size: Scales) -> dict[str, float]:
 
 
 def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
-    if m.position_error is None or m.orientation_error is None or m.reference_own_error is None:
+    if m.position_error is None or m.orientation_error is None or m.motion_error is None:
         return {}
-    compared = int(np.sum(m.t <= m.reference_horizon * (1.0 + 1e-12)))
-    if compared == 0:
+    compared = int(np.sum(~np.isnan(own))) if (own := m.reference_own_error) is not None else 0
+    if own is None or compared == 0:
         return {}
     last = compared - 1
-    position, orientation = m.position_error[:compared], m.orientation_error[:compared]
-    predictable = int(np.sum(np.cumprod(m.reference_own_error[:compared] <= PREDICTABLE * size.length)))
+    position, orientation, motion = (a[:compared] for a in (m.position_error, m.orientation_error, m.motion_error))
+    predictable = int(np.sum(np.cumprod(own[:compared] <= PREDICTABLE * size.length)))
     by_name = {}
     for o in problem.observables:
         away = np.abs(m.observables[o.name] - m.reference_observables[o.name])[:compared]
@@ -110,24 +110,27 @@ def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
     return {
         "reference": m.reference_route,
         "reference_horizon_s": m.reference_horizon,
-        "reference_own_error_m": float(np.max(m.reference_own_error[:compared])),
-        "accurate_until_s": _until(m.t[:compared], position, ACCURATE * size.length),
+        "reference_own_error_m": float(np.max(own[:compared])),
+        "compared_to_s": float(m.t[last]),
+        **{k: _until(m.t, motion, level * size.length + own[:compared]) for k, level in ACCURATE.items()},
+        "motion_error_max_m": largest(motion),
         "position_error_max_m": largest(position),
         "position_error_end_m": float(position[last]),
         "orientation_error_max_rad": largest(orientation),
         "orientation_error_end_rad": float(orientation[last]),
         **_rates(m, compared),
         "judged_to_s": float(m.t[max(predictable - 1, 0)]),
+        "motion_error_judged_m": largest(motion[:predictable]),
         "position_error_judged_m": largest(position[:predictable]),
         "orientation_error_judged_rad": largest(orientation[:predictable]),
         "observable_errors": json.dumps(by_name),
     }
 
 
-def _until(t: np.ndarray, error: np.ndarray, allowed: float) -> float:
+def _until(t: np.ndarray, error: np.ndarray, allowed: np.ndarray) -> float:
     """First time [s] that ``error`` is above ``allowed``; the last one compared if it never is."""
     above = ~(error <= allowed)
-    return float(t[np.argmax(above)] if np.any(above) else t[-1])
+    return float(t[np.argmax(above) if np.any(above) else len(error) - 1])
 
 
 def _rates(m: Measured, compared: int) -> dict[str, float]:

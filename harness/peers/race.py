@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from ..metrics.measure import measure
-from ..metrics.scales import scales
 from ..metrics.summary import columns
 from ..types import Problem, Status, Trajectory
 
@@ -72,7 +71,6 @@ def race(problem: Problem, runners: Sequence[Runner], repeats: int, budget: floa
 def _result(problem: Problem, name: str, trajectory: Trajectory, times: Sequence[float]) -> Result:
     numbers: dict[str, float] = {}
     if len(trajectory.t) > 1:
-        size = scales(problem.system, problem.initial)
-        numbers = columns(problem, trajectory, measure(problem, trajectory), size)
+        numbers = columns(problem, trajectory, measure(problem, trajectory))
     found = [numbers.get(k, math.nan) for k in MEASURED]
     return Result(name, str(trajectory.status), trajectory.message, "; ".join(trajectory.notes), tuple(times), *found)

@@ -1,11 +1,11 @@
-"""False successes: runs whose solver claims success while a law, a symmetry or the reference contradicts it."""
+"""False successes: runs whose solver claims success while a law or a symmetry contradicts it."""
 
 import math
 from collections.abc import Iterable
 
 from ..results.judgements import FalseSuccess, Symmetry
 from ..results.records import RunRecord, reasons_of
-from ..types import Law, Reason
+from ..types import Law, Reason, Status
 
 OUT_OF_PLANE = 0.01  # of the mechanism's size, where the motion is planar and predictable to the end
 JUDGED = 0.98  # of the time, judged against the reference: beyond it a planar chain may leave its plane
@@ -20,7 +20,11 @@ def wrong(records: Iterable[RunRecord], symmetries: Iterable[Symmetry]) -> tuple
             broken.setdefault(s.settings_ids[-1], []).append(reason)
     out = []
     for r in sorted(records, key=lambda r: (r.problem, r.solver, r.case)):
-        because = (*reasons_of(r.wrong_because), *_out_of_plane(r), *broken.get(r.settings_id, ()))
+        because = (
+            *(reasons_of(r.wrong_because) if r.status == Status.WRONG else ()),
+            *_out_of_plane(r),
+            *broken.get(r.settings_id, ()),
+        )
         if r.claimed == "success" and because:
             out.append(FalseSuccess(r.case, r.settings_id, r.solver, r.problem, because))
     return tuple(out)

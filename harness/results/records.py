@@ -15,7 +15,7 @@ from ..types import Reason
 
 T = TypeVar("T")
 
-SCHEMA = 2  # raise it when a column changes its meaning or goes; a new column with a default keeps it
+SCHEMA = 3  # raise it when a column changes its meaning or goes; a new column with a default keeps it
 NAN = float("nan")
 ESSENTIAL = ("run_id", "case", "problem", "solver", "status")  # others may be newer than the file
 
@@ -56,12 +56,12 @@ class RunRecord:
     memory_limit_MB: float = column("limit on the memory of the run's process")
 
     # how it ended
-    status: str = column("harness.types.Status: success, wrong, refused, diverged, ...", "")
+    status: str = column("harness.types.Status: success, inaccurate, wrong, refused, ...", "")
     claimed: str = column("the status the solver itself gave; empty if it never returned", "")
     ended_by: str = column("harness.types.EndedBy: solver, exception, wall_limit, signal, ...", "")
     ended_limit_s: float = column("the limit on time that ended it, with its grace period")
     message: str = column("the solver's message, or that of the exception it raised", "")
-    wrong_because: str = column("JSON list of harness.types.Reason: why a claimed success is wrong", "[]")
+    wrong_because: str = column("JSON list of harness.types.Reason: why a claimed success is wrong or inaccurate", "[]")
     notes: str = column("JSON list: notes of the solver, e.g. which redundant rows it dropped", "[]")
     events: int = column("number of events in the series file, e.g. singular passages", 0)
     t_reached_s: float = column("time of the last accepted step")
@@ -70,7 +70,7 @@ class RunRecord:
 
     # energy: error is E(t) - E(0) minus the work of dampers
     energy_start_J: float = column("T + V at the start")
-    energy_scale_J: float = column("T(0) + sum m g L + springs: what drifts are compared with")
+    energy_scale_J: float = column("what the motion exchanges: its largest T, or span of V; drifts are compared with it")
     energy_drift_max_J: float = column("max |energy error| over all accepted steps")
     energy_drift_end_J: float = column("energy error at the last step, signed")
     energy_trend_W: float = column("slope of the line of least squares through the energy error [J/s]")
@@ -79,7 +79,8 @@ class RunRecord:
     energy_allowed_J: float = column("the benchmark's own limit on the drift, where it has one")
 
     # constraints
-    length_scale_m: float = column("size of the mechanism at the start: what |phi| and errors are compared with")
+    length_scale_m: float = column("reach of the motion: how far a body moves from its start; |phi| and errors are compared with it")
+    speed_scale_m_per_s: float = column("largest speed of a body: what |phi_dot| is compared with")
     phi_max: float = column("max |phi|: point rows in m, axis rows without unit")
     phi_end: float = column("|phi| at the last step")
     phi_dot_max: float = column("max |phi_dot|: m/s, axis rows 1/s")
@@ -93,7 +94,11 @@ class RunRecord:
     reference: str = column("how the reference is computed; empty without one", "")
     reference_horizon_s: float = column("errors are taken up to here, or to t_end")
     reference_own_error_m: float = column("stated error of the reference over that time")
-    accurate_until_s: float = column("the position error stays within a tenth of length_scale_m up to here")
+    compared_to_s: float = column("last step compared with the reference")
+    accurate_until_s: float = column("motion_error first passes a tenth of length_scale_m; compared_to_s if it never does")
+    accurate_until_1pct_s: float = column("the same for a hundredth")
+    accurate_until_0p1pct_s: float = column("the same for a thousandth")
+    motion_error_max_m: float = column("max over time and bodies of the rms distance of a body's matter from the exact")
     position_error_max_m: float = column("max over time and bodies of |r - r_exact|")
     position_error_end_m: float = column("the same at the last compared step")
     orientation_error_max_rad: float = column("max over time and bodies of the angle between R and R_exact")
@@ -103,6 +108,7 @@ class RunRecord:
     reaction_error_max_N: float = column("max over instants and bodies of the error of the joint forces' sum on a body")
     reaction_size_N: float = column("largest such sum of the exact motion")
     judged_to_s: float = column("errors are judged up to here: beyond, the motion is chaotic")
+    motion_error_judged_m: float = column("max of the motion error up to there")
     position_error_judged_m: float = column("max of the position error up to there")
     orientation_error_judged_rad: float = column("max of the orientation error up to there")
     observable_errors: str = column("JSON: {name: {max, end, unit}} of |observable - exact|", "{}")

@@ -7,6 +7,7 @@ holds: ``docs/results-format.md``.
 import fcntl
 import hashlib
 import os
+import re
 import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
 
 LOCAL = Path("results") / "local"
 PARTS = ("runs", "series", "stderr")
+SCHEMA_IN_FILE = re.compile(rb'\\"schema\\": (\d+)')  # of a record inside its file
 
 
 class StoreError(files.FileError):
@@ -55,15 +57,24 @@ class Loaded:
 
 def is_results(folder: Path) -> bool:
     """Whether ``folder`` holds results that this version reads."""
-    return (folder / "runs").is_dir()
+    return (folder / "runs").is_dir() and not older(folder)
+
+
+def older(folder: Path) -> int:
+    """The schema of results of an older version, else 0. Runs of schema 1 were called cells."""
+    if not (folder / "runs").is_dir():
+        return int((folder / "cells").is_dir())
+    texts = (path.read_bytes() for path in sorted((folder / "runs").glob("*.json")))
+    found = next((int(m[1]) for text in texts if (m := SCHEMA_IN_FILE.search(text))), SCHEMA)
+    return found if found < SCHEMA else 0
 
 
 def refuse_older(folder: Path) -> None:
-    """StoreError for a folder of schema 1, whose runs were called cells."""
-    if (folder / "cells").is_dir() and not is_results(folder):
+    """StoreError for results of an older version."""
+    if schema := older(folder):
         suite = folder / "suite.toml"
         again = f"run the suite again: mbsbench run {suite}" if suite.is_file() else "run its suite again"
-        raise StoreError(f"{folder} holds results of an older version (schema 1); {again}")
+        raise StoreError(f"{folder} holds results of an older version (schema {schema}); {again}")
 
 
 def create(folder: Path) -> Path:

@@ -3,12 +3,12 @@
 import math
 import signal
 
-from ..types import EndedBy, Law, Reason, Status
+from ..types import ACCURATE, EndedBy, Law, Reason, Status
 from .records import RunRecord, reasons_of
 
 WORKERS = 3  # Dask gives a run up after it has lost that many
 LAWS = {
-    Law.ENERGY: "the energy error", Law.POSITION: "the position error", Law.ORIENTATION: "the orientation error",
+    Law.ENERGY: "the energy error", Law.MOTION: "the motion error", Law.POSITION: "the position error", Law.ORIENTATION: "the orientation error",
     Law.CONSTRAINT: "|phi|", Law.CONSTRAINT_RATE: "|phi_dot|", Law.ORTHOGONALITY: "|R^T R - 1|",
     Law.PLANE: "the distance from the plane of motion", Law.FINITE: "values that are not finite",
     Law.START: "another start", Law.END: "another end",
@@ -20,6 +20,20 @@ def why(record: RunRecord) -> list[str]:
     found = [words_of(r) for r in reasons_of(record.wrong_because)] or [words_of_ending(record)]
     said = [w for w in found if w.strip()]
     return said or ([] if record.status == Status.SUCCESS else [f"{record.status or 'unknown'}, without a message"])
+
+
+def accurate_until(record: RunRecord) -> list[str]:
+    """``2.57 s (10 %)``, one a level; ``at least`` where the reference ends before the motion leaves it."""
+    return [
+        f"{'at least ' if at_least(record, time) else ''}{time:.4g} s ({100.0 * level:g} %)"
+        for name, level in ACCURATE.items()
+        if not math.isnan(time := getattr(record, name))
+    ]
+
+
+def at_least(record: RunRecord, accurate_until: float) -> bool:
+    """Whether the reference ended before the motion left it: how long it would have stayed is not known."""
+    return record.t_reached_s > record.compared_to_s <= accurate_until
 
 
 def law_of(reason: Reason) -> str:

@@ -2,7 +2,7 @@
 (async () => {
   // the matrix and the tables of variants: rows by a solver's column; what has no number there stays last
   const MEASURES = { error: "error", energy: "energy error", phi: "constraint error", cost: "CPU time" };
-  const LAST = { good: 0, wrong: 0, failed: 1, refused: 2 };
+  const LAST = { good: 0, inaccurate: 0, wrong: 0, failed: 1, refused: 2 };
   const superscripts = (text) => [...text].map((c) => "-0123456789"["⁻⁰¹²³⁴⁵⁶⁷⁸⁹".indexOf(c)] ?? c).join("");
   // an entry's number as it reads: 1.23×10⁻⁵ m, 45.6 ms, ∞ J; null where there is none
   const read = (text) => {

@@ -65,8 +65,8 @@ def _counts(results: Results) -> Iterator[Finding]:
     wrong = sorted(((s, n) for s, n in scores.items() if n.wrong), key=lambda kv: -kv[1].wrong)
     if wrong:
         whose = listed([f"{solver} {n.wrong} of {n.runs}" for solver, n in wrong])
-        yield Finding(f"{plural(count['wrong'], 'false success', 'false successes')}: energy, constraints, invariants "
-                      f"or the reference are violated: {whose}.", "wrong")  # fmt: skip
+        yield Finding(f"{plural(count['wrong'], 'false success', 'false successes')}: energy, constraints or "
+                      f"invariants are violated: {whose}.", "wrong")  # fmt: skip
     for label in results.labels() if len(results.labels()) > 1 else ():
         own = score(c for c in results.runs if c.record.label == label)
         yield Finding(f"“{label or 'no label'}”: of {plural(own.runs, 'run')} {own.words}.")
@@ -116,7 +116,7 @@ def _cheapest(variant: Variant, measure: Measure) -> Iterator[Finding]:
 
 
 def _response(variant: Variant, measure: Measure) -> Iterator[Finding]:
-    whole = [c for c in variant.runs if (c.succeeded or c.status == "wrong") and math.isfinite(measure.of(c))]
+    whole = [c for c in variant.runs if c.status in ("success", "inaccurate", "wrong") and math.isfinite(measure.of(c))]
     above = [c for c in whole if measure.of(c) > max(10.0 * measure.own, 0.0)]
     for own in grouped(above, lambda c: f"{c.method} {c.record.max_step_s:g}").values():
         own.sort(key=lambda c: -c.step_or_tolerance)

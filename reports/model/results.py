@@ -75,7 +75,7 @@ class Run:
     @property
     def stopped(self) -> bool:
         """It neither reached the end nor was refused beforehand."""
-        return self.status not in (Status.SUCCESS, Status.WRONG, Status.REFUSED)
+        return self.status not in (Status.SUCCESS, Status.INACCURATE, Status.WRONG, Status.REFUSED)
 
     @property
     def step_or_tolerance(self) -> float:

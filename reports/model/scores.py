@@ -9,7 +9,9 @@ from .results import Results, Run, Variant, by_solver
 from .variants import broadest, themselves
 from .words import cut, listed, mark, number, plural, time
 
-KINDS = {"good": "succeeded", "wrong": "wrong", "failed": "stopped", "refused": "refused"}  # of marks, in words
+KINDS = {  # of marks, in words
+    "good": "succeeded", "inaccurate": "inaccurate", "wrong": "wrong", "failed": "stopped", "refused": "refused"
+}  # fmt: skip
 NAMED = 3  # variants named for a solver in an answer; more are counted
 REASON = 90  # characters of a reason
 
@@ -19,6 +21,7 @@ class Score:
     """Numbers of runs; ``bounded`` and ``drifting`` count successes whose energy error tells."""
 
     succeeded: int
+    inaccurate: int
     wrong: int
     stopped: int
     refused: int
@@ -27,7 +30,7 @@ class Score:
 
     @property
     def runs(self) -> int:
-        return self.succeeded + self.wrong + self.stopped + self.refused
+        return sum(getattr(self, name) for name in KINDS.values())
 
     @property
     def shares(self) -> list[tuple[str, int, float]]:
@@ -45,7 +48,8 @@ def score(runs: Iterable[Run]) -> Score:
     own = list(runs)
     kinds = Counter(mark(c.status).kind for c in own)
     energy = Counter(drifts(c) for c in own if c.succeeded)
-    return Score(kinds["good"], kinds["wrong"], kinds["failed"], kinds["refused"], energy[False], energy[True])
+    ended = {name: kinds[kind] for kind, name in KINDS.items()}
+    return Score(**ended, bounded=energy[False], drifting=energy[True])
 
 
 @dataclass(frozen=True)

@@ -56,7 +56,8 @@ COLUMNS: Sequence[Column] = (
     Column("label", "Group", "", "Label of the run in its suite.", _of("label"), latex="Group"),
     Column("settings", "Settings", "", "Step or tolerance, and options that differ from the defaults.",
            lambda c: c.settings(), latex="Settings"),
-    Column("status", "Status", "", "How the run ended; wrong: success was claimed, but a law is broken.",
+    Column("status", "Status", "", "How the run ended; wrong: success was claimed, but a law is broken; "
+           "inaccurate: all laws hold, but the motion is off the reference.",
            lambda c: mark(c.status).word, latex="Status"),
     Column("t_reached", "t reached", "s", "Time of the last accepted step.", _of("t_reached_s"), time),
     Column("energy_drift_max", "max |E−E₀|", "J",
@@ -72,6 +73,15 @@ COLUMNS: Sequence[Column] = (
            _of("position_error_max_m"), latex="Position error [m]"),
     Column("orientation_error", "Orientation error", "rad", "Largest angle between a body and its exact orientation.",
            _of("orientation_error_max_rad"), latex="Orientation error [rad]"),
+    Column("motion_error", "Motion error", "m", "Largest distance of a body from its exact pose, root mean square over "
+           "its matter: position and orientation in one number.", _of("motion_error_max_m")),
+    Column("accurate_until", "Accurate until", "s", "Time at which the motion error first passes a tenth of the reach; "
+           "the end of the comparison if it never does.", _of("accurate_until_s"), time),
+    Column("accurate_until_1pct", "to 1 %", "s", "The same for a hundredth.", _of("accurate_until_1pct_s"), time),
+    Column("accurate_until_0p1pct", "to 0.1 %", "s", "The same for a thousandth.", _of("accurate_until_0p1pct_s"),
+           time),
+    Column("compared_to", "Compared to", "s", "Last step before the reference or the run ends.", _of("compared_to_s"),
+           time),
     Column("judged_to", "judged to", "s", "Errors are judged up to this time: beyond it the motion is chaotic and no "
            "solver can track it, so only energy and constraints count.", _of("judged_to_s"), time),
     Column("position_error_judged", "Position error judged", "m", "The position error up to there.",

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 BELOW_CLOCK = "below the clock"  # a CPU time that reads 0: too short to measure
 NONE = "–"  # the quantity does not exist here
-MARKS = {"success": ("✓", "good"), "wrong": ("✗", "wrong"), "refused": ("⊘", "refused")}  # by status
+MARKS = {  # by status
+    "success": ("✓", "good"), "inaccurate": ("≈", "inaccurate"), "wrong": ("✗", "wrong"), "refused": ("⊘", "refused")
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -16,7 +18,7 @@ class Mark:
 
     symbol: str
     word: str
-    kind: str  # class in the style sheet: good, wrong, refused, failed
+    kind: str  # class in the style sheet: good, inaccurate, wrong, refused, failed
 
 
 def mark(status: str) -> Mark:

@@ -117,7 +117,7 @@ def moments(rows: Sequence[Row]) -> tuple[Moment, ...]:
     out = []
     for name, own in grouped(rows, lambda row: row.results).items():
         ends = Counter(mark(r.status).kind for r in own)
-        kinds = {"good": mark("success"), "wrong": mark("wrong"), "refused": mark("refused"),
+        kinds = {**{m.kind: m for m in map(mark, ("success", "inaccurate", "wrong", "refused"))},
                  "failed": Mark("★", "stopped", "failed")}  # fmt: skip
         counts = tuple((m, ends[kind]) for kind, m in kinds.items() if ends[kind])
         gates = Counter(gate_mark(r.gate) for r in own if r.gate)

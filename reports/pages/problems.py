@@ -9,6 +9,7 @@ from ...harness.results.judgements import DRIFTS
 from ..model.accuracy import measure_for
 from ..model.curves import SPANS_UPPER
 from ..model.findings import findings_of
+from ..model.followed import followed
 from ..model.motion import Motion, motion_of
 from ..model.results import Results, Run, Variant
 from ..model.variants import broadest, groups_of, themselves
@@ -126,6 +127,7 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
         facts_of_it=facts_of(variant, max((m.bodies for m in motions.values()), default=0)),
         findings=findings_of(variant, label), groups=groups, most=ROWS,
         rest={name: f"{where}{results.labels().index(name)}#runs" for name in groups},
+        followed=followed(variant),
         extras=extras([line.run for line in lines]),
         events=events([m for m in motions.values() if m.events]),
     )  # fmt: skip

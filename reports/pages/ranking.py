@@ -28,7 +28,7 @@ WORK = {
     "steps": "steps", "rejected": "rejected steps", "evaluations": "evaluations", "jacobians": "Jacobians",
     "factorisations": "factorisations", "newton_iterations": "Newton's corrections",
 }  # fmt: skip
-BETTER = ("good", "refused", "failed", "wrong")  # endings, best first
+BETTER = ("good", "inaccurate", "refused", "failed", "wrong")  # endings, best first
 CLAIM_ORDER = (Verdict.SUPPORTED, Verdict.CONDITIONAL, Verdict.UNTESTABLE, Verdict.REFUTED)
 SAME = 0.01  # relative: a change this small is neither better nor worse
 LITTLE = 1e-5  # of a problem's scale: shown as "less than"

@@ -10,12 +10,10 @@ import json
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
 from itertools import compress
 from pathlib import Path
 
 from ...catalogue import registry
-from ...metrics.scales import scales
 from ...results.judgements import Note, Order, OrderVerdict
 from ...results.records import RunRecord
 from .fitting import FEWEST, Fit, ladder, scattered
@@ -56,22 +54,12 @@ def _own(r: RunRecord) -> float:
 
 
 def _rate(r: RunRecord) -> float:
-    """speed / length [1/s] of the problem: what a position's error is multiplied by to be a velocity's."""
-    return _rate_of(r.problem, r.problem_parameters)
-
-
-@cache
-def _rate_of(problem: str, parameters: str) -> float:
-    try:
-        made = registry.make_problem(problem, json.loads(parameters))
-    except ValueError:  # judged where it is not installed, or has other parameters by now
-        return math.nan
-    size = scales(made.system, made.initial)
-    return size.speed / size.length
+    """speed / length [1/s] of the motion: what a position's error is multiplied by to be a velocity's."""
+    return r.speed_scale_m_per_s / _length(r)
 
 
 def _speed(r: RunRecord) -> float:
-    return _length(r) * _rate(r)
+    return r.speed_scale_m_per_s
 
 
 QUANTITIES = (

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from ...results.judgements import Targets, Work, WorkPoint, WorkProfile
 from ...results.records import RunRecord
-from ...types import PREDICTABLE
+from ...types import PREDICTABLE, Status
 from .symmetries import CHANGES
 
 TARGETS = tuple(10.0 ** (-0.5 * k) for k in range(2, 19))  # 1e-1 to 1e-9 of the size (of 1 rad)
@@ -110,7 +110,7 @@ def _field(all_runs: Sequence[RunRecord]) -> Field | None:
 
 def _sound(r: RunRecord) -> bool:
     """Whether a run got to its end and nothing contradicts it."""
-    return r.status == "success" and r.t_reached_s >= r.t_end_s * (1.0 - END)
+    return Status(r.status).lawful and r.t_reached_s >= r.t_end_s * (1.0 - END)
 
 
 def _points(f: Field) -> list[WorkPoint]:

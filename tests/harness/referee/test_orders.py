@@ -10,7 +10,6 @@ import pytest
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.worker import run
-from mbsbench.harness.metrics.scales import scales
 from mbsbench.harness.referee.certificates.fitting import ladder, scattered
 from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify
 from mbsbench.harness.results.judgements import ORDERS, as_text, read
@@ -111,7 +110,7 @@ def made_up(column, errors, **columns):
     return [
         bare(4.0, problem="spherical_pendulum", solver="made_up", case=f"pendulum made_up dt={dt}", control="dt",
              dt_s=dt, steps=math.ceil(4.0 / dt - 1e-6), claimed="success", status="success", declared_order=2.0,
-             settings_id=str(dt), length_scale_m=0.5, energy_scale_J=4.9,
+             settings_id=str(dt), length_scale_m=0.5, speed_scale_m_per_s=3.132, energy_scale_J=4.9,
              **{"reference_own_error_m": 1e-12, column: error, **columns})
         for dt, error in zip(DT, errors, strict=False)
     ]  # fmt: skip
@@ -160,16 +159,15 @@ def test_what_steps_leave_unsolved_is_a_floor_and_nothing_above_it():
 
 
 def test_velocities_have_scales_and_own_errors_of_their_unit():
-    """[m] becomes [m/s] by speed / length of the problem, 6.26 1/s for the pendulum, and nothing else does."""
+    """[m] becomes [m/s] by speed / length of the motion, 6.264 1/s here, and nothing else does."""
     (r,) = made_up("velocity_error_max_m_per_s", [1.0])
-    problem = make_problem("spherical_pendulum", {})
-    size = scales(problem.system, problem.initial)
+    speed, length = 3.132, 0.5
     q = {k.name: k for k in QUANTITIES}
-    assert q["velocity"].scale(r) == pytest.approx(size.speed)
-    assert q["|phi_dot|"].scale(r) == pytest.approx(size.speed)
-    assert q["angular velocity"].scale(r) == pytest.approx(size.speed / size.length)
+    assert q["velocity"].scale(r) == pytest.approx(speed)
+    assert q["|phi_dot|"].scale(r) == pytest.approx(speed)
+    assert q["angular velocity"].scale(r) == pytest.approx(speed / length)
     for rate, base in (("velocity", "position"), ("angular velocity", "orientation")):
-        assert q[rate].own(r) == pytest.approx(q[base].own(r) * size.speed / size.length)
+        assert q[rate].own(r) == pytest.approx(q[base].own(r) * speed / length)
 
 
 def test_velocity_errors_the_reference_cannot_resolve_are_left_out():

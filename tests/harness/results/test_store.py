@@ -141,17 +141,22 @@ def test_unwritable_folder_is_said_in_a_line():
     "line", ["report", "show", "verify", "judge", "figures", "diff {0}", "merge out", "gate --results", "history",
              "animate --problem p --out x.gif", "run ci --resume --out"],
 )  # fmt: skip
-def test_a_folder_of_an_older_version_is_refused_with_what_to_do(tmp_path, line, capsys):
+@pytest.mark.parametrize("schema", [1, 2])
+def test_a_folder_of_an_older_version_is_refused_with_what_to_do(tmp_path, line, schema, capsys):
     """By every command that takes one; nothing in it is changed."""
     old = tmp_path / "old"
-    (old / "cells").mkdir(parents=True)
-    (old / "cells.parquet").write_bytes(b"")
+    if schema == 1:
+        (old / "cells").mkdir(parents=True)
+        (old / "cells" / "aa.json").write_bytes(b"")
+    else:
+        store.write_record(store.create(old), dataclasses.replace(RECORD, schema=schema))
     (old / "suite.toml").write_text("")
+    before = sorted(p for p in old.rglob("*"))
     with contextlib.chdir(tmp_path):
         assert main([*line.format(old).split(), str(old)]) == 2
-    said = f"holds results of an older version (schema 1); run the suite again: mbsbench run {old}/suite.toml\n"
+    said = f"holds results of an older version (schema {schema}); run the suite again: mbsbench run {old}/suite.toml\n"
     assert said in capsys.readouterr().err
-    assert sorted(p.name for p in old.iterdir()) == ["cells", "cells.parquet", "suite.toml"]
+    assert before == sorted(p for p in old.rglob("*"))
 
 
 def test_format_page_names_every_status():
@@ -159,7 +164,7 @@ def test_format_page_names_every_status():
     text = (environment.ROOT / "docs" / "results-format.md").read_text()
     for status in Status:
         assert f"`{status}`" in text
-    assert records.SCHEMA == 2  # a new schema needs a new page
+    assert records.SCHEMA == 3  # a new schema needs a new page
 
 
 def test_digest_covers_all_that_a_run_runs():

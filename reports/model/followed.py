@@ -1,0 +1,38 @@
+"""How long solvers follow the exact motion: a bar each, in three shades, that ends with the reference at the latest."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ...harness.results.words import accurate_until, at_least
+from ...harness.types import ACCURATE
+from .results import Run, Variant, by_solver
+
+SHADES = ("ten", "one", "tenth")  # of a bar, by the levels of ``ACCURATE``
+
+
+@dataclass(frozen=True)
+class Followed:
+    """Of a solver's finest settings: the shades in percent of the simulated time, the narrowest first."""
+
+    run: Run
+    until: float  # [s] within a tenth of the reach
+    open: bool  # the reference ends there, not the agreement
+    shades: tuple[tuple[str, float], ...]
+    words: str
+
+
+def followed(variant: Variant) -> Sequence[Followed]:
+    """One a solver, the longest first; none without a reference."""
+    out = []
+    for own in by_solver(variant.runs).values():
+        known = [c for c in own if not math.isnan(c.record.accurate_until_s)]
+        if known:
+            run = min(known, key=lambda c: c.finest_first)
+            r = run.record
+            ends = [100.0 * getattr(r, name) / r.t_end_s for name in reversed(ACCURATE)]
+            widths = [end - begin for begin, end in zip([0.0, *ends], ends, strict=False)]
+            shades = tuple(zip(reversed(SHADES), widths, strict=True))
+            until = r.accurate_until_s
+            out.append(Followed(run, until, at_least(r, until), shades, ", ".join(accurate_until(r))))
+    return sorted(out, key=lambda f: (-f.until, f.run.record.solver))
