@@ -4,7 +4,7 @@ else the values and pairs with which it always or never holds. Conditions are fo
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ...results.judgements import Condition, Count, Decision
@@ -58,18 +58,20 @@ def _entropy(holds: int, total: int) -> float:
 
 
 def _by(points: Points, name: str, values: Sequence[Any]) -> list[Count]:
-    return [Count(v, *_count(points, {name: v})) for v in values]
+    return [Count(c.at[name], c.holds, c.settings) for c in _cross(points, {name: values})]
 
 
 def _cross(points: Points, chosen: Mapping[str, Sequence[Any]]) -> list[Condition]:
-    """Each combination that occurs."""
-    found = [dict(zip(chosen, values, strict=True)) for values in itertools.product(*chosen.values())]
-    return [c for at in found if (c := Condition(at, *_count(points, at))).settings]
+    """Each combination that occurs, in the order of the values."""
+    counts: dict[tuple[Any, ...], list[bool]] = {}
+    for at, holds in points:
+        counts.setdefault(_key(at.get(n) for n in chosen), []).append(holds)
+    found = (dict(zip(chosen, values, strict=True)) for values in itertools.product(*chosen.values()))
+    return [Condition(at, sum(own), len(own)) for at in found if (own := counts.get(_key(at.values())))]
 
 
-def _count(points: Points, at: Mapping[str, Any]) -> tuple[int, int]:
-    here = _where(points, at)
-    return sum(points[k][1] for k in here), len(here)
+def _key(values: Iterable[Any]) -> tuple[Any, ...]:
+    return tuple((isinstance(v, bool), v) for v in values)  # True is no 1
 
 
 def _where(points: Points, at: Mapping[str, Any]) -> frozenset[int]:

@@ -132,11 +132,9 @@ def test_texts_of_a_register_are_not_markup(made, capsys):
     assert command.STYLE.keys() == {"SUPPORTED", "CONDITIONAL", "REFUTED", "UNTESTABLE"}
 
 
-CHEAP = (  # claims whose runs take half a minute at most: every problem, every verdict, two of most pairs
+CHEAP = (  # claims whose runs take half a minute or so: every problem, most verdicts
     "1-one-step",
     "1-any-tolerance",
-    "2-energy-two-orders",
-    "2-other-axis",
     "5-gc-near-tolerance",
     "5-ode45-smallest",
     "7-start",
@@ -144,7 +142,6 @@ CHEAP = (  # claims whose runs take half a minute at most: every problem, every 
     "11-gc-coincident",
     "11-ode45-coincident",
     "11-ode45-step-decrease",
-    "12-agreement",
     "12-redundant",
     "12-joint-A",
     "general-no-scaling",
