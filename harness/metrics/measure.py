@@ -12,6 +12,7 @@ from ..mechanics import so3
 from ..mechanics.motion import constraint, constraint_energy_norm, constraint_rate, damping_power, energy
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
+from ..reference.computed import reference_of
 from ..types import Problem, Reference, Trajectory
 from .reactions import exact_pull_on_bodies, instants_to_compare, pull_on_bodies
 
@@ -81,7 +82,7 @@ def _out_of_plane(problem: Problem, at_home: States) -> np.ndarray | None:
 
 
 def _against_reference(problem: Problem, t: np.ndarray, s: States, reaction: np.ndarray | None) -> dict:
-    reference = problem.reference()
+    reference = reference_of(problem)
     if reference is None:
         return {}
     covered = t <= reference.horizon * (1.0 + 1e-12)  # a horizon of 5 s covers a last step at 5.000000000001 s
