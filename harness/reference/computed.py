@@ -9,6 +9,7 @@ rounding floor. The stated error is ten times the largest disagreement so far. T
 import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from enum import StrEnum
 from functools import cache, partial
 from pathlib import Path
 
@@ -56,6 +57,21 @@ def reference_of(problem: Problem) -> Reference | None:
     """The problem's exact motion, else the computed one (read from disk if known); None for too large a system."""
     exact = problem.reference()
     return exact if exact is not None or not is_computable(problem.system) else computed(problem)
+
+
+class Source(StrEnum):
+    """Where the reference of a problem comes from."""
+
+    OWN = "own"  # the problem's exact motion; None for some starts, then as if it had none
+    COMPUTED = "computed"
+    NONE = "none"  # the system is too large
+
+
+def source_of(problem: Problem) -> Source:
+    """Without computing anything."""
+    if problem.reference_from is not None:
+        return Source.OWN
+    return Source.COMPUTED if is_computable(problem.system) else Source.NONE
 
 
 def is_computable(system: MultibodySystem) -> bool:

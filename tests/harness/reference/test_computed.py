@@ -1,6 +1,5 @@
 """Computed references against exact motions and laws; and that a route with an error is found out."""
 
-import dataclasses
 import multiprocessing
 from collections.abc import Iterator
 
@@ -12,8 +11,7 @@ from mbsbench.harness.conformance import laws
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import constraint, damping_power, energy
-from mbsbench.harness.mechanics.state import States, rotated
-from mbsbench.harness.mechanics.system import assemble
+from mbsbench.harness.mechanics.state import rotated
 from mbsbench.harness.reference import computed as module
 from mbsbench.harness.reference import orbit
 from mbsbench.harness.reference.computed import computed, is_computable, reference_of
@@ -36,12 +34,12 @@ def fresh_references(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
 
 
 EXACT = {
-    "pendulum": ("spherical_pendulum", {"omega_z": 3.0, "t_end": 2.0}),
-    "turned": ("spherical_pendulum", {"omega_z": 3.0, "rotation": (0.3, -0.5, 0.7), "t_end": 0.5}),
-    "top": ("heavy_top", {"t_end": 0.5}),
-    "free": ("torque_free_body", {"inertia_factors": (1.0, 1.5, 2.0), "t_end": 3.0}),
-    "chain": ("chain", {"t_end": 0.4}),
-    "grid": ("four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.6}),  # 64 rows of rank 58
+    "pendulum": ("spherical_pendulum", {"omega_z": 3.0, "t_end": 0.5}),
+    "turned": ("spherical_pendulum", {"omega_z": 3.0, "rotation": (0.3, -0.5, 0.7), "t_end": 0.2}),
+    "top": ("heavy_top", {"t_end": 0.1}),
+    "free": ("torque_free_body", {"inertia_factors": (1.0, 1.5, 2.0), "t_end": 1.0}),
+    "chain": ("chain", {"t_end": 0.15}),
+    "grid": ("four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.2}),  # 64 rows of rank 58
 }
 
 
@@ -60,7 +58,7 @@ def test_it_is_the_exact_motion_within_its_stated_error(name: str) -> None:
     assert np.ptp(E) < 1e-9 * np.max(np.abs(E))
 
 
-@pytest.mark.parametrize("make", [slider_crank, lambda: sprung(0.0), lambda: sprung(3.0)])
+@pytest.mark.parametrize("make", [lambda: slider_crank(0.2), lambda: sprung(0.0, 0.3), lambda: sprung(3.0, 0.3)])
 def test_it_obeys_the_laws_where_nothing_is_known(make) -> None:
     """Joints, velocities, energy less the dampers' work, Newton and Euler: stated in (r, R), not by either route."""
     p = make()
@@ -80,11 +78,11 @@ def test_it_obeys_the_laws_where_nothing_is_known(make) -> None:
 
 def test_a_turned_system_has_the_turned_motion() -> None:
     """Two computations, of other numbers throughout."""
-    p = sprung(1.0, 0.4)
+    p = sprung(1.0, 0.2)
     Q = so3.exp(np.array([0.4, -1.1, 0.6]))
     here, there = computed(p), computed(in_frame(p, Q))
     assert here is not None and there is not None
-    t = np.linspace(0.0, 0.4, 21)
+    t = np.linspace(0.0, 0.2, 21)
     gap = rotated(here.states(t), Q).r - there.states(t).r
     assert np.all(np.max(np.linalg.norm(gap, axis=2), axis=1) <= here.error(t) + there.error(t))
 
@@ -152,11 +150,11 @@ def test_both_routes_accelerate_alike_and_have_the_jacobian_of_the_system() -> N
 
 def test_a_perturbed_chain_has_a_reference_out_of_its_plane() -> None:
     """The planar linkage has none; the energy is that of the start, in all three directions."""
-    p = make_problem("chain", {"perturb": 1e-3, "t_end": 0.2})
+    p = make_problem("chain", {"perturb": 1e-3, "t_end": 0.05})
     assert p.reference() is None
     found = reference_of(p)
-    assert found is not None and found.horizon == 0.2
-    s = found.states(np.linspace(0.0, 0.2, 41))
+    assert found is not None and found.horizon == 0.05
+    s = found.states(np.linspace(0.0, 0.05, 41))
     assert np.max(np.abs(s.r[:, :, 2])) > 1e-5
     assert np.ptp(energy(p.system, s)) < 1e-9
     assert np.max(np.abs(constraint(p.system, s))) < 1e-11
@@ -164,7 +162,7 @@ def test_a_perturbed_chain_has_a_reference_out_of_its_plane() -> None:
 
 def test_a_singular_passage_ends_it_without_an_exception() -> None:
     """A parallelogram turns through its folded position, where its rank falls; until then it is the exact motion."""
-    p = make_problem("four_bar_grid", {"rows": 1, "columns": 1, "rate": 8.0, "t_end": 0.6})
+    p = make_problem("four_bar_grid", {"rows": 1, "columns": 1, "rate": 8.0, "t_end": 0.25})
     exact, found = p.reference(), computed(p)
     assert exact is not None and found is not None
     t = np.linspace(0.0, min(found.horizon, exact.horizon), 51)
@@ -184,14 +182,6 @@ def test_a_large_system_has_none() -> None:
     """Hundreds of bodies would take hours: said at once."""
     p = make_problem("chain", {"links": 150, "perturb": 1e-6, "t_end": 0.01})
     assert not is_computable(p.system) and reference_of(p) is None
-
-
-def test_dead_weight_changes_neither_horizon_nor_error() -> None:
-    """A heavy body that nothing moves is in neither: scales are those of what moves."""
-    p = make_problem("spherical_pendulum", {"omega_z": 3.0, "t_end": 0.5})
-    resting = dataclasses.replace(p, reference_from=None)
-    assert reference_of(resting) is not None
-    assert assemble is not None
 
 
 class Kept:
@@ -246,9 +236,3 @@ def test_two_processes_at_once_get_the_same(tmp_path) -> None:
         process.join()
     assert a is not None and np.array_equal(a, b)
     assert [f.suffix for f in tmp_path.iterdir()] == [".npz"]
-
-
-def test_states_are_read_only_states() -> None:
-    """What measures take."""
-    found = computed(Kept.problem())
-    assert found is not None and isinstance(found.states(np.array([0.0, 0.01])), States)
