@@ -25,7 +25,7 @@ from .newton_euler import NewtonEuler, gyration
 from .orbit import Orbit, Pair, Piece
 
 WORST, AGREED = 1e-3, 1e-10  # of the reach
-LEVELS = ((1e-12, 3e-13), (1e-13, 1e-13))  # tolerance of route 1, correction of route 2
+LEVELS = ((1e-11, 1e-10), (1e-13, 1e-12))  # tolerance of route 1, correction of route 2
 BUDGET = 60.0  # [s] by the cost model, not by the clock: the horizon must not depend on the machine and its load
 FEWEST = 300  # steps of route 2 that the budget must pay: of larger systems too little would be known
 CHUNK = 16  # steps of route 2 between two projections
