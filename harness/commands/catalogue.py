@@ -1,6 +1,7 @@
 """``list``: problems, solvers and suites, each option with its unit and default."""
 
 import argparse
+import contextlib
 import dataclasses
 from collections.abc import Mapping
 from typing import Any
@@ -11,12 +12,17 @@ from rich.table import Table
 
 from ..catalogue import registry
 from ..catalogue.options import Parameter
+from ..reference.computed import Source, source_of
 from ..results.naming import text_of
 from ..suites.includes import suite_names
 from ..suites.spec import DEFAULT_RTOL
 from .screen import print_json, screen
 from .terms import add_plugin, load_plugins, subcommand
 
+REFERENCE = {
+    Source.OWN: "its own exact motion", Source.COMPUTED: "computed by two formulations until they agree",
+    Source.NONE: "none, the system is too large to compute one",
+}  # fmt: skip
 STEP = {
     "dt": "dt [s] (fixed step, default: the problem's)",
     "rtol": f"rtol (default {DEFAULT_RTOL:g}), max_step [s] (default: none)",
@@ -40,6 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
     for problem in registry.problems().values():
         own = {k: v for k, v in problem.parameters.items() if k not in registry.COMMON_PARAMETERS}
         out.print(f"[bold cyan]{problem.name}[/bold cyan]  {escape(problem.doc)}")
+        if source := _source(problem.name):
+            out.print(f"  reference: {REFERENCE[source]}", style="dim")
         _options(out, own)
     out.print("[bold cyan]every problem[/bold cyan]  has these too")
     _options(out, registry.COMMON_PARAMETERS)
@@ -58,13 +66,21 @@ def run(arguments: argparse.Namespace) -> int:
 def as_plain() -> dict[str, Any]:
     """JSON-able: problems, solvers, suites."""
     problems = [
-        {"name": p.name, "doc": p.doc, "parameters": _plain(p.parameters)} for p in registry.problems().values()
+        {"name": p.name, "doc": p.doc, "reference": _source(p.name), "parameters": _plain(p.parameters)}
+        for p in registry.problems().values()
     ]
     solvers = [
         {**{k: getattr(s, k) for k in ("name", "paper_label", "doc", "control")}, "options": _plain(s.parameters)}
         for s in registry.solvers().values()
     ]
     return {"problems": problems, "solvers": solvers, "suites": suite_names()}
+
+
+def _source(name: str) -> Source | None:
+    """Of the problem with its defaults; None if it cannot be made, which is for ``check`` to say."""
+    with contextlib.suppress(Exception):
+        return source_of(registry.make_problem(name))
+    return None
 
 
 def _plain(parameters: Mapping[str, tuple[Any, Parameter]]) -> list[dict[str, Any]]:

@@ -12,7 +12,6 @@ from rich.text import Text
 
 from ..execution.eta import Estimate, durations, in_words
 from ..execution.job import Job
-from ..execution.warmup import runs_to_warm
 from ..results.records import RunRecord
 from ..results.store import Loaded, Unreadable
 from ..results.words import why
@@ -22,7 +21,7 @@ from .screen import plural, status_style
 LISTED = 50  # at most so many runs that were not started
 BAR = 30  # characters
 SHOWN = 8  # at most so many running runs
-PATIENCE = 3.0  # [s] of compilation until it is mentioned
+PATIENCE = 3.0  # [s] of compilation and references until they are mentioned
 EVERY = 30.0  # [s] between two progress lines where there is no bar
 
 
@@ -43,7 +42,7 @@ class Watch:
     def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
         self.total, self.before = total, total - len(waiting)
         self.waiting = {job.id: job for job in waiting}
-        self.compiling = bool(runs_to_warm([job.spec for job in waiting]))
+        self.compiling = bool(waiting)
         self.estimate = Estimate(durations(suite=waiting[0].suite) if waiting else {})
         kept = f", {self.before} already done" if self.before else ""
         self._say(f"{plural(total, 'run')}{kept}, results in {folder}")
@@ -73,17 +72,18 @@ class Watch:
         self._say(f"{count} {words}", status_style(record.status))
         self.tick()
 
-    def warmed(self, times: dict[str, float]) -> None:
-        slow = [f"{solver} {seconds:.0f} s" for solver, seconds in times.items() if seconds > PATIENCE]
-        if slow:
-            self._say(f"compiled once, not counted in any run: {', '.join(slow)}")
+    def warmed(self, times: dict[str, float], references: dict[str, float]) -> None:
+        for done, spent in (("compiled once", times), ("references computed once", references)):
+            slow = [f"{name} {seconds:.0f} s" for name, seconds in spent.items() if seconds > PATIENCE]
+            if slow:
+                self._say(f"{done}, not counted in any run: {', '.join(slow)}")
 
     def tick(self) -> None:
         now = time.monotonic()
         if self.compiling and now - self.opened > PATIENCE:
             self.compiling = False
             words = "half a minute or more the first time, not counted in any run"
-            self._say(f"compiling the kernels of the solvers: {words}")
+            self._say(f"computing references and compiling the kernels of the solvers: {words}")
         if self.live is not None:
             self.live.update(Group(*self.foot(now)), refresh=True)
         elif now - self.reported > EVERY and self.running:

@@ -164,10 +164,9 @@ class _Supervisor(Supervised):
     def run(self, job: Job) -> None:
         """Returns when the run has its record."""
         specs = [c for c in runs_to_warm([job.spec]) if c.solver not in self.warm]
-        if specs:
-            self.send(Warm(specs))
-            self._answer()
-            self.warm |= {c.solver for c in specs}
+        self.send(Warm(specs, [job]))
+        self._answer()
+        self.warm |= {c.solver for c in specs}
         self.send(Start(job))
         done = self._answer()
         if isinstance(done, Done) and done.error:

@@ -11,7 +11,7 @@ from ..results.store import write_record
 from ..types import EndedBy
 from .job import Job, cut_short
 from .protocol import Lost, News, Start, Stop, Supervised, Warm, Warmed
-from .warmup import runs_to_warm
+from .warmup import jobs_by_motion, runs_to_warm
 
 TICK = 0.25  # [s] between two looks at the clock
 
@@ -36,7 +36,7 @@ class LocalPool:
     started: Callable[[Job], None] = lambda job: None
     ended: Callable[[Job], None] = lambda job: None
     tick: Callable[[], None] = lambda: None
-    warmed: Callable[[dict[str, float]], None] = lambda times: None
+    warmed: Callable[[dict[str, float], dict[str, float]], None] = lambda times, references: None
     _flying: dict[str, Job] = field(default_factory=dict)
     _compiling: bool = False
     _attempts: dict[str, int] = field(default_factory=dict)
@@ -73,10 +73,10 @@ class LocalPool:
         """One supervisor's life; None when all is done, else its exit code."""
         supervisor = Supervised()
         try:
-            specs = runs_to_warm([job.spec for job in reversed(waiting)])  # before any clock runs
-            self._compiling = bool(specs)
-            if specs:
-                supervisor.send(Warm(specs))
+            first = waiting[::-1]
+            if first:  # before any clock runs
+                supervisor.send(Warm(runs_to_warm([job.spec for job in first]), jobs_by_motion(first)))
+            self._compiling = bool(first)
             while True:
                 if self._limit is not None and self._over():
                     waiting.clear()
@@ -114,7 +114,7 @@ class LocalPool:
     def _receive(self, news: News) -> None:
         if isinstance(news, Warmed):
             self._compiling = False
-            self.warmed(news.times)
+            self.warmed(news.times, news.references)
             return
         job = self._flying.pop(news.run_id)
         if news.error:

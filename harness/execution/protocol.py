@@ -19,9 +19,10 @@ class Message(msgspec.Struct, frozen=True, tag=True):
 
 
 class Warm(Message, frozen=True):
-    """Compile the solvers of these runs."""
+    """Compile the solvers of ``specs``, compute the references of ``jobs``."""
 
     specs: list[RunSpec]
+    jobs: list[Job]
 
 
 class Start(Message, frozen=True):
@@ -37,9 +38,10 @@ class Stop(Message, frozen=True):
 
 
 class Warmed(Message, frozen=True):
-    """How long each solver took to compile [s]."""
+    """How long each solver took to compile, and each reference to compute or to read [s]."""
 
     times: dict[str, float]
+    references: dict[str, float]
 
 
 class Done(Message, frozen=True):

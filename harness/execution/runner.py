@@ -44,8 +44,8 @@ class Watcher(Protocol):
     def ended(self, job: Job, record: RunRecord) -> None:
         """A run has its record."""
 
-    def warmed(self, times: dict[str, float]) -> None:
-        """Solvers are compiled; how long each took [s]."""
+    def warmed(self, times: dict[str, float], references: dict[str, float]) -> None:
+        """Solvers are compiled and references are there; how long each took [s]."""
 
     def tick(self) -> None:
         """Time passes."""

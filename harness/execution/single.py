@@ -24,7 +24,7 @@ from ..types import EndedBy, Problem, Status, Trajectory
 from .job import Job, unfinished
 from .run_file import in_file
 from .supervisor import GRACE
-from .warmup import runs_to_warm, warm_apart_then_here
+from .warmup import references_apart, runs_to_warm, warm_apart_then_here
 from .worker import salvaged, solved
 
 PATIENCE = 3.0  # [s] until it is said that compilation may take a while
@@ -48,11 +48,12 @@ def solve_to_file(
     """
     problem = registry.make_problem(spec.problem, spec.parameters)
     patience = _Patience(say)
-    if wall_limit is not None:  # a limit is on the run: compile before its clock starts
-        warm_apart_then_here(runs_to_warm([spec]), patience.over)
     with tempfile.TemporaryDirectory() as place:
         limit = math.inf if wall_limit is None else wall_limit
         job = Job(dataclasses.replace(spec, wall_limit=limit), Path(place))
+        if wall_limit is not None:  # a limit is on the run: compute the reference and compile before its clock starts
+            references_apart([job], patience.over)
+            warm_apart_then_here(runs_to_warm([spec]), patience.over)
         began, stderr = time.monotonic(), Path(place) / "stderr"
         process = Apart(
             lambda send: send(records.to_json(_written(solved(job, send, in_file(out), soft=1.0), problem, out))),
@@ -84,7 +85,10 @@ class _Patience:
         """Never; but looks at the clock."""
         if not self.said and time.monotonic() > self.until:
             self.said = True
-            self.say("running; the first run after an installation or a change compiles kernels: half a minute or more")
+            self.say(
+                "running; the first run after an installation or a change compiles kernels, the first of a variant may "
+                "compute its reference: half a minute or more"
+            )
         return False
 
 

@@ -23,7 +23,7 @@ from ..types import EndedBy
 from . import worker
 from .job import Job, unfinished
 from .protocol import Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
-from .warmup import warm_apart_then_here
+from .warmup import references_apart, warm_apart_then_here
 
 GRACE = 2.0  # [s] over the wall limit, then killed: a solver was asked to stop at 0.9 of the limit
 MEASURE_LIMIT = 120.0  # [s] for metrics once the solver is done, reference included
@@ -141,9 +141,10 @@ def serve(orders: int, news: int) -> None:
                 return
             for order in reader.messages(chunk):
                 match order:
-                    case Warm(specs):
+                    case Warm(specs, jobs):
+                        references = references_apart(jobs, lambda: _closed(orders))
                         times = warm_apart_then_here(specs, lambda: _closed(orders))
-                        os.write(news, line_of(Warmed(times)))
+                        os.write(news, line_of(Warmed(times, references)))
                     case Stop(limit):
                         supervisor.stop(limit)
                     case Start(job):

@@ -1,17 +1,22 @@
-"""Compilation before the clock starts: each solver takes a few steps of one of its runs, whose result is thrown away.
+"""What is done before the clock starts: references that are not kept yet are computed, and kernels are compiled.
 
-First in a forked process, which fills the compiler's cache on disk and may crash; then, if that went well, in the
-parent of all runs, so that every fork finds the compiled code in memory. Plugins are never run in the parent.
+Each solver takes a few steps of one of its runs, whose result is thrown away. First in a forked process, which fills
+the compiler's cache on disk and may crash; then, if that went well, in the parent of all runs, so that every fork finds
+the compiled code in memory. Plugins are never run in the parent.
 """
 
+import contextlib
 import dataclasses
 import json
 import time
 from collections.abc import Callable, Sequence
 
 from ..catalogue import registry
+from ..reference.computed import BUDGET, reference_of
+from ..results.naming import named
 from ..sandbox.apart import Apart
 from ..suites.spec import RunSpec
+from .job import Job
 
 LIMIT = 600.0  # [s] for all solvers together: a cold compiler needs half a minute for the kernels
 MEMORY = 4000.0  # [MB]
@@ -44,6 +49,38 @@ def warm(specs: Sequence[RunSpec]) -> dict[str, float]:
             continue
         out[spec.solver] = time.monotonic() - began
     return out
+
+
+def jobs_by_motion(jobs: Sequence[Job]) -> list[Job]:
+    """The first job of each motion: of problems with equal parameters, those of the presentation aside."""
+    first: dict[str, Job] = {}
+    for job in jobs:
+        aside = (*registry.PRESENTED, "retrace")
+        parameters = {k: v for k, v in job.spec.parameters.items() if k not in aside}
+        first.setdefault(json.dumps([job.spec.problem, parameters], sort_keys=True, default=list), job)
+    return list(first.values())
+
+
+def references_apart(jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda: False) -> dict[str, float]:
+    """Compute, in a process of its own, the references of ``jobs`` that are not kept yet; wall time [s] by variant.
+
+    One that fails or crashes here is left to its runs.
+    """
+
+    def run(send: Callable[[str], None]) -> None:
+        for job in jobs:
+            began = time.monotonic()
+            with contextlib.suppress(Exception):
+                for plugin in job.plugins:
+                    registry.load_plugin(plugin)
+                reference_of(registry.make_problem(job.spec.problem, job.spec.parameters))
+            name = named(job.spec.problem, job.spec.parameters)
+            send(json.dumps({name: time.monotonic() - began}))
+
+    times: dict[str, float] = {}
+    for line in Apart(run, limit=3.0 * BUDGET * max(len(jobs), 1), memory=MEMORY).wait(unwanted).sent.splitlines():
+        times |= json.loads(line)
+    return times
 
 
 def warm_apart_then_here(specs: Sequence[RunSpec], unwanted: Callable[[], bool] = lambda: False) -> dict[str, float]:

@@ -13,6 +13,7 @@ from ..mechanics import so3
 from ..mechanics.motion import constraint, constraint_energy_norm, constraint_rate, damping_power, energy
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
+from ..reference.computed import reference_of
 from ..types import Law, Problem, Reference, Trajectory
 from .reactions import exact_pull_on_bodies, instants_to_compare, pull_on_bodies
 from .scales import KINETIC, Run, Scales, displacement, reached, scales
@@ -52,7 +53,7 @@ class Measured:
 def measure(problem: Problem, trajectory: Trajectory) -> Measured:
     """All series of a trajectory."""
     t, s = np.asarray(trajectory.t, dtype=float), trajectory.states
-    reference = problem.reference()
+    reference = reference_of(problem)
     with np.errstate(all="ignore"):  # a motion may have blown up: its infinities are the result
         blocks = [s.at(slice(k, k + BLOCK)) for k in range(0, len(t), BLOCK)]
         parts = [(*_laws(problem.system, b), reached(problem.system, problem.initial, b)) for b in blocks]

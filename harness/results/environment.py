@@ -22,8 +22,8 @@ SHAPING = (  # what the process of one run executes; the rest only arranges, jud
     "harness/catalogue", "harness/execution/job.py", "harness/execution/measuring.py",
     "harness/execution/presented.py", "harness/execution/supervisor.py", "harness/execution/warmup.py",
     "harness/execution/worker.py", "harness/files.py", "harness/mechanics", "harness/metrics",
-    "harness/results/naming.py", "harness/results/records.py", "harness/results/series.py", "harness/sandbox",
-    "harness/shapes.py", "harness/suites/spec.py", "harness/types.py", "problems", "solvers",
+    "harness/reference", "harness/results/naming.py", "harness/results/records.py", "harness/results/series.py",
+    "harness/sandbox", "harness/shapes.py", "harness/suites/spec.py", "harness/types.py", "problems", "solvers",
 )  # fmt: skip
 
 

@@ -7,7 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics.state import State, States
-from .certified import CertifiedOrbit, certified_orbit
+from ...harness.reference.orbit import Orbit
+from .certified import certified_orbit
 from .linkage import Linkage
 
 MOST_RODS = 30  # ten seconds of work; each evaluation costs n^3
@@ -21,7 +22,7 @@ Bodies = Callable[[Float[np.ndarray, "nt n"], Float[np.ndarray, "nt n"]], States
 class LinkageMotion:
     """The orbit of the rods and the bodies on them."""
 
-    orbit: CertifiedOrbit
+    orbit: Orbit
     bodies: Bodies
     route: str = "minimal coordinates (DOP853), certified by node positions (extrapolation)"
 

@@ -45,7 +45,7 @@ class Silent:
     def ended(self, job, record):
         self.ran.append(job.spec.case)
 
-    def warmed(self, times):
+    def warmed(self, times, references):
         pass
 
     def stopped(self, left, limit):

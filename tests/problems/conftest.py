@@ -4,15 +4,15 @@ from collections.abc import Iterator
 
 import pytest
 
+from mbsbench.harness.reference import orbit
 from mbsbench.problems import chain, four_bar_grid
-from mbsbench.problems.exact import certified
 
 
 @pytest.fixture(scope="package", autouse=True)
 def fresh_references(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """References kept in a folder of this session, sought for 1.5 s."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(certified, "FOLDER", tmp_path_factory.mktemp("references"))
+        patch.setattr(orbit, "FOLDER", tmp_path_factory.mktemp("references"))
         patch.setattr(chain, "SOUGHT", 1.5)
         patch.setattr(four_bar_grid, "SOUGHT", 1.5)
         yield

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mbsbench.harness.mechanics.state import State
-from mbsbench.problems.exact.extrapolation import gbs
+from mbsbench.harness.reference.extrapolation import gbs
 from mbsbench.problems.exact.pinned import PinnedBody
 
 EXTENDED = np.longdouble

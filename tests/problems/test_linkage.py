@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.reference.extrapolation import each, gbs_adaptive
 from mbsbench.problems import chain, four_bar_grid
-from mbsbench.problems.exact.extrapolation import gbs_adaptive
 from mbsbench.problems.exact.linkage import Linkage, by_angles, by_nodes
 from mbsbench.problems.exact.linkage_motion import LinkageMotion
 
@@ -51,7 +51,7 @@ def of_grid() -> tuple[LinkageMotion, Linkage]:
 
 def check(motion: LinkageMotion, link: Linkage, t_end: float) -> None:
     start = link.node_start(motion.orbit.y[0].astype(np.longdouble))
-    for t, y in gbs_adaptive(by_nodes(link, np.longdouble), start, t_end, EXTENDED_CORRECTION, 1e-3):
+    for t, y in gbs_adaptive(each(by_nodes(link, np.longdouble)), start, t_end, EXTENDED_CORRECTION, 1e-3):
         angle = motion.orbit(np.array([t], dtype=float))[0, : link.n]
         gap = link.nodes(angle)[: link.free] - y.reshape(2, -1, 2)[0].astype(float)
         assert np.max(np.linalg.norm(gap, axis=1)) <= motion.error(np.array([t], dtype=float))[0]

@@ -1,0 +1,205 @@
+"""The reference of any problem: its own exact motion, else one computed by two routes that share no equation.
+
+Newton and Euler in quaternions by DOP853, Lagrange in natural coordinates by extrapolation (modules ``newton_euler``,
+``directors``). First at a wide tolerance; where they do not agree to ``AGREED`` of the reach to the end, at the
+rounding floor. The stated error is ten times the largest disagreement so far. The motion ends where that error passes
+``WORST`` of the reach, where a route fails (a singular passage), or where ``BUDGET`` is spent.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from enum import StrEnum
+from functools import cache, partial
+from pathlib import Path
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics.state import State, States
+from ..mechanics.system import MultibodySystem
+from ..types import Problem, Reference
+from . import orbit
+from .directors import Directors
+from .newton_euler import NewtonEuler, gyration
+from .orbit import Orbit, Pair, Piece
+
+WORST, AGREED = 1e-3, 1e-10  # of the reach
+LEVELS = ((1e-11, 1e-10), (1e-13, 1e-12))  # tolerance of route 1, correction of route 2
+BUDGET = 60.0  # [s] by the cost model, not by the clock: the horizon must not depend on the machine and its load
+FEWEST = 300  # steps of route 2 that the budget must pay: of larger systems too little would be known
+CHUNK = 16  # steps of route 2 between two projections
+
+
+@dataclass(frozen=True)
+class ComputedReference:
+    """The motion by route 1, its error by route 2."""
+
+    orbit: Orbit
+    first: NewtonEuler
+    route: str = "computed: Newton-Euler (DOP853), agreeing with natural coordinates (extrapolation)"
+
+    @property
+    def horizon(self) -> float:
+        """Up to here the error is stated [s]."""
+        return self.orbit.horizon
+
+    def states(self, t: Float[np.ndarray, " nt"]) -> States:
+        """The motion at ``t`` [s], up to the horizon."""
+        return self.first.states(self.orbit(t))
+
+    def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        """Bound [m] on the position error of any body, and on angles times radii of gyration."""
+        return self.orbit.error(t)
+
+
+def reference_of(problem: Problem) -> Reference | None:
+    """The problem's exact motion, else the computed one (read from disk if known); None for too large a system."""
+    exact = problem.reference()
+    return exact if exact is not None or not is_computable(problem.system) else computed(problem)
+
+
+class Source(StrEnum):
+    """Where the reference of a problem comes from."""
+
+    OWN = "own"  # the problem's exact motion; None for some starts, then as if it had none
+    COMPUTED = "computed"
+    NONE = "none"  # the system is too large
+
+
+def source_of(problem: Problem) -> Source:
+    """Without computing anything."""
+    if problem.reference_from is not None:
+        return Source.OWN
+    return Source.COMPUTED if is_computable(problem.system) else Source.NONE
+
+
+def is_computable(system: MultibodySystem) -> bool:
+    """Whether ``FEWEST`` steps fit the budget: up to about 60 bodies on spherical joints."""
+    return FEWEST * 72 * cost(system)[1] < BUDGET
+
+
+def cost(system: MultibodySystem) -> tuple[float, float]:
+    """[s] of CPU for an evaluation of one state by either route, measured at 1 to 55 bodies (docs/decisions)."""
+    n, nb = float(system.nrows), float(system.nb)
+    first = 4e-4 + 3e-11 * (6.0 * nb + n) * n**2
+    redundant = n > 6.0 * nb - 1.0  # to be known before any state is: chains of the catalogue have fewer rows
+    return first, 4e-5 + 2e-5 * nb + 1.2e-9 * nb * n**2 + (2.5e-10 if redundant else 5e-11) * n**3
+
+
+def computed(problem: Problem) -> ComputedReference | None:
+    """The computed reference, whatever else is known of the motion; None if not even a first chunk succeeds."""
+    found = orbit.kept(_key(problem), lambda: _agreed(problem.system, problem.initial, problem.t_end))
+    return None if found is None else ComputedReference(found, NewtonEuler(problem.system))
+
+
+def _key(problem: Problem) -> str:
+    """Digest of the system, the start, the time, and the code of this room: what is kept cannot go stale."""
+    digest = hashlib.sha256(_code())
+    digest.update(repr((problem.t_end, BUDGET)).encode())
+    s, start = problem.system, problem.initial
+    arrays = [v for k, v in vars(s).items() if isinstance(v, np.ndarray)]
+    for a in (*arrays, start.r, start.R, start.v, start.Omega):
+        digest.update(f"{a.shape}{a.dtype}".encode() + np.ascontiguousarray(a).tobytes())
+    return digest.hexdigest()
+
+
+@cache
+def _code() -> bytes:
+    return b"".join(f.read_bytes() for f in sorted(Path(__file__).parent.glob("*.py")))
+
+
+@dataclass
+class _Motion:
+    """Both routes on their way, in pieces; ``reach`` [m] is how far any body went or turned so far."""
+
+    system: MultibodySystem
+    start: State
+    t_end: float
+    left: float  # [s] of the budget
+    first: NewtonEuler = field(init=False)
+    second: Directors = field(init=False)
+    reach: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.first, self.second = NewtonEuler(self.system), Directors(self.system)
+        self.radius = gyration(self.system)
+        self.size = float(max(np.max(self.radius), np.max(np.abs(self.system.joint_s_i), initial=0.0)))
+
+    def pieces(self, tolerance: float, correction: float) -> Iterator[Piece]:
+        """Chunks of about ``CHUNK`` steps, both states made consistent after each; ends where a route fails."""
+        c_first, c_second = cost(self.system)
+        first, second = self._paid(self.first.rate, c_first), self._paid(self.second.rate, c_second)
+        try:
+            y, z = self.first.restarted(self.first.start(self.start)), self.second.start(self.start)
+            pair = Pair(first, second, y, z, self._disagreement)
+            begin, speed, turn = self.first.states(y[None]), 0.0, 0.0
+            t, span = 0.0, self.t_end
+            while t < self.t_end:
+                speed, turn = self._speeds(y, speed, turn)
+                span = min(self.t_end - t, 4.0 * span if t else 0.25 / turn)
+                where = max(self.size, 0.1 * float(np.max(np.abs(y[: 3 * self.system.nb]))))
+                units = (where, speed, turn)
+                piece = orbit.chunk(
+                    pair, (t, y, z), span, tolerance, correction,
+                    (self.first.units(*units), self.second.units(*units)),
+                )  # fmt: skip
+                t, span = piece.t, min(span, CHUNK / 4.0 * span / len(piece.nodes))
+                self.reach = max(self.reach, self._apart(begin, self.first.states(piece.y[None])))
+                yield piece
+                y, z = self.first.restarted(piece.y), self.second.restarted(piece.z)
+        except (ArithmeticError, np.linalg.LinAlgError, ValueError):  # ValueError: LAPACK and SciPy on overflow
+            return
+
+    def share(self, of: float) -> float:
+        """A share of the reach so far [m]."""
+        return of * self.reach
+
+    def _paid(self, rate: Callable[[np.ndarray], np.ndarray], each: float) -> Callable[[np.ndarray], np.ndarray]:
+        def paid(y: np.ndarray) -> np.ndarray:
+            self.left -= each * (len(y) if y.ndim > 1 else 1)
+            if self.left < 0.0:
+                raise ArithmeticError("the budget is spent")
+            with np.errstate(all="ignore"):
+                out = rate(y)
+            if not np.all(np.isfinite(out)):
+                raise ArithmeticError("no finite rate")
+            return out
+
+        return paid
+
+    def _disagreement(self, y: np.ndarray, z: np.ndarray) -> float:
+        """[m], with the constraint rows that route 1 dropped."""
+        apart = self._apart(self.first.states(y[None]), self.second.states(z[None]))
+        return max(apart, self.first.violation(y))
+
+    def _apart(self, a: States, b: States) -> float:
+        turned = self.radius * np.linalg.norm(a.R - b.R, axis=(-2, -1)) / np.sqrt(2.0)
+        return float(np.max(np.maximum(np.linalg.norm(a.r - b.r, axis=-1), turned)))
+
+    def _speeds(self, y: np.ndarray, speed: float, turn: float) -> tuple[float, float]:
+        """Largest speed [m/s] and rate [rad/s] so far, or those that the accelerations promise over the size."""
+        nb = self.system.nb
+        v, a = y[7 * nb :], self.first.rate(y)[7 * nb :]
+        speed = max(speed, float(np.max(np.abs(v[: 3 * nb]))), float(np.sqrt(np.max(np.abs(a[: 3 * nb])) * self.size)))
+        speed = max(speed, self.size / self.t_end)
+        turn = max(turn, float(np.max(np.abs(v[3 * nb :]))), float(np.sqrt(np.max(np.abs(a[3 * nb :])))))
+        return speed, max(turn, speed / self.size)
+
+
+def _agreed(system: MultibodySystem, start: State, t_end: float) -> Orbit | None:
+    """The orbit of the first level on which both routes agree to the end; else the one that reaches furthest."""
+    left, best = BUDGET, None
+    for level, (tolerance, correction) in enumerate(LEVELS):
+        motion = _Motion(system, start, t_end, left)
+        share = WORST if level == len(LEVELS) - 1 else AGREED
+        found = orbit.orbit_of(motion.pieces(tolerance, correction), partial(motion.share, share))
+        left = motion.left
+        if found is None:
+            continue
+        found = found.until(WORST * motion.reach)
+        if best is None or (found.horizon, -found.bound[-1]) > (best.horizon, -best.bound[-1]):
+            best = found
+        if found.horizon == t_end and found.bound[-1] < AGREED * motion.reach:
+            break
+    return best if best is not None and best.horizon > 0.0 else None

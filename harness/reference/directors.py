@@ -1,0 +1,197 @@
+"""Route 2: Lagrange's equations in natural coordinates, the position of C and the nine entries of R (directors).
+
+The mass matrix is constant, rigidity is six constraints a body (d_a . d_b = delta_ab), and a pin is linear in the
+coordinates: no angular velocity, no cross product and no gyroscopic term appears anywhere. The rigidity is eliminated
+body by body; the joints by S = J C J^T, where the pseudo-inverse (eigenvalues) takes redundant rows. States may be
+stacked along a first axis: extrapolation evaluates its columns together.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics.state import State, States
+from ..mechanics.system import GROUND, MultibodySystem
+
+RANK = 1e-11  # of the largest eigenvalue of S, whose small ones are squares of singular values
+PAIRS = np.array([(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)])  # of directors: the rigidity constraints
+SWEEPS = 5
+
+
+@dataclass
+class Directors:
+    """``rate`` of the states (24 nb): per body r and the directors d_1, d_2, d_3, then their rates."""
+
+    system: MultibodySystem
+
+    def __post_init__(self) -> None:
+        s = self.system
+        trace = np.einsum("bii->b", s.inertia)
+        self.scale = 0.5 * trace
+        E = 0.5 * trace[:, None, None] * np.eye(3) - s.inertia  # integral of x x^T dm, singular for a thin disc
+        self.saddle = np.zeros((s.nb, 15, 15))
+        self.saddle[:, :9, :9] = np.kron(E / self.scale[:, None, None], np.eye(3))
+        self.hinge = np.flatnonzero(s.joint_revolute)
+        self.pins = np.zeros((s.nrows, s.nb, 4, 3))  # point rows of J, which are constant
+        for body, arm, sign in ((s.joint_i, s.joint_s_i, 1.0), (s.joint_j, s.joint_s_j, -1.0)):
+            m = np.flatnonzero(body != GROUND)
+            for c in range(3):
+                block = sign * np.insert(arm[m], 0, 1.0, axis=1)[:, :, None] * np.eye(3)[c]
+                self.pins[s.row_start[m] + c, body[m]] = block
+        self.redundant: bool | None = None  # found when first needed after a restart
+
+    def start(self, state: State) -> Float[np.ndarray, " 24nb"]:
+        """The state as this route's vector; d_a is column a of R."""
+        omega = np.einsum("bij,bj->bi", state.R, state.Omega)
+        d_dot = np.cross(omega[:, None], np.swapaxes(state.R, 1, 2))
+        place = np.concatenate((state.r[:, None], np.swapaxes(state.R, 1, 2)), axis=1)
+        return np.concatenate((place.ravel(), np.concatenate((state.v[:, None], d_dot), axis=1).ravel()))
+
+    def states(self, z: Float[np.ndarray, "nt 24nb"]) -> States:
+        """Vectors of this route as states; Omega is the axial vector of R^T R_dot."""
+        x, x_dot = self._parts(z)
+        R = np.swapaxes(x[:, :, 1:], -1, -2)
+        W = np.swapaxes(R, -1, -2) @ np.swapaxes(x_dot[:, :, 1:], -1, -2)
+        W = 0.5 * (W - np.swapaxes(W, -1, -2))
+        return States(x[:, :, 0], R, x_dot[:, :, 0], np.stack((W[..., 2, 1], W[..., 0, 2], W[..., 1, 0]), axis=-1))
+
+    def units(self, size: float, speed: float, rate: float) -> Float[np.ndarray, " 24nb"]:
+        """The scale of each entry, for tolerances."""
+        one = np.repeat([size, 1.0, speed, rate], [3, 9, 3, 9])
+        return np.concatenate((np.tile(one[:12], self.system.nb), np.tile(one[12:], self.system.nb)))
+
+    def rate(self, z: Float[np.ndarray, "nt 24nb"]) -> Float[np.ndarray, "nt 24nb"]:
+        """d/dt of states."""
+        nt, s = len(z), self.system
+        x, x_dot = self._parts(z)
+        C, from_rigidity = self._compliance(x)
+        d_dot = x_dot[:, :, 1:]
+        curvature = -2.0 * np.sum(d_dot[:, :, PAIRS[:, 0]] * d_dot[:, :, PAIRS[:, 1]], axis=-1)
+        a = np.einsum("tbij,tbj->tbi", C, self._forces(x, x_dot))
+        a[:, :, 3:] += np.einsum("tbij,tbj->tbi", from_rigidity, curvature)
+        if s.nrows:
+            J = self._jacobian(x)
+            gap = self._curvature(x_dot) - np.einsum("tkbi,tbi->tk", J, a)
+            a = a + self._answer(J, C, gap)
+        return np.concatenate((x_dot.reshape(nt, -1), a.reshape(nt, -1)), axis=1)
+
+    def restarted(self, z: Float[np.ndarray, " 24nb"]) -> Float[np.ndarray, " 24nb"]:
+        """The nearest state that is rigid and satisfies the joints, by Newton steps along C J^T."""
+        self.redundant = None
+        x, x_dot = self._parts(z[None].copy())
+        for _ in range(SWEEPS):
+            U, _, Vt = np.linalg.svd(x[:, :, 1:])
+            x[:, :, 1:] = U @ Vt
+            phi = self._phi(x)
+            if np.max(np.abs(phi), initial=0.0) < 1e-15:
+                break
+            x = x - self._answer(self._jacobian(x), self._compliance(x)[0], phi).reshape(x.shape)
+        C, from_rigidity = self._compliance(x)
+        stretch = sum(np.sum(x[:, :, 1 + PAIRS[:, k]] * x_dot[:, :, 1 + PAIRS[:, 1 - k]], axis=-1) for k in (0, 1))
+        flat = x_dot.reshape(1, -1, 12).copy()
+        flat[:, :, 3:] -= np.einsum("tbij,tbj->tbi", from_rigidity, stretch)
+        if self.system.nrows:
+            J = self._jacobian(x)
+            flat = flat - self._answer(J, C, np.einsum("tkbi,tbi->tk", J, flat))
+        return np.concatenate((x.ravel(), flat.ravel()))
+
+    def _parts(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, x_dot = np.split(z.reshape(len(z), 2, -1, 4, 3), 2, axis=1)
+        return x[:, 0], x_dot[:, 0]
+
+    def _compliance(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Accelerations per force of a rigid body (nt, nb, 12, 12), and of the directors per rigidity curvature."""
+        nt, s = len(x), self.system
+        saddle = np.broadcast_to(self.saddle, (nt, *self.saddle.shape)).copy()
+        for row, (a, b) in enumerate(PAIRS):
+            for one, other in ((a, b), (b, a)):
+                saddle[:, :, 9 + row, 3 * one : 3 * one + 3] += x[:, :, 1 + other]
+        saddle[:, :, :9, 9:] = np.swapaxes(saddle[:, :, 9:, :9], -1, -2)
+        inverse = np.linalg.inv(saddle)
+        C = np.zeros((nt, s.nb, 12, 12))
+        C[:, :, range(3), range(3)] = 1.0 / s.mass[:, None]
+        C[:, :, 3:, 3:] = inverse[:, :, :9, :9] / self.scale[:, None, None]
+        return C, inverse[:, :, :9, 9:]
+
+    def _answer(self, J: np.ndarray, C: np.ndarray, gap: np.ndarray) -> np.ndarray:
+        """C J^T lam (nt, nb, 12) with J C J^T lam = ``gap``."""
+        CJ = np.einsum("tkbj,tbji->tkbi", J, C, optimize=True)
+        nt, rows = gap.shape
+        S = CJ.reshape(nt, rows, -1) @ np.swapaxes(J.reshape(nt, rows, -1), 1, 2)
+        even = 1.0 / np.sqrt(np.einsum("tkk->tk", S))  # rows of like size, whatever the masses
+        S, gap = even[:, :, None] * S * even[:, None], even * gap
+        if self.redundant is None:
+            self.redundant = bool(np.linalg.matrix_rank(S[0], RANK * np.linalg.norm(S[0], 2), hermitian=True) < rows)
+        if self.redundant:
+            size, vectors = np.linalg.eigh(S)
+            kept = size > RANK * size[:, -1:]
+            part = np.where(kept, np.einsum("tki,tk->ti", vectors, gap) / np.where(kept, size, 1.0), 0.0)
+            lam = np.einsum("tki,ti->tk", vectors, part)
+        else:
+            lam = np.linalg.solve(S, gap[..., None])[..., 0]
+        return np.einsum("tk,tkbi->tbi", even * lam, CJ)
+
+    def _point(self, x: np.ndarray, body: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """r + sum_a p_a d_a of points ``p`` of bodies (nt, n, 3); of the ground ``p`` itself."""
+        return _of_ground(np.einsum("tnac,na->tnc", x[:, body], np.insert(p, 0, 1.0, axis=1)), body, p)
+
+    def _along(self, x: np.ndarray, body: np.ndarray, p: np.ndarray) -> np.ndarray:
+        """sum_a p_a d_a of directions ``p`` of bodies (nt, n, 3)."""
+        return _of_ground(np.einsum("tnac,na->tnc", x[:, body, 1:], p), body, p)
+
+    def _phi(self, x: np.ndarray) -> np.ndarray:
+        s, h, start = self.system, self.hinge, self.system.row_start[:-1]
+        out = np.zeros((len(x), s.nrows))
+        point = self._point(x, s.joint_i, s.joint_s_i) - self._point(x, s.joint_j, s.joint_s_j)
+        out[:, start[:, None] + np.arange(3)] = point
+        for k in range(2):
+            u, n = self._along(x, s.joint_i[h], s.joint_u[h]), self._along(x, s.joint_j[h], s.joint_n[h, k])
+            out[:, start[h] + 3 + k] = np.sum(u * n, axis=-1)
+        return out
+
+    def _jacobian(self, x: np.ndarray) -> np.ndarray:
+        """J (nt, nrows, nb, 12)."""
+        s, h, start = self.system, self.hinge, self.system.row_start[:-1]
+        J = np.repeat(self.pins[None], len(x), axis=0)
+        u = self._along(x, s.joint_i[h], s.joint_u[h])
+        for k in range(2):
+            n = self._along(x, s.joint_j[h], s.joint_n[h, k])
+            for body, own, other in ((s.joint_i[h], s.joint_u[h], n), (s.joint_j[h], s.joint_n[h, k], u)):
+                m = np.flatnonzero(body != GROUND)
+                J[:, start[h[m]] + 3 + k, body[m], 1:] = own[m][:, :, None] * other[:, m][:, :, None]
+        return J.reshape(len(x), s.nrows, s.nb, 12)
+
+    def _curvature(self, x_dot: np.ndarray) -> np.ndarray:
+        """J x_ddot for phi_ddot = 0: a pin has none."""
+        s, h, start = self.system, self.hinge, self.system.row_start[:-1]
+        out = np.zeros((len(x_dot), s.nrows))
+        at_rest = np.zeros((len(h), 3))
+        u = _of_ground(self._along(x_dot, s.joint_i[h], s.joint_u[h]), s.joint_i[h], at_rest)
+        for k in range(2):
+            n = _of_ground(self._along(x_dot, s.joint_j[h], s.joint_n[h, k]), s.joint_j[h], at_rest)
+            out[:, start[h] + 3 + k] = -2.0 * np.sum(u * n, axis=-1)
+        return out
+
+    def _forces(self, x: np.ndarray, x_dot: np.ndarray) -> np.ndarray:
+        """Generalised forces (nt, nb, 12): F on r and p_a F on d_a for a force F at the point p."""
+        s = self.system
+        Q = np.zeros((len(x), s.nb + 1, 4, 3))
+        Q[:, :-1, 0] = s.mass[:, None] * s.gravity
+        if len(s.spring_k):
+            rest = np.zeros_like(s.spring_p_i)
+            d = self._point(x, s.spring_i, s.spring_p_i) - self._point(x, s.spring_j, s.spring_p_j)
+            speed_i = _of_ground(self._point(x_dot, s.spring_i, s.spring_p_i), s.spring_i, rest)
+            speed_j = _of_ground(self._point(x_dot, s.spring_j, s.spring_p_j), s.spring_j, rest)
+            square = np.sum(d * d, axis=-1)
+            along = np.sum(d * (speed_i - speed_j), axis=-1) / square  # d_dot / d
+            F = -(s.spring_k * (1.0 - s.spring_d0 / np.sqrt(square)) + s.spring_c * along)[..., None] * d
+            for body, p, sign in ((s.spring_i, s.spring_p_i, 1.0), (s.spring_j, s.spring_p_j, -1.0)):
+                for k in range(len(body)):
+                    Q[:, body[k]] += sign * np.insert(p[k], 0, 1.0)[:, None] * F[:, k, None]
+        return Q[:, :-1].reshape(len(x), s.nb, 12)
+
+
+def _of_ground(values: np.ndarray, body: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    """``values`` (nt, n, 3), those of the ground replaced."""
+    return np.where((body == GROUND)[:, None], ground, values)

@@ -1,0 +1,69 @@
+"""Gragg-Bulirsch-Stoer extrapolation in whatever precision the start has (longdouble: 1e-19).
+
+Modified midpoint rule with 2, 4, ..., 2 k substeps, extrapolated in h^2: order 2 k (Hairer, Norsett, Wanner I, II.9).
+An integrator that none of the solvers uses, for second routes.
+"""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+Rate = Callable[[np.ndarray], np.ndarray]  # of several states (k, ny) at once: the columns are evaluated together
+
+
+def each(f: Rate) -> Rate:
+    """The rates of several states from that of one."""
+    return lambda states: np.stack([f(y) for y in states])
+
+
+def gbs_step(f: Rate, y: np.ndarray, H: float, columns: int = 8) -> tuple[np.ndarray, np.ndarray]:
+    """``y`` after ``H`` of the autonomous y_dot = f(y), and the last correction of the extrapolation."""
+    midpoints = _midpoints(f, y, y.dtype.type(H), columns)
+    row: list[np.ndarray] = []
+    for j in range(1, columns + 1):
+        previous, row = row, [midpoints[j - 1]]
+        for k, older in enumerate(previous):
+            weight = y.dtype.type(j * j) / y.dtype.type((j - 1 - k) ** 2) - 1
+            row.append(row[k] + (row[k] - older) / weight)
+    return row[-1], row[-1] - row[-2]
+
+
+def gbs(f: Rate, y0: np.ndarray, t: np.ndarray, substeps: int, columns: int = 8) -> np.ndarray:
+    """The motion of ``f``, a rate of one state, at the times ``t``; ``substeps`` basic steps between two of them."""
+    out = [y0]
+    for span in np.diff(t.astype(y0.dtype)):
+        y = out[-1]
+        for _ in range(substeps):
+            y, _ = gbs_step(each(f), y, span / substeps, columns)
+        out.append(y)
+    return np.stack(out)
+
+
+def gbs_adaptive(
+    f: Rate, y: np.ndarray, span: float, tolerance: float | np.ndarray, H: float
+) -> Iterator[tuple[float, np.ndarray]]:
+    """(time, state) after each accepted step over ``span``, corrections below ``tolerance``; ``H`` is the first try."""
+    t = 0.0
+    while t < span:
+        last = t + H >= span
+        step = span - t if last else H
+        there, correction = gbs_step(f, y, step)
+        size = float(np.max(np.abs(correction) / tolerance))
+        H = step * min(2.0, max(0.2, 0.9 * max(size, 1e-300) ** (-1.0 / 15.0)))
+        if size <= 1.0:
+            t, y = span if last else t + step, there
+            yield t, y
+        elif step < 1e-9 * span:
+            raise ArithmeticError(f"no step meets the tolerance (correction {size:.3g} times as large)")
+
+
+def _midpoints(f: Rate, y: np.ndarray, H: np.floating, columns: int) -> np.ndarray:
+    """Modified midpoint rule over ``H`` with 2, 4, ..., 2 ``columns`` substeps, (columns, ny)."""
+    n = 2 * np.arange(1, columns + 1)
+    h = (H / n.astype(y.dtype)).reshape(-1, *[1] * y.ndim)
+    older = np.repeat(y[None], columns, axis=0)
+    newer = y + h * f(y[None])
+    for done in range(1, n[-1]):
+        k = slice(int(np.searchsorted(n, done, side="right")), None)  # the columns that go on
+        older[k], newer[k] = newer[k].copy(), older[k] + 2 * h[k] * f(newer[k])
+    return newer

@@ -1,0 +1,207 @@
+"""Route 1: Newton-Euler equations in (r, quaternion, r_dot, Omega), index 1, reaction forces from S = A M^-1 A^T.
+
+    M a + A^T lam = f,  A a = gamma;  q_dot = q * (0, Omega) / 2
+
+Independent rows are chosen by QR with column pivoting when the route (re)starts; there the state is also projected
+onto the constraints, least change in the mass metric. Shares with route 2 the data of the system and nothing else.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import scipy.linalg as sl
+from jaxtyping import Float, Int
+from scipy.spatial.transform import Rotation
+
+from ..mechanics.state import State, States
+from ..mechanics.system import GROUND, MultibodySystem
+
+RANK = 1e-9  # of the largest pivot
+_YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
+SWEEPS = 5  # of Gauss-Newton; drift between two starts is near rounding, where two are enough
+
+
+@dataclass
+class NewtonEuler:
+    """``rate`` of the states (13 nb): r, quaternion (x, y, z, w), r_dot, Omega, body by body within each."""
+
+    system: MultibodySystem
+    rows: Int[np.ndarray, " rank"] = field(init=False)  # in use; chosen by ``restarted``
+
+    def __post_init__(self) -> None:
+        s = self.system
+        self.rows = np.arange(s.nrows)
+        self.weight = np.zeros((s.nb, 6, 6))  # M^-1 by bodies
+        self.weight[:, range(3), range(3)] = 1.0 / s.mass[:, None]
+        self.weight[:, 3:, 3:] = np.linalg.inv(s.inertia)
+        self.hinge = np.flatnonzero(s.joint_revolute)
+        self.ends = [  # body, arm, sign, moving joints, moving hinges of either end
+            (end, arm, sign, np.flatnonzero(end != GROUND), self.hinge[end[self.hinge] != GROUND])
+            for end, arm, sign in ((s.joint_i, s.joint_s_i, 1.0), (s.joint_j, s.joint_s_j, -1.0))
+        ]
+
+    def start(self, state: State) -> Float[np.ndarray, " 13nb"]:
+        """The state as this route's vector."""
+        q = Rotation.from_matrix(state.R).as_quat()
+        return np.concatenate([a.ravel() for a in (state.r, q, state.v, state.Omega)])
+
+    def states(self, y: Float[np.ndarray, "nt 13nb"]) -> States:
+        """Vectors of this route as states; quaternions are normalised."""
+        r, q, v, Omega = self._parts(y)
+        R = Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(*q.shape[:2], 3, 3)
+        return States(r, R, v, Omega)
+
+    def units(self, size: float, speed: float, rate: float) -> Float[np.ndarray, " 13nb"]:
+        """The scale of each entry, for tolerances."""
+        return np.repeat([size, 1.0, speed, rate], np.array([3, 4, 3, 3]) * self.system.nb)
+
+    def rate(self, y: Float[np.ndarray, " 13nb"]) -> Float[np.ndarray, " 13nb"]:
+        """d/dt of a state."""
+        s = self.system
+        r, q, v, Omega = (a[0] for a in self._parts(y[None]))
+        R = _matrices(q)
+        f = self._forces(r, R, v, Omega)
+        free = np.einsum("bij,bj->bi", self.weight, f)
+        if len(self.rows):
+            A, gamma = self._jacobian(R)[self.rows], self._gamma(R, Omega)[self.rows]
+            WA = np.einsum("kbj,bji->kbi", A.reshape(-1, s.nb, 6), self.weight).reshape(len(A), -1)
+            free -= (np.linalg.solve(A @ WA.T, A @ free.ravel() - gamma) @ WA).reshape(s.nb, 6)
+        vector, w = q[:, :3], q[:, 3:]
+        q_dot = 0.5 * np.concatenate((w * Omega + _cross(vector, Omega), -np.sum(vector * Omega, 1)[:, None]), axis=1)
+        return np.concatenate((v.ravel(), q_dot.ravel(), free[:, :3].ravel(), free[:, 3:].ravel()))
+
+    def restarted(self, y: Float[np.ndarray, " 13nb"]) -> Float[np.ndarray, " 13nb"]:
+        """The nearest consistent state; the rows in use are chosen anew there."""
+        s = self.system
+        r, q, v, Omega = (a[0].copy() for a in self._parts(y[None]))
+        q /= np.linalg.norm(q, axis=1)[:, None]
+        if s.nrows:
+            A = self._jacobian(_matrices(q))
+            _, pivots, order = sl.qr(A.T, mode="economic", pivoting=True)
+            size = np.abs(np.diag(pivots))
+            self.rows = np.sort(order[: int(np.sum(size > RANK * size[0]))])
+            for _ in range(SWEEPS):
+                phi = self._phi(r, _matrices(q))
+                if np.max(np.abs(phi)) < 1e-15:
+                    break
+                change = self._least_change(_matrices(q), phi)
+                r -= change[:, :3]
+                q = (Rotation.from_quat(q) * Rotation.from_rotvec(-change[:, 3:])).as_quat()
+            both = np.concatenate((v, Omega), axis=1)
+            R = _matrices(q)
+            both -= self._least_change(R, self._jacobian(R) @ both.ravel())
+            v, Omega = both[:, :3], both[:, 3:]
+        return np.concatenate([a.ravel() for a in (r, q, v, Omega)])
+
+    def violation(self, y: Float[np.ndarray, " 13nb"]) -> float:
+        """Largest |phi| [m] of all rows, those not in use included; axis rows times the size of the bodies."""
+        r, q, _, _ = (a[0] for a in self._parts(y[None]))
+        phi = np.abs(self._phi(r, _matrices(q)))
+        phi[self.system.row_start[self.hinge][:, None] + [3, 4]] *= np.max(gyration(self.system))
+        return float(np.max(phi, initial=0.0))
+
+    def _least_change(self, R: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        A = self._jacobian(R)[self.rows]
+        WA = np.einsum("kbj,bji->kbi", A.reshape(-1, self.system.nb, 6), self.weight).reshape(len(A), -1)
+        return (np.linalg.solve(A @ WA.T, wanted[self.rows]) @ WA).reshape(-1, 6)
+
+    def _parts(self, y: np.ndarray) -> tuple[np.ndarray, ...]:
+        nb = self.system.nb
+        pieces = np.split(y, np.cumsum([3, 4, 3])[:3] * nb, axis=1)
+        return tuple(p.reshape(len(y), nb, -1) for p in pieces)
+
+    def _phi(self, r: np.ndarray, R: np.ndarray) -> np.ndarray:
+        s, start = self.system, self.system.row_start[:-1]
+        at, turned = _with_ground(r, np.zeros(3)), _with_ground(R, np.eye(3))
+        out = np.zeros(s.nrows)
+        for body, arm, sign, _, _ in self.ends:
+            out[start[:, None] + np.arange(3)] += sign * (at[body] + np.einsum("jab,jb->ja", turned[body], arm))
+        u, n = self._axes(turned)
+        out[start[self.hinge][:, None] + [3, 4]] = np.einsum("ja,jka->jk", u, n)
+        return out
+
+    def _axes(self, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """u in i and the two n in j of the hinges, space frame."""
+        s, h = self.system, self.hinge
+        u = np.einsum("jab,jb->ja", turned[s.joint_i[h]], s.joint_u[h])
+        return u, np.einsum("jab,jkb->jka", turned[s.joint_j[h]], s.joint_n[h])
+
+    def _jacobian(self, R: np.ndarray) -> np.ndarray:
+        """A (nrows, 6 nb) of phi_dot = A (r_dot, Omega)."""
+        s, start, turned = self.system, self.system.row_start[:-1], _with_ground(R, np.eye(3))
+        A = np.zeros((s.nrows, s.nb, 6))
+        u, n = self._axes(turned)
+        torque = np.zeros((s.nj, 2, 3))
+        torque[self.hinge] = _cross(u[:, None], n)
+        for body, arm, sign, moving, hinges in self.ends:
+            b, k = body[moving][:, None], start[moving][:, None] + np.arange(3)
+            A[k, b, np.arange(3)] = sign
+            # row c of -R hat(s): (s x R^T e_c)
+            A[k, b, 3:] = sign * _cross(arm[moving][:, None], turned[body[moving]])
+            k = start[hinges][:, None] + [3, 4]
+            A[k, body[hinges][:, None], 3:] = sign * np.einsum("jka,jab->jkb", torque[hinges], turned[body[hinges]])
+        return A.reshape(s.nrows, -1)
+
+    def _gamma(self, R: np.ndarray, Omega: np.ndarray) -> np.ndarray:
+        """What A (r_ddot, Omega_dot) has to be for phi_ddot = 0."""
+        s, start = self.system, self.system.row_start[:-1]
+        turned, omega = _with_ground(R, np.eye(3)), _with_ground(np.einsum("bij,bj->bi", R, Omega), np.zeros(3))
+        out = np.zeros(s.nrows)
+        for body, arm, sign, _, _ in self.ends:
+            w, p = omega[body], np.einsum("jab,jb->ja", turned[body], arm)
+            out[start[:, None] + np.arange(3)] -= sign * _cross(w, _cross(w, p))
+        u, n = self._axes(turned)
+        w_i, w_j = omega[s.joint_i[self.hinge]], omega[s.joint_j[self.hinge]][:, None]
+        u_dot, n_dot = _cross(w_i, u), _cross(w_j, n)
+        out[start[self.hinge][:, None] + [3, 4]] = -(
+            np.einsum("ja,jka->jk", _cross(w_i, u_dot), n)
+            + 2.0 * np.einsum("ja,jka->jk", u_dot, n_dot)
+            + np.einsum("ja,jka->jk", u, _cross(w_j, n_dot))
+        )
+        return out
+
+    def _forces(self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray) -> np.ndarray:
+        """f (nb, 6): forces [space], torques about C less Omega x J Omega [body]."""
+        s = self.system
+        f = np.zeros((s.nb + 1, 6))
+        f[:-1, :3] = s.mass[:, None] * s.gravity
+        f[:-1, 3:] = _cross(np.einsum("bij,bj->bi", s.inertia, Omega), Omega)
+        if len(s.spring_k):
+            at, turned = _with_ground(r, np.zeros(3)), _with_ground(R, np.eye(3))
+            v_C, spin = _with_ground(v, np.zeros(3)), _with_ground(Omega, np.zeros(3))
+            d, d_dot = np.zeros((2, len(s.spring_k), 3))
+            for b, p, sign in ((s.spring_i, s.spring_p_i, 1.0), (s.spring_j, s.spring_p_j, -1.0)):
+                d += sign * (at[b] + np.einsum("jab,jb->ja", turned[b], p))
+                d_dot += sign * (v_C[b] + np.einsum("jab,jb->ja", turned[b], _cross(spin[b], p)))
+            length = np.linalg.norm(d, axis=1)
+            pull = s.spring_k * (length - s.spring_d0) + s.spring_c * np.sum(d * d_dot, axis=1) / length
+            F = -(pull / length)[:, None] * d
+            for b, p, sign in ((s.spring_i, s.spring_p_i, 1.0), (s.spring_j, s.spring_p_j, -1.0)):
+                torque = _cross(p, np.einsum("jab,ja->jb", turned[b], F))
+                np.add.at(f, b, sign * np.concatenate((F, torque), axis=1))
+        return f[:-1]
+
+
+def gyration(system: MultibodySystem) -> Float[np.ndarray, " nb"]:
+    """Radius of gyration [m] of each body: what an angle is worth in metres."""
+    return np.sqrt(np.einsum("bii->b", system.inertia) / (2.0 * system.mass))
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a x b; a quarter of the time of NumPy's for a few bodies."""
+    return a.take(_YZX, -1) * b.take(_ZXY, -1) - a.take(_ZXY, -1) * b.take(_YZX, -1)
+
+
+def _with_ground(a: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    """``a`` with the ground's entry last, where index -1 finds it."""
+    return np.concatenate((a, ground[None]))
+
+
+def _matrices(q: np.ndarray) -> np.ndarray:
+    """Rotations (nb, 3, 3) of quaternions (x, y, z, w) near unit length, normalised."""
+    x, y, z, w = (q / np.linalg.norm(q, axis=1)[:, None]).T
+    return np.stack(
+        (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
+         2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
+         2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)), axis=1,
+    ).reshape(-1, 3, 3)  # fmt: skip

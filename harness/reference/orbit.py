@@ -1,0 +1,157 @@
+"""A motion by two routes side by side: one gives it as polynomials, their disagreement bounds its error; kept on disk.
+
+Route 1 is DOP853 with its dense output in one set of coordinates, route 2 extrapolation in another set. What they
+disagree in is their error; the bound is ``SAFETY`` times the largest disagreement so far. In chaos it grows
+exponentially, and the orbit ends where the bound passes the limit it is given, or where a route fails.
+"""
+
+import os
+import tempfile
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+from scipy.integrate import solve_ivp
+
+from ..cache import cache_folder
+from .extrapolation import Rate, gbs_adaptive
+
+SAFETY = 10.0  # one route may be as wrong as both differ, and errors may cancel at the compared nodes
+FLOOR = 1e-13  # [m] rounding of evaluation
+FOLDER = cache_folder("references", Path(__file__).resolve().parents[2] / "results" / "local")
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """States of route 1 as polynomials over its steps, and the bound after each step of route 2."""
+
+    t: Float[np.ndarray, " steps+1"]
+    y: Float[np.ndarray, "steps ny"]
+    F: Float[np.ndarray, "steps 7 ny"]  # DOP853's interpolant
+    bound_t: Float[np.ndarray, " nb"]
+    bound: Float[np.ndarray, " nb"]  # [m], not decreasing
+
+    @property
+    def horizon(self) -> float:
+        """[s]"""
+        return float(self.bound_t[-1])
+
+    def __call__(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, "nt ny"]:
+        """States of route 1 at ``t``."""
+        t = self._within(t)
+        k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.y) - 1)
+        x = ((t - self.t[k]) / (self.t[k + 1] - self.t[k]))[:, None]
+        out = np.zeros((len(t), self.y.shape[1]))
+        for i in range(7):  # Hairer's nested form
+            out = (out + self.F[k, 6 - i]) * (x if i % 2 == 0 else 1.0 - x)
+        return self.y[k] + out
+
+    def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        """Bound [m] at ``t``: that of the next step of route 2."""
+        k = np.searchsorted(self.bound_t, self._within(t), side="left")
+        return self.bound[k]
+
+    def until(self, worst: float) -> "Orbit":
+        """The part whose bound is below ``worst`` [m]; of no length if there is none."""
+        inside = max(int(np.searchsorted(self.bound, worst)), 1)
+        return Orbit(self.t, self.y, self.F, self.bound_t[:inside], self.bound[:inside])
+
+    def _within(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        t = np.asarray(t, dtype=float)
+        if np.any(t < 0.0) or np.any(t > self.horizon * (1.0 + 1e-9)):
+            raise ValueError(f"the reference covers 0..{self.horizon:g} s (got {np.min(t):g}..{np.max(t):g} s)")
+        return np.minimum(t, self.horizon)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two routes to one motion from ``y0`` and ``z0``."""
+
+    first: Rate  # of one state y
+    second: Rate  # of several states z at once
+    y0: Float[np.ndarray, " ny"]
+    z0: Float[np.ndarray, " nz"]
+    disagreement: Callable[[np.ndarray, np.ndarray], float]  # [m] of y and z
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A chunk of both routes: its end, where each got, and the steps of both."""
+
+    t: float  # [s] at its end
+    y: Float[np.ndarray, " ny"]
+    z: Float[np.ndarray, " nz"]
+    steps: list[tuple[float, np.ndarray, np.ndarray]]  # start, y and F of route 1
+    nodes: list[tuple[float, float]]  # time and disagreement [m] after each step of route 2
+
+
+def chunk(
+    pair: Pair, at: tuple[float, np.ndarray, np.ndarray], span: float, tolerance: float, correction: float,
+    units: tuple[np.ndarray | float, np.ndarray | float] = (1.0, 1.0),
+) -> Piece:  # fmt: skip
+    """Both routes over ``span`` [s] from (t, y, z) in ``units`` of y and z; ArithmeticError if one cannot."""
+    t, y, end = at
+    piece: Any = solve_ivp(
+        lambda _, y: pair.first(y), (0.0, span), y, "DOP853",
+        rtol=tolerance, atol=tolerance * units[0], dense_output=True,
+    )  # fmt: skip
+    if not piece.success:
+        raise ArithmeticError(piece.message)
+    nodes = []
+    for s, end in gbs_adaptive(pair.second, at[2], span, correction * units[1], span / 64.0):
+        nodes.append((t + s, pair.disagreement(piece.sol(s), end)))
+    steps = [(t + p.t_old, p.y_old, p.F) for p in piece.sol.interpolants]
+    return Piece(t + span, piece.y[:, -1], end, steps, nodes)
+
+
+def orbit_of(pieces: Iterator[Piece], worst: Callable[[], float]) -> Orbit | None:
+    """The orbit of consecutive chunks, taken until the bound passes ``worst()`` [m]; None without any."""
+    steps: list[tuple[float, np.ndarray, np.ndarray]] = []
+    bound_t, bound, end = [0.0], [FLOOR], 0.0
+    for piece in pieces:
+        steps += piece.steps
+        end = piece.t
+        for t, gap in piece.nodes:
+            bound_t.append(t)
+            bound.append(max(bound[-1], FLOOR + SAFETY * gap))
+        if not bound[-1] < max(worst(), FLOOR):
+            break
+    if not steps:
+        return None
+    starts, y, F = (np.array(a) for a in zip(*steps, strict=True))
+    return Orbit(np.append(starts, end), y, F, np.array(bound_t), np.array(bound))
+
+
+def kept(key: str, compute: Callable[[], Orbit | None]) -> Orbit | None:
+    """The orbit of the digest ``key``, from disk if it is there; that there is none is kept too."""
+    file = FOLDER / f"{key[:24]}.npz"
+    known = _read(file)
+    if known is not None:
+        return known if len(known.y) else None
+    found = compute()
+    nothing = np.zeros(0)
+    _write(file, found or Orbit(nothing, np.zeros((0, 0)), np.zeros((0, 7, 0)), nothing, nothing))
+    return found
+
+
+def _read(file: Path) -> Orbit | None:
+    try:
+        with np.load(file) as stored:
+            return Orbit(*(stored[name] for name in ("t", "y", "F", "bound_t", "bound")))
+    except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):  # absent, or damaged: computed anew
+        return None
+
+
+def _write(file: Path, orbit: Orbit) -> None:
+    """Whole or not at all, as several processes may ask for the same motion; without a place to write, not at all."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=file.parent, suffix=".part", delete=False) as part:
+            np.savez(part, t=orbit.t, y=orbit.y, F=orbit.F, bound_t=orbit.bound_t, bound=orbit.bound)
+        os.replace(part.name, file)
+    except OSError:
+        return

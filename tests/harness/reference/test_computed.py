@@ -1,0 +1,242 @@
+"""Computed references against exact motions and laws; and that a route with an error is found out."""
+
+import multiprocessing
+from collections.abc import Callable, Iterator
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.catalogue.registry import in_frame, make_problem
+from mbsbench.harness.mechanics import so3
+from mbsbench.harness.mechanics.jacobian import constraint_jacobian
+from mbsbench.harness.mechanics.motion import constraint, constraint_rate, damping_power, energy
+from mbsbench.harness.mechanics.state import rotated
+from mbsbench.harness.metrics.reactions import DIFFERENCE
+from mbsbench.harness.reference import computed as module
+from mbsbench.harness.reference import orbit
+from mbsbench.harness.reference.computed import computed, is_computable, reference_of
+from mbsbench.harness.reference.directors import Directors
+from mbsbench.harness.reference.newton_euler import NewtonEuler
+from mbsbench.harness.types import Problem
+from mbsbench.problems import chain, four_bar_grid
+
+from .mechanisms import slider_crank, sprung
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fresh_references(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """What is kept is of this session, and linkages are certified for a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(orbit, "FOLDER", tmp_path_factory.mktemp("references"))
+        patch.setattr(chain, "SOUGHT", 1.0)
+        patch.setattr(four_bar_grid, "SOUGHT", 1.0)
+        yield
+
+
+EXACT = {
+    "pendulum": ("spherical_pendulum", {"omega_z": 3.0, "t_end": 0.5}),
+    "turned": ("spherical_pendulum", {"omega_z": 3.0, "rotation": (0.3, -0.5, 0.7), "t_end": 0.2}),
+    "top": ("heavy_top", {"t_end": 0.1}),
+    "free": ("torque_free_body", {"inertia_factors": (1.0, 1.5, 2.0), "t_end": 1.0}),
+    "chain": ("chain", {"t_end": 0.15}),
+    "grid": ("four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.2}),  # 64 rows of rank 58
+}
+
+
+@pytest.mark.parametrize("name", EXACT)
+def test_it_is_the_exact_motion_within_its_stated_error(name: str) -> None:
+    """Theta functions or a planar linkage on one side, full systems in space on the other: no common equation."""
+    p = make_problem(*EXACT[name])
+    exact, found = p.reference(), computed(p)
+    assert exact is not None and found is not None and found.horizon == p.t_end
+    t = np.linspace(0.0, p.t_end, 101)
+    a, b = found.states(t), exact.states(t)
+    stated = found.error(t) + exact.error(t)
+    assert np.max(stated) < 1e-10
+    assert np.all(np.max(np.linalg.norm(a.r - b.r, axis=2), axis=1) <= stated)
+    E = energy(p.system, a)
+    assert np.ptp(E) < 1e-9 * np.max(np.abs(E))
+
+
+@pytest.mark.parametrize("make", [lambda: slider_crank(0.2), lambda: sprung(0.0, 0.3), lambda: sprung(3.0, 0.3)])
+def test_it_obeys_the_laws_where_nothing_is_known(make: Callable[[], Problem]) -> None:
+    """Joints, velocities, and energy less the dampers' work: stated in (r, R), not by either route."""
+    p = make()
+    found = reference_of(p)
+    assert found is not None and found.horizon == p.t_end
+    t = np.linspace(0.0, p.t_end, 4001)
+    s = found.states(t)
+    assert np.max(np.abs(constraint(p.system, s))) < 1e-11
+    assert np.max(np.abs(constraint_rate(p.system, s))) < 1e-10
+    E, power, dt = energy(p.system, s), damping_power(p.system, s), t[1]
+    work = np.sum(power[:-2:2] + 4.0 * power[1:-1:2] + power[2::2]) * dt / 3.0  # Simpson
+    assert abs(E[-1] - E[0] - work) < 1e-9 * np.max(np.abs(E))
+    k = np.arange(20, 3980, 20)  # differences of sixth order: dt^6 and rounding / dt are both below 1e-9
+    r_dot = sum(c * s.r[k + 4 * n] for n, c in zip(range(-3, 4), DIFFERENCE, strict=True)) / (4.0 * dt)
+    R_dot = sum(c * s.R[k + 4 * n] for n, c in zip(range(-3, 4), DIFFERENCE, strict=True)) / (4.0 * dt)
+    assert np.max(np.abs(r_dot - s.v[k])) < 1e-8
+    assert np.max(np.abs(R_dot - s.R[k] @ so3.hat(s.Omega[k]))) < 1e-8
+
+
+def test_a_turned_system_has_the_turned_motion() -> None:
+    """Two computations, of other numbers throughout."""
+    p = sprung(1.0, 0.2)
+    Q = so3.exp(np.array([0.4, -1.1, 0.6]))
+    here, there = computed(p), computed(in_frame(p, Q))
+    assert here is not None and there is not None
+    t = np.linspace(0.0, 0.2, 21)
+    gap = rotated(here.states(t), Q).r - there.states(t).r
+    assert np.all(np.max(np.linalg.norm(gap, axis=2), axis=1) <= here.error(t) + there.error(t))
+
+
+def _no_gyroscopic_torque(self: NewtonEuler, r, R, v, Omega):
+    return FORCES_1(self, r, R, v, 0.8 * Omega)
+
+
+def _gamma_with_the_wrong_sign(self: NewtonEuler, R, Omega):
+    return -GAMMA(self, R, Omega)
+
+
+def _lighter(self: Directors, x, x_dot):
+    return 1.001 * FORCES_2(self, x, x_dot)
+
+
+def _rigidity_forgotten(self: Directors, x):
+    C, from_rigidity = COMPLIANCE(self, x)
+    return C, 0.99 * from_rigidity
+
+
+FORCES_1, GAMMA = NewtonEuler._forces, NewtonEuler._gamma
+FORCES_2, COMPLIANCE = Directors._forces, Directors._compliance
+
+
+@pytest.mark.parametrize(
+    ("route", "name", "broken", "of"),
+    [
+        (NewtonEuler, "_forces", _no_gyroscopic_torque, "free"),
+        (NewtonEuler, "_gamma", _gamma_with_the_wrong_sign, "pendulum"),
+        (NewtonEuler, "_gamma", _gamma_with_the_wrong_sign, "grid"),
+        (Directors, "_forces", _lighter, "pendulum"),
+        (Directors, "_compliance", _rigidity_forgotten, "free"),
+    ],
+)
+def test_an_error_in_one_route_is_found_out(
+    route: type, name: str, broken, of: str, monkeypatch: pytest.MonkeyPatch, tmp_path
+) -> None:
+    """Then both disagree: the reference ends where they do, and what is left of it says how far they are apart."""
+    monkeypatch.setattr(orbit, "FOLDER", tmp_path)
+    monkeypatch.setattr(route, name, broken)
+    p = make_problem(*EXACT[of])
+    found, exact = computed(p), p.reference()
+    assert exact is not None
+    if found is None:
+        return
+    assert found.horizon < 0.3 * p.t_end
+    t = np.linspace(0.0, found.horizon, 21)
+    gap = np.max(np.linalg.norm(found.states(t).r - exact.states(t).r, axis=2), axis=1)
+    assert np.all(gap <= found.error(t) + exact.error(t))
+
+
+def test_both_routes_accelerate_alike_and_have_the_jacobian_of_the_system() -> None:
+    """A perturbed grid far from its plane: axis rows, redundant, ground axes, all parts at once."""
+    p = make_problem("four_bar_grid", {"rows": 1, "columns": 2, "perturb": 0.05})
+    first, second = NewtonEuler(p.system), Directors(p.system)
+    y = first.restarted(first.start(p.initial))
+    here = first.states(y[None])[0]
+    nb = p.system.nb
+    a = first.rate(y)[7 * nb : 10 * nb].reshape(nb, 3)
+    b = second.rate(second.start(here)[None])[0, 12 * nb :].reshape(nb, 4, 3)[:, 0]
+    assert np.max(np.abs(a - b)) < 1e-9 * np.max(np.abs(a))
+    assert np.max(np.abs(first._jacobian(here.R) - constraint_jacobian(p.system, here).toarray())) < 1e-14
+
+
+def test_a_perturbed_chain_has_a_reference_out_of_its_plane() -> None:
+    """The planar linkage has none; the energy is that of the start, in all three directions."""
+    p = make_problem("chain", {"perturb": 1e-3, "t_end": 0.05})
+    assert p.reference() is None
+    found = reference_of(p)
+    assert found is not None and found.horizon == 0.05
+    s = found.states(np.linspace(0.0, 0.05, 41))
+    assert np.max(np.abs(s.r[:, :, 2])) > 1e-5
+    assert np.ptp(energy(p.system, s)) < 1e-9
+    assert np.max(np.abs(constraint(p.system, s))) < 1e-11
+
+
+def test_a_singular_passage_ends_it_without_an_exception(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    """A parallelogram turns through its folded position, where its rank falls; until then it is the exact motion."""
+    monkeypatch.setattr(orbit, "FOLDER", tmp_path)
+    monkeypatch.setattr(module, "BUDGET", 3.0)  # [s] there the steps shrink until it is spent
+    p = make_problem("four_bar_grid", {"rows": 1, "columns": 1, "rate": 8.0, "t_end": 0.25})
+    exact, found = p.reference(), computed(p)
+    assert exact is not None and found is not None
+    t = np.linspace(0.0, min(found.horizon, exact.horizon), 51)
+    gap = np.max(np.linalg.norm(found.states(t).r - exact.states(t).r, axis=2), axis=1)
+    assert np.all(gap <= found.error(t) + exact.error(t))
+
+
+def test_a_spent_budget_ends_it(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    """What was certified until then stays."""
+    monkeypatch.setattr(orbit, "FOLDER", tmp_path)
+    monkeypatch.setattr(module, "BUDGET", 0.3)
+    found = computed(make_problem("spherical_pendulum", {"omega_z": 3.0, "t_end": 5.0}))
+    assert found is not None and 0.0 < found.horizon < 5.0
+
+
+def test_a_large_system_has_none() -> None:
+    """Hundreds of bodies would take hours: said at once."""
+    p = make_problem("chain", {"links": 150, "perturb": 1e-6, "t_end": 0.01})
+    assert not is_computable(p.system) and reference_of(p) is None
+
+
+class Kept:
+    """A problem whose reference takes little to compute."""
+
+    @staticmethod
+    def problem(t_end: float = 0.05) -> Problem:
+        return sprung(0.5, t_end)
+
+
+def test_a_second_call_reads(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    """Also that there is none is read."""
+    monkeypatch.setattr(orbit, "FOLDER", tmp_path)
+    first = computed(Kept.problem())
+    monkeypatch.setattr(module, "_agreed", None)
+    again = computed(Kept.problem())
+    t = np.linspace(0.0, 0.05, 7)
+    assert first is not None and again is not None
+    assert np.array_equal(first.states(t).r, again.states(t).r)
+    monkeypatch.setattr(module, "_agreed", lambda *_: None)
+    assert computed(Kept.problem(0.06)) is None
+    monkeypatch.setattr(module, "_agreed", None)
+    assert computed(Kept.problem(0.06)) is None
+
+
+@pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 not an archive", None])
+def test_a_damaged_file_is_computed_anew(damage: bytes | None, monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
+    """Empty, of another kind, or cut in the middle."""
+    monkeypatch.setattr(orbit, "FOLDER", tmp_path)
+    first = computed(Kept.problem())
+    (file,) = tmp_path.glob("*.npz")
+    file.write_bytes(file.read_bytes()[:2000] if damage is None else damage)
+    again = computed(Kept.problem())
+    assert first is not None and again is not None and np.array_equal(first.orbit.y, again.orbit.y)
+
+
+def _compute(folder, queue) -> None:
+    orbit.FOLDER = folder
+    found = computed(Kept.problem())
+    queue.put(None if found is None else found.states(np.array([0.05])).r)
+
+
+def test_two_processes_at_once_get_the_same(tmp_path) -> None:
+    """Each writes a file of its own and moves it in place: no half of one is ever read."""
+    context = multiprocessing.get_context("fork")
+    queue = context.Queue()
+    both = [context.Process(target=_compute, args=(tmp_path, queue)) for _ in range(2)]
+    for process in both:
+        process.start()
+    a, b = queue.get(timeout=120), queue.get(timeout=120)
+    for process in both:
+        process.join()
+    assert a is not None and np.array_equal(a, b)
+    assert [f.suffix for f in tmp_path.iterdir()] == [".npz"]
