@@ -12,7 +12,7 @@ from ..referee import judge as judging
 from ..referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 from ..results import store
-from ..results.judgements import Claim, Verdict
+from ..results.judgements import Claim, Gap, Verdict
 from ..suites.spec import RunSpec
 from .screen import Column, errors, lines, print_table, print_unreadable
 from .terms import UsageError, add_results, check_ours, existing, subcommand
@@ -43,23 +43,21 @@ def run(arguments: argparse.Namespace) -> int:
     register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
     folder = existing(arguments.results)
     published = Path(arguments.published) if arguments.published else PUBLISHED
+    print_unreadable(store.load(folder, check_series=False).unreadable)
     if arguments.publish:
         check_ours(published, "--published DIR")
-    if arguments.publish:
         _require(folder, judging.whole_run(), "that verdicts are published from")
     elif not arguments.partial:
-        _require(
-            folder, judging.needed(register), "that the claims are tried on", ", or judge what is there: --partial"
-        )
+        _require(folder, judging.needed(register), "that the claims are tried on", ", or judge these: --partial")
     before = None if arguments.publish else read_claims(published)
-    print_unreadable(store.load(folder, check_series=False).unreadable)
     judged = judgements(folder, register, lambda part: errors().print(f"judging: {part}"))
     write(folder / FOLDER, judged)
-    changed = changes(before, judged["claims"]) if before is not None else []
+    lacking = {c.id for c in judged["claims"] if any(m.gap is Gap.RUNS for m in c.missing)}
+    changed = [c for c in changes(before, judged["claims"]) if c.id not in lacking] if before is not None else []
     if arguments.json:
         lines().print(as_text(judged["claims"]), end="")
     else:
-        show(judged["claims"], changed, before is not None, arguments.publish)
+        show(judged["claims"], changed, before is not None, arguments.publish, len(lacking))
     if arguments.publish:
         write(published, judged)
         errors().print(f"published: {published}")
@@ -73,7 +71,7 @@ def _require(folder: Path, specs: Sequence[RunSpec], what: str, remedy: str = ""
                          f"make them: {again}{remedy}")  # fmt: skip
 
 
-def show(claims: Sequence[Claim], changed: list[Change], compared: bool, publishing: bool) -> None:
+def show(claims: Sequence[Claim], changed: list[Change], compared: bool, publishing: bool, lacking: int = 0) -> None:
     """The table of verdicts, how many of each, and the changes."""
     rows = []
     for c in claims:
@@ -85,6 +83,7 @@ def show(claims: Sequence[Claim], changed: list[Change], compared: bool, publish
     below += [f"changed: {c.id}: {c.before or 'not published'} -> {c.after or 'no longer judged'}" for c in changed]
     if compared:
         below.append(f"{len(changed)} verdicts differ from the published ones" if changed else "as published")
+        below += [f"{lacking} of {len(claims)} claims lack runs: not compared"] if lacking else []
     elif not publishing:
         below.append("nothing is published yet; use --publish to do so")
     print_table(COLUMNS, rows, *below)

@@ -84,7 +84,24 @@ def test_ends_of_runs():
     assert evaluate("reached", stopped, None, {}) == 0.4 and evaluate("reached", ended, None, {}) == 1.0
     assert evaluate("stops at", bare(t_reached_s=math.nan), None, {}) == 0.0
     assert evaluate("loss", stopped, None, {}) == math.inf and evaluate("loss", ended, None, {}) == 0.1
+    turned = bare(orientation_error_judged_rad=0.3)
+    assert evaluate("orientation loss", stopped, None, {}) == math.inf
+    assert evaluate("orientation loss", turned, None, {}) == 0.3
     assert evaluate("late energy", stopped, None, {}) == math.inf and evaluate("late energy", ended, None, {}) == 0.2
+
+
+def test_an_oscillation_rises_and_falls():
+    """A sine of amplitude 2 rises and falls by 4; a drift, however large, does one of them alone."""
+    wave, drift = 2.0 * np.sin(T), 50.0 * T
+    assert evaluate("swing", bare(), series(T, a=wave), {"series": "a"}) == pytest.approx(4.0, rel=1e-2)
+    assert evaluate("swing", bare(), series(T, a=drift), {"series": "a"}) == 0.0
+    assert evaluate("swing", bare(), series(T, a=drift + 40.0 * np.sin(3.0 * T)), {"series": "a"}) > 1.0
+
+
+def test_corrections_are_counted_per_step_of_a_whole_run():
+    counted = {"newton_iterations": 30.0, "steps": 10}
+    assert evaluate("corrections per step", bare(**counted), None, {}) == 3.0
+    assert math.isnan(evaluate("corrections per step", bare(t_reached_s=4.0, **counted), None, {}))
 
 
 def test_steps_are_judged_after_the_start_up_and_without_the_last():

@@ -79,7 +79,14 @@ def test_results_that_lack_runs_are_judged_on_request_alone_and_never_published(
         assert said.count("\n") == 1 and "lacks 1 of 1" in said and RUNS[0].case in said
         assert ("--partial" in said) is not bool(arguments)
     assert not (folder / "judgement").exists() and not (tmp_path / "published").exists()
+    write(0.5)
+    assert call("--publish") == 0
+    for path in (folder / "runs").iterdir():
+        path.unlink()
+    write(0.5, RUNS[1:])
+    capsys.readouterr()
     assert call("--partial") == 0
+    assert "1 of 1 claims lack runs: not compared" in capsys.readouterr().out
     assert json.loads((folder / "judgement" / "claims.json").read_text())[0]["verdict"] == "UNTESTABLE"
 
 

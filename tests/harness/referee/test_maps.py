@@ -55,6 +55,21 @@ def test_dimensions_have_the_names_of_claims():
     assert PLACES[0].dimensions["duration"] == 40.0
 
 
+def test_the_form_of_the_ndf_is_that_of_its_accelerations():
+    """With unknown accelerations the equations are those of form fi: one name for what IDA and the NDF both have."""
+    text = """
+[[runs]]
+problem = "heavy_top"
+solver = "ndf_index1"
+options = { accelerations = ["unknown", "eliminated"] }
+rtol = 1e-4
+"""
+    fi, se = (place(c) for c in runs_of(text))
+    assert (fi.dimensions["form"], se.dimensions["form"]) == ("fi", "se") and "accelerations" not in fi.dimensions
+    asked = {"problem": "heavy_top", "solver": "ndf_index1", "tolerance": 1e-4}
+    assert select((fi, se), [asked]) == (fi,) and select((fi, se), [asked | {"form": "se"}]) == (se,)
+
+
 def test_what_is_not_named_must_be_usual():
     """Only the usual gain, chart, form and frame; then one more at a time."""
     assert len(select(PLACES, [BASE])) == 2

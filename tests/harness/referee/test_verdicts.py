@@ -11,8 +11,8 @@ from mbsbench.harness.referee.claims.verdicts import judge
 from mbsbench.harness.results.judgements import Count, Ending, LeftOut, as_text
 from mbsbench.reports.model.claim_words import because, missing
 
-from .claiming import RUNS, TEST, claim, options
-from .synthetic import HEAD, record, series
+from .claiming import MAP, RUNS, SUITE, TEST, claim, options
+from .synthetic import HEAD, record, runs_of, series
 
 
 def test_holding_everywhere_is_supported_and_worded_for_the_solver_run():
@@ -97,6 +97,24 @@ def test_across_a_dimension_values_are_taken_in_order():
     grows = claim(text, [record(x, phi_max=(x.control.rtol or 1.0) ** -0.5) for x in RUNS])
     assert falls.verdict == "SUPPORTED" and len(falls.map) == 4 and "tolerance" not in falls.map[0].at
     assert falls.tests[0].measured == pytest.approx(1e-3**0.5, rel=1e-5) and grows.verdict == "REFUTED"
+
+
+@pytest.mark.parametrize(("work", "holds"), [(5.0, None), (50.0, True), (500.0, False)])
+def test_at_equal_work_dearer_runs_are_no_rivals(work, holds):
+    """ODE-GC at 10 operations errs by 2 m, at 100 by 0.1 m, IDA by 1 m: cheaper than both it has no rival."""
+    suite = SUITE.replace("dt = 0.01", "dt = [0.01, 0.001]")
+    rivals = {0.01: (2.0, 10.0), 0.001: (0.1, 100.0)}
+    found = []
+    for x in (specs := runs_of(suite)):
+        error, evaluations = rivals.get(x.control.dt, (1.0, work))
+        found.append(record(x, position_error_judged_m=error, evaluations=evaluations))
+    text = (
+        'map = "m"\nagainst = "all"\nat_equal_work = true\n'
+        'tests = [{ metric = "loss", compare = "over smallest", at_most = 0.9, unit = "" }]\n'
+    )
+    head = MAP.replace("[[claims]]", '[maps.all]\nover = [{ map = "gc", step = "any" }]\n\n[[claims]]')
+    c = judge(parse_register(head + HEAD + text), specs, found, lambda r: None)[0]
+    assert {row.holds for row in c.map} == {holds}
 
 
 def test_two_failures_across_a_dimension_compare_nothing():
