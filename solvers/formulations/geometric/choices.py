@@ -44,6 +44,7 @@ class Settings(NamedTuple):
     max_newton: int
     refresh: float  # a kept factorisation is renewed when a correction shrinks the residual by less than this factor
     couple: int  # 1: body-to-body blocks of the Jacobian are kept
+    simplified: int = 0  # 1: the simplified Newton method where it applies
     penalty: Penalty = Penalty()
 
 
@@ -75,8 +76,9 @@ class GaugeChoices:
     tolerance: float = option(1e-8, "of the tests (80), (81)", "sqrt(J)", above=0.0)
     max_newton: int = option(20, "corrections before the step is cut", "", at_least=1)
     newton: str = option(
-        "kept", "exact: new Jacobian at every correction; kept: renewed when it no longer contracts by 5",
-        choices=("kept", "exact"),
+        "simplified", "simplified: on A M^-1 A^T, where gravity is the only force and sigma0 is zero, else as kept; "
+        "kept: Jacobian renewed when it no longer contracts by 5; exact: at every correction",
+        choices=("simplified", "kept", "exact"),
     )  # fmt: skip
     max_cuts: int = option(16, "halvings of dt before the run ends in step underflow", "", at_least=0, at_most=40)
     max_turn: float = option(
@@ -126,6 +128,7 @@ class GaugeChoices:
             max_newton=self.max_newton,
             refresh=0.0 if exact else 0.2,
             couple=int(exact),
+            simplified=int(self.newton == "simplified"),
         )
 
     def refuses_choice(self, problem: Problem, control: StepControl) -> str | None:

@@ -12,6 +12,8 @@ from .choices import Settings
 from .newton import COUNTERS, History, Run, Work
 from .pattern import analyse
 from .residual import complete
+from .simplified.state import applies
+from .simplified.stretches import Simplified
 from .step import start_mu
 
 STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
@@ -72,11 +74,16 @@ def integrate(
     clock = marching.Clock(np.zeros(3, dtype=np.int64), control.dt, problem.t_end, max_cuts)
     run.work.max_turn[0] = max_turn or np.inf
     advance(run, step, clock._replace(t_end=0.0), 1)  # compiles the march, or loads it, and takes no step
+    march = (
+        Simplified(run, step, clock, advance).advance
+        if not max_turn and applies(run.settings, run.model)
+        else (lambda step, room: advance(run, step, clock, room))
+    )
     set_up = time.perf_counter() - began
     log, steps, cpu = Log(), 0, time.process_time()
     status, message = Status.SUCCESS, ""
     while True:
-        step, outcome, stretch = advance(run, step, clock, min(room, control.max_steps - steps))
+        step, outcome, stretch = march(step, min(room, control.max_steps - steps))
         log.stretches.append(stretch)
         steps += len(stretch.t)
         if control.spool is not None and len(stretch.t):
@@ -92,7 +99,7 @@ def integrate(
         elif control.wall_limit is not None and time.perf_counter() - began > control.wall_limit:
             limit = f"wall limit of {control.wall_limit:g} s"
         if limit:
-            status, message = Status.STALLED, f"{limit} reached at t = {stretch.t[-1]:g} s"
+            status, message = Status.STALLED, f"{limit} reached at t = {marching.time_of(clock):g} s"
             break
     return hand_back(problem, run, log, status, message, time.process_time() - cpu, set_up)
 

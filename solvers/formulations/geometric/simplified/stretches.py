@@ -1,0 +1,62 @@
+"""Stretches of the simplified method, and of the full one where it does not converge."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..arrays import Step
+from ..march import Clock, Record, empty_record
+from ..newton import Run
+from ..residual import complete
+from .march import BUFFER_FULL, HARD, march, start
+from .state import empty_lean
+
+PATIENCE, MOST_PATIENCE = 8, 1024  # steps of the full method after one that the simplified method does not solve
+Full = Callable[[Run, Step, Clock, int], tuple[Step, int, Record]]
+
+
+class Simplified:
+    """The simplified method's march, with the full one for stretches in which it does not converge."""
+
+    def __init__(self, run: Run, step: Step, clock: Clock, full: Full) -> None:
+        self._full = full
+        self._run, self._clock, self._patience, self._hard = run, clock, PATIENCE, False
+        self._lean = empty_lean(run.model)
+        self._take(step)
+        start(self._lean)
+        self._march(empty_record(0, len(run.model.mass), int(run.model.row[-1])))  # compiles
+
+    def advance(self, step: Step, room: int) -> tuple[Step, int, Record]:
+        """Up to ``room`` steps; stretches of the full method begin and end anywhere, those of this one on the grid."""
+        run, lean, grid = self._run, self._lean, self._clock.grid
+        if self._hard or grid[1] or grid[2] or np.isfinite(run.work.max_turn[0]):
+            step, outcome, record = self._full(run, step, self._clock, min(room, self._patience))
+            self._patience = min(2 * self._patience, MOST_PATIENCE)
+            self._hard = False
+            self._take(step)
+            return step, outcome, record
+        record = empty_record(room, len(run.model.mass), int(run.model.row[-1]))
+        outcome, done = self._march(record)
+        if outcome == HARD:
+            self._hard, outcome = True, BUFFER_FULL
+            step.start.r[:], step.start.R[:], step.start.v[:] = lean.k.r, lean.k.R, lean.k.v
+            step.rows.nu_start[:] = lean.nu_start
+            complete(run.model, step.start, run.settings)
+            run.history.dt[0] = run.work.factored_dt[0] = 0.0
+        if done > PATIENCE:
+            self._patience = PATIENCE
+        return step, outcome, Record(*(a[:done] for a in record))
+
+    def _march(self, record: Record) -> tuple[int, int]:
+        clock, run = self._clock, self._run
+        return march(self._lean, run.settings, clock.grid, clock.dt, clock.t_end, run.work.counts, record)
+
+    def _take(self, step: Step) -> None:
+        """Where the full method stands, and its last step as the past."""
+        lean, history, gauge = self._lean, self._run.history, self._run.settings.gauge
+        lean.k.r[:], lean.k.R[:], lean.k.v[:] = step.start.r, step.start.R, step.start.v
+        lean.nu_start[:] = step.rows.nu_start
+        lean.past[:] = 1, 0
+        if (h := history.dt[0]) > 0.0:
+            lean.acceleration[0] = (step.start.v - history.v) / h
+            lean.impulse[0] = history.increment / h if self._run.settings.keep_nu else (1.0 - gauge) * history.nu / h
