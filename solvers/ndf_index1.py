@@ -21,12 +21,13 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import FunctionType
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 import scipy.linalg as sl
 from scipy_dae.integrate._dae import bdf
 from scipy_dae.integrate._dae.bdf import BDFDAE
+from scipy_dae.integrate._dae.dae import DaeSolver
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
@@ -109,7 +110,7 @@ class NdfIndex1(BaumgarteOptions):
         y_dot: np.ndarray,
         t_end: float,
         control: StepControl,
-    ) -> BDFDAE:
+    ) -> DaeSolver:
         atol = np.full(layout.n, control.rtol)
         if not self.lambda_in_error_test:
             atol[layout.lam] = OUT_OF_TEST
@@ -123,21 +124,17 @@ class NdfIndex1(BaumgarteOptions):
             of_y, of_y_dot = form.jacobian(y, y_dot)
             return as_matrix(of_y), as_matrix(of_y_dot)
 
-        return (BDFDAE if self.norm == "rms" else MaximumNormNdf)(
-            residual,
-            0.0,
-            y,
-            y_dot,
-            t_end,
-            max_step=control.max_step or np.inf,
-            rtol=control.rtol,
-            atol=atol,
+        return self._method(
+            residual, 0.0, y, y_dot, t_end, max_step=control.max_step or np.inf, rtol=control.rtol, atol=atol,
             jac=jacobian,
-            NDF_strategy="efficiency",
-        )
+        )  # fmt: skip
+
+    def _method(self, *equations: Any, **settings: Any) -> DaeSolver:
+        kind = BDFDAE if self.norm == "rms" else MaximumNormNdf
+        return kind(*equations, **settings, NDF_strategy="efficiency")
 
 
-def _step(ndf: BDFDAE, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:
+def _step(ndf: DaeSolver, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore", sl.LinAlgWarning)  # a zero pivot gives inf, which Newton then rejects

@@ -11,8 +11,10 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.geometric.index1 import rattle
 from .formulations.geometric.index1.compositions import COMPOSITIONS
-from .formulations.geometric.index1.integrate import compose_rattle
+from .formulations.geometric.index1.free_body import principal
+from .formulations.geometric.index1.integrate import fixed_steps
 
 HOW = "plain (order 2), or composed: Suzuki's five steps (4), Kahan and Li's nine (6) or seventeen (8)"
 
@@ -40,4 +42,6 @@ class Rattle:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        return compose_rattle(problem, control, COMPOSITIONS[self.composition][0], self.tolerance)
+        system, gamma = problem.system, COMPOSITIONS[self.composition][0]
+        scheme = rattle.Scheme(principal(system.inertia), gamma, self.tolerance, int(not system.is_conservative))
+        return fixed_steps(problem, control, rattle, scheme)

@@ -30,6 +30,8 @@ WORSE_OPTIONS = {  # of solvers that have such an option; a solver without one i
     "gc_augmented_lagrangian": [{"b_term": False}, {"tolerance": 1e-3}],
     "ida_index1": [{"alpha": 0.0, "beta": 0.0}],
     "ndf_index1": [{"alpha": 0.0, "beta": 0.0}],
+    "radau_index1": [{"alpha": 0.0, "beta": 0.0}],
+    "generalized_alpha": [{"rho_inf": 0.2}],
 }
 
 
@@ -91,7 +93,10 @@ def geometric_with(monkeypatch, **change: float) -> None:
     monkeypatch.setattr(GaugeChoices, "settings", lambda self, problem: sound(self, problem)._replace(**change))
 
 
-ON_INDEX_1 = ("rattle", "rkmk_dop853", "rkmk_dopri5")
+ON_INDEX_1 = (
+    "al_index3", "energy_momentum", "generalized_alpha", "half_explicit", "lie_variational", "radau_ggl", "rattle",
+    "rkmk_dop853", "rkmk_dopri5",
+)  # fmt: skip
 
 
 def index_1_with(monkeypatch, factor: float) -> None:

@@ -15,6 +15,7 @@ from ..vectors import turned_by
 from .kernel import HOT
 
 EQUAL = 1e-14  # of the inertia: two principal values that are one
+NEWTON = 30  # corrections of the discrete free body
 
 
 class Principal(NamedTuple):
@@ -89,3 +90,44 @@ def turn_freely(p, b, h, R, L):
         _about(R, b, 1, 0.5 * h * p.rate[b, 1] * L[1], L)
     if p.turned[b]:
         _rotate(p.Q, b, R, L, 0)
+
+
+@njit(**HOT)
+def turn_discretely(J, h, R, L):
+    """R := R F, L := F^T L by Moser and Veselov: hat(h L) = F J_d - J_d F^T, J_d = tr(J)/2 - J, all in the body.
+
+    With F = (1 + hat(f)) (1 - hat(f))^-1 that is g + g x f + (g . f) f = 2 J f, g = h L (Lee, Leok, McClamroch 2007,
+    Comput. Methods Appl. Mech. Eng. 196), here by Newton's method; NaN where it does not converge.
+    """
+    g0, g1, g2 = h * L[0], h * L[1], h * L[2]
+    f0 = f1 = f2 = 0.0
+    last = math.inf
+    for _ in range(NEWTON):
+        d = g0 * f0 + g1 * f1 + g2 * f2
+        q0 = g0 + g1 * f2 - g2 * f1 + d * f0 - 2.0 * (J[0, 0] * f0 + J[0, 1] * f1 + J[0, 2] * f2)
+        q1 = g1 + g2 * f0 - g0 * f2 + d * f1 - 2.0 * (J[1, 0] * f0 + J[1, 1] * f1 + J[1, 2] * f2)
+        q2 = g2 + g0 * f1 - g1 * f0 + d * f2 - 2.0 * (J[2, 0] * f0 + J[2, 1] * f1 + J[2, 2] * f2)
+        a, b, c = 2.0 * J[0, 0] - d - f0 * g0, 2.0 * J[0, 1] + g2 - f0 * g1, 2.0 * J[0, 2] - g1 - f0 * g2
+        p, q, r = 2.0 * J[1, 0] - g2 - f1 * g0, 2.0 * J[1, 1] - d - f1 * g1, 2.0 * J[1, 2] + g0 - f1 * g2
+        u, v, w = 2.0 * J[2, 0] + g1 - f2 * g0, 2.0 * J[2, 1] - g0 - f2 * g1, 2.0 * J[2, 2] - d - f2 * g2
+        x, y, z = q * w - r * v, r * u - p * w, p * v - q * u
+        t = a * x + b * y + c * z
+        d0 = (q0 * x + q1 * (c * v - b * w) + q2 * (b * r - c * q)) / t
+        d1 = (q0 * y + q1 * (a * w - c * u) + q2 * (c * p - a * r)) / t
+        d2 = (q0 * z + q1 * (b * u - a * v) + q2 * (a * q - b * p)) / t
+        f0, f1, f2 = f0 + d0, f1 + d1, f2 + d2
+        size = abs(d0) + abs(d1) + abs(d2)
+        if size < 1e-15 or (size < 1e-12 and size >= last):
+            break
+        last = size
+    else:
+        f0 = math.nan
+    s = 2.0 / (1.0 + f0 * f0 + f1 * f1 + f2 * f2)
+    for a in range(4):  # rows of R by F, then L as a row: F^T L
+        x, y, z = (R[a, 0], R[a, 1], R[a, 2]) if a < 3 else (L[0], L[1], L[2])
+        i, j, k = y * f2 - z * f1, z * f0 - x * f2, x * f1 - y * f0  # row times hat(f)
+        x, y, z = x + s * (i + j * f2 - k * f1), y + s * (j + k * f0 - i * f2), z + s * (k + i * f1 - j * f0)
+        if a < 3:
+            R[a, 0], R[a, 1], R[a, 2] = x, y, z
+        else:
+            L[0], L[1], L[2] = x, y, z

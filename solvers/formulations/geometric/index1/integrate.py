@@ -2,15 +2,16 @@
 
 import time
 from collections.abc import Callable
+from types import ModuleType
 
 import numpy as np
 
 from .....harness.types import Problem, States, Status, StepControl, Trajectory
 from ..arrays import Model, model_of
-from . import rattle, rkmk
-from .blocks import WIDTH, Blocks
-from .free_body import principal
-from .kernel import Kernel, empty_kernel
+from . import radau, rkmk
+from .blocks import Blocks
+from .fixed_step import STUCK
+from .kernel import Kernel, empty_kernel, evaluate
 from .tableaux import Tableau
 
 FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
@@ -27,16 +28,21 @@ def start_of(problem: Problem) -> tuple[Model, Blocks, Kernel]:
     return model, blocks, kernel
 
 
+def error_control(problem: Problem, control: StepControl, order: float) -> rkmk.Control:
+    """Clock and counters of steps with error control; ``order`` in h of the error estimate."""
+    assert control.rtol is not None  # the catalogue has seen to it
+    return rkmk.Control(
+        np.array([0.0, min(FIRST_STEP, problem.t_end), 1e-4]), np.zeros(3, dtype=np.int64), control.rtol,
+        control.max_step or np.inf, problem.t_end, order,
+    )  # fmt: skip
+
+
 def runge_kutta(problem: Problem, control: StepControl, tableau: Tableau) -> Trajectory:
     """An explicit pair with error control."""
     began = time.perf_counter()
-    assert control.rtol is not None  # the catalogue has seen to it
     model, blocks, kernel = start_of(problem)
     stages = rkmk.empty_stages(problem.system.nb, len(tableau.b))
-    steps = rkmk.Control(
-        np.array([0.0, min(FIRST_STEP, problem.t_end), 1e-4]), np.zeros(3, dtype=np.int64), control.rtol,
-        control.max_step or np.inf, problem.t_end, float(tableau.order),
-    )  # fmt: skip
+    steps = error_control(problem, control, float(tableau.order))
 
     def stretch(record: rkmk.Record) -> tuple[int, int]:
         return rkmk.march(model, blocks, kernel, stages, tableau, steps, record)
@@ -50,23 +56,42 @@ def runge_kutta(problem: Problem, control: StepControl, tableau: Tableau) -> Tra
     return _march(problem, control, stretch, kernel.lam.copy(), counters, time.perf_counter() - began)
 
 
-def compose_rattle(problem: Problem, control: StepControl, gamma: np.ndarray, tolerance: float) -> Trajectory:
-    """Steps of ``control.dt``, each composed of RATTLE sub-steps ``gamma dt``; ``tolerance`` of phi [m and 1]."""
+def radau_steps(problem: Problem, control: StepControl) -> Trajectory:
+    """Radau IIA on stabilised index 2 with error control."""
     began = time.perf_counter()
-    dt, system = control.dt, problem.system
-    assert dt is not None  # the catalogue has seen to it
+    assert control.rtol is not None  # the catalogue has seen to it
     model, blocks, kernel = start_of(problem)
-    axes = principal(np.array(system.inertia))
-    step = rattle.empty_step(system.nb, system.nrows, system.nj, WIDTH, tolerance, not system.is_conservative)
+    stages, step, steps = radau.stages_of(model, kernel), radau.empty_step(model), error_control(problem, control, 4.0)
+    scheme = radau.scheme(control.rtol)
 
     def stretch(record: rkmk.Record) -> tuple[int, int]:
-        return rattle.march(model, blocks, axes, kernel, step, gamma, dt, problem.t_end, record)
+        return radau.march(model, blocks, stages, step, scheme, steps, record)
 
     def counters() -> dict[str, int]:
-        return {"newton_iterations": int(step.clock[1]), "factorisations": int(step.clock[2])}
+        evaluations, rejected, factorisations = map(int, steps.tally)
+        return {"rejected": rejected, "newton_iterations": evaluations, "factorisations": 1 + factorisations}
 
-    stretch(rkmk.empty_record(0, system.nb, system.nrows))  # compiles
-    rattle.start(model, blocks, kernel, step)
+    stretch(rkmk.empty_record(0, problem.system.nb, problem.system.nrows))  # compiles
+    evaluate(model, blocks, kernel)
+    radau.start(kernel, step)
+    return _march(problem, control, stretch, kernel.lam.copy(), counters, time.perf_counter() - began)
+
+
+def fixed_steps(problem: Problem, control: StepControl, method: ModuleType, scheme: tuple) -> Trajectory:
+    """Steps of ``control.dt`` by a module of this folder: ``empty_step``, ``start`` (from index 1) and ``march``."""
+    began = time.perf_counter()
+    model, blocks, kernel = start_of(problem)
+    step = method.empty_step(model)
+
+    def stretch(record: rkmk.Record) -> tuple[int, int]:
+        return method.march(model, blocks, kernel, step, scheme, control.dt, problem.t_end, record)
+
+    def counters() -> dict[str, int]:
+        return {"newton_iterations": int(step.clock[1]), "factorisations": 1 + int(step.clock[2])}
+
+    stretch(rkmk.empty_record(0, problem.system.nb, problem.system.nrows))  # compiles
+    evaluate(model, blocks, kernel)
+    method.start(kernel, step)
     return _march(problem, control, stretch, kernel.lam.copy(), counters, time.perf_counter() - began)
 
 
@@ -118,7 +143,7 @@ NAMES = ("r", "R", "v", "Omega")
 ENDS = {
     rkmk.UNDERFLOW: (Status.STEP_UNDERFLOW, "the error test asks for a step below the spacing of times"),
     rkmk.NOT_FINITE: (Status.DIVERGED, "the motion is no longer finite"),
-    rattle.STUCK: (Status.STEP_UNDERFLOW, "the iteration for phi = 0 does not converge with this step"),
+    STUCK: (Status.STEP_UNDERFLOW, "the iteration of a step does not converge with this step"),
 }
 
 

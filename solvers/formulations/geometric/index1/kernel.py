@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 
 from ..arrays import Model
-from ..vectors import INNER, copy, turned_by
+from ..vectors import INNER, JIT, copy, turned_by
 from .blocks import WIDTH, Blocks, analyse
 
 HOT = {**INNER, "forceinline": True}
@@ -87,14 +87,20 @@ def rows(model, k):
                 k.phi[first + a] += sign * (k.r[b, a] + R0 * s0 + R1 * s1 + R2 * s2)
         if model.hinged[j]:
             _axis_rows(model, k, j)
-        for e in range(2):
-            b = model.body[j, e]
-            if b < 0:
-                continue
-            for a in range(model.row[j + 1] - first):
-                x0, x1, x2 = k.X[j, e, a, 0], k.X[j, e, a, 1], k.X[j, e, a, 2]
-                for q in range(3):
-                    k.Y[j, e, a, q] = x0 * model.J_inv[b, 0, q] + x1 * model.J_inv[b, 1, q] + x2 * model.J_inv[b, 2, q]
+        fill_Y(model, k, j)
+
+
+@njit(**HOT)
+def fill_Y(model, k, j):
+    """Y = X J^-1 of joint ``j``."""
+    for e in range(2):
+        b = model.body[j, e]
+        if b < 0:
+            continue
+        for a in range(model.row[j + 1] - model.row[j]):
+            x0, x1, x2 = k.X[j, e, a, 0], k.X[j, e, a, 1], k.X[j, e, a, 2]
+            for q in range(3):
+                k.Y[j, e, a, q] = x0 * model.J_inv[b, 0, q] + x1 * model.J_inv[b, 1, q] + x2 * model.J_inv[b, 2, q]
 
 
 @njit(**HOT)
@@ -140,8 +146,11 @@ def _axis_rows(model, k, j):
 
 
 @njit(**HOT)
-def factorise(model, blocks, k):
-    """S into ``k.L``, then its block Cholesky factor in place; returns the number of rows kept (the rank)."""
+def factorise(model, blocks, k, shift=0.0):
+    """S into ``k.L``, then its block Cholesky factor in place; returns the number of rows kept (the rank).
+
+    ``shift`` is added to the diagonal, relative to it: with more than ``DEPENDENT`` no row is dropped.
+    """
     nj, rank = len(blocks.joint), 0
     L = k.L
     for p in range(len(blocks.other)):
@@ -163,6 +172,7 @@ def factorise(model, blocks, k):
                         L[p, a, a] += weight
         for a in range(size):
             k.diagonal[blocks.row[col] + a] = L[blocks.start[col], a, a]
+            L[blocks.start[col], a, a] *= 1.0 + shift
     for col in range(nj):
         d, size = blocks.start[col], blocks.size[col]
         rank += _diagonal(L, d, size, k, blocks.row[col])
@@ -326,8 +336,8 @@ def times_rows(model, k, w, sign, x):
 
 
 @njit(**HOT)
-def add_rows_back(model, k, x, w):
-    """w (nb, 6) += M^-1 A^T x"""
+def add_back(model, Y, x, w):
+    """w (nb, 6) += M^-1 A^T x with the rows whose Y = X J^-1 is given."""
     for j in range(len(model.body)):
         first = model.row[j]
         for e in range(2):
@@ -339,18 +349,21 @@ def add_rows_back(model, k, x, w):
                 y = x[first + a]
                 if a < 3:
                     w[b, a] += share * y
-                w[b, 3] += k.Y[j, e, a, 0] * y
-                w[b, 4] += k.Y[j, e, a, 1] * y
-                w[b, 5] += k.Y[j, e, a, 2] * y
+                w[b, 3] += Y[j, e, a, 0] * y
+                w[b, 4] += Y[j, e, a, 1] * y
+                w[b, 5] += Y[j, e, a, 2] * y
 
 
 @njit(**HOT)
-def accelerate(model, blocks, k):
-    """Index 1: ``v_dot`` and ``lam`` at the poses and velocities of ``k``; returns the rank."""
-    rows(model, k)
+def add_rows_back(model, k, x, w):
+    """w (nb, 6) += M^-1 A^T x"""
+    add_back(model, k.Y, x, w)
+
+
+@njit(**HOT)
+def _index_1(model, blocks, k):
     applied(model, k)
     add_gyroscopic(model, k)
-    rank = factorise(model, blocks, k)
     copy(k.force, k.v_dot)
     times_inverse_mass(model, k.v_dot)
     for a in range(len(k.lam)):
@@ -358,7 +371,28 @@ def accelerate(model, blocks, k):
     times_rows(model, k, k.v_dot, -1.0, k.lam)
     solve(blocks, k, k.lam)
     add_rows_back(model, k, k.lam, k.v_dot)
+
+
+@njit(**HOT)
+def accelerate(model, blocks, k):
+    """Index 1: ``v_dot`` and ``lam`` at the poses and velocities of ``k``; returns the rank."""
+    rows(model, k)
+    rank = factorise(model, blocks, k)
+    _index_1(model, blocks, k)
     return rank
+
+
+@njit(**INNER)
+def reactions(model, blocks, k):
+    """``accelerate`` with the factor of these poses at hand; once a step and not inlined, which compiles faster."""
+    rows(model, k)
+    _index_1(model, blocks, k)
+
+
+@njit(**JIT)
+def evaluate(model, blocks, k):
+    """``accelerate``, to be called from Python: compiled once for all methods."""
+    return accelerate(model, blocks, k)
 
 
 @njit(**HOT)

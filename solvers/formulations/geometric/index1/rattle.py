@@ -14,29 +14,42 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from ..arrays import Model
 from ..vectors import JIT, copy
-from .free_body import turn_freely
+from .blocks import WIDTH
+from .fixed_step import FAILED, MOST_ITERATIONS, SETTLED, STUCK, keep_step, largest, settled, times_of
+from .free_body import Principal, turn_discretely, turn_freely
 from .kernel import (
     HOT,
-    accelerate,
+    Kernel,
+    add_back,
     add_rows_back,
     applied,
     clear,
     factorise,
+    reactions,
     rows,
     solve,
     times_inverse_mass,
     times_rows,
 )
-from .rkmk import FINISHED, FULL, NOT_FINITE, keep
+from .rkmk import FINISHED, FULL, NOT_FINITE
 
-MOST_ITERATIONS = 40
 DAMPER_PASSES = 6
-STUCK = 4
+
+
+class Scheme(NamedTuple):
+    """Principal axes, sub-steps ``gamma dt``, the tolerance of phi [m; axis rows without unit], whether dampers act."""
+
+    axes: Principal
+    gamma: np.ndarray
+    tolerance: float
+    damped: int
+    discrete: int = 0  # free bodies by the discrete equations of Moser and Veselov, not exactly
 
 
 class Step(NamedTuple):
-    """Room for one step; ``clock`` = (steps, iterations, factorisations)."""
+    """Room for one step."""
 
     r0: np.ndarray  # (nb, 3)
     R0: np.ndarray  # (nb, 3, 3)
@@ -47,40 +60,20 @@ class Step(NamedTuple):
     lam: np.ndarray  # (nrows,) reaction at the start of the sub-step
     Y0: np.ndarray  # Y of the rows at the start
     clock: np.ndarray  # (3,)
-    tolerance: float  # of phi, relative to the length scale
-    damped: int
 
 
-def empty_step(nb: int, nrows: int, nj: int, width: int, tolerance: float, damped: bool) -> Step:
+def empty_step(model: Model) -> Step:
     """Arrays of one sub-step."""
+    nb, nj, nrows = len(model.mass), len(model.body), int(model.row[-1])
     return Step(
         r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), half=np.zeros((nb, 6)), v=np.zeros((nb, 6)), L=np.zeros(3),
-        x=np.zeros(nrows), lam=np.zeros(nrows), Y0=np.zeros((nj, 2, width, 3)),
-        clock=np.zeros(3, dtype=np.int64), tolerance=tolerance, damped=int(damped),
+        x=np.zeros(nrows), lam=np.zeros(nrows), Y0=np.zeros((nj, 2, WIDTH, 3)),
+        clock=np.zeros(3, dtype=np.int64),
     )  # fmt: skip
 
 
 @njit(**HOT)
-def _add_back(model, Y, x, w):
-    """w (nb, 6) += M^-1 A^T x with the rows whose Y = X J^-1 is given."""
-    for j in range(len(model.body)):
-        first = model.row[j]
-        for e in range(2):
-            b = model.body[j, e]
-            if b < 0:
-                continue
-            share = (1.0 - 2.0 * e) / model.mass[b]
-            for a in range(model.row[j + 1] - first):
-                y = x[first + a]
-                if a < 3:
-                    w[b, a] += share * y
-                w[b, 3] += Y[j, e, a, 0] * y
-                w[b, 4] += Y[j, e, a, 1] * y
-                w[b, 5] += Y[j, e, a, 2] * y
-
-
-@njit(**HOT)
-def _drift(model, axes, k, step, h):
+def _drift(model, s, k, step, h):
     """Poses of ``k`` from the start of the sub-step at ``step.v``, whose Omega becomes that at its end."""
     J = model.J
     for b in range(len(model.mass)):
@@ -90,7 +83,10 @@ def _drift(model, axes, k, step, h):
             step.L[a] = J[b, a, 0] * w0 + J[b, a, 1] * w1 + J[b, a, 2] * w2
             for c in range(3):
                 k.R[b, a, c] = step.R0[b, a, c]
-        turn_freely(axes, b, h, k.R, step.L)
+        if s.discrete:
+            turn_discretely(J[b], h, k.R[b], step.L)
+        else:
+            turn_freely(s.axes, b, h, k.R, step.L)
         l0, l1, l2 = step.L[0], step.L[1], step.L[2]
         for a in range(3):
             step.v[b, 3 + a] = model.J_inv[b, a, 0] * l0 + model.J_inv[b, a, 1] * l1 + model.J_inv[b, a, 2] * l2
@@ -106,16 +102,13 @@ def _kick(model, k, step, h, v):
             v[b, a] += 0.5 * h * k.force[b, a]
 
 
-@njit(**JIT)
-def start(model, blocks, k, step):
-    """Rows, factor and reaction at the start."""
-    accelerate(model, blocks, k)
-    copy(k.lam, step.lam)
-    step.clock[2] += 1
+def start(k: Kernel, step: Step) -> None:
+    """The reaction of index 1; its rows and factor are those of the first step."""
+    step.lam[:] = k.lam
 
 
 @njit(**HOT)
-def _sub_step(model, blocks, axes, k, step, h):
+def _sub_step(model, blocks, k, step, s, h):
     """One sub-step; returns whether phi came down to the tolerance."""
     copy(k.r, step.r0)
     copy(k.R, step.R0)
@@ -123,38 +116,33 @@ def _sub_step(model, blocks, axes, k, step, h):
     _kick(model, k, step, h, step.half)
     for a in range(len(step.x)):
         step.x[a] = 0.5 * h * step.lam[a]
-        copy(k.Y, step.Y0)
+    copy(k.Y, step.Y0)
     last = np.inf
-    good = False
     for _ in range(MOST_ITERATIONS):
         copy(step.half, step.v)
-        _add_back(model, step.Y0, step.x, step.v)
-        _drift(model, axes, k, step, h)
+        add_back(model, step.Y0, step.x, step.v)
+        _drift(model, s, k, step, h)
         rows(model, k)
-        size = 0.0
         for a in range(len(k.phi)):
-            size = max(size, abs(k.phi[a]))
             k.rhs[a] = -k.phi[a] / h
         step.clock[1] += 1
-        if not np.isfinite(size):
+        size = largest(k.phi)
+        state = settled(size, last, s.tolerance)
+        if state == FAILED:
             return False
-        if size <= step.tolerance and (size == 0.0 or size > 0.1 * last):  # until it falls no more
-            good = True
-            break
-        if size > 2.0 * last and size > step.tolerance:
-            return False
-        good = size <= step.tolerance
         last = size
+        if state == SETTLED:
+            break
         solve(blocks, k, k.rhs)
         for a in range(len(step.x)):
             step.x[a] += k.rhs[a]
-    if not good:
+    if last > s.tolerance:
         return False
     copy(step.v, k.v)
     rows(model, k)
     factorise(model, blocks, k)
     step.clock[2] += 1
-    for _ in range(DAMPER_PASSES if step.damped else 1):
+    for _ in range(DAMPER_PASSES if s.damped else 1):
         copy(step.v, step.half)
         _kick(model, k, step, h, step.half)
         clear(k.rhs)
@@ -168,23 +156,18 @@ def _sub_step(model, blocks, axes, k, step, h):
 
 
 @njit(**JIT)
-def march(model, blocks, axes, k, step, gamma, dt, t_end, record):
+def march(model, blocks, k, step, s, dt, t_end, record):
     """Steps of ``dt``, each the sub-steps ``gamma dt``; returns (outcome, steps recorded)."""
     done = 0
-    total = int(np.ceil(t_end / dt - 1e-9))
     while done < len(record.t):
-        n = step.clock[0]
-        if n >= total:
+        t0, t1 = times_of(step.clock, dt, t_end)
+        if not t1 > t0:
             return FINISHED, done
-        t0, t1 = n * dt, min((n + 1) * dt, t_end)
-        for i in range(len(gamma)):
-            if not _sub_step(model, blocks, axes, k, step, gamma[i] * (t1 - t0)):
+        for i in range(len(s.gamma)):
+            if not _sub_step(model, blocks, k, step, s, s.gamma[i] * (t1 - t0)):
                 return STUCK, done
-        for b in range(len(model.mass)):
-            if not np.isfinite(k.v[b, 0] + k.v[b, 3]):
-                return NOT_FINITE, done
-        step.clock[0] += 1
-        record.t[done] = t1
-        keep(k, step.lam, record, done)
+        reactions(model, blocks, k)  # 2 y / h is one order less exact
+        if not keep_step(k, k.lam, step.clock, t1, record, done):
+            return NOT_FINITE, done
         done += 1
     return FULL, done

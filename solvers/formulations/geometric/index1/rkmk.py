@@ -79,6 +79,23 @@ def keep(kernel, lam, record, n):
 
 
 @njit(**HOT)
+def theta_dot(x, y, z, p, q, r):
+    """dexp^-1(theta) Omega of theta = (x, y, z), Omega = (p, q, r); a series where theta^2 < 1e-2."""
+    s = x * x + y * y + z * z
+    if s < 1e-2:
+        c = (1.0 + s / 60.0 * (1.0 + s / 42.0 * (1.0 + s / 40.0))) / 12.0
+    else:
+        half = 0.5 * math.sqrt(s)
+        c = (1.0 - half / math.tan(half)) / s
+    u, v, w = y * r - z * q, z * p - x * r, x * q - y * p
+    return (
+        p + 0.5 * u + c * (y * w - z * v),
+        q + 0.5 * v + c * (z * u - x * w),
+        r + 0.5 * w + c * (x * v - y * u),
+    )
+
+
+@njit(**HOT)
 def _derivative(model, blocks, kernel, stages, out):
     """Derivative of ``stages.y`` into ``stages.k[out]``; ``kernel`` is left at that point."""
     for b in range(len(model.mass)):
@@ -89,18 +106,9 @@ def _derivative(model, blocks, kernel, stages, out):
             kernel.v[b, a] = stages.y[b, 6 + a]
     accelerate(model, blocks, kernel)
     for b in range(len(model.mass)):
-        x, y, z = stages.y[b, 3], stages.y[b, 4], stages.y[b, 5]
-        p, q, r = stages.y[b, 9], stages.y[b, 10], stages.y[b, 11]
-        s = x * x + y * y + z * z
-        if s < 1e-2:
-            c = (1.0 + s / 60.0 * (1.0 + s / 42.0 * (1.0 + s / 40.0))) / 12.0
-        else:
-            half = 0.5 * math.sqrt(s)
-            c = (1.0 - half / math.tan(half)) / s
-        u, v, w = y * r - z * q, z * p - x * r, x * q - y * p
-        stages.k[out, b, 3] = p + 0.5 * u + c * (y * w - z * v)
-        stages.k[out, b, 4] = q + 0.5 * v + c * (z * u - x * w)
-        stages.k[out, b, 5] = r + 0.5 * w + c * (x * v - y * u)
+        y = stages.y[b]
+        t = theta_dot(y[3], y[4], y[5], y[9], y[10], y[11])
+        stages.k[out, b, 3], stages.k[out, b, 4], stages.k[out, b, 5] = t
         for a in range(3):
             stages.k[out, b, a] = stages.y[b, 6 + a]
         for a in range(6):

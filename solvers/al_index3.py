@@ -1,0 +1,42 @@
+"""Augmented Lagrangian of index 3 with mass-orthogonal projections, for systems that are not stiff.
+
+Bayo and Ledesma (1996), Nonlinear Dyn. 9; Cuadrado, Cardenal and Bayo (1997), Multibody Syst. Dyn. 1; Dopico et al.
+(2014). Trapezoidal rule, M vdot = f + A^T lam, lam := lam + alpha phi repeated until phi = 0, then velocities and
+accelerations projected onto A v = 0 and A vdot = -gamma along M^-1 A^T. With M eliminated, the matrix M + alpha A^T A
+becomes A M^-1 A^T + 1/alpha; here 1/alpha is ``regularisation`` times its diagonal. No redundant row is dropped: they
+share the reaction. The projections take energy away. Stiff springs: as in ``generalized_alpha``.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.geometric.index1 import alpha
+from .formulations.geometric.index1.integrate import fixed_steps
+
+
+@solver("al_index3")
+@dataclass(frozen=True)
+class AlIndex3:
+    """Augmented Lagrangian of index 3, trapezoidal rule, projected velocities and accelerations."""
+
+    regularisation: float = option(
+        1e-7, "1/penalty, relative to the diagonal of A M^-1 A^T", at_least=1e-8, at_most=1e-2
+    )
+    tolerance: float = option(1e-12, "of phi and the last correction of poses: m, angles without unit", "m", above=0.0)
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "dt"
+    order: ClassVar[float] = 2.0
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Takes every problem: redundant rows share the reaction."""
+        return None
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March with the fixed step ``control.dt``."""
+        scheme = alpha.Scheme(0.0, 0.0, 0.25, 0.5, self.tolerance, shift=self.regularisation, projected=1)
+        return fixed_steps(problem, control, alpha, scheme)

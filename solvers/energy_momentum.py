@@ -1,0 +1,39 @@
+"""Energy-momentum conserving steps with Cayley's map on index 3, for systems that are not stiff.
+
+Simo and Wong (1991), Int. J. Numer. Meth. Eng. 31, for the rotations; rows and springs by discrete gradients after
+Gonzalez (1996), J. Nonlinear Sci. 6, so that joints do no work in a step and a spring gives back what it took. Energy
+and the components of momentum that gravity leaves alone are kept to the tolerance of the iteration in steps of any
+length; a damper takes away c (dd/dt)^2. phi = 0 holds at the ends of steps, A v = 0 in their middle: at the ends A v is
+of the order of dt^2. Redundant rows get a multiplier of zero. The iteration of a step has M, not springs, in its
+matrix: stiff ones need steps below their own period, or the iteration fails.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.geometric.index1 import energy_momentum
+from .formulations.geometric.index1.integrate import fixed_steps
+
+
+@solver("energy_momentum")
+@dataclass(frozen=True)
+class EnergyMomentum:
+    """Mean-value steps of fixed size that keep energy and momentum."""
+
+    tolerance: float = option(1e-12, "of phi and the last correction of poses: m, angles without unit", "m", above=0.0)
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "dt"
+    order: ClassVar[float] = 2.0
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Takes every problem: redundant rows are dropped as they appear."""
+        return None
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March with the fixed step ``control.dt``."""
+        return fixed_steps(problem, control, energy_momentum, energy_momentum.Scheme(self.tolerance))

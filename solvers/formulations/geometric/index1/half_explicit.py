@@ -1,0 +1,163 @@
+"""Half-explicit Runge-Kutta of order 4 on index 2, each step's end projected onto phi = 0 (compiled).
+
+Brasey and Hairer 1993, SIAM J. Numer. Anal. 30, five stages (HEM4); with R = R_0 exp(theta) as in ``rkmk``::
+
+    Q_i = q_0 + h sum_{j<i} a_ij q'_j,   V_i = v_0 + h sum_{j<i} a_ij V'_j,   M V'_i = f(Q_i, V_i) + A(Q_i)^T lam_i
+    lam_i such that A(Q_{i+1}) V_{i+1} = 0, the sixth being the end of the step
+
+Q_{i+1} does not depend on lam_i, so each lam_i is found from linear equations: by the S of the step's start, repeated
+until the correction of V_{i+1} vanishes. lam at the ends of steps, which are recorded, are those of index 1.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from ..arrays import Model
+from ..vectors import JIT, copy, turned_by
+from .blocks import WIDTH
+from .fixed_step import MOST_ITERATIONS, STUCK, keep_step, largest, times_of
+from .kernel import (
+    HOT,
+    Kernel,
+    accelerate,
+    add_back,
+    add_gyroscopic,
+    applied,
+    clear,
+    project,
+    rows,
+    solve,
+    times_inverse_mass,
+    times_rows,
+)
+from .rkmk import FINISHED, FULL, NOT_FINITE, theta_dot
+
+STAGES = 5
+_S = math.sqrt(6.0)
+A = np.array([
+    [0.0, 0.0, 0.0, 0.0, 0.0],
+    [0.3, 0.0, 0.0, 0.0, 0.0],
+    [(1.0 + _S) / 30.0, (11.0 - 4.0 * _S) / 30.0, 0.0, 0.0, 0.0],
+    [(-79.0 - 31.0 * _S) / 150.0, (-1.0 - 4.0 * _S) / 30.0, (24.0 + 11.0 * _S) / 25.0, 0.0, 0.0],
+    [(14.0 + 5.0 * _S) / 6.0, (-8.0 + 7.0 * _S) / 6.0, (-9.0 - 7.0 * _S) / 4.0, (9.0 - _S) / 4.0, 0.0],
+    [0.0, 0.0, (16.0 - _S) / 36.0, (16.0 + _S) / 36.0, 1.0 / 9.0],
+])  # fmt: skip
+
+
+class Scheme(NamedTuple):
+    """Coefficients, the end of the step last; ``tolerance`` of the last correction of velocities [m/s, rad/s]."""
+
+    a: np.ndarray  # (6, 5)
+    tolerance: float
+
+
+class Step(NamedTuple):
+    """Room for one step: columns of ``slope`` and ``y`` are r (3), theta (3), v (6)."""
+
+    y0: np.ndarray  # (nb, 12)
+    R0: np.ndarray  # (nb, 3, 3)
+    y: np.ndarray  # (nb, 12)
+    slope: np.ndarray  # (5, nb, 12)
+    lam: np.ndarray  # (nrows,)
+    push: np.ndarray  # (nb, 6) M^-1 A_i^T of a vector of rows
+    Y: np.ndarray  # (nj, 2, WIDTH, 3) of the stage whose multipliers are sought
+    clock: np.ndarray  # (3,)
+
+
+def empty_step(model: Model) -> Step:
+    """Arrays of one step."""
+    nb, nrows = len(model.mass), int(model.row[-1])
+    return Step(
+        np.zeros((nb, 12)), np.zeros((nb, 3, 3)), np.zeros((nb, 12)), np.zeros((STAGES, nb, 12)), np.zeros(nrows),
+        np.zeros((nb, 6)), np.zeros((len(model.body), 2, WIDTH, 3)), np.zeros(3, dtype=np.int64),
+    )  # fmt: skip
+
+
+def start(k: Kernel, step: Step) -> None:
+    """Rows, factor and multipliers of the start are those of index 1."""
+    step.lam[:] = k.lam
+
+
+@njit(**HOT)
+def _step(model, blocks, k, step, s, h):
+    """One step from where ``k`` stands, whose factor is at hand; returns whether all corrections vanished."""
+    copy(k.R, step.R0)
+    for b in range(len(k.v)):
+        for a in range(3):
+            step.y0[b, a], step.y0[b, 3 + a] = k.r[b, a], 0.0
+        for a in range(6):
+            step.y0[b, 6 + a] = k.v[b, a]
+    copy(step.y0, step.y)
+    rows(model, k)
+    for i in range(STAGES):
+        applied(model, k)
+        add_gyroscopic(model, k)
+        times_inverse_mass(model, k.force)
+        add_back(model, k.Y, step.lam, k.force)
+        copy(k.Y, step.Y)
+        for b in range(len(k.v)):
+            y, slope = step.y[b], step.slope[i, b]
+            slope[3], slope[4], slope[5] = theta_dot(y[3], y[4], y[5], y[9], y[10], y[11])
+            for a in range(3):
+                slope[a] = y[6 + a]
+            for a in range(6):
+                slope[6 + a] = k.force[b, a]
+        for b in range(len(k.v)):
+            for a in range(12):
+                x = 0.0
+                for j in range(i + 1):
+                    x += s.a[i + 1, j] * step.slope[j, b, a]
+                step.y[b, a] = step.y0[b, a] + h * x
+            for a in range(3):
+                k.r[b, a] = step.y[b, a]
+            turned_by(step.R0[b], (step.y[b, 3], step.y[b, 4], step.y[b, 5]), k.R[b])
+            for a in range(6):
+                k.v[b, a] = step.y[b, 6 + a]
+        rows(model, k)
+        weight = h * s.a[i + 1, i]
+        size = np.inf
+        for _ in range(MOST_ITERATIONS):
+            clear(k.rhs)
+            times_rows(model, k, k.v, -1.0, k.rhs)
+            solve(blocks, k, k.rhs)
+            clear(step.push)
+            add_back(model, step.Y, k.rhs, step.push)
+            for b in range(len(k.v)):
+                for a in range(6):
+                    k.v[b, a] += step.push[b, a]
+                    step.slope[i, b, 6 + a] += step.push[b, a] / weight
+            for a in range(len(k.rhs)):
+                step.lam[a] += k.rhs[a] / weight
+            step.clock[1] += 1
+            size = largest(step.push)
+            if not size > s.tolerance:
+                break
+        if not size <= s.tolerance:
+            return False
+        for b in range(len(k.v)):
+            for a in range(6):
+                step.y[b, 6 + a] = k.v[b, a]
+    accelerate(model, blocks, k)
+    copy(k.lam, step.lam)
+    project(model, blocks, k, step.push)
+    step.clock[2] += 1
+    return True
+
+
+@njit(**JIT)
+def march(model, blocks, k, step, s, dt, t_end, record):
+    """Steps of ``dt``; returns (outcome, steps recorded)."""
+    done = 0
+    while done < len(record.t):
+        t0, t1 = times_of(step.clock, dt, t_end)
+        if not t1 > t0:
+            return FINISHED, done
+        if not _step(model, blocks, k, step, s, t1 - t0):
+            return STUCK, done
+        if not keep_step(k, step.lam, step.clock, t1, record, done):
+            return NOT_FINITE, done
+        done += 1
+    return FULL, done

@@ -1,0 +1,48 @@
+"""Generalised-alpha on the rotation group, index 3 or stabilised, for systems that are not stiff.
+
+Chung and Hulbert (1993), J. Appl. Mech. 60, in the Lie-group form of Bruls, Cardona and Arnold (2012), Mech. Mach.
+Theory 48; stabilised index 2, phi = 0 and A v = 0 together, as in Arnold, Bruls and Cardona (2015), Numer. Math. 129.
+``rho_inf`` is the spectral radius at infinite frequency: below 1 the scheme damps what it cannot resolve, and energy
+with it. At 1 the stabilised form loses energy even so, and index 3 is weakly unstable. Redundant rows get a multiplier
+of zero. The iteration of a step has M, not springs and dampers, in its matrix: stiff ones need steps below their own
+period, or the iteration fails.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.geometric.index1 import alpha
+from .formulations.geometric.index1.integrate import fixed_steps
+
+
+@solver("generalized_alpha")
+@dataclass(frozen=True)
+class GeneralizedAlpha:
+    """Generalised-alpha on the rotation group with fixed steps and numerical damping."""
+
+    rho_inf: float = option(
+        0.9, "spectral radius at infinite frequency: the smaller, the more is damped", at_least=0.0, at_most=1.0
+    )
+    form: str = option("stabilised", "phi and A v, or phi alone", choices=("stabilised", "index3"))
+    tolerance: float = option(1e-12, "of phi and the last correction of poses: m, angles without unit", "m", above=0.0)
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "dt"
+    order: ClassVar[float] = 2.0
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Takes every problem: redundant rows are dropped as they appear."""
+        return None
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March with the fixed step ``control.dt``."""
+        rho = self.rho_inf
+        alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
+        gamma = 0.5 + alpha_f - alpha_m
+        beta = 0.25 * (gamma + 0.5) ** 2
+        scheme = alpha.Scheme(alpha_m, alpha_f, beta, gamma, self.tolerance, stabilised=int(self.form == "stabilised"))
+        return fixed_steps(problem, control, alpha, scheme)

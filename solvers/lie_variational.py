@@ -1,0 +1,41 @@
+"""Lie-group variational integrator of second order with the discrete free body of Moser and Veselov.
+
+Moser and Veselov (1991), Commun. Math. Phys. 139; Lee, Leok and McClamroch (2007), Comput. Methods Appl. Mech. Eng.
+196: the discrete Euler-Lagrange equations of kinetic energy by chords, potential by the trapezoidal rule, rows at the
+ends of steps. In momentum form these are RATTLE's equations with another free body: symplectic, time-reversible,
+spatial momentum kept, phi and A v at rounding. Redundant rows get a multiplier of zero.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.geometric.index1 import rattle
+from .formulations.geometric.index1.compositions import COMPOSITIONS
+from .formulations.geometric.index1.free_body import principal
+from .formulations.geometric.index1.integrate import fixed_steps
+
+
+@solver("lie_variational")
+@dataclass(frozen=True)
+class LieVariational:
+    """Discrete Euler-Lagrange equations on the rotation group, fixed steps, exact constraints."""
+
+    tolerance: float = option(1e-13, "of phi in the iteration of a step: m, axis rows without unit", "m", above=0.0)
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "dt"
+    order: ClassVar[float] = 2.0
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Takes every problem: redundant rows are dropped as they appear."""
+        return None
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March with the fixed step ``control.dt``."""
+        axes, plain = principal(problem.system.inertia), COMPOSITIONS["plain"][0]
+        damped = int(not problem.system.is_conservative)
+        return fixed_steps(problem, control, rattle, rattle.Scheme(axes, plain, self.tolerance, damped, discrete=1))

@@ -1,0 +1,32 @@
+"""Radau IIA of order 5 on stabilised index 2 (Gear, Gupta, Leimkuhler), with error control, on the rotation group.
+
+Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.8 and VII.4; Gear, Gupta and Leimkuhler (1985),
+J. Comput. Appl. Math. 12: phi = 0 and A v = 0 hold together at each stage, a second multiplier eta moves the poses.
+Redundant rows get a multiplier of zero. The iteration of a step has M alone in its matrix: it is for systems without
+stiff springs, which cut the step to what the iteration takes. The error estimate is of order 3, and so pessimistic.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.geometric.index1.integrate import radau_steps
+
+
+@solver("radau_ggl")
+@dataclass(frozen=True)
+class RadauGgl:
+    """Radau IIA of order 5 on the rotation group, stabilised index 2, error control."""
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "rtol"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Takes every problem: redundant rows are dropped as they appear."""
+        return None
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March with error control at ``control.rtol``."""
+        return radau_steps(problem, control)

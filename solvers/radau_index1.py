@@ -1,0 +1,33 @@
+"""Radau IIA of order 5 on the semi-explicit index-1 DAE of ``ndf_index1``: its equations, options and counters.
+
+Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.8, as scipy_dae has it for implicit DAEs, with
+its own error estimate, exact Jacobians and Baumgarte stabilisation. Implicit in springs and dampers: stiff ones run.
+"""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+from scipy_dae.integrate._dae.radau import RadauDAE
+
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl
+from .ndf_index1 import NdfIndex1
+
+
+@solver("radau_index1")
+@dataclass(frozen=True)
+class RadauIndex1(NdfIndex1):
+    """Radau IIA of order 5 on semi-explicit index 1 + Baumgarte, error control."""
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "rtol"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """What ``ndf_index1`` refuses, and its other norm."""
+        if self.norm != "rms":
+            return "errors are measured in the root mean square only: norm = max is an option of ndf_index1"
+        return super().refuses(problem, control)
+
+    def _method(self, *equations: Any, **settings: Any) -> RadauDAE:
+        return RadauDAE(*equations, **settings)
