@@ -74,7 +74,7 @@ BAD = [
     ((*SOLVE, "--set", "lift=much"), "lift must be a number"),
     ((*SOLVE, "--problem-set", "mass=-1"), "mass must be > 0"),
     ((*SOLVE, "--problem-set", "mass=nan"), "mass"),
-    ((*SOLVE, "--problem-set", "weight=1"), "no option 'weight'"),
+    ((*SOLVE, "--problem-set", "weight=1"), "no parameter 'weight'"),
     ((*SOLVE, "--t-end", "-1"), "t_end must be"),
     ((*SOLVE, "--t-end", "0"), "t_end must be"),
     ((*SOLVE, "--t-end", "nan"), "t_end must be"),
