@@ -12,7 +12,7 @@ from .judgement import Links
 FLOOR = 3.0  # of the floor: points below so many times it are said to lie on it
 USED, EARLY, FLOORED = "used", "pre-asymptotic", "at the floor"
 NOTES = {
-    Note.NO_SCALE: "the problem is not at hand, so the scale of its velocities is not known",
+    Note.NO_SCALE: "the records give no scale of its velocities",
     Note.CUT: "steps that were cut are left out",
     Note.UNRESOLVED: "errors that the reference cannot resolve are left out",
 }

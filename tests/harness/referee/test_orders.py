@@ -179,13 +179,13 @@ def test_velocity_errors_the_reference_cannot_resolve_are_left_out():
     assert sum(e > 3e-6 for e in errors) == 6
 
 
-def test_a_problem_that_is_not_at_hand_has_no_order_in_velocity():
-    """A plugin's run judged without the plugin: positions as ever, of velocities it is said why not."""
+def test_records_without_a_scale_of_velocities_have_no_order_in_velocity():
+    """Positions as ever; of velocities it is said why not."""
     runs = made_up("position_error_max_m", 0.1 * DT**2, velocity_error_max_m_per_s=1.0)
-    runs = [dataclasses.replace(r, problem="gone") for r in runs]
+    runs = [dataclasses.replace(r, speed_scale_m_per_s=math.nan) for r in runs]
     found = by_quantity(runs)
     assert found["position"].verdict == "certified"
-    assert found["velocity"].verdict == "undecided" and "not at hand" in words(found["velocity"])
+    assert found["velocity"].verdict == "undecided" and "no scale" in words(found["velocity"])
 
 
 def test_errors_that_do_not_depend_on_the_step_have_no_order():
