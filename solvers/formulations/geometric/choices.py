@@ -141,6 +141,10 @@ class GaugeChoices:
                 f"dt = {control.dt:g} s needs {steps:.3g} steps to t = {problem.t_end:g} s, "
                 f"more than max_steps = {control.max_steps}"
             )
+        return self.refuses_direction(problem)
+
+    def refuses_direction(self, problem: Problem) -> str | None:
+        """Why c_R does not exist for a joint of the problem, or None."""
         if self.direction == "translation" and np.any(problem.system.joint_revolute):
             return "direction 'translation' needs spherical joints: an axis row has no translation"
         return None

@@ -77,6 +77,26 @@ def radau_steps(problem: Problem, control: StepControl) -> Trajectory:
     return _march(problem, control, stretch, kernel.lam.copy(), counters, time.perf_counter() - began)
 
 
+def extrapolated_steps(
+    problem: Problem, control: StepControl, method: ModuleType, scheme: tuple, columns: int
+) -> Trajectory:
+    """Extrapolation of ``columns`` columns in even powers with error control: ``empty_step``, ``start``, ``march``."""
+    began = time.perf_counter()
+    model, blocks, kernel = start_of(problem)
+    step, steps = method.empty_step(model, columns), error_control(problem, control, 2.0 * columns - 1.0)
+
+    def stretch(record: rkmk.Record) -> tuple[int, int]:
+        return method.march(model, blocks, kernel, step, scheme, steps, record)
+
+    def counters() -> dict[str, int]:
+        return {"rejected": int(steps.tally[1]), "newton_iterations": int(steps.tally[0])}
+
+    stretch(rkmk.empty_record(0, problem.system.nb, problem.system.nrows))  # compiles
+    evaluate(model, blocks, kernel)
+    method.start(kernel, step)
+    return _march(problem, control, stretch, kernel.lam.copy(), counters, time.perf_counter() - began)
+
+
 def fixed_steps(problem: Problem, control: StepControl, method: ModuleType, scheme: tuple) -> Trajectory:
     """Steps of ``control.dt`` by a module of this folder: ``empty_step``, ``start`` (from index 1) and ``march``."""
     began = time.perf_counter()

@@ -36,6 +36,25 @@ def correct_poses(lean):
         turned_by(k.R[b], (lean.w[b, 3], lean.w[b, 4], lean.w[b, 5]), k.R[b])
 
 
+@njit(**HOT)
+def accept(lean, settings, h, middle):
+    """The step of h just made becomes the past: its means, for the estimate of those that follow."""
+    k = lean.k
+    for b in range(len(lean.model.mass)):
+        for q in range(6):
+            lean.acceleration[1, b, q] = lean.acceleration[0, b, q]
+            lean.acceleration[0, b, q] = (k.v[b, q] - lean.v0[b, q]) / h
+    arms(lean, settings)
+    for i in range(len(lean.nu)):
+        lean.impulse[1, i] = lean.impulse[0, i]
+        lean.impulse[0, i] = ((1.0 - settings.gauge) * lean.nu[i] - lean.nu_start[i]) / h
+        if settings.keep_nu:
+            lean.nu_start[i] = lean.nu[i]
+    lean.middle[1] = lean.middle[0]
+    lean.middle[0] = middle
+    lean.past[0] = min(2, lean.past[0] + 1)
+
+
 @njit(**JIT)
 def march(lean, settings, grid, dt, t_end, counts, record):
     """Whole steps of the grid until ``record`` is full, the end is reached, or one does not converge (nothing of it
@@ -63,24 +82,13 @@ def march(lean, settings, grid, dt, t_end, counts, record):
         poses(lean, h)
         if settings.penalty.correct_pose:
             correct_poses(lean)
-        for b in range(len(model.mass)):
-            for q in range(6):
-                lean.acceleration[1, b, q] = lean.acceleration[0, b, q]
-                lean.acceleration[0, b, q] = (k.v[b, q] - lean.v0[b, q]) / h
-        arms(lean, settings)
+        accept(lean, settings, h, base + 0.5 * h)
         for j in range(len(model.body)):
             for i in range(model.row[j], model.row[j + 1]):
-                lean.impulse[1, i] = lean.impulse[0, i]
-                lean.impulse[0, i] = ((1.0 - settings.gauge) * lean.nu[i] - lean.nu_start[i]) / h
                 record.reaction[done, i] = lean.impulse[0, i]
                 if i < model.row[j] + 3:
                     q = i - model.row[j]
                     record.reaction[done, i] -= 0.5 * (lean.f_bar0[j, q] + lean.f_bar[j, q])
-                if settings.keep_nu:
-                    lean.nu_start[i] = lean.nu[i]
-        lean.middle[1] = lean.middle[0]
-        lean.middle[0] = base + 0.5 * h
-        lean.past[0] = min(2, lean.past[0] + 1)
         grid[0] += 1
         record.t[done] = base + h
         copy(k.r, record.r[done])

@@ -1,0 +1,60 @@
+"""ODE-GC composed to orders 4, 6 and 8: sub-steps of ``gc_weak_form`` in the symmetric gauge, some of them backwards.
+
+The symmetric gauge makes the step of Eqs. (66), (74), (75) its own inverse, and mu, of which only increments are
+physical, starts anew in each sub-step, so symmetric compositions raise the order by two each time (Suzuki 1990, Kahan,
+Li 1997; Hairer, Lubich, Wanner, Geometric Numerical Integration, II.4, V.3.2). Redundant rows get no multiplier. phi is
+not corrected: it falls with the order of the composition.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.geometric.directions import CHOICES
+from .formulations.geometric.index1.compositions import COMPOSITIONS
+from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.geometric.simplified import composed
+from .gc_weak_form import GcWeakForm
+
+SPRINGS = "takes gravity as the only applied force: springs and dampers carry mu from step to step; use gc_weak_form"
+
+
+@solver("gc_composed")
+@dataclass(frozen=True)
+class GcComposed:
+    """ODE-GC's reversible step of fixed size, composed to higher order."""
+
+    composition: str = option(
+        "suzuki4", "Suzuki's five steps (order 4), Kahan and Li's nine (6) or seventeen (8), or plain (2)",
+        choices=("suzuki4", "kahan_li6", "kahan_li8", "plain"),
+    )  # fmt: skip
+    direction: str = option("a", "c_R of Eq. (31), as in gc_weak_form", choices=CHOICES)
+    tolerance: float = option(1e-12, "of the test (80) in each sub-step", "sqrt(J)", above=0.0)
+
+    name: ClassVar[str]
+    control: ClassVar[str] = "dt"
+
+    @property
+    def order(self) -> float:
+        """That of the composition."""
+        return float(COMPOSITIONS[self.composition][1])
+
+    @property
+    def paper_label(self) -> str:
+        """The paper's method, beyond the paper."""
+        return f"ODE-GC (composed, order {self.order:g})"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Springs and dampers, and a direction that the joints do not have."""
+        return SPRINGS if len(problem.system.spring_k) else self._step.refuses_direction(problem)
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March with the fixed step ``control.dt``."""
+        scheme = composed.Scheme(self._step.settings(problem), COMPOSITIONS[self.composition][0])
+        return fixed_steps(problem, control, composed, scheme)
+
+    @property
+    def _step(self) -> GcWeakForm:
+        return GcWeakForm(direction=self.direction, tolerance=self.tolerance)

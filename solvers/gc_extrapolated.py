@@ -1,0 +1,49 @@
+"""ODE-GC extrapolated to orders 4, 6 and 8 with error control: its step in the symmetric gauge has an expansion in h^2.
+
+Runs of 1, 2, ..., K steps over H are combined as in Gragg's, Bulirsch's and Stoer's method (Hairer, Norsett, Wanner,
+Solving ODEs I, II.9), on changes of the poses in space and on the rotation group. The projection that ends each step
+makes phi = 0 and costs the reversibility: energy drifts with the tolerance, as it does with Runge-Kutta methods.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.geometric.directions import CHOICES
+from .formulations.geometric.index1.integrate import extrapolated_steps
+from .formulations.geometric.simplified import extrapolated
+from .gc_composed import SPRINGS
+from .gc_weak_form import GcWeakForm
+
+
+@solver("gc_extrapolated")
+@dataclass(frozen=True)
+class GcExtrapolated:
+    """ODE-GC's reversible step, extrapolated in even powers with error control."""
+
+    columns: int = option(3, "K: runs of 1 to K steps are combined to order 2 K", "", at_least=2, at_most=5)
+    direction: str = option("a", "c_R of Eq. (31), as in gc_weak_form", choices=CHOICES)
+    tolerance: float = option(1e-12, "of the test (80) in each sub-step", "sqrt(J)", above=0.0)
+
+    name: ClassVar[str]
+    control: ClassVar[str] = "rtol"
+
+    @property
+    def paper_label(self) -> str:
+        """The paper's method, beyond the paper."""
+        return f"ODE-GC (extrapolated, order {2 * self.columns})"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Springs and dampers, and a direction that the joints do not have."""
+        return SPRINGS if len(problem.system.spring_k) else self._step.refuses_direction(problem)
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March with error control."""
+        scheme = extrapolated.Scheme(self._step.settings(problem), self.columns)
+        return extrapolated_steps(problem, control, extrapolated, scheme, self.columns)
+
+    @property
+    def _step(self) -> GcWeakForm:
+        return GcWeakForm(direction=self.direction, tolerance=self.tolerance)
