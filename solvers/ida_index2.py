@@ -36,8 +36,14 @@ class IdaIndex2(ImplicitOptions):
     lambda_in_error_test: bool = option(False, "include the multipliers in the local error test")
 
     name: ClassVar[str]
-    paper_label: ClassVar[str] = "IDA index 2 (GGL)"
+    paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """An alpha that would do nothing, and what all these solvers refuse."""
+        if self.form == "ggl" and self.alpha != type(self).alpha:
+            return f"alpha = {self.alpha:g} acts in form velocity only: form ggl holds phi = 0 itself"
+        return super().refuses(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate from the start to ``t_end``."""

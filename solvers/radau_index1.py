@@ -1,7 +1,8 @@
-"""Radau IIA of order 5 on the semi-explicit index-1 DAE of ``ndf_index1``: its equations, options and counters.
+"""Radau IIA of order 5 on the semi-explicit index-1 DAE of ``ndf_index1``: its equations and options but ``norm``.
 
 Hairer and Wanner (1996), Solving Ordinary Differential Equations II, IV.8, as scipy_dae has it for implicit DAEs, with
-its own error estimate, exact Jacobians and Baumgarte stabilisation. Implicit in springs and dampers: stiff ones run.
+its own error estimate and Baumgarte stabilisation. Implicit in springs and dampers: stiff ones run. Linear solves are
+counted as scipy_dae does: a real and a complex one an iteration, and those of the error estimate.
 """
 
 from dataclasses import dataclass

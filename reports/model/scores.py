@@ -74,7 +74,7 @@ def standings(results: Results) -> list[Standing]:
         stands = [(p, h) for p in variants if (h := finest(p, solver, label)) is not None]
         heads = [h for _, h in stands]
         out.append(Standing(
-            solver, own[0].record.paper_label, score(heads), score(own),
+            solver, ", ".join(dict.fromkeys(r.record.paper_label for r in heads or own[:1])), score(heads), score(own),
             tuple(c for c in heads if c.succeeded and drifts(c)),
             tuple((c, cut(c.reasons[0], REASON) + _finer(p, c)) for p, c in stands if not c.succeeded),
             tuple(c for c in heads if c.succeeded and drifts(c) is False),

@@ -74,7 +74,7 @@ class GaugeChoices:
     )
     b_term: bool = option(True, "B term of Eq. (71); without it the scheme loses its order (a planted error)")
     tolerance: float = option(1e-8, "of the tests (80), (81)", "sqrt(J)", above=0.0)
-    max_newton: int = option(20, "corrections before the step is cut", "", at_least=1)
+    max_newton: int = option(20, "corrections of the full Newton method before the step is cut", "", at_least=1)
     newton: str = option(
         "simplified", "simplified: on A M^-1 A^T, where gravity is the only force and sigma0 is zero, else as kept; "
         "kept: Jacobian renewed when it no longer contracts by 5; exact: at every correction",

@@ -74,17 +74,17 @@ def test_energy_stays_bounded_over_hundreds_of_periods():
     assert abs(last - first) < 0.02 * abs(first)
 
 
-@pytest.mark.parametrize("columns", [2, 3, 4])
+@pytest.mark.parametrize("columns", [2, 3])
 def test_extrapolation_has_twice_the_order_of_its_columns(columns):
-    """Steps held to ``max_step`` by a tolerance that never cuts them: 2 K on the pendulum, less 0.4 at most."""
-    p = make_problem("spherical_pendulum", {"t_end": 2.0, "omega_z": 8.0})
-    steps = {2: 0.02, 3: 0.05, 4: 0.08}[columns] / np.array([1.0, 1.4, 2.0])
+    """Steps held to ``max_step`` by a tolerance that never cuts them: 2 K to 0.2; more columns reach rounding."""
+    p = make_problem("spherical_pendulum", {"t_end": 2.0, "omega_z": 3.0})
+    steps = {2: 0.01, 3: 0.025}[columns] / np.array([1.0, 1.4])
     errors = []
     for h in steps:
         t = solve(p, "gc_extrapolated", StepControl(rtol=0.1, max_step=float(h)), columns=columns)
         errors.append(float(np.linalg.norm(t.states.r[-1] - p.reference().states(t.t[-1:]).r[0])))
     slopes = np.diff(np.log(errors)) / np.diff(np.log(steps))
-    assert slopes[-1] > 2 * columns - 0.4, (errors, slopes)
+    assert abs(slopes[-1] - 2 * columns) < 0.2, (errors, slopes)
 
 
 @pytest.mark.parametrize(

@@ -81,7 +81,7 @@ class Step(NamedTuple):
 
 
 def scheme(rtol: float) -> Scheme:
-    """The coefficients; the iteration ends at a thousandth of ``rtol``, so that constraints hold better than poses."""
+    """The coefficients; the iteration ends at 1e-10, or a thousandth of ``rtol`` if that is less: constraints hold."""
     return Scheme(C, A, np.linalg.inv(A).copy(), ERROR, GAMMA, max(1e-13, min(1e-10, 1e-3 * rtol)))
 
 
@@ -231,12 +231,12 @@ def _step(model, blocks, stages, step, s, control, h):
     for i in range(MOST_ITERATIONS):
         size = _iterate(model, blocks, stages, step, s, h, i == 0)
         control.tally[0] += 1
+        control.tally[2] += i == 0
         if not np.isfinite(size) or (i > 1 and size > 2.0 * last):
             return np.inf
         last = size
         if size <= s.tolerance:
             break
-    control.tally[2] += 1
     if last > s.tolerance:
         return np.inf
     _poses(model, stages, step, s, h, True)

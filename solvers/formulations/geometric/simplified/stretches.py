@@ -24,13 +24,16 @@ class Simplified:
         self._lean = empty_lean(run.model)
         self._take(step)
         start(self._lean)
+        # dropped pivots are the proximal saddle's motion; the plain weak form has none to offer
+        self._never = not run.settings.penalty.active and self._lean.rank[0] < int(run.model.row[-1])
         self._march(empty_record(0, len(run.model.mass), int(run.model.row[-1])))  # compiles
 
     def advance(self, step: Step, room: int) -> tuple[Step, int, Record]:
         """Up to ``room`` steps; stretches of the full method begin and end anywhere, those of this one on the grid."""
         run, lean, grid = self._run, self._lean, self._clock.grid
-        if self._hard or grid[1] or grid[2] or np.isfinite(run.work.max_turn[0]):
-            step, outcome, record = self._full(run, step, self._clock, min(room, self._patience))
+        if self._never or self._hard or grid[1] or grid[2] or np.isfinite(run.work.max_turn[0]):
+            room = room if self._never else min(room, self._patience)
+            step, outcome, record = self._full(run, step, self._clock, room)
             self._patience = min(2 * self._patience, MOST_PATIENCE)
             self._hard = False
             self._take(step)
@@ -42,7 +45,8 @@ class Simplified:
             step.start.r[:], step.start.R[:], step.start.v[:] = lean.k.r, lean.k.R, lean.k.v
             step.rows.nu_start[:] = lean.nu_start
             complete(run.model, step.start, run.settings)
-            run.history.dt[0] = run.work.factored_dt[0] = 0.0
+            self._give()
+            run.work.factored_dt[0] = 0.0
         if done > PATIENCE:
             self._patience = PATIENCE
         return step, outcome, Record(*(a[:done] for a in record))
@@ -60,3 +64,14 @@ class Simplified:
         if (h := history.dt[0]) > 0.0:
             lean.acceleration[0] = (step.start.v - history.v) / h
             lean.impulse[0] = history.increment / h if self._run.settings.keep_nu else (1.0 - gauge) * history.nu / h
+
+    def _give(self) -> None:
+        """The last step here as the full method's past: what ``_take`` does, the other way."""
+        lean, history, h = self._lean, self._run.history, self._clock.dt
+        history.dt[0] = h
+        history.v[:] = lean.k.v - h * lean.acceleration[0]
+        if self._run.settings.keep_nu:
+            history.increment[:] = h * lean.impulse[0]
+            return
+        history.nu[:], before = (h / (1.0 - self._run.settings.gauge) * impulse for impulse in lean.impulse)
+        history.increment[:] = history.nu - before if lean.past[0] > 1 else 0.0
