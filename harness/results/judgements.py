@@ -49,6 +49,7 @@ class Ending(StrEnum):
     UNCOMPARED = "nothing to compare"
     SLOW = "budget of steps"
     NO_STEP = "no first step"
+    ENDED = "no early end"
 
 
 class Gap(StrEnum):

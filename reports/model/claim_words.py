@@ -13,9 +13,10 @@ FLAGS = {
 }
 LEFT_OUT = {
     Ending.MACHINE: "a limit on time or memory ended them, which another machine might not meet",
-    Ending.UNCOMPARED: "fewer than two of their runs can be compared",
+    Ending.UNCOMPARED: "their runs cannot be compared (two failures, no partner, equal steps, or values missing)",
     Ending.SLOW: "the limit on steps ended them while they were only slow",
     Ending.NO_STEP: "they could not take a first step",
+    Ending.ENDED: "their runs get to the end, and the claim is about those that stop",
 }
 
 

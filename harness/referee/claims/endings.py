@@ -16,6 +16,7 @@ from .register import Test
 
 LAST = 0.1  # of the steps taken: the pace of a run is that of these
 STUCK = 0.01  # of the step asked for: a pace below it would need more than a hundred times the steps
+HOPELESS = 10  # budgets of steps that the rest of the time would take at that pace: fewer, and the run is only slow
 
 
 def ending(record: RunRecord, series: Series | None = None) -> Ending:
@@ -23,7 +24,7 @@ def ending(record: RunRecord, series: Series | None = None) -> Ending:
     if by_machine(record):
         return Ending.MACHINE
     if by_budget(record):
-        return Ending.FINAL if series is None or pace(record, series) < STUCK * asked(record) else Ending.SLOW
+        return Ending.FINAL if series is None or stuck(record, pace(record, series)) else Ending.SLOW
     started = record.steps > 0 or reached_end(record) or record.status == Status.REFUSED
     return Ending.FINAL if started else Ending.NO_STEP
 
@@ -45,6 +46,12 @@ def pace(record: RunRecord, series: Series) -> float:
     t = series["t"]
     k = math.floor((1.0 - LAST) * (len(t) - 1))
     return float(t[-1] - t[k]) / (record.steps * (1.0 - k / (len(t) - 1))) if len(t) > 1 else 0.0
+
+
+def stuck(record: RunRecord, pace: float) -> bool:
+    """Whether a run at this pace [s a step] has shrunk its steps a hundredfold and is far from its end."""
+    rest = record.t_end_s - record.t_reached_s
+    return pace < STUCK * asked(record) and rest > HOPELESS * record.max_steps * pace
 
 
 def asked(record: RunRecord) -> float:

@@ -52,6 +52,12 @@ def stops_at(record: RunRecord, series: Series | None) -> float:
     return 0.0 if math.isnan(record.t_reached_s) else record.t_reached_s
 
 
+@measure(series=False, of_stopped=True)
+def stop_time(record: RunRecord, series: Series | None) -> float:
+    """Time at which the run stopped [s], of runs that stopped before their end."""
+    return NAN if reached_end(record) else stops_at(record, series)
+
+
 @measure(series=False)
 def loss(record: RunRecord, series: Series | None) -> float:
     """Largest position error [m] while the motion is predictable; unbounded for a run that stopped before its end."""

@@ -26,6 +26,7 @@ class Measure:
 
     ``until`` says which part of a run settles the number: ``to`` (or ``at``; without either the end), ``end``, or
     ``known``: once there is a number, it stays. A number that ``grows`` can only become larger as a run continues.
+    One ``of_stopped`` runs alone leaves the others open.
     """
 
     of: Callable[..., float]
@@ -35,19 +36,21 @@ class Measure:
     of_pair: bool = False
     until: str = "to"
     grows: bool = False
+    of_stopped: bool = False
 
 
 MEASURES: dict[str, Measure] = {}
 
 
 def measure(
-    wants: str = "", takes: str = "", *, series: bool = True, pair: bool = False, until: str = "to", grows: bool = False
-) -> Callable[..., Any]:
+    wants: str = "", takes: str = "", *, series: bool = True, pair: bool = False, until: str = "to",
+    grows: bool = False, of_stopped: bool = False,
+) -> Callable[..., Any]:  # fmt: skip
     """Enter a function in the catalogue under its name, with spaces for underscores."""
 
     def enter(function: Callable[..., float]) -> Callable[..., float]:
         needed, name = tuple(wants.split()), function.__name__.replace("_", " ")
-        MEASURES[name] = Measure(function, (*needed, *takes.split()), needed, series, pair, until, grows)
+        MEASURES[name] = Measure(function, (*needed, *takes.split()), needed, series, pair, until, grows, of_stopped)
         return function
 
     return enter

@@ -1,7 +1,7 @@
 """The settings of a map as points: the numbers of each, and whether the claim holds there, fails, or is left open.
 
-A setting is left open, and out of the count, where its runs settle nothing: a limit ended them (module endings), or
-runs to be compared with each other have no numbers to compare.
+A setting is left open, and out of the count, where its runs settle nothing: a limit ended them (module endings),
+runs to be compared have no numbers, no partner or the same steps, or they lack values that the claim names.
 """
 
 import math
@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...results.judgements import Ending
+from ...results.records import RunRecord
 from ..certificates.work import operations
 from .endings import in_time, settled
 from .evidence import MEASURES
@@ -20,6 +21,7 @@ from .predicates import COMBINE, COMPARE, NEAREST, RATIOS
 from .register import Claim, Test
 
 LOOSEST_FIRST = ("tolerance", "step", "max_step")
+ACTS = 0.01  # of the mean step: a reduction that changes it by less has acted on no steps
 
 
 @dataclass(frozen=True)
@@ -51,20 +53,35 @@ def points(claim: Claim, own: Iterable[Place], others: Sequence[Place], numbers:
             if claim.across in LOOSEST_FIRST:
                 ordered.reverse()
             make = _nearest if claim.tests[0].combine == NEAREST else _point
-            out.append(make(claim, ordered, partners, numbers))
+            found = make(claim, ordered, partners, numbers)
+            short = replace(found, holds=None, left_out=Ending.UNCOMPARED, stopped=False, met_at=())
+            out.append(found if _spans(claim, ordered) else short)
     return out
 
 
+def paired(claim: Claim, p: Place, q: Place) -> bool:
+    """Whether ``q`` is another run of equal ``pair_by``; a dimension that one of them has not got separates nothing."""
+    shared = (k for k in claim.pair_by if k in p.dimensions and k in q.dimensions)
+    return p.spec.settings_id != q.spec.settings_id and all(p.dimensions[k] == q.dimensions[k] for k in shared)
+
+
+def _spans(claim: Claim, group: Sequence[Place]) -> bool:
+    """Whether the group has the values along ``across``, or as many, as the claim is about."""
+    values = {p.dimensions.get(claim.across) for p in group}
+    return len(values) >= claim.along if isinstance(claim.along, int) else values >= set(claim.along)
+
+
 def _point(claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequence[Place]], numbers: Numbers) -> Point:
-    found = tuple(_number(t, ordered, partners, numbers) for t in claim.tests)
-    used = [*ordered, *(q for rows in partners.values() for q in rows)]
-    each = [t.band.holds(v) if _settled(claim, t, v, used, numbers) else None
-            for t, v in zip(claim.tests, found, strict=True)]  # fmt: skip
+    found = tuple(_number(claim, t, ordered, partners, numbers) for t in claim.tests)
+    beside = [q for p in ordered for q in partners[p.spec.settings_id]]
+    used = [*ordered, *beside]
+    each = [_finding(claim, t, v, ordered, beside, numbers) for t, v in zip(claim.tests, found, strict=True)]
     holds = False if False in each else None if None in each else True
     printed = claim.map is not None and any(is_printed(p, claim.map.printed) for p in ordered)
     endless = any(map(math.isinf, found)) and not all(reached_end(numbers.records[p.spec.settings_id]) for p in ordered)
     endings = {_ending(claim, p, numbers) for p in used} - {Ending.FINAL}
-    why = next((how for how in Ending if how in endings), Ending.UNCOMPARED) if holds is None else Ending.FINAL
+    rest = Ending.ENDED if any(MEASURES[t.metric].of_stopped for t in claim.tests) else Ending.UNCOMPARED
+    why = next((how for how in Ending if how in endings), rest) if holds is None else Ending.FINAL
     return Point(tuple(ordered), found, holds, printed, why, bool(holds and endless))
 
 
@@ -84,13 +101,38 @@ def _nearest(
     return replace(best, places=places, printed=any(p.printed for p in each), met_at=met)
 
 
-def _settled(claim: Claim, test: Test, value: float, used: Sequence[Place], numbers: Numbers) -> bool:
-    if (test.combine in RATIOS or claim.at_equal_work) and math.isnan(value):
+def _finding(
+    claim: Claim, test: Test, value: float, own: Sequence[Place], beside: Sequence[Place], numbers: Numbers
+) -> bool | None:
+    """Whether one test holds; None where its runs leave that open."""
+    runs = [(numbers.records[p.spec.settings_id], _ending(claim, p, numbers)) for p in (*own, *beside)]
+    if math.isnan(value) and not _own_failure(test, own, beside, numbers):
+        return None
+    if not (settled(test, *runs[0], value) if len(runs) == 1 else all(in_time(test, *run) for run in runs)):
+        return None
+    if claim.at_equal_work and _dearer(own, beside, numbers):
+        return None if test.band.beyond(value) < 0.0 else False  # with more work no better: less would not do
+    return test.band.holds(value)
+
+
+def _own_failure(test: Test, own: Sequence[Place], beside: Sequence[Place], numbers: Numbers) -> bool:
+    """Whether a number that does not exist is missing because the run judged, and no other, failed to give it."""
+    if test.combine in RATIOS or MEASURES[test.metric].of_stopped:
         return False
-    runs = [(numbers.records[p.spec.settings_id], _ending(claim, p, numbers)) for p in used]
-    if len(runs) == 1:
-        return settled(test, *runs[0], value)
-    return all(in_time(test, record, how) for record, how in runs)
+    if not test.compare:
+        return True
+
+    def ended(p: Place) -> bool:
+        return reached_end(numbers.records[p.spec.settings_id])
+
+    given = ended if MEASURES[test.metric].of_pair else lambda p: math.isfinite(numbers.of(p.spec.settings_id, test))
+    return bool(beside) and all(map(given, beside)) and any(not given(p) and not ended(p) for p in own)
+
+
+def _dearer(own: Sequence[Place], beside: Sequence[Place], numbers: Numbers) -> bool:
+    """Whether all to be compared with took more operations than a run that got to its end."""
+    runs, others = ([numbers.records[p.spec.settings_id] for p in places] for places in (own, beside))
+    return all(reached_end(r) and operations(q) > operations(r) for r in runs for q in others)
 
 
 def _ending(claim: Claim, p: Place, numbers: Numbers) -> Ending:
@@ -99,16 +141,42 @@ def _ending(claim: Claim, p: Place, numbers: Numbers) -> Ending:
 
 
 def _partners(claim: Claim, p: Place, others: Sequence[Place], numbers: Numbers) -> list[Place]:
-    """The runs to compare with; at equal work those that took no more than a run that got to its end."""
-    found = [q for q in others if all(q.dimensions.get(k) == p.dimensions.get(k) for k in claim.pair_by)]
+    """The runs to compare with; at equal work those that took no more than a run that got to its end.
+
+    Where there are none, the cheapest that got to its end: what beats it at less work beats all at equal work.
+    """
+    found = [q for q in others if paired(claim, p, q)]
     own = numbers.records[p.spec.settings_id]
     if not claim.at_equal_work or not reached_end(own):
         return found
-    return [q for q in found if operations(numbers.records[q.spec.settings_id]) <= operations(own)]
+
+    def work(q: Place) -> float:
+        return operations(numbers.records[q.spec.settings_id])
+
+    ended = sorted((q for q in found if reached_end(numbers.records[q.spec.settings_id])), key=work)
+    return [q for q in found if work(q) <= operations(own)] or ended[:1]
 
 
-def _number(test: Test, ordered: Sequence[Place], partners: Mapping[str, Sequence[Place]], numbers: Numbers) -> float:
+def _reduced(test: Test, ordered: Sequence[Place], numbers: Numbers) -> list[Place]:
+    """Those whose steps differ from those of the one before: equal steps show nothing about reducing them."""
+    kept: list[Place] = []
+    for p in (ordered[0], ordered[-1]) if test.combine == "last over first" else ordered:
+        one, other = (_mean_step(numbers.records[q.spec.settings_id]) for q in (kept[-1] if kept else p, p))
+        if not kept or abs(one - other) > ACTS * max(one, other):
+            kept.append(p)
+    return kept
+
+
+def _mean_step(r: RunRecord) -> float:
+    return r.t_reached_s / r.steps if r.steps else math.nan
+
+
+def _number(
+    claim: Claim, test: Test, ordered: Sequence[Place], partners: Mapping[str, Sequence[Place]], numbers: Numbers
+) -> float:
     values, of_pair = [], MEASURES[test.metric].of_pair
+    if test.combine in RATIOS and claim.across in LOOSEST_FIRST:
+        ordered = _reduced(test, ordered, numbers)
     for own in (p.spec.settings_id for p in ordered):
         value = 0.0 if of_pair else numbers.of(own, test)
         if of_pair or test.compare:

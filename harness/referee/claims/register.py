@@ -82,6 +82,7 @@ class Claim(Shape, frozen=True):
     pair_by: tuple[str, ...] = ()
     at_equal_work: bool = False  # compared with the runs of no more operations alone
     across: str = ""
+    along: Annotated[int, Meta(ge=2)] | tuple[float, ...] = 2  # the values that a group must have, or how many
     quantifier: Literal["all", "some"] = "all"
     needs: tuple[Need, ...] = ()
     caveats: tuple[Text, ...] = ()
@@ -141,6 +142,8 @@ def _claim(row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Claim:
     for k, t in enumerate(claim.tests):
         if bool(t.combine) != bool(claim.across):
             raise ClaimsError(f"{at}: test {k + 1}: combine goes with across, and across with combine")
+        if "along" in row and not claim.across:
+            raise ClaimsError(f"{at}: along goes with across")
         if claim.at_equal_work and claim.against is None:
             raise ClaimsError(f"{at}: at_equal_work goes with against")
         if bool(t.compare) != (claim.against is not None):

@@ -102,7 +102,7 @@ def test_the_budget_of_steps_is_no_clock(made):
 
 
 def test_pace_is_that_of_the_last_tenth():
-    """Ninety steps of 0.05 s and ten of 0.01 s. Of a thinned series too. A hundred times less than asked is stuck."""
+    """Ninety steps of 0.05 s and ten of 0.01 s. Of a thinned series too."""
     t = np.concatenate([[0.0], np.cumsum([0.05] * 90 + [0.01] * 10)])
 
     def cut(asked):
@@ -110,8 +110,19 @@ def test_pace_is_that_of_the_last_tenth():
 
     assert pace(cut(0.05), series(t)) == pytest.approx(0.01)
     assert pace(cut(0.05), series(t[::5])) == pytest.approx(0.01)
-    assert ending(cut(0.9), series(t)) is Ending.SLOW
-    assert ending(cut(1.1), series(t)) is Ending.FINAL
+
+
+@pytest.mark.parametrize(("last", "asked", "reached", "how"), [
+    (0.005, 0.6, 4.0, Ending.FINAL), (0.005, 0.4, 4.0, Ending.SLOW), (0.005, 0.6, 6.0, Ending.SLOW),
+    (0.1, 11.0, 9.9, Ending.SLOW),
+])  # fmt: skip
+def test_a_stuck_run_is_slow_and_far_from_its_end(last, asked, reached, how):
+    """100 steps, of 10 s. At 0.005 s a step, below a hundredth of 0.6 s, from 4 s the end is 1200 steps away, from 6 s
+    800, below ten times as many. A steady pace that got to 9.9 s gets to the end, however large a step it may take.
+    """
+    t = np.append(np.linspace(0.0, reached - 10 * last, 91), reached - last * np.arange(9, -1, -1))
+    r = bare(10.0, t_reached_s=reached, status="stalled", steps=100, max_steps=100, max_step_s=asked)
+    assert ending(r, series(t)) is how
 
 
 def test_a_run_that_stands_still_is_stuck():

@@ -69,6 +69,16 @@ def test_a_slow_run_stops_later_than_it_was_interrupted(band, holds):
     assert claim(text, one_of(CUT, {"phi_max": 0.5}), pace(0.01)).map[0].holds is holds
 
 
+def test_the_time_of_a_stop_is_asked_of_runs_that_stop():
+    """Stopping at 3 s, or at 5 s, decides; getting to the end does not, nor does a slow run that might get there."""
+    text = 'map = "m"\ntests = [{ metric = "stop time", at_least = 2, at_most = 4, unit = "s" }]\n'
+    for stops, holds in ((3.0, True), (5.0, False)):
+        c = claim(text, one_of({"status": "diverged", "t_reached_s": stops, "steps": 9}))
+        assert c.map[0].holds is holds and c.because.left_out == (LeftOut(Ending.ENDED, 11),)
+    assert claim(text, one_of(CUT), pace(0.01)).verdict == "UNTESTABLE"
+    assert claim(text).verdict == "UNTESTABLE"
+
+
 def test_a_limit_is_passed_later_than_a_slow_run_was_interrupted():
     """Not passed by 3 s: not between 1 and 2 s, perhaps between 5 and 6 s. Passed at 1.5 s: that stays."""
     for leaves, band, holds in (

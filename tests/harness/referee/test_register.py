@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from mbsbench.harness.referee.claims.maps import place, select, values_of
+from mbsbench.harness.referee.claims.points import paired
 from mbsbench.harness.referee.claims.register import ClaimsError, parse_register, read_register
 from mbsbench.harness.referee.judge import tried_on
 from mbsbench.harness.suites.suite import load_suite
@@ -69,8 +70,13 @@ def test_paired_claims_find_their_partners(places):
     for c in (c for c in REGISTER.claims if c.map and c.against):
         others = select(places, c.against.over)
         for p in select(places, c.map.over):
-            pairs = [q for q in others if all(q.dimensions.get(k) == p.dimensions.get(k) for k in c.pair_by)]
-            assert pairs, f"{c.id}: {p.spec.case}"
+            assert any(paired(c, p, q) for q in others) or p in others, f"{c.id}: {p.spec.case}"
+
+
+def test_values_named_along_a_dimension_are_in_a_group_of_its_map(places):
+    """Else every group would be left open."""
+    for c in (c for c in REGISTER.claims if not isinstance(c.along, int)):
+        assert set(c.along) <= {p.dimensions.get(c.across) for p in select(places, c.map.over)}, c.id
 
 
 def test_solvers_with_a_stand_in_are_worded_for_what_was_run(places):
@@ -94,6 +100,8 @@ def test_solvers_with_a_stand_in_are_worded_for_what_was_run(places):
         (MAP + HEAD + TEST.replace("at_most = 1.0, ", ""), "a band is needed"),
         (MAP + HEAD + TEST.replace("at_most = 1.0", 'at_most = "1"'), "at_most must be a number (got '1')"),
         (MAP + HEAD + TEST + 'across = "tolerance"\n', "combine goes with across"),
+        (MAP + HEAD + TEST + "along = 3\n", "along goes with across"),
+        (MAP + HEAD + TEST + 'along = "all"\n', "along must be"),
         (MAP + HEAD + TEST + 'against = "gc"\n', "compare goes with against"),
         (MAP + HEAD + TEST + "at_equal_work = true\n", "at_equal_work goes with against"),
         (MAP.replace("{ problem = ", '{ map = "x", problem = ', 1) + HEAD + TEST, "selection 1: unknown map 'x'"),

@@ -1,0 +1,159 @@
+"""Only what differs as the claim says is compared: like with like, over the values named, where something changed."""
+
+import math
+
+import pytest
+
+from mbsbench.harness.referee.claims.register import parse_register
+from mbsbench.harness.referee.claims.verdicts import judge
+from mbsbench.harness.results.judgements import Ending, LeftOut
+
+from .claiming import MAP, RUNS, SUITE, claim, options
+from .synthetic import HEAD, record, runs_of
+
+STOPPED = {"t_reached_s": 3.0, "steps": 9, "status": "diverged"}
+PHI = 'metric = "column", name = "phi_max"'
+
+
+def open_for(c, why=Ending.UNCOMPARED):
+    """How many settings are left open, all of them for this reason."""
+    left = [row.holds for row in c.map].count(None)
+    assert c.because.left_out == ((LeftOut(why, left),) if left else ())
+    return left
+
+
+def of_maps(maps, text, specs, found):
+    """The verdict on a claim over maps of its own."""
+    return judge(parse_register(maps + "[[claims]]\n" + HEAD + text), specs, found, lambda r: None)[0]
+
+
+def test_pairs_differ_in_the_form_alone():
+    """SE is twice FI at each gain, 1 against 2 and 10 against 20: paired by the chart alone it would fail at gain 0.
+
+    The gain that FI was not run with has no partner, and a dimension that SE has not got (norm) separates nothing.
+    """
+    suite = """
+[[runs]]
+problem = "spherical_pendulum"
+solver = "ida_index1"
+options = { form = "se", "alpha, beta" = [0.0, 5.0, 20.0] }
+rtol = 1e-3
+
+[[runs]]
+problem = "spherical_pendulum"
+solver = "ndf_index1"
+options = { "alpha, beta" = [0.0, 5.0] }
+rtol = 1e-3
+"""
+    maps = """
+[maps.se]
+over = [{ problem = "spherical_pendulum", solver = "ida_index1", form = "se", "tolerance, gain" = "any" }]
+[maps.fi]
+over = [{ problem = "spherical_pendulum", solver = "ndf_index1", "tolerance, gain" = "any" }]
+"""
+    text = 'map = "se"\nagainst = "fi"\npair_by = ["chart"{}]\ntests = [{{ {}, compare = "over largest", at_least = 2, unit = "" }}]\n'  # noqa: E501
+    specs = runs_of(suite)
+    size = {0.0: 1.0, 5.0: 10.0, 20.0: 1.0}
+    found = [
+        record(x, phi_max=size[x.options.get("alpha", 5.0)] * (2.0 if x.solver == "ida_index1" else 1.0)) for x in specs
+    ]
+    loose = of_maps(maps, text.format("", PHI), specs, found)
+    assert loose.verdict == "CONDITIONAL"
+    like = of_maps(maps, text.format(', "gain", "norm"', PHI), specs, found)
+    assert like.verdict == "SUPPORTED" and like.because.settings == 2 and open_for(like) == 1
+
+
+@pytest.mark.parametrize(("along", "left"), [("[1e-3, 1e-6]", 2), ("3", 2), ("2", 0), ("[1e-3]", 0)])
+def test_a_group_without_the_values_named_is_left_open(along, left):
+    """With quaternions the tolerance ends at 1e-4: that is no answer to what happens from 1e-3 to 1e-6."""
+    few = [x for x in RUNS if options(x)["chart"] == "euler313" or x.control.rtol != 1e-6]
+    for combine in ("largest", "nearest"):
+        text = f'map = "m"\nacross = "tolerance"\nalong = {along}\ntests = [{{ {PHI}, combine = "{combine}", at_most = 1, unit = "m" }}]\n'  # noqa: E501
+        c = claim(text, specs=few)
+        assert len(c.map) == 4 and open_for(c) == left and c.because.settings == 4 - left
+
+
+@pytest.mark.parametrize("combine", ["last over first", "worst step"])
+@pytest.mark.parametrize(("steps", "holds"), [((1000, 1000, 1000), None), ((1000, 1005, 1009), None),
+                                              ((1000, 2000, 4000), True)])  # fmt: skip
+def test_equal_steps_show_nothing_about_reducing_them(combine, steps, holds):
+    """The same error at each tolerance: it did not help where steps shrank; where they are the same it did not act."""
+    text = f'map = "m"\nacross = "tolerance"\ntests = [{{ {PHI}, combine = "{combine}", at_least = 1, unit = "" }}]\n'
+    many = dict(zip((1e-3, 1e-4, 1e-6), steps, strict=True))
+    c = claim(text, [record(x, phi_max=0.5, steps=many.get(x.control.rtol, 1)) for x in RUNS])
+    assert {row.holds for row in c.map} == {holds}
+
+
+def test_a_step_that_did_not_act_does_not_hide_one_that_did():
+    """From 1e-3 to 1e-4 nothing changes; to 1e-6 steps and the error fall: each reduction that acted helps."""
+    text = f'map = "m"\nacross = "tolerance"\ntests = [{{ {PHI}, combine = "worst step", at_most = 0.9, unit = "" }}]\n'
+    found = [record(x, phi_max=0.1 if x.control.rtol == 1e-6 else 0.5, steps=2000 if x.control.rtol == 1e-6 else 1000)
+             for x in RUNS]  # fmt: skip
+    c = claim(text, found)
+    assert c.verdict == "SUPPORTED" and c.tests[0].measured == 0.2
+
+
+def test_a_run_is_not_compared_with_itself():
+    """The loosest runs stand in both maps: they have no partner, and the others have theirs."""
+    maps = """
+[maps.all]
+over = [{ problem = "spherical_pendulum", solver = "ida_index1", max_step = 0.01, "tolerance, chart, lambda_in_error_test" = "any" }]
+[maps.loose]
+over = [{ map = "all", tolerance = 1e-3 }]
+"""  # noqa: E501
+    text = f'map = "all"\nagainst = "loose"\npair_by = ["chart", "lambda_in_error_test"]\ntests = [{{ {PHI}, compare = "over largest", at_most = 1.01, unit = "" }}]\n'  # noqa: E501
+    c = of_maps(maps, text, RUNS, [record(x, phi_max=0.5 if x.control.rtol == 1e-3 else 0.6) for x in RUNS])
+    assert c.verdict == "REFUTED" and (c.because.settings, open_for(c)) == (8, 4)
+
+
+RIVALS = MAP.replace("[[claims]]", '[maps.all]\nover = [{ map = "gc", step = "any" }]\n\n')
+EQUAL_WORK = """map = "m"
+against = "all"
+at_equal_work = true
+tests = [{ metric = "loss", compare = "over smallest", at_least = 1, unit = "" }]
+"""
+
+
+@pytest.mark.parametrize(
+    ("error", "work", "holds"),
+    [(1.0, 5.0, False), (2.0, 5.0, False), (3.0, 5.0, None), (1.0, 50.0, False), (3.0, 50.0, True), (1.0, 500.0, True)],
+)
+def test_at_equal_work_a_cheaper_and_better_run_counts_against(error, work, holds):
+    """ODE-GC errs by 2 m at 10 operations, by 0.1 m at 100; at 1 it stopped. IDA at 5: no worse than 2 m beats them."""
+    specs = runs_of(SUITE.replace("dt = 0.01", "dt = [0.01, 0.001, 0.1]"))
+    rivals = {0.01: (2.0, 10.0), 0.001: (0.1, 100.0), 0.1: (0.0, 6.0)}
+    found = []
+    for x in specs:
+        own, evaluations = rivals.get(x.control.dt, (error, work))
+        ends = STOPPED if x.control.dt == 0.1 else {}
+        found.append(record(x, position_error_judged_m=own, evaluations=evaluations, **ends))
+    assert {row.holds for row in of_maps(RIVALS, EQUAL_WORK, specs, found).map} == {holds}
+
+
+@pytest.mark.parametrize(("own", "other", "holds"), [(1.0, 0.5, True), (math.inf, 0.5, True), (0.5, math.inf, False),
+                                                     (math.inf, math.inf, None)])  # fmt: skip
+def test_two_failures_beside_each_other_compare_nothing(own, other, holds):
+    """A stopped run is worse than one that ended, whichever side it is on; of two stopped ones neither is."""
+    text = (
+        'map = "m"\nagainst = "gc"\ntests = [{ metric = "loss", compare = "over largest", at_least = 1, unit = "" }]\n'
+    )
+    errors = {"ida_index1": own, "gc_weak_form": other}
+    found = [
+        record(x, position_error_judged_m=errors[x.solver], **(STOPPED if math.isinf(errors[x.solver]) else {}))
+        for x in RUNS
+    ]
+    c = claim(text, found)
+    assert {row.holds for row in c.map} == {holds} and open_for(c) == (12 if holds is None else 0)
+
+
+@pytest.mark.parametrize(("own", "other", "holds"), [(None, 0.5, False), (0.5, None, None), (None, None, None)])
+def test_a_number_missing_beside_another(own, other, holds):
+    """Of a run that stopped it lies in no band; without the other's number there is nothing to compare."""
+    text = f'map = "m"\nagainst = "gc"\ntests = [{{ {PHI}, compare = "over largest", at_least = 1, unit = "" }}]\n'
+    sizes = {"ida_index1": own, "gc_weak_form": other}
+    found = [record(x, phi_max=sizes[x.solver] or 0.5, **({} if sizes[x.solver] else STOPPED)) for x in RUNS]
+    if holds is False:  # one number must exist, or the claim is untestable
+        found = [record(x, phi_max=0.5) if x is RUNS[0] else r for x, r in zip(RUNS, found, strict=True)]
+        assert [row.holds for row in claim(text, found).map].count(False) == 11
+    else:
+        assert {row.holds for row in claim(text, found).map} == {holds}
