@@ -18,6 +18,8 @@ from .mechanics.system import MultibodySystem
 
 __all__ = [
     "ACCURATE",
+    "GROWN",
+    "JUDGED",
     "PREDICTABLE",
     "Array",
     "EndedBy",
@@ -39,10 +41,11 @@ __all__ = [
 
 Array = np.ndarray
 
-# Of the reach. References start at rounding (1e-15 to 1e-13). Once the certified error of a reference passes
-# this, errors have grown ten-thousandfold and more: no fixed accuracy follows such a motion, and the distance from the
-# reference says nothing about a solver. The chain gets there at 1.9 s, the other problems never.
-PREDICTABLE = 1e-9
+# Of the reach: stated errors of references. Errors are judged where that of the reference is below the first, or below
+# the second and not growing as in chaos: more than ``GROWN`` times over a tenfold time, as no square of time does. No
+# fixed accuracy follows a chaotic motion: the distance from the reference says nothing about a solver. The chain gets
+# there at 1.9 s, the other problems never.
+PREDICTABLE, JUDGED, GROWN = 1e-9, 1e-3, 1e2
 
 # Of the reach, by the column that says when the error first passes it. A motion that passes the first is inaccurate.
 ACCURATE = {"accurate_until_s": 0.1, "accurate_until_1pct_s": 0.01, "accurate_until_0p1pct_s": 0.001}
@@ -193,8 +196,8 @@ class Problem:
         return {o.name: o.of(at_home) for o in self.observables}
 
     def reference(self) -> Reference | None:
-        """The exact motion in space, or None where none is known."""
-        if self.reference_from is None:
+        """The exact motion in space, or None where none is known; a start that opens the joints has none."""
+        if self.reference_from is None or self.literal_start:
             return None
         exact = self.reference_from(self.home(States.one(self.initial))[0])
         return None if exact is None else _TurnedReference(exact, self.frame)

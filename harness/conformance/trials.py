@@ -1,5 +1,6 @@
 """What a solver's runs show: each function measures one thing on their records and series."""
 
+import itertools
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +18,7 @@ from .requirements import Measured
 WITHIN = 0.2  # of the declared order
 LEAST_ORDER = 0.8  # where none is declared: a first-order scheme may show a little less
 ROUNDED = 1e-11  # no order can be seen below
+ITERATED = 1e-8  # below, corrections that end at their tolerance may leave errors that no step makes smaller
 LOOSE_REACTION = 0.05  # of the largest: of first order, dt times the rate of the motion at the finest step
 LOOSE_TORQUE = 0.01  # a hundred times what the integral over steps is off by
 LOOSE_STEP = 1e-6  # a step is a difference of rounded times
@@ -62,7 +64,7 @@ def reasons(e: Evidence) -> Measured:
 
 
 def converges(e: Evidence) -> Measured:
-    """The order in dt at the finest halving above rounding; or how much smaller errors become with rtol."""
+    """The order in dt at the finest halving, the best if errors reach a floor; or how they fall with rtol."""
     finer = e.of("finer")
     if missing := _missing(*finer[1:]):
         return missing
@@ -78,7 +80,8 @@ def converges(e: Evidence) -> Measured:
     if e.control == "rtol":
         least = math.sqrt(finer[0].rtol / finer[-1].rtol)  # errors follow rtol^(p/(p + 1)) at order p >= 1
         return Measured(errors[0] / max(errors[-1], ROUNDED), "times smaller", least=least, words=words)
-    order = math.log2(seen[-2] / seen[-1])
+    orders = [math.log2(a / b) for a, b in itertools.pairwise(seen)]
+    order = orders[-1] if seen[-1] > ITERATED else max(orders)
     if math.isnan(e.order):
         return Measured(order, "order, none declared", least=LEAST_ORDER, words=words)
     higher = "higher than declared: " if order > e.order + WITHIN else ""

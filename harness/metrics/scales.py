@@ -2,7 +2,8 @@
 
 They are read off the exact motion up to its horizon; where there is none, and beyond it, off the run. A run counts up
 to where it breaks a law by these very scales, and what it gained in energy does not count: a run that blows up cannot
-inflate what it is compared with. Bodies that do not move, however heavy or large, contribute nothing.
+inflate what it is compared with. Bodies that do not move, however heavy or large, contribute nothing; nor does the
+motion of the centre of mass where nothing is joined to the ground. Mechanisms beside each other have their own scales.
 """
 
 import math
@@ -10,17 +11,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ..mechanics.motion import kinetic_energy, potential_energy
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 from ..types import Law, Problem, Reference
+from .mechanisms import is_free, part, state_of, states_of, without_common_motion
 
 SAMPLES = 2001  # of the exact motion, evenly over its time
 REST = 1e-6  # of what bodies could reach: a motion that stays below is none, and has no size of its own
 ENERGY = 0.10  # of the energy scale: a tenth of what is exchanged appears or disappears
-PHI = 0.01  # of the reach: the joint is visibly apart
+PHI = 0.01  # of the reach, as far as joints allow it (``stretched``): the joint is visibly apart
 PHI_DOT = 0.05  # of the speed: velocities leave the joints by a twentieth of the fastest
 ORTHOGONALITY = 1e-3  # |R^T R - 1|: such an R distorts lengths by as much
 KINETIC = 3  # column of
@@ -31,24 +33,26 @@ Rows = Float[np.ndarray, "nt 6"]  # of a motion: displacement, speed, momentum, 
 class Scales:
     """What the motion of a system reaches."""
 
-    length: float  # [m] its reach: the farthest that a body moves from its start (``displacement``)
+    length: float  # [m] the farthest that a body moves from its start (``displacement``): what errors are compared with
     speed: float  # [m/s] the largest of a body (``speeds``)
     momentum: float  # [kg m/s] the largest sum of mass times speed
     energy: float  # [J] exchanged: the largest kinetic energy, or span of potential energy if that is larger
+    reach: float  # [m] ``length`` of all the time, also where the exact motion is known for a part of it only
+    gap: float  # [m] ``reach``, at most ``stretched``: springs let a mechanism go farther than its joints can open
 
     @property
     def allowed(self) -> Mapping[Law, float]:
         """The limits of the laws that hold at each time."""
         return {
-            Law.ENERGY: ENERGY * self.energy, Law.CONSTRAINT: PHI * self.length,
+            Law.ENERGY: ENERGY * self.energy, Law.CONSTRAINT: PHI * self.gap,
             Law.CONSTRAINT_RATE: PHI_DOT * self.speed, Law.ORTHOGONALITY: ORTHOGONALITY,
         }  # fmt: skip
 
     def of_unit(self, unit: str) -> float:
         """The scale of a quantity of this SI unit; NaN for a unit not known here."""
-        turning = self.momentum * self.length
+        turning = self.momentum * self.reach
         known = {
-            "J": self.energy, "m": self.length, "m/s": self.speed, "rad/s": self.speed / self.length,
+            "J": self.energy, "m": self.length, "m/s": self.speed, "rad/s": self.speed / self.reach,
             "kg m/s": self.momentum, "kg m2/s": turning, "N m s": turning,
         }  # fmt: skip
         return known.get(unit, math.nan)
@@ -82,34 +86,52 @@ def speeds(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb"]:
 
 
 def reached(system: MultibodySystem, start: State, s: States) -> Rows:
-    """What a motion from ``start`` reaches at each time."""
-    one, speed = States.one(start), speeds(system, s)
-    risen = potential_energy(system, s) - potential_energy(system, one)
-    moved = np.max(displacement(system, s, one), axis=1)
+    """What a motion from ``start`` reaches at each time; relative to the total C if nothing is joined to the ground.
+
+    Of a motion that all bodies share, speeds and energies still count by ``REST``: less is not resolved beside them.
+    """
+    one = States.one(start)
+    rows = _reached(system, one, s)
+    if not is_free(system):
+        return rows
+    own = _reached(system, without_common_motion(system, one), without_common_motion(system, s))
+    own[:, 1:] = np.maximum(own[:, 1:], REST * rows[:, 1:])
+    return own
+
+
+def _reached(system: MultibodySystem, start: States, s: States) -> Rows:
+    speed = speeds(system, s)
+    risen = potential_energy(system, s) - potential_energy(system, start)
+    moved = np.max(displacement(system, s, start), axis=1)
     return np.stack(
         (moved, np.max(speed, axis=1), speed @ system.mass, kinetic_energy(system, s), risen, -risen), axis=1
     )
 
 
-def scales(problem: Problem, exact: Reference | None, run: Run | None = None) -> Scales:
-    """Of the exact motion, and of a run beyond its horizon."""
-    system, start, could = problem.system, problem.initial, possible(problem.system, problem.initial)
+def scales(
+    problem: Problem, exact: Reference | None, run: Run | None = None, bodies: Int[np.ndarray, " n"] | None = None
+) -> Scales:
+    """Of the exact motion, and of a run beyond its horizon; of ``bodies`` alone, which ``run`` is of then."""
+    bodies = np.arange(problem.system.nb) if bodies is None else bodies
+    system, start = part(problem.system, bodies), state_of(problem.initial, bodies)
+    could = possible(system, start)
     known = reached(system, start, States.one(start))
     if exact is not None:
         t = np.linspace(0.0, min(problem.t_end, exact.horizon), SAMPLES)
-        known = np.concatenate((known, reached(system, start, exact.states(t))))
+        known = np.concatenate((known, reached(system, start, states_of(exact.states(t), bodies))))
     run = run or Run(known[:0], {}, 0)
-    if not np.fmax.reduce(np.concatenate((known[:, 0], run.rows[run.covered :, 0]))) > REST * could.length:
+    finite = np.isfinite(run.rows).all(axis=1)
+    end = len(finite) if np.all(finite) else int(np.argmin(finite))
+    if not np.max(np.concatenate((known[:, 0], run.rows[run.covered : end, 0]))) > REST * could.length:
         return could
-    end = len(run.rows)
     while True:
         most = np.max(np.concatenate((known, run.rows[run.covered : end])), axis=0)
-        length, speed, momentum, energy = most[0], most[1], most[2], max(most[KINETIC], most[4] + most[5])
-        if exact is not None:  # one for all runs: it is what their errors are compared with
-            length = np.max(known[:, 0])
-        least = REST**2 * np.array([could.length, could.speed, could.momentum, could.energy])  # to divide by
-        size = Scales(*(float(v) for v in np.maximum((length, speed, momentum, energy), least)))
-        broken = ~np.isfinite(run.rows[:end]).all(axis=1)
+        reach, speed, momentum, energy = most[0], most[1], most[2], max(most[KINETIC], most[4] + most[5])
+        length = reach if exact is None else np.max(known[:, 0])  # one for the errors of all runs
+        least = REST**2 * np.array([could.length, could.speed, could.momentum, could.energy, could.length])
+        found = np.maximum((length, speed, momentum, energy, reach), least)  # to divide by
+        size = Scales(*(float(v) for v in (*found, min(found[-1], stretched(system)))))
+        broken = np.zeros(end, dtype=bool)
         for law, series in run.laws.items():
             broken |= ~(np.abs(series[:end]) <= size.allowed[law])
         if not np.any(broken):
@@ -128,10 +150,17 @@ def possible(system: MultibodySystem, start: State) -> Scales:
     one = States.one(start)
     gravity = float(np.linalg.norm(system.gravity))
     springs = float(potential_energy(system, one)[0] + np.einsum("b,i,bi->", system.mass, system.gravity, start.r))
-    energy = float(kinetic_energy(system, one)[0]) + mass * gravity * length + springs
+    energy = float(reached(system, start, one)[0, KINETIC]) + mass * gravity * length + springs
     energy = max(energy, mass * (1e-6 * length) ** 2)  # [J] free of forces: a micrometre a second, relative to the size
     speed = math.sqrt(2.0 * energy / mass)
-    return Scales(length, speed, mass * speed, energy)
+    return Scales(length, speed, mass * speed, energy, length, length)
+
+
+def stretched(system: MultibodySystem) -> float:
+    """[m] the farthest that joints let any matter move about one end: twice all arms, and a body turned half a turn."""
+    arms = np.concatenate((system.joint_s_i[system.joint_i != GROUND], system.joint_s_j[system.joint_j != GROUND]))
+    gyration = math.sqrt(float(np.max(np.einsum("bii->b", system.inertia) / (2.0 * system.mass))))
+    return 2.0 * (float(np.sum(np.linalg.norm(arms, axis=1))) + gyration)
 
 
 def _second_moments(system: MultibodySystem) -> Float[np.ndarray, "nb 3 3"]:

@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..files import exact
 from ..mechanics import so3
-from ..types import ACCURATE, PREDICTABLE, Problem, Trajectory
+from ..types import ACCURATE, GROWN, JUDGED, PREDICTABLE, Problem, Trajectory
 from .measure import Measured
 from .scales import Scales
 
@@ -102,7 +102,7 @@ def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
         return {}
     last = compared - 1
     position, orientation, motion = (a[:compared] for a in (m.position_error, m.orientation_error, m.motion_error))
-    predictable = int(np.sum(np.cumprod(own[:compared] <= PREDICTABLE * size.length)))
+    predictable = _predictable(m.t[:compared], own[:compared] / size.length)
     by_name = {}
     for o in problem.observables:
         away = np.abs(m.observables[o.name] - m.reference_observables[o.name])[:compared]
@@ -121,10 +121,18 @@ def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
         **_rates(m, compared),
         "judged_to_s": float(m.t[max(predictable - 1, 0)]),
         "motion_error_judged_m": largest(motion[:predictable]),
+        "reference_own_error_judged_m": float(np.max(own[: max(predictable, 1)])),
         "position_error_judged_m": largest(position[:predictable]),
         "orientation_error_judged_rad": largest(orientation[:predictable]),
         "observable_errors": json.dumps(by_name),
     }
+
+
+def _predictable(t: np.ndarray, own: np.ndarray) -> int:
+    """Rows over which errors are judged; ``own``: stated errors of the reference, of the reach."""
+    tenth = np.maximum(np.searchsorted(t, 0.1 * t, side="right") - 1, min(1, len(t) - 1))
+    steady = (own <= JUDGED) & (own <= GROWN * own[tenth])
+    return int(np.sum(np.cumprod((own <= PREDICTABLE) | steady)))
 
 
 def _until(t: np.ndarray, error: np.ndarray, allowed: np.ndarray) -> float:

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
-from ..types import ACCURATE, PREDICTABLE, Law, Problem, Reason, Trajectory
-from .measure import Measured
+from ..types import ACCURATE, Law, Problem, Reason, Trajectory
+from .measure import JOINTS, Measured
 from .summary import largest
 
 INVARIANT = 0.10  # of its scale by unit (momentum: m v L), or of its start if that is larger
@@ -43,8 +43,10 @@ def doubts(problem: Problem, trajectory: Trajectory, m: Measured, columns: Mappi
             when = math.nan if series is None else _first(t, ~(np.abs(series) <= allowed))
             out.append(Reason(law, most, allowed, unit, when, name))
 
-    for law, allowed in size.allowed.items():
-        limit(law, largest(m.laws[law]), allowed, UNITS[law], m.laws[law])
+    for one in m.mechanisms:
+        for law, series in one.laws.items():
+            if not (problem.literal_start and law in JOINTS):
+                limit(law, largest(series), one.size.allowed[law], UNITS[law], series)
     for name, drift in json.loads(columns["invariant_drifts"]).items():
         scale = size.of_unit(drift["unit"])
         start = abs(float(drift["start"]))
@@ -59,7 +61,7 @@ def doubts(problem: Problem, trajectory: Trajectory, m: Measured, columns: Mappi
 def inaccuracy(m: Measured, columns: Mapping[str, Any]) -> list[Reason]:
     """Why a motion that keeps all laws is inaccurate: its distance from the reference while that is predictable."""
     most = columns.get("motion_error_judged_m", math.nan)
-    allowed = (ACCURATE["accurate_until_s"] + PREDICTABLE) * m.size.length
+    allowed = ACCURATE["accurate_until_s"] * m.size.length + columns.get("reference_own_error_judged_m", 0.0)
     if m.motion_error is None or not most > allowed:
         return []
     return [Reason(Law.MOTION, most, allowed, "m", _first(m.t, m.motion_error > allowed))]

@@ -1,10 +1,13 @@
-"""False successes: runs whose solver claims success while a law or a symmetry contradicts it."""
+"""False successes: runs whose solver claims success while a law or a symmetry contradicts it.
+
+Runs from a literal start are left out: it opens the joints, and what keeps to it breaks their law.
+"""
 
 import math
 from collections.abc import Iterable
 
 from ..results.judgements import FalseSuccess, Symmetry
-from ..results.records import RunRecord, reasons_of
+from ..results.records import RunRecord, is_literal, reasons_of
 from ..types import Law, Reason, Status
 
 OUT_OF_PLANE = 0.01  # of the mechanism's size, where the motion is planar and predictable to the end
@@ -25,7 +28,7 @@ def wrong(records: Iterable[RunRecord], symmetries: Iterable[Symmetry]) -> tuple
             *_out_of_plane(r),
             *broken.get(r.settings_id, ()),
         )
-        if r.claimed == "success" and because:
+        if r.claimed == "success" and because and not is_literal(r):
             out.append(FalseSuccess(r.case, r.settings_id, r.solver, r.problem, because))
     return tuple(out)
 

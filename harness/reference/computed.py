@@ -54,9 +54,10 @@ class ComputedReference:
 
 
 def reference_of(problem: Problem) -> Reference | None:
-    """The problem's exact motion, else the computed one (read from disk if known); None for too large a system."""
+    """The problem's exact motion, else the computed one (from disk if known); None if too large or a literal start."""
     exact = problem.reference()
-    return exact if exact is not None or not is_computable(problem.system) else computed(problem)
+    known = exact is not None or problem.literal_start or not is_computable(problem.system)
+    return exact if known else computed(problem)
 
 
 class Source(StrEnum):
@@ -64,11 +65,13 @@ class Source(StrEnum):
 
     OWN = "own"  # the problem's exact motion; None for some starts, then as if it had none
     COMPUTED = "computed"
-    NONE = "none"  # the system is too large
+    NONE = "none"  # the system is too large, or the start opens its joints
 
 
 def source_of(problem: Problem) -> Source:
     """Without computing anything."""
+    if problem.literal_start:
+        return Source.NONE
     if problem.reference_from is not None:
         return Source.OWN
     return Source.COMPUTED if is_computable(problem.system) else Source.NONE

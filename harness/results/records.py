@@ -5,13 +5,14 @@ here. Things of which problems and solvers have different ones (options, counter
 """
 
 import dataclasses
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from .. import files
 from ..shapes import shaped
-from ..types import Reason
+from ..types import PREDICTABLE, Reason
 
 T = TypeVar("T")
 
@@ -108,6 +109,7 @@ class RunRecord:
     reaction_error_max_N: float = column("max over instants and bodies of the error of the joint forces' sum on a body")
     reaction_size_N: float = column("largest such sum of the exact motion")
     judged_to_s: float = column("errors are judged up to here: beyond, the motion is chaotic")
+    reference_own_error_judged_m: float = column("stated error of the reference up to there")
     motion_error_judged_m: float = column("max of the motion error up to there")
     position_error_judged_m: float = column("max of the position error up to there")
     orientation_error_judged_rad: float = column("max of the orientation error up to there")
@@ -161,6 +163,19 @@ JSON_COLUMNS = {
     dict: ("problem_parameters", "solver_options", "counters", "observable_errors", "invariant_drifts"),
     list: ("notes",),
 }
+
+
+def is_literal(record: RunRecord) -> bool:
+    """Whether it starts as printed, with a start that opens its joints (``Problem.literal_start``)."""
+    return bool(files.parse_json(record.problem_parameters, "parameters", BadRecord).get("literal_start"))
+
+
+def judged_own(record: RunRecord) -> float:
+    """Stated error [m] of the reference while errors are judged; older records were judged below a limit on it."""
+    known, length = record.reference_own_error_judged_m, record.length_scale_m
+    if not math.isnan(known):
+        return known
+    return min(record.reference_own_error_m, PREDICTABLE * (length if length > 0.0 else 1.0))
 
 
 def to_json(record: RunRecord) -> str:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ...harness.types import PREDICTABLE
+from ...harness.results.records import judged_own
 from .results import Run
 
 EXACT = 1e-12  # of the mechanism's size: position errors below it are rounding
@@ -35,7 +35,8 @@ def measure_for(runs: Sequence[Run]) -> Measure | None:
     own = max((e for c in known if not math.isnan(e := c.record.reference_own_error_m)), default=math.nan)
     until = judged_until(known)
     words = "" if until is None else f" to {until:.4g} s"
-    own = own if until is None else min(own, PREDICTABLE * length)
+    if until is not None:
+        own = max((e for c in known if not math.isnan(e := judged_own(c.record))), default=math.nan)
     columns = "position_error_judged_m", "position_error_max_m"
     position = Measure(f"position error{words}", columns, "m", own, until)
     if max(map(position.of, known)) > EXACT * length:

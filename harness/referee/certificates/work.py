@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...results.judgements import Targets, Work, WorkPoint, WorkProfile
-from ...results.records import RunRecord
-from ...types import PREDICTABLE, Status
+from ...results.records import RunRecord, is_literal, judged_own
+from ...types import Status
 from .symmetries import CHANGES
 
 TARGETS = tuple(10.0 ** (-0.5 * k) for k in range(2, 19))  # 1e-1 to 1e-9 of the size (of 1 rad)
@@ -87,7 +87,7 @@ def work(folder: Path, records: Iterable[RunRecord]) -> Work:
 def _fields(records: Iterable[RunRecord]) -> list[Field]:
     groups: dict[tuple[str, str], list[RunRecord]] = {}
     for r in sorted(records, key=lambda r: (r.problem, r.case, r.finished)):
-        if not ({*CHANGES, "perturb"} & json.loads(r.problem_parameters).keys()):
+        if not ({*CHANGES, "perturb"} & json.loads(r.problem_parameters).keys()) and not is_literal(r):
             groups.setdefault((r.problem, r.problem_parameters), []).append(r)
     fields = [f for own in groups.values() if (f := _field(own)) is not None]
     return [f for f in fields if len({r.solver for r in f.runs if _sound(r)}) >= FEWEST]
@@ -100,7 +100,7 @@ def _field(all_runs: Sequence[RunRecord]) -> Field | None:
     tried = frozenset(r.solver for r in all_runs)
     first = runs[0]
     length = first.length_scale_m if first.length_scale_m > 0.0 else 1.0
-    own = min(max(r.reference_own_error_m for r in runs), PREDICTABLE * length)
+    own = max(judged_own(r) for r in runs)
     moved = any(r.position_error_judged_m > EXACT * length for r in runs)
     variant = first.case.split(" ")[0]
     if moved:

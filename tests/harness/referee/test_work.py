@@ -133,3 +133,18 @@ def test_wrong_successes_have_the_verdicts_reasons_and_the_planes():
     assert [e.settings_id for e in found] == [contradicted.settings_id, away.settings_id]
     assert [(b.law, b.value) for b in found[0].because] == [(Law.ENERGY, 5.0)]
     assert [(b.law, b.value) for b in found[1].because] == [(Law.PLANE, 0.5)]
+
+
+def test_literal_starts_are_no_targets_and_no_false_successes():
+    """Their joints are open from the start, and the exact motion is that of another start."""
+    literal = [dataclasses.replace(r, problem_parameters='{"literal_start": true}') for r in (*GOOD, *OTHER)]
+    assert work(NOWHERE, literal).points == ()
+    broken = {"status": "wrong", "wrong_because": reasons_json([Reason(Law.CONSTRAINT, 2.0, 1.0, "m")])}
+    assert len(wrong([dataclasses.replace(GOOD[0], **broken)], ())) == 1
+    assert wrong([dataclasses.replace(literal[0], **broken)], ()) == ()
+
+
+def test_the_references_error_is_that_of_the_time_judged():
+    """Where it is recorded it counts, however large: 1e-5 m leaves the targets above 3e-5 m."""
+    found = work(NOWHERE, [dataclasses.replace(r, reference_own_error_judged_m=1e-5) for r in (*GOOD, *OTHER)])
+    assert found.targets[0].own == 1e-5 and min(found.targets[0].errors) >= 3e-5
