@@ -78,7 +78,8 @@ class OverAtOnce(LocalPool):
 
 def test_what_the_limit_ended_is_run_again_on_resume(tmp_path):
     """A sound run that had no time is no stalled one: its record goes aside, and with time enough it succeeds."""
-    text = 'total_limit = 600\n[[runs]]\nproblem = "free_fall"\nsolver = ["sleeps", "raises"]\n'
+    text = 'total_limit = 600\n[defaults]\nproblem = "free_fall"\n'
+    text += '[[runs]]\nsolver = "sleeps"\noptions = { seconds = 1.5 }\n[[runs]]\nsolver = "raises"\n'
     suite = parse_suite(text, "test", "test", plugins=(str(PLUGIN),))
     first, second = Silent(), Silent()
     (ended,) = run_suite(Request(suite, tmp_path / "run", 1), first, OverAtOnce).records

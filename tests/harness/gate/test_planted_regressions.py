@@ -113,7 +113,10 @@ def test_a_changed_line_closes_the_gate(solver, planted, monkeypatch, tmp_path):
         index_1_with(monkeypatch, {"sign": -1.0, "dropped": 0.0}[planted])
         spec = run_of(solver, TOP)
     elif solver.startswith("gc_"):
-        geometric_with(monkeypatch, b_term={"sign": -1.0, "dropped": 0.0}[planted])
+        broken = {"sign": {"b_term": -1.0}, "dropped": {"b_term": 0.0}}[planted]
+        if solver == "gc_composed" and planted == "dropped":  # without B the step stays symmetric
+            broken = {"gauge": 0.0}
+        geometric_with(monkeypatch, **broken)
         spec = run_of(solver)
     else:
         classical_with(monkeypatch, {"sign": GYROSCOPIC.replace("+", "-"), "dropped": ""}[planted])
