@@ -141,7 +141,7 @@ def test_a_run_on_a_terminal_shows_what_is_left_and_the_worst_drift(tmp_path):
     assert any(line.startswith("worst drift: ") and "lift=0.01" in line for line in lines)
     assert any(" of about " in line and "sleeps" in line for line in lines)
     assert all(cell_len(line) <= 80 for line in lines if "━" in line or line.startswith((" ", "worst")))
-    assert ESCAPE.sub("", text).rstrip().splitlines()[-1].startswith("largest energy drift: 0.00049")
+    assert ESCAPE.sub("", text).rstrip().splitlines()[-1].startswith("largest energy drift: 0.033")
 
 
 def test_a_timeline_stops_where_the_motion_did():
