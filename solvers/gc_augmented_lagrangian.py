@@ -61,8 +61,9 @@ class GcAugmentedLagrangian(GaugeChoices):
 
     @property
     def printed(self) -> bool:
-        """Sect. 4.3 has a nested loop, and no correction of poses."""
-        return super().printed and self.loop == "nested" and self.correct_pose == "never"
+        """Sect. 4.3: a nested loop with mu_bar and lambda_bar, raised penalties, nothing accepted above the tolerance."""
+        loop = self.loop == "nested" and self.lambda_bar and self.penalty_growth > 1.0
+        return super().printed and loop and self.correct_pose == "never" and self.accept <= self.tolerance
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Only incompatible options."""
@@ -84,7 +85,7 @@ class GcAugmentedLagrangian(GaugeChoices):
         out = integrate(problem, control, run, step, self.max_cuts, self.max_turn)
         rank = f"{problem.system.nrows} constraint rows of rank {problem.system.nrows - redundant} at the start"
         crossed = passages(problem.system, out)
-        notes = [rank]
+        notes = [rank, *self.notes(problem)]
         if correct:
             notes.append("poses corrected to phi = 0 after every step, which Sect. 4.3 does not do")
         loose = np.flatnonzero(np.nan_to_num(out.diagnostics["penalty"], nan=self.penalty) < self.penalty)

@@ -6,7 +6,7 @@ with the exact block Jacobian; a step that does not converge is halved and grown
 in the symmetric gauge. phi itself is not corrected: it stays O(dt^2).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
@@ -45,4 +45,5 @@ class GcWeakForm(GaugeChoices):
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``."""
         run, step = prepare(problem, self.settings(problem), self.mu0)
-        return integrate(problem, control, run, step, self.max_cuts, self.max_turn)
+        out = integrate(problem, control, run, step, self.max_cuts, self.max_turn)
+        return replace(out, notes=(*out.notes, *self.notes(problem)))

@@ -130,45 +130,46 @@ def _gather(system: MultibodySystem, s: States, ends: np.ndarray) -> tuple[np.nd
 def _rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
     r_i, R_i, v_i, W_i = _gather(system, s, system.joint_i)
     r_j, R_j, v_j, W_j = _gather(system, s, system.joint_j)
-    u = np.einsum("tjab,jb->tja", R_i, system.joint_u)
-    n = np.einsum("tjab,jkb->tjka", R_j, system.joint_n)
     if velocity:
-        u_dot = np.einsum("tjab,tjb->tja", R_i, np.cross(W_i, system.joint_u))
-        n_dot = np.einsum("tjab,tjkb->tjka", R_j, np.cross(W_j[:, :, None], system.joint_n))
-        point = v_i + np.einsum("tjab,tjb->tja", R_i, np.cross(W_i, system.joint_s_i))
-        point = point - v_j - np.einsum("tjab,tjb->tja", R_j, np.cross(W_j, system.joint_s_j))
-        axis = np.einsum("tja,tjka->tjk", u_dot, n) + np.einsum("tja,tjka->tjk", u, n_dot)
+        point = v_i + _turned(R_i, np.cross(W_i, system.joint_s_i)) - v_j - _turned(R_j, np.cross(W_j, system.joint_s_j))
     else:
-        point = r_i + np.einsum("tjab,jb->tja", R_i, system.joint_s_i)
-        point = point - r_j - np.einsum("tjab,jb->tja", R_j, system.joint_s_j)
-        axis = np.einsum("tja,tjka->tjk", u, n)
-    return _scatter(system, point, axis)
+        point = r_i + _turned(R_i, system.joint_s_i) - r_j - _turned(R_j, system.joint_s_j)
+    h = np.flatnonzero(system.joint_revolute)
+    R_i, R_j, W_i, W_j, u, n = R_i[:, h], R_j[:, h], W_i[:, h], W_j[:, h], system.joint_u[h], system.joint_n[h]
+    u_space, n_space = _turned(R_i, u)[:, :, None], _turned(R_j[:, :, None], n)
+    if velocity:
+        u_dot, n_dot = _turned(R_i, np.cross(W_i, u))[:, :, None], _turned(R_j[:, :, None], np.cross(W_j[:, :, None], n))
+        return _scatter(system, point, np.sum(u_dot * n_space + u_space * n_dot, axis=-1))
+    return _scatter(system, point, np.sum(u_space * n_space, axis=-1))
+
+
+def _turned(R: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """R p of vectors in the last axis."""
+    return np.matmul(R, p[..., None])[..., 0]
 
 
 def _row_sizes(system: MultibodySystem, s: States) -> tuple[np.ndarray, np.ndarray]:
-    """c^T M c = a^T M a / (a . a)^2 of the point rows (nt, nj, 3) and axis rows (nt, nj, 2)."""
+    """c^T M c = a^T M a / (a . a)^2 of the point rows (nt, nj, 3) and of the hinges' axis rows (nt, nh, 2)."""
     _, R_i, _, _ = _gather(system, s, system.joint_i)
     _, R_j, _, _ = _gather(system, s, system.joint_j)
     mass = np.append(system.mass, 0.0)
     J = np.concatenate((system.inertia, np.zeros((1, 3, 3))))
-    aa_point: np.ndarray = np.zeros((len(s.r), system.nj, 3))
-    aMa_point: np.ndarray = np.zeros_like(aa_point)
-    aa_axis: np.ndarray = np.zeros((len(s.r), system.nj, 2))
-    aMa_axis: np.ndarray = np.zeros_like(aa_axis)
-    u = np.einsum("tjab,jb->tja", R_i, system.joint_u)
-    n = np.einsum("tjab,jkb->tjka", R_j, system.joint_n)
-    torque_axis = np.cross(u[:, :, None], n)  # (nt, nj, 2, 3), space
+    h = np.flatnonzero(system.joint_revolute)
+    aa_point, aMa_point = np.zeros((2, len(s.r), system.nj, 3))
+    aa_axis, aMa_axis = np.zeros((2, len(s.r), len(h), 2))
+    torque_axis = np.cross(
+        _turned(R_i[:, h], system.joint_u[h])[:, :, None], _turned(R_j[:, h, None], system.joint_n[h])
+    )  # (nt, nh, 2, 3), space
     for ends, R, arm in ((system.joint_i, R_i, system.joint_s_i), (system.joint_j, R_j, system.joint_s_j)):
         moves = (ends != GROUND).astype(float)[None, :, None]
         # row k of A on Omega: e_k . R (Omega x s) = (s x R^T e_k) . Omega
         a = np.cross(arm[None, :, None], R)  # R[..., k, :] is R^T e_k
-        aa_point = aa_point + moves * (1.0 + np.sum(a * a, axis=-1))
-        aMa_point = aMa_point + moves * (mass[ends][None, :, None] + np.einsum("tjka,jab,tjkb->tjk", a, J[ends], a))
-        b = np.einsum("tjab,tjka->tjkb", R, torque_axis)
-        aa_axis = aa_axis + moves * np.sum(b * b, axis=-1)
-        aMa_axis = aMa_axis + moves * np.einsum("tjka,jab,tjkb->tjk", b, J[ends], b)
-    with np.errstate(invalid="ignore"):  # axis rows of spherical joints are 0/0 and not read
-        return aMa_point / aa_point**2, aMa_axis / aa_axis**2
+        aa_point += moves * (1.0 + np.sum(a * a, axis=-1))
+        aMa_point += moves * (mass[ends][None, :, None] + np.sum(np.matmul(a, J[ends]) * a, axis=-1))
+        b = np.matmul(torque_axis, R[:, h])  # R^T of each
+        aa_axis += moves[:, h] * np.sum(b * b, axis=-1)
+        aMa_axis += moves[:, h] * np.sum(np.matmul(b, J[ends[h]]) * b, axis=-1)
+    return aMa_point / aa_point**2, aMa_axis / aa_axis**2
 
 
 def _scatter(system: MultibodySystem, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
@@ -178,5 +179,5 @@ def _scatter(system: MultibodySystem, point: np.ndarray, axis: np.ndarray) -> np
         out[:, start + k] = point[:, :, k]
     hinge = np.flatnonzero(system.joint_revolute)
     for k in range(2):
-        out[:, start[hinge] + 3 + k] = axis[:, hinge, k]
+        out[:, start[hinge] + 3 + k] = axis[:, :, k]
     return out

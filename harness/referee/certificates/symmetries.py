@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float
 
+from ...catalogue import registry
 from ...mechanics import so3
 from ...results import store
 from ...results.judgements import Symmetry, SymmetryVerdict, Unjudged
@@ -41,7 +42,6 @@ CHANGES: Mapping[str, str] = {
 SHAPING = ("problem", "problem_parameters", "solver", "solver_options", "control", "dt_s", "rtol", "max_step_s")
 COMPARED = ("problem_parameters", "rtol", "dt_s")  # columns in which the runs of a check differ, one at a time
 PLANARITY = "planar symmetry"
-TOLERANCE = 1e-8  # default of solvers with a fixed step; they take it from options, where it stands if it differs
 
 
 @dataclass(frozen=True)
@@ -162,7 +162,12 @@ def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
 
 
 def _tolerance(r: RunRecord) -> float:
-    return float(_read(r.solver_options).get("tolerance", TOLERANCE)) if r.control == "dt" else r.rtol
+    """Of the error control, or that to which a fixed step is solved; NaN where a solver has neither."""
+    if r.control != "dt":
+        return r.rtol
+    known = registry.solvers().get(r.solver)
+    usual = known.parameters["tolerance"][0] if known and "tolerance" in known.parameters else math.nan
+    return float(_read(r.solver_options).get("tolerance", usual))
 
 
 def _off(base: RunRecord, r: RunRecord) -> tuple[float, str]:

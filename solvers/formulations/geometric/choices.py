@@ -93,7 +93,7 @@ class GaugeChoices:
         return (
             (self.gauge, self.sigma0) == ("accumulate", "carried")
             and (self.f_bar, self.corrective, self.b_term) == (True, True, True)
-            and (self.c_bar, self.k_bar) == (0.0, 0.0)
+            and (self.c_bar, self.k_bar, self.max_turn) == (0.0, 0.0, 0.0)
         )
 
     @property
@@ -130,6 +130,12 @@ class GaugeChoices:
             couple=int(exact),
             simplified=int(self.newton == "simplified"),
         )
+
+    def notes(self, problem: Problem) -> tuple[str, ...]:
+        """What of the options has no effect on the problem."""
+        if self.settings(problem).corrective and self.gauge != "accumulate":
+            return (f"mu is carried on as printed, for C_bar or K_bar is not zero: gauge = {self.gauge} has no effect",)
+        return ()
 
     def refuses_choice(self, problem: Problem, control: StepControl) -> str | None:
         """Why these options do not fit the problem, or None."""
