@@ -61,7 +61,7 @@ class GcAugmentedLagrangian(GaugeChoices):
 
     @property
     def printed(self) -> bool:
-        """Sect. 4.3: a nested loop with mu_bar and lambda_bar, raised penalties, nothing accepted above the tolerance."""
+        """Sect. 4.3: nested loop, mu_bar and lambda_bar, raised penalties, nothing accepted above the tolerance."""
         loop = self.loop == "nested" and self.lambda_bar and self.penalty_growth > 1.0
         return super().printed and loop and self.correct_pose == "never" and self.accept <= self.tolerance
 

@@ -131,14 +131,19 @@ def _rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
     r_i, R_i, v_i, W_i = _gather(system, s, system.joint_i)
     r_j, R_j, v_j, W_j = _gather(system, s, system.joint_j)
     if velocity:
-        point = v_i + _turned(R_i, np.cross(W_i, system.joint_s_i)) - v_j - _turned(R_j, np.cross(W_j, system.joint_s_j))
+        point = (
+            v_i + _turned(R_i, np.cross(W_i, system.joint_s_i)) - v_j - _turned(R_j, np.cross(W_j, system.joint_s_j))
+        )
     else:
         point = r_i + _turned(R_i, system.joint_s_i) - r_j - _turned(R_j, system.joint_s_j)
     h = np.flatnonzero(system.joint_revolute)
     R_i, R_j, W_i, W_j, u, n = R_i[:, h], R_j[:, h], W_i[:, h], W_j[:, h], system.joint_u[h], system.joint_n[h]
     u_space, n_space = _turned(R_i, u)[:, :, None], _turned(R_j[:, :, None], n)
     if velocity:
-        u_dot, n_dot = _turned(R_i, np.cross(W_i, u))[:, :, None], _turned(R_j[:, :, None], np.cross(W_j[:, :, None], n))
+        u_dot, n_dot = (
+            _turned(R_i, np.cross(W_i, u))[:, :, None],
+            _turned(R_j[:, :, None], np.cross(W_j[:, :, None], n)),
+        )
         return _scatter(system, point, np.sum(u_dot * n_space + u_space * n_dot, axis=-1))
     return _scatter(system, point, np.sum(u_space * n_space, axis=-1))
 

@@ -18,6 +18,7 @@ from .test_laws import orders, run, spring_problem
 
 PRINTED = {"gauge": "accumulate", "sigma0": "carried"}
 NESTED = {"loop": "nested", "penalty": 1e3}
+OTHER = "accumulating, sigma carried"
 RAISED = NESTED | {"lambda_bar": True, "penalty_growth": 10.0, "correct_pose": "never", "tolerance": 1e-3}
 
 
@@ -31,8 +32,8 @@ RAISED = NESTED | {"lambda_bar": True, "penalty_growth": 10.0, "correct_pose": "
         ("gc_augmented_lagrangian", {}, "ODE-GC (AL, symmetric)", 2.0),
         ("gc_augmented_lagrangian", PRINTED | NESTED, "ODE-GC (AL, accumulating, sigma carried)", 2.0),
         ("gc_augmented_lagrangian", PRINTED | RAISED, "ODE-GC (AL, as printed)", 2.0),
-        ("gc_augmented_lagrangian", PRINTED | RAISED | {"accept": 1e-2}, "ODE-GC (AL, accumulating, sigma carried)", 2.0),
-        ("gc_augmented_lagrangian", PRINTED | RAISED | {"max_turn": 0.1}, "ODE-GC (AL, accumulating, sigma carried)", 2.0),
+        ("gc_augmented_lagrangian", PRINTED | RAISED | {"accept": 0.1}, f"ODE-GC (AL, {OTHER})", 2.0),
+        ("gc_augmented_lagrangian", PRINTED | RAISED | {"max_turn": 0.1}, f"ODE-GC (AL, {OTHER})", 2.0),
         ("rattle", {}, "", 2.0),
         ("rattle", {"composition": "kahan_li6"}, "", 6.0),
         ("rkmk_dop853", {}, "", math.nan),

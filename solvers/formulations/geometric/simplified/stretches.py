@@ -24,8 +24,9 @@ class Simplified:
         self._lean = empty_lean(run.model)
         self._take(step)
         start(self._lean)
-        # Dropped pivots are the proximal saddle's motion; the plain weak form has none to offer. Where nothing accelerates and
-        # no row bears a load (a free body in uniform rotation), the full method takes no correction and adds no rounding.
+        # Dropped pivots are the proximal saddle's motion; the plain weak form has none to offer. Where nothing
+        # accelerates and no row bears a load (a body in uniform rotation), the full method takes no correction and adds
+        # no rounding.
         dropped = not run.settings.penalty.active and self._lean.rank[0] < int(run.model.row[-1])
         self._never = dropped or not (np.any(self._lean.k.lam) or np.any(self._lean.k.v_dot))
         self._march(empty_record(0, len(run.model.mass), int(run.model.row[-1])))  # compiles
