@@ -28,14 +28,19 @@ JUDGED = 0.9  # of the simulated time: a chaotic rest costs work and is not comp
 REGULAR = 0.5  # of the variants: a solver tried on fewer leaves no variant out by its absence
 
 
+def evaluations(r: RunRecord) -> float:
+    """Of residual or right side; one an iteration where a solver counts these alone."""
+    return r.newton_iterations if math.isnan(r.evaluations) else r.evaluations
+
+
 def operations(r: RunRecord) -> float:
     """Evaluations plus factorisations; evaluations alone where a solver does not count the others."""
-    return r.evaluations + (0.0 if math.isnan(r.factorisations) else r.factorisations)
+    return evaluations(r) + (0.0 if math.isnan(r.factorisations) else r.factorisations)
 
 
 WORKS: Mapping[str, Callable[[RunRecord], float]] = {
     "operations": operations,
-    "evaluations": lambda r: r.evaluations,
+    "evaluations": evaluations,
     "factorisations": lambda r: r.factorisations,
     "steps": lambda r: float(r.steps),
     "cpu": lambda r: r.cpu_median_s,
@@ -118,7 +123,7 @@ def _points(f: Field) -> list[WorkPoint]:
     return [
         WorkPoint(r.problem, f.variant, r.solver, r.case, r.settings_id, r.label,
                   _sound(r) and not any(_beats(f, q, r) for q in sound if q.solver == r.solver), r.status, f.error(r),
-                  f.kind, f.unit, r.energy_drift_max_J, r.phi_max, r.cpu_median_s, r.steps, r.evaluations,
+                  f.kind, f.unit, r.energy_drift_max_J, r.phi_max, r.cpu_median_s, r.steps, evaluations(r),
                   r.factorisations, operations(r), f.own)
         for r in f.runs
     ]  # fmt: skip

@@ -88,7 +88,7 @@ def _judged(
         because=_because(claim, register, found, decide=not missing), missing=tuple(missing), caveats=claim.caveats,
         settings=_settings(own, others), against=tuple(dict.fromkeys(p.spec.case for p in others)),
         settings_ids=tuple(p.spec.settings_id for p in (*own, *others)),
-        factors=factors([_dimensions(claim, p) for p in counted]) if counted else {},
+        factors=factors(_dimensions(claim, counted)) if counted else {},
         map=tuple(_row(claim, p, numbers.records) for p in found),
     )  # fmt: skip
 
@@ -135,8 +135,14 @@ def _verdict(claim: given.Claim, counted: Sequence[Point]) -> Verdict:
     return Verdict.CONDITIONAL if holding else Verdict.REFUTED
 
 
-def _dimensions(claim: given.Claim, p: Point) -> tuple[Mapping[str, Value], bool]:
-    return {k: v for k, v in p.places[0].dimensions.items() if k != claim.across}, p.holds is True
+def _dimensions(claim: given.Claim, points: Sequence[Point]) -> list[tuple[Mapping[str, Value], bool]]:
+    """Those that some run chose: defaults differ between problems and solvers, and would stand for these."""
+    chosen = _chosen(q for p in points for q in p.places) - {claim.across}
+    return [({k: v for k, v in p.places[0].dimensions.items() if k in chosen}, p.holds is True) for p in points]
+
+
+def _chosen(places: Iterable[Place]) -> set[str]:
+    return {"problem", "solver"}.union(*(p.dimensions.keys() - p.usual for p in places))
 
 
 def _because(claim: given.Claim, register: Register, found: Sequence[Point], decide: bool) -> Because:
@@ -149,7 +155,7 @@ def _because(claim: given.Claim, register: Register, found: Sequence[Point], dec
         holds=len(holding), settings=len(counted), across=claim.across, stopped=sum(p.stopped for p in holding),
         printed_holds=sum(p.holds is True for p in printed), printed=len(printed),
         met_at=tuple(Count(v, met[v], len(holding)) for v in values_of(met)),
-        decision=decision([_dimensions(claim, p) for p in counted]) if mixed else None,
+        decision=decision(_dimensions(claim, counted)) if mixed else None,
         left_out=tuple(LeftOut(why, left[why]) for why in Ending if left[why]),
         stand_ins=tuple(register.solvers[s] for s in solvers if s in register.solvers),
     )  # fmt: skip
@@ -159,7 +165,8 @@ def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, tuple[
     if not (places := [*own, *others]):
         return {}
     out = {k: tuple(values_of(p.dimensions[k] for p in places)) for k in ("problem", "solver")}
-    return out | {k: tuple(v) for k, v in varied([p.dimensions for p in own]).items() if k not in out}
+    chosen = _chosen(own) - out.keys()
+    return out | {k: tuple(v) for k, v in varied([p.dimensions for p in own]).items() if k in chosen}
 
 
 def _test(test: given.Test, shown: Point | None, k: int) -> Test:
