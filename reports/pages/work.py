@@ -12,7 +12,7 @@ from ..plots.style import save
 from ..plots.work import ERRORS, PAIRS, WORKS, Profile, named, profile_plot, work_plots
 from .base import Page, Site
 from .judgement import judged, links_of
-from .work_points import Field, fields, frontier, profiles
+from .work_points import Field, fields, profiles
 
 FEW = ("operations", "evaluations", "cpu")  # works that energy and joints are drawn over, and profiles for papers
 COMPARED = 4  # solvers on a problem, for a figure of its own; of variants, plots can be saved from the page
@@ -35,8 +35,7 @@ def write(results: Results, site: Site) -> Page | None:
         Page("Work", "work.html", nav=True, order=25), "work.html", scripts=["assets/judgement.js"],
         plots=[*profile_plots, *(p for _, own in found for p in own.values())], why=work.why,
         errors=[(k, *e) for k, e in ERRORS.items()], works=kinds, fields=found, profiles=(*profile, *default),
-        profile_plots=profile_plots, named=named, work_at=work_at, cheapest=[(f, c) for f, _ in found if
-        len({p.solver for p in f.points}) >= COMPARED and (c := frontier(f.points))],
+        profile_plots=profile_plots, named=named, work_at=work_at,
         figures={f.slug: figures.get(f.slug, []) for f, _ in found},
         profile_figures=[name for names in drawn for name in names],
     )  # fmt: skip

@@ -1,46 +1,12 @@
 """What each run cost and how far off it was: from the judgement where there is one, else from the records."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ...harness.results.judgements import WorkPoint, WorkProfile
-from ...harness.types import Status
 from ..model.results import Results
 from ..plots.work import ERRORS, WORKS, Point, Profile, kind_of, method_of, recorded, reference_error
 from .judgement import Links, page_of
-
-DECADES = tuple(10.0**-k for k in range(1, 10))
-CERTAIN = 3.0  # times the reference's stated error: smaller errors are not told apart
-
-
-@dataclass(frozen=True)
-class Cheapest:
-    """The run of least CPU time whose error is no larger than ``error``, and the cheapest of another solver."""
-
-    error: float
-    first: Point
-    second: Point | None
-
-    @property
-    def factor(self) -> float:
-        """CPU time of the second over that of the first; NaN where no other solver gets there."""
-        return math.nan if self.second is None else self.second.works["cpu"] / self.first.works["cpu"]
-
-
-def frontier(points: Sequence[Point]) -> tuple[Cheapest, ...]:
-    """One a decade of the error that a run reaches and the reference can judge; stopped and wrong runs reach none."""
-    lawful = [p for p in points if Status(p.status).lawful and p.drawable("error", "cpu") and p.works["cpu"] > 0.0]
-    out = []
-    for error in (e for e in DECADES if not e < CERTAIN * reference_error(points)):
-        cheapest: dict[str, Point] = {}
-        for p in sorted(lawful, key=lambda p: (p.works["cpu"], p.words)):
-            if p.errors["error"] <= error:
-                cheapest.setdefault(p.solver, p)
-        if cheapest:
-            first, second = (*cheapest.values(), None)[:2]
-            out.append(Cheapest(error, first, second))
-    return tuple(out)
 
 
 @dataclass(frozen=True)

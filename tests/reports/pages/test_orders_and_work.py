@@ -14,8 +14,8 @@ from mbsbench.reports.pages.judgement import links_of
 from mbsbench.reports.pages.orders import EARLY, FLOORED, USED, certificates, glance
 from mbsbench.reports.pages.scorecard import card
 from mbsbench.reports.pages.work import plots_of, work_at
-from mbsbench.reports.pages.work_points import fields, frontier, profiles
-from mbsbench.reports.plots.work import Point, Profile, profile_plot, steps_of
+from mbsbench.reports.pages.work_points import fields, profiles
+from mbsbench.reports.plots.work import Profile, profile_plot, steps_of
 
 from ..conftest import every_kind
 from . import synthetic
@@ -135,29 +135,3 @@ def test_orders_at_a_glance_have_a_place_for_every_fixed_ladder_and_none_for_tol
     assert set(found.quantities) == {"q", "v"}
     shown = {c.solver: [o and o.of.quantity for o in own] for c, own in found.rows}
     assert sorted(shown["alpha"]) == ["q", "v"] and [o for o in shown["beta"] if o] == ["v"]
-
-
-def _point(solver, error, cpu, status="success", own=1e-9):
-    works = dict.fromkeys(("operations", "evaluations", "factorisations", "steps"), 1.0) | {"cpu": cpu}
-    errors = {"error": error, "energy": 0.0, "phi": 0.0}
-    words = f"{solver} {error:g}"
-    return Point("v", "p", solver, words, "", status, "", works, errors, solver, unit="m", own=own)
-
-
-def test_the_frontier_names_the_cheapest_lawful_run_and_the_factor_to_the_next_solver():
-    """By decade of the error; the same solver is no rival of its own, a wrong or a stopped run reaches nothing."""
-    points = [
-        _point("slow", 1e-6, 4.0), _point("fast", 1e-2, 0.5), _point("fast", 1e-4, 1.0), _point("fast", 2e-7, 3.0),
-        _point("wrong", 1e-8, 0.1, "wrong"), _point("stalled", 1e-8, 0.1, "stalled"),
-    ]  # fmt: skip
-    found = {c.error: (c.first.solver, c.first.works["cpu"], c.second and c.second.solver) for c in frontier(points)}
-    assert found[1e-2] == ("fast", 0.5, "slow") and found[1e-4] == ("fast", 1.0, "slow")
-    assert found[1e-6] == ("fast", 3.0, "slow") and 1e-7 not in found
-    assert [c.factor for c in frontier(points) if c.error == 1e-6] == pytest.approx([4.0 / 3.0])
-    assert math.isnan(frontier([_point("alone", 1e-2, 1.0)])[0].factor)
-
-
-def test_the_frontier_stops_where_the_reference_cannot_tell():
-    """Errors below three times its stated error are not told apart."""
-    found = frontier([_point("one", 0.0, 1.0, own=2e-5), _point("other", 0.0, 2.0, own=2e-5)])
-    assert min(c.error for c in found) == 1e-4
