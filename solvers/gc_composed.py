@@ -13,7 +13,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.directions import CHOICES
-from .formulations.geometric.index1.compositions import COMPOSITIONS
+from .formulations.geometric.index1.compositions import COMPOSITIONS, RATE
 from .formulations.geometric.index1.integrate import fixed_steps
 from .formulations.geometric.simplified import composed
 from .gc_weak_form import GcWeakForm
@@ -30,6 +30,7 @@ class GcComposed:
         "suzuki4", "Suzuki's five steps (order 4), Kahan and Li's nine (6) or seventeen (8), or plain (2)",
         choices=("suzuki4", "kahan_li6", "kahan_li8", "plain"),
     )  # fmt: skip
+    rate: float = option(0.0, RATE, "rad/s", at_least=0.0)
     direction: str = option("a", "c_R of Eq. (31), as in gc_weak_form", choices=CHOICES)
     tolerance: float = option(1e-12, "of the test (80) in each sub-step", "sqrt(J)", above=0.0)
 
@@ -52,7 +53,7 @@ class GcComposed:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        scheme = composed.Scheme(self._step.settings(problem), COMPOSITIONS[self.composition][0])
+        scheme = composed.Scheme(self._step.settings(problem), COMPOSITIONS[self.composition][0], self.rate)
         return fixed_steps(problem, control, composed, scheme)
 
     @property

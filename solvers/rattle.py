@@ -12,7 +12,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1 import rattle
-from .formulations.geometric.index1.compositions import COMPOSITIONS
+from .formulations.geometric.index1.compositions import COMPOSITIONS, RATE
 from .formulations.geometric.index1.free_body import principal
 from .formulations.geometric.index1.integrate import fixed_steps
 
@@ -25,6 +25,7 @@ class Rattle:
     """Symplectic, time-reversible steps of fixed size with exact constraints."""
 
     composition: str = option("plain", HOW, choices=tuple(COMPOSITIONS))
+    rate: float = option(0.0, RATE, "rad/s", at_least=0.0)
     tolerance: float = option(1e-13, "of phi in the iteration of a step: m, axis rows without unit", "m", above=0.0)
 
     name: ClassVar[str]
@@ -43,5 +44,6 @@ class Rattle:
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
         system, gamma = problem.system, COMPOSITIONS[self.composition][0]
-        scheme = rattle.Scheme(principal(system.inertia), gamma, self.tolerance, int(not system.is_conservative))
+        damped = int(not system.is_conservative)
+        scheme = rattle.Scheme(principal(system.inertia), gamma, self.tolerance, damped, rate=self.rate)
         return fixed_steps(problem, control, rattle, scheme)

@@ -25,3 +25,4 @@ COMPOSITIONS = {  # name: (steps, order)
     "kahan_li6": (_symmetric(_KAHAN_LI_6), 6),
     "kahan_li8": (_symmetric(_KAHAN_LI_8), 8),
 }
+RATE = "reversible step control: steps of dt / (1 + sum |Omega / rate|^4)^(1/4), about; 0: steps of dt"

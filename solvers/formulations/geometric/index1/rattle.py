@@ -17,7 +17,7 @@ from numba import njit
 from ..arrays import Model
 from ..vectors import JIT, copy
 from .blocks import WIDTH
-from .fixed_step import FAILED, MOST_ITERATIONS, SETTLED, STUCK, keep_step, largest, settled, times_of
+from .fixed_step import FAILED, MOST_ITERATIONS, SETTLED, STUCK, keep_step, largest, paced, settled
 from .free_body import Principal, turn_discretely, turn_freely
 from .kernel import (
     HOT,
@@ -46,6 +46,7 @@ class Scheme(NamedTuple):
     tolerance: float
     damped: int
     discrete: int = 0  # free bodies by the discrete equations of Moser and Veselov, not exactly
+    rate: float = 0.0  # [rad/s] of reversible step control; 0: steps of dt
 
 
 class Step(NamedTuple):
@@ -60,6 +61,7 @@ class Step(NamedTuple):
     lam: np.ndarray  # (nrows,) reaction at the start of the sub-step
     Y0: np.ndarray  # Y of the rows at the start
     clock: np.ndarray  # (3,)
+    pace: np.ndarray  # (3,)
 
 
 def empty_step(model: Model) -> Step:
@@ -68,7 +70,7 @@ def empty_step(model: Model) -> Step:
     return Step(
         r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), half=np.zeros((nb, 6)), v=np.zeros((nb, 6)), L=np.zeros(3),
         x=np.zeros(nrows), lam=np.zeros(nrows), Y0=np.zeros((nj, 2, WIDTH, 3)),
-        clock=np.zeros(3, dtype=np.int64),
+        clock=np.zeros(3, dtype=np.int64), pace=np.zeros(3),
     )  # fmt: skip
 
 
@@ -160,7 +162,7 @@ def march(model, blocks, k, step, s, dt, t_end, record):
     """Steps of ``dt``, each the sub-steps ``gamma dt``; returns (outcome, steps recorded)."""
     done = 0
     while done < len(record.t):
-        t0, t1 = times_of(step.clock, dt, t_end)
+        t0, t1 = paced(step.pace, k, s.rate, step.clock, dt, t_end)
         if not t1 > t0:
             return FINISHED, done
         for i in range(len(s.gamma)):

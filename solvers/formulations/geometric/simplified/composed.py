@@ -10,7 +10,7 @@ from numba import njit
 
 from ..arrays import Model
 from ..choices import Settings
-from ..index1.fixed_step import STUCK, keep_step, times_of
+from ..index1.fixed_step import STUCK, keep_step, paced
 from ..index1.kernel import Kernel, accelerate
 from ..index1.rkmk import FINISHED, FULL, NOT_FINITE
 from ..newton import COUNTERS, FACTORISATIONS, NEWTON
@@ -27,6 +27,7 @@ class Scheme(NamedTuple):
 
     settings: Settings
     gamma: np.ndarray
+    rate: float  # [rad/s] of reversible step control; 0: steps of dt
 
 
 class Step(NamedTuple):
@@ -34,12 +35,13 @@ class Step(NamedTuple):
 
     lean: Lean
     clock: np.ndarray  # (3,) of ``index1.fixed_step``
+    pace: np.ndarray  # (3,) of the same
     counts: np.ndarray
 
 
 def empty_step(model: Model) -> Step:
     """Arrays of one sub-step."""
-    return Step(empty_lean(model), np.zeros(3, dtype=np.int64), np.zeros(len(COUNTERS), dtype=np.int64))
+    return Step(empty_lean(model), np.zeros(3, dtype=np.int64), np.zeros(3), np.zeros(len(COUNTERS), dtype=np.int64))
 
 
 def start(k: Kernel, step: Step) -> None:
@@ -55,7 +57,7 @@ def march(model, blocks, k, step, s, dt, t_end, record):
     lean, settings, done = step.lean, s.settings, 0
     arms(lean, settings)
     while done < len(record.t):
-        t0, t1 = times_of(step.clock, dt, t_end)
+        t0, t1 = paced(step.pace, lean.k, s.rate, step.clock, dt, t_end)
         if not t1 > t0:
             return FINISHED, done
         t = t0
