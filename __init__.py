@@ -11,13 +11,22 @@ if TYPE_CHECKING:
     from .harness.api import Results as Results
     from .harness.api import Run as Run
     from .harness.api import load as load
+    from .harness.api import scipy as scipy
     from .harness.api import solve as solve
+    from .harness.catalogue.functions import rhs as rhs
+    from .harness.catalogue.functions import step as step
     from .harness.catalogue.options import Parameter as Parameter
     from .harness.catalogue.options import option as option
     from .harness.catalogue.registry import make_problem as make_problem
     from .harness.catalogue.registry import problem as problem
     from .harness.catalogue.registry import solver as solver
     from .harness.mechanics import so3 as so3
+    from .harness.mechanics.consistency import project as project
+    from .harness.mechanics.dynamics import Equations as Equations
+    from .harness.mechanics.dynamics import Rates as Rates
+    from .harness.mechanics.dynamics import accelerations as accelerations
+    from .harness.mechanics.dynamics import equations as equations
+    from .harness.mechanics.dynamics import moved as moved
     from .harness.mechanics.jacobian import constraint_jacobian as constraint_jacobian
     from .harness.mechanics.jacobian import independent_rows as independent_rows
     from .harness.mechanics.motion import angular_momentum as angular_momentum
@@ -41,10 +50,13 @@ if TYPE_CHECKING:
     from .harness.types import Trajectory as Trajectory
 
 _HOMES = {  # the same list for the interpreter, which loads none before it is asked for
-    "api": ("Results", "Run", "load", "solve"),
+    "api": ("Results", "Run", "load", "scipy", "solve"),
+    "catalogue.functions": ("rhs", "step"),
     "catalogue.options": ("Parameter", "option"),
     "catalogue.registry": ("make_problem", "problem", "solver"),
     "mechanics": ("so3",),
+    "mechanics.consistency": ("project",),
+    "mechanics.dynamics": ("Equations", "Rates", "accelerations", "equations", "moved"),
     "mechanics.jacobian": ("constraint_jacobian", "independent_rows"),
     "mechanics.motion": ("angular_momentum", "constraint", "constraint_rate", "kinetic_energy", "potential_energy"),
     "mechanics.state": ("State", "States"),

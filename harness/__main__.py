@@ -11,7 +11,10 @@ from typing import NoReturn
 from . import commands as command_modules
 from .results.environment import THREADS
 
-FIRST = ("catalogue", "solve", "run", "show", "report", "judge", "gate", "check", "verify", "diff", "merge", "history")
+FIRST = (
+    "catalogue", "solve", "run", "show", "report", "check", "try", "advise", "referee", "export", "judge", "gate",
+    "verify", "diff", "merge", "history",
+)  # fmt: skip
 
 INTERRUPTED = {
     "run": "interrupted; finished runs are kept (--resume continues)",

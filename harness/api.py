@@ -160,6 +160,11 @@ def load(path: str | Path, problem: Problem | None = None) -> Run | Results:
     raise ValueError(f"{path} is neither an .npz file nor a results folder")
 
 
+def scipy(method: str, **options: Any) -> Solver:
+    """The strong form by a method of scipy: RK23, RK45, DOP853, Radau, BDF or LSODA."""
+    return registry.make_solver("scipy_strong_form", {"method": method, **options})
+
+
 def _problem(given: str | Problem, t_end: float | None) -> Problem:
     if t_end is not None and not 0.0 < t_end < math.inf:
         raise ValueError(f"t_end must be a finite number > 0 [s] (got {t_end!r})")

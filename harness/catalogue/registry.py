@@ -275,15 +275,20 @@ def _first_line(o: Any) -> str:
     return (inspect.getdoc(o) or "").split("\n")[0]
 
 
-def _problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
+def keyword_options(where: str, function: Callable[..., Any], others: int = 0) -> dict[str, tuple[Any, Parameter]]:
+    """Default and meaning of the keywords of ``function`` after ``others`` positional arguments, or TypeError."""
     own: dict[str, tuple[Any, Parameter]] = {}
-    for p in inspect.signature(function).parameters.values():
+    for p in list(inspect.signature(function).parameters.values())[others:]:
         notes = get_args(p.annotation)[1:] if get_origin(p.annotation) is Annotated else ()
         note = [a for a in notes if isinstance(a, Parameter)]
         if p.kind is not p.KEYWORD_ONLY or p.default is p.empty or not note:
-            where = f"problem {name}: {p.name}"
-            raise TypeError(f"{where} must be keyword-only, Annotated with a Parameter, with a default")
+            raise TypeError(f"{where}: {p.name} must be keyword-only, Annotated with a Parameter, with a default")
         own[p.name] = (p.default, note[0])
+    return own
+
+
+def _problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
+    own = keyword_options(f"problem {name}", function)
     return ProblemEntry(name, function, {**own, **COMMON_PARAMETERS}, _first_line(function))
 
 

@@ -34,13 +34,13 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """0 if every requirement is met, else 1."""
     size = jobs(arguments.jobs)
-    named, names = _named(arguments.plugin)
+    loaded, names = named(arguments.plugin)
     findings: list[Finding] = []
     for name in names:
         if name in registry.problems():
-            findings += problem.findings(name, named)
+            findings += problem.findings(name, loaded)
         else:
-            findings += _findings(name, named, size, quiet=arguments.json)
+            findings += _findings(name, loaded, size, quiet=arguments.json)
     if arguments.json:
         for f in findings:
             print_json(f.plain())
@@ -54,10 +54,10 @@ def _print(findings: list[Finding], name: str) -> None:
     out = lines()
     out.print(Text(name, "bold"))
     print_table(COLUMNS, [_row(f.requirement.name, f.measured) for f in findings])
-    broken = [f.requirement for f in findings if not f.measured.holds]
-    for r in broken:
-        out.print(Text(f"FAIL  {r.name}", "bold red"))
-        out.print(f"      why:    {r.why}\n      remedy: {r.remedy}")
+    broken = [f for f in findings if not f.measured.holds]
+    for f in broken:
+        out.print(Text(f"FAIL  {f.requirement.name}", "bold red"))
+        out.print(f"      why:    {f.requirement.why}\n      remedy: {f.measured.remedy or f.requirement.remedy}")
     untested = sum(not f.measured.tested for f in findings)
     met = f"{len(findings) - len(broken) - untested} of {len(findings)} requirements met"
     out.print(met + (f", {untested} not tested" if untested else ""))
@@ -79,7 +79,7 @@ def _expected(m: Measured) -> str:
     return least if m.least == m.most else f"{least} to {most}"
 
 
-def _named(given: str) -> tuple[tuple[str, ...], list[str]]:
+def named(given: str) -> tuple[tuple[str, ...], list[str]]:
     """The plugin and the problems and solvers it adds, problems first; or the catalogue's entry of that name."""
     before = {*registry.problems(), *registry.solvers()}
     if given in before:

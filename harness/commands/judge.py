@@ -32,7 +32,7 @@ def add(commands: Any) -> None:
     words = "judge the paper's claims; exit code 1 if a verdict differs from the published one"
     p = subcommand(commands, "judge", run, words, "the claims with their verdicts and maps")
     add_results(p)
-    p.add_argument("--partial", action="store_true", help="judge results that lack runs: their claims are UNTESTABLE")
+    p.add_argument("--partial", action="store_true", help="judge results that lack runs, on claims that they touch")
     p.add_argument("--publish", action="store_true", help="write the verdicts of a whole run to results/published/ too")
     p.add_argument("--claims", metavar="FILE.toml", help="register of claims (default: results/claims.toml)")
     p.add_argument("--published", metavar="DIR", help="published verdicts (default: results/published/)")
@@ -43,7 +43,8 @@ def run(arguments: argparse.Namespace) -> int:
     register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
     folder = existing(arguments.results)
     published = Path(arguments.published) if arguments.published else PUBLISHED
-    print_unreadable(store.load(folder, check_series=False).unreadable)
+    loaded = store.load(folder, check_series=False)
+    print_unreadable(loaded.unreadable)
     if arguments.publish:
         check_ours(published, "--published DIR")
         _require(folder, judging.whole_run(), "that verdicts are published from")
@@ -57,7 +58,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         lines().print(as_text(judged["claims"]), end="")
     else:
-        show(judged["claims"], changed, before is not None, arguments.publish, len(lacking))
+        here = {r.settings_id for r in loaded.records}
+        touched = [c for c in judged["claims"] if not arguments.partial or here.intersection(c.settings_ids)]
+        if touched:
+            few = len(lacking.intersection(c.id for c in touched))
+            show(touched, changed, before is not None, arguments.publish, few)
+        if others := len(judged["claims"]) - len(touched):
+            lines().print(f"{others} of {len(judged['claims'])} claims are about other runs")
     if arguments.publish:
         write(published, judged)
         errors().print(f"published: {published}")

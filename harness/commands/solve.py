@@ -3,7 +3,7 @@
 import argparse
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     if out.suffix != ".npz":
         raise UsageError(f"--out must end in .npz, the one format that is written (got {arguments.out!r})")
     check_writable(out)
-    from ..execution import run_file, single
+    from ..execution import single
 
     console = lines()
     said = (lambda words: None) if arguments.json else console.print
@@ -71,9 +71,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise
     good = Status(outcome.record.status).lawful
     if arguments.json:
-        console.print(json.dumps(_plain(outcome.record, out, run_file.SUMMARY), ensure_ascii=False, allow_nan=False))
+        plain = {**plain_columns(outcome.record), "out": str(out)}
+        console.print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
         return 0 if good else 1
-    for line in _lines(outcome.record):
+    for line in summary(outcome.record):
         console.print(line)
     if outcome.native and not good:
         console.print(f"standard error     {outcome.native.splitlines()[-1]}")
@@ -81,9 +82,11 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if good else 1
 
 
-def _plain(r: RunRecord, out: Path, names: Sequence[str]) -> dict[str, Any]:
+def plain_columns(r: RunRecord) -> dict[str, Any]:
     """Numbers for machines: null for what does not exist, ``"inf"`` for what has no bound."""
-    numbers = {"case": r.case, **{name: getattr(r, name) for name in names}, "cpu_s": r.cpu_min_s, "out": str(out)}
+    from ..execution.run_file import SUMMARY
+
+    numbers = {"case": r.case, **{name: getattr(r, name) for name in SUMMARY}, "cpu_s": r.cpu_min_s}
     unpacked = {name: json.loads(numbers.pop(name)) for name in ("counters", "notes")}
     return {**_exists(numbers), **unpacked, "reasons": [_exists(x) for x in json.loads(r.wrong_because)]}
 
@@ -92,21 +95,22 @@ def _exists(numbers: Mapping[str, Any]) -> dict[str, Any]:
     return {k: None if str(v) == "nan" else str(v) if v in (math.inf, -math.inf) else v for k, v in numbers.items()}
 
 
-def _lines(r: RunRecord) -> list[str]:
+def summary(r: RunRecord) -> list[str]:
+    """A record on one screen."""
     said = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *why(r)]) if w)
     out = [r.case, f"{'status':<18} {r.status}" + (f": {said}" if said else "")]
     if not math.isnan(r.t_reached_s):
-        out += [
-            f"t reached          {r.t_reached_s:.9g} s of {r.t_end_s:g} s in {r.steps} steps",
-            f"energy drift       {r.energy_drift_max_J:.3e} J (scale {r.energy_scale_J:.3g} J)",
-            f"|phi|, |phi_dot|   {r.phi_max:.3e} m, {r.phi_dot_max:.3e} m/s",
-        ]
+        out.append(f"t reached          {r.t_reached_s:.9g} s of {r.t_end_s:g} s in {r.steps} steps")
+    if not math.isnan(r.energy_drift_max_J):  # a file may hold positions alone
+        out.append(f"energy drift       {r.energy_drift_max_J:.3e} J (scale {r.energy_scale_J:.3g} J)")
+    if not math.isnan(r.phi_max):
+        out.append(f"|phi|, |phi_dot|   {r.phi_max:.3e} m, {r.phi_dot_max:.3e} m/s")
     if not math.isnan(r.position_error_max_m):
         compared = min(r.reference_horizon_s, r.t_reached_s)
         worst = f"{r.position_error_max_m:.3e} m, {r.orientation_error_max_rad:.3e} rad"
         out.append(f"error              {worst} (to {compared:g} s)")
         out.append(f"accurate until     {', '.join(accurate_until(r))} of the reach of {r.length_scale_m:.3g} m")
-    if r.cpu_min_s > 0.0 or r.steps:
+    if r.cpu_min_s > 0.0 or (r.steps and not math.isnan(r.cpu_min_s)):
         set_up = "" if math.isnan(r.setup_s) else f" (set-up {r.setup_s:.3g} s)"
         out.append(f"CPU time           {r.cpu_min_s:.3g} s{set_up}")
     return out + [f"note               {n}" for n in json.loads(r.notes)]

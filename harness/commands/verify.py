@@ -12,6 +12,7 @@ from ..results import store
 from ..results.comparison import compare, is_repeatable
 from ..results.provenance import differences, same_platform, stamp_of
 from ..results.records import RunRecord
+from ..results.reproduce import REFEREED
 from ..sandbox.trial import made
 from ..suites.spec import RunSpec, make_spec
 from ..suites.suite import Suite
@@ -41,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     plugins = load_plugins(arguments.plugin)
     loaded = store.load(folder)
     records = store.newest(loaded.records)
-    able = [r for r in records if is_repeatable(r)]
+    able = [r for r in records if is_repeatable(r) and r.suite != REFEREED]
     if not able:
         raise UsageError(f"{folder} has no run that can be repeated (none at all, or all stopped by a limit)")
     sample = random.Random(seed).sample(able, min(size, len(able)))

@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable, Sequence
 
 from ..catalogue import registry
+from ..mechanics.consistency import InconsistentStart
 from ..sandbox.apart import Apart
 from . import laws
 from .laws import Subject
@@ -35,6 +36,9 @@ def _judge(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> No
         try:
             silent = requirement.of_reference and subject.reference is None
             measured = Measured(words="no reference", tested=False) if silent else requirement.measure(subject)
+        except InconsistentStart as error:  # said once, by the requirement on the start
+            untested = not laws.starts_well(subject).holds
+            measured = Measured(words="its start is inconsistent" if untested else str(error), tested=not untested)
         except Exception as error:  # the problem's own code: what it raises is what was found
             measured = Measured(words=f"{type(error).__name__}: {' '.join(str(error).split())}")
         send(json.dumps(vars(measured)))

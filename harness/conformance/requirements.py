@@ -17,6 +17,7 @@ class Measured:
     words: str = ""
     good: bool = True  # False where the number alone does not show what is wrong
     tested: bool = True  # False where there was nothing to test
+    remedy: str = ""  # instead of the requirement's, where the cause is known
 
     @property
     def holds(self) -> bool:
@@ -52,5 +53,5 @@ class Finding:
             "holds": m.holds,
             **vars(m),
             "why": r.why,
-            "remedy": r.remedy,
+            "remedy": m.remedy or r.remedy,
         }

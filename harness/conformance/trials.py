@@ -17,6 +17,7 @@ from .requirements import Measured
 
 WITHIN = 0.2  # of the declared order
 LEAST_ORDER = 0.8  # where none is declared: a first-order scheme may show a little less
+SLOW = "too slow to be judged, not wrong: the run has {:g} s; look where the time goes, or for steps that become tiny"
 ROUNDED = 1e-11  # no order can be seen below
 ITERATED = 1e-8  # below, corrections that end at their tolerance may leave errors that no step makes smaller
 LOOSE_REACTION = 0.05  # of the largest: of first order, dt times the rate of the motion at the finest step
@@ -174,7 +175,8 @@ def _missing(*runs: RunRecord) -> Measured | None:
     if all(r.status == Status.REFUSED for r in runs):
         return Measured(words=_first(runs), tested=False)
     bad = [r for r in runs if r.claimed != Status.SUCCESS]
-    return Measured(words=_first(bad)) if bad else None
+    slow = [r for r in bad if Status.STALLED in (r.claimed, r.status)]
+    return Measured(words=_first(bad), remedy=SLOW.format(slow[0].wall_limit_s) if slow else "") if bad else None
 
 
 def _problem_of(r: RunRecord) -> Problem:

@@ -28,12 +28,14 @@ def check_start(system: MultibodySystem, state: State, *, literal: bool = False)
     if defect > START_TOLERANCE or np.any(np.linalg.det(state.R) < 0.0):
         raise InconsistentStart(f"the start's R must be rotations (got |R^T R - 1| = {defect:.3g})")
     one = States.one(state)
-    phi = float(np.max(np.abs(constraint(system, one)), initial=0.0))
-    phi_dot = float(np.max(np.abs(constraint_rate(system, one)), initial=0.0))
+    rows = np.abs([constraint(system, one)[0], constraint_rate(system, one)[0]])
+    phi, phi_dot = (float(a) for a in np.max(rows, axis=1, initial=0.0))
     if phi > START_TOLERANCE or (phi_dot > START_TOLERANCE and not literal):
+        row = int(np.argmax(rows[0] if phi > START_TOLERANCE else rows[1]))
+        joint = int(np.searchsorted(system.row_start, row, side="right")) - 1
         raise InconsistentStart(
             f"the start must satisfy the constraints: expected |phi| and |phi_dot| < {START_TOLERANCE:g} "
-            f"(got |phi| = {phi:.6g}, |phi_dot| = {phi_dot:.6g})"
+            f"(got |phi| = {phi:.6g}, |phi_dot| = {phi_dot:.6g}, most at joint {system.joint_names[joint]!r})"
         )
 
 

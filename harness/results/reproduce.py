@@ -10,12 +10,17 @@ from ..types import StepControl
 from .naming import text_of
 from .records import RunRecord
 
+REFEREED = "refereed"  # in place of a suite: the motion came from a file
+
 
 def command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> str:
     """``mbsbench solve ...`` with all that shapes the motion, the wall limit included, each word quoted.
 
     ``plugins`` are those of the run's ``environment.json``; the NPZ file is ``out``, or the run's address.
     """
+    if record.suite == REFEREED:
+        t_end = ["--t-end", text_of(record.t_end_s)]
+        return shlex.join(["mbsbench", "referee", record.problem, "FILE", *t_end, "--name", record.solver])
     words = ["mbsbench", "solve", record.problem, record.solver]
     for plugin in plugins:
         words += ["--plugin", plugin]

@@ -87,7 +87,8 @@ def scorecard(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmetry, ...
     for base in runs:
         kin, others, finer = (alike[_all_but(base, column)] for column in COMPARED)
         presented = [r for r in kin if _changed(base, r)]
-        tighter = min((r for r in others if _is_tighter(base, r)), key=lambda r: _off(base, r), default=None)
+        explicit = base if math.isnan(_tolerance(base)) else None  # nothing is solved to a tolerance
+        tighter = min((r for r in others if _is_tighter(base, r)), key=lambda r: _off(base, r), default=explicit)
         nudged = min((r for r in kin if _is_nudged(base, r)), key=lambda r: (_nudge(r), r.settings_id), default=None)
         halved = next((r for r in finer if 2.0 * r.dt_s == base.dt_s), None)
         if not presented or tighter is None or nudged is None or (halved is None and base.control == "dt"):

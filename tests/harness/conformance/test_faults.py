@@ -14,7 +14,7 @@ from mbsbench.harness.suites.suite import Suite
 
 from ..conftest import Silent
 
-PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "solver-contract.md").read_text(encoding="utf-8")
 (FIXED,) = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
 ADAPTIVE = (
     FIXED.replace('@solver("midpoint")\n', "").replace("class Midpoint:", "class Equations:")

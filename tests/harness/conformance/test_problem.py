@@ -84,6 +84,8 @@ def test_each_fault_is_found(tmp_path, fault):
     assert all(f.measured.words and "\n" not in f.measured.words for f in broken)
     if "crash" in fault:
         assert any("exited with code 3" in f.measured.words for f in found)
+    if fault == "turned sign in the start":  # the joint and its gap once, in the problem's words
+        assert [f.requirement.name for f in broken] == names and "most at joint 'O'" in broken[0].measured.words
     if len(expected) == 1 and fault in ("an invariant that is none", "an observable without time", "no words"):
         assert failed == expected
 

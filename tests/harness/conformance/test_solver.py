@@ -10,7 +10,7 @@ from mbsbench.harness.results.environment import ROOT
 
 from ..conftest import PLUGIN
 
-PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "solver-contract.md").read_text(encoding="utf-8")
 EXAMPLE = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
 
 BROKEN = '''
@@ -44,7 +44,7 @@ def example(tmp_path):
 
 @pytest.mark.slow
 def test_the_worked_example_meets_the_requirements(example, command):
-    """What docs/your-own-solver.md prints is a whole solver, and does what the page says."""
+    """What docs/solver-contract.md prints is a whole solver, and does what the page says."""
     done = command("check", str(example), timeout=180.0)
     assert done.returncode == 0, done.stdout + done.stderr
     assert "13 of 13 requirements met" in done.stdout

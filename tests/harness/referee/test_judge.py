@@ -90,6 +90,14 @@ def test_results_that_lack_runs_are_judged_on_request_alone_and_never_published(
     assert json.loads((folder / "judgement" / "claims.json").read_text())[0]["verdict"] == "UNTESTABLE"
 
 
+def test_claims_that_no_run_touches_are_not_shown(made, capsys):
+    """A newcomer's results hear nothing of the paper's claims but that there are some."""
+    write, call, _ = made
+    write(0.5, ())
+    assert call("--partial") == 0
+    assert capsys.readouterr().out == "1 of 1 claims are about other runs\n"
+
+
 def test_json_is_the_file(made, capsys):
     write, call, _ = made
     folder = write(0.5)

@@ -1,0 +1,216 @@
+"""A solver from one function: ``@step``, a step of fixed size, and ``@rhs``, accelerations that scipy integrates.
+
+Time, limits, recording, the spool and counters are here; the function knows the system and a state.
+"""
+
+import dataclasses
+import inspect
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import scipy.integrate as si
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from ..mechanics.consistency import InconsistentStart
+from ..mechanics.dynamics import Rates
+from ..mechanics.state import State, States
+from ..mechanics.system import MultibodySystem
+from ..types import Problem, Status, StepControl, Trajectory
+from .options import option
+from .registry import keyword_options, solver
+
+METHODS = {m.__name__: m for m in (si.RK23, si.RK45, si.DOP853, si.Radau, si.BDF, si.LSODA)}
+Advance = Callable[[float, State], tuple[float, State, np.ndarray | None]]
+Refuses = Callable[[MultibodySystem, State], str | None]
+
+
+class Stop(Exception):
+    """Why a march cannot go on."""
+
+    def __init__(self, status: Status, message: str) -> None:
+        super().__init__(message)
+        self.status, self.message = status, message
+
+
+def step(name: str, *, order: float = math.nan, refuses: Refuses | None = None) -> Callable[[Callable[..., Any]], type]:
+    """Mark ``(system, state, dt) -> state`` or ``-> (state, reaction)`` as a solver of fixed steps of that order.
+
+    Keyword parameters annotated with a ``Parameter`` are its options.
+    """
+    return lambda function: _solver_from(function, name, _Steps, {"order": order}, refuses)
+
+
+def rhs(name: str, *, refuses: Refuses | None = None) -> Callable[[Callable[..., Any]], type]:
+    """Mark ``(system, state) -> Rates`` as a solver with error control; its option ``method`` is one of scipy's."""
+    return lambda function: _solver_from(function, name, _Rates, {}, refuses)
+
+
+def _solver_from(
+    function: Callable[..., Any],
+    name: str,
+    base: "type[_Steps | _Rates]",
+    declared: dict[str, Any],
+    refuses: Refuses | None,
+) -> type:
+    own = keyword_options(f"solver {name}", function, len(base.TAKES))
+    fields = [(k, type(default), option(default, p.doc, p.unit, **_limits(p))) for k, (default, p) in own.items()]
+    body = {**declared, "function": staticmethod(function), "refused": staticmethod(refuses or (lambda *_: None)),
+            "own": tuple(own), "__doc__": inspect.getdoc(function) or ""}  # fmt: skip
+
+    def solve(self: Any, problem: Problem, control: StepControl) -> Trajectory:
+        found: Trajectory = base.solve(self, problem, control)
+        return found
+
+    solve.__wrapped__ = function  # type: ignore[attr-defined]  # whoever looks for the code finds the author's
+    body["solve"] = solve
+    made = dataclasses.make_dataclass(function.__name__, fields, bases=(base,), namespace=body, frozen=True)
+    made.__module__ = function.__module__
+    return solver(name)(made)
+
+
+def _limits(p: Any) -> dict[str, Any]:
+    return {k: v for k, v in vars(p).items() if k not in ("doc", "unit")}
+
+
+@dataclass(frozen=True)
+class _FromFunction:
+    """What both have in common."""
+
+    paper_label: ClassVar[str] = ""
+    function: ClassVar[Any]
+    refused: ClassVar[Any]  # Refuses, called without self
+    own: ClassVar[tuple[str, ...]]  # options of the function
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """What the author says."""
+        found: str | None = self.refused(problem.system, problem.initial)
+        return found
+
+    def call(self, *arguments: Any) -> Any:
+        """The function with its options."""
+        return self.function(*arguments, **{k: getattr(self, k) for k in self.own})
+
+
+@dataclass(frozen=True)
+class _Steps(_FromFunction):
+    TAKES: ClassVar[tuple[str, ...]] = ("system", "state", "dt")
+    control: ClassVar[str] = "dt"
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Steps of ``control.dt``, the last one cut to end at ``t_end``."""
+        dt = float(control.dt or math.nan)
+        steps = max(1, math.ceil(problem.t_end / dt - 1e-9))
+        done = 0
+
+        def advance(t: float, s: State) -> tuple[float, State, np.ndarray | None]:
+            nonlocal done
+            done += 1
+            ahead = problem.t_end if done == steps else done * dt
+            found = self.call(problem.system, s, ahead - t)
+            state, reaction = found if isinstance(found, tuple) else (found, None)
+            if not isinstance(state, State):
+                raise TypeError(f"a step must return a State, or a State and a reaction (got {type(state).__name__})")
+            return ahead, state, reaction
+
+        return _marched(problem, control, advance, None, lambda: {"rejected": 0})  # none is ever cut
+
+
+@dataclass(frozen=True)
+class _Rates(_FromFunction):
+    TAKES: ClassVar[tuple[str, ...]] = ("system", "state")
+    control: ClassVar[str] = "rtol"
+    method: str = option("DOP853", "of scipy", choices=tuple(METHODS))
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Accepted steps of the method on (r, quaternion, v, Omega); atol = rtol."""
+        began, nb = time.monotonic(), problem.system.nb
+        cuts = np.cumsum([3, 4, 3]) * nb
+
+        def rates(s: State) -> Rates:
+            found = self.call(problem.system, s)
+            if not isinstance(found, Rates):
+                raise TypeError(f"an rhs must return Rates (got {type(found).__name__})")
+            return found
+
+        def state(y: Float[np.ndarray, " n"]) -> State:
+            r, q, v, Omega = (a.reshape(nb, -1) for a in np.split(y, cuts))
+            return State(r, Rotation.from_quat(q, scalar_first=True).as_matrix(), v, Omega)
+
+        def y_dot(t: float, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
+            _check_clock(control, began)
+            d, q = rates(state(y)), y[cuts[0] : cuts[1]].reshape(nb, 4)
+            turning = np.concatenate((np.zeros((nb, 1)), d.Omega), axis=1)
+            return np.concatenate([a.ravel() for a in (d.v, 0.5 * _product(q, turning), d.v_dot, d.Omega_dot)])
+
+        s = problem.initial
+        q = Rotation.from_matrix(s.R).as_quat(scalar_first=True)
+        y = np.concatenate([a.ravel() for a in (s.r, q, s.v, s.Omega)])
+        limits: dict[str, Any] = {"rtol": control.rtol, "atol": control.rtol, "max_step": control.max_step or np.inf}
+        first = rates(s).reaction
+        run = METHODS[self.method](y_dot, 0.0, y, problem.t_end, **limits)
+
+        def advance(t: float, s: State) -> tuple[float, State, np.ndarray | None]:
+            with np.errstate(all="ignore"):
+                said = run.step()
+            if run.status == "failed":
+                raise Stop(Status.STEP_UNDERFLOW, str(said).rstrip(".").lower())
+            here = state(run.y)
+            return run.t, here, rates(here).reaction
+
+        return _marched(problem, control, advance, first, lambda: {"evaluations": run.nfev})
+
+
+def _marched(
+    problem: Problem, control: StepControl, advance: Advance, first: np.ndarray | None,
+    counted: Callable[[], dict[str, int]],
+) -> Trajectory:  # fmt: skip
+    began, cpu = time.monotonic(), time.process_time()
+    t, s = 0.0, problem.initial
+    times, states, reactions = [t], [s], [first]
+    status, message = Status.SUCCESS, "reached the end"
+    try:
+        while t < problem.t_end:
+            if len(times) > control.max_steps:
+                raise Stop(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
+            _check_clock(control, began)
+            t, s, reaction = advance(t, s)
+            if not all(np.all(np.isfinite(a)) for a in vars(s).values()):
+                raise Stop(Status.DIVERGED, "the state is no longer finite")
+            times.append(t)
+            states.append(s)
+            reactions.append(reaction)
+            if control.spool is not None and control.spool.due():
+                new = slice(control.spool.rows, None)
+                control.spool.take(times[new], _stacked(states[new]))
+    except Stop as stop:
+        status, message = stop.status, stop.message
+    except (InconsistentStart, np.linalg.LinAlgError, ArithmeticError) as error:  # of a motion that has gone astray
+        status, message = Status.DIVERGED, str(error)
+    if status is not Status.SUCCESS:
+        message = f"stopped at t = {times[-1]:.6g} s: {message}"
+    none = np.full(problem.system.nrows, math.nan)
+    known = [none if a is None else np.asarray(a, dtype=float) for a in reactions]
+    return Trajectory(
+        np.array(times), _stacked(states), status, message, {"steps": len(times) - 1, **counted()},
+        reaction=None if all(a is None for a in reactions) else np.array(known), cpu_time=time.process_time() - cpu,
+    )  # fmt: skip
+
+
+def _check_clock(control: StepControl, began: float) -> None:
+    if control.wall_limit is not None and time.monotonic() - began > control.wall_limit:
+        raise Stop(Status.STALLED, f"the wall limit of {control.wall_limit:g} s was reached")
+
+
+def _stacked(states: list[State]) -> States:
+    return States(*(np.array([getattr(s, name) for s in states]) for name in ("r", "R", "v", "Omega")))
+
+
+def _product(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+    """Of quaternions (nb, 4), w first."""
+    w, u, x, v = p[:, :1], p[:, 1:], q[:, :1], q[:, 1:]
+    return np.concatenate((w * x - np.sum(u * v, axis=1)[:, None], w * v + x * u + np.cross(u, v)), axis=1)

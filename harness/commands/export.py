@@ -1,0 +1,36 @@
+"""``export``: a problem with all its numbers, for a code that is to solve it."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..files import to_json
+from ..foreign.description import described
+from ..results import store
+from ..sandbox.trial import made
+from .screen import lines
+from .terms import add_plugin, assignments, check_writable, load_plugins, subcommand
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    p = subcommand(commands, "export", run, "print a problem with all its numbers, for any other code")
+    p.add_argument("problem", metavar="PROBLEM", help="name of a problem (see mbsbench list)")
+    p.add_argument("--format", choices=("json",), default="json", help="schema: docs/other-codes.md (default: json)")
+    p.add_argument(
+        "--problem-set", action="append", default=[], metavar="K=V", help="problem parameter; may be repeated"
+    )
+    p.add_argument("--out", metavar="FILE", help="file to write (default: print)")
+    add_plugin(p)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """0."""
+    load_plugins(arguments.plugin)
+    text = to_json(described(made(arguments.problem, assignments(arguments.problem_set, "--problem-set"))), indent=1)
+    if arguments.out is None:
+        lines().print(text)
+        return 0
+    check_writable(Path(arguments.out))
+    store.write_text(Path(arguments.out), text + "\n")
+    return 0

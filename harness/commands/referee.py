@@ -1,0 +1,108 @@
+"""``referee``: the motion that any other code computed, from a file, judged by the code that judges all runs."""
+
+import argparse
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+from rich.text import Text
+
+from ..foreign.judge import Given, files_of, refereed, results_folder
+from ..foreign.reading import CHOICES, Reading
+from ..results import store
+from ..results.records import RunRecord
+from ..sandbox.trial import made
+from ..types import Status, StepControl
+from .screen import Column, lines, number, print_json, print_table, status_style
+from .solve import plain_columns, summary
+from .terms import UsageError, above, add_plugin, assignments, load_plugins, subcommand
+
+COLUMNS = (
+    Column("case", fold=True), Column("status", right=False), Column("position error [m]"),
+    Column("energy drift [J]", rank=1), Column("accurate until [s]", rank=2),
+)  # fmt: skip
+MEANING = {
+    "length": "unit of positions, and of velocities per second", "time": "unit of t",
+    "angle": "unit of angular velocities, per second", "quaternion": "order of quaternions without letters",
+    "rotation": "what quaternions and matrices take to what", "omega": "frame of angular velocities",
+}  # fmt: skip
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    words = "judge the motion in a file (CSV, Parquet, NPZ, MAT) that any other code computed"
+    p = subcommand(commands, "referee", run, words, "one object a file")
+    p.add_argument("problem", metavar="PROBLEM", help="name of a problem (see mbsbench list)")
+    p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files; columns: docs/other-codes.md")
+    p.add_argument("--name", metavar="NAME", help="of the code, in tables and report (default: that of file or folder)")
+    p.add_argument("--t-end", metavar="T", help="simulated time [s]")
+    p.add_argument(
+        "--problem-set", action="append", default=[], metavar="K=V", help="problem parameter; may be repeated"
+    )
+    p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; without a header ours, in order")
+    for name, choices in CHOICES.items():
+        words = f"{MEANING[name]} (default: {getattr(Reading, name)})"
+        p.add_argument(f"--{name}", choices=choices, default=getattr(Reading, name), help=words)
+    for name in ("dt", "rtol"):
+        p.add_argument(f"--{name}", metavar="X", help="the code's setting (default: dt, the spacing of the rows)")
+    p.add_argument("--start-tolerance", metavar="X", help="SI; default: by the digits printed")
+    p.add_argument("--into", metavar="RESULTS", help="results folder to add to, for tables and report; made if missing")
+    add_plugin(p)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """0 if every motion reaches its end and keeps all laws."""
+    load_plugins(arguments.plugin)
+    parameters = assignments(arguments.problem_set, "--problem-set")
+    if arguments.t_end is not None:
+        above(arguments.t_end, "t_end", unit=" [s]")
+        parameters["t_end"] = arguments.t_end
+    problem = made(arguments.problem, parameters)
+    given = [Path(f) for f in arguments.files]
+    paths = [p for f in given for p in files_of(f)]
+    folder = None if arguments.into is None else results_folder(_folder(arguments.into))
+    asked = _given(arguments, given[0])
+    records = []
+    for path in paths:
+        record = refereed(problem, path, asked, folder, several=len(paths) > 1)
+        records.append(record)
+        if arguments.json:
+            print_json({**plain_columns(record), "file": str(path)})
+    if folder is not None:
+        store.write_table(folder, store.load(folder, check_series=False).records)
+    if not arguments.json:
+        _print(records, folder)
+    return 0 if all(Status(r.status).lawful for r in records) else 1
+
+
+def _given(arguments: argparse.Namespace, first: Path) -> Given:
+    reading = Reading(**{name: getattr(arguments, name) for name in CHOICES})
+    columns = tuple(c.strip() for c in (arguments.columns or "").split(",") if c.strip())
+    if len({"=" in c for c in columns}) > 1:
+        raise UsageError("--columns takes OURS=THEIRS for each, or for a file without a header ours alone, in order")
+    if arguments.dt is not None and arguments.rtol is not None:
+        raise UsageError("give one of --dt and --rtol")
+    settings: dict[str, Any] = {k: above(v, k) for k in ("dt", "rtol") if (v := getattr(arguments, k)) is not None}
+    tolerance = None if arguments.start_tolerance is None else above(arguments.start_tolerance, "--start-tolerance")
+    name = arguments.name or re.sub(r"[^\w.+-]+", "_", first.stem)
+    return Given(name, reading, columns, StepControl(**settings) if settings else None, tolerance)
+
+
+def _folder(name: str) -> Path:
+    local = store.LOCAL / name
+    return local if store.is_results(local) else Path(name)
+
+
+def _print(records: list[RunRecord], folder: Path | None) -> None:
+    below = [] if folder is None else [f"written to         {folder}"]
+    if len(records) == 1:
+        for line in summary(records[0]) + below:
+            lines().print(line)
+        return
+    rows = []
+    for r in records:
+        until = number(r.accurate_until_s) if not math.isnan(r.accurate_until_s) else "-"
+        numbers = (number(r.position_error_max_m), number(r.energy_drift_max_J), until)
+        rows.append((r.case, Text(r.status, status_style(r.status)), *numbers))
+    print_table(COLUMNS, rows, *below)

@@ -1,0 +1,225 @@
+"""What ``try`` runs for a solver, and what it reads off the results: each line a number beside what is expected."""
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..catalogue import registry
+from ..referee.certificates.drift import PERIODS, anatomy
+from ..referee.certificates.orders import certify
+from ..referee.certificates.symmetries import scorecard
+from ..referee.certificates.work import operations
+from ..results.judgements import Order
+from ..results.records import RunRecord
+from ..results.words import accurate_until, why
+from ..suites.spec import RunSpec, make_spec
+from ..types import Status
+
+STEPS = 100  # of the problem's own step, on each problem
+LADDERS: Mapping[str, Mapping[str, Any]] = {  # spatial, loaded and spinning: every term counts
+    "spherical_pendulum": {"omega_x": 5.0, "omega_z": 3.0, "t_end": 1.0},
+    "heavy_top": {"t_end": 0.2},
+}
+VALUES = {
+    ("spherical_pendulum", "dt"): 0.04 * 0.5 ** np.arange(7),
+    ("heavy_top", "dt"): 0.004 * 0.5 ** np.arange(6),
+    ("spherical_pendulum", "rtol"): 10.0 ** -np.arange(3.0, 10.0),
+    ("heavy_top", "rtol"): 10.0 ** -np.arange(3.0, 10.0),
+}
+FIELD = ("gc_weak_form", "rattle", "half_explicit", "rkmk_dopri5", "scipy_strong_form")  # compared with
+LOOP: Mapping[str, Any] = {"rows": 1, "columns": 1, "t_end": 0.2}  # three bars, revolute joints
+PRESENTED: tuple[Mapping[str, Any], ...] = (
+    {"yaw": 0.7}, {"rotation": (0.3, -0.5, 0.7)}, {"mirror": "X"}, {"renumber": 1}, {"duplicate": 1},
+    {"unit_length": 1024.0}, {"unit_mass": 1024.0}, {"unit_time": 8.0}, {"retrace": True},
+)  # fmt: skip
+LINKS = (6, 12, 24, 48)
+SWING = {"omega_z": 0.1}
+PERIOD = 0.97  # [s] of that swing
+LONGEST = 300.0 * PERIOD
+LONG = {"dt": 0.01, "rtol": 1e-6}
+CLOCK = 5e-3  # [s] shorter runs say nothing about cost
+LINEAR = 1.5  # exponent of cost a step in bodies: more, and a chain of a hundred is out of reach
+
+
+@dataclass(frozen=True)
+class Line:
+    """One finding; ``good`` is None where nothing is expected."""
+
+    what: str
+    measured: str
+    expected: str = ""
+    good: bool | None = None
+
+
+def first_runs(solver: str, wall: float) -> list[RunSpec]:
+    """All but the long one."""
+    control = registry.solvers()[solver].control
+    out = []
+    for name in registry.problems():
+        if registry.is_own_problem(name):
+            own = registry.make_problem(name)
+            out.append(_spec(solver, name, {"t_end": min(own.t_end, STEPS * own.dt)}, {}, "problems", wall))
+    for name, parameters in LADDERS.items():
+        for who in (solver, *FIELD):
+            kind = registry.solvers()[who].control
+            values = VALUES[name, kind] if who == solver else VALUES[name, kind][1::2]
+            out += [_spec(who, name, parameters, {kind: float(f"{x:.6g}")}, "ladder", wall) for x in values]
+    base = {"dt": 0.01} if control == "dt" else {"rtol": 1e-6}
+    finer = {"dt": 0.005} if control == "dt" else {"rtol": 1e-7}
+    out += [_spec(solver, "four_bar_grid", LOOP, c, "symmetries", wall) for c in (base, finer)]
+    changed: tuple[Mapping[str, Any], ...] = ({"perturb": 1e-8}, *PRESENTED)
+    out += [_spec(solver, "four_bar_grid", {**LOOP, **p}, base, "symmetries", wall) for p in changed]
+    for links in LINKS:
+        out.append(_spec(solver, "chain", {"links": links, "t_end": 0.02}, {}, "growth", wall))
+    return list({s.settings_id: s for s in out}.values())
+
+
+def long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSpec | None:
+    """As many swings of the pendulum as ``seconds`` of CPU pay; None if that is no long run."""
+    control = registry.solvers()[solver].control
+    done = [r for r in _mine(solver, records, "ladder") if r.problem == "spherical_pendulum" and r.steps]
+    if not done:
+        return None
+    if control == "dt":
+        rate = LONG["dt"] / max(r.cpu_median_s / r.steps for r in done)
+    else:
+        near = min(done, key=lambda r: abs(math.log(r.rtol / LONG["rtol"])))
+        rate = near.t_reached_s / max(near.cpu_median_s, 1e-6)
+    t_end = min(LONGEST, 0.7 * seconds * rate)
+    if t_end < 1.2 * PERIODS * PERIOD:
+        return None
+    parameters = {**SWING, "t_end": float(f"{t_end:.3g}")}
+    return _spec(solver, "spherical_pendulum", parameters, {control: LONG[control]}, "long", 2.0 * seconds)
+
+
+def findings(solver: str, folder: Path, records: Sequence[RunRecord]) -> Iterator[Line]:
+    """All lines, in the order of the page."""
+    yield from _problems(_mine(solver, records, "problems"))
+    yield from _orders(solver, records, folder)
+    yield _energy(solver, records, folder)
+    yield from _laws(_mine(solver, records, "problems"), _mine(solver, records, "ladder"))
+    yield from _work(solver, records)
+    yield from _symmetries(solver, records, folder)
+    yield _growth(_mine(solver, records, "growth"))
+
+
+def _spec(
+    solver: str, problem: str, parameters: Mapping[str, Any], control: Mapping[str, Any], label: str, wall: float
+) -> RunSpec:
+    return make_spec(registry.make_problem(problem, parameters), solver, None, control, label=label, wall_limit=wall)
+
+
+def _mine(solver: str, records: Sequence[RunRecord], label: str) -> list[RunRecord]:
+    return [r for r in records if r.solver == solver and r.label == label]
+
+
+def _problems(runs: Sequence[RunRecord]) -> Iterator[Line]:
+    for r in sorted(runs, key=lambda r: r.problem):
+        open_ = r.status in (Status.REFUSED, Status.STALLED)  # said no, or is slow: neither is wrong
+        good = None if open_ else r.status == Status.SUCCESS
+        said = "" if r.status == Status.SUCCESS else f": {'; '.join(why(r))}"
+        until = f", followed to {accurate_until(r)[0].split(' (')[0]}" if accurate_until(r) and r.steps else ""
+        yield Line(f"{r.problem}, {r.t_end_s:g} s", f"{r.status}{said}{until}", "success, or a reason", good)
+
+
+def _orders(solver: str, records: Sequence[RunRecord], folder: Path) -> Iterator[Line]:
+    found = certify(folder, _mine(solver, records, "ladder"))
+    for o in found:
+        if o.quantity not in ("position", "orientation", "energy", "reaction"):
+            continue
+        interval = f"{o.order:.2f} [{o.low:.2f}, {o.high:.2f}]" if o.fit == "power" else o.verdict
+        if math.isnan(o.declared):
+            rate = "" if math.isnan(o.exponent) else f", errors as rtol^{o.exponent:.2f}"
+            yield Line(f"order, {o.problem}, {o.quantity}", f"{interval} in the {o.against}{rate}")
+        else:
+            yield Line(f"order, {o.problem}, {o.quantity}", interval, f"{o.declared:g} declared", _kept(o))
+    if not found:
+        yield Line("order", "no ladder of steps or tolerances came to its end", "a ladder", good=False)
+
+
+def _kept(o: Order) -> bool | None:
+    """Reactions and energy may be of another order than the motion: they are shown, not judged."""
+    if o.quantity in ("energy", "reaction") or o.verdict == "undecided":
+        return None
+    return o.verdict not in ("below declared",)
+
+
+def _energy(solver: str, records: Sequence[RunRecord], folder: Path) -> Line:
+    runs = _mine(solver, records, "long")
+    if not runs:
+        return Line("energy over many periods", f"not said: {PERIODS} periods would take longer than the budget")
+    (d,) = anatomy(folder, runs)[:1]
+    if not d.periods:
+        return Line("energy over many periods", f"{d.verdict}: {'; '.join(why(runs[0])) or 'no periods'}", good=None)
+    words = f"{d.verdict} over {d.periods} periods: oscillation {d.oscillation_J:.2g} J"
+    trend = f", trend {d.trend_W:.2g} [{d.trend_low_W:.2g}, {d.trend_high_W:.2g}] W"
+    return Line("energy over many periods", words + trend)
+
+
+def _laws(runs: Sequence[RunRecord], ladder: Sequence[RunRecord]) -> Iterator[Line]:
+    moved = [r for r in runs if r.steps]
+    if moved:
+        worst = max(moved, key=lambda r: r.phi_max / max(r.length_scale_m, 1e-300))
+        words = f"{worst.phi_max:.2g} m, {worst.phi_dot_max:.2g} m/s ({worst.problem})"
+        yield Line("largest |phi|, |phi_dot|", words, f"1 % of {worst.length_scale_m:.2g} m", worst.phi_max
+                   <= 0.01 * worst.length_scale_m)  # fmt: skip
+    known = [r for r in ladder if math.isfinite(r.reaction_size_N) and r.claimed == Status.SUCCESS]
+    if not known:
+        yield Line("reactions", "none returned: not judged")
+        return
+    r = min(known, key=lambda r: r.reaction_error_max_N / r.reaction_size_N)
+    share = r.reaction_error_max_N / r.reaction_size_N
+    yield Line("reactions at the finest setting", f"off by {100.0 * share:.2g} %", "5 %", share <= 0.05)
+
+
+def _work(solver: str, records: Sequence[RunRecord]) -> Iterator[Line]:
+    for name in LADDERS:
+        sound = [r for r in records if r.label == "ladder" and r.problem == name and r.status == Status.SUCCESS]
+        mine = [r for r in sound if r.solver == solver]
+        if not mine:
+            continue
+        best = min(mine, key=lambda r: r.motion_error_max_m)
+        rivals = [r for r in sound if r.solver != solver and r.motion_error_max_m <= best.motion_error_max_m]
+        words = f"{best.motion_error_max_m:.2g} m in {_time(best)}"
+        if rivals:
+            r = min(rivals, key=lambda r: r.cpu_median_s)
+            words += f"; {r.solver} {r.motion_error_max_m:.2g} m in {_time(r)}"
+            if operations(best) > 0.0:
+                words += f", {operations(r) / operations(best):.2g} of the evaluations"
+        else:
+            words += "; none of " + ", ".join(FIELD) + " comes as near"
+        yield Line(f"work, {name}", words)
+
+
+def _time(r: RunRecord) -> str:
+    return f"{r.cpu_median_s:.2g} s" if r.cpu_median_s > CLOCK else f"less than {1e3 * CLOCK:g} ms"
+
+
+def _symmetries(solver: str, records: Sequence[RunRecord], folder: Path) -> Iterator[Line]:
+    found = scorecard(folder, _mine(solver, records, "symmetries"))
+    for s in found:
+        if s.verdict in ("broken", "failed"):
+            off = "" if math.isnan(s.deviation) else f", {s.deviation:.2g} m"
+            yield Line(f"symmetry: {s.title}", f"{s.verdict}{off} {s.message}", f"at most {s.bound:.2g} m", good=False)
+    kept = sum(s.verdict == "holds" for s in found)
+    yield Line(
+        "symmetries", f"{kept} of {len(found)} hold", "frames, mirror, units, numbering, time", bool(found) or None
+    )
+
+
+def _growth(runs: Sequence[RunRecord]) -> Line:
+    done = sorted(
+        (json.loads(r.problem_parameters).get("links", 15), r.cpu_median_s / r.steps) for r in runs if r.steps
+    )
+    if len(done) < 3:
+        return Line("cost of a step in bodies", "not said: too few chains came to their end, or all in no time")
+    x, y = np.log(np.maximum(np.array(done[-3:], dtype=float), 1e-9)).T
+    power = float(np.polyfit(x, y, 1)[0])
+    each = ", ".join(f"{1e3 * seconds:.2g} ms at {n}" for n, seconds in done)
+    linear = True if power <= LINEAR else None  # a property of the solver, not a fault
+    return Line("cost of a step in bodies", f"{each}: n^{power:.1f}", f"n^{LINEAR:g} or less", linear)

@@ -1,0 +1,75 @@
+"""``try``: one screen and one page on a solver of one's own."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from rich.text import Text
+
+from ..catalogue import registry
+from ..execution.runner import Request, new_folder, run_suite
+from ..results import store
+from ..suites.suite import Suite
+from . import tour
+from .check import named
+from .progress import progress
+from .screen import Column, lines, print_json, print_table
+from .terms import UsageError, above, add_jobs, jobs, subcommand
+
+COLUMNS = (
+    Column("", right=False), Column("", right=False, fold=True, least=20), Column("measured", fold=True),
+    Column("expected", fold=True, least=12, rank=1),
+)  # fmt: skip
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    words = "run a solver on everything: problems, orders, energy, work, symmetries; exit code 1 where it falls short"
+    p = subcommand(commands, "try", run, words, "one object a line")
+    p.add_argument("plugin", metavar="FILE.py", help="Python file, entry point, or name of a solver")
+    p.add_argument("--budget", default="180", metavar="S", help="wall time of all runs, about [s] (default: 180)")
+    p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
+    p.add_argument("--no-report", action="store_true", help="leave out the page")
+    add_jobs(p)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """0 if nothing falls short."""
+    budget = above(arguments.budget, "--budget", unit=" [s]")
+    plugins, names = named(arguments.plugin)
+    own = [n for n in names if n in registry.solvers()]
+    if len(own) != 1:
+        raise UsageError(f"try takes a file with one solver (got {', '.join(own) or 'none'} in {arguments.plugin})")
+    (solver,) = own
+    size = jobs(arguments.jobs)
+    folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
+    specs = tour.first_runs(solver, wall=min(20.0, budget / 6.0))
+    with progress(quiet=arguments.json, size=size) as watcher:
+        suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins)
+        loaded = run_suite(Request(suite, folder, size), watcher)
+        if (long := tour.long_run(solver, loaded.records, budget / 3.0)) is not None:
+            suite = Suite(suite.name, "", (*specs, long), "", plugins)
+            loaded = run_suite(Request(suite, folder, size, resume=True), watcher)
+    found = list(tour.findings(solver, folder, store.load(folder).records))
+    if arguments.json:
+        for line in found:
+            print_json(vars(line))
+    else:
+        print_table(COLUMNS, [_row(line) for line in found], _summary(solver, found))
+    if not arguments.no_report:
+        from ...reports.site import build
+
+        page = build(folder)
+        if not arguments.json:
+            lines().print(f"report: {page}")
+    return 1 if any(line.good is False for line in found) else 0
+
+
+def _row(line: tour.Line) -> list[Text | str]:
+    mark = Text("-") if line.good is None else Text("ok", "green") if line.good else Text("FAIL", "bold red")
+    return [mark, line.what, line.measured, line.expected]
+
+
+def _summary(solver: str, found: list[tour.Line]) -> str:
+    judged = [line for line in found if line.good is not None]
+    return f"{solver}: {sum(bool(line.good) for line in judged)} of {len(judged)} as expected"

@@ -1,0 +1,142 @@
+"""From columns to poses and velocities in SI: units, order of quaternions, frames; missing rates are differenced."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import make_interp_spline
+from scipy.spatial.transform import Rotation
+
+from .columns import Found
+
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
+TIMES = {"s": 1.0, "ms": 1e-3}
+ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
+QUATERNIONS = ("wxyz", "xyzw")
+ROTATIONS = ("body-to-space", "space-to-body")
+FRAMES = ("body", "space")
+SOUND = 0.01  # of the largest speed: differences of third and fifth degree must agree so far
+FEWEST = 8  # rows for a difference
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How columns are read; each field is an option of the command line."""
+
+    length: str = "m"  # of positions, and of velocities per second
+    time: str = "s"  # of t alone
+    angle: str = "rad"  # of angular velocities
+    quaternion: str = "wxyz"
+    rotation: str = "body-to-space"
+    omega: str = "body"
+
+
+CHOICES: dict[str, tuple[str, ...]] = {
+    "length": tuple(LENGTHS), "time": tuple(TIMES), "angle": tuple(ANGLES), "quaternion": QUATERNIONS,
+    "rotation": ROTATIONS, "omega": FRAMES,
+}  # fmt: skip
+
+
+class Origin(StrEnum):
+    """Where a quantity comes from."""
+
+    FILE = "file"
+    DIFFERENCED = "differenced"
+    NONE = "none"
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Poses and velocities (nt, nb, .); None where neither the file nor differences give them."""
+
+    t: Float[np.ndarray, " nt"]
+    r: Float[np.ndarray, "nt nb 3"]
+    R: Float[np.ndarray, "nt nb 3 3"] | None
+    v: Float[np.ndarray, "nt nb 3"] | None
+    Omega: Float[np.ndarray, "nt nb 3"] | None
+    origin: dict[str, Origin]
+
+
+def read_motion(found: Found, how: Reading) -> Motion:
+    """As ``how`` says."""
+    t, has = TIMES[how.time] * found.t, found.quantities
+    r = positions(found, how)
+    R = rotations(found, how)
+    v = None if "v" not in has else LENGTHS[how.length] * has["v"]
+    Omega = angular_velocities(found, how, R)
+    origin = {k: Origin.FILE for k, a in (("r", r), ("R", R), ("v", v), ("Omega", Omega)) if a is not None}
+    if v is None and (v := derivative(t, r)) is not None:
+        origin["v"] = Origin.DIFFERENCED
+    if Omega is None and R is not None and (Omega := turning(t, R)) is not None:
+        origin["Omega"] = Origin.DIFFERENCED
+    return Motion(t, r, R, v, Omega, {k: origin.get(k, Origin.NONE) for k in ("r", "R", "v", "Omega")})
+
+
+def positions(found: Found, how: Reading) -> Float[np.ndarray, "nt nb 3"]:
+    """r [m]."""
+    return LENGTHS[how.length] * found.quantities["r"]
+
+
+def rotations(found: Found, how: Reading) -> Float[np.ndarray, "nt nb 3 3"] | None:
+    """R, body to space; quaternions are normalised."""
+    if "q" in found.quantities:
+        q = found.quantities["q"]
+        first = how.quaternion == "wxyz" or not found.numbered
+        size = np.linalg.norm(q, axis=-1, keepdims=True)
+        good = np.where(np.isfinite(size) & (size > 0.0), q / np.where(size > 0.0, size, 1.0), np.nan)
+        R = np.full((*q.shape[:2], 3, 3), np.nan)
+        known = np.all(np.isfinite(good), axis=-1)
+        R[known] = Rotation.from_quat(good[known], scalar_first=first).as_matrix()
+    elif "R" in found.quantities:
+        R = found.quantities["R"].reshape(*found.quantities["R"].shape[:2], 3, 3)
+    else:
+        return None
+    return R if how.rotation == "body-to-space" else np.swapaxes(R, -1, -2)
+
+
+def angular_velocities(found: Found, how: Reading, R: np.ndarray | None) -> Float[np.ndarray, "nt nb 3"] | None:
+    """Omega [rad/s], body frame."""
+    if "Omega" not in found.quantities:
+        return None
+    given = ANGLES[how.angle] * found.quantities["Omega"]
+    if how.omega == "body":
+        return given
+    return None if R is None else np.einsum("tbji,tbj->tbi", R, given)
+
+
+def derivative(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, "nt *more"]) -> np.ndarray | None:
+    """da/dt by splines of degree 5; None where those of degree 3 say otherwise: the rows are too far apart."""
+    if len(t) < FEWEST or not np.all(np.isfinite(a)):
+        return None
+    fine, coarse = (make_interp_spline(t, a, k=k).derivative()(t) for k in (5, 3))
+    inside = slice(2, -2)  # the ends of a spline are poorer, and the start is known
+    return fine if np.max(np.abs(fine - coarse)[inside]) <= SOUND * np.max(np.abs(fine)) else None
+
+
+def turning(t: Float[np.ndarray, " nt"], R: Float[np.ndarray, "nt nb 3 3"]) -> np.ndarray | None:
+    """Omega of hat(Omega) = R^T dR/dt, or None as in ``derivative``."""
+    R_dot = derivative(t, R)
+    if R_dot is None:
+        return None
+    W = np.swapaxes(R, -1, -2) @ R_dot
+    return 0.5 * np.stack((W[..., 2, 1] - W[..., 1, 2], W[..., 0, 2] - W[..., 2, 0], W[..., 1, 0] - W[..., 0, 1]), -1)
+
+
+def alternatives(how: Reading, *names: str) -> list[tuple[str, Reading]]:
+    """Other readings with the option that makes them, one or two options changed."""
+    others = [(n, c) for n in names for c in CHOICES[n] if c != getattr(how, n)]
+    one = [(f"--{n} {c}", dataclasses.replace(how, **{n: c})) for n, c in others]
+    two = [
+        (f"--{n} {c} --{m} {d}", dataclasses.replace(how, **{n: c, m: d}))
+        for k, (n, c) in enumerate(others) for m, d in others[k + 1 :] if m != n
+    ]  # fmt: skip
+    return one + two
+
+
+def first_row(found: Found) -> Found:
+    """The first row alone."""
+    one = {k: a[:1] for k, a in found.quantities.items()}
+    return dataclasses.replace(found, t=found.t[:1], quantities=one)

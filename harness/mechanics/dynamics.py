@@ -1,0 +1,105 @@
+"""Newton and Euler with joints, for whoever writes a solver: M a = f + A^T reaction, A a = -A_dot v.
+
+Nothing here is used by the solvers and references of this package, which have their own equations.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from . import so3
+from .jacobian import constraint_jacobian
+from .motion import constraint_rate, point_position, point_velocity
+from .state import State, States
+from .system import GROUND, MultibodySystem
+
+RANK = 1e-9  # of the largest singular value of A M^-1/2: rows below are redundant
+REACH = 1e-2  # [rad] that bodies turn at most over a difference; its error is REACH^6 / 140 of A_dot v
+DIFFERENCE = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
+PLACES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
+
+
+@dataclass(frozen=True)
+class Rates:
+    """How a state changes: ``moved`` follows it; ``A^T reaction`` is the load of the joints on the bodies."""
+
+    v: Float[np.ndarray, "nb 3"]  # [m/s] of C, space
+    Omega: Float[np.ndarray, "nb 3"]  # [rad/s] body
+    v_dot: Float[np.ndarray, "nb 3"]
+    Omega_dot: Float[np.ndarray, "nb 3"]
+    reaction: Float[np.ndarray, " nrows"]
+
+
+@dataclass(frozen=True)
+class Equations:
+    """M, A, A_dot v and f at a state; velocities are (r_dot [space], Omega [body]) of each body."""
+
+    M: Float[np.ndarray, "nb 6 6"]
+    A: Float[np.ndarray, "nrows n"]  # n = 6 nb
+    A_dot_v: Float[np.ndarray, " nrows"]
+    f: Float[np.ndarray, "nb 6"]  # forces [N, space], torques about C less Omega x J Omega [N m, body]
+
+
+def equations(system: MultibodySystem, s: State) -> Equations:
+    """What ``accelerations`` solves."""
+    M = np.zeros((system.nb, 6, 6))
+    M[:, range(3), range(3)] = system.mass[:, None]
+    M[:, 3:, 3:] = system.inertia
+    return Equations(M, constraint_jacobian(system, s).toarray(), _drift(system, s), _forces(system, s))
+
+
+def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray, " nrows"] | float = 0.0) -> Rates:
+    """Those of index 1 with A a + A_dot v = ``phi_ddot``; redundant rows share their load by least squares.
+
+    With L L^T = M and B = A L^-T: x = L^T a is L^-1 f, without joints, and what B x = phi_ddot - A_dot v adds to it.
+    """
+    e = equations(system, s)
+    try:
+        L = np.linalg.cholesky(e.M)
+    except np.linalg.LinAlgError:
+        raise ValueError("accelerations needs masses and principal inertias > 0") from None
+    inverse = np.linalg.inv(L)
+    free = np.einsum("bij,bj->bi", inverse, e.f)
+    B = np.einsum("kbj,bij->kbi", e.A.reshape(len(e.A), system.nb, 6), inverse).reshape(e.A.shape)
+    x, reaction = free.ravel(), np.zeros(len(B))
+    if len(B):
+        U, size, V = np.linalg.svd(B, full_matrices=False)
+        keep = size > RANK * size[0]
+        U, size, V = U[:, keep], size[keep], V[keep]
+        missing = (U.T @ (phi_ddot - e.A_dot_v - B @ x)) / size
+        x, reaction = x + V.T @ missing, U @ (missing / size)
+    a = np.einsum("bji,bj->bi", inverse, x.reshape(-1, 6))
+    return Rates(s.v, s.Omega, a[:, :3], a[:, 3:], reaction)
+
+
+def moved(s: State, rates: Rates, dt: float) -> State:
+    """``s`` after ``dt`` [s] at these rates: r + dt v, R exp(dt Omega), v + dt v_dot, Omega + dt Omega_dot."""
+    return State(
+        s.r + dt * rates.v, s.R @ so3.exp(dt * rates.Omega), s.v + dt * rates.v_dot, s.Omega + dt * rates.Omega_dot
+    )
+
+
+def _drift(system: MultibodySystem, s: State) -> np.ndarray:
+    """A_dot v: the derivative of A v along the motion at constant v, whatever the rows, by sixth-order differences."""
+    dt = REACH / max(float(np.max(np.abs(s.Omega), initial=0.0)), 1.0)
+    t = dt * PLACES[:, None, None]
+    same = (np.broadcast_to(a, (len(PLACES), *a.shape)) for a in (s.v, s.Omega))
+    along = States(s.r + t * s.v, s.R @ so3.exp(t * s.Omega), *same)
+    return DIFFERENCE @ constraint_rate(system, along) / dt
+
+
+def _forces(system: MultibodySystem, s: State) -> np.ndarray:
+    f = np.zeros((system.nb, 6))
+    f[:, :3] = system.mass[:, None] * system.gravity
+    f[:, 3:] = -np.cross(s.Omega, np.einsum("bij,bj->bi", system.inertia, s.Omega))
+    one = States.one(s)
+    for k in range(len(system.spring_k)):
+        ends = ((system.spring_i[k], system.spring_p_i[k]), (system.spring_j[k], system.spring_p_j[k]))
+        d, d_dot = (of(one, *ends[0])[0] - of(one, *ends[1])[0] for of in (point_position, point_velocity))
+        length = np.linalg.norm(d)
+        pull = system.spring_k[k] * (length - system.spring_d0[k]) + system.spring_c[k] * (d @ d_dot) / length
+        for (body, p), force in zip(ends, (-pull * d / length, pull * d / length), strict=True):
+            if body != GROUND:
+                f[body] += np.concatenate((force, np.cross(p, s.R[body].T @ force)))
+    return f

@@ -1,0 +1,94 @@
+"""Eq. (65) as an explicit ODE, y = (p, u, lam, lam_dot), by a method of scipy; options that its solvers share."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.integrate import OdeSolver
+
+from ...harness.catalogue.options import option
+from ...harness.types import Problem, Status, StepControl, Trajectory
+from .classical import SymbolicOptions
+from .ida import OUT_OF_TEST
+from .recording import Clock, StepFailure, march, no_trajectory, trajectory
+from .start import coordinates_and_velocities, layout_for
+from .strong_form import Choice, StrongForm
+from .symbolic import DIRECTIONS
+
+EVALUATIONS_AT_START = 2  # scipy's Runge-Kutta pairs: y'(0) and one to choose the first step
+STAGES = {"RK23": 3, "RK45": 6, "DOP853": 12}  # evaluations an attempt; the last is at its end, the next one's first
+
+
+@dataclass(frozen=True)
+class StrongOptions(SymbolicOptions):
+    """What Eq. (65) leaves open, and Baumgarte's terms."""
+
+    alpha: float = option(0.0, "Baumgarte: 2 alpha phi_dot (none in the paper)", "1/s", at_least=0.0)
+    beta: float = option(0.0, "Baumgarte: beta^2 phi (none in the paper)", "1/s", at_least=0.0)
+    direction: str = option("a", "c_R of Eq. (31): a/(a.a), M^-1 a/(a.M^-1 a), or (e_k, 0)", choices=DIRECTIONS)
+    c_bar: float = option(0.0, "C_bar of every row, added to that of Eq. (32); axis rows kg m2/s", "kg/s", at_least=0.0)
+    k_bar: float = option(0.0, "K_bar of every row, added to that of Eq. (32); axis rows N m", "N/m", at_least=0.0)
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Why this solver cannot solve the problem, or None."""
+        if self.direction == "translation" and np.any(problem.system.joint_revolute):
+            return "direction 'translation' needs spherical joints: an axis row has no translation"
+        return super().refuses(problem, control)
+
+
+def integrate(
+    problem: Problem,
+    control: StepControl,
+    method: Callable[..., OdeSolver],
+    options: StrongOptions,
+    lambda_in_test: bool,
+) -> Trajectory:
+    """The accepted steps of ``method``; what follows each is one more evaluation where the method ends elsewhere."""
+    began, pair = time.process_time(), STAGES.get(method.__name__)
+    layout, notes = layout_for(problem, options.coordinates)
+    k, n = layout.k, layout.n_p + layout.n_u
+    choice = Choice(options.direction, options.c_bar, options.k_bar)
+    form, clock = StrongForm(layout, options.alpha, options.beta, choice), Clock(control.wall_limit)
+    latest = np.zeros(k)  # reaction at the last evaluation
+
+    def rhs(t: float, y: np.ndarray) -> np.ndarray:
+        clock.check()
+        rates = form.rates(y[:n], y[n : n + k], y[n + k :])
+        latest[:] = rates.reaction
+        return np.concatenate((rates.p_dot, rates.u_dot, y[n + k :], rates.lam_ddot))
+
+    y = np.concatenate((coordinates_and_velocities(layout, problem)[:n], np.zeros(2 * k)))
+    atol = np.full(len(y), control.rtol)
+    if not lambda_in_test:
+        atol[n:] = OUT_OF_TEST
+    try:
+        rhs(0.0, y)
+        reaction = latest.copy()
+        limits: dict[str, Any] = {"rtol": control.rtol, "atol": atol, "max_step": control.max_step or np.inf}
+        ode = method(rhs, 0.0, y, problem.t_end, **limits)
+    except StepFailure as failure:
+        return no_trajectory(problem, failure.status, f"no acceleration at the start: {failure.message}")
+    setup_time = time.process_time() - began
+    clock.restart()
+
+    def advance() -> tuple[float, np.ndarray, np.ndarray]:
+        with np.errstate(all="ignore"):  # overflow on the way to a failure that is reported
+            message = ode.step()
+            if ode.status == "failed":
+                raise StepFailure(Status.STEP_UNDERFLOW, str(message).rstrip(".").lower())
+            if pair is None:
+                rhs(ode.t, ode.y)
+        return ode.t, ode.y[:n], latest
+
+    done = march(advance, (0.0, y[:n], reaction), layout, problem.t_end, control, clock)
+    cpu_time, steps = clock.cpu_time(), len(done.t) - 1
+    if pair is not None:
+        attempts = (ode.nfev - EVALUATIONS_AT_START) // pair
+        counters = {"rejected": max(0, attempts - steps), "evaluations": ode.nfev}
+    else:
+        counters = {"evaluations": ode.nfev + steps}
+        if ode.njev:  # LSODA does not say
+            counters |= {"jacobians": ode.njev, "factorisations": ode.nlu}
+    return trajectory(layout, done, counters, notes, cpu_time=cpu_time, setup_time=setup_time)

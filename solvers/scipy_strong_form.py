@@ -1,0 +1,41 @@
+"""The methods of scipy on the strong form, Eq. (65), as in ``rk45_strong_form``, which is the paper's choice of them.
+
+DOP853 and the pairs of Bogacki and Shampine, Dormand and Prince (explicit); Radau IIA of order 5 and BDF with Jacobians
+by differences (implicit); LSODA switches between Adams and BDF. rtol = atol on p, u; lam and lam_dot, quadratures that
+affect nothing else, are left out of the error test.
+
+Counted: accepted steps and evaluations, among them those for Jacobians and, except for the explicit pairs, one a step
+for the reaction.
+"""
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import scipy.integrate as si
+
+from ..harness.catalogue.options import option
+from ..harness.catalogue.registry import solver
+from ..harness.types import Problem, Status, StepControl, Trajectory
+from .formulations.recording import no_trajectory
+from .formulations.strong_ode import StrongOptions, integrate
+
+METHODS = {m.__name__: m for m in (si.DOP853, si.RK23, si.RK45, si.Radau, si.BDF, si.LSODA)}
+
+
+@solver("scipy_strong_form")
+@dataclass(frozen=True)
+class ScipyStrongForm(StrongOptions):
+    """A method of scipy on Eq. (65)."""
+
+    method: str = option("DOP853", "of scipy.integrate", choices=tuple(METHODS))
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "rtol"
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate from the start to ``t_end``."""
+        reason = self.refuses(problem, control)
+        if reason is not None:
+            return no_trajectory(problem, Status.REFUSED, reason)
+        return integrate(problem, control, METHODS[self.method], self, lambda_in_test=False)

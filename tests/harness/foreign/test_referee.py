@@ -1,0 +1,248 @@
+"""Files of other codes: an exact motion is a success, the same in other units is refused with the option that fits."""
+
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from scipy.io import savemat
+from scipy.spatial.transform import Rotation
+
+from mbsbench import load, make_problem, solve
+from mbsbench.harness.__main__ import main
+from mbsbench.harness.files import FileError
+from mbsbench.harness.foreign.judge import Given, refereed, results_folder
+from mbsbench.harness.foreign.reading import Reading
+from mbsbench.harness.results import store
+from mbsbench.harness.results.environment import ROOT
+
+PAGE = (ROOT / "docs" / "other-codes.md").read_text(encoding="utf-8")
+TOP = make_problem("heavy_top", {"t_end": 0.5})
+HEADER = "t,x,y,z,q0,q1,q2,q3,vx,vy,vz,wx,wy,wz"
+
+
+def exact(every: int = 1) -> np.ndarray:
+    """t, r, q (w first), v, Omega of the heavy top, each millisecond."""
+    t = np.linspace(0.0, 0.5, 501)[::every]
+    s = TOP.reference().states(t)
+    q = Rotation.from_matrix(s.R[:, 0]).as_quat(scalar_first=True)
+    return np.column_stack((t, s.r[:, 0], q, s.v[:, 0], s.Omega[:, 0]))
+
+
+def written(path: Path, rows: np.ndarray, header: str = HEADER, fmt: str = "%.9g", delimiter: str = ",") -> Path:
+    np.savetxt(path, rows, fmt=fmt, delimiter=delimiter, header=header, comments="")
+    return path
+
+
+def judge(path: Path, problem=TOP, **reading: str):
+    return refereed(problem, path, Given("other", Reading(**reading)), None)
+
+
+def changed(column: slice, factor: float) -> np.ndarray:
+    rows = exact()
+    rows[:, column] *= factor
+    return rows
+
+
+def test_the_exact_motion_at_nine_digits_is_a_success(tmp_path):
+    """All that is left is half a unit of the ninth digit: positions below 0.2 m, momenta of a few kg m/s."""
+    r = judge(written(tmp_path / "top.csv", exact()))
+    assert r.status == "success" and r.steps == 500 and r.solver == "other"
+    assert r.position_error_max_m < 4.0 * 0.5e-9 and r.orientation_error_max_rad < 8.0 * 0.5e-9
+    assert r.energy_drift_max_J < 1e-6 and r.dt_s == 0.001
+
+
+def turned_to_space() -> np.ndarray:
+    rows = exact()
+    R = Rotation.from_quat(rows[:, 4:8], scalar_first=True)
+    rows[:, 11:] = R.apply(rows[:, 11:])
+    return rows
+
+
+OTHERWISE = {
+    "--length mm": lambda: np.column_stack((exact()[:, :1], 1e3 * exact()[:, 1:4], exact()[:, 4:8])),
+    "--quaternion xyzw": lambda: exact()[:, [0, 1, 2, 3, 5, 6, 7, 4, 8, 9, 10, 11, 12, 13]],
+    "--rotation space-to-body": lambda: exact() * np.array([1, 1, 1, 1, 1, -1, -1, -1, 1, 1, 1, 1, 1, 1.0]),
+    "--omega space": turned_to_space,
+    "--angle deg": lambda: changed(slice(11, 14), 180.0 / np.pi),
+    "--time ms": lambda: changed(slice(0, 1), 1e3),
+}
+
+
+@pytest.mark.parametrize("option", OTHERWISE)
+def test_other_units_orders_and_frames_are_recognised(option, tmp_path):
+    """Refused with the option that fits; with that option it is the exact motion."""
+    rows = OTHERWISE[option]()
+    path = written(tmp_path / "top.csv", rows, ",".join(HEADER.split(",")[: rows.shape[1]]))
+    with pytest.raises(FileError, match=option):
+        judge(path)
+    name, value = option[2:].split()
+    r = judge(path, **{name: value})
+    assert r.status == "success" and r.position_error_max_m < 4e-9 and r.orientation_error_max_rad < 8e-9
+
+
+def test_a_quaternion_order_wrong_after_the_start_alone_does_not_pass_unnoticed(tmp_path):
+    """Angular velocities that are no rates of the orientations get a note, though no reading mends them."""
+    rows = exact()
+    rows[1:, 11] += 10.0
+    r = judge(written(tmp_path / "top.csv", rows))
+    assert "angular velocities are off by" in r.notes and r.status == "wrong"
+
+
+@pytest.mark.parametrize(("columns", "judged"), [(4, False), (8, True)])
+def test_what_is_missing_is_differenced_or_not_judged(columns, judged, tmp_path):
+    """Of poses velocities follow; of positions no orientation does, and columns that need one are empty."""
+    header = ",".join(HEADER.split(",")[:columns])
+    r = judge(written(tmp_path / "top.csv", exact()[:, :columns], header))
+    assert r.status == "success" and r.position_error_max_m < 4e-9 and "differenced" in r.notes
+    assert (r.energy_drift_max_J < 1e-4) if judged else np.isnan(r.energy_drift_max_J)
+    assert np.isnan(r.orientation_error_max_rad) != judged
+
+
+def test_rows_too_far_apart_are_not_differenced(tmp_path):
+    """At 50 rad/s a row each 50 ms says nothing about the rate of turning."""
+    r = judge(written(tmp_path / "top.csv", exact(50)[:, :8], ",".join(HEADER.split(",")[:8])))
+    assert "not judged" in r.notes and np.isnan(r.energy_drift_max_J) and r.position_error_max_m < 4e-9
+
+
+def test_an_error_in_the_file_is_an_error_of_the_record(tmp_path):
+    """1 mm more in x from the second row on: the position error is 1 mm, and the joint opens by as much."""
+    rows = exact()
+    rows[1:, 1] += 1e-3
+    r = judge(written(tmp_path / "top.csv", rows))
+    assert r.position_error_max_m == pytest.approx(1e-3, rel=1e-6) and r.phi_max == pytest.approx(1e-3, rel=1e-5)
+
+
+FORMS = {
+    "top.csv": lambda path, a: written(path, a),
+    "semicolons.csv": lambda path, a: path.write_text(
+        HEADER.replace(",", ";") + "\n" + "\n".join(";".join(f"{x:.9g}".replace(".", ",") for x in row) for row in a)
+    ),
+    "blanks.txt": lambda path, a: written(path, a, HEADER.replace(",", " "), "%.12e", " "),
+    "named.csv": lambda path, a: written(
+        path, a, "time (s),top.r.x [m],top.r.y [m],top.r.z [m],qw,qx,qy,qz,v1_x,v1_y,v1_z,Omega_x,Omega_y,Omega_z"
+    ),
+    "top.npz": lambda path, a: np.savez(path, t=a[:, 0], r=a[:, 1:4], q=a[:, 4:8], v=a[:, 8:11], omega=a[:, 11:]),
+    "top.mat": lambda path, a: savemat(path, {"t": a[:, 0], "r": a[:, 1:4], "q": a[:, 4:8], "w": a[:, 11:]}),
+    "lying.mat": lambda path, a: savemat(path, {"t": a[:, :1].T, "r": a[:, 1:4].T, "q": a[:, 4:8].T, "w": a[:, 11:].T}),
+    "top.parquet": lambda path, a: pd.DataFrame(a, columns=HEADER.split(",")).to_parquet(path),
+}
+
+
+@pytest.mark.parametrize("name", FORMS)
+def test_each_form_of_a_table_gives_the_same_motion(name, tmp_path):
+    """Delimiters, decimal commas, units in brackets, arrays either way round."""
+    FORMS[name](tmp_path / name, exact())
+    r = judge(tmp_path / name)
+    assert r.status == "success" and r.position_error_max_m < 4e-9 and r.orientation_error_max_rad < 8e-9
+    assert r.energy_drift_max_J < 1e-4
+
+
+def test_several_bodies_and_a_file_of_ours_come_back_as_they_were(tmp_path):
+    """The NPZ file of `solve` refereed gives its own numbers; so does a table of its two bodies in columns."""
+    grid = make_problem("four_bar_grid", {"rows": 1, "columns": 1, "t_end": 0.1})
+    run = solve(grid, "rk45_strong_form", rtol=1e-8)
+    run.save(tmp_path / "grid.npz")
+    same = judge(tmp_path / "grid.npz", grid)
+    for column in ("energy_drift_max_J", "position_error_max_m", "phi_max", "orientation_error_max_rad"):
+        assert getattr(same, column) == pytest.approx(getattr(run.record, column), rel=1e-6, abs=1e-12)
+    s, nb = run.trajectory.states, grid.system.nb
+    q = Rotation.from_matrix(s.R.reshape(-1, 3, 3)).as_quat(scalar_first=True).reshape(-1, nb * 4)
+    names = [f"r{b + 1}_{a}" for b in range(nb) for a in "xyz"] + [f"q{b + 1}_{a}" for b in range(nb) for a in "wxyz"]
+    rows = np.column_stack((run.trajectory.t, s.r.reshape(len(q), -1), q))
+    r = judge(written(tmp_path / "grid.csv", rows, ",".join(["t", *names]), "%.15g"), grid)
+    assert r.position_error_max_m == pytest.approx(run.record.position_error_max_m, rel=1e-3, abs=1e-12)
+
+
+REFUSED = {
+    "t,x,y,z\n0,1,2\n": "rows has|row has 3",
+    "0,1,2,3\n": "no header",
+    "x,y,z\n1,2,3\n": "no column t",
+    "t,x,y\n0,1,2\n": "no positions",
+    "t,x,y,z\n": "no rows",
+    "": "no rows",
+    "t,x,y,z\n0,0,-0.0342,0.0940\n0,0,-0.0342,0.0940\n": "times must increase",
+    "t,x,y,z\n0,0,-0.5,0.5\n0.5,0,-0.5,0.5\n": "starts elsewhere",
+    "t,x,y,z\n0,0,0,0\n0.5,0,0,0\n": "of the centre of mass",
+    "t,x,y,z\n0.1,0,-0.0342020143,0.0939692621\n0.5,0,0,0.1\n": "first row",
+}
+
+
+@pytest.mark.parametrize("text", REFUSED)
+def test_what_cannot_be_read_is_refused_in_a_line(text, tmp_path):
+    """With the place and the remedy."""
+    path = tmp_path / "top.csv"
+    path.write_text(text)
+    with pytest.raises(FileError, match=REFUSED[text]) as refused:
+        judge(path)
+    assert "\n" not in str(refused.value) and str(path) in str(refused.value)
+
+
+def test_a_file_that_ends_early_names_the_option(tmp_path):
+    """A success to half of the time is none; --t-end says that half was asked for."""
+    path = written(tmp_path / "top.csv", exact()[:251])
+    with pytest.raises(FileError, match=re.escape("--t-end 0.25")):
+        judge(path)
+    assert judge(path, make_problem("heavy_top", {"t_end": 0.25})).status == "success"
+    rows = exact()
+    rows[100, 3] = np.nan
+    r = judge(written(tmp_path / "nan.csv", rows))
+    assert r.status == "diverged" and r.t_reached_s == pytest.approx(0.099)
+
+
+def test_its_row_stands_beside_our_solvers(tmp_path):
+    """In a results folder, with its series; another file under the same name has another address."""
+    folder = results_folder(tmp_path / "all")
+    one = refereed(TOP, written(tmp_path / "top.csv", exact()), Given("awk_rk4"), folder)
+    two = refereed(TOP, written(tmp_path / "fine.csv", exact(), fmt="%.12g"), Given("awk_rk4"), folder)
+    assert one.run_id != two.run_id and one.settings_id == two.settings_id
+    loaded = store.load(folder)
+    assert len(loaded.records) == 2 and not loaded.unreadable
+    assert load(folder).runs[0].series["position_error"].max() < 4e-9
+    with pytest.raises(FileError, match="not that of a solver"):
+        refereed(TOP, tmp_path / "top.csv", Given("gc_weak_form"), folder)
+
+
+@pytest.mark.skipif(shutil.which("awk") is None, reason="awk is not installed")
+def test_the_page_s_awk_program_is_judged(tmp_path, monkeypatch, capsys):
+    """The page's commands, a folder of files included; RK4 at 1 ms follows the top to 1e-4 of its reach."""
+    monkeypatch.chdir(tmp_path)
+    (program,) = re.findall(r"```awk\n(.*?)```", PAGE, flags=re.S)
+    Path("top.awk").write_text(program)
+    done = subprocess.run(("awk", "-f", "top.awk"), capture_output=True, text=True, check=True, timeout=60.0)
+    Path("runs").mkdir()
+    Path("runs/top.csv").write_text(done.stdout)
+    shutil.copy("runs/top.csv", "runs/again.csv")
+    assert main(["referee", "heavy_top", "runs/top.csv", "--t-end", "1", "--name", "awk_rk4", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["status"] == "success" and said["motion_error_max_m"] < 1e-4 * said["length_scale_m"]
+    assert main(["referee", "heavy_top", "runs", "--t-end", "1", "--into", "all"]) == 0
+    assert "runs[file=again]" in capsys.readouterr().out
+    assert len(load("all").runs) == 2
+    assert main(["verify", "all"]) == 2 and "no run that can be repeated" in capsys.readouterr().err
+    assert main(["show", "all", load("all").runs[0].record.run_id]) == 0
+    assert "mbsbench referee heavy_top FILE --t-end 1 --name" in capsys.readouterr().out
+    assert main(["referee", "heavy_top", "runs/top.csv", "--t-end", "1", "--length", "mm"]) == 2
+    assert "--length m," in capsys.readouterr().err
+
+
+def test_export_has_all_numbers_that_a_code_needs(tmp_path, capsys):
+    """A system made of them alone has the problem's own accelerations, springs and revolute joints included."""
+    from mbsbench import Joint, RigidBody, SpringDamper, State, accelerations, assemble
+
+    for name, parameters in (("heavy_top", []), ("four_bar_grid", ["--problem-set", "rows=1"])):
+        assert main(["export", name, *parameters, "--out", str(tmp_path / "p.json")]) == 0
+        d = json.loads((tmp_path / "p.json").read_text())
+        bodies = [RigidBody(b["mass"], np.array(b["inertia"]), b["name"]) for b in d["bodies"]]
+        joints = [Joint(**{k: v for k, v in j.items() if k not in ("type",)}) for j in d["joints"]]
+        system = assemble(bodies, joints, d["gravity"], [SpringDamper(**s) for s in d["springs"]])
+        state = State(*(np.array([b[k] for b in d["start"]]) for k in ("r", "R", "v", "Omega")))
+        p = make_problem(name, {"rows": 1} if parameters else {})
+        ours, theirs = accelerations(p.system, p.initial), accelerations(system, state)
+        assert np.allclose(theirs.v_dot, ours.v_dot, atol=1e-10) and d["t_end"] == p.t_end
+    assert main(["export", "heavy_tops"]) == 2
+    assert "heavy_top" in capsys.readouterr().err

@@ -1,0 +1,40 @@
+"""The walk through docs/gate.md: thresholds are written, the gate is open, a planted fault closes it."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from mbsbench.harness.gate.thresholds import read_thresholds
+from mbsbench.harness.results.environment import ROOT
+
+PAGE = (ROOT / "docs" / "gate.md").read_text(encoding="utf-8").partition("## A gate of your own")[2]
+SOLVER = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8"), re.S)[0]
+(SUITE,) = re.findall(r"```toml\n(.*?)```", PAGE, flags=re.S)
+OPENING, CLOSING = (block.splitlines() for block in re.findall(r"```sh\n(.*?)```", PAGE, flags=re.S))
+
+
+@pytest.mark.slow
+def test_the_page_s_gate_opens_and_a_planted_fault_closes_it(command, tmp_path):
+    """Every command of the page, in a folder with the page's files."""
+    Path(tmp_path / "midpoint.py").write_text(SOLVER, encoding="utf-8")
+    Path(tmp_path / "gate.toml").write_text(SUITE, encoding="utf-8")
+    for line in OPENING:
+        done = command(*shlex.split(line)[1:], timeout=300.0)
+        assert done.returncode == 0, done.stdout + done.stderr
+    assert "gate open" in done.stdout
+    bounds = read_thresholds(tmp_path / "thresholds.toml").bounds
+    assert {"energy_drift_max_J", "phi_max", "position_error_max_m", "steps"} <= {b.metric for b in bounds}
+    (planted, again) = CLOSING
+    old, new = shlex.split(planted)[2].split("|")[1:3]
+    assert SOLVER.count(old) == 1  # else nothing is planted
+    Path(tmp_path / "midpoint.py").write_text(SOLVER.replace(old, new), encoding="utf-8")
+    done = command(*shlex.split(again)[1:], timeout=300.0)
+    assert done.returncode == 1 and "gate CLOSED" in done.stdout and "FAIL" in done.stdout
+
+
+def test_the_example_for_github_runs_the_page_s_command():
+    """The file is copied as it is: its command must be the one that the page has tried."""
+    example = (ROOT / "docs" / "gate-github.yml").read_text(encoding="utf-8")
+    assert f"- run: {OPENING[-1]} --junit gate.xml --markdown" in example
