@@ -4,6 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 CLUSTER := $(VENV)/.ready-cluster
+ENGINES := $(VENV)/.ready-engines
 RESULTS ?= latest
 PROBLEM ?= chain
 OUT ?= $(PROBLEM).gif
@@ -11,7 +12,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-slow check format bench bench-kernels gate report paper figures animate clean
+.PHONY: help setup test test-engines engines test-slow check format bench bench-kernels gate report paper figures animate clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -35,6 +36,15 @@ $(CLUSTER): requirements-cluster.lock $(READY)
 
 test-slow: $(CLUSTER) ## run all tests, with those of a cluster (installs Dask)
 	$(BIN)/python -m pytest -q -n 2 --benchmark-disable
+
+$(ENGINES): requirements-engines.lock $(READY)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-engines.lock
+	@touch $@
+
+engines: $(ENGINES) ## install other people's engines (requirements-engines.lock)
+
+test-engines: $(ENGINES) ## run the tests of the engines (installs them)
+	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/peers
 
 check: $(READY) ## check lint, format, types and import layers
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""The catalogues: every public module of ``problems/`` and ``solvers/`` is an entry; nothing else lists them.
+"""The catalogues: public modules of ``problems/``, ``solvers/`` and ``solvers/engines/`` are entries, listed nowhere.
 
 A problem file holds one function marked ``@problem``, a solver file one dataclass marked ``@solver``.
 """
@@ -120,6 +120,11 @@ def solvers() -> Mapping[str, SolverEntry]:
     return {**_own_solvers(), **_plugin_solvers}
 
 
+def engines() -> Mapping[str, SolverEntry]:
+    """Other people's solvers, of ``solvers/engines/``."""
+    return {name: e for name, e in _own_solvers().items() if ".engines." in e.make.__module__}
+
+
 def entry_of(kind: str, name: str, known: Mapping[str, T]) -> T:
     """The entry ``name`` of a catalogue of problems or solvers, or ValueError."""
     if name not in known:
@@ -187,7 +192,7 @@ def _own_problems() -> Mapping[str, ProblemEntry]:
 
 @cache
 def _own_solvers() -> Mapping[str, SolverEntry]:
-    return {name: _solver_entry(name, c) for name, c in _marked("solvers")}
+    return {name: _solver_entry(name, c) for name, c in sorted(_marked("solvers") + _marked("solvers.engines"))}
 
 
 def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:

@@ -1,4 +1,4 @@
-"""``peers``: another engine and our solver on the same problem, in turns, and the ratio of their CPU times."""
+"""``peers``: engines and our solver on the same problem, in turns, and the ratio of their CPU times."""
 
 import argparse
 import dataclasses
@@ -7,14 +7,13 @@ import math
 import os
 import tempfile
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from ..catalogue import registry
 from ..execution.pool import PoolError
-from ..peers import exudyn_engine
-from ..peers.race import Result, Runner, race
+from ..peers.race import Result, race
+from ..results.naming import named
 from ..sandbox.apart import Apart
 from ..suites.spec import step_control
 from ..types import Problem, Solver, StepControl
@@ -24,7 +23,6 @@ from .terms import UsageError, add_assignments, assignments, subcommand, whole
 PROBLEMS = ("chain", "four_bar_grid")  # of Sects. 5.3 and 5.5
 MEMORY = 8000.0  # [MB]
 LIMIT = 3600.0  # [s] of CPU for a problem
-WARM_STEPS = 3
 COLUMNS = (
     Column("", fold=True), Column("CPU [s]"), Column("from", rank=2), Column("to", rank=2),
     Column("runs", rank=3), Column("ratio"), Column("|dE| [J]"), Column("dE at end [J]", rank=4),
@@ -34,41 +32,60 @@ COLUMNS = (
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    words = "compare the CPU time of another engine (Exudyn) with ours on the same problems"
+    words = "compare the CPU time of engines with that of our solver, on the same problems"
     p = subcommand(commands, "peers", run, words, "one object per problem")
     p.add_argument("problem", nargs="*", metavar="PROBLEM", help=f"default: {' and '.join(PROBLEMS)}")
     ours = "our solver (default: gc_weak_form, or gc_augmented_lagrangian where it refuses)"
     p.add_argument("--solver", metavar="NAME", help=ours)
     add_assignments(p, "solver option")
-    p.add_argument("--dt", metavar="DT", help="step of both [s] (default: the problem's)")
+    theirs = "an engine, e.g. exudyn or mujoco:integrator=Euler (may be repeated; default: all that take the problem)"
+    p.add_argument("--engine", metavar="NAME[:OPTION=VALUE,...]", action="append", help=theirs)
+    p.add_argument("--dt", metavar="DT", help="step of all [s] (default: the problem's)")
     p.add_argument("--repeats", default="5", metavar="N", help="timed runs of each, in turns (default: 5)")
     budget = "CPU time [s] that repeating a run must not exceed (default: 60)"
     p.add_argument("--budget", default="60", metavar="S", help=budget)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 if all succeed, 1 if one does not, 2 if the engine is not installed."""
-    exudyn_engine.engine()
+    """0 if all succeed, 1 if one does not, 2 if an engine asked for, or every engine, refuses."""
     repeats, budget = whole(arguments.repeats, "--repeats"), float(whole(arguments.budget, "--budget"))
     options = assignments(arguments.set, "--set")
     parameters = assignments(arguments.problem_set, "--problem-set")
     names = arguments.problem or PROBLEMS
+    engines = _engines(arguments.engine)
     problems = [registry.make_problem(name, parameters) for name in names]  # all wrong calls are found before a run
     ours = [_ours(problem, arguments.solver, options, arguments.dt) for problem in problems]
-    engine = f"{exudyn_engine.NAME} {version(exudyn_engine.NAME)}"
     if not arguments.json:
-        lines().print(f"{engine}, index-2 trapezoidal integrator; CPU time, one thread")
+        lines().print("CPU time of the integration, one thread")
     good = True
     for problem, (solver, control) in zip(problems, ours, strict=True):
-        results = _apart(problem, solver, control, repeats, budget)
+        results = _apart(problem, {solver.name: solver, **engines}, control, repeats, budget)
+        refused = [r for r in results if r.status == "refused"]
+        if refused and (arguments.engine or len(refused) == len(engines)):
+            raise UsageError(f"{refused[0].name}: {refused[0].message}")
+        raced = [r for r in results if r not in refused]
         if arguments.json:
-            ratios = ({"cpu_median_s": r.median_s, "ratio": r.median_s / results[0].median_s} for r in results)
-            plain = [{**dataclasses.asdict(r), **ratio} for r, ratio in zip(results, ratios, strict=True)]
-            print_json({"problem": problem.name, "engine": engine, "dt_s": control.dt, "results": plain})
+            ratios = ({"cpu_median_s": r.median_s, "ratio": _ratio(r, results[0])} for r in raced)
+            plain = [{**dataclasses.asdict(r), **ratio} for r, ratio in zip(raced, ratios, strict=True)]
+            left_out = {r.name: r.message for r in refused}
+            print_json({"problem": problem.name, "dt_s": control.dt, "results": plain, "refused": left_out})
         else:
-            _print(problem, control, results)
-        good = good and all(r.status == "success" for r in results)
+            _print(problem, control, raced, refused)
+        good = good and all(r.status == "success" for r in raced)
     return 0 if good else 1
+
+
+def _engines(asked: list[str] | None) -> dict[str, Solver]:
+    """By name with options."""
+    out = {}
+    for words in asked or [n for n, e in registry.engines().items() if e.control == "dt"]:
+        name, _, given = words.partition(":")
+        entry = registry.entry_of("engine", name, registry.engines())
+        made = entry.made(assignments(given.split(",") if given else [], "--engine"))
+        if entry.control != "dt":
+            raise UsageError(f"engine {name} is controlled by {entry.control}; peers compares solvers of fixed step")
+        out[named(name, entry.changed(made))] = made
+    return out
 
 
 def _ours(problem: Problem, name: str | None, options: dict[str, str], dt: str | None) -> tuple[Solver, StepControl]:
@@ -85,15 +102,16 @@ def _ours(problem: Problem, name: str | None, options: dict[str, str], dt: str |
     raise UsageError(f"{solver.name}: {reason}")
 
 
-def _apart(problem: Problem, solver: Solver, control: StepControl, repeats: int, budget: float) -> list[Result]:
+def _apart(
+    problem: Problem, solvers: dict[str, Solver], control: StepControl, repeats: int, budget: float
+) -> list[Result]:
     """The race in a process of its own: an engine may crash, and prints to standard output."""
     with tempfile.TemporaryDirectory() as place:
         said = Path(place) / "stderr"
 
         def target(send: Callable[[str], None]) -> None:
             os.chdir(place)  # engines leave files
-            results = race(problem, _runners(problem, solver, control), repeats, budget)
-            send(json.dumps([dataclasses.asdict(r) for r in results]))
+            send(json.dumps([dataclasses.asdict(r) for r in race(problem, control, solvers, repeats, budget)]))
 
         ended = Apart(target, limit=math.inf, memory=MEMORY, cpu=LIMIT, stderr=said).wait()
         if ended.code != 0 or not ended.sent:
@@ -102,30 +120,18 @@ def _apart(problem: Problem, solver: Solver, control: StepControl, repeats: int,
         return [Result(**{**r, "cpu_s": tuple(r["cpu_s"])}) for r in json.loads(ended.sent)]
 
 
-def _runners(problem: Problem, solver: Solver, control: StepControl) -> list[Runner]:
-    dt = control.dt
-    assert dt is not None  # by step_control
-    short = dataclasses.replace(problem, t_end=WARM_STEPS * dt)
-    ours = Runner(solver.name, lambda: solver.solve(short, control), lambda: solver.solve(problem, control), shown=None)
-    return [ours, *(_theirs(problem, short, dt, v) for v in exudyn_engine.variants(problem))]
+def _ratio(one: Result, other: Result) -> float:
+    """NaN where the clock of the process did not move: it may have ticks of 10 ms."""
+    return one.median_s / other.median_s if other.median_s > 0.0 else math.nan
 
 
-def _theirs(problem: Problem, short: Problem, dt: float, variant: exudyn_engine.Variant) -> Runner:
-    return Runner(
-        ", ".join(filter(None, (exudyn_engine.NAME, variant.words))),
-        lambda: exudyn_engine.solve(short, dt, variant, record=False),
-        lambda: exudyn_engine.solve(problem, dt, variant, record=False),
-        lambda: exudyn_engine.solve(problem, dt, variant, record=True),
-    )
-
-
-def _print(problem: Problem, control: StepControl, results: list[Result]) -> None:
+def _print(problem: Problem, control: StepControl, results: list[Result], refused: list[Result]) -> None:
     judged = max((r.judged_to_s for r in results if not math.isnan(r.judged_to_s)), default=math.nan)
     rows = []
     for r in results:
         times = (number(r.median_s), number(min(r.cpu_s)), number(max(r.cpu_s)), str(len(r.cpu_s)))
         errors = (r.energy_drift_max_J, r.energy_drift_end_J, r.phi_dot_max, r.position_error_m)
-        rows.append((r.name, *times, f"{r.median_s / results[0].median_s:.2f}", *map(number, errors)))
+        rows.append((r.name, *times, f"{_ratio(r, results[0]):.2f}", *map(number, errors)))
     lines().print(f"\n{problem.name}, {problem.t_end:g} s at dt = {control.dt:g} s; error to {number(judged)} s")
-    failed = [f"{r.name}: {r.status}: {r.message}" for r in results if r.status != "success"]
+    failed = [f"{r.name}: {r.status}: {r.message}" for r in (*results, *refused) if r.status != "success"]
     print_table(COLUMNS, rows, *failed)

@@ -1,1 +1,1 @@
-"""Other people's engines beside ours: today Exudyn."""
+"""Solvers side by side in one process: other people's engines beside ours."""

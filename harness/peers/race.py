@@ -1,29 +1,21 @@
 """Two or more solvers on one problem, one after the other and again, in one process: times to be compared.
 
-CPU time of the integration alone, in turns (A B A B), so that a machine that slows down slows all. One run before the
-clock starts compiles and warms; one after it records what an engine that is timed without output does not show.
+CPU time of the integration alone, in turns (A B A B), so that a machine that slows down slows all. One short run of
+each before the clock starts compiles and warms.
 """
 
+import dataclasses
 import math
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from ..metrics.measure import measure
 from ..metrics.summary import columns
-from ..types import Problem, Status, Trajectory
+from ..types import Problem, Solver, Status, StepControl, Trajectory
 
 MEASURED = ("energy_drift_max_J", "energy_drift_end_J", "phi_dot_max", "position_error_judged_m", "judged_to_s")
-
-
-@dataclass(frozen=True)
-class Runner:
-    """A solver or engine: ``warm`` a short run, ``timed`` the one that counts, ``shown`` the one that is measured."""
-
-    name: str
-    warm: Callable[[], Trajectory]
-    timed: Callable[[], Trajectory]
-    shown: Callable[[], Trajectory] | None  # None: the first timed one
+WARM_STEPS = 3
 
 
 @dataclass(frozen=True)
@@ -47,25 +39,26 @@ class Result:
         return statistics.median(self.cpu_s) if self.cpu_s else math.nan
 
 
-def race(problem: Problem, runners: Sequence[Runner], repeats: int, budget: float) -> list[Result]:
+def race(
+    problem: Problem, control: StepControl, solvers: Mapping[str, Solver], repeats: int, budget: float
+) -> list[Result]:
     """All of them in turns; one whose next run would pass ``budget`` [s] of CPU in all is not repeated."""
-    times: dict[str, list[float]] = {r.name: [] for r in runners}
+    assert control.dt is not None  # solvers of fixed step
+    times: dict[str, list[float]] = {name: [] for name in solvers}
     shown: dict[str, Trajectory] = {}
-    for r in runners:
-        r.warm()
+    short = dataclasses.replace(problem, t_end=min(problem.t_end, WARM_STEPS * control.dt))
+    for solver in solvers.values():
+        solver.solve(short, control)
     for _ in range(repeats):
-        for r in runners:
-            spent = times[r.name]
-            failed = r.name in shown and shown[r.name].status is not Status.SUCCESS
+        for name, solver in solvers.items():
+            spent = times[name]
+            failed = name in shown and shown[name].status is not Status.SUCCESS
             if failed or (spent and sum(spent) + spent[-1] > budget):
                 continue
-            trajectory = r.timed()
-            shown.setdefault(r.name, trajectory)
+            trajectory = solver.solve(problem, control)
+            shown.setdefault(name, trajectory)
             spent.append(trajectory.cpu_time)
-    for r in runners:
-        if r.shown is not None and shown[r.name].status is Status.SUCCESS:
-            shown[r.name] = r.shown()
-    return [_result(problem, r.name, shown[r.name], times[r.name]) for r in runners]
+    return [_result(problem, name, shown[name], times[name]) for name in solvers]
 
 
 def _result(problem: Problem, name: str, trajectory: Trajectory, times: Sequence[float]) -> Result:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from jaxtyping import Float
 
+from ...harness.clock import cpu_seconds
 from ...harness.mechanics.jacobian import constraint_jacobian
 from ...harness.mechanics.motion import constraint
 from ...harness.mechanics.state import States
@@ -34,17 +35,17 @@ class Clock:
 
     limit: float | None
     wall: float = field(default_factory=time.monotonic)
-    cpu: float = field(default_factory=time.process_time)
+    cpu: float = field(default_factory=cpu_seconds)
 
     def check(self) -> None:
         if self.limit is not None and time.monotonic() - self.wall > self.limit:
             raise StepFailure(Status.STALLED, f"the wall limit of {self.limit:g} s was reached")
 
     def restart(self) -> None:
-        self.wall, self.cpu = time.monotonic(), time.process_time()
+        self.wall, self.cpu = time.monotonic(), cpu_seconds()
 
     def cpu_time(self) -> float:
-        return time.process_time() - self.cpu
+        return cpu_seconds() - self.cpu
 
 
 @dataclass

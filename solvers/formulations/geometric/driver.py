@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ....harness.clock import cpu_seconds
 from ....harness.types import Problem, State, States, Status, StepControl, Trajectory
 from . import march as marching
 from .arrays import Motion, Step, empty_step, model_of
@@ -80,7 +81,7 @@ def integrate(
         else (lambda step, room: advance(run, step, clock, room))
     )
     set_up = time.perf_counter() - began
-    log, steps, cpu = Log(), 0, time.process_time()
+    log, steps, cpu = Log(), 0, cpu_seconds()
     status, message = Status.SUCCESS, ""
     while True:
         step, outcome, stretch = march(step, min(room, control.max_steps - steps))
@@ -101,7 +102,7 @@ def integrate(
         if limit:
             status, message = Status.STALLED, f"{limit} reached at t = {marching.time_of(clock):g} s"
             break
-    return hand_back(problem, run, log, status, message, time.process_time() - cpu, set_up)
+    return hand_back(problem, run, log, status, message, cpu_seconds() - cpu, set_up)
 
 
 def hand_back(

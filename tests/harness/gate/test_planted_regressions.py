@@ -125,6 +125,6 @@ def test_a_changed_line_closes_the_gate(solver, planted, monkeypatch, tmp_path):
 
 
 def test_every_solver_is_in_the_gate():
-    """A solver that no run uses can break unseen."""
-    ours = {n for n, e in registry.solvers().items() if e.make.__module__.startswith("mbsbench.solvers.")}
+    """A solver that no run uses can break unseen; engines are optional, so the gate cannot ask for them."""
+    ours = {n for n, e in registry.solvers().items() if e.make.__module__.rpartition(".")[0] == "mbsbench.solvers"}
     assert ours == {c.solver for c in SUITE.specs}

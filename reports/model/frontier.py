@@ -1,0 +1,94 @@
+"""The cheapest solver for an error: from runs at several steps or tolerances, between which work is interpolated."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+from .accuracy import Measure, measure_for
+from .results import Results, Run, Variant, grouped
+
+TARGETS = (1e-3, 1e-6)  # in the unit of the problem's error
+LEAST = 2  # solvers that reach a target: fewer are no comparison
+
+
+@dataclass(frozen=True)
+class Reach:
+    """What an error costs a solver with its best settings."""
+
+    run: Run  # the coarsest that reaches it
+    cpu_s: float
+    bound: bool  # at most: no coarser run misses the error
+
+
+@dataclass(frozen=True)
+class Place:
+    """A solver in the order of a target, with its CPU time over that of the cheapest."""
+
+    reach: Reach
+    factor: float
+
+
+@dataclass(frozen=True)
+class Frontier:
+    """A problem and an error: solvers that reach it, the cheapest first; those tried that do not, and why refused."""
+
+    variant: str
+    what: str
+    unit: str
+    target: float
+    places: tuple[Place, ...]
+    missed: tuple[str, ...]
+    refused: tuple[Run, ...]
+
+    @property
+    def next_factor(self) -> float:
+        """CPU of the second over that of the first."""
+        return self.places[1].factor
+
+
+def frontiers(results: Results) -> list[Frontier]:
+    """Of every variant with a reference and every target that two solvers reach."""
+    out = []
+    for variant in results.variants:
+        measure = measure_for(variant.runs)
+        if measure is None:
+            continue
+        for target in TARGETS:
+            found = _frontier(variant, measure, target)
+            if len(found.places) >= LEAST:
+                out.append(found)
+    return out
+
+
+def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
+    by_solver = grouped(variant.runs, lambda c: c.record.solver)
+    best, missed, refused = list[Reach](), list[str](), list[Run]()
+    for solver, own in by_solver.items():
+        reaches = [r for same in grouped(own, lambda c: c.method).values() if (r := reach(same, measure, target))]
+        if reaches:
+            best.append(min(reaches, key=lambda r: r.cpu_s))
+        elif all(c.status == "refused" for c in own):
+            refused.append(own[0])
+        else:
+            missed.append(solver)
+    best.sort(key=lambda r: r.cpu_s)
+    places = tuple(Place(r, r.cpu_s / best[0].cpu_s) for r in best)
+    return Frontier(variant.title, measure.what, measure.unit, target, places, tuple(missed), tuple(refused))
+
+
+def reach(runs: Sequence[Run], measure: Measure, target: float) -> Reach | None:
+    """Least CPU of one method's runs for ``target``; log-log between the last run that misses it and the next."""
+    timed = [c for c in runs if c.record.status in ("success", "inaccurate") and c.record.cpu_median_s > 0.0]
+    coarse_first = sorted(timed, key=lambda c: -c.step_or_tolerance)
+    errors = [measure.of(c) for c in coarse_first]
+    out: list[Reach] = []
+    if coarse_first and errors[0] <= target:
+        out.append(Reach(coarse_first[0], coarse_first[0].record.cpu_median_s, bound=True))
+    for (a, ea), (b, eb) in pairwise(zip(coarse_first, errors, strict=True)):
+        if not (ea > target >= eb):
+            continue
+        low, high = a.record.cpu_median_s, b.record.cpu_median_s
+        share = math.log(ea / target) / math.log(ea / eb) if eb > 0.0 else 1.0
+        out.append(Reach(b, min(high, low * (high / low) ** share), bound=False))
+    return min(out, key=lambda r: r.cpu_s, default=None)

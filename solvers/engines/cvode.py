@@ -1,0 +1,87 @@
+"""SUNDIALS CVODE on the strong form, Eq. (65), without its quadratures lam: Adams (orders 1 to 12) or BDF (1 to 5).
+
+    y = (p, u),   y' = (G u, u_dot) with u_dot from Eq. (65)
+
+Newton's systems are solved by GMRES without a matrix: scikit-sundae takes no exact Jacobian that is cheaper, and
+the equations are not stiff. Every evaluation is a call of Python, which is in the CPU time. Constraints hold through
+phi_ddot = 0 alone unless ``alpha`` and ``beta`` are given. Counted: accepted steps and evaluations, one a step of which
+is for the reaction.
+"""
+
+import contextlib
+import io
+import time
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from sksundae.cvode import CVODE
+
+from ...harness.catalogue.options import option
+from ...harness.catalogue.registry import solver
+from ...harness.types import Problem, Status, StepControl, Trajectory
+from ..formulations.classical import SymbolicOptions
+from ..formulations.ida import FAILURES, ONE_STEP_LIMIT
+from ..formulations.recording import Clock, StepFailure, march, no_trajectory, trajectory
+from ..formulations.start import coordinates_and_velocities, layout_for
+from ..formulations.strong_form import StrongForm
+from .export.engine import made_by
+
+
+@solver("cvode")
+@dataclass(frozen=True)
+class Cvode(SymbolicOptions):
+    """SUNDIALS CVODE on Eq. (65)."""
+
+    method: str = option("Adams", "linear multistep method", choices=("Adams", "BDF"))
+    alpha: float = option(0.0, "Baumgarte: 2 alpha phi_dot", "1/s", at_least=0.0)
+    beta: float = option(0.0, "Baumgarte: beta^2 phi", "1/s", at_least=0.0)
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "rtol"
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate from the start to ``t_end``."""
+        began, reason = time.process_time(), self.refuses(problem, control)
+        if reason is not None:
+            return no_trajectory(problem, Status.REFUSED, reason)
+        layout, notes = layout_for(problem, self.coordinates)
+        n, still = layout.n_p + layout.n_u, np.zeros(layout.k)
+        form, clock, work = StrongForm(layout, self.alpha, self.beta), Clock(control.wall_limit), {"evaluations": 0}
+
+        def rates(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            work["evaluations"] += 1
+            clock.check()
+            found = form.rates(y, still, still)
+            return np.concatenate((found.p_dot, found.u_dot)), found.reaction
+
+        def rhs(t: float, y: np.ndarray, y_dot: np.ndarray) -> None:
+            y_dot[:] = rates(y)[0]
+
+        y = coordinates_and_velocities(layout, problem)[:n]
+        with contextlib.redirect_stdout(io.StringIO()) as said:  # SUNDIALS prints its messages
+            try:
+                reaction = rates(y)[1]
+                cvode = CVODE(
+                    rhs, method=self.method, rtol=control.rtol, atol=control.rtol, linsolver="gmres",
+                    max_step=control.max_step or 0.0, max_num_steps=ONE_STEP_LIMIT,
+                )  # fmt: skip
+                cvode.init_step(0.0, y)
+            except StepFailure as failure:
+                return no_trajectory(problem, failure.status, f"no acceleration at the start: {failure.message}")
+            setup_time = time.process_time() - began
+            clock.restart()
+
+            def advance() -> tuple[float, np.ndarray, np.ndarray]:
+                step = cvode.step(problem.t_end, method="onestep", tstop=problem.t_end)
+                if step.status < 0:
+                    status, words = FAILURES.get(step.status, (Status.CRASHED, step.message))
+                    native = " ".join(said.getvalue().split())
+                    raise StepFailure(status, f"CVODE: {words}" + (f" ({native})" if native else ""))
+                return step.t, step.y, rates(step.y)[1]
+
+            done = march(advance, (0.0, y, reaction), layout, problem.t_end, control, clock)
+            cpu_time = clock.cpu_time()
+        notes = (*notes, made_by("scikit-sundae"))
+        return trajectory(layout, done, work, notes, cpu_time=cpu_time, setup_time=setup_time)

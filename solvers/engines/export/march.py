@@ -1,0 +1,70 @@
+"""Fixed steps of an engine that loops by itself: stretches of many steps, the clock read between them."""
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+
+from ....harness.clock import cpu_seconds
+from ....harness.types import Problem, States, Status, StepControl, Trajectory
+from ...formulations.recording import Clock, StepFailure
+
+STRETCH = 20_000  # steps times bodies between two looks at the clock: 0.1 to 2 s of a compiled engine
+
+Advance = Callable[[int, float], Float[np.ndarray, "k n"]]  # steps, dt [s] -> the engine's state after each
+
+
+class PartialStretch(StepFailure):
+    """An engine that stopped inside a stretch; ``done`` its states until then."""
+
+    def __init__(self, status: Status, message: str, done: Float[np.ndarray, "k n"]) -> None:
+        super().__init__(status, message)
+        self.done = done
+
+
+def march(
+    problem: Problem, control: StepControl, advance: Advance, states: Callable[[np.ndarray], States], *,
+    began: float, notes: tuple[str, ...], stretch: int = STRETCH,
+) -> Trajectory:  # fmt: skip
+    """Call ``advance`` until ``t_end``; CPU time is that of ``advance`` alone, set-up since process time ``began``."""
+    dt, t_end = control.dt, problem.t_end
+    assert dt is not None  # the catalogue has seen to it
+    full, last = int(t_end / dt + 1e-9), int(np.ceil(t_end / dt - 1e-9))
+    most = max(1, stretch // problem.system.nb)
+    parts, n, cpu = [States.one(problem.initial)], 0, 0.0
+    status, message = Status.SUCCESS, "reached the end"
+    setup, clock, spool = time.process_time() - began, Clock(control.wall_limit), control.spool
+    try:
+        while n < last:
+            if n >= control.max_steps:
+                raise StepFailure(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
+            clock.check()
+            k, h = (min(most, full - n, control.max_steps - n), dt) if n < full else (1, t_end - n * dt)
+            before, stopped = cpu_seconds(), None
+            try:
+                rows = advance(k, h)
+            except PartialStretch as failure:
+                rows, stopped = failure.done, failure
+            cpu += cpu_seconds() - before
+            finite = np.isfinite(rows).all(axis=1)
+            sound = len(rows) if finite.all() else int(np.argmin(finite))
+            if sound:
+                parts.append(states(rows[:sound]))
+                n += sound
+            if sound < len(rows):
+                raise StepFailure(Status.DIVERGED, "the solution is no longer finite")
+            if stopped is not None:
+                raise stopped
+            if spool is not None and spool.due():
+                parts = [_joined(parts)]
+                spool.take(np.minimum(dt * np.arange(spool.rows, n + 1), t_end), parts[0].at(slice(spool.rows, n + 1)))
+    except StepFailure as failure:
+        status, message = failure.status, f"stopped at t = {n * dt:.6g} s: {failure.message}"
+    t = np.append(dt * np.arange(n), t_end if n == last else n * dt)
+    counters = {"steps": n}
+    return Trajectory(t, _joined(parts), status, message, counters, notes=notes, cpu_time=cpu, setup_time=setup)
+
+
+def _joined(parts: list[States]) -> States:
+    return States(*(np.concatenate([getattr(p, name) for p in parts]) for name in ("r", "R", "v", "Omega")))

@@ -1,0 +1,261 @@
+"""Exudyn: redundant coordinates, implicit integrators, its own compiled loop without range checks.
+
+A body is a node with Euler parameters and their norm as a constraint, a joint is rows of algebraic equations in our
+order of ends: marker 0 on body i, marker 1 on body j or the ground. A revolute joint is Exudyn's generic joint about
+its z axis, both joint frames equal at the start. Redundant rows are left out, as chosen by a pivoted QR of the rows in
+the frame in which Exudyn states them, or kept: then with Tait-Bryan angles, whose nodes have no row of their own, and
+dense LU that ignores the singular Jacobian. Its defaults stay: modified Newton, and smaller steps where the iteration
+fails; such a run has no fixed steps any more and ends there. Sensors record poses inside the timed loop. Between
+stretches it restarts from its state, with initial accelerations computed anew. Its explicit integrators take no joints.
+"""
+
+import contextlib
+import io
+import sys
+import time
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, ClassVar
+
+import numpy as np
+import scipy.linalg as sl
+from jaxtyping import Bool, Float
+
+from ...harness.catalogue.options import option
+from ...harness.catalogue.registry import solver
+from ...harness.mechanics.jacobian import constraint_jacobian
+from ...harness.mechanics.state import State, States
+from ...harness.mechanics.system import GROUND, MultibodySystem
+from ...harness.types import Problem, Status, StepControl, Trajectory
+from ..formulations.recording import no_trajectory
+from .export.engine import made_by, missing, package
+from .export.march import PartialStretch, march
+from .export.model_check import EngineModel, model_refusal
+
+PIVOT = 1e-9  # of the largest pivot: rounding is 1e-15, true pivots are above 1e-3
+INTEGRATORS = ("TrapezoidalIndex2", "GeneralizedAlpha")
+OUTPUTS = {"Position": 3, "RotationMatrix": 9, "Velocity": 3, "AngularVelocityLocal": 3}  # numbers of a body
+SMALLER = "its iteration failed and it took a smaller step than dt"
+STEEP = 0.99  # sine of the second angle
+ON_GRID = 1e-6  # of a step: recorded times are sums of steps
+
+
+@solver("exudyn")
+@dataclass(frozen=True)
+class Exudyn:
+    """Exudyn's implicit integrators in redundant coordinates."""
+
+    integrator: str = option("TrapezoidalIndex2", "Exudyn's name of it", choices=INTEGRATORS)
+    spectral_radius: float = option(0.9, "of generalised alpha at infinity", at_least=0.0, at_most=1.0)
+    redundant_rows: str = option("drop", "rows that depend on others at the start", choices=("drop", "keep"))
+    newton_relative: float = option(1e-8, "tolerance of its Newton method, relative; 1e-8 is its own", above=0.0)
+    newton_absolute: float = option(1e-10, "tolerance of its Newton method, absolute; 1e-10 is its own", above=0.0)
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "dt"
+    order: ClassVar[float] = 2.0
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Why Exudyn cannot take the problem, or None."""
+        if (reason := missing("exudyn")) is not None:
+            return reason
+        model = Model(self, problem, control)
+        steep = np.abs(problem.initial.R[:, 0, 2]) > STEEP
+        if model.full and np.any(steep):
+            which = problem.system.body_names[int(np.argmax(steep))]
+            return f"Tait-Bryan angles are singular at the start of {which}: turn it, e.g. rotation=0.3,-0.5,0.7"
+        return model_refusal(self.name, problem, model.at_start())
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Exudyn's own loop with the fixed step ``control.dt``."""
+        began, reason = time.process_time(), self.refuses(problem, control)
+        if reason is not None:
+            return no_trajectory(problem, Status.REFUSED, reason)
+        model = Model(self, problem, control)
+        return march(problem, control, model.advance, model.states, began=began, notes=model.notes())
+
+
+class Model:
+    """An assembled Exudyn system at the end of the last stretch, and the handles to read its motion."""
+
+    def __init__(self, options: Exudyn, problem: Problem, control: StepControl) -> None:
+        self._exu, self._options, self._problem = _package(), options, problem
+        system, start = problem.system, problem.initial
+        redundant = not np.all(_independent_rows(system, start))
+        self.full = redundant and options.redundant_rows == "keep"
+        self._node = "RotationRxyz" if self.full else "RotationEulerParameters"
+        self._rows = np.ones(system.nrows, dtype=bool) if self.full else _independent_rows(system, start)
+        self._container = self._exu.SystemContainer()
+        self.mbs = mbs = self._container.AddSystem()
+        self._ground = mbs.AddObject(self._exu.itemInterface.ObjectGround())
+        self.bodies = [self._body(system, start, b) for b in range(system.nb)]
+        for k in range(system.nj):
+            self._joint(system, start, k, self._rows[system.row_start[k] : system.row_start[k + 1]])
+        for k in range(len(system.spring_k)):
+            self._spring(system, k)
+        self._sensors = [[self._sensor(b, name) for name in OUTPUTS] for b in self.bodies]
+        mbs.Assemble()
+        self._time = 0.0
+
+    def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
+        """r, R, v, Omega body by body after each of the next steps."""
+        began, end = self._time, self._time + steps * dt
+        kind, words = getattr(self._exu.DynamicSolverType, self._options.integrator), "its solver failed"
+        try:
+            ended = self.mbs.SolveDynamic(self._settings(began, end, steps), solverType=kind, updateInitialValues=True)
+        except Exception as error:  # its failures are results; their class is not public
+            ended, words = False, " ".join(str(error).split())
+        stored = [[self.mbs.GetSensorStoredData(s) for s in of_body] for of_body in self._sensors]
+        t = stored[0][0][:, 0]
+        rows = np.concatenate([series[:, 1:] for of_body in stored for series in of_body], axis=1)
+        on_grid = np.abs(t[: steps + 1] - began - dt * np.arange(min(len(t), steps + 1))) < ON_GRID * dt
+        sound = len(on_grid) if np.all(on_grid) else int(np.argmin(on_grid))
+        self._time = end
+        if not ended or sound <= steps:
+            raise PartialStretch(Status.DIVERGED, words if not ended else SMALLER, rows[1:sound])
+        return rows[1 : steps + 1]
+
+    def states(self, rows: Float[np.ndarray, "k n"]) -> States:
+        """Of rows of ``advance``."""
+        by_body = rows.reshape(len(rows), len(self.bodies), -1)
+        r, R, v, Omega = np.split(by_body, np.cumsum(list(OUTPUTS.values()))[:-1], axis=2)
+        return States(r, R.reshape(*R.shape[:2], 3, 3), v, Omega)
+
+    def at_start(self) -> EngineModel:
+        """For the model check; the norm of Euler parameters p satisfies p . p_ddot = -p_dot . p_dot."""
+        mbs, start, n = self.mbs, self._problem.initial, 6 if self.full else 7
+        solver, settings = self._exu.MainSolverImplicitSecondOrder(), self._settings(0.0, self._problem.t_end, 1)
+        solver.InitializeSolver(mbs, settings)
+        size = solver.GetODE2size()
+        solver.ComputeMassMatrix(mbs)
+        mass_matrix = np.array(solver.GetSystemMassMatrix())
+        solver.ComputeJacobianAE(mbs, 0.0, 1.0, velocityLevel=True)
+        G = np.array(solver.GetSystemJacobian())[size:, :size]
+        reference = mbs.systemData.GetODE2Coordinates(configuration=self._exu.ConfigurationType.Reference)
+        q = np.array(reference) + np.array(mbs.systemData.GetODE2Coordinates())
+        u = np.array(mbs.systemData.GetODE2Coordinates_t())
+        T, bias, norms = np.zeros((6 * start.nb, size)), np.zeros((start.nb, 6)), np.zeros((start.nb, size))
+        of_rates = _tait_bryan if self.full else _euler_parameters
+        for b in range(start.nb):
+            place, turning = slice(n * b, n * b + 3), slice(n * b + 3, n * (b + 1))
+            T[6 * b : 6 * b + 3, place] = np.eye(3)
+            T[6 * b + 3 : 6 * b + 6, turning], bias[b, 3:] = of_rates(q[turning], u[turning])
+            norms[b, turning] = q[turning]
+        energy = self._exu.OutputVariableType.KineticEnergy
+        solver.ComputeODE2RHS(mbs)
+        forces = np.array(solver.GetSystemResidual())[:size]
+        kinetic = float(sum(mbs.GetObjectOutputBody(body, energy, np.zeros(3)) for body in self.bodies))
+        mbs.systemData.SetODE2Coordinates_t(0.0 * u)
+        solver.ComputeODE2RHS(mbs)
+        rest_forces = np.array(solver.GetSystemResidual())[:size]
+        idle = None if self.full else (norms, -np.sum(u.reshape(-1, 7)[:, 3:] ** 2, axis=1))
+        # gravity is a load without a potential
+        return EngineModel(T, mass_matrix, rest_forces, kinetic, None, bias, forces, G, idle)
+
+    def notes(self) -> tuple[str, ...]:
+        """What was modelled how."""
+        dropped = np.flatnonzero(~self._rows)
+        return (
+            f"{int(np.sum(self._rows))} of {self._problem.system.nrows} constraint rows",
+            *((f"left out, redundant at the start: {', '.join(map(str, dropped))}",) if len(dropped) else ()),
+            made_by("exudyn"),
+        )
+
+    def _settings(self, began: float, end: float, steps: int) -> Any:
+        s, options = self._exu.SimulationSettings(), self._options
+        t = s.timeIntegration
+        t.numberOfSteps, t.startTime, t.endTime, t.verboseMode = steps, began, end, 0
+        t.generalizedAlpha.spectralRadius = options.spectral_radius
+        t.newton.relativeTolerance, t.newton.absoluteTolerance = options.newton_relative, options.newton_absolute
+        s.solution.file.write = False
+        s.solution.sensors.writePeriod = (end - began) / steps
+        s.parallel.numberOfThreads = 1
+        s.linearSolver.solverType = getattr(self._exu.LinearSolverType, "EigenDense" if self.full else "EigenSparse")
+        s.linearSolver.ignoreSingularJacobian = self.full
+        return s
+
+    def _body(self, system: MultibodySystem, start: State, b: int) -> Any:
+        inertia = self._exu.rigidBodyUtilities.RigidBodyInertia(system.mass[b], system.inertia[b])
+        return self.mbs.CreateRigidBody(
+            referencePosition=start.r[b], referenceRotationMatrix=start.R[b],
+            initialVelocity=start.v[b], initialAngularVelocity=start.R[b] @ start.Omega[b],  # theirs is in space
+            inertia=inertia, gravity=system.gravity, nodeType=getattr(self._exu.NodeType, self._node),
+        )  # fmt: skip
+
+    def _marker(self, body: int, place: np.ndarray, rotation: np.ndarray | None = None) -> Any:
+        number = self._ground if body == GROUND else self.bodies[body]
+        frame = self._exu.HT(rotation=np.eye(3) if rotation is None else rotation, translation=place)
+        return self.mbs.AddMarker(self._exu.itemInterface.MarkerBodyRigid(bodyNumber=number, localHT=frame))
+
+    def _joint(self, system: MultibodySystem, start: State, k: int, rows: Bool[np.ndarray, " n"]) -> None:
+        items, i, j = self._exu.itemInterface, int(system.joint_i[k]), int(system.joint_j[k])
+        s_i, s_j = system.joint_s_i[k], system.joint_s_j[k]
+        if not system.joint_revolute[k]:
+            markers = [self._marker(i, s_i), self._marker(j, s_j)]
+            self.mbs.AddObject(items.SphericalJoint(markerNumbers=markers, constrainedAxes=rows.astype(int).tolist()))
+            return
+        in_i, in_j = _joint_frames(system, start, k)
+        point, first, second = rows[:3], rows[3], rows[4]  # a row on normal x stops the turning about y, and conversely
+        axes = [int(a) for a in (*point, second, first, False)]
+        markers = [self._marker(i, s_i, in_i), self._marker(j, s_j, in_j)]
+        self.mbs.AddObject(items.GenericJoint(markerNumbers=markers, constrainedAxes=axes))
+
+    def _spring(self, system: MultibodySystem, k: int) -> None:
+        i, j = int(system.spring_i[k]), int(system.spring_j[k])
+        markers = [self._marker(i, system.spring_p_i[k]), self._marker(j, system.spring_p_j[k])]
+        law = {"stiffness": system.spring_k[k], "damping": system.spring_c[k], "referenceLength": system.spring_d0[k]}
+        self.mbs.AddObject(self._exu.itemInterface.SpringDamper(markerNumbers=markers, **law))
+
+    def _sensor(self, body: Any, name: str) -> Any:
+        kind = getattr(self._exu.OutputVariableType, name)
+        sensor = self._exu.itemInterface.SensorBody(
+            bodyNumber=body, outputVariableType=kind, storeInternal=True, writeToFile=False
+        )
+        return self.mbs.AddSensor(sensor)
+
+
+def _package() -> ModuleType:
+    sys.exudynFast = True  # type: ignore[attr-defined]  # its own switch, read at import
+    with contextlib.redirect_stdout(io.StringIO()):  # it announces that
+        return package("exudyn", "itemInterface", "rigidBodyUtilities")
+
+
+def _euler_parameters(p: Float[np.ndarray, " 4"], rate: Float[np.ndarray, " 4"]) -> tuple[np.ndarray, np.ndarray]:
+    """G of Omega = G rate, and the rest of Omega_dot, which is 0."""
+    a, b, c, d = p
+    return 2.0 * np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]]), np.zeros(3)
+
+
+def _tait_bryan(angles: Float[np.ndarray, " 3"], rate: Float[np.ndarray, " 3"]) -> tuple[np.ndarray, np.ndarray]:
+    """G of Omega = G rate for R = R_x R_y R_z, and the rest of Omega_dot."""
+    (sb, cb), (sc, cc) = ((np.sin(x), np.cos(x)) for x in angles[1:])
+    _, b, c = rate
+    G = np.array([[cb * cc, sc, 0.0], [-cb * sc, cc, 0.0], [sb, 0.0, 1.0]])
+    G_dot = [[-sb * cc * b - cb * sc * c, cc * c, 0.0], [sb * sc * b - cb * cc * c, -sc * c, 0.0], [cb * b, 0.0, 0.0]]
+    return G, np.array(G_dot) @ rate
+
+
+def _joint_frames(
+    system: MultibodySystem, start: State, k: int
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
+    """Columns x, y, z of the joint frame of revolute joint ``k``, z its axis, in the frames of i and of j."""
+    R = np.concatenate((start.R, np.eye(3)[None]))
+    x, y = system.joint_n[k]
+    in_j = np.column_stack((x, y, np.cross(x, y)))
+    return R[system.joint_i[k]].T @ R[system.joint_j[k]] @ in_j, in_j
+
+
+def _independent_rows(system: MultibodySystem, start: State) -> Bool[np.ndarray, " nrows"]:
+    """Which rows to keep; point rows are taken in the joint frame, as Exudyn states an incomplete set of them."""
+    A = constraint_jacobian(system, start).toarray()
+    for k in np.flatnonzero(system.joint_revolute):
+        point = slice(system.row_start[k], system.row_start[k] + 3)
+        R_i = start.R[system.joint_i[k]]
+        A[point] = (R_i @ _joint_frames(system, start, int(k))[0]).T @ A[point]
+    kept = np.zeros(system.nrows, dtype=bool)
+    if system.nrows:
+        _, pivots, order = sl.qr(A.T, mode="economic", pivoting=True)
+        size = np.abs(np.diag(pivots))
+        kept[order[: int(np.sum(size > PIVOT * size[0]))]] = True
+    return kept

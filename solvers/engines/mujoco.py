@@ -1,0 +1,179 @@
+"""MuJoCo: joint coordinates of a tree, cut joints as soft equality constraints, its own compiled loop.
+
+A tree of ``export.tree``: hinge, ball and free joints. A point of a cut joint is a ``connect`` constraint. MuJoCo's
+constraints are soft: a row follows
+
+    a + d (b v + k r) = (1 - d) a_0,   d = impedance,  b = 2/(d T),  k = 1/(d T)^2,  T = time_constant dt
+
+with a_0 its acceleration without the constraint: a gap of about (1 - d) a_0 T^2 stays, so that with T = 2 dt errors
+fall with dt^2 whatever the integrator. Trees have no such rows, and their motion has the order of the integrator.
+Contacts and automatic resets are off; springs are tendons.
+"""
+
+import time
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, ClassVar
+
+import numpy as np
+from jaxtyping import Float
+from scipy.spatial.transform import Rotation
+
+from ...harness.catalogue.options import option
+from ...harness.catalogue.registry import solver
+from ...harness.mechanics.system import GROUND
+from ...harness.types import Problem, States, Status, StepControl, Trajectory
+from ..formulations.recording import no_trajectory
+from .export.engine import made_by, missing, package
+from .export.march import march
+from .export.model_check import EngineModel, model_refusal
+from .export.tree import Kind, Tree, spanning_tree
+
+INTEGRATORS = {"RK4": 4.0, "Euler": 1.0, "implicitfast": 1.0, "implicit": 1.0}  # order in dt without constraints
+CONSTRAINT_SOLVERS = ("Newton", "CG", "PGS")
+JOINTS = {Kind.HINGE: "HINGE", Kind.BALL: "BALL", Kind.FREE: "FREE"}
+
+
+@solver("mujoco")
+@dataclass(frozen=True)
+class MuJoCo:
+    """MuJoCo's integrators on its own tree with soft loop constraints."""
+
+    integrator: str = option("RK4", "MuJoCo's name of it; Euler is semi-implicit", choices=tuple(INTEGRATORS))
+    constraint_solver: str = option("Newton", "of the soft constraints", choices=CONSTRAINT_SOLVERS)
+    iterations: int = option(100, "of the constraint solver, at most", at_least=1)
+    tolerance: float = option(1e-14, "of the constraint solver: MuJoCo's relative improvement", at_least=0.0)
+    time_constant: float = option(2.0, "of the soft constraints, in steps; MuJoCo allows no less than 2", at_least=2.0)
+    impedance: float = option(
+        0.9999, "of the soft constraints; MuJoCo allows 0.0001 to 0.9999", at_least=1e-4, at_most=0.9999
+    )
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "dt"
+
+    @property
+    def order(self) -> float:
+        """Without loops; with loops 2 at most."""
+        return INTEGRATORS[self.integrator]
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Why MuJoCo cannot take the problem, or None."""
+        if (reason := missing("mujoco")) is not None:
+            return reason
+        try:
+            model = Model(self, problem, control)
+        except ValueError as error:  # of its compiler, e.g. an inertia that no body can have
+            return f"MuJoCo does not take the model: {' '.join(str(error).split())}"
+        return model_refusal(self.name, problem, model.at_start())
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """MuJoCo's own loop (``rollout``) with the fixed step ``control.dt``."""
+        began, reason = time.process_time(), self.refuses(problem, control)
+        if reason is not None:
+            return no_trajectory(problem, Status.REFUSED, reason)
+        model = Model(self, problem, control)
+        return march(problem, control, model.advance, model.states, began=began, notes=model.notes())
+
+
+class Model:
+    """A compiled model, and its state at the last step made."""
+
+    def __init__(self, options: MuJoCo, problem: Problem, control: StepControl) -> None:
+        assert control.dt is not None  # the catalogue has seen to it
+        self.mj = package("mujoco", "rollout")
+        self.problem, self.tree = problem, spanning_tree(problem.system, problem.initial)
+        self.model = _spec(self.mj, options, problem, self.tree, control.dt).compile()
+        self.data = self.mj.MjData(self.model)
+        self.advance(1, control.dt)  # what it sets up at the first call is not counted
+        self.mj.mj_resetData(self.model, self.data)
+        self.data.qpos[:], self.data.qvel[:] = self.tree.start, self.tree.start_velocity
+
+    def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
+        """(time, qpos, qvel) after each of the next steps."""
+        mj, self.model.opt.timestep = self.mj, dt
+        kind = mj.mjtState.mjSTATE_FULLPHYSICS
+        first = np.empty(mj.mj_stateSize(self.model, kind))
+        mj.mj_getState(self.model, self.data, first, kind)
+        warm = self.data.qacc_warmstart.copy()
+        rows, _ = mj.rollout.rollout(self.model, self.data, first[None], nstep=steps, initial_warmstart=warm[None])
+        return rows[0]
+
+    def states(self, rows: Float[np.ndarray, "k n"]) -> States:
+        """Of rows of ``advance``."""
+        nq = self.model.nq
+        return self.tree.states(rows[:, 1 : 1 + nq], rows[:, 1 + nq : 1 + nq + self.model.nv])
+
+    def at_start(self) -> EngineModel:
+        """For the model check."""
+        mj, m, d, problem = self.mj, self.model, self.data, self.problem
+        mj.mj_forward(m, d)
+        mj.mj_energyPos(m, d)
+        mj.mj_energyVel(m, d)
+        mass_matrix = np.zeros((m.nv, m.nv))
+        mj.mj_fullM(m, d, mass_matrix)
+        rows = np.zeros((d.nefc, m.nv))
+        if mj.mj_isSparse(m):
+            mj.mju_sparse2dense(rows, d.efc_J, d.efc_J_rownnz, d.efc_J_rowadr, d.efc_J_colind)
+        else:
+            rows[:] = d.efc_J[: rows.size].reshape(rows.shape)
+        G = np.zeros((m.neq, 3, m.nv))
+        for cut in np.unique(d.efc_id):
+            G[cut] = rows[d.efc_id == cut]  # a cut whose rows vanish, as of a joint declared twice, is left out of them
+        G = G.reshape(-1, m.nv)
+        potential, kinetic = map(float, d.energy)
+        still = mj.MjData(m)
+        still.qpos[:] = self.tree.start
+        mj.mj_forward(m, still)
+        T, bias = self.tree.jacobian(), self.tree.bias(problem.initial)
+        return EngineModel(T, mass_matrix, still.qfrc_smooth, kinetic, potential, bias, d.qfrc_smooth, G)
+
+    def notes(self) -> tuple[str, ...]:
+        """What was modelled how."""
+        cuts = len(self.tree.cuts)
+        limbs = f"{len(self.tree.limbs)} bodies as a tree of {self.model.nv} velocities"
+        held = f"{limbs}; {cuts} points of cut joints held by soft constraints" if cuts else limbs
+        return held, made_by("mujoco")
+
+
+def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: float) -> Any:
+    system, start = problem.system, problem.initial
+    spec = mj.MjSpec()
+    o, off = spec.option, mj.mjtDisableBit
+    o.timestep, o.gravity, o.iterations, o.tolerance = dt, system.gravity, options.iterations, options.tolerance
+    o.integrator = getattr(mj.mjtIntegrator, f"mjINT_{options.integrator.upper()}")
+    o.solver = getattr(mj.mjtSolver, f"mjSOL_{options.constraint_solver.upper()}")
+    o.disableflags = off.mjDSBL_CONTACT | off.mjDSBL_AUTORESET
+    parts = {GROUND: spec.worldbody}
+    for limb in tree.limbs:
+        free = limb.kind is Kind.FREE
+        moments, axes = np.linalg.eigh(system.inertia[limb.body])
+        parts[limb.body] = part = parts[limb.parent].add_body(
+            name=_name(limb.body), mass=system.mass[limb.body], explicitinertial=True, ipos=np.zeros(3),
+            inertia=moments, iquat=_quaternion(axes * np.linalg.det(axes)),
+            pos=start.r[limb.body] if free else limb.s_parent - limb.R_0 @ limb.s_child, quat=_quaternion(limb.R_0),
+        )  # fmt: skip
+        kind = getattr(mj.mjtJoint, f"mjJNT_{JOINTS[limb.kind]}")
+        part.add_joint(type=kind, pos=limb.s_child, axis=limb.axis if limb.kind is Kind.HINGE else (0.0, 0.0, 1.0))
+    for cut in tree.cuts:
+        row = spec.add_equality(type=mj.mjtEq.mjEQ_CONNECT, objtype=mj.mjtObj.mjOBJ_BODY)
+        row.name1, row.name2, row.data[:3] = _name(cut.i), _name(cut.j), cut.s_i
+        row.solref, row.solimp = (options.time_constant * dt, 1.0), (options.impedance, options.impedance, 1e-3, 0.5, 2)
+    for k in range(len(system.spring_k)):
+        cord = spec.add_tendon(stiffness=[system.spring_k[k], 0.0, 0.0], damping=[system.spring_c[k], 0.0, 0.0],
+                               springlength=[system.spring_d0[k]] * 2)  # fmt: skip
+        for end, body, p in (
+            (0, system.spring_i[k], system.spring_p_i[k]),
+            (1, system.spring_j[k], system.spring_p_j[k]),
+        ):
+            parts[int(body)].add_site(name=f"spring {k} {end}", pos=p)
+            cord.wrap_site(f"spring {k} {end}")
+    return spec
+
+
+def _name(body: int) -> str:
+    return "world" if body == GROUND else f"body {body}"
+
+
+def _quaternion(R: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, " 4"]:
+    return Rotation.from_matrix(R).as_quat(scalar_first=True)

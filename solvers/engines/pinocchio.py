@@ -1,0 +1,208 @@
+"""Pinocchio: joint coordinates of a tree, cut joints as rigid constraints, stepped by a loop of ours.
+
+Pinocchio computes accelerations and has no integrator: ``aba`` for trees, ``constraintDynamics`` (proximal, redundant
+rows allowed) with a ``CONTACT_3D`` per point of a cut joint. The loop is written here in Python, and its overhead is in
+the CPU time. ``RKMK4`` is the classical Runge-Kutta scheme in local coordinates theta of the step, q = q_0 + theta::
+
+    theta' = v + theta x v/2 + theta x (theta x v)/12  (of ball joints, order 4),   v' = acceleration(q, v)
+
+``Euler`` is v_1 = v_0 + h a, q_1 = q_0 + h v_1, as in most scripts. Constraints hold through accelerations alone unless
+``gain`` turns Pinocchio's corrector on, K_d = 2 gain, K_p = gain^2. It has no springs.
+"""
+
+import time
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any, ClassVar
+
+import numpy as np
+from jaxtyping import Float
+
+from ...harness.catalogue.options import option
+from ...harness.catalogue.registry import solver
+from ...harness.mechanics.system import GROUND
+from ...harness.types import Problem, States, Status, StepControl, Trajectory
+from ..formulations.recording import no_trajectory
+from .export.engine import made_by, missing, package
+from .export.march import march
+from .export.model_check import EngineModel, model_refusal
+from .export.tree import Kind, Tree, spanning_tree
+
+INTEGRATORS = {"RKMK4": 4.0, "Euler": 1.0}
+STRETCH = 1_000  # steps times bodies between two looks at the clock
+
+
+@solver("pinocchio")
+@dataclass(frozen=True)
+class Pinocchio:
+    """Pinocchio's accelerations in a Runge-Kutta loop of ours."""
+
+    integrator: str = option("RKMK4", "the loop's; Euler is semi-implicit", choices=tuple(INTEGRATORS))
+    gain: float = option(0.0, "of the corrector of constraints, as Baumgarte's alpha = beta", "1/s", at_least=0.0)
+    accuracy: float = option(1e-12, "of its proximal iteration", above=0.0)
+    mu: float = option(1e-10, "of its proximal iteration: regularisation, iterated away", above=0.0)
+    iterations: int = option(20, "of its proximal iteration, at most", at_least=1)
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "dt"
+
+    @property
+    def order(self) -> float:
+        """Of the loop."""
+        return INTEGRATORS[self.integrator]
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Why Pinocchio cannot take the problem, or None."""
+        if (reason := missing("pinocchio", "pin")) is not None:
+            return reason
+        if len(problem.system.spring_k):
+            return f"Pinocchio has no springs; the system has {len(problem.system.spring_k)}"
+        return model_refusal(self.name, problem, Model(self, problem, control).at_start())
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """The loop with the fixed step ``control.dt``."""
+        began, reason = time.process_time(), self.refuses(problem, control)
+        if reason is not None:
+            return no_trajectory(problem, Status.REFUSED, reason)
+        model = Model(self, problem, control)
+        return march(problem, control, model.advance, model.states, began=began, notes=model.notes(), stretch=STRETCH)
+
+
+class Model:
+    """A model, and its state at the last step made."""
+
+    def __init__(self, options: Pinocchio, problem: Problem, control: StepControl) -> None:
+        self.pin, self.problem, self._options = (pin := package("pinocchio")), problem, options
+        self.tree = tree = spanning_tree(problem.system, problem.initial)
+        self.model, self._joint = _tree(pin, problem, tree)
+        self.data = self.model.createData()
+        self.cuts, self._held = pin.StdVec_RigidConstraintModel(), pin.StdVec_RigidConstraintData()
+        for cut in tree.cuts:
+            ends = ((self._joint[b], pin.SE3(np.eye(3), s - self._child_arm(b)))
+                    for b, s in ((cut.i, cut.s_i), (cut.j, cut.s_j)))  # fmt: skip
+            (i, at_i), (j, at_j) = ends
+            held = pin.RigidConstraintModel(
+                pin.ContactType.CONTACT_3D, self.model, i, at_i, j, at_j, pin.ReferenceFrame.LOCAL
+            )
+            held.setBaumgarteCorrectorParameters(pin.BaumgarteCorrectorParameters(options.gain**2, 2.0 * options.gain))
+            self.cuts.append(held)
+            self._held.append(held.createData())
+        pin.initConstraintDynamics(self.model, self.data, self.cuts, self._held)
+        self._proximal = pin.ProximalSettings(options.accuracy, options.mu, options.iterations)
+        self._no_torque = np.zeros(self.model.nv)
+        balls = [limb for limb in tree.limbs if limb.kind is not Kind.HINGE]
+        first = [limb.u_at + (3 if limb.kind is Kind.FREE else 0) for limb in balls]
+        self._turning = np.array(first, dtype=int)[:, None] + np.arange(3)
+        self._quaternions = np.array([limb.q_at + (3 if limb.kind is Kind.FREE else 0) for limb in balls], dtype=int)
+        self.q, self.u = self._theirs(tree.start), tree.start_velocity.copy()
+
+    def advance(self, steps: int, dt: float) -> Float[np.ndarray, "k n"]:
+        """(q, u) after each of the next steps."""
+        step = self._rkmk4 if self._options.integrator == "RKMK4" else self._euler
+        rows = np.empty((steps, self.model.nq + self.model.nv))
+        for k in range(steps):
+            self.q, self.u = step(self.q, self.u, dt)
+            rows[k, : self.model.nq], rows[k, self.model.nq :] = self.q, self.u
+        return rows
+
+    def states(self, rows: Float[np.ndarray, "k n"]) -> States:
+        """Of rows of ``advance``."""
+        nq = self.model.nq
+        return self.tree.states(self._ours(rows[:, :nq]), rows[:, nq:])
+
+    def at_start(self) -> EngineModel:
+        """For the model check."""
+        pin, m, d, q, u = self.pin, self.model, self.model.createData(), self.q, self.u
+        upper = np.triu(pin.crba(m, d, q))
+        mass_matrix = upper + np.triu(upper, 1).T
+        forces = -pin.nonLinearEffects(m, d, q, u)
+        rest_forces = -pin.computeGeneralizedGravity(m, d, q)
+        kinetic, potential = pin.computeKineticEnergy(m, d, q, u), pin.computePotentialEnergy(m, d, q)
+        self._acceleration(q, u)  # places the frames of the constraints
+        pin.computeJointJacobians(m, self.data, q)
+        G = np.zeros((0, m.nv))
+        if len(self.cuts):
+            G = np.array(pin.getConstraintsJacobian(m, self.data, self.cuts, self._held))
+        T, bias = self.tree.jacobian(), self.tree.bias(self.problem.initial)
+        return EngineModel(T, mass_matrix, rest_forces, kinetic, potential, bias, forces, G)
+
+    def notes(self) -> tuple[str, ...]:
+        """What was modelled how."""
+        cuts = f"; {len(self.cuts)} points of cut joints held rigidly" if len(self.cuts) else ""
+        limbs = f"{len(self.tree.limbs)} bodies as a tree of {self.model.nv} velocities{cuts}"
+        return limbs, f"own loop {self._options.integrator} in Python, its overhead counted", made_by("pin")
+
+    def _acceleration(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        if not len(self.cuts):
+            return self.pin.aba(self.model, self.data, q, u, self._no_torque)
+        return self.pin.constraintDynamics(
+            self.model, self.data, q, u, self._no_torque, self.cuts, self._held, self._proximal
+        )
+
+    def _rkmk4(self, q: np.ndarray, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+        """Weights 1, 2, 2, 1 of slopes at 0, 1/2, 1/2, 1."""
+        slope, rate = u, np.array(self._acceleration(q, u))
+        theta, change = slope.copy(), rate.copy()
+        for share, weight in ((0.5, 2.0), (0.5, 2.0), (1.0, 1.0)):
+            local, u_here = share * h * slope, u + share * h * rate
+            slope = self._local_rate(local, u_here)
+            rate = np.array(self._acceleration(self.pin.integrate(self.model, q, local), u_here))
+            theta, change = theta + weight * slope, change + weight * rate
+        return self.pin.integrate(self.model, q, h / 6.0 * theta), u + h / 6.0 * change
+
+    def _euler(self, q: np.ndarray, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+        u = u + h * self._acceleration(q, u)
+        return self.pin.integrate(self.model, q, h * u), u
+
+    def _local_rate(self, theta: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """theta' to the order of the scheme."""
+        out = u.copy()
+        if len(self._turning):
+            a, w = theta[self._turning], u[self._turning]
+            once = _cross(a, w)
+            out[self._turning] += 0.5 * once + _cross(a, once) / 12.0
+        return out
+
+    def _child_arm(self, body: int) -> Float[np.ndarray, " 3"]:
+        """From the body's C to the origin of its joint frame."""
+        return np.zeros(3) if body == GROUND else next(x.s_child for x in self.tree.limbs if x.body == body)
+
+    def _theirs(self, q: np.ndarray) -> np.ndarray:
+        """Quaternions as (x, y, z, w)."""
+        out = q.copy()
+        for at in self._quaternions:
+            out[at : at + 4] = np.roll(q[at : at + 4], -1)
+        return out
+
+    def _ours(self, q: Float[np.ndarray, "k nq"]) -> Float[np.ndarray, "k nq"]:
+        out = q.copy()
+        for at in self._quaternions:
+            out[:, at : at + 4] = np.roll(q[:, at : at + 4], 1, axis=1)
+        return out
+
+
+def _tree(pin: ModuleType, problem: Problem, tree: Tree) -> tuple[Any, dict[int, int]]:
+    """The model and its joint by body; coordinates in the tree's order."""
+    system, model = problem.system, pin.Model()
+    model.gravity.linear = np.array(system.gravity)
+    joint, arm = {GROUND: 0}, {GROUND: np.zeros(3)}
+    for limb in tree.limbs:
+        b, here = limb.body, pin.SE3(limb.R_0, limb.s_parent - arm[limb.parent])
+        if limb.kind is Kind.FREE:
+            carried = model.addJoint(0, pin.JointModelTranslation(), pin.SE3.Identity(), f"place of body {b}")
+            joint[b] = model.addJoint(carried, pin.JointModelSpherical(), pin.SE3.Identity(), f"body {b}")
+        elif limb.kind is Kind.BALL:
+            joint[b] = model.addJoint(joint[limb.parent], pin.JointModelSpherical(), here, f"body {b}")
+        else:
+            hinge = pin.JointModelRevoluteUnaligned(np.array(limb.axis))
+            joint[b] = model.addJoint(joint[limb.parent], hinge, here, f"body {b}")
+        arm[b] = limb.s_child
+        inertia = pin.Inertia(float(system.mass[b]), -np.array(limb.s_child), np.array(system.inertia[b]))
+        model.appendBodyToJoint(joint[b], inertia, pin.SE3.Identity())
+    return model, joint
+
+
+def _cross(a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
+    """numpy's own takes four times as long on a few rows."""
+    return a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]

@@ -1,0 +1,23 @@
+"""Times of runs are as fine in the sandbox as outside it."""
+
+from mbsbench.harness.clock import cpu_seconds
+from mbsbench.harness.sandbox.apart import Apart
+
+SPENT = 0.1  # [s] of CPU: 25 ticks of 4 ms
+READINGS = 500  # at least, if it moves by less than 0.2 ms
+
+
+def test_cpu_time_has_no_ticks_under_a_limit_on_it():
+    """Under RLIMIT_CPU the process clock of Linux moves 25 times in a tenth of a second; runs may take less than that."""
+
+    def target(send):
+        began = last = cpu_seconds()
+        seen = 0
+        while last - began < SPENT:
+            now = cpu_seconds()
+            seen += now != last
+            last = now
+        send(str(seen))
+
+    ended = Apart(target, limit=60.0, memory=500.0, cpu=50.0).wait()
+    assert ended.code == 0 and int(ended.sent) > READINGS

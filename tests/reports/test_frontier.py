@@ -1,0 +1,63 @@
+"""The cheapest solver for an error: interpolated along each method, refusals and misses kept beside."""
+
+import pytest
+
+from mbsbench.reports import site
+from mbsbench.reports.model.frontier import frontiers
+from mbsbench.reports.model.results import read_results
+
+from .conftest import put, record
+
+HALVINGS = range(9)
+
+
+def ladder(folder, solver, order, cost, **changes):
+    """Runs whose error is (10 dt)^order [m] at ``cost``/dt [s] of CPU, dt = 0.1 down to 0.1/256 s."""
+    for k in HALVINGS:
+        dt = 0.1 / 2**k
+        error = (10.0 * dt) ** order
+        numbers = {"dt_s": dt, "position_error_max_m": error, "cpu_median_s": cost / dt}
+        put(folder, record(f"{solver}{k}", solver, **{**numbers, **changes}))
+
+
+def test_work_is_interpolated_on_the_power_law(tmp_path):
+    """error = (10 dt)^p and CPU = c/dt: CPU at an error e is 10 c e^(-1/p), between the steps that were run too."""
+    ladder(tmp_path, "alpha", 2.0, 1e-3)
+    ladder(tmp_path, "beta", 4.0, 3e-3)
+    (found,) = [f for f in frontiers(read_results(tmp_path)) if f.target == 1e-3]
+    assert [p.reach.run.record.solver for p in found.places] == ["beta", "alpha"]
+    assert found.places[0].reach.cpu_s == pytest.approx(10.0 * 3e-3 * 1e3**0.25)
+    assert found.places[1].reach.cpu_s == pytest.approx(10.0 * 1e-3 * 1e3**0.5)
+    assert found.next_factor == pytest.approx(1e3**0.25 / 3.0)
+
+
+def test_who_misses_and_who_refuses_is_said(tmp_path):
+    """Neither is left out without a word; wrong runs reach nothing."""
+    ladder(tmp_path, "alpha", 4.0, 1e-3)
+    ladder(tmp_path, "beta", 4.0, 2e-3)
+    ladder(tmp_path, "gamma", 1.0, 1e-3)
+    ladder(tmp_path, "delta", 4.0, 1e-6, status="wrong")
+    put(tmp_path, record("eps", "epsilon", "refused", message="no springs", position_error_max_m=float("nan")))
+    found = {f.target: f for f in frontiers(read_results(tmp_path))}
+    assert [p.reach.run.record.solver for p in found[1e-6].places] == ["alpha", "beta"]
+    assert found[1e-6].missed == ("delta", "gamma")
+    assert [r.record.message for r in found[1e-6].refused] == ["no springs"]
+
+
+def test_a_coarsest_run_below_the_error_is_a_bound(tmp_path):
+    """No run shows how much less would do."""
+    ladder(tmp_path, "alpha", 4.0, 1e-3, position_error_max_m=1e-9)
+    ladder(tmp_path, "beta", 4.0, 1e-3)
+    (found,) = [f for f in frontiers(read_results(tmp_path)) if f.target == 1e-3]
+    bounds = {p.reach.run.record.solver: p.reach.bound for p in found.places}
+    assert bounds == {"alpha": True, "beta": False}
+
+
+def test_the_page_is_there_where_two_reach_an_error(tmp_path):
+    """With its ratios, and absent where there is nothing to compare."""
+    ladder(tmp_path, "alpha", 4.0, 1e-3)
+    alone = site.build(tmp_path).parent
+    assert not (alone / "frontier.html").exists()
+    ladder(tmp_path, "beta", 4.0, 2e-3)
+    page = (site.build(tmp_path).parent / "frontier.html").read_text(encoding="utf-8")
+    assert page.count('<td class="n" data-v="2">') >= 2

@@ -1,0 +1,125 @@
+"""Every engine with a model of its own: that model is ours, a planted fault is refused, it moves as the reference."""
+
+import dataclasses
+import importlib
+import importlib.util
+import sys
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.catalogue.registry import engines, make_problem, make_solver
+from mbsbench.harness.types import Status, StepControl
+from mbsbench.solvers.engines.export.model_check import differences
+
+from .systems import PROBLEMS
+
+PACKAGES = {"mujoco": "mujoco", "exudyn": "exudyn", "pinocchio": "pin"}  # by solver, as pip calls them
+SPRINGLESS = {"pinocchio"}
+CONTROL = StepControl(dt=1e-3)
+
+
+def module_of(name):
+    return importlib.import_module(type(make_solver(name)).__module__)
+
+
+@pytest.fixture(params=PACKAGES)
+def engine(request):
+    """An installed engine's name."""
+    if importlib.util.find_spec(request.param) is None:
+        pytest.skip(f"{PACKAGES[request.param]} is an optional extra: make test-engines")
+    return request.param
+
+
+def test_every_engine_is_tested_here():
+    assert set(PACKAGES) == {name for name, entry in engines().items() if entry.control == "dt"}
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_without_the_package_it_refuses_with_the_remedy(name, monkeypatch):
+    """A refusal is a result, in one line."""
+    monkeypatch.setitem(sys.modules, name, None)
+    for said in (
+        make_solver(name).refuses(make_problem("heavy_top"), CONTROL),
+        make_solver(name).solve(make_problem("heavy_top"), CONTROL).message,
+    ):
+        assert said == f"{PACKAGES[name]} is not installed: pip install -r requirements-engines.lock"
+
+
+@pytest.mark.parametrize("name", PROBLEMS)
+def test_its_model_is_ours(engine, name):
+    """Mass matrix, forces, energies, accelerations and freedom, to rounding."""
+    problem = PROBLEMS[name]()
+    if engine in SPRINGLESS and len(problem.system.spring_k):
+        said = make_solver(engine).refuses(problem, CONTROL)
+        assert said is not None and "has no springs; the system has 2" in said
+        return
+    found = differences(problem, module_of(engine).Model(make_solver(engine), problem, CONTROL).at_start())
+    assert max(found.values()) < 1e-10, found
+
+
+@pytest.mark.parametrize("wrong", [lambda J: J * (1.0 + 1e-8), lambda J: J + 1e-8 * np.ones((3, 3))])
+def test_a_planted_inertia_is_refused(engine, wrong, monkeypatch):
+    """The fault is in what the engine is given, not in the problem: there is no race."""
+    module, problem = module_of(engine), PROBLEMS["perturbed_chain"]()
+    right = module.Model
+
+    def planted(options, problem, control):
+        system = dataclasses.replace(problem.system, inertia=wrong(problem.system.inertia))
+        return right(options, dataclasses.replace(problem, system=system), control)
+
+    monkeypatch.setattr(module, "Model", planted)
+    t = make_solver(engine).solve(problem, CONTROL)
+    assert t.status is Status.REFUSED and t.counters["steps"] == 0
+    assert "is not that of chain: its" in t.message and "differs by" in t.message
+
+
+@pytest.mark.parametrize(("name", "parameters", "dt"), [
+    ("spherical_pendulum", {"omega_z": 3.0, "t_end": 1.0}, 2e-3),
+    ("heavy_top", {"t_end": 0.2}, 5e-4),
+    ("chain", {"t_end": 0.4}, 1e-3),
+    ("four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.5}, 5e-3),
+])  # fmt: skip
+def test_it_moves_like_the_exact_motion(engine, name, parameters, dt):
+    """Errors fall at least fourfold with half the step; a step that is cut at the end changes nothing of that."""
+    problem = make_problem(name, parameters)
+    errors = []
+    for step in (dt, 0.499 * dt):
+        t = make_solver(engine).solve(problem, StepControl(dt=step))
+        assert t.status is Status.SUCCESS, t.message
+        assert t.t[-1] == problem.t_end and t.counters["steps"] == len(t.t) - 1
+        errors.append(np.max(np.abs(t.states.r - problem.reference().states(t.t).r)))
+    assert errors[0] < 1e-3 and errors[1] < 0.35 * errors[0]
+
+
+def test_springs_and_dampers_are_the_engines_own(engine):
+    """A floating body and a skew hinge, springs between them and to the ground, against another method."""
+    if engine in SPRINGLESS:
+        pytest.skip(f"{engine} has no springs")
+    problem = PROBLEMS["sprung"]()
+    exact = make_solver("rkmk_dop853").solve(problem, StepControl(rtol=1e-11)).states.r[-1]
+    errors = [np.max(np.abs(make_solver(engine).solve(problem, StepControl(dt=dt)).states.r[-1] - exact))
+              for dt in (2e-3, 1e-3)]  # fmt: skip
+    assert errors[0] < 1e-4 and errors[1] < 0.35 * errors[0]
+
+
+def test_two_engines_agree_where_their_scheme_is_the_same():
+    """Semi-implicit Euler in the same joint coordinates: nothing but rounding is left between two codes."""
+    for name in ("mujoco", "pinocchio"):
+        if importlib.util.find_spec(name) is None:
+            pytest.skip(f"{PACKAGES[name]} is an optional extra: make test-engines")
+    problem = make_problem("heavy_top", {"t_end": 0.2})
+    one, two = (make_solver(n, {"integrator": "Euler"}).solve(problem, CONTROL) for n in ("mujoco", "pinocchio"))
+    np.testing.assert_allclose(one.states.R, two.states.R, atol=1e-11)  # rounding grows in 200 steps of a fast top
+    np.testing.assert_allclose(one.states.Omega, two.states.Omega, atol=1e-9)
+
+
+def test_stretches_join(engine, monkeypatch):
+    """The clock is read between stretches; whatever their length, the motion is the same to the method's error."""
+    problem = make_problem("heavy_top", {"t_end": 0.1})
+    whole = make_solver(engine).solve(problem, CONTROL)
+    march = module_of(engine).march
+    monkeypatch.setattr(module_of(engine), "march", lambda *a, **k: march(*a, **{**k, "stretch": 7}))
+    parts = make_solver(engine).solve(problem, CONTROL)
+    np.testing.assert_array_equal(parts.t, whole.t)
+    np.testing.assert_allclose(parts.states.r, whole.states.r, atol=1e-5)  # restarts of an implicit method

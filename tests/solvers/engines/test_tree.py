@@ -1,0 +1,165 @@
+"""Systems as trees with cut joints: the same bodies, motions and equations as in absolute coordinates."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import scipy.linalg as sl
+
+from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.mechanics.jacobian import independent_rows
+from mbsbench.harness.mechanics.motion import constraint, constraint_rate, kinetic_energy, potential_energy
+from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.mechanics.system import GROUND
+from mbsbench.solvers.engines.export.model_check import EngineModel, differences, model_refusal, rank
+from mbsbench.solvers.engines.export.tree import Kind, Tree, spanning_tree
+from mbsbench.solvers.formulations.geometric.index1.integrate import start_of
+from mbsbench.solvers.formulations.geometric.index1.kernel import evaluate
+
+from .systems import PROBLEMS
+
+
+@pytest.fixture(params=PROBLEMS, ids=str)
+def problem(request):
+    return PROBLEMS[request.param]()
+
+
+def tree_of(problem) -> Tree:
+    return spanning_tree(problem.system, problem.initial)
+
+
+def wandering(tree: Tree, seed: int):
+    """Any coordinates and velocities of the tree."""
+    random = np.random.default_rng(seed)
+    q, u = (
+        tree.start + 0.3 * random.standard_normal(tree.start.shape),
+        random.standard_normal(tree.start_velocity.shape),
+    )
+    return q, u
+
+
+def moved(tree: Tree, q: np.ndarray, u: np.ndarray, h: float) -> np.ndarray:
+    """q after a short time h at velocities u, to first order in h."""
+    out = q.copy()
+    for limb in tree.limbs:
+        own = u[limb.u_at : limb.u_at + limb.kind.value[1]]
+        at = limb.q_at
+        if limb.kind is Kind.HINGE:
+            out[at] += h * own[0]
+            continue
+        if limb.kind is Kind.FREE:
+            out[at : at + 3] += h * own[:3]
+            at, own = at + 3, own[3:]
+        w, vector = q[at], q[at + 1 : at + 4]
+        out[at] -= 0.5 * h * vector @ own
+        out[at + 1 : at + 4] += 0.5 * h * (w * own + np.cross(vector, own))
+    return out
+
+
+def test_the_start_is_the_problems(problem):
+    """Coordinates, velocities and what they mean for bodies are inverse to each other."""
+    tree = tree_of(problem)
+    here = tree.states(tree.start[None], tree.start_velocity[None])[0]
+    for name in ("r", "R", "v", "Omega"):
+        np.testing.assert_allclose(getattr(here, name), getattr(problem.initial, name), atol=1e-12)
+
+
+def test_joints_of_the_tree_hold_everywhere(problem):
+    """Whatever the coordinates, only cut joints open; velocities likewise."""
+    tree, system = tree_of(problem), problem.system
+    q, u = wandering(tree, 1)
+    one = tree.states(q[None], u[None])
+    phi, rate = constraint(system, one)[0], constraint_rate(system, one)[0]
+    hung = {(limb.body, limb.parent) for limb in tree.limbs}
+    held = 0
+    for k in range(system.nj):
+        ends = int(system.joint_i[k]), int(system.joint_j[k])
+        first = next(j for j in range(system.nj) if {system.joint_i[j], system.joint_j[j]} == set(ends))
+        if (ends in hung or ends[::-1] in hung) and first == k:
+            rows = slice(system.row_start[k], system.row_start[k + 1])
+            assert np.max(np.abs(phi[rows])) < 1e-12 and np.max(np.abs(rate[rows])) < 1e-11
+            held += 1
+    assert held == sum(limb.kind is not Kind.FREE for limb in tree.limbs)
+
+
+def test_velocities_are_the_rates_of_poses(problem):
+    """Central differences of poses along the coordinates' own rates, of second order in h."""
+    tree = tree_of(problem)
+    q, u = wandering(tree, 2)
+    for at in [limb.q_at + (3 if limb.kind is Kind.FREE else 0) for limb in tree.limbs if limb.kind is not Kind.HINGE]:
+        q[at : at + 4] /= np.linalg.norm(q[at : at + 4])
+    h, zero = 1e-6, np.zeros((1, len(u)))
+    fore, aft = (tree.states(moved(tree, q, u, s * h)[None], zero)[0] for s in (1.0, -1.0))
+    here = tree.states(q[None], u[None])[0]
+    size = 1.0 + np.max(np.abs(here.Omega)) ** 3
+    np.testing.assert_allclose((fore.r - aft.r) / (2 * h), here.v, atol=1e-8 * size)
+    spin = np.swapaxes(here.R, 1, 2) @ (fore.R - aft.R) / (2 * h)
+    np.testing.assert_allclose(np.stack((spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]), 1), here.Omega, atol=1e-8 * size)
+
+
+def test_cut_joints_leave_the_right_freedom(problem):
+    """Velocities of the tree less the rank of the cuts: 6 nb less the rank of all rows."""
+    tree, system = tree_of(problem), problem.system
+    freedom = len(tree.start_velocity) - rank(tree.loop_jacobian())
+    assert freedom == 6 * system.nb - len(independent_rows(system, problem.initial))
+
+
+def test_breadth_first_cuts_the_chain_in_the_middle():
+    """Hinged at both ends, it is reached from both: two branches of 8 and 7 bars, one cut between them."""
+    tree = tree_of(make_problem("chain"))
+    depth: dict[int, int] = {GROUND: 0}
+    for limb in tree.limbs:
+        depth[limb.body] = depth[limb.parent] + 1
+    assert max(depth.values()) == 8
+    assert [(c.i, c.j) for c in tree.cuts] in ([(7, 8)], [(8, 7)], [(6, 7)], [(7, 6)])
+
+
+def own_model(problem) -> EngineModel:
+    """What a correct engine makes of the tree, from body matrices and the applied forces."""
+    tree, system, one = tree_of(problem), problem.system, States.one(problem.initial)
+    T = tree.jacobian()
+    M = sl.block_diag(*[b for m, J in zip(system.mass, system.inertia, strict=True) for b in (m * np.eye(3), J)])
+    arrays, analysis, kernel = start_of(problem)
+    evaluate(arrays, analysis, kernel)
+    bias = tree.bias(problem.initial)
+    forces = T.T @ (kernel.force.ravel() - M @ bias.ravel())
+    kernel.v[:] = 0.0
+    evaluate(arrays, analysis, kernel)
+    return EngineModel(
+        T, T.T @ M @ T, T.T @ kernel.force.ravel(), float(kinetic_energy(system, one)[0]),
+        float(potential_energy(system, one)[0]), bias, forces, tree.loop_jacobian(),
+    )  # fmt: skip
+
+
+def test_equations_of_the_tree_are_those_of_the_bodies(problem):
+    """Accelerations by joint coordinates and cut joints, and by all rows in absolute coordinates: two routes."""
+    found = differences(problem, own_model(problem))
+    assert max(found.values()) < 1e-10, found
+
+
+PLANTED = {
+    "inertia": lambda s: {"inertia": s.inertia * (1.0 + 1e-8)},
+    "mass": lambda s: {"mass": s.mass * (1.0 - 1e-8)},
+    "gravity": lambda s: {"gravity": s.gravity * (1.0 + 1e-8)},
+    "arm": lambda s: {"joint_s_i": s.joint_s_i * (1.0 + 1e-8)},
+    "spring": lambda s: {"spring_k": s.spring_k * (1.0 + 1e-6)},
+    "damper": lambda s: {"spring_c": s.spring_c * (1.0 + 1e-6)},
+}
+
+
+@pytest.mark.parametrize("planted", PLANTED)
+def test_a_planted_fault_is_found(planted):
+    """An engine's model with any datum off by 1e-8 of itself is not ours."""
+    problem = PROBLEMS["closed_chain"]()
+    assert model_refusal("itself", problem, own_model(problem)) is None
+    other = dataclasses.replace(problem, system=dataclasses.replace(problem.system, **PLANTED[planted](problem.system)))
+    said = model_refusal("an engine", problem, own_model(other))
+    assert said is not None and "differs by" in said
+
+
+def test_a_row_left_out_is_found():
+    """A model with one loop less open has more freedom."""
+    problem = PROBLEMS["closed_chain"]()
+    model = own_model(problem)
+    found = differences(problem, dataclasses.replace(model, constraints=model.constraints[1:]))
+    assert found["degrees of freedom"] > 0.1
