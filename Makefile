@@ -12,7 +12,7 @@ export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-engines engines test-slow check format bench bench-kernels gate report paper figures animate clean
+.PHONY: help setup test test-engines engines test-slow browser check format bench bench-kernels gate report paper figures pictures animate clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -56,8 +56,15 @@ format: $(READY) ## format the code
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(READY) ## run the suite `paper` and write its report: the main result
+browser: ## install Chromium for the tests of pages (apt, as root); or set CHROMIUM to one that is there
+	@for c in $(CHROMIUM) chromium chromium-browser google-chrome chrome; do command -v $$c && exit; done; \
+	if test "$$(id -u)" != 0 || ! command -v apt-get >/dev/null; then \
+	echo "error: no Chromium on this machine, and none can be installed here; set CHROMIUM=/path/to/chromium" >&2; exit 2; fi; \
+	apt-get update -qq && apt-get install -y -qq --no-install-recommends chromium
+
+bench: $(READY) ## run the suite `paper`, judge what it allows and write its report: the main result
 	$(BIN)/mbsbench run paper
+	@status=0; $(BIN)/mbsbench judge --partial >/dev/null || status=$$?; test $$status -le 1 || exit $$status
 	$(BIN)/mbsbench report
 
 paper: $(READY) ## judge the paper: run or resume the suite `referee`; verdicts, figures 1 to 12, report
@@ -65,8 +72,13 @@ paper: $(READY) ## judge the paper: run or resume the suite `referee`; verdicts,
 	@status=0; $(BIN)/mbsbench judge || status=$$?; test $$status -le 1 || exit $$status; \
 	$(BIN)/mbsbench figures --paper && $(BIN)/mbsbench report && exit $$status
 
-figures: $(READY) ## publication figures and tables of RESULTS (default: the newest)
-	$(BIN)/mbsbench figures $(RESULTS)
+figures: $(READY) ## publication figures and tables of RESULTS (the newest), or of one PROBLEM of them
+	$(BIN)/mbsbench figures $(RESULTS) $(if $(filter command line environment,$(origin PROBLEM)),--only $(PROBLEM))
+
+pictures: $(READY) ## the pictures of the README, from RESULTS (the newest)
+	$(BIN)/mbsbench figures $(RESULTS) --only chain | tee /dev/stderr | sed -n 's/^figures: //p' > $(VENV)/.figures
+	cp "$$(cat $(VENV)/.figures)/overview.svg" docs/images/overview.svg
+	cp "$$(cat $(VENV)/.figures)/chain/chain-recommended-energy.svg" docs/images/chain.svg
 
 animate: $(READY) ## animation of PROBLEM (chain) of RESULTS (the newest) as OUT (chain.gif)
 	$(BIN)/mbsbench animate $(RESULTS) --problem $(PROBLEM) --out $(OUT)

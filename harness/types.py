@@ -18,6 +18,7 @@ from .mechanics.system import MultibodySystem
 
 __all__ = [
     "ACCURATE",
+    "ALLOWED",
     "GROWN",
     "JUDGED",
     "PREDICTABLE",
@@ -103,6 +104,15 @@ class Law(StrEnum):
     ORIENTATION = "orientation"
     PLANE = "plane"
     SYMMETRY = "symmetry"
+
+
+# What a law allows: a part of the scale it has (energy, reach, speed; rotations need none). Wide on purpose.
+ALLOWED = {
+    Law.ENERGY: 0.10,  # a tenth of what is exchanged appears or disappears
+    Law.CONSTRAINT: 0.01,  # of the reach, as far as joints allow it: the joint is visibly apart
+    Law.CONSTRAINT_RATE: 0.05,  # velocities leave the joints by a twentieth of the fastest
+    Law.ORTHOGONALITY: 1e-3,  # |R^T R - 1|: such an R distorts lengths by as much
+}
 
 
 @dataclass(frozen=True)

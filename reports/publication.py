@@ -1,4 +1,4 @@
-"""Publication figures and tables of results, in ``publication/``: PDF, SVG, LaTeX, CSV, and ``captions.json``."""
+"""Publication figures and tables of results in ``publication/``: a folder a problem, an index, the captions."""
 
 import json
 from collections.abc import Callable, Iterator, Sequence
@@ -7,12 +7,15 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from jinja2 import Environment, FileSystemLoader
 from matplotlib.figure import Figure
 
 from ..harness.files import write_text
+from .model.heat import heat
 from .model.motion import motion_of
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
 from .model.tables import write_tables
+from .plots.heatmap import heat_figure
 from .plots.laws import Drawing, laws
 from .plots.lines import all_lines, shared_options
 from .plots.palette import looks
@@ -23,6 +26,12 @@ from .plots.work import PAIRS, recorded, work_plots
 
 FOLDER = "publication"
 SUFFIXES = ("pdf", "svg")
+OVERVIEW = "overview"
+HEAT = (
+    "Largest error over its limit: energy, constraints and motion of each solver at its finest step or tolerance. "
+    "≈ inaccurate, × false success, ★ stopped at that part of the time."
+)
+TEMPLATES = Path(__file__).parent / "templates"
 MOST = 14  # lines in one figure; more are parted by solver
 LEAST = 2  # runs of a problem: with fewer there is nothing to compare
 MAP = 2 * MOST  # runs of one label: with more it is a map of settings, for tables and work alone
@@ -52,18 +61,26 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
     if unknown:
         raise ValueError(f"no problem {unknown[0]!r} in these results; there are {', '.join(sorted(known))}")
     variants = [p for p in results.variants if p.title in only or p.problem in only or not only]
-    out, captions = Path(folder) / FOLDER, []
-    files = write_tables(variants, out, rounded=True)
+    out, captions, files = Path(folder) / FOLDER, [], []
+    if picture := heat(results):
+        files += save(partial(heat_figure, picture), out, OVERVIEW, SUFFIXES)
+        captions.append({"name": OVERVIEW, "caption": HEAT, "problem": "", "width_mm": round(DOUBLE * 25.4, 1),
+                         "files": [f"{OVERVIEW}.{suffix}" for suffix in SUFFIXES]})  # fmt: skip
     for variant in variants:
+        files += write_tables([variant], out / variant.slug, rounded=True)
         for printed in figures_of(results, variant):
-            made = save(printed.draw, out, printed.name, SUFFIXES)
+            made = save(printed.draw, out / variant.slug, printed.name, SUFFIXES)
             files += made
             captions.append({"name": printed.name, "caption": printed.caption, "problem": variant.title,
-                             "width_mm": round(printed.width * 25.4, 1), "files": [p.name for p in made]})  # fmt: skip
+                             "width_mm": round(printed.width * 25.4, 1),
+                             "files": [f"{variant.slug}/{p.name}" for p in made]})  # fmt: skip
         maps = [label or "no label" for label, runs in variant.labels().items() if len(runs) > MAP]
         left = f"; too many for lines over time: {', '.join(maps)}" if maps else ""
         tell(f"{variant.title}: {len(variant.runs)} runs{left}")
     write_text(out / "captions.json", json.dumps(captions, indent=1, ensure_ascii=False))
+    names = {f"{p.slug}/{p.slug}": p.title for p in variants}
+    page = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template("publication.html")
+    write_text(out / "index.html", page.render(figures=captions, tables=names, title=results.folder.name))
     return files
 
 

@@ -16,15 +16,11 @@ from jaxtyping import Float, Int
 from ..mechanics.motion import kinetic_energy, potential_energy
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
-from ..types import Law, Problem, Reference
+from ..types import ALLOWED, Law, Problem, Reference
 from .mechanisms import is_free, part, state_of, states_of, without_common_motion
 
 SAMPLES = 2001  # of the exact motion, evenly over its time
 REST = 1e-6  # of what bodies could reach: a motion that stays below is none, and has no size of its own
-ENERGY = 0.10  # of the energy scale: a tenth of what is exchanged appears or disappears
-PHI = 0.01  # of the reach, as far as joints allow it (``stretched``): the joint is visibly apart
-PHI_DOT = 0.05  # of the speed: velocities leave the joints by a twentieth of the fastest
-ORTHOGONALITY = 1e-3  # |R^T R - 1|: such an R distorts lengths by as much
 KINETIC = 3  # column of
 Rows = Float[np.ndarray, "nt 6"]  # of a motion: displacement, speed, momentum, T, V - V(0), V(0) - V
 
@@ -43,10 +39,8 @@ class Scales:
     @property
     def allowed(self) -> Mapping[Law, float]:
         """The limits of the laws that hold at each time."""
-        return {
-            Law.ENERGY: ENERGY * self.energy, Law.CONSTRAINT: PHI * self.gap,
-            Law.CONSTRAINT_RATE: PHI_DOT * self.speed, Law.ORTHOGONALITY: ORTHOGONALITY,
-        }  # fmt: skip
+        scale = {Law.ENERGY: self.energy, Law.CONSTRAINT: self.gap, Law.CONSTRAINT_RATE: self.speed}
+        return {law: part * scale.get(law, 1.0) for law, part in ALLOWED.items()}
 
     def of_unit(self, unit: str) -> float:
         """The scale of a quantity of this SI unit; NaN for a unit not known here."""

@@ -1,25 +1,29 @@
 // Filters over items, grids that the arrow keys walk through, and switches between plots.
 (() => {
-  // [data-filters="#list"] holds selects named after data-* attributes of the items in the list; lists are JSON arrays
+  // [data-filters="#list"] holds selects named after data-* attributes of the items in the list (lists are JSON arrays),
+  // and perhaps a search for words in their text
   for (const bar of document.querySelectorAll("[data-filters]")) {
     const list = document.querySelector(bar.dataset.filters);
     const items = [...list.querySelectorAll("[data-item]")];
     const selects = [...bar.querySelectorAll("select")];
-    const said = bar.querySelector("[role=status]");
+    const said = bar.querySelector("[role=status]"), search = bar.querySelector("input[type=search]");
     const has = (item, name, wanted) => {
       const own = item.dataset[name] ?? "";
       return own.startsWith("[") ? JSON.parse(own).includes(wanted) : own === wanted;
     };
     const apply = () => {
       let shown = 0;
+      const words = search ? search.value.toLowerCase().split(/\s+/).filter(Boolean) : [];
       for (const item of items) {
-        item.hidden = selects.some((s) => s.value !== "*" && !has(item, s.name, s.value));
+        const text = words.length ? item.textContent.toLowerCase() : "";
+        item.hidden = words.some((w) => !text.includes(w)) || selects.some((s) => s.value !== "*" && !has(item, s.name, s.value));
         shown += !item.hidden;
       }
       for (const part of list.querySelectorAll("[data-part]")) part.hidden = !part.querySelector("[data-item]:not([hidden])");
       if (said) said.textContent = `${shown} of ${items.length} shown`;
     };
     selects.forEach((s) => s.addEventListener("change", apply));
+    search?.addEventListener("input", apply);
     for (const button of document.querySelectorAll(`[data-set-filter]`)) {
       button.addEventListener("click", () => {
         const [name, value] = JSON.parse(button.dataset.setFilter);
@@ -30,16 +34,6 @@
     bar.hidden = false;
     apply();
   }
-
-  // a link to an item that a filter hides brings it back
-  const reveal = () => {
-    const target = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));
-    if (!target) return;
-    for (let e = target; e; e = e.parentElement) { e.hidden = false; if (e.tagName === "DETAILS") e.open = true; }
-    target.scrollIntoView();
-  };
-  addEventListener("hashchange", reveal);
-  reveal();
 
   // [data-grid]: one stop of the tab key, arrows move inside; what a box says is read out below
   for (const grid of document.querySelectorAll("[data-grid]")) {

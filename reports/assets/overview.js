@@ -84,13 +84,13 @@
   const table = document.querySelector("[data-runs]");
   if (!table) return;
   const { rows, solvers, problems, labels } = await MBS.unpack(MBS.runs);
-  const form = document.querySelector("[data-filters]"), more = document.querySelector("[data-more]");
+  const form = document.querySelector("[data-filters]"), pager = document.querySelector("[data-pager]");
   const RUN = 0, KIND = 1, STATUS = 2, SOLVER = 3, PROBLEM = 4, LABEL = 5, SETTINGS = 6, WHY = 7, T = 8, ENERGY = 9, ERROR = 10, PHI = 11, WORK = 12, CPU = 13, DRIFT = 14;
   const columns = [SOLVER, PROBLEM, SETTINGS, LABEL, STATUS, T, ENERGY, DRIFT, ERROR, PHI, WORK, CPU];
   const named = { [SOLVER]: (v) => solvers[v][0], [PROBLEM]: (v) => problems[v][0], [LABEL]: (v) => labels[v] };
-  const FIRST = 30; // rows shown at first
-  let sorting = { column: null, up: true };
-  let everything = false;
+  const ROWS = matchMedia("(max-width: 640px)").matches ? 20 : 100; // a page: on a phone each is a card
+  const asked = new URLSearchParams(location.search);
+  let sorting = { column: null, up: true }, page = Math.max(Number(asked.get("page")) - 1 || 0, 0);
 
   const link = (textContent, href) => MBS.element("a", { textContent, href });
   const entry = (row, column) => {
@@ -101,7 +101,7 @@
       td.append(Object.assign(link(name, url), { className: "solver", style: `--c: ${colour}` }));
     } else if (column === PROBLEM) { td.className = "name"; td.append(link(...problems[value])); }
     else if (column === SETTINGS) { td.className = "words"; td.append(link(value, `runs/${row[RUN]}.html`)); }
-    else if (column === STATUS) { td.append(MBS.element("span", { textContent: value, className: `mark ${row[KIND]}` })); if (row[WHY]) td.append(MBS.element("small", { textContent: row[WHY] })); }
+    else if (column === STATUS) { td.className = "status"; td.append(MBS.element("span", { textContent: value, className: `mark ${row[KIND]}` })); if (row[WHY]) td.append(MBS.element("small", { textContent: row[WHY] })); }
     else if (column === LABEL || column === DRIFT) { td.className = "short"; td.textContent = column === LABEL ? labels[value] : value; }
     else { td.className = "n"; td.textContent = column === WORK && value !== null ? Math.round(value).toLocaleString("en").replace(/,/g, "\u202f") : column === T && value !== null ? String(value) : column === CPU && value === 0 ? "below the clock" : MBS.number(value); }
     return td;
@@ -115,18 +115,37 @@
     const key = (r) => (named[sorting.column] ? named[sorting.column](r[sorting.column]) : r[sorting.column]);
     return out.sort((a, b) => MBS.ordered(key(a) ?? "", key(b) ?? "", sorting.up));
   };
-  const render = () => {
-    const own = chosen(), some = everything ? own : own.slice(0, FIRST);
-    table.tBodies[0].replaceChildren(...some.map((row) => MBS.element("tr", { className: row[KIND] }, ...columns.map((c) => entry(row, c)))));
-    document.querySelector("[data-count]").textContent = `${own.length} of ${rows.length} runs`;
-    more.hidden = some.length === own.length;
-    more.textContent = `Show all ${own.length}`;
+  // what is chosen is in the address: a link to it shows the same rows
+  const address = () => {
+    const kept = new URLSearchParams([...new FormData(form)].filter(([, v]) => v));
+    if (sorting.column !== null) kept.set("sort", `${sorting.up ? "" : "-"}${columns.indexOf(sorting.column)}`);
+    if (page) kept.set("page", page + 1);
+    try { history.replaceState(null, "", `?${kept}${location.hash}`.replace(/^\?(?=#|$)/, location.pathname)); } catch { /* not kept */ }
   };
-  MBS.sorters([...table.tHead.rows[0].cells], MBS.wrapped, (k, up) => { sorting = { column: columns[k], up }; render(); });
-  for (const [name, value] of new URLSearchParams(location.search)) if (form.elements[name]) form.elements[name].value = value;
-  form.addEventListener("input", render);
-  form.addEventListener("reset", () => setTimeout(render));
+  const render = () => {
+    const own = chosen(), last = Math.max(Math.ceil(own.length / ROWS) - 1, 0);
+    page = Math.min(page, last);
+    const some = own.slice(page * ROWS, (page + 1) * ROWS);
+    table.tBodies[0].replaceChildren(...some.map((row) => MBS.element("tr", { className: row[KIND] }, ...columns.map((c) => entry(row, c)))));
+    MBS.cards(table);
+    document.querySelector("[data-count]").textContent = `${own.length} of ${rows.length} runs`;
+    const [before, after] = pager.querySelectorAll("button");
+    pager.hidden = last === 0;
+    [before.disabled, after.disabled] = [page === 0, page === last];
+    pager.querySelector("output").textContent = `rows ${page * ROWS + 1} to ${page * ROWS + some.length} of ${own.length}`;
+  };
+  const changed = (to = 0) => { page = to; render(); address(); };
+  const heads = [...table.tHead.rows[0].cells];
+  MBS.sorters(heads, MBS.wrapped, (k, up) => { sorting = { column: columns[k], up }; changed(); });
+  for (const [name, value] of asked) if (form.elements[name]) form.elements[name].value = value;
+  const by = (asked.get("sort") || "").match(/^(-?)(\d+)$/);
+  if (by && columns[by[2]] !== undefined) {
+    sorting = { column: columns[by[2]], up: !by[1] };
+    heads[by[2]].setAttribute("aria-sort", by[1] ? "descending" : "ascending");
+  }
+  form.addEventListener("input", () => changed());
+  form.addEventListener("reset", () => setTimeout(changed));
   form.addEventListener("submit", (e) => e.preventDefault());
-  more.addEventListener("click", () => { everything = true; render(); });
+  pager.querySelectorAll("button").forEach((b, k) => b.addEventListener("click", () => { changed(page + (k ? 1 : -1)); form.scrollIntoView(); }));
   render();
 })();

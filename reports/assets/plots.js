@@ -75,8 +75,9 @@
   const layoutOf = (plot, colours) => {
     const axis = (a, name) => {
       const log = Boolean(a.log), limits = [a.low, a.high];
-      const ends = name === "y" && log ? plot.traces.filter(visible).flatMap((t) => t.reach || []) : []; // of what is shown, not of what is hidden
-      if (ends.length) [limits[0], limits[1]] = [Math.max(a.low, Math.min(...ends) / 2), Math.min(a.high, 3 * Math.max(...ends))];
+      const ends = name === "y" ? plot.traces.filter(visible).flatMap((t) => t.reach || []) : []; // of what is shown, not of what is hidden
+      const low = Math.min(...ends), high = Math.max(...ends), room = 0.08 * (high - low || Math.abs(high) || 1);
+      if (ends.length && Number.isFinite(a.low)) [limits[0], limits[1]] = log ? [Math.max(a.low, low / 2), Math.min(a.high, 3 * high)] : [Math.max(a.low, low - room), Math.min(a.high, high + room)];
       const given = limits.every((v) => v !== undefined && v !== null && (!log || v > 0));
       return { type: log ? "log" : "linear", title: { text: escaped(axisTitle(a)), standoff: 8, font: { size: 12 } }, automargin: true,
         gridcolor: colours.rule, linecolor: colours.muted, tickcolor: colours.muted, showline: true, zeroline: false, ticks: "outside",

@@ -47,6 +47,23 @@
     }
   });
 
+  // a link to what is folded, or what a filter hides, brings it back
+  const reveal = () => {
+    const target = location.hash.length > 1 && document.getElementById(decodeURIComponent(location.hash.slice(1)));
+    if (!target) return;
+    for (let e = target; e; e = e.parentElement) { e.hidden = false; if (e.tagName === "DETAILS") e.open = true; }
+    target.scrollIntoView();
+  };
+  addEventListener("hashchange", reveal);
+  addEventListener("load", reveal);
+
+  // on a phone a row is a card: each number says what it is
+  MBS.cards = (table) => {
+    const heads = [...table.tHead.rows[0].cells].map((h) => h.textContent);
+    for (const row of table.tBodies[0].rows) [...row.cells].forEach((cell, k) => { cell.dataset.h = heads[k]; });
+  };
+  document.querySelectorAll("table.cards").forEach(MBS.cards);
+
   const listeners = [];
   MBS.onTheme = (f) => listeners.push(f);
   const changed = () => listeners.forEach((f) => f());

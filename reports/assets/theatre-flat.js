@@ -27,7 +27,7 @@
       pen.lineCap = "round";
       for (const [a, b] of this.lines) this.line(view.place(a), view.place(b), this.colours.rule, 1, 1);
       for (const p of this.play.ground) this.dot(view.place(p), 4, this.colours.muted, 1);
-      trails.forEach((t, p) => t && this.path(t, this.play.players[p].colour));
+      trails.forEach((t, p) => t && this.path(t, p < this.play.players.length ? this.play.players[p].colour : this.colours.ink));
       for (const p of T.order(shown, solid)) this.player(motions[p], this.play.players[p].colour, p === solid);
     }
 

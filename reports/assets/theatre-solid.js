@@ -52,7 +52,7 @@
       this.ground.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(view.ground().flat(2)), 3));
       this.scene.add(this.ground);
       this.feet(play.ground);
-      this.trails = play.players.map((p) => {
+      this.trails = [...play.players, ...(play.exact ? [{ colour: "#000000" }] : [])].map((p) => { // the last: the exact path, in ink
         const line = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: p.colour, transparent: true, opacity: 0.85 }));
         line.frustumCulled = false;
         this.scene.add(line);
@@ -90,7 +90,8 @@
       this.scene.add(mesh);
     }
 
-    theme({ muted, rule }) {
+    theme({ ink, muted, rule }) {
+      if (this.play.exact) this.trails[this.trails.length - 1].material.color.set(ink);
       this.ground.material.color.set(rule);
       this.foot.color.set(muted);
     }

@@ -13,6 +13,8 @@
   const motions = players.map((p) => new T.Motion(p, play));
   const paths = motions.map((m) => m.path(play.trail.body, play.trail.at));
   const heads = motions.map(() => new Float32Array(3));
+  // the exact path of a point, in ink, where the problem observes one
+  const exact = play.exact && { ...play.exact, places: Float32Array.from(MBS.numbers(play.exact.places)), head: new Float32Array(3) };
   let dirty = true;
   const moved = () => { dirty = true; wake(); };
   const view = new T.View(canvas, play, moved);
@@ -24,8 +26,7 @@
 
   const stars = players.map((p) => {
     if (!p.stopped) return null;
-    const words = `${p.solver}, ${MBS.number(p.last, 4)} s: ${p.status.replaceAll("_", " ")}`;
-    const e = MBS.element("span", { className: "star" }, "★", MBS.element("small", {}, words));
+    const e = MBS.element("span", { className: "star" }, "★");
     e.style.color = p.colour;
     labels.append(e);
     return e;
@@ -35,20 +36,17 @@
     if (!e.hidden) e.style.transform = `translate(${at[0].toFixed(1)}px, ${at[1].toFixed(1)}px)`;
   };
 
-  // a star where a player stopped; words of stars that lie side by side go below each other
+  // a star where a player stopped; its words are below the stage, where they hide no body
+  const stopped = find("stops");
   const mark = () => {
-    const placed = [];
+    const said = [];
     stars.forEach((e, p) => {
       if (!e) return;
-      const at = state.shown[p] && state.t >= players[p].last ? view.place(heads[p]) : null;
-      put(e, at);
-      if (!e.hidden) placed.push([at[1], e]);
+      const over = state.shown[p] && state.t >= players[p].last, own = players[p];
+      put(e, over ? view.place(heads[p]) : null);
+      if (over) said.push(`★ ${own.solver}, ${MBS.number(own.last, 4)} s: ${own.status.replaceAll("_", " ")}`);
     });
-    let last = -Infinity;
-    for (const [y, e] of placed.sort((a, b) => a[0] - b[0])) {
-      last = Math.max(y, last + 15);
-      e.firstElementChild.style.marginTop = `${(last - y).toFixed(0)}px`;
-    }
+    if (stopped.textContent !== said.join(" ")) stopped.textContent = said.join(" ");
   };
 
   // one frame
@@ -60,6 +58,13 @@
     let from = m.k;
     while (from > 0 && m.t[from] > back) from--;
     return { path: paths[p], from, to: m.k, head: heads[p] };
+  };
+  const exactTrail = () => {
+    if (!exact || state.trail === "none" || state.t > exact.until) return null;
+    const last = exact.places.length / 3 - 1, row = (t) => Math.min(Math.max((t / exact.until) * last, 0), last);
+    const at = row(state.t), to = Math.min(Math.floor(at), last - 1), { places, head } = exact;
+    for (let c = 0; c < 3; c++) head[c] = places[3 * to + c] + (at - to) * (places[3 * to + 3 + c] - places[3 * to + c]);
+    return { path: places, from: state.trail === "whole" ? 0 : Math.floor(row(state.t - play.t_end / 16)), to, head };
   };
   const frame = (now) => {
     waiting = 0;
@@ -76,7 +81,7 @@
       motions[p].point(play.trail.body, play.trail.at, heads[p], 0);
     }
     stage.calm(!state.playing && !view.held);
-    stage.draw({ motions, shown: state.shown, solid: state.solid, trails: players_.map(trailOf) });
+    stage.draw({ motions, shown: state.shown, solid: state.solid, trails: [...players_.map(trailOf), exactTrail()] });
     view.point(find("compass"));
     mark();
     if (strips.left(state.t)) {

@@ -15,15 +15,20 @@ class Measure:
     """Which error, with its words and its unit."""
 
     what: str
-    columns: tuple[str, str]  # the error while the motion is predictable, and, where that is not known, over all time
+    name: str  # of the columns
     unit: str
     own: float  # the reference's stated error in that unit; NaN if not known
     until: float | None = None  # [s] errors are judged to here where that is before the end
 
     def of(self, run: Run) -> float:
         """The error of a run; NaN where it has none."""
-        judged, whole = (float(getattr(run.record, name)) for name in self.columns)
-        return whole if math.isnan(judged) else judged
+        return judged(run, self.name, self.unit)
+
+
+def judged(run: Run, name: str, unit: str) -> float:
+    """An error up to ``judged_to_s``, the number of every table and page; over all time where that is not known."""
+    value, whole = (float(getattr(run.record, f"{name}_{kind}_{unit}")) for kind in ("judged", "max"))
+    return whole if math.isnan(value) else value
 
 
 def measure_for(runs: Sequence[Run]) -> Measure | None:
@@ -37,12 +42,10 @@ def measure_for(runs: Sequence[Run]) -> Measure | None:
     words = "" if until is None else f" to {until:.4g} s"
     if until is not None:
         own = max((e for c in known if not math.isnan(e := judged_own(c.record))), default=math.nan)
-    columns = "position_error_judged_m", "position_error_max_m"
-    position = Measure(f"position error{words}", columns, "m", own, until)
+    position = Measure(f"position error{words}", "position_error", "m", own, until)
     if max(map(position.of, known)) > EXACT * length:
         return position
-    columns = "orientation_error_judged_rad", "orientation_error_max_rad"
-    return Measure(f"orientation error{words}", columns, "rad", own / length, until)
+    return Measure(f"orientation error{words}", "orientation_error", "rad", own / length, until)
 
 
 def judged_until(runs: Sequence[Run]) -> float | None:

@@ -83,6 +83,12 @@ def reach(curve: Curve, floor: float) -> tuple[float, float] | None:
     return (min(float(np.quantile(e, SELDOM)) for e in rows), max(float(e.max()) for e in rows)) if rows else None
 
 
+def span(curve: Curve, limits: tuple[float, float]) -> tuple[float, float]:
+    """From where to where a line goes inside of the limits of a linear axis."""
+    low, high = np.clip((curve.y.min(), curve.y.max()), *limits)
+    return float(low), float(high)
+
+
 def _finite(t: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     n = min(len(t), len(a))
     with np.errstate(invalid="ignore"):

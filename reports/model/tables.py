@@ -8,11 +8,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...harness.files import write_text
-from .accuracy import energy_kind
-from .results import Run, Variant
+from .accuracy import energy_kind, judged, measure_for
+from .results import Run, Variant, by_solver
 from .words import BELOW_CLOCK, NONE, clocked, mark, number, signed, time, whole
 
 Value = float | str
+WRAPPED = {  # columns of words that may be long
+    "settings": r">{\raggedright\arraybackslash}p{17mm}", "status": r">{\raggedright\arraybackslash}p{13mm}",
+    "cpu_median": r">{\raggedleft\arraybackslash}p{9mm}",
+}  # fmt: skip
 DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
 LATEX = {
     "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
@@ -47,13 +51,17 @@ def _of(name: str) -> Callable[[Run], Value]:
     return lambda c: getattr(c.record, name)
 
 
+def _judged(name: str, unit: str) -> Callable[[Run], Value]:
+    return lambda c: judged(c, name, unit)
+
+
 def _spread(c: Run) -> Value:
     r = c.record
     return f"{clocked(r.cpu_min_s)} to {clocked(r.cpu_max_s)} ({r.repeats})" if r.repeats > 1 else NONE
 
 
 COLUMNS: Sequence[Column] = (
-    Column("label", "Group", "", "Label of the run in its suite.", _of("label"), latex="Group"),
+    Column("label", "Group", "", "Label of the run in its suite.", _of("label")),
     Column("settings", "Settings", "", "Step or tolerance, and options that differ from the defaults.",
            lambda c: c.settings(), latex="Settings"),
     Column("status", "Status", "", "How the run ended; wrong: success was claimed, but a law is broken; "
@@ -64,17 +72,25 @@ COLUMNS: Sequence[Column] = (
            "Largest energy error over all accepted steps, without the work of dampers.", _of("energy_drift_max_J"),
            latex=r"$\max|E-E_0|$ [J]"),
     Column("energy_drift_end", "E−E₀ at end", "J", "Energy error at the last step, with its sign.",
-           _of("energy_drift_end_J"), signed, latex=r"$E-E_0$ at end [J]"),
+           _of("energy_drift_end_J"), signed),
     Column("energy_trend", "Energy trend", "J/s", "Least-squares slope of the energy error over time.",
            _of("energy_trend_W"), signed),
     Column("energy_kind", "Energy error", "", "Drifts if its mean shifts from the first to the last quarter of the "
            "run by over a third of its largest value, else bounded; this says nothing of its size.", energy_kind),
-    Column("position_error", "Position error", "m", "Largest distance of a centre of mass from its exact position.",
-           _of("position_error_max_m"), latex="Position error [m]"),
-    Column("orientation_error", "Orientation error", "rad", "Largest angle between a body and its exact orientation.",
-           _of("orientation_error_max_rad"), latex="Orientation error [rad]"),
+    Column("position_error", "Position error", "m", "Largest distance of a centre of mass from its exact position, up "
+           "to the time that errors are judged to.", _judged("position_error", "m"), latex="Error [m]"),
+    Column("orientation_error", "Orientation error", "rad", "Largest angle between a body and its exact orientation, "
+           "up to there.", _judged("orientation_error", "rad"), latex="Error [rad]"),
     Column("motion_error", "Motion error", "m", "Largest distance of a body from its exact pose, root mean square over "
-           "its matter: position and orientation in one number.", _of("motion_error_max_m")),
+           "its matter: position and orientation in one number; up to there.", _judged("motion_error", "m")),
+    Column("judged_to", "judged to", "s", "Errors are judged up to this time: beyond it the motion is chaotic and no "
+           "solver can track it, so only energy and constraints count.", _of("judged_to_s"), time),
+    Column("position_error_whole", "Position error to the end of the reference", "m",
+           "The same up to where the reference or the run ends.", _of("position_error_max_m")),
+    Column("orientation_error_whole", "Orientation error to the end of the reference", "rad", "The same.",
+           _of("orientation_error_max_rad")),
+    Column("motion_error_whole", "Motion error to the end of the reference", "m", "The same.",
+           _of("motion_error_max_m")),
     Column("accurate_until", "Accurate until", "s", "Time at which the motion error first passes a tenth of the reach; "
            "the end of the comparison if it never does.", _of("accurate_until_s"), time),
     Column("accurate_until_1pct", "to 1 %", "s", "The same for a hundredth.", _of("accurate_until_1pct_s"), time),
@@ -82,24 +98,19 @@ COLUMNS: Sequence[Column] = (
            time),
     Column("compared_to", "Compared to", "s", "Last step before the reference or the run ends.", _of("compared_to_s"),
            time),
-    Column("judged_to", "judged to", "s", "Errors are judged up to this time: beyond it the motion is chaotic and no "
-           "solver can track it, so only energy and constraints count.", _of("judged_to_s"), time),
-    Column("position_error_judged", "Position error judged", "m", "The position error up to there.",
-           _of("position_error_judged_m")),
     Column("reference_own_error", "Stated error", "m",
            "Error that the reference states for itself: smaller errors cannot be distinguished.",
            _of("reference_own_error_m")),
     Column("phi_max", "max |φ|", "m", "Largest norm of the constraint residual: how far joints come apart.",
            _of("phi_max"), latex=r"$\max\|\phi\|$ [m]"),
-    Column("phi_dot_max", "max |φ̇|", "m/s", "Largest norm of its rate.", _of("phi_dot_max"),
-           latex=r"$\max\|\dot\phi\|$ [m/s]"),
+    Column("phi_dot_max", "max |φ̇|", "m/s", "Largest norm of its rate.", _of("phi_dot_max")),
     Column("eq81_max", "Eq. (81)", "√J",
            "The paper's norm of the constraint rates, √(φ̇ᵀ M̄ φ̇), at its largest.", _of("eq81_max_sqrtJ")),
     Column("orthogonality_max", "|RᵀR−1|", "",
            "Largest deviation of a rotation matrix from orthogonality.", _of("orthogonality_max")),
     Column("out_of_plane", "Out of plane", "m", "Largest distance from the plane that the exact motion stays in.",
            _of("out_of_plane_max_m")),
-    Column("steps", "Steps", "", "Accepted steps.", _of("steps"), whole, latex="Steps"),
+    Column("steps", "Steps", "", "Accepted steps.", _of("steps"), whole),
     Column("rejected", "Rejected", "", "Rejected steps, where the solver counts them.",
            _of("rejected"), whole),
     Column("step_min", "Step min", "s", "Smallest accepted step, without the last one.", _of("step_min_s")),
@@ -108,7 +119,7 @@ COLUMNS: Sequence[Column] = (
     Column("newton", "Newton", "", "Iterations of the nonlinear solver.", _of("newton_iterations"), whole),
     Column("evaluations", "Evaluations", "",
            "Evaluations of the residual or right-hand side: work that does not depend on the machine.",
-           _of("evaluations"), whole, latex="Evaluations"),
+           _of("evaluations"), whole),
     Column("jacobians", "Jacobians", "", "Evaluations of the Jacobian.", _of("jacobians"), whole),
     Column("factorisations", "Factorisations", "", "Matrix factorisations.", _of("factorisations"), whole),
     Column("cpu_median", "CPU", "s", "CPU time of the integration alone, median of the repeats.", _of("cpu_median_s"),
@@ -119,7 +130,13 @@ COLUMNS: Sequence[Column] = (
            "Compilation and preparation before the first step, not part of the CPU time.", _of("setup_s")),
     Column("memory", "Memory", "MB", "Largest resident memory of the run's process.", _of("peak_memory_MB")),
 )  # fmt: skip
-SHOWN: Sequence[Column] = tuple(c for c in COLUMNS if c.latex)
+
+
+def printed(runs: Sequence[Run]) -> Sequence[Column]:
+    """The columns of a table for a paper: one error, that of the pages."""
+    measure = measure_for(runs)
+    other = "position_error" if measure and measure.unit == "rad" else "orientation_error"
+    return [c for c in COLUMNS if c.latex and c.key != other]
 
 
 def write_tables(variants: Sequence[Variant], folder: Path, *, rounded: bool = False) -> list[Path]:
@@ -143,8 +160,9 @@ def csv_of(runs: Sequence[Run]) -> str:
 
 def rounded_csv_of(runs: Sequence[Run]) -> str:
     """The columns of the LaTeX table with the same digits."""
-    rows = [[c.record.solver, *(_rounded(k, c) for k in SHOWN)] for c in runs]
-    return _csv([["solver", *map(_head, SHOWN)], *rows])
+    columns = printed(runs)
+    rows = [[c.record.solver, *(_rounded(k, c) for k in columns)] for own in by_solver(runs).values() for c in own]
+    return _csv([["solver", *map(_head, columns)], *rows])
 
 
 def _csv(rows: Sequence[Sequence[str]]) -> str:
@@ -158,13 +176,21 @@ def _head(column: Column) -> str:
 
 
 def latex_of(title: str, runs: Sequence[Run]) -> str:
-    """The main columns, for booktabs; a failure keeps its row and says how it ended."""
-    kinds = "".join("l" if isinstance(c.of(runs[0]), str) else "r" for c in SHOWN)
-    rows = [["Solver", *(c.latex for c in SHOWN)]]
-    rows += [[latex_text(run.record.solver), *(_latex(c, run) for c in SHOWN)] for run in runs]
-    head, *body = [" & ".join(row) + r" \\" for row in rows]
-    start = [f"% {_one_line(title)}", r"% needs \usepackage{booktabs}", rf"\begin{{tabular}}{{l{kinds}}}"]
-    return "\n".join([*start, r"\toprule", head, r"\midrule", *body, r"\bottomrule", r"\end{tabular}", ""])
+    """The main columns, one column of a journal wide, for booktabs: each solver with its runs below it.
+
+    A failure keeps its row and says how it ended.
+    """
+    columns, measure = printed(runs), measure_for(runs)
+    kinds = "".join(WRAPPED.get(c.key, "r") for c in columns)
+    out = [" & ".join(c.latex for c in columns) + r" \\", r"\midrule"]
+    for solver, own in by_solver(runs).items():
+        out.append(rf"\multicolumn{{{len(columns)}}}{{@{{}}l}}{{{latex_text(solver)}}} \\*")
+        out += [" & ".join(_latex(c, run) for c in columns) + r" \\" for run in own]
+    until = "" if measure is None or measure.until is None else f", errors up to {measure.until:.4g} s"
+    start = [f"% {_one_line(title)}{until}", r"% needs \usepackage{booktabs,array}",
+             r"{\footnotesize\setlength{\tabcolsep}{2pt}%", rf"\begin{{tabular}}{{@{{}}{kinds}@{{}}}}",
+             r"\toprule"]  # fmt: skip
+    return "\n".join([*start, *out, r"\bottomrule", r"\end{tabular}}", ""])
 
 
 def latex_text(text: str) -> str:

@@ -13,7 +13,7 @@ from ..plots.spec import Axis, Plot, Trace
 from . import scorecard
 from .base import Page, Site
 from .drifts import anatomies, common_scale, drawn, parted, parts, words
-from .judgement import judged, links_of
+from .judgement import judged_or_published, links_of
 from .orders import USED, Certificate, certificates, glance, verdict_mark
 from .scorecard import MARKS, card
 
@@ -53,11 +53,14 @@ def tally(found: Sequence[Certificate]) -> list[tuple[Mark, int]]:
 def write(results: Results, site: Site) -> Page | None:
     """``certificates.html``."""
     links = links_of(results.runs)
-    order, drift, symmetry, false = (judged(results.folder, f) for f in (ORDERS, DRIFTS, SYMMETRIES, WRONG))
+    order, drift, symmetry, false = (
+        judged_or_published(results.folder, f) for f in (ORDERS, DRIFTS, SYMMETRIES, WRONG)
+    )
     orders, drifts, wrong = certificates(order.found or (), links), anatomies(drift.found or ()), false.found or ()
     long, short, none = parted(drifts)
     scale, plots = common_scale((*long, *short)), ladders(orders)
-    whys = {"orders": order.why, "drift": drift.why, "symmetries": symmetry.why, "wrong": false.why}
+    whys = {name: (of.why, of.published) for name, of in
+            (("orders", order), ("drift", drift), ("symmetries", symmetry), ("wrong", false))}  # fmt: skip
     return site.write(
         Page("Certificates", "certificates.html", nav=True, order=30), "certificates.html",
         scripts=["assets/judgement.js"], plots=plots, whys=whys, certificates=orders, links=links,

@@ -3,17 +3,17 @@
 import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from markupsafe import Markup
 
-from ...harness.results.judgements import CLAIMS, PUBLISHED, Claim, MapRow, Value, Verdict
+from ...harness.results.judgements import CLAIMS, PUBLISHED, Claim, Gap, MapRow, Value, Verdict
 from ..model import claim_words
 from ..model.claim_words import setting
 from ..model.results import Results, grouped, natural, slug
 from ..model.words import Mark, mark, number, unit
 from .base import Page, Site
-from .judgement import JUDGE, Links, judged, links_of, read_or_why
+from .judgement import JUDGE, Links, judged_or_published, links_of, read_or_why
 from .svg import number_line
 
 AXES = ("tolerance", "gain")  # other dimensions make facets
@@ -125,6 +125,7 @@ class Shown:
     runs: tuple[tuple[str, str], ...]  # those not on the map: words and address, empty for one that is not here
     solvers: tuple[str, ...]
     grids: tuple[Grid, ...]
+    published: bool = False  # these results lack its runs: the published verdict
 
     @property
     def presentation(self) -> bool:
@@ -143,11 +144,19 @@ class Difference:
     words: str
 
 
-def claims_of(claims: Sequence[Claim], links: Links) -> tuple[Shown, ...]:
-    """By section and figure, else in the order of the register."""
+def claims_of(claims: Sequence[Claim], links: Links, published: Sequence[Claim] = ()) -> tuple[Shown, ...]:
+    """By section and figure, else in the order of the register; a claim that lacks runs here as it was published."""
     taken: set[str] = set()
-    ordered = sorted(claims, key=lambda c: (natural(c.section), c.figure))
-    return tuple(_shown(c, links, slug(c.id, taken)) for c in ordered)
+    kept = {c.id: c for c in published}
+    instead = {c.id: kept[c.id] for c in claims if lacks_runs(c) and c.id in kept}
+    ordered = sorted((instead.get(c.id, c) for c in claims), key=lambda c: (natural(c.section), c.figure))
+    shown = (_shown(c, links, slug(c.id, taken)) for c in ordered)
+    return tuple(replace(s, published=True, grids=(), runs=()) if s.of.id in instead else s for s in shown)
+
+
+def lacks_runs(claim: Claim) -> bool:
+    """Its settings were not run in the results that it was judged from."""
+    return any(m.gap is Gap.RUNS for m in claim.missing)
 
 
 def counts(claims: Iterable[Shown]) -> list[tuple[Mark, int]]:
@@ -205,13 +214,22 @@ def _elsewhere(keys: Sequence[str], on_map: set[str], links: Links) -> tuple[tup
 
 def write(results: Results, site: Site) -> Page | None:
     """``claims.html``."""
-    links, found = links_of(results.runs), judged(results.folder, CLAIMS)
+    links, found = links_of(results.runs), judged_or_published(results.folder, CLAIMS)
     published = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish")
-    claims = claims_of(found.found or (), links)
-    page = Page("Claims", "claims.html", nav=True, order=20)
+    claims = claims_of(found.found or (), links, published.found or ())
+    if found.published:
+        claims = tuple(replace(c, published=True, grids=(), runs=()) for c in claims)
+    lacking = sum(c.published for c in claims)
+    own = () if found.published else [c for c in found.found or () if not lacks_runs(c)]
+    here = {c.id for c in own}
+    kept = found.published or (
+        f"{len(own)} of {len(claims)} claims are judged from these runs, which the others lack: {lacking} of them have "
+        "the published verdict, marked so." if lacking else "")  # fmt: skip
+    page = Page("Claims", "claims.html", nav=bool(claims), order=20)
+    before = [c for c in published.found or () if c.id in here or not lacking] if own else []
     return site.write(
-        page, "claims.html", scripts=["assets/judgement.js"], why=found.why, claims=claims, counts=counts(claims),
-        checks=[c for c in claims if c.presentation], say=claim_words,
+        page, "claims.html", scripts=["assets/judgement.js"], why=found.why, kept=kept, claims=claims,
+        counts=counts(claims), checks=[c for c in claims if c.presentation], say=claim_words,
         sections=grouped(claims, lambda c: c.section), solvers=sorted({s for c in claims for s in c.solvers}),
-        differences=differences(found.found or (), published.found or (), claims), published_why=published.why,
+        differences=differences(own, before, claims), published_why=published.why, judged_here=len(own),
     )  # fmt: skip

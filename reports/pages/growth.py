@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -27,10 +28,20 @@ class Growth:
     cpu_per_step: tuple[float, ...]
     runs: tuple[Run, ...]  # one a size
 
+    @cached_property
+    def fit(self) -> tuple[float, float]:
+        """Exponent and logarithm of the factor of the power law through all sizes, by least squares."""
+        slope, factor = np.polyfit(np.log(self.bodies), np.log(self.cpu_per_step), 1)
+        return float(slope), float(factor)
+
     @property
     def slope(self) -> float:
-        """Exponent of the power law fitted to all sizes."""
-        return float(np.polyfit(np.log(self.bodies), np.log(self.cpu_per_step), 1)[0])
+        return self.fit[0]
+
+    def fitted(self, bodies: np.ndarray) -> np.ndarray:
+        """[s] by the power law."""
+        slope, factor = self.fit
+        return np.exp(factor) * bodies**slope
 
 
 def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
@@ -53,12 +64,15 @@ def growth(problem: str, found: Sequence[Growth], url: Callable[[Run], str]) -> 
     traces = []
     for g in (g for g in found if g.problem == problem):
         dash = seen[g.solver] = seen.get(g.solver, -1) + 1
+        name = f"{g.method}, {g.step}: slope {g.slope:.2f}"
+        ends = np.array([g.bodies[0], g.bodies[-1]], dtype=float)
+        traces.append(Trace(f"{name}, fitted", ends, 1e3 * g.fitted(ends), solver=g.solver, dash=dash))
         traces.append(Trace(
-            f"{g.method}, {g.step}: slope {g.slope:.2f}", np.array(g.bodies), 1e3 * np.array(g.cpu_per_step),
-            solver=g.solver, mode="lines+markers", dash=dash, urls=[url(c) for c in g.runs],
+            name, np.array(g.bodies), 1e3 * np.array(g.cpu_per_step), solver=g.solver, mode="markers",
+            urls=[url(c) for c in g.runs],
             words=[f"{c.variant}, {c.record.steps} steps, CPU {seconds(c.record.cpu_median_s)}" for c in g.runs],
         ))  # fmt: skip
-    caption = "The number in the legend is the exponent of a power law fitted to all sizes: 1 is linear."
+    caption = "Lines are power laws fitted to all sizes; their exponents are in the table: 1 is linear."
     axes = Axis("bodies", "", log=True), Axis("CPU per step", "ms", log=True)
     return Plot(f"growth-{problem}", f"{problem}: cost of a step over its size", caption, *axes, traces, wide=True)
 

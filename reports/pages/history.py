@@ -23,10 +23,17 @@ GATE = {
     "PASS": Mark("✓", "pass", "good"), "XFAIL": Mark("○", "fails as expected", "refused"),
     "XPASS": Mark("!", "passes against expectation", "failed"), "FAIL": Mark("✗", "fail", "wrong"),
 }  # fmt: skip
-SHOWN = 60  # runs on the page, those that changed first; the table file has all
+SHOWN = 60  # runs on the page, what got worse most first; the table file has all
+WORSE = {
+    "good": 0,
+    "inaccurate": 1,
+    "refused": 2,
+    "failed": 2,
+    "wrong": 3,
+}  # endings, worth more than digits
+ENDING = 100.0  # [digits]
 HEADS = ("case", "runs", "changed", "ending_first", "ending_last", "energy_drift_max_J_first",
          "energy_drift_max_J_last", "error_m_first", "error_m_last", "cpu_over_first", "gate")  # fmt: skip
-ALONE = 12  # where nothing changed, or there are no other results to compare with
 TABLE = "data/history.csv"
 MOST = 24  # results whose marks are shown in a row, the newest
 
@@ -78,6 +85,16 @@ class Line:
         scale = max((r.energy_scale_J for r in self.rows if r.energy_scale_J > 0.0), default=1.0)
         return moved(self.values("energy_drift_max_J"), LITTLE * scale) or moved(self.errors, LITTLE)
 
+    @property
+    def lost(self) -> float:
+        """Digits lost from the first results to the last, in the drift or the error; negative where they were won."""
+        scale = max((r.energy_scale_J for r in self.rows if r.energy_scale_J > 0.0), default=1.0)
+        pairs = ((self.values("energy_drift_max_J"), LITTLE * scale), (self.errors, LITTLE))
+        ends = [(max(v[0], least), max(v[-1], least)) for v, least in pairs]
+        digits = [math.log10(b / a) for a, b in ends if math.isfinite(a) and math.isfinite(b)]
+        first, last = (WORSE.get(m.kind, 0) for m in (self.marks[0], self.marks[-1]))
+        return max(digits, key=abs, default=0.0) + ENDING * (last - first)
+
 
 def gate_mark(state: str) -> Mark:
     """The state of the gate on a run."""
@@ -105,11 +122,11 @@ def gather(results: Results, committed: Path = COMMITTED) -> tuple[tuple[Row, ..
 
 
 def lines(results: Results, rows: Sequence[Row]) -> tuple[Line, ...]:
-    """Of the runs in these results, the oldest row first; those that changed come first."""
+    """Of the runs in these results, the oldest row first; what got worse comes first, then what got better."""
     here = {c.record.settings_id for c in results.runs}
     found = grouped((row for row in rows if row.settings_id in here), lambda row: row.settings_id)
     out = [Line(k, own[-1].case, own[-1].problem, own[-1].solver, tuple(own)) for k, own in found.items()]
-    return tuple(sorted(out, key=lambda line: (not line.changed, len(line.rows) == 1, line.case)))
+    return tuple(sorted(out, key=lambda k: (not k.changed, k.lost <= 0.0, -abs(k.lost), len(k.rows) == 1, k.case)))
 
 
 def moments(rows: Sequence[Row]) -> tuple[Moment, ...]:
@@ -131,13 +148,14 @@ def write(results: Results, site: Site) -> Page | None:
     rows, bad = gather(results)
     found, runs = lines(results, rows), moments(rows)
     shared = [line for line in found if len(line.rows) > 1]
-    shown = found[: SHOWN if any(line.changed for line in found) else ALONE]
+    shown = [line for line in found if line.changed][:SHOWN]
     store.write_text(site.folder / TABLE, table(shared))
     return site.write(
         Page("History", "history.html", nav=True, order=60), "history.html", scripts=["assets/judgement.js"],
-        lines=shown, left_out=len(found) - len(shown), shared=len(shared), table=TABLE, new=len(found) - len(shared),
-        changed=sum(line.changed for line in found), moments=runs, commits=list(dict.fromkeys(m.commit for m in runs)),
-        bad=bad, most=MOST, here=results.folder.resolve().name, spark=spark,
+        lines=shown, shared=len(shared), table=TABLE, new=len(found) - len(shared),
+        changed=sum(line.changed for line in found), worse=sum(line.changed and line.lost > 0.0 for line in found),
+        moments=runs, commits=list(dict.fromkeys(m.commit for m in runs)), bad=bad, most=MOST,
+        here=results.folder.resolve().name, spark=spark,
     )  # fmt: skip
 
 

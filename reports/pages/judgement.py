@@ -1,11 +1,11 @@
-"""Judgements as pages see them: what was read, or why nothing was, and the runs of these results behind it."""
+"""Judgements as pages see them: of these results, else as published, or why there is none; and the runs behind them."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from ...harness.results.judgements import FOLDER, File, JudgementError, read
+from ...harness.results.judgements import FOLDER, PUBLISHED, File, JudgementError, read
 from ..model.results import Run
 
 JUDGE = "mbsbench judge"
@@ -14,10 +14,22 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Judged(Generic[T]):
-    """The content of one file, or why there is none."""
+    """The content of one file, or why there is none; ``published``: why it is that of other results."""
 
     found: T | None = None
     why: str = ""
+    published: str = ""
+
+
+def judged_or_published(results: Path, file: File[T], published: Path = PUBLISHED) -> Judged[T]:
+    """The same; where these results have no judgement, or allow none, that of the published ones."""
+    own = judged(results, file)
+    broken = own.found is None and (results / FOLDER / f"{file.name}.json").exists()
+    if own.found or broken:
+        return own
+    kept = read_or_why(published, file, f"{JUDGE} --publish")
+    why = own.why or "These results hold no runs to judge it from."
+    return Judged(kept.found, published=why) if kept.found else own
 
 
 def judged(results: Path, file: File[T]) -> Judged[T]:

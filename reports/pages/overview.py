@@ -1,13 +1,16 @@
-"""The first page: which solvers succeed, drift and fail, and why; the matrix; all runs, to sort and to filter."""
+"""The first page: a picture of who stays within which limits, the mechanism; then numbers, and all runs to filter."""
 
 from collections.abc import Sequence
 from typing import Any
 
+from ..mechanism.glimpse import glimpse
 from ..model.accuracy import energy_kind, measure_for
 from ..model.findings import findings
+from ..model.heat import heat
+from ..model.margin import LEVELS
 from ..model.overview import matrix, tally
 from ..model.results import Results, Run
-from ..model.scores import headline, score, standings, unpredictable
+from ..model.scores import score, standings, unpredictable
 from ..model.tables import COLUMNS
 from ..model.variants import broadest, themselves, variant_groups
 from ..model.words import mark
@@ -22,11 +25,16 @@ def write(results: Results, site: Site) -> Page | None:
     apart = variant_groups(results, label)
     main = {c.record.run_id for p in themselves(results, label) for c in p.runs}
     ordered = sorted(results.runs, key=lambda c: (c.record.label != label, c.record.run_id not in main))
+    picture = heat(results)
+    seen = picture.extremes() if picture else []
+    moving = glimpse(results, [b.run for b in seen], site.looks)
+    scripts = [site.bundle("glimpse", moving), "assets/glimpse.js"] if moving else []
     return site.write(
         Page("Overview", "index.html", nav=True, order=0), "overview.html",
-        scripts=[site.bundle("runs", _table(results, site, ordered)), "assets/overview.js"],
+        scripts=[*scripts, site.bundle("runs", _table(results, site, ordered)), "assets/overview.js"],
+        heat=picture, seen=seen, moving=moving, levels=LEVELS, unpredictable=unpredictable(results),
         findings=findings(results), matrix=matrix(results), standings=found, label=label,
-        answers=headline(found, label, unpredictable(results)), score=score(results.runs),
+        score=score(results.runs),
         variant_groups=[(v, score(v.runs), tally(results, v)) for v in apart], columns=COLUMNS,
         apart=score(c for v in apart for c in v.runs), loud=ordered,
         problems=list(dict.fromkeys(p.problem for p in results.variants)),

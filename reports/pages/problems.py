@@ -5,25 +5,35 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+from markupsafe import Markup
+
 from ...harness.results.judgements import DRIFTS
+from ...harness.results.series import Series
+from ..mechanism.animation.stage import flat, view_of
+from ..mechanism.segments import mechanism_of
 from ..model.accuracy import measure_for
 from ..model.curves import SPANS_UPPER
 from ..model.findings import findings_of
 from ..model.followed import followed
+from ..model.heat import best_and_worst, boxes_of
 from ..model.motion import Motion, motion_of
 from ..model.results import Results, Run, Variant
 from ..model.variants import broadest, groups_of, themselves
 from ..model.words import NONE, number, plural, time, unit
 from ..plots.laws import Drawing, errors, invariants, laws, observables
-from ..plots.lines import lines_of
+from ..plots.lines import EVER, lines_of
 from ..plots.spec import Chapter
 from ..plots.work import work_chapter
 from .base import Page, Site
 from .drifts import words
 from .judgement import judged
+from .svg import sketch
 
 MOST_EVENTS = 20  # of one run in the table
 ROWS = 100  # of a folded table: the first page's table and the CSV have all
+SEEN = 0.2  # an axis that is shorter than this part of itself points at the reader
+EVER_VARIANT = 12  # runs drawn of a variant: a report has a hundred of them, and each run is a file to read
 SPANS_VARIANT = 80  # of time in the curves of a variant: a run has a hundred of them
 
 
@@ -101,6 +111,24 @@ def _said(value: Any) -> str:
     return NONE if value is None else str(value)
 
 
+def sketch_of(title: str, series: Series | None) -> Markup | None:
+    """The mechanism at its start with its supports, gravity, axes, and the names of its first and last body."""
+    mechanism = mechanism_of(series)
+    if mechanism is None or series is None:
+        return None
+    view = view_of(mechanism)
+    arrows = [(name, way) for name, e in zip("XYZ", np.eye(3), strict=True) if np.linalg.norm(way := view @ e) > SEEN]
+    g = mechanism.gravity
+    if np.any(g):
+        arrows.append(("g", view @ (g / np.linalg.norm(g))))
+    ends = sorted({0, len(series.body_names) - 1} & set(range(len(series.body_names))))
+    names = [(series.body_names[k], view @ mechanism.r[0, k]) for k in ends]
+    lines, joints, ground = (flat(p, view) for p in (mechanism.segments(0), mechanism.joints(0), mechanism.ground))
+    return sketch(
+        lines, joints, ground, arrows, names, f"{title} at its start, with its supports, the axes and gravity"
+    )
+
+
 def write(results: Results, site: Site) -> Page | None:
     """``problem-<slug>.html`` of every variant; none of them in the navigation."""
     label = broadest(results)
@@ -111,12 +139,14 @@ def write(results: Results, site: Site) -> Page | None:
 
 
 def _write(results: Results, site: Site, variant: Variant, label: str, spans: int) -> None:
-    lines = lines_of(variant, site.url)
+    lines = lines_of(variant, site.url, EVER if spans == SPANS_UPPER else EVER_VARIANT)
     motions = {line.run.record.run_id: motion_of(line.run, results.series(line.run), spans) for line in lines}
     drawing = Drawing(variant.runs, lines, motions, spans)
     groups = groups_of(variant, label)
     made = (work_chapter(variant, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))
     chapters: list[Chapter] = [c for c in made if c is not None]
+    first = next((p for c in chapters for p in c.plots if p.name == "energy"), None)
+    poses = next((s for c in variant.runs if c.record.series and (s := results.readable_series(c))), None)
     page = Page(variant.title, site.url(variant), brief=spans < SPANS_UPPER)
     where = f"index.html?problem={results.variants.index(variant)}&label="
     drifts = [d for d in judged(results.folder, DRIFTS).found or () if d.variant == variant.title]
@@ -125,6 +155,7 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
         drift_words=words,
         plots=[p for c in chapters for p in c.plots], left_out=len(variant.runs) - len(lines),
         facts_of_it=facts_of(variant, max((m.bodies for m in motions.values()), default=0)),
+        sentence=best_and_worst(boxes_of(variant, label)), first=first, sketch=sketch_of(variant.title, poses),
         findings=findings_of(variant, label), groups=groups, most=ROWS,
         rest={name: f"{where}{results.labels().index(name)}#runs" for name in groups},
         followed=followed(variant),

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from markupsafe import Markup
 
 from ..model.words import number
@@ -137,6 +138,31 @@ def strip(parts: Sequence[tuple[str, float, float, float, bool]], scale: Scale, 
         place = shape.format(x=scale(size), x0=scale(size) - 5.0)
         drawn.append(_tag("path", "part sure" if sure else "part unsure", title, d=place))
     return _drawing("strip", 300, 28, words, drawn)
+
+
+def sketch(lines: np.ndarray, joints: np.ndarray, ground: np.ndarray, arrows: Sequence[tuple[str, np.ndarray]],
+           names: Sequence[tuple[str, np.ndarray]], words: str) -> Markup:  # fmt: skip
+    """A mechanism on paper (x right, y up, any unit): bodies, joints, supports, arrows of unit length, names."""
+    width, height, room = 420, 300, 46.0
+    seen = np.concatenate([lines.reshape(-1, 2), ground.reshape(-1, 2)])
+    low, size = seen.min(axis=0), np.ptp(seen, axis=0)
+    scale = min((width - 2 * room) / max(size[0], 1e-9), (height - 2 * room) / max(size[1], 1e-9))
+    shift = np.array([width - scale * size[0], height - scale * size[1]]) / 2.0
+
+    def at(p: np.ndarray) -> tuple[float, float]:
+        x, y = shift + scale * (p - low)
+        return float(x), float(height - y)
+
+    parts = [_line("body", a[0], b[0], a[1], b[1]) for a, b in ((at(p), at(q)) for p, q in lines)]
+    parts += [_tag("circle", "joint", cx=x, cy=y, r=3.0) for x, y in map(at, joints)]
+    parts += [_tag("path", "support", d=f"M{x:.1f} {y:.1f}l-8 -13h16z") for x, y in map(at, ground)]
+    for k, (name, way) in enumerate(arrows):
+        x, y = (width - 30.0, 16.0) if name == "g" else (30.0, height - 30.0)
+        dx, dy = 26.0 * float(way[0]), -26.0 * float(way[1])
+        parts += [_line(f"arrow a{k}", x, x + dx, y, y + dy), _tag("circle", "tip", cx=x + dx, cy=y + dy, r=2.2),
+                  _text("letter", x + 1.45 * dx, y + 1.45 * dy + 4.0, name, "middle")]  # fmt: skip
+    parts += [_text("name", x, y + 24.0, name, "middle") for name, (x, y) in ((n, at(p)) for n, p in names)]
+    return _drawing("sketch", width, height, words, parts)
 
 
 def _star(x: float, y: float, colour: str) -> Markup:

@@ -7,10 +7,11 @@ from typing import Any
 from ..mechanism.theatre.cast import RULE
 from ..mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, players, scene
 from ..model.results import Results, Run, Variant
-from ..model.variants import same_motion
+from ..model.variants import broadest, same_motion, themselves
 from .base import Page, Site
 
-ALL_BYTES = 5_000_000  # of the data files of all theatres
+ALL_BYTES = 12_000_000  # of the data files of all theatres
+MOST = 24  # theatres of a report, unless the plain comparison has more variants
 ROUNDS = 3  # of making a page smaller: its size does not fall evenly with its poses
 SCRIPTS = (
     "assets/three.bundle.min.js", "assets/theatre-poses.js", "assets/theatre-view.js", "assets/theatre-solid.js",
@@ -39,9 +40,11 @@ def write(results: Results, site: Site) -> Page | None:
 
 
 def _shown(results: Results) -> list[Variant]:
-    """All variants, but not those that show the motion of another one once more."""
+    """Variants, but not those that show the motion of another one once more; the plain comparison's, then others."""
     plain = {p.problem for p in results.variants if not same_motion(p)}
-    return [p for p in results.variants if not same_motion(p) or p.problem not in plain]
+    found = [p for p in results.variants if not same_motion(p) or p.problem not in plain]
+    first = {p.slug for p in themselves(results, broadest(results))}
+    return sorted(found, key=lambda p: p.slug not in first)[: max(MOST, len(first))]
 
 
 @dataclass(frozen=True)

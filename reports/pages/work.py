@@ -1,25 +1,23 @@
-"""The page of work against precision, with the profile over all targets, and its static twins for papers."""
+"""The page of work against precision, with the profile over all targets, and that one's static twin for papers."""
 
 import math
 from functools import partial
 
 from ...harness.results.judgements import WORK
 from ..model.results import Results
-from ..model.variants import broadest, themselves
 from ..plots.printed import figure
 from ..plots.spec import Plot
 from ..plots.style import save
-from ..plots.work import ERRORS, PAIRS, WORKS, Profile, named, profile_plot, work_plots
+from ..plots.work import ERRORS, WORKS, Profile, named, profile_plot, work_plots
 from .base import Page, Site
 from .judgement import judged, links_of
 from .work_points import Field, fields, profiles
 
 FEW = ("operations", "evaluations", "cpu")  # works that energy and joints are drawn over, and profiles for papers
-COMPARED = 4  # solvers on a problem, for a figure of its own; of variants, plots can be saved from the page
 
 
 def write(results: Results, site: Site) -> Page | None:
-    """``work.html``, and ``figures/work-*.svg`` and ``.pdf``."""
+    """``work.html``, and ``figures/work-profile-*.svg`` and ``.pdf``; those of a problem are in ``publication/``."""
     links = links_of(results.runs)
     work = judged(results.folder, WORK)
     profile = profiles(work.found.profile if work.found else ())
@@ -28,15 +26,12 @@ def write(results: Results, site: Site) -> Page | None:
     works = list(dict.fromkeys(p.work for p in profile))
     kinds = [(w, *WORKS[w]) for w in WORKS if any(key.endswith(f"-{w}") for _, own in found for key in own)]
     profile_plots = [profile_plot((*profile, *default), w) for w in works]
-    plain = {p.slug for p in themselves(results, broadest(results))}
-    figures = {f.slug: _print(site, f"work-{f.slug}", _compared(f)) for f, _ in found if f.slug in plain}
     drawn = [_print(site, f"work-profile-{w}", [profile_plot(profile, w)], 3.2) for w in works if w in FEW]
     return site.write(
         Page("Work", "work.html", nav=True, order=25), "work.html", scripts=["assets/judgement.js"],
         plots=[*profile_plots, *(p for _, own in found for p in own.values())], why=work.why,
         errors=[(k, *e) for k, e in ERRORS.items()], works=kinds, fields=found, profiles=(*profile, *default),
         profile_plots=profile_plots, named=named, work_at=work_at,
-        figures={f.slug: figures.get(f.slug, []) for f, _ in found},
         profile_figures=[name for names in drawn for name in names],
     )  # fmt: skip
 
@@ -52,14 +47,6 @@ def work_at(p: Profile, share: float) -> float:
     """The work at which a share of all targets is reached; NaN if it never is."""
     needed = math.ceil(share * p.total)
     return p.at[needed - 1] if 0 < needed <= len(p.at) else math.nan
-
-
-def _compared(f: Field) -> list[Plot]:
-    """Plots for papers, default and best settings; none where there is little to compare."""
-    points = [p for p in f.points if p.default or p.best]
-    if len({p.solver for p in points}) < COMPARED:
-        return []
-    return list(work_plots("work", points, PAIRS).values())
 
 
 def _print(site: Site, name: str, plots: list[Plot], height: float = 2.3) -> list[str]:

@@ -1,21 +1,24 @@
 """What each run cost and how far off it was: from the judgement where there is one, else from the records."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ...harness.results.judgements import WorkPoint, WorkProfile
 from ..model.results import Results
+from ..model.words import mark
 from ..plots.work import ERRORS, WORKS, Point, Profile, kind_of, method_of, recorded, reference_error
 from .judgement import Links, page_of
 
 
 @dataclass(frozen=True)
 class Field:
-    """All runs of a variant."""
+    """All runs of a variant; ``absent``: solvers without a point, and why."""
 
     variant: str
     slug: str
     points: tuple[Point, ...]
+    absent: tuple[str, ...] = ()
 
     @property
     def kind(self) -> str:
@@ -37,9 +40,17 @@ def fields(results: Results, judged: Sequence[WorkPoint], links: Links) -> tuple
     order = {p.title: k for k, p in enumerate(results.variants)}
     for name in sorted({p.variant for p in points}, key=lambda n: (order.get(n, len(order)), n)):
         own = tuple(p for p in points if p.variant == name)
-        if any(p.drawable(error, work) for p in own for error in ERRORS for work in WORKS):
-            out.append(Field(name, slugs.get(name, f"other-{len(out)}"), own))
+        drawn = {p.solver for p in own if any(p.drawable(error, work) for error in ERRORS for work in WORKS)}
+        if drawn:
+            absent = tuple(f"{s} ({_ended(results, name, s)})" for s in results.solvers if s not in drawn)
+            out.append(Field(name, slugs.get(name, f"other-{len(out)}"), own, absent))
     return tuple(out)
+
+
+def _ended(results: Results, variant: str, solver: str) -> str:
+    """How the runs ended that no plot can show."""
+    ends = Counter(mark(c.status).word for c in results.runs if (c.variant, c.record.solver) == (variant, solver))
+    return ", ".join(ends) or "not run"
 
 
 def profiles(found: Sequence[WorkProfile], *, tuned: bool = True) -> tuple[Profile, ...]:

@@ -99,9 +99,9 @@ def within(t: np.ndarray, a: np.ndarray, window: tuple[float, float], *, largest
 
 
 def exact_of(panel: Panel, lines: Sequence[Line]) -> Curve | None:
-    """The reference's series from the line that has most of it."""
+    """The reference's series from the line that has it to the latest time."""
     found = [k.series for k in shown(panel, lines) if panel.exact and k.series is not None and panel.exact in k.series]
-    longest = max(found, key=lambda s: np.count_nonzero(np.isfinite(s[panel.exact])), default=None)
+    longest = max(found, key=lambda s: np.max(s["t"], where=np.isfinite(s[panel.exact]), initial=-np.inf), default=None)
     return None if longest is None else within(longest["t"], longest[panel.exact], panel.window)
 
 

@@ -1,12 +1,12 @@
 """Curves over time: the laws that the exact motion keeps, the step, errors, observables, invariants."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..model.accuracy import judged_until
-from ..model.curves import SPANS_UPPER, Curve, log_limits
+from ..model.curves import SPANS_UPPER, Curve, log_limits, span
 from ..model.motion import Motion
 from ..model.results import Run
 from ..model.words import number, time, unit
@@ -76,7 +76,7 @@ def errors(d: Drawing) -> Chapter | None:
     """Distance from the exact motion."""
     length = d.scale("length_scale_m")
     until = judged_until(d.runs)
-    own = max((m.own_error for m in d.motions.values() if m.own_error is not None), key=len, default=None)
+    own = longest(m.own_error for m in d.motions.values())
     floor = [] if own is None else [Trace("the reference's stated error", own.t, own.y, dash=2)]
     far = f"Worst body, {d.largest}, up to the end of the reference."
     marks = {} if until is None else {"judged up to here": [until]}
@@ -99,11 +99,11 @@ def observables(d: Drawing) -> Chapter | None:
     """Each value with the reference, and the distance from it."""
     plots: list[Plot | None] = []
     for name in dict.fromkeys(n for m in d.motions.values() for n in m.observables):
-        exact = max((m.exact[name] for m in d.motions.values() if name in m.exact), key=len, default=None)
+        exact = longest(m.exact.get(name) for m in d.motions.values())
         in_unit = unit(next(m.units.get(f"obs_{name}", "") for m in d.motions.values() if name in m.observables))
         of = _of("observables", name)
         low, high = value_limits([c for c in d.curves(of) if c is not None and len(c)], exact)
-        known = [] if exact is None else [Trace("reference", exact.t, exact.y)]
+        known = [] if exact is None else [Trace("reference", exact.t, exact.y, reach=span(exact, (low, high)))]
         caption = f"Smallest and largest of each span; {'the thin line is the' if known else 'there is no'} reference."
         own = traces(d.lines, d.motions, of, (2 * low - high, 2 * high - low))
         axis = Axis(name, in_unit, low=low, high=high)
@@ -124,6 +124,11 @@ def invariants(d: Drawing) -> Chapter | None:
         plots.append(d.log(f"inv-{name}", name, caption, Axis(f"|{name} − start|", in_unit),
                            _of("invariants", name), size))  # fmt: skip
     return _chapter("Invariants", "Quantities beside energy that the exact motion conserves.", plots)
+
+
+def longest(curves: Iterable[Curve | None]) -> Curve | None:
+    """The one that goes on to the latest time: a run that stopped early has as many points in less of it."""
+    return max((c for c in curves if c is not None and len(c)), key=lambda c: float(c.t[-1]), default=None)
 
 
 def _chapter(title: str, note: str, plots: Sequence[Plot | None]) -> Chapter | None:

@@ -1,17 +1,18 @@
 """The runs of a problem as lines: which are drawn, with which dash, and which stands for its solver."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..model.curves import Curve, level, reach
+from ..model.curves import Curve, level, reach, span
 from ..model.motion import Motion
 from ..model.results import Run, Variant, by_solver
 from ..model.words import time
 from .spec import Trace, end_of
 
 MOST = 16  # runs drawn under one label: more cannot be distinguished
+WIDE = 0.006  # of what is shown: two pixels of a panel
 EVER = 24  # on one page, or it would grow without end
 
 
@@ -26,12 +27,12 @@ class Line:
     url: str = ""
 
 
-def lines_of(variant: Variant, url: Callable[[Run], str]) -> list[Line]:
-    """Of every label the finest run of each solver, then wrong and failed ones, then the rest."""
+def lines_of(variant: Variant, url: Callable[[Run], str], ever: int = EVER) -> list[Line]:
+    """Of every label the finest run of each solver, then wrong and failed ones, then the rest; ``ever`` at most."""
     chosen: list[Line] = []
     for runs in variant.labels().values():
         chosen += sorted(all_lines(runs, shared_options(variant.runs), url), key=_urgency)[:MOST]
-    kept = {line.run.record.run_id: line for line in sorted(chosen, key=_urgency)[:EVER]}
+    kept = {line.run.record.run_id: line for line in sorted(chosen, key=_urgency)[:ever]}
     ordered = (c.record.run_id for runs in variant.labels().values() for c in runs)
     return [kept[name] for name in ordered if name in kept]
 
@@ -61,13 +62,16 @@ def shared_options(runs: Iterable[Run]) -> dict[str, frozenset[str]]:
 
 def traces(lines: Sequence[Line], motions: Mapping[str, Motion], of: Callable[[Motion], Curve | None],
            limits: tuple[float, float], floor: float | None = None) -> list[Trace]:  # fmt: skip
-    """One a run that has the curve, cut to ``limits``; on a logarithmic axis what is below ``floor`` is rounding."""
+    """One a run that has the curve, cut to ``limits``; on a logarithmic axis what is below ``floor`` is rounding.
+
+    Each says what stretch of the axis it needs: those that are hidden take none.
+    """
     out = []
     for line in lines:
         curve = of(motions[line.run.record.run_id])
         if curve is None or not len(curve):
             continue
-        ends = None if floor is None else reach(curve, floor)
+        ends = reach(curve, floor) if floor is not None else span(curve, limits)
         low, high = (None if e is None else np.clip(e, *limits) for e in (curve.low, curve.high))
         curve = level(Curve(curve.t, np.clip(curve.y, *limits), low, high))
         low, high = curve.low, curve.high
@@ -79,7 +83,27 @@ def traces(lines: Sequence[Line], motions: Mapping[str, Motion], of: Callable[[M
             group=r.label, main=line.main, end=end_of(r.status), urls=(line.url,),
             reach=tuple(float(f"{v:.3g}") for v in ends or ()),
         ))  # fmt: skip
+    return told_apart(out, floor)
+
+
+def told_apart(found: Sequence[Trace], floor: float | None = None) -> list[Trace]:
+    """With a dash and a word for the main line of a solver that lies on another one: below it would not be seen."""
+    out: list[Trace] = []
+    for t in found:
+        below = [o for o in out if o.main and o.group == t.group and coincide(o, t, floor)] if t.main else []
+        name = f"{t.name}, coincides with {below[0].solver}" if below else t.name
+        out.append(replace(t, name=name, dash=len(below) % 3) if below else t)
     return out
+
+
+def coincide(a: Trace, b: Trace, floor: float | None) -> bool:
+    """Nowhere further apart than a line is wide, and as long; with a ``floor`` the axis is logarithmic."""
+    ya, yb = (t.y if floor is None else np.log10(np.maximum(t.y, floor)) for t in (a, b))
+    both = b.x[(b.x >= a.x[0]) & (b.x <= a.x[-1])]
+    if len(both) < len(b.x) / 2 or abs(a.x[-1] - b.x[-1]) > WIDE * a.x[-1]:
+        return False
+    apart = np.abs(np.interp(both, a.x, ya) - np.interp(both, b.x, yb))
+    return bool(np.max(apart) <= WIDE * max(np.ptp(ya), np.ptp(yb)))
 
 
 def _urgency(line: Line) -> tuple[bool, bool, int]:

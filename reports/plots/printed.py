@@ -14,6 +14,7 @@ from .palette import DASHES, Look
 from .spec import Axis, Plot, Trace
 from .style import DOUBLE, INK, MUTED, PAPER, SINGLE, log_axis, mark_end, plain, sheet
 
+ROOM = 0.8  # of the height of a panel: a legend over it would be larger than what it explains
 NAMED = 14  # traces that a legend names; of more, only the solvers
 ZERO = 20.0  # zeros are drawn so many times below the smallest value above zero, as in assets/plots.js
 DECADE = 10.0  # room around values that are all alike
@@ -25,7 +26,7 @@ def figure(plots: Sequence[Plot], looks: Mapping[str, Look], *, columns: int = 2
     """One column of a journal wide, or two for ``columns`` over 1; ``unseen`` traces are in the legend alone."""
     wide, columns = columns > 1, min(columns, len(plots))
     rows, width = -(-len(plots) // columns), DOUBLE if wide else SINGLE
-    legend = Legend.of([*(t for p in plots for t in p.traces), *unseen], looks, wide)
+    legend = Legend.of([*(t for p in plots for t in p.traces), *unseen], looks, wide, ROOM * height)
     out = sheet(width, height * rows + legend.height + 0.2)
     axes: dict[tuple[int, int], Axes] = {}
     for k, plot in enumerate(plots):
@@ -53,11 +54,15 @@ class Legend:
     columns: int
 
     @staticmethod
-    def of(traces: Sequence[Trace], looks: Mapping[str, Look], wide: bool) -> "Legend":
-        """Every name once, as many abreast as the longest leaves room for."""
-        handles = _handles(traces, looks, 96 if wide else 62)
-        longest = max((len(str(h.get_label())) for h in handles), default=0)
-        return Legend(tuple(handles), 1 if not wide or longest > 54 else 2 if longest > 32 else 3)
+    def of(traces: Sequence[Trace], looks: Mapping[str, Look], wide: bool, room: float = np.inf) -> "Legend":
+        """Every name once, as many abreast as the longest leaves room for; each solver where that is over ``room``."""
+        for most in (NAMED, 0):
+            handles = _handles(traces, looks, 96 if wide else 62, most)
+            longest = max((len(str(h.get_label())) for h in handles), default=0)
+            legend = Legend(tuple(handles), max(int((108 if wide else 54) / max(longest, 18 if wide else 24)), 1))
+            if legend.height <= room:
+                break
+        return legend
 
     @property
     def height(self) -> float:
@@ -138,13 +143,14 @@ def _style(trace: Trace, look: Look) -> dict:
             "markerfacecolor": PAPER, "markeredgewidth": 0.8, **width}  # fmt: skip
 
 
-def _handles(traces: Sequence[Trace], looks: Mapping[str, Look], wrap: int) -> list[Line2D]:
-    """Every name once; of too many, each solver, and what belongs to none."""
+def _handles(traces: Sequence[Trace], looks: Mapping[str, Look], wrap: int, most: int) -> list[Line2D]:
+    """Every name once; of more than ``most``, each solver, and what belongs to none."""
     named = {t.name: t for t in reversed(traces)}
-    if len(named) > NAMED:
-        named = {t.solver or t.name: t for t in reversed(traces)}
+    if len(named) > most:  # a solver by its main line
+        named = {t.solver or t.name: t for t in sorted(traces, key=lambda t: t.main)}
     out = []
-    for name, t in reversed(named.items()):
+    for name in dict.fromkeys(t.name if t.name in named else t.solver for t in traces):
+        t = named[name]
         look = looks.get(t.solver, INKED)
         style = _style(t, look) | ({} if t.solver or t.hollow else {"marker": ""})
         out.append(Line2D([], [], **style, label=fill(plain(name), wrap)))

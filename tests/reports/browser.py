@@ -24,7 +24,7 @@ import numpy as np
 from PIL import Image
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
-CHROMIUM = next((p for n in NAMES if (p := shutil.which(n))), None)
+CHROMIUM = next((p for n in (os.environ.get("CHROMIUM", ""), *NAMES) if n and (p := shutil.which(n))), None)
 FLAGS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--no-first-run", "--disable-background-networking",
     "--disable-sync", "--disable-component-update", "--disable-default-apps", "--disable-extensions",

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ HOSTILE = '<script>alert("1")</script> & $x_{ \\frac -->'
 
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", "browser: needs chromium on the machine; skipped without")
+    config.addinivalue_line("markers", "browser: needs Chromium; skipped without one, a failure where CI is set")
 
 
 def series(n: int = 300, t_end: float = 2.0, size: float = 1e-3, bodies: int = 1) -> Series:
@@ -127,6 +128,7 @@ def built(tmp_path_factory) -> tuple[Path, list[RunRecord], str]:
 def browser():
     """One headless Chromium for all tests of a process."""
     if CHROMIUM is None:
-        pytest.skip("no chromium on this machine")
+        absent = "no Chromium on this machine: `make browser`, or set CHROMIUM"
+        pytest.fail(absent) if os.environ.get("CI") else pytest.skip(absent)
     with Browser() as running:
         yield running

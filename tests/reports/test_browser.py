@@ -15,6 +15,7 @@ from .conftest import because, put, record, series
 
 PAGES = ("index.html", "problem-pendulum.html", "solver-beta.html", "runs/dd01.html", "runs/gg01.html")
 OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
+OPEN = "document.querySelectorAll('details').forEach((e) => { e.open = true; })"
 FIRST = "document.querySelectorAll('.plots .main-svg').length > 0"
 CONTRAST = """
 (() => {
@@ -106,6 +107,7 @@ def test_failures_are_starred_and_wrong_ones_crossed(report, browser):
 
 def test_time_axes_zoom_together_and_back_by_the_keyboard(report, browser):
     tab = browser.open(report / "problem-pendulum.html", height=3000)
+    tab.evaluate(OPEN)
     tab.until("document.querySelectorAll('[data-plot=energy] .main-svg, [data-plot=phi] .main-svg').length >= 2")
     span = (
         "(() => { const [a, b] = document.querySelector('[data-plot=phi]')._fullLayout.xaxis.range; return b - a; })()"
@@ -116,6 +118,74 @@ def test_time_axes_zoom_together_and_back_by_the_keyboard(report, browser):
     tab.until(f"{span} < {0.7 * whole}")
     tab.press("0")
     tab.until(f"Math.abs({span} - {whole}) < 1e-6")
+    tab.close()
+
+
+def test_axes_leave_out_what_is_hidden(browser, tmp_path):
+    """A coarse run that swings ten times as far is not drawn at first: it takes none of the axis until it is."""
+    put(tmp_path, record("aa01", dt_s=0.005), series(size=1e-3))
+    put(tmp_path, record("aa02", dt_s=0.05), series(size=9.0))
+    store.write_text(tmp_path / "environment.json", "{}")
+    tab = browser.open(site.build(tmp_path).parent / "problem-pendulum.html")
+    tab.evaluate(OPEN)
+    tab.evaluate("document.querySelector('[data-plot=obs-theta]').scrollIntoView()")
+    tab.until("document.querySelector('[data-plot=obs-theta] .main-svg')")
+    top = "document.querySelector('[data-plot=obs-theta]')._fullLayout.yaxis.range[1]"
+    assert tab.evaluate(top) < 1.3
+    ink = tab.ink("[data-plot=obs-theta]")
+    tab.evaluate("document.querySelector('[data-switch=all]').click()")
+    tab.until(f"{top} > 2.5")
+    assert ink > 0.01 and tab.faults == []
+    tab.close()
+
+
+def test_thousands_of_runs_are_paged_and_the_address_keeps_the_choice(browser, tmp_path):
+    """100 rows a page, few nodes; a filter, an order and a page are in the address and come back with it."""
+    for k in range(230):
+        put(tmp_path, record(f"r{k:03}", dt_s=1e-4 * (k + 1), status="success" if k % 2 else "wrong", label="map"))
+    store.write_text(tmp_path / "environment.json", "{}")
+    tab = browser.open(site.build(tmp_path))
+    rows = "document.querySelectorAll('[data-runs] tbody tr').length"
+    tab.until(f"{rows} === 100")
+    assert tab.evaluate("document.querySelectorAll('*').length") < 6000
+    tab.evaluate(SET.format("'status'", "'wrong'"))
+    tab.evaluate("document.querySelectorAll('[data-pager] button')[1].click()")
+    assert tab.evaluate(rows) == 15
+    assert "rows 101 to 115 of 115" in tab.evaluate("document.querySelector('[data-pager] output').textContent")
+    address = tab.evaluate("location.search")
+    assert address == "?status=wrong&page=2"
+    tab.evaluate("location.reload()")
+    tab.until(f"{rows} === 15")
+    assert tab.evaluate("document.forms[0].elements.status.value") == "wrong" and tab.faults == []
+    tab.close()
+
+
+def test_on_a_phone_a_run_is_a_card_led_by_its_status(report, browser):
+    """Status and reason on top, over the whole width, the solver below; nothing to be pushed sideways."""
+    for page in ("index.html", "problem-pendulum.html"):
+        tab = browser.open(report / page, width=390)
+        tab.evaluate(OPEN)
+        table = "document.querySelector('table.cards')"
+        tab.until(f"{table}.tBodies[0].rows.length > 2")
+        row = f"[...{table}.tBodies[0].rows].find((r) => r.textContent.includes('stuck'))"
+        top = f"{row}.querySelector('.status').getBoundingClientRect()"
+        assert tab.evaluate(f"{top}.top < {row}.querySelector('th').getBoundingClientRect().top")
+        assert tab.evaluate(f"{top}.width") > 250 and tab.evaluate(f"{row}.getBoundingClientRect().right") <= 390
+        assert tab.evaluate(OVERFLOW) == 0 and tab.faults == []
+        tab.close()
+
+
+def test_on_a_phone_text_and_targets_are_large_enough(report, browser):
+    """No text below 12 px, no control below 24 px high; links in running text are not controls."""
+    tab = browser.open(report / "index.html", width=390)
+    small = """[...document.querySelectorAll("main *")].filter((e) => !e.closest("svg, .hidden")
+      && e.getClientRects().length && [...e.childNodes].some((n) => n.nodeType === 3 && n.data.trim())
+      && parseFloat(getComputedStyle(e).fontSize) < 11.95)
+      .map((e) => `${e.tagName}.${e.className} ${getComputedStyle(e).fontSize}`)"""
+    low = """[...document.querySelectorAll("main button, main select, main input, main summary, .heat td > a")]
+      .filter((e) => e.getClientRects().length && e.getBoundingClientRect().height < 24)
+      .map((e) => `${e.tagName}.${e.className} ${e.getBoundingClientRect().height}`)"""
+    assert tab.evaluate(small) == [] and tab.evaluate(low) == []
     tab.close()
 
 
@@ -264,6 +334,7 @@ def test_rows_of_a_matrix_sort_by_a_solvers_number_and_filter(matrices, browser)
 def test_a_zero_is_drawn_hollow_and_said_to_be_at_most(matrices, browser):
     """A logarithmic axis has no place for it: a twentieth of the smallest value, 0.2 s, stands for it and says so."""
     tab = browser.open(matrices.parent / "problem-stuck.html")
+    tab.evaluate(OPEN)
     tab.evaluate("document.querySelector('[data-plot=work-error-cpu]').scrollIntoView()")
     tab.until("document.querySelector('[data-plot=work-error-cpu] .main-svg')")
     drawn = tab.evaluate(

@@ -44,6 +44,29 @@ def test_catalogue_has_colours_of_its_own_in_any_run():
         assert palette.looks([name])[name] == together[name]
 
 
+def test_colours_of_plug_ins_are_those_of_no_shipped_solver():
+    """Whatever they are called, and though the shipped ones do not take part; theirs do not change."""
+    shipped = palette.shipped()
+    assert set(CATALOGUE) < set(shipped) and len({k.colour for k in shipped.values()}) == len(shipped)
+    own = palette.looks([f"mine_{k}" for k in range(8)])
+    assert len({k.colour for k in own.values()} | {k.colour for k in shipped.values()}) == len(shipped) + 8
+    together = palette.looks(["aaa", *shipped, "zzz"])
+    assert all(together[name] == look for name, look in shipped.items())
+
+
+def test_the_reference_is_drawn_to_its_horizon(tmp_path):
+    """A run that stopped early has as many points in a part of the time: it is not where the reference ends."""
+    put(tmp_path, record("aa01"), series(100))
+    put(tmp_path, record("aa02", "beta", "singular", t_reached_s=0.3, message="pivot"), series(2000, 0.3))
+    drawn = drawing_of(tmp_path)
+    (theta, *_) = [p for p in observables(drawn).plots if p.name == "obs-theta"]
+    (exact,) = [t for t in theta.traces if t.name == "reference"]
+    assert exact.x[-1] == pytest.approx(2.0)
+    (position, *_) = errors(drawn).plots
+    (own,) = [t for t in position.traces if not t.solver]
+    assert own.x[-1] == pytest.approx(2.0)
+
+
 def test_many_solvers_still_have_looks():
     """More than there are colours."""
     assert len(palette.looks(f"solver{k}" for k in range(20))) == 20
@@ -55,6 +78,16 @@ def test_finest_settings_are_solid_and_stand_for_their_solver(tmp_path):
     by_run = {k.run.record.run_id: k for k in lines_of(read_results(tmp_path).variants[0], url)}
     assert (by_run["aa02"].main, by_run["aa02"].dash) == (True, 0)
     assert (by_run["aa01"].main, by_run["aa01"].dash) == (False, 1)
+
+
+def test_a_curve_that_lies_on_another_is_dashed_and_says_so(tmp_path):
+    """Two solvers with one motion would look like one; a third that is a tenth of a decade off has its own line."""
+    for run, solver, size in (("aa01", "alpha", 1e-3), ("bb01", "beta", 1.0001e-3), ("cc01", "gamma", 2e-3)):
+        put(tmp_path, record(run, solver), series(size=size))
+    energy = laws(drawing_of(tmp_path)).plots[0]
+    found = {t.solver: t for t in energy.traces}
+    assert found["beta"].dash == 1 and found["beta"].name.endswith("coincides with alpha")
+    assert all(found[s].dash == 0 and "coincides" not in found[s].name for s in ("alpha", "gamma"))
 
 
 def test_of_a_large_group_the_finest_and_the_failures_are_drawn(tmp_path):

@@ -4,11 +4,13 @@ import csv
 import io
 import math
 
+from mbsbench.reports.model.accuracy import measure_for
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.model.tables import COLUMNS, csv_of, latex_number, latex_of, latex_text
 from mbsbench.reports.model.words import number, seconds, signed, unit, whole
+from mbsbench.reports.plots.work import recorded
 
-from .conftest import HOSTILE, record
+from .conftest import HOSTILE, put, record
 
 
 def test_csv_has_every_run_in_full(built):
@@ -62,3 +64,18 @@ def test_a_cpu_time_too_short_for_the_clock_is_no_zero():
     column = next(c for c in COLUMNS if c.key == "cpu_median")
     assert column.text(run) == seconds(0.0) == "below the clock"
     assert "& below the clock" in latex_of("p", [run])
+
+
+def test_pages_tables_and_plots_have_one_error_over_one_interval(tmp_path):
+    """A chain is judged to 0.5 s and compared to 2 s: 0.4 m of the chaotic rest beside 0.001 m would contradict."""
+    chaos = {"judged_to_s": 0.5, "position_error_judged_m": 1e-3, "position_error_max_m": 0.4}
+    put(tmp_path, record("aa01", **chaos))
+    put(tmp_path, record("aa02", dt_s=0.005, **chaos))
+    (variant,) = read_results(tmp_path).variants
+    measure = measure_for(variant.runs)
+    assert measure is not None and measure.until == 0.5
+    (row, _) = csv.DictReader(io.StringIO(csv_of(variant.runs)))
+    assert (float(row["position_error [m]"]), float(row["position_error_whole [m]"])) == (1e-3, 0.4)
+    assert measure.of(variant.runs[0]) == recorded(variant)[0].errors["error"] == 1e-3
+    latex = latex_of(variant.title, variant.runs)
+    assert "errors up to 0.5 s" in latex and "$0.00100$" in latex and "$0.400$" not in latex

@@ -23,6 +23,7 @@ from ...results.judgements import (
     Value,
     Verdict,
 )
+from ...results.naming import text_of
 from ...results.records import RunRecord
 from ...suites.spec import RunSpec
 from . import register as given
@@ -166,7 +167,8 @@ def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, tuple[
         return {}
     out = {k: tuple(values_of(p.dimensions[k] for p in places)) for k in ("problem", "solver")}
     chosen = _chosen(own) - out.keys()
-    return out | {k: tuple(v) for k, v in varied([p.dimensions for p in own]).items() if k in chosen}
+    rest = {k: v for k, v in varied([p.dimensions for p in own]).items() if k in chosen}
+    return out | {k: tuple(text_of(x) if isinstance(x, list | tuple) else x for x in v) for k, v in rest.items()}
 
 
 def _test(test: given.Test, shown: Point | None, k: int) -> Test:

@@ -1,6 +1,6 @@
 """The pictures: mechanisms as lines on a fixed background, their energy errors below, one time for all."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,10 +20,12 @@ from ...plots.lines import ended
 from ...plots.palette import Look, looks
 from ...plots.spec import Axis, Plot, Trace
 from ...plots.style import GRID, INK, MUTED, plain, style
+from ..paths import PointPath, longest, path_of
 from ..segments import Mechanism, mechanism_of
 from .files import Picture
 
 DPI = 100
+TRAIL, POINTS = 0.12, 120  # of the time shown, the path of a point: its own in colour, the exact one in ink
 WIDTH, STRIP, ABREAST = 7.2, 1.35, 3  # [in], [in], panels in a row
 FLAT = 0.02  # of the mechanism's size: motion this thin is seen from the front
 TILT = np.deg2rad(20.0), np.deg2rad(35.0)  # elevation and turn of the view of a spatial motion
@@ -38,6 +40,7 @@ class Actor:
     t: Float[np.ndarray, " nt"]
     energy_error: Float[np.ndarray, " nt"]
     look: Look
+    path: PointPath | None = None  # of a point with a known exact motion
 
     @property
     def end(self) -> float:
@@ -63,7 +66,8 @@ def actors_of(folder: Path, runs: Sequence[Run]) -> list[Actor]:
         mechanism = mechanism_of(series)
         if series is None or mechanism is None:
             raise ValueError(f"run {run.record.run_id} ({run.record.case}) kept no poses")
-        out.append(Actor(run, mechanism, series["t"], series["energy_error"], own[run.record.solver]))
+        out.append(Actor(run, mechanism, series["t"], series["energy_error"], own[run.record.solver],
+                         path_of(series)))  # fmt: skip
     return out
 
 
@@ -107,9 +111,15 @@ class Stage:
             ax.set(aspect="equal", xlim=(low[0], high[0]), ylim=(low[1], high[1]), xticks=[], yticks=[])
             ax.spines[:].set(visible=True, color=GRID)
         self.bodies: list[tuple[Axes, LineCollection, Line2D]] = []
+        self.trails: list[tuple[Axes, Line2D, Callable[[np.ndarray], np.ndarray]]] = []
+        exact = longest(a.path for a in self.actors)
         for k, actor in enumerate(self.actors):
             ax = axes[0] if ghosts else axes[k]
             self.bodies.append(_body(ax, actor, self.view, ghost=ghosts and k > 0))
+            if actor.path:
+                self.trails.append((ax, _trail(ax, actor.look.colour), actor.path.own_at))
+            if exact and (k == 0 or not ghosts):
+                self.trails.append((ax, _trail(ax, INK), exact.exact_at))
             if not ghosts:
                 ax.set_title(plain(actor.name), color=actor.look.colour, fontsize=7.0)
         self.strip = ax = self.figure.add_subplot(places[rows, :])
@@ -132,6 +142,10 @@ class Stage:
         return Plot("energy", "", "", x, Axis("", "J", log=True, low=low, high=high, symbol="|E-E_0|"), traces)
 
     def _move(self, now: float) -> None:
+        back = np.linspace(max(self.t[0], now - TRAIL * (self.t[-1] - self.t[0])), now, POINTS)
+        for ax, line, points in self.trails:
+            line.set_data(*flat(points(back), self.view).T)
+            ax.draw_artist(line)
         for actor, (ax, lines, joints) in zip(self.actors, self.bodies, strict=True):
             k = actor.mechanism.frame(now)
             gone = now > actor.end + 1e-9
@@ -203,6 +217,11 @@ def _extent(actors: Sequence[Actor], view: np.ndarray) -> tuple[np.ndarray, np.n
 def _some(n: int) -> np.ndarray:
     """At most 200 of ``n`` frames, first and last among them."""
     return np.unique(np.linspace(0, n - 1, min(n, 200)).astype(int))
+
+
+def _trail(ax: Axes, colour: str) -> Line2D:
+    """What a point leaves behind."""
+    return ax.add_line(Line2D([], [], color=colour, linewidth=0.9, zorder=5, animated=True))
 
 
 def _body(ax: Axes, actor: Actor, view: np.ndarray, *, ghost: bool) -> tuple[Axes, LineCollection, Line2D]:

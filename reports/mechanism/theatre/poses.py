@@ -9,8 +9,9 @@ from scipy.spatial.transform import Rotation
 LEVELS = 32767
 DIGITS = 9  # bits of mantissa that a strip keeps: 1/1024 of the value at most, below a pixel
 FIRST = 48  # poses tried at first
-NEAR = 0.003  # [of the size] drawn poses may be so far off stored ones where there is room for more
+NEAR = 0.01  # [of a body] drawn poses may be so far off stored ones where there is room for more
 TURNED = 0.03  # [rad]
+AT_ONCE = 0.25  # of the worst distance: so much further off a chord half as long is not
 
 
 @dataclass(frozen=True)
@@ -107,15 +108,22 @@ def thinned(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
 
 
 def enough(poses: Poses, at_most: int, size: float) -> Int[np.ndarray, " n"]:
-    """As few rows as give all stored poses to ``NEAR`` and ``TURNED``, to a factor of two; ``at_most`` in any case."""
-    n = FIRST
-    while n < at_most:
-        rows = thinned(poses, n, size)
-        distance, angle = off(poses, rows)
-        if distance <= NEAR * size and angle <= TURNED:
-            return rows
-        n *= 2
-    return thinned(poses, at_most, size)
+    """As few rows as give all stored poses to ``NEAR`` of ``size`` [m] and ``TURNED``, dense where the motion is fast.
+
+    To a few rows are added those that are drawn worst, until all are near or there are ``at_most``.
+    """
+    rows = thinned(poses, min(FIRST, at_most), size)
+    while len(rows) < at_most:
+        distance, angle = each_off(poses, rows)
+        away = np.maximum(distance / (NEAR * size), angle / TURNED)
+        worst = np.argsort(-away, kind="stable")
+        _, first = np.unique(np.searchsorted(rows, worst, side="right"), return_index=True)  # one in each gap
+        wanted = worst[np.sort(first)]
+        wanted = wanted[away[wanted] > max(1.0, AT_ONCE * away[worst[0]])]
+        if not len(wanted):
+            break
+        rows = np.union1d(rows, wanted[: at_most - len(rows)])
+    return rows
 
 
 def turns(q: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "m nb"]:
@@ -148,7 +156,13 @@ def between(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
 
 def off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[float, float]:
     """The worst body's distance [m] and angle [rad] between the stored poses and what is drawn in their place."""
+    distance, angle = each_off(poses, kept)
+    return float(np.max(distance)), float(np.max(angle))
+
+
+def each_off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
+    """The same of each stored pose."""
     drawn = between(poses.at(kept), poses.t)
-    distance = np.max(np.linalg.norm(drawn.r - poses.r, axis=-1))
+    distance = np.max(np.linalg.norm(drawn.r - poses.r, axis=-1), axis=-1)
     half = np.linalg.norm(drawn.q - np.sign(np.sum(drawn.q * poses.q, axis=-1, keepdims=True)) * poses.q, axis=-1)
-    return float(distance), float(np.max(4.0 * np.arcsin(np.clip(0.5 * half, 0.0, 1.0))))
+    return distance, np.max(4.0 * np.arcsin(np.clip(0.5 * half, 0.0, 1.0)), axis=-1)

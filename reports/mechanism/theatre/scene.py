@@ -11,14 +11,16 @@ from jaxtyping import Float
 from ....harness.results.series import Series
 from ...model.results import Results, Run, Variant, by_solver
 from ...plots.palette import Look
+from ..paths import PointPath, longest, path_of
 from .cast import cast
 from .poses import Box, Poses, box_of, columns, enough, finite, off, positions, quaternions, rounded, thinned
 from .shapes import Shape, ends, ground_points, shapes_of
-from .strips import EVENTS, SPANS, STRIPS, marks_of, strips_of
+from .strips import EVENTS, SPANS, Strip, known, marks_of, strips_of
 
-POSE_BYTES = 3_500_000  # of all players of a page, before compression
+POSE_BYTES = 4_500_000  # of all players of a page, before compression
 BODY_BYTES = 14  # three int16 and four
 MOST_POSES = 2000  # as many as are stored
+EXACT = 3000  # places of an exact path
 VIEWS = 60  # poses from which the camera's box is taken
 FEW = 0.2  # [of POSE_BYTES] below, strips too are coarser
 LONG = 3000  # [rows] of a series that needs the finer strips
@@ -59,7 +61,9 @@ def scene(
     scale = record.length_scale_m if record.length_scale_m > 0.0 else 1.0
     t_end = max([record.t_end_s] + [float(p.series["t"][-1]) for p in cast_])
     t_end = t_end if math.isfinite(t_end) and t_end > 0.0 else 1.0
-    shapes = shapes_of(lead.series, lead.poses, scale)
+    shapes, kinds = shapes_of(lead.series, lead.poses, scale), known([p.series for p in cast_])
+    lengths = [float(np.linalg.norm(np.subtract(s.b, s.a))) for s in shapes if s.kind == "rod"]
+    body = min(scale, float(np.median(lengths))) if lengths else scale
     ground = ground_points(lead.series)
     gravity = np.asarray(lead.series["gravity"], dtype=float) if "gravity" in lead.series else np.zeros(3)
     sound = [p for p in cast_ if p.run.succeeded] or [lead]
@@ -74,23 +78,32 @@ def scene(
         "title": variant.title, "t_end": t_end, "bodies": bodies, "scale": scale,
         "gravity": gravity.tolist(), "normal": _normal(lead), "low": stage.low.tolist(), "high": stage.high.tolist(),
         "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
-        "ground": ground.tolist(), "shapes": shapes, "trail": _trail(lead, shapes), "spans": spans, "strips": STRIPS,
-        "players": [_player(p, box, scale, at_most, (t_end, spans), looks, rank) for p in cast_],
+        "ground": ground.tolist(), "shapes": shapes, "trail": _trail(lead, shapes), "spans": spans, "strips": kinds,
+        "exact": _exact(longest(path_of(p.series) for p in cast_), t_end),
+        "players": [_player(p, box, body, at_most, (t_end, spans), looks, rank, kinds) for p in cast_],
         "marks": [m for k, p in enumerate(cast_) for m in marks_of(p.series, p.run, k)],
         "events_cut": any(len(p.series.events) > EVENTS for p in cast_),
     }  # fmt: skip
 
 
+def _exact(path: PointPath | None, t_end: float) -> dict[str, Any] | None:
+    """The exact path of a point that the problem observes, at even times."""
+    if path is None:
+        return None
+    t = np.linspace(0.0, min(t_end, float(path.exact_t[-1])), EXACT)
+    return {"name": path.name, "until": float(t[-1]), "places": path.exact_at(t).ravel()}
+
+
 def _player(
-    p: Player, box: Box, scale: float, at_most: int, axis: tuple[float, int], looks: Mapping[str, Look],
-    rank: Mapping[str, int],
+    p: Player, box: Box, body: float, at_most: int, axis: tuple[float, int], looks: Mapping[str, Look],
+    rank: Mapping[str, int], kinds: Sequence[Strip],
 ) -> dict[str, Any]:  # fmt: skip
-    rows = enough(p.poses, at_most, scale)
+    rows = enough(p.poses, at_most, body)
     kept = p.poses.at(rows)
     n, bodies = len(kept), kept.r.shape[1]
     both = np.concatenate((positions(kept.r, box), quaternions(kept.q)), axis=-1)
     distance, angle = off(p.poses, rows)
-    strips = rounded(strips_of(p.series, p.run, *axis))
+    strips = rounded(strips_of(p.series, p.run, *axis, kinds))
     return {
         "solver": p.run.record.solver, "settings": p.run.settings(), "label": p.run.record.label,
         "status": p.run.status, "because": "; ".join(p.run.reasons)[:400],

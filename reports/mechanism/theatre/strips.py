@@ -1,7 +1,7 @@
-"""What runs beside the mechanism: energy error, |phi|, |phi_dot| and step size over time, and moments to jump to."""
+"""What runs beside the mechanism over time: errors, |phi|, |phi_dot| and step size, and moments to jump to."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -64,6 +64,7 @@ class Strip:
 
 STRIPS = (
     Strip("energy_error", "E − E₀", "J", signed=True, both=True),
+    Strip("position_error", "|r − r exact|", "m"),
     Strip("phi_norm", "|φ|", "m"),
     Strip("phi_dot_norm", "|φ̇|", "m/s"),
     Strip("dt", "step", "s", both=True),
@@ -82,10 +83,16 @@ def strip(
     return np.stack((low, high))
 
 
-def strips_of(series: Series, run: Run, t_end: float, spans: int = SPANS) -> Float[np.ndarray, "n spans"]:
-    """All strips of a run in the order of ``STRIPS``: smallest values, where they matter, and largest ones."""
+def known(series: Sequence[Series]) -> tuple[Strip, ...]:
+    """Those that some run has a number for: without a reference there is no error."""
+    return tuple(s for s in STRIPS if any(s.name in own and np.isfinite(own[s.name]).any() for own in series))
+
+
+def strips_of(series: Series, run: Run, t_end: float, spans: int = SPANS, kinds: Sequence[Strip] = STRIPS
+              ) -> Float[np.ndarray, "n spans"]:  # fmt: skip
+    """Strips of a run in the order of ``kinds``: smallest values, where they matter, and largest ones."""
     t, out = series["t"], []
-    for kind in STRIPS:
+    for kind in kinds:
         name = kind.name
         a = series[name] if name in series else np.full(len(t), np.nan)
         if name == "dt" and len(a) > 2 and not run.stopped:

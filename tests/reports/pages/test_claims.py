@@ -5,7 +5,7 @@ import re
 
 from msgspec.structs import replace
 
-from mbsbench.harness.results.judgements import Condition, Decision, Verdict
+from mbsbench.harness.results.judgements import Condition, Decision, Gap, Missing, Verdict
 from mbsbench.reports.model.claim_words import band, because, decision, measured, missing, tried
 from mbsbench.reports.pages.claims import VERDICTS, claims_of, counts, differences, grids
 from mbsbench.reports.pages.judgement import links_of
@@ -18,6 +18,15 @@ NONE = links_of([])
 
 def rows():
     return synthetic.claims(["aa01", "aa02"])
+
+
+def test_a_claim_without_its_runs_has_the_published_verdict_and_says_so():
+    """A bench runs a part of the maps: what it cannot judge is neither blank nor passed off as its own."""
+    lacking = [replace(c, verdict=Verdict.UNTESTABLE, missing=(Missing(Gap.RUNS, found=2, wanted=9),)) for c in rows()]
+    found = claims_of([lacking[0], *rows()[1:]], NONE, rows())
+    assert [c.of.id for c in found if c.published] == ["first-claim", "fourth-claim"]  # the last lacks its runs anyway
+    assert [c.of.verdict for c in found] == [c.of.verdict for c in claims_of(rows(), NONE)]
+    assert not any(c.published for c in claims_of(lacking, NONE))  # nothing is published: untestable, and why
 
 
 def test_counts_are_those_of_the_file_and_name_absent_verdicts():

@@ -25,32 +25,33 @@ def run_folder(parent, name, commit, runs):
 
 @pytest.fixture
 def three_runs(tmp_path, monkeypatch):
-    """aa01 stays, aa02 drifts more each time, aa03 becomes wrong, aa04 is new in the last."""
+    """aa01 stays, aa02 drifts more, aa03 becomes wrong, aa05 drifts less, aa04 is new in the last."""
     monkeypatch.setattr(history, "COMMITTED", tmp_path / "none")
     for k in (1, 2, 3):
         commit = str(k) * 40
         runs = [record("aa01", commit=commit), record("aa02", commit=commit, energy_drift_max_J=1e-3 * 10.0**k),
-                 record("aa03", commit=commit, status="wrong" if k == 3 else "success")]  # fmt: skip
-        runs += [record("aa04", commit=commit, case=HOSTILE)] if k == 3 else []
+                 record("aa03", commit=commit, status="wrong" if k == 3 else "success", case=HOSTILE),
+                record("aa05", commit=commit, energy_drift_max_J=10.0 ** (3 - 3 * k))]  # fmt: skip
+        runs += [record("aa04", commit=commit)] if k == 3 else []
         run_folder(tmp_path, f"run-{k}", commit, runs)
     return read_results(tmp_path / "run-3")
 
 
-def test_a_line_for_each_run_those_that_changed_first(three_runs, tmp_path):
+def test_a_worse_ending_comes_first_then_the_digits_lost_then_what_got_better(three_runs, tmp_path):
     rows, bad = gather(three_runs, tmp_path / "none")
     found = lines(three_runs, rows)
     assert bad == []
-    assert [line.settings for line in found][:3] == ["aa02", "aa03", "aa01"]
-    assert [line.changed for line in found] == [True, True, False, False]
-    assert found[0].values("energy_drift_max_J") == pytest.approx((0.01, 0.1, 1.0))
-    assert [m.kind for m in found[1].marks] == ["good", "good", "wrong"]
-    assert len(found[3].rows) == 1
+    assert [line.settings for line in found][:3] == ["aa03", "aa02", "aa05"]
+    assert [line.changed for line in found] == [True, True, True, False, False]
+    assert found[1].values("energy_drift_max_J") == pytest.approx((0.01, 0.1, 1.0))
+    assert [m.kind for m in found[0].marks] == ["good", "good", "wrong"]
+    assert len(found[4].rows) == 1 and found[2].lost == pytest.approx(-6.0)
 
 
 def test_runs_are_listed_in_their_order_with_their_endings(three_runs, tmp_path):
     found = moments(gather(three_runs, tmp_path / "none")[0])
     assert [m.results for m in found] == ["run-1", "run-2", "run-3"]
-    assert [(m.word, n) for m, n in found[2].counts] == [("success", 3), ("wrong", 1)]
+    assert [(m.word, n) for m, n in found[2].counts] == [("success", 4), ("wrong", 1)]
 
 
 def test_page_of_three_commits(three_runs):
@@ -69,7 +70,7 @@ def test_a_file_of_rows_that_cannot_be_read_is_named(three_runs, tmp_path):
     (tmp_path / "rows").mkdir()
     (tmp_path / "rows" / "odd.jsonl").write_text("{")
     rows, bad = gather(three_runs, tmp_path / "rows")
-    assert len(rows) == 10 and len(bad) == 1 and "odd.jsonl" in bad[0]
+    assert len(rows) == 13 and len(bad) == 1 and "odd.jsonl" in bad[0]
 
 
 def test_less_than_a_hundredth_is_no_move():

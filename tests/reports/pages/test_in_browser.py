@@ -2,13 +2,12 @@
 
 import pytest
 
-from ..browser import CHROMIUM
-from .conftest import PAGES
+from mbsbench.reports.model.results import read_results
 
-pytestmark = [
-    pytest.mark.browser,
-    pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine"),
-]
+from ..conftest import put, record, series
+from .conftest import PAGES, render
+
+pytestmark = pytest.mark.browser
 CONTRAST = 4.5  # of text against what is behind it: WCAG AA
 CONTRASTS = """(() => {
   const parse = (c) => (c.match(/[\\d.]+/g) || []).map(Number);
@@ -51,6 +50,24 @@ def test_pages_load_without_a_fault_and_fit(browser, folder, width, dark):
         tab.close()
 
 
+def test_all_published_claims_fit_a_phone_and_are_searched(browser, tmp_path):
+    """Folded they are less than ten screens; words find a claim, a link opens it."""
+    put(tmp_path, record("aa01"), series(40))
+    render(read_results(tmp_path), [PAGES["claims.html"]])
+    tab = browser.open(tmp_path / "report" / "claims.html", width=390, height=844)
+    assert tab.evaluate("document.documentElement.scrollHeight") < 8000
+    shown = "[...document.querySelectorAll('[data-item]')].filter((e) => !e.hidden)"
+    whole = tab.evaluate(f"{shown}.length")
+    search = "document.querySelector('.filters input[type=search]')"
+    tab.evaluate(f"{search}.value = 'one step'; {search}.dispatchEvent(new Event('input'))")
+    assert 0 < tab.evaluate(f"{shown}.length") < whole
+    first = tab.evaluate(f"{shown}[0].id")
+    tab.evaluate(f"location.hash = '#{first}'")
+    tab.until(f"document.getElementById('{first}').open")
+    assert tab.evaluate("document.documentElement.scrollWidth") <= 390 and tab.faults == []
+    tab.close()
+
+
 def test_claims_filter_and_their_map_obeys_the_arrow_keys(browser, folder):
     tab = browser.open(folder / "claims.html")
     shown = "[...document.querySelectorAll('[data-item]')].filter((e) => !e.hidden).length"
@@ -62,6 +79,7 @@ def test_claims_filter_and_their_map_obeys_the_arrow_keys(browser, folder):
     assert tab.evaluate(f"[...{boxes}].filter((b) => b.tabIndex === 0).length") == tab.evaluate(
         "document.querySelectorAll('[data-grid]').length"
     )  # one stop of the tab key a map
+    tab.evaluate("document.querySelectorAll('.claim, .claim details').forEach((e) => { e.open = true; })")
     grid = "document.querySelector('.claim:not([hidden]) [data-grid]')"
     tab.evaluate(f"{grid}.querySelector('.box').focus()")
     first = tab.evaluate("document.activeElement.getAttribute('aria-label')")

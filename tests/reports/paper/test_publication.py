@@ -4,14 +4,16 @@ import csv
 import io
 import json
 import re
+from pathlib import Path
 
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.harness.__main__ import main
 from mbsbench.reports import publication
 from mbsbench.reports.model import tables
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.plots.style import DOUBLE, SINGLE, save
+from mbsbench.reports.plots.style import DOUBLE, SINGLE, save, style
 
 from ..conftest import every_kind, put, record, series
 
@@ -41,7 +43,7 @@ def test_latex_and_csv_have_the_same_numbers(results):
     plain = list(csv.reader(io.StringIO(tables.rounded_csv_of(variant.runs))))[1:]
     compared = 0
     assert len(rows) == len(plain) == len(variant.runs)
-    for a, b in zip(rows, plain, strict=True):
+    for a, (_, *b) in zip(rows, plain, strict=True):  # LaTeX has the solver in a line above its runs
         assert len(a) == len(b)
         for shown, written in zip(a, b, strict=True):
             if shown.strip() == "--":
@@ -62,9 +64,21 @@ def test_latex_is_balanced_and_harmless(results):
         assert [k[: k.index("{")] for k in lines if "{tabular}" in k] == [r"\begin", r"\end"]
         assert all(re.sub(r"\\\$", "", k).count("$") % 2 == 0 for k in lines)
         rows = [re.sub(r"\\&", "", k) for k in lines if k.endswith(r"\\")]
-        columns = re.search(r"\\begin\{tabular\}\{([lr]+)\}", text)[1]
-        assert {k.count("&") for k in rows} == {len(columns) - 1}
+        assert {k.count("&") for k in rows} == {len(tables.printed(variant.runs)) - 1}
         assert r"\frac" not in text and "<script>" not in text
+
+
+def test_latex_fits_one_column_of_a_journal(results):
+    """86 mm at 8 pt: a digit is half an em wide, 1.4 mm; 2 pt to each side of a column; words wrap where it says."""
+    for variant in results.variants:
+        text = tables.latex_of("t", variant.runs)
+        rows = [k.removesuffix(r" \\").split(" & ") for k in text.splitlines() if k.endswith(r"\\")]
+        widths = []
+        for column, cells in zip(tables.printed(variant.runs), zip(*rows, strict=True), strict=True):
+            fixed = re.search(r"p\{(\d+)mm\}", tables.WRAPPED.get(column.key, ""))
+            longest = max(len(re.sub(r"\\[a-zA-Z]+|[${}^\\ ]", "", e)) for e in cells)
+            widths.append(float(fixed[1]) if fixed else 1.4 * longest)
+        assert sum(widths) + 1.4 * (len(widths) - 1) <= SINGLE * 25.4, widths
 
 
 def test_widths_are_those_of_a_journal(results):
@@ -87,10 +101,41 @@ def test_command_writes_figures_tables_and_captions(results, capsys):
     folder = results.folder / publication.FOLDER
     told = json.loads((folder / "captions.json").read_text(encoding="utf-8"))
     assert told and all((folder / f).stat().st_size > 0 for t in told for f in t["files"])
-    assert (folder / "lonely.tex").exists() and (folder / "lonely.csv").exists()
+    assert (folder / "lonely" / "lonely.tex").exists() and (folder / "lonely" / "lonely.csv").exists()
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    linked = re.findall(r'(?:href|src)="([^"#]+)"', page)
+    assert {f for t in told for f in t["files"]} < set(linked) and all((folder / f).exists() for f in linked)
+    assert (folder / "overview.svg").exists() and "<script>" not in page
+    assert "pendulum" not in page  # the problem that was asked for, and only that
     capsys.readouterr()
     assert main(["figures", str(results.folder), "--only", "nobody"]) == 2
     assert capsys.readouterr().err.startswith("error: no problem 'nobody'")
+
+
+def test_pictures_of_the_readme_are_those_that_the_command_writes(results):
+    """`make pictures` copies what `figures` writes: a picture that nobody can make again goes stale."""
+    top = Path(publication.__file__).parents[1]
+    shown = set(re.findall(r"!\[[^]]+\]\(([^)]+)\)", (top / "README.md").read_text(encoding="utf-8")))
+    recipe = (top / "Makefile").read_text(encoding="utf-8").partition("\npictures:")[2].partition("\n\n")[0]
+    copied = dict(re.findall(r'cp "[^/]+/([^"]+)" (\S+)', recipe))
+    assert shown == set(copied.values()) and all((top / name).is_file() for name in shown)
+    made = {f.name for f in publication.figures_of(results, next(p for p in results.variants if p.title == "pendulum"))}
+    stems = {Path(name).stem.replace("chain", "pendulum") for name in copied}
+    assert stems <= made | {publication.OVERVIEW}
+
+
+def test_a_legend_is_smaller_than_its_plot(tmp_path):
+    """Of fourteen lines with long names, the solvers are named: the plot is what is looked at."""
+    for k in range(12):
+        put(tmp_path, record(f"{k:04x}", f"solver{k % 4}", dt_s=1e-3 * (k + 1), paper_label="a long label"), series(40))
+    found = read_results(tmp_path)
+    made = {f.name: f for f in publication.figures_of(found, found.variants[0])}
+    with style():
+        drawn = made["pendulum-recommended-energy"].draw()
+        FigureCanvasAgg(drawn).draw()
+        (legend,), (ax,) = drawn.legends, drawn.axes
+        assert legend.get_window_extent().height < ax.get_window_extent().height
+        assert [t.get_text() for t in legend.get_texts()] == [f"solver{k}" for k in range(4)]
 
 
 def test_many_runs_are_parted_by_solver(tmp_path):

@@ -68,6 +68,16 @@ def test_as_few_poses_as_the_eye_needs():
     assert len(enough(spinning(300.0, n=1500), 100, 1.0)) <= 100
 
 
+def test_poses_go_where_they_are_needed():
+    """A whip of a hundredth of the time at rest else: as many poses as even ones, a tenth of their distance."""
+    t = np.linspace(0.0, 1.0, 2001)
+    angle = 6.0 * np.clip((t - 0.5) / 0.01, 0.0, 1.0) + 0.05 * t
+    r = np.stack((np.cos(angle), np.sin(angle), 0 * t), axis=-1)[:, None]
+    poses = Poses(t, r, about_z(angle)[:, None])
+    rows = enough(poses, 60, 1.0)
+    assert len(rows) <= 60 and off(poses, rows)[0] < 0.1 * off(poses, thinned(poses, 60, 1.0))[0] + NEAR
+
+
 def test_between_takes_the_shorter_way():
     """q and -q are one orientation."""
     q = about_z(np.array([0.0, 1.0]))[:, None] * np.array([1.0, -1.0])[:, None, None]

@@ -5,9 +5,7 @@ import pytest
 
 from mbsbench.reports.mechanism.theatre.poses import Poses, between, enough
 
-from ..browser import CHROMIUM
-
-pytestmark = [pytest.mark.browser, pytest.mark.skipif(CHROMIUM is None, reason="no chromium on this machine")]
+pytestmark = pytest.mark.browser
 READY = "document.querySelector('[data-theatre]').dataset.ready"
 STATS = "MBS.theatre.stats()"
 
@@ -74,6 +72,11 @@ def test_jumps_go_to_the_star_the_event_and_the_whip(open_):
     tab.click("[data-stop]")
     assert tab.evaluate(f"{STATS}.t") == 0.8
     tab.until("!document.querySelector('.star').hidden")
+    assert tab.evaluate("document.querySelector('.labels').textContent.replace(/★/g, '')") == ""  # no words over bodies
+    stops = "document.querySelector('[data-stops]')"
+    assert "diverged" in tab.evaluate(f"{stops}.textContent")
+    below = f"{stops}.getBoundingClientRect().top >= document.querySelector('.stage').getBoundingClientRect().bottom"
+    assert tab.evaluate(below)
     assert "diverged: lost <script>" in tab.evaluate("document.querySelector('[data-note]').textContent")
     tab.click("[data-event]")
     assert tab.evaluate(f"{STATS}.t") == 0.5

@@ -1,0 +1,165 @@
+"""The first picture: solvers by problems, each at its finest settings, coloured by how near to a limit it comes."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from .margin import Margin, margin
+from .results import Results, Run, Variant, by_solver
+from .scores import finest
+from .variants import broadest, plain_runs, themselves
+from .words import Mark, mark, number, plural
+
+FEW = 0.5  # of the solvers: a variant that fewer ran is no column, or their counts would not compare
+RANKS = ("good", "inaccurate", "failed", "wrong", "refused")  # of endings, the best first; the last has no error
+LEAST = 1e-16  # margins below are equal
+
+
+@dataclass(frozen=True)
+class Box:
+    """A solver on a problem."""
+
+    run: Run
+
+    @cached_property
+    def mark(self) -> Mark:
+        return mark(self.run.status)
+
+    @cached_property
+    def margin(self) -> Margin | None:
+        return margin(self.run)
+
+    @property
+    def level(self) -> int | None:
+        """Class of colour; none for a run that ended before its time, whatever its error was until then."""
+        return None if self.margin is None or self.mark.kind in ("failed", "refused") else self.margin.level
+
+    @property
+    def text(self) -> str:
+        """The margin in few digits; of a run that stopped the part of the time it reached."""
+        r = self.run.record
+        if self.mark.kind == "failed" and r.t_end_s > 0.0 and r.t_reached_s >= 0.0:
+            return f"at {100.0 * r.t_reached_s / r.t_end_s:.0f} %"
+        if self.level is None or self.margin is None or math.isinf(self.margin.part):
+            return ""
+        return number(self.margin.part, 2 if self.margin.part >= 0.1 else 1)
+
+    @property
+    def words(self) -> str:
+        """How it ended and how near to a limit."""
+        why = self.run.reasons[0] if self.run.reasons else self.margin.words if self.margin else ""
+        return f"{self.run.record.solver} on {self.run.variant}, {self.run.step_words}: {self.mark.word}. {why}"
+
+    @property
+    def order(self) -> tuple[int, float]:
+        """The best first."""
+        part = self.margin.part if self.margin else math.inf
+        return RANKS.index(self.mark.kind), max(part, LEAST)
+
+
+@dataclass(frozen=True)
+class Row:
+    """A solver; None on a problem that it did not run."""
+
+    solver: str
+    boxes: tuple[Box | None, ...]
+
+    @property
+    def succeeded(self) -> int:
+        return sum(b is not None and b.run.succeeded for b in self.boxes)
+
+    @property
+    def order(self) -> tuple[int, float, str]:
+        """Most successes first, then by the mean digits between errors and limits."""
+        digits = [math.log10(min(b.order[1], 1e16)) for b in self.boxes if b is not None and b.margin]
+        return -self.succeeded, sum(digits) / max(len(digits), 1), self.solver
+
+
+@dataclass(frozen=True)
+class Heat:
+    """All solvers on the same problems."""
+
+    problems: tuple[Variant, ...]
+    rows: tuple[Row, ...]
+
+    @cached_property
+    def hardest(self) -> int:
+        """The column on which fewest succeed; of equals the one with the largest margin."""
+
+        def ease(k: int) -> tuple[int, float]:
+            boxes = self.column(k)
+            return sum(b.run.succeeded for b in boxes), -max((b.order[1] for b in extremes(boxes)), default=0.0)
+
+        return min(range(len(self.problems)), key=ease)
+
+    def column(self, k: int) -> list[Box]:
+        return [b for row in self.rows if (b := row.boxes[k]) is not None]
+
+    def extremes(self) -> list[Box]:
+        """The best and the worst on the hardest problem."""
+        return extremes(self.column(self.hardest))
+
+    @property
+    def title(self) -> str:
+        """Who stays within all limits, of those that ran every problem; of all where none did."""
+        complete = [row for row in self.rows if None not in row.boxes] or self.rows
+        whole = sum(row.succeeded == len(self.problems) for row in complete)
+        name = self.problems[0].title if len(self.problems) == 1 else f"all {len(self.problems)} problems"
+        ran = "" if len(complete) == len(self.rows) else f" that ran {name}"
+        stay = f"{'stays' if whole == 1 else 'stay'} within every limit"
+        return f"{whole} of {plural(len(complete), 'solver')}{ran} {stay}{'' if ran else f' on {name}'}"
+
+    @property
+    def sentence(self) -> str:
+        """Who is best and who is worst on the problem that parts them most, and why."""
+        name = self.problems[self.hardest].title
+        return f"The hardest problem is {name}. {best_and_worst(self.column(self.hardest))}"
+
+
+def extremes(boxes: Sequence[Box]) -> list[Box]:
+    """The best and the worst; one where there is no other, none where all refused."""
+    ranked = sorted((b for b in boxes if b.mark.kind != "refused"), key=lambda b: b.order)
+    return ranked if len(ranked) < 2 else [ranked[0], ranked[-1]]
+
+
+def best_and_worst(boxes: Sequence[Box]) -> str:
+    """Both with the error that is nearest to its limit."""
+    found = extremes(boxes)
+    if len(found) < 2:
+        return f"{found[0].words}." if found else "Every solver refused it."
+    return f"Best is {_said(found[0])}. Worst is {_said(found[1])}."
+
+
+def boxes_of(variant: Variant, label: str) -> list[Box]:
+    """Of every solver under a label, else of those at hand, its finest settings."""
+    own = plain_runs(variant, label)
+    return [Box(min(runs, key=lambda c: c.finest_first)) for runs in by_solver(own).values()]
+
+
+def heat(results: Results) -> Heat | None:
+    """The problems of the plain comparison that at least half of its solvers ran; None where nothing was run.
+
+    Solvers that are not in that comparison are shown with their default options, where they ran.
+    """
+    label = broadest(results)
+    runs = {(p.slug, s): run for p in themselves(results, label) for s in results.solvers
+            if (run := finest(p, s, label)) is not None}  # fmt: skip
+    solvers = [s for s in results.solvers if any(s == other for _, other in runs)]
+    problems = tuple(p for p in results.variants if _ran(runs, p, solvers) >= max(FEW * len(solvers), 1))
+    for p in problems:
+        plain = by_solver(c for c in p.runs if not c.options)
+        runs |= {(p.slug, s): min(own, key=lambda c: c.finest_first) for s, own in plain.items() if s not in solvers}
+    solvers = [s for s in results.solvers if any((p.slug, s) in runs for p in problems)]
+    rows = [Row(s, tuple(Box(runs[p.slug, s]) if (p.slug, s) in runs else None for p in problems)) for s in solvers]
+    return Heat(problems, tuple(sorted(rows, key=lambda row: row.order))) if problems else None
+
+
+def _ran(runs: dict[tuple[str, str], Run], p: Variant, solvers: Sequence[str]) -> int:
+    return sum((p.slug, s) in runs for s in solvers)
+
+
+def _said(b: Box) -> str:
+    why = b.run.reasons[0] if b.run.reasons else b.margin.words if b.margin else "no error is known"
+    ending = "" if b.run.succeeded else f"{b.mark.word}, "
+    return f"{b.run.record.solver} ({b.run.step_words}): {ending}{why}"
