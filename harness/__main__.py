@@ -75,6 +75,7 @@ def _terminated(number: int, frame: object) -> NoReturn:
 def command_line() -> NoReturn:
     """The command ``mbsbench``."""
     signal.signal(signal.SIGTERM, _terminated)
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # a parent that ignores it would have us wait for nobody
     sys.exit(main())
 
 

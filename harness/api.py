@@ -17,11 +17,13 @@ from threadpoolctl import threadpool_limits
 
 from .catalogue import registry
 from .catalogue.options import nearest
+from .execution.handed import Handed
 from .execution.job import Job
 from .execution.measuring import series_of
 from .execution.run_file import in_file, read_run
 from .execution.warmup import runs_to_warm, warm
-from .execution.worker import attempt
+from .execution.worker import recorded
+from .execution.worker import solve as run_here
 from .mechanics.consistency import check_start
 from .metrics.measure import Measured, measure
 from .results import environment, store
@@ -136,11 +138,9 @@ def solve(
         found.append((trajectory, series_of(problem, trajectory, m)))
         return record
 
-    known: dict[str, Any] = {"section": variant.section, "t_end_s": variant.t_end}
     with threadpool_limits(1):
-        record = attempt(job, variant, made, control, known, lambda phase: None, keep)
-    label, order = registry.declared(made)
-    record = dataclasses.replace(record, paper_label=label, declared_order=order, stderr="")
+        said, motion = run_here(variant, made, control)
+    record = dataclasses.replace(recorded(job, variant, Handed(said, motion), keep), stderr="")
     trajectory, series = found[0] if found else (None, None)
     return Run(record, trajectory, series, variant)
 
@@ -210,10 +210,9 @@ def _figure(record: RunRecord, series: Series) -> "Figure":
 
     with tempfile.TemporaryDirectory() as place:
         folder = store.create(Path(place))
-        digest = write_series(folder / "series" / "run.npz", series)
-        store.write_record(
-            folder, dataclasses.replace(record, series="series/run.npz", series_sha256=digest, stderr="")
-        )
+        place = f"series/{record.run_id}.npz"
+        digest = write_series(folder / place, series)
+        store.write_record(folder, dataclasses.replace(record, series=place, series_sha256=digest, stderr=""))
         results = read_results(folder)
         (run,) = results.runs
         motions = {record.run_id: motion_of(run, results.series(run))}

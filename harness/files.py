@@ -1,12 +1,14 @@
 """Files: their text read, TOML and JSON parsed, and written whole or not at all. Every refusal is one line."""
 
+import errno
 import math
 import os
+import stat
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import msgspec
 
@@ -21,6 +23,24 @@ def read_text(path: Path, what: str, error: type[ValueError] = FileError) -> str
         return path.read_text(encoding="utf-8")
     except (OSError, ValueError) as e:
         raise error(f"cannot read {what} {path}: {getattr(e, 'strerror', None) or e}") from None
+
+
+def read_own(path: Path, largest: int) -> bytes:
+    """The content of a file of a results folder, or OSError: no link is followed, no pipe or device waited for."""
+    with open_own(path, os.O_RDONLY) as file:
+        size = os.fstat(file.fileno()).st_size
+        if size > largest:
+            raise OSError(errno.EFBIG, f"it has {size} bytes, more than {largest}", str(path))
+        return file.read(size)
+
+
+def open_own(path: Path, flags: int) -> BinaryIO:
+    """A regular file of a results folder, opened with ``flags`` (never truncated), or OSError."""
+    descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
+    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        os.close(descriptor)
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+    return os.fdopen(descriptor, "rb" if flags & 3 == os.O_RDONLY else "r+b")
 
 
 def parse_toml(text: str, where: str, error: type[ValueError] = FileError) -> dict[str, Any]:
@@ -47,6 +67,11 @@ def to_json(value: Any, *, indent: int = 0) -> str:
     """Strict JSON; a number that does not exist (NaN, infinite) is null."""
     text = msgspec.json.encode(value, enc_hook=lambda x: x.tolist())  # arrays and scalars of numpy
     return (msgspec.json.format(text, indent=indent) if indent else text).decode()
+
+
+def printable(text: str) -> str:
+    """``text`` without what a terminal would obey: other control characters than tab and newline are escaped."""
+    return "".join(c if c.isprintable() or c in "\t\n" else c.encode("unicode_escape").decode() for c in text)
 
 
 def exact(value: Any) -> Any:

@@ -84,6 +84,8 @@ class EndedBy(StrEnum):
     MEMORY_LIMIT = "memory_limit"
     MEASURE_LIMIT = "measure_limit"  # the solver returned, but measuring its motion took too long
     TOTAL_LIMIT = "total_limit"  # of the suite
+    KILLED = "killed"  # by a signal from outside: kill, or the system out of memory
+    SUSPENDED = "suspended"  # a limit on time passed while the harness itself was stopped
     SUPERVISOR_LOST = "supervisor_lost"
     WORKERS_LOST = "workers_lost"  # of a cluster
 
@@ -99,7 +101,11 @@ class Law(StrEnum):
     CONSTRAINT_RATE = "constraint_rate"
     ORTHOGONALITY = "orthogonality"
     INVARIANT = "invariant"
+    KINEMATIC = "kinematic"  # r' = v and R' = R hat(Omega), from row to row
+    REACTION = "reaction"
     MOTION = "motion"
+    VELOCITY = "velocity"  # this and the next: near the reference, like ``MOTION``
+    ROWS = "rows"  # between rows
     POSITION = "position"  # this and the next only in judgements of before schema 3
     ORIENTATION = "orientation"
     PLANE = "plane"

@@ -54,7 +54,7 @@ def test_numbers_are_those_of_a_run_of_the_harness(tmp_path, run):
 
     problem = make_problem("torque_free_body", {"t_end": 0.1})
     spec = make_spec(problem, "gc_weak_form", control={"dt": 0.01})
-    theirs = worker(Job(spec, store.create(tmp_path)), lambda phase: None)
+    theirs = worker(Job(spec, store.create(tmp_path)))
     same = ["settings_id", "case", "status", "paper_label", "declared_order", "steps", "counters", "energy_drift_max_J",
             "phi_max", "position_error_max_m", "observable_errors", "invariant_drifts", "reference"]  # fmt: skip
     assert {k: getattr(run.record, k) for k in same} == {k: getattr(theirs, k) for k in same}

@@ -209,6 +209,8 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
     presentation = Presentation(**{k: values[k] for k in PRESENTED})
     presentation.system(made.system)  # says no to a joint that is not there
     t_end = values["t_end"] or made.t_end
+    if not 0.0 < t_end < math.inf:
+        raise ValueError(f"problem {name}: t_end must be a finite number > 0 [s] (got {t_end})")
     given = {k: v for k, v in values.items() if v != entry.parameters[k][0]}
     asked = {"parameters": given, "presentation": presentation, "retrace": values["retrace"]}
     return dataclasses.replace(made, t_end=t_end, **asked)

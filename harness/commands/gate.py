@@ -69,6 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
         check_ours(path, "--thresholds FILE")
     is_new = arguments.update and not path.exists()
     thresholds = Thresholds(suite.name) if is_new else read_thresholds(path)
+    if thresholds.suite != suite.name:
+        raise UsageError(f"{path} holds thresholds of the suite {thresholds.suite!r}, not of {suite.name!r}")
     name, stamp, records = _results(arguments, suite)
     code = None if arguments.any_code else code_digest(suite.plugins)
     judged = judged_of(records, code)

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.text import Text
 
 from ..catalogue.options import nearest
+from ..files import printable
 from ..results import records, store
 from ..results.provenance import stamp_of
 from ..results.records import COLUMNS, RunRecord, reasons_of
@@ -62,18 +63,17 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
     for reason in reasons_of(record.wrong_because):
         out.print(Text(f"  because: {words_of(reason)}"))
     for words in json.loads(record.notes):
-        out.print(Text(f"  note: {words}"))
+        out.print(Text(f"  note: {printable(words)}"))
     _heading(out, "Settings")
     for name, value in _settings(record).items():
         out.print(Text(f"  {name:<18} {value}"))
     _series(out, folder, record)
     _heading(out, "Measured")
     _numbers(out, record)
-    native = folder / record.stderr if record.stderr else None
-    if native is not None and native.is_file():
+    if native := store.native_of(folder, record):
         _heading(out, f"Standard error (last lines of {record.stderr})")
-        for line in native.read_text(encoding="utf-8", errors="replace").splitlines()[-LAST:]:
-            out.print(Text("  " + _printable(line)))
+        for line in native.splitlines()[-LAST:]:
+            out.print(Text("  " + line))
     _heading(out, "Command that repeats this run")
     lines().print(f"  {command}")
 
@@ -132,11 +132,6 @@ def _of(entry: Any, key: str) -> float:
 
 def _heading(out: Console, words: str) -> None:
     out.print(Text(f"\n{words}", "bold"))
-
-
-def _printable(line: str) -> str:
-    """Without control characters: a process may have written what moves the cursor."""
-    return "".join(c if c.isprintable() or c == "\t" else "?" for c in line)
 
 
 def add(commands: Any) -> None:

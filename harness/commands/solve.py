@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..catalogue import registry
+from ..files import printable
 from ..results.records import RunRecord
 from ..results.words import accurate_until, why, words_of_ending
 from ..sandbox.trial import made
@@ -113,4 +114,4 @@ def summary(r: RunRecord) -> list[str]:
     if r.cpu_min_s > 0.0 or (r.steps and not math.isnan(r.cpu_min_s)):
         set_up = "" if math.isnan(r.setup_s) else f" (set-up {r.setup_s:.3g} s)"
         out.append(f"CPU time           {r.cpu_min_s:.3g} s{set_up}")
-    return out + [f"note               {n}" for n in json.loads(r.notes)]
+    return out + [f"note               {printable(n)}" for n in json.loads(r.notes)]

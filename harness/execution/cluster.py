@@ -46,6 +46,7 @@ class DaskPool:
         if not jobs:
             return
         client = _client(self.address)
+        limit = limit and limit.begun()  # workers compile beside runs
         ticket = secrets.token_hex(8)  # names this run to the workers, which may serve others after it
         try:
             waiting = list(jobs)[::-1]

@@ -1,5 +1,6 @@
 """How long a suite will still take: from what its runs took so far, and in earlier results folders."""
 
+import contextlib
 import heapq
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,9 +18,8 @@ def durations(local: Path = store.LOCAL, suite: str = "") -> dict[str, float]:
     newest = sorted(folders, key=lambda p: (p.name.startswith(f"{suite}-"), p.stat().st_mtime))[-RUNS:]
     out: dict[str, float] = {}
     for folder in newest:
-        for r in store.load(folder, check_series=False).records:
-            if r.wall_s > 0.0:
-                out[r.settings_id] = r.wall_s
+        with contextlib.suppress(ValueError, OSError):  # a bad folder beside ours only costs the estimate
+            out |= {r.settings_id: r.wall_s for r in store.load(folder, check_series=False).records if r.wall_s > 0.0}
     return out
 
 

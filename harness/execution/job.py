@@ -28,6 +28,7 @@ class Job:
     code: str = ""
     commit: str = ""
     plugins: tuple[str, ...] = ()
+    alone: bool = False  # beside no other run: a signal from outside ended it before
 
     @property
     def id(self) -> str:
@@ -44,6 +45,11 @@ class Job:
         """Where the process keeps accepted steps while it runs."""
         return self.folder / ".spool" / f"{self.id}.rows"
 
+    @property
+    def handed(self) -> Path:
+        """What the solver's process hands over to the one that measures."""
+        return self.folder / ".spool" / f"{self.id}.npz"
+
     def to_json(self) -> str:
         """One line."""
         return msgspec.json.encode(self, enc_hook=str).decode()
@@ -59,6 +65,7 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
     spec, control = job.spec, job.spec.control
     entry = registry.solvers().get(spec.solver)
     label, order = registry.declared(entry.made(spec.options)) if entry else ("", math.nan)
+    about = {"paper_label": label, "declared_order": order}
     files: Mapping[str, Any] = {}
     if job.stderr.exists() and job.stderr.stat().st_size > 0:
         files = {"stderr": f"stderr/{job.stderr.name}"}
@@ -66,12 +73,11 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
         run_id=job.id, settings_id=spec.settings_id, case=spec.case, suite=job.suite, label=spec.label,
         problem=spec.problem, problem_parameters=_json(spec.parameters),
         solver=spec.solver, solver_options=_json(spec.options),
-        paper_label=label, declared_order=order,
         control="rtol" if control.dt is None else "dt", dt_s=_or_nan(control.dt), rtol=_or_nan(control.rtol),
         max_step_s=_or_nan(control.max_step), max_steps=control.max_steps,
         wall_limit_s=spec.wall_limit, memory_limit_MB=spec.memory,
         status=str(status), code=job.code, commit=job.commit, finished=environment.now(),
-        **{"t_end_s": spec.parameters.get("t_end", math.nan), **files, **columns},
+        **{"t_end_s": spec.parameters.get("t_end", math.nan), **about, **files, **columns},
     )  # fmt: skip
 
 
@@ -79,8 +85,10 @@ STATUS_OF = {
     EndedBy.WALL_LIMIT: Status.STALLED,
     EndedBy.CPU_LIMIT: Status.STALLED,
     EndedBy.TOTAL_LIMIT: Status.STALLED,
+    EndedBy.SUSPENDED: Status.STALLED,
     EndedBy.MEMORY_LIMIT: Status.MEMORY,
 }  # of a run that was cut short; all others crashed
+FROM_OUTSIDE = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)  # no fault of a solver raises them
 NEAR = 0.9  # of the memory allowed: a signal then means that it ran out
 
 
@@ -98,6 +106,10 @@ def unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -
             by = EndedBy.CPU_LIMIT
         elif by is EndedBy.SIGNAL and ended.peak > NEAR * job.spec.memory:
             by = EndedBy.MEMORY_LIMIT
+        elif -ended.code in FROM_OUTSIDE:
+            by = EndedBy.KILLED
+    elif ended.suspended and by in (EndedBy.WALL_LIMIT, EndedBy.MEASURE_LIMIT):
+        by = EndedBy.SUSPENDED
     ending = {"exit_code": max(ended.code, 0), "signal": max(-ended.code, 0), "ended_limit_s": limit}
     return cut_short(job, by, wall_s=wall, peak_memory_MB=ended.peak, **ending)
 

@@ -3,6 +3,7 @@
 An executor is anything with such a ``run``; a cluster's would be another.
 """
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
@@ -22,10 +23,14 @@ class PoolError(RuntimeError):
 
 @dataclass(frozen=True)
 class TimeLimit:
-    """When a suite has to end."""
+    """How long the runs of a suite may take, from when the first can begin."""
 
-    until: float  # of time.monotonic()
-    seconds: float  # [s] as the suite gives it
+    seconds: float
+    until: float = math.inf  # of time.monotonic()
+
+    def begun(self) -> "TimeLimit":
+        """The clock runs."""
+        return TimeLimit(self.seconds, time.monotonic() + self.seconds)
 
 
 @dataclass
@@ -47,6 +52,7 @@ class LocalPool:
         """Run all ``jobs``; returns when each has a record, or at the limit, when those that had begun have one."""
         self._limit = limit
         waiting = list(jobs)[::-1]
+        self._attempts = {job.id: 1 for job in jobs if job.alone}
         deaths = 0
         while waiting or self._flying:
             before = len(waiting)
@@ -60,7 +66,7 @@ class LocalPool:
                 if not (job.folder / "runs" / f"{job.id}.json").exists():  # else only the news of its end was lost
                     if self._limit is not None and self._over():
                         ending = cut_short(job, EndedBy.TOTAL_LIMIT, ended_limit_s=self._limit.seconds)
-                    elif self._attempts[job.id] < 2:
+                    elif self._attempts[job.id] < 2 + job.alone:
                         waiting.append(job)  # at the end: it goes next, and alone
                         continue
                     else:
@@ -114,6 +120,8 @@ class LocalPool:
     def _receive(self, news: News) -> None:
         if isinstance(news, Warmed):
             self._compiling = False
+            if self._limit is not None and self._limit.until == math.inf:
+                self._limit = self._limit.begun()
             self.warmed(news.times, news.references)
             return
         job = self._flying.pop(news.run_id)

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -10,11 +9,12 @@ import numpy as np
 from ..mechanics.state import States
 from ..metrics.measure import Measured
 from ..metrics.reactions import largest_joint_force
+from ..results.npz import read_npz, write_npz
 from ..results.records import BadRecord, RunRecord, from_json, to_json
-from ..results.series import write_npz
 from ..types import Problem, Status, Trajectory
 from .measuring import Keep
 
+LARGEST = 2**32  # [bytes] of its arrays
 POSES = ("r", "R", "v", "Omega")
 SUMMARY = (  # columns of the record that the file carries too
     "status", "claimed", "message", "ended_by", "ended_limit_s", "exit_code", "signal", "counters", "notes", "t_end_s",
@@ -32,9 +32,7 @@ def in_file(path: Path) -> Keep:
         arrays = {
             "t": m.t, **{name: getattr(s, name) for name in POSES},
             "energy": m.energy, "phi_norm": m.phi_norm, "phi_dot_norm": m.phi_dot_norm, "dt": np.diff(m.t),
-            **{name: np.asarray(getattr(record, name)) for name in SUMMARY},
-            "reasons": np.asarray(record.wrong_because), "cpu_s": np.asarray(record.cpu_min_s),
-            "record": np.asarray(to_json(record)), "events": np.asarray(json.dumps(list(trajectory.events))),
+            **_scalars(record), "events": np.asarray(json.dumps(list(trajectory.events))),
             **{f"obs_{name}": values for name, values in m.observables.items()},
             **{f"diag_{name}": np.asarray(values, dtype=float) for name, values in trajectory.diagnostics.items()},
         }  # fmt: skip
@@ -48,11 +46,28 @@ def in_file(path: Path) -> Keep:
     return keep
 
 
+def without_motion(path: Path, record: RunRecord) -> RunRecord:
+    """Write the file of a run that has no motion to show (refused, ended before its first step, not measurable)."""
+    nothing, one = np.full(1, np.nan), (1, 0, 3)
+    arrays = {
+        "t": np.zeros(1), "r": np.zeros(one), "R": np.zeros((1, 0, 3, 3)), "v": np.zeros(one), "Omega": np.zeros(one),
+        "energy": nothing, "phi_norm": nothing, "phi_dot_norm": nothing, "dt": np.zeros(0), **_scalars(record),
+        "events": np.asarray("[]"),
+    }  # fmt: skip
+    write_npz(path, arrays)
+    return dataclasses.replace(record, series=str(path), series_rows=1)
+
+
+def _scalars(record: RunRecord) -> dict[str, np.ndarray]:
+    named = {name: np.asarray(getattr(record, name)) for name in SUMMARY}
+    cpu = {"reasons": np.asarray(record.wrong_because), "cpu_s": np.asarray(record.cpu_min_s)}
+    return {**named, **cpu, "record": np.asarray(to_json(record))}
+
+
 def read_run(path: Path) -> tuple[RunRecord, Trajectory]:
     """The record and the trajectory in ``path``, or ValueError in one line."""
     try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
+        arrays = read_npz(path, LARGEST)
         record = from_json(str(arrays["record"]))
         trajectory = Trajectory(
             arrays["t"], States(*(arrays[name] for name in POSES)), Status(record.claimed or record.status),
@@ -65,6 +80,6 @@ def read_run(path: Path) -> tuple[RunRecord, Trajectory]:
         raise ValueError(f"{path} was written by another version of mbsbench ({error}); solve it again") from None
     except KeyError as error:
         raise ValueError(f"{path} is not a file written by solve (it has no {error})") from None
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except ValueError as error:
         raise ValueError(f"cannot read {path}: {error}") from None
     return record, trajectory

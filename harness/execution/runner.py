@@ -6,9 +6,8 @@ import json
 import os
 import re
 import shutil
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -18,8 +17,9 @@ from ..results.records import RunRecord
 from ..results.store import Loaded, Unreadable
 from ..suites.includes import OWN_COPY
 from ..suites.suite import Suite
+from ..types import EndedBy
 from .job import Job
-from .pool import LocalPool, TimeLimit
+from .pool import LocalPool, PoolError, TimeLimit
 
 
 class Executor(Protocol):
@@ -69,7 +69,7 @@ class Request:
 def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] = LocalPool) -> Loaded:
     """Run what is not done yet; returns the records of this suite's runs, damaged files apart."""
     suite, folder, total = request.suite, request.folder, request.suite.total_limit
-    limit = TimeLimit(time.monotonic() + total, total) if total else None  # compilation included
+    limit = TimeLimit(total) if total else None
     if not request.resume and (folder / "runs").exists() and any((folder / "runs").iterdir()):
         raise store.StoreError(f"{folder} already holds results; add --resume to continue it, or give another --out")
     store.create(folder)
@@ -82,13 +82,17 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         of_suite = suite.name, environment.code_digest(suite.plugins), environment.commit(), suite.plugins
         jobs = [Job(spec, folder.resolve(), *of_suite) for spec in suite.specs[k - 1 :: n][: request.limit]]
         own = {job.id for job in jobs}
-        again = _provisional(folder, own, before.records)
+        again, killed = _provisional(folder, own, before.records)
         done = {r.run_id for r in before.records} - {u.path.stem for u in again}
-        waiting = [job for job in jobs if job.id not in done]
+        waiting = [replace(job, alone=job.id in killed) for job in jobs if job.id not in done]
         watcher.begin(folder, len(jobs), waiting, (*before.unreadable, *again))
+        promised: dict[str, RunRecord | None] = {}
 
         def ended(job: Job) -> None:
-            watcher.ended(job, store.read_record(folder / "runs" / f"{job.id}.json"))
+            promised[job.id] = None
+            with contextlib.suppress(store.BadRecord):  # gone already: counted at the end
+                promised[job.id] = record = store.read_record(store.path_of(folder, job.id))
+                watcher.ended(job, record)
 
         def finished() -> Loaded:
             now = store.load(folder, check_series=False)  # a resumed folder may hold runs of another suite or code
@@ -104,19 +108,43 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
                 finished()
             raise
         loaded = finished()
-        there = {r.run_id for r in loaded.records}
+        there = {r.run_id: r for r in loaded.records}
+        lost = [i for i in done & own if i not in there]
+        lost += [i for i, r in promised.items() if r is None or not store.is_there(folder, r, there.get(i))]
+        if lost:
+            raise PoolError(
+                f"{len(lost)} of {len(jobs)} results in {folder} are gone, or not as they were written; "
+                "see what else writes there, then run again with --resume"
+            )
         left = [job for job in waiting if job.id not in there]
-        if limit and (left or time.monotonic() > limit.until):
+        over = any(r.ended_by == EndedBy.TOTAL_LIMIT for r in loaded.records)
+        if limit and (left or over):
             watcher.stopped(left, limit.seconds)
+        elif left:
+            raise PoolError(f"{len(left)} of {len(jobs)} runs have no result in {folder}; run again with --resume")
     return loaded
 
 
-def _provisional(folder: Path, specs: set[str], records: Sequence[RunRecord]) -> tuple[Unreadable, ...]:
-    """Set aside what only says how an earlier run of these runs ended; the records that were."""
-    found = [files_of(folder, r) for r in records if r.run_id in specs and is_provisional(r)]
-    for files in found:
-        store.set_aside(folder, files)
-    return tuple(files[0] for files in found)
+def _provisional(
+    folder: Path, specs: set[str], records: Sequence[RunRecord]
+) -> tuple[tuple[Unreadable, ...], set[str]]:
+    """Set aside what only says how an earlier run of these runs ended; the records that were, and those to run alone.
+
+    A run that is killed again though it ran alone has its result: it may have done it itself.
+    """
+    found = [r for r in records if r.run_id in specs and is_provisional(r) and not _killed_twice(folder, r)]
+    files = [files_of(folder, r) for r in found]
+    for item in files:
+        store.set_aside(folder, item)
+    return tuple(f[0] for f in files), {r.run_id for r in found if r.ended_by == EndedBy.KILLED}
+
+
+def _killed_twice(folder: Path, record: RunRecord) -> bool:
+    if record.ended_by != EndedBy.KILLED:
+        return False
+    with contextlib.suppress(store.BadRecord):
+        return store.read_record(folder / "set_aside" / f"{record.run_id}.json").ended_by == EndedBy.KILLED
+    return False
 
 
 def new_folder(suite: str, local: Path = store.LOCAL) -> Path:

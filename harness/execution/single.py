@@ -20,12 +20,12 @@ from ..results.records import RunRecord
 from ..sandbox.apart import Apart
 from ..sandbox.isolation import CANNOT_WRITE
 from ..suites.spec import RunSpec
-from ..types import EndedBy, Problem, Status, Trajectory
+from ..types import EndedBy, Status, Trajectory
 from .job import Job, unfinished
-from .run_file import in_file
-from .supervisor import GRACE
+from .run_file import in_file, without_motion
+from .supervisor import GRACE, MEASURE_LIMIT
 from .warmup import references_apart, runs_to_warm, warm_apart_then_here
-from .worker import salvaged, solved
+from .worker import hand_over, measured
 
 PATIENCE = 3.0  # [s] until it is said that compilation may take a while
 NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
@@ -44,9 +44,9 @@ def solve_to_file(
 ) -> Outcome:
     """Run ``spec`` and write ``out``; a run that crashes or is killed leaves a file with the steps it had kept.
 
-    Interrupted itself, it ends the run and leaves ``out`` as it was: whole, or not there.
+    Interrupted itself, it ends the run and leaves ``out`` as it was: whole, or not there. The problem, its reference
+    and its observables are used in other processes alone.
     """
-    problem = registry.make_problem(spec.problem, spec.parameters)
     patience = _Patience(say)
     with tempfile.TemporaryDirectory() as place:
         limit = math.inf if wall_limit is None else wall_limit
@@ -55,24 +55,49 @@ def solve_to_file(
             references_apart([job], patience.over)
             warm_apart_then_here(runs_to_warm([spec]), patience.over)
         began, stderr = time.monotonic(), Path(place) / "stderr"
-        process = Apart(
-            lambda send: send(records.to_json(_written(solved(job, send, in_file(out), soft=1.0), problem, out))),
-            limit=limit + GRACE, memory=spec.memory, stderr=stderr,
+        ended = Apart(
+            lambda send: hand_over(job, soft=1.0), limit=limit + GRACE, memory=spec.memory, stderr=stderr,
             cpu=NO_LIMIT if wall_limit is None else 2.0 * wall_limit + 60.0,
-        )  # fmt: skip
-        try:
-            ended = process.wait(patience.over)
-        finally:
-            partial_of(out, process.pid).unlink(missing_ok=True)
-        native = stderr.read_text(encoding="utf-8", errors="replace")[-2000:].strip() if stderr.exists() else ""
-        _, opened, sent = ended.sent.partition("{")
-        if ended.code == 0 and opened:
-            return Outcome(records.from_json(opened + sent), native)
+        ).wait(patience.over)  # fmt: skip
         if ended.code == CANNOT_WRITE:
-            raise OSError(errno.ENOSPC, "nothing was written: no space left", str(out))
-        bare = unfinished(job, ended, time.monotonic() - began, EndedBy.WALL_LIMIT, limit + GRACE)
-        record = salvaged(job, dataclasses.replace(bare, section=problem.section, t_end_s=problem.t_end), in_file(out))
-        return Outcome(_written(record, problem, out), native)
+            raise OSError(errno.ENOSPC, "nothing was written: no space left", place)
+        native = stderr.read_text(encoding="utf-8", errors="replace")[-2000:].strip() if stderr.exists() else ""
+        wall = time.monotonic() - began
+        bare = unfinished(job, ended, wall, EndedBy.WALL_LIMIT, limit + GRACE)
+        return Outcome(_measured(job, bare, wall, out, patience), native)
+
+
+def _measured(job: Job, bare: RunRecord, wall: float, out: Path, patience: "_Patience") -> RunRecord:
+    """The record, with its file written, by a process of its own; without a motion where that does not end well."""
+
+    def measure_and_write(send: Callable[[str], None]) -> None:
+        began = time.monotonic()
+        record = measured(job, bare, in_file(out))
+        record = dataclasses.replace(record, wall_s=wall + time.monotonic() - began)
+        send(records.to_json(record if record.series else _start_alone(job, out, record)))
+
+    limit = MEASURE_LIMIT if math.isfinite(job.spec.wall_limit) else NO_LIMIT
+    process = Apart(measure_and_write, limit=limit, memory=job.spec.memory)
+    try:
+        ended = process.wait(patience.over)
+    finally:
+        partial_of(out, process.pid).unlink(missing_ok=True)
+    _, opened, sent = ended.sent.partition("{")
+    if ended.code == 0 and opened:
+        return records.from_json(opened + sent)
+    if ended.code == CANNOT_WRITE:
+        raise OSError(errno.ENOSPC, "nothing was written: no space left", str(out))
+    return without_motion(out, unfinished(job, ended, wall, EndedBy.MEASURE_LIMIT, limit))
+
+
+def _start_alone(job: Job, out: Path, record: RunRecord) -> RunRecord:
+    """Where there is no motion (refused, ended before the first step), the file holds the start."""
+    try:
+        problem = registry.make_problem(job.spec.problem, job.spec.parameters)
+        start = Trajectory(np.zeros(1), States.one(problem.initial), Status(record.status), record.message, {})
+        return in_file(out)(problem, start, measure(problem, start), record)
+    except Exception:  # a problem that cannot be measured at all: the record has said so
+        return without_motion(out, record)
 
 
 class _Patience:
@@ -90,11 +115,3 @@ class _Patience:
                 "compute its reference: half a minute or more"
             )
         return False
-
-
-def _written(record: RunRecord, problem: Problem, out: Path) -> RunRecord:
-    """Where there is no motion (refused, ended before the first step), the file holds the start."""
-    if record.series:
-        return record
-    start = Trajectory(np.zeros(1), States.one(problem.initial), Status(record.status), record.message, {})
-    return in_file(out)(problem, start, measure(problem, start), record)

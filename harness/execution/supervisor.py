@@ -10,9 +10,8 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 from ..catalogue import registry
 from ..results import store
@@ -33,14 +32,14 @@ POLL = 0.1  # [s]
 
 @dataclass
 class Running:
-    """A run on its way, or the process that measures what it left."""
+    """A run on its way: the process of its solver, or the one that measures what that left."""
 
     job: Job
     process: Apart
     began: float
     limit: float  # [s] at which the process is killed
     by: EndedBy = EndedBy.WALL_LIMIT  # what it is then ended by
-    instead: RunRecord | None = None  # of the run, already gone, whose kept steps this process measures
+    bare: RunRecord | None = None  # while it is measured: how its solver's process ended
 
 
 class Supervisor:
@@ -51,14 +50,12 @@ class Supervisor:
         self.stopped = False
 
     def start(self, job: Job) -> None:
-        """Fork the run's process."""
+        """Fork the process of the run's solver."""
         limit = job.spec.wall_limit + GRACE
-        self._fork(lambda send: worker.run(job, send), job, limit, cpu=limit + MEASURE_LIMIT, stderr=job.stderr)
-
-    def _fork(self, target: Callable[[Any], object], job: Job, limit: float, instead: RunRecord | None = None,
-              **options: Any) -> None:  # fmt: skip
-        process = Apart(target, limit=limit, memory=job.spec.memory, **options)
-        self.running[process.pid] = Running(job, process, time.monotonic(), limit, instead=instead)
+        process = Apart(
+            lambda send: worker.hand_over(job), limit=limit, memory=job.spec.memory, cpu=limit, stderr=job.stderr
+        )
+        self.running[process.pid] = Running(job, process, time.monotonic(), limit)
 
     def step(self, timeout: float = POLL, inputs: tuple[int, ...] = ()) -> Iterator[Done]:
         """Wait up to ``timeout`` [s] for news or ``inputs``, keep the limits, and yield the runs that ended."""
@@ -67,19 +64,16 @@ class Supervisor:
         pipes = [p.pipe for p in processes if not p.closed_at]
         select.select([*pipes, *inputs], [], [], 0.002 if ending else timeout)
         for run in list(self.running.values()):
-            if run.by is EndedBy.WALL_LIMIT and run.instead is None and worker.MEASURING in run.process.hear():
-                run.by, run.limit = EndedBy.MEASURE_LIMIT, MEASURE_LIMIT  # the solver is done: another limit counts
-                run.process.deadline = time.monotonic() + MEASURE_LIMIT
             ended = run.process.look()
             if ended is not None:
                 del self.running[run.process.pid]
-                yield from self._ended(run, ended)
+                yield from self._solved(run, ended) if run.bare is None else self._measured(run, run.bare, ended)
 
     def stop(self, limit: float) -> None:
         """End every running run: the suite has met its limit [s]. Each gets a record, with the steps it had kept."""
         self.stopped = True
         for run in self.running.values():
-            if run.instead is not None:
+            if run.bare is not None:
                 run.process.deadline = min(run.process.deadline, time.monotonic() + STOPPED_MEASURE_LIMIT)
             elif not run.process.killed:
                 run.by, run.limit = EndedBy.TOTAL_LIMIT, limit
@@ -91,38 +85,35 @@ class Supervisor:
             run.process.kill()
             os.waitpid(run.process.pid, 0)
 
-    def _ended(self, run: Running, ended: Ended) -> Iterator[Done]:
-        """What became of a process; nothing yet when the steps it left are measured first."""
-        job = run.job
-        if run.instead is None:
-            trim(job.stderr)
+    def _solved(self, run: Running, ended: Ended) -> Iterator[Done]:
+        """The solver's process is gone; what it handed over or kept is measured by another that knows nothing of it."""
+        job, wall = run.job, time.monotonic() - run.began
+        trim(job.stderr)
         if ended.code == CANNOT_WRITE:
             yield Done(job.id, f"cannot write to {job.folder}: no space left")
             return
-        if ended.code != 0 or ended.killed or not (job.folder / "runs" / f"{job.id}.json").exists():
-            record = run.instead or unfinished(job, ended, time.monotonic() - run.began, run.by, run.limit)
-            measured = worker.MEASURING in ended.sent or run.instead is not None
-            if not measured and job.spool.exists() and job.spool.stat().st_size > 0:
-                self._salvage(job, record)
-                return
-            try:
-                store.write_record(job.folder, record)
-            except OSError as error:
-                yield Done(job.id, f"cannot write to {job.folder}: {error.strerror or error}")
-                return
-        job.spool.unlink(missing_ok=True)
-        yield Done(job.id)
-
-    def _salvage(self, job: Job, record: RunRecord) -> None:
-        """Measure, in a process of its own, the steps that a run kept before it was ended."""
-
-        def measure_and_store(send: object) -> None:
-            for plugin in job.plugins:
-                registry.load_plugin(plugin)
-            store.write_record(job.folder, worker.salvaged(job, record))
-
+        bare = unfinished(job, ended, wall, run.by, run.limit)
+        store.path_of(job.folder, job.id).unlink(missing_ok=True)  # it was not for the solver's process to write
         limit = STOPPED_MEASURE_LIMIT if self.stopped else MEASURE_LIMIT
-        self._fork(measure_and_store, job, limit, record, stderr=job.spool.with_suffix(".stderr"))
+        process = Apart(
+            lambda send: worker.store_measured(job, bare, wall), limit=limit, memory=job.spec.memory,
+            stderr=job.spool.with_suffix(".stderr"),
+        )  # fmt: skip
+        self.running[process.pid] = Running(job, process, run.began, limit, EndedBy.MEASURE_LIMIT, bare)
+
+    def _measured(self, run: Running, bare: RunRecord, ended: Ended) -> Iterator[Done]:
+        """A measuring process that failed leaves the bare record: how the solver's process, or it, has ended."""
+        job, failed = run.job, ""
+        if ended.code == CANNOT_WRITE:
+            failed = "no space left"
+        elif ended.code != 0 and not store.path_of(job.folder, job.id).exists():
+            wall = time.monotonic() - run.began
+            own = bare.ended_by != EndedBy.EXIT or bare.exit_code != 0
+            try:
+                store.write_record(job.folder, bare if own else unfinished(job, ended, wall, run.by, run.limit))
+            except OSError as error:
+                failed = str(error.strerror or error)
+        yield Done(job.id, f"cannot write to {job.folder}: {failed}" if failed else "")
 
 
 def serve(orders: int, news: int) -> None:

@@ -1,4 +1,6 @@
-"""One run, in this process: make, ask, solve, measure, write. Whatever a solver raises becomes a record."""
+"""One run in two processes: one makes, asks and solves and hands over arrays; the other, which never loaded the
+solver's code if that is a plugin's, measures and judges them. Whatever a solver raises becomes a record.
+"""
 
 import contextlib
 import dataclasses
@@ -7,12 +9,12 @@ import resource
 import sys
 import time
 import traceback
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from ..catalogue import registry
+from ..files import exact
 from ..mechanics.motion import constraint_rate
 from ..mechanics.state import States
 from ..results import store
@@ -20,32 +22,30 @@ from ..results.records import RunRecord
 from ..sandbox.isolation import DISK_FULL
 from ..sandbox.spool import FileSpool, kept
 from ..types import EndedBy, Problem, Solver, Status, StepControl, Trajectory
+from . import handed
+from .contract import checked, cpu_time, raised_at, refusal
+from .handed import BadHandover, Handed, Said
 from .job import Job, cut_short, record_of
 from .measuring import Keep, judged
 from .presented import Presented, presented
 
 SOFT = 0.9  # of the wall limit: there a solver is asked to stop itself and to hand back what it has
-MEASURING = "measuring"  # what is sent when the solver is done
 
 
-def run(job: Job, send: Callable[[str], None] = lambda line: None) -> RunRecord:
-    """Run ``job`` and store its record."""
-    record = solved(job, send)
-    store.write_record(job.folder, record)
-    job.spool.unlink(missing_ok=True)
-    return record
+def run(job: Job) -> RunRecord:
+    """Run ``job`` in this process and store its record."""
+    hand_over(job)
+    return store_measured(job, cut_short(job, EndedBy.EXIT))
 
 
-def solved(job: Job, send: Callable[[str], None], keep: Keep | None = None, soft: float = SOFT) -> RunRecord:
-    """Run ``job``; ``keep`` writes the series. ``MEASURING`` is sent when the solver is done.
-
-    The solver is asked to stop at ``soft`` of the wall limit.
-    """
-    began = time.monotonic()
-    known: dict[str, Any] = {}
-    failed: dict[str, Any] = {}
+def hand_over(job: Job, soft: float = SOFT) -> None:
+    """Solve, and write what came of it to ``job.handed``. The solver is asked to stop at ``soft`` of the wall limit."""
+    made: list[Solver] = []
+    job.handed.unlink(missing_ok=True)
     try:
-        record = _attempt(job, send, keep, soft, known)
+        said, trajectory = _attempt(job, soft, made)
+        handed.write(job.handed, said, trajectory)
+        return
     except Exception as error:  # the run's own failure, kept as its result
         if isinstance(error, OSError) and error.errno in DISK_FULL:
             raise
@@ -54,70 +54,111 @@ def solved(job: Job, send: Callable[[str], None], keep: Keep | None = None, soft
             sys.stderr.flush()
         memory = isinstance(error, MemoryError) or "bad_alloc" in str(error)
         by = EndedBy.MEMORY_LIMIT if memory else EndedBy.EXCEPTION
-        failed = {"by": by, "message": _words(error)}
-    if failed:  # here the frames that filled the memory are gone
-        send(MEASURING)
-        record = salvaged(job, cut_short(job, **failed, **known), keep)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (2**20 if sys.platform == "darwin" else 2**10)
-    return dataclasses.replace(record, peak_memory_MB=peak, wall_s=time.monotonic() - began)
+        said = Said(by=by, message=_words(error) + "".join(raised_at(error, s) for s in made))
+    handed.write(job.handed, said)  # here the frames that filled the memory are gone
 
 
-def salvaged(job: Job, bare: RunRecord, keep: Keep | None = None) -> RunRecord:
-    """``bare``, the record of a run cut short, with the metrics and series of the steps it had kept, if it had any."""
+def store_measured(job: Job, bare: RunRecord, waited: float = 0.0) -> RunRecord:
+    """``measured``, and stored; ``waited`` [s] is what the run took until here."""
+    began = time.monotonic()
+    record = measured(job, bare)
+    spent = time.monotonic() - began
+    record = dataclasses.replace(record, wall_s=waited + spent)
+    store.write_record(job.folder, record)
+    for rest in (job.handed, job.spool):
+        rest.unlink(missing_ok=True)
+    return record
+
+
+def measured(job: Job, bare: RunRecord, keep: Keep | None = None) -> RunRecord:
+    """The record of what was handed over, or of the steps kept until then; ``bare`` says how the process ended."""
     try:
+        if not registry.is_own_problem(job.spec.problem):  # a plugin's problem has to be made here too: docs/trust.md
+            for plugin in job.plugins:
+                registry.load_plugin(plugin)
         problem = registry.make_problem(job.spec.problem, job.spec.parameters)
-        trajectory = kept(job.spool, problem, Status(bare.status), bare.message)
-        if trajectory is None:
-            return bare
-        names = ("claimed", "ended_by", "ended_limit_s", "exit_code", "signal", "setup_s", "cpu_min_s", "cpu_median_s",
-                 "cpu_max_s", "wall_s", "peak_memory_MB")  # fmt: skip
-        return judged(job, problem, trajectory, keep, **{name: getattr(bare, name) for name in names})
-    except Exception as error:  # the bare record says all that must be said
+        bare = dataclasses.replace(bare, section=problem.section, t_end_s=problem.t_end)
+        found = _found(job, problem)
+        if found is None:
+            return _salvaged(job, problem, bare, keep)
+        about: dict[str, Any] = {"peak_memory_MB": bare.peak_memory_MB}
+        if found.said.claimed is None:
+            failed = cut_short(job, found.said.by, message=found.said.message, **found.columns, **about)
+            known = dataclasses.replace(failed, section=problem.section, t_end_s=problem.t_end)
+            return _salvaged(job, problem, known, keep)
+        if bare.ended_by == EndedBy.SUSPENDED and found.said.claimed is Status.STALLED:
+            about["ended_by"] = bare.ended_by  # its limit passed while nothing ran
+        return recorded(job, problem, found, keep, **about)
+    except Exception as error:
         if isinstance(error, OSError) and error.errno in DISK_FULL:
             raise
         traceback.print_exc()
+        return dataclasses.replace(
+            bare, status=str(Status.CRASHED), ended_by=str(EndedBy.EXCEPTION), message=_words(error)
+        )
+
+
+def recorded(job: Job, problem: Problem, found: Handed, keep: Keep | None = None, **about: Any) -> RunRecord:
+    """The record of what a solver returned, measured and judged here."""
+    known = {**found.columns, **about}
+    if found.trajectory is None:
+        said = {"claimed": str(found.said.claimed), "ended_by": str(EndedBy.SOLVER), "message": found.said.message}
+        return record_of(job, Status.REFUSED, section=problem.section, t_end_s=problem.t_end, **said, **known)
+    began = time.monotonic()
+    record = judged(job, problem, found.trajectory, keep, **known)
+    return dataclasses.replace(record, measure_s=time.monotonic() - began)
+
+
+def _found(job: Job, problem: Problem) -> Handed | None:
+    try:
+        return handed.read(job.handed, problem.system)
+    except BadHandover as error:
+        return Handed(Said(by=EndedBy.EXCEPTION, message=str(error)), None)
+
+
+def _salvaged(job: Job, problem: Problem, bare: RunRecord, keep: Keep | None) -> RunRecord:
+    """``bare``, the record of a run cut short, with the metrics and series of the steps it had kept, if it had any."""
+    trajectory = kept(job.spool, problem, Status(bare.status), bare.message)
+    if trajectory is None:
         return bare
+    names = ("claimed", "ended_by", "ended_limit_s", "exit_code", "signal", "setup_s", "cpu_min_s", "cpu_median_s",
+             "cpu_max_s", "cpu_call_s", "wall_s", "peak_memory_MB", "paper_label", "declared_order")  # fmt: skip
+    return judged(job, problem, trajectory, keep, **{name: getattr(bare, name) for name in names})
 
 
-def _attempt(job: Job, send: Callable[[str], None], keep: Keep | None, soft: float, known: dict[str, Any]) -> RunRecord:
+def _attempt(job: Job, soft: float, made: list[Solver]) -> tuple[Said, Trajectory | None]:
     for plugin in job.plugins:
         registry.load_plugin(plugin)
     spec = job.spec
     problem = registry.make_problem(spec.problem, spec.parameters)
-    known.update(section=problem.section, t_end_s=problem.t_end)
     limit = None if math.isinf(spec.wall_limit) else soft * spec.wall_limit
     control = dataclasses.replace(spec.control, wall_limit=limit, spool=FileSpool(job.spool))
-    return attempt(job, problem, registry.make_solver(spec.solver, spec.options), control, known, send, keep)
+    made.append(solver := registry.make_solver(spec.solver, spec.options))
+    return solve(problem, solver, control, spec.repeats)
 
 
-def attempt(
-    job: Job, problem: Problem, solver: Solver, control: StepControl, known: dict[str, Any],
-    send: Callable[[str], None], keep: Keep | None,
-) -> RunRecord:  # fmt: skip
-    """Ask the solver, solve, measure. ``known`` takes the columns known so far, for a run that ends in an exception."""
+def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int = 1) -> tuple[Said, Trajectory | None]:
+    """Ask the solver, solve; no trajectory where it refuses."""
     called = presented(solver, problem)
-    reason = called.refuses(problem, control)
+    label, order = registry.declared(solver)
+    about: dict[str, Any] = {"paper_label": label, "declared_order": exact(order)}
+    reason = refusal(called, problem, control)
     if reason:
-        said = {"claimed": str(Status.REFUSED), "ended_by": str(EndedBy.SOLVER), "message": reason}
-        return record_of(job, Status.REFUSED, **said, **known)
-    trajectory, cost = solve_repeatedly(called, problem, control, job.spec.repeats)
-    known.update(claimed=str(trajectory.status), **cost)
+        return Said(claimed=Status.REFUSED, message=reason, **about), None
+    trajectory, cost = solve_repeatedly(called, problem, control, repeats)
     if problem.literal_start:
         phi_dot = float(np.max(np.abs(constraint_rate(problem.system, States.one(problem.initial))), initial=0.0))
         words = f"literal start: max |phi_dot| = {phi_dot:.3g} at t = 0, not made consistent"
         trajectory = dataclasses.replace(trajectory, notes=(*trajectory.notes, words))
-    send(MEASURING)
-    began = time.monotonic()
-    record = judged(job, problem, trajectory, keep, **cost)
-    return dataclasses.replace(record, measure_s=time.monotonic() - began)
+    return Said(claimed=trajectory.status, cost={k: exact(v) for k, v in cost.items()}, **about), trajectory
 
 
 def solve_repeatedly(
     solver: Solver | Presented, problem: Problem, control: StepControl, repeats: int
-) -> tuple[Trajectory, dict[str, Any]]:
+) -> tuple[Trajectory, dict[str, float]]:
     """The first trajectory and the cost columns. Repeats stop when the next would pass the wall limit."""
     began = time.monotonic()
-    first, spent = _timed(solver, problem, control)
+    first, spent, call = _timed(solver, problem, control)
     control = dataclasses.replace(control, spool=None)
     times = [spent]
     longest = time.monotonic() - began
@@ -126,20 +167,21 @@ def solve_repeatedly(
             break
         times.append(_timed(solver, problem, control)[1])
     cpu = {"cpu_min_s": min(times), "cpu_median_s": float(np.median(times)), "cpu_max_s": max(times)}
-    return first, {"repeats": len(times), **cpu, "setup_s": float(first.setup_time)}
+    return first, {"repeats": len(times), **cpu, "cpu_call_s": call, "setup_s": float(first.setup_time)}
 
 
-def _timed(solver: Solver | Presented, problem: Problem, control: StepControl) -> tuple[Trajectory, float]:
-    """A trajectory and its CPU time: the solver's own figure if it has one, else that of the whole call."""
-    began = time.process_time()
-    trajectory = solver.solve(problem, control)
-    spent = time.process_time() - began
-    if not isinstance(trajectory, Trajectory):
-        raise TypeError(f"solve must return a Trajectory (got {type(trajectory).__name__})")
-    if trajectory.states.nb != problem.system.nb:
-        raise ValueError(f"solve must return {problem.system.nb} bodies (got {trajectory.states.nb})")
-    own = float(trajectory.cpu_time)
-    return trajectory, spent if math.isnan(own) else own
+def _timed(solver: Solver | Presented, problem: Problem, control: StepControl) -> tuple[Trajectory, float, float]:
+    """A trajectory, the CPU time of its integration, and that of the whole call with all its threads and children."""
+    before, began = _cpu(), time.monotonic()
+    found = solver.solve(problem, control)
+    spent, wall = _cpu() - before, time.monotonic() - began
+    trajectory = checked(found, solver, problem)
+    return trajectory, cpu_time(trajectory, spent, wall, solver), spent
+
+
+def _cpu() -> float:
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return time.process_time() + children.ru_utime + children.ru_stime
 
 
 def _words(error: BaseException) -> str:

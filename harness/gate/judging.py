@@ -5,6 +5,7 @@ and XPASS close the gate: a threshold that has become wrong must be put right in
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
@@ -16,10 +17,11 @@ from ..results.store import newest
 from ..results.words import why
 from ..suites.spec import RunSpec
 from ..types import Status
-from .thresholds import Expectation, Threshold, Thresholds
+from .thresholds import Expectation, Threshold, Thresholds, proposed
 
 WORTH = 0.95  # of a bound: less is not worth a commit
 UNBOUNDED = "no threshold for this run: propose one with gate --update"
+TWICE = "two runs of the suite have this name, and one of them would not be judged"
 NO_BOUNDS = "no threshold for this run, and none can be proposed: it was {}; fix it, or add a [[status]] entry"
 UNKNOWN = "the suite has no such run"
 MISSING = "no result: the run is missing"
@@ -104,7 +106,10 @@ def judge(
     found: list[Finding] = []
     by_case = {c.case: by_settings.get(c.settings_id) for c in specs}
     missing = {c.case: OTHER_CODE if c.settings_id in other else MISSING for c in specs}
-    bounded = {b.case for b in thresholds.bounds}
+    found += [Finding(State.FAIL, c, "status", why=TWICE) for c, n in Counter(c.case for c in specs).items() if n > 1]
+    bounded: dict[str, set[str]] = {}
+    for b in thresholds.bounds:
+        bounded.setdefault(b.case, set()).add(b.metric)
     statuses = {e.case: e for e in thresholds.statuses}
     for case, record in by_case.items():
         found.append(_status(case, record, statuses.get(case), missing[case]))
@@ -113,6 +118,9 @@ def judge(
             ended = record.status if record else Status.SUCCESS
             words = UNBOUNDED if ended == Status.SUCCESS else NO_BOUNDS.format(ended)
             found.append(Finding(State.FAIL, case, "no threshold", why=words))
+        elif case in bounded and record is not None:
+            needed = {b.metric for b in proposed([record])} - bounded[case]
+            found += [Finding(State.FAIL, case, metric, why=UNBOUNDED) for metric in sorted(needed)]
     found += [_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in thresholds.bounds]
     found += [Finding(State.FAIL, case, "status", why=UNKNOWN) for case in statuses if case not in by_case]
     return Judged(tuple(sorted(found, key=lambda f: (-f.state, f.case, f.metric))))
@@ -139,17 +147,23 @@ def tightened(
 def _narrowed(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
     """``was`` moved to the value of ``new``, with the bounds it has; None where there is nothing to be moved.
 
-    Only upper bounds are proposed. A lower one is somebody's own: it stays, unless the value has fallen below it and
-    wider bounds are asked for.
+    A bound of the old that the new has not stays; a lower one moves only where the value has fallen below it and wider
+    bounds are asked for.
     """
-    lower = min(was.lower, new.value) if loosen else was.lower
+    fallen = new.value < was.lower
+    lower = was.lower if was.lower > -math.inf else new.lower
+    if fallen and loosen:
+        lower = min(new.value, new.lower) if new.lower > -math.inf else new.value
     if was.upper == math.inf:
         return replace(was, value=new.value, lower=lower) if lower < was.lower else None
     width = was.upper / was.value if was.value > 0.0 else 0.0
     upper = max(new.upper, new.value * width)  # a width somebody gave a reason for stays
-    if upper < lower or not (loosen or upper < WORTH * was.upper):
+    if not loosen:
+        upper = min(upper, was.upper)
+    if upper < lower or not (loosen or upper < WORTH * was.upper or lower > was.lower):
         return None
-    return replace(was, value=new.value, upper=upper, lower=lower, unit=new.unit)
+    direction = None if lower > was.lower == -math.inf else was.direction
+    return replace(was, value=new.value, upper=upper, lower=lower, unit=new.unit, direction=direction)
 
 
 def _status(case: str, record: RunRecord | None, expected: Expectation | None, missing: str) -> Finding:

@@ -40,9 +40,21 @@ from ..shapes import Finite, Shape, Text, shaped
 from ..types import Status
 
 UNITS = {
-    "energy_drift_max_J": "J", "phi_max": "m", "phi_dot_max": "m/s", "position_error_max_m": "m",
-    "orientation_error_max_rad": "rad",
+    "energy_drift_max_J": "J", "energy_scale_J": "J", "phi_max": "m", "phi_dot_max": "m/s",
+    "position_error_max_m": "m", "orientation_error_max_rad": "rad", "reaction_error_max_N": "N",
 }  # fmt: skip
+ENDS = {
+    "_m_per_s": "m/s",
+    "_rad_per_s": "rad/s",
+    "_sqrtJ": "sqrt(J)",
+    "_MB": "MB",
+    "_rad": "rad",
+    "_J": "J",
+    "_W": "W",
+    "_N": "N",
+    "_m": "m",
+    "_s": "s",
+}  # fmt: skip  of a column's name, the longer first
 FOLDER = ROOT / "results" / "baselines"
 METRICS = tuple(c.name for c in COLUMNS if c.type in (float, int))
 
@@ -64,8 +76,15 @@ LEFT_OVER = Width(
     5.0, "left over by Newton's stop test: one correction more or less changes it; a looser tolerance by far more"
 )
 ROUNDING = Width(10.0, "rounding only, which differs between machines; anything above is a real error")
+SAME_PROBLEM = "the problem's numbers, the same on every machine but for rounding: another one is another problem"
+IDENTITY = 1e-9  # of the fingerprint: a number that changes by 1e-4 of itself changes it by more
 SAME_STEPS = "a fixed step that is never cut: the number of steps is t_end / dt on every machine"
 STOP_TEST = 1e-6  # of the size: below it, a fixed-step solver's |phi_dot| is what its Newton iteration leaves over
+
+
+def unit_of(metric: str) -> str:
+    """Of a column, as the end of its name says."""
+    return UNITS.get(metric) or next((unit for end, unit in ENDS.items() if metric.endswith(end)), "")
 
 
 class Threshold(Shape, frozen=True, kw_only=True):
@@ -86,6 +105,8 @@ class Threshold(Shape, frozen=True, kw_only=True):
         high, low = self.upper < math.inf, self.lower > -math.inf
         if self.metric not in METRICS:
             raise ValueError(f"unknown metric {self.metric!r}{nearest(self.metric, list(METRICS))}")
+        if self.unit not in ("", known := unit_of(self.metric)):
+            raise ValueError(f"the unit of {self.metric} is {known or 'none'} (got {self.unit!r})")
         if self.is_equal:
             if high or low or math.isnan(self.value):
                 raise ValueError("direction equal takes value, and tolerance from 0 to 1, and no bounds")
@@ -170,7 +191,7 @@ def _toml(value: Any, *, exact: bool = False) -> str:
 
 
 def proposed(records: Sequence[RunRecord]) -> list[Threshold]:
-    """Bounds for energy drift, |phi|, |phi_dot|, the errors and fixed steps, of every run that succeeded."""
+    """Bounds for energy, constraints, errors, fixed steps and the problem itself, of every lawful run."""
     return [bound for r in records if Status(r.status).lawful for bound in _of(r)]
 
 
@@ -180,12 +201,18 @@ def _of(r: RunRecord) -> list[Threshold]:
         value = float(getattr(r, metric))
         if not math.isfinite(value):
             continue
-        size = {"J": r.energy_scale_J, "rad": 1.0}.get(unit, r.length_scale_m)
+        size = {"J": r.energy_scale_J, "rad": 1.0, "N": r.reaction_size_N}.get(unit, r.length_scale_m)
         # 50 units in the last place, adding up at random
         rounding = 1e-14 * math.sqrt(max(r.steps, 1)) * max(size, 1.0)
         width = ROUNDING if value <= rounding else _width(r, metric, value, size)
         upper = width.factor * max(value, rounding)
-        out.append(Threshold(case=r.case, metric=metric, value=value, upper=upper, unit=unit, reason=width.reason))
+        sure = width in (FIXED_STEP, ERROR_CONTROL) and value > ROUNDING.factor * rounding
+        lower = value / width.factor if sure else -math.inf  # an error that goes away is news too
+        bounds = {"value": value, "upper": upper, "lower": lower, "unit": unit, "reason": width.reason}
+        out.append(Threshold(case=r.case, metric=metric, **bounds))  # type: ignore[arg-type]
+    if math.isfinite(r.problem_fingerprint):
+        same = {"value": r.problem_fingerprint, "direction": "equal", "tolerance": IDENTITY, "reason": SAME_PROBLEM}
+        out.append(Threshold(case=r.case, metric="problem_fingerprint", **same))  # type: ignore[arg-type]
     if r.control == "dt" and r.rejected == 0.0:
         fixed = Threshold(case=r.case, metric="steps", value=float(r.steps), reason=SAME_STEPS, direction="equal")
         out.append(fixed)

@@ -3,6 +3,7 @@
 ``measure`` gives the series; the columns of a record are read off them in ``harness.summary``.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -14,12 +15,15 @@ from ..mechanics.motion import constraint, constraint_energy_norm, constraint_ra
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
 from ..reference.computed import reference_of
-from ..types import Law, Problem, Reference, Trajectory
+from ..types import GROWN, JUDGED, PREDICTABLE, Law, Problem, Reference, Trajectory
 from .mechanisms import mechanisms, part, state_of, states_of
 from .reactions import exact_pull_on_bodies, instants_to_compare, pull_on_bodies
-from .scales import KINETIC, Run, Scales, displacement, reached, scales
+from .rows import between, is_motion, kinematic_defect
+from .scales import KINETIC, Run, Scales, displacement, reached, scales, speeds
 
 JOINTS = (Law.CONSTRAINT, Law.CONSTRAINT_RATE)  # not laws of a motion whose start, as printed, opens the joints
+PATH = 0.01  # of the reach: a shorter path is none
+BETWEEN = 501  # times at which the motion between rows is compared
 BLOCK = 4096  # steps measured at a time: bounds the memory of 55 bodies over 1e5 steps
 
 
@@ -52,6 +56,10 @@ class Measured:
     velocity_error: Float[np.ndarray, " nt"] | None = None
     angular_velocity_error: Float[np.ndarray, " nt"] | None = None
     reference_own_error: Float[np.ndarray, " nt"] | None = None
+    rate_error: Float[np.ndarray, " nt"] | None = None  # of velocities, rms over a body's matter [m/s]
+    kinematic_defect: float = float("nan")  # of the path, worst body (module ``rows``)
+    motion_between: float = float("nan")  # [m] largest motion error between rows, while the motion is predictable
+    motion_between_s: float = float("nan")  # when
     reaction_error: float = float("nan")  # [N], largest at the instants compared
     reaction_size: float = float("nan")  # [N] of the exact one
     reference_route: str = ""
@@ -65,6 +73,8 @@ def measure(problem: Problem, trajectory: Trajectory) -> Measured:
     """All series of a trajectory."""
     t, s = np.asarray(trajectory.t, dtype=float), trajectory.states
     reference = reference_of(problem)
+    if reference is not None and not reference.horizon >= 0.0:
+        raise ValueError(f"the horizon of the reference must be a number >= 0 [s] (got {reference.horizon})")
     with np.errstate(all="ignore"):  # a motion may have blown up: its infinities are the result
         whole, E, eq81 = _judged(problem, reference, t, s, np.arange(problem.system.nb))
         laws, found = whole.laws, mechanisms(problem.system)
@@ -73,11 +83,19 @@ def measure(problem: Problem, trajectory: Trajectory) -> Measured:
         return Measured(
             t, whole.size, each, E, laws[Law.ENERGY], laws[Law.CONSTRAINT], laws[Law.CONSTRAINT_RATE], eq81,
             laws[Law.ORTHOGONALITY],
+            kinematic_defect=largest(kinematic_defect(problem.system, t, s, PATH * whole.size.length)),
             out_of_plane=_out_of_plane(problem, at_home),
             observables={o.name: np.asarray(o.of(at_home), dtype=float) for o in problem.observables},
             invariants={i.name: np.asarray(i.of(at_home), dtype=float) for i in problem.invariants},
-            **_against_reference(problem, reference, t, s, trajectory.reaction, _shares(whole, each)),
+            **_against_reference(problem, reference, trajectory, _shares(whole, each), whole.size.length),
         )  # fmt: skip
+
+
+def largest(a: Float[np.ndarray, " n"]) -> float:
+    """max |a|, infinite as soon as one value is not a number: a motion that became NaN is no small error."""
+    if len(a) == 0:
+        return math.nan
+    return math.inf if np.any(np.isnan(a)) else float(np.max(np.abs(a)))
 
 
 def _judged(
@@ -129,14 +147,14 @@ def _out_of_plane(problem: Problem, at_home: States) -> np.ndarray | None:
 
 
 def _against_reference(
-    problem: Problem, reference: Reference | None, t: np.ndarray, s: States, reaction: np.ndarray | None,
-    shares: np.ndarray,
-) -> dict:  # fmt: skip
+    problem: Problem, reference: Reference | None, trajectory: Trajectory, shares: np.ndarray, length: float
+) -> dict:
     if reference is None:
         return {}
+    t, s = np.asarray(trajectory.t, dtype=float), trajectory.states
     n = covered(reference, t)
     names = ("position_error", "orientation_error", "motion_error", "velocity_error", "angular_velocity_error",
-             "reference_own_error")  # fmt: skip
+             "rate_error", "reference_own_error")  # fmt: skip
     series = {k: np.full(len(t), np.nan) for k in names}
     theirs = {o.name: np.full(len(t), np.nan) for o in problem.observables}
     for k in range(0, n, BLOCK):
@@ -147,11 +165,42 @@ def _against_reference(
         series["motion_error"][rows] = np.max(shares * displacement(problem.system, s.at(rows), exact), axis=1)
         series["velocity_error"][rows] = np.max(np.linalg.norm(s.v[rows] - exact.v, axis=2), axis=1)
         series["angular_velocity_error"][rows] = np.max(np.linalg.norm(s.Omega[rows] - exact.Omega, axis=2), axis=1)
-        series["reference_own_error"][rows] = reference.error(t[rows])
+        apart = States(exact.r, exact.R, s.v[rows] - exact.v, s.Omega[rows] - exact.Omega)
+        series["rate_error"][rows] = np.max(shares * speeds(problem.system, apart), axis=1)
+        series["reference_own_error"][rows] = stated(reference, t[rows])
         for name, values in problem.observe(exact).items():
             theirs[name][rows] = values
     about = {"reference_route": reference.route, "reference_horizon": float(reference.horizon)}
-    return {**series, **_reaction_error(problem, reference, t, reaction), **about, "reference_observables": theirs}
+    off = _between_rows(problem, reference, t, s, length)
+    pull = _reaction_error(problem, reference, t, trajectory.reaction)
+    return {**series, **off, **pull, **about, "reference_observables": theirs}
+
+
+def stated(reference: Reference, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+    """The error that the reference states; ValueError for one that is no bound: it would judge nothing."""
+    own = np.asarray(reference.error(t), dtype=float)
+    if own.shape != t.shape or not np.all((own >= 0.0) & (own < math.inf)):
+        raise ValueError("the error that a reference states must be a finite number >= 0 [m] at each time")
+    return own
+
+
+def _between_rows(problem: Problem, reference: Reference, t: np.ndarray, s: States, length: float) -> dict[str, float]:
+    """Errors of the motion at times of the reference's own, up to its horizon."""
+    end = min(problem.t_end, reference.horizon, float(t[-1]))
+    if len(t) < 2 or not end > 0.0 or not is_motion(s):
+        return {}
+    at = np.linspace(0.0, end, BETWEEN)
+    at = at[: predictable(at, stated(reference, at) / length)]
+    away = np.max(displacement(problem.system, between(t, s, at), reference.states(at)), axis=1)
+    worst = int(np.argmax(away))  # the first NaN, if there is one
+    return {"motion_between": largest(away), "motion_between_s": float(at[worst])}
+
+
+def predictable(t: Float[np.ndarray, " nt"], own: Float[np.ndarray, " nt"]) -> int:
+    """Rows over which errors are judged; ``own``: stated errors of the reference, of the reach."""
+    tenth = np.maximum(np.searchsorted(t, 0.1 * t, side="right") - 1, min(1, len(t) - 1))
+    steady = (own <= JUDGED) & (own <= GROWN * own[tenth])
+    return int(np.sum(np.cumprod((own <= PREDICTABLE) | steady)))
 
 
 def _reaction_error(problem: Problem, reference: Reference, t: np.ndarray, reaction: np.ndarray | None) -> dict:
@@ -161,7 +210,7 @@ def _reaction_error(problem: Problem, reference: Reference, t: np.ndarray, react
         return {}
     rows = instants_to_compare(t, reference.horizon)
     found = pull_on_bodies(system, np.asarray(reaction, dtype=float)[rows])
-    known = np.all(np.isfinite(found), axis=(1, 2))
+    known = ~np.any(np.isnan(found), axis=(1, 2))
     if not np.any(known):
         return {}
     exact = exact_pull_on_bodies(system, reference.states, t[rows[known]])

@@ -10,8 +10,9 @@ from jaxtyping import Float
 
 from ..files import exact
 from ..mechanics import so3
-from ..types import ACCURATE, GROWN, JUDGED, PREDICTABLE, Problem, Trajectory
-from .measure import Measured
+from ..types import ACCURATE, Problem, Trajectory
+from .identity import fingerprint
+from .measure import Measured, largest, predictable
 from .scales import Scales
 
 COUNTER_NAMES: Mapping[str, tuple[str, ...]] = {  # column: names solvers use for it, the first one preferred
@@ -29,6 +30,7 @@ def columns(problem: Problem, trajectory: Trajectory, m: Measured) -> dict[str, 
     with np.errstate(all="ignore"):
         return {
             "t_reached_s": float(m.t[-1]),
+            "problem_fingerprint": fingerprint(problem),
             **_energy(problem, m, size),
             "length_scale_m": size.length,
             "speed_scale_m_per_s": size.speed,
@@ -41,6 +43,7 @@ def columns(problem: Problem, trajectory: Trajectory, m: Measured) -> dict[str, 
             "orthogonality_max": largest(m.orthogonality),
             "out_of_plane_max_m": math.nan if m.out_of_plane is None else largest(m.out_of_plane),
             **_errors(problem, m, size),
+            "kinematic_defect": m.kinematic_defect,
             **_way_back(problem, trajectory),
             "invariant_drifts": json.dumps({i.name: _drift(m.invariants[i.name], i.unit) for i in problem.invariants}),
             **_steps(m.t),
@@ -48,13 +51,6 @@ def columns(problem: Problem, trajectory: Trajectory, m: Measured) -> dict[str, 
             "notes": json.dumps(list(trajectory.notes)),
             "events": len(trajectory.events),
         }
-
-
-def largest(a: Float[np.ndarray, " nt"]) -> float:
-    """max |a|, infinite as soon as one value is not a number: a motion that became NaN is no small error."""
-    if len(a) == 0:
-        return math.nan
-    return math.inf if np.any(np.isnan(a)) else float(np.max(np.abs(a)))
 
 
 def trend(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, " nt"]) -> float:
@@ -102,7 +98,7 @@ def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
         return {}
     last = compared - 1
     position, orientation, motion = (a[:compared] for a in (m.position_error, m.orientation_error, m.motion_error))
-    predictable = _predictable(m.t[:compared], own[:compared] / size.length)
+    judged = predictable(m.t[:compared], own[:compared] / size.length)
     by_name = {}
     for o in problem.observables:
         away = np.abs(m.observables[o.name] - m.reference_observables[o.name])[:compared]
@@ -119,20 +115,15 @@ def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:
         "orientation_error_max_rad": largest(orientation),
         "orientation_error_end_rad": float(orientation[last]),
         **_rates(m, compared),
-        "judged_to_s": float(m.t[max(predictable - 1, 0)]),
-        "motion_error_judged_m": largest(motion[:predictable]),
-        "reference_own_error_judged_m": float(np.max(own[: max(predictable, 1)])),
-        "position_error_judged_m": largest(position[:predictable]),
-        "orientation_error_judged_rad": largest(orientation[:predictable]),
+        "judged_to_s": float(m.t[max(judged - 1, 0)]),
+        "motion_error_judged_m": largest(motion[:judged]),
+        "reference_own_error_judged_m": float(np.max(own[: max(judged, 1)])),
+        "position_error_judged_m": largest(position[:judged]),
+        "orientation_error_judged_rad": largest(orientation[:judged]),
+        "rate_error_judged_m_per_s": math.nan if m.rate_error is None else largest(m.rate_error[:judged]),
+        "motion_between_max_m": m.motion_between,
         "observable_errors": json.dumps(by_name),
     }
-
-
-def _predictable(t: np.ndarray, own: np.ndarray) -> int:
-    """Rows over which errors are judged; ``own``: stated errors of the reference, of the reach."""
-    tenth = np.maximum(np.searchsorted(t, 0.1 * t, side="right") - 1, min(1, len(t) - 1))
-    steady = (own <= JUDGED) & (own <= GROWN * own[tenth])
-    return int(np.sum(np.cumprod((own <= PREDICTABLE) | steady)))
 
 
 def _until(t: np.ndarray, error: np.ndarray, allowed: np.ndarray) -> float:

@@ -14,11 +14,14 @@ import numpy as np
 from jaxtyping import Float
 
 from ..types import ACCURATE, Law, Problem, Reason, Trajectory
-from .measure import JOINTS, Measured
-from .summary import largest
+from .measure import JOINTS, Measured, largest
 
 INVARIANT = 0.10  # of its scale by unit (momentum: m v L), or of its start if that is larger
 UNITS = {Law.ENERGY: "J", Law.CONSTRAINT: "m", Law.CONSTRAINT_RATE: "m/s", Law.ORTHOGONALITY: ""}
+KINEMATIC = 0.5  # of the path: rows of three steps a turn are off by 0.3, reversed velocities by 2
+BETWEEN = 0.5  # of the reach, between rows: 20 rows of the fastest motions here are off by 0.01
+RATE = 1.0  # of the speed: velocities are off by more than the fastest there is
+REACTION = 10.0  # of the largest exact joint force: off by another order of magnitude
 START = 1e-9  # [m], [m/s], relative to 1 + size: what the consistency check of problems allows
 
 
@@ -31,11 +34,11 @@ def doubts(problem: Problem, trajectory: Trajectory, m: Measured, columns: Mappi
     if not np.all(finite):
         return [Reason(Law.FINITE, time_s=_first(t, ~finite))]
     out = []
-    if abs(t[-1] - problem.t_end) > 1e-9 * max(problem.t_end, 1.0):
+    if not abs(t[-1] - problem.t_end) <= 1e-9 * max(problem.t_end, 1.0):
         out.append(Reason(Law.END, float(t[-1]), problem.t_end, "s", float(t[-1])))
     moved = max(float(np.max(np.abs(getattr(s, k)[0] - getattr(problem.initial, k)))) for k in ("r", "R", "v", "Omega"))
     allowed = START * (1.0 + size.length + size.speed)
-    if moved > allowed or t[0] != 0.0:
+    if not moved <= allowed or t[0] != 0.0:
         out.append(Reason(Law.START, moved, allowed, time_s=float(t[0])))
 
     def limit(law: Law, most: float, allowed: float, unit: str, series: np.ndarray | None, name: str = "") -> None:
@@ -47,6 +50,8 @@ def doubts(problem: Problem, trajectory: Trajectory, m: Measured, columns: Mappi
         for law, series in one.laws.items():
             if not (problem.literal_start and law in JOINTS):
                 limit(law, largest(series), one.size.allowed[law], UNITS[law], series)
+    limit(Law.KINEMATIC, m.kinematic_defect, KINEMATIC, "", None)
+    limit(Law.REACTION, m.reaction_error, REACTION * (m.reaction_size + size.energy / size.length), "N", None)
     for name, drift in json.loads(columns["invariant_drifts"]).items():
         scale = size.of_unit(drift["unit"])
         start = abs(float(drift["start"]))
@@ -60,11 +65,20 @@ def doubts(problem: Problem, trajectory: Trajectory, m: Measured, columns: Mappi
 
 def inaccuracy(m: Measured, columns: Mapping[str, Any]) -> list[Reason]:
     """Why a motion that keeps all laws is inaccurate: its distance from the reference while that is predictable."""
-    most = columns.get("motion_error_judged_m", math.nan)
-    allowed = ACCURATE["accurate_until_s"] * m.size.length + columns.get("reference_own_error_judged_m", 0.0)
-    if m.motion_error is None or not most > allowed:
+    if m.motion_error is None or m.rate_error is None:
         return []
-    return [Reason(Law.MOTION, most, allowed, "m", _first(m.t, m.motion_error > allowed))]
+    length, own = m.size.length, columns.get("reference_own_error_judged_m", 0.0)
+    out = []
+    for law, most, allowed, unit, series in (
+        (Law.MOTION, columns.get("motion_error_judged_m", math.nan), ACCURATE["accurate_until_s"] * length + own, "m",
+         m.motion_error),
+        (Law.VELOCITY, columns.get("rate_error_judged_m_per_s", math.nan), RATE * m.size.speed, "m/s", m.rate_error),
+    ):  # fmt: skip
+        if most > allowed:
+            out.append(Reason(law, most, allowed, unit, _first(m.t, series > allowed)))
+    if not out and m.motion_between > BETWEEN * length + own:
+        out.append(Reason(Law.ROWS, m.motion_between, BETWEEN * length + own, "m", m.motion_between_s))
+    return out
 
 
 def _first(t: Float[np.ndarray, " nt"], broken: np.ndarray) -> float:

@@ -14,7 +14,8 @@ from .records import COLUMNS, RunRecord
 from .store import newest
 
 NOT_COMPARED = {
-    "cpu_min_s", "cpu_median_s", "cpu_max_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB", "repeats",
+    "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB",
+    "repeats",
     "wall_limit_s", "memory_limit_MB", "max_steps", "series_rows", "signal", "exit_code", "schema", "dt_s", "rtol",
     "max_step_s", "t_end_s",
 }  # fmt: skip

@@ -19,10 +19,12 @@ THREADS = dict.fromkeys((  # one thread: timings mean CPU time of one core, and 
     "NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS",
 ), "1")  # fmt: skip
 SHAPING = (  # what the process of one run executes; the rest only arranges, judges or shows
-    "harness/catalogue", "harness/execution/job.py", "harness/execution/measuring.py",
+    "harness/catalogue", "harness/execution/contract.py", "harness/execution/handed.py",
+    "harness/execution/job.py", "harness/execution/measuring.py",
     "harness/execution/presented.py", "harness/execution/supervisor.py", "harness/execution/warmup.py",
     "harness/execution/worker.py", "harness/files.py", "harness/mechanics", "harness/metrics",
-    "harness/reference", "harness/results/naming.py", "harness/results/records.py", "harness/results/series.py",
+    "harness/reference", "harness/results/naming.py", "harness/results/npz.py",
+    "harness/results/records.py", "harness/results/series.py",
     "harness/sandbox", "harness/shapes.py", "harness/suites/spec.py", "harness/types.py", "problems", "solvers",
 )  # fmt: skip
 

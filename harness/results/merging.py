@@ -1,5 +1,6 @@
 """Run folders of shards become one: every good record with its files, nothing of a source changed."""
 
+import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -57,13 +58,16 @@ def _environment(source: Path, out: Path) -> None:
         if not (out / name).exists():
             _copy(source / name, out / name)
     stamp = source / "environment.json"
-    if stamp.is_file() and stamp.read_bytes() != (out / stamp.name).read_bytes():
+    own = out / stamp.name
+    if stamp.is_file() and own.is_file() and stamp.read_bytes() != own.read_bytes():
         _copy(stamp, out / f"environment.{source.resolve().name}.json")
 
 
 def _copy(source: Path, target: Path) -> None:
     """Whole or not at all; a file that is gone (a stderr somebody deleted) is no reason to lose a record."""
-    if not source.is_file():
+    try:
+        file = files.open_own(source, os.O_RDONLY)
+    except OSError:  # or a link, a pipe
         return
-    with files.whole(target) as partial:
-        shutil.copyfile(source, partial)
+    with file, files.whole(target) as partial, partial.open("wb") as copy:
+        shutil.copyfileobj(file, copy)

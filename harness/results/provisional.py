@@ -8,7 +8,9 @@ from ..types import EndedBy
 from .records import RunRecord
 from .store import Unreadable
 
-PROVISIONAL = (EndedBy.TOTAL_LIMIT, EndedBy.SUPERVISOR_LOST, EndedBy.WORKERS_LOST)
+PROVISIONAL = (
+    EndedBy.TOTAL_LIMIT, EndedBy.SUPERVISOR_LOST, EndedBy.WORKERS_LOST, EndedBy.KILLED, EndedBy.SUSPENDED
+)  # fmt: skip
 
 
 def is_provisional(record: RunRecord) -> bool:

@@ -8,10 +8,12 @@ import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
+
+import msgspec
 
 from .. import files
-from ..shapes import shaped
+from ..shapes import Shape, shaped
 from ..types import PREDICTABLE, Reason
 
 T = TypeVar("T")
@@ -43,6 +45,7 @@ class RunRecord:
     problem: str = column("name in problems/", "")
     section: str = column("section of the paper", "")
     problem_parameters: str = column("JSON: those that differ from the defaults", "{}")
+    problem_fingerprint: float = column("combination of all numbers of the system, its start and times")
     solver: str = column("name in solvers/", "")
     paper_label: str = column("the paper's name of such a solver", "")
     declared_order: float = column("order in dt that a solver of fixed step declares; NaN if none")
@@ -89,6 +92,7 @@ class RunRecord:
     eq81_max_sqrtJ: float = column("max sqrt(phi_dot^T M_bar phi_dot), the norm of Eq. (81)")
     eq81_end_sqrtJ: float = column("the same at the last step")
     orthogonality_max: float = column("max |R^T R - 1|")
+    kinematic_defect: float = column("share of its path by which a body's poses and velocities disagree")
     out_of_plane_max_m: float = column("max distance of any C from its plane, where the exact motion is planar")
 
     # against the reference, within its horizon
@@ -111,6 +115,8 @@ class RunRecord:
     judged_to_s: float = column("errors are judged up to here: beyond, the motion is chaotic")
     reference_own_error_judged_m: float = column("stated error of the reference up to there")
     motion_error_judged_m: float = column("max of the motion error up to there")
+    rate_error_judged_m_per_s: float = column("max error of velocities up to there, rms over a body's matter")
+    motion_between_max_m: float = column("max motion error between the steps, at times of the reference's own")
     position_error_judged_m: float = column("max of the position error up to there")
     orientation_error_judged_rad: float = column("max of the orientation error up to there")
     observable_errors: str = column("JSON: {name: {max, end, unit}} of |observable - exact|", "{}")
@@ -140,6 +146,7 @@ class RunRecord:
     cpu_min_s: float = column("CPU time of the integration alone, least of the repeats")
     cpu_median_s: float = column("median of the repeats")
     cpu_max_s: float = column("largest of the repeats")
+    cpu_call_s: float = column("CPU time of the first call as a whole, measured outside the solver: set-up included")
     setup_s: float = column("set-up and compilation of the first run, not in cpu_*")
     wall_s: float = column("wall time of the whole run: process, set-up, solve, measuring")
     measure_s: float = column("wall time of measuring alone")
@@ -159,10 +166,24 @@ class RunRecord:
 
 
 COLUMNS: tuple[dataclasses.Field, ...] = dataclasses.fields(RunRecord)
-JSON_COLUMNS = {
-    dict: ("problem_parameters", "solver_options", "counters", "observable_errors", "invariant_drifts"),
-    list: ("notes",),
-}
+Counted = Annotated[int, msgspec.Meta(ge=-(2**63), le=2**63 - 1, description="a whole number of 64 bits")]
+Number = float | Literal["nan", "inf", "-inf"]
+
+
+class Extent(Shape, frozen=True):
+    """An error or a drift of something with a name."""
+
+    max: Number = "nan"
+    end: Number = "nan"
+    start: Number = "nan"
+    unit: str = ""
+
+
+JSON_COLUMNS: Mapping[str, Any] = {
+    "problem_parameters": dict[str, Any], "solver_options": dict[str, Any], "counters": dict[str, Counted],
+    "observable_errors": dict[str, Extent], "invariant_drifts": dict[str, Extent],
+    "notes": list[str],
+}  # fmt: skip
 
 
 def is_literal(record: RunRecord) -> bool:
@@ -197,10 +218,12 @@ def from_json(text: str) -> RunRecord:
     long = [c.name for c in COLUMNS if c.type is int and not -(2**63) <= getattr(record, c.name) < 2**63]
     if long:
         raise BadRecord(f"column {long[0]} holds a number that no table can")
-    for kind, names in JSON_COLUMNS.items():
-        for name in names:
-            if not isinstance(files.parse_json(getattr(record, name), f"column {name}", BadRecord), kind):
-                raise BadRecord(f"column {name} must hold a JSON {kind.__name__} (got {getattr(record, name)[:40]!r})")
+    for c in COLUMNS:
+        if c.type is str and c.name != "message" and not getattr(record, c.name).isprintable():
+            raise BadRecord(f"column {c.name} holds control characters")
+    for name, kind in JSON_COLUMNS.items():
+        where = f"column {name}"
+        shaped(files.parse_json(getattr(record, name), where, BadRecord), kind, where, BadRecord)
     reasons_of(record.wrong_because)
     return record
 

@@ -4,7 +4,6 @@ Written once by the run's process, read by reports; its digest is in the run's r
 """
 
 import hashlib
-import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,11 +11,14 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..files import parse_json, to_json, whole
+from ..files import parse_json, read_own, to_json
 from ..shapes import Shape, shaped
+from .npz import read_npz, write_npz
 
 SERIES_SCHEMA: Literal[1] = 1
 KIND: Literal["mbsbench series"] = "mbsbench series"
+LARGEST = 2**28  # [bytes] of a file, and of its arrays: ten times the longest
+OTHER = ("end_", "joint_", "gravity")  # not along time
 
 
 class BadSeries(ValueError):
@@ -66,26 +68,47 @@ def write_series(path: Path, series: Series) -> str:
 
 def read_series(path: Path, sha256: str = "") -> Series:
     """The series in ``path``, or BadSeries; with ``sha256``, only if the file is the one that was recorded."""
+    content = _content(path, sha256)
     try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise BadSeries(f"cannot read: {error.strerror or error}") from None
-    if sha256 and hashlib.sha256(content).hexdigest() != sha256:
-        raise BadSeries("not the file that was recorded (truncated or changed)")
-    try:
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        head = shaped(parse_json(str(arrays.pop("meta")), "meta"), Head, "meta")
-    except (ValueError, OSError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        arrays = read_npz(content, LARGEST)
+        head = _head(arrays.pop("meta", ""))
+        _check_lengths(arrays)
+    except ValueError as error:
         raise BadSeries(f"not a whole series file of schema {SERIES_SCHEMA}: {error}") from None
     for array in arrays.values():
         array.setflags(write=False)
     return Series(arrays, head.events, head.body_names, head.joint_names, head.units, head.symbols)
 
 
-def write_npz(path: Path, arrays: Mapping[str, np.ndarray]) -> str:
-    """Write ``arrays`` to ``path`` whole or not at all; returns the sha256 of the file."""
-    with whole(path) as partial:
-        with partial.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
-        return hashlib.sha256(partial.read_bytes()).hexdigest()
+def check_series(path: Path, sha256: str) -> None:
+    """BadSeries if it is not the recorded file of this schema; its arrays stay packed."""
+    content = _content(path, sha256)
+    try:
+        _head(read_npz(content, LARGEST, "meta").get("meta", ""))
+    except ValueError as error:
+        raise BadSeries(f"not a whole series file of schema {SERIES_SCHEMA}: {error}") from None
+
+
+def _content(path: Path, sha256: str) -> bytes:
+    try:
+        content = read_own(path, LARGEST)
+    except OSError as error:
+        raise BadSeries(f"cannot read: {error.strerror or error}") from None
+    if sha256 and hashlib.sha256(content).hexdigest() != sha256:
+        raise BadSeries("not the file that was recorded (truncated or changed)")
+    return content
+
+
+def _head(meta: object) -> Head:
+    return shaped(parse_json(str(meta), "meta"), Head, "meta")
+
+
+def _check_lengths(arrays: Mapping[str, np.ndarray]) -> None:
+    """One value a row in all series, one pose a frame; ValueError else."""
+    for name, a in arrays.items():
+        lead = "frame_t" if name.startswith("frame_") else "t"
+        if name.startswith(OTHER):
+            continue
+        if lead not in arrays or a.shape[:1] != arrays[lead].shape or (lead == "t" and a.ndim != 1):
+            rows = arrays[lead].shape if lead in arrays else "no shape"
+            raise ValueError(f"{name} has the shape {a.shape}, {lead} has {rows}")

@@ -4,6 +4,7 @@
 holds: ``docs/results-format.md``.
 """
 
+import contextlib
 import fcntl
 import hashlib
 import os
@@ -23,9 +24,12 @@ from .series import BadSeries, Series, read_series
 if TYPE_CHECKING:
     import pandas as pd  # imported late: a run's process stores its record and needs no tables
 
+LARGEST = 2**22  # [bytes] of a record's file: a hundred times the longest
+NATIVE = 2**20  # [bytes] of a standard error, which runs leave trimmed
 LOCAL = Path("results") / "local"
 PARTS = ("runs", "series", "stderr")
-SCHEMA_IN_FILE = re.compile(rb'\\"schema\\": (\d+)')  # of a record inside its file
+IN_PART = {part: re.compile(rf"{part}/[\w-][\w.-]*") for part in ("series", "stderr")}
+SCHEMA_IN_FILE = re.compile(rb'\\"schema\\": (\d{1,9})\b')  # of a record inside its file
 
 
 class StoreError(files.FileError):
@@ -64,9 +68,11 @@ def older(folder: Path) -> int:
     """The schema of results of an older version, else 0. Runs of schema 1 were called cells."""
     if not (folder / "runs").is_dir():
         return int((folder / "cells").is_dir())
-    texts = (path.read_bytes() for path in sorted((folder / "runs").glob("*.json")))
-    found = next((int(m[1]) for text in texts if (m := SCHEMA_IN_FILE.search(text))), SCHEMA)
-    return found if found < SCHEMA else 0
+    for path in sorted((folder / "runs").glob("*.json")):
+        with contextlib.suppress(OSError):
+            if found := SCHEMA_IN_FILE.search(files.read_own(path, LARGEST)):
+                return int(found[1]) if int(found[1]) < SCHEMA else 0
+    return 0
 
 
 def refuse_older(folder: Path) -> None:
@@ -77,9 +83,17 @@ def refuse_older(folder: Path) -> None:
         raise StoreError(f"{folder} holds results of an older version (schema {schema}); {again}")
 
 
+def refuse_links(folder: Path) -> None:
+    """StoreError for a folder whose parts are elsewhere: files would be read and written there."""
+    for part in PARTS:
+        if (folder / part).is_symlink():
+            raise StoreError(f"{folder / part} is a link; a results folder holds its own files")
+
+
 def create(folder: Path) -> Path:
     """Make the folder and its parts (an existing one is kept as it is)."""
     refuse_older(folder)
+    refuse_links(folder)
     try:
         for part in PARTS:
             (folder / part).mkdir(parents=True, exist_ok=True)
@@ -90,9 +104,12 @@ def create(folder: Path) -> Path:
     return folder
 
 
-def lock(folder: Path) -> IO[str]:
+def lock(folder: Path) -> IO[bytes]:
     """Hold the folder for one runner; the lock goes with the returned file or the process."""
-    file = (folder / ".lock").open("w")
+    try:
+        file = files.open_own(folder / ".lock", os.O_RDWR | os.O_CREAT)
+    except OSError as error:
+        raise StoreError(f"cannot lock {folder} by its file .lock: {error.strerror or error}") from None
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
@@ -101,24 +118,54 @@ def lock(folder: Path) -> IO[str]:
     return file
 
 
+def path_of(folder: Path, run_id: str) -> Path:
+    """The file of a run's record."""
+    return folder / "runs" / f"{run_id}.json"
+
+
 def write_record(folder: Path, record: RunRecord) -> Path:
     """Store one finished run."""
     body = to_json(record)
-    path = folder / "runs" / f"{record.run_id}.json"
+    path = path_of(folder, record.run_id)
     write_text(path, files.to_json({"sha256": _digest(body), "record": body}))
     return path
 
 
 def read_record(path: Path) -> RunRecord:
     """The record in ``path``, or BadRecord; its file name must be its content address."""
-    text = files.read_text(path, "record", BadRecord)
+    try:
+        text = files.read_own(path, LARGEST)
+    except OSError as error:
+        raise BadRecord(f"cannot read record {path}: {error.strerror or error}") from None
     outer = shaped(files.parse_json(text, "record file", BadRecord), RecordFile, "record file", BadRecord)
     if _digest(outer.record) != outer.sha256:
         raise BadRecord("its digest does not match: truncated or changed")
     record = from_json(outer.record)
     if record.run_id != path.stem:
         raise BadRecord(f"it is the record of run {record.run_id}")
+    for column in ("series", "stderr"):  # a name in its part of this folder, and no way out of it
+        if (place := getattr(record, column)) and not IN_PART[column].fullmatch(place):
+            raise BadRecord(f"column {column} must be a file in {column}/ (got {place[:80]!r})")
     return record
+
+
+def is_there(folder: Path, promised: RunRecord, found: RunRecord | None) -> bool:
+    """Whether a record that was written is still the one on disk, with its series."""
+    return (
+        found is not None and to_json(found) == to_json(promised)
+        and (not found.series or (folder / found.series).is_file())
+    )  # fmt: skip
+
+
+def native_of(folder: Path, record: RunRecord) -> str:
+    """The standard error of a run as it can be printed; why it cannot be read, or empty if there is none."""
+    if not record.stderr:
+        return ""
+    try:
+        text = files.read_own(folder / record.stderr, NATIVE).decode(errors="replace")
+    except OSError as error:
+        return f"({record.stderr} cannot be read: {error.strerror or error})"
+    return files.printable(text)
 
 
 def load(folder: Path, *, check_series: bool = True) -> Loaded:
@@ -126,6 +173,7 @@ def load(folder: Path, *, check_series: bool = True) -> Loaded:
     refuse_older(folder)
     if not is_results(folder):
         raise StoreError(f"{folder} holds no results (it has no runs/)")
+    refuse_links(folder)
     good, bad = [], []
     for path in sorted((folder / "runs").iterdir()):
         if path.name.startswith("."):
@@ -139,7 +187,7 @@ def load(folder: Path, *, check_series: bool = True) -> Loaded:
             bad.append(Unreadable(path, str(error)))
         except BadSeries as error:
             bad.append(Unreadable(path, f"its series file {record.series}: {error}"))
-            if (folder / record.series).exists():
+            if os.path.lexists(folder / record.series):
                 bad.append(Unreadable(folder / record.series, str(error)))
     return Loaded(tuple(sorted(good, key=lambda r: (r.problem, r.solver, r.case))), tuple(bad))
 
@@ -159,7 +207,7 @@ def set_aside(folder: Path, unreadable: Iterable[Unreadable]) -> None:
         aside = folder / "set_aside"
         aside.mkdir(exist_ok=True)
         target, n = aside / item.path.name, 0
-        while target.exists():
+        while os.path.lexists(target):
             n += 1
             target = aside / f"{item.path.name}.{n}"
         shutil.move(item.path, target)

@@ -3,6 +3,7 @@
 import math
 import signal
 
+from ..files import printable
 from ..types import ACCURATE, EndedBy, Law, Reason, Status
 from .records import RunRecord, reasons_of
 
@@ -10,6 +11,8 @@ WORKERS = 3  # Dask gives a run up after it has lost that many
 LAWS = {
     Law.ENERGY: "the energy error", Law.MOTION: "the motion error", Law.POSITION: "the position error", Law.ORIENTATION: "the orientation error",
     Law.CONSTRAINT: "|phi|", Law.CONSTRAINT_RATE: "|phi_dot|", Law.ORTHOGONALITY: "|R^T R - 1|",
+    Law.KINEMATIC: "the disagreement of poses and velocities (of the path)", Law.REACTION: "the error of a joint force",
+    Law.VELOCITY: "the velocity error", Law.ROWS: "the motion error between recorded steps, which are too few,",
     Law.PLANE: "the distance from the plane of motion", Law.FINITE: "values that are not finite",
     Law.START: "another start", Law.END: "another end",
 }  # fmt: skip
@@ -38,7 +41,8 @@ def at_least(record: RunRecord, accurate_until: float) -> bool:
 
 def law_of(reason: Reason) -> str:
     """The quantity that breaks its limit."""
-    return LAWS.get(reason.law) or (f"the drift of {reason.name}" if reason.law is Law.INVARIANT else reason.name)
+    name = printable(reason.name)
+    return LAWS.get(reason.law) or (f"the drift of {name}" if reason.law is Law.INVARIANT else name)
 
 
 def words_of(reason: Reason) -> str:
@@ -65,11 +69,13 @@ def words_of_ending(record: RunRecord) -> str:
         EndedBy.TOTAL_LIMIT: f"killed when the suite reached its total_limit of {r.ended_limit_s:g} s",
         EndedBy.EXIT: f"the process exited with code {r.exit_code} and no result",
         EndedBy.SIGNAL: _signal(r),
-        EndedBy.MEMORY_LIMIT: f"{_signal(r)}, near its memory limit" if r.signal else r.message,
+        EndedBy.KILLED: f"{_signal(r)}, sent from outside the run",
+        EndedBy.SUSPENDED: "its time limit passed while the harness was suspended; --resume repeats it",
+        EndedBy.MEMORY_LIMIT: f"{_signal(r)}, near its memory limit" if r.signal else printable(r.message),
         EndedBy.SUPERVISOR_LOST: "the supervisor process died twice "
         f"(code {r.exit_code - r.signal}) during this run, the second time with this run alone",
         EndedBy.WORKERS_LOST: f"its worker died {WORKERS} or more times",
-    }.get(r.ended_by, r.message)  # type: ignore[call-overload]
+    }.get(r.ended_by, printable(r.message))  # type: ignore[call-overload]
     kept = r.ended_by not in ("", EndedBy.SOLVER) and r.t_reached_s > 0.0
     return f"{words} (steps to t = {r.t_reached_s:.6g} s kept)" if kept else words
 

@@ -12,6 +12,7 @@ from .isolation import Target, fork, kill_group
 
 NOWHERE = Path(os.devnull)
 TICK = 0.02  # [s] between two looks while nothing is sent
+ASLEEP = 2.0  # [s] between two looks: more, and it is we who were stopped
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class Ended:
     killed: bool  # by us, at its limit or before
     sent: str  # the lines it sent
     peak: float  # [MB] largest resident memory
+    suspended: bool = False  # time passed in which nobody looked: its clocks say little
 
     @property
     def words(self) -> str:
@@ -40,7 +42,8 @@ class Apart:
         self.pid, self.pipe = fork(target, stderr, memory, limit if cpu is None else cpu)
         os.set_blocking(self.pipe, False)
         self.deadline = time.monotonic() + limit
-        self.killed = False
+        self.killed = self.suspended = False
+        self._looked = time.monotonic()
         self.closed_at = 0.0  # when it closed its pipe: it is about to end
         self._sent = b""
 
@@ -55,17 +58,23 @@ class Apart:
         return self._sent.decode(errors="replace")
 
     def look(self) -> Ended | None:
-        """None while it runs; kills it past its deadline."""
-        if time.monotonic() > self.deadline:
-            self.kill()
+        """None while it runs; kills it past its deadline, from which time in which we were stopped is left out."""
+        now = time.monotonic()
+        if now - self._looked > ASLEEP:
+            self.suspended = True
+            self.deadline += now - self._looked
+        self._looked = now
         pid, status, usage = os.wait4(self.pid, os.WNOHANG)
         if not pid:
             self.hear()
+            if now > self.deadline:
+                self.kill()
             return None
         sent = self.hear()
         kill_group(self.pid)  # what it started and left behind
         os.close(self.pipe)
-        return Ended(os.waitstatus_to_exitcode(status), self.killed, sent, usage.ru_maxrss / 1024.0)
+        code, peak = os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024.0
+        return Ended(code, self.killed and code != 0, sent, peak, self.suspended)
 
     def wait(self, unwanted: Callable[[], bool] = lambda: False) -> Ended:
         """Wait for its end, or end it once it is ``unwanted``. An exception here ends it too."""

@@ -32,6 +32,8 @@ def fork(target: Target, stderr: Path, memory: float, cpu: float) -> tuple[int, 
     if threading.active_count() > 1:
         raise RuntimeError(f"fork needs a single thread (got {threading.active_count()})")
     stderr.parent.mkdir(parents=True, exist_ok=True)
+    if signal.getsignal(signal.SIGCHLD) == signal.SIG_IGN:  # as a parent may leave it: nobody could be waited for
+        signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     parent = os.getpid()
     read, write = os.pipe()
     sys.stdout.flush()
@@ -95,7 +97,7 @@ def trim(path: Path) -> None:
 
 
 def _redirect(stderr: Path) -> None:
-    target = os.open(stderr, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND, 0o644)
+    target = os.open(stderr, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_NOFOLLOW, 0o644)
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.dup2(target, 1)  # what a solver prints belongs with its errors

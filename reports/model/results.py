@@ -1,10 +1,7 @@
 """A results folder as reports see it: runs with their texts unpacked, sorted into variants and labels."""
 
-import hashlib
-import io
 import json
 import re
-import zipfile
 from collections import Counter
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,13 +10,11 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numpy as np
-
 from ...harness.results import store
 from ...harness.results.naming import named, text_of
 from ...harness.results.provenance import stamp_of
 from ...harness.results.records import RunRecord
-from ...harness.results.series import KIND, SERIES_SCHEMA, BadSeries, Series
+from ...harness.results.series import BadSeries, Series, check_series
 from ...harness.results.words import why
 from ...harness.types import Status
 
@@ -186,17 +181,11 @@ def _series_fault(folder: Path, record: RunRecord) -> str:
     """Why the run's series file is not the recorded one; its arrays stay packed: pages unpack those they draw."""
     if not record.series:
         return ""
-    path = folder / record.series
     try:
-        content = path.read_bytes()
-        if hashlib.sha256(content).hexdigest() != record.series_sha256:
-            return f"its series file {record.series} is not the recorded one (truncated or changed)"
-        with np.load(io.BytesIO(content), allow_pickle=False) as file:
-            meta = json.loads(str(file["meta"]))
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        return f"its series file {record.series} cannot be read: {error}"
-    whole = isinstance(meta, dict) and (meta.get("kind"), meta.get("schema")) == (KIND, SERIES_SCHEMA)
-    return "" if whole else f"its series file {record.series} is of another schema"
+        check_series(folder / record.series, record.series_sha256)
+    except BadSeries as error:
+        return f"its series file {record.series}: {error}"
+    return ""
 
 
 def grouped(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
@@ -228,10 +217,5 @@ def slug(title: str, taken: set[str]) -> str:
 
 
 def _stderr(folder: Path, record: RunRecord) -> str:
-    if not record.stderr:
-        return ""
-    try:
-        text = (folder / record.stderr).read_text(encoding="utf-8", errors="replace")
-    except OSError as error:
-        return f"({record.stderr} cannot be read: {error.strerror or error})"
+    text = store.native_of(folder, record)
     return text if len(text) <= STDERR_SHOWN else "[...]\n" + text[-STDERR_SHOWN:]

@@ -15,6 +15,7 @@ from mbsbench.harness.results.store import Loaded
 from mbsbench.harness.suites.suite import parse_suite
 
 PLUGIN = Path(__file__).parent / "misbehaving.py"
+HOSTILE = Path(__file__).parent / "hostile.py"
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -25,6 +26,7 @@ def catalogue():
         patch.setattr(registry, "_plugin_problems", {})
         patch.setattr(registry, "_plugin_solvers", {})
         registry.load_plugin(PLUGIN)
+        registry.load_plugin(HOSTILE)
         yield
 
 

@@ -34,7 +34,10 @@ problem = "free_fall"
 solver = ["segfaults", "gives_up", "refuses", "spins"]
 wall_limit = 1.0
 """
-TIMED = ["cpu_min_s", "cpu_median_s", "cpu_max_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB", "finished"]
+TIMED = [
+    "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB",
+    "finished",
+]  # fmt: skip
 
 
 @pytest.fixture

@@ -1,5 +1,6 @@
-"""A long run killed at random times: no finished run is lost, and the table is that of an undisturbed run."""
+"""A long run killed and suspended at random times: nothing is lost, and the table is that of an undisturbed run."""
 
+import contextlib
 import random
 import signal
 import subprocess
@@ -11,11 +12,15 @@ import pytest
 
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import environment, store
+from mbsbench.harness.results.provisional import is_provisional
 from mbsbench.harness.suites.suite import load_suite
 
 from ..conftest import PLUGIN, Silent
 
-TIMED = ["cpu_min_s", "cpu_median_s", "cpu_max_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB", "finished"]
+TIMED = [
+    "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB",
+    "finished",
+]  # fmt: skip
 SEED = 20
 
 
@@ -26,7 +31,7 @@ def suite_of(specs):
 name = "killed"
 plugins = ["{PLUGIN}"]
 [defaults]
-wall_limit = 10.0
+wall_limit = 3.0
 [[runs]]
 problem = "free_fall"
 solver = "sleeps"
@@ -48,12 +53,27 @@ def done(folder):
     return {p.name: p.stat().st_mtime_ns for p in folder.glob("runs/[!.]*.json")}
 
 
-@pytest.mark.parametrize(("RUNS", "KILLS"), [(30, 2), pytest.param(300, 20, marks=pytest.mark.slow)])
-def test_kills_lose_nothing(tmp_path, RUNS, KILLS):
+SUSPENDED = 6.0  # [s] longer than the limit of a run and its grace
+
+
+def suspend(process):
+    """Everything, as a batch system does, for longer than any run may take."""
+    found = [psutil.Process(process.pid), *psutil.Process(process.pid).children(recursive=True)]
+    for call in ("suspend", "resume"):
+        for p in found:
+            with contextlib.suppress(psutil.NoSuchProcess):
+                getattr(p, call)()
+        time.sleep(SUSPENDED if call == "suspend" else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("RUNS", "KILLS", "SUSPENSIONS"), [(30, 2, 1), pytest.param(100, 20, 5, marks=pytest.mark.slow)]
+)
+def test_kills_and_suspensions_lose_nothing(tmp_path, RUNS, KILLS, SUSPENSIONS):
     """SIGKILL to the runner, every fourth time to its supervisor too, from its first moments to its last."""
     suite = tmp_path / "killed.toml"
     suite.write_text(suite_of(RUNS))
-    rng, folder, kept = random.Random(SEED), tmp_path / "run", {}
+    rng, folder, kept, again = random.Random(SEED), tmp_path / "run", {}, set()
     for k in range(KILLS):
         process = start(suite, folder, *(("--resume",) if k else ()))
         aim = len(kept) + rng.randrange(0, 2 * (RUNS - len(kept)) // (KILLS - k) + 1)  # about even over the run
@@ -61,6 +81,8 @@ def test_kills_lose_nothing(tmp_path, RUNS, KILLS):
         while len(done(folder)) < min(aim, RUNS - 1) and process.poll() is None and time.monotonic() < until:
             time.sleep(0.01)
         time.sleep(rng.uniform(0.0, 0.3))
+        if k % (KILLS // SUSPENSIONS) == 0 and process.poll() is None:
+            suspend(process)
         if k % 4 == 3 or k == KILLS - 1:
             for child in psutil.Process(process.pid).children() if process.poll() is None else ():
                 child.kill()
@@ -68,14 +90,17 @@ def test_kills_lose_nothing(tmp_path, RUNS, KILLS):
         process.communicate()
         time.sleep(0.3)  # the supervisor sees its input end and kills what runs
         now = done(folder)
-        assert all(now.get(name) == when for name, when in kept.items())
+        assert all(now.get(name) == when for name, when in kept.items() if name.removesuffix(".json") not in again)
         kept = now
+        again = {r.run_id for r in store.load(folder).records if is_provisional(r)}
     assert not store.load(folder).unreadable
+    again = {r.run_id for r in store.load(folder).records if is_provisional(r)}
     out, _ = start(suite, folder, "--resume").communicate(timeout=300)
-    assert f"{len(kept)} already done" in out or len(kept) == 0, out
-    assert all(done(folder)[name] == when for name, when in kept.items())
+    assert f"{len(kept) - len(again)} already done" in out or len(kept) == len(again), out
+    assert all(done(folder)[name] == when for name, when in kept.items() if name.removesuffix(".json") not in again)
     run_suite(Request(load_suite(str(suite)), tmp_path / "calm", 2), Silent())
     loaded = [store.load(x) for x in (folder, tmp_path / "calm")]
     killed, calm = (store.table(x.records).drop(columns=TIMED) for x in loaded)
     assert len(killed) == RUNS and killed.equals(calm)
-    assert not (folder / "set_aside").exists()
+    aside = [store.read_record(p) for p in folder.glob("set_aside/*.json")]
+    assert {r.ended_by for r in aside} <= {"suspended"}

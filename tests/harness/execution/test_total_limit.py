@@ -92,7 +92,8 @@ def test_what_the_limit_ended_is_run_again_on_resume(tmp_path):
 
 def test_what_a_run_did_itself_is_no_matter_of_the_run():
     """Its own wall limit, its own crash and what its solver returned stay."""
-    passing = {EndedBy.TOTAL_LIMIT, EndedBy.SUPERVISOR_LOST, EndedBy.WORKERS_LOST}
+    lost = {EndedBy.SUPERVISOR_LOST, EndedBy.WORKERS_LOST}
+    passing = {EndedBy.TOTAL_LIMIT, EndedBy.KILLED, EndedBy.SUSPENDED, *lost}
     assert all(is_provisional(RunRecord(ended_by=str(by))) is (by in passing) for by in EndedBy)
 
 
@@ -118,20 +119,20 @@ def test_the_run_says_what_is_left(tmp_path, capsys):
     line = ["run", str(suite), "--out", str(tmp_path / "out"), "--jobs", "1"]
     assert main(line) == 1
     out = capsys.readouterr().out
-    assert "3 runs not started" in out and "--resume runs them" in out
-    assert [x for x in out.splitlines() if x.startswith("not started: ")] == [
-        f"not started: free_fall exact dt={dt}" for dt in (0.1, 0.2, 0.25)
-    ]
+    left = [x for x in out.splitlines() if x.startswith("not started: ")]
+    assert f"{len(left)} runs not started" in out and "--resume runs them" in out
+    assert left in [[f"not started: free_fall exact dt={dt}" for dt in (0.1, 0.2, 0.25)][k:] for k in (0, 1)]
     suite.write_text("total_limit = 600\n" + text)
     assert main([*line, "--resume"]) == 0
     assert len(store.load(tmp_path / "out").records) == 3 and "not started" not in capsys.readouterr().out
 
 
 def test_the_limit_holds_by_the_clock(tmp_path):
-    """Deaf solvers included."""
+    """Deaf solvers included; from the first run on, for what is compiled before has limits of its own."""
     text = TEXT.replace("600", "3").replace('["sleeps", "raises"]', '"spins"')
-    began = time.monotonic()
-    loaded = run_suite(Request(parse_suite(text, "t", "t", plugins=(str(PLUGIN),)), tmp_path / "run", 2), Silent())
-    assert 3.0 < time.monotonic() - began < 3.0 + GRACE
+    watcher, begun = Silent(), []
+    watcher.started = lambda job: begun.append(time.monotonic())
+    loaded = run_suite(Request(parse_suite(text, "t", "t", plugins=(str(PLUGIN),)), tmp_path / "run", 2), watcher)
+    assert 2.9 < time.monotonic() - begun[0] < 3.0 + GRACE
     assert {r.status for r in loaded.records} <= {"success", "stalled"}
     assert not [p for p in psutil.Process().children() if p.status() != psutil.STATUS_ZOMBIE]

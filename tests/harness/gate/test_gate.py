@@ -4,9 +4,11 @@ import dataclasses
 import math
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from mbsbench.harness.__main__ import main
 from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.files import junit, markdown
 from mbsbench.harness.gate.judging import State, judge, tightened
@@ -18,9 +20,12 @@ from mbsbench.harness.gate.thresholds import (
     read_thresholds,
     write_thresholds,
 )
+from mbsbench.harness.mechanics.state import State as Pose
+from mbsbench.harness.mechanics.system import RigidBody, assemble
+from mbsbench.harness.metrics.identity import fingerprint
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import RunSpec
-from mbsbench.harness.types import Status, StepControl
+from mbsbench.harness.types import Problem, Status, StepControl
 
 RUNS = tuple(RunSpec("free_fall", "exact", StepControl(dt=dt)) for dt in (0.1, 0.5))
 CASE, OTHER = (c.case for c in RUNS)
@@ -75,6 +80,55 @@ def test_all_within_bounds_is_open():
 def test_the_gate_closes(verdict):
     """Breach, NaN, wrong, refused, timed out, missing, empty, unjudged, or a bound on a run that is gone."""
     assert verdict().state is State.FAIL and not verdict().is_open
+
+
+def test_an_error_that_goes_away_closes_the_gate():
+    """Nothing computes better for no reason: a drift that is zeroed, or errors that are no longer measured."""
+    record = RunRecord(
+        case=CASE, status="success", control="dt", energy_drift_max_J=2e-3, energy_scale_J=5.0, steps=100,
+        position_error_max_m=1e-4, length_scale_m=1.0,
+    )  # fmt: skip
+    bounds = {b.metric: b for b in proposed([record])}
+    for metric in ("energy_drift_max_J", "position_error_max_m", "energy_scale_J"):
+        value = getattr(record, metric)
+        assert bounds[metric].holds(value) and not bounds[metric].holds(0.0) and not bounds[metric].holds(value / 4.0)
+
+
+@pytest.mark.parametrize("change", [{"gravity": (0.0, 0.0, -9.80)}, {"mass": 1.001}, {"t_end": 5.01}, {"v": 1e-3}])
+def test_another_problem_is_not_the_one_of_the_baseline(change):
+    """g = 9.80 where 9.81 was: every solver agrees with its reference, on another problem."""
+
+    def problem(gravity=(0.0, 0.0, -9.81), mass=1.0, t_end=5.0, v=0.0):
+        start = Pose(np.zeros((1, 3)), np.eye(3)[None], np.full((1, 3), v), np.zeros((1, 3)))
+        return Problem("p", assemble([RigidBody(mass, np.eye(3))], (), gravity), start, t_end, 0.01, "", "")
+
+    same, other = fingerprint(problem()), fingerprint(problem(**change))
+    (bound,) = [b for b in proposed([RunRecord(case=CASE, status="success", problem_fingerprint=same)]) if b.is_equal]
+    assert bound.holds(same * (1.0 + 1e-13)) and not bound.holds(other) and not bound.holds(math.nan)
+
+
+def test_a_single_leftover_threshold_judges_no_run():
+    """Of all that was measured each number has its bound, or the gate says which has none."""
+    records = changed(energy_drift_max_J=1e-3, energy_scale_J=1.0)
+    verdict = state(records)
+    assert not verdict.is_open
+    assert {f.metric for f in verdict.findings if f.state is State.FAIL} == {"energy_drift_max_J", "energy_scale_J"}
+
+
+def test_two_runs_of_one_name_are_not_judged_as_one():
+    """Settings that differ in the 13th digit have names of their own; where two have one name, the gate is closed."""
+    near = [RunSpec("free_fall", "exact", StepControl(dt=dt)) for dt in (0.1, 0.1 + 1e-14)]
+    assert near[0].case != near[1].case
+    limits = (RUNS[0], dataclasses.replace(RUNS[0], problem="free_fall"), RUNS[1])
+    assert not state(specs=limits).is_open
+
+
+def test_thresholds_of_another_suite_are_refused(tmp_path, capsys):
+    """Those of a short suite would leave the runs of a long one unjudged."""
+    path = tmp_path / "t.toml"
+    path.write_text(write_thresholds(BOUNDS))
+    assert main(["gate", "--suite", "ci", "--thresholds", str(path)]) == 2
+    assert "suite 't', not of 'ci'" in capsys.readouterr().err
 
 
 def test_a_result_of_other_code_counts_as_missing():
@@ -212,7 +266,7 @@ ENTRY = '[[threshold]]\ncase = "a"\nmetric = "phi_max"\nupper = 1.0\nreason = "r
     [("", "fit the bounds"), ("", "takes value"), ("", "threshold 1: lower is above upper"),
      ("[", "t.toml"), ("schema = 2", "schema"), ("", "upper or lower"), ("", "unknown metric"), ("", "reason"),
      ("", "expect"), ("", "finite"), ("", "twice"), ("", "unknown key"), ("", "unknown status"),
-     ("", "too deeply"), ("", "upper must be a finite"), ("", "digits")],
+     ("", "the unit of phi_max is m"), ("", "too deeply"), ("", "upper must be a finite"), ("", "digits")],
 )  # fmt: skip
 def test_wrong_thresholds_are_reported(tmp_path, text, words):
     """A gate with a misread bound would be green for nothing."""
@@ -227,6 +281,7 @@ def test_wrong_thresholds_are_reported(tmp_path, text, words):
         "finite": ENTRY.replace("1.0", "nan"),
         "twice": ENTRY + ENTRY,
         "unknown key": ENTRY + "uper = 1\n",
+        "the unit of phi_max is m": ENTRY + 'unit = "J"\n',
         "too deeply": "x = " + "[" * 5000,
         "upper must be a finite": ENTRY.replace("1.0", "1" + "0" * 400),
         "digits": ENTRY.replace("1.0", "1" * 5000),

@@ -1,0 +1,85 @@
+"""What ``refuses`` and ``solve`` may return; a breach costs one run and names the author's file and line."""
+
+import inspect
+import math
+import traceback
+from collections.abc import Mapping
+from pathlib import Path
+from types import CodeType
+
+from ..catalogue.options import shown
+from ..types import Problem, Solver, Status, StepControl, Trajectory
+from .presented import Presented
+
+CLOCK = 0.05  # [s] by which readings of clocks may differ
+EXPLAINED = 0.5  # of the call's CPU time without set-up must be what the solver says of its integration
+
+
+class Breach(TypeError):
+    """Something that a solver may not return."""
+
+
+def refusal(solver: Solver | Presented, problem: Problem, control: StepControl) -> str:
+    """Why the solver cannot take the problem; empty if it can."""
+    given = solver.refuses(problem, control)
+    if given is not None and not isinstance(given, str):
+        raise Breach(f"refuses must return a reason or None (got {shown(given)}){_at(solver, 'refuses')}")
+    return given or ""
+
+
+def checked(found: object, solver: Solver | Presented, problem: Problem) -> Trajectory:
+    """``found`` if it is a trajectory of the problem's bodies, of the types that it declares."""
+    where = _at(solver, "solve")
+    if not isinstance(found, Trajectory):
+        raise Breach(f"solve must return a Trajectory (got {type(found).__name__}){where}")
+    if found.states.nb != problem.system.nb:
+        raise Breach(f"solve must return {problem.system.nb} bodies (got {found.states.nb}){where}")
+    nt = len(found.t)
+    series = {"reaction": found.reaction, **{f"diagnostics[{k!r}]": a for k, a in found.diagnostics.items()}}
+    for name, a in series.items():
+        wanted = (nt, problem.system.nrows) if name == "reaction" else (nt,)
+        if a is not None and getattr(a, "shape", None) != wanted:
+            raise Breach(f"{name} must have the shape {wanted} (got {getattr(a, 'shape', shown(a))}){where}")
+    for name, value, kind, words in (
+        ("status", found.status, Status, "a Status"), ("message", found.message, str, "text"),
+        ("counters", found.counters, Mapping, "a mapping of whole numbers"),
+    ):  # fmt: skip
+        if not isinstance(value, kind):
+            raise Breach(f"{name} must be {words} (got {shown(value)}){where}")
+    for name, count in found.counters.items():
+        if isinstance(count, bool) or not hasattr(count, "__index__") or not -(2**63) <= int(count) < 2**63:
+            raise Breach(f"counters[{name!r}] must be a whole number of 64 bits (got {shown(count)}){where}")
+    if any(not isinstance(n, str) for n in found.notes) or any(not isinstance(e, Mapping) for e in found.events):
+        raise Breach(f"notes must be texts and events mappings{where}")
+    return found
+
+
+def cpu_time(claimed: Trajectory, spent: float, wall: float, solver: Solver | Presented) -> float:
+    """CPU time of the integration [s]: the solver's figure, if the call's (``spent``, ``wall``) bears it out.
+
+    One that leaves most of the call unexplained is not believed: what counts is then the call without its set-up.
+    """
+    own, set_up = float(claimed.cpu_time), float(claimed.setup_time)
+    known = 0.0 if math.isnan(set_up) else set_up
+    if not (math.isnan(own) or 0.0 <= own <= spent + CLOCK) or not 0.0 <= known <= max(spent, wall) + CLOCK:
+        said = f"cpu_time {own:.3g} s and setup_time {set_up:.3g} s"
+        raise Breach(f"{said} do not fit the {spent:.3g} s of CPU time that the call took{_at(solver, 'solve')}")
+    rest = max(spent - known, 0.0)
+    return own if own >= EXPLAINED * rest - CLOCK else rest
+
+
+def raised_at(error: BaseException, solver: object) -> str:
+    """`` (mysolver.py:12)``: the last line of the solver's own file that the exception passed through."""
+    own = _code(solver, "solve")
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if own and f.filename == own.co_filename]
+    return f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
+
+
+def _at(solver: object, method: str) -> str:
+    code = _code(solver, method)
+    return f" ({Path(code.co_filename).name}:{code.co_firstlineno})" if code else ""
+
+
+def _code(solver: object, method: str) -> CodeType | None:
+    made = solver.solver if isinstance(solver, Presented) else solver
+    return getattr(inspect.unwrap(getattr(type(made), method, None) or len), "__code__", None)

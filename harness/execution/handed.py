@@ -1,0 +1,114 @@
+"""What a solver's process hands over: its motion as plain arrays and what it says about them, in one file.
+
+The file is read by a process that never ran the solver's code, and nothing in it is believed: sizes and types are
+those of the problem, or the run has crashed.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+
+from ..files import FileError, parse_json, to_json
+from ..mechanics.state import State, States
+from ..mechanics.system import MultibodySystem
+from ..results.npz import read_npz, write_npz
+from ..shapes import Shape, shaped
+from ..types import EndedBy, Status, Trajectory
+
+LARGEST = 2**32  # [bytes] of all arrays together
+POSES = ("r", "R", "v", "Omega")
+Words = dict[str, Any]
+
+
+class BadHandover(FileError):
+    """The file does not hold a motion of this problem; the message says why."""
+
+
+class Said(Shape, frozen=True, kw_only=True):
+    """What a run's process says of its solver, beside the arrays."""
+
+    claimed: Status | None = None  # None: it raised
+    by: EndedBy = EndedBy.SOLVER
+    message: str = ""
+    paper_label: str = ""
+    declared_order: float | str = "nan"
+    cost: dict[str, float | str] = msgspec.field(default_factory=dict)
+    counters: dict[str, int] = msgspec.field(default_factory=dict)
+    events: tuple[Words, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Handed:
+    """``said`` and the motion; None where the solver refused or raised."""
+
+    said: Said
+    trajectory: Trajectory | None
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """Columns of the record that only the solver's process knows."""
+        cost = {name: float(value) for name, value in self.said.cost.items() if name in COST}
+        repeats = {"repeats": int(cost.pop("repeats"))} if "repeats" in cost else {}
+        label, order = self.said.paper_label, float(self.said.declared_order)
+        return {"paper_label": label, "declared_order": order, **cost, **repeats}
+
+
+COST = ("repeats", "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s")
+
+
+def write(path: Path, said: Said, trajectory: Trajectory | None = None) -> None:
+    """Whole or not at all; not compressed, for it is read at once and removed."""
+    arrays: dict[str, np.ndarray] = {}
+    if trajectory is not None:
+        said = msgspec.structs.replace(
+            said, message=str(trajectory.message), counters={str(k): int(v) for k, v in trajectory.counters.items()},
+            events=tuple(map(dict, trajectory.events)), notes=tuple(trajectory.notes),
+        )  # fmt: skip
+        arrays = {"t": trajectory.t, **{k: getattr(trajectory.states, k) for k in POSES}}
+        arrays |= {f"diag_{name}": values for name, values in trajectory.diagnostics.items()}
+        if trajectory.reaction is not None:
+            arrays["reaction"] = trajectory.reaction
+        if trajectory.returned is not None:
+            arrays |= {f"returned_{k}": getattr(trajectory.returned, k) for k in POSES}
+    numbers = {k: np.asarray(a, dtype=float) for k, a in arrays.items()}
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_npz(path, {"said": np.asarray(to_json(said)), **numbers}, compressed=False)
+
+
+def read(path: Path, system: MultibodySystem) -> Handed | None:
+    """What was handed over for ``system``; None if nothing was, BadHandover if it is not what it must be."""
+    if not path.is_file():
+        return None
+    try:
+        arrays = dict(read_npz(path, LARGEST))
+        said = shaped(parse_json(str(arrays.pop("said", "")), "said"), Said, "said", BadHandover)
+        return Handed(said, _trajectory(arrays, said, system) if "t" in arrays else None)
+    except ValueError as error:
+        raise BadHandover(f"what the solver handed over cannot be used: {error}") from None
+
+
+def _trajectory(arrays: dict[str, np.ndarray], said: Said, system: MultibodySystem) -> Trajectory:
+    nt, nb = len(np.atleast_1d(arrays["t"])), system.nb
+    one = {"r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 3), "Omega": (nb, 3)}
+    wanted = {"t": (nt,), **{k: (nt, *shape) for k, shape in one.items()}, "reaction": (nt, system.nrows)}
+    wanted |= {f"returned_{k}": shape for k, shape in one.items()}
+    for name, a in arrays.items():
+        shape = (nt,) if name.startswith("diag_") else wanted.get(name)
+        if a.shape != shape or a.dtype != float:
+            raise BadHandover(f"{name} must be float64 of shape {shape} (got {a.dtype} of shape {a.shape})")
+    missing = [k for k in POSES if k not in arrays]
+    if missing or said.claimed is None:
+        raise BadHandover(f"{', '.join(missing) or 'the status'} is missing")
+    back = [arrays[f"returned_{k}"] for k in POSES if f"returned_{k}" in arrays]
+    cost = said.cost
+    return Trajectory(
+        arrays["t"], States(*(arrays[k] for k in POSES)), said.claimed, said.message, said.counters,
+        arrays.get("reaction"), {k[5:]: a for k, a in arrays.items() if k.startswith("diag_")}, said.events,
+        said.notes, float(cost.get("cpu_min_s", math.nan)), float(cost.get("setup_s", math.nan)),
+        State(*back) if len(back) == len(POSES) else None,
+    )  # fmt: skip

@@ -1,0 +1,80 @@
+"""Whether the rows of a trajectory are of one motion: r' = v and R' = R hat(Omega) from row to row, and between them.
+
+Laws that hold at each instant say nothing of a body that stays where it is, or of velocities with another sign.
+"""
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics import so3
+from ..mechanics.state import States
+from ..mechanics.system import MultibodySystem
+from .scales import displacement, speeds
+
+BLOCK = 4096  # steps at a time
+TURN = 2.0 * np.pi
+
+
+def kinematic_defect(
+    system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States, least: float
+) -> Float[np.ndarray, " nb"]:
+    """Share of its path by which a body's poses and velocities disagree, at least ``least`` [m] taken as its path.
+
+    A step moves a body by its mean velocity: sum of the distances from there over the length of the path. With x half
+    the angle of a step, a circle gives |sin x / x - cos x|: 0.3 at three steps a turn; reversed velocities 2.
+    """
+    off, path, told = np.zeros((3, system.nb))
+    for k in range(0, len(t) - 1, BLOCK):
+        a, b = s.at(slice(k, min(k + BLOCK, len(t) - 1))), s.at(slice(k + 1, min(k + BLOCK, len(t) - 1) + 1))
+        h = np.diff(t[k : k + len(a) + 1])[:, None, None]
+        v, Omega = 0.5 * (a.v + b.v), 0.5 * (a.Omega + b.Omega)
+        moved = States(a.r + h * v, a.R @ so3.exp(h * Omega), b.v, b.Omega)
+        off += np.sum(displacement(system, moved, b), axis=0)
+        path += np.sum(displacement(system, a, b), axis=0)
+        told += np.sum(h[:, :, 0] * speeds(system, States(a.r, a.R, v, Omega)), axis=0)
+    return off / (np.maximum(path, told) + least)
+
+
+def is_motion(s: States) -> bool:
+    """Whether all values are finite and R can be taken for a rotation: what is not breaks another law."""
+    finite = all(np.all(np.isfinite(a)) for a in (s.r, s.R, s.v, s.Omega))
+    return finite and bool(np.all(np.linalg.det(s.R) > 0.0))
+
+
+def between(t: Float[np.ndarray, " nt"], s: States, at: Float[np.ndarray, " n"]) -> States:
+    """Poses at times between rows: the cubics with the rows' poses and velocities; velocities are those of the row."""
+    k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
+    a, b = s.at(k), s.at(k + 1)
+    h = (t[k + 1] - t[k])[:, None, None]
+    x = ((at - t[k])[:, None, None]) / h
+    theta = _unwound(so3.log(np.swapaxes(a.R, -1, -2) @ b.R), 0.5 * h * (a.Omega + b.Omega))
+    turn = _cubic(x, h, theta, a.Omega, _rate(theta, b.Omega))
+    return States(a.r + _cubic(x, h, b.r - a.r, a.v, b.v), a.R @ so3.exp(turn), a.v, a.Omega)
+
+
+def _cubic(x: np.ndarray, h: np.ndarray, end: np.ndarray, begin_rate: np.ndarray, end_rate: np.ndarray) -> np.ndarray:
+    """From 0 to ``end`` over 0 <= x <= 1, with these rates."""
+    return x**2 * (3.0 - 2.0 * x) * end + h * (x * (1.0 - x) ** 2 * begin_rate - x**2 * (1.0 - x) * end_rate)
+
+
+def _unwound(theta: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """The rotation vector of the same rotation whose turns are nearest to those ``expected``."""
+    angle = np.linalg.norm(theta, axis=-1, keepdims=True)
+    axis = np.where(angle > 0.0, theta / np.where(angle > 0.0, angle, 1.0), _direction(expected))
+    more = np.round((np.sum(expected * axis, axis=-1, keepdims=True) - angle) / TURN)
+    return theta + TURN * more * axis
+
+
+def _direction(a: np.ndarray) -> np.ndarray:
+    size = np.linalg.norm(a, axis=-1, keepdims=True)
+    return a / np.where(size > 0.0, size, 1.0)
+
+
+def _rate(theta: np.ndarray, Omega: np.ndarray) -> np.ndarray:
+    """Rate of theta in R exp(theta) at the body rate Omega; over a turn, where it may be singular, its series."""
+    angle = np.linalg.norm(theta, axis=-1, keepdims=True)
+    far = (angle > 1e-3) & (angle < np.pi)
+    x = np.where(far, angle, 1.0)
+    factor = np.where(far, 1.0 / x**2 - (1.0 + np.cos(x)) / (2.0 * x * np.sin(x)), 1.0 / 12.0)
+    across = np.cross(theta, Omega)
+    return Omega + 0.5 * across + factor * np.cross(theta, across)

@@ -1,0 +1,57 @@
+"""NPZ files: written whole or not at all, read as plain arrays within a limit on memory, without pickle."""
+
+import hashlib
+import io
+import math
+import struct
+import zipfile
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from ..files import read_own, whole
+
+PLAIN = "biufU"  # kinds of numbers, and text
+MEMBERS = 1000  # arrays at most
+
+
+def write_npz(path: Path, arrays: Mapping[str, np.ndarray], *, compressed: bool = True) -> str:
+    """Write ``arrays`` to ``path`` whole or not at all; returns the sha256 of the file."""
+    with whole(path) as partial:
+        with partial.open("wb") as file:
+            (np.savez_compressed if compressed else np.savez)(file, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+        with partial.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_npz(source: Path | bytes, largest: int, only: str = "") -> dict[str, np.ndarray]:
+    """The arrays of a file, or ``only`` one; ValueError if all hold over ``largest`` bytes or it is not such a file."""
+    try:
+        content = source if isinstance(source, bytes) else read_own(source, largest)
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = archive.infolist()
+            size = sum(m.file_size for m in members)
+            if size > largest or len(members) > MEMBERS:
+                raise ValueError(f"{len(members)} arrays of {size} bytes, more than {MEMBERS} or {largest}")
+            named = {m.filename.removesuffix(".npy"): m for m in members}
+            return {name: _array(archive.read(m)) for name, m in named.items() if only in ("", name)}
+    except OSError as error:
+        raise ValueError(f"cannot read: {error.strerror or error}") from None
+    except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError) as error:
+        raise ValueError(f"not a whole NPZ file: {error}") from None
+
+
+def _array(content: bytes) -> np.ndarray:
+    """From the bytes of an NPY file: as many as its shape says, no more and no fewer."""
+    file = io.BytesIO(content)
+    version = np.lib.format.read_magic(file)
+    readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    if version not in readers:
+        raise ValueError(f"an array of NPY version {version}")
+    shape, fortran, dtype = readers[version](file)
+    data = content[file.tell() :]
+    if dtype.kind not in PLAIN or math.prod(shape) * dtype.itemsize != len(data) or min(shape, default=0) < 0:
+        raise ValueError(f"an array of {dtype} of shape {shape} in {len(data)} bytes")
+    return np.frombuffer(data, dtype).reshape(shape, order="F" if fortran else "C")

@@ -1,0 +1,127 @@
+"""What happens to a run from outside is no result of its solver, and what is finished stays."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import psutil
+import pytest
+
+from mbsbench.harness.__main__ import main
+from mbsbench.harness.execution.pool import LocalPool, PoolError
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.results import environment, store
+from mbsbench.harness.sandbox.apart import ASLEEP, Apart
+from mbsbench.harness.suites.suite import parse_suite
+
+from ..conftest import HOSTILE, PLUGIN, Silent
+
+SLEEPS = (
+    '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\nwall_limit = {wall}\noptions = {{ seconds = {seconds} }}\n'
+)
+
+
+def run(text, folder, jobs=1, resume=False):
+    suite = parse_suite(text, "test", "test", plugins=(str(PLUGIN), str(HOSTILE)))
+    watcher = Silent()
+    return run_suite(Request(suite, folder, jobs, resume), watcher, LocalPool), watcher
+
+
+def test_a_process_that_ended_before_anyone_looked_was_not_killed():
+    """Its end is read before the clock: past its deadline, it still ended by itself."""
+    process = Apart(lambda send: send("done"), limit=0.3, memory=500.0)
+    time.sleep(ASLEEP + 0.5)
+    while (ended := process.look()) is None:
+        pass
+    assert (ended.code, ended.killed, ended.suspended) == (0, False, True)
+
+
+def test_a_deadline_leaves_out_time_in_which_its_keeper_was_stopped():
+    """Nobody looked for longer than the limit: the process has its time still, and is ended when that is over."""
+    process = Apart(lambda send: time.sleep(600.0), limit=1.0, memory=500.0)
+    time.sleep(ASLEEP + 0.5)
+    assert process.look() is None and not process.killed
+    ended, began = process.wait(), time.monotonic()
+    assert ended.killed and ended.suspended and time.monotonic() - began < 30.0
+
+
+def started(tmp_path, text):
+    """The command, and the processes it has started once a solver runs."""
+    suite = tmp_path / "s.toml"
+    suite.write_text(f'name = "s"\nplugins = ["{PLUGIN}", "{HOSTILE}"]\n{text}')
+    line = (sys.executable, "-m", "mbsbench.harness", "run", str(suite), "--out", str(tmp_path / "run"), "--jobs", "1")
+    process = subprocess.Popen(line, cwd=environment.ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    until = time.monotonic() + 300.0
+    while not list((tmp_path / "run" / ".spool").glob("*.rows")) and time.monotonic() < until:
+        time.sleep(0.02)
+    return process, psutil.Process(process.pid).children(recursive=True)
+
+
+@pytest.mark.parametrize("all_of_it", [False, True], ids=["supervisor", "everything"])
+def test_a_suspension_longer_than_the_limit_costs_no_run(tmp_path, all_of_it):
+    """As a batch system does it: stopped for twice the limit and continued, a run ends as it would have."""
+    process, children = started(tmp_path, SLEEPS.format(wall=3.0, seconds="1.0"))
+    stopped = [psutil.Process(process.pid), *children] if all_of_it else [children[0]]
+    for p in stopped:
+        p.suspend()
+    time.sleep(6.5)  # the limit of 3 s and the 2 s of grace are over
+    for p in stopped[::-1]:
+        p.resume()
+    out, _ = process.communicate(timeout=300)
+    (record,) = store.load(tmp_path / "run").records
+    assert (process.returncode, record.status) == (0, "success"), out
+
+
+def test_a_run_killed_from_outside_is_repeated_once_and_alone(tmp_path):
+    """It is said that it was killed, --resume runs it beside no other, and a second time it is its own doing."""
+    process, children = started(tmp_path, SLEEPS.format(wall=30.0, seconds="[2.0, 0.0]"))
+    children[-1].send_signal(signal.SIGKILL)
+    process.communicate(timeout=300)
+    killed = next(r for r in store.load(tmp_path / "run").records if r.status == "crashed")
+    assert killed.ended_by == "killed" and killed.signal == signal.SIGKILL
+    assert main(["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run"), "--resume"]) == 0
+    assert {r.status for r in store.load(tmp_path / "run").records} == {"success"}
+    text = '[[runs]]\nproblem = "free_fall"\nsolver = "kills_itself"'
+    ran = [run(text, tmp_path / "own", resume=k > 0)[1].ran for k in range(3)]
+    assert [len(r) for r in ran] == [1, 1, 0]
+
+
+def test_results_that_vanish_are_counted(tmp_path):
+    """Somebody deletes what is done: no exit code 0, and --resume runs it again."""
+    text = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "deletes_results"]\n'
+    with pytest.raises(PoolError, match=r"1 of 2 results .* are gone"):
+        run(text, tmp_path / "run")
+    again, watcher = run(text, tmp_path / "run", resume=True)
+    assert len(watcher.ran) == 1 and {r.status for r in again.records} == {"success"}
+
+
+def test_a_record_that_changes_behind_the_runner_is_noticed(tmp_path, monkeypatch):
+    """Not as it was written: whatever it says now, it is no result."""
+    told = Silent.ended
+
+    def changing(self, job, record):
+        path = store.path_of(job.folder, job.id)
+        path.write_bytes(path.read_bytes().replace(b"success", b"crashed"))
+        told(self, job, record)
+
+    monkeypatch.setattr(Silent, "ended", changing)
+    with pytest.raises(PoolError, match="not as they were written"):
+        run('[[runs]]\nproblem = "free_fall"\nsolver = "exact"', tmp_path / "run")
+
+
+def test_a_parent_that_ignores_its_children_changes_nothing(tmp_path):
+    """SIGCHLD ignored is inherited: the system would keep no exit code for anybody."""
+    suite = tmp_path / "s.toml"
+    suite.write_text(f'plugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "segfaults"]\n')
+    line = (sys.executable, "-m", "mbsbench.harness", "run", str(suite), "--out", str(tmp_path / "run"))
+    done = subprocess.run(
+        line, cwd=environment.ROOT, capture_output=True, text=True, check=False,
+        preexec_fn=lambda: signal.signal(signal.SIGCHLD, signal.SIG_IGN),
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert {r.solver: r.status for r in store.load(tmp_path / "run").records} == {
+        "exact": "success", "segfaults": "crashed",
+    }  # fmt: skip
+    assert not [p for p in (tmp_path / "run").rglob(".*.part*") if os.path.lexists(p)]

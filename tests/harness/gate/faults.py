@@ -1,0 +1,159 @@
+"""Forty faults that somebody could plant, or commit by mistake: each is one change of a line.
+
+``runs`` begins the cases of the suite ``ci`` that meet the changed line: if the gate closes on these, it closes on all.
+"""
+
+from typing import NamedTuple
+
+
+class Fault(NamedTuple):
+    """``old``, which stands once in ``file``, becomes ``new``."""
+
+    file: str
+    old: str
+    new: str
+    runs: tuple[str, ...]
+
+
+def of(variant: str, *solvers: str) -> tuple[str, ...]:
+    """The cases of these solvers."""
+    return tuple(f"{variant} {solver}" for solver in solvers)
+
+
+TOP, CHAIN, GRID = "heavy_top[t_end=1]", "chain[t_end=0.5]", "four_bar_grid[t_end=1]"
+PENDULUM = "spherical_pendulum[omega_z=3,t_end=5]"
+SPUN = "torque_free_body[inertia_factors=(1,1.5,2),t_end=10]"
+TURNED = "spherical_pendulum[omega_z=0.1,rotation=(0.3,-0.5,0.7),t_end=5]"
+WRONG = ("spherical_pendulum ida_index1[coordinates=euler313,lambda_in_error_test=true] rtol=0.001",)
+INACCURATE = ("spherical_pendulum[omega_z=0.1] gc_weak_form[gauge=zero] dt=0.05",)
+GC, INDEX_1, SYMBOLIC = (
+    "solvers/formulations/geometric/", "solvers/formulations/geometric/index1/", "solvers/formulations/symbolic.py"
+)  # fmt: skip
+MOTION, MEASURE = "harness/mechanics/motion.py", "harness/metrics/measure.py"
+ONE = of(PENDULUM, "rk45_strong_form")
+TOPS = of(TOP, "rk45_strong_form")
+
+FAULTS = (
+    # problems: numbers that solvers and references share
+    Fault("problems/heavy_top.py", '"m/s2")] = 9.81', '"m/s2")] = 9.80', TOPS),
+    Fault("problems/heavy_top.py", "inertia_transverse - mass * length**2", "inertia_transverse", TOPS),
+    Fault("problems/heavy_top.py", "phi_dot0 * np.sin(theta), spin]", "phi_dot0 * np.sin(theta), 0.999 * spin]", TOPS),
+    Fault("problems/spherical_pendulum.py", "axial = 0.5 * mass * radius**2", "axial = 0.4 * mass * radius**2", ONE),
+    Fault(
+        "problems/chain.py",
+        "transverse = mass * length**2 / 12.0",
+        "transverse = mass * length**2 / 12.1",
+        of(CHAIN, "rk45_strong_form"),
+    ),
+    Fault("problems/four_bar_grid.py", "9.81", "9.82", of(GRID, "rk45_strong_form")),
+    # mechanics: what every motion is measured with
+    Fault(MOTION, "return 0.5 * (translation + rotation)", "return 0.5 * translation", ONE),
+    Fault(
+        MOTION,
+        "return kinetic_energy(system, s) + potential_energy(system, s)",
+        "return kinetic_energy(system, s) - potential_energy(system, s)",
+        ONE,
+    ),
+    Fault(
+        MOTION,
+        "return kinetic_energy(system, s) + potential_energy(system, s)",
+        "return 0.0 * potential_energy(system, s)",
+        ONE,
+    ),
+    Fault(MOTION, "point = r_i + _turned(R_i, system.joint_s_i) - r_j", "point = r_i - r_j", ONE),
+    Fault(MOTION, "point = v_i + _turned(R_i, np.cross(W_i", "point = v_i - _turned(R_i, np.cross(W_i", ONE),
+    Fault("harness/mechanics/so3.py", "return 2.0 * np.arcsin(", "return np.arcsin(", ONE),
+    Fault(
+        "harness/catalogue/registry.py",
+        "gravity=turn(s.gravity[None], np.array([GROUND]))[0],",
+        "",
+        of(TURNED, "rk45_strong_form"),
+    ),
+    # metrics: errors that go away, scales that grow
+    Fault(MEASURE, "drift = E - E[0] - damping_work(system, t, d, rate)", "drift = 0.0 * E", ONE),
+    Fault(MEASURE, "np.max(np.linalg.norm(s.r[rows] - exact.r, axis=2), axis=1)", "0.0", ONE),
+    Fault(MEASURE, "so3.angle_between(s.R[rows], exact.R)", "so3.angle_between(s.R[rows], s.R[rows])", ONE),
+    Fault(MEASURE, "exact = reference.states(np.minimum(t[rows], reference.horizon))", "exact = s.at(rows)", ONE),
+    Fault(MEASURE, "if reaction is None or", "if reaction is not None or", ONE),
+    Fault("harness/metrics/scales.py", "Scales(*(float(v) for v in", "Scales(*(float(10.0 * v) for v in", ONE),
+    Fault("harness/metrics/reactions.py", "(a - system.gravity)", "(a + system.gravity)", ONE),
+    Fault("harness/metrics/summary.py", '"steps": len(dt), **', '"steps": len(dt) + 1, **', of(PENDULUM, "rattle")),
+    # verdict: judges that say nothing
+    Fault(
+        "harness/metrics/verdict.py",
+        "            out.append(Reason(law, most, allowed, unit, when, name))\n",
+        "            pass\n",
+        WRONG,
+    ),
+    Fault(
+        "harness/execution/measuring.py",
+        "because = doubts(problem, trajectory, measured, numbers)",
+        "because = []",
+        WRONG,
+    ),
+    Fault(
+        "harness/execution/measuring.py", "(because := inaccuracy(measured, numbers))", "(because := [])", INACCURATE
+    ),
+    Fault("harness/metrics/scales.py", "ENERGY = 0.10", "ENERGY = 1.0", WRONG),
+    Fault("harness/types.py", '"accurate_until_s": 0.1,', '"accurate_until_s": 1.0,', INACCURATE),
+    # references
+    Fault(
+        "harness/reference/newton_euler.py",
+        "f[:-1, :3] = s.mass[:, None] * s.gravity",
+        "f[:-1, :3] = 1.001 * s.mass[:, None] * s.gravity",
+        of(CHAIN, "rk45_strong_form"),
+    ),
+    Fault(
+        "problems/exact/lagrange_top.py", "weight = 2 * mpf(body.mass)", "weight = mpf('1.99') * mpf(body.mass)", ONE
+    ),
+    # solvers: one term, sign or factor each
+    Fault(SYMBOLIC, "force = m * (b.V_dot[:3] - g)", "force = m * (b.V_dot[:3] - 0.999 * g)", ONE),
+    Fault(SYMBOLIC, "+ ca.cross(Omega, J @ Omega)", "- ca.cross(Omega, J @ Omega)", TOPS),
+    Fault(
+        "solvers/formulations/ida.py", "rtol=control.rtol,", "rtol=100.0 * control.rtol,", of(PENDULUM, "ida_index1")
+    ),
+    Fault(
+        INDEX_1 + "rattle.py",
+        "v[b, a] += 0.5 * h * k.force[b, a]",
+        "v[b, a] += 0.51 * h * k.force[b, a]",
+        of(PENDULUM, "rattle"),
+    ),
+    Fault(
+        INDEX_1 + "rattle.py",
+        "times_rows(model, k, step.half, -1.0, k.rhs)",
+        "times_rows(model, k, step.half, -0.9, k.rhs)",
+        of(PENDULUM, "rattle"),
+    ),
+    Fault(
+        INDEX_1 + "alpha.py",
+        "share * s.beta * h * h, share * s.gamma * h",
+        "share * s.beta * h * h, share * h",
+        of(PENDULUM, "generalized_alpha"),
+    ),
+    Fault(
+        INDEX_1 + "alpha.py",
+        "- s.alpha_m * step.a0[b, a]",
+        "+ s.alpha_m * step.a0[b, a]",
+        of(PENDULUM, "generalized_alpha"),
+    ),
+    Fault(INDEX_1 + "kernel.py", "DEPENDENT = 1e-9", "DEPENDENT = 1e-1", of(CHAIN, "rkmk_dopri5")),
+    Fault(INDEX_1 + "tableaux.py", "RK45.B.copy()", "0.999 * RK45.B", of(PENDULUM, "rkmk_dopri5")),
+    Fault(
+        GC + "residual.py",
+        "half * (start.v[b, k] + end.v[b, k])",
+        "2.0 * half * end.v[b, k]",
+        of(PENDULUM, "gc_augmented_lagrangian"),
+    ),
+    Fault(
+        GC + "residual.py",
+        "times(half, plus(start.v[b, 3:], end.v[b, 3:]))",
+        "times(0.999 * half, plus(start.v[b, 3:], end.v[b, 3:]))",
+        of(PENDULUM, "gc_augmented_lagrangian"),
+    ),
+    Fault(
+        "solvers/rk45_strong_form.py",
+        '"rtol": control.rtol, "atol": atol',
+        '"rtol": 0.0, "atol": 1e3 * atol',
+        ONE,
+    ),
+)

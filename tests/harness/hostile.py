@@ -1,0 +1,177 @@
+"""A plugin: solvers that lie or reach for what is not theirs. Each attempt got through once."""
+
+import dataclasses
+import os
+import signal
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.catalogue.options import Parameter, option
+from mbsbench.harness.catalogue.registry import problem, solver
+from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.types import Array, Problem, Status, StepControl, Trajectory
+from mbsbench.tests.harness.misbehaving import FreeFall, _Base  # the honest motion that is lied about
+
+
+def folder_of(control: StepControl):
+    """The results folder, as any code in a run's process can find it."""
+    return control.spool.path.parent.parent  # type: ignore[union-attr]
+
+
+@dataclass(frozen=True)
+class BadReference(FreeFall):
+    """Does something else than say the motion."""
+
+    how: str = "exits"
+
+    def states(self, t: Array) -> States:
+        """Not."""
+        if self.how == "exits":
+            os._exit(0)
+        raise RuntimeError("no motion of mine")
+
+
+@dataclass(frozen=True)
+class NoBound(FreeFall):
+    """The motion, with a bound on its error that is none."""
+
+    def error(self, t: Array) -> Array:
+        """NaN."""
+        return np.full(len(t), np.nan)
+
+
+@problem("badly_known")
+def badly_known(
+    *,
+    how: Annotated[
+        str, Parameter("what is wrong", choices=("exits", "hangs", "raises", "no_bound", "no_horizon"))
+    ] = "exits",
+    end: Annotated[float, Parameter("t_end", "s")] = 2.0,
+) -> Problem:
+    """The free fall with a reference that judges nothing."""
+    known = registry.make_problem("free_fall")
+    made = {"no_bound": NoBound, "no_horizon": lambda s: FreeFall(s, horizon=float("nan"))}
+    reference = made.get(how, lambda s: BadReference(s, how=how))
+    return dataclasses.replace(known, name="badly_known", reference_from=reference, parameters={})
+
+
+@solver("kills_itself")
+@dataclass(frozen=True)
+class KillsItself(_Base):
+    """By SIGKILL, as the system out of memory does."""
+
+    def solve(self, p: Problem, control: StepControl) -> Trajectory:
+        """Not."""
+        os.kill(os.getpid(), signal.SIGKILL)
+        raise AssertionError
+
+
+@solver("deletes_results")
+@dataclass(frozen=True)
+class DeletesResults(_Base):
+    """All records that are there."""
+
+    def solve(self, p: Problem, control: StepControl) -> Trajectory:
+        """The exact motion, at the price of the others."""
+        for path in (folder_of(control) / "runs").glob("*.json"):
+            path.unlink()
+        return super().solve(p, control)
+
+
+@solver("forges")
+@dataclass(frozen=True)
+class Forges(_Base):
+    """Patches the verdict, writes a perfect record of its own, and leaves before anything is measured."""
+
+    how: str = option("record", "what it does", choices=("record", "verdict"))
+
+    def solve(self, p: Problem, control: StepControl) -> Trajectory:
+        """A motion that is none."""
+        from mbsbench.harness.execution import measuring
+        from mbsbench.harness.results import store
+        from mbsbench.harness.results.records import RunRecord
+
+        own = control.spool.path.stem  # type: ignore[union-attr]
+        if self.how == "record":
+            perfect = RunRecord(run_id=own, case="perfect", problem=p.name, solver="forges", status="success")
+            store.write_record(folder_of(control), perfect)
+            os._exit(0)
+        measuring.doubts = lambda *_: []
+        measuring.inaccuracy = lambda *_: []
+        done = super().solve(p, control)
+        return dataclasses.replace(done, states=dataclasses.replace(done.states, r=1e3 + done.states.r))
+
+
+@solver("breaks_the_contract")
+@dataclass(frozen=True)
+class BreaksTheContract(_Base):
+    """Returns what its declaration excludes."""
+
+    what: str = option("refuses", "which part of it", choices=("refuses", "counters", "status", "reaction", "notes"))
+
+    def refuses(self, p: Problem, control: StepControl) -> Any:
+        """True instead of a reason."""
+        return True if self.what == "refuses" else None
+
+    def solve(self, p: Problem, control: StepControl) -> Trajectory:
+        """The exact motion with one wrong field."""
+        wrong: dict[str, Any] = {
+            "counters": {"counters": {"steps": 10**400}}, "status": {"status": "fine"},
+            "reaction": {"reaction": np.zeros((1, 99))}, "notes": {"notes": (1, 2)}, "refuses": {},
+        }  # fmt: skip
+        return dataclasses.replace(super().solve(p, control), **wrong[self.what])
+
+
+@solver("claims_time")
+@dataclass(frozen=True)
+class ClaimsTime(_Base):
+    """Works for a while and says something else."""
+
+    cpu: float = option(0.0, "CPU time claimed", "s")
+
+    def solve(self, p: Problem, control: StepControl) -> Trajectory:
+        """The exact motion, after some work."""
+        done = super().solve(p, control)
+        for _ in range(40):
+            np.linalg.svd(np.ones((200, 200)))
+        return dataclasses.replace(done, cpu_time=self.cpu, setup_time=0.0)
+
+
+@solver("lazy")
+@dataclass(frozen=True)
+class Lazy(_Base):
+    """Motions that keep every law at each instant by itself."""
+
+    how: str = option("stays", "what is wrong", choices=("stays", "stays_still", "reversed", "two_rows", "turned"))
+
+    def solve(self, p: Problem, control: StepControl) -> Trajectory:
+        """Success claimed."""
+        done = super().solve(p, control)
+        s, n = done.states, len(done.t)
+        if self.how == "reversed":  # after the start
+            sign = np.where(np.arange(n) > 0, -1.0, 1.0)[:, None, None]
+            return dataclasses.replace(done, states=States(s.r, s.R, sign * s.v, sign * s.Omega))
+        if self.how == "turned":  # R says nothing of Omega
+            return dataclasses.replace(done, states=States(s.r, np.repeat(s.R[:1], n, axis=0), s.v, s.Omega))
+        if self.how == "two_rows":
+            ends: Array = np.array([0, n - 1])
+            return dataclasses.replace(done, t=done.t[ends], states=s.at(ends))
+        first = [np.repeat(a[:1], 2, axis=0) for a in (s.r, s.R, s.v, s.Omega)]
+        return dataclasses.replace(done, t=np.array([0.0, p.t_end]), states=States(*first), status=Status.SUCCESS)
+
+
+@solver("pulls")
+@dataclass(frozen=True)
+class Pulls(_Base):
+    """An honest motion with reactions of a billion newtons."""
+
+    force: float = option(1e9, "of every row", "N")
+
+    def solve(self, p: Problem, control: StepControl) -> Trajectory:
+        """By our own solver."""
+        done = registry.make_solver("rkmk_dop853").solve(p, StepControl(rtol=1e-8))
+        reaction = np.full((len(done.t), p.system.nrows), self.force)
+        return dataclasses.replace(done, reaction=reaction, cpu_time=float("nan"))
