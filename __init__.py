@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from .harness.types import Reference as Reference
     from .harness.types import Status as Status
     from .harness.types import StepControl as StepControl
+    from .harness.types import Trait as Trait
     from .harness.types import Trajectory as Trajectory
 
 _HOMES = {  # the same list for the interpreter, which loads none before it is asked for
@@ -61,7 +62,7 @@ _HOMES = {  # the same list for the interpreter, which loads none before it is a
     "mechanics.motion": ("angular_momentum", "constraint", "constraint_rate", "kinetic_energy", "potential_energy"),
     "mechanics.state": ("State", "States"),
     "mechanics.system": ("Joint", "MultibodySystem", "RigidBody", "SpringDamper", "assemble"),
-    "types": ("Invariant", "Observable", "Problem", "Reference", "Status", "StepControl", "Trajectory"),
+    "types": ("Invariant", "Observable", "Problem", "Reference", "Status", "StepControl", "Trait", "Trajectory"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 __all__ = sorted(_HOME)  # noqa: PLE0605

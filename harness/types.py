@@ -37,6 +37,7 @@ __all__ = [
     "States",
     "Status",
     "StepControl",
+    "Trait",
     "Trajectory",
 ]  # fmt: skip
 
@@ -119,6 +120,17 @@ ALLOWED = {
     Law.CONSTRAINT_RATE: 0.05,  # velocities leave the joints by a twentieth of the fastest
     Law.ORTHOGONALITY: 1e-3,  # |R^T R - 1|: such an R distorts lengths by as much
 }
+
+
+class Trait(StrEnum):
+    """What a problem is there to test; ``list`` groups problems by it."""
+
+    SINGULAR = "singular"  # the rank of A falls at instants
+    REDUNDANT = "redundant"  # more rows than their rank, all along
+    STIFF = "stiff"  # time constants far below those of the motion
+    CHAOTIC = "chaotic"
+    LONG = "long"  # hundreds of turns or swings
+    DAMPED = "damped"  # dampers: energy leaves by work that enters the balance
 
 
 @dataclass(frozen=True)

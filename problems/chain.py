@@ -19,7 +19,7 @@ from ..harness.mechanics import so3
 from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import GROUND, Joint, RigidBody, assemble
-from ..harness.types import Observable, Problem
+from ..harness.types import Observable, Problem, Trait
 from .exact.linkage import Linkage
 from .exact.linkage_motion import LinkageMotion, linkage_motion, planar_angles
 
@@ -27,7 +27,7 @@ ENERGY_ALLOWED = 1.0  # [J] the benchmark's rule
 SOUGHT = 8.0  # [s] the certificate of the default chain ends before
 
 
-@problem("chain")
+@problem("chain", tests=(Trait.CHAOTIC,))
 def chain(
     *,
     links: Annotated[int, Parameter("number of bars, a multiple of three", "", at_least=6)] = 15,

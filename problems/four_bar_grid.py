@@ -19,7 +19,7 @@ from ..harness.catalogue.registry import problem
 from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
-from ..harness.types import Observable, Problem
+from ..harness.types import Observable, Problem, Trait
 from .exact.linkage import Linkage
 from .exact.linkage_motion import LinkageMotion, linkage_motion, planar_angles
 
@@ -31,7 +31,7 @@ PARALLEL = 1e-9  # [rad], [rad/s] the bars of a row, to the tolerance of a start
 SOUGHT = 20.0  # [s] for the certificate
 
 
-@problem("four_bar_grid")
+@problem("four_bar_grid", tests=(Trait.SINGULAR, Trait.REDUNDANT))
 def four_bar_grid(
     *,
     rows: Annotated[int, Parameter("rows of cells, one degree of freedom each", "", at_least=1)] = 5,

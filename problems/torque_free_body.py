@@ -17,13 +17,13 @@ from ..harness.mechanics import so3
 from ..harness.mechanics.motion import angular_momentum
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import Joint, MultibodySystem, RigidBody, assemble
-from ..harness.types import Invariant, Observable, Problem
+from ..harness.types import Invariant, Observable, Problem, Trait
 from .exact.one_body import one_body_motion
 
 Triple = tuple[float, float, float]
 
 
-@problem("torque_free_body")
+@problem("torque_free_body", tests=(Trait.LONG,))
 def torque_free_body(
     *,
     rod_mass: Annotated[float, Parameter("mass of each of the three rods", "kg", above=0.0)] = 1.0,

@@ -8,7 +8,7 @@ import importlib
 import inspect
 import math
 import pkgutil
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -22,12 +22,12 @@ from ..mechanics.consistency import check_start, perturbed
 from ..mechanics.presentation import SPACE_AXES, Presentation
 from ..mechanics.state import States, rotated
 from ..mechanics.system import GROUND, MultibodySystem
-from ..types import Problem, Solver
+from ..types import Problem, Solver, Trait
 from . import plugins
 from .options import Parameter, nearest, read_value
 
 T = TypeVar("T")
-_MARK = "__mbsbench_name__"
+_MARK, _TESTS = "__mbsbench_name__", "__mbsbench_tests__"
 MIRRORS = tuple(SPACE_AXES)
 
 COMMON_PARAMETERS: dict[str, tuple[Any, Parameter]] = {
@@ -56,6 +56,7 @@ class ProblemEntry:
     make: Callable[..., Problem]
     parameters: Mapping[str, tuple[Any, Parameter]]  # default and meaning, the common ones included
     doc: str
+    tests: tuple[Trait, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -89,11 +90,12 @@ def declared(made: Solver) -> tuple[str, float]:
     return label, float(order)
 
 
-def problem(name: str) -> Callable[[Callable[..., Problem]], Callable[..., Problem]]:
-    """Mark the function of a problem file."""
+def problem(name: str, tests: Sequence[Trait] = ()) -> Callable[[Callable[..., Problem]], Callable[..., Problem]]:
+    """Mark the function of a problem file; ``tests`` says what it is there to test."""
 
     def mark(function: Callable[..., Problem]) -> Callable[..., Problem]:
         setattr(function, _MARK, name)
+        setattr(function, _TESTS, tuple(Trait(t) for t in tests))
         return function
 
     return mark
@@ -296,7 +298,8 @@ def keyword_options(where: str, function: Callable[..., Any], others: int = 0) -
 
 def _problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
     own = keyword_options(f"problem {name}", function)
-    return ProblemEntry(name, function, {**own, **COMMON_PARAMETERS}, _first_line(function))
+    tests = getattr(function, _TESTS)
+    return ProblemEntry(name, function, {**own, **COMMON_PARAMETERS}, _first_line(function), tests)
 
 
 def _solver_entry(name: str, cls: Any) -> SolverEntry:

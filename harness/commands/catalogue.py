@@ -16,6 +16,7 @@ from ..reference.computed import Source, source_of
 from ..results.naming import text_of
 from ..suites.includes import suite_names
 from ..suites.spec import DEFAULT_RTOL
+from ..types import Trait
 from .screen import print_json, screen
 from .terms import add_plugin, load_plugins, subcommand
 
@@ -45,12 +46,17 @@ def run(arguments: argparse.Namespace) -> int:
     out.print("[bold]Problems[/bold]   --problem-set name=value\n")
     for problem in registry.problems().values():
         own = {k: v for k, v in problem.parameters.items() if k not in registry.COMMON_PARAMETERS}
-        out.print(f"[bold cyan]{problem.name}[/bold cyan]  {escape(problem.doc)}")
+        tests = f"  tests: {', '.join(problem.tests)}" if problem.tests else ""
+        out.print(f"[bold cyan]{problem.name}[/bold cyan]  {escape(problem.doc)}[dim]{tests}[/dim]")
         if source := _source(problem.name):
             out.print(f"  reference: {REFERENCE[source]}", style="dim")
         _options(out, own)
     out.print("[bold cyan]every problem[/bold cyan]  has these too")
     _options(out, registry.COMMON_PARAMETERS)
+    out.print("[bold]Problems by what they test[/bold]")
+    for trait in Trait:
+        out.print(f"  {trait}: {', '.join(p.name for p in registry.problems().values() if trait in p.tests)}")
+    out.print()
     out.print("[bold]Solvers[/bold]   --set name=value\n")
     for solver in registry.solvers().values():
         step = STEP[solver.control]
@@ -66,7 +72,13 @@ def run(arguments: argparse.Namespace) -> int:
 def as_plain() -> dict[str, Any]:
     """JSON-able: problems, solvers, suites."""
     problems = [
-        {"name": p.name, "doc": p.doc, "reference": _source(p.name), "parameters": _plain(p.parameters)}
+        {
+            "name": p.name,
+            "doc": p.doc,
+            "tests": p.tests,
+            "reference": _source(p.name),
+            "parameters": _plain(p.parameters),
+        }
         for p in registry.problems().values()
     ]
     solvers = [

@@ -16,6 +16,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 GROUND = -1
+Vector = Sequence[float] | Float[np.ndarray, " 3"]
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,11 @@ class Joint:
     """
 
     i: int
-    s_i: Sequence[float]
+    s_i: Vector
     j: int = GROUND
-    s_j: Sequence[float] = (0.0, 0.0, 0.0)
-    axis_i: Sequence[float] | None = None
-    axis_j: Sequence[float] | None = None
+    s_j: Vector = (0.0, 0.0, 0.0)
+    axis_i: Vector | None = None
+    axis_j: Vector | None = None
     name: str = ""
 
 
@@ -48,9 +49,9 @@ class SpringDamper:
     """Force ``-(k (d - d0) + c d_dot)`` along the line of two points ``p_i``, ``p_j`` [m], ``d`` their distance."""
 
     i: int
-    p_i: Sequence[float]
+    p_i: Vector
     j: int = GROUND
-    p_j: Sequence[float] = (0.0, 0.0, 0.0)
+    p_j: Vector = (0.0, 0.0, 0.0)
     stiffness: float = 0.0  # k [N/m]
     rest_length: float = 0.0  # d0 [m]
     damping: float = 0.0  # c [N s/m]
@@ -112,7 +113,7 @@ class MultibodySystem:
 def assemble(
     bodies: Sequence[RigidBody],
     joints: Sequence[Joint] = (),
-    gravity: Sequence[float] = (0.0, 0.0, 0.0),
+    gravity: Vector = (0.0, 0.0, 0.0),
     springs: Sequence[SpringDamper] = (),
 ) -> MultibodySystem:
     """Arrays from parts, or ValueError naming the invalid part."""
@@ -187,14 +188,14 @@ def _check_ends(k: int, i: int, j: int, nb: int) -> None:
         )
 
 
-def _unit(a: Sequence[float], where: str) -> Float[np.ndarray, " 3"]:
+def _unit(a: Vector, where: str) -> Float[np.ndarray, " 3"]:
     length = float(np.linalg.norm(a))
     if not (np.isfinite(length) and length > 0.0):
         raise ValueError(f"{where}: the axis must have a finite length > 0 (got {list(a)})")
     return np.asarray(a, dtype=float) / length
 
 
-def _normals(axis: Sequence[float], where: str) -> Float[np.ndarray, "2 3"]:
+def _normals(axis: Vector, where: str) -> Float[np.ndarray, "2 3"]:
     """Two orthonormal normals to ``axis``: the coordinate direction furthest from it starts the frame."""
     a = _unit(axis, where)
     n1 = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 
 from mbsbench.harness.reference import orbit
-from mbsbench.problems import chain, four_bar_grid
+from mbsbench.problems import chain, four_bar_grid, n_four_bar
 
 
 @pytest.fixture(scope="package", autouse=True)
@@ -15,4 +15,5 @@ def fresh_references(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]
         patch.setattr(orbit, "FOLDER", tmp_path_factory.mktemp("references"))
         patch.setattr(chain, "SOUGHT", 1.5)
         patch.setattr(four_bar_grid, "SOUGHT", 1.5)
+        patch.setattr(n_four_bar, "SOUGHT", 1.5)
         yield

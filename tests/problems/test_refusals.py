@@ -25,6 +25,9 @@ IMPOSSIBLE = [
     ("chain", {"span_ratio": 1.0}, "span_ratio must be between"),
     ("chain", {"axial_inertia": 1.0}, "no mass distribution"),
     ("chain", {"mass": -1.0}, "mass must be > 0"),
+    ("simple_pendulum", {"gyration": 0.6}, "gyration must be <= length/2 = 0.5 m"),
+    ("n_four_bar", {"windows": 0}, "windows must be >= 1"),
+    ("bricard", {"section": "round"}, "square, thin"),
     ("four_bar_grid", {"rows": 0}, "rows must be >= 1"),
     ("four_bar_grid", {"release": "bottom"}, "top_row, all_rows"),
     ("four_bar_grid", {"mass_spread": 1.0}, "mass_spread must be <= 0.9"),
@@ -40,7 +43,7 @@ def test_impossible_data_are_refused(name: str, given: dict, says: str) -> None:
     assert "\n" not in str(refused.value)
 
 
-@pytest.mark.parametrize("name", list(problems()))
+@pytest.mark.parametrize("name", [n for n in problems() if make_problem(n).system.nrows])
 @pytest.mark.parametrize("part", ["r", "v", "Omega"])
 def test_a_start_off_the_constraints_is_refused(name: str, part: str) -> None:
     """Shifted, pushed or spun by a micron or so: the message has the violation."""

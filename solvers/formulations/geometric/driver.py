@@ -112,6 +112,7 @@ def hand_back(
     first = problem.initial
     v = log.joined("v").reshape(-1, problem.system.nb, 6)
     t = np.concatenate(([0.0], log.joined("t")))
+    reaction = log.joined("reaction").reshape(len(t) - 1, problem.system.nrows)
     states = States(
         np.concatenate((first.r[None], log.joined("r").reshape(-1, problem.system.nb, 3))),
         np.concatenate((first.R[None], log.joined("R").reshape(-1, problem.system.nb, 3, 3))),
@@ -128,7 +129,7 @@ def hand_back(
         per_step |= {"penalty": log.joined("xi"), "log_determinant": log.joined("log_det")}
     return Trajectory(
         t=t, states=states, status=status, message=message, counters=counters,
-        reaction=at_nodes(np.diff(t), log.joined("reaction").reshape(-1, problem.system.nrows)),
+        reaction=at_nodes(np.diff(t), reaction),
         diagnostics={name: np.concatenate(([np.nan], series)) for name, series in per_step.items()},
         cpu_time=cpu, setup_time=set_up,
     )  # fmt: skip

@@ -1,0 +1,99 @@
+"""Asymmetric body thrown in the air: no joints, C on a parabola, the attitude that of Euler's top.
+
+Numbers chosen: a brick of 3 kg, 0.6 x 0.4 x 0.2 m, turning near its middle axis, where it tumbles (Dzhanibekov).
+Exact: the parabola and theta functions (problems/exact/euler_top).
+"""
+
+import math
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float
+
+from ..harness.catalogue.options import Parameter
+from ..harness.catalogue.registry import problem
+from ..harness.mechanics import so3
+from ..harness.mechanics.motion import angular_momentum
+from ..harness.mechanics.state import State, States
+from ..harness.mechanics.system import MultibodySystem, RigidBody, assemble
+from ..harness.types import Invariant, Observable, Problem
+from .exact.euler_top import euler_top
+from .exact.pinned import ROUNDING, PinnedBody, PinnedMotion
+
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Thrown:
+    """The parabola of C and the motion about it."""
+
+    about_C: PinnedMotion
+    r0: Float[np.ndarray, " 3"]
+    v0: Float[np.ndarray, " 3"]
+    gravity: Float[np.ndarray, " 3"]
+    route: str = "parabola of C and theta functions (Euler's top)"
+    horizon: float = math.inf
+
+    def states(self, t: Float[np.ndarray, " nt"]) -> States:
+        """The motion at ``t`` [s]."""
+        s, t = self.about_C.states(t), np.asarray(t, dtype=float)[:, None]
+        r, v = self.r0 + self.v0 * t + 0.5 * self.gravity * t**2, self.v0 + self.gravity * t
+        return States(r[:, None], s.R, v[:, None], s.Omega)
+
+    def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        """Bound [m]: rounding of both."""
+        t = np.abs(np.asarray(t, dtype=float))
+        way = np.linalg.norm(self.r0) + np.linalg.norm(self.v0) * t + 0.5 * np.linalg.norm(self.gravity) * t**2
+        return self.about_C.error(t) + 4.0 * ROUNDING * way
+
+
+@problem("free_body")
+def free_body(
+    *,
+    mass: Annotated[float, Parameter("mass", "kg", above=0.0)] = 3.0,
+    sides: Annotated[Triple, Parameter("of the brick, along body x, y, z", "m", above=0.0)] = (0.6, 0.4, 0.2),
+    velocity: Annotated[Triple, Parameter("of C at the start", "m/s")] = (2.0, 0.0, 24.525),
+    omega: Annotated[Triple, Parameter("initial Omega, body frame", "rad/s")] = (0.05, 6.0, 0.1),
+    gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
+) -> Problem:
+    """A brick without joints, thrown so that it tumbles about its middle axis."""
+    square = np.array(sides) ** 2
+    body = RigidBody(mass, mass / 12.0 * np.diag(np.sum(square) - square), "brick")
+    system = assemble([body], (), (0.0, 0.0, -gravity))
+    R = so3.euler313(0.0, np.pi / 2, 0.0)
+    start = State(np.zeros((1, 3)), R[None], np.array([velocity]), np.array([omega]))
+    return Problem(
+        "free_body",
+        system,
+        start,
+        t_end=5.0,
+        dt=1e-2,
+        section="",
+        source="chosen; Euler's top: Whittaker, Analytical Dynamics, sect. 69",
+        observables=(
+            Observable("C_z", "Z_C", "m", lambda s: s.r[:, 0, 2]),
+            *(Observable(f"Omega_{a}", rf"\Omega_{a}", "rad/s", partial(_rate, k)) for k, a in enumerate("xyz")),
+        ),
+        invariants=tuple(
+            Invariant(f"L_{a}_about_C", "kg m2/s", partial(_spin, system, k)) for k, a in enumerate("XYZ")
+        ),
+        reference_from=partial(_motion, system),
+    )
+
+
+def _rate(k: int, s: States) -> Float[np.ndarray, " nt"]:
+    return s.Omega[:, 0, k]
+
+
+def _spin(system: MultibodySystem, k: int, s: States) -> Float[np.ndarray, " nt"]:
+    """Component of the angular momentum about C."""
+    at_C = States(np.zeros_like(s.r), s.R, np.zeros_like(s.v), s.Omega)
+    return angular_momentum(system, at_C)[:, k]
+
+
+def _motion(system: MultibodySystem, start: State) -> Thrown | None:
+    inertia, nowhere = system.inertia[0], np.zeros(3)
+    about_C = euler_top(PinnedBody(float(system.mass[0]), inertia, inertia, nowhere, nowhere, nowhere), start)
+    return None if about_C is None else Thrown(about_C, start.r[0], start.v[0], system.gravity)
