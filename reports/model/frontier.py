@@ -8,7 +8,7 @@ from itertools import pairwise
 from .accuracy import Measure, measure_for
 from .results import Results, Run, Variant, grouped
 
-TARGETS = (1e-3, 1e-6)  # in the unit of the problem's error
+TARGETS = tuple(10.0**-k for k in range(2, 8))  # in the unit of the problem's error
 LEAST = 2  # solvers that reach a target: fewer are no comparison
 
 
