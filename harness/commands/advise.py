@@ -149,16 +149,17 @@ def run(arguments: argparse.Namespace) -> int:
         registry.entry_of("solver", name, registry.solvers())
     candidates = [Candidate(name, problem, error, min(max(budget / 6.0, 1.0), 60.0)) for name in names]
     size = jobs(arguments.jobs)
-    with tempfile.TemporaryDirectory() as place, progress(quiet=arguments.json, size=size) as watcher:
-        for _ in range(ROUNDS):
+    with tempfile.TemporaryDirectory() as place:
+        for k in range(ROUNDS):
             asked = {s.settings_id: (c, s) for c in candidates if (s := c.next()) is not None}
             if not asked:
                 break
             suite = Suite("advise", "", tuple(s for _, s in asked.values()), "", plugins)
-            for r in run_suite(Request(suite, Path(place) / "run", size, resume=True), watcher).records:
+            with progress(quiet=arguments.json, size=size) as watcher:
+                records = run_suite(Request(suite, Path(place) / f"round{k}", size), watcher).records
+            for r in records:
                 asked[r.settings_id][0].runs.append(r)
-            spent = sum(r.wall_s for c in candidates for r in c.runs) / size
-            if spent > budget:
+            if sum(r.wall_s for c in candidates for r in c.runs) / size > budget:
                 break
     return _report(candidates, error, as_json=arguments.json)
 

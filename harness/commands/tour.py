@@ -189,7 +189,7 @@ def _work(solver: str, records: Sequence[RunRecord]) -> Iterator[Line]:
         if rivals:
             r = min(rivals, key=lambda r: r.cpu_median_s)
             words += f"; {r.solver} {r.motion_error_max_m:.2g} m in {_time(r)}"
-            if operations(best) > 0.0:
+            if 0.0 < operations(best) < math.inf and math.isfinite(operations(r)):
                 words += f", {operations(r) / operations(best):.2g} of the evaluations"
         else:
             words += "; none of " + ", ".join(FIELD) + " comes as near"

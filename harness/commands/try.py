@@ -44,12 +44,13 @@ def run(arguments: argparse.Namespace) -> int:
     size = jobs(arguments.jobs)
     folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
     specs = tour.first_runs(solver, wall=min(20.0, budget / 6.0))
+    suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins)
     with progress(quiet=arguments.json, size=size) as watcher:
-        suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins)
         loaded = run_suite(Request(suite, folder, size), watcher)
-        if (long := tour.long_run(solver, loaded.records, budget / 3.0)) is not None:
-            suite = Suite(suite.name, "", (*specs, long), "", plugins)
-            loaded = run_suite(Request(suite, folder, size, resume=True), watcher)
+    if (long := tour.long_run(solver, loaded.records, budget / 3.0)) is not None:
+        whole = Suite(suite.name, "", (*specs, long), "", plugins)
+        with progress(quiet=arguments.json, size=size) as watcher:
+            run_suite(Request(whole, folder, size, resume=True), watcher)
     found = list(tour.findings(solver, folder, store.load(folder).records))
     if arguments.json:
         for line in found:
