@@ -1,0 +1,1 @@
+"""Engines of others as solvers: one public file each; what they share is in ``export``."""

@@ -8,7 +8,7 @@ READINGS = 500  # at least, if it moves by less than 0.2 ms
 
 
 def test_cpu_time_has_no_ticks_under_a_limit_on_it():
-    """Under RLIMIT_CPU the process clock of Linux moves 25 times in a tenth of a second; a run may take less."""
+    """Under RLIMIT_CPU the process clock of Linux moves 25 times in a tenth of a second; runs may be shorter."""
 
     def target(send):
         began = last = cpu_seconds()
