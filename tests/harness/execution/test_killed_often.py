@@ -101,6 +101,6 @@ def test_kills_and_suspensions_lose_nothing(tmp_path, RUNS, KILLS, SUSPENSIONS):
     run_suite(Request(load_suite(str(suite)), tmp_path / "calm", 2), Silent())
     loaded = [store.load(x) for x in (folder, tmp_path / "calm")]
     killed, calm = (store.table(x.records).drop(columns=TIMED) for x in loaded)
-    assert len(killed) == RUNS and killed.equals(calm)
+    assert len(killed) == RUNS and killed.equals(calm), killed.compare(calm).to_string()
     aside = [store.read_record(p) for p in folder.glob("set_aside/*.json")]
     assert {r.ended_by for r in aside} <= {"suspended"}
