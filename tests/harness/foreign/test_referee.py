@@ -211,6 +211,7 @@ def test_its_row_stands_beside_our_solvers(tmp_path):
 def test_the_page_s_awk_program_is_judged(tmp_path, monkeypatch, capsys):
     """The page's commands, a folder of files included; RK4 at 1 ms follows the top to 1e-4 of its reach."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")  # no case is broken over two lines
     (program,) = re.findall(r"```awk\n(.*?)```", PAGE, flags=re.S)
     Path("top.awk").write_text(program)
     done = subprocess.run(("awk", "-f", "top.awk"), capture_output=True, text=True, check=True, timeout=60.0)

@@ -176,7 +176,9 @@ def test_claims_of_a_figure_are_in_its_caption(tmp_path):
     write(tmp_path / FOLDER, {"claims": (replace(judged, verdict=Verdict.REFUTED),)})
     (claim,) = one(tmp_path, "fig09").claims
     assert (claim.verdict, claim.tests) == ("REFUTED", (("−1.79 J", "at most -0.1 J"),))
-    assert (claim.holds, claim.settings, claim.printed_holds, claim.printed) == (14, 83, 2, 14)
+    b = judged.because
+    assert (claim.holds, claim.settings) == (b.holds, b.settings)
+    assert (claim.printed_holds, claim.printed) == (b.printed_holds, b.printed)
     (tmp_path / FOLDER / "claims.json").write_text("[{", encoding="utf-8")
     assert one(tmp_path, "fig09").claims_published
 
