@@ -61,7 +61,7 @@ FAULTS = (
     ),
     Fault(MOTION, "point = r_i + _turned(R_i, system.joint_s_i) - r_j", "point = r_i - r_j", ONE),
     Fault(MOTION, "point = v_i + _turned(R_i, np.cross(W_i", "point = v_i - _turned(R_i, np.cross(W_i", ONE),
-    Fault("harness/mechanics/so3.py", "return 2.0 * np.arcsin(", "return np.arcsin(", ONE),
+    Fault("harness/mechanics/so3.py", "return 2.0 * np.arcsin(", "return np.arcsin(", of(PENDULUM, "gc_weak_form dt")),
     Fault(
         "harness/catalogue/registry.py",
         "gravity=turn(s.gravity[None], np.array([GROUND]))[0],",
@@ -76,7 +76,12 @@ FAULTS = (
     Fault(MEASURE, "if reaction is None or", "if reaction is not None or", ONE),
     Fault("harness/metrics/scales.py", "Scales(*(float(v) for v in", "Scales(*(float(10.0 * v) for v in", ONE),
     Fault("harness/metrics/reactions.py", "(a - system.gravity)", "(a + system.gravity)", ONE),
-    Fault("harness/metrics/summary.py", '"steps": len(dt), **', '"steps": len(dt) + 1, **', of(PENDULUM, "rattle")),
+    Fault(
+        "harness/metrics/summary.py",
+        '"steps": len(dt), **',
+        '"steps": len(dt) + 1, **',
+        of(PENDULUM, "gc_weak_form dt"),
+    ),
     # verdict: judges that say nothing
     Fault(
         "harness/metrics/verdict.py",
