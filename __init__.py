@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from .harness.mechanics.dynamics import moved as moved
     from .harness.mechanics.jacobian import constraint_jacobian as constraint_jacobian
     from .harness.mechanics.jacobian import independent_rows as independent_rows
+    from .harness.mechanics.joints import Joint as Joint
+    from .harness.mechanics.joints import JointKind as JointKind
     from .harness.mechanics.motion import angular_momentum as angular_momentum
     from .harness.mechanics.motion import constraint as constraint
     from .harness.mechanics.motion import constraint_rate as constraint_rate
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
     from .harness.mechanics.motion import potential_energy as potential_energy
     from .harness.mechanics.state import State as State
     from .harness.mechanics.state import States as States
-    from .harness.mechanics.system import Joint as Joint
+    from .harness.mechanics.system import Load as Load
     from .harness.mechanics.system import MultibodySystem as MultibodySystem
     from .harness.mechanics.system import RigidBody as RigidBody
     from .harness.mechanics.system import SpringDamper as SpringDamper
@@ -61,7 +63,8 @@ _HOMES = {  # the same list for the interpreter, which loads none before it is a
     "mechanics.jacobian": ("constraint_jacobian", "independent_rows"),
     "mechanics.motion": ("angular_momentum", "constraint", "constraint_rate", "kinetic_energy", "potential_energy"),
     "mechanics.state": ("State", "States"),
-    "mechanics.system": ("Joint", "MultibodySystem", "RigidBody", "SpringDamper", "assemble"),
+    "mechanics.joints": ("Joint", "JointKind"),
+    "mechanics.system": ("Load", "MultibodySystem", "RigidBody", "SpringDamper", "assemble"),
     "types": ("Invariant", "Observable", "Problem", "Reference", "Status", "StepControl", "Trait", "Trajectory"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}

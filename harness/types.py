@@ -131,6 +131,7 @@ class Trait(StrEnum):
     CHAOTIC = "chaotic"
     LONG = "long"  # hundreds of turns or swings
     DAMPED = "damped"  # dampers: energy leaves by work that enters the balance
+    DRIVEN = "driven"  # applied forces or torques, whose work enters the balance
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
+from ..harness.mechanics.system import MultibodySystem
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.directions import CHOICES
 from .formulations.geometric.index1.compositions import COMPOSITIONS, RATE
@@ -19,6 +20,7 @@ from .formulations.geometric.simplified import composed
 from .gc_weak_form import GcWeakForm
 
 SPRINGS = "takes gravity as the only applied force: springs and dampers carry mu from step to step; use gc_weak_form"
+JOINTS = "its kernels have spherical and revolute joints only; use gc_weak_form"
 
 
 @solver("gc_composed")
@@ -48,8 +50,8 @@ class GcComposed:
         return f"ODE-GC (composed, order {self.order:g})"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Springs and dampers, and a direction that the joints do not have."""
-        return SPRINGS if len(problem.system.spring_k) else self._step.refuses_direction(problem)
+        """Other forces than gravity, other joints than pins, and a direction that the joints do not have."""
+        return refusal(problem.system) or self._step.refuses_direction(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
@@ -59,3 +61,10 @@ class GcComposed:
     @property
     def _step(self) -> GcWeakForm:
         return GcWeakForm(direction=self.direction, tolerance=self.tolerance)
+
+
+def refusal(system: MultibodySystem) -> str | None:
+    """Why the simplified step alone cannot take the system, or None."""
+    if len(system.spring_k) or len(system.load_i):
+        return SPRINGS
+    return None if system.is_pinned else JOINTS

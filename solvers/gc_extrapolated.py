@@ -14,7 +14,7 @@ from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.directions import CHOICES
 from .formulations.geometric.index1.integrate import extrapolated_steps
 from .formulations.geometric.simplified import extrapolated
-from .gc_composed import SPRINGS
+from .gc_composed import refusal
 from .gc_weak_form import GcWeakForm
 
 
@@ -36,8 +36,8 @@ class GcExtrapolated:
         return f"ODE-GC (extrapolated, order {2 * self.columns})"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Springs and dampers, and a direction that the joints do not have."""
-        return SPRINGS if len(problem.system.spring_k) else self._step.refuses_direction(problem)
+        """Other forces than gravity, other joints than pins, and a direction that the joints do not have."""
+        return refusal(problem.system) or self._step.refuses_direction(problem)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with error control."""

@@ -233,16 +233,19 @@ def in_frame(p: Problem, Q: np.ndarray) -> Problem:
 
 def _turned(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
     def turn(a: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        out = np.where((ends == GROUND).reshape(-1, *[1] * (a.ndim - 1)), a @ Q.T, a)
+        out: np.ndarray = np.where((ends == GROUND).reshape(-1, *[1] * (a.ndim - 1)), a @ Q.T, a)
         out.setflags(write=False)
         return out
 
+    in_space = np.where(s.load_follows, 0, GROUND)
     return dataclasses.replace(
         s,
         gravity=turn(s.gravity[None], np.array([GROUND]))[0],
         joint_s_j=turn(s.joint_s_j, s.joint_j),
         joint_n=turn(s.joint_n, s.joint_j),
         spring_p_j=turn(s.spring_p_j, s.spring_j),
+        load_force=turn(s.load_force, in_space),
+        load_torque=turn(s.load_torque, in_space),
     )
 
 

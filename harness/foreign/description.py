@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from ..mechanics.joints import JointKind
 from ..mechanics.system import MultibodySystem
 from ..types import Problem
 
@@ -27,10 +28,15 @@ def described(problem: Problem) -> dict[str, Any]:
          "stiffness": s.spring_k[k], "rest_length": s.spring_d0[k], "damping": s.spring_c[k]}
         for k in range(len(s.spring_k))
     ]  # fmt: skip
+    loads = [
+        {"i": s.load_i[k], "point": s.load_p[k], "force": s.load_force[k], "torque": s.load_torque[k],
+         "follows": s.load_follows[k]}
+        for k in range(len(s.load_i))
+    ]  # fmt: skip
     return {
         "schema": SCHEMA, "problem": problem.name, "parameters": dict(problem.parameters), "source": problem.source,
         "t_end": problem.t_end, "dt": problem.dt, "gravity": s.gravity, "bodies": bodies,
-        "joints": [_joint(s, k) for k in range(s.nj)], "springs": springs, "start": state,
+        "joints": [_joint(s, k) for k in range(s.nj)], "springs": springs, "loads": loads, "start": state,
     }  # fmt: skip
 
 
@@ -42,6 +48,12 @@ def _joint(s: MultibodySystem, k: int) -> dict[str, Any]:
         "j": s.joint_j[k],
         "s_j": s.joint_s_j[k],
     }
-    if not s.joint_revolute[k]:
-        return {"type": "spherical", **both}
-    return {"type": "revolute", **both, "axis_i": s.joint_u[k], "axis_j": np.cross(*s.joint_n[k])}
+    kind = s.joint_kind(k)
+    found: dict[str, Any] = {"type": kind, **both}
+    if kind == JointKind.REVOLUTE:
+        found |= {"axis_i": s.joint_u[k], "axis_j": np.cross(*s.joint_n[k])}
+    elif kind == JointKind.DISTANCE:
+        found |= {"length": s.joint_length[k]}
+    elif kind != JointKind.SPHERICAL:  # vectors of its rows
+        found |= {"u": s.joint_u[k], "w": s.joint_w[k], "n_1": s.joint_n[k, 0], "n_2": s.joint_n[k, 1]}
+    return found

@@ -10,9 +10,9 @@ from jaxtyping import Float
 
 from . import so3
 from .jacobian import constraint_jacobian
-from .motion import constraint_rate, point_position, point_velocity
+from .motion import applied, constraint_rate
 from .state import State, States
-from .system import GROUND, MultibodySystem
+from .system import MultibodySystem
 
 RANK = 1e-9  # of the largest singular value of A M^-1/2: rows below are redundant
 REACH = 1e-2  # [rad] that bodies turn at most over a difference; its error is REACH^6 / 140 of A_dot v
@@ -90,16 +90,6 @@ def _drift(system: MultibodySystem, s: State) -> np.ndarray:
 
 
 def _forces(system: MultibodySystem, s: State) -> np.ndarray:
-    f = np.zeros((system.nb, 6))
-    f[:, :3] = system.mass[:, None] * system.gravity
-    f[:, 3:] = -np.cross(s.Omega, np.einsum("bij,bj->bi", system.inertia, s.Omega))
-    one = States.one(s)
-    for k in range(len(system.spring_k)):
-        ends = ((system.spring_i[k], system.spring_p_i[k]), (system.spring_j[k], system.spring_p_j[k]))
-        d, d_dot = (of(one, *ends[0])[0] - of(one, *ends[1])[0] for of in (point_position, point_velocity))
-        length = np.linalg.norm(d)
-        pull = system.spring_k[k] * (length - system.spring_d0[k]) + system.spring_c[k] * (d @ d_dot) / length
-        for (body, p), force in zip(ends, (-pull * d / length, pull * d / length), strict=True):
-            if body != GROUND:
-                f[body] += np.concatenate((force, np.cross(p, s.R[body].T @ force)))
+    f: np.ndarray = applied(system, States.one(s))[0]
+    f[:, 3:] -= np.cross(s.Omega, np.einsum("bij,bj->bi", system.inertia, s.Omega))
     return f

@@ -5,44 +5,23 @@ import scipy.linalg as sl
 import scipy.sparse as sp
 from jaxtyping import Float, Int
 
-from .so3 import hat
-from .state import State
-from .system import GROUND, MultibodySystem
+from .motion import row_parts
+from .state import State, States
+from .system import MultibodySystem
 
 
 def constraint_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
     """A (nrows, 6 nb), columns per body (r_dot [space], Omega [body])."""
-    R = np.concatenate((state.R, np.eye(3)[None]))
-    u = np.einsum("jab,jb->ja", R[system.joint_i], system.joint_u)
-    n = np.einsum("jab,jkb->jka", R[system.joint_j], system.joint_n)
-    torque_axis = np.cross(u[:, None], n)  # (nj, 2, 3) space
     rows: list[np.ndarray] = []
     columns: list[np.ndarray] = []
     values: list[np.ndarray] = []
-    start = system.row_start[:-1]
-    for ends, arm, sign in ((system.joint_i, system.joint_s_i, 1.0), (system.joint_j, system.joint_s_j, -1.0)):
-        moving = np.flatnonzero(ends != GROUND)
-        body = ends[moving]
-        point = np.concatenate((np.broadcast_to(np.eye(3), (len(moving), 3, 3)), -R[body] @ hat(arm[moving])), axis=-1)
-        _append(rows, columns, values, start[moving], body, sign * point)
-        hinge = moving[system.joint_revolute[moving]]
-        spin = np.einsum("jka,jab->jkb", torque_axis[hinge], R[ends[hinge]])
-        axis = np.concatenate((np.zeros_like(spin), spin), axis=-1)
-        _append(rows, columns, values, start[hinge] + 3, ends[hinge], sign * axis)
-    shape = (system.nrows, 6 * system.nb)
-    if not rows:
-        return sp.csr_array(shape)
-    return sp.csr_array(
-        sp.coo_array((np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=shape)
-    )
-
-
-def _append(rows: list, columns: list, values: list, start: np.ndarray, body: np.ndarray, block: np.ndarray) -> None:
-    k, c = np.arange(block.shape[1]), np.arange(6)
-    shape = block.shape
-    rows.append(np.broadcast_to(start[:, None, None] + k[None, :, None], shape).ravel())
-    columns.append(np.broadcast_to(6 * body[:, None, None] + c[None, None, :], shape).ravel())
-    values.append(block.ravel())
+    for body, row, translation, rotation in row_parts(system, States.one(state)):
+        six = np.concatenate((translation[0], rotation[0]), axis=-1)
+        rows.append(np.repeat(row, 6))
+        columns.append((6 * body[:, None] + np.arange(6)).ravel())
+        values.append(six.ravel())
+    entries = (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns)))
+    return sp.csr_array(sp.coo_array(entries, shape=(system.nrows, 6 * system.nb)))
 
 
 def independent_rows(system: MultibodySystem, state: State, rtol: float = 1e-9) -> Int[np.ndarray, " rank"]:

@@ -3,9 +3,14 @@
 One code for every solver: it sees only poses and velocities (r, R, v, Omega), never a solver's coordinates.
 """
 
+import math
+from collections.abc import Iterator
+
 import numpy as np
 from jaxtyping import Float
 
+from . import so3
+from .joints import LineRows
 from .state import States
 from .system import GROUND, MultibodySystem
 
@@ -31,35 +36,84 @@ def energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
     return kinetic_energy(system, s) + potential_energy(system, s)
 
 
-def damping_power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """Power of the dampers [W], never positive: the only force here that changes T + V."""
-    return -(damper_lines(system, s)[1] ** 2) @ system.spring_c
+def applied(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb 6"]:
+    """Gravity, springs, dampers and loads on each body: force [N, space], torque about C [N m, body]."""
+    out = np.zeros((len(s.r), system.nb + 1, 6))  # the last one is the ground
+    out[:, :-1, :3] = system.mass[:, None] * system.gravity
+    for k in range(len(system.spring_k)):
+        d, d_dot = _spring_line(system, s, k)
+        length = np.linalg.norm(d, axis=-1)
+        rate = np.sum(d * d_dot, axis=-1) / length
+        pull = system.spring_k[k] * (length - system.spring_d0[k]) + system.spring_c[k] * rate
+        force = -(pull / length)[:, None] * d
+        for body, p, sign in (
+            (system.spring_i[k], system.spring_p_i[k], 1.0),
+            (system.spring_j[k], system.spring_p_j[k], -1.0),
+        ):
+            if body != GROUND:
+                out[:, body] += _wrench(s.R[:, body], sign * force, p)
+    for load, body in enumerate(system.load_i):
+        force, torque = _load(system, s, load)
+        out[:, body] += _wrench(s.R[:, body], force, system.load_p[load])
+        out[:, body, 3:] += np.einsum("tij,ti->tj", s.R[:, body], torque)
+    return out[:, :-1]
 
 
-def damping_work(
-    system: MultibodySystem,
-    t: Float[np.ndarray, " nt"],
-    d: Float[np.ndarray, "nt ns"],
-    rate: Float[np.ndarray, "nt ns"],
-) -> Float[np.ndarray, " nt"]:
-    """Work of the dampers since the start [J], of the cubic with ``damper_lines`` at both ends of each step.
+def power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
+    """Power of dampers and loads [W]: what changes T + V."""
+    out = np.zeros(len(s.r))
+    for k in np.flatnonzero(system.spring_c):
+        d, d_dot = _spring_line(system, s, int(k))
+        out -= system.spring_c[k] * np.sum(d * d_dot, axis=-1) ** 2 / np.sum(d * d, axis=-1)
+    for load, body in enumerate(system.load_i):
+        force, torque = _load(system, s, load)
+        omega = np.einsum("tij,tj->ti", s.R[:, body], s.Omega[:, body])
+        v = point_velocity(s, body, system.load_p[load])
+        out += np.sum(force * v, axis=-1) + np.sum(torque * omega, axis=-1)
+    return out
+
+
+def work(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> Float[np.ndarray, " nt"]:
+    """Work of dampers and loads since the start [J]: their power along the cubic through both ends of each step.
 
     Fourth order: steps of a method of high order are too long for the trapezoidal rule on the power.
     """
-    a, b, h = rate[:-1], rate[1:], np.diff(t)[:, None]
-    bend = np.diff(d, axis=0) / h - 0.5 * (a + b)  # the rate is a (1 - x) + b x + 6 bend x (1 - x)
-    square = (a * a + a * b + b * b) / 3.0 + bend * (a + b) + 1.2 * bend**2  # its mean
-    return np.concatenate(([0.0], np.cumsum(-(h * square) @ system.spring_c)))
+    if system.is_conservative:
+        return np.zeros(len(t))
+    h = np.diff(t)
+    gained = sum(w * power(system, between(s, h, x)) for x, w in zip(NODES, WEIGHTS, strict=True))
+    return np.concatenate(([0.0], np.cumsum(h * gained)))
 
 
-def damper_lines(system: MultibodySystem, s: States) -> tuple[Float[np.ndarray, "nt ns"], Float[np.ndarray, "nt ns"]]:
-    """Lengths [m] of the springs and dampers, and their rates [m/s]."""
-    lengths, rates = np.zeros((2, len(s.r), len(system.spring_k)))
-    for k in range(len(system.spring_k)):
-        d, d_dot = _spring_line(system, s, k)
-        lengths[:, k] = np.linalg.norm(d, axis=-1)
-        rates[:, k] = np.sum(d * d_dot, axis=-1) / lengths[:, k]
-    return lengths, rates
+NODES = 0.5 + 0.5 * np.array([-1.0, 0.0, 1.0]) * math.sqrt(0.6)  # of Gauss on (0, 1): the work of the cubic's damper
+WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+
+
+def between(s: States, h: Float[np.ndarray, " nt-1"], x: float) -> States:
+    """The motion a part ``x`` into each step of ``h`` [s]: cubic in r, and in theta of R = R_0 exp(theta)."""
+    dt = h[:, None, None]
+    r, v = _cubic(s.r[:-1], s.r[1:], s.v[:-1], s.v[1:], dt, x)
+    turn = so3.log(np.swapaxes(s.R[:-1], -1, -2) @ s.R[1:])
+    theta, rate = _cubic(np.zeros_like(turn), turn, s.Omega[:-1], so3.rate_of_vector(turn, s.Omega[1:]), dt, x)
+    return States(r, s.R[:-1] @ so3.exp(theta), v, so3.angular_velocity(theta, rate))
+
+
+def _cubic(a: np.ndarray, b: np.ndarray, a_dot: np.ndarray, b_dot: np.ndarray, h: np.ndarray, x: float) -> tuple:
+    """Value and rate at x of the cubic from a to b over h with these rates at its ends."""
+    bend = (b - a) / h - 0.5 * (a_dot + b_dot)  # the rate is a_dot (1 - x) + b_dot x + 6 bend x (1 - x)
+    way = a_dot * (x - 0.5 * x * x) + b_dot * 0.5 * x * x + bend * x * x * (3.0 - 2.0 * x)
+    return a + h * way, a_dot * (1.0 - x) + b_dot * x + 6.0 * bend * x * (1.0 - x)
+
+
+def _wrench(R: np.ndarray, force: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """(force [space], its torque about C [body]) of a force at the point ``p`` of a body."""
+    return np.concatenate((force, np.cross(p, np.einsum("tij,ti->tj", R, force))), axis=-1)
+
+
+def _load(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """Force and torque of a load in space (nt, 3)."""
+    R = s.R[:, system.load_i[k]] if system.load_follows[k] else np.broadcast_to(np.eye(3), (len(s.r), 3, 3))
+    return R @ system.load_force[k], R @ system.load_torque[k]
 
 
 def linear_momentum(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt 3"]:
@@ -74,22 +128,49 @@ def angular_momentum(system: MultibodySystem, s: States) -> Float[np.ndarray, "n
 
 
 def constraint(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
-    """phi: point rows [m], axis rows [-] (module ``system``)."""
+    """phi: point and line rows [m], axis rows [-] (module ``joints``)."""
     return _rows(system, s, velocity=False)
 
 
 def constraint_rate(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
-    """phi_dot = A v: point rows [m/s], axis rows [1/s]."""
+    """phi_dot = A v: point and line rows [m/s], axis rows [1/s]."""
     return _rows(system, s, velocity=True)
 
 
 def scaling_masses(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
     """Diagonal of M_bar, Eq. (30), with c = a / (a . a): the weights of the norm of Eq. (81).
 
-    Unit: kg for point rows; for axis rows kg m2. Rows a are per body velocities (r_dot [space], Omega [body]).
+    Unit: kg for point and line rows; for axis rows kg m2. Rows a are per body velocities (r_dot [space], Omega [body]).
     """
-    point, axis = _row_sizes(system, s)
-    return _scatter(system, point, axis)
+    aa, aMa = np.zeros((2, len(s.r), system.nrows))
+    for body, rows, translation, rotation in row_parts(system, s):
+        aa[:, rows] += np.sum(translation**2, axis=-1) + np.sum(rotation**2, axis=-1)
+        turning = np.sum(_times(system.inertia[body], rotation) * rotation, axis=-1)
+        aMa[:, rows] += system.mass[body] * np.sum(translation**2, axis=-1) + turning
+    return aMa / aa**2
+
+
+def row_parts(system: MultibodySystem, s: States) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """A by pieces: bodies (m,), rows (m,), their parts on r_dot [space] and Omega [body] of these bodies (nt, m, 3)."""
+    joints, point = system.point_rows()
+    line, axis = system.line_rows(), system.axis_rows()
+    torque = np.cross(_turned(s, system.joint_i[axis.joint], axis.u), _turned(s, system.joint_j[axis.joint], axis.n))
+    way = _line_ways(system, s, line, velocity=False)[1]
+    for ends, arms, sign in ((system.joint_i, system.joint_s_i, 1.0), (system.joint_j, system.joint_s_j, -1.0)):
+        m = np.flatnonzero(ends[joints] != GROUND)
+        body, arm = ends[joints[m]], arms[joints[m]]
+        for c in range(3):  # on Omega: e_c . R (Omega x s) = (s x R^T e_c) . Omega
+            unit = np.broadcast_to(sign * np.eye(3)[c], (len(s.r), len(m), 3))
+            yield body, point[m, c], unit, sign * np.cross(arm, s.R[:, body, c])
+        m = np.flatnonzero(ends[line.joint] != GROUND)  # a force along the way at the point of i, on both bodies
+        body = ends[line.joint[m]]
+        x = _points(system, s, line.joint[m])[0]
+        moment = np.cross(x - s.r[:, body], way[:, m])
+        yield body, line.row[m], sign * way[:, m], sign * _times(np.swapaxes(s.R[:, body], -1, -2), moment)
+        m = np.flatnonzero(ends[axis.joint] != GROUND)
+        body = ends[axis.joint[m]]
+        spin = _times(np.swapaxes(s.R[:, body], -1, -2), torque[:, m])
+        yield body, axis.row[m], np.zeros_like(spin), sign * spin
 
 
 def constraint_energy_norm(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
@@ -118,71 +199,67 @@ def _spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray
     return d, d_dot
 
 
-def _gather(system: MultibodySystem, s: States, ends: np.ndarray) -> tuple[np.ndarray, ...]:
-    """r, R, v, Omega of the bodies ``ends`` (nt, nj, ...), the ground being a body at rest."""
-    nt = len(s.r)
-    at = np.where(ends == GROUND, s.nb, ends)
-    rest, eye = np.zeros((nt, 1, 3)), np.broadcast_to(np.eye(3), (nt, 1, 3, 3))
-    pad = (np.concatenate((a, b), axis=1)[:, at] for a, b in ((s.r, rest), (s.R, eye), (s.v, rest), (s.Omega, rest)))
-    return tuple(pad)
+def _with_ground(a: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    """``a`` with the ground as its last body, where index -1 finds it."""
+    return np.concatenate((a, np.broadcast_to(ground, (len(a), 1, *ground.shape))), axis=1)
+
+
+def _turned(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Vectors ``x`` (m, 3) fixed in bodies, in space (nt, m, 3)."""
+    return _times(_with_ground(s.R, np.eye(3))[:, body], x)
+
+
+def _times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """A x of vectors in the last axis."""
+    return np.matmul(A, x[..., None])[..., 0]
+
+
+def _turning(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Their rates."""
+    return _turned(s, body, np.cross(_with_ground(s.Omega, np.zeros(3))[:, body], x))
+
+
+def _points(system: MultibodySystem, s: States, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points of i and of j in space (nt, m, 3)."""
+    r, i, j = _with_ground(s.r, np.zeros(3)), system.joint_i[joints], system.joint_j[joints]
+    x_i = r[:, i] + _turned(s, i, system.joint_s_i[joints])
+    return x_i, r[:, j] + _turned(s, j, system.joint_s_j[joints])
+
+
+def _gaps(system: MultibodySystem, s: States, joints: np.ndarray, *, velocity: bool) -> np.ndarray:
+    """d or its rate (nt, m, 3)."""
+    if not velocity:
+        x_i, x_j = _points(system, s, joints)
+        return x_i - x_j
+    v, i, j = _with_ground(s.v, np.zeros(3)), system.joint_i[joints], system.joint_j[joints]
+    moving = v[:, i] + _turning(s, i, system.joint_s_i[joints])
+    return moving - v[:, j] - _turning(s, j, system.joint_s_j[joints])
+
+
+def _line_ways(system: MultibodySystem, s: States, line: LineRows, *, velocity: bool) -> tuple[np.ndarray, np.ndarray]:
+    """phi of the line rows (nt, m), or their rates, and the direction of their force: R_j n, or d / L."""
+    d, n = _gaps(system, s, line.joint, velocity=False), _turned(s, system.joint_j[line.joint], line.n)
+    link = line.length > 0.0
+    L = np.where(link, line.length, 1.0)
+    way = np.where(link[:, None], d / L[:, None], n)
+    if not velocity:
+        return np.where(link, 0.5 * (np.sum(d * way, axis=-1) - line.length), np.sum(d * n, axis=-1)), way
+    d_dot = _gaps(system, s, line.joint, velocity=True)
+    n_dot = _turning(s, system.joint_j[line.joint], line.n)
+    return np.sum(d_dot * way, axis=-1) + np.where(link, 0.0, np.sum(d * n_dot, axis=-1)), way
 
 
 def _rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
-    r_i, R_i, v_i, W_i = _gather(system, s, system.joint_i)
-    r_j, R_j, v_j, W_j = _gather(system, s, system.joint_j)
-    if velocity:
-        point = (
-            v_i + _turned(R_i, np.cross(W_i, system.joint_s_i)) - v_j - _turned(R_j, np.cross(W_j, system.joint_s_j))
-        )
+    out = np.empty((len(s.r), system.nrows))
+    joints, point = system.point_rows()
+    out[:, point] = _gaps(system, s, joints, velocity=velocity)
+    line, axis = system.line_rows(), system.axis_rows()
+    out[:, line.row] = _line_ways(system, s, line, velocity=velocity)[0]
+    ends = (system.joint_i[axis.joint], axis.u), (system.joint_j[axis.joint], axis.n)
+    u, n = (_turned(s, *end) for end in ends)
+    if not velocity:
+        out[:, axis.row] = np.sum(u * n, axis=-1)
     else:
-        point = r_i + _turned(R_i, system.joint_s_i) - r_j - _turned(R_j, system.joint_s_j)
-    h = np.flatnonzero(system.joint_revolute)
-    R_i, R_j, W_i, W_j, u, n = R_i[:, h], R_j[:, h], W_i[:, h], W_j[:, h], system.joint_u[h], system.joint_n[h]
-    u_space, n_space = _turned(R_i, u)[:, :, None], _turned(R_j[:, :, None], n)
-    if velocity:
-        u_dot, n_dot = (
-            _turned(R_i, np.cross(W_i, u))[:, :, None],
-            _turned(R_j[:, :, None], np.cross(W_j[:, :, None], n)),
-        )
-        return _scatter(system, point, np.sum(u_dot * n_space + u_space * n_dot, axis=-1))
-    return _scatter(system, point, np.sum(u_space * n_space, axis=-1))
-
-
-def _turned(R: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """R p of vectors in the last axis."""
-    return np.matmul(R, p[..., None])[..., 0]
-
-
-def _row_sizes(system: MultibodySystem, s: States) -> tuple[np.ndarray, np.ndarray]:
-    """c^T M c = a^T M a / (a . a)^2 of the point rows (nt, nj, 3) and of the hinges' axis rows (nt, nh, 2)."""
-    _, R_i, _, _ = _gather(system, s, system.joint_i)
-    _, R_j, _, _ = _gather(system, s, system.joint_j)
-    mass = np.append(system.mass, 0.0)
-    J = np.concatenate((system.inertia, np.zeros((1, 3, 3))))
-    h = np.flatnonzero(system.joint_revolute)
-    aa_point, aMa_point = np.zeros((2, len(s.r), system.nj, 3))
-    aa_axis, aMa_axis = np.zeros((2, len(s.r), len(h), 2))
-    torque_axis = np.cross(
-        _turned(R_i[:, h], system.joint_u[h])[:, :, None], _turned(R_j[:, h, None], system.joint_n[h])
-    )  # (nt, nh, 2, 3), space
-    for ends, R, arm in ((system.joint_i, R_i, system.joint_s_i), (system.joint_j, R_j, system.joint_s_j)):
-        moves = (ends != GROUND).astype(float)[None, :, None]
-        # row k of A on Omega: e_k . R (Omega x s) = (s x R^T e_k) . Omega
-        a = np.cross(arm[None, :, None], R)  # R[..., k, :] is R^T e_k
-        aa_point += moves * (1.0 + np.sum(a * a, axis=-1))
-        aMa_point += moves * (mass[ends][None, :, None] + np.sum(np.matmul(a, J[ends]) * a, axis=-1))
-        b = np.matmul(torque_axis, R[:, h])  # R^T of each
-        aa_axis += moves[:, h] * np.sum(b * b, axis=-1)
-        aMa_axis += moves[:, h] * np.sum(np.matmul(b, J[ends[h]]) * b, axis=-1)
-    return aMa_point / aa_point**2, aMa_axis / aa_axis**2
-
-
-def _scatter(system: MultibodySystem, point: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    out = np.empty((len(point), system.nrows))
-    start = system.row_start[:-1]
-    for k in range(3):
-        out[:, start + k] = point[:, :, k]
-    hinge = np.flatnonzero(system.joint_revolute)
-    for k in range(2):
-        out[:, start[hinge] + 3 + k] = axis[:, :, k]
+        u_dot, n_dot = (_turning(s, *end) for end in ends)
+        out[:, axis.row] = np.sum(u_dot * n, axis=-1) + np.sum(u * n_dot, axis=-1)
     return out

@@ -75,13 +75,12 @@ class Presentation:
         rows = np.concatenate([np.arange(start[j], start[j + 1]) for j in joints]) if s.nj else np.zeros(0, np.int64)
         home = np.empty_like(presented)
         home[:, rows] = presented / self.force
-        axis_rows = (start[np.flatnonzero(repeated.joint_revolute)][:, None] + np.array([3, 4])).ravel()
-        home[:, axis_rows] /= self.unit_length
+        home[:, repeated.axis_rows().row] /= self.unit_length
         if self.duplicate:
             k, n = self.duplicate - 1, s.nrows
             home[:, start[k] : start[k + 1]] += home[:, n:]
             home = home[:, :n]
-        point_rows = s.row_start[:-1, None] + np.arange(3)
+        point_rows = s.point_rows()[1]
         home[:, point_rows] = home[:, point_rows] @ self._space()
         return home
 
@@ -108,11 +107,16 @@ def _mirrored(s: MultibodySystem, S: np.ndarray) -> MultibodySystem:
         at_ground = (ends == GROUND).reshape(-1, *[1] * (a.ndim - 1))
         return _frozen(np.where(at_ground, a @ S, a @ BODY_MIRROR))
 
+    def load_image(a: np.ndarray) -> np.ndarray:
+        return _frozen(np.where(s.load_follows[:, None], a @ BODY_MIRROR, a @ S))
+
     return dataclasses.replace(
         s, inertia=_frozen(BODY_MIRROR @ s.inertia @ BODY_MIRROR), gravity=_frozen(S @ s.gravity),
         joint_s_i=image(s.joint_s_i, s.joint_i), joint_s_j=image(s.joint_s_j, s.joint_j),
-        joint_u=image(s.joint_u, s.joint_i), joint_n=image(s.joint_n, s.joint_j),
+        joint_u=image(s.joint_u, s.joint_i), joint_w=image(s.joint_w, s.joint_i), joint_n=image(s.joint_n, s.joint_j),
         spring_p_i=image(s.spring_p_i, s.spring_i), spring_p_j=image(s.spring_p_j, s.spring_j),
+        load_p=_frozen(s.load_p @ BODY_MIRROR), load_force=load_image(s.load_force),
+        load_torque=_frozen(-load_image(s.load_torque)),  # a pseudovector
     )  # fmt: skip
 
 
@@ -126,10 +130,7 @@ def _mirrored_states(s: States, S: np.ndarray) -> States:
 def _repeated(s: MultibodySystem, joint: int) -> MultibodySystem:
     if joint == 0:
         return s
-    names = ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "joint_revolute", "joint_u", "joint_n")
-    more: dict[str, Any] = {
-        n: _frozen(np.concatenate((getattr(s, n), getattr(s, n)[joint - 1 : joint]))) for n in names
-    }
+    more: dict[str, Any] = {n: _frozen(np.concatenate((a, a[joint - 1 : joint]))) for n, a in _joint_arrays(s).items()}
     title = f"{s.joint_names[joint - 1]} again" if s.joint_names else ""
     return dataclasses.replace(s, **more, joint_names=(*s.joint_names, title))
 
@@ -138,15 +139,18 @@ def _renumbered(s: MultibodySystem, bodies: np.ndarray, joints: np.ndarray) -> M
     if np.array_equal(bodies, np.arange(s.nb)) and np.array_equal(joints, np.arange(s.nj)):
         return s
     new = np.append(np.argsort(bodies), GROUND)  # new number of each body; the last entry, at -1, is the ground
+    changes: dict[str, Any] = {n: _frozen(a[joints]) for n, a in _joint_arrays(s).items()}
+    changes |= {n: _frozen(new[changes[n]]) for n in ("joint_i", "joint_j")}
     return dataclasses.replace(
-        s, mass=_frozen(s.mass[bodies]), inertia=_frozen(s.inertia[bodies]),
-        joint_i=_frozen(new[s.joint_i[joints]]), joint_j=_frozen(new[s.joint_j[joints]]),
-        joint_s_i=_frozen(s.joint_s_i[joints]), joint_s_j=_frozen(s.joint_s_j[joints]),
-        joint_revolute=_frozen(s.joint_revolute[joints]), joint_u=_frozen(s.joint_u[joints]),
-        joint_n=_frozen(s.joint_n[joints]), spring_i=_frozen(new[s.spring_i]), spring_j=_frozen(new[s.spring_j]),
+        s, **changes, mass=_frozen(s.mass[bodies]), inertia=_frozen(s.inertia[bodies]),
+        spring_i=_frozen(new[s.spring_i]), spring_j=_frozen(new[s.spring_j]), load_i=_frozen(new[s.load_i]),
         body_names=tuple(s.body_names[b] for b in bodies) if s.body_names else (),
         joint_names=tuple(s.joint_names[j] for j in joints) if s.joint_names else (),
     )  # fmt: skip
+
+
+def _joint_arrays(s: MultibodySystem) -> dict[str, np.ndarray]:
+    return {n: a for n, a in vars(s).items() if n.startswith("joint_") and isinstance(a, np.ndarray)}
 
 
 def _in_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
@@ -159,6 +163,8 @@ def _in_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
         joint_s_j=_frozen(s.joint_s_j * L), spring_p_i=_frozen(s.spring_p_i * L),
         spring_p_j=_frozen(s.spring_p_j * L), spring_k=_frozen(s.spring_k * (M / T**2)),
         spring_d0=_frozen(s.spring_d0 * L), spring_c=_frozen(s.spring_c * (M / T)),
+        joint_length=_frozen(s.joint_length * L), load_p=_frozen(s.load_p * L),
+        load_force=_frozen(s.load_force * (M * L / T**2)), load_torque=_frozen(s.load_torque * (M * L**2 / T**2)),
     )  # fmt: skip
 
 

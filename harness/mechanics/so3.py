@@ -29,6 +29,36 @@ def log(R: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3"]:
     return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(*R.shape[:-2], 3)
 
 
+def angular_velocity(
+    a: Float[np.ndarray, "*batch 3"], rate: Float[np.ndarray, "*batch 3"]
+) -> Float[np.ndarray, "*batch 3"]:
+    """Omega [rad/s, body] of R = exp(hat(a)) as the vector a changes at ``rate``: dexp(-a) rate.
+
+    1 - (1 - cos x)/x^2 hat(a) + (x - sin x)/x^3 hat(a)^2; by series where x = |a| < 0.1, error below 1e-14.
+    """
+    x2 = np.sum(a * a, axis=-1, keepdims=True)
+    x = np.sqrt(np.where(x2 < 1e-2, 1.0, x2))
+    g = np.where(x2 < 1e-2, 0.5 - x2 / 24.0 + x2**2 / 720.0 - x2**3 / 40320.0, (1.0 - np.cos(x)) / x**2)
+    h = np.where(x2 < 1e-2, 1.0 / 6.0 - x2 / 120.0 + x2**2 / 5040.0 - x2**3 / 362880.0, (x - np.sin(x)) / x**3)
+    across = np.cross(a, rate)
+    return rate - g * across + h * np.cross(a, across)
+
+
+def rate_of_vector(
+    a: Float[np.ndarray, "*batch 3"], Omega: Float[np.ndarray, "*batch 3"]
+) -> Float[np.ndarray, "*batch 3"]:
+    """The rate of the vector a at which R = exp(hat(a)) turns with Omega [body], |a| < 2 pi: the inverse of the above.
+
+    1 + hat(a)/2 + (1 - (x/2) cot(x/2))/x^2 hat(a)^2; by series where x = |a| < 0.1, error below 1e-14.
+    """
+    x2 = np.sum(a * a, axis=-1, keepdims=True)
+    x = np.sqrt(np.where(x2 < 1e-2, 1.0, x2))
+    h = np.where(x2 < 1e-2, 1.0 / 12.0 + x2 / 720.0 + x2**2 / 30240.0 + x2**3 / 1209600.0,
+                 (1.0 - 0.5 * x / np.tan(0.5 * x)) / x**2)  # fmt: skip
+    across = np.cross(a, Omega)
+    return Omega + 0.5 * across + h * np.cross(a, across)
+
+
 def euler313(phi: float, theta: float, psi: float) -> Float[np.ndarray, "3 3"]:
     """``R = R_Z(phi) R_X(theta) R_Z(psi)``: precession, nutation, spin [rad] (Sect. 5.1)."""
     return Rotation.from_euler("ZXZ", [phi, theta, psi]).as_matrix()

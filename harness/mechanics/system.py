@@ -1,12 +1,7 @@
 """Bodies, joints and forces as plain arrays: what a system is, nothing about how it is solved.
 
 Velocities are ``v = (r_dot [space], Omega [body])`` per body; in them the mass matrix is the constant
-``blockdiag(m I, J)``. A joint is a point coincidence (3 rows), with an axis a revolute joint (5 rows)::
-
-    point rows   phi = r_i + R_i s_i - r_j - R_j s_j
-    axis rows    phi = (R_i u) . (R_j n_k), k = 1, 2, with n_k normal to the joint axis in j
-
-Body index -1 is the ground (r = 0, R = I).
+``blockdiag(m I, J)``. Joints and their rows: module ``joints``. Body index -1 is the ground (r = 0, R = I).
 """
 
 from collections.abc import Sequence
@@ -15,8 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .joints import ROWS, AxisRows, Joint, JointKind, LineRows, Vector, directions
+
 GROUND = -1
-Vector = Sequence[float] | Float[np.ndarray, " 3"]
 
 
 @dataclass(frozen=True)
@@ -25,22 +21,6 @@ class RigidBody:
 
     mass: float
     inertia: Float[np.ndarray, "3 3"]
-    name: str = ""
-
-
-@dataclass(frozen=True)
-class Joint:
-    """Points ``s_i``, ``s_j`` [m] from each C (from the origin for the ground) that coincide.
-
-    Spherical, unless ``axis_i`` and ``axis_j``, the common axis in the frames of i and j, make it a revolute joint.
-    """
-
-    i: int
-    s_i: Vector
-    j: int = GROUND
-    s_j: Vector = (0.0, 0.0, 0.0)
-    axis_i: Vector | None = None
-    axis_j: Vector | None = None
     name: str = ""
 
 
@@ -58,8 +38,22 @@ class SpringDamper:
 
 
 @dataclass(frozen=True)
+class Load:
+    """A constant force [N] at ``point`` [m, from C, body frame] and a torque [N m] on body ``i``.
+
+    Both in the space frame, or with ``follows`` in the body's, with which they turn.
+    """
+
+    i: int
+    force: Vector = (0.0, 0.0, 0.0)
+    torque: Vector = (0.0, 0.0, 0.0)
+    point: Vector = (0.0, 0.0, 0.0)
+    follows: bool = False
+
+
+@dataclass(frozen=True)
 class MultibodySystem:
-    """A system in arrays, all read-only. Built by ``assemble``; rows of phi are joint by joint, point rows first."""
+    """A system in arrays, all read-only. Built by ``assemble``; rows of phi are joint by joint (module ``joints``)."""
 
     mass: Float[np.ndarray, " nb"]
     inertia: Float[np.ndarray, "nb 3 3"]
@@ -69,9 +63,13 @@ class MultibodySystem:
     joint_j: Int[np.ndarray, " nj"]
     joint_s_i: Float[np.ndarray, "nj 3"]
     joint_s_j: Float[np.ndarray, "nj 3"]
-    joint_revolute: Bool[np.ndarray, " nj"]
-    joint_u: Float[np.ndarray, "nj 3"]  # unit axis in i; zero for a spherical joint
-    joint_n: Float[np.ndarray, "nj 2 3"]  # two unit normals to the axis in j; zero for a spherical joint
+    joint_points: Int[np.ndarray, " nj"]  # number of point rows: 0 or 3
+    joint_lines: Int[np.ndarray, " nj"]  # number of line rows: 0 to 2
+    joint_axes: Int[np.ndarray, " nj"]  # number of axis rows: 0 to 3
+    joint_u: Float[np.ndarray, "nj 3"]  # unit vectors; zero where no row reads them
+    joint_w: Float[np.ndarray, "nj 3"]
+    joint_n: Float[np.ndarray, "nj 2 3"]
+    joint_length: Float[np.ndarray, " nj"]
 
     spring_i: Int[np.ndarray, " ns"]
     spring_j: Int[np.ndarray, " ns"]
@@ -80,6 +78,12 @@ class MultibodySystem:
     spring_k: Float[np.ndarray, " ns"]
     spring_d0: Float[np.ndarray, " ns"]
     spring_c: Float[np.ndarray, " ns"]
+
+    load_i: Int[np.ndarray, " nl"]
+    load_p: Float[np.ndarray, "nl 3"]
+    load_force: Float[np.ndarray, "nl 3"]
+    load_torque: Float[np.ndarray, "nl 3"]
+    load_follows: Bool[np.ndarray, " nl"]
 
     body_names: tuple[str, ...] = ()
     joint_names: tuple[str, ...] = ()
@@ -95,9 +99,14 @@ class MultibodySystem:
         return len(self.joint_i)
 
     @property
+    def joint_rows(self) -> Int[np.ndarray, " nj"]:
+        """Number of rows of each joint."""
+        return self.joint_points + self.joint_lines + self.joint_axes
+
+    @property
     def row_start(self) -> Int[np.ndarray, " nj+1"]:
         """First row of phi of each joint; the last entry is the number of rows."""
-        return np.concatenate(([0], np.cumsum(np.where(self.joint_revolute, 5, 3)))).astype(np.int64)
+        return np.concatenate(([0], np.cumsum(self.joint_rows))).astype(np.int64)
 
     @property
     def nrows(self) -> int:
@@ -105,9 +114,50 @@ class MultibodySystem:
         return int(self.row_start[-1])
 
     @property
+    def joint_revolute(self) -> Bool[np.ndarray, " nj"]:
+        """Which joints are revolute."""
+        return (self.joint_points == 3) & (self.joint_axes == 2)
+
+    def joint_kind(self, k: int) -> JointKind:
+        """What the rows of a joint make it; of those with one line row, a distance has a length."""
+        count = (self.joint_points[k], self.joint_lines[k], self.joint_axes[k])
+        if count == ROWS[JointKind.DISTANCE] and self.joint_length[k] > 0.0:
+            return JointKind.DISTANCE
+        return next(kind for kind, rows in ROWS.items() if rows == count)
+
+    @property
+    def is_pinned(self) -> bool:
+        """Whether all joints are spherical or revolute."""
+        return bool(np.all(self.joint_points == 3) and np.all(np.isin(self.joint_axes, (0, 2))))
+
+    @property
     def is_conservative(self) -> bool:
-        """True when no damper acts, so that T + V is constant."""
-        return not np.any(self.spring_c)
+        """True when no damper and no load acts, so that T + V is constant."""
+        return not (np.any(self.spring_c) or len(self.load_i))
+
+    def point_rows(self) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, "m 3"]]:
+        """Joints with point rows, and these rows of phi."""
+        joint = np.flatnonzero(self.joint_points)
+        return joint, self.row_start[joint][:, None] + np.arange(3)
+
+    def line_rows(self) -> LineRows:
+        """All line rows, in the order of phi."""
+        joint, k = _counted(self.joint_lines)
+        row = self.row_start[joint] + self.joint_points[joint] + k
+        return LineRows(joint, row, self.joint_n[joint, k], self.joint_length[joint])
+
+    def axis_rows(self) -> AxisRows:
+        """All axis rows, in the order of phi: (u, n_1), (u, n_2), (w, n_2)."""
+        joint, k = _counted(self.joint_axes)
+        row = self.row_start[joint] + self.joint_points[joint] + self.joint_lines[joint] + k
+        u = np.where((k == 2)[:, None], self.joint_w[joint], self.joint_u[joint])
+        return AxisRows(joint, row, u, self.joint_n[joint, np.minimum(k, 1)])
+
+
+def _counted(count: Int[np.ndarray, " nj"]) -> tuple[np.ndarray, np.ndarray]:
+    """(joint, number within the joint) of ``count`` rows a joint."""
+    joint = np.repeat(np.arange(len(count)), count)
+    return joint, np.arange(len(joint)) - np.repeat(np.cumsum(count) - count, count)
 
 
 def assemble(
@@ -115,6 +165,7 @@ def assemble(
     joints: Sequence[Joint] = (),
     gravity: Vector = (0.0, 0.0, 0.0),
     springs: Sequence[SpringDamper] = (),
+    loads: Sequence[Load] = (),
 ) -> MultibodySystem:
     """Arrays from parts, or ValueError naming the invalid part."""
     for k, body in enumerate(bodies):
@@ -127,12 +178,11 @@ def assemble(
             value = getattr(spring, what)
             if not (np.isfinite(value) and value >= 0.0):
                 raise ValueError(f"spring {k}: {what} must be finite and >= 0 (got {value})")
-    revolute = [j.axis_i is not None for j in joints]
-    for k, joint in enumerate(joints):
-        if (joint.axis_i is None) != (joint.axis_j is None):
-            raise ValueError(f"joint {k}: give the axis in both bodies or in none")
-    u = [_unit(j.axis_i, f"joint {k}") if j.axis_i is not None else np.zeros(3) for k, j in enumerate(joints)]
-    n = [_normals(j.axis_j, f"joint {k}") if j.axis_j is not None else np.zeros((2, 3)) for k, j in enumerate(joints)]
+    for k, load in enumerate(loads):
+        if not 0 <= load.i < len(bodies):
+            raise ValueError(f"load {k}: expected a body in 0..{len(bodies) - 1} (got {load.i})")
+    vectors = [directions(k, joint) for k, joint in enumerate(joints)]
+    counts = [ROWS[j.sort] for j in joints]
     return MultibodySystem(
         mass=_frozen([b.mass for b in bodies], (len(bodies),)),
         inertia=_frozen([b.inertia for b in bodies], (len(bodies), 3, 3)),
@@ -141,9 +191,13 @@ def assemble(
         joint_j=_frozen([j.j for j in joints], (len(joints),), np.int64),
         joint_s_i=_frozen([j.s_i for j in joints], (len(joints), 3)),
         joint_s_j=_frozen([j.s_j for j in joints], (len(joints), 3)),
-        joint_revolute=_frozen(revolute, (len(joints),), np.bool_),
-        joint_u=_frozen(u, (len(joints), 3)),
-        joint_n=_frozen(n, (len(joints), 2, 3)),
+        joint_points=_frozen([c.point for c in counts], (len(joints),), np.int64),
+        joint_lines=_frozen([c.line for c in counts], (len(joints),), np.int64),
+        joint_axes=_frozen([c.axis for c in counts], (len(joints),), np.int64),
+        joint_u=_frozen([v["u"] for v in vectors], (len(joints), 3)),
+        joint_w=_frozen([v["w"] for v in vectors], (len(joints), 3)),
+        joint_n=_frozen([v["n"] for v in vectors], (len(joints), 2, 3)),
+        joint_length=_frozen([v["length"] for v in vectors], (len(joints),)),
         spring_i=_frozen([s.i for s in springs], (len(springs),), np.int64),
         spring_j=_frozen([s.j for s in springs], (len(springs),), np.int64),
         spring_p_i=_frozen([s.p_i for s in springs], (len(springs), 3)),
@@ -151,6 +205,11 @@ def assemble(
         spring_k=_frozen([s.stiffness for s in springs], (len(springs),)),
         spring_d0=_frozen([s.rest_length for s in springs], (len(springs),)),
         spring_c=_frozen([s.damping for s in springs], (len(springs),)),
+        load_i=_frozen([f.i for f in loads], (len(loads),), np.int64),
+        load_p=_frozen([f.point for f in loads], (len(loads), 3)),
+        load_force=_frozen([f.force for f in loads], (len(loads), 3)),
+        load_torque=_frozen([f.torque for f in loads], (len(loads), 3)),
+        load_follows=_frozen([f.follows for f in loads], (len(loads),), np.bool_),
         body_names=tuple(b.name or f"body {k + 1}" for k, b in enumerate(bodies)),
         joint_names=tuple(j.name or f"joint {k + 1}" for k, j in enumerate(joints)),
     )
@@ -186,18 +245,3 @@ def _check_ends(k: int, i: int, j: int, nb: int) -> None:
         raise ValueError(
             f"part {k}: expected body i in 0..{nb - 1} and j another body or -1, the ground (got {i}, {j})"
         )
-
-
-def _unit(a: Vector, where: str) -> Float[np.ndarray, " 3"]:
-    length = float(np.linalg.norm(a))
-    if not (np.isfinite(length) and length > 0.0):
-        raise ValueError(f"{where}: the axis must have a finite length > 0 (got {list(a)})")
-    return np.asarray(a, dtype=float) / length
-
-
-def _normals(axis: Vector, where: str) -> Float[np.ndarray, "2 3"]:
-    """Two orthonormal normals to ``axis``: the coordinate direction furthest from it starts the frame."""
-    a = _unit(axis, where)
-    n1 = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-    n1 /= np.linalg.norm(n1)
-    return np.stack((n1, np.cross(a, n1)))

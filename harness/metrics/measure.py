@@ -11,7 +11,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..mechanics import so3
-from ..mechanics.motion import constraint, constraint_energy_norm, constraint_rate, damper_lines, damping_work, energy
+from ..mechanics.motion import constraint, constraint_energy_norm, constraint_rate, energy, work
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
 from ..reference.computed import reference_of
@@ -105,8 +105,8 @@ def _judged(
     system, start = part(problem.system, bodies), state_of(problem.initial, bodies)
     blocks = [states_of(s.at(slice(k, k + BLOCK)), bodies) for k in range(0, len(t), BLOCK)]
     parts = [(*_laws(system, b), reached(system, start, b)) for b in blocks]
-    E, phi, phi_dot, eq81, defect, d, rate, rows = (np.concatenate(p) for p in zip(*parts, strict=True))
-    drift = E - E[0] - damping_work(system, t, d, rate)
+    E, phi, phi_dot, eq81, defect, rows = (np.concatenate(p) for p in zip(*parts, strict=True))
+    drift = E - E[0] - _work(system, t, s, bodies)
     rows[:, KINETIC] -= np.maximum(drift, 0.0)  # what was gained was not there to be exchanged
     laws = {Law.ENERGY: drift, Law.CONSTRAINT: phi, Law.CONSTRAINT_RATE: phi_dot, Law.ORTHOGONALITY: defect}
     binding = {k: a for k, a in laws.items() if not (problem.literal_start and k in JOINTS)}
@@ -134,8 +134,16 @@ def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
         np.linalg.norm(constraint_rate(system, s), axis=1),
         constraint_energy_norm(system, s),
         np.max(so3.orthogonality_defect(s.R), axis=1, initial=0.0),
-        *damper_lines(system, s),
     )
+
+
+def _work(system: MultibodySystem, t: np.ndarray, s: States, bodies: np.ndarray) -> np.ndarray:
+    """Of dampers and loads since the start [J]."""
+    out = np.zeros(len(t))
+    for k in range(0, len(t) if not system.is_conservative else 0, BLOCK):
+        steps = slice(k, k + BLOCK + 1)
+        out[steps] = out[k] + work(system, t[steps], states_of(s.at(steps), bodies))
+    return out
 
 
 def _out_of_plane(problem: Problem, at_home: States) -> np.ndarray | None:
@@ -172,7 +180,7 @@ def _against_reference(
             theirs[name][rows] = values
     about = {"reference_route": reference.route, "reference_horizon": float(reference.horizon)}
     off = _between_rows(problem, reference, t, s, length)
-    pull = _reaction_error(problem, reference, t, trajectory.reaction)
+    pull = _reaction_error(problem, reference, t, s, trajectory.reaction)
     return {**series, **off, **pull, **about, "reference_observables": theirs}
 
 
@@ -203,13 +211,15 @@ def predictable(t: Float[np.ndarray, " nt"], own: Float[np.ndarray, " nt"]) -> i
     return int(np.sum(np.cumprod((own <= PREDICTABLE) | steady)))
 
 
-def _reaction_error(problem: Problem, reference: Reference, t: np.ndarray, reaction: np.ndarray | None) -> dict:
+def _reaction_error(
+    problem: Problem, reference: Reference, t: np.ndarray, s: States, reaction: np.ndarray | None
+) -> dict:
     """Of the sum of joint forces on a body, at some instants; nothing where the solver or the reference has none."""
     system = problem.system
-    if reaction is None or len(system.spring_k) or system.nj == 0:
+    if reaction is None or system.nj == 0:
         return {}
     rows = instants_to_compare(t, reference.horizon)
-    found = pull_on_bodies(system, np.asarray(reaction, dtype=float)[rows])
+    found = pull_on_bodies(system, np.asarray(reaction, dtype=float)[rows], s.at(rows))
     known = ~np.any(np.isnan(found), axis=(1, 2))
     if not np.any(known):
         return {}

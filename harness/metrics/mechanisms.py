@@ -38,6 +38,9 @@ def part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySys
         own = np.isin(i, bodies) | np.isin(j, bodies)
         arrays = {k: a[own] for k, a in vars(system).items() if k.startswith(kind) and isinstance(a, np.ndarray)}
         changes |= {**arrays, f"{kind}_i": new[i[own]], f"{kind}_j": new[j[own]]}
+    own = np.isin(system.load_i, bodies)
+    changes |= {k: a[own] for k, a in vars(system).items() if k.startswith("load_")}
+    changes["load_i"] = new[changes["load_i"]]
     return dataclasses.replace(system, **changes, body_names=(), joint_names=())
 
 

@@ -5,8 +5,9 @@ from collections.abc import Callable
 import numpy as np
 from jaxtyping import Float, Int
 
+from ..mechanics.motion import applied, row_parts
 from ..mechanics.state import States
-from ..mechanics.system import GROUND, MultibodySystem
+from ..mechanics.system import MultibodySystem
 
 SAMPLES = 500  # instants at most at which reactions are compared: each costs seven states of the reference
 STEP = 2e-4  # [s] of differences: rounding/STEP and (rate STEP)^6 rate are both below 1e-8 at 50 rad/s
@@ -14,29 +15,33 @@ DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 
 
 def largest_joint_force(system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"]) -> Float[np.ndarray, " nt"]:
-    """Largest force [N] that any joint carries: norm of its three point rows; NaN where the solver has no reaction."""
-    if system.nj == 0:
-        return np.zeros(len(reaction))
-    point_rows = system.row_start[:-1, None] + np.arange(3)
-    return np.max(np.linalg.norm(reaction[:, point_rows], axis=-1), axis=-1)
+    """Largest force [N] that any joint carries: norm of its point and line rows; NaN where the solver has none."""
+    square = np.zeros((len(reaction), system.nj))
+    joints, rows = system.point_rows()
+    square[:, joints] = np.sum(reaction[:, rows] ** 2, axis=-1)
+    line = system.line_rows()
+    for joint, row in zip(line.joint, line.row, strict=True):
+        square[:, joint] += reaction[:, row] ** 2
+    return np.sqrt(np.max(square, axis=-1, initial=0.0))
 
 
-def pull_on_bodies(system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"]) -> Float[np.ndarray, "nt nb 3"]:
+def pull_on_bodies(
+    system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"], s: States
+) -> Float[np.ndarray, "nt nb 3"]:
     """Sum of the joint forces on each body [N], space frame: unique even where redundant joints share them at will."""
-    out = np.zeros((len(reaction), system.nb + 1, 3))  # the last one is the ground
-    force = reaction[:, system.row_start[:-1, None] + np.arange(3)]
-    for ends, sign in ((system.joint_i, 1.0), (system.joint_j, -1.0)):
-        for k, body in enumerate(ends):
-            out[:, body if body != GROUND else system.nb] += sign * force[:, k]
-    return out[:, :-1]
+    out = np.zeros((len(reaction), system.nb, 3))
+    for body, rows, translation, _ in row_parts(system, s):
+        for k, b in enumerate(body):
+            out[:, b] += reaction[:, rows[k], None] * translation[:, k]
+    return out
 
 
 def exact_pull_on_bodies(
     system: MultibodySystem, motion: Callable[[np.ndarray], States], t: Float[np.ndarray, " nt"]
 ) -> Float[np.ndarray, "nt nb 3"]:
-    """Newton: m (a_C - g) of the exact motion [N], a_C by sixth-order differences of velocities; without springs."""
+    """Newton: m a_C less what is applied to the exact motion [N], a_C by sixth-order differences of velocities."""
     a = sum(c * motion(t + k * STEP).v for k, c in zip(range(-3, 4), DIFFERENCE, strict=True) if c) / STEP
-    return system.mass[:, None] * (a - system.gravity)
+    return system.mass[:, None] * a - applied(system, motion(t))[:, :, :3]
 
 
 def instants_to_compare(t: Float[np.ndarray, " nt"], horizon: float) -> Int[np.ndarray, " n"]:

@@ -151,7 +151,9 @@ def possible(system: MultibodySystem, start: State) -> Scales:
 
 
 def stretched(system: MultibodySystem) -> float:
-    """[m] the farthest that joints let any matter move about one end: twice all arms, and a body turned half a turn."""
+    """[m] the farthest that pins let any matter move about one end: twice all arms, and a body turned half a turn."""
+    if not np.all(system.joint_points):
+        return math.inf  # a slide or a link is as long as it is
     arms = np.concatenate((system.joint_s_i[system.joint_i != GROUND], system.joint_s_j[system.joint_j != GROUND]))
     gyration = math.sqrt(float(np.max(np.einsum("bii->b", system.inertia) / (2.0 * system.mass))))
     return 2.0 * (float(np.sum(np.linalg.norm(arms, axis=1))) + gyration)

@@ -32,13 +32,15 @@ class Directors:
         E = 0.5 * trace[:, None, None] * np.eye(3) - s.inertia  # integral of x x^T dm, singular for a thin disc
         self.saddle = np.zeros((s.nb, 15, 15))
         self.saddle[:, :9, :9] = np.kron(E / self.scale[:, None, None], np.eye(3))
-        self.hinge = np.flatnonzero(s.joint_revolute)
+        self.pinned, self.point = s.point_rows()
+        self.line, self.axis = s.line_rows(), s.axis_rows()
+        self.link = self.line.length > 0.0
         self.pins = np.zeros((s.nrows, s.nb, 4, 3))  # point rows of J, which are constant
         for body, arm, sign in ((s.joint_i, s.joint_s_i, 1.0), (s.joint_j, s.joint_s_j, -1.0)):
-            m = np.flatnonzero(body != GROUND)
+            m = np.flatnonzero(body[self.pinned] != GROUND)
+            b, weights = body[self.pinned[m]], np.insert(arm[self.pinned[m]], 0, 1.0, axis=1)
             for c in range(3):
-                block = sign * np.insert(arm[m], 0, 1.0, axis=1)[:, :, None] * np.eye(3)[c]
-                self.pins[s.row_start[m] + c, body[m]] = block
+                self.pins[self.point[m, c], b] = sign * weights[:, :, None] * np.eye(3)[c]
         self.redundant: bool | None = None  # found when first needed after a restart
 
     def start(self, state: State) -> Float[np.ndarray, " 24nb"]:
@@ -140,37 +142,68 @@ class Directors:
         """sum_a p_a d_a of directions ``p`` of bodies (nt, n, 3)."""
         return _of_ground(np.einsum("tnac,na->tnc", x[:, body, 1:], p), body, p)
 
+    def _gap(self, x: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """Point of i less that of j (nt, m, 3)."""
+        s = self.system
+        return self._point(x, s.joint_i[joints], s.joint_s_i[joints]) - self._point(
+            x, s.joint_j[joints], s.joint_s_j[joints]
+        )
+
+    def _gap_rate(self, x_dot: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        s, at_rest = self.system, np.zeros((len(joints), 3))
+        ends = (s.joint_i[joints], s.joint_s_i[joints]), (s.joint_j[joints], s.joint_s_j[joints])
+        i, j = (_of_ground(self._point(x_dot, body, p), body, at_rest) for body, p in ends)
+        return i - j
+
+    def _axes(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """u and n of the axis rows (nt, m, 3)."""
+        s, axis = self.system, self.axis
+        return self._along(x, s.joint_i[axis.joint], axis.u), self._along(x, s.joint_j[axis.joint], axis.n)
+
     def _phi(self, x: np.ndarray) -> np.ndarray:
-        s, h, start = self.system, self.hinge, self.system.row_start[:-1]
-        out = np.zeros((len(x), s.nrows))
-        point = self._point(x, s.joint_i, s.joint_s_i) - self._point(x, s.joint_j, s.joint_s_j)
-        out[:, start[:, None] + np.arange(3)] = point
-        for k in range(2):
-            u, n = self._along(x, s.joint_i[h], s.joint_u[h]), self._along(x, s.joint_j[h], s.joint_n[h, k])
-            out[:, start[h] + 3 + k] = np.sum(u * n, axis=-1)
+        out = np.zeros((len(x), self.system.nrows))
+        out[:, self.point] = self._gap(x, self.pinned)
+        if len(self.line.row):
+            d, n = self._gap(x, self.line.joint), self._along(x, self.system.joint_j[self.line.joint], self.line.n)
+            L = np.where(self.link, self.line.length, 1.0)
+            distance = (np.sum(d * d, axis=-1) - L**2) / (2.0 * L)
+            out[:, self.line.row] = np.where(self.link, distance, np.sum(d * n, axis=-1))
+        u, n = self._axes(x)
+        out[:, self.axis.row] = np.sum(u * n, axis=-1)
         return out
 
     def _jacobian(self, x: np.ndarray) -> np.ndarray:
         """J (nt, nrows, nb, 12)."""
-        s, h, start = self.system, self.hinge, self.system.row_start[:-1]
+        s, axis, line = self.system, self.axis, self.line
         J = np.repeat(self.pins[None], len(x), axis=0)
-        u = self._along(x, s.joint_i[h], s.joint_u[h])
-        for k in range(2):
-            n = self._along(x, s.joint_j[h], s.joint_n[h, k])
-            for body, own, other in ((s.joint_i[h], s.joint_u[h], n), (s.joint_j[h], s.joint_n[h, k], u)):
+        u, n = self._axes(x)
+        for body, own, other in ((s.joint_i[axis.joint], axis.u, n), (s.joint_j[axis.joint], axis.n, u)):
+            m = np.flatnonzero(body != GROUND)
+            J[:, axis.row[m], body[m], 1:] = own[m][:, :, None] * other[:, m][:, :, None]
+        if len(line.row):
+            i, j = s.joint_i[line.joint], s.joint_j[line.joint]
+            d, n = self._gap(x, line.joint), self._along(x, j, line.n)
+            way = np.where(self.link[:, None], d / np.where(self.link, line.length, 1.0)[:, None], n)
+            for body, arm, sign in ((i, s.joint_s_i[line.joint], 1.0), (j, s.joint_s_j[line.joint], -1.0)):
                 m = np.flatnonzero(body != GROUND)
-                J[:, start[h[m]] + 3 + k, body[m], 1:] = own[m][:, :, None] * other[:, m][:, :, None]
+                weights = sign * np.insert(arm[m], 0, 1.0, axis=1)
+                J[:, line.row[m], body[m]] += weights[:, :, None] * way[:, m][:, :, None]
+            m = np.flatnonzero(j != GROUND)
+            J[:, line.row[m], j[m], 1:] += line.n[m][:, :, None] * d[:, m][:, :, None]  # zero for a distance
         return J.reshape(len(x), s.nrows, s.nb, 12)
 
     def _curvature(self, x_dot: np.ndarray) -> np.ndarray:
         """J x_ddot for phi_ddot = 0: a pin has none."""
-        s, h, start = self.system, self.hinge, self.system.row_start[:-1]
+        s, axis, line = self.system, self.axis, self.line
         out = np.zeros((len(x_dot), s.nrows))
-        at_rest = np.zeros((len(h), 3))
-        u = _of_ground(self._along(x_dot, s.joint_i[h], s.joint_u[h]), s.joint_i[h], at_rest)
-        for k in range(2):
-            n = _of_ground(self._along(x_dot, s.joint_j[h], s.joint_n[h, k]), s.joint_j[h], at_rest)
-            out[:, start[h] + 3 + k] = -2.0 * np.sum(u * n, axis=-1)
+        ends = (s.joint_i[axis.joint], axis.u), (s.joint_j[axis.joint], axis.n)
+        u, n = (_of_ground(self._along(x_dot, body, p), body, np.zeros_like(p)) for body, p in ends)
+        out[:, axis.row] = -2.0 * np.sum(u * n, axis=-1)
+        if len(line.row):
+            j, d_dot = s.joint_j[line.joint], self._gap_rate(x_dot, line.joint)
+            n_dot = _of_ground(self._along(x_dot, j, line.n), j, np.zeros_like(line.n))
+            square = np.sum(d_dot**2, axis=-1) / np.where(self.link, line.length, 1.0)
+            out[:, line.row] = -np.where(self.link, square, 2.0 * np.sum(n_dot * d_dot, axis=-1))
         return out
 
     def _forces(self, x: np.ndarray, x_dot: np.ndarray) -> np.ndarray:
@@ -189,7 +222,20 @@ class Directors:
             for body, p, sign in ((s.spring_i, s.spring_p_i, 1.0), (s.spring_j, s.spring_p_j, -1.0)):
                 for k in range(len(body)):
                     Q[:, body[k]] += sign * np.insert(p[k], 0, 1.0)[:, None] * F[:, k, None]
+        for k, body in enumerate(s.load_i):
+            F, T = self._load(x, k)
+            Q[:, body] += np.insert(s.load_p[k], 0, 1.0)[:, None] * F[:, None]
+            # as a moment of forces on the directors: the sum of d_a x (T x d_a) / 2 is T where they are orthonormal
+            Q[:, body, 1:] += 0.5 * np.cross(T[:, None], x[:, body, 1:])
         return Q[:, :-1].reshape(len(x), s.nb, 12)
+
+    def _load(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """Force and torque of a load in space (nt, 3)."""
+        s, d = self.system, x[:, self.system.load_i[k], 1:]
+        both = (s.load_force[k], s.load_torque[k])
+        if s.load_follows[k]:
+            return tuple(np.einsum("a,tac->tc", a, d) for a in both)  # type: ignore[return-value]
+        return tuple(np.broadcast_to(a, (len(x), 3)) for a in both)  # type: ignore[return-value]
 
 
 def _of_ground(values: np.ndarray, body: np.ndarray, ground: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ onto the constraints, least change in the mass metric. Shares with route 2 the d
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 import scipy.linalg as sl
@@ -34,11 +35,13 @@ class NewtonEuler:
         self.weight = np.zeros((s.nb, 6, 6))  # M^-1 by bodies
         self.weight[:, range(3), range(3)] = 1.0 / s.mass[:, None]
         self.weight[:, 3:, 3:] = np.linalg.inv(s.inertia)
-        self.hinge = np.flatnonzero(s.joint_revolute)
-        self.ends = [  # body, arm, sign, moving joints, moving hinges of either end
-            (end, arm, sign, np.flatnonzero(end != GROUND), self.hinge[end[self.hinge] != GROUND])
-            for end, arm, sign in ((s.joint_i, s.joint_s_i, 1.0), (s.joint_j, s.joint_s_j, -1.0))
-        ]
+        self.pinned, self.point = s.point_rows()
+        self.line, self.axis = s.line_rows(), s.axis_rows()
+        # body, arm, sign; the moving ones of the pinned joints, of the line rows and of the axis rows
+        self.ends: list[tuple[Any, ...]] = []
+        for end, arm, sign in ((s.joint_i, s.joint_s_i, 1.0), (s.joint_j, s.joint_s_j, -1.0)):
+            moving = [np.flatnonzero(end[j] != GROUND) for j in (self.pinned, self.line.joint, self.axis.joint)]
+            self.ends.append((end, arm, sign, *moving))
 
     def start(self, state: State) -> Float[np.ndarray, " 13nb"]:
         """The state as this route's vector."""
@@ -63,7 +66,7 @@ class NewtonEuler:
         f = self._forces(r, R, v, Omega)
         free = np.einsum("bij,bj->bi", self.weight, f)
         if len(self.rows):
-            A, gamma = self._jacobian(R)[self.rows], self._gamma(R, Omega)[self.rows]
+            A, gamma = self._jacobian(r, R)[self.rows], self._gamma(r, R, v, Omega)[self.rows]
             WA = np.einsum("kbj,bji->kbi", A.reshape(-1, s.nb, 6), self.weight).reshape(len(A), -1)
             free -= (np.linalg.solve(A @ WA.T, A @ free.ravel() - gamma) @ WA).reshape(s.nb, 6)
         vector, w = q[:, :3], q[:, 3:]
@@ -76,7 +79,7 @@ class NewtonEuler:
         r, q, v, Omega = (a[0].copy() for a in self._parts(y[None]))
         q /= np.linalg.norm(q, axis=1)[:, None]
         if s.nrows:
-            A = self._jacobian(_matrices(q))
+            A = self._jacobian(r, _matrices(q))
             _, pivots, order = sl.qr(A.T, mode="economic", pivoting=True)
             size = np.abs(np.diag(pivots))
             self.rows = np.sort(order[: int(np.sum(size > RANK * size[0]))])
@@ -84,12 +87,12 @@ class NewtonEuler:
                 phi = self._phi(r, _matrices(q))
                 if np.max(np.abs(phi)) < 1e-15:
                     break
-                change = self._least_change(_matrices(q), phi)
+                change = self._least_change(r, _matrices(q), phi)
                 r -= change[:, :3]
                 q = (Rotation.from_quat(q) * Rotation.from_rotvec(-change[:, 3:])).as_quat()
             both = np.concatenate((v, Omega), axis=1)
             R = _matrices(q)
-            both -= self._least_change(R, self._jacobian(R) @ both.ravel())
+            both -= self._least_change(r, R, self._jacobian(r, R) @ both.ravel())
             v, Omega = both[:, :3], both[:, 3:]
         return np.concatenate([a.ravel() for a in (r, q, v, Omega)])
 
@@ -97,11 +100,11 @@ class NewtonEuler:
         """Largest |phi| [m] of all rows, those not in use included; axis rows times the size of the bodies."""
         r, q, _, _ = (a[0] for a in self._parts(y[None]))
         phi = np.abs(self._phi(r, _matrices(q)))
-        phi[self.system.row_start[self.hinge][:, None] + [3, 4]] *= np.max(gyration(self.system))
+        phi[self.axis.row] *= np.max(gyration(self.system))
         return float(np.max(phi, initial=0.0))
 
-    def _least_change(self, R: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-        A = self._jacobian(R)[self.rows]
+    def _least_change(self, r: np.ndarray, R: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+        A = self._jacobian(r, R)[self.rows]
         WA = np.einsum("kbj,bji->kbi", A.reshape(-1, self.system.nb, 6), self.weight).reshape(len(A), -1)
         return (np.linalg.solve(A @ WA.T, wanted[self.rows]) @ WA).reshape(-1, 6)
 
@@ -111,53 +114,82 @@ class NewtonEuler:
         return tuple(p.reshape(len(y), nb, -1) for p in pieces)
 
     def _phi(self, r: np.ndarray, R: np.ndarray) -> np.ndarray:
-        s, start = self.system, self.system.row_start[:-1]
-        at, turned = _with_ground(r, np.zeros(3)), _with_ground(R, np.eye(3))
-        out = np.zeros(s.nrows)
-        for body, arm, sign, _, _ in self.ends:
-            out[start[:, None] + np.arange(3)] += sign * (at[body] + np.einsum("jab,jb->ja", turned[body], arm))
-        u, n = self._axes(turned)
-        out[start[self.hinge][:, None] + [3, 4]] = np.einsum("ja,jka->jk", u, n)
+        out = np.zeros(self.system.nrows)
+        out[self.point] = self._gap(r, R, self.pinned)
+        d, (way, _) = self._gap(r, R, self.line.joint), self._ways(r, R)
+        link = self.line.length > 0.0
+        out[self.line.row] = np.where(link, 0.5, 1.0) * np.sum(d * way, axis=1) - 0.5 * self.line.length
+        u, n = self._axes(_with_ground(R, np.eye(3)))
+        out[self.axis.row] = np.sum(u * n, axis=1)
         return out
 
-    def _axes(self, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """u in i and the two n in j of the hinges, space frame."""
-        s, h = self.system, self.hinge
-        u = np.einsum("jab,jb->ja", turned[s.joint_i[h]], s.joint_u[h])
-        return u, np.einsum("jab,jkb->jka", turned[s.joint_j[h]], s.joint_n[h])
+    def _gap(self, r: np.ndarray, R: np.ndarray, joints: np.ndarray) -> np.ndarray:
+        """d of some joints (m, 3)."""
+        at, turned = _with_ground(r, np.zeros(3)), _with_ground(R, np.eye(3))
+        d = np.zeros((len(joints), 3))
+        for body, arm, sign, *_ in self.ends:
+            d += sign * (at[body[joints]] + np.einsum("jab,jb->ja", turned[body[joints]], arm[joints]))
+        return d
 
-    def _jacobian(self, R: np.ndarray) -> np.ndarray:
+    def _ways(self, r: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of the line rows: direction of the force, R_j n or d / L, and the point of i it acts at."""
+        s, line, turned = self.system, self.line, _with_ground(R, np.eye(3))
+        i, j = s.joint_i[line.joint], s.joint_j[line.joint]
+        x = _with_ground(r, np.zeros(3))[i] + np.einsum("jab,jb->ja", turned[i], s.joint_s_i[line.joint])
+        n = np.einsum("jab,jb->ja", turned[j], line.n)
+        link = line.length > 0.0
+        L = np.where(link, line.length, 1.0)[:, None]
+        return np.where(link[:, None], self._gap(r, R, line.joint) / L, n), x
+
+    def _axes(self, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """u in i and n in j of the axis rows, space frame."""
+        s, axis = self.system, self.axis
+        u = np.einsum("jab,jb->ja", turned[s.joint_i[axis.joint]], axis.u)
+        return u, np.einsum("jab,jb->ja", turned[s.joint_j[axis.joint]], axis.n)
+
+    def _jacobian(self, r: np.ndarray, R: np.ndarray) -> np.ndarray:
         """A (nrows, 6 nb) of phi_dot = A (r_dot, Omega)."""
-        s, start, turned = self.system, self.system.row_start[:-1], _with_ground(R, np.eye(3))
+        s, turned = self.system, _with_ground(R, np.eye(3))
         A = np.zeros((s.nrows, s.nb, 6))
-        u, n = self._axes(turned)
-        torque = np.zeros((s.nj, 2, 3))
-        torque[self.hinge] = _cross(u[:, None], n)
-        for body, arm, sign, moving, hinges in self.ends:
-            b, k = body[moving][:, None], start[moving][:, None] + np.arange(3)
+        torque = _cross(*self._axes(turned))
+        way, x = self._ways(r, R) if len(self.line.row) else (np.zeros((0, 3)),) * 2
+        for end, arm, sign, pins, lines, axes in self.ends:
+            joints = self.pinned[pins]
+            b, k = end[joints][:, None], self.point[pins]
             A[k, b, np.arange(3)] = sign
             # row c of -R hat(s): (s x R^T e_c)
-            A[k, b, 3:] = sign * _cross(arm[moving][:, None], turned[body[moving]])
-            k = start[hinges][:, None] + [3, 4]
-            A[k, body[hinges][:, None], 3:] = sign * np.einsum("jka,jab->jkb", torque[hinges], turned[body[hinges]])
+            A[k, b, 3:] = sign * _cross(arm[joints][:, None], turned[end[joints]])
+            b, k, f = end[self.line.joint[lines]], self.line.row[lines], sign * way[lines]
+            A[k, b, :3] = f
+            A[k, b, 3:] = np.einsum("ja,jab->jb", _cross(x[lines] - r[b], f), turned[b])
+            b = end[self.axis.joint[axes]]
+            A[self.axis.row[axes], b, 3:] = sign * np.einsum("ja,jab->jb", torque[axes], turned[b])
         return A.reshape(s.nrows, -1)
 
-    def _gamma(self, R: np.ndarray, Omega: np.ndarray) -> np.ndarray:
+    def _gamma(self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray) -> np.ndarray:
         """What A (r_ddot, Omega_dot) has to be for phi_ddot = 0."""
-        s, start = self.system, self.system.row_start[:-1]
+        s = self.system
         turned, omega = _with_ground(R, np.eye(3)), _with_ground(np.einsum("bij,bj->bi", R, Omega), np.zeros(3))
         out = np.zeros(s.nrows)
-        for body, arm, sign, _, _ in self.ends:
+        bend, rate = np.zeros((2, s.nj, 3))  # of d: what v_dot and Omega_dot do not give of d_ddot, and d_dot
+        for body, arm, sign, *_ in self.ends:
             w, p = omega[body], np.einsum("jab,jb->ja", turned[body], arm)
-            out[start[:, None] + np.arange(3)] -= sign * _cross(w, _cross(w, p))
+            bend += sign * _cross(w, _cross(w, p))
+            rate += sign * (_with_ground(v, np.zeros(3))[body] + _cross(w, p))
+        out[self.point] = -bend[self.pinned]
+        if len(self.line.row):
+            j, link = self.line.joint, self.line.length > 0.0
+            L, d, (way, _) = np.where(link, self.line.length, 1.0), self._gap(r, R, j), self._ways(r, R)
+            w = omega[s.joint_j[j]]
+            n_dot = np.where(link[:, None], 0.0, _cross(w, way))
+            turning = 2.0 * np.sum(n_dot * rate[j], axis=1) + np.sum(_cross(w, n_dot) * d, axis=1)
+            square = np.where(link, np.sum(rate[j] ** 2, axis=1) / L, 0.0)
+            out[self.line.row] = -(np.sum(way * bend[j], axis=1) + turning + square)
         u, n = self._axes(turned)
-        w_i, w_j = omega[s.joint_i[self.hinge]], omega[s.joint_j[self.hinge]][:, None]
+        w_i, w_j = omega[s.joint_i[self.axis.joint]], omega[s.joint_j[self.axis.joint]]
         u_dot, n_dot = _cross(w_i, u), _cross(w_j, n)
-        out[start[self.hinge][:, None] + [3, 4]] = -(
-            np.einsum("ja,jka->jk", _cross(w_i, u_dot), n)
-            + 2.0 * np.einsum("ja,jka->jk", u_dot, n_dot)
-            + np.einsum("ja,jka->jk", u, _cross(w_j, n_dot))
-        )
+        both = _cross(w_i, u_dot) * n + 2.0 * u_dot * n_dot + u * _cross(w_j, n_dot)
+        out[self.axis.row] = -np.sum(both, axis=1)
         return out
 
     def _forces(self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray) -> np.ndarray:
@@ -179,6 +211,13 @@ class NewtonEuler:
             for b, p, sign in ((s.spring_i, s.spring_p_i, 1.0), (s.spring_j, s.spring_p_j, -1.0)):
                 torque = _cross(p, np.einsum("jab,ja->jb", turned[b], F))
                 np.add.at(f, b, sign * np.concatenate((F, torque), axis=1))
+        if len(s.load_i):
+            Q = R[s.load_i]
+            follows = s.load_follows[:, None]
+            force = np.where(follows, np.einsum("jab,jb->ja", Q, s.load_force), s.load_force)
+            pull = np.where(follows, s.load_force, np.einsum("jab,ja->jb", Q, s.load_force))
+            torque = np.where(follows, s.load_torque, np.einsum("jab,ja->jb", Q, s.load_torque))
+            np.add.at(f, s.load_i, np.concatenate((force, torque + _cross(s.load_p, pull)), axis=1))
         return f[:-1]
 
 

@@ -32,9 +32,9 @@ class PinnedBody:
     @staticmethod
     def of(system: MultibodySystem) -> "PinnedBody | None":
         """The data, or None if the system is not one body on one spherical joint to the ground."""
-        if (system.nb, system.nj, len(system.spring_k)) != (1, 1, 0) or system.joint_revolute[0]:
+        if (system.nb, system.nj, len(system.spring_k), len(system.load_i)) != (1, 1, 0, 0):
             return None
-        if system.joint_j[0] != GROUND:
+        if (system.joint_points[0], system.joint_axes[0], system.joint_j[0]) != (3, 0, GROUND):
             return None
         c = -system.joint_s_i[0]
         m, J = float(system.mass[0]), system.inertia[0]

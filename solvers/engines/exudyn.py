@@ -28,7 +28,7 @@ from ...harness.mechanics.state import State, States
 from ...harness.mechanics.system import GROUND, MultibodySystem
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from ..formulations.recording import no_trajectory
-from .export.engine import made_by, missing, package
+from .export.engine import beyond, made_by, missing, package
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
 
@@ -58,7 +58,7 @@ class Exudyn:
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why Exudyn cannot take the problem, or None."""
-        if (reason := missing("exudyn")) is not None:
+        if (reason := missing("exudyn") or beyond(problem.system)) is not None:
             return reason
         model = Model(self, problem, control)
         steep = np.abs(problem.initial.R[:, 0, 2]) > STEEP

@@ -24,7 +24,7 @@ from ...harness.catalogue.registry import solver
 from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, States, Status, StepControl, Trajectory
 from ..formulations.recording import no_trajectory
-from .export.engine import made_by, missing, package
+from .export.engine import beyond, made_by, missing, package
 from .export.march import march
 from .export.model_check import EngineModel, model_refusal
 from .export.tree import Kind, Tree, spanning_tree
@@ -59,7 +59,7 @@ class MuJoCo:
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why MuJoCo cannot take the problem, or None."""
-        if (reason := missing("mujoco")) is not None:
+        if (reason := missing("mujoco") or beyond(problem.system)) is not None:
             return reason
         try:
             model = Model(self, problem, control)

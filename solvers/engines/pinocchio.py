@@ -23,7 +23,7 @@ from ...harness.catalogue.registry import solver
 from ...harness.mechanics.system import GROUND
 from ...harness.types import Problem, States, Status, StepControl, Trajectory
 from ..formulations.recording import no_trajectory
-from .export.engine import made_by, missing, package
+from .export.engine import beyond, made_by, missing, package
 from .export.march import march
 from .export.model_check import EngineModel, model_refusal
 from .export.tree import Kind, Tree, spanning_tree
@@ -54,7 +54,7 @@ class Pinocchio:
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why Pinocchio cannot take the problem, or None."""
-        if (reason := missing("pinocchio", "pin")) is not None:
+        if (reason := missing("pinocchio", "pin") or beyond(problem.system)) is not None:
             return reason
         if len(problem.system.spring_k):
             return f"Pinocchio has no springs; the system has {len(problem.system.spring_k)}"

@@ -144,9 +144,8 @@ def _check_constraints(layout: Layout, y: np.ndarray) -> None:
     """Stop a run with a joint open by the length of its arms: it integrates another mechanism."""
     s = layout.system
     phi = np.abs(constraint(s, _states(layout, y[None]))[0])
-    first = s.row_start[:-1]
-    apart = float(np.max(phi[first[:, None] + np.arange(3)], initial=0.0))
-    tilt = float(np.max(phi[first[s.joint_revolute][:, None] + np.array([3, 4])], initial=0.0))
+    apart = float(max(np.max(phi[rows], initial=0.0) for rows in (s.point_rows()[1], s.line_rows().row)))
+    tilt = float(np.max(phi[s.axis_rows().row], initial=0.0))
     arm = max(float(np.max(np.abs(a), initial=0.0)) for a in (s.joint_s_i, s.joint_s_j))
     if (arm > 0.0 and apart > arm) or tilt > LOST_AXIS:
         raise StepFailure(Status.DIVERGED, f"the joints came apart: {apart:.3g} m, axes by a cosine of {tilt:.3g}")

@@ -26,6 +26,7 @@ from .symbolic import ROWS, free_spring_element, strong_row_element
 from .system_elements import (
     body_batch,
     joint_rows,
+    load_batch,
     pair_ends,
     row_parameters,
     spring_batch,
@@ -92,20 +93,23 @@ class StrongForm:
         s = layout.system
         self._gravity = np.concatenate((s.mass[:, None] * s.gravity, np.zeros((s.nb, 3))), axis=1).ravel()
         self._springs = _Springs(self._bare) if len(s.spring_k) else None
+        loads = [load_batch(self._bare, chosen=False)]
+        self._loads = Assembly(self._bare, loads, layout.n_u, differentiable=False) if len(s.load_i) else None
 
     def terms(self, pu: Float[np.ndarray, " n"]) -> RowTerms:
         """Everything of Eq. (65) at (p, u)."""
         out = self._motion.values(pu, self._at_rest)
         p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, of_c = (out[part] for part in self._slices)
         C_bar, K_bar = (np.full(self._k, given) for given in (self._choice.c_bar, self._choice.k_bar))
+        f_steady = self._gravity if self._loads is None else self._gravity + self._loads.values(pu, self._at_rest)
         if self._springs is None:
-            f_bar = self.pattern.times(of_c, self._gravity)
+            f_bar = self.pattern.times(of_c, f_steady)
             return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, C_bar, K_bar, f_bar)
         f, *slopes = self._springs.at(pu)
         c = self.pattern.matrix(of_c)
         for given, slope in zip((C_bar, K_bar), slopes, strict=True):
             given += np.asarray((c @ slope).multiply(c).sum(axis=1)).ravel()
-        return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, C_bar, K_bar, c @ (self._gravity + f))
+        return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, C_bar, K_bar, c @ (f_steady + f))
 
     def rates(
         self, pu: Float[np.ndarray, " n"], lam: Float[np.ndarray, " k"], lam_dot: Float[np.ndarray, " k"]
@@ -121,7 +125,7 @@ class StrongForm:
     def _batches(self, layout: Layout, place: np.ndarray) -> list[Batch]:
         bare, system = self._bare, layout.system
         A, gamma, phi_dot, phi, M_bar, M_bar_dot, c = (part.start for part in self._slices[2:])
-        batches, used = [body_batch(bare), spring_batch(bare)], 0
+        batches, used = [body_batch(bare), spring_batch(bare), load_batch(bare)], 0
         for kind in ROWS:
             joints, rows = joint_rows(layout, kind)
             ends = pair_ends(bare, system.joint_i[joints], system.joint_j[joints])

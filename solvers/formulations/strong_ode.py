@@ -33,8 +33,9 @@ class StrongOptions(SymbolicOptions):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why this solver cannot solve the problem, or None."""
-        if self.direction == "translation" and np.any(problem.system.joint_revolute):
-            return "direction 'translation' needs spherical joints: an axis row has no translation"
+        system = problem.system
+        if self.direction == "translation" and np.any(system.joint_rows > 3 * (system.joint_points > 0)):
+            return "direction 'translation' needs spherical joints: other rows have no translation of their own"
         return super().refuses(problem, control)
 
 

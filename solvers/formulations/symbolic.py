@@ -88,7 +88,26 @@ def axis_rows(i: Pose, j: Pose, parameters: ca.SX) -> ca.SX:
     return ca.vertcat(ca.dot(u, j.R @ parameters[3:6]), ca.dot(u, j.R @ parameters[6:9]))
 
 
-ROWS = {"point": (point_rows, 3, 6), "axis": (axis_rows, 2, 9)}  # rows, number of rows, number of parameters
+def lone_axis_row(i: Pose, j: Pose, parameters: ca.SX) -> ca.SX:
+    """phi = (R_i u) . (R_j n) [-]; parameters (u, n)."""
+    return ca.dot(i.R @ parameters[:3], j.R @ parameters[3:6])
+
+
+def plane_row(i: Pose, j: Pose, parameters: ca.SX) -> ca.SX:
+    """phi = (R_j n) . d [m], d of ``point_rows``; parameters (s_i, s_j, n)."""
+    return ca.dot(j.R @ parameters[6:9], point_rows(i, j, parameters))
+
+
+def distance_row(i: Pose, j: Pose, parameters: ca.SX) -> ca.SX:
+    """phi = (d . d - L^2) / (2 L) [m]; parameters (s_i, s_j, L)."""
+    d, L = point_rows(i, j, parameters), parameters[6]
+    return (ca.dot(d, d) - L * L) / (2 * L)
+
+
+ROWS = {  # rows, number of rows, number of parameters
+    "point": (point_rows, 3, 6), "plane": (plane_row, 1, 9), "distance": (distance_row, 1, 7),
+    "axis": (axis_rows, 2, 9), "lone axis": (lone_axis_row, 1, 6),
+}  # fmt: skip
 
 
 class Pair(NamedTuple):
@@ -187,6 +206,17 @@ def spring_element(chart: Chart) -> Element:
     k, d0, c = parameters[6], parameters[7], parameters[8]
     load = pair.A_chart.T @ (k * (pair.value - d0) + c * pair.rate)
     return Element(_unknowns(pair), _accelerations(pair), parameters, {"load": load})
+
+
+def load_element(chart: Chart, *, chosen: bool = True) -> Element:
+    """Parameters (p, F, T, 1 if they turn with the body else 0); output -B^T f, or f itself in V if not ``chosen``."""
+    b, parameters = moving(chart, "i"), ca.SX.sym("load", 10)
+    p, F, T, follows = parameters[:3], parameters[3:6], parameters[6:9], parameters[9]
+    R = b.pose.R
+    force = ca.if_else(follows, R @ F, F)
+    torque = ca.if_else(follows, T, R.T @ T)
+    f = ca.vertcat(force, torque + ca.cross(p, R.T @ force))
+    return Element(ca.vertcat(b.p, b.u), b.u_dot, parameters, {"load": -b.B.T @ f if chosen else f})
 
 
 def free_spring_element(chart: Chart) -> Element:

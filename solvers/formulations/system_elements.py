@@ -10,12 +10,12 @@ from jaxtyping import Int
 
 from .assembly import Assembly, Batch
 from .layout import Layout, Stabilised
-from .symbolic import ROWS, body_element, row_element, spring_element
+from .symbolic import ROWS, body_element, load_element, row_element, spring_element
 
 
 def equations_of_motion(layout: Layout, level: str, alpha: float, beta: float, *, differentiable: bool) -> Assembly:
     """(p_dot, e, c) over (p, u, lam) and w = u_dot; ``level`` of c as in ``row_element``."""
-    batches = [body_batch(layout), spring_batch(layout)]
+    batches = [body_batch(layout), spring_batch(layout), load_batch(layout)]
     for kind in ROWS:
         joints, rows = joint_rows(layout, kind)
         ends = pair_ends(layout, layout.system.joint_i[joints], layout.system.joint_j[joints])
@@ -58,20 +58,49 @@ def spring_parameters(layout: Layout) -> np.ndarray:
     return np.concatenate((s.spring_p_i, s.spring_p_j, np.stack((s.spring_k, s.spring_d0, s.spring_c), axis=1)), axis=1)
 
 
-def joint_rows(layout: Layout, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """The joints with rows of ``kind`` and the numbers of these rows in phi (m, 3 or 2)."""
+def load_batch(layout: Layout, *, chosen: bool = True) -> Batch:
+    """All loads on e, or in V on (nb, 6) if not ``chosen``."""
     s = layout.system
-    joints = np.arange(s.nj) if kind == "point" else np.flatnonzero(s.joint_revolute)
-    first = s.row_start[joints] + (0 if kind == "point" else 3)
-    return joints, first[:, None] + np.arange(ROWS[kind][1])
+    parts = (s.load_p, s.load_force, s.load_torque, s.load_follows[:, None].astype(float))
+    w = layout.velocity(s.load_i)
+    out = layout.n_p + w if chosen else w
+    return Batch(
+        load_element(layout.chart, chosen=chosen), np.concatenate(parts, axis=1), layout.body(s.load_i), w, out
+    )
+
+
+def joint_rows(layout: Layout, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """The joints with rows of ``kind``, once for each of its elements, and the numbers of these rows in phi (m, .)."""
+    s = layout.system
+    if kind == "point":
+        return s.point_rows()
+    if kind in ("plane", "distance"):
+        line = s.line_rows()
+        own = (line.length > 0.0) == (kind == "distance")
+        return line.joint[own], line.row[own][:, None]
+    first = s.row_start[:-1] + s.joint_points + s.joint_lines
+    if kind == "axis":  # the two of a common axis
+        joints = np.flatnonzero(s.joint_axes >= 2)
+        return joints, first[joints][:, None] + np.arange(2)
+    joints = np.flatnonzero(s.joint_axes % 2)
+    return joints, (first + s.joint_axes - 1)[joints][:, None]
 
 
 def row_parameters(layout: Layout, kind: str) -> np.ndarray:
-    """Points (s_i, s_j) or axes (u, n_1, n_2) of the joints of ``joint_rows``."""
-    s, (joints, _) = layout.system, joint_rows(layout, kind)
+    """Of the elements of ``joint_rows``, as ``ROWS`` has them."""
+    s, (joints, rows) = layout.system, joint_rows(layout, kind)
+    points = np.concatenate((s.joint_s_i[joints], s.joint_s_j[joints]), axis=1)
     if kind == "point":
-        return np.concatenate((s.joint_s_i[joints], s.joint_s_j[joints]), axis=1)
-    return np.concatenate((s.joint_u[joints], s.joint_n[joints].reshape(-1, 6)), axis=1)
+        return points
+    if kind == "axis":
+        return np.concatenate((s.joint_u[joints], s.joint_n[joints].reshape(-1, 6)), axis=1)
+    if kind == "lone axis":
+        axis = s.axis_rows()
+        own = np.searchsorted(axis.row, rows[:, 0])
+        return np.concatenate((axis.u[own], axis.n[own]), axis=1)
+    line = s.line_rows()
+    own = np.searchsorted(line.row, rows[:, 0])
+    return np.concatenate((points, line.n[own] if kind == "plane" else line.length[own, None]), axis=1)
 
 
 class PairEnds(NamedTuple):

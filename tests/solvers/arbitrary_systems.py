@@ -39,4 +39,4 @@ def arbitrary(system: MultibodySystem, seed: int) -> State:
 
 def consistent(system: MultibodySystem, seed: int) -> State:
     """An arbitrary state projected onto phi = phi_dot = 0."""
-    return project(system, arbitrary(system, seed), iterations=60)
+    return project(system, arbitrary(system, seed), iterations=200)  # from far away some seeds take a hundred

@@ -124,9 +124,8 @@ def renumbered(problem: Problem, bodies: np.ndarray, joints: np.ndarray) -> Prob
     """The same mechanism with body ``bodies[k]`` as number k, joint ``joints[k]`` likewise."""
     s, start = problem.system, problem.initial
     number = np.append(np.argsort(bodies), GROUND)
-    of_joint = {
-        name: getattr(s, name)[joints] for name in ("joint_s_i", "joint_s_j", "joint_revolute", "joint_u", "joint_n")
-    }
+    below = ("joint_i", "joint_j", "joint_names")
+    of_joint = {name: a[joints] for name, a in vars(s).items() if name.startswith("joint_") and name not in below}
     system: MultibodySystem = replace(
         s,
         mass=s.mass[bodies],

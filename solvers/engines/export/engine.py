@@ -5,6 +5,8 @@ import importlib.metadata
 import importlib.util
 from types import ModuleType
 
+from ....harness.mechanics.system import MultibodySystem
+
 
 def missing(module: str, wheel: str = "") -> str | None:
     """What to do where ``module`` (of the package ``wheel``, if that has another name) is not installed, or None."""
@@ -13,6 +15,13 @@ def missing(module: str, wheel: str = "") -> str | None:
     except ValueError:  # planted in sys.modules without a spec
         found = False
     return None if found else f"{wheel or module} is not installed: pip install -r requirements-engines.lock"
+
+
+def beyond(system: MultibodySystem) -> str | None:
+    """What of the system the adapters do not hand to an engine, or None."""
+    if system.is_pinned and not len(system.load_i):
+        return None
+    return "engines are given spherical and revolute joints, gravity and springs only"
 
 
 def made_by(name: str) -> str:

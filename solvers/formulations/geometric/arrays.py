@@ -8,10 +8,12 @@ symbol              shape               meaning                                 
 r, R                (nb, 3) (nb, 3, 3)  position of C in space; rotation, body to space                       m, -
 v, Omega            (nb, 6), its 3:     (r_dot in space, Omega in the body frame)                             m/s, rad/s
 s, arm, arm_dot     (nj, 2, 3)          joint point from C in the body; in space, R s; its rate               m, m/s
-u, u_dot            (nj, 3)             axis of a revolute joint (fixed in body i); its rate                  -, 1/s
-n, n_dot            (nj, 2, 3)          its normals (fixed in body j); their rates                            -, 1/s
-a, a_dot            (nj, 2, 3)          u x n_k, torque of a unit multiplier of axis row k; its rate          -, 1/s
-phi, phi_dot        (nrows,)            constraints and their rates, Eq. (12): point rows [m], axis rows [-]
+u, u_dot            (nj, 3, 3)          of axis row k the vector fixed in body i; its rate                    -, 1/s
+n, n_dot            (nj, 3, 3)          and the one fixed in body j; its rate                                 -, 1/s
+a, a_dot            (nj, 3, 3)          u_k x n_k, torque of a unit multiplier of axis row k; its rate        -, 1/s
+gap, gap_dot        (nj, 3)             of a joint with line rows: point of i less that of j; its rate        m, m/s
+f, f_dot            (nj, 2, 3)          force of a unit multiplier of line row k; its rate                    -, 1/s
+phi, phi_dot        (nrows,)            constraints and their rates, Eq. (12); point, line [m], axis rows [-]
 wrench              (nb, 6)             applied force, and torque about C, in space: f of Eq. (71)            N, N m
 c                   (nrows, 2, 6)       c_R of Eq. (31) on both ends (translation space, rotation body)
 m_bar, f_bar        (nrows,)            Eq. (30)
@@ -31,6 +33,7 @@ xi                  (1,)                penalty, Eq. (84)
 Indices: body ``b``, joint ``j``, its end ``e`` (0: body i, sign +; 1: body j, sign -), ``k`` its row or a component.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +42,10 @@ from ....harness.mechanics.system import MultibodySystem
 
 
 class Model(NamedTuple):
-    """A ``MultibodySystem`` for the kernels. Ends are [i, j]; body -1 is the ground."""
+    """A ``MultibodySystem`` for the kernels. Ends are [i, j]; body -1 is the ground.
+
+    A joint here is spherical or revolute, or has line rows alone, or axis rows alone: others are split.
+    """
 
     mass: np.ndarray  # (nb,)
     J: np.ndarray  # (nb, 3, 3)
@@ -47,15 +53,24 @@ class Model(NamedTuple):
     gravity: np.ndarray  # (3,)
     body: np.ndarray  # (nj, 2) bodies that a joint connects
     s: np.ndarray  # (nj, 2, 3)
-    hinged: np.ndarray  # (nj,) 1 for a revolute joint
-    u: np.ndarray  # (nj, 3) in body i
-    n: np.ndarray  # (nj, 2, 3) in body j
+    pins: np.ndarray  # (nj,) 1 for a joint with point rows
+    lines: np.ndarray  # (nj,) number of line rows
+    axes: np.ndarray  # (nj,) number of axis rows, behind the point rows
+    u: np.ndarray  # (nj, 3, 3) in body i, of each axis row
+    n: np.ndarray  # (nj, 3, 3) in body j
+    normal: np.ndarray  # (nj, 2, 3) in body j, of each line row
+    length: np.ndarray  # (nj,) of a distance, else 0
     row: np.ndarray  # (nj + 1,) first row of each joint
     spring_body: np.ndarray  # (ns, 2)
     p: np.ndarray  # (ns, 2, 3) ends of a spring from C, in the body
     stiffness: np.ndarray  # (ns,)
     free_length: np.ndarray  # (ns,)
     damping: np.ndarray  # (ns,)
+    load_body: np.ndarray  # (nl,)
+    load_p: np.ndarray  # (nl, 3)
+    load_force: np.ndarray  # (nl, 3)
+    load_torque: np.ndarray  # (nl, 3)
+    load_follows: np.ndarray  # (nl,) 1: they turn with the body
 
 
 class Motion(NamedTuple):
@@ -72,6 +87,10 @@ class Motion(NamedTuple):
     n_dot: np.ndarray
     a: np.ndarray
     a_dot: np.ndarray
+    gap: np.ndarray
+    gap_dot: np.ndarray
+    f: np.ndarray
+    f_dot: np.ndarray
     phi: np.ndarray
     phi_dot: np.ndarray
     wrench: np.ndarray
@@ -108,32 +127,58 @@ class Step(NamedTuple):
 
 def model_of(system: MultibodySystem) -> Model:
     """The kernels' arrays of a system."""
+    parts = np.array(list(_parts(system)), dtype=np.int64).reshape(-1, 4)
+    joint, pins, lines, axes = parts.T
+    both = np.minimum(np.arange(3), 1)  # rows (u, n_1), (u, n_2), (w, n_2)
     return Model(
         mass=np.array(system.mass),
         J=np.array(system.inertia),
         J_inv=np.linalg.inv(system.inertia).copy() if system.nb else np.zeros((0, 3, 3)),
         gravity=np.array(system.gravity),
-        body=np.stack((system.joint_i, system.joint_j), axis=1).astype(np.int64),
-        s=np.stack((system.joint_s_i, system.joint_s_j), axis=1).copy(),
-        hinged=system.joint_revolute.astype(np.int64),
-        u=np.array(system.joint_u),
-        n=np.array(system.joint_n),
-        row=system.row_start.copy(),
+        body=np.stack((system.joint_i, system.joint_j), axis=1).astype(np.int64)[joint],
+        s=np.stack((system.joint_s_i, system.joint_s_j), axis=1)[joint],
+        pins=pins.copy(),
+        lines=lines.copy(),
+        axes=axes.copy(),
+        u=np.stack((system.joint_u, system.joint_u, system.joint_w), axis=1)[joint],
+        n=system.joint_n[joint][:, both],
+        normal=system.joint_n[joint],
+        length=system.joint_length[joint],
+        row=np.concatenate(([0], np.cumsum(3 * pins + lines + axes))).astype(np.int64),
         spring_body=np.stack((system.spring_i, system.spring_j), axis=1).astype(np.int64),
         p=np.stack((system.spring_p_i, system.spring_p_j), axis=1).copy(),
         stiffness=np.array(system.spring_k),
         free_length=np.array(system.spring_d0),
         damping=np.array(system.spring_c),
+        load_body=np.array(system.load_i),
+        load_p=np.array(system.load_p),
+        load_force=np.array(system.load_force),
+        load_torque=np.array(system.load_torque),
+        load_follows=system.load_follows.astype(np.int64),
     )
+
+
+def _parts(system: MultibodySystem) -> Iterator[tuple[int, int, int, int]]:
+    """(joint, 1 with point rows, number of line rows, number of axis rows) of the joints that the kernels see."""
+    counts = zip(system.joint_points // 3, system.joint_lines, system.joint_axes, strict=True)
+    for j, (pins, lines, axes) in enumerate(counts):
+        if pins and axes in (0, 2):
+            yield j, 1, 0, int(axes)
+            continue
+        if pins or lines:
+            yield j, int(pins), int(lines), 0
+        if axes:
+            yield j, 0, 0, int(axes)
 
 
 def empty_motion(model: Model) -> Motion:
     """Room for one instant."""
     nb, nj, nrows = len(model.mass), len(model.body), int(model.row[-1])
-    point, axis, row = (nj, 2, 3), (nj, 3), (nrows,)
+    point, axis, row = (nj, 2, 3), (nj, 3, 3), (nrows,)
     shapes = {
         "r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 6), "wrench": (nb, 6), "arm": point, "arm_dot": point, "u": axis,
-        "u_dot": axis, "n": point, "n_dot": point, "a": point, "a_dot": point, "c": (nrows, 2, 6),
+        "u_dot": axis, "n": axis, "n_dot": axis, "a": axis, "a_dot": axis, "c": (nrows, 2, 6),
+        "gap": (nj, 3), "gap_dot": (nj, 3), "f": point, "f_dot": point,
     }  # fmt: skip
     return Motion(**{name: np.zeros(shapes.get(name, row)) for name in Motion._fields})
 

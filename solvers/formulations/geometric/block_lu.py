@@ -58,7 +58,13 @@ def factor(blocks, lu):
 
 @njit(**INNER)
 def _combine(low, k, a, panel, o, inner, w, strip):
-    """strip = low[k, a, :inner] @ panel, unrolled for the three node sizes (rows of the panel are w long, from o)."""
+    """strip = low[k, a, :inner] @ panel, unrolled for the usual node sizes (rows of the panel are w long, from o)."""
+    if inner < 3 or inner == 4:
+        for c in range(w):
+            strip[c] = 0.0
+            for b in range(inner):
+                strip[c] += low[k, a, b] * panel[o + b * w + c]
+        return
     x0, x1, x2 = low[k, a, 0], low[k, a, 1], low[k, a, 2]
     if inner == 3:
         for c in range(w):

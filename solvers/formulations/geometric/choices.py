@@ -151,6 +151,6 @@ class GaugeChoices:
 
     def refuses_direction(self, problem: Problem) -> str | None:
         """Why c_R does not exist for a joint of the problem, or None."""
-        if self.direction == "translation" and np.any(problem.system.joint_revolute):
-            return "direction 'translation' needs spherical joints: an axis row has no translation"
+        if self.direction == "translation" and not np.all(problem.system.joint_rows == problem.system.joint_points):
+            return "direction 'translation' needs spherical joints: other rows have no translation of their own"
         return None

@@ -30,32 +30,31 @@ def masses_and_forces(model, motion, choice):
                 b, sign = model.body[j, e], 1.0 - 2.0 * e
                 if b < 0:
                     continue
-                x = rotation_part(model.s[j, e], motion.R[b], motion.a[j], k)
+                t, x = row_on(model, motion, j, e, k)
                 torque = turn_back(motion.R[b], motion.wrench[b, 3:])
                 if choice == ALONG_A:
-                    size += dot(x, x)
-                    inertia += dot(x, turn(model.J[b], x))
-                    force += sign * dot(torque, x)
-                    if k < 3:
-                        size += 1.0
-                        inertia += model.mass[b]
-                        force += sign * motion.wrench[b, k]
+                    size += dot(x, x) + dot(t, t)
+                    inertia += dot(x, turn(model.J[b], x)) + model.mass[b] * dot(t, t)
+                    force += sign * (dot(torque, x) + dot(t, motion.wrench[b]))
                 else:
                     y = turn(model.J_inv[b], x)
-                    size += dot(x, y)
-                    force += sign * dot(torque, y)
-                    if k < 3:
-                        size += 1.0 / model.mass[b]
-                        force += sign * motion.wrench[b, k] / model.mass[b]
+                    size += dot(x, y) + dot(t, t) / model.mass[b]
+                    force += sign * (dot(torque, y) + dot(t, motion.wrench[b]) / model.mass[b])
             scale = 1.0 / size
             motion.m_bar[row] = inertia * scale * scale if choice == ALONG_A else scale
             motion.f_bar[row] = force * scale
 
 
 @njit(**INNER)
-def rotation_part(s, R, a, k):
-    """Rotational part of A's row k on one end, in its body's frame and without its sign: s x R^T e_k, or R^T a."""
-    return cross(s, R[k]) if k < 3 else turn_back(R, a[k - 3])
+def row_on(model, motion, j, e, k):
+    """A's row k of a joint on one end without its sign: translation [space], e_k, f or 0; rotation [body]."""
+    R = motion.R[model.body[j, e]]
+    if model.lines[j]:
+        f = motion.f[j, k]
+        return (f[0], f[1], f[2]), turn_back(R, cross(motion.arm[j, e], f))
+    if model.pins[j] and k < 3:
+        return (1.0 * (k == 0), 1.0 * (k == 1), 1.0 * (k == 2)), cross(model.s[j, e], R[k])
+    return (0.0, 0.0, 0.0), turn_back(R, motion.a[j, k - 3 * model.pins[j]])
 
 
 @njit(**INNER)
@@ -70,13 +69,12 @@ def direction(model, motion, j, row, choice):
         b, sign, c = model.body[j, e], 1.0 - 2.0 * e, motion.c[row, e]
         if b < 0:
             continue
-        x = times(sign, rotation_part(model.s[j, e], motion.R[b], motion.a[j], k))
+        t, x = row_on(model, motion, j, e, k)
         y = x if choice == ALONG_A else turn(model.J_inv[b], x)
-        put(y, c[3:])
-        if k < 3:
-            c[k] = sign if choice == ALONG_A else sign / model.mass[b]
-            size += sign * c[k]
-        size += dot(x, y)
+        z = t if choice == ALONG_A else times(1.0 / model.mass[b], t)
+        put(times(sign, z), c)
+        put(times(sign, y), c[3:])
+        size += dot(t, z) + dot(x, y)
     for e in range(2):
         for q in range(6):
             motion.c[row, e, q] /= size

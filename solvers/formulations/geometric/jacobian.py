@@ -4,14 +4,16 @@ The pose of the end follows its velocity: ``dr1 = dt/2 dr_dot1`` and ``dR1 = R1 
 ``T = dt/2 dexp(dt/2 (Omega0 + Omega1))``. Here inertia and f_bar; joints are in ``jacobian_joints``, springs in
 ``springs``.
 
-Left out: how C_bar, K_bar, M_bar and the springs' part of f_bar change within the step (of order dt^2; it only
-slows the convergence). Without springs the Jacobian is exact.
+Left out: how C_bar, K_bar, M_bar, the f_bar of line rows and the part in f_bar of springs and loads change within the
+step (of order dt^2; it only slows the convergence). For pins under gravity the Jacobian is exact.
 """
 
 from numba import njit
 
 from .directions import ALONG_A, TRANSLATION
 from .jacobian_joints import axis_columns, axis_constraints, axis_forces, point_columns, point_constraints, point_forces
+from .lines import line_columns, line_slopes
+from .loads import add_load_slopes
 from .springs import add_jacobian
 from .vectors import INNER, JIT, add, cross, dot, plus, right_differential, times, turn, turn_back
 
@@ -32,10 +34,13 @@ def assemble(model, step, settings, saddle):
     axis_columns(model, step, settings, saddle)
     axis_forces(model, step, settings, saddle)
     axis_constraints(model, step, saddle)
+    line_columns(model, step, settings, saddle)
+    line_slopes(model, step, settings, saddle)
     for j in range(len(model.body)):
         for k in range(model.row[j + 1] - model.row[j]):
             saddle.blocks[saddle.joint[j], k, k] = saddle.softness[model.row[j] + k]
     add_jacobian(model, step.end, 0.5 * step.dt, saddle)
+    add_load_slopes(model, step.end, 0.5 * step.dt, saddle)
 
 
 @njit(**INNER)
@@ -58,7 +63,7 @@ def _f_bar(model, end, half, choice, saddle):
     """-half D1 G1 with G1 = -f_bar = -N / size: size depends on the arms, f_bar' = -f_bar size' / size."""
     for j in range(len(model.body)):
         i, o = model.body[j, 0], model.body[j, 1]
-        for k in range(3):
+        for k in range(3 if model.pins[j] else 0):
             size, by_i, by_o = 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)  # and its gradients by theta of both ends
             if i >= 0:
                 size, by_i = _size(size, model.mass[i], model.J_inv[i], model.s[j, 0], end.R[i, k], choice)

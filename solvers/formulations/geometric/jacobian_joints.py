@@ -18,7 +18,7 @@ def point_forces(model, step, settings, saddle):
     B = half * settings.b_term
     for j in range(len(model.body)):
         row = model.row[j]
-        for e in range(2):
+        for e in range(2 if model.pins[j] else 0):
             b, sign, s = model.body[j, e], 1.0 - 2.0 * e, model.s[j, e]
             if b < 0:
                 continue
@@ -38,11 +38,11 @@ def _add_turning(sign, by_theta, by_Omega, T, K):
 
 @njit(**INNER)
 def point_columns(model, step, settings, saddle):
-    """Columns of nu1: translation sign (gauge - 1 - half dG), moment R1^T (b x e_k), b as in ``_by_nu``."""
+    """Columns of nu1: translation sign (gauge - 1 - half dG), moment R1^T (b x e_k), b as in ``by_nu``."""
     start, end, half = step.start, step.end, 0.5 * step.dt
     B, gauge = half * settings.b_term, settings.gauge
     for j in range(len(model.body)):
-        for e in range(2):
+        for e in range(2 if model.pins[j] else 0):
             b, sign = model.body[j, e], 1.0 - 2.0 * e
             if b < 0:
                 continue
@@ -50,7 +50,7 @@ def point_columns(model, step, settings, saddle):
             for k in range(3):
                 dG = half * step.rows.dG[model.row[j] + k]
                 K[k, k] = sign * (gauge - 1.0 - dG)
-                x = _by_nu(gauge, B, dG, start.arm[j, e], start.arm_dot[j, e], end.arm[j, e], end.arm_dot[j, e])
+                x = by_nu(gauge, B, dG, start.arm[j, e], start.arm_dot[j, e], end.arm[j, e], end.arm_dot[j, e])
                 K[3, k], K[4, k], K[5, k] = times(sign, cross(turn_back(R, x), R[k]))
 
 
@@ -60,18 +60,19 @@ def axis_columns(model, step, settings, saddle):
     start, end, half = step.start, step.end, 0.5 * step.dt
     B, gauge = half * settings.b_term, settings.gauge
     for j in range(len(model.body)):
-        for k in range(2 if model.hinged[j] else 0):
-            dG = half * step.rows.dG[model.row[j] + 3 + k]
-            x = _by_nu(gauge, B, dG, start.a[j, k], start.a_dot[j, k], end.a[j, k], end.a_dot[j, k])
+        for k in range(model.axes[j]):
+            dG = half * step.rows.dG[model.row[j] + 3 * model.pins[j] + k]
+            x = by_nu(gauge, B, dG, start.a[j, k], start.a_dot[j, k], end.a[j, k], end.a_dot[j, k])
             for e in range(2):
                 b, sign = model.body[j, e], 1.0 - 2.0 * e
                 if b >= 0:
                     K = saddle.blocks[saddle.column[j, e]]
-                    K[3, 3 + k], K[4, 3 + k], K[5, 3 + k] = times(sign, turn_back(end.R[b], x))
+                    at = 3 * model.pins[j] + k
+                    K[3, at], K[4, at], K[5, at] = times(sign, turn_back(end.R[b], x))
 
 
 @njit(**INNER)
-def _by_nu(gauge, B, dG, b0, b0_dot, b1, b1_dot):
+def by_nu(gauge, B, dG, b0, b0_dot, b1, b1_dot):
     """Derivative by nu1: gauge (b0 + B b0_dot) - (1 + dG) b1 + B b1_dot, b the arm or the unit torque of a row."""
     return plus(blend(gauge, plus(b0, times(B, b0_dot)), -(1.0 + dG), b1), times(B, b1_dot))
 
@@ -81,7 +82,7 @@ def point_constraints(model, step, saddle):
     """Rows: d phi_dot = dr_dot - R (hat(Omega x s) theta + hat(s) dOmega), d phi = half dr_dot - R hat(s) theta."""
     end, rows, half = step.end, step.rows, 0.5 * step.dt
     for j in range(len(model.body)):
-        for e in range(2):
+        for e in range(2 if model.pins[j] else 0):
             b, sign, s = model.body[j, e], 1.0 - 2.0 * e, model.s[j, e]
             if b < 0:
                 continue
@@ -107,10 +108,10 @@ def _both_vectors(model, end, j, k, e):
     """Axis row k is p . y with p (u or n_k) fixed in the body of end ``e``: p, y and y_dot in its frame."""
     R = end.R[model.body[j, e]]
     if e == 0:
-        u = model.u[j]
+        u = model.u[j, k]
         return (u[0], u[1], u[2]), turn_back(R, end.n[j, k]), turn_back(R, end.n_dot[j, k])
     n = model.n[j, k]
-    return (n[0], n[1], n[2]), turn_back(R, end.u[j]), turn_back(R, end.u_dot[j])
+    return (n[0], n[1], n[2]), turn_back(R, end.u[j, k]), turn_back(R, end.u_dot[j, k])
 
 
 @njit(**INNER)
@@ -122,8 +123,8 @@ def axis_forces(model, step, settings, saddle):
     """
     end, rows, half = step.end, step.rows, 0.5 * step.dt
     for j in range(len(model.body)):
-        for k in range(2 if model.hinged[j] else 0):
-            row = model.row[j] + 3 + k
+        for k in range(model.axes[j]):
+            row = model.row[j] + 3 * model.pins[j] + k
             for e in range(2):
                 b, other, sign = model.body[j, e], model.body[j, 1 - e], 1.0 - 2.0 * e
                 if b < 0:
@@ -147,8 +148,8 @@ def axis_constraints(model, step, saddle):
     """Rows: d(p . y) = (R (theta x p)) . y = theta . (p x R^T y), likewise for the rates of p and y."""
     end, rows = step.end, step.rows
     for j in range(len(model.body)):
-        for k in range(2 if model.hinged[j] else 0):
-            row = model.row[j] + 3 + k
+        for k in range(model.axes[j]):
+            row = model.row[j] + 3 * model.pins[j] + k
             for e in range(2):
                 b = model.body[j, e]
                 if b < 0:
@@ -156,4 +157,12 @@ def axis_constraints(model, step, saddle):
                 p, y, y_dot = _both_vectors(model, end, j, k, e)
                 x_dot = plus(cross(p, y_dot), cross(cross(end.v[b, 3:], p), y))
                 K = saddle.blocks[saddle.row[j, e]]
-                _put_row(1.0, rows.on_rate[row], rows.on_phi[row], cross(p, y), x_dot, saddle.T[b], K[3 + k, 3:])
+                _put_row(
+                    1.0,
+                    rows.on_rate[row],
+                    rows.on_phi[row],
+                    cross(p, y),
+                    x_dot,
+                    saddle.T[b],
+                    K[3 * model.pins[j] + k, 3:],
+                )

@@ -1,4 +1,4 @@
-"""Symbolic analysis of the saddle [[J_vv, -D'], [A, eps]] in blocks: one node a body (6) or joint (3 or 5 rows).
+"""Symbolic analysis of the saddle [[J_vv, -D'], [A, eps]] in blocks: one node a body (6) or joint (1 to 5 rows).
 
 One analysis serves a whole run. Order: greedy minimum degree on the block graph, with one rule that makes pivoting
 across blocks unnecessary: a joint is eliminated after all of its bodies, so its pivot is a principal block of the
@@ -79,7 +79,7 @@ def analyse(model: Model, couple: bool) -> tuple[Saddle, LU]:
         if a != b:
             neighbours[a].add(b)
             neighbours[b].add(a)
-    size = np.concatenate((np.full(nb, 6), np.where(model.hinged > 0, 5, 3))).astype(np.int64)
+    size = np.concatenate((np.full(nb, 6), np.diff(model.row))).astype(np.int64)
     order, behind = _minimum_degree(neighbours, size, nb, model.body)
     place = np.empty(nb + nj, dtype=np.int64)
     place[order] = np.arange(nb + nj)

@@ -15,6 +15,7 @@ from numba import njit
 
 from .directions import direction, masses_and_forces
 from .kinematics import applied, axes, points
+from .lines import line_reactions, lines
 from .springs import coefficients
 from .vectors import INNER, JIT, add, blend, cross, dot, minus, plus, put, times, turn, turn_back, turned_by
 
@@ -23,6 +24,7 @@ from .vectors import INNER, JIT, add, blend, cross, dot, minus, plus, put, times
 def complete(model, motion, settings):
     """Everything that follows from poses and velocities."""
     points(model, motion)
+    lines(model, motion)
     axes(model, motion)
     applied(model, motion)
     masses_and_forces(model, motion, settings.direction)
@@ -95,6 +97,7 @@ def balance(model, step, settings, R_v):
         P0 = turn(start.R[b], turn(model.J[b], start.v[b, 3:]))
         put(blend(-1.0, P0, -half, plus(start.wrench[b, 3:], end.wrench[b, 3:])), R_v[b, 3:])
     _point_reactions(model, step, settings, R_v)
+    line_reactions(model, step, settings, R_v)
     _axis_reactions(model, step, settings, R_v)
     for b in range(len(model.mass)):
         put(plus(turn_back(end.R[b], R_v[b, 3:]), turn(model.J[b], end.v[b, 3:])), R_v[b, 3:])
@@ -105,6 +108,8 @@ def _point_reactions(model, step, settings, R_v):
     start, end, rows, half = step.start, step.end, step.rows, 0.5 * step.dt
     B = half * settings.b_term
     for j in range(len(model.body)):
+        if not model.pins[j]:
+            continue
         row = model.row[j]
         nu1 = rows.nu1[row], rows.nu1[row + 1], rows.nu1[row + 2]
         nu0 = plus(times(settings.gauge, nu1), rows.nu_start[row:])
@@ -126,11 +131,11 @@ def _axis_reactions(model, step, settings, R_v):
     start, end, rows, half = step.start, step.end, step.rows, 0.5 * step.dt
     B = half * settings.b_term
     for j in range(len(model.body)):
-        if not model.hinged[j]:
+        if not model.axes[j]:
             continue
         moment = (0.0, 0.0, 0.0)
-        for k in range(2):
-            row = model.row[j] + 3 + k
+        for k in range(model.axes[j]):
+            row = model.row[j] + 3 * model.pins[j] + k
             nu1 = rows.nu1[row]
             nu0 = settings.gauge * nu1 + rows.nu_start[row]
             forces = blend(nu0 - half * rows.G0[row], start.a[j, k], -nu1 - half * rows.G1[row], end.a[j, k])

@@ -39,8 +39,8 @@ def slider_crank(rocker: float = 20.0, rate: float = 3.0, t_end: float = 3.0) ->
 def with_ballast(system: MultibodySystem, s: States) -> tuple[MultibodySystem, States]:
     """The same motion beside a body of ten tonnes welded to the ground, 50 m away."""
     bodies = [*(RigidBody(m, J) for m, J in zip(system.mass, system.inertia, strict=True)), BALLAST]
-    joints = [
-        Joint(i, si, j, sj, *((None, None) if not hinged else (u, np.cross(*n))))
+    joints: list[Joint] = [
+        Joint(int(i), si, int(j), sj, *((None, None) if not hinged else (u, np.cross(*n))))
         for i, si, j, sj, hinged, u, n in zip(
             system.joint_i, system.joint_s_i, system.joint_j, system.joint_s_j, system.joint_revolute, system.joint_u,
             system.joint_n, strict=True,

@@ -9,7 +9,7 @@ import pytest
 from mbsbench.harness.catalogue.registry import in_frame, make_problem
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
-from mbsbench.harness.mechanics.motion import constraint, constraint_rate, damping_power, energy
+from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy, power
 from mbsbench.harness.mechanics.state import rotated
 from mbsbench.harness.metrics.reactions import DIFFERENCE
 from mbsbench.harness.reference import computed as module
@@ -68,8 +68,8 @@ def test_it_obeys_the_laws_where_nothing_is_known(make: Callable[[], Problem]) -
     s = found.states(t)
     assert np.max(np.abs(constraint(p.system, s))) < 1e-11
     assert np.max(np.abs(constraint_rate(p.system, s))) < 1e-10
-    E, power, dt = energy(p.system, s), damping_power(p.system, s), t[1]
-    work = np.sum(power[:-2:2] + 4.0 * power[1:-1:2] + power[2::2]) * dt / 3.0  # Simpson
+    E, P, dt = energy(p.system, s), power(p.system, s), t[1]
+    work = np.sum(P[:-2:2] + 4.0 * P[1:-1:2] + P[2::2]) * dt / 3.0  # Simpson
     assert abs(E[-1] - E[0] - work) < 1e-9 * np.max(np.abs(E))
     k = np.arange(20, 3980, 20)  # differences of sixth order: dt^6 and rounding / dt are both below 1e-9
     r_dot = sum(c * s.r[k + 4 * n] for n, c in zip(range(-3, 4), DIFFERENCE, strict=True)) / (4.0 * dt)
@@ -93,8 +93,8 @@ def _no_gyroscopic_torque(self: NewtonEuler, r, R, v, Omega):
     return FORCES_1(self, r, R, v, 0.8 * Omega)
 
 
-def _gamma_with_the_wrong_sign(self: NewtonEuler, R, Omega):
-    return -GAMMA(self, R, Omega)
+def _gamma_with_the_wrong_sign(self: NewtonEuler, r, R, v, Omega):
+    return -GAMMA(self, r, R, v, Omega)
 
 
 def _lighter(self: Directors, x, x_dot):
@@ -147,7 +147,7 @@ def test_both_routes_accelerate_alike_and_have_the_jacobian_of_the_system() -> N
     a = first.rate(y)[7 * nb : 10 * nb].reshape(nb, 3)
     b = second.rate(second.start(here)[None])[0, 12 * nb :].reshape(nb, 4, 3)[:, 0]
     assert np.max(np.abs(a - b)) < 1e-9 * np.max(np.abs(a))
-    assert np.max(np.abs(first._jacobian(here.R) - constraint_jacobian(p.system, here).toarray())) < 1e-14
+    assert np.max(np.abs(first._jacobian(here.r, here.R) - constraint_jacobian(p.system, here).toarray())) < 1e-14
 
 
 def test_a_perturbed_chain_has_a_reference_out_of_its_plane() -> None:

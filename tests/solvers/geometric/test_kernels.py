@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
-from mbsbench.harness.mechanics.motion import constraint, constraint_rate, scaling_masses
+from mbsbench.harness.mechanics.motion import applied, constraint, constraint_rate, scaling_masses
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
 from mbsbench.harness.types import Problem
@@ -18,9 +18,12 @@ from mbsbench.solvers.formulations.geometric.jacobian import assemble as fill_bl
 from mbsbench.solvers.formulations.geometric.newton import Run, evaluate
 from mbsbench.solvers.formulations.geometric.residual import complete, start_forces
 
+from ..arbitrary_joints import all_joints
 from ..arbitrary_systems import arbitrary, linkage
 
 DT = 0.05
+SYSTEMS = {"pins": linkage(springs=False), "springs": linkage(springs=True), "all joints": all_joints()}
+each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
 
 
 def settings(**choices: float) -> Settings:
@@ -95,10 +98,9 @@ def dense(run: Run, step: Step) -> np.ndarray:
     return out[np.ix_(places(run), places(run))]
 
 
-@pytest.mark.parametrize("springs", [False, True])
-def test_kinematics_agree_with_the_batched_mechanics(springs):
-    """phi, phi_dot, A v and M_bar are computed twice, from the same definitions by different code."""
-    system = linkage(springs=springs)
+@each_system
+def test_kinematics_agree_with_the_batched_mechanics(system):
+    """phi, phi_dot, A v, M_bar and the wrench are computed twice, from the same definitions by different code."""
     run, step = arbitrary_step(system, settings())
     state, start = arbitrary(system, 5), step.start
     load(start, state)
@@ -107,7 +109,10 @@ def test_kinematics_agree_with_the_batched_mechanics(springs):
     assert np.allclose(start.phi, constraint(system, one)[0], atol=1e-13)
     assert np.allclose(start.phi_dot, constraint_rate(system, one)[0], atol=1e-13)
     assert np.allclose(start.phi_dot, constraint_jacobian(system, state) @ start.v.ravel(), atol=1e-13)
-    assert np.allclose(start.m_bar, scaling_masses(system, one)[0], rtol=1e-13)
+    assert np.allclose(start.m_bar, scaling_masses(system, one)[0], rtol=1e-12)
+    wanted = applied(system, one)[0]
+    assert np.allclose(start.wrench[:, :3], wanted[:, :3], rtol=1e-12)
+    assert np.allclose(np.einsum("bij,bi->bj", state.R, start.wrench[:, 3:]), wanted[:, 3:], atol=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -115,11 +120,11 @@ def test_kinematics_agree_with_the_batched_mechanics(springs):
     [{}, {"gauge": 0.0, "keep_nu": 1}, {"gauge": 0.0, "direction": 1}, {"use_f_bar": 0}, {"b_term": 0.0}],
     ids=str,
 )
-@pytest.mark.parametrize("springs", [False, True])
-def test_newton_matrix_is_the_derivative_of_the_residual(choices, springs):
-    """Central differences of step 1e-6 leave about 1e-9; f_bar of springs is left out of the matrix by design."""
-    chosen = settings(**(choices | ({"use_f_bar": 0} if springs else {})))
-    run, step = arbitrary_step(linkage(springs=springs), chosen)
+@each_system
+def test_newton_matrix_is_the_derivative_of_the_residual(choices, system):
+    """Central differences of step 1e-6 leave about 1e-9; f_bar of other forces and joints is left out by design."""
+    pins_alone = system.is_pinned and not len(system.spring_k)
+    run, step = arbitrary_step(system, settings(**(choices if pins_alone else choices | {"use_f_bar": 0})))
     wanted = slopes(run, step)
     assert np.max(np.abs(dense(run, step) - wanted)) < 2e-8
 
@@ -137,10 +142,10 @@ def assemble_spherical():
     return assemble(bodies, [Joint(0, (0.1, 0.2, 0.3)), Joint(1, (0.0, 0.3, 0.1), 0, (-0.2, 0.0, 0.1))], (0, 0, -9.81))
 
 
-@pytest.mark.parametrize("springs", [False, True])
-def test_block_factors_solve_the_assembled_matrix(springs):
+@each_system
+def test_block_factors_solve_the_assembled_matrix(system):
     """Against dense LU, to rounding times the condition number (about 1e3)."""
-    run, step = arbitrary_step(linkage(springs=springs), settings())
+    run, step = arbitrary_step(system, settings())
     residual(run, step, unknown(step))
     matrix, at = dense(run, step), places(run)
     assert factor(run.saddle.blocks, run.lu) == 0
@@ -153,7 +158,7 @@ def test_block_factors_solve_the_assembled_matrix(springs):
 
 def test_kernels_leave_the_reference_counts_of_arrays_alone():
     """Kernels are compiled without reference counts (``vectors.JIT``): a call neither keeps an array nor frees one."""
-    run, step = arbitrary_step(linkage(springs=True), settings())
+    run, step = arbitrary_step(all_joints(), settings())
     arrays = [*step.start, *step.end, *step.rows, *run.model, *run.saddle, *run.lu, *run.work]
     before = [sys.getrefcount(a) for a in arrays]
     for _ in range(3):

@@ -8,7 +8,7 @@ from scipy.optimize import root
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import so3
-from mbsbench.harness.mechanics.motion import angular_momentum, constraint, damping_power, energy
+from mbsbench.harness.mechanics.motion import angular_momentum, constraint, energy, power
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
@@ -207,7 +207,7 @@ def test_dampers_take_the_energy_that_is_lost():
     for dt in (1e-3, 5e-4):
         out = run(problem, dt)
         E = energy(problem.system, out.states)
-        work = np.trapezoid(damping_power(problem.system, out.states), out.t)
+        work = np.trapezoid(power(problem.system, out.states), out.t)
         gaps.append(abs(E[-1] - E[0] - work))
     assert E[-1] < E[0] - 0.01
     assert gaps[-1] < 1e-3 * abs(E[-1] - E[0])

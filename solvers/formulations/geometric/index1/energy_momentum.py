@@ -23,7 +23,8 @@ import numpy as np
 from numba import njit
 
 from ..arrays import Model
-from ..vectors import JIT, copy
+from ..loads import load
+from ..vectors import INNER, JIT, blend, copy, cross, dot, minus, plus, put, times, turn
 from .fixed_step import FAILED, MOST_ITERATIONS, SETTLED, STUCK, keep_step, largest, settled, times_of
 from .kernel import (
     HOT,
@@ -118,9 +119,9 @@ def _rows(model, k, step, h):
     """phi at q_1, X and Y of the mean rows."""
     for j in range(len(model.body)):
         i, g, first = model.body[j, 0], model.body[j, 1], model.row[j]
-        for a in range(3):
+        for a in range(3 if model.pins[j] else 0):
             k.phi[first + a] = 0.0
-        for e in range(2):
+        for e in range(2 if model.pins[j] else 0):
             sign, b = 1.0 - 2.0 * e, model.body[j, e]
             s0, s1, s2 = model.s[j, e, 0], model.s[j, e, 1], model.s[j, e, 2]
             x0, x1, x2 = _turned(k.R, b, s0, s1, s2)
@@ -135,11 +136,14 @@ def _rows(model, k, step, h):
             k.phi[first] += sign * x0
             k.phi[first + 1] += sign * x1
             k.phi[first + 2] += sign * x2
-        for c in range(2 if model.hinged[j] else 0):
-            u0, u1, u2 = _turned(k.R, i, model.u[j, 0], model.u[j, 1], model.u[j, 2])
+        if model.lines[j]:
+            _line_rows(model, k, step, h, j)
+        for c in range(model.axes[j]):
+            at = 3 * model.pins[j] + c
+            u0, u1, u2 = _turned(k.R, i, model.u[j, c, 0], model.u[j, c, 1], model.u[j, c, 2])
             n0, n1, n2 = _turned(k.R, g, model.n[j, c, 0], model.n[j, c, 1], model.n[j, c, 2])
-            k.phi[first + 3 + c] = u0 * n0 + u1 * n1 + u2 * n2
-            p0, p1, p2 = _turned(step.R0, i, model.u[j, 0], model.u[j, 1], model.u[j, 2])
+            k.phi[first + at] = u0 * n0 + u1 * n1 + u2 * n2
+            p0, p1, p2 = _turned(step.R0, i, model.u[j, c, 0], model.u[j, c, 1], model.u[j, c, 2])
             q0, q1, q2 = _turned(step.R0, g, model.n[j, c, 0], model.n[j, c, 1], model.n[j, c, 2])
             u0, u1, u2 = 0.5 * (u0 + p0), 0.5 * (u1 + p1), 0.5 * (u2 + p2)
             n0, n1, n2 = 0.5 * (n0 + q0), 0.5 * (n1 + q1), 0.5 * (n2 + q2)
@@ -147,9 +151,49 @@ def _rows(model, k, step, h):
                 sign, b = 1.0 - 2.0 * e, model.body[j, e]
                 if b >= 0:
                     t0, t1, t2 = sign * (u1 * n2 - u2 * n1), sign * (u2 * n0 - u0 * n2), sign * (u0 * n1 - u1 * n0)
-                    X = k.X[j, e, 3 + c]
+                    X = k.X[j, e, at]
                     X[0], X[1], X[2] = _back(step, k, h, b, t0, t1, t2)
         fill_Y(model, k, j)
+
+
+@njit(**INNER)
+def _line_rows(model, k, step, h, j):
+    """phi at q_1 and the mean rows: f_m = (f_0 + f_1) / 2 at the arms (R_m s_i), and (R_m s_j) + d_m on j."""
+    g = model.body[j, 1]
+    x, y = _at(model, step.r0, step.R0, j, 0), _at(model, step.r0, step.R0, j, 1)
+    d0 = minus(x, y)
+    x, y = _at(model, k.r, k.R, j, 0), _at(model, k.r, k.R, j, 1)
+    d1 = minus(x, y)
+    for c in range(model.lines[j]):
+        row, L, n = model.row[j] + c, model.length[j], model.normal[j, c]
+        if L > 0.0:
+            f0, f1 = times(1.0 / L, d0), times(1.0 / L, d1)
+            k.phi[row] = 0.5 * (dot(d1, d1) / L - L)
+        else:
+            f0 = _turned(step.R0, g, n[0], n[1], n[2])
+            f1 = _turned(k.R, g, n[0], n[1], n[2])
+            k.phi[row] = dot(f1, d1)
+        f = blend(0.5, f0, 0.5, f1)
+        put(f, k.way[j, c])
+        for e in range(2):
+            b = model.body[j, e]
+            if b < 0:
+                continue
+            s = model.s[j, e]
+            p, q = _turned(step.R0, b, s[0], s[1], s[2]), _turned(k.R, b, s[0], s[1], s[2])
+            arm = blend(0.5, p, 0.5, q)
+            if e == 1:
+                arm = plus(arm, blend(0.5, d0, 0.5, d1))
+            T = times(1.0 - 2.0 * e, cross(arm, f))
+            put(_back(step, k, h, b, T[0], T[1], T[2]), k.X[j, e, c])
+
+
+@njit(**INNER)
+def _at(model, r, R, j, e):
+    """Point of an end of a joint in space."""
+    b, s = model.body[j, e], model.s[j, e]
+    x = _turned(R, b, s[0], s[1], s[2])
+    return x if b < 0 else plus(r[b], x)
 
 
 @njit(**HOT)
@@ -164,7 +208,7 @@ def _end(model, r, R, s, e):
 
 @njit(**HOT)
 def _forces(model, k, step, h):
-    """``k.force``: gravity, discrete gradients of springs, dampers; torques in the sense of R_m^-1 T."""
+    """``k.force``: gravity, discrete gradients of springs, dampers, loads; torques in the sense of R_m^-1 T."""
     for b in range(len(model.mass)):
         for a in range(3):
             k.force[b, a] = model.mass[b] * model.gravity[a]
@@ -190,7 +234,24 @@ def _forces(model, k, step, h):
             t = _back(step, k, h, body, x1 * f2 - x2 * f1, x2 * f0 - x0 * f2, x0 * f1 - x1 * f0)
             for c, value in enumerate((f0, f1, f2, t[0], t[1], t[2])):
                 k.force[body, c] += value
+    for i in range(len(model.load_body)):
+        _load(model, k, step, h, i)
     add_gyroscopic(model, k)
+
+
+@njit(**INNER)
+def _load(model, k, step, h, i):
+    """A load by the mean of R: the work of a force in space is exact."""
+    b, p = model.load_body[i], model.load_p[i]
+    F0, T0 = load(model, step.R0[b], i)
+    F1, T1 = load(model, k.R[b], i)
+    F, T = blend(0.5, F0, 0.5, F1), blend(0.5, T0, 0.5, T1)
+    arm = blend(0.5, turn(step.R0[b], p), 0.5, turn(k.R[b], p))
+    T = plus(T, cross(arm, F))
+    t = _back(step, k, h, b, T[0], T[1], T[2])
+    for a in range(3):
+        k.force[b, a] += F[a]
+        k.force[b, 3 + a] += t[a]
 
 
 @njit(**HOT)

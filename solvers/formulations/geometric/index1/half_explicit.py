@@ -64,6 +64,7 @@ class Step(NamedTuple):
     lam: np.ndarray  # (nrows,)
     push: np.ndarray  # (nb, 6) M^-1 A_i^T of a vector of rows
     Y: np.ndarray  # (nj, 2, WIDTH, 3) of the stage whose multipliers are sought
+    way: np.ndarray  # (nj, WIDTH, 3) of it
     clock: np.ndarray  # (3,)
 
 
@@ -72,7 +73,8 @@ def empty_step(model: Model) -> Step:
     nb, nrows = len(model.mass), int(model.row[-1])
     return Step(
         np.zeros((nb, 12)), np.zeros((nb, 3, 3)), np.zeros((nb, 12)), np.zeros((STAGES, nb, 12)), np.zeros(nrows),
-        np.zeros((nb, 6)), np.zeros((len(model.body), 2, WIDTH, 3)), np.zeros(3, dtype=np.int64),
+        np.zeros((nb, 6)), np.zeros((len(model.body), 2, WIDTH, 3)), np.zeros((len(model.body), WIDTH, 3)),
+        np.zeros(3, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -96,8 +98,9 @@ def _step(model, blocks, k, step, s, h):
         applied(model, k)
         add_gyroscopic(model, k)
         times_inverse_mass(model, k.force)
-        add_back(model, k.Y, step.lam, k.force)
+        add_back(model, k.way, k.Y, step.lam, k.force)
         copy(k.Y, step.Y)
+        copy(k.way, step.way)
         for b in range(len(k.v)):
             y, slope = step.y[b], step.slope[i, b]
             slope[3], slope[4], slope[5] = theta_dot(y[3], y[4], y[5], y[9], y[10], y[11])
@@ -124,7 +127,7 @@ def _step(model, blocks, k, step, s, h):
             times_rows(model, k, k.v, -1.0, k.rhs)
             solve(blocks, k, k.rhs)
             clear(step.push)
-            add_back(model, step.Y, k.rhs, step.push)
+            add_back(model, step.way, step.Y, k.rhs, step.push)
             for b in range(len(k.v)):
                 for a in range(6):
                     k.v[b, a] += step.push[b, a]

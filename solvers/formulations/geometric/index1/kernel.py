@@ -3,9 +3,10 @@
 Row of joint j at end e, sign +1 for i and -1 for j: translation ``sign e_k`` (point rows), rotation X, in the body::
 
     point row k   X = sign (s x R^T e_k)
+    line row      X = sign R^T (arm x f), translation sign f (module ``lines``)
     axis row k    X = sign R^T (u x n_k)
 
-    S = sum over bodies  X_a J^-1 X_c^T  (+ sign_a sign_c 1/m on point rows)
+    S = sum over bodies  X_a J^-1 X_c^T  (+ sign_a sign_c f_a . f_c / m, f = e_k on point rows)
     S lam = -gamma - A M^-1 f,   v_dot = M^-1 (f + A^T lam),   gamma = A_dot v
 
 A pivot below ``DEPENDENT`` of its own diagonal is that of a redundant row: its multiplier is 0 and the other rows are
@@ -19,8 +20,10 @@ import numpy as np
 from numba import njit
 
 from ..arrays import Model
-from ..vectors import INNER, JIT, copy, turned_by
+from ..loads import load
+from ..vectors import INNER, JIT, copy, cross, dot, plus, turn_back, turned_by
 from .blocks import WIDTH, Blocks, analyse
+from .lines import line_rows
 
 HOT = {**INNER, "forceinline": True}
 DEPENDENT = 1e-9  # of the row's own entry of S; rounding leaves 1e-15, the weakest true pivots of our problems are 1e-4
@@ -36,6 +39,7 @@ class Kernel(NamedTuple):
     force: np.ndarray  # (nb, 6): applied force [space], torque about C [body], gyroscopic term included
     X: np.ndarray  # (nj, 2, WIDTH, 3)
     Y: np.ndarray  # (nj, 2, WIDTH, 3): X J^-1
+    way: np.ndarray  # (nj, WIDTH, 3): f of each row, 0 for axis rows
     L: np.ndarray  # (nblocks, WIDTH, WIDTH): S, then its factor; diagonal entries inverted, 0 for a redundant row
     gamma: np.ndarray  # (nrows,)
     phi: np.ndarray  # (nrows,)
@@ -49,9 +53,11 @@ def empty_kernel(model: Model) -> tuple[Kernel, Blocks]:
     """Arrays and analysis of a system."""
     blocks = analyse(model)
     nb, nj, nr = len(model.mass), len(model.body), int(model.row[-1])
+    way = np.zeros((nj, WIDTH, 3))
+    way[model.pins > 0, :3] = np.eye(3)
     room = Kernel(
         r=np.zeros((nb, 3)), R=np.zeros((nb, 3, 3)), v=np.zeros((nb, 6)), v_dot=np.zeros((nb, 6)),
-        force=np.zeros((nb, 6)), X=np.zeros((nj, 2, WIDTH, 3)), Y=np.zeros((nj, 2, WIDTH, 3)),
+        force=np.zeros((nb, 6)), X=np.zeros((nj, 2, WIDTH, 3)), Y=np.zeros((nj, 2, WIDTH, 3)), way=way,
         L=np.zeros((len(blocks.other), WIDTH, WIDTH)), gamma=np.zeros(nr), phi=np.zeros(nr), lam=np.zeros(nr),
         rhs=np.zeros(nr), diagonal=np.zeros(nr), line=np.zeros((6, 3)),
     )  # fmt: skip
@@ -63,10 +69,10 @@ def rows(model, k):
     """Fill X, Y, gamma and phi from the poses and velocities of ``k``."""
     for j in range(len(model.body)):
         first = model.row[j]
-        for a in range(3):
+        for a in range(3 if model.pins[j] else 0):
             k.gamma[first + a] = 0.0
             k.phi[first + a] = 0.0
-        for e in range(2):
+        for e in range(2 if model.pins[j] else 0):
             sign = 1.0 - 2.0 * e
             b = model.body[j, e]
             s0, s1, s2 = model.s[j, e, 0], model.s[j, e, 1], model.s[j, e, 2]
@@ -85,7 +91,9 @@ def rows(model, k):
                 k.X[j, e, a, 2] = sign * (s0 * R1 - s1 * R0)
                 k.gamma[first + a] += sign * (R0 * d0 + R1 * d1 + R2 * d2)
                 k.phi[first + a] += sign * (k.r[b, a] + R0 * s0 + R1 * s1 + R2 * s2)
-        if model.hinged[j]:
+        if model.lines[j]:
+            line_rows(model, k, j)
+        if model.axes[j]:
             _axis_rows(model, k, j)
         fill_Y(model, k, j)
 
@@ -127,9 +135,10 @@ def _turned(k, b, x0, x1, x2):
 
 @njit(**HOT)
 def _axis_rows(model, k, j):
-    i, g, first = model.body[j, 0], model.body[j, 1], model.row[j] + 3
-    u0, u1, u2, p0, p1, p2, a0, a1, a2 = _turned(k, i, model.u[j, 0], model.u[j, 1], model.u[j, 2])
-    for c in range(2):
+    i, g, at = model.body[j, 0], model.body[j, 1], 3 * model.pins[j]
+    first = model.row[j] + at
+    for c in range(model.axes[j]):
+        u0, u1, u2, p0, p1, p2, a0, a1, a2 = _turned(k, i, model.u[j, c, 0], model.u[j, c, 1], model.u[j, c, 2])
         n0, n1, n2, q0, q1, q2, b0, b1, b2 = _turned(k, g, model.n[j, c, 0], model.n[j, c, 1], model.n[j, c, 2])
         k.phi[first + c] = u0 * n0 + u1 * n1 + u2 * n2
         k.gamma[first + c] = (
@@ -142,7 +151,7 @@ def _axis_rows(model, k, j):
                 continue
             sign = 1.0 - 2.0 * e
             for q in range(3):
-                k.X[j, e, 3 + c, q] = sign * (k.R[b, 0, q] * t0 + k.R[b, 1, q] * t1 + k.R[b, 2, q] * t2)
+                k.X[j, e, at + c, q] = sign * (k.R[b, 0, q] * t0 + k.R[b, 1, q] * t1 + k.R[b, 2, q] * t2)
 
 
 @njit(**HOT)
@@ -168,8 +177,11 @@ def factorise(model, blocks, k, shift=0.0):
                     x0, x1, x2 = k.X[ja, ea, a, 0], k.X[ja, ea, a, 1], k.X[ja, ea, a, 2]
                     for c in range(size):
                         L[p, a, c] += x0 * k.Y[jc, ec, c, 0] + x1 * k.Y[jc, ec, c, 1] + x2 * k.Y[jc, ec, c, 2]
-                    if a < 3:
+                if model.pins[ja] and model.pins[jc]:
+                    for a in range(3):
                         L[p, a, a] += weight
+                else:
+                    _add_translations(k, ja, jc, height, size, weight, L[p])
         for a in range(size):
             k.diagonal[blocks.row[col] + a] = L[blocks.start[col], a, a]
             L[blocks.start[col], a, a] *= 1.0 + shift
@@ -193,6 +205,15 @@ def factorise(model, blocks, k, shift=0.0):
                         x += L[left, a, q] * L[right, c, q]
                     L[target, a, c] -= x
     return rank
+
+
+@njit(**INNER)
+def _add_translations(k, ja, jc, height, size, weight, block):
+    """block += weight f_a . f_c: joints with rows that are no point rows."""
+    for a in range(height):
+        f0, f1, f2 = k.way[ja, a, 0], k.way[ja, a, 1], k.way[ja, a, 2]
+        for c in range(size):
+            block[a, c] += weight * (f0 * k.way[jc, c, 0] + f1 * k.way[jc, c, 1] + f2 * k.way[jc, c, 2])
 
 
 @njit(**HOT)
@@ -249,13 +270,25 @@ def solve(blocks, k, x):
 
 @njit(**HOT)
 def applied(model, k):
-    """Fill ``k.force``: gravity, springs and dampers; torques in the body."""
+    """Fill ``k.force``: gravity, springs, dampers and loads; torques in the body."""
     for b in range(len(model.mass)):
         for a in range(3):
             k.force[b, a] = model.mass[b] * model.gravity[a]
             k.force[b, 3 + a] = 0.0
     for s in range(len(model.stiffness)):
         _spring(model, k, s)
+    for i in range(len(model.load_body)):
+        _load(model, k, i)
+
+
+@njit(**INNER)
+def _load(model, k, i):
+    b = model.load_body[i]
+    F, T = load(model, k.R[b], i)
+    torque = plus(turn_back(k.R[b], T), cross(model.load_p[i], turn_back(k.R[b], F)))
+    for a in range(3):
+        k.force[b, a] += F[a]
+        k.force[b, 3 + a] += torque[a]
 
 
 @njit(**HOT)
@@ -330,14 +363,17 @@ def times_rows(model, k, w, sign, x):
                 continue
             for a in range(model.row[j + 1] - first):
                 y = k.X[j, e, a, 0] * w[b, 3] + k.X[j, e, a, 1] * w[b, 4] + k.X[j, e, a, 2] * w[b, 5]
-                if a < 3:
-                    y += (1.0 - 2.0 * e) * w[b, a]
+                if model.pins[j]:
+                    if a < 3:
+                        y += (1.0 - 2.0 * e) * w[b, a]
+                elif model.lines[j]:
+                    y += (1.0 - 2.0 * e) * dot(k.way[j, a], w[b])
                 x[first + a] += sign * y
 
 
 @njit(**HOT)
-def add_back(model, Y, x, w):
-    """w (nb, 6) += M^-1 A^T x with the rows whose Y = X J^-1 is given."""
+def add_back(model, way, Y, x, w):
+    """w (nb, 6) += M^-1 A^T x with the rows whose f and Y = X J^-1 are given."""
     for j in range(len(model.body)):
         first = model.row[j]
         for e in range(2):
@@ -347,8 +383,12 @@ def add_back(model, Y, x, w):
             share = (1.0 - 2.0 * e) / model.mass[b]
             for a in range(model.row[j + 1] - first):
                 y = x[first + a]
-                if a < 3:
-                    w[b, a] += share * y
+                if model.pins[j]:
+                    if a < 3:
+                        w[b, a] += share * y
+                elif model.lines[j]:
+                    for q in range(3):
+                        w[b, q] += share * y * way[j, a, q]
                 w[b, 3] += Y[j, e, a, 0] * y
                 w[b, 4] += Y[j, e, a, 1] * y
                 w[b, 5] += Y[j, e, a, 2] * y
@@ -357,7 +397,7 @@ def add_back(model, Y, x, w):
 @njit(**HOT)
 def add_rows_back(model, k, x, w):
     """w (nb, 6) += M^-1 A^T x"""
-    add_back(model, k.Y, x, w)
+    add_back(model, k.way, k.Y, x, w)
 
 
 @njit(**HOT)

@@ -60,6 +60,7 @@ class Step(NamedTuple):
     x: np.ndarray  # (nrows,) impulse of the first half
     lam: np.ndarray  # (nrows,) reaction at the start of the sub-step
     Y0: np.ndarray  # Y of the rows at the start
+    way0: np.ndarray  # and f
     clock: np.ndarray  # (3,)
     pace: np.ndarray  # (3,)
 
@@ -69,7 +70,7 @@ def empty_step(model: Model) -> Step:
     nb, nj, nrows = len(model.mass), len(model.body), int(model.row[-1])
     return Step(
         r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), half=np.zeros((nb, 6)), v=np.zeros((nb, 6)), L=np.zeros(3),
-        x=np.zeros(nrows), lam=np.zeros(nrows), Y0=np.zeros((nj, 2, WIDTH, 3)),
+        x=np.zeros(nrows), lam=np.zeros(nrows), Y0=np.zeros((nj, 2, WIDTH, 3)), way0=np.zeros((nj, WIDTH, 3)),
         clock=np.zeros(3, dtype=np.int64), pace=np.zeros(3),
     )  # fmt: skip
 
@@ -119,10 +120,11 @@ def _sub_step(model, blocks, k, step, s, h):
     for a in range(len(step.x)):
         step.x[a] = 0.5 * h * step.lam[a]
     copy(k.Y, step.Y0)
+    copy(k.way, step.way0)
     last = np.inf
     for _ in range(MOST_ITERATIONS):
         copy(step.half, step.v)
-        add_back(model, step.Y0, step.x, step.v)
+        add_back(model, step.way0, step.Y0, step.x, step.v)
         _drift(model, s, k, step, h)
         rows(model, k)
         for a in range(len(k.phi)):

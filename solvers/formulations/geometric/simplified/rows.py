@@ -58,7 +58,7 @@ def arms(lean, settings):
                 lean.arm[j, e, 0], lean.arm[j, e, 1], lean.arm[j, e, 2] = x
         if settings.use_f_bar:
             f_bar(lean, settings.direction, j)
-        if model.hinged[j]:
+        if model.axes[j]:
             for c in range(2):
                 x = torque(lean, j, c)
                 lean.a[j, c, 0], lean.a[j, c, 1], lean.a[j, c, 2] = x[0], x[1], x[2]
@@ -93,7 +93,7 @@ def f_bar(lean, choice, j):
 def torque(lean, j, c):
     """Unit torque u x n_c of an axis row, and its rate."""
     model, k, i, g = lean.model, lean.k, lean.model.body[j, 0], lean.model.body[j, 1]
-    u = turn(k.R, i, model.u[j, 0], model.u[j, 1], model.u[j, 2])
+    u = turn(k.R, i, model.u[j, c, 0], model.u[j, c, 1], model.u[j, c, 2])
     u_dot = cross(lean.spin[i, 0], lean.spin[i, 1], lean.spin[i, 2], u[0], u[1], u[2])
     n0, n1, n2 = model.n[j, c, 0], model.n[j, c, 1], model.n[j, c, 2]
     m0 = m1 = m2 = 0.0
@@ -126,7 +126,7 @@ def rates(lean, w, out):
             z1 -= sign * s1
             z2 -= sign * s2
         out[row], out[row + 1], out[row + 2] = y0, y1, y2
-        if model.hinged[j]:
+        if model.axes[j]:
             for c in range(2):
                 out[row + 3 + c] = z0 * lean.a[j, c, 0] + z1 * lean.a[j, c, 1] + z2 * lean.a[j, c, 2]
 
@@ -142,7 +142,7 @@ def back(lean, x):
         row = model.row[j]
         x0, x1, x2 = x[row], x[row + 1], x[row + 2]
         t0 = t1 = t2 = 0.0
-        if model.hinged[j]:
+        if model.axes[j]:
             for c in range(2):
                 y = x[row + 3 + c]
                 t0 += y * lean.a[j, c, 0]

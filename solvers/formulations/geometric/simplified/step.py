@@ -49,7 +49,7 @@ def begin(lean, settings, h):
             d = cross(lean.spin[b, 0], lean.spin[b, 1], lean.spin[b, 2], y0, y1, y2)
             lean.b0[j, e, 0], lean.b0[j, e, 1], lean.b0[j, e, 2] = y0 + B * d[0], y1 + B * d[1], y2 + B * d[2]
             add_wrench(lean.known, b, sign, f0, f1, f2, cross(y0, y1, y2, f0, f1, f2))
-        if model.hinged[j]:
+        if model.axes[j]:
             for c in range(2):
                 x = torque(lean, j, c)
                 for q in range(3):
@@ -105,7 +105,7 @@ def impulses(lean, settings, h):
             z = cross(lean.b0[j, e, 0], lean.b0[j, e, 1], lean.b0[j, e, 2], m0, m1, m2)
             moment = (x[0] - B * y[0] - z[0], x[1] - B * y[1] - z[1], x[2] - B * y[2] - z[2])
             add_wrench(lean.w, b, sign, p0 - m0 - f0, p1 - m1 - f1, p2 - m2 - f2, moment)
-        if model.hinged[j]:
+        if model.axes[j]:
             x0 = x1 = x2 = 0.0
             for c in range(2):
                 t = torque(lean, j, c)

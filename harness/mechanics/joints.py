@@ -1,0 +1,157 @@
+"""Kinds of joints, and the constraint rows that each is made of.
+
+With d = r_i + R_i s_i - r_j - R_j s_j, vectors u, w fixed in body i and n_1, n_2 in body j, the rows of a joint are, in
+this order::
+
+    point rows   phi = d, three rows                                          the points coincide
+    line rows    phi = (R_j n_k) . d;  of a distance (d . d - L^2) / (2 L)    the point of i stays in a plane of j
+    axis rows    phi = (R_i u) . (R_j n_k), k = 1, 2, then (R_i w) . (R_j n_2)    directions stay normal to each other
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+Vector = Sequence[float] | Float[np.ndarray, " 3"]
+
+
+class JointKind(StrEnum):
+    """What a joint leaves free."""
+
+    SPHERICAL = "spherical"  # all rotation
+    UNIVERSAL = "universal"  # rotation about axis_i and axis_j, which stay normal to each other
+    REVOLUTE = "revolute"  # rotation about the common axis
+    FIXED = "fixed"  # nothing
+    CYLINDRICAL = "cylindrical"  # rotation about the common axis and sliding along it
+    PRISMATIC = "prismatic"  # sliding along the common axis
+    ON_LINE = "point on line"  # all rotation, and the point of i along axis_j through the point of j
+    ON_PLANE = "point on plane"  # all but the way of the point of i along axis_j, the normal of a plane of j
+    DISTANCE = "distance"  # all but the distance of the points: a rigid massless link
+
+
+class Count(NamedTuple):
+    """Rows of a joint."""
+
+    point: int
+    line: int
+    axis: int
+
+
+ROWS = {
+    JointKind.SPHERICAL: Count(3, 0, 0), JointKind.UNIVERSAL: Count(3, 0, 1), JointKind.REVOLUTE: Count(3, 0, 2),
+    JointKind.FIXED: Count(3, 0, 3), JointKind.CYLINDRICAL: Count(0, 2, 2), JointKind.PRISMATIC: Count(0, 2, 3),
+    JointKind.ON_LINE: Count(0, 2, 0), JointKind.ON_PLANE: Count(0, 1, 0), JointKind.DISTANCE: Count(0, 1, 0),
+}  # fmt: skip
+ONE_AXIS = (JointKind.ON_LINE, JointKind.ON_PLANE)  # need axis_j alone
+NO_AXIS = (JointKind.SPHERICAL, JointKind.DISTANCE)
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Points ``s_i``, ``s_j`` [m] from each C (from the origin for the ground), directions in the frames of i and j.
+
+    Without a ``kind`` it is spherical, with the common axis ``axis_i``, ``axis_j`` revolute. A fixed and a prismatic
+    joint also need ``across_i``, ``across_j``: one direction, normal to the axis, as seen from either body.
+    """
+
+    i: int
+    s_i: Vector
+    j: int = -1  # the ground
+    s_j: Vector = (0.0, 0.0, 0.0)
+    axis_i: Vector | None = None
+    axis_j: Vector | None = None
+    name: str = ""
+    kind: JointKind | str | None = None
+    across_i: Vector | None = None
+    across_j: Vector | None = None
+    length: float = 0.0  # [m] of a distance
+
+    @property
+    def sort(self) -> JointKind:
+        """``kind``, or what the axes say."""
+        if self.kind is not None:
+            return JointKind(self.kind)
+        return JointKind.SPHERICAL if self.axis_i is None and self.axis_j is None else JointKind.REVOLUTE
+
+
+class LineRows(NamedTuple):
+    """All line rows of a system."""
+
+    joint: Int[np.ndarray, " m"]
+    row: Int[np.ndarray, " m"]  # of phi
+    n: Float[np.ndarray, "m 3"]  # in body j; zero for a distance
+    length: Float[np.ndarray, " m"]  # of a distance; zero for the others
+
+
+class AxisRows(NamedTuple):
+    """All axis rows of a system."""
+
+    joint: Int[np.ndarray, " m"]
+    row: Int[np.ndarray, " m"]
+    u: Float[np.ndarray, "m 3"]  # in body i
+    n: Float[np.ndarray, "m 3"]  # in body j
+
+
+def directions(k: int, joint: Joint) -> dict[str, Any]:
+    """u, w (3,), n (2, 3) and the length of a checked joint, or ValueError."""
+    where = f"joint {k}"
+    try:
+        sort = joint.sort
+    except ValueError:
+        raise ValueError(f"{where}: kind must be one of {', '.join(JointKind)} (got {joint.kind!r})") from None
+    _check_given(where, sort, joint)
+    out: dict[str, Any] = {"u": np.zeros(3), "w": np.zeros(3), "n": np.zeros((2, 3)), "length": 0.0}
+    if sort == JointKind.DISTANCE:
+        return {**out, "length": joint.length}
+    if sort == JointKind.SPHERICAL or joint.axis_j is None:
+        return out
+    axis = unit(joint.axis_j, where)
+    if sort in (JointKind.ON_PLANE, JointKind.UNIVERSAL):
+        out["n"] = np.stack((axis, np.zeros(3)))
+    else:
+        out["n"] = _normals(axis) if joint.across_j is None else _beside(axis, joint.across_j, where)
+    if joint.axis_i is not None:
+        out["u"] = unit(joint.axis_i, where)
+        if ROWS[sort].axis == 3 and joint.across_i is not None:
+            out["w"] = _beside(out["u"], joint.across_i, where)[0]
+    return out
+
+
+def _check_given(where: str, sort: JointKind, joint: Joint) -> None:
+    ends = [joint.axis_i is not None, joint.axis_j is not None]
+    if sort in NO_AXIS and any(ends):
+        raise ValueError(f"{where}: a {sort} joint has no axis")
+    if sort in ONE_AXIS and not ends[1]:
+        raise ValueError(f"{where}: a {sort} joint needs axis_j")
+    if sort not in (*NO_AXIS, *ONE_AXIS) and not all(ends):
+        raise ValueError(f"{where}: give the axis in both bodies or in none")
+    if ROWS[sort].axis == 3 and (joint.across_i is None or joint.across_j is None):
+        raise ValueError(f"{where}: a {sort} joint needs across_i and across_j, one direction seen from both bodies")
+    if sort == JointKind.DISTANCE and not (np.isfinite(joint.length) and joint.length > 0.0):
+        raise ValueError(f"{where}: length must be finite and > 0 m (got {joint.length})")
+
+
+def unit(a: Vector, where: str) -> Float[np.ndarray, " 3"]:
+    """``a`` of length 1, or ValueError."""
+    length = float(np.linalg.norm(a))
+    if not (np.isfinite(length) and length > 0.0):
+        raise ValueError(f"{where}: the axis must have a finite length > 0 (got {list(a)})")
+    return np.asarray(a, dtype=float) / length
+
+
+def _normals(a: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "2 3"]:
+    """Two orthonormal normals to the unit vector ``a``: the coordinate direction furthest from it starts the frame."""
+    n1 = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+    n1 /= np.linalg.norm(n1)
+    return np.stack((n1, np.cross(a, n1)))
+
+
+def _beside(a: Float[np.ndarray, " 3"], across: Vector, where: str) -> Float[np.ndarray, "2 3"]:
+    """The part of ``across`` normal to the unit vector ``a``, of length 1, and a x that."""
+    n1 = np.asarray(across, dtype=float) - (np.asarray(across, dtype=float) @ a) * a
+    n1 = unit(n1, f"{where}: across, less its part along the axis")
+    return np.stack((n1, np.cross(a, n1)))

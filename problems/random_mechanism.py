@@ -1,0 +1,109 @@
+"""Mechanisms drawn at random: trees with loops, redundant joints, springs and loads, for stress and for fuzzing.
+
+Bodies of 1 to 2 kg in arbitrary poses hang in a tree on joints of arbitrary kinds; ``loops`` closes it by links of a
+fixed length, ``repeated`` declares joints a second time. All joints are closed where the bodies start, so every draw
+is a problem.
+Numbers: of the seed. Reference: computed.
+"""
+
+from typing import Annotated
+
+import numpy as np
+from jaxtyping import Float
+
+from ..harness.catalogue.options import Parameter
+from ..harness.catalogue.registry import problem
+from ..harness.mechanics import so3
+from ..harness.mechanics.consistency import project
+from ..harness.mechanics.joints import Joint, JointKind
+from ..harness.mechanics.state import State
+from ..harness.mechanics.system import GROUND, Load, RigidBody, SpringDamper, assemble
+from ..harness.types import Observable, Problem
+
+KINDS = tuple(k for k in JointKind if k != JointKind.FIXED)
+APART = 0.3  # [m] of the points of joints that slide
+Poses = tuple[Float[np.ndarray, "nb+1 3"], Float[np.ndarray, "nb+1 3 3"]]  # of all bodies, then of the ground
+
+
+@problem("random_mechanism")
+def random_mechanism(
+    *,
+    bodies: Annotated[int, Parameter("number of bodies", "", at_least=1, at_most=1000)] = 6,
+    loops: Annotated[int, Parameter("links that close the tree", "", at_least=0)] = 1,
+    repeated: Annotated[int, Parameter("joints that are declared twice: redundant rows", "", at_least=0)] = 0,
+    springs: Annotated[int, Parameter("spring-dampers between bodies or to the ground", "", at_least=0)] = 2,
+    loads: Annotated[int, Parameter("constant forces and torques", "", at_least=0)] = 1,
+    mechanism_seed: Annotated[int, Parameter("of everything", "", at_least=0)] = 1,
+) -> Problem:
+    """A tree of bodies on joints of random kinds, with loops, redundant joints, springs and loads."""
+    random = np.random.default_rng(mechanism_seed)
+    if repeated > bodies:
+        raise ValueError(f"repeated must be <= bodies = {bodies} (got {repeated})")
+    r = np.concatenate((random.standard_normal((bodies, 3)) * bodies ** (1 / 3), np.zeros((1, 3))))
+    R = np.concatenate((so3.exp(random.standard_normal((bodies, 3))), np.eye(3)[None]))
+    joints = []
+    for k in range(bodies):
+        parent = int(random.integers(-1, k)) if k else GROUND
+        joints.append(closed_joint(KINDS[random.integers(len(KINDS))], k, parent, (r, R), random))
+    for _ in range(loops):
+        i = int(random.integers(bodies))
+        j = GROUND if bodies == 1 else int(random.choice([b for b in range(-1, bodies) if b != i]))
+        joints.append(closed_joint(JointKind.DISTANCE, i, j, (r, R), random))
+    joints += joints[:repeated]
+    ends = [
+        (int(random.integers(bodies)), random.standard_normal((2, 3)), random.uniform(5.0, 50.0))
+        for _ in range(springs)
+    ]
+    pushes = []
+    for k in range(loads):
+        force, torque, point = random.standard_normal((3, 3))
+        pushes.append(Load(int(random.integers(bodies)), force, 0.1 * torque, 0.1 * point, follows=bool(k % 2)))
+    system = assemble(
+        [arbitrary_body(random) for _ in range(bodies)],
+        joints,
+        (0.0, 0.0, -9.81),
+        [SpringDamper(i, 0.3 * p[0], GROUND, r[i] + p[1], k, 1.0, 0.02 * k) for i, p, k in ends],
+        pushes,
+    )
+    v = random.standard_normal((2, bodies, 3))
+    start = project(system, State(r[:-1], R[:-1], v[0], v[1]), 0)
+    return Problem(
+        "random_mechanism",
+        system,
+        start,
+        t_end=1.0,
+        dt=1e-3,
+        section="",
+        source="drawn",
+        observables=(
+            Observable("last_x", "X_N", "m", lambda s: s.r[:, -1, 0]),
+            Observable("last_z", "Z_N", "m", lambda s: s.r[:, -1, 2]),
+        ),
+    )
+
+
+def arbitrary_body(random: np.random.Generator) -> RigidBody:
+    """1 to 2 kg with a full inertia matrix."""
+    a, Q = random.uniform(0.05, 0.1, 3), so3.exp(random.standard_normal(3))
+    J = Q @ np.diag([a[1] + a[2], a[0] + a[2], a[0] + a[1]]) @ Q.T
+    return RigidBody(random.uniform(1.0, 2.0), 0.5 * (J + J.T))
+
+
+def closed_joint(kind: JointKind, i: int, j: int, poses: Poses, random: np.random.Generator) -> Joint:
+    """A joint of this kind between two bodies, at an arbitrary place and closed in these poses."""
+    r, R = poses
+    axis, x = so3.exp(random.standard_normal(3))[0], 0.5 * (r[i] + r[j]) + 0.3 * random.standard_normal(3)
+    across = np.cross(axis, random.standard_normal(3))
+    across /= np.linalg.norm(across)
+    length = float(np.linalg.norm(r[i] - r[j])) + APART if kind == JointKind.DISTANCE else 0.0
+    way = {
+        JointKind.CYLINDRICAL: APART * axis, JointKind.PRISMATIC: APART * axis, JointKind.ON_LINE: APART * axis,
+        JointKind.ON_PLANE: APART * across, JointKind.DISTANCE: length * axis,
+    }.get(kind, np.zeros(3))  # fmt: skip
+    s_i, s_j = R[i].T @ (x + way - r[i]), R[j].T @ (x - r[j])
+    axis_j = None if kind in (JointKind.SPHERICAL, JointKind.DISTANCE) else R[j].T @ axis
+    alone = axis_j is None or kind in (JointKind.ON_LINE, JointKind.ON_PLANE)
+    axis_i = None if alone else R[i].T @ (across if kind == JointKind.UNIVERSAL else axis)
+    turned = kind in (JointKind.FIXED, JointKind.PRISMATIC)
+    across_i, across_j = (R[i].T @ across, R[j].T @ across) if turned else (None, None)
+    return Joint(i, s_i, j, s_j, axis_i, axis_j, f"{kind} {i + 1}", kind, across_i, across_j, length)
