@@ -60,13 +60,8 @@ FAULTS = (
         "return 0.0 * potential_energy(system, s)",
         ONE,
     ),
-    Fault(MOTION, "point = r_i + _turned(R_i, system.joint_s_i) - r_j", "point = r_i - r_j", ONE),
-    Fault(
-        MOTION,
-        "+ _turned(R_i, np.cross(W_i, system.joint_s_i))",
-        "- _turned(R_i, np.cross(W_i, system.joint_s_i))",
-        ONE,
-    ),
+    Fault(MOTION, "x_i = r[:, i] + _turned(s, i, system.joint_s_i[joints])", "x_i = r[:, i]", ONE),
+    Fault(MOTION, "v[:, i] + _turning(s, i, system", "v[:, i] - _turning(s, i, system", ONE),
     Fault("harness/mechanics/so3.py", "return 2.0 * np.arcsin(", "return np.arcsin(", of(PENDULUM, "gc_weak_form dt")),
     Fault(
         "harness/catalogue/registry.py",
@@ -75,13 +70,13 @@ FAULTS = (
         of(TURNED, "rk45_strong_form"),
     ),
     # metrics: errors that go away, scales that grow
-    Fault(MEASURE, "drift = E - E[0] - damping_work(system, t, d, rate)", "drift = 0.0 * E", ONE),
+    Fault(MEASURE, "drift = E - E[0] - _work(system, t, s, bodies)", "drift = 0.0 * E", ONE),
     Fault(MEASURE, "np.max(np.linalg.norm(s.r[rows] - exact.r, axis=2), axis=1)", "0.0", ONE),
     Fault(MEASURE, "so3.angle_between(s.R[rows], exact.R)", "so3.angle_between(s.R[rows], s.R[rows])", ONE),
     Fault(MEASURE, "exact = reference.states(np.minimum(t[rows], reference.horizon))", "exact = s.at(rows)", ONE),
     Fault(MEASURE, "if reaction is None or", "if reaction is not None or", ONE),
     Fault("harness/metrics/scales.py", "Scales(*(float(v) for v in", "Scales(*(float(10.0 * v) for v in", ONE),
-    Fault("harness/metrics/reactions.py", "(a - system.gravity)", "(a + system.gravity)", ONE),
+    Fault("harness/metrics/reactions.py", "* a - applied(", "* a + applied(", ONE),
     Fault(
         "harness/metrics/summary.py",
         '"steps": len(dt), **',
@@ -104,7 +99,7 @@ FAULTS = (
     Fault(
         "harness/execution/measuring.py", "(because := inaccuracy(measured, numbers))", "(because := [])", INACCURATE
     ),
-    Fault("harness/metrics/scales.py", "ENERGY = 0.10", "ENERGY = 1.0", WRONG),
+    Fault("harness/types.py", "Law.ENERGY: 0.10", "Law.ENERGY: 1.0", WRONG),
     Fault("harness/types.py", '"accurate_until_s": 0.1,', '"accurate_until_s": 1.0,', TURNING),
     # references
     Fault(
@@ -161,7 +156,7 @@ FAULTS = (
         of(PENDULUM, "gc_augmented_lagrangian"),
     ),
     Fault(
-        "solvers/rk45_strong_form.py",
+        "solvers/formulations/strong_ode.py",
         '"rtol": control.rtol, "atol": atol',
         '"rtol": 0.0, "atol": 1e3 * atol',
         ONE,
