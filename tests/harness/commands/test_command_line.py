@@ -179,7 +179,7 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
     assert "a bug of mine" in said("show", "out")
     assert [json.loads(line)["status"] for line in said("show", "out", "--json").splitlines()] == ["success", "crashed"]
     judge = ("gate", "--suite", "small.toml", *WITH, "--results", "out", "--thresholds", "bounds.toml")
-    assert "no threshold for this run" in said(*judge, code=1)  # one bound is not all of them
+    assert "gate CLOSED: 6 FAIL" in said(*judge, code=1)  # one bound is not all of them
     (tmp_path / "bounds.toml").write_text(BOUND.replace("1e-10", "-1.0"))
     closed = said(*judge, "--junit", "gate.xml", "--markdown", "gate.md", code=1)
     assert "failure" in (tmp_path / "gate.xml").read_text() and "CLOSED" in (tmp_path / "gate.md").read_text()
