@@ -62,7 +62,7 @@ def test_springs_and_dampers_do_their_work():
     s = State(r, mbsbench.so3.exp(random.standard_normal((2, 3))), v, Omega)
     a, h = accelerations(system, s), 1e-5
     ahead, behind = (motion.energy(system, States.one(moved(s, a, sign * h)))[0] for sign in (1.0, -1.0))
-    assert (ahead - behind) / (2.0 * h) == pytest.approx(motion.damping_power(system, States.one(s))[0], rel=1e-6)
+    assert (ahead - behind) / (2.0 * h) == pytest.approx(motion.power(system, States.one(s))[0], rel=1e-6)
 
 
 def test_equations_are_those_that_accelerations_solve():
