@@ -20,6 +20,7 @@ from typing import Any
 from ..files import write_bytes
 from ..results import environment
 from ..results.store import PARTS, create, write_record
+from ..suites.spec import RunSpec
 from ..types import EndedBy
 from .job import Job, cut_short
 from .pool import TICK, PoolError, TimeLimit
@@ -160,14 +161,14 @@ class _Supervisor(Supervised):
 
     def __init__(self) -> None:
         super().__init__()
-        self.warm: set[str] = set()
+        self.warm: list[RunSpec] = []
 
     def run(self, job: Job) -> None:
         """Returns when the run has its record."""
-        specs = [c for c in runs_to_warm([job.spec]) if c.solver not in self.warm]
+        specs = [c for c in runs_to_warm([job.spec]) if c not in self.warm]
         self.send(Warm(specs, [job]))
         self._answer()
-        self.warm |= {c.solver for c in specs}
+        self.warm += specs
         self.send(Start(job))
         done = self._answer()
         if isinstance(done, Done) and done.error:

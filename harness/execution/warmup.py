@@ -25,13 +25,27 @@ SHORT = 1e-3  # [s] of simulated time for error-controlled solvers
 
 
 def runs_to_warm(specs: Sequence[RunSpec]) -> list[RunSpec]:
-    """The first run of each solver of ``solvers/``, cut to a few steps."""
+    """The first run of each solver of ``solvers/`` with the same options, in short, with and without springs.
+
+    A kernel is compiled once for all systems; which kernels a run enters depends on its options and on springs.
+    """
     first: dict[str, RunSpec] = {}
+    sprung: dict[str, bool] = {}
     for spec in specs:
         if registry.is_own_solver(spec.solver) and registry.is_own_problem(spec.problem):
+            if spec.problem not in sprung:
+                sprung[spec.problem] = _has_springs(spec)
             t_end = SHORT if spec.control.dt is None else STEPS * spec.control.dt
-            first.setdefault(spec.solver, dataclasses.replace(spec, parameters={**spec.parameters, "t_end": t_end}))
+            key = json.dumps([spec.solver, spec.options, sprung[spec.problem]], sort_keys=True, default=list)
+            first.setdefault(key, dataclasses.replace(spec, parameters={**spec.parameters, "t_end": t_end}))
     return list(first.values())
+
+
+def _has_springs(spec: RunSpec) -> bool:
+    try:
+        return len(registry.make_problem(spec.problem, spec.parameters).system.spring_i) > 0
+    except Exception:  # its runs will show it
+        return False
 
 
 def warm(specs: Sequence[RunSpec]) -> dict[str, float]:
@@ -86,11 +100,14 @@ def references_apart(jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda:
 def warm_apart_then_here(specs: Sequence[RunSpec], unwanted: Callable[[], bool] = lambda: False) -> dict[str, float]:
     """Warm in a forked process, then here what went well there; the times [s] of the first. Ends when ``unwanted``."""
     times: dict[str, float] = {}
+    well: list[RunSpec] = []
     for spec in specs:  # one that hangs takes no other's time
         process = Apart(lambda send, spec=spec: send(json.dumps(warm([spec]))), limit=LIMIT, memory=MEMORY)  # type: ignore[misc]
         for line in process.wait(unwanted).sent.splitlines():
-            times |= json.loads(line)
+            for solver, took in json.loads(line).items():
+                times[solver] = times.get(solver, 0.0) + took
+                well.append(spec)
         if unwanted():
             return times
-    warm([spec for spec in specs if spec.solver in times])
+    warm(well)
     return times

@@ -130,32 +130,33 @@ def model_of(system: MultibodySystem) -> Model:
     parts = np.array(list(_parts(system)), dtype=np.int64).reshape(-1, 4)
     joint, pins, lines, axes = parts.T
     both = np.minimum(np.arange(3), 1)  # rows (u, n_1), (u, n_2), (w, n_2)
-    return Model(
-        mass=np.array(system.mass),
-        J=np.array(system.inertia),
-        J_inv=np.linalg.inv(system.inertia).copy() if system.nb else np.zeros((0, 3, 3)),
-        gravity=np.array(system.gravity),
+    model = Model(
+        mass=system.mass,
+        J=system.inertia,
+        J_inv=np.linalg.inv(system.inertia) if system.nb else np.zeros((0, 3, 3)),
+        gravity=system.gravity,
         body=np.stack((system.joint_i, system.joint_j), axis=1).astype(np.int64)[joint],
         s=np.stack((system.joint_s_i, system.joint_s_j), axis=1)[joint],
-        pins=pins.copy(),
-        lines=lines.copy(),
-        axes=axes.copy(),
+        pins=pins,
+        lines=lines,
+        axes=axes,
         u=np.stack((system.joint_u, system.joint_u, system.joint_w), axis=1)[joint],
         n=system.joint_n[joint][:, both],
         normal=system.joint_n[joint],
         length=system.joint_length[joint],
         row=np.concatenate(([0], np.cumsum(3 * pins + lines + axes))).astype(np.int64),
         spring_body=np.stack((system.spring_i, system.spring_j), axis=1).astype(np.int64),
-        p=np.stack((system.spring_p_i, system.spring_p_j), axis=1).copy(),
-        stiffness=np.array(system.spring_k),
-        free_length=np.array(system.spring_d0),
-        damping=np.array(system.spring_c),
-        load_body=np.array(system.load_i),
-        load_p=np.array(system.load_p),
-        load_force=np.array(system.load_force),
-        load_torque=np.array(system.load_torque),
+        p=np.stack((system.spring_p_i, system.spring_p_j), axis=1),
+        stiffness=system.spring_k,
+        free_length=system.spring_d0,
+        damping=system.spring_c,
+        load_body=system.load_i,
+        load_p=system.load_p,
+        load_force=system.load_force,
+        load_torque=system.load_torque,
         load_follows=system.load_follows.astype(np.int64),
     )
+    return Model._make(np.array(a, order="C") for a in model)  # one layout, so one compilation for all systems
 
 
 def _parts(system: MultibodySystem) -> Iterator[tuple[int, int, int, int]]:

@@ -47,6 +47,9 @@ class Work(NamedTuple):
     R_mu: np.ndarray  # (nrows,)
     x: np.ndarray  # correction, in elimination order
     xi: np.ndarray  # (1,) penalty of the present step
+    nested: (
+        np.ndarray
+    )  # (1,) 1 inside the nested loop; not an argument, which numba would compile once for 0 and once for 1
     nu_kept: np.ndarray  # (nrows,) multiplier of the nested loop
     counts: np.ndarray  # COUNTERS
     max_turn: np.ndarray  # (1,) [rad] a step in which a body would turn further is cut
@@ -67,17 +70,17 @@ class Run(NamedTuple):
 
 
 @njit(**JIT)
-def evaluate(run, step, nested):
+def evaluate(run, step):
     """Residual of the present estimate; its norm (80)."""
     model, settings, rows, work = run.model, run.settings, step.rows, run.work
     move(step)
     complete(model, step.end, settings)
-    if nested:  # (84): mu - xi psi in place of mu
+    if work.nested[0]:  # (84): mu - xi psi in place of mu
         for k in range(len(rows.nu1)):
             rows.nu1[k] = work.nu_kept[k] - work.xi[0] * step.end.m_bar[k] * step.end.phi_dot[k]
     end_forces(step, settings)
     balance(model, step, settings, work.R_v)
-    if nested:
+    if work.nested[0]:
         work.R_mu[:] = 0.0
     else:
         constraint_balance(step, settings, work.R_mu)
@@ -144,12 +147,12 @@ def correct(run, step):
 
 
 @njit(**INNER)
-def newton(run, step, nested):
+def newton(run, step):
     """Drive the residual below the tolerance. A kept factorisation is renewed when it no longer contracts."""
     settings, work, before = run.settings, run.work, np.inf
     both = settings.carry_sigma and not settings.corrective  # else (80) implies (81), or (81) cannot hold
     for iteration in range(settings.max_newton + 1):
-        norm = evaluate(run, step, nested)
+        norm = evaluate(run, step)
         work.norm[0] = norm
         if not np.isfinite(norm):
             return NOT_FINITE

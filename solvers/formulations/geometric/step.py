@@ -17,8 +17,9 @@ def nested_loop(run, step):
     """The paper's loop: Newton to convergence at a fixed multiplier, then (85), until phi_dot is small enough."""
     settings, work, before = run.settings, run.work, np.inf
     copy(step.rows.nu1, work.nu_kept)
+    work.nested[0] = 1
     for _ in range(settings.penalty.max_augmentations):
-        outcome = newton(run, step, 1)
+        outcome = newton(run, step)
         work.norm[1] = constraint_norm(step.end)
         if outcome != CONVERGED:
             return outcome
@@ -47,7 +48,8 @@ def attempt(run, step):
     first_estimate(step, run.history, run.settings)
     work.xi[0] = penalty.xi
     if not penalty.nested:
-        outcome = newton(run, step, 0)
+        work.nested[0] = 0
+        outcome = newton(run, step)
         work.norm[1] = constraint_norm(step.end)
         if outcome == CONVERGED or not penalty.active:
             return outcome

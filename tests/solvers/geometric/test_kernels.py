@@ -60,7 +60,7 @@ def residual(run: Run, step: Step, x: np.ndarray) -> np.ndarray:
     nv = step.end.v.size
     step.end.v[:] = x[:nv].reshape(step.end.v.shape)
     step.rows.nu1[:] = x[nv:]
-    evaluate(run, step, 0)
+    evaluate(run, step)
     R_v = run.work.R_v.copy()
     R_v[:, 3:] = np.einsum("bij,bj->bi", step.end.R, R_v[:, 3:])
     return np.concatenate((R_v.ravel(), run.work.R_mu))
@@ -162,7 +162,7 @@ def test_kernels_leave_the_reference_counts_of_arrays_alone():
     arrays = [*step.start, *step.end, *step.rows, *run.model, *run.saddle, *run.lu, *run.work]
     before = [sys.getrefcount(a) for a in arrays]
     for _ in range(3):
-        evaluate(run, step, 0)
+        evaluate(run, step)
         fill_blocks(run.model, step, run.settings, run.saddle)
         factor(run.saddle.blocks, run.lu)
         solve(run.lu, run.work.x)

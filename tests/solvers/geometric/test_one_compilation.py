@@ -1,0 +1,40 @@
+"""What is compiled for one system serves all: compilation is paid before the clock of the first run starts."""
+
+import gc
+
+import numba
+import pytest
+
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.types import StepControl
+
+SOLVERS = (
+    "gc_weak_form", "gc_augmented_lagrangian", "gc_composed", "gc_extrapolated", "rattle", "rkmk_dopri5",
+    "generalized_alpha", "energy_momentum", "al_index3", "half_explicit", "lie_variational", "radau_ggl",
+)  # fmt: skip
+STEP = 1e-3  # [s]
+
+
+def signatures() -> dict[str, int]:
+    """Number of compiled signatures of every kernel."""
+    kernels = [k for k in gc.get_objects() if isinstance(k, numba.core.dispatcher.Dispatcher)]
+    return {k.py_func.__qualname__ + k.py_func.__module__: len(k.signatures) for k in kernels}
+
+
+def take_steps(solver: str, problem: str) -> None:
+    """Two steps, where the solver takes the problem."""
+    made, posed = registry.make_solver(solver), registry.make_problem(problem, {"t_end": 2 * STEP})
+    control = StepControl(dt=STEP) if registry.solvers()[solver].control == "dt" else StepControl(rtol=1e-6)
+    if made.refuses(posed, control) is None:
+        made.solve(posed, control)
+
+
+@pytest.mark.parametrize("solver", SOLVERS)
+def test_no_second_compilation_for_another_system(solver):
+    take_steps(solver, "heavy_top")
+    take_steps(solver, "spring_pendulum")
+    before = signatures()
+    for problem in ("chain", "torque_free_body", "four_bar_grid", "bricard", "stewart_platform", "andrews"):
+        take_steps(solver, problem)
+    again = {name: n for name, n in signatures().items() if n > before.get(name, 0)}
+    assert not again, f"compiled anew: {again}"
