@@ -26,6 +26,7 @@ from .blocks import WIDTH, Blocks, analyse
 from .lines import line_rows
 
 HOT = {**INNER, "forceinline": True}
+FUSED = {**HOT, "fastmath": {"contract"}}  # products and sums in one rounding: linear algebra
 DEPENDENT = 1e-9  # of the row's own entry of S; rounding leaves 1e-15, the weakest true pivots of our problems are 1e-4
 
 
@@ -154,7 +155,7 @@ def _axis_rows(model, k, j):
                 k.X[j, e, at + c, q] = sign * (k.R[b, 0, q] * t0 + k.R[b, 1, q] * t1 + k.R[b, 2, q] * t2)
 
 
-@njit(**HOT)
+@njit(**FUSED)
 def factorise(model, blocks, k, shift=0.0):
     """S into ``k.L``, then its block Cholesky factor in place; returns the number of rows kept (the rank).
 
@@ -173,10 +174,10 @@ def factorise(model, blocks, k, shift=0.0):
             for t in range(blocks.shared_start[p], blocks.shared_start[p + 1]):
                 ea, ec = blocks.shared[t, 1], blocks.shared[t, 2]
                 weight = (1.0 - 2.0 * ea) * (1.0 - 2.0 * ec) / model.mass[model.body[jc, ec]]
-                for a in range(height):
-                    x0, x1, x2 = k.X[ja, ea, a, 0], k.X[ja, ea, a, 1], k.X[ja, ea, a, 2]
-                    for c in range(size):
-                        L[p, a, c] += x0 * k.Y[jc, ec, c, 0] + x1 * k.Y[jc, ec, c, 1] + x2 * k.Y[jc, ec, c, 2]
+                if size == WIDTH:
+                    _add_turnings(k, L, p, ja, ea, jc, ec, WIDTH, height)
+                else:
+                    _add_turnings(k, L, p, ja, ea, jc, ec, size, height)
                 if model.pins[ja] and model.pins[jc]:
                     for a in range(3):
                         L[p, a, a] += weight
@@ -190,12 +191,10 @@ def factorise(model, blocks, k, shift=0.0):
         rank += _diagonal(L, d, size, k, blocks.row[col])
         for p in range(d + 1, blocks.start[col + 1]):  # L_pd = S_pd L_dd^-T
             height = blocks.size[blocks.other[p]]
-            for a in range(height):
-                for c in range(size):
-                    x = L[p, a, c]
-                    for q in range(c):
-                        x -= L[p, a, q] * L[d, c, q]
-                    L[p, a, c] = x * L[d, c, c]
+            if size == WIDTH:  # as a constant it has the loops unrolled: half the time of a full block
+                _divide(L, p, d, WIDTH, height)
+            else:
+                _divide(L, p, d, size, height)
         for t in range(blocks.update_start[col], blocks.update_start[col + 1]):
             target, left, right = blocks.update[t, 0], blocks.update[t, 1], blocks.update[t, 2]
             for a in range(WIDTH):
@@ -207,6 +206,15 @@ def factorise(model, blocks, k, shift=0.0):
     return rank
 
 
+@njit(**FUSED)
+def _add_turnings(k, L, p, ja, ea, jc, ec, size, height):
+    """L_p += X J^-1 X^T of two joints at one body."""
+    for a in range(height):
+        x0, x1, x2 = k.X[ja, ea, a, 0], k.X[ja, ea, a, 1], k.X[ja, ea, a, 2]
+        for c in range(size):
+            L[p, a, c] += x0 * k.Y[jc, ec, c, 0] + x1 * k.Y[jc, ec, c, 1] + x2 * k.Y[jc, ec, c, 2]
+
+
 @njit(**INNER)
 def _add_translations(k, ja, jc, height, size, weight, block):
     """block += weight f_a . f_c: joints with rows that are no point rows."""
@@ -216,7 +224,37 @@ def _add_translations(k, ja, jc, height, size, weight, block):
             block[a, c] += weight * (f0 * k.way[jc, c, 0] + f1 * k.way[jc, c, 1] + f2 * k.way[jc, c, 2])
 
 
-@njit(**HOT)
+@njit(**FUSED)
+def _divide(L, p, d, size, height):
+    """L_p := L_p L_d^-T"""
+    for a in range(height):
+        for c in range(size):
+            x = L[p, a, c]
+            for q in range(c):
+                x -= L[p, a, q] * L[d, c, q]
+            L[p, a, c] = x * L[d, c, c]
+
+
+@njit(**FUSED)
+def _subtract(L, p, x, row, size, at, height):
+    """x[at:] -= L_p x[row:]"""
+    for a in range(height):
+        y = 0.0
+        for q in range(size):
+            y += L[p, a, q] * x[row + q]
+        x[at + a] -= y
+
+
+@njit(**FUSED)
+def _subtract_transposed(L, p, x, row, size, at, height):
+    """x[row:] -= L_p^T x[at:]"""
+    for a in range(height):
+        y = x[at + a]
+        for q in range(size):
+            x[row + q] -= L[p, a, q] * y
+
+
+@njit(**FUSED)
 def _diagonal(L, d, size, k, row):
     """Cholesky of one diagonal block, its diagonal inverted."""
     kept = 0
@@ -235,7 +273,7 @@ def _diagonal(L, d, size, k, row):
     return kept
 
 
-@njit(**HOT)
+@njit(**FUSED)
 def solve(blocks, k, x):
     """x (nrows,) := S^-1 x with the factor in ``k.L``; 0 in redundant rows."""
     L, nj = k.L, len(blocks.joint)
@@ -248,19 +286,20 @@ def solve(blocks, k, x):
             x[row + a] = y * L[d, a, a]
         for p in range(d + 1, blocks.start[col + 1]):
             at = blocks.row[blocks.other[p]]
-            for a in range(blocks.size[blocks.other[p]]):
-                y = 0.0
-                for q in range(size):
-                    y += L[p, a, q] * x[row + q]
-                x[at + a] -= y
+            height = blocks.size[blocks.other[p]]
+            if size == WIDTH:
+                _subtract(L, p, x, row, WIDTH, at, height)
+            else:
+                _subtract(L, p, x, row, size, at, height)
     for col in range(nj - 1, -1, -1):
         d, size, row = blocks.start[col], blocks.size[col], blocks.row[col]
         for p in range(d + 1, blocks.start[col + 1]):
             at = blocks.row[blocks.other[p]]
-            for a in range(blocks.size[blocks.other[p]]):
-                y = x[at + a]
-                for q in range(size):
-                    x[row + q] -= L[p, a, q] * y
+            height = blocks.size[blocks.other[p]]
+            if size == WIDTH:
+                _subtract_transposed(L, p, x, row, WIDTH, at, height)
+            else:
+                _subtract_transposed(L, p, x, row, size, at, height)
         for a in range(size - 1, -1, -1):
             y = x[row + a]
             for q in range(a + 1, size):

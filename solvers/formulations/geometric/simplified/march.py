@@ -6,6 +6,7 @@ from ..index1.kernel import HOT, accelerate, add_rows_back, clear, rows, solve
 from ..newton import NEWTON
 from ..vectors import JIT, copy, turned_by
 from .rows import arms, constraint_norm
+from .state import DEPTH
 from .step import one_step, poses
 
 FINISHED, BUFFER_FULL, HARD = 0, 1, 2
@@ -18,6 +19,12 @@ def start(lean):
     copy(lean.k.v_dot, lean.acceleration[0])
     copy(lean.k.lam, lean.impulse[0])
     lean.past[0], lean.past[1] = 1, 0
+
+
+@njit(**HOT)
+def newest(lean):
+    """Place of the last step among the ``DEPTH`` kept."""
+    return (lean.past[0] - 1) % DEPTH
 
 
 @njit(**HOT)
@@ -40,19 +47,17 @@ def correct_poses(lean):
 def accept(lean, settings, h, middle):
     """The step of h just made becomes the past: its means, for the estimate of those that follow."""
     k = lean.k
+    lean.past[0] += 1
+    d = newest(lean)
     for b in range(len(lean.model.mass)):
         for q in range(6):
-            lean.acceleration[1, b, q] = lean.acceleration[0, b, q]
-            lean.acceleration[0, b, q] = (k.v[b, q] - lean.v0[b, q]) / h
+            lean.acceleration[d, b, q] = (k.v[b, q] - lean.v0[b, q]) / h
     arms(lean, settings)
     for i in range(len(lean.nu)):
-        lean.impulse[1, i] = lean.impulse[0, i]
-        lean.impulse[0, i] = ((1.0 - settings.gauge) * lean.nu[i] - lean.nu_start[i]) / h
+        lean.impulse[d, i] = ((1.0 - settings.gauge) * lean.nu[i] - lean.nu_start[i]) / h
         if settings.keep_nu:
             lean.nu_start[i] = lean.nu[i]
-    lean.middle[1] = lean.middle[0]
-    lean.middle[0] = middle
-    lean.past[0] = min(2, lean.past[0] + 1)
+    lean.middle[d] = middle
 
 
 @njit(**JIT)
@@ -85,7 +90,7 @@ def march(lean, settings, grid, dt, t_end, counts, record):
         accept(lean, settings, h, base + 0.5 * h)
         for j in range(len(model.body)):
             for i in range(model.row[j], model.row[j + 1]):
-                record.reaction[done, i] = lean.impulse[0, i]
+                record.reaction[done, i] = lean.impulse[newest(lean), i]
                 if i < model.row[j] + 3:
                     q = i - model.row[j]
                     record.reaction[done, i] -= 0.5 * (lean.f_bar0[j, q] + lean.f_bar[j, q])

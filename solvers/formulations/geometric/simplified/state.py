@@ -9,6 +9,8 @@ from ..choices import Settings
 from ..index1.blocks import Blocks
 from ..index1.kernel import Kernel, empty_kernel
 
+DEPTH = 4  # past steps from which the next one is extrapolated
+
 
 class Lean(NamedTuple):
     """State of the march and room for one step; suffix 0: its start. Arms and unit torques are in space."""
@@ -30,9 +32,10 @@ class Lean(NamedTuple):
     f_bar0: np.ndarray  # (nj, 3)
     nu: np.ndarray  # (nrows,)
     nu_start: np.ndarray  # (nrows,)
-    acceleration: np.ndarray  # (2, nb, 6) means over the last two steps
-    impulse: np.ndarray  # (2, nrows) (nu1 - nu0) / dt of the last two steps
-    middle: np.ndarray  # (2,) [s] middles of the last two steps
+    acceleration: np.ndarray  # (DEPTH, nb, 6) means over the last steps, in turn; the newest in ``newest(past[0])``
+    impulse: np.ndarray  # (DEPTH, nrows) (nu1 - nu0) / dt of these steps
+    middle: np.ndarray  # (DEPTH,) [s] their middles
+    weight: np.ndarray  # (DEPTH,) theirs in the estimate of the next step
     past: np.ndarray  # (2,) int: steps known of the past, whether ``k.L`` is a factor
     rank: np.ndarray  # (2,) int: of the rows, at the start and at the last factor
     log_det: np.ndarray  # (1,) log10 of the determinant of S in rows scaled to a unit diagonal
@@ -46,9 +49,9 @@ def empty_lean(model: Model) -> Lean:
         model=model, blocks=blocks, k=k, r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)),
         known=np.zeros((nb, 6)), w=np.zeros((nb, 6)), spin=np.zeros((nb, 3)), arm=np.zeros((nj, 2, 3)),
         b0=np.zeros((nj, 2, 3)), a=np.zeros((nj, 2, 3)), a0=np.zeros((nj, 2, 3)), f_bar=np.zeros((nj, 3)),
-        f_bar0=np.zeros((nj, 3)), nu=np.zeros(nrows), nu_start=np.zeros(nrows), acceleration=np.zeros((2, nb, 6)),
-        impulse=np.zeros((2, nrows)), middle=np.zeros(2), past=np.zeros(2, dtype=np.int64),
-        rank=np.zeros(2, dtype=np.int64), log_det=np.zeros(1),
+        f_bar0=np.zeros((nj, 3)), nu=np.zeros(nrows), nu_start=np.zeros(nrows), acceleration=np.zeros((DEPTH, nb, 6)),
+        impulse=np.zeros((DEPTH, nrows)), middle=np.zeros(DEPTH), weight=np.zeros(DEPTH),
+        past=np.zeros(2, dtype=np.int64), rank=np.zeros(2, dtype=np.int64), log_det=np.zeros(1),
     )  # fmt: skip
 
 

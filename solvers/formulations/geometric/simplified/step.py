@@ -20,6 +20,7 @@ from ..index1.kernel import HOT, factorise, rows, solve
 from ..newton import FACTORISATIONS, NEWTON, RESIDUALS, SOLVES
 from ..vectors import copy, turned_by
 from .rows import arms, back, cross, rates, times, torque, turn, turn_back
+from .state import DEPTH
 
 MOST = 30  # iterations a step
 REFRESHES = 2  # factors of S in a step
@@ -135,17 +136,23 @@ def to_velocities(lean):
 @njit(**HOT)
 def estimate(lean, settings, h, t):
     """v1 and nu1 with acceleration and row forces extrapolated to the middle of the step, at ``t``."""
-    model, k, past = lean.model, lean.k, lean.past[0]
-    p = 0.0
-    if past > 1:
-        p = (t - lean.middle[0]) / (lean.middle[0] - lean.middle[1])
+    model, k, known = lean.model, lean.k, min(lean.past[0], DEPTH)
+    for d in range(known):
+        lean.weight[d] = h
+        for c in range(known):
+            if c != d:
+                lean.weight[d] *= (t - lean.middle[c]) / (lean.middle[d] - lean.middle[c])
     for b in range(len(model.mass)):
         for q in range(6):
-            now = lean.acceleration[0, b, q]
-            k.v[b, q] = lean.v0[b, q] + h * (now + p * (now - lean.acceleration[1, b, q]))
+            x = lean.v0[b, q]
+            for d in range(known):
+                x += lean.weight[d] * lean.acceleration[d, b, q]
+            k.v[b, q] = x
     for i in range(len(lean.nu)):
-        now = lean.impulse[0, i]
-        lean.nu[i] = (lean.nu_start[i] + h * (now + p * (now - lean.impulse[1, i]))) / (1.0 - settings.gauge)
+        x = lean.nu_start[i]
+        for d in range(known):
+            x += lean.weight[d] * lean.impulse[d, i]
+        lean.nu[i] = x / (1.0 - settings.gauge)
 
 
 @njit(**HOT)

@@ -5,11 +5,11 @@ from collections.abc import Callable
 import numpy as np
 
 from ..arrays import Step
-from ..march import Clock, Record, empty_record
+from ..march import Clock, Record, empty_record, time_of
 from ..newton import Run
 from ..residual import complete
 from .march import BUFFER_FULL, HARD, march, start
-from .state import empty_lean
+from .state import DEPTH, empty_lean
 
 PATIENCE, MOST_PATIENCE = 8, 1024  # steps of the full method after one that the simplified method does not solve
 Full = Callable[[Run, Step, Clock, int], tuple[Step, int, Record]]
@@ -66,15 +66,18 @@ class Simplified:
         lean.past[:] = 1, 0
         if (h := history.dt[0]) > 0.0:
             lean.acceleration[0] = (step.start.v - history.v) / h
+            lean.middle[0] = time_of(self._clock) - 0.5 * h
             lean.impulse[0] = history.increment / h if self._run.settings.keep_nu else (1.0 - gauge) * history.nu / h
 
     def _give(self) -> None:
         """The last step here as the full method's past: what ``_take`` does, the other way."""
         lean, history, h = self._lean, self._run.history, self._clock.dt
         history.dt[0] = h
-        history.v[:] = lean.k.v - h * lean.acceleration[0]
+        last, before = (lean.past[0] - 1) % DEPTH, (lean.past[0] - 2) % DEPTH
+        history.v[:] = lean.k.v - h * lean.acceleration[last]
         if self._run.settings.keep_nu:
-            history.increment[:] = h * lean.impulse[0]
+            history.increment[:] = h * lean.impulse[last]
             return
-        history.nu[:], before = (h / (1.0 - self._run.settings.gauge) * impulse for impulse in lean.impulse)
-        history.increment[:] = history.nu - before if lean.past[0] > 1 else 0.0
+        scale = h / (1.0 - self._run.settings.gauge)
+        history.nu[:] = scale * lean.impulse[last]
+        history.increment[:] = history.nu - scale * lean.impulse[before] if lean.past[0] > 1 else 0.0
