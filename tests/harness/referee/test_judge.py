@@ -15,7 +15,9 @@ from mbsbench.harness.referee.claims.maps import place, select
 from mbsbench.harness.referee.claims.register import read_register
 from mbsbench.harness.referee.claims.verdicts import judge
 from mbsbench.harness.results import store
+from mbsbench.harness.results.judgements import Verdict
 from mbsbench.harness.suites.suite import Suite
+from mbsbench.harness.types import Status
 
 from ..conftest import Silent
 from .claiming import MAP, SUITE, TEST, judged
@@ -153,7 +155,6 @@ CHEAP = (  # claims whose runs take half a minute or so: every problem, most ver
     "5-gc-near-tolerance",
     "5-ode45-smallest",
     "7-start",
-    "9-loose-goes-on",
     "11-gc-coincident",
     "11-ode45-coincident",
     "11-ode45-step-decrease",
@@ -209,6 +210,15 @@ def test_verdicts_are_those_published(twice):
         pytest.skip("nothing is published: mbsbench judge --publish")
     known = {c.id: c.verdict for c in published}
     assert {c.id: c.verdict for c in twice[0]} == {c: known.get(c) for c in CHEAP}
+
+
+def test_no_published_verdict_hangs_on_one_run_that_failed():
+    """Where such a run stops is decided by rounding, so another machine would give another verdict."""
+    for claim in judging.read_claims(judging.PUBLISHED) or ():
+        for side in (True, False):
+            alone = [row for row in claim.map if row.holds is side]
+            if len(alone) == 1 and claim.verdict is Verdict.CONDITIONAL:
+                assert Status(alone[0].status).lawful, (claim.id, alone[0].case)
 
 
 def newest_whole(runs, specs):
