@@ -1,6 +1,7 @@
 """What is installed is what runs: the packages are all listed, and a wheel carries every file that is read."""
 
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -72,3 +73,18 @@ def test_wheel_carries_modules_and_data(tmp_path):
         check=True, capture_output=True, text=True,
     )  # fmt: skip
     assert installed.stdout.strip() == f"{environment.code_digest()} no commit"
+
+
+def test_locks_carry_hashes_and_agree():
+    """Each package of each lock is one of known files; what two of them name has the same versions in both."""
+    known: dict[str, set[str]] = {}
+    for path in sorted(ROOT.glob("requirements*.lock")):
+        own: dict[str, set[str]] = {}
+        for pin in re.split(r"\n(?=[A-Za-z0-9])", path.read_text(encoding="utf-8")):
+            first, *rest = pin.splitlines()
+            name, version = first.split("==", 1)
+            assert any("--hash=sha256:" in line for line in rest), f"{path.name}: {first}"
+            own.setdefault(name, set()).add(version)
+        assert len(own) > 20
+        assert {n: v for n, v in own.items() if known.get(n, v) != v} == {}
+        known |= own
