@@ -87,6 +87,8 @@ def declared(made: Solver) -> tuple[str, float]:
         raise TypeError(f"{where}: paper_label must be text (got {label!r})")
     if isinstance(order, bool) or not isinstance(order, int | float):
         raise TypeError(f"{where}: order must be a number, the order in dt it claims (got {order!r})")
+    if not (math.isnan(order) or 0.0 < order < math.inf):
+        raise TypeError(f"{where}: order must be a finite number > 0, or NaN for none (got {order})")
     return label, float(order)
 
 

@@ -5,6 +5,7 @@ those of the problem, or the run has crashed.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from ..mechanics.system import MultibodySystem
 from ..results.npz import read_npz, write_npz
 from ..shapes import Shape, shaped
 from ..types import EndedBy, Status, Trajectory
+from .contract import CLOCK
 
 LARGEST = 2**32  # [bytes] of all arrays together
 POSES = ("r", "R", "v", "Omega")
@@ -80,16 +82,28 @@ def write(path: Path, said: Said, trajectory: Trajectory | None = None) -> None:
     write_npz(path, {"said": np.asarray(to_json(said)), **numbers}, compressed=False)
 
 
-def read(path: Path, system: MultibodySystem) -> Handed | None:
-    """What was handed over for ``system``; None if nothing was, BadHandover if it is not what it must be."""
+def read(path: Path, system: MultibodySystem, spent: float = math.inf) -> Handed | None:
+    """What was handed over for ``system`` by a process that took ``spent`` [s] of CPU; None if nothing was.
+
+    BadHandover if it is not what it must be.
+    """
     if not path.is_file():
         return None
     try:
         arrays = dict(read_npz(path, LARGEST))
         said = shaped(parse_json(str(arrays.pop("said", "")), "said"), Said, "said", BadHandover)
+        _check_cost(said.cost, spent)
         return Handed(said, _trajectory(arrays, said, system) if "t" in arrays else None)
     except ValueError as error:
         raise BadHandover(f"what the solver handed over cannot be used: {error}") from None
+
+
+def _check_cost(cost: Mapping[str, float | str], spent: float) -> None:
+    """The solver's process has measured its own times: they are not below zero, nor more than that process took."""
+    for name, value in cost.items():
+        most = spent + CLOCK if name.startswith("cpu_") else LARGEST
+        if not (math.isnan(float(value)) or 0.0 <= float(value) <= most):
+            raise BadHandover(f"{name} = {float(value):.3g} does not fit the {spent:.3g} s of CPU time of its process")
 
 
 def _trajectory(arrays: dict[str, np.ndarray], said: Said, system: MultibodySystem) -> Trajectory:

@@ -64,15 +64,15 @@ def solve_to_file(
         native = stderr.read_text(encoding="utf-8", errors="replace")[-2000:].strip() if stderr.exists() else ""
         wall = time.monotonic() - began
         bare = unfinished(job, ended, wall, EndedBy.WALL_LIMIT, limit + GRACE)
-        return Outcome(_measured(job, bare, wall, out, patience), native)
+        return Outcome(_measured(job, bare, wall, ended.cpu, out, patience), native)
 
 
-def _measured(job: Job, bare: RunRecord, wall: float, out: Path, patience: "_Patience") -> RunRecord:
+def _measured(job: Job, bare: RunRecord, wall: float, spent: float, out: Path, patience: "_Patience") -> RunRecord:
     """The record, with its file written, by a process of its own; without a motion where that does not end well."""
 
     def measure_and_write(send: Callable[[str], None]) -> None:
         began = time.monotonic()
-        record = measured(job, bare, in_file(out))
+        record = measured(job, bare, in_file(out), spent)
         record = dataclasses.replace(record, wall_s=wall + time.monotonic() - began)
         send(records.to_json(record if record.series else _start_alone(job, out, record)))
 

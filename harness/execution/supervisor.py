@@ -96,7 +96,7 @@ class Supervisor:
         store.path_of(job.folder, job.id).unlink(missing_ok=True)  # it was not for the solver's process to write
         limit = STOPPED_MEASURE_LIMIT if self.stopped else MEASURE_LIMIT
         process = Apart(
-            lambda send: worker.store_measured(job, bare, wall), limit=limit, memory=job.spec.memory,
+            lambda send: worker.store_measured(job, bare, wall, ended.cpu), limit=limit, memory=job.spec.memory,
             stderr=job.spool.with_suffix(".stderr"),
         )  # fmt: skip
         self.running[process.pid] = Running(job, process, run.began, limit, EndedBy.MEASURE_LIMIT, bare)

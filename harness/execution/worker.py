@@ -58,27 +58,29 @@ def hand_over(job: Job, soft: float = SOFT) -> None:
     handed.write(job.handed, said)  # here the frames that filled the memory are gone
 
 
-def store_measured(job: Job, bare: RunRecord, waited: float = 0.0) -> RunRecord:
-    """``measured``, and stored; ``waited`` [s] is what the run took until here."""
+def store_measured(job: Job, bare: RunRecord, waited: float = 0.0, spent: float = math.inf) -> RunRecord:
+    """``measured``, and stored; until here the run took ``waited`` [s], and ``spent`` [s] of CPU."""
     began = time.monotonic()
-    record = measured(job, bare)
-    spent = time.monotonic() - began
-    record = dataclasses.replace(record, wall_s=waited + spent)
+    record = measured(job, bare, spent=spent)
+    record = dataclasses.replace(record, wall_s=waited + time.monotonic() - began)
     store.write_record(job.folder, record)
     for rest in (job.handed, job.spool):
         rest.unlink(missing_ok=True)
     return record
 
 
-def measured(job: Job, bare: RunRecord, keep: Keep | None = None) -> RunRecord:
-    """The record of what was handed over, or of the steps kept until then; ``bare`` says how the process ended."""
+def measured(job: Job, bare: RunRecord, keep: Keep | None = None, spent: float = math.inf) -> RunRecord:
+    """The record of what was handed over, or of the steps kept until then.
+
+    ``bare`` says how the solver's process ended, ``spent`` [s] how much CPU time it took.
+    """
     try:
         if not registry.is_own_problem(job.spec.problem):  # a plugin's problem has to be made here too: docs/trust.md
             for plugin in job.plugins:
                 registry.load_plugin(plugin)
         problem = registry.make_problem(job.spec.problem, job.spec.parameters)
         bare = dataclasses.replace(bare, section=problem.section, t_end_s=problem.t_end)
-        found = _found(job, problem)
+        found = _found(job, problem, spent)
         if found is None:
             return _salvaged(job, problem, bare, keep)
         about: dict[str, Any] = {"peak_memory_MB": bare.peak_memory_MB}
@@ -109,9 +111,9 @@ def recorded(job: Job, problem: Problem, found: Handed, keep: Keep | None = None
     return dataclasses.replace(record, measure_s=time.monotonic() - began)
 
 
-def _found(job: Job, problem: Problem) -> Handed | None:
+def _found(job: Job, problem: Problem, spent: float) -> Handed | None:
     try:
-        return handed.read(job.handed, problem.system)
+        return handed.read(job.handed, problem.system, spent)
     except BadHandover as error:
         return Handed(Said(by=EndedBy.EXCEPTION, message=str(error)), None)
 

@@ -22,6 +22,7 @@ from .rows import between, is_motion, kinematic_defect
 from .scales import KINETIC, Run, Scales, displacement, reached, scales, speeds
 
 JOINTS = (Law.CONSTRAINT, Law.CONSTRAINT_RATE)  # not laws of a motion whose start, as printed, opens the joints
+KNOWN = 1e-6  # of the time: an exact motion that ends before is none
 PATH = 0.01  # of the reach: a shorter path is none
 BETWEEN = 501  # times at which the motion between rows is compared
 BLOCK = 4096  # steps measured at a time: bounds the memory of 55 bodies over 1e5 steps
@@ -73,8 +74,8 @@ def measure(problem: Problem, trajectory: Trajectory) -> Measured:
     """All series of a trajectory."""
     t, s = np.asarray(trajectory.t, dtype=float), trajectory.states
     reference = reference_of(problem)
-    if reference is not None and not reference.horizon >= 0.0:
-        raise ValueError(f"the horizon of the reference must be a number >= 0 [s] (got {reference.horizon})")
+    if reference is not None:
+        _check_horizon(problem, reference)
     with np.errstate(all="ignore"):  # a motion may have blown up: its infinities are the result
         whole, E, eq81 = _judged(problem, reference, t, s, np.arange(problem.system.nb))
         laws, found = whole.laws, mechanisms(problem.system)
@@ -184,6 +185,13 @@ def _against_reference(
     return {**series, **off, **pull, **about, "reference_observables": theirs}
 
 
+def _check_horizon(problem: Problem, reference: Reference) -> None:
+    """ValueError for one that judges nothing; a computed one may end at once, where its formulations part."""
+    least = KNOWN * problem.t_end if problem.reference_from is not None else 0.0
+    if not reference.horizon >= least:
+        raise ValueError(f"the horizon of the reference must be at least {least:g} s (got {reference.horizon:g})")
+
+
 def stated(reference: Reference, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
     """The error that the reference states; ValueError for one that is no bound: it would judge nothing."""
     own = np.asarray(reference.error(t), dtype=float)
@@ -199,6 +207,8 @@ def _between_rows(problem: Problem, reference: Reference, t: np.ndarray, s: Stat
         return {}
     at = np.linspace(0.0, end, BETWEEN)
     at = at[: predictable(at, stated(reference, at) / length)]
+    if len(at) == 0:
+        raise ValueError(f"the reference states an error by which nothing can be judged, of a reach of {length:.3g} m")
     away = np.max(displacement(problem.system, between(t, s, at), reference.states(at)), axis=1)
     worst = int(np.argmax(away))  # the first NaN, if there is one
     return {"motion_between": largest(away), "motion_between_s": float(at[worst])}

@@ -1,5 +1,6 @@
 """Code run in a process of its own: started, ended at its limit with all that it started, and what it sent back."""
 
+import math
 import os
 import select
 import signal
@@ -24,6 +25,7 @@ class Ended:
     sent: str  # the lines it sent
     peak: float  # [MB] largest resident memory
     suspended: bool = False  # time passed in which nobody looked: its clocks say little
+    cpu: float = math.inf  # [s] of all its threads, and of what it started and waited for
 
     @property
     def words(self) -> str:
@@ -74,7 +76,8 @@ class Apart:
         kill_group(self.pid)  # what it started and left behind
         os.close(self.pipe)
         code, peak = os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024.0
-        return Ended(code, self.killed and code != 0, sent, peak, self.suspended)
+        cpu = usage.ru_utime + usage.ru_stime
+        return Ended(code, self.killed and code != 0, sent, peak, self.suspended, cpu)
 
     def wait(self, unwanted: Callable[[], bool] = lambda: False) -> Ended:
         """Wait for its end, or end it once it is ``unwanted``. An exception here ends it too."""

@@ -84,13 +84,13 @@ class DeletesResults(_Base):
 @solver("forges")
 @dataclass(frozen=True)
 class Forges(_Base):
-    """Patches the verdict, writes a perfect record of its own, and leaves before anything is measured."""
+    """Patches the verdict or the clock, or writes a perfect record of its own and leaves before it is measured."""
 
-    how: str = option("record", "what it does", choices=("record", "verdict"))
+    how: str = option("record", "what it does", choices=("record", "verdict", "less_time", "more_time"))
 
     def solve(self, p: Problem, control: StepControl) -> Trajectory:
         """A motion that is none."""
-        from mbsbench.harness.execution import measuring
+        from mbsbench.harness.execution import measuring, worker
         from mbsbench.harness.results import store
         from mbsbench.harness.results.records import RunRecord
 
@@ -99,6 +99,9 @@ class Forges(_Base):
             perfect = RunRecord(run_id=own, case="perfect", problem=p.name, solver="forges", status="success")
             store.write_record(folder_of(control), perfect)
             os._exit(0)
+        if self.how.endswith("time"):
+            worker.cpu_time = lambda *_: {"less_time": -5.0, "more_time": 1e6}[self.how]
+            return super().solve(p, control)
         measuring.doubts = lambda *_: []
         measuring.inaccuracy = lambda *_: []
         done = super().solve(p, control)

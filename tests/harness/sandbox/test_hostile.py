@@ -24,7 +24,7 @@ problem = "free_fall"
 solver = ["exact", "raises"]
 [[runs]]
 solver = "forges"
-options = { how = ["record", "verdict"] }
+options = { how = ["record", "verdict", "less_time", "more_time"] }
 [[runs]]
 solver = "breaks_the_contract"
 options = { what = ["refuses", "counters", "status", "reaction", "notes"] }
@@ -42,6 +42,11 @@ solver = "lazy"
 problem = "spherical_pendulum"
 parameters = { omega_z = [0.0, 3.0], t_end = 5.0 }
 solver = "lazy"
+[[runs]]  # what "pulls" uses is compiled before any clock runs
+problem = "spherical_pendulum"
+parameters = { omega_z = 0.1, t_end = 1.0 }
+solver = "rkmk_dop853"
+rtol = 1e-8
 [[runs]]
 problem = "spherical_pendulum"
 parameters = { omega_z = 0.1, t_end = 1.0 }
@@ -86,9 +91,16 @@ def test_a_claimed_time_has_to_fit_the_clock(outcome):
 def test_a_verdict_is_not_the_solvers_to_patch(outcome):
     """A record of its own is overwritten; a patched judge is that of a process that judges nothing."""
     (verdict,) = of(outcome, "forges", how="verdict")
-    (record,) = [r for r in of(outcome, "forges") if r is not verdict]
+    (record,) = [r for r in of(outcome, "forges") if "how" not in r.solver_options]
     assert record.case.startswith("free_fall forges") and record.status == "crashed" and record.exit_code == 0
     assert verdict.status == "wrong"
+
+
+def test_a_patched_clock_is_held_against_the_system_s(outcome):
+    """The solver's process measures itself; what it cannot have taken is no time of it."""
+    for how in ("less_time", "more_time"):
+        (r,) = of(outcome, "forges", how=how)
+        assert r.status == "crashed" and "does not fit" in r.message and math.isnan(r.cpu_median_s)
 
 
 @pytest.mark.parametrize("how", ["stays", "reversed", "turned"])

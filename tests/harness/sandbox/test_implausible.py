@@ -1,0 +1,152 @@
+"""No number that a solver or problem hands over switches a judge off: a motion that is none stays no success."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.catalogue.registry import declared
+from mbsbench.harness.execution import handed, measuring
+from mbsbench.harness.execution.contract import checked, cpu_time
+from mbsbench.harness.execution.job import Job
+from mbsbench.harness.mechanics.state import State
+from mbsbench.harness.suites.spec import RunSpec
+from mbsbench.harness.types import Invariant, Problem, Status, StepControl, Trajectory
+
+from ..misbehaving import Exact, FreeFall, free_fall
+
+STEP = StepControl(dt=0.01)
+FALSE = {"lifted": ([0.0, 0.0, 3.0], "wrong"), "aside": ([3.0, 0.0, 0.0], "inaccurate")}  # [m] at the end, as t^2
+SIZES = (-5.0, math.inf, 1e-30, math.nan, 1e30)
+
+
+def falls(aside, p: Problem) -> Trajectory:
+    """The motion of the unchanged problem, plus ``aside`` [m]: upwards it breaks a law, sideways it keeps all."""
+    done = Exact().solve(p, STEP)
+    r = done.states.r + np.array(aside) * ((done.t / done.t[-1]) ** 2)[:, None, None]
+    return dataclasses.replace(done, states=dataclasses.replace(done.states, r=r))
+
+
+@dataclasses.dataclass(frozen=True)
+class Says(FreeFall):
+    """A reference with one number of another size."""
+
+    bound: float | None = None
+    height: float | None = None
+
+    def error(self, t):
+        return super().error(t) if self.bound is None else np.full(len(t), self.bound)
+
+    def states(self, t):
+        s = super().states(t)
+        return s if self.height is None else dataclasses.replace(s, r=np.full_like(s.r, self.height))
+
+
+def known_by(p, **said):
+    return dataclasses.replace(p, reference_from=lambda start: Says(start, **{"horizon": 2.0, **said}))
+
+
+def entry(a, x):
+    """``a`` with its last entry replaced."""
+    out = np.array(a, dtype=float)
+    out.flat[-1] = x
+    return out
+
+
+def moved(name):
+    return lambda d, x: dataclasses.replace(
+        d, states=dataclasses.replace(d.states, **{name: entry(getattr(d.states, name), x)})
+    )
+
+
+def back(d, x):
+    last = d.states[-1]
+    return dataclasses.replace(d, returned=State(entry(last.r, x), last.R, last.v, last.Omega))
+
+
+OF_SOLVERS = {
+    **{name: moved(name) for name in ("r", "R", "v", "Omega")},
+    "t": lambda d, x: dataclasses.replace(d, t=entry(d.t, x)),
+    "cpu_time": lambda d, x: dataclasses.replace(d, cpu_time=x),
+    "setup_time": lambda d, x: dataclasses.replace(d, setup_time=x),
+    "diagnostics": lambda d, x: dataclasses.replace(d, diagnostics={"x": np.full(len(d.t), x)}),
+    "reaction": lambda d, x: dataclasses.replace(d, reaction=np.full((len(d.t), 0), x)),
+    "returned": back,
+}
+OF_PROBLEMS = {
+    "t_end": lambda p, x: dataclasses.replace(p, t_end=x),
+    "dt": lambda p, x: dataclasses.replace(p, dt=x),
+    "energy_allowed": lambda p, x: dataclasses.replace(p, energy_allowed=x),
+    "horizon": lambda p, x: known_by(p, horizon=x),
+    "error": lambda p, x: known_by(p, bound=x),
+    "reference": lambda p, x: known_by(p, height=x),
+    "invariant": lambda p, x: dataclasses.replace(
+        p, invariants=(Invariant("I", "J", lambda s: np.full(len(s), x)),)
+    ),
+    "planar_normal": lambda p, x: dataclasses.replace(p, planar_normal=np.array([0.0, 0.0, x])),
+    "frame": lambda p, x: dataclasses.replace(p, frame=entry(p.frame, x)),
+    **{
+        name: lambda p, x, name=name: dataclasses.replace(
+            p, system=dataclasses.replace(p.system, **{name: entry(getattr(p.system, name), x)})
+        )
+        for name in ("mass", "inertia", "gravity")
+    },
+    "start": lambda p, x: dataclasses.replace(
+        p, initial=dataclasses.replace(p.initial, v=entry(p.initial.v, x))
+    ),
+}  # fmt: skip
+
+
+MATTER = ("mass", "inertia")  # matter 1e15 m away is another system, beside which 3 m are nothing
+
+
+@pytest.fixture
+def status(monkeypatch, tmp_path):
+    """How a motion of a problem is judged; ``refused`` where either is not taken at all."""
+
+    def call(make_problem, make_motion) -> str:
+        found = dataclasses.replace(registry.problems()["free_fall"], make=lambda mass: make_problem())
+        monkeypatch.setitem(registry._plugin_problems, "free_fall", found)
+        job = Job(RunSpec("free_fall", "exact", STEP), tmp_path)
+        try:
+            p = registry.make_problem("free_fall")
+            motion = checked(make_motion(), Exact(), p)
+            cpu_time(motion, 1.0, 1.0, Exact())
+            handed.write(job.handed, handed.Said(claimed=Status.SUCCESS), motion)
+            motion = handed.read(job.handed, p.system).trajectory
+            return measuring.judged(job, p, motion, lambda problem, trajectory, measured, record: record).status
+        except (ValueError, TypeError):  # one run, crashed: its message is the exception's
+            return "refused"
+
+    return call
+
+
+def test_the_motions_are_told_apart(status):
+    """Else the tests below show nothing."""
+    known = known_by(free_fall())
+    assert status(lambda: known, lambda: falls([0.0] * 3, known)) == "success"
+    for aside, word in FALSE.values():
+        assert status(lambda: known, lambda a=aside: falls(a, known)) == word
+
+
+@pytest.mark.parametrize("aside", FALSE)
+@pytest.mark.parametrize(
+    ("what", "x"),
+    [(what, x) for what in (*OF_SOLVERS, *OF_PROBLEMS) for x in SIZES if what not in MATTER or x not in (1e-30, 1e30)],
+)
+def test_no_number_makes_a_success_of_a_false_motion(status, what, x, aside):
+    """Refused, crashed, wrong or inaccurate, whatever is said beside it."""
+    plain = known_by(free_fall())
+    motion = falls(FALSE[aside][0], plain)
+    said = OF_SOLVERS.get(what, lambda d, x: d)
+    made = OF_PROBLEMS.get(what, lambda p, x: p)
+    assert status(lambda: made(plain, x), lambda: said(motion, x)) != "success"
+
+
+@pytest.mark.parametrize("x", [-5.0, 0.0, math.inf])
+def test_an_order_is_positive(x):
+    """Certificates hold a method to what it declares: minus five would be met by anything."""
+    with pytest.raises(TypeError, match="order must be"):
+        declared(type("Odd", (Exact,), {"order": x, "name": "odd"})())
