@@ -6,6 +6,7 @@ a worker with other code than this checkout's is refused.
 """
 
 import contextlib
+import json
 import secrets
 import shlex
 import sys
@@ -14,6 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -136,7 +138,8 @@ def run_run(text: str, ticket: str = "") -> dict[str, bytes]:
     if here != job.code:
         raise RuntimeError(f"its code {here} is not the runner's {job.code}: use the same checkout and packages")
     with tempfile.TemporaryDirectory() as place:
-        local = replace(job, folder=Path(place))
+        own, stamp = _here()
+        local = replace(job, folder=Path(place), environment=own)
         create(local.folder)
         supervisor = _supervisor()
         _serving.setdefault(ticket, []).append(supervisor)
@@ -144,7 +147,15 @@ def run_run(text: str, ticket: str = "") -> dict[str, bytes]:
             supervisor.run(local)
         finally:
             _serving[ticket].remove(supervisor)
-        return {f"{part}/{p.name}": p.read_bytes() for part in PARTS for p in (local.folder / part).iterdir()}
+        files = {f"{part}/{p.name}": p.read_bytes() for part in PARTS for p in (local.folder / part).iterdir()}
+        return {f"environment.{own}.json": stamp, **files}
+
+
+@cache
+def _here() -> tuple[str, bytes]:
+    """How records name this worker's environment, and its stamp."""
+    stamp = environment.stamp("", "", 1, ())
+    return environment.identity(stamp), json.dumps(stamp, indent=1).encode()
 
 
 def _store(job: Job, files: Mapping[str, bytes]) -> None:

@@ -28,6 +28,7 @@ class Job:
     code: str = ""
     commit: str = ""
     plugins: tuple[str, ...] = ()
+    environment: str = ""  # machine and packages
     alone: bool = False  # beside no other run: a signal from outside ended it before
 
     @property
@@ -76,7 +77,7 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
         control="rtol" if control.dt is None else "dt", dt_s=_or_nan(control.dt), rtol=_or_nan(control.rtol),
         max_step_s=_or_nan(control.max_step), max_steps=control.max_steps,
         wall_limit_s=spec.wall_limit, memory_limit_MB=spec.memory,
-        status=str(status), code=job.code, commit=job.commit, finished=environment.now(),
+        status=str(status), code=job.code, commit=job.commit, environment=job.environment, finished=environment.now(),
         **{"t_end_s": spec.parameters.get("t_end", math.nan), **about, **files, **columns},
     )  # fmt: skip
 

@@ -77,10 +77,13 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         before = store.load(folder)
         store.set_aside(folder, before.unreadable)
         shutil.rmtree(folder / ".spool", ignore_errors=True)  # of runs that a killed runner left half-way
-        _stamp(request)
+        where = _stamp(request)
         k, n = request.shard
         of_suite = suite.name, environment.code_digest(suite.plugins), environment.commit(), suite.plugins
-        jobs = [Job(spec, folder.resolve(), *of_suite) for spec in suite.specs[k - 1 :: n][: request.limit]]
+        jobs = [
+            Job(spec, folder.resolve(), *of_suite, environment=where)
+            for spec in suite.specs[k - 1 :: n][: request.limit]
+        ]
         own = {job.id for job in jobs}
         again, killed = _provisional(folder, own, before.records)
         done = {r.run_id for r in before.records} - {u.path.stem for u in again}
@@ -161,14 +164,20 @@ def last_folder(suite: str, local: Path = store.LOCAL) -> Path | None:
     return max(found, default=None)
 
 
-def _stamp(request: Request) -> None:
-    """``environment.json``, ``suite.toml`` and what it includes; the stamp of an earlier start is kept beside."""
+def _stamp(request: Request) -> str:
+    """Write ``environment.json``, ``suite.toml`` and what it includes; returns how records name this environment.
+
+    The stamp of an earlier start is kept beside.
+    """
     folder, suite = request.folder, request.suite
     stamp = environment.stamp(folder.name, suite.name, request.jobs, suite.plugins)
     path = folder / "environment.json"
     if path.exists():
         shutil.copy(path, folder / f"environment.{stamp['started'].replace(':', '')}.json")
-    store.write_text(path, json.dumps(stamp, indent=1))
+    where = environment.identity(stamp)
+    for name in (path.name, f"environment.{where}.json"):
+        store.write_text(folder / name, json.dumps(stamp, indent=1))
     store.write_text(folder / f"{OWN_COPY}.toml", suite.text)
     for name, text in suite.included:  # beside it: the copy is a suite that can be run
         store.write_text(folder / f"{name}.toml", text)
+    return where

@@ -3,11 +3,12 @@
 import datetime
 import hashlib
 import importlib.metadata
+import json
 import os
 import platform
 import subprocess
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,8 @@ SHAPING = (  # what the process of one run executes; the rest only arranges, jud
     "harness/results/records.py", "harness/results/series.py",
     "harness/sandbox", "harness/shapes.py", "harness/suites/spec.py", "harness/types.py", "problems", "solvers",
 )  # fmt: skip
+
+PLATFORM = ("python", "implementation", "packages", "cpu", "machine", "blas", "threads")  # numbers may depend on these
 
 
 @cache
@@ -66,6 +69,17 @@ def stamp(folder: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[st
         "blas": [{k: b.get(k) for k in ("internal_api", "version", "num_threads")} for b in threadpool_info()],
         "threads": dict(THREADS), "jobs": jobs, "plugins": list(plugins),
     }  # fmt: skip
+
+
+def identity(stamp: Mapping[str, Any]) -> str:
+    """Digest of the machine, packages and threads of a stamp: runs with another may differ in their last digits."""
+    return hashlib.sha256("\n".join(text_of(stamp.get(key)) for key in PLATFORM).encode()).hexdigest()[:12]
+
+
+def text_of(value: Any) -> str:
+    """A value to compare; a list is of things as found in memory: their order is that of the imports, and means nothing."""
+    rows = sorted(json.dumps(x, sort_keys=True) for x in value) if isinstance(value, list) else value
+    return json.dumps(rows, sort_keys=True)
 
 
 def files_between(before: str, after: str) -> list[str]:

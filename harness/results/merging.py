@@ -61,6 +61,9 @@ def _environment(source: Path, out: Path) -> None:
     own = out / stamp.name
     if stamp.is_file() and own.is_file() and stamp.read_bytes() != own.read_bytes():
         _copy(stamp, out / f"environment.{source.resolve().name}.json")
+    for named in sorted(source.glob("environment.*.json")):
+        if not (out / named.name).exists():
+            _copy(named, out / named.name)
 
 
 def _copy(source: Path, target: Path) -> None:

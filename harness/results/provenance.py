@@ -15,7 +15,6 @@ WORDS = {
     "system": "operating system", "blas": "linear algebra libraries", "threads": "threads", "plugins": "plugins",
     "suite": "suite",
 }  # fmt: skip
-PLATFORM = ("python", "implementation", "packages", "cpu", "machine", "blas", "threads")  # numbers may depend on these
 
 
 @dataclass(frozen=True)
@@ -45,7 +44,7 @@ def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Dif
     out = []
     for key, words in WORDS.items():
         a, b = before.get(key), after.get(key)
-        if _unordered(a) != _unordered(b):
+        if environment.text_of(a) != environment.text_of(b):
             detail = _changed_files(before, after) if key == "code" else ""
             out.append(Difference(words, _text(a), _text(b), detail))
     a, b = (s.get("packages") if isinstance(s.get("packages"), dict) else {} for s in (before, after))
@@ -58,7 +57,7 @@ def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Dif
 
 def same_platform(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
     """Whether numbers must agree bit for bit if the code does."""
-    return bool(before) and all(_unordered(before.get(key)) == _unordered(after.get(key)) for key in PLATFORM)
+    return bool(before) and environment.identity(before) == environment.identity(after)
 
 
 def why(found: Sequence[Difference]) -> str:
@@ -66,11 +65,6 @@ def why(found: Sequence[Difference]) -> str:
     if not found:
         return "no input differs: a solver is not deterministic, or a limit on time or memory was reached"
     return "; ".join(f"{d.what} {d.before} -> {d.after}" + (f" ({d.detail})" if d.detail else "") for d in found)
-
-
-def _unordered(value: Any) -> Any:
-    """A list of things as found in memory: their order is that of the imports, and means nothing."""
-    return sorted(json.dumps(x, sort_keys=True) for x in value) if isinstance(value, list) else value
 
 
 def _changed_files(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:

@@ -161,6 +161,7 @@ class RunRecord:
     # where from
     code: str = column("digest of harness/, problems/, solvers/, plugins and the lock file", "")
     commit: str = column("commit of the checkout, '+dirty' if it had changes", "")
+    environment: str = column("its machine and packages: environment.<this>.json of the results folder", "")
     finished: str = column("UTC time the run ended, ISO 8601", "")
     schema: int = column("version of these columns", SCHEMA)
 

@@ -1,12 +1,13 @@
 """Shards are disjoint and whole; merged they are the run that one machine would have made."""
 
 import dataclasses
+import json
 
 import pytest
 
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
-from mbsbench.harness.results import store
+from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.merging import merge
 from mbsbench.harness.suites.suite import parse_suite
 
@@ -26,6 +27,21 @@ def run(folder, shard=(1, 1)):
 
 def numbers(folder):
     return store.table(store.load(folder).records).drop(columns=TIMED)
+
+
+def test_each_run_names_its_own_environment(tmp_path, monkeypatch):
+    """Begun here and resumed on another processor, or merged from both: a folder has as many as its runs."""
+    here = environment.stamp
+    run(tmp_path / "1", (1, 2))
+    monkeypatch.setattr(environment, "stamp", lambda *given: {**here(*given), "cpu": "another"})
+    suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
+    run_suite(Request(suite, tmp_path / "1", 2, resume=True), Silent(), LocalPool)
+    run(tmp_path / "2", (2, 2))
+    merge(tmp_path / "merged", [tmp_path / "2", tmp_path / "1"])
+    for folder in (tmp_path / "1", tmp_path / "merged"):
+        names = [r.environment for r in store.load(folder).records]
+        cpus = [json.loads((folder / f"environment.{name}.json").read_text())["cpu"] for name in names]
+        assert len(set(names)) == 2 and 0 < cpus.count("another") < len(cpus) == 9
 
 
 def test_merged_shards_are_the_whole_run(tmp_path):
