@@ -1,6 +1,7 @@
 """``mbsbench``, the command line. Exit code 0: done, 1: a run or gate failed, 2: wrong call (one line)."""
 
 import importlib
+import io
 import os
 import pkgutil
 import signal
@@ -75,6 +76,9 @@ def _terminated(number: int, frame: object) -> NoReturn:
 def command_line() -> NoReturn:
     """The command ``mbsbench``."""
     signal.signal(signal.SIGTERM, _terminated)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):  # sparklines in the C locale of a batch system
+            stream.reconfigure(encoding="utf-8", errors="backslashreplace")
     signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # a parent that ignores it would have us wait for nobody
     sys.exit(main())
 

@@ -266,6 +266,9 @@ class Spool(Protocol):
         ...
 
 
+LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it SciPy silently takes this, others take steps of no length
+
+
 @dataclass(frozen=True)
 class StepControl:
     """Exactly one of ``dt`` (fixed step [s]) and ``rtol`` (error control, absolute tolerance alike)."""
@@ -284,6 +287,8 @@ class StepControl:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} must be a finite number > 0 (got {value})")
+        if self.rtol is not None and self.rtol < LEAST_RTOL:
+            raise ValueError(f"rtol must be at least {LEAST_RTOL:.3g}: rounding allows no less (got {self.rtol:g})")
         if self.max_step is not None and self.dt is not None:
             raise ValueError(
                 f"max_step goes with rtol, not with a fixed dt (got dt={self.dt}, max_step={self.max_step})"

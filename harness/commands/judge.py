@@ -51,6 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
     elif not arguments.partial:
         _require(folder, judging.needed(register), "that the claims are tried on", ", or judge these: --partial")
     before = None if arguments.publish else read_claims(published)
+    if before is None and arguments.published and not arguments.publish:
+        raise UsageError(f"--published {published} holds no verdicts (claims.json); --publish writes these there")
     judged = judgements(folder, register, lambda part: errors().print(f"judging: {part}"))
     write(folder / FOLDER, judged)
     lacking = {c.id for c in judged["claims"] if any(m.gap is Gap.RUNS for m in c.missing)}

@@ -30,7 +30,8 @@ def fork(target: Target, stderr: Path, memory: float, cpu: float) -> tuple[int, 
     The child ends with exit code 0 if ``target`` returns, 70 if it raises, ``CANNOT_WRITE`` on a full disk.
     """
     if threading.active_count() > 1:
-        raise RuntimeError(f"fork needs a single thread (got {threading.active_count()})")
+        running = threading.active_count() - 1
+        raise ValueError(f"a run needs a process without threads ({running} run here); start a plugin's own in solve")
     stderr.parent.mkdir(parents=True, exist_ok=True)
     if signal.getsignal(signal.SIGCHLD) == signal.SIG_IGN:  # as a parent may leave it: nobody could be waited for
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)

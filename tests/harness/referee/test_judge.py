@@ -41,9 +41,11 @@ def made(tmp_path, monkeypatch):
             store.write_record(folder, record(x, phi_max=phi_max, series=""))
         return folder
 
+    monkeypatch.setattr(command, "PUBLISHED", tmp_path / "published")
+    monkeypatch.setattr(command, "check_ours", lambda *_: None)
+
     def call(*arguments):
-        fixed = ["--claims", str(register), "--published", str(tmp_path / "published")]
-        return main(["judge", str(tmp_path / "run"), *fixed, *arguments])
+        return main(["judge", str(tmp_path / "run"), "--claims", str(register), *arguments])
 
     return write, call, register
 
@@ -98,6 +100,15 @@ def test_claims_that_no_run_touches_are_not_shown(made, capsys):
     write(0.5, ())
     assert call("--partial") == 0
     assert capsys.readouterr().out == "1 of 1 claims are about other runs\n"
+
+
+def test_published_verdicts_that_are_not_there_are_a_wrong_call(made, tmp_path, capsys):
+    """Named, they are what somebody wants to compare with: nothing compared is no success."""
+    write, call, _ = made
+    write(0.5)
+    assert call("--published", str(tmp_path / "nowhere")) == 2
+    assert "holds no verdicts" in capsys.readouterr().err
+    assert call("--published", str(tmp_path / "new"), "--publish") == 0 == call("--published", str(tmp_path / "new"))
 
 
 def test_json_is_the_file(made, capsys):

@@ -164,7 +164,7 @@ def test_fork_needs_a_single_thread():
     thread = threading.Thread(target=stop.wait)
     thread.start()
     try:
-        with pytest.raises(RuntimeError, match="single thread"):
+        with pytest.raises(ValueError, match="without threads"):
             fork(lambda tell: None, None, 1.0, 1.0)  # type: ignore[arg-type]
     finally:
         stop.set()
