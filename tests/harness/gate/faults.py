@@ -7,12 +7,13 @@ from typing import NamedTuple
 
 
 class Fault(NamedTuple):
-    """``old``, which stands once in ``file``, becomes ``new``."""
+    """``old``, which stands once in ``file``, becomes ``new``; ``open`` says why the gate does not close, if so."""
 
     file: str
     old: str
     new: str
     runs: tuple[str, ...]
+    open: str = ""
 
 
 def of(variant: str, *solvers: str) -> tuple[str, ...]:
@@ -106,7 +107,7 @@ FAULTS = (
         "harness/reference/newton_euler.py",
         "f[:-1, :3] = s.mass[:, None] * s.gravity",
         "f[:-1, :3] = 1.001 * s.mass[:, None] * s.gravity",
-        of(CHAIN, "rk45_strong_form"),
+        of("spring_pendulum", "rkmk_dopri5"),
     ),
     Fault(
         "problems/exact/lagrange_top.py", "weight = 2 * mpf(body.mass)", "weight = mpf('1.99') * mpf(body.mass)", ONE
@@ -141,7 +142,7 @@ FAULTS = (
         "+ s.alpha_m * step.a0[b, a]",
         of(PENDULUM, "generalized_alpha"),
     ),
-    Fault(INDEX_1 + "kernel.py", "DEPENDENT = 1e-9", "DEPENDENT = 1e-1", of(CHAIN, "rkmk_dopri5")),
+    Fault(INDEX_1 + "kernel.py", "DEPENDENT = 1e-9", "DEPENDENT = 1e-1", of("four_bar_grid[t_end=1]", "rkmk_dopri5")),
     Fault(INDEX_1 + "tableaux.py", "RK45.B.copy()", "0.999 * RK45.B", of(PENDULUM, "rkmk_dopri5")),
     Fault(
         GC + "residual.py",
