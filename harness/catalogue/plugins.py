@@ -1,6 +1,6 @@
-"""Problems and solvers from outside the tree: a Python file, or an entry point of an installed package.
+"""Problems and solvers from outside the tree: a Python file, a mechanism's file, an entry point of a package.
 
-Either runs only because it was named: ``--plugin mysolver.py``, or ``--plugin NAME`` with NAME an entry point of the
+Each runs only because it was named: ``--plugin mysolver.py``, or ``--plugin NAME`` with NAME an entry point of the
 groups ``mbsbench.problems`` and ``mbsbench.solvers`` (its value a module, or a marked function or class in one).
 """
 
@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from . import mechanism_files
 from .options import nearest
 
 GROUPS = ("mbsbench.problems", "mbsbench.solvers")
@@ -24,20 +25,24 @@ def resolved(plugin: str, beside: Path = Path()) -> str:
 
 
 def is_file(plugin: str) -> bool:
-    """Whether ``plugin`` means a file: names of entry points have no slash and no ``.py``."""
-    return "/" in plugin or plugin.endswith(".py")
+    """Whether ``plugin`` means a file: names of entry points have no slash and no such ending."""
+    return "/" in plugin or plugin.endswith(".py") or mechanism_files.is_mechanism(plugin)
 
 
-def source_of(plugin: str) -> Path | None:
-    """The file whose content a result depends on; None where there is none to be found."""
+def sources_of(plugin: str) -> tuple[Path, ...]:
+    """The files whose content a result depends on; none where there are none to be found."""
+    if mechanism_files.is_mechanism(plugin):
+        return mechanism_files.files(Path(plugin))
     if is_file(plugin):
-        return Path(plugin)
+        return (Path(plugin),)
     spec = importlib.util.find_spec(_entry_point(plugin).module)
-    return Path(spec.origin) if spec and spec.origin else None
+    return (Path(spec.origin),) if spec and spec.origin else ()
 
 
 def loaded(plugin: str) -> Any:
-    """The module of a file, or what an entry point names; whatever goes wrong on import is raised."""
+    """A module, a mechanism, or what an entry point names; whatever goes wrong on import is raised."""
+    if mechanism_files.is_mechanism(plugin):
+        return mechanism_files.read(Path(plugin))
     return _module(Path(plugin)) if is_file(plugin) else _entry_point(plugin).load()
 
 

@@ -23,7 +23,8 @@ from ..mechanics.presentation import SPACE_AXES, Presentation
 from ..mechanics.state import States, rotated
 from ..mechanics.system import GROUND, MultibodySystem
 from ..types import Problem, Solver, Trait
-from . import plugins
+from . import mechanism_files, plugins
+from .mechanism import Mechanism
 from .options import Parameter, nearest, read_value
 
 T = TypeVar("T")
@@ -170,10 +171,14 @@ def load_plugin(plugin: Path | str) -> None:
         return
     try:
         named = plugins.loaded(where)
-        found = _entries_of(named) if isinstance(named, ModuleType) else _marks_of([named])
-        if not found:
-            raise ValueError("it marks no @problem and no @solver")
-        made = [(n, _solver_entry(n, o) if isinstance(o, type) else _problem_entry(n, o)) for n, o in found]
+        made: list[tuple[str, SolverEntry | ProblemEntry]]
+        if isinstance(named, Mechanism):
+            made = [(named.name, _mechanism_entry(named))]
+        else:
+            found = _entries_of(named) if isinstance(named, ModuleType) else _marks_of([named])
+            if not found:
+                raise ValueError("it marks no @problem and no @solver")
+            made = [(n, _solver_entry(n, o) if isinstance(o, type) else _problem_entry(n, o)) for n, o in found]
         taken = sorted({n for n, _ in made} & {*problems(), *solvers()})
         if taken:
             raise ValueError(f"the name {taken[0]!r} is taken")
@@ -200,7 +205,10 @@ def _own_solvers() -> Mapping[str, SolverEntry]:
 
 
 def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:
-    """The problem ``name`` with ``parameters`` (numbers or text), in its frame, its start checked."""
+    """The problem ``name``, or of a mechanism's file, with ``parameters`` (numbers or text), its start checked."""
+    if mechanism_files.is_mechanism(name):
+        load_plugin(name)
+        name = mechanism_files.name_of(name)
     entry = entry_of("problem", name, problems())
     values = _read("parameter", f"problem {name}", entry.parameters, parameters or {})
     made = entry.make(**{k: v for k, v in values.items() if k not in COMMON_PARAMETERS})
@@ -305,6 +313,10 @@ def _problem_entry(name: str, function: Callable[..., Problem]) -> ProblemEntry:
     own = keyword_options(f"problem {name}", function)
     tests = getattr(function, _TESTS)
     return ProblemEntry(name, function, {**own, **COMMON_PARAMETERS}, _first_line(function), tests)
+
+
+def _mechanism_entry(m: Mechanism) -> ProblemEntry:
+    return ProblemEntry(m.name, m.problem, {**m.parameters(), **COMMON_PARAMETERS}, m.doc)
 
 
 def _solver_entry(name: str, cls: Any) -> SolverEntry:

@@ -20,7 +20,7 @@ from ..suites.suite import Suite
 from ..types import Problem, Status
 from .progress import progress
 from .screen import Column, number, print_json, print_table, status_style
-from .terms import UsageError, above, add_jobs, add_plugin, assignments, jobs, load_plugins, subcommand
+from .terms import UsageError, above, add_jobs, add_plugin, add_problem, assignments, jobs, load_problem, subcommand
 
 ROUNDS = 6
 NEAR = 0.1  # of the error asked for: a run below can be made cheaper
@@ -119,7 +119,7 @@ def add(commands: Any) -> None:
     """The subcommand's arguments."""
     words = "find the cheapest solver and setting that meet an error on a problem; exit code 1 if none does"
     p = subcommand(commands, "advise", run, words, "one object a solver, the cheapest first")
-    p.add_argument("problem", metavar="PROBLEM", help="name of a problem (see mbsbench list)")
+    add_problem(p)
     p.add_argument("--error", required=True, metavar="X", help="largest motion error allowed [m]")
     p.add_argument("--budget", default="120", metavar="S", help="wall time of all runs, about [s] (default: 120)")
     p.add_argument("--t-end", metavar="T", help="simulated time [s]")
@@ -131,14 +131,14 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """0 if a solver meets the error."""
-    plugins = load_plugins(arguments.plugin)
+    name, plugins = load_problem(arguments)
     error = above(arguments.error, "--error", unit=" [m]")
     budget = above(arguments.budget, "--budget", unit=" [s]")
     parameters = assignments(arguments.problem_set, "--problem-set")
     if arguments.t_end is not None:
         above(arguments.t_end, "t_end", unit=" [s]")
         parameters["t_end"] = arguments.t_end
-    problem = made(arguments.problem, parameters)
+    problem = made(name, parameters)
     source = source_of(problem)
     if source is Source.OWN and problem.reference() is None:
         source = Source.COMPUTED if is_computable(problem.system) else Source.NONE

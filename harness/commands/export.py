@@ -9,13 +9,13 @@ from ..foreign.description import described
 from ..results import store
 from ..sandbox.trial import made
 from .screen import lines
-from .terms import add_plugin, assignments, check_writable, load_plugins, subcommand
+from .terms import add_plugin, add_problem, assignments, check_writable, load_problem, subcommand
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
     p = subcommand(commands, "export", run, "print a problem with all its numbers, for any other code")
-    p.add_argument("problem", metavar="PROBLEM", help="name of a problem (see mbsbench list)")
+    add_problem(p)
     p.add_argument("--format", choices=("json",), default="json", help="schema: docs/other-codes.md (default: json)")
     p.add_argument(
         "--problem-set", action="append", default=[], metavar="K=V", help="problem parameter; may be repeated"
@@ -26,8 +26,8 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """0."""
-    load_plugins(arguments.plugin)
-    text = to_json(described(made(arguments.problem, assignments(arguments.problem_set, "--problem-set"))), indent=1)
+    name, _ = load_problem(arguments)
+    text = to_json(described(made(name, assignments(arguments.problem_set, "--problem-set"))), indent=1)
     if arguments.out is None:
         lines().print(text)
         return 0

@@ -16,7 +16,7 @@ from ..sandbox.trial import made
 from ..types import Status, StepControl
 from .screen import Column, lines, number, print_json, print_table, status_style
 from .solve import plain_columns, summary
-from .terms import UsageError, above, add_plugin, assignments, load_plugins, subcommand
+from .terms import UsageError, above, add_plugin, add_problem, assignments, load_problem, subcommand
 
 COLUMNS = (
     Column("case", fold=True), Column("status", right=False), Column("position error [m]"),
@@ -33,7 +33,7 @@ def add(commands: Any) -> None:
     """The subcommand's arguments."""
     words = "judge the motion in a file (CSV, Parquet, NPZ, MAT) that any other code computed"
     p = subcommand(commands, "referee", run, words, "one object a file")
-    p.add_argument("problem", metavar="PROBLEM", help="name of a problem (see mbsbench list)")
+    add_problem(p)
     p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files; columns: docs/other-codes.md")
     p.add_argument("--name", metavar="NAME", help="of the code, in tables and report (default: that of file or folder)")
     p.add_argument("--t-end", metavar="T", help="simulated time [s]")
@@ -53,12 +53,12 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """0 if every motion reaches its end and keeps all laws."""
-    load_plugins(arguments.plugin)
+    name, _ = load_problem(arguments)
     parameters = assignments(arguments.problem_set, "--problem-set")
     if arguments.t_end is not None:
         above(arguments.t_end, "t_end", unit=" [s]")
         parameters["t_end"] = arguments.t_end
-    problem = made(arguments.problem, parameters)
+    problem = made(name, parameters)
     given = [Path(f) for f in arguments.files]
     paths = [p for f in given for p in files_of(f)]
     folder = None if arguments.into is None else results_folder(_folder(arguments.into))

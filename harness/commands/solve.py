@@ -16,7 +16,17 @@ from ..suites.shape import LONGEST
 from ..suites.spec import make_spec
 from ..types import Status
 from .screen import errors, lines
-from .terms import UsageError, above, add_assignments, add_plugin, assignments, check_writable, load_plugins, subcommand
+from .terms import (
+    UsageError,
+    above,
+    add_assignments,
+    add_plugin,
+    add_problem,
+    assignments,
+    check_writable,
+    load_problem,
+    subcommand,
+)
 
 CONTROL = ("dt", "rtol", "max_step", "max_steps", "wall_limit")
 
@@ -30,17 +40,17 @@ def add(commands: Any) -> None:
         "run one solver on one problem; write motion and measurements",
         "one object",
     )
-    p.add_argument("problem", metavar="PROBLEM", help="name of a problem (see mbsbench list)")
+    add_problem(p)
     p.add_argument("solver", metavar="SOLVER", help="name of a solver (see mbsbench list)")
     add_assignments(p, f"{', '.join(CONTROL)}, or a solver option")
     p.add_argument("--t-end", metavar="T", help="simulated time [s]")
-    p.add_argument("--out", required=True, metavar="RUN.npz", help="file to write")
+    p.add_argument("--out", metavar="RUN.npz", help="file to write (default: PROBLEM-SOLVER.npz)")
     add_plugin(p)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, run, write; 0 for a motion that reaches its end and keeps all laws."""
-    load_plugins(arguments.plugin)
+    name, _ = load_problem(arguments)
     parameters = assignments(arguments.problem_set, "--problem-set")
     if arguments.t_end is not None:
         if "t_end" in parameters:
@@ -51,15 +61,15 @@ def run(arguments: argparse.Namespace) -> int:
     control = {k: given.pop(k) for k in CONTROL if k in given}
     if arguments.solver not in registry.solvers():  # before the problem is made: that can take a while
         registry.make_solver(arguments.solver)
-    problem = made(arguments.problem, parameters)
+    problem = made(name, parameters)
     limit = control.pop("wall_limit", None)
     spec = make_spec(problem, arguments.solver, given, control)
     wall = None if limit is None else above(limit, "wall_limit", unit=" [s]")
     if wall is not None and wall > LONGEST:
         raise UsageError(f"wall_limit must be at most {LONGEST:g} s (got {limit})")
-    out = Path(arguments.out)
+    out = Path(arguments.out or f"{name}-{arguments.solver}.npz")
     if out.suffix != ".npz":
-        raise UsageError(f"--out must end in .npz, the one format that is written (got {arguments.out!r})")
+        raise UsageError(f"--out must end in .npz, the one format that is written (got {str(out)!r})")
     check_writable(out)
     from ..execution import single
 

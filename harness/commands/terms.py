@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from ..cache import ROOT, is_checkout
-from ..catalogue import plugins, registry
+from ..catalogue import mechanism_files, plugins, registry
 from ..catalogue.options import nearest
 from ..results import store
 from ..sandbox.trial import tried
+from .screen import errors
 
 RESULTS = "results folder: a path, or a name in results/local/"
 
@@ -55,9 +56,15 @@ def add_jobs(p: argparse.ArgumentParser) -> None:
     p.add_argument("--jobs", metavar="N", help="parallel processes (default: all cores; use 1 for reliable timings)")
 
 
-def add_plugin(p: argparse.ArgumentParser, words: str = "Python file that adds problems or solvers") -> None:
+def add_plugin(p: argparse.ArgumentParser, words: str = "file that adds problems or solvers") -> None:
     """The option --plugin."""
     p.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help=f"{words}; may be repeated")
+
+
+def add_problem(p: argparse.ArgumentParser) -> None:
+    """The argument PROBLEM."""
+    words = "name of a problem (see mbsbench list), or an MJCF or URDF file (docs/mechanisms-from-files.md)"
+    p.add_argument("problem", metavar="PROBLEM", help=words)
 
 
 def add_assignments(p: argparse.ArgumentParser, what: str) -> None:
@@ -84,7 +91,16 @@ def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
     """Load the named plugins, each first in a process of its own; their full names."""
     for path in paths:
         tried(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
+        if mechanism_files.is_mechanism(path):
+            errors().print(registry.problems()[mechanism_files.name_of(path)].doc)
     return tuple(plugins.resolved(p) for p in paths)
+
+
+def load_problem(arguments: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
+    """The name of the problem asked for, which a file of a mechanism adds, and all plugins, loaded."""
+    given, file = arguments.problem, mechanism_files.is_mechanism(arguments.problem)
+    loaded = load_plugins([*arguments.plugin, *([given] if file else [])])
+    return mechanism_files.name_of(given) if file else given, loaded
 
 
 def check_ours(path: Path, option: str) -> None:

@@ -10,11 +10,11 @@ from ..catalogue import registry
 from ..execution.runner import Request, new_folder, run_suite
 from ..results import store
 from ..suites.suite import Suite
-from . import tour
+from . import assessment
 from .check import named
 from .progress import progress
 from .screen import Column, lines, print_json, print_table
-from .terms import UsageError, above, add_jobs, jobs, subcommand
+from .terms import UsageError, above, add_jobs, add_plugin, jobs, load_plugins, subcommand
 
 COLUMNS = (
     Column("", right=False), Column("", right=False, fold=True, least=20), Column("measured", fold=True),
@@ -26,32 +26,34 @@ def add(commands: Any) -> None:
     """The subcommand's arguments."""
     words = "run a solver on everything: problems, orders, energy, work, symmetries; exit code 1 where it falls short"
     p = subcommand(commands, "try", run, words, "one object a line")
-    p.add_argument("plugin", metavar="FILE.py", help="Python file, entry point, or name of a solver")
+    p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
     p.add_argument("--budget", default="180", metavar="S", help="wall time of all runs, about [s] (default: 180)")
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
     p.add_argument("--no-report", action="store_true", help="leave out the page")
+    add_plugin(p, "file whose problems are run too")
     add_jobs(p)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """0 if nothing falls short."""
     budget = above(arguments.budget, "--budget", unit=" [s]")
-    plugins, names = named(arguments.plugin)
+    plugins, names = named(arguments.file)
     own = [n for n in names if n in registry.solvers()]
     if len(own) != 1:
-        raise UsageError(f"try takes a file with one solver (got {', '.join(own) or 'none'} in {arguments.plugin})")
+        raise UsageError(f"try takes a file with one solver (got {', '.join(own) or 'none'} in {arguments.file})")
     (solver,) = own
+    plugins += load_plugins(arguments.plugin)
     size = jobs(arguments.jobs)
     folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
-    specs = tour.first_runs(solver, wall=min(20.0, budget / 6.0))
+    specs = assessment.first_runs(solver, wall=min(20.0, budget / 6.0))
     suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins)
     with progress(quiet=arguments.json, size=size) as watcher:
         loaded = run_suite(Request(suite, folder, size), watcher)
-    if (long := tour.long_run(solver, loaded.records, budget / 3.0)) is not None:
+    if (long := assessment.long_run(solver, loaded.records, budget / 3.0)) is not None:
         whole = Suite(suite.name, "", (*specs, long), "", plugins)
         with progress(quiet=arguments.json, size=size) as watcher:
             run_suite(Request(whole, folder, size, resume=True), watcher)
-    found = list(tour.findings(solver, folder, store.load(folder).records))
+    found = list(assessment.findings(solver, folder, store.load(folder).records))
     if arguments.json:
         for line in found:
             print_json(vars(line))
@@ -66,11 +68,11 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if any(line.good is False for line in found) else 0
 
 
-def _row(line: tour.Line) -> list[Text | str]:
+def _row(line: assessment.Line) -> list[Text | str]:
     mark = Text("-") if line.good is None else Text("ok", "green") if line.good else Text("FAIL", "bold red")
     return [mark, line.what, line.measured, line.expected]
 
 
-def _summary(solver: str, found: list[tour.Line]) -> str:
+def _summary(solver: str, found: list[assessment.Line]) -> str:
     judged = [line for line in found if line.good is not None]
     return f"{solver}: {sum(bool(line.good) for line in judged)} of {len(judged)} as expected"

@@ -22,6 +22,7 @@ LIMIT = 600.0  # [s] for a solver, counted in no run: a cold compiler needs half
 MEMORY = 4000.0  # [MB]
 STEPS = 2  # of fixed size
 SHORT = 1e-3  # [s] of simulated time for error-controlled solvers
+STAND_INS = ("heavy_top", "spring_pendulum")  # for problems of plugins, which are not made here
 
 
 def runs_to_warm(specs: Sequence[RunSpec]) -> list[RunSpec]:
@@ -31,14 +32,20 @@ def runs_to_warm(specs: Sequence[RunSpec]) -> list[RunSpec]:
     """
     first: dict[str, RunSpec] = {}
     sprung: dict[str, bool] = {}
-    for spec in specs:
-        if registry.is_own_solver(spec.solver) and registry.is_own_problem(spec.problem):
-            if spec.problem not in sprung:
-                sprung[spec.problem] = _has_springs(spec)
-            t_end = SHORT if spec.control.dt is None else STEPS * spec.control.dt
-            key = json.dumps([spec.solver, spec.options, sprung[spec.problem]], sort_keys=True, default=list)
-            first.setdefault(key, dataclasses.replace(spec, parameters={**spec.parameters, "t_end": t_end}))
+    own = [s for s in specs if registry.is_own_solver(s.solver)]
+    for spec in (s for given in own for s in _made_here(given)):
+        if spec.problem not in sprung:
+            sprung[spec.problem] = _has_springs(spec)
+        t_end = SHORT if spec.control.dt is None else STEPS * spec.control.dt
+        key = json.dumps([spec.solver, spec.options, sprung[spec.problem]], sort_keys=True, default=list)
+        first.setdefault(key, dataclasses.replace(spec, parameters={**spec.parameters, "t_end": t_end}))
     return list(first.values())
+
+
+def _made_here(spec: RunSpec) -> list[RunSpec]:
+    if registry.is_own_problem(spec.problem):
+        return [spec]
+    return [dataclasses.replace(spec, problem=name, parameters={}) for name in STAND_INS]
 
 
 def _has_springs(spec: RunSpec) -> bool:

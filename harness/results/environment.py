@@ -37,9 +37,9 @@ def code_digest(plugins: tuple[str, ...] = ()) -> str:
     """Digest of every file that can change a run's numbers, the lock file included."""
     files = [f for name in SHAPING for f in (sorted((ROOT / name).rglob("*.py")) or [ROOT / name])]
     digest = hashlib.sha256()
-    from ..catalogue.plugins import source_of
+    from ..catalogue.plugins import sources_of
 
-    for path in [*files, LOCK, *filter(None, map(source_of, plugins))]:
+    for path in [*files, LOCK, *(p for plugin in plugins for p in sources_of(plugin))]:
         name = path.relative_to(ROOT) if path.is_relative_to(ROOT) else path.name
         digest.update(f"{name}\0".encode() + _content(path) + b"\0")
     return digest.hexdigest()[:16]

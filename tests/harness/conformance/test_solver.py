@@ -1,12 +1,17 @@
 """Solver requirements: the worked example meets them, each fault is named, entry points run only when named."""
 
+import importlib
 import json
 import re
 
 import pytest
 
+from mbsbench.harness.__main__ import main
 from mbsbench.harness.catalogue import plugins, registry
+from mbsbench.harness.execution.warmup import runs_to_warm
 from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.suites.spec import RunSpec
+from mbsbench.harness.types import StepControl
 
 from ..conftest import PLUGIN
 
@@ -115,7 +120,7 @@ def test_entry_points_run_only_when_named(tmp_path, monkeypatch):
         registry.load_plugin("oter")
     registry.load_plugin("outer")
     assert "midpoint" in registry.solvers()
-    assert plugins.source_of("outer") == tmp_path / "outside_package.py"
+    assert plugins.sources_of("outer") == (tmp_path / "outside_package.py",)
 
 
 WRONG_CALLS = {
@@ -139,3 +144,25 @@ def test_check_of_nothing_is_a_wrong_call(example, command, tmp_path, given):
 def test_the_misbehaving_plugin_is_loaded_by_file():
     """Files keep working by path."""
     assert plugins.resolved(str(PLUGIN)) == str(PLUGIN)
+
+
+def test_kernels_are_compiled_for_problems_of_plugins_too():
+    """The problem's code does not run where kernels are compiled: two of ours stand in, with springs and without."""
+    asked = RunSpec("of_a_plugin", "rattle", StepControl(dt=1e-3), {"size": 3}, {})
+    assert [s.problem for s in runs_to_warm([asked])] == ["heavy_top", "spring_pendulum"]
+
+
+def test_without_mujoco_a_mechanism_s_file_is_one_line(tmp_path, monkeypatch, capsys):
+    """MuJoCo is an optional extra; whether it is installed here does not matter."""
+    real = importlib.import_module
+
+    def absent(name, *rest):
+        if name == "mujoco":
+            raise ModuleNotFoundError(name)
+        return real(name, *rest)
+
+    monkeypatch.setattr(importlib, "import_module", absent)
+    (tmp_path / "arm.urdf").write_text('<robot name="arm"><link name="base"/></robot>')
+    assert main(["solve", str(tmp_path / "arm.urdf"), "gc_weak_form"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "not installed: pip install -r requirements-engines.lock" in line

@@ -17,6 +17,7 @@ from ..referee.certificates.work import operations
 from ..results.judgements import Order
 from ..results.records import RunRecord
 from ..results.words import accurate_until, why
+from ..sandbox.trial import made
 from ..suites.spec import RunSpec, make_spec
 from ..types import Status
 
@@ -61,9 +62,8 @@ def first_runs(solver: str, wall: float) -> list[RunSpec]:
     control = registry.solvers()[solver].control
     out = []
     for name in registry.problems():
-        if registry.is_own_problem(name):
-            own = registry.make_problem(name)
-            out.append(_spec(solver, name, {"t_end": min(own.t_end, STEPS * own.dt)}, {}, "problems", wall))
+        own = made(name)
+        out.append(_spec(solver, name, {"t_end": min(own.t_end, STEPS * own.dt)}, {}, "problems", wall))
     for name, parameters in LADDERS.items():
         for who in (solver, *FIELD):
             kind = registry.solvers()[who].control
@@ -111,7 +111,7 @@ def findings(solver: str, folder: Path, records: Sequence[RunRecord]) -> Iterato
 def _spec(
     solver: str, problem: str, parameters: Mapping[str, Any], control: Mapping[str, Any], label: str, wall: float
 ) -> RunSpec:
-    return make_spec(registry.make_problem(problem, parameters), solver, None, control, label=label, wall_limit=wall)
+    return make_spec(made(problem, parameters), solver, None, control, label=label, wall_limit=wall)
 
 
 def _mine(solver: str, records: Sequence[RunRecord], label: str) -> list[RunRecord]:

@@ -1,0 +1,285 @@
+"""A mechanism that MuJoCo has read and compiled (module ``mechanism_files``), as a system and its start.
+
+Bodies without joints of their own are parts of their parent. A body's joints make one joint here::
+
+    hinge  revolute          slide, hinge along it  cylindrical     slide, ball            point on line
+    slide  prismatic         hinge, hinge normal    universal       slide, slide, ball     point on plane
+    ball   spherical         three hinges           spherical       slide, slide, hinge    three points on a plane
+    free, or slide, slide, slide, ball: none
+
+Equality constraints close loops: a connect is spherical, two of the same bodies are revolute, a weld is fixed. A
+tendon between two sites is a spring. What acts beside that is counted (``Omitted``); what would change which motions
+are possible is an error.
+"""
+
+import importlib.metadata
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics.consistency import project
+from ..mechanics.joints import Joint, JointKind
+from ..mechanics.state import State
+from ..mechanics.system import GROUND, MultibodySystem, RigidBody, SpringDamper, assemble
+from ..types import Problem
+from .options import Parameter
+
+T_END = 2.0  # [s] unless the caller says otherwise: files have none
+NEAR = 1e-9  # of directions and points that must agree, in files printed with all digits
+
+
+class Omitted(StrEnum):
+    """What a file may hold and is not taken over."""
+
+    ACTUATORS = "actuators"
+    COLLIDING = "colliding geoms"
+    LIMITS = "limits"
+    STIFFNESS = "springs of joints"
+    DAMPING = "dampers of joints"
+    FRICTION = "dry friction"
+    ARMATURE = "armatures"
+    LIFT = "bodies with gravity compensation"
+    FLUID = "fluid"
+    TENDONS = "tendons other than straight springs"
+
+
+@dataclass(frozen=True)
+class Mechanism:
+    """A compiled file: bodies here are groups of MuJoCo's that no joint parts."""
+
+    name: str
+    path: Path
+    sha256: str  # of the file and those it includes
+    mj: Any
+    model: Any
+    omitted: dict[Omitted, int]
+    roots: tuple[int, ...] = field(init=False)  # the first of MuJoCo's bodies of each of ours
+
+    def __post_init__(self) -> None:
+        roots = sorted({int(w) for w in self.model.body_weldid} - {0})
+        object.__setattr__(self, "roots", tuple(roots))
+
+    @property
+    def doc(self) -> str:
+        """What was read and what was not."""
+        version = importlib.metadata.version("mujoco")
+        said = ", ".join(f"{what} ({n})" for what, n in self.omitted.items())
+        read = f"{self.path.name} (sha256 {self.sha256}), read by MuJoCo {version}"
+        return f"{read}; not taken over: {said}" if said else read
+
+    def parameters(self) -> dict[str, tuple[Any, Parameter]]:
+        """Where it starts: MuJoCo's coordinates, or a keyframe."""
+        m, keys = self.model, tuple(self.model.key(k).name for k in range(self.model.nkey))
+        out: dict[str, tuple[Any, Parameter]] = {
+            "qpos": (tuple(map(float, m.qpos0)), Parameter("the start in MuJoCo's coordinates", "m, rad")),
+            "qvel": ((0.0,) * m.nv, Parameter("its velocities", "m/s, rad/s")),
+        }
+        if any(keys):
+            words = "start at this keyframe, where qpos and qvel are not given"
+            out["keyframe"] = ("none", Parameter(words, choices=("none", *filter(None, keys))))
+        return out
+
+    def problem(self, **given: Any) -> Problem:
+        """With a start moved onto the joints where loops are closed to the digits printed only."""
+        m, key = self.model, given.get("keyframe", "none")
+        start = {"qpos": tuple(map(float, m.qpos0)), "qvel": (0.0,) * m.nv}
+        if key != "none":
+            start |= {name: tuple(getattr(m.key(key), name)) for name in start}
+        start |= {name: given[name] for name, (default, _) in self.parameters().items()
+                  if name in start and given.get(name, default) != default}  # fmt: skip
+        system, initial = self.system(), self.state(**start)
+        return Problem(
+            self.name, system, project(system, initial) if m.neq else initial, t_end=T_END, dt=float(m.opt.timestep),
+            section="", source=self.doc,
+        )  # fmt: skip
+
+    def state(self, qpos: tuple[float, ...], qvel: tuple[float, ...]) -> State:
+        """The bodies in MuJoCo's coordinates."""
+        mj, m, d = self.mj, self.model, self._placed(qpos)
+        r, R = self._poses(d)
+        both = np.zeros((len(r), 2, 3))
+        for n, root in enumerate(self.roots):
+            T = np.zeros((2, 3, m.nv))
+            mj.mj_jac(m, d, T[0], T[1], r[n], root)
+            both[n] = T @ np.array(qvel)
+        return State(r, R, both[:, 0], np.einsum("bji,bj->bi", R, both[:, 1]))
+
+    def system(self) -> MultibodySystem:
+        """Joints are those of the reference coordinates, as in MuJoCo."""
+        m, d, off = self.model, self._placed(self.model.qpos0), self.mj.mjtDisableBit
+        r, R = self._poses(d)
+        at = _Places(np.concatenate((r, np.zeros((1, 3)))), np.concatenate((R, np.eye(3)[None])), d, self._ours())
+        loops = [] if m.opt.disableflags & off.mjDSBL_EQUALITY else self._loops(at)
+        weightless = bool(m.opt.disableflags & off.mjDSBL_GRAVITY)
+        return assemble(
+            [self._body(n, d, r[n], R[n]) for n in range(len(self.roots))],
+            [j for n in range(len(self.roots)) for j in self._joints(n, at)] + loops,
+            np.zeros(3) if weightless else np.array(m.opt.gravity), self._springs(at),
+        )  # fmt: skip
+
+    def _placed(self, qpos: Any) -> Any:
+        d = self.mj.MjData(self.model)
+        d.qpos[:] = qpos
+        self.mj.mj_kinematics(self.model, d)
+        self.mj.mj_comPos(self.model, d)
+        return d
+
+    def _ours(self) -> list[int]:
+        """Our body of each of MuJoCo's."""
+        number = {0: GROUND, **{root: n for n, root in enumerate(self.roots)}}
+        return [number[int(w)] for w in self.model.body_weldid]
+
+    def _poses(self, d: Any) -> tuple[Float[np.ndarray, "nb 3"], Float[np.ndarray, "nb 3 3"]]:
+        """Centre of mass of each body, and its frame, MuJoCo's of its root."""
+        m = self.model
+        r = [np.average(d.xipos[m.body_weldid == w], axis=0, weights=m.body_mass[m.body_weldid == w])
+             for w in self.roots]  # fmt: skip
+        return np.array(r).reshape(-1, 3), d.xmat[list(self.roots)].reshape(-1, 3, 3)
+
+    def _body(self, n: int, d: Any, r: np.ndarray, R: np.ndarray) -> RigidBody:
+        m, J = self.model, np.zeros((3, 3))
+        parts = np.flatnonzero(m.body_weldid == self.roots[n])
+        for b in parts:
+            principal, s = d.ximat[b].reshape(3, 3), d.xipos[b] - r
+            J += (principal * m.body_inertia[b]) @ principal.T + m.body_mass[b] * (s @ s * np.eye(3) - np.outer(s, s))
+        J = R.T @ J @ R
+        return RigidBody(float(np.sum(m.body_mass[parts])), 0.5 * (J + J.T), m.body(self.roots[n]).name)
+
+    def _joints(self, n: int, at: "_Places") -> list[Joint]:
+        m, d, root = self.model, at.data, self.roots[n]
+        own = range(m.body_jntadr[root], m.body_jntadr[root] + m.body_jntnum[root])
+        letters = "".join("FBSH"[m.jnt_type[k]] for k in own)
+        points, axes = [d.xanchor[k] for k in own], [d.xaxis[k] for k in own]
+        name = "+".join(m.joint(k).name or m.body(root).name for k in own)
+        parent = at.ours[m.body_parentid[root]]
+
+        def joined(kind: JointKind, point: np.ndarray, i: Any = None, j: Any = None, across: Any = None) -> Joint:
+            here, there = at.turned(n), at.turned(parent)
+            return Joint(
+                n, at.point(n, point), parent, at.point(parent, point), here(i), there(j), name, kind, here(across),
+                there(across),
+            )  # fmt: skip
+
+        one_point = all(np.linalg.norm(p - points[-1]) < NEAR for p in points)
+        along = [abs(float(a @ axes[-1])) for a in axes[:-1]]
+        match letters:
+            case "F" | "SSSB":
+                return []
+            case "B":
+                return [joined(JointKind.SPHERICAL, points[0])]
+            case "HHH" if one_point and abs(np.linalg.det(axes)) > NEAR:
+                return [joined(JointKind.SPHERICAL, points[0])]
+            case "H":
+                return [joined(JointKind.REVOLUTE, points[0], axes[0], axes[0])]
+            case "S":
+                return [joined(JointKind.PRISMATIC, points[0], axes[0], axes[0], _normal(axes[0]))]
+            case "HH" if one_point and along[0] < NEAR:
+                return [joined(JointKind.UNIVERSAL, points[0], axes[1], axes[0])]
+            case "SH" | "HS" if along[0] > 1.0 - NEAR:
+                return [joined(JointKind.CYLINDRICAL, points[letters.index("H")], axes[0], axes[0])]
+            case "SB":
+                return [joined(JointKind.ON_LINE, points[1], None, axes[0])]
+            case "SSB":
+                return [joined(JointKind.ON_PLANE, points[2], None, np.cross(axes[0], axes[1]))]
+            case "SSH" if max(along) < NEAR:
+                e = _normal(axes[2])
+                corners = (points[2], points[2] + e, points[2] + np.cross(axes[2], e))
+                return [joined(JointKind.ON_PLANE, p, None, axes[2]) for p in corners]
+        kinds = ", ".join({"F": "free", "B": "ball", "S": "slide", "H": "hinge"}[c] for c in letters)
+        raise ValueError(f"body {m.body(root).name!r}: its joints ({kinds}) make none that is known here")
+
+    def _loops(self, at: "_Places") -> list[Joint]:
+        m, eq = self.model, self.mj.mjtEq
+        fixed, points_of = list[Joint](), dict[tuple[int, int], list[Joint]]()
+        for k in np.flatnonzero(m.eq_active0):
+            kind, ends, data = eq(m.eq_type[k]), (m.eq_obj1id[k], m.eq_obj2id[k]), m.eq_data[k]
+            if kind not in (eq.mjEQ_CONNECT, eq.mjEQ_WELD):
+                what = kind.name.removeprefix("mjEQ_").lower()
+                raise ValueError(f"equality {m.equality(k).name or k}: of connect and weld only (got {what})")
+            if m.eq_objtype[k] == int(self.mj.mjtObj.mjOBJ_SITE):
+                bodies, points = [m.site_bodyid[e] for e in ends], [m.site_pos[e] for e in ends]
+                turns = [_matrix(self.mj, m.site_quat[e]) for e in ends]
+            else:
+                weld = kind == eq.mjEQ_WELD
+                bodies, points = list(ends), [data[3:6], data[:3]] if weld else [data[:3], data[3:6]]
+                turns = [_matrix(self.mj, data[6:10]) if weld else np.eye(3), np.eye(3)]
+            sides = [at.end(b, p, q) for b, p, q in zip(bodies, points, turns, strict=True)]
+            (i, s_i, R_i), (j, s_j, R_j) = sides[::-1] if sides[0][0] == GROUND else sides
+            name = m.equality(k).name or f"loop {k + 1}"
+            if i == j:
+                raise ValueError(f"equality {name}: it joins {m.body(bodies[0]).name!r} to itself")
+            if kind == eq.mjEQ_WELD:
+                z_x = R_i[:, 2], R_j[:, 2], name, JointKind.FIXED, R_i[:, 0], R_j[:, 0]
+                fixed.append(Joint(i, s_i, j, s_j, *z_x))
+            else:
+                points_of.setdefault((i, j), []).append(Joint(i, s_i, j, s_j, name=name))
+        return fixed + [joint for same in points_of.values() for joint in _hinged(same)]
+
+    def _springs(self, at: "_Places") -> list[SpringDamper]:
+        m, out = self.model, []
+        for k in filter(lambda k: straight_spring(self.mj, m, k), range(m.ntendon)):
+            sites = m.wrap_objid[m.tendon_adr[k] : m.tendon_adr[k] + 2]
+            sides = [at.end(m.site_bodyid[s], m.site_pos[s], np.eye(3))[:2] for s in sites]
+            (i, p_i), (j, p_j) = sides[::-1] if sides[0][0] == GROUND else sides
+            if i != j:
+                k_c = float(m.tendon_stiffness[k]), float(m.tendon_damping[k])
+                out.append(SpringDamper(i, p_i, j, p_j, k_c[0], float(m.tendon_lengthspring[k, 0]), k_c[1]))
+        return out
+
+
+@dataclass(frozen=True)
+class _Places:
+    """Points and directions of space in the frames of our bodies, the ground last."""
+
+    r: Float[np.ndarray, "nb+1 3"]
+    R: Float[np.ndarray, "nb+1 3 3"]
+    data: Any
+    ours: list[int]
+
+    def point(self, n: int, p: np.ndarray) -> np.ndarray:
+        out: np.ndarray = self.R[n].T @ (p - self.r[n])
+        return out
+
+    def turned(self, n: int) -> Callable[[Any], Any]:
+        return lambda a: None if a is None else self.R[n].T @ a
+
+    def end(self, b: int, p: np.ndarray, turn: np.ndarray) -> tuple[int, np.ndarray, np.ndarray]:
+        """Our body of MuJoCo's body b, its point p and its frame ``turn`` seen from ours."""
+        n, Rb = self.ours[b], self.data.xmat[b].reshape(3, 3)
+        return n, self.point(n, self.data.xpos[b] + Rb @ p), self.R[n].T @ Rb @ turn
+
+
+def straight_spring(mj: Any, m: Any, k: int) -> bool:
+    """Whether a tendon is a linear spring between two sites."""
+    first, site = m.tendon_adr[k], int(mj.mjtWrap.mjWRAP_SITE)
+    plain = m.tendon_num[k] == 2 and all(m.wrap_type[first : first + 2] == site)
+    linear = not np.any(m.tendon_stiffnesspoly[k]) and not np.any(m.tendon_dampingpoly[k])
+    return bool(plain and linear and m.tendon_lengthspring[k, 0] == m.tendon_lengthspring[k, 1])
+
+
+def _hinged(same: list[Joint]) -> list[Joint]:
+    """Two points that coincide in both bodies are an axis."""
+    if len(same) != 2:
+        return same
+    a, b = same
+    in_i, in_j = np.subtract(b.s_i, a.s_i), np.subtract(b.s_j, a.s_j)
+    if np.linalg.norm(in_i) < NEAR or abs(np.linalg.norm(in_i) - np.linalg.norm(in_j)) > NEAR:
+        return same
+    return [Joint(a.i, a.s_i, a.j, a.s_j, in_i, in_j, f"{a.name}+{b.name}")]
+
+
+def _normal(a: np.ndarray) -> np.ndarray:
+    n = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
+    out: np.ndarray = n / np.linalg.norm(n)
+    return out
+
+
+def _matrix(mj: Any, quaternion: np.ndarray) -> np.ndarray:
+    out = np.zeros(9)
+    mj.mju_quat2Mat(out, quaternion)
+    return out.reshape(3, 3)

@@ -1,0 +1,112 @@
+"""Files of mechanisms, MJCF and URDF: MuJoCo's own parser and compiler read them (extra ``engines``).
+
+Looks are left out before the compiler sees them, so that the files of meshes need not be there.
+"""
+
+import hashlib
+import importlib
+import re
+import warnings
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .mechanism import Mechanism, Omitted, straight_spring
+
+SUFFIXES = (".xml", ".mjcf", ".urdf")
+
+
+def is_mechanism(name: str) -> bool:
+    """Whether ``name`` means a file of a mechanism."""
+    return Path(name).suffix.lower() in SUFFIXES
+
+
+def name_of(path: str | Path) -> str:
+    """The name of a file's problem, in letters that need no quotes."""
+    return re.sub(r"[^\w+-]+", "_", Path(path).stem)
+
+
+def files(path: Path) -> tuple[Path, ...]:
+    """The file and those that it includes: all that a motion depends on (inertias of meshes are refused)."""
+    found = [path]
+    for here in found:
+        parts = ET.parse(here).iter("include")
+        found += [p for e in parts if (p := path.parent / e.get("file", "")) not in found]
+    return tuple(found)
+
+
+def read(path: Path) -> Mechanism:
+    """The file, or ValueError in one line."""
+    if not path.is_file():
+        raise ValueError("there is no such file")
+    try:
+        mj = importlib.import_module("mujoco")
+    except ImportError:
+        raise ValueError(
+            "MuJoCo reads such files and is not installed: pip install -r requirements-engines.lock"
+        ) from None
+    try:
+        spec = mj.MjSpec.from_file(str(path))
+        _without_looks(mj, spec)
+        with warnings.catch_warnings():  # about motions, which are not MuJoCo's here
+            warnings.simplefilter("ignore", UserWarning)
+            model = spec.compile()
+    except ValueError as error:  # of MuJoCo, over several lines
+        raise ValueError(" ".join(str(error).split())) from None
+    if not set(model.body_weldid) - {0}:
+        raise ValueError("nothing in it can move: no body has a joint")
+    digest = hashlib.sha256(b"\0".join(p.read_bytes() for p in files(path))).hexdigest()[:12]
+    out = Mechanism(name_of(path), path, digest, mj, model, {what: n for what, n in _omitted(mj, model).items() if n})
+    out.system()  # refuses joints and loops that are not taken over
+    return out
+
+
+def _without_looks(mj: Any, spec: Any) -> None:
+    """Meshes and textures are left out: their files need not be there; inertias must not come from them."""
+    if spec.flexes or spec.plugins:
+        raise ValueError("flexible bodies and plugins of MuJoCo are not taken over")
+    from_geoms = spec.compiler.inertiafromgeom
+    shapes = (mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_SDF, mj.mjtGeom.mjGEOM_HFIELD)
+    for geom in list(spec.geoms):
+        geom.material = ""
+        if geom.type not in shapes:
+            continue
+        body = geom.parent
+        given = body.explicitinertial and from_geoms != mj.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+        if not given and _moves(spec, body) and from_geoms != mj.mjtInertiaFromGeom.mjINERTIAFROMGEOM_FALSE:
+            raise ValueError(f"body {body.name!r} has its inertia from a mesh; give it mass and inertia as numbers")
+        spec.delete(geom)
+    for kind in ("skins", "meshes", "hfields", "materials", "textures"):
+        for part in list(getattr(spec, kind)):
+            spec.delete(part)
+
+
+def _moves(spec: Any, body: Any) -> bool:
+    while body.name != spec.worldbody.name:
+        if body.joints:
+            return True
+        body = body.parent
+    return False
+
+
+def _omitted(mj: Any, m: Any) -> dict[Omitted, int]:
+    straight = sum(straight_spring(mj, m, k) for k in range(m.ntendon))
+    return {
+        Omitted.ACTUATORS: m.nu,
+        Omitted.COLLIDING: int(np.sum((m.geom_contype | m.geom_conaffinity) != 0)),
+        Omitted.LIMITS: int(np.sum(m.jnt_limited) + np.sum(m.tendon_limited)),
+        Omitted.STIFFNESS: _some(m.jnt_stiffness, m.jnt_stiffnesspoly),
+        Omitted.DAMPING: _some(m.dof_damping, m.dof_dampingpoly),
+        Omitted.FRICTION: _some(m.dof_frictionloss) + _some(m.tendon_frictionloss),
+        Omitted.ARMATURE: _some(m.dof_armature) + _some(m.tendon_armature),
+        Omitted.LIFT: _some(m.body_gravcomp),
+        Omitted.FLUID: int(m.opt.density != 0.0 or m.opt.viscosity != 0.0),
+        Omitted.TENDONS: m.ntendon - straight,
+    }
+
+
+def _some(*values: np.ndarray) -> int:
+    """How many rows are not zero."""
+    return int(np.sum(np.any([np.any(np.atleast_2d(v.T) != 0.0, axis=0) for v in values], axis=0)))

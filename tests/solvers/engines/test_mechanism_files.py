@@ -1,0 +1,238 @@
+"""MJCF and URDF become the system that MuJoCo makes of them: accelerations, mass matrix and energies agree."""
+
+import importlib.util
+import json
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.__main__ import main
+from mbsbench.harness.api import load
+from mbsbench.harness.catalogue import mechanism_files, plugins, registry
+from mbsbench.harness.catalogue.mechanism import Mechanism, Omitted
+from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.mechanics.joints import JointKind
+from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.results.environment import ROOT, code_digest
+from mbsbench.harness.types import StepControl
+from mbsbench.solvers.engines import mujoco as engine
+from mbsbench.solvers.engines.export.model_check import SAME, EngineModel, differences
+from mbsbench.solvers.engines.export.tree import spanning_tree
+
+from .systems import PROBLEMS
+
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("mujoco") is None, reason="mujoco is an optional extra: make test-engines"
+)
+
+BOX = '<geom type="box" size=".03 .02 .2" pos="0.02 .2 0"/>'
+TREE = f"""<mujoco><option gravity="1 0 -9.81"/><worldbody>
+<body name="a" pos="0 0 1" euler="20 10 5">
+  <joint type="slide" axis="1 0 0"/><joint axis="1 0 0" pos="0 0 .1"/>{BOX}
+  <body name="b" pos="0 0 -.6"><joint type="ball"/>{BOX}<body name="welded" pos=".1 0 0" euler="30 0 0">{BOX}</body>
+    <body name="c" pos=".3 .1 -.2"><joint axis="0 1 0" pos=".01 0 0"/><joint axis="1 0 0" pos=".01 0 0"/>{BOX}
+      <body name="d" pos="0 .5 0"><joint axis="0 1 1" pos="0 .1 0"/>{BOX}</body></body></body></body>
+<body name="walker" pos="1 1 1"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+  <joint axis="0 1 0" pos="0 0 .1"/>{BOX}<body name="foot"><joint axis="0 1 0" pos="0 0 -.3"/>{BOX}</body></body>
+<body name="ship" pos="0 3 0"><freejoint/>{BOX}
+  <body pos=".1 .2 .3" euler="0 10 0"><joint type="slide" axis="1 1 0"/>{BOX}</body></body>
+<body name="bead" pos="2 0 0"><joint type="slide" axis="1 2 0"/><joint type="ball" pos="0 .1 0"/>{BOX}</body>
+<body name="puck" pos="3 0 0"><joint type="slide" axis="1 2 0"/><joint type="slide" axis="0 1 1"/>
+  <joint type="ball" pos="0 .1 0"/>{BOX}</body>
+<body name="gimbals" pos="4 0 0"><joint axis="1 0 0"/><joint axis="0 1 0"/><joint axis="0 0 1"/>{BOX}</body>
+</worldbody></mujoco>"""
+LOOPS = f"""<mujoco><worldbody><site name="wall" pos="1 0 1"/>
+<body name="crank" pos="0 0 1"><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .3 0 0" size=".02"/>
+  <body name="rod" pos=".3 0 0"><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 .5 0 .1" size=".02"/>
+    <site name="end" pos=".5 0 .1"/></body></body>
+<body name="rocker" pos=".8 0 .6"><joint axis="0 1 0"/><geom type="capsule" fromto="0 0 0 0 0 .5" size=".02"/></body>
+<body name="blob" pos=".9 .3 1.1"><freejoint/>{BOX}</body>
+<body name="held" pos="0 2 0"><freejoint/>{BOX}</body></worldbody>
+<equality><connect body1="rod" body2="rocker" anchor=".5 0 .1"/>
+  <connect body1="rod" body2="rocker" anchor=".5 .1 .1"/>
+  <weld body1="rocker" body2="blob"/><connect body1="held" anchor=".1 .3 .2"/>
+  <connect body1="rod" body2="held" anchor="1 2 3" active="false"/></equality>
+<tendon><spatial stiffness="30" damping=".5" springlength=".2"><site site="end"/><site site="wall"/></spatial></tendon>
+</mujoco>"""
+ROBOT = """<robot name="r"><link name="base"/>
+<link name="upper"><inertial><origin xyz="0 .02 .1" rpy=".1 .2 .3"/><mass value="2"/>
+    <inertia ixx=".03" iyy=".04" izz=".05" ixy=".001" ixz="0" iyz="-.002"/></inertial>
+  <collision><geometry><mesh filename="package://nowhere/upper.stl"/></geometry></collision></link>
+<link name="tip"><inertial><origin xyz="0 0 .01"/><mass value=".1"/>
+    <inertia ixx=".001" iyy=".001" izz=".001" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="lower"><inertial><mass value="1"/>
+    <inertia ixx=".01" iyy=".02" izz=".015" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="shoulder" type="continuous"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+  <origin xyz="0 0 .5" rpy=".2 0 0"/></joint>
+<joint name="elbow" type="prismatic"><parent link="upper"/><child link="lower"/><axis xyz="1 1 0"/>
+  <origin xyz="0 0 .4"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+<joint name="glue" type="fixed"><parent link="lower"/><child link="tip"/><origin xyz="0 0 .2" rpy="0 .3 0"/></joint>
+</robot>"""
+
+
+def written(folder: Path, text: str, name: str = "") -> Path:
+    path = folder / (name or ("robot.urdf" if "<robot" in text else "model.xml"))
+    path.write_text(text)
+    return path
+
+
+def theirs(m: Mechanism, qpos, qvel) -> EngineModel:
+    """MuJoCo's own matrices at a state, with its Jacobians of our bodies' centres of mass."""
+    mj, model, data = m.mj, m.model, m.mj.MjData(m.model)
+    model.opt.disableflags |= mj.mjtDisableBit.mjDSBL_CONTACT
+    model.opt.jacobian = mj.mjtJacobian.mjJAC_DENSE
+    data.qpos[:], data.qvel[:] = qpos, qvel
+    mj.mj_forward(model, data)
+    mj.mj_energyPos(model, data)
+    mj.mj_energyVel(model, data)
+    M = np.zeros((model.nv, model.nv))
+    mj.mj_fullM(model, data, M)
+    T, bias = [], []
+    for root in m.roots:
+        parts = np.flatnonzero(model.body_weldid == root)
+        r = np.average(data.xipos[parts], axis=0, weights=model.body_mass[parts])
+        R = data.xmat[root].reshape(3, 3)
+        J, J_dot = np.zeros((2, 2, 3, model.nv))
+        mj.mj_jac(model, data, *J, r, root)
+        mj.mj_jacDot(model, data, *J_dot, r, root)
+        T += [J[0], R.T @ J[1]]
+        bias.append(np.concatenate((J_dot[0] @ qvel, R.T @ (J_dot[1] @ qvel))))  # R'^T omega = -Omega x Omega = 0
+    still = mj.MjData(model)
+    still.qpos[:] = qpos
+    mj.mj_forward(model, still)
+    potential, kinetic = map(float, data.energy)
+    G = data.efc_J.reshape(-1, model.nv)[: data.nefc]
+    return EngineModel(np.concatenate(T), M, still.qfrc_smooth, kinetic, potential, np.array(bias), data.qfrc_smooth, G)
+
+
+def moving(m: Mechanism):
+    """Coordinates off the reference (of a tree), and velocities that keep loops closed."""
+    mj, model, random = m.mj, m.model, np.random.default_rng(1)
+    qpos, qvel = np.array(model.qpos0), random.standard_normal(model.nv)
+    if model.neq:
+        rows = theirs(m, qpos, 0.0 * qvel).constraints
+        qvel -= np.linalg.pinv(rows, rcond=1e-9) @ rows @ qvel
+    else:
+        mj.mj_integratePos(model, qpos, random.standard_normal(model.nv), 0.4)
+    return qpos, qvel
+
+
+@pytest.mark.parametrize("text", [TREE, LOOPS, ROBOT], ids=["tree", "loops", "urdf"])
+def test_the_system_is_the_one_mujoco_makes(tmp_path, text):
+    """Two derivations: MuJoCo's recursions in joint coordinates, ours in absolute ones with constraint rows."""
+    m = mechanism_files.read(written(tmp_path, text))
+    qpos, qvel = moving(m)
+    found = differences(m.problem(qpos=tuple(qpos), qvel=tuple(qvel)), theirs(m, qpos, qvel))
+    assert max(found.values()) < SAME, found
+
+
+@pytest.mark.parametrize("make", PROBLEMS.values(), ids=PROBLEMS)
+def test_our_own_problems_come_back(make):
+    """Handed to MuJoCo and read from its compiled model (XML has six digits): loops, springs, revolute joints."""
+    made, mj = make(), engine.package("mujoco")
+    tree = spanning_tree(made.system, made.initial)
+    m = Mechanism("again", Path(), "", mj, engine._spec(mj, engine.MuJoCo(), made, tree, 1e-3).compile(), {})
+    again = m.problem(qpos=tuple(tree.start), qvel=tuple(tree.start_velocity))
+    order = [int(name.split()[1]) for name in again.system.body_names]
+    assert np.allclose(again.initial.v, made.initial.v[order], atol=1e-12)
+    assert np.allclose(again.system.mass, made.system.mass[order])
+    assert len(again.system.spring_k) == len(made.system.spring_k)
+    assert max(differences(again, theirs(m, tree.start, tree.start_velocity)).values()) < SAME
+
+
+def test_loops_have_no_row_twice(tmp_path):
+    """Two connects of the same bodies are one revolute joint: five rows, not six of rank five."""
+    system = mechanism_files.read(written(tmp_path, LOOPS)).system()
+    kinds = [system.joint_kind(k) for k in range(system.nj)]
+    assert kinds.count(JointKind.REVOLUTE) == 4 and kinds.count(JointKind.FIXED) == 1
+    assert kinds.count(JointKind.SPHERICAL) == 1 and len(system.spring_k) == 1
+
+
+def test_what_is_not_taken_over_is_counted(tmp_path):
+    text = LOOPS.replace('<joint axis="0 1 0"/>', '<joint name="j" damping="1" stiffness="2" axis="0 1 0"/>', 1)
+    text = text.replace("</mujoco>", '<actuator><motor joint="j"/></actuator></mujoco>')
+    omitted = mechanism_files.read(written(tmp_path, text)).omitted
+    assert omitted == {Omitted.ACTUATORS: 1, Omitted.COLLIDING: 5, Omitted.STIFFNESS: 1, Omitted.DAMPING: 1}
+
+
+@pytest.mark.parametrize(("part", "words"), [
+    ('<equality><joint joint1="j"/></equality>', "of connect and weld only (got joint)"),
+    ('<worldbody><body name="odd"><joint/><joint type="ball"/><geom size=".1"/></body></worldbody>', "hinge, ball"),
+    ("<worldbody><boddy/></worldbody>", "boddy"),
+    ('<asset><mesh name="m" file="m.stl"/></asset>'
+     '<worldbody><body name="z"><freejoint/><geom type="mesh" mesh="m"/></body></worldbody>', "inertia from a mesh"),
+])  # fmt: skip
+def test_what_cannot_be_read_is_refused_in_one_line(tmp_path, part, words):
+    base = f'<mujoco><worldbody><body><joint name="j"/>{BOX}</body></worldbody>{part}</mujoco>'
+    with pytest.raises(ValueError, match="plugin") as error:
+        registry.load_plugin(written(tmp_path, base, "refused.xml"))
+    assert words in str(error.value) and "\n" not in str(error.value)
+
+
+def test_mimic_joints_of_a_urdf_are_refused(tmp_path):
+    """They are couplings of joints, which change the motions that are possible."""
+    coupled = ROBOT.replace('<axis xyz="1 1 0"/>', '<axis xyz="1 1 0"/><mimic joint="shoulder" multiplier="2"/>')
+    with pytest.raises(ValueError, match="connect and weld only"):
+        mechanism_files.read(written(tmp_path, coupled))
+
+
+def test_a_keyframe_is_a_start_and_is_moved_onto_the_joints(tmp_path):
+    """Printed to three digits, it leaves a loop open by as much; the start closes it."""
+    closed = mechanism_files.read(written(tmp_path, LOOPS))
+    text = " ".join(f"{x:.3f}" for x in closed.model.qpos0)
+    key = f'<keyframe><key name="home" qpos="{text}"/></keyframe></mujoco>'
+    registry.load_plugin(written(tmp_path, LOOPS.replace("</mujoco>", key), "keyed.xml"))
+    made = make_problem("keyed", {"keyframe": "home"})
+    assert np.allclose(States.one(made.initial).r[0], closed.problem().initial.r, atol=2e-3)
+
+
+def test_the_files_content_is_part_of_the_runs_identity(tmp_path):
+    """Included files as well: a mass changed in one changes the digest."""
+    whole = written(tmp_path, '<mujoco><include file="arm.xml"/></mujoco>', "whole.xml")
+    arm = written(tmp_path, f'<mujocoinclude><worldbody><body><joint/>{BOX}</body></worldbody></mujocoinclude>',
+                  "arm.xml")  # fmt: skip
+    assert plugins.sources_of(str(whole)) == (whole, arm)
+    before = code_digest((str(whole),))
+    arm.write_text(arm.read_text().replace("<joint/>", '<joint axis="1 0 0"/>'))
+    code_digest.cache_clear()
+    assert code_digest((str(whole),)) != before
+
+
+def test_a_file_is_solved_like_a_problem(tmp_path):
+    """From Python by its path; energy of a frictionless arm is kept."""
+    problem = make_problem(str(written(tmp_path, ROBOT, "arm2.urdf")), {"qvel": "1,0", "t_end": 0.2})
+    run = registry.make_solver("rkmk_dopri5").solve(problem, StepControl(rtol=1e-9))
+    from mbsbench import kinetic_energy, potential_energy
+
+    energy = kinetic_energy(problem.system, run.states) + potential_energy(problem.system, run.states)
+    assert np.max(np.abs(energy - energy[0])) < 1e-7
+
+
+def test_the_page_s_slider_crank_moves_as_that_of_the_catalogue(tmp_path, monkeypatch, capsys):
+    """Two ways to the same mechanism: a file with a connect, a problem with four joints."""
+    monkeypatch.chdir(tmp_path)
+    page = (ROOT / "docs" / "mechanisms-from-files.md").read_text(encoding="utf-8")
+    (xml,) = re.findall(r"```xml\n(.*?)```", page, flags=re.S)
+    (command,) = re.findall(r"mbsbench (solve crank.xml.*)", page)
+    Path("crank.xml").write_text(xml)
+    assert main(shlex.split(command)) == 0
+    assert capsys.readouterr().err.startswith("crank.xml (sha256 ")
+    file = load("crank.npz", make_problem("crank.xml", {"qvel": "6,-6,0.48"})).trajectory
+    ours = make_problem("slider_crank", {"variant": "planar", "t_end": 1.0})
+    there = registry.make_solver("rkmk_dop853").solve(ours, StepControl(rtol=1e-8))
+    assert np.max(np.abs(file.states.r[-1] - there.states.r[-1])) < 1e-8
+
+
+def test_a_suite_takes_a_file(tmp_path, monkeypatch, capsys):
+    """Named as a plugin, its problem by the file's name; the workers read it again."""
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, ROBOT, "planted.urdf")
+    text = 'plugins = ["planted.urdf"]\n[[runs]]\nproblem = "planted"\nsolver = "rkmk_dopri5"\n'
+    Path("suite.toml").write_text(text + "parameters = { t_end = 0.05 }\n")
+    assert main(["run", "suite.toml", "--jobs", "1", "--out", "runs"]) == 0
+    capsys.readouterr()
+    assert main(["export", "planted.urdf"]) == 0
+    assert [j["type"] for j in json.loads(capsys.readouterr().out)["joints"]] == ["revolute", "prismatic"]
