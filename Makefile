@@ -8,6 +8,7 @@ ENGINES := $(VENV)/.ready-engines
 RESULTS ?= latest
 PROBLEM ?= chain
 OUT ?= $(PROBLEM).gif
+PICTURES ?= docs/images
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
@@ -77,8 +78,8 @@ figures: $(READY) ## publication figures and tables of RESULTS (the newest), or 
 
 pictures: $(READY) ## the pictures of the README, from RESULTS (the newest)
 	$(BIN)/mbsbench figures $(RESULTS) --only chain | tee /dev/stderr | sed -n 's/^figures: //p' > $(VENV)/.figures
-	cp "$$(cat $(VENV)/.figures)/overview.svg" docs/images/overview.svg
-	cp "$$(cat $(VENV)/.figures)/chain/chain-recommended-energy.svg" docs/images/chain.svg
+	cp "$$(cat $(VENV)/.figures)/overview.svg" $(PICTURES)/overview.svg
+	cp "$$(cat $(VENV)/.figures)/chain/chain-recommended-energy.svg" $(PICTURES)/chain.svg
 
 animate: $(READY) ## animation of PROBLEM (chain) of RESULTS (the newest) as OUT (chain.gif)
 	$(BIN)/mbsbench animate $(RESULTS) --problem $(PROBLEM) --out $(OUT)

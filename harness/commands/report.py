@@ -25,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     folders = [existing(name) for name in arguments.results]
     if arguments.out is not None and len(folders) < 2:
         raise UsageError("--out needs two results folders to compare; the report of one is written into it")
-    from ...reports.pages.compare import write_compare  # here: they take a second to load
+    from ...reports.pages.change.compare import write_compare  # here: they take a second to load
     from ...reports.site import build
 
     try:

@@ -9,11 +9,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ..mechanics.state import States
-from ..metrics.measure import Measured, measure
+from ..metrics.measure import Measured, covered, measure
 from ..metrics.reactions import largest_joint_force
 from ..metrics.summary import columns
 from ..metrics.thinning import frames_to_keep, rows_to_keep
 from ..metrics.verdict import doubts, inaccuracy
+from ..reference.computed import reference_of
 from ..results.records import RunRecord, reasons_json
 from ..results.series import Series, write_series
 from ..types import EndedBy, Problem, Reason, Status, Trajectory
@@ -21,6 +22,7 @@ from .job import Job, record_of
 
 SERIES = ("energy", "energy_error", "phi_norm", "phi_dot_norm", "eq81_norm", "orthogonality", "position_error",
           "orientation_error", "reference_own_error", "out_of_plane")  # fmt: skip
+EXACT_FRAMES, FINE = 600, 6000  # poses of the exact motion that are kept, and those that they are chosen from
 DRAWING = ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "gravity")  # of the system: what a drawing needs
 Keep = Callable[[Problem, Trajectory, Measured, RunRecord], RunRecord]  # writes the series; the record with its place
 
@@ -48,7 +50,7 @@ def judged(job: Job, problem: Problem, trajectory: Trajectory, keep: Keep | None
 def series_of(problem: Problem, trajectory: Trajectory, m: Measured) -> Series:
     """What the series file of a run holds: rows and frames thinned, peaks kept."""
     keep = rows_to_keep(len(m.t), m.energy_error, m.phi_norm)
-    frames = frames_to_keep(m.t)
+    span = float(np.linalg.norm(problem.system.joint_s_i, axis=1).max(initial=0.0)) or m.size.length
     full: dict[str, np.ndarray | None] = {
         "t": m.t,
         "dt": np.insert(np.diff(m.t), 0, math.nan),
@@ -66,23 +68,38 @@ def series_of(problem: Problem, trajectory: Trajectory, m: Measured) -> Series:
     units |= {"obs_joint_force": "N", "ref_joint_force": "N"}
     units |= {f"inv_{i.name}": i.unit for i in problem.invariants}
     return Series(
-        {**arrays, **_poses(m.t, trajectory, frames), **{k: getattr(problem.system, k) for k in DRAWING}},
+        {**arrays, **_poses(m.t, trajectory, span), **_exact(problem, m.t, span),
+         **{k: getattr(problem.system, k) for k in DRAWING}},
         tuple(trajectory.events), tuple(problem.system.body_names), tuple(problem.system.joint_names), units,
         {f"obs_{o.name}": o.symbol for o in problem.observables} | {"obs_joint_force": r"\max_j |F_j|"},
     )  # fmt: skip
 
 
-def _poses(t: np.ndarray, trajectory: Trajectory, frames: np.ndarray) -> dict[str, np.ndarray]:
-    s, end = trajectory.states.at(frames), trajectory.states[-1]
+def _poses(t: np.ndarray, trajectory: Trajectory, span: float) -> dict[str, np.ndarray]:
+    frames, end = frames_to_keep(t, trajectory.states, span), trajectory.states[-1]
     out = {
-        "frame_t": t[frames],
-        "frame_r": s.r.astype(np.float32),
-        "frame_q": _quaternions(s),
+        **_drawn("frame", t[frames], trajectory.states.at(frames)),
         **{f"end_{name}": getattr(end, name) for name in ("r", "R", "v", "Omega")},
     }
     if trajectory.reaction is not None:
         out["frame_reaction"] = np.asarray(trajectory.reaction, dtype=float)[frames]
     return out
+
+
+def _exact(problem: Problem, t: np.ndarray, span: float) -> dict[str, np.ndarray]:
+    """The exact motion as far as it is known and the run went; nothing without a reference."""
+    reference = reference_of(problem)
+    known = t[: covered(reference, t)]
+    if reference is None or len(known) < 2:
+        return {}
+    at = np.linspace(known[0], min(known[-1], reference.horizon), FINE)
+    states = reference.states(at)
+    kept = frames_to_keep(at, states, span, EXACT_FRAMES)
+    return _drawn("exact", at[kept], states.at(kept))
+
+
+def _drawn(kind: str, t: np.ndarray, s: States) -> dict[str, np.ndarray]:
+    return {f"{kind}_t": t, f"{kind}_r": s.r.astype(np.float32), f"{kind}_q": _quaternions(s)}
 
 
 def _quaternions(s: States) -> np.ndarray:

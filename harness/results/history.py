@@ -4,6 +4,7 @@ Rows are matched by ``settings_id``, which the code is no part of: a line over t
 """
 
 from collections.abc import Iterable, Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -53,14 +54,21 @@ METRICS = tuple(f.name for f in fields(Row) if f.type is float)
 
 def history(folders: Iterable[Path], files: Iterable[Path] = ()) -> tuple[Row, ...]:
     """All rows, the oldest first, without duplicates."""
+    return together([*map(rows_in, folders)], [*map(read_rows, files)])
+
+
+def rows_in(folder: Path) -> list[Row]:
+    """Of a results folder."""
+    return rows_of(
+        folder.resolve().name, stamp_of(folder), store.newest(store.load(folder, check_series=False).records)
+    )
+
+
+def together(of_folders: Iterable[Iterable[Row]], of_files: Iterable[Iterable[Row]]) -> tuple[Row, ...]:
+    """The same of rows that are read."""
     found: dict[tuple[str, str], Row] = {}
-    for path in files:
-        for row in read_rows(path):
-            found[row.results, row.settings_id] = row
-    for folder in folders:
-        records = store.newest(store.load(folder, check_series=False).records)
-        for row in rows_of(folder.resolve().name, stamp_of(folder), records):
-            found.setdefault((row.results, row.settings_id), row)
+    for row in chain(chain.from_iterable(of_folders), chain.from_iterable(of_files)):  # files last: judged
+        found[row.results, row.settings_id] = row
     return _with_ratios(sorted(found.values(), key=lambda r: (r.time, r.results, r.case)))
 
 

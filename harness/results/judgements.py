@@ -382,7 +382,7 @@ def _numbers(plain: Any, kind: Any) -> Any:
     if isinstance(plain, list) and inner:
         return [_numbers(v, inner[0]) for v in plain]
     if isinstance(plain, dict):
-        fields = {k: inner[1] for k in plain} if get_origin(kind) is dict else _fields(kind)
+        fields = dict.fromkeys(plain, inner[1]) if get_origin(kind) is dict else _fields(kind)
         return {k: _numbers(v, fields.get(k)) for k, v in plain.items()}
     return plain
 

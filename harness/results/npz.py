@@ -6,7 +6,7 @@ import math
 import struct
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +26,10 @@ def write_npz(path: Path, arrays: Mapping[str, np.ndarray], *, compressed: bool 
             return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def read_npz(source: Path | bytes, largest: int, only: str = "") -> dict[str, np.ndarray]:
-    """The arrays of a file, or ``only`` one; ValueError if all hold over ``largest`` bytes or it is not such a file."""
+def read_npz(
+    source: Path | bytes, largest: int, wanted: Callable[[str], bool] = lambda name: True
+) -> dict[str, np.ndarray]:
+    """The arrays of a file that are ``wanted``; ValueError if all hold over ``largest`` bytes or it is none."""
     try:
         content = source if isinstance(source, bytes) else read_own(source, largest)
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -36,7 +38,7 @@ def read_npz(source: Path | bytes, largest: int, only: str = "") -> dict[str, np
             if size > largest or len(members) > MEMBERS:
                 raise ValueError(f"{len(members)} arrays of {size} bytes, more than {MEMBERS} or {largest}")
             named = {m.filename.removesuffix(".npy"): m for m in members}
-            return {name: _array(archive.read(m)) for name, m in named.items() if only in ("", name)}
+            return {name: _array(archive.read(m)) for name, m in named.items() if wanted(name)}
     except OSError as error:
         raise ValueError(f"cannot read: {error.strerror or error}") from None
     except (zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError) as error:

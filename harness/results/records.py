@@ -74,7 +74,9 @@ class RunRecord:
 
     # energy: error is E(t) - E(0) minus the work of dampers
     energy_start_J: float = column("T + V at the start")
-    energy_scale_J: float = column("what the motion exchanges: its largest T, or span of V; drifts are compared with it")
+    energy_scale_J: float = column(
+        "what the motion exchanges: its largest T, or span of V; drifts are compared with it"
+    )
     energy_drift_max_J: float = column("max |energy error| over all accepted steps")
     energy_drift_end_J: float = column("energy error at the last step, signed")
     energy_trend_W: float = column("slope of the line of least squares through the energy error [J/s]")
@@ -83,7 +85,9 @@ class RunRecord:
     energy_allowed_J: float = column("the benchmark's own limit on the drift, where it has one")
 
     # constraints
-    length_scale_m: float = column("reach of the motion: how far a body moves from its start; |phi| and errors are compared with it")
+    length_scale_m: float = column(
+        "reach of the motion: how far a body moves from its start; |phi| and errors are compared with it"
+    )
     speed_scale_m_per_s: float = column("largest speed of a body: what |phi_dot| is compared with")
     phi_max: float = column("max |phi|: point rows in m, axis rows without unit")
     phi_end: float = column("|phi| at the last step")
@@ -100,7 +104,9 @@ class RunRecord:
     reference_horizon_s: float = column("errors are taken up to here, or to t_end")
     reference_own_error_m: float = column("stated error of the reference over that time")
     compared_to_s: float = column("last step compared with the reference")
-    accurate_until_s: float = column("motion_error first passes a tenth of length_scale_m; compared_to_s if it never does")
+    accurate_until_s: float = column(
+        "motion_error first passes a tenth of length_scale_m; compared_to_s if it never does"
+    )
     accurate_until_1pct_s: float = column("the same for a hundredth")
     accurate_until_0p1pct_s: float = column("the same for a thousandth")
     motion_error_max_m: float = column("max over time and bodies of the rms distance of a body's matter from the exact")

@@ -36,5 +36,11 @@ def _control(record: RunRecord) -> dict[str, Any]:
     """What ``solve`` takes by ``--set`` beside the solver's options; what does not exist is left out."""
     r = record
     max_steps = math.nan if r.max_steps in (0, StepControl.max_steps) else r.max_steps
-    given = {"dt": r.dt_s, "rtol": r.rtol, "max_step": r.max_step_s, "max_steps": max_steps, "wall_limit": r.wall_limit_s}
+    given = {
+        "dt": r.dt_s,
+        "rtol": r.rtol,
+        "max_step": r.max_step_s,
+        "max_steps": max_steps,
+        "wall_limit": r.wall_limit_s,
+    }
     return {k: v for k, v in given.items() if not math.isnan(v)}

@@ -18,6 +18,7 @@ from .npz import read_npz, write_npz
 SERIES_SCHEMA: Literal[1] = 1
 KIND: Literal["mbsbench series"] = "mbsbench series"
 LARGEST = 2**28  # [bytes] of a file, and of its arrays: ten times the longest
+POSES = ("frame", "exact")  # along times of their own
 OTHER = ("end_", "joint_", "gravity")  # not along time
 
 
@@ -66,11 +67,14 @@ def write_series(path: Path, series: Series) -> str:
     return write_npz(path, {"meta": np.asarray(to_json(head)), **series.arrays})
 
 
-def read_series(path: Path, sha256: str = "") -> Series:
-    """The series in ``path``, or BadSeries; with ``sha256``, only if the file is the one that was recorded."""
+def read_series(path: Path, sha256: str = "", *, poses: bool = True) -> Series:
+    """The series in ``path``, or BadSeries; with ``sha256``, only if the file is the one that was recorded.
+
+    Without ``poses`` those of the run and of the exact motion, most of a file, stay packed.
+    """
     content = _content(path, sha256)
     try:
-        arrays = read_npz(content, LARGEST)
+        arrays = read_npz(content, LARGEST, lambda name: poses or not name.startswith(POSES))
         head = _head(arrays.pop("meta", ""))
         _check_lengths(arrays)
     except ValueError as error:
@@ -84,7 +88,7 @@ def check_series(path: Path, sha256: str) -> None:
     """BadSeries if it is not the recorded file of this schema; its arrays stay packed."""
     content = _content(path, sha256)
     try:
-        _head(read_npz(content, LARGEST, "meta").get("meta", ""))
+        _head(read_npz(content, LARGEST, "meta".__eq__).get("meta", ""))
     except ValueError as error:
         raise BadSeries(f"not a whole series file of schema {SERIES_SCHEMA}: {error}") from None
 
@@ -106,7 +110,7 @@ def _head(meta: object) -> Head:
 def _check_lengths(arrays: Mapping[str, np.ndarray]) -> None:
     """One value a row in all series, one pose a frame; ValueError else."""
     for name, a in arrays.items():
-        lead = "frame_t" if name.startswith("frame_") else "t"
+        lead = next((f"{kind}_t" for kind in POSES if name.startswith(f"{kind}_")), "t")
         if name.startswith(OTHER):
             continue
         if lead not in arrays or a.shape[:1] != arrays[lead].shape or (lead == "t" and a.ndim != 1):

@@ -214,9 +214,9 @@ def set_aside(folder: Path, unreadable: Iterable[Unreadable]) -> None:
         write_text(target.with_name(target.name + ".why"), item.why + "\n")
 
 
-def series_of(folder: Path, record: RunRecord) -> Series | None:
+def series_of(folder: Path, record: RunRecord, *, poses: bool = True) -> Series | None:
     """The series of a run, checked against its record; None for a run that has none."""
-    return read_series(folder / record.series, record.series_sha256) if record.series else None
+    return read_series(folder / record.series, record.series_sha256, poses=poses) if record.series else None
 
 
 def table(records: Iterable[RunRecord]) -> "pd.DataFrame":

@@ -9,7 +9,8 @@ from .records import RunRecord, reasons_of
 
 WORKERS = 3  # Dask gives a run up after it has lost that many
 LAWS = {
-    Law.ENERGY: "the energy error", Law.MOTION: "the motion error", Law.POSITION: "the position error", Law.ORIENTATION: "the orientation error",
+    Law.ENERGY: "the energy error", Law.MOTION: "the motion error", Law.POSITION: "the position error",
+    Law.ORIENTATION: "the orientation error",
     Law.CONSTRAINT: "|phi|", Law.CONSTRAINT_RATE: "|phi_dot|", Law.ORTHOGONALITY: "|R^T R - 1|",
     Law.KINEMATIC: "the disagreement of poses and velocities (of the path)", Law.REACTION: "the error of a joint force",
     Law.VELOCITY: "the velocity error", Law.ROWS: "the motion error between recorded steps, which are too few,",

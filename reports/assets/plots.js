@@ -2,7 +2,7 @@
 (async () => {
   const MBS = window.MBS;
   const DASHES = ["solid", "8px,3px", "2px,3px", "8px,3px,2px,3px"];
-  const SYMBOLS = { o: "circle", P: "cross", s: "square", "^": "triangle-up", v: "triangle-down", D: "diamond", h: "hexagon", p: "pentagon" };
+  const SYMBOLS = { o: "circle", P: "cross", s: "square", "^": "triangle-up", v: "triangle-down", D: "diamond", h: "hexagon", p: "pentagon", "<": "triangle-left" };
   const ENDS = { failed: "star", wrong: "x" };
   const END_WORDS = { failed: "★ stopped here", wrong: "✗ wrong: false success" };
   const LIGHT = { ink: "#1c2126", muted: "#57606a", rule: "#dfe3e8", card: "#ffffff" };
@@ -202,19 +202,22 @@
 
   const legend = (bar) => {
     const solvers = new Map();
-    plots.forEach((p) => p.traces.forEach((t) => { if (t.solver) solvers.set(t.solver, t.colour); }));
+    plots.forEach((p) => p.traces.forEach((t) => { if (t.solver) solvers.set(t.solver, t); }));
     const box = bar.querySelector(".legend");
-    for (const [name, colour] of [...solvers].sort()) {
+    const ENGINE = "<", engine = (t) => t.marker === ENGINE; // after the others, under a word of their own
+    const ordered = [...solvers].sort(([a, s], [b, t]) => engine(s) - engine(t) || (a < b ? -1 : 1));
+    for (const [name, trace] of ordered) {
+      if (engine(trace) && !box.querySelector("span")) box.append(MBS.element("span", {}, "◁ engines"));
       const b = button(name, `Show ${name}`, () => {
         shown.hidden.has(name) ? shown.hidden.delete(name) : shown.hidden.add(name);
         b.setAttribute("aria-pressed", !shown.hidden.has(name));
         plots.forEach(render);
       });
-      Object.assign(b, { className: "solver", style: `--c: ${colour}`, ariaPressed: true, title: "Click: show or hide. Double click: this one alone." });
+      Object.assign(b, { className: "solver", style: `--c: ${trace.colour}`, ariaPressed: true, title: "Click: show or hide. Double click: this one alone." });
       b.addEventListener("dblclick", () => {
         const alone = shown.hidden.size === solvers.size - 1 && !shown.hidden.has(name);
         shown.hidden = new Set(alone ? [] : [...solvers.keys()].filter((s) => s !== name));
-        for (const other of box.children) other.setAttribute("aria-pressed", !shown.hidden.has(other.textContent));
+        for (const other of box.querySelectorAll("button")) other.setAttribute("aria-pressed", !shown.hidden.has(other.textContent));
         plots.forEach(render);
       });
       box.append(b);

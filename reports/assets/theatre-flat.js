@@ -1,49 +1,64 @@
-// The stage without WebGL: the same bodies seen by the same camera, as lines and outlines on a 2-D canvas.
+// The stage without WebGL, or where it is drawn by the processor: the same bodies seen by the same camera, as lines.
 (() => {
   const T = ((window.MBS ||= {}).theatre ||= {});
   const ROUND = 24;
 
   T.Flat = class {
     constructor(canvas, play, view) {
-      this.play = play;
-      this.view = view;
-      this.pen = canvas.getContext("2d");
-      this.lines = view.ground();
-      this.local = play.shapes.map(T.local);
-      this.calls = 0;
+      Object.assign(this, { play, view, pen: canvas.getContext("2d"), lines: view.ground(), local: play.shapes.map(T.local), calls: 0 });
+      const of = (kind) => play.shapes.map((s, k) => [s, this.local[k]]).filter(([s]) => kind(s.kind));
+      this.rods = of((k) => k === "rod");
+      this.balls = of((k) => k === "ball");
+      this.rims = of((k) => k === "disc" || k === "cone");
     }
 
     theme(colours) { this.colours = colours; }
 
-    resize(width, height, ratio) { T.sized(this.pen, width, height, ratio); }
+    resize(width, height, ratio) { Object.assign(this, { width, height }); T.sized(this.pen, width, height, ratio); }
 
     calm() {}
 
-    draw({ motions, shown, solid, trails }) {
-      const { pen, view } = this;
+    draw({ motions, exact, cells, solid, trails }) {
+      const { pen, view, colours } = this, players = this.play.players;
       this.calls = 0;
-      pen.clearRect(0, 0, view.width, view.height);
-      view.camera.updateMatrixWorld();
+      pen.clearRect(0, 0, this.width, this.height);
+      view.aim();
+      this.pixels = view.pixels;
       pen.lineCap = "round";
-      for (const [a, b] of this.lines) this.line(view.place(a), view.place(b), this.colours.rule, 1, 1);
-      for (const p of this.play.ground) this.dot(view.place(p), 4, this.colours.muted, 1);
-      trails.forEach((t, p) => t && this.path(t, p < this.play.players.length ? this.play.players[p].colour : this.colours.ink));
-      for (const p of T.order(shown, solid)) this.player(motions[p], this.play.players[p].colour, p === solid);
+      for (const cell of cells) {
+        pen.save();
+        pen.beginPath();
+        pen.rect(cell.x, cell.y, cell.w, cell.h);
+        pen.clip();
+        pen.translate(cell.x, cell.y);
+        this.stroke(this.lines.map((l) => l.map((p) => view.place(p))), colours.rule, 1, 1);
+        this.dots(this.play.ground.map((p) => view.place(p)), 3, colours.muted, 1);
+        for (const p of cell.players) this.path(trails[p], players[p].colour);
+        if (exact) this.path(trails[players.length], colours.ink);
+        for (const p of cell.players) this.player(motions[p], players[p].colour, cell.players.length === 1 || p === solid ? 1 : 0.4, view.least);
+        if (exact) this.bars(exact, colours.ink, 1, 0, 0.6);
+        pen.restore();
+      }
     }
 
-    player(motion, colour, solid) {
-      const alpha = solid ? 1 : 0.35;
-      this.play.shapes.forEach((s, k) => {
-        const place = (at) => this.view.place(motion.point(s.body, at)), pixel = this.pixels(motion.point(s.body, s.a));
-        if (s.kind === "ball") this.dot(place(s.a), Math.max(s.radius * pixel, 1.2), colour, alpha);
-        else if (s.kind === "rod") this.line(place(s.a), place(s.b), colour, Math.max(2 * s.radius * pixel, solid ? 2 : 1.2), alpha);
-        else this.rim(place, s, this.local[k], colour, alpha);
-      });
+    player(motion, colour, alpha, least) {
+      const place = (s) => this.view.place(motion.point(s.body, s.a));
+      for (const [s, l] of this.rims) this.rim(motion, s, l, colour, alpha);
+      this.bars(motion, colour, alpha, least, alpha < 1 ? 0.8 : 1);
+      const first = this.balls[0];
+      if (first) this.dots(this.balls.map(([s]) => place(s)), Math.max(first[0].radius, 1.3 * least) * this.pixels, colour, alpha);
+    }
+
+    // all rods of a motion, as thick as the first
+    bars(motion, colour, alpha, least, slim) {
+      if (!this.rods.length) return;
+      const ends = this.rods.map(([s]) => [this.view.place(motion.point(s.body, s.a)), this.view.place(motion.point(s.body, s.b))]);
+      this.stroke(ends, colour, least ? 2 * Math.max(this.rods[0][0].radius, least) * this.pixels * slim : 1.2, alpha);
     }
 
     // a disc is its upper rim, a cone its rim and lines to its tip
-    rim(place, s, l, colour, alpha) {
-      const { pen } = this, end = s.kind === "cone" ? -0.5 : 0.5, tip = place(s.a);
+    rim(motion, s, l, colour, alpha) {
+      const { pen } = this, end = s.kind === "cone" ? -0.5 : 0.5, place = (at) => this.view.place(motion.point(s.body, at)), tip = place(s.a);
       pen.beginPath();
       for (let k = 0; k <= ROUND; k++) {
         const c = Math.cos((2 * Math.PI * k) / ROUND), d = Math.sin((2 * Math.PI * k) / ROUND);
@@ -59,35 +74,37 @@
       this.calls++;
     }
 
-    // pixels a metre at a place
-    pixels(p) {
-      const d = Math.hypot(...this.view.camera.position.toArray().map((x, c) => x - p[c]));
-      return (0.5 * this.view.height) / (Math.tan((this.view.camera.fov * Math.PI) / 360) * d);
-    }
-
-    line(a, b, colour, width, alpha) {
-      if (!a || !b) return;
-      Object.assign(this.pen, { globalAlpha: alpha, strokeStyle: colour, lineWidth: width });
-      T.stroke(this.pen, [a, b]);
+    // lines through places, as one path
+    stroke(lines, colour, width, alpha) {
+      const { pen } = this;
+      Object.assign(pen, { globalAlpha: alpha, strokeStyle: colour, lineWidth: width });
+      pen.beginPath();
+      for (const line of lines) {
+        let begun = false;
+        for (const p of line) {
+          if (p && begun) pen.lineTo(p[0], p[1]);
+          else if (p) pen.moveTo(p[0], p[1]);
+          begun = Boolean(p);
+        }
+      }
+      pen.stroke();
       this.calls++;
     }
 
-    dot(p, radius, colour, alpha) {
-      if (!p) return;
+    dots(places, radius, colour, alpha) {
       const { pen } = this;
       Object.assign(pen, { globalAlpha: alpha, fillStyle: colour });
       pen.beginPath();
-      pen.arc(...p, radius, 0, 2 * Math.PI);
+      for (const p of places) if (p) { pen.moveTo(p[0] + radius, p[1]); pen.arc(p[0], p[1], radius, 0, 2 * Math.PI); }
       pen.fill();
       this.calls++;
     }
 
-    path({ path, from, to, head }, colour) {
-      const points = [];
+    path(trail, colour) {
+      if (!trail) return;
+      const { path, from, to, head } = trail, points = [];
       for (let k = from; k <= to + 1; k++) points.push(this.view.place(k > to ? head : path.subarray(3 * k, 3 * k + 3)));
-      Object.assign(this.pen, { globalAlpha: 0.8, strokeStyle: colour, lineWidth: 1.2 });
-      T.stroke(this.pen, points);
-      this.calls++;
+      this.stroke([points], colour, 1.2, 0.8);
     }
 
     facts() { return { renderer: "2-D canvas", calls: this.calls, triangles: 0, lines: 0 }; }

@@ -1,9 +1,10 @@
-// The stage in WebGL: every kind of shape is two instanced meshes, one of the solid player and one of all ghosts.
+// The stage in WebGL: every kind of shape is an instanced mesh a player; a cell shows those of its players.
 (() => {
   const T = ((window.MBS ||= {}).theatre ||= {});
   const GHOST = 0.34; // opacity
   const MANY = 600; // instances
   const SLIM = [0.84, 0.66, 0.52]; // ghosts are thinner than the solid player, so that it hides those that agree
+  const CORE = 0.4; // the exact motion is a line inside the bars that agree with it
 
   const driver = (gl) => gl.getParameter(gl.getExtension("WEBGL_debug_renderer_info")?.UNMASKED_RENDERER_WEBGL ?? gl.RENDERER);
 
@@ -30,10 +31,9 @@
 
   T.Solid = class {
     constructor(canvas, play, view, slow) {
-      this.play = play;
-      this.view = view;
-      this.slow = slow;
+      Object.assign(this, { play, view, slow });
       this.renderer = new THREE.WebGLRenderer({ canvas, antialias: !slow, alpha: true });
+      this.renderer.autoClear = this.renderer.info.autoReset = false;
       this.scene = new THREE.Scene();
       this.light = new THREE.DirectionalLight(0xffffff, 2.1);
       this.scene.add(new THREE.HemisphereLight(0xffffff, 0x8a8f98, 1.9), this.light, this.light.target);
@@ -44,33 +44,36 @@
       };
       this.kinds = Object.keys(geometry).map((kind) => {
         const shapes = play.shapes.filter((s) => s.kind === kind);
-        const local = new Float32Array(shapes.flatMap(T.local));
-        return { kind, shapes, local, solid: this.mesh(geometry[kind], shapes.length, false), ghosts: this.mesh(geometry[kind], shapes.length * (play.players.length - 1), true) };
+        return { kind, shapes, local: new Float32Array(shapes.flatMap(T.local)), geometry: geometry[kind] };
       }).filter((k) => k.shapes.length);
-      this.colours = play.players.map((p) => new THREE.Color(p.colour));
+      this.solid = new THREE.MeshLambertMaterial();
+      this.ghost = new THREE.MeshLambertMaterial({ transparent: true, opacity: GHOST, depthWrite: false });
+      this.ink = new THREE.MeshLambertMaterial({ color: 0, depthTest: false });
+      this.sets = play.players.map((p) => this.meshes(this.kinds, this.solid, new THREE.Color(p.colour)));
+      this.exact = play.exact ? this.meshes(this.kinds.filter((k) => k.kind === "rod"), this.ink, null) : [];
+      for (const mesh of this.exact) mesh.renderOrder = 3;
       this.ground = new THREE.LineSegments(new THREE.BufferGeometry(), new THREE.LineBasicMaterial());
       this.ground.geometry.setAttribute("position", new THREE.BufferAttribute(new Float32Array(view.ground().flat(2)), 3));
       this.scene.add(this.ground);
       this.feet(play.ground);
-      this.trails = [...play.players, ...(play.exact ? [{ colour: "#000000" }] : [])].map((p) => { // the last: the exact path, in ink
+      this.trails = [...play.players, ...(play.exact ? [{ colour: "#000000" }] : [])].map((p) => { // the last: of the exact motion
         const line = new THREE.Line(new THREE.BufferGeometry(), new THREE.LineBasicMaterial({ color: p.colour, transparent: true, opacity: 0.85 }));
         line.frustumCulled = false;
         this.scene.add(line);
         return line;
       });
-      this.shown = "";
     }
 
-    mesh(geometry, count, ghost) {
-      const material = new THREE.MeshLambertMaterial(ghost ? { transparent: true, opacity: GHOST, depthWrite: false } : {});
-      const mesh = new THREE.InstancedMesh(geometry, material, Math.max(count, 1));
-      mesh.count = 0;
-      mesh.frustumCulled = false;
-      mesh.renderOrder = ghost ? 2 : 1;
-      mesh.setColorAt(0, new THREE.Color(1, 1, 1)); // makes room for colours
-      mesh.instanceMatrix.setUsage?.(35048);
-      this.scene.add(mesh);
-      return mesh;
+    meshes(kinds, material, colour) {
+      return kinds.map((kind) => {
+        const mesh = new THREE.InstancedMesh(kind.geometry, material, kind.shapes.length);
+        mesh.frustumCulled = mesh.visible = false;
+        if (colour) kind.shapes.forEach((s, k) => mesh.setColorAt(k, colour.clone().multiplyScalar(s.tint)));
+        mesh.instanceMatrix.setUsage?.(35048);
+        mesh.kind = kind;
+        this.scene.add(mesh);
+        return mesh;
+      });
     }
 
     // a small cone under every place that holds on to the ground
@@ -91,6 +94,7 @@
     }
 
     theme({ ink, muted, rule }) {
+      this.ink.emissive.set(ink);
       if (this.play.exact) this.trails[this.trails.length - 1].material.color.set(ink);
       this.ground.material.color.set(rule);
       this.foot.color.set(muted);
@@ -100,6 +104,7 @@
       this.own = this.slow ? 1 : ratio;
       this.renderer.setPixelRatio(this.own);
       this.renderer.setSize(width, height, false);
+      this.tall = height;
     }
 
     // where pixels are dear, only a picture that stands still gets many
@@ -108,51 +113,55 @@
       if (this.renderer.getPixelRatio() !== ratio) this.renderer.setPixelRatio(ratio);
     }
 
-    // instances of one player from i on; returns the next free one
-    fill(kind, mesh, i, body, slim, player, paint) {
-      const out = mesh.instanceMatrix.array, { shapes, local } = kind, colour = this.colours[player], ball = kind.kind === "ball";
-      for (let s = 0; s < shapes.length; s++, i++) {
-        const o = 12 * shapes[s].body, l = 12 * s, m = 16 * i;
-        for (let c = 0; c < 4; c++) {
-          const f = c === 3 || (c === 1 && !ball) ? 1 : slim;
-          const x = local[l + 3 * c] * f, y = local[l + 3 * c + 1] * f, z = local[l + 3 * c + 2] * f;
-          out[m + 4 * c] = body[o] * x + body[o + 3] * y + body[o + 6] * z;
-          out[m + 4 * c + 1] = body[o + 1] * x + body[o + 4] * y + body[o + 7] * z;
-          out[m + 4 * c + 2] = body[o + 2] * x + body[o + 5] * y + body[o + 8] * z;
-          out[m + 4 * c + 3] = 0;
+    // the instances of a motion, across `slim` times their width, but not too thin to be seen
+    fill(meshes, body, slim) {
+      for (const { kind, instanceMatrix } of meshes) {
+        const out = instanceMatrix.array, { shapes, local } = kind, ball = kind.kind === "ball";
+        for (let s = 0; s < shapes.length; s++) {
+          const o = 12 * shapes[s].body, l = 12 * s, m = 16 * s;
+          const wide = slim * Math.max(1, (ball ? 1.3 : 1) * this.view.least / shapes[s].radius);
+          for (let c = 0; c < 4; c++) {
+            const f = c === 3 || (c === 1 && !ball) ? 1 : wide;
+            const x = local[l + 3 * c] * f, y = local[l + 3 * c + 1] * f, z = local[l + 3 * c + 2] * f;
+            out[m + 4 * c] = body[o] * x + body[o + 3] * y + body[o + 6] * z;
+            out[m + 4 * c + 1] = body[o + 1] * x + body[o + 4] * y + body[o + 7] * z;
+            out[m + 4 * c + 2] = body[o + 2] * x + body[o + 5] * y + body[o + 8] * z;
+            out[m + 4 * c + 3] = 0;
+          }
+          out[m + 12] += body[o + 9];
+          out[m + 13] += body[o + 10];
+          out[m + 14] += body[o + 11];
+          out[m + 15] = 1;
         }
-        out[m + 12] += body[o + 9];
-        out[m + 13] += body[o + 10];
-        out[m + 14] += body[o + 11];
-        out[m + 15] = 1;
-        if (paint) {
-          const tint = shapes[s].tint;
-          mesh.instanceColor.array.set([colour.r * tint, colour.g * tint, colour.b * tint], 3 * i);
-        }
+        instanceMatrix.needsUpdate = true;
       }
-      return i;
     }
 
-    // bodies[player] are 12 numbers a body; shown[player]; solid is a player
-    draw({ motions, shown, solid, trails }) {
-      const key = shown.join() + solid, paint = key !== this.shown;
-      this.shown = key;
-      for (const kind of this.kinds) {
-        kind.solid.count = shown[solid] ? this.fill(kind, kind.solid, 0, motions[solid].body, 1, solid, paint) : 0;
-        let i = 0;
-        for (let p = 0; p < motions.length; p++) {
-          if (p !== solid && shown[p]) i = this.fill(kind, kind.ghosts, i, motions[p].body, SLIM[Math.min(this.play.players[p].rank, 2)], p, paint);
-        }
-        kind.ghosts.count = i;
-        for (const mesh of [kind.solid, kind.ghosts]) {
-          mesh.instanceMatrix.needsUpdate = true;
-          if (paint) mesh.instanceColor.needsUpdate = true;
-        }
+    // motions have 12 numbers a body; of a cell with several players all but the solid one are ghosts
+    draw({ motions, exact, cells, solid, trails }) {
+      const { renderer, view } = this, last = this.play.players.length;
+      renderer.info.reset();
+      renderer.setScissorTest(false);
+      renderer.clear();
+      renderer.setScissorTest(true);
+      this.light.position.copy(view.camera.position).addScaledVector(view.up, 0.6 * view.size);
+      this.light.target.position.copy(view.centre);
+      if (exact) this.fill(this.exact, exact.body, CORE);
+      for (const cell of cells) {
+        const ghost = (p) => cell.players.length > 1 && p !== solid;
+        for (const p of cell.players) this.fill(this.sets[p], motions[p].body, ghost(p) ? SLIM[Math.min(this.play.players[p].rank, 2)] : 1);
+        this.sets.forEach((meshes, p) => meshes.forEach((mesh) => {
+          mesh.visible = cell.players.includes(p);
+          mesh.material = ghost(p) ? this.ghost : this.solid;
+          mesh.renderOrder = ghost(p) ? 2 : 1;
+        }));
+        for (const mesh of this.exact) mesh.visible = Boolean(exact);
+        this.trails.forEach((line, p) => this.trail(line, p === last || cell.players.includes(p) ? trails[p] : null));
+        const place = [cell.x, this.tall - cell.y - cell.h, cell.w, cell.h];
+        renderer.setViewport(...place);
+        renderer.setScissor(...place);
+        renderer.render(this.scene, view.camera);
       }
-      this.trails.forEach((line, p) => this.trail(line, trails[p]));
-      this.light.position.copy(this.view.camera.position).addScaledVector(this.view.up, 0.6 * this.view.size);
-      this.light.target.position.copy(this.view.centre);
-      this.renderer.render(this.scene, this.view.camera);
     }
 
     // {path, from, to, head}: stored places from..to and then where the point is now

@@ -1,4 +1,4 @@
-// The camera of the theatre, the same for WebGL and for the flat drawing: orbit, fit, named views, labels in space.
+// The camera of the theatre, the same for WebGL and for the flat drawing and in every cell: orbit, fit, named views.
 (() => {
   const T = ((window.MBS ||= {}).theatre ||= {});
   const V = THREE.Vector3;
@@ -73,6 +73,18 @@
       this.name = name;
     }
 
+    // `count` equal cells on a canvas, each below a line for its label: as many beside each other as show most
+    cells(count, width, height, label) {
+      const front = this.front(), side = this.up.clone().cross(front), wide = this.reach(side), tall = this.reach(this.up);
+      const size = (n) => [width / n, height / Math.ceil(count / n) - label];
+      const scale = (n) => Math.min(size(n)[0] / wide, size(n)[1] / tall);
+      let best = 1;
+      for (let n = 2; n <= count; n++) if (scale(n) > scale(best) * 1.001) best = n;
+      const [w, h] = size(best).map(Math.floor);
+      this.resize(w, Math.max(h, 1));
+      return Array.from({ length: count }, (_, k) => ({ x: (k % best) * w, y: Math.floor(k / best) * (h + label) + label, w, h }));
+    }
+
     resize(width, height) {
       this.width = width;
       this.height = height;
@@ -81,10 +93,30 @@
       if (this.name) this.show(this.name);
     }
 
-    // a place in space on the canvas: [x, y] in CSS pixels, null behind the camera
+    // half the extent of the motion along a direction
+    reach(d) {
+      const size = this.high.clone().sub(this.low);
+      return 0.5 * (Math.abs(d.x * size.x) + Math.abs(d.y * size.y) + Math.abs(d.z * size.z)) || 1e-9;
+    }
+
+    // to be called before a frame's first place()
+    aim() {
+      this.camera.updateMatrixWorld();
+      (this.matrix ||= this.camera.projectionMatrix.clone()).multiplyMatrices(this.camera.projectionMatrix, this.camera.matrixWorldInverse);
+    }
+
+    // pixels a metre at the point looked at
+    get pixels() { return 0.5 * this.height / (Math.tan((FIELD * Math.PI) / 360) * this.camera.position.distanceTo(this.controls.target)); }
+
+    // radius of a bar that is still seen
+    get least() { return 2 / this.pixels; }
+
+    // a place in space in its cell: [x, y] in CSS pixels, null behind the camera
     place(p) {
-      const v = (this.scratch ||= new V()).set(p[0], p[1], p[2]).project(this.camera);
-      return v.z > 1 ? null : [(v.x + 1) * 0.5 * this.width, (1 - v.y) * 0.5 * this.height];
+      const m = this.matrix.elements, w = m[3] * p[0] + m[7] * p[1] + m[11] * p[2] + m[15];
+      if (w <= 0) return null;
+      const x = m[0] * p[0] + m[4] * p[1] + m[8] * p[2] + m[12], y = m[1] * p[0] + m[5] * p[1] + m[9] * p[2] + m[13];
+      return [(x / w + 1) * 0.5 * this.width, (1 - y / w) * 0.5 * this.height];
     }
 
     // the axes of space and gravity as the camera sees them, in a corner
@@ -109,9 +141,8 @@
       const lines = [], at = (p) => [p.x, p.y, p.z];
       if (!this.heavy) return lines;
       const front = this.front(), side = this.up.clone().cross(front);
-      const reach = (d) => 0.5 * (Math.abs(d.x) * (this.high.x - this.low.x) + Math.abs(d.y) * (this.high.y - this.low.y) + Math.abs(d.z) * (this.high.z - this.low.z));
-      const foot = this.centre.clone().addScaledVector(this.up, -reach(this.up) - 0.015 * this.size);
-      const a = reach(side) * 1.15, b = Math.max(reach(front) * 1.15, 0.28 * a), n = 12, cell = (2 * a) / n, rows = Math.max(2, Math.round((2 * b) / cell));
+      const foot = this.centre.clone().addScaledVector(this.up, -this.reach(this.up) - 0.015 * this.size);
+      const a = this.reach(side) * 1.15, b = Math.max(this.reach(front) * 1.15, 0.28 * a), n = 12, cell = (2 * a) / n, rows = Math.max(2, Math.round((2 * b) / cell));
       const corner = (x, y) => at(foot.clone().addScaledVector(side, x).addScaledVector(front, y));
       for (let k = 0; k <= n; k++) lines.push([corner(-a + k * cell, -0.5 * rows * cell), corner(-a + k * cell, 0.5 * rows * cell)]);
       for (let k = 0; k <= rows; k++) lines.push([corner(-a, (k - 0.5 * rows) * cell), corner(a, (k - 0.5 * rows) * cell)]);

@@ -1,70 +1,72 @@
-// The theatre's clock and controls: one time for the stage, the strips and the table.
+// The theatre's clock and controls: one time for the stage, the strips and the table. Runs are side by side, or in one cell.
 (async () => {
   const T = MBS.theatre, root = document.querySelector("[data-theatre]"), name = root.dataset.theatre;
   const play = MBS[name] = await MBS.unpack(MBS[name]);
   const find = (name) => root.querySelector(`[data-${name}]`);
   const players = play.players, players_ = players.map((_, k) => k);
   const canvas = find("canvas"), labels = find("labels"), scrub = find("scrub"), note = find("note");
+  const MANY = 300, NARROW = 640, ROW = 120, LABEL = 22; // shapes that are much for a processor; [px] of a canvas and its cells
   const asked = new URLSearchParams(location.hash.slice(1));
   const still = matchMedia("(prefers-reduced-motion: reduce)");
-  const state = { t: 0, playing: false, speed: 1, solid: 0, shown: players.map(() => true), trail: "short" };
+  const state = { t: 0, playing: false, speed: 1, solid: 0, shown: players.map(() => true), trail: "short", together: players.length === 1 || asked.has("overlay") };
   state.solid = Math.max(players.findIndex((p) => p.run === asked.get("solid")), 0);
 
   const motions = players.map((p) => new T.Motion(p, play));
   const paths = motions.map((m) => m.path(play.trail.body, play.trail.at));
   const heads = motions.map(() => new Float32Array(3));
-  // the exact path of a point, in ink, where the problem observes one
-  const exact = play.exact && { ...play.exact, places: Float32Array.from(MBS.numbers(play.exact.places)), head: new Float32Array(3) };
+  const exact = play.exact && new T.Motion(play.exact, play), until = play.exact?.until; // in ink, as far as it is known
+  if (exact) { paths.push(exact.path(play.trail.body, play.trail.at)); heads.push(new Float32Array(3)); }
   let dirty = true;
   const moved = () => { dirty = true; wake(); };
   const view = new T.View(canvas, play, moved);
-  for (const s of play.shapes) s.radius = Math.max(s.radius, (s.kind === "ball" ? 0.002 : 0.0016) * view.size); // seen from afar
-  const driver = asked.has("flat") ? "" : T.webgl(), flat = !driver;
-  const stage = flat ? new T.Flat(canvas, play, view) : new T.Solid(canvas, play, view, T.slow(driver));
-  find("flat").hidden = !flat;
+  const driver = asked.has("flat") ? "" : T.webgl(), slow = T.slow(driver);
+  const flat = !driver || (slow && !asked.has("solid3d") && play.shapes.length * players.length > MANY);
+  const stage = flat ? new T.Flat(canvas, play, view) : new T.Solid(canvas, play, view, slow);
+  document.querySelector("[data-flat]").hidden = !flat;
   const strips = new T.Strips(find("strips"), find("cursor"), play, (t) => { pause(); seek(t); });
 
-  const stars = players.map((p) => {
-    if (!p.stopped) return null;
-    const e = MBS.element("span", { className: "star" }, "★");
-    e.style.color = p.colour;
+  // names above their cells, where they hide no body; how a run stopped is said there and below the stage
+  const names = players.map((p) => {
+    const e = MBS.element("span", { title: `${p.solver}, ${p.settings}` }), star = MBS.element("b", { className: "star", hidden: true }, "★ ");
+    e.style.setProperty("--c", p.colour);
+    e.append(star, p.solver, MBS.element("small", {}, ` ${p.settings}`));
     labels.append(e);
     return e;
   });
-  const put = (e, at) => {
-    e.hidden = !at || at[0] < 0 || at[1] < 0 || at[0] > view.width || at[1] > view.height;
-    if (!e.hidden) e.style.transform = `translate(${at[0].toFixed(1)}px, ${at[1].toFixed(1)}px)`;
-  };
-
-  // a star where a player stopped; its words are below the stage, where they hide no body
   const stopped = find("stops");
   const mark = () => {
     const said = [];
-    stars.forEach((e, p) => {
-      if (!e) return;
-      const over = state.shown[p] && state.t >= players[p].last, own = players[p];
-      put(e, over ? view.place(heads[p]) : null);
+    players.forEach((own, p) => {
+      if (!own.stopped) return;
+      const over = state.shown[p] && state.t >= own.last;
+      names[p].firstChild.hidden = !over;
       if (over) said.push(`★ ${own.solver}, ${MBS.number(own.last, 4)} s: ${own.status.replaceAll("_", " ")}`);
     });
     if (stopped.textContent !== said.join(" ")) stopped.textContent = said.join(" ");
   };
+  let grid = [];
+  const divide = () => {
+    const box = canvas.getBoundingClientRect(), on = players_.filter((p) => state.shown[p]);
+    const each = state.together || !on.length ? [T.order(state.shown, state.solid)] : on.map((p) => [p]);
+    const single = each.length === 1 && state.together;
+    grid = view.cells(each.length, box.width, box.height, single ? 0 : LABEL).map((c, k) => ({ ...c, players: each[k] }));
+    names.forEach((e, p) => {
+      const own = single ? null : grid.find((c) => c.players[0] === p);
+      e.hidden = !own;
+      if (own) Object.assign(e.style, { left: `${own.x}px`, top: `${own.y - LABEL}px`, width: `${own.w}px` });
+    });
+  };
 
   // one frame
+  const known = () => Boolean(exact) && state.t <= until * (1 + 1e-9);
   const times = new Float64Array(120);
   let frames = 0, before = 0, waiting = 0, shownAt = 0;
-  const trailOf = (p) => {
-    if (!state.shown[p] || state.trail === "none") return null;
-    const m = motions[p], back = state.trail === "whole" ? 0 : state.t - play.t_end / 16;
+  const trailOf = (m, p) => {
+    if (!(state.shown[p] ?? known()) || state.trail === "none") return null;
+    const back = state.trail === "whole" ? 0 : state.t - play.t_end / 16;
     let from = m.k;
     while (from > 0 && m.t[from] > back) from--;
     return { path: paths[p], from, to: m.k, head: heads[p] };
-  };
-  const exactTrail = () => {
-    if (!exact || state.trail === "none" || state.t > exact.until) return null;
-    const last = exact.places.length / 3 - 1, row = (t) => Math.min(Math.max((t / exact.until) * last, 0), last);
-    const at = row(state.t), to = Math.min(Math.floor(at), last - 1), { places, head } = exact;
-    for (let c = 0; c < 3; c++) head[c] = places[3 * to + c] + (at - to) * (places[3 * to + 3 + c] - places[3 * to + c]);
-    return { path: places, from: state.trail === "whole" ? 0 : Math.floor(row(state.t - play.t_end / 16)), to, head };
   };
   const frame = (now) => {
     waiting = 0;
@@ -81,7 +83,12 @@
       motions[p].point(play.trail.body, play.trail.at, heads[p], 0);
     }
     stage.calm(!state.playing && !view.held);
-    stage.draw({ motions, shown: state.shown, solid: state.solid, trails: [...players_.map(trailOf), exactTrail()] });
+    if (known()) {
+      exact.at(state.t);
+      exact.point(play.trail.body, play.trail.at, heads[players.length], 0);
+    }
+    const trails = [...motions, ...(exact ? [exact] : [])].map(trailOf);
+    stage.draw({ motions, exact: known() ? exact : null, cells: grid, solid: state.solid, trails });
     view.point(find("compass"));
     mark();
     if (strips.left(state.t)) {
@@ -196,8 +203,9 @@
     });
     for (const b of chips) b.setAttribute("aria-pressed", String(of(b).some((p) => state.shown[p])));
     const s = players[state.solid];
-    Object.assign(find("who"), { textContent: `Solid: ${s.solver}, ${s.settings}`, style: `--c: ${s.colour}` });
-    redraw();
+    Object.assign(find("who"), { textContent: `Solid: ${s.solver}, ${s.settings}`, hidden: !state.together, style: `--c: ${s.colour}` });
+    find("together").ariaPressed = state.together;
+    fit();
   }
   function redraw() {
     strips.draw(state.shown, state.solid);
@@ -209,6 +217,7 @@
   });
   find("all").addEventListener("click", () => { state.shown.fill(true); changed(); });
   find("alone").addEventListener("click", () => { state.shown = players.map((_, p) => p === state.solid); changed(); });
+  find("together").addEventListener("click", () => { state.together = !state.together; changed(); });
   find("trail").addEventListener("change", (e) => { state.trail = e.target.value; moved(); });
   find("linear").addEventListener("click", (e) => {
     strips.linear = !strips.linear;
@@ -238,15 +247,19 @@
   });
 
   // size and theme
-  const fit = () => {
-    const ratio = Math.min(devicePixelRatio || 1, 2), box = canvas.parentElement.getBoundingClientRect();
-    view.resize(box.width, box.height);
+  function fit() {
+    const ratio = Math.min(devicePixelRatio || 1, 2), room = canvas.parentElement, on = state.shown.filter(Boolean).length;
+    const narrow = root.clientWidth < NARROW && !state.together; // a phone: as tall as its cells need
+    room.style.minHeight = narrow ? `${Math.ceil(on / 2) * ROW}px` : "";
+    room.closest(".stage").classList.toggle("tall", narrow);
+    const box = room.getBoundingClientRect();
     stage.resize(box.width, box.height, ratio);
+    divide();
     const own = find("strips").parentElement.getBoundingClientRect();
     strips.resize(own.width, own.height, Math.max(ratio, 1));
     strips.seek(state.t);
     redraw();
-  };
+  }
   const theme = () => {
     const colours = Object.fromEntries(["ink", "muted", "rule", "card"].map((c) => [c, MBS.colour(`--${c}`)]));
     stage.theme(colours);
@@ -254,10 +267,9 @@
   };
   MBS.onTheme(() => { theme(); redraw(); });
   theme();
-  new ResizeObserver(fit).observe(root);
-  fit();
   view.show(asked.get("view") in { front: 1, side: 1, above: 1, oblique: 1 } ? asked.get("view") : "start");
   changed();
+  new ResizeObserver(fit).observe(root);
   document.querySelector("[data-renderer]").textContent = stage.facts().renderer;
   addEventListener("hashchange", () => {
     const t = Number(new URLSearchParams(location.hash.slice(1)).get("t"));

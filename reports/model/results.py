@@ -155,8 +155,8 @@ class Results:
         number = Counter(run.record.label for run in self.runs)
         return tuple(sorted(number, key=lambda k: (-number[k], k)))
 
-    def series(self, run: Run) -> Series | None:
-        return store.series_of(self.folder, run.record)
+    def series(self, run: Run, *, poses: bool = True) -> Series | None:
+        return store.series_of(self.folder, run.record, poses=poses)
 
     def readable_series(self, run: Run) -> Series | None:
         """None where the file is damaged, too: the figure says so."""

@@ -1,6 +1,6 @@
 """What a page of the report's site is made with, and all that a page module needs to know.
 
-A module of ``reports/pages/`` (or ``reports/<package>/page.py``) that has a function ::
+A module of a folder in ``reports/pages/`` that has a function ::
 
     def write(run: Run, site: Site) -> Page | None
 
@@ -15,7 +15,7 @@ it comes with a head, the navigation, the theme, and a footer that says where th
 Pages are rendered after all modules have run, so each may ask whether another one exists. In templates:
 
 - ``url(x)`` of a run, a variant, or a solver's name: its address from the top folder. ``{{ root }}`` before it leads
-  there ("" at the top, "../" in a subfolder). ``exists("theatre-chain.html")``; ``pages``: all, in order.
+  there ("" at the top, "../" in a subfolder). ``exists("theatre-chain.html")``; ``pages``: the navigation, in order.
 - ``{% import "marks.html" as marks with context %}``: ``marks.status(run)`` (symbol, word, colour: wrong ones loud),
   ``marks.solver(name)`` (with its colour), ``marks.run(run)`` (a link with its settings and its mark),
   ``marks.table(label, heads, class)`` called with a table's rows,
@@ -49,7 +49,7 @@ from ..model import words
 from ..model.accuracy import energy_kind
 from ..model.glossary import term
 from ..model.provenance import cautions, facts, packages, stamp
-from ..model.results import Results, Run, Variant, slug
+from ..model.results import Results, Run, Variant, grouped, slug
 from ..model.scores import score
 from ..plots.browser import bundle, for_browser, script
 from ..plots.palette import Look, looks
@@ -138,11 +138,11 @@ class Site:
     def finish(self) -> None:
         """Render what was handed over."""
         environment = self._environment()
-        pages = self.pages()
-        self.data("pages", [[p.title, p.file] for p in pages if p.nav and p.file != "index.html"])
+        nav = [p for p in self.pages() if p.nav]
+        self.data("pages", [[p.title, p.file] for p in nav if p.file != "index.html"])
         for page, template, values in self._pending.values():
             scripts = ["assets/site.js", *(["data/pages.js"] if page.root else []), *values["scripts"]]
-            given = {**values, "scripts": scripts, "page": page, "root": page.root, "pages": pages}
+            given = {**values, "scripts": scripts, "page": page, "root": page.root, "pages": nav}
             path = self.folder / page.file
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(environment.get_template(template).render(given), encoding="utf-8")
@@ -156,6 +156,7 @@ class Site:
         environment = Environment(loader=FileSystemLoader(FOLDER / "templates"), autoescape=True,
                                   undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)  # fmt: skip
         slugs = {p.title: p.slug for p in self.results.variants}
+        related = grouped(self.pages(), lambda p: p.about)
         environment.globals.update({k: getattr(words, k) for k in SPEAKING})
         environment.globals.update(
             results=self.results, looks=self.looks, url=self.url, exists=self._pending.__contains__,
@@ -163,7 +164,7 @@ class Site:
             stamp=stamp(self.results), facts=facts(self.results), cautions=cautions(self.results),
             packages=packages(self.results), nan=float("nan"), num=_num, energy_kind=energy_kind, score_of=score,
             slug_of=lambda run: slugs[run.variant], term=term,
-            related=lambda about: [p for p in self.pages() if p.about and p.about == about],
+            related=lambda about: related.get(about, []),
         )  # fmt: skip
         return environment
 
@@ -176,8 +177,8 @@ def _num(value: float | None, show: Callable[[float], str] = words.number) -> Ma
 
 def writers() -> Iterator[tuple[str, Callable[[Results, Site], Page | None]]]:
     """Every ``write`` of the page modules: smallest ``RANK`` of the module first (0 without one), then by name."""
-    found = pkgutil.iter_modules([str(FOLDER / "pages")])
-    modules = [importlib.import_module(f".{m.name}", __package__) for m in found]
+    found = pkgutil.walk_packages([str(FOLDER / "pages")], f"{__package__}.")
+    modules = [importlib.import_module(m.name) for m in found]
     for module in sorted(modules, key=lambda m: (getattr(m, "RANK", 0), m.__name__)):
         if hasattr(module, "write"):
             yield module.__name__, module.write

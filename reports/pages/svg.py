@@ -10,6 +10,8 @@ from markupsafe import Markup
 from ..model.words import number
 
 FLAT = 0.01  # relative: a smaller change is not drawn as one
+LETTER = 7.0  # [px] width of a letter of a name, at most
+TURNS = [math.copysign(k, s) * math.pi / 8.0 for k in range(9) for s in (1, -1)]  # from downwards on, either way
 STEEP = 30.0  # values further apart than this factor are drawn on a logarithmic line
 
 
@@ -161,8 +163,20 @@ def sketch(lines: np.ndarray, joints: np.ndarray, ground: np.ndarray, arrows: Se
         dx, dy = 26.0 * float(way[0]), -26.0 * float(way[1])
         parts += [_line(f"arrow a{k}", x, x + dx, y, y + dy), _tag("circle", "tip", cx=x + dx, cy=y + dy, r=2.2),
                   _text("letter", x + 1.45 * dx, y + 1.45 * dy + 4.0, name, "middle")]  # fmt: skip
-    parts += [_text("name", x, y + 24.0, name, "middle") for name, (x, y) in ((n, at(p)) for n, p in names)]
+    ink = np.array([at(p + u * (q - p)) for p, q in lines for u in np.linspace(0.0, 1.0, 50)]).reshape(-1, 2)
+    for name, p in names:
+        x, y = _beside(np.array(at(p)), name, ink)
+        parts.append(_text("name", x, y + 4.0, name, "middle"))
     return _drawing("sketch", width, height, words, parts)
+
+
+def _beside(at: np.ndarray, name: str, ink: np.ndarray) -> tuple[float, float]:
+    """The place nearest to ``at`` where a name hides nothing of ``ink``, below if it can be; below if there is none."""
+    half = np.array([LETTER * len(name) / 2.0 + 5.0, 11.0])
+    places = [at + r * np.array([math.sin(a), math.cos(a)]) for r in range(16, 80, 4) for a in TURNS]
+    free = (x for x in places if not np.any(np.all(np.abs(ink - x) < half, axis=1)))
+    x, y = next(free, places[0])
+    return float(x), float(y)
 
 
 def _star(x: float, y: float, colour: str) -> Markup:

@@ -30,7 +30,7 @@ def bundle(name: str, value: Any) -> str:
     parts = bytearray()
     head = text(_leaves(value, parts)).encode("utf-8")
     whole = len(head).to_bytes(4, "little") + head + parts
-    return script(name, {"packed": base64.b64encode(zlib.compress(whole, 9)).decode("ascii")})
+    return script(name, {"packed": base64.b64encode(zlib.compress(whole, 6)).decode("ascii")})
 
 
 class Steps:

@@ -1,7 +1,7 @@
 """A colour and a marker for each solver, a dash for each of its settings: the same in every figure and table.
 
 A colour follows from the solver's name and the catalogue, not from who else took part, so that it is the same in every
-run. Solvers from plug-ins have colours that no shipped one has.
+run. Solvers from plug-ins have colours that no shipped one has; engines of others share a marker that no solver has.
 """
 
 import hashlib
@@ -20,8 +20,10 @@ OTHERS = (
     "#999933", "#8A8A8A", "#9600FF", "#FF0FFF", "#C30096", "#7878FF", "#FF1E69", "#78691E", "#875A96", "#005AFF",
     "#D278FF", "#00B400", "#B43C4B", "#007800", "#C33CE1", "#1E7869", "#FF5AC3", "#A596E1",
 )  # fmt: skip
+ENGINES = ("#698700", "#6978C3", "#D24B87", "#F000A5", "#FF6987", "#696978")
 PLUGINS = ("#1E96B4", "#FF784B", "#784BD2", "#C39678", "#0096FF", "#E10000", "#A5695A", "#A569D2")
 MARKERS = ("o", "P", "s", "^", "v", "D", "h", "p")
+ENGINE = "<"  # the marker of engines
 DASHES: tuple[tuple[float, Sequence[float]], ...] = ((0, ()), (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 CATALOGUE = Path(__file__).resolve().parents[2] / "solvers"
 
@@ -36,10 +38,12 @@ class Look:
 
 @cache
 def shipped() -> dict[str, Look]:
-    """The catalogue's: the paper's solvers first, then the others by name."""
+    """The catalogue's: the paper's solvers first, then the others by name; and its engines."""
     others = sorted({p.stem for p in CATALOGUE.glob("[!_]*.py")} - set(PAPER))
     colours = {**PAPER, **{name: OTHERS[k % len(OTHERS)] for k, name in enumerate(others)}}
-    return {name: Look(colour, MARKERS[k % len(MARKERS)]) for k, (name, colour) in enumerate(colours.items())}
+    own = {name: Look(colour, MARKERS[k % len(MARKERS)]) for k, (name, colour) in enumerate(colours.items())}
+    engines = sorted(p.stem for p in (CATALOGUE / "engines").glob("[!_]*.py"))
+    return own | {name: Look(ENGINES[k % len(ENGINES)], ENGINE) for k, name in enumerate(engines)}
 
 
 def looks(solvers: Iterable[str]) -> dict[str, Look]:

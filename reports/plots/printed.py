@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import MaxNLocator
 
-from .palette import DASHES, Look
+from .palette import DASHES, ENGINE, Look
 from .spec import Axis, Plot, Trace
 from .style import DOUBLE, INK, MUTED, PAPER, SINGLE, log_axis, mark_end, plain, sheet
 
@@ -153,7 +153,9 @@ def _handles(traces: Sequence[Trace], looks: Mapping[str, Look], wrap: int, most
         t = named[name]
         look = looks.get(t.solver, INKED)
         style = _style(t, look) | ({} if t.solver or t.hollow else {"marker": ""})
-        out.append(Line2D([], [], **style, label=fill(plain(name), wrap)))
+        words = f"{plain(name)} (engine)" if look.marker == ENGINE else plain(name)
+        out.append(Line2D([], [], **style, label=fill(words, wrap)))
+    out.sort(key=lambda h: str(h.get_label()).endswith("(engine)"))
     for symbol, kind, text in (("*", "failed", "stopped early"), ("X", "wrong", "false success")):
         if any(kind in t.ends for t in traces):
             out.append(Line2D([], [], color=PAPER, marker=symbol, linestyle="", label=text, markersize=7,

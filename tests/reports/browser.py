@@ -35,6 +35,33 @@ BECOME = "import os, sys; r, w = map(int, sys.argv[1:3]); r, w = os.dup(os.dup(r
     "os.dup2(r, 3); os.dup2(w, 4); os.execv(sys.argv[3], sys.argv[3:])"  # fmt: skip
 PATIENCE = 60.0  # [s] for one answer: the machine may be busy
 LOCAL = ("file:", "data:", "blob:", "about:")
+OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
+OPEN = "document.querySelectorAll('details').forEach((e) => { e.open = true; })"
+# text that is too pale on what is behind it (WCAG AA)
+PALE = """
+(() => {
+  const numbers = (c) => c.match(/[\\d.]+/g).map(Number);
+  const linear = (v) => (v / 255 <= 0.04045 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4);
+  const light = (c) => 0.2126 * linear(c[0]) + 0.7152 * linear(c[1]) + 0.0722 * linear(c[2]);
+  const behind = (e) => {
+    for (; e; e = e.parentElement) {
+      const c = numbers(getComputedStyle(e).backgroundColor);
+      if (c.length < 4 || c[3] === 1) return c;
+    }
+    return [255, 255, 255];
+  };
+  const says = (e) => [...e.childNodes].some((n) => n.nodeType === 3 && n.data.trim()) && e.getClientRects().length;
+  const out = [];
+  for (const e of document.querySelectorAll("main *, nav *, footer *")) {
+    if (e.closest("svg") || !says(e)) continue;
+    const style = getComputedStyle(e), [a, b] = [light(numbers(style.color)), light(behind(e))];
+    const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05), size = parseFloat(style.fontSize);
+    const large = size >= 24 || (size >= 18.66 && Number(style.fontWeight) >= 700);
+    if (ratio < (large ? 3 : 4.5)) out.push(`${e.tagName}.${e.className} ${ratio.toFixed(2)}`);
+  }
+  return out;
+})()
+"""
 SETTLED = "new Promise(f => requestAnimationFrame(() => requestAnimationFrame(() => f(true))))"
 
 

@@ -132,3 +132,30 @@ def browser():
         pytest.fail(absent) if os.environ.get("CI") else pytest.skip(absent)
     with Browser() as running:
         yield running
+
+
+@pytest.fixture
+def report(built):
+    """The folder of its pages."""
+    return built[0] / "report"
+
+
+@pytest.fixture(scope="session")
+def matrices(tmp_path_factory):
+    """Four problems, one without a run of beta, under two labels; a variant that must change nothing."""
+    folder = tmp_path_factory.mktemp("matrices")
+    ends = {"far": ("success", 3e-2, 9.0), "near": ("success", 5e-9, 0.05), "stuck": ("diverged", 1e-12, 0.0)}
+    for k, (name, (status, size, cpu)) in enumerate(ends.items()):
+        own = {"problem": name, "section": f"Sect. {k}", "position_error_max_m": size, "cpu_median_s": cpu}
+        put(folder, record(f"a{k}", "alpha", status, message="lost", **own | {"cpu_median_s": cpu or 0.2}),
+            series(size=size))  # fmt: skip
+        put(folder, record(f"b{k}", "beta", **own | {"position_error_max_m": 1.0 / (k + 1)}), series())
+    put(folder, record("a3", "alpha", "wrong", problem="off", section="Sect. 3", position_error_max_m=1e-5,
+                       wrong_because=because("far off")), series())  # fmt: skip
+    for k, name in ((0, "far"), (1, "near"), (3, "off")):
+        put(
+            folder,
+            record(f"c{k}", problem=name, section=f"Sect. {k}", label="map", dt_s=0.1,
+                           position_error_max_m=4.0 - k), series())  # fmt: skip
+    store.write_text(folder / "environment.json", "{}")
+    return site.build(folder)

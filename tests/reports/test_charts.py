@@ -11,11 +11,13 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from mbsbench.reports.model import curves
 from mbsbench.reports.model.motion import motion_of
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.pages.growth import growths
+from mbsbench.reports.pages.judged.growth import growths
 from mbsbench.reports.plots import palette, style
 from mbsbench.reports.plots.browser import LOG_STEP, STEPS, Steps, bundle, for_browser, script, text
 from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, observables
 from mbsbench.reports.plots.lines import MOST, lines_of, traces
+from mbsbench.reports.plots.printed import Legend
+from mbsbench.reports.plots.spec import Trace
 from mbsbench.reports.plots.work import work_chapter
 
 from .bundles import opened
@@ -52,6 +54,17 @@ def test_colours_of_plug_ins_are_those_of_no_shipped_solver():
     assert len({k.colour for k in own.values()} | {k.colour for k in shipped.values()}) == len(shipped) + 8
     together = palette.looks(["aaa", *shipped, "zzz"])
     assert all(together[name] == look for name, look in shipped.items())
+
+
+def test_engines_have_a_marker_of_their_own():
+    """Whether it is installed or not: what is not ours is seen at a glance, in pictures for papers too."""
+    looks = palette.looks([*CATALOGUE, "mine", "mujoco", "exudyn"])
+    assert {name for name, look in looks.items() if look.marker == palette.ENGINE} == {"mujoco", "exudyn"}
+    x = np.array([1.0, 2.0])
+    traces = [Trace(name, x, x, solver=name, mode="lines+markers") for name in ("mujoco", "gc_weak_form")]
+    handles = Legend.of(traces, looks, wide=True).handles
+    assert [h.get_label() for h in handles] == ["gc_weak_form", "mujoco (engine)"]
+    assert [h.get_marker() == palette.ENGINE for h in handles] == [False, True]
 
 
 def test_the_reference_is_drawn_to_its_horizon(tmp_path):

@@ -202,8 +202,8 @@ def test_page_modules_are_found_and_late_ones_come_last():
     """No list to edit: what has a ``write`` is a page; runs need what problems left for them."""
     names = [name for name, _ in base.writers()]
     assert {
-        "mbsbench.reports.pages.overview",
-        "mbsbench.reports.pages.problems",
-        "mbsbench.reports.pages.runs",
+        "mbsbench.reports.pages.runs.overview",
+        "mbsbench.reports.pages.runs.problems",
+        "mbsbench.reports.pages.runs.runs",
     } <= set(names)
-    assert names.index("mbsbench.reports.pages.runs") > names.index("mbsbench.reports.pages.problems")
+    assert names.index("mbsbench.reports.pages.runs.runs") > names.index("mbsbench.reports.pages.runs.problems")

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from ....harness.results.series import Series
 from ...model.results import Results, Run, Variant, by_solver
 from ...plots.palette import Look
-from ..paths import PointPath, longest, path_of
 from .cast import cast
 from .poses import Box, Poses, box_of, columns, enough, finite, off, positions, quaternions, rounded, thinned
 from .shapes import Shape, ends, ground_points, shapes_of
@@ -20,7 +19,6 @@ from .strips import EVENTS, SPANS, Strip, known, marks_of, strips_of
 POSE_BYTES = 4_500_000  # of all players of a page, before compression
 BODY_BYTES = 14  # three int16 and four
 MOST_POSES = 2000  # as many as are stored
-EXACT = 3000  # places of an exact path
 VIEWS = 60  # poses from which the camera's box is taken
 FEW = 0.2  # [of POSE_BYTES] below, strips too are coarser
 LONG = 3000  # [rows] of a series that needs the finer strips
@@ -79,29 +77,41 @@ def scene(
         "gravity": gravity.tolist(), "normal": _normal(lead), "low": stage.low.tolist(), "high": stage.high.tolist(),
         "middle": (0.5 * (box.low + box.high)).tolist(), "quantum": box.quantum.tolist(),
         "ground": ground.tolist(), "shapes": shapes, "trail": _trail(lead, shapes), "spans": spans, "strips": kinds,
-        "exact": _exact(longest(path_of(p.series) for p in cast_), t_end),
+        "exact": _exact(exact_of(cast_), box, body),
         "players": [_player(p, box, body, at_most, (t_end, spans), looks, rank, kinds) for p in cast_],
         "marks": [m for k, p in enumerate(cast_) for m in marks_of(p.series, p.run, k)],
         "events_cut": any(len(p.series.events) > EVENTS for p in cast_),
     }  # fmt: skip
 
 
-def _exact(path: PointPath | None, t_end: float) -> dict[str, Any] | None:
-    """The exact path of a point that the problem observes, at even times."""
-    if path is None:
+def exact_of(cast_: Sequence[Player]) -> Poses | None:
+    """The exact motion, of the run beside which it is known for the longest time."""
+    found = [p.series for p in cast_ if "exact_t" in p.series]
+    known = [finite(Poses(s["exact_t"], s["exact_r"], s["exact_q"])) for s in found]
+    alike = [e for e in known if len(e) and e.r.shape[1:] == cast_[0].poses.r.shape[1:]]
+    return max(alike, key=lambda e: float(e.t[-1]), default=None)
+
+
+def _exact(poses: Poses | None, box: Box, body: float) -> dict[str, Any] | None:
+    if poses is None:
         return None
-    t = np.linspace(0.0, min(t_end, float(path.exact_t[-1])), EXACT)
-    return {"name": path.name, "until": float(t[-1]), "places": path.exact_at(t).ravel()}
+    kept, _ = _packed(poses, box, body, MOST_POSES)
+    return {**kept, "until": float(poses.t[-1])}
+
+
+def _packed(poses: Poses, box: Box, body: float, at_most: int) -> tuple[dict[str, Any], Int[np.ndarray, " n"]]:
+    """Poses as a page holds them, and which ones."""
+    rows = enough(poses, at_most, body)
+    kept = poses.at(rows)
+    both = np.concatenate((positions(kept.r, box), quaternions(kept.q)), axis=-1)
+    return {"t": kept.t, "poses": columns(both.reshape(len(kept), -1)), "frames": len(kept)}, rows
 
 
 def _player(
     p: Player, box: Box, body: float, at_most: int, axis: tuple[float, int], looks: Mapping[str, Look],
     rank: Mapping[str, int], kinds: Sequence[Strip],
 ) -> dict[str, Any]:  # fmt: skip
-    rows = enough(p.poses, at_most, body)
-    kept = p.poses.at(rows)
-    n, bodies = len(kept), kept.r.shape[1]
-    both = np.concatenate((positions(kept.r, box), quaternions(kept.q)), axis=-1)
+    kept, rows = _packed(p.poses, box, body, at_most)
     distance, angle = off(p.poses, rows)
     strips = rounded(strips_of(p.series, p.run, *axis, kinds))
     return {
@@ -109,8 +119,7 @@ def _player(
         "status": p.run.status, "because": "; ".join(p.run.reasons)[:400],
         "run": p.run.record.run_id, "colour": looks[p.run.record.solver].colour, "rank": rank[p.run.record.run_id],
         "stopped": p.run.stopped, "last": float(p.series["t"][-1]),
-        "t": kept.t, "poses": columns(both.reshape(n, bodies * 7)),
-        "frames": n, "stored": len(p.poses), "off_m": distance, "off_rad": angle,
+        **kept, "stored": len(p.poses), "off_m": distance, "off_rad": angle,
         "strips": strips.ravel(),
     }  # fmt: skip
 

@@ -134,12 +134,35 @@ def test_thinning_keeps_every_peak():
     assert np.array_equal(rows_to_keep(10, a[:10]), np.arange(10))
 
 
+def bar(t: np.ndarray, angle: np.ndarray) -> States:
+    """A bar of 1 m about its end, at ``angle`` from OX in the plane OXY."""
+    c, s, zero = np.cos(angle), np.sin(angle), 0.0 * t
+    R = np.stack((c, -s, zero, s, c, zero, zero, zero, zero + 1.0), axis=-1).reshape(-1, 1, 3, 3)
+    r = 0.5 * R[..., 0]
+    return States(r, R, 0.0 * r, 0.0 * r)
+
+
 def test_frames_are_spread_over_time():
     """A run that crawls at its end must not have all its frames there."""
     t = np.concatenate((np.linspace(0.0, 1.0, 5000), 1.0 + np.linspace(1e-9, 1e-6, 50_000)))
-    frames = t[frames_to_keep(t, 100)]
+    frames = t[frames_to_keep(t, bar(t, 3.0 * t), 0.5, 100)]
     assert frames[0] == 0.0 and frames[-1] == t[-1]
-    assert 95 <= len(frames) <= 101 and np.max(np.diff(frames)) < 0.011
+    assert 95 <= len(frames) <= 102 and np.max(np.diff(frames)) < 0.011
+
+
+def test_a_whip_is_drawn_to_a_hundredth_of_the_body():
+    """Three turns in a fiftieth of the time: chords between frames even in time leave the end by a tenth of the bar."""
+    t = np.linspace(0.0, 10.0, 20_001)
+    states = bar(t, 0.3 * np.sin(t) + 6.0 * np.pi / (1.0 + np.exp(-(t - 5.0) / 0.02)))
+
+    def off(kept):
+        end = 2.0 * states.r[:, 0]
+        chords = np.stack([np.interp(t, t[kept], x) for x in end[kept].T], axis=-1)
+        return np.max(np.linalg.norm(chords - end, axis=-1))
+
+    kept = frames_to_keep(t, states, 0.5, 300)
+    assert len(kept) <= 300 and off(kept) < 0.01
+    assert off(np.linspace(0, 20_000, 300).astype(int)) > 0.1
 
 
 def test_chaos_is_not_held_against_a_solver(monkeypatch):

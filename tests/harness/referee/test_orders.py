@@ -15,7 +15,7 @@ from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify
 from mbsbench.harness.results.judgements import ORDERS, as_text, read
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
-from mbsbench.reports.pages.orders import words
+from mbsbench.reports.pages.judged.orders import words
 
 from .synthetic import bare
 

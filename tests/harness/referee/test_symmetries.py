@@ -16,7 +16,7 @@ from mbsbench.harness.results.judgements import Unjudged
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.types import Law
-from mbsbench.reports.pages.scorecard import words
+from mbsbench.reports.pages.judged.scorecard import words
 
 from .synthetic import altered, bare
 

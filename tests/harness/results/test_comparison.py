@@ -42,7 +42,8 @@ def test_runs_that_come_and_go_are_named():
 def test_of_two_results_of_a_run_the_newest_counts():
     """A resumed folder holds those of older code too, in no order."""
     old, new = (
-        dataclasses.replace(BASE, run_id=x, finished=x, phi_max=y) for x, y in (("2026-01-01", 9.0), ("2026-01-02", 1.0))
+        dataclasses.replace(BASE, run_id=x, finished=x, phi_max=y)
+        for x, y in (("2026-01-01", 9.0), ("2026-01-02", 1.0))
     )
     for folder in ([old, new], [new, old]):
         assert compare(folder, [new]).same and not compare(folder, [old]).same

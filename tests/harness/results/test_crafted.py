@@ -168,7 +168,8 @@ def test_a_bad_folder_beside_ours_ends_no_run(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "arrays", [{"t": np.zeros(3)}, {"t": np.zeros((2, 2))}, {"t": np.zeros(1), "r": np.zeros((1, 5, 3))}, {"evil": np.zeros(1)}]
+    "arrays",
+    [{"t": np.zeros(3)}, {"t": np.zeros((2, 2))}, {"t": np.zeros(1), "r": np.zeros((1, 5, 3))}, {"evil": np.zeros(1)}],
 )
 def test_what_a_solver_hands_over_is_of_its_problem(tmp_path, arrays):
     """The file is the solver's process's: nothing in it is believed."""

@@ -28,8 +28,8 @@ def folder(place, name, commit, started, cpu="one", **specs: tuple[str, float, f
         store.write_record(
             run,
             RunRecord(
-                run_id=f"{commit}{n}", settings_id=settings, case=f"p s[{settings}]", problem="p", solver="s", status=status,
-                commit=commit, energy_drift_max_J=drift, cpu_min_s=seconds,
+                run_id=f"{commit}{n}", settings_id=settings, case=f"p s[{settings}]", problem="p", solver="s",
+                status=status, commit=commit, energy_drift_max_J=drift, cpu_min_s=seconds,
             ),
         )  # fmt: skip
     store.write_text(run / "environment.json", json.dumps({"started": started, "cpu": cpu}))

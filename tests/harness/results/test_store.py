@@ -177,7 +177,12 @@ def test_digest_covers_all_that_a_run_runs():
         (sys.executable, "-c", code), cwd=environment.ROOT, capture_output=True, text=True, check=True
     )
     loaded = {p for f in done.stdout.split() if (p := Path(f).relative_to(environment.ROOT)).name != "__init__.py"}
-    arranging = {"store.py", "environment.py", "protocol.py", "cache.py"}  # where results go and come from, not what they are
+    arranging = {
+        "store.py",
+        "environment.py",
+        "protocol.py",
+        "cache.py",
+    }  # where results go and come from, not what they are
     shaping = [environment.ROOT / s for s in environment.SHAPING]
     left_out = {p.name for p in loaded if not any((environment.ROOT / p).is_relative_to(s) for s in shaping)}
     assert left_out == arranging

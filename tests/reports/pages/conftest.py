@@ -7,8 +7,10 @@ from pathlib import Path
 import pytest
 
 from mbsbench.reports.model.results import Results, read_results
-from mbsbench.reports.pages import atlas, certificates, claims, history, work
 from mbsbench.reports.pages.base import FOLDER, Site
+from mbsbench.reports.pages.change import history
+from mbsbench.reports.pages.judged import certificates, claims, work
+from mbsbench.reports.pages.runs import atlas
 
 from ..conftest import every_kind
 from .synthetic import judge

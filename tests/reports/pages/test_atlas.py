@@ -9,8 +9,8 @@ import pytest
 from mbsbench.harness.results.records import reasons_json
 from mbsbench.harness.types import Law, Reason
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.pages.atlas import broken, groups, survival, zoom
-from mbsbench.reports.pages.causes import CAUSES, autopsy, usual_step
+from mbsbench.reports.pages.runs.atlas import broken, groups, survival, zoom
+from mbsbench.reports.pages.runs.causes import CAUSES, autopsy, usual_step
 from mbsbench.reports.pages.svg import ticks
 from mbsbench.reports.plots.palette import looks
 

@@ -9,8 +9,8 @@ from msgspec.structs import replace
 
 from mbsbench.harness.results.judgements import Verdict
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.pages.compare import changes, write_compare
-from mbsbench.reports.pages.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work
+from mbsbench.reports.pages.change.compare import changes, write_compare
+from mbsbench.reports.pages.change.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work
 
 from ..bundles import opened
 from ..conftest import HOSTILE, because, every_kind, put, record, series

@@ -6,8 +6,8 @@ import math
 import pytest
 
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.pages import history
-from mbsbench.reports.pages.history import gather, lines, moments, moved
+from mbsbench.reports.pages.change import history
+from mbsbench.reports.pages.change.history import gather, lines, moments, moved
 from mbsbench.reports.pages.svg import sparkline
 
 from ..conftest import HOSTILE, put, record, series

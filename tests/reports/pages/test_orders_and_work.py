@@ -8,13 +8,13 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.pages.certificates import tally
-from mbsbench.reports.pages.drifts import common_scale, parted, parts
+from mbsbench.reports.pages.judged.certificates import tally
+from mbsbench.reports.pages.judged.drifts import common_scale, parted, parts
+from mbsbench.reports.pages.judged.orders import EARLY, FLOORED, USED, certificates, glance
+from mbsbench.reports.pages.judged.scorecard import card
+from mbsbench.reports.pages.judged.work import plots_of, work_at
+from mbsbench.reports.pages.judged.work_points import fields, profiles
 from mbsbench.reports.pages.judgement import links_of
-from mbsbench.reports.pages.orders import EARLY, FLOORED, USED, certificates, glance
-from mbsbench.reports.pages.scorecard import card
-from mbsbench.reports.pages.work import plots_of, work_at
-from mbsbench.reports.pages.work_points import fields, profiles
 from mbsbench.reports.plots.work import Profile, profile_plot, steps_of
 
 from ..conftest import every_kind

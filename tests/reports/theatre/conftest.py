@@ -7,8 +7,8 @@ import pytest
 
 from mbsbench.harness.results.series import Series
 from mbsbench.reports.model.results import read_results
-from mbsbench.reports.pages import theatre as page
 from mbsbench.reports.pages.base import FOLDER, Site
+from mbsbench.reports.pages.runs import theatre as page
 
 from ..conftest import HOSTILE, because, put, record
 
@@ -22,15 +22,24 @@ def about_z(angle: np.ndarray) -> np.ndarray:
     return np.stack((zero, zero, np.sin(angle / 2), np.cos(angle / 2)), axis=-1)
 
 
-def two_bars(n=400, t_end=2.0, *, stretch=1.0, size=1e-3, events=(), bar="bar") -> Series:
+def two_bars(n=400, t_end=2.0, *, stretch=1.0, size=1e-3, events=(), bar="bar", exact=False) -> Series:
     """A double pendulum in OXY at angles of our own; the energy error has one sharp peak at a quarter of the time."""
     t = np.linspace(0.0, t_end, n)
     angle = np.stack((-1.0 + np.sin(4.0 * t), -1.5 + np.sin(5.0 * t)), axis=-1)
-    along = stretch * np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=-1)
-    r = np.stack((0.5 * along[:, 0], along[:, 0] + 0.5 * along[:, 1]), axis=1)
     error = size * np.sin(3.0 * t)
     error[n // 4] = -20.0 * size
-    return series(t, r, about_z(angle), JOINTS, error, (0.0, -9.81, 0.0), events, (f"{bar} 1", f"{bar} 2"))
+    out = series(t, *bars(angle, stretch), JOINTS, error, (0.0, -9.81, 0.0), events, (f"{bar} 1", f"{bar} 2"))
+    if exact:  # it swings apart from the run, known for three quarters of the time
+        k = 3 * n // 4
+        other = series(t, *bars(angle - 0.3 * t[:, None]), JOINTS, error)
+        out.arrays.update({f"exact_{name}": other[f"frame_{name}"][:k] for name in ("t", "r", "q")})
+    return out
+
+
+def bars(angle: np.ndarray, stretch: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and quaternions of two bars at ``angle`` from OX, the second on the end of the first."""
+    along = stretch * np.stack((np.cos(angle), np.sin(angle), np.zeros_like(angle)), axis=-1)
+    return np.stack((0.5 * along[:, 0], along[:, 0] + 0.5 * along[:, 1]), axis=1), about_z(angle)
 
 
 def series(t, r, q, joints, error, gravity=(0.0, 0.0, -9.81), events=(), names=("body",)) -> Series:
@@ -59,7 +68,7 @@ def staged(tmp_path_factory):
     """The run and the folder of its theatres."""
     folder = tmp_path_factory.mktemp("theatre")
     event = {"kind": "singular passage", "t": 0.5, "smallest_singular_value": 1e-4, "note": HOSTILE}
-    put(folder, record("a1"), two_bars())
+    put(folder, record("a1"), two_bars(exact=True))
     put(folder, record("a2", "beta", dt_s=0.02), two_bars(size=0.1, events=[event, {"kind": "no time"}]))
     put(folder, record("a3", "gamma", "diverged", label="as printed", message=f"lost {HOSTILE}", t_reached_s=0.8),
         two_bars(160, 0.8, size=0.3))  # fmt: skip

@@ -8,7 +8,7 @@ from mbsbench.reports.mechanism.theatre.scene import players, scene
 from mbsbench.reports.mechanism.theatre.shapes import shapes_of
 from mbsbench.reports.mechanism.theatre.strips import STRIPS, marks_of, strip, strips_of
 from mbsbench.reports.model.results import Run
-from mbsbench.reports.pages.theatre import fair
+from mbsbench.reports.pages.runs.theatre import fair
 
 from ..conftest import HOSTILE, record
 from .conftest import held, two_bars

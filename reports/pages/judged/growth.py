@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from ..model.motion import bodies_in
-from ..model.results import Results, Run, grouped
-from ..model.words import seconds
-from ..plots.spec import Axis, Plot, Trace
-from .base import Page, Site
+from ...model.motion import bodies_in
+from ...model.results import Results, Run, grouped
+from ...model.words import seconds
+from ...plots.spec import Axis, Plot, Trace
+from ..base import Page, Site
 
 SIZES = 3  # a slope from two sizes would be no evidence
 

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
-from ...harness.results.comparison import METRICS, Change, Likeness, compare
-from ...harness.results.judgements import Claim, Verdict
-from ...harness.results.records import RunRecord
-from ..model.results import grouped
-from ..model.words import mark, number
+from ....harness.results.comparison import METRICS, Change, Likeness, compare
+from ....harness.results.judgements import Claim, Verdict
+from ....harness.results.records import RunRecord
+from ...model.results import grouped
+from ...model.words import mark, number
 
 PHYSICS = {  # column: words, unit, the scale of the record it is measured by
     "energy_drift_max_J": ("largest energy error", "J", "energy_scale_J"),

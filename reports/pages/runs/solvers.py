@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ..model.results import Results, Run, by_solver, grouped, text_of
-from ..model.scores import Score, score
-from ..model.variants import broadest, groups_of, themselves
-from .base import Page, Site
+from ...model.results import Results, Run, by_solver, grouped, text_of
+from ...model.scores import Score, score
+from ...model.variants import broadest, groups_of, themselves
+from ..base import Page, Site
 
 CHIPS = 8  # runs named in a row; the problem's page has all
 

@@ -4,9 +4,9 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ...harness.results.judgements import Symmetry, Unjudged
-from ..model.results import grouped
-from ..model.words import Mark
+from ....harness.results.judgements import Symmetry, Unjudged
+from ...model.results import grouped
+from ...model.words import Mark
 
 MARKS = {  # the worst first
     "broken": Mark("✗", "broken", "wrong"),

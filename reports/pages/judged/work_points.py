@@ -4,11 +4,11 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ...harness.results.judgements import WorkPoint, WorkProfile
-from ..model.results import Results
-from ..model.words import mark
-from ..plots.work import ERRORS, WORKS, Point, Profile, kind_of, method_of, recorded, reference_error
-from .judgement import Links, page_of
+from ....harness.results.judgements import WorkPoint, WorkProfile
+from ...model.results import Results
+from ...model.words import mark
+from ...plots.work import ERRORS, WORKS, Point, Profile, kind_of, method_of, recorded, reference_error
+from ..judgement import Links, page_of
 
 
 @dataclass(frozen=True)

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from ...harness.results.records import reasons_of
-from ...harness.results.series import Series
-from ...harness.results.words import law_of
-from ..model.results import Results, Run, by_solver, grouped, slug
-from ..plots.palette import Look
-from ..plots.spec import Axis, Plot, Trace
-from .base import Page, Site
+from ....harness.results.records import reasons_of
+from ....harness.results.series import Series
+from ....harness.results.words import law_of
+from ...model.results import Results, Run, by_solver, grouped, slug
+from ...plots.palette import Look
+from ...plots.spec import Axis, Plot, Trace
+from ..base import Page, Site
+from ..svg import panel
 from .causes import CAUSES, Autopsy, Cause, autopsy
-from .svg import panel
 
 DRAWN = 80  # of the last rows
 LISTED = 40  # runs named beside the one that is worked out; the pages of solvers and problems have all
@@ -112,12 +112,12 @@ class Broken:
 
 def groups(results: Results, looks: Mapping[str, Look]) -> tuple[Group, ...]:
     """Every run that stopped, by cause in the order of ``CAUSES``."""
-    stops = [autopsy(c, results.series(c)) for c in results.runs if c.stopped]
+    stops = [autopsy(c, results.series(c, poses=False)) for c in results.runs if c.stopped]
     found = []
     for cause in CAUSES:
         own = {s.run.record.run_id: s for s in stops if s.cause is cause}
         families = [Family(tuple(own[c.record.run_id] for c in f),
-                           zoom(f[0], results.series(f[0]), looks[f[0].record.solver].colour))
+                           zoom(f[0], results.series(f[0], poses=False), looks[f[0].record.solver].colour))
                     for f in families_of([s.run for s in own.values()])]  # fmt: skip
         if families:
             found.append(Group(cause, tuple(families)))

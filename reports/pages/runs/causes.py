@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from ...harness.results.series import Series
-from ...harness.types import Status
-from ..model.results import Run
-from ..model.words import number
+from ....harness.results.series import Series
+from ....harness.types import Status
+from ...model.results import Run
+from ...model.words import number
 
 LAST = 120  # rows at the end that are looked at and drawn
 COLLAPSE = 1e-3  # of the usual step: a step this small is no longer a choice of accuracy

@@ -5,15 +5,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...harness.results.judgements import DRIFTS, ORDERS, SYMMETRIES, WRONG
-from ...harness.results.words import words_of
-from ..model.results import Results, grouped, slug
-from ..model.words import Mark
-from ..plots.spec import Axis, Plot, Trace
+from ....harness.results.judgements import DRIFTS, ORDERS, SYMMETRIES, WRONG
+from ....harness.results.words import words_of
+from ...model.results import Results, grouped, slug
+from ...model.words import Mark
+from ...plots.spec import Axis, Plot, Trace
+from ..base import Page, Site
+from ..judgement import judged_or_published, links_of
 from . import scorecard
-from .base import Page, Site
 from .drifts import anatomies, common_scale, drawn, parted, parts, words
-from .judgement import judged_or_published, links_of
 from .orders import USED, Certificate, certificates, glance, verdict_mark
 from .scorecard import MARKS, card
 

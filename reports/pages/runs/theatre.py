@@ -4,11 +4,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from ..mechanism.theatre.cast import RULE
-from ..mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, players, scene
-from ..model.results import Results, Run, Variant
-from ..model.variants import broadest, same_motion, themselves
-from .base import Page, Site
+from ...mechanism.theatre.cast import RULE
+from ...mechanism.theatre.scene import BODY_BYTES, POSE_BYTES, players, scene
+from ...model.results import Results, Run, Variant
+from ...model.variants import broadest, same_motion, themselves
+from ..base import Page, Site
 
 ALL_BYTES = 12_000_000  # of the data files of all theatres
 MOST = 24  # theatres of a report, unless the plain comparison has more variants

@@ -1,8 +1,8 @@
 """The glossary: what the words of the report mean."""
 
-from ..model.glossary import GLOSSARY
-from ..model.results import Results
-from .base import Page, Site
+from ...model.glossary import GLOSSARY
+from ...model.results import Results
+from ..base import Page, Site
 
 
 def write(results: Results, site: Site) -> Page | None:

@@ -4,19 +4,19 @@ import csv
 import io
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...harness.files import FileError
-from ...harness.results import store
-from ...harness.results.history import Row, history, read_rows, standing
-from ..model.results import Results, grouped
-from ..model.words import Mark, mark, number
-from .base import Page, Site
-from .svg import sparkline
+from ....harness.files import FileError
+from ....harness.results import store
+from ....harness.results.history import Row, read_rows, rows_in, standing, together
+from ...model.results import Results, grouped
+from ...model.words import Mark, mark, number
+from ..base import Page, Site
+from ..svg import sparkline
 
-COMMITTED = Path(__file__).resolve().parents[2] / "results" / "history"
+COMMITTED = Path(__file__).resolve().parents[3] / "results" / "history"
 MOVED = 0.01  # relative: the gate calls less than that no move
 LITTLE = 1e-9  # of the problem's energy: a drift below is rounding whatever its ratio
 GATE = {
@@ -110,15 +110,16 @@ def moved(values: Sequence[float], least: float) -> bool:
 def gather(results: Results, committed: Path = COMMITTED) -> tuple[tuple[Row, ...], list[str]]:
     """All rows of results beside these and of committed files, and what could not be read."""
     folders, files = standing(results.folder.resolve().parent, committed)
-    bad = []
-    for kept, read in ((files, read_rows), (folders, lambda f: history([f]))):
-        for path in list(kept):
+    bad: list[str] = []
+
+    def of(paths: Sequence[Path], read: Callable[[Path], list[Row]]) -> Iterator[list[Row]]:
+        for path in paths:
             try:
-                read(path)  # type: ignore[operator]
+                yield read(path)
             except FileError as error:
                 bad.append(str(error))
-                kept.remove(path)
-    return history(folders, files), bad
+
+    return together(of(folders, rows_in), of(files, read_rows)), bad
 
 
 def lines(results: Results, rows: Sequence[Row]) -> tuple[Line, ...]:

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 from markupsafe import Markup
 
-from ...harness.results.judgements import CLAIMS, PUBLISHED, Claim, Gap, MapRow, Value, Verdict
-from ..model import claim_words
-from ..model.claim_words import setting
-from ..model.results import Results, grouped, natural, slug
-from ..model.words import Mark, mark, number, unit
-from .base import Page, Site
-from .judgement import JUDGE, Links, judged_or_published, links_of, read_or_why
-from .svg import number_line
+from ....harness.results.judgements import CLAIMS, PUBLISHED, Claim, Gap, MapRow, Value, Verdict
+from ...model import claim_words
+from ...model.claim_words import setting
+from ...model.results import Results, grouped, natural, slug
+from ...model.words import Mark, mark, number, unit
+from ..base import Page, Site
+from ..judgement import JUDGE, Links, judged_or_published, links_of, read_or_why
+from ..svg import number_line
 
 AXES = ("tolerance", "gain")  # other dimensions make facets
 MOST = 6  # boxes in one place

@@ -6,16 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ...harness.results.comparison import Comparison, Likeness, compare
-from ...harness.results.judgements import CLAIMS
-from ...harness.results.provenance import differences, stamp_of
-from ..model.curves import upper
-from ..model.provenance import facts
-from ..model.results import Results, Run, read_results, slug
-from ..plots.spec import Axis, Plot, Trace
+from ....harness.results.comparison import Comparison, Likeness, compare
+from ....harness.results.judgements import CLAIMS
+from ....harness.results.provenance import differences, stamp_of
+from ...model.curves import upper
+from ...model.provenance import facts
+from ...model.results import Results, Run, read_results, slug
+from ...plots.spec import Axis, Plot, Trace
+from ..base import FOLDER, Page, Site
+from ..judgement import judged, links_of, page_of
 from . import ranking
-from .base import FOLDER, Page, Site
-from .judgement import judged, links_of, page_of
 from .ranking import Rank, Ranked
 
 OVERLAYS = 24  # runs whose energy errors are drawn over each other, the largest changes first

@@ -3,14 +3,14 @@
 import math
 from functools import partial
 
-from ...harness.results.judgements import WORK
-from ..model.results import Results
-from ..plots.printed import figure
-from ..plots.spec import Plot
-from ..plots.style import save
-from ..plots.work import ERRORS, WORKS, Profile, named, profile_plot, work_plots
-from .base import Page, Site
-from .judgement import judged, links_of
+from ....harness.results.judgements import WORK
+from ...model.results import Results
+from ...plots.printed import figure
+from ...plots.spec import Plot
+from ...plots.style import save
+from ...plots.work import ERRORS, WORKS, Profile, named, profile_plot, work_plots
+from ..base import Page, Site
+from ..judgement import judged, links_of
 from .work_points import Field, fields, profiles
 
 FEW = ("operations", "evaluations", "cpu")  # works that energy and joints are drawn over, and profiles for papers

@@ -1,8 +1,8 @@
 """The page of the cheapest solver for an error, on every problem."""
 
-from ..model.frontier import frontiers
-from ..model.results import Results, grouped
-from .base import Page, Site
+from ...model.frontier import frontiers
+from ...model.results import Results, grouped
+from ..base import Page, Site
 
 
 def write(results: Results, site: Site) -> Page | None:

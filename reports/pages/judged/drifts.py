@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 from markupsafe import Markup
 
-from ...harness.results.judgements import Drift
-from ..model.results import natural
-from ..model.words import number
-from .svg import Scale, strip
+from ....harness.results.judgements import Drift
+from ...model.results import natural
+from ...model.words import number
+from ..svg import Scale, strip
 
 LONG = 100.0  # periods
 

@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ...harness.results.judgements import Note, Order
-from ..model.results import natural
-from ..model.words import Mark, plural
-from .judgement import Links
+from ....harness.results.judgements import Note, Order
+from ...model.results import natural
+from ...model.words import Mark, plural
+from ..judgement import Links
 
 FLOOR = 3.0  # of the floor: points below so many times it are said to lie on it
 USED, EARLY, FLOORED = "used", "pre-asymptotic", "at the floor"

@@ -8,27 +8,27 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ...harness.results.judgements import DRIFTS
-from ...harness.results.series import Series
-from ..mechanism.animation.stage import flat, view_of
-from ..mechanism.segments import mechanism_of
-from ..model.accuracy import measure_for
-from ..model.curves import SPANS_UPPER
-from ..model.findings import findings_of
-from ..model.followed import followed
-from ..model.heat import best_and_worst, boxes_of
-from ..model.motion import Motion, motion_of
-from ..model.results import Results, Run, Variant
-from ..model.variants import broadest, groups_of, themselves
-from ..model.words import NONE, number, plural, time, unit
-from ..plots.laws import Drawing, errors, invariants, laws, observables
-from ..plots.lines import EVER, lines_of
-from ..plots.spec import Chapter
-from ..plots.work import work_chapter
-from .base import Page, Site
-from .drifts import words
-from .judgement import judged
-from .svg import sketch
+from ....harness.results.judgements import DRIFTS
+from ....harness.results.series import Series
+from ...mechanism.animation.stage import flat, view_of
+from ...mechanism.segments import mechanism_of
+from ...model.accuracy import measure_for
+from ...model.curves import SPANS_UPPER
+from ...model.findings import findings_of
+from ...model.followed import followed
+from ...model.heat import best_and_worst, boxes_of
+from ...model.motion import Motion, motion_of
+from ...model.results import Results, Run, Variant
+from ...model.variants import broadest, groups_of, themselves
+from ...model.words import NONE, number, plural, time, unit
+from ...plots.laws import Drawing, errors, invariants, laws, observables
+from ...plots.lines import EVER, lines_of
+from ...plots.spec import Chapter
+from ...plots.work import work_chapter
+from ..base import Page, Site
+from ..judged.drifts import words
+from ..judgement import judged
+from ..svg import sketch
 
 MOST_EVENTS = 20  # of one run in the table
 ROWS = 100  # of a folded table: the first page's table and the CSV have all
@@ -140,7 +140,9 @@ def write(results: Results, site: Site) -> Page | None:
 
 def _write(results: Results, site: Site, variant: Variant, label: str, spans: int) -> None:
     lines = lines_of(variant, site.url, EVER if spans == SPANS_UPPER else EVER_VARIANT)
-    motions = {line.run.record.run_id: motion_of(line.run, results.series(line.run), spans) for line in lines}
+    motions = {
+        line.run.record.run_id: motion_of(line.run, results.series(line.run, poses=False), spans) for line in lines
+    }
     drawing = Drawing(variant.runs, lines, motions, spans)
     groups = groups_of(variant, label)
     made = (work_chapter(variant, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))

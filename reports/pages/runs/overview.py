@@ -3,18 +3,18 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ..mechanism.glimpse import glimpse
-from ..model.accuracy import energy_kind, measure_for
-from ..model.findings import findings
-from ..model.heat import heat
-from ..model.margin import LEVELS
-from ..model.overview import matrix, tally
-from ..model.results import Results, Run
-from ..model.scores import score, standings, unpredictable
-from ..model.tables import COLUMNS
-from ..model.variants import broadest, themselves, variant_groups
-from ..model.words import mark
-from .base import Page, Site
+from ...mechanism.glimpse import glimpse
+from ...model.accuracy import energy_kind, measure_for
+from ...model.findings import findings
+from ...model.heat import heat
+from ...model.margin import LEVELS
+from ...model.overview import matrix, tally
+from ...model.results import Results, Run
+from ...model.scores import score, standings, unpredictable
+from ...model.tables import COLUMNS
+from ...model.variants import broadest, themselves, variant_groups
+from ...model.words import mark
+from ..base import Page, Site
 
 DIGITS = 6  # of numbers in the table's data file: twice what is shown
 

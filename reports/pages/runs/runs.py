@@ -1,10 +1,10 @@
 """A page for each run: what was asked, how it ended, every number with its meaning, and how to run it again."""
 
-from ...harness.results.reproduce import command
-from ..model.results import Results, Run
-from ..model.tables import COLUMNS
-from ..model.words import number, time
-from .base import PLOTTING, Page, Site
+from ....harness.results.reproduce import command
+from ...model.results import Results, Run
+from ...model.tables import COLUMNS
+from ...model.words import number, time
+from ..base import PLOTTING, Page, Site
 
 RANK = 10  # after the problems: their pages' data files hold the curves
 RECORDED = {"newton": "newton_iterations"}  # counters that are columns under another name

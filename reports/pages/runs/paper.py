@@ -3,10 +3,10 @@
 import shutil
 from pathlib import Path
 
-from ..model.results import Results
-from ..paper import captions
-from .base import Page, Site
-from .claims import VERDICTS
+from ...model.results import Results
+from ...paper import captions
+from ..base import Page, Site
+from ..judged.claims import VERDICTS
 
 SUFFIXES = (".svg", ".pdf")
 

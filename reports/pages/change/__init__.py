@@ -1,0 +1,1 @@
+"""Pages of what changed: two results folders compared, and the history of all."""

@@ -1,0 +1,1 @@
+"""Pages of judgements: claims, certificates, growth with size, work and precision, frontier."""

@@ -1,0 +1,80 @@
+"""Every page in a browser: no fault, no request, fits a phone, text is read, light and dark."""
+
+import json
+import re
+import time
+
+import pytest
+
+from .browser import OVERFLOW, PALE
+
+PAGES = ("index.html", "problem-pendulum.html", "solver-beta.html", "runs/dd01.html", "runs/gg01.html")
+FIRST = "document.querySelectorAll('.plots .main-svg').length > 0"
+
+
+@pytest.mark.parametrize(("width", "dark"), [(390, True), (1280, False)], ids=["phone, dark", "desk, light"])
+@pytest.mark.parametrize("name", PAGES)
+def test_page_loads_fits_and_can_be_read(report, browser, name, width, dark):
+    """No console fault, nothing asked of a network, no sideways scroll, contrast of WCAG AA."""
+    tab = browser.open(report / name, width=width, dark=dark)
+    if "plots" in tab.evaluate("[...document.scripts].map((s) => s.src).join()"):
+        tab.evaluate("document.querySelector('.plots').scrollIntoView()")
+        tab.until(FIRST)
+    assert tab.evaluate(OVERFLOW) == 0 and tab.evaluate("innerWidth") == width
+    assert tab.evaluate(PALE) == []
+    assert tab.faults == [] and tab.requests == []
+    tab.close()
+
+
+def test_contrast_is_measured(report, browser):
+    """Grey on grey is found: the measure above is not blind."""
+    tab = browser.open(report / "index.html")
+    tab.evaluate("document.querySelector('h1').style.color = '#bbb'")
+    assert any(found.startswith("H1") for found in tab.evaluate(PALE))
+    tab.close()
+
+
+def test_a_runs_page_explains_its_numbers(report, browser):
+    tab = browser.open(report / "runs/aa01.html")
+    assert tab.evaluate("[...document.querySelectorAll('nav li a')].map((a) => a.textContent)")[:1] == ["Claims"]
+    said = tab.evaluate("document.querySelector('[data-meanings]').textContent")
+    assert "Time of the last accepted step." in said and "Matrix factorisations" not in said
+    tab.close()
+
+
+def test_hostile_names_stay_text_in_plots(report, browser):
+    """A solver's name is no markup, in legends, labels and tables made by scripts."""
+    tab = browser.open(report / "runs/gg01.html")
+    tab.until(FIRST)
+    assert tab.evaluate("document.querySelectorAll('main script, main img').length") == 0
+    tab.goto(report / "index.html")
+    tab.until("document.querySelector('[data-runs]').textContent.includes('alert(\"1\")')")
+    assert tab.evaluate("document.querySelectorAll('main script').length") == 0
+    tab.close()
+
+
+def test_theme_follows_the_system_until_a_reader_chooses(report, browser):
+    tab = browser.open(report / "index.html", dark=True)
+    ground = "getComputedStyle(document.body).backgroundColor"
+    dark = tab.evaluate(ground)
+    tab.evaluate("document.querySelector('[data-theme-button]').click()")
+    light = tab.evaluate(ground)
+    assert sum(map(int, re.findall(r"\d+", dark))) < 150 < 600 < sum(map(int, re.findall(r"\d+", light)))
+    end = time.monotonic() + 10.0
+    kept = ""
+    while kept != light and time.monotonic() < end:  # the browser hands its storage on to a new process a little later
+        tab.goto(report / "problem-pendulum.html")
+        kept = tab.evaluate(ground)
+    assert kept == light  # the choice goes along
+    tab.evaluate("localStorage.clear()")
+    tab.close()
+
+
+def test_numbers_of_scripts_are_those_of_pages(report, browser):
+    """Two writers of numbers, one for the page and one in the browser, must agree."""
+    from mbsbench.reports.model.words import number
+
+    values = [0.0, 1.0, 0.00123, 1.23e-5, -4.5e7, 9.999, 12345.6, 99999.0, 0.1, 2.5e-300]
+    tab = browser.open(report / "index.html")
+    assert tab.evaluate(f"{json.dumps(values)}.map((v) => MBS.number(v))") == [number(v) for v in values]
+    tab.close()
