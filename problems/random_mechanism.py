@@ -3,9 +3,12 @@
 Bodies of 1 to 2 kg in arbitrary poses hang in a tree on joints of arbitrary kinds; ``loops`` closes it by links of a
 fixed length, ``repeated`` declares joints a second time. All joints are closed where the bodies start, so every draw
 is a problem.
+``size`` and ``mass`` scale a draw by Froude's law: lengths by size, times by sqrt(size), forces by mass, so that the
+motion stays the same one under gravity. A solver that is right at one size is so at all.
 Numbers: of the seed. Reference: computed.
 """
 
+from dataclasses import replace
 from typing import Annotated
 
 import numpy as np
@@ -34,6 +37,13 @@ def random_mechanism(
     springs: Annotated[int, Parameter("spring-dampers between bodies or to the ground", "", at_least=0)] = 2,
     loads: Annotated[int, Parameter("constant forces and torques", "", at_least=0)] = 1,
     mechanism_seed: Annotated[int, Parameter("of everything", "", at_least=0)] = 1,
+    size: Annotated[float, Parameter("of all lengths; times grow by its root", "m", above=0.0)] = 1.0,
+    mass: Annotated[float, Parameter("of all masses and forces", "kg", above=0.0)] = 1.0,
+    contrast: Annotated[float, Parameter("decades between the masses of bodies", "", at_least=0.0)] = 0.0,
+    offset: Annotated[float, Parameter("from the origin, along OX", "m")] = 0.0,
+    speed: Annotated[float, Parameter("factor on the velocities of the start", "", at_least=0.0)] = 1.0,
+    damping: Annotated[float, Parameter("of the dampers, over stiffness", "s", at_least=0.0)] = 0.02,
+    gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
     """A tree of bodies on joints of random kinds, with loops, redundant joints, springs and loads."""
     random = np.random.default_rng(mechanism_seed)
@@ -58,21 +68,32 @@ def random_mechanism(
     for k in range(loads):
         force, torque, point = random.standard_normal((3, 3))
         pushes.append(Load(int(random.integers(bodies)), force, 0.1 * torque, 0.1 * point, follows=bool(k % 2)))
+    drawn = [arbitrary_body(random) for _ in range(bodies)]
+    v = speed * random.standard_normal((2, bodies, 3))
+    weight = mass * 10.0 ** (contrast * np.random.default_rng((mechanism_seed, 1)).uniform(-0.5, 0.5, bodies))
+    root, away = size**0.5, np.array([offset, 0.0, 0.0])
     system = assemble(
-        [arbitrary_body(random) for _ in range(bodies)],
-        joints,
-        (0.0, 0.0, -9.81),
-        [SpringDamper(i, 0.3 * p[0], GROUND, r[i] + p[1], k, 1.0, 0.02 * k) for i, p, k in ends],
-        pushes,
-    )
-    v = random.standard_normal((2, bodies, 3))
-    start = project(system, State(r[:-1], R[:-1], v[0], v[1]), 0)
+        [RigidBody(w * b.mass, w * size**2 * b.inertia) for w, b in zip(weight, drawn, strict=True)],
+        [_placed(joint, size, away) for joint in joints],
+        (0.0, 0.0, -gravity),
+        [
+            SpringDamper(
+                i, size * 0.3 * p[0], GROUND, size * (r[i] + p[1]) + away,
+                weight[i] / size * k, size, weight[i] / root * damping * k,
+            ) for i, p, k in ends
+        ],
+        [
+            replace(f, force=weight[f.i] * f.force, torque=weight[f.i] * size * f.torque, point=size * f.point)
+            for f in pushes
+        ],
+    )  # fmt: skip
+    start = project(system, State(size * r[:-1] + away, R[:-1], root * v[0], v[1] / root), 0)
     return Problem(
         "random_mechanism",
         system,
         start,
-        t_end=1.0,
-        dt=1e-3,
+        t_end=root,
+        dt=1e-3 * root,
         section="",
         source="drawn",
         observables=(
@@ -80,6 +101,12 @@ def random_mechanism(
             Observable("last_z", "Z_N", "m", lambda s: s.r[:, -1, 2]),
         ),
     )
+
+
+def _placed(joint: Joint, size: float, away: Float[np.ndarray, " 3"]) -> Joint:
+    """``joint`` at this size; one to the ground ``away`` from the origin."""
+    s_j = size * np.asarray(joint.s_j) + (away if joint.j == GROUND else 0.0)
+    return replace(joint, s_i=size * np.asarray(joint.s_i), s_j=s_j, length=size * joint.length)
 
 
 def arbitrary_body(random: np.random.Generator) -> RigidBody:

@@ -77,9 +77,10 @@ class GcAugmentedLagrangian(GaugeChoices):
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)
         penalty = Penalty(
             active=1, nested=int(self.loop == "nested"), xi=self.penalty, max_augmentations=self.max_augmentations,
-            accept=self.accept, correct_pose=int(correct), soft=self.soft_penalty, lambda_bar=int(self.lambda_bar),
+            accept=self.of_energy(self.accept, problem),
+            correct_pose=int(correct), soft=self.soft_penalty, lambda_bar=int(self.lambda_bar),
             growth=self.penalty_growth,
-            singular_turn=self.singular_turn or float("inf"),
+            singular_turn=self.singular_turn or float("inf"), redundant=int(redundant > 0),
         )  # fmt: skip
         run, step = prepare(problem, self.settings(problem)._replace(penalty=penalty), self.mu0)
         out = integrate(problem, control, run, step, self.max_cuts, self.max_turn)

@@ -24,6 +24,19 @@ def constraint_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
     return sp.csr_array(sp.coo_array(entries, shape=(system.nrows, 6 * system.nb)))
 
 
+def even_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
+    """A for velocities (r_dot, gyration Omega), all in m/s, its rows of length one: what a rank is to be read off.
+
+    In metres and radians a row of an axis is 1e-10 of that of a point on an arm of 1e5 m; in masses a light body's
+    rows vanish beside a heavy one's. Neither says anything about rank.
+    """
+    gyration = np.sqrt(np.einsum("bii->b", system.inertia) / (2.0 * system.mass))
+    columns = np.repeat(np.stack((np.ones(system.nb), 1.0 / gyration), axis=1), 3, axis=1).ravel()
+    A = constraint_jacobian(system, state) @ sp.diags_array(columns)
+    length = np.sqrt(A.multiply(A).sum(axis=1))
+    return sp.csr_array(sp.diags_array(1.0 / np.where(length > 0.0, length, 1.0)) @ A)
+
+
 def independent_rows(system: MultibodySystem, state: State, rtol: float = 1e-9) -> Int[np.ndarray, " rank"]:
     """A maximal set of independent constraint rows at ``state``, by QR with column pivoting of A^T, in row order.
 
@@ -32,8 +45,7 @@ def independent_rows(system: MultibodySystem, state: State, rtol: float = 1e-9) 
     """
     if system.nrows == 0:
         return np.zeros(0, dtype=np.int64)
-    A = constraint_jacobian(system, state).toarray()
-    _, pivots, order = sl.qr(A.T, mode="economic", pivoting=True)
+    _, pivots, order = sl.qr(even_jacobian(system, state).toarray().T, mode="economic", pivoting=True)
     size = np.abs(np.diag(pivots))
     return np.sort(order[: int(np.sum(size > rtol * size[0]))])
 

@@ -25,6 +25,7 @@ from .newton_euler import NewtonEuler, gyration
 from .orbit import Orbit, Pair, Piece
 
 WORST, AGREED = 1e-3, 1e-10  # of the reach
+FAR = 1e-12  # of the distance from the origin, whose rounding no tolerance gets below
 LEVELS = ((1e-11, 1e-10), (1e-13, 1e-12))  # tolerance of route 1, correction of route 2
 BUDGET = 60.0  # [s] by the cost model, not by the clock: the horizon must not depend on the machine and its load
 FEWEST = 300  # steps of route 2 that the budget must pay: of larger systems too little would be known
@@ -203,6 +204,7 @@ def _agreed(system: MultibodySystem, start: State, t_end: float) -> Orbit | None
         found = found.until(WORST * motion.reach)
         if best is None or (found.horizon, -found.bound[-1]) > (best.horizon, -best.bound[-1]):
             best = found
-        if found.horizon == t_end and found.bound[-1] < AGREED * motion.reach:
+        enough = max(AGREED * motion.reach, FAR * float(np.max(np.abs(start.r), initial=0.0)))
+        if found.horizon == t_end and found.bound[-1] < enough:
             break
     return best if best is not None and best.horizon > 0.0 else None

@@ -80,7 +80,9 @@ class NewtonEuler:
         q /= np.linalg.norm(q, axis=1)[:, None]
         if s.nrows:
             A = self._jacobian(r, _matrices(q))
-            _, pivots, order = sl.qr(A.T, mode="economic", pivoting=True)
+            even = A * np.repeat(np.stack((np.ones(s.nb), 1.0 / gyration(s)), axis=1), 3, axis=1).ravel()  # in metres
+            even /= np.maximum(np.linalg.norm(even, axis=1), np.finfo(float).tiny)[:, None]
+            _, pivots, order = sl.qr(even.T, mode="economic", pivoting=True)
             size = np.abs(np.diag(pivots))
             self.rows = np.sort(order[: int(np.sum(size > RANK * size[0]))])
             for _ in range(SWEEPS):

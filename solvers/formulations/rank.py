@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ...harness.mechanics.jacobian import constraint_jacobian, independent_rows
+from ...harness.mechanics.jacobian import even_jacobian, independent_rows
 from ...harness.mechanics.state import State
 from ...harness.mechanics.system import MultibodySystem
 
@@ -32,8 +32,7 @@ def rows_to_keep(system: MultibodySystem, state: State) -> Int[np.ndarray, " ran
 
 def squared_distances(system: MultibodySystem, state: State) -> Float[np.ndarray, " nrows"]:
     """Of each row, scaled to length one, from the span of those before it in the band's order."""
-    A = constraint_jacobian(system, state)
-    A = sp.diags_array(1.0 / np.sqrt(A.multiply(A).sum(axis=1))) @ A
+    A = even_jacobian(system, state)
     S = sp.csr_matrix(A @ A.T)
     order = reverse_cuthill_mckee(S, symmetric_mode=True)
     entries = S[order][:, order].tocoo()

@@ -109,6 +109,7 @@ class StrongForm:
         c = self.pattern.matrix(of_c)
         for given, slope in zip((C_bar, K_bar), slopes, strict=True):
             given += np.asarray((c @ slope).multiply(c).sum(axis=1)).ravel()
+        K_bar = np.maximum(K_bar, 0.0)  # a negative one drives phi away exponentially
         return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, C_bar, K_bar, c @ (f_steady + f))
 
     def rates(

@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 
-from mbsbench.harness.catalogue.registry import make_problem, problems
+from mbsbench.harness.catalogue.registry import make_problem, make_solver, problems
 from mbsbench.harness.mechanics.jacobian import singular_values
+from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.reference.computed import computed
-from mbsbench.harness.types import Trait
+from mbsbench.harness.types import StepControl, Trait
 from mbsbench.problems import n_four_bar
 
 
@@ -72,3 +73,28 @@ def test_every_trait_has_a_problem_to_show_it() -> None:
     """``list`` groups problems by what they test."""
     shown = {trait for p in problems().values() for trait in p.tests}
     assert shown >= {Trait.SINGULAR, Trait.REDUNDANT, Trait.CHAOTIC, Trait.LONG, Trait.DAMPED}
+
+
+@pytest.mark.parametrize("newton", ["kept", "exact"])
+def test_the_redundant_row_of_bricard_is_left_alone(newton: str) -> None:
+    """P3 of the square bars after 2 s, to second order in the step and whatever Newton's method.
+
+    Off the constraint manifold all 30 rows are independent: taken at their word they brake the mechanism, by 1e-2 m.
+    """
+    p = make_problem("bricard", {"t_end": 2.0})
+    exact = np.array([-0.778135373, -0.980352683, -0.197252671])  # by DOP853 with projection, to 2e-7 m
+    off = []
+    for dt in (4e-3, 2e-3):
+        out = make_solver("gc_augmented_lagrangian", {"newton": newton}).solve(p, StepControl(dt=dt))
+        end = p.observe(out.states)
+        off.append(float(np.linalg.norm(np.array([end[k][-1] for k in ("P3_x", "P3_y", "P3_z")]) - exact)))
+    assert off[1] < 1e-5
+    assert off[0] / off[1] == pytest.approx(4.0, rel=0.3)
+
+
+def test_negative_slopes_of_force_do_not_open_the_hinges_of_the_governor() -> None:
+    """K_bar of (32) is below zero on hinge 1: M phi'' + C phi' + K phi = 0 opens it by 40 deg within 3.5 s."""
+    p = make_problem("flyball_governor", {"t_end": 4.0})
+    out = make_solver("gc_weak_form").solve(p, StepControl(dt=2e-3))
+    assert np.max(np.abs(constraint(p.system, out.states))) < 1e-4
+    assert len(out.t) == 2001  # no step is cut

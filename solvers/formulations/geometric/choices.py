@@ -8,6 +8,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from ....harness.catalogue.options import option
+from ....harness.mechanics.motion import applied, kinetic_energy
+from ....harness.mechanics.state import States
+from ....harness.mechanics.system import GROUND
 from ....harness.types import Problem, StepControl
 from .directions import CHOICES
 
@@ -25,6 +28,7 @@ class Penalty(NamedTuple):
     lambda_bar: int = 0  # 1: lam - xi phi of Eq. (84) in the nested loop
     growth: float = 1.0  # factor on xi after an augmentation that does not reduce phi_dot enough
     singular_turn: float = np.inf  # [rad] limit on the turn in a step once a singular configuration has been met
+    redundant: int = 0  # 1: rows are redundant, and what of phi_dot no velocity can change is left
 
 
 class Settings(NamedTuple):
@@ -48,7 +52,19 @@ class Settings(NamedTuple):
     penalty: Penalty = Penalty()
 
 
+ROUNDING = 1e-14  # of the root of the energy: 45 roundings, a step's residual has a few
 GAUGES = {"symmetric": "symmetric", "zero": "zero gauge", "accumulate": "accumulating"}
+
+
+def energy_at_hand(problem: Problem) -> float:
+    """[J] T(0), and the work that the forces at the start do over the size of the bodies."""
+    system, start = problem.system, States.one(problem.initial)
+    gyration = np.sqrt(np.einsum("bii->b", system.inertia) / (2.0 * system.mass))
+    arms = np.concatenate((system.joint_s_i, system.joint_s_j[system.joint_j != GROUND]))
+    size = np.max(np.concatenate((gyration, np.linalg.norm(arms, axis=1))))
+    force, torque = np.split(np.linalg.norm(applied(system, start)[0].reshape(-1, 2, 3), axis=2), 2, axis=1)
+    found = float(kinetic_energy(system, start)[0] + np.sum(force) * size + np.sum(torque))
+    return found or 1.0  # at rest and free of forces: nothing will move
 
 
 @dataclass(frozen=True)
@@ -73,7 +89,9 @@ class GaugeChoices:
         0.0, "given K_bar of Eq. (37) in every row, per M_bar; added to that of (32)", "1/s2", at_least=0.0
     )
     b_term: bool = option(True, "B term of Eq. (71); without it the scheme loses its order (a planted error)")
-    tolerance: float = option(1e-8, "of the tests (80), (81)", "sqrt(J)", above=0.0)
+    tolerance: float = option(
+        1e-8, "of the tests (80), (81); times the root of the energy where that is below 1 J", "sqrt(J)", above=0.0
+    )
     max_newton: int = option(20, "corrections of the full Newton method before the step is cut", "", at_least=1)
     newton: str = option(
         "simplified", "simplified: on A M^-1 A^T, where gravity is the only force and sigma0 is zero, else as kept; "
@@ -124,12 +142,18 @@ class GaugeChoices:
             k_bar=self.k_bar,
             carry_sigma=int(self.sigma0 == "carried" or corrective),
             b_term=float(self.b_term),
-            tolerance=self.tolerance,
+            tolerance=self.of_energy(self.tolerance, problem),
             max_newton=self.max_newton,
             refresh=0.0 if exact else 0.2,
             couple=int(exact),
             simplified=int(self.newton == "simplified"),
         )
+
+    @staticmethod
+    def of_energy(tolerance: float, problem: Problem) -> float:
+        """``tolerance`` [sqrt(J)] for what the system moves with: the joule is no scale for a milligram."""
+        root = float(np.sqrt(energy_at_hand(problem)))
+        return max(tolerance * min(1.0, root), ROUNDING * root)
 
     def notes(self, problem: Problem) -> tuple[str, ...]:
         """What of the options has no effect on the problem."""

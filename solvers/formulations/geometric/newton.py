@@ -51,6 +51,8 @@ class Work(NamedTuple):
         np.ndarray
     )  # (1,) 1 inside the nested loop; not an argument, which numba would compile once for 0 and once for 1
     nu_kept: np.ndarray  # (nrows,) multiplier of the nested loop
+    y: np.ndarray  # as x, the part of a correction along redundant rows
+    left: np.ndarray  # (nrows,) what of (75) no velocity can change, see ``leave_redundant``
     counts: np.ndarray  # COUNTERS
     max_turn: np.ndarray  # (1,) [rad] a step in which a body would turn further is cut
     factored_dt: np.ndarray  # (1,) step of the kept factorisation, 0 when none
@@ -84,6 +86,8 @@ def evaluate(run, step):
         work.R_mu[:] = 0.0
     else:
         constraint_balance(step, settings, work.R_mu)
+        for k in range(len(work.left)):
+            work.R_mu[k] -= work.left[k]
     work.counts[RESIDUALS] += 1
     return residual_norm(model, step.end.m_bar, work.R_v, work.R_mu)
 
@@ -136,6 +140,8 @@ def correct(run, step):
             x[lu.body_at[b] + k] = -work.R_v[b, k]
     put_rows(model, lu, work.R_mu, x)
     solve(lu, x)
+    if run.settings.penalty.redundant and not work.nested[0]:
+        leave_redundant(run, x)
     for b in range(len(model.mass)):
         for k in range(6):
             step.end.v[b, k] += x[lu.body_at[b] + k]
@@ -147,17 +153,43 @@ def correct(run, step):
 
 
 @njit(**INNER)
+def leave_redundant(run, x):
+    """Take out of a correction the nu of redundant rows, which A^T sends to zero; what they ask for is ``left``.
+
+    Such rows agree on the constraint manifold only: off it, by phi = O(dt^3) within a step, they ask for velocities
+    that there are not. Each correction would raise their nu by xi phi_dot in vain, and D1 nu = 0 leaves (D0 + D1) nu
+    = O(dt) nu, a spurious force that brakes the motion. The saddle itself tells that part: with
+    (Xi M_bar)^-1 dnu as the only right side it returns dnu where A^T dnu = 0, and next to nothing elsewhere.
+    """
+    model, lu, work, y = run.model, run.lu, run.work, run.work.y
+    y[:] = 0.0
+    for j in range(len(model.body)):
+        for k in range(model.row[j + 1] - model.row[j]):
+            y[lu.joint_at[j] + k] = run.saddle.softness[model.row[j] + k] * x[lu.joint_at[j] + k]
+    solve(lu, y)
+    for j in range(len(model.body)):
+        for k in range(model.row[j + 1] - model.row[j]):
+            row = model.row[j] + k
+            work.left[row] -= run.saddle.softness[row] * y[lu.joint_at[j] + k]
+    for k in range(len(x)):
+        x[k] -= y[k]
+    work.counts[SOLVES] += 1
+
+
+@njit(**INNER)
 def newton(run, step):
     """Drive the residual below the tolerance. A kept factorisation is renewed when it no longer contracts."""
     settings, work, before = run.settings, run.work, np.inf
     both = settings.carry_sigma and not settings.corrective  # else (80) implies (81), or (81) cannot hold
+    redundant = settings.penalty.redundant and not work.nested[0]
+    work.left[:] = 0.0
     for iteration in range(settings.max_newton + 1):
         norm = evaluate(run, step)
         work.norm[0] = norm
         if not np.isfinite(norm):
             return NOT_FINITE
         if norm < settings.tolerance and (not both or constraint_norm(step.end) < settings.tolerance):
-            return CONVERGED
+            return SLOW if redundant and not constraint_norm(step.end) < settings.penalty.accept else CONVERGED
         if iteration == settings.max_newton:
             break
         stale = work.factored_dt[0] != step.dt or settings.refresh <= 0.0 or norm > settings.refresh * before

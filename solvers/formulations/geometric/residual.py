@@ -33,6 +33,7 @@ def complete(model, motion, settings):
             for row in range(model.row[j], model.row[j + 1]):
                 direction(model, motion, j, row, settings.direction)
                 coefficients(model, motion, j, row)
+                motion.k_bar[row] = max(motion.k_bar[row], 0.0)  # a negative one drives phi away exponentially
                 motion.c_bar[row] += settings.c_bar * motion.m_bar[row]
                 motion.k_bar[row] += settings.k_bar * motion.m_bar[row]
     elif settings.corrective:
