@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .harness.mechanics.jacobian import independent_rows as independent_rows
     from .harness.mechanics.joints import Joint as Joint
     from .harness.mechanics.joints import JointKind as JointKind
+    from .harness.mechanics.joints import MovingKind as MovingKind
     from .harness.mechanics.motion import angular_momentum as angular_momentum
     from .harness.mechanics.motion import constraint as constraint
     from .harness.mechanics.motion import constraint_rate as constraint_rate
@@ -42,7 +43,9 @@ if TYPE_CHECKING:
     from .harness.mechanics.system import MultibodySystem as MultibodySystem
     from .harness.mechanics.system import RigidBody as RigidBody
     from .harness.mechanics.system import SpringDamper as SpringDamper
+    from .harness.mechanics.system import TorsionSpring as TorsionSpring
     from .harness.mechanics.system import assemble as assemble
+    from .harness.mechanics.time_functions import TimeFunction as TimeFunction
     from .harness.types import Invariant as Invariant
     from .harness.types import Observable as Observable
     from .harness.types import Problem as Problem
@@ -63,8 +66,9 @@ _HOMES = {  # the same list for the interpreter, which loads none before it is a
     "mechanics.jacobian": ("constraint_jacobian", "independent_rows"),
     "mechanics.motion": ("angular_momentum", "constraint", "constraint_rate", "kinetic_energy", "potential_energy"),
     "mechanics.state": ("State", "States"),
-    "mechanics.joints": ("Joint", "JointKind"),
-    "mechanics.system": ("Load", "MultibodySystem", "RigidBody", "SpringDamper", "assemble"),
+    "mechanics.joints": ("Joint", "JointKind", "MovingKind"),
+    "mechanics.system": ("Load", "MultibodySystem", "RigidBody", "SpringDamper", "TorsionSpring", "assemble"),
+    "mechanics.time_functions": ("TimeFunction",),
     "types": ("Invariant", "Observable", "Problem", "Reference", "Status", "StepControl", "Trait", "Trajectory"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}

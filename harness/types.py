@@ -131,7 +131,8 @@ class Trait(StrEnum):
     CHAOTIC = "chaotic"
     LONG = "long"  # hundreds of turns or swings
     DAMPED = "damped"  # dampers: energy leaves by work that enters the balance
-    DRIVEN = "driven"  # applied forces or torques, whose work enters the balance
+    DRIVEN = "driven"  # applied forces, torques or prescribed motions, whose work enters the balance
+    NONHOLONOMIC = "nonholonomic"  # rows that restrict velocities alone
 
 
 @dataclass(frozen=True)
@@ -246,7 +247,7 @@ class _TurnedReference:
         return self.home.horizon
 
     def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        return rotated(self.home.states(t), self.frame)
+        return rotated(self.home.states(t), self.frame).timed(t)
 
     def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
         return self.home.error(t)
@@ -327,6 +328,7 @@ class Trajectory:
             )
         if np.any(np.diff(t) <= 0.0):
             raise ValueError("the times of a trajectory must increase")
+        object.__setattr__(self, "states", self.states.timed(t))
 
 
 @runtime_checkable

@@ -15,6 +15,7 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1 import alpha
 from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.refusals import without_phi
 
 
 @solver("al_index3")
@@ -33,8 +34,8 @@ class AlIndex3:
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Takes every problem: redundant rows share the reaction."""
-        return None
+        """Rows without phi; redundant rows share the reaction."""
+        return without_phi(problem.system)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""

@@ -16,6 +16,7 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1 import energy_momentum
 from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.refusals import without_gradient
 
 
 @solver("energy_momentum")
@@ -31,8 +32,8 @@ class EnergyMomentum:
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Takes every problem: redundant rows are dropped as they appear."""
-        return None
+        """Moving rows and torsional springs; redundant rows are dropped as they appear."""
+        return without_gradient(problem.system)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""

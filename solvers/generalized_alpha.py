@@ -16,6 +16,7 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1 import alpha
 from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.refusals import without_phi
 
 
 @solver("generalized_alpha")
@@ -35,8 +36,8 @@ class GeneralizedAlpha:
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Takes every problem: redundant rows are dropped as they appear."""
-        return None
+        """Rows without phi; redundant rows are dropped as they appear."""
+        return without_phi(problem.system)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""

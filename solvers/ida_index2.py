@@ -21,6 +21,7 @@ from .formulations.classical import ImplicitOptions
 from .formulations.ida import Start, integrate
 from .formulations.layout import Stabilised
 from .formulations.recording import StepFailure, no_trajectory
+from .formulations.refusals import without_phi
 from .formulations.start import consistent, coordinates_and_velocities, layout_for
 
 
@@ -40,10 +41,11 @@ class IdaIndex2(ImplicitOptions):
     control: ClassVar[str] = "rtol"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """An alpha that would do nothing, and what all these solvers refuse."""
+        """An alpha that would do nothing, rows without phi in form ggl, and what all these solvers refuse."""
         if self.form == "ggl" and self.alpha != type(self).alpha:
             return f"alpha = {self.alpha:g} acts in form velocity only: form ggl holds phi = 0 itself"
-        return super().refuses(problem, control)
+        reason = without_phi(problem.system) if self.form == "ggl" else None
+        return reason or super().refuses(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate from the start to ``t_end``."""

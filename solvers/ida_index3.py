@@ -17,6 +17,7 @@ from ..harness.types import Problem, Status, StepControl, Trajectory
 from .formulations.classical import ImplicitOptions
 from .formulations.ida import Start, integrate
 from .formulations.recording import StepFailure, no_trajectory
+from .formulations.refusals import without_phi
 from .formulations.start import consistent, coordinates_and_velocities, layout_for
 
 
@@ -34,6 +35,10 @@ class IdaIndex3(ImplicitOptions):
     name: ClassVar[str]
     paper_label: ClassVar[str] = "IDA index 3 (ADAMS/MotionSolve class)"
     control: ClassVar[str] = "rtol"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Rows without phi, and what all these solvers refuse."""
+        return without_phi(problem.system) or super().refuses(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate from the start to ``t_end``."""

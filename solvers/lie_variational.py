@@ -16,6 +16,7 @@ from .formulations.geometric.index1 import rattle
 from .formulations.geometric.index1.compositions import COMPOSITIONS
 from .formulations.geometric.index1.free_body import principal
 from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.refusals import without_phi
 
 
 @solver("lie_variational")
@@ -31,8 +32,8 @@ class LieVariational:
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Takes every problem: redundant rows are dropped as they appear."""
-        return None
+        """Rows without phi; redundant rows are dropped as they appear."""
+        return without_phi(problem.system)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""

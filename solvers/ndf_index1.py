@@ -118,10 +118,10 @@ class NdfIndex1(BaumgarteOptions):
 
         def residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
             clock.check()
-            return form.residual(y, y_dot)
+            return form.residual(y, y_dot, t)
 
         def jacobian(t: float, y: np.ndarray, y_dot: np.ndarray) -> tuple:
-            of_y, of_y_dot = form.jacobian(y, y_dot)
+            of_y, of_y_dot = form.jacobian(y, y_dot, t)
             return as_matrix(of_y), as_matrix(of_y_dot)
 
         return self._method(

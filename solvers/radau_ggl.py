@@ -12,6 +12,7 @@ from typing import ClassVar
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1.integrate import radau_steps
+from .formulations.refusals import without_phi
 
 
 @solver("radau_ggl")
@@ -24,8 +25,8 @@ class RadauGgl:
     control: ClassVar[str] = "rtol"
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Takes every problem: redundant rows are dropped as they appear."""
-        return None
+        """Rows without phi; redundant rows are dropped as they appear."""
+        return without_phi(problem.system)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with error control at ``control.rtol``."""

@@ -15,6 +15,7 @@ from .formulations.geometric.index1 import rattle
 from .formulations.geometric.index1.compositions import COMPOSITIONS, RATE
 from .formulations.geometric.index1.free_body import principal
 from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.refusals import without_phi
 
 HOW = "plain (order 2), or composed: Suzuki's five steps (4), Kahan and Li's nine (6) or seventeen (8)"
 
@@ -38,8 +39,8 @@ class Rattle:
         return float(COMPOSITIONS[self.composition][1])
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Takes every problem: redundant rows are dropped as they appear."""
-        return None
+        """Rows without phi; redundant rows are dropped as they appear."""
+        return without_phi(problem.system)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""

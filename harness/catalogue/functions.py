@@ -137,13 +137,13 @@ class _Rates(_FromFunction):
                 raise TypeError(f"an rhs must return Rates (got {type(found).__name__})")
             return found
 
-        def state(y: Float[np.ndarray, " n"]) -> State:
+        def state(t: float, y: Float[np.ndarray, " n"]) -> State:
             r, q, v, Omega = (a.reshape(nb, -1) for a in np.split(y, cuts))
-            return State(r, Rotation.from_quat(q, scalar_first=True).as_matrix(), v, Omega)
+            return State(r, Rotation.from_quat(q, scalar_first=True).as_matrix(), v, Omega, t)
 
         def y_dot(t: float, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
             _check_clock(control, began)
-            d, q = rates(state(y)), y[cuts[0] : cuts[1]].reshape(nb, 4)
+            d, q = rates(state(t, y)), y[cuts[0] : cuts[1]].reshape(nb, 4)
             turning = np.concatenate((np.zeros((nb, 1)), d.Omega), axis=1)
             return np.concatenate([a.ravel() for a in (d.v, 0.5 * _product(q, turning), d.v_dot, d.Omega_dot)])
 
@@ -159,7 +159,7 @@ class _Rates(_FromFunction):
                 said = run.step()
             if run.status == "failed":
                 raise Stop(Status.STEP_UNDERFLOW, str(said).rstrip(".").lower())
-            here = state(run.y)
+            here = state(run.t, run.y)
             return run.t, here, rates(here).reaction
 
         return _marched(problem, control, advance, first, lambda: {"evaluations": run.nfev})
@@ -179,6 +179,7 @@ def _marched(
                 raise Stop(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
             _check_clock(control, began)
             t, s, reaction = advance(t, s)
+            s = dataclasses.replace(s, t=t)
             if not all(np.all(np.isfinite(a)) for a in vars(s).values()):
                 raise Stop(Status.DIVERGED, "the state is no longer finite")
             times.append(t)

@@ -220,6 +220,8 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
     made = in_frame(made, so3.exp(np.array(values["rotation"])) @ _yaw(made.system, values["yaw"]))
     presentation = Presentation(**{k: values[k] for k in PRESENTED})
     presentation.system(made.system)  # says no to a joint that is not there
+    if values["retrace"] and made.system.is_timed:
+        raise ValueError(f"problem {name}: retrace needs a system without functions of time; it has drives or loads")
     t_end = values["t_end"] or made.t_end
     if not 0.0 < t_end < math.inf:
         raise ValueError(f"problem {name}: t_end must be a finite number > 0 [s] (got {t_end})")
@@ -254,6 +256,7 @@ def _turned(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
         joint_s_j=turn(s.joint_s_j, s.joint_j),
         joint_n=turn(s.joint_n, s.joint_j),
         spring_p_j=turn(s.spring_p_j, s.spring_j),
+        torsion_n=turn(s.torsion_n, s.torsion_j),
         load_force=turn(s.load_force, in_space),
         load_torque=turn(s.load_torque, in_space),
     )

@@ -206,9 +206,9 @@ def keeps_joints(s: Subject) -> Measured:
 
 
 def keeps_energy(s: Subject) -> Measured:
-    """T + V [J] is constant along the reference, where no damper and no load acts."""
+    """T + V [J] is constant along the reference, where no damper, no load and no drive acts."""
     if not s.problem.system.is_conservative:
-        return Measured(words="a damper or a load acts", tested=False)
+        return Measured(words="a damper, a load or a drive acts", tested=False)
     spread = float(np.ptp(motion.energy(s.problem.system, s.exact)))
     return _worst({"T + V": (spread / s.size.energy, f"changes by {spread:.3g} J, of {s.size.energy:.3g} J")}, s.off)
 

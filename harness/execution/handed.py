@@ -124,5 +124,5 @@ def _trajectory(arrays: dict[str, np.ndarray], said: Said, system: MultibodySyst
         arrays["t"], States(*(arrays[k] for k in POSES)), said.claimed, said.message, said.counters,
         arrays.get("reaction"), {k[5:]: a for k, a in arrays.items() if k.startswith("diag_")}, said.events,
         said.notes, float(cost.get("cpu_min_s", math.nan)), float(cost.get("setup_s", math.nan)),
-        State(*back) if len(back) == len(POSES) else None,
+        State(back[0], back[1], back[2], back[3]) if len(back) == len(POSES) else None,
     )  # fmt: skip

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..mechanics.joints import JointKind
+from ..mechanics.joints import JointKind, MovingKind
 from ..mechanics.system import MultibodySystem
 from ..types import Problem
 
@@ -28,15 +28,22 @@ def described(problem: Problem) -> dict[str, Any]:
          "stiffness": s.spring_k[k], "rest_length": s.spring_d0[k], "damping": s.spring_c[k]}
         for k in range(len(s.spring_k))
     ]  # fmt: skip
+    torsions = [
+        {"i": s.torsion_i[k], "across_i": s.torsion_u[k], "j": s.torsion_j[k], "axis_j": np.cross(*s.torsion_n[k]),
+         "across_j": s.torsion_n[k, 0], "stiffness": s.torsion_k[k], "rest_angle": s.torsion_rest[k],
+         "damping": s.torsion_c[k]}
+        for k in range(len(s.torsion_k))
+    ]  # fmt: skip
     loads = [
         {"i": s.load_i[k], "point": s.load_p[k], "force": s.load_force[k], "torque": s.load_torque[k],
-         "follows": s.load_follows[k]}
+         "follows": s.load_follows[k], "factor": s.load_factor[k]}
         for k in range(len(s.load_i))
     ]  # fmt: skip
     return {
         "schema": SCHEMA, "problem": problem.name, "parameters": dict(problem.parameters), "source": problem.source,
         "t_end": problem.t_end, "dt": problem.dt, "gravity": s.gravity, "bodies": bodies,
-        "joints": [_joint(s, k) for k in range(s.nj)], "springs": springs, "loads": loads, "start": state,
+        "joints": [_joint(s, k) for k in range(s.nj)], "springs": springs, "torsions": torsions, "loads": loads,
+        "start": state,
     }  # fmt: skip
 
 
@@ -51,9 +58,11 @@ def _joint(s: MultibodySystem, k: int) -> dict[str, Any]:
     kind = s.joint_kind(k)
     found: dict[str, Any] = {"type": kind, **both}
     if kind == JointKind.REVOLUTE:
-        found |= {"axis_i": s.joint_u[k], "axis_j": np.cross(*s.joint_n[k])}
+        found |= {"axis_i": s.joint_u[k], "axis_j": np.cross(*s.joint_n[k, :2])}
     elif kind == JointKind.DISTANCE:
         found |= {"length": s.joint_length[k]}
+    elif kind in MovingKind:
+        found |= {"u": s.joint_u[k], "n": s.joint_n[k], "length": s.joint_length[k], "motion": s.joint_motion[k]}
     elif kind != JointKind.SPHERICAL:  # vectors of its rows
         found |= {"u": s.joint_u[k], "w": s.joint_w[k], "n_1": s.joint_n[k, 0], "n_2": s.joint_n[k, 1]}
     return found

@@ -43,15 +43,15 @@ def project(system: MultibodySystem, state: State, iterations: int = 20) -> Stat
     """The nearest consistent state: Gauss-Newton on phi, then velocities, both least change in the mass metric."""
     r, R = state.r.copy(), state.R.copy()
     for _ in range(iterations):
-        here = State(r, R, state.v, state.Omega)
+        here = State(r, R, state.v, state.Omega, state.t)
         phi = constraint(system, States.one(here))[0]
         if np.max(np.abs(phi), initial=0.0) < 1e-14:
             break
         change = _least_change(system, here, -phi)
         r, R = r + change[:, :3], R @ so3.exp(change[:, 3:])
-    here = State(r, R, state.v, state.Omega)
+    here = State(r, R, state.v, state.Omega, state.t)
     change = _least_change(system, here, -constraint_rate(system, States.one(here))[0])
-    out = State(r, R, state.v + change[:, :3], state.Omega + change[:, 3:])
+    out = State(r, R, state.v + change[:, :3], state.Omega + change[:, 3:], state.t)
     check_start(system, out)
     return out
 
@@ -72,6 +72,7 @@ def perturbed(system: MultibodySystem, state: State, size: float, seed: int) -> 
         state.R @ so3.exp(size * random.standard_normal(shape)),
         state.v + size * speed * random.standard_normal(shape),
         state.Omega + size * rate * random.standard_normal(shape),
+        state.t,
     )
     return project(system, moved)
 

@@ -10,14 +10,11 @@ from jaxtyping import Float
 
 from . import so3
 from .jacobian import constraint_jacobian
-from .motion import applied, constraint_rate
+from .motion import applied, drift
 from .state import State, States
 from .system import MultibodySystem
 
 RANK = 1e-9  # of the largest singular value of A M^-1/2: rows below are redundant
-REACH = 1e-2  # [rad] that bodies turn at most over a difference; its error is REACH^6 / 140 of A_dot v
-DIFFERENCE = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
-PLACES = np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])
 
 
 @dataclass(frozen=True)
@@ -37,7 +34,7 @@ class Equations:
 
     M: Float[np.ndarray, "nb 6 6"]
     A: Float[np.ndarray, "nrows n"]  # n = 6 nb
-    A_dot_v: Float[np.ndarray, " nrows"]
+    A_dot_v: Float[np.ndarray, " nrows"]  # with the rate of phi_t, where drives give rows one
     f: Float[np.ndarray, "nb 6"]  # forces [N, space], torques about C less Omega x J Omega [N m, body]
 
 
@@ -46,7 +43,7 @@ def equations(system: MultibodySystem, s: State) -> Equations:
     M = np.zeros((system.nb, 6, 6))
     M[:, range(3), range(3)] = system.mass[:, None]
     M[:, 3:, 3:] = system.inertia
-    return Equations(M, constraint_jacobian(system, s).toarray(), _drift(system, s), _forces(system, s))
+    return Equations(M, constraint_jacobian(system, s).toarray(), drift(system, States.one(s))[0], _forces(system, s))
 
 
 def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray, " nrows"] | float = 0.0) -> Rates:
@@ -76,17 +73,9 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
 def moved(s: State, rates: Rates, dt: float) -> State:
     """``s`` after ``dt`` [s] at these rates: r + dt v, R exp(dt Omega), v + dt v_dot, Omega + dt Omega_dot."""
     return State(
-        s.r + dt * rates.v, s.R @ so3.exp(dt * rates.Omega), s.v + dt * rates.v_dot, s.Omega + dt * rates.Omega_dot
-    )
-
-
-def _drift(system: MultibodySystem, s: State) -> np.ndarray:
-    """A_dot v: the derivative of A v along the motion at constant v, whatever the rows, by sixth-order differences."""
-    dt = REACH / max(float(np.max(np.abs(s.Omega), initial=0.0)), 1.0)
-    t = dt * PLACES[:, None, None]
-    same = (np.broadcast_to(a, (len(PLACES), *a.shape)) for a in (s.v, s.Omega))
-    along = States(s.r + t * s.v, s.R @ so3.exp(t * s.Omega), *same)
-    return DIFFERENCE @ constraint_rate(system, along) / dt
+        s.r + dt * rates.v, s.R @ so3.exp(dt * rates.Omega), s.v + dt * rates.v_dot, s.Omega + dt * rates.Omega_dot,
+        s.t + dt,
+    )  # fmt: skip
 
 
 def _forces(system: MultibodySystem, s: State) -> np.ndarray:

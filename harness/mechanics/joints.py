@@ -6,6 +6,7 @@ this order::
     point rows   phi = d, three rows                                          the points coincide
     line rows    phi = (R_j n_k) . d;  of a distance (d . d - L^2) / (2 L)    the point of i stays in a plane of j
     axis rows    phi = (R_i u) . (R_j n_k), k = 1, 2, then (R_i w) . (R_j n_2)    directions stay normal to each other
+    moving rows  module ``moving_rows``: drives, which are functions of time, and rows of velocities alone
 """
 
 from collections.abc import Sequence
@@ -15,6 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
+
+from .time_functions import NONE, TimeFunction
 
 Vector = Sequence[float] | Float[np.ndarray, " 3"]
 
@@ -33,21 +36,40 @@ class JointKind(StrEnum):
     DISTANCE = "distance"  # all but the distance of the points: a rigid massless link
 
 
+class MovingKind(StrEnum):
+    """What prescribes a motion by functions of time, or restricts velocities alone: beside the joints of a pair."""
+
+    DRIVEN_POSITION = "driven position"  # of the point of i along axis_j, from the point of j
+    DRIVEN_ANGLE = "driven angle"  # of across_i from across_j, about the axis
+    KNIFE_EDGE = "knife edge"  # the point of i has no velocity along axis_i, the normal of the blade, seen from j
+    ROLLING = "rolling disc"  # of radius ``length``, axis axis_i and centre s_i, on the plane of j with normal axis_j
+
+
+Kind = JointKind | MovingKind
+
+
 class Count(NamedTuple):
     """Rows of a joint."""
 
     point: int
     line: int
     axis: int
+    moving: int = 0
 
 
-ROWS = {
+ROWS: dict[Kind, Count] = {
     JointKind.SPHERICAL: Count(3, 0, 0), JointKind.UNIVERSAL: Count(3, 0, 1), JointKind.REVOLUTE: Count(3, 0, 2),
     JointKind.FIXED: Count(3, 0, 3), JointKind.CYLINDRICAL: Count(0, 2, 2), JointKind.PRISMATIC: Count(0, 2, 3),
     JointKind.ON_LINE: Count(0, 2, 0), JointKind.ON_PLANE: Count(0, 1, 0), JointKind.DISTANCE: Count(0, 1, 0),
+    MovingKind.DRIVEN_POSITION: Count(0, 0, 0, 1), MovingKind.DRIVEN_ANGLE: Count(0, 0, 0, 1),
+    MovingKind.KNIFE_EDGE: Count(0, 0, 0, 1), MovingKind.ROLLING: Count(0, 0, 0, 3),
 }  # fmt: skip
-ONE_AXIS = (JointKind.ON_LINE, JointKind.ON_PLANE)  # need axis_j alone
+KINDS = tuple(ROWS)  # the order in which a system numbers them
+ONE_AXIS = (JointKind.ON_LINE, JointKind.ON_PLANE, MovingKind.DRIVEN_POSITION)  # need axis_j alone
 NO_AXIS = (JointKind.SPHERICAL, JointKind.DISTANCE)
+ACROSS = (JointKind.FIXED, JointKind.PRISMATIC, MovingKind.DRIVEN_ANGLE)  # need across_i, across_j
+LENGTH = (JointKind.DISTANCE, MovingKind.ROLLING)
+DRIVES = (MovingKind.DRIVEN_POSITION, MovingKind.DRIVEN_ANGLE)
 
 
 @dataclass(frozen=True)
@@ -55,7 +77,8 @@ class Joint:
     """Points ``s_i``, ``s_j`` [m] from each C (from the origin for the ground), directions in the frames of i and j.
 
     Without a ``kind`` it is spherical, with the common axis ``axis_i``, ``axis_j`` revolute. A fixed and a prismatic
-    joint also need ``across_i``, ``across_j``: one direction, normal to the axis, as seen from either body.
+    joint also need ``across_i``, ``across_j``: one direction, normal to the axis, as seen from either body. A drive
+    needs ``motion``, its position [m] or angle [rad]; a knife edge takes one, its velocity across the blade [m/s].
     """
 
     i: int
@@ -65,16 +88,17 @@ class Joint:
     axis_i: Vector | None = None
     axis_j: Vector | None = None
     name: str = ""
-    kind: JointKind | str | None = None
+    kind: Kind | str | None = None
     across_i: Vector | None = None
     across_j: Vector | None = None
-    length: float = 0.0  # [m] of a distance
+    length: float = 0.0  # [m] of a distance, radius of a disc
+    motion: TimeFunction | None = None
 
     @property
-    def sort(self) -> JointKind:
+    def sort(self) -> Kind:
         """``kind``, or what the axes say."""
         if self.kind is not None:
-            return JointKind(self.kind)
+            return MovingKind(self.kind) if self.kind in tuple(MovingKind) else JointKind(self.kind)
         return JointKind.SPHERICAL if self.axis_i is None and self.axis_j is None else JointKind.REVOLUTE
 
 
@@ -96,42 +120,67 @@ class AxisRows(NamedTuple):
     n: Float[np.ndarray, "m 3"]  # in body j
 
 
+class MovingRows(NamedTuple):
+    """All joints with moving rows, and their first rows of phi."""
+
+    joint: Int[np.ndarray, " m"]
+    row: Int[np.ndarray, " m"]
+    kind: tuple[MovingKind, ...]
+
+
 def directions(k: int, joint: Joint) -> dict[str, Any]:
-    """u, w (3,), n (2, 3) and the length of a checked joint, or ValueError."""
+    """u, w (3,), n (3, 3), length and motion of a checked joint, or ValueError."""
     where = f"joint {k}"
     try:
         sort = joint.sort
     except ValueError:
-        raise ValueError(f"{where}: kind must be one of {', '.join(JointKind)} (got {joint.kind!r})") from None
+        raise ValueError(f"{where}: kind must be one of {', '.join(ROWS)} (got {joint.kind!r})") from None
     _check_given(where, sort, joint)
-    out: dict[str, Any] = {"u": np.zeros(3), "w": np.zeros(3), "n": np.zeros((2, 3)), "length": 0.0}
-    if sort == JointKind.DISTANCE:
-        return {**out, "length": joint.length}
-    if sort == JointKind.SPHERICAL or joint.axis_j is None:
+    out: dict[str, Any] = {"u": np.zeros(3), "w": np.zeros(3), "n": np.zeros((3, 3)), "length": 0.0}
+    out["motion"] = NONE if joint.motion is None else joint.motion.numbers(where)
+    if sort in LENGTH:
+        out["length"] = joint.length
+    if sort == MovingKind.KNIFE_EDGE and joint.axis_i is not None:
+        return {**out, "u": unit(joint.axis_i, where)}
+    if sort in NO_AXIS or joint.axis_j is None:
         return out
     axis = unit(joint.axis_j, where)
-    if sort in (JointKind.ON_PLANE, JointKind.UNIVERSAL):
-        out["n"] = np.stack((axis, np.zeros(3)))
+    if sort in (JointKind.ON_PLANE, JointKind.UNIVERSAL, MovingKind.DRIVEN_POSITION):
+        out["n"][0] = axis
+    elif sort == MovingKind.ROLLING:  # the normal of the plane and its two tangents
+        out["n"][0], out["n"][1:] = axis, _normals(axis)
+    elif sort == MovingKind.DRIVEN_ANGLE:  # axis x across, and what it turns to: axis x (axis x across)
+        assert joint.axis_i is not None and joint.across_i is not None and joint.across_j is not None  # checked
+        across, ahead = beside(axis, joint.across_j, where)
+        out["n"][:2] = ahead, -across
+        return {**out, "u": beside(unit(joint.axis_i, where), joint.across_i, where)[0]}
     else:
-        out["n"] = _normals(axis) if joint.across_j is None else _beside(axis, joint.across_j, where)
+        out["n"][:2] = _normals(axis) if joint.across_j is None else beside(axis, joint.across_j, where)
     if joint.axis_i is not None:
         out["u"] = unit(joint.axis_i, where)
         if ROWS[sort].axis == 3 and joint.across_i is not None:
-            out["w"] = _beside(out["u"], joint.across_i, where)[0]
+            out["w"] = beside(out["u"], joint.across_i, where)[0]
     return out
 
 
-def _check_given(where: str, sort: JointKind, joint: Joint) -> None:
+def _check_given(where: str, sort: Kind, joint: Joint) -> None:
     ends = [joint.axis_i is not None, joint.axis_j is not None]
+    if sort == MovingKind.KNIFE_EDGE:
+        if ends != [True, False]:
+            raise ValueError(f"{where}: a {sort} needs axis_i, the normal of its blade, and no axis_j")
+        return
+    if (joint.motion is None) == (sort in DRIVES):
+        needs = "needs a motion, a TimeFunction" if sort in DRIVES else "takes no motion: add a drive beside it"
+        raise ValueError(f"{where}: kind {sort} {needs}")
     if sort in NO_AXIS and any(ends):
         raise ValueError(f"{where}: a {sort} joint has no axis")
     if sort in ONE_AXIS and not ends[1]:
         raise ValueError(f"{where}: a {sort} joint needs axis_j")
     if sort not in (*NO_AXIS, *ONE_AXIS) and not all(ends):
         raise ValueError(f"{where}: give the axis in both bodies or in none")
-    if ROWS[sort].axis == 3 and (joint.across_i is None or joint.across_j is None):
+    if sort in ACROSS and (joint.across_i is None or joint.across_j is None):
         raise ValueError(f"{where}: a {sort} joint needs across_i and across_j, one direction seen from both bodies")
-    if sort == JointKind.DISTANCE and not (np.isfinite(joint.length) and joint.length > 0.0):
+    if sort in LENGTH and not (np.isfinite(joint.length) and joint.length > 0.0):
         raise ValueError(f"{where}: length must be finite and > 0 m (got {joint.length})")
 
 
@@ -150,7 +199,7 @@ def _normals(a: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "2 3"]:
     return np.stack((n1, np.cross(a, n1)))
 
 
-def _beside(a: Float[np.ndarray, " 3"], across: Vector, where: str) -> Float[np.ndarray, "2 3"]:
+def beside(a: Float[np.ndarray, " 3"], across: Vector, where: str) -> Float[np.ndarray, "2 3"]:
     """The part of ``across`` normal to the unit vector ``a``, of length 1, and a x that."""
     n1 = np.asarray(across, dtype=float) - (np.asarray(across, dtype=float) @ a) * a
     n1 = unit(n1, f"{where}: across, less its part along the axis")

@@ -10,9 +10,13 @@ import numpy as np
 from jaxtyping import Float
 
 from . import so3
+from .ends import gaps, points, times, turned, turning
 from .joints import LineRows
+from .moving_rows import moving
 from .state import States
 from .system import GROUND, MultibodySystem
+from .time_functions import values
+from .torsion import torsion
 
 
 def kinetic_energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
@@ -23,11 +27,13 @@ def kinetic_energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt
 
 
 def potential_energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """V [J]: gravity (zero at the origin) and springs (zero at rest length)."""
+    """V [J]: gravity (zero at the origin) and springs (zero at rest length or angle)."""
     V = -np.einsum("b,i,tbi->t", system.mass, system.gravity, s.r)
     for k in range(len(system.spring_k)):
         d, _ = _spring_line(system, s, k)
         V = V + 0.5 * system.spring_k[k] * (np.linalg.norm(d, axis=-1) - system.spring_d0[k]) ** 2
+    if len(system.torsion_k):
+        V = V + 0.5 * torsion(system, s)[0] ** 2 @ system.torsion_k
     return V
 
 
@@ -37,7 +43,7 @@ def energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
 
 
 def applied(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb 6"]:
-    """Gravity, springs, dampers and loads on each body: force [N, space], torque about C [N m, body]."""
+    """Gravity, springs, dampers, loads on each body: force [N, space], torque about C [N m, body]."""
     out = np.zeros((len(s.r), system.nb + 1, 6))  # the last one is the ground
     out[:, :-1, :3] = system.mass[:, None] * system.gravity
     for k in range(len(system.spring_k)):
@@ -52,6 +58,13 @@ def applied(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb 6"]:
         ):
             if body != GROUND:
                 out[:, body] += _wrench(s.R[:, body], sign * force, p)
+    if len(system.torsion_k):
+        angle, rate, m = torsion(system, s)
+        pull = -(system.torsion_k * angle + system.torsion_c * rate)[..., None] * m
+        for k, ends in enumerate(zip(system.torsion_i, system.torsion_j, strict=True)):
+            for body, sign in zip(ends, (1.0, -1.0), strict=True):
+                if body != GROUND:
+                    out[:, body, 3:] += sign * np.einsum("tij,ti->tj", s.R[:, body], pull[:, k])
     for load, body in enumerate(system.load_i):
         force, torque = _load(system, s, load)
         out[:, body] += _wrench(s.R[:, body], force, system.load_p[load])
@@ -60,11 +73,13 @@ def applied(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb 6"]:
 
 
 def power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """Power of dampers and loads [W]: what changes T + V."""
-    out = np.zeros(len(s.r))
+    """Power of dampers, loads and drives [W]: what changes T + V."""
+    out = drive_power(system, s) if np.any(system.joint_motion) else np.zeros(len(s.r))
     for k in np.flatnonzero(system.spring_c):
         d, d_dot = _spring_line(system, s, int(k))
         out -= system.spring_c[k] * np.sum(d * d_dot, axis=-1) ** 2 / np.sum(d * d, axis=-1)
+    if np.any(system.torsion_c):
+        out -= torsion(system, s)[1] ** 2 @ system.torsion_c
     for load, body in enumerate(system.load_i):
         force, torque = _load(system, s, load)
         omega = np.einsum("tij,tj->ti", s.R[:, body], s.Omega[:, body])
@@ -74,7 +89,7 @@ def power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
 
 
 def work(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> Float[np.ndarray, " nt"]:
-    """Work of dampers and loads since the start [J]: their power along the cubic through both ends of each step.
+    """Work of dampers, loads and drives since the start [J]: their power along the cubic through each step's ends.
 
     Fourth order: steps of a method of high order are too long for the trapezoidal rule on the power.
     """
@@ -87,6 +102,10 @@ def work(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> Flo
 
 NODES = 0.5 + 0.5 * np.array([-1.0, 0.0, 1.0]) * math.sqrt(0.6)  # of Gauss on (0, 1): the work of the cubic's damper
 WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+REACH = 1e-2  # [rad] that bodies turn at most over a difference; its error is REACH^6 / 140 of the drift
+DIFFERENCE = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
+PLACES = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)
+CHUNK = 500  # instants whose A is held at once
 
 
 def between(s: States, h: Float[np.ndarray, " nt-1"], x: float) -> States:
@@ -95,7 +114,7 @@ def between(s: States, h: Float[np.ndarray, " nt-1"], x: float) -> States:
     r, v = _cubic(s.r[:-1], s.r[1:], s.v[:-1], s.v[1:], dt, x)
     turn = so3.log(np.swapaxes(s.R[:-1], -1, -2) @ s.R[1:])
     theta, rate = _cubic(np.zeros_like(turn), turn, s.Omega[:-1], so3.rate_of_vector(turn, s.Omega[1:]), dt, x)
-    return States(r, s.R[:-1] @ so3.exp(theta), v, so3.angular_velocity(theta, rate))
+    return States(r, s.R[:-1] @ so3.exp(theta), v, so3.angular_velocity(theta, rate), s.times[:-1] + x * h)
 
 
 def _cubic(a: np.ndarray, b: np.ndarray, a_dot: np.ndarray, b_dot: np.ndarray, h: np.ndarray, x: float) -> tuple:
@@ -105,6 +124,43 @@ def _cubic(a: np.ndarray, b: np.ndarray, a_dot: np.ndarray, b_dot: np.ndarray, h
     return a + h * way, a_dot * (1.0 - x) + b_dot * x + 6.0 * bend * x * (1.0 - x)
 
 
+def drift(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
+    """The rate of phi_dot at constant velocities, A_dot v + (phi_t)_dot, by sixth-order differences of any rows."""
+    rates = (float(np.max(np.abs(a), initial=1.0)) for a in (s.Omega, system.joint_motion[:, 5]))
+    dt = REACH / max(rates)
+
+    def ahead(h: float) -> States:
+        return States(s.r + h * s.v, s.R @ so3.exp(h * s.Omega), s.v, s.Omega, s.times + h)
+
+    shifted = (c * constraint_rate(system, ahead(x * dt)) for x, c in zip(PLACES, DIFFERENCE, strict=True))
+    out: np.ndarray = sum(shifted) / dt
+    return out
+
+
+def drive_power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
+    """Power of drives [W], -reaction . phi_t with the reaction of index 1: unique where rows are redundant, too."""
+    out = np.zeros(len(s))
+    L = np.zeros((system.nb, 6, 6))  # of L L^T = M
+    L[:, range(3), range(3)] = np.sqrt(system.mass)[:, None]
+    L[:, 3:, 3:] = np.linalg.cholesky(system.inertia)
+    inverse = np.linalg.inv(L)
+    for k in range(0, len(s), CHUNK):
+        part = s.at(slice(k, k + CHUNK))
+        push = moving(system, part)
+        A = np.zeros((len(part), system.nrows, system.nb, 6))
+        for body, rows, translation, rotation in row_parts(system, part):
+            A[:, rows, body] += np.concatenate((translation, rotation), axis=-1)
+        f = applied(system, part)
+        f[:, :, 3:] -= np.cross(part.Omega, times(system.inertia, part.Omega))
+        B = np.einsum("tkbj,bij->tkbi", A, inverse).reshape(len(part), system.nrows, -1)
+        x = np.einsum("bij,tbj->tbi", inverse, f).reshape(len(part), -1)
+        back = np.linalg.pinv(B, rcond=1e-9)
+        missing = -drift(system, part) - times(B, x)
+        reaction = times(np.swapaxes(back, -1, -2), times(back, missing))
+        out[k : k + CHUNK] = -np.sum(reaction[:, push.row] * push.phi_t, axis=-1)
+    return out
+
+
 def _wrench(R: np.ndarray, force: np.ndarray, p: np.ndarray) -> np.ndarray:
     """(force [space], its torque about C [body]) of a force at the point ``p`` of a body."""
     return np.concatenate((force, np.cross(p, np.einsum("tij,ti->tj", R, force))), axis=-1)
@@ -112,8 +168,9 @@ def _wrench(R: np.ndarray, force: np.ndarray, p: np.ndarray) -> np.ndarray:
 
 def _load(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Force and torque of a load in space (nt, 3)."""
+    factor = values(system.load_factor[k : k + 1], s.times)[0]
     R = s.R[:, system.load_i[k]] if system.load_follows[k] else np.broadcast_to(np.eye(3), (len(s.r), 3, 3))
-    return R @ system.load_force[k], R @ system.load_torque[k]
+    return factor * (R @ system.load_force[k]), factor * (R @ system.load_torque[k])
 
 
 def linear_momentum(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt 3"]:
@@ -128,12 +185,12 @@ def angular_momentum(system: MultibodySystem, s: States) -> Float[np.ndarray, "n
 
 
 def constraint(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
-    """phi: point and line rows [m], axis rows [-] (module ``joints``)."""
+    """phi: point and line rows [m], axis rows [-] (module ``joints``); 0 of rows that have none."""
     return _rows(system, s, velocity=False)
 
 
 def constraint_rate(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
-    """phi_dot = A v: point and line rows [m/s], axis rows [1/s]."""
+    """phi_dot = A v + phi_t: point and line rows [m/s], axis rows [1/s]."""
     return _rows(system, s, velocity=True)
 
 
@@ -145,8 +202,8 @@ def scaling_masses(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt 
     aa, aMa = np.zeros((2, len(s.r), system.nrows))
     for body, rows, translation, rotation in row_parts(system, s):
         aa[:, rows] += np.sum(translation**2, axis=-1) + np.sum(rotation**2, axis=-1)
-        turning = np.sum(_times(system.inertia[body], rotation) * rotation, axis=-1)
-        aMa[:, rows] += system.mass[body] * np.sum(translation**2, axis=-1) + turning
+        spin = np.sum(times(system.inertia[body], rotation) * rotation, axis=-1)
+        aMa[:, rows] += system.mass[body] * np.sum(translation**2, axis=-1) + spin
     return aMa / aa**2
 
 
@@ -154,7 +211,8 @@ def row_parts(system: MultibodySystem, s: States) -> Iterator[tuple[np.ndarray, 
     """A by pieces: bodies (m,), rows (m,), their parts on r_dot [space] and Omega [body] of these bodies (nt, m, 3)."""
     joints, point = system.point_rows()
     line, axis = system.line_rows(), system.axis_rows()
-    torque = np.cross(_turned(s, system.joint_i[axis.joint], axis.u), _turned(s, system.joint_j[axis.joint], axis.n))
+    push = moving(system, s)
+    torque = np.cross(turned(s, system.joint_i[axis.joint], axis.u), turned(s, system.joint_j[axis.joint], axis.n))
     way = _line_ways(system, s, line, velocity=False)[1]
     for ends, arms, sign in ((system.joint_i, system.joint_s_i, 1.0), (system.joint_j, system.joint_s_j, -1.0)):
         m = np.flatnonzero(ends[joints] != GROUND)
@@ -164,13 +222,17 @@ def row_parts(system: MultibodySystem, s: States) -> Iterator[tuple[np.ndarray, 
             yield body, point[m, c], unit, sign * np.cross(arm, s.R[:, body, c])
         m = np.flatnonzero(ends[line.joint] != GROUND)  # a force along the way at the point of i, on both bodies
         body = ends[line.joint[m]]
-        x = _points(system, s, line.joint[m])[0]
+        x = points(system, s, line.joint[m])[0]
         moment = np.cross(x - s.r[:, body], way[:, m])
-        yield body, line.row[m], sign * way[:, m], sign * _times(np.swapaxes(s.R[:, body], -1, -2), moment)
+        yield body, line.row[m], sign * way[:, m], sign * times(np.swapaxes(s.R[:, body], -1, -2), moment)
         m = np.flatnonzero(ends[axis.joint] != GROUND)
         body = ends[axis.joint[m]]
-        spin = _times(np.swapaxes(s.R[:, body], -1, -2), torque[:, m])
+        spin = times(np.swapaxes(s.R[:, body], -1, -2), torque[:, m])
         yield body, axis.row[m], np.zeros_like(spin), sign * spin
+        m = np.flatnonzero(ends[push.joint] != GROUND)  # a force at the row's own point, on both bodies, and a torque
+        body = ends[push.joint[m]]
+        moment = push.torque[:, m] + np.cross(push.point[:, m] - s.r[:, body], push.force[:, m])
+        yield body, push.row[m], sign * push.force[:, m], sign * times(np.swapaxes(s.R[:, body], -1, -2), moment)
 
 
 def constraint_energy_norm(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
@@ -199,67 +261,32 @@ def _spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray
     return d, d_dot
 
 
-def _with_ground(a: np.ndarray, ground: np.ndarray) -> np.ndarray:
-    """``a`` with the ground as its last body, where index -1 finds it."""
-    return np.concatenate((a, np.broadcast_to(ground, (len(a), 1, *ground.shape))), axis=1)
-
-
-def _turned(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Vectors ``x`` (m, 3) fixed in bodies, in space (nt, m, 3)."""
-    return _times(_with_ground(s.R, np.eye(3))[:, body], x)
-
-
-def _times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """A x of vectors in the last axis."""
-    return np.matmul(A, x[..., None])[..., 0]
-
-
-def _turning(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Their rates."""
-    return _turned(s, body, np.cross(_with_ground(s.Omega, np.zeros(3))[:, body], x))
-
-
-def _points(system: MultibodySystem, s: States, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points of i and of j in space (nt, m, 3)."""
-    r, i, j = _with_ground(s.r, np.zeros(3)), system.joint_i[joints], system.joint_j[joints]
-    x_i = r[:, i] + _turned(s, i, system.joint_s_i[joints])
-    return x_i, r[:, j] + _turned(s, j, system.joint_s_j[joints])
-
-
-def _gaps(system: MultibodySystem, s: States, joints: np.ndarray, *, velocity: bool) -> np.ndarray:
-    """d or its rate (nt, m, 3)."""
-    if not velocity:
-        x_i, x_j = _points(system, s, joints)
-        return x_i - x_j
-    v, i, j = _with_ground(s.v, np.zeros(3)), system.joint_i[joints], system.joint_j[joints]
-    moving = v[:, i] + _turning(s, i, system.joint_s_i[joints])
-    return moving - v[:, j] - _turning(s, j, system.joint_s_j[joints])
-
-
 def _line_ways(system: MultibodySystem, s: States, line: LineRows, *, velocity: bool) -> tuple[np.ndarray, np.ndarray]:
     """phi of the line rows (nt, m), or their rates, and the direction of their force: R_j n, or d / L."""
-    d, n = _gaps(system, s, line.joint, velocity=False), _turned(s, system.joint_j[line.joint], line.n)
+    d, n = gaps(system, s, line.joint, velocity=False), turned(s, system.joint_j[line.joint], line.n)
     link = line.length > 0.0
     L = np.where(link, line.length, 1.0)
     way = np.where(link[:, None], d / L[:, None], n)
     if not velocity:
         return np.where(link, 0.5 * (np.sum(d * way, axis=-1) - line.length), np.sum(d * n, axis=-1)), way
-    d_dot = _gaps(system, s, line.joint, velocity=True)
-    n_dot = _turning(s, system.joint_j[line.joint], line.n)
+    d_dot = gaps(system, s, line.joint, velocity=True)
+    n_dot = turning(s, system.joint_j[line.joint], line.n)
     return np.sum(d_dot * way, axis=-1) + np.where(link, 0.0, np.sum(d * n_dot, axis=-1)), way
 
 
 def _rows(system: MultibodySystem, s: States, *, velocity: bool) -> np.ndarray:
     out = np.empty((len(s.r), system.nrows))
     joints, point = system.point_rows()
-    out[:, point] = _gaps(system, s, joints, velocity=velocity)
+    out[:, point] = gaps(system, s, joints, velocity=velocity)
     line, axis = system.line_rows(), system.axis_rows()
     out[:, line.row] = _line_ways(system, s, line, velocity=velocity)[0]
+    push = moving(system, s)
+    out[:, push.row] = push.rate(system, s) if velocity else push.phi
     ends = (system.joint_i[axis.joint], axis.u), (system.joint_j[axis.joint], axis.n)
-    u, n = (_turned(s, *end) for end in ends)
+    u, n = (turned(s, *end) for end in ends)
     if not velocity:
         out[:, axis.row] = np.sum(u * n, axis=-1)
     else:
-        u_dot, n_dot = (_turning(s, *end) for end in ends)
+        u_dot, n_dot = (turning(s, *end) for end in ends)
         out[:, axis.row] = np.sum(u_dot * n, axis=-1) + np.sum(u * n_dot, axis=-1)
     return out

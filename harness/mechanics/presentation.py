@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
+from .joints import KINDS, MovingKind
 from .state import State, States
 from .system import GROUND, MultibodySystem
+from .time_functions import in_units
 
 SPACE_AXES = {"none": -1, "X": 0, "Y": 1, "Z": 2}
 BODY_MIRROR = np.diag([1.0, 1.0, -1.0])  # of every body frame, so that a mirrored R is a rotation again
@@ -54,6 +56,7 @@ class Presentation:
             m.R[0, bodies],
             m.v[0, bodies] * self.speed,
             m.Omega[0, bodies] / self.unit_time,
+            state.t * self.unit_time,
         )
 
     def states_back(self, s: MultibodySystem, presented: States) -> States:
@@ -64,6 +67,7 @@ class Presentation:
             presented.R[:, back],
             presented.v[:, back] / self.speed,
             presented.Omega[:, back] * self.unit_time,
+            presented.times / self.unit_time,
         )
         return _mirrored_states(home, self._space())
 
@@ -75,7 +79,7 @@ class Presentation:
         rows = np.concatenate([np.arange(start[j], start[j + 1]) for j in joints]) if s.nj else np.zeros(0, np.int64)
         home = np.empty_like(presented)
         home[:, rows] = presented / self.force
-        home[:, repeated.axis_rows().row] /= self.unit_length
+        home[:, repeated.turning_rows] /= self.unit_length
         if self.duplicate:
             k, n = self.duplicate - 1, s.nrows
             home[:, start[k] : start[k + 1]] += home[:, n:]
@@ -114,6 +118,7 @@ def _mirrored(s: MultibodySystem, S: np.ndarray) -> MultibodySystem:
         s, inertia=_frozen(BODY_MIRROR @ s.inertia @ BODY_MIRROR), gravity=_frozen(S @ s.gravity),
         joint_s_i=image(s.joint_s_i, s.joint_i), joint_s_j=image(s.joint_s_j, s.joint_j),
         joint_u=image(s.joint_u, s.joint_i), joint_w=image(s.joint_w, s.joint_i), joint_n=image(s.joint_n, s.joint_j),
+        torsion_u=image(s.torsion_u, s.torsion_i), torsion_n=image(s.torsion_n, s.torsion_j),
         spring_p_i=image(s.spring_p_i, s.spring_i), spring_p_j=image(s.spring_p_j, s.spring_j),
         load_p=_frozen(s.load_p @ BODY_MIRROR), load_force=load_image(s.load_force),
         load_torque=_frozen(-load_image(s.load_torque)),  # a pseudovector
@@ -124,7 +129,7 @@ def _mirrored_states(s: States, S: np.ndarray) -> States:
     """Its own inverse. Omega is a pseudovector: it turns the other way about the mirrored axis."""
     if np.array_equal(S, np.eye(3)):
         return s
-    return States(s.r @ S, S @ s.R @ BODY_MIRROR, s.v @ S, -(s.Omega @ BODY_MIRROR))
+    return States(s.r @ S, S @ s.R @ BODY_MIRROR, s.v @ S, -(s.Omega @ BODY_MIRROR), s.t)
 
 
 def _repeated(s: MultibodySystem, joint: int) -> MultibodySystem:
@@ -143,6 +148,7 @@ def _renumbered(s: MultibodySystem, bodies: np.ndarray, joints: np.ndarray) -> M
     changes |= {n: _frozen(new[changes[n]]) for n in ("joint_i", "joint_j")}
     return dataclasses.replace(
         s, **changes, mass=_frozen(s.mass[bodies]), inertia=_frozen(s.inertia[bodies]),
+        torsion_i=_frozen(new[s.torsion_i]), torsion_j=_frozen(new[s.torsion_j]),
         spring_i=_frozen(new[s.spring_i]), spring_j=_frozen(new[s.spring_j]), load_i=_frozen(new[s.load_i]),
         body_names=tuple(s.body_names[b] for b in bodies) if s.body_names else (),
         joint_names=tuple(s.joint_names[j] for j in joints) if s.joint_names else (),
@@ -157,11 +163,16 @@ def _in_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
     L, M, T = p.unit_length, p.unit_mass, p.unit_time
     if L == M == T == 1.0:
         return s
+    angles = s.joint_sort == KINDS.index(MovingKind.DRIVEN_ANGLE)
+    sizes = np.where(angles, 1.0, np.where(s.joint_sort == KINDS.index(MovingKind.KNIFE_EDGE), L / T, L))
     return dataclasses.replace(
-        s, mass=_frozen(s.mass * M), inertia=_frozen(s.inertia * (M * L**2)),
+        s, joint_motion=_frozen(in_units(s.joint_motion, sizes, T)),
+        load_factor=_frozen(in_units(s.load_factor, 1.0, T)), mass=_frozen(s.mass * M),
+        inertia=_frozen(s.inertia * (M * L**2)),
         gravity=_frozen(s.gravity * (L / T**2)), joint_s_i=_frozen(s.joint_s_i * L),
         joint_s_j=_frozen(s.joint_s_j * L), spring_p_i=_frozen(s.spring_p_i * L),
         spring_p_j=_frozen(s.spring_p_j * L), spring_k=_frozen(s.spring_k * (M / T**2)),
+        torsion_k=_frozen(s.torsion_k * (M * L**2 / T**2)), torsion_c=_frozen(s.torsion_c * (M * L**2 / T)),
         spring_d0=_frozen(s.spring_d0 * L), spring_c=_frozen(s.spring_c * (M / T)),
         joint_length=_frozen(s.joint_length * L), load_p=_frozen(s.load_p * L),
         load_force=_frozen(s.load_force * (M * L / T**2)), load_torque=_frozen(s.load_torque * (M * L**2 / T**2)),

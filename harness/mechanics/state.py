@@ -14,6 +14,7 @@ class State:
     R: Float[np.ndarray, "nb 3 3"]
     v: Float[np.ndarray, "nb 3"]  # [m/s]
     Omega: Float[np.ndarray, "nb 3"]  # [rad/s]
+    t: float = 0.0  # [s], of which drives and loads may be functions
 
     def __post_init__(self) -> None:
         nb = len(self.r)
@@ -33,16 +34,30 @@ class States:
     R: Float[np.ndarray, "nt nb 3 3"]
     v: Float[np.ndarray, "nt nb 3"]
     Omega: Float[np.ndarray, "nt nb 3"]
+    t: Float[np.ndarray, " nt"] | None = None  # [s]; without them all are at t = 0
 
     def __post_init__(self) -> None:
         nt, nb = self.r.shape[:2]
-        _check_and_freeze(self, {"r": (nt, nb, 3), "R": (nt, nb, 3, 3), "v": (nt, nb, 3), "Omega": (nt, nb, 3)})
+        if self.t is None:
+            object.__setattr__(self, "t", np.zeros(nt))
+        shapes = {"r": (nt, nb, 3), "R": (nt, nb, 3, 3), "v": (nt, nb, 3), "Omega": (nt, nb, 3), "t": (nt,)}
+        _check_and_freeze(self, shapes)
+
+    @property
+    def times(self) -> Float[np.ndarray, " nt"]:
+        """``t``, always there."""
+        assert self.t is not None
+        return self.t
+
+    def timed(self, t: Float[np.ndarray, " nt"]) -> "States":
+        """The same poses and velocities at the times ``t``."""
+        return States(self.r, self.R, self.v, self.Omega, t)
 
     def __len__(self) -> int:
         return len(self.r)
 
     def __getitem__(self, k: int) -> State:
-        return State(self.r[k], self.R[k], self.v[k], self.Omega[k])
+        return State(self.r[k], self.R[k], self.v[k], self.Omega[k], float(self.times[k]))
 
     @property
     def nb(self) -> int:
@@ -51,17 +66,17 @@ class States:
 
     def at(self, index: np.ndarray | slice) -> "States":
         """The rows ``index`` of time."""
-        return States(self.r[index], self.R[index], self.v[index], self.Omega[index])
+        return States(self.r[index], self.R[index], self.v[index], self.Omega[index], self.times[index])
 
     @staticmethod
     def one(state: State) -> "States":
         """A stack of one instant."""
-        return States(state.r[None], state.R[None], state.v[None], state.Omega[None])
+        return States(state.r[None], state.R[None], state.v[None], state.Omega[None], np.array([state.t]))
 
 
 def rotated(s: States, Q: Float[np.ndarray, "3 3"]) -> States:
     """The same motion in a space rotated by ``Q``; Omega, in the body frame, stays."""
-    return States(s.r @ Q.T, Q @ s.R, s.v @ Q.T, s.Omega)
+    return States(s.r @ Q.T, Q @ s.R, s.v @ Q.T, s.Omega, s.t)
 
 
 def _check_and_freeze(self: object, shapes: dict[str, tuple[int, ...]]) -> None:

@@ -10,7 +10,21 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from .joints import ROWS, AxisRows, Joint, JointKind, LineRows, Vector, directions
+from .joints import (
+    KINDS,
+    ROWS,
+    AxisRows,
+    Joint,
+    Kind,
+    LineRows,
+    MovingKind,
+    MovingRows,
+    Vector,
+    beside,
+    directions,
+    unit,
+)
+from .time_functions import ONE, TimeFunction, varies
 
 GROUND = -1
 
@@ -38,10 +52,27 @@ class SpringDamper:
 
 
 @dataclass(frozen=True)
-class Load:
-    """A constant force [N] at ``point`` [m, from C, body frame] and a torque [N m] on body ``i``.
+class TorsionSpring:
+    """Torque ``-(k (theta - theta_0) + c theta_dot)`` on i about ``axis_j``, the opposite on j (module ``torsion``).
 
-    Both in the space frame, or with ``follows`` in the body's, with which they turn.
+    theta [rad] is the angle from ``across_j`` to ``across_i`` about the axis, within half a turn of theta_0.
+    """
+
+    i: int
+    across_i: Vector
+    j: int = GROUND
+    axis_j: Vector = (0.0, 0.0, 1.0)
+    across_j: Vector = (1.0, 0.0, 0.0)
+    stiffness: float = 0.0  # k [N m/rad]
+    rest_angle: float = 0.0  # theta_0 [rad]
+    damping: float = 0.0  # c [N m s/rad]
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force [N] at ``point`` [m, from C, body frame] and a torque [N m] on body ``i``.
+
+    Both in the space frame, or with ``follows`` in the body's, with which they turn; times ``factor``, if given.
     """
 
     i: int
@@ -49,6 +80,7 @@ class Load:
     torque: Vector = (0.0, 0.0, 0.0)
     point: Vector = (0.0, 0.0, 0.0)
     follows: bool = False
+    factor: TimeFunction | None = None  # of both; constant 1 without
 
 
 @dataclass(frozen=True)
@@ -63,13 +95,16 @@ class MultibodySystem:
     joint_j: Int[np.ndarray, " nj"]
     joint_s_i: Float[np.ndarray, "nj 3"]
     joint_s_j: Float[np.ndarray, "nj 3"]
+    joint_sort: Int[np.ndarray, " nj"]  # number in ``joints.KINDS``
     joint_points: Int[np.ndarray, " nj"]  # number of point rows: 0 or 3
     joint_lines: Int[np.ndarray, " nj"]  # number of line rows: 0 to 2
     joint_axes: Int[np.ndarray, " nj"]  # number of axis rows: 0 to 3
+    joint_moving: Int[np.ndarray, " nj"]  # number of moving rows: 0, 1 or 3
     joint_u: Float[np.ndarray, "nj 3"]  # unit vectors; zero where no row reads them
     joint_w: Float[np.ndarray, "nj 3"]
-    joint_n: Float[np.ndarray, "nj 2 3"]
+    joint_n: Float[np.ndarray, "nj 3 3"]
     joint_length: Float[np.ndarray, " nj"]
+    joint_motion: Float[np.ndarray, "nj 7"]  # numbers of a ``TimeFunction``; zero where time does not enter
 
     spring_i: Int[np.ndarray, " ns"]
     spring_j: Int[np.ndarray, " ns"]
@@ -79,11 +114,20 @@ class MultibodySystem:
     spring_d0: Float[np.ndarray, " ns"]
     spring_c: Float[np.ndarray, " ns"]
 
+    torsion_i: Int[np.ndarray, " nr"]
+    torsion_j: Int[np.ndarray, " nr"]
+    torsion_u: Float[np.ndarray, "nr 3"]  # unit vector in i
+    torsion_n: Float[np.ndarray, "nr 2 3"]  # e, and axis x e, in j
+    torsion_k: Float[np.ndarray, " nr"]
+    torsion_rest: Float[np.ndarray, " nr"]
+    torsion_c: Float[np.ndarray, " nr"]
+
     load_i: Int[np.ndarray, " nl"]
     load_p: Float[np.ndarray, "nl 3"]
     load_force: Float[np.ndarray, "nl 3"]
     load_torque: Float[np.ndarray, "nl 3"]
     load_follows: Bool[np.ndarray, " nl"]
+    load_factor: Float[np.ndarray, "nl 7"]  # numbers of a ``TimeFunction``
 
     body_names: tuple[str, ...] = ()
     joint_names: tuple[str, ...] = ()
@@ -101,7 +145,7 @@ class MultibodySystem:
     @property
     def joint_rows(self) -> Int[np.ndarray, " nj"]:
         """Number of rows of each joint."""
-        return self.joint_points + self.joint_lines + self.joint_axes
+        return self.joint_points + self.joint_lines + self.joint_axes + self.joint_moving
 
     @property
     def row_start(self) -> Int[np.ndarray, " nj+1"]:
@@ -118,12 +162,9 @@ class MultibodySystem:
         """Which joints are revolute."""
         return (self.joint_points == 3) & (self.joint_axes == 2)
 
-    def joint_kind(self, k: int) -> JointKind:
-        """What the rows of a joint make it; of those with one line row, a distance has a length."""
-        count = (self.joint_points[k], self.joint_lines[k], self.joint_axes[k])
-        if count == ROWS[JointKind.DISTANCE] and self.joint_length[k] > 0.0:
-            return JointKind.DISTANCE
-        return next(kind for kind, rows in ROWS.items() if rows == count)
+    def joint_kind(self, k: int) -> Kind:
+        """What a joint is."""
+        return KINDS[self.joint_sort[k]]
 
     @property
     def is_pinned(self) -> bool:
@@ -132,8 +173,18 @@ class MultibodySystem:
 
     @property
     def is_conservative(self) -> bool:
-        """True when no damper and no load acts, so that T + V is constant."""
-        return not (np.any(self.spring_c) or len(self.load_i))
+        """True when no damper and no load acts and nothing is driven, so that T + V is constant."""
+        return not (np.any(self.spring_c) or np.any(self.torsion_c) or len(self.load_i) or np.any(self.joint_motion))
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether drives or loads are functions of time."""
+        return bool(np.any(varies(self.joint_motion)) or np.any(self.load_factor != ONE))
+
+    @property
+    def is_holonomic(self) -> bool:
+        """Whether every row has a phi: no knife edge, no rolling disc."""
+        return not any(kind in (MovingKind.KNIFE_EDGE, MovingKind.ROLLING) for kind in self.moving_rows().kind)
 
     def point_rows(self) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, "m 3"]]:
         """Joints with point rows, and these rows of phi."""
@@ -153,6 +204,18 @@ class MultibodySystem:
         u = np.where((k == 2)[:, None], self.joint_w[joint], self.joint_u[joint])
         return AxisRows(joint, row, u, self.joint_n[joint, np.minimum(k, 1)])
 
+    def moving_rows(self) -> MovingRows:
+        """All joints with moving rows, which have no others."""
+        joint = np.flatnonzero(self.joint_moving)
+        return MovingRows(joint, self.row_start[joint], tuple(KINDS[k] for k in self.joint_sort[joint]))
+
+    @property
+    def turning_rows(self) -> Int[np.ndarray, " m"]:
+        """Rows without unit, whose reactions are torques: axis rows and driven angles."""
+        moving = self.moving_rows()
+        angles = moving.row[[kind == MovingKind.DRIVEN_ANGLE for kind in moving.kind]]
+        return np.concatenate((self.axis_rows().row, angles))
+
 
 def _counted(count: Int[np.ndarray, " nj"]) -> tuple[np.ndarray, np.ndarray]:
     """(joint, number within the joint) of ``count`` rows a joint."""
@@ -166,18 +229,20 @@ def assemble(
     gravity: Vector = (0.0, 0.0, 0.0),
     springs: Sequence[SpringDamper] = (),
     loads: Sequence[Load] = (),
+    torsions: Sequence[TorsionSpring] = (),
 ) -> MultibodySystem:
     """Arrays from parts, or ValueError naming the invalid part."""
     for k, body in enumerate(bodies):
         _check_body(k, body)
-    parts: tuple[Joint | SpringDamper, ...] = (*joints, *springs)
+    parts: tuple[Joint | SpringDamper | TorsionSpring, ...] = (*joints, *springs, *torsions)
     for k, part in enumerate(parts):
         _check_ends(k, part.i, part.j, len(bodies))
-    for k, spring in enumerate(springs):
-        for what in ("stiffness", "damping", "rest_length"):
-            value = getattr(spring, what)
-            if not (np.isfinite(value) and value >= 0.0):
-                raise ValueError(f"spring {k}: {what} must be finite and >= 0 (got {value})")
+    for name, some in (("spring", springs), ("torsion", torsions)):
+        for k, spring in enumerate(some):
+            for what in ("stiffness", "damping", "rest_length"):
+                value = getattr(spring, what, 0.0)
+                if not (np.isfinite(value) and value >= 0.0):
+                    raise ValueError(f"{name} {k}: {what} must be finite and >= 0 (got {value})")
     for k, load in enumerate(loads):
         if not 0 <= load.i < len(bodies):
             raise ValueError(f"load {k}: expected a body in 0..{len(bodies) - 1} (got {load.i})")
@@ -191,13 +256,16 @@ def assemble(
         joint_j=_frozen([j.j for j in joints], (len(joints),), np.int64),
         joint_s_i=_frozen([j.s_i for j in joints], (len(joints), 3)),
         joint_s_j=_frozen([j.s_j for j in joints], (len(joints), 3)),
+        joint_sort=_frozen([KINDS.index(j.sort) for j in joints], (len(joints),), np.int64),
         joint_points=_frozen([c.point for c in counts], (len(joints),), np.int64),
         joint_lines=_frozen([c.line for c in counts], (len(joints),), np.int64),
         joint_axes=_frozen([c.axis for c in counts], (len(joints),), np.int64),
+        joint_moving=_frozen([c.moving for c in counts], (len(joints),), np.int64),
         joint_u=_frozen([v["u"] for v in vectors], (len(joints), 3)),
         joint_w=_frozen([v["w"] for v in vectors], (len(joints), 3)),
-        joint_n=_frozen([v["n"] for v in vectors], (len(joints), 2, 3)),
+        joint_n=_frozen([v["n"] for v in vectors], (len(joints), 3, 3)),
         joint_length=_frozen([v["length"] for v in vectors], (len(joints),)),
+        joint_motion=_frozen([v["motion"] for v in vectors], (len(joints), 7)),
         spring_i=_frozen([s.i for s in springs], (len(springs),), np.int64),
         spring_j=_frozen([s.j for s in springs], (len(springs),), np.int64),
         spring_p_i=_frozen([s.p_i for s in springs], (len(springs), 3)),
@@ -205,14 +273,29 @@ def assemble(
         spring_k=_frozen([s.stiffness for s in springs], (len(springs),)),
         spring_d0=_frozen([s.rest_length for s in springs], (len(springs),)),
         spring_c=_frozen([s.damping for s in springs], (len(springs),)),
+        torsion_i=_frozen([s.i for s in torsions], (len(torsions),), np.int64),
+        torsion_j=_frozen([s.j for s in torsions], (len(torsions),), np.int64),
+        torsion_u=_frozen([unit(s.across_i, f"torsion {k}") for k, s in enumerate(torsions)], (len(torsions), 3)),
+        torsion_n=_frozen(
+            [beside(unit(s.axis_j, f"torsion {k}"), s.across_j, f"torsion {k}") for k, s in enumerate(torsions)],
+            (len(torsions), 2, 3),
+        ),
+        torsion_k=_frozen([s.stiffness for s in torsions], (len(torsions),)),
+        torsion_rest=_frozen([s.rest_angle for s in torsions], (len(torsions),)),
+        torsion_c=_frozen([s.damping for s in torsions], (len(torsions),)),
         load_i=_frozen([f.i for f in loads], (len(loads),), np.int64),
         load_p=_frozen([f.point for f in loads], (len(loads), 3)),
         load_force=_frozen([f.force for f in loads], (len(loads), 3)),
         load_torque=_frozen([f.torque for f in loads], (len(loads), 3)),
         load_follows=_frozen([f.follows for f in loads], (len(loads),), np.bool_),
+        load_factor=_frozen([_factor(k, f) for k, f in enumerate(loads)], (len(loads), 7)),
         body_names=tuple(b.name or f"body {k + 1}" for k, b in enumerate(bodies)),
         joint_names=tuple(j.name or f"joint {k + 1}" for k, j in enumerate(joints)),
     )
+
+
+def _factor(k: int, load: Load) -> np.ndarray:
+    return ONE if load.factor is None else load.factor.numbers(f"load {k}")
 
 
 def _frozen(values: object, shape: tuple[int, ...], dtype: type = np.float64) -> np.ndarray:

@@ -33,7 +33,7 @@ def part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySys
     new = np.full(system.nb + 1, GROUND)  # the last entry, at -1, is the ground
     new[bodies] = np.arange(len(bodies))
     changes: dict[str, Any] = {"mass": system.mass[bodies], "inertia": system.inertia[bodies]}
-    for kind in ("joint", "spring"):
+    for kind in ("joint", "spring", "torsion"):
         i, j = (getattr(system, f"{kind}_{e}") for e in "ij")
         own = np.isin(i, bodies) | np.isin(j, bodies)
         arrays = {k: a[own] for k, a in vars(system).items() if k.startswith(kind) and isinstance(a, np.ndarray)}
@@ -46,7 +46,7 @@ def part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySys
 
 def states_of(s: States, bodies: Int[np.ndarray, " n"]) -> States:
     """The motion of these bodies."""
-    return States(s.r[:, bodies], s.R[:, bodies], s.v[:, bodies], s.Omega[:, bodies])
+    return States(s.r[:, bodies], s.R[:, bodies], s.v[:, bodies], s.Omega[:, bodies], s.t)
 
 
 def state_of(s: State, bodies: Int[np.ndarray, " n"]) -> State:
@@ -58,4 +58,4 @@ def without_common_motion(system: MultibodySystem, s: States) -> States:
     """Positions and velocities relative to the centre of mass of all bodies."""
     share = system.mass / np.sum(system.mass)
     r, v = (np.einsum("b,tbi->ti", share, a)[:, None] for a in (s.r, s.v))
-    return States(s.r - r, s.R, s.v - v, s.Omega)
+    return States(s.r - r, s.R, s.v - v, s.Omega, s.t)

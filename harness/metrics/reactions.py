@@ -15,13 +15,11 @@ DIFFERENCE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 
 
 def largest_joint_force(system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"]) -> Float[np.ndarray, " nt"]:
-    """Largest force [N] that any joint carries: norm of its point and line rows; NaN where the solver has none."""
+    """Largest force [N] that any joint carries: norm of its rows but torques; NaN where the solver has none."""
     square = np.zeros((len(reaction), system.nj))
-    joints, rows = system.point_rows()
-    square[:, joints] = np.sum(reaction[:, rows] ** 2, axis=-1)
-    line = system.line_rows()
-    for joint, row in zip(line.joint, line.row, strict=True):
-        square[:, joint] += reaction[:, row] ** 2
+    joint = np.repeat(np.arange(system.nj), system.joint_rows)
+    for row in np.setdiff1d(np.arange(system.nrows), system.turning_rows):
+        square[:, joint[row]] += reaction[:, row] ** 2
     return np.sqrt(np.max(square, axis=-1, initial=0.0))
 
 

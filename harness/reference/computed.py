@@ -66,7 +66,7 @@ class Source(StrEnum):
 
     OWN = "own"  # the problem's exact motion; None for some starts, then as if it had none
     COMPUTED = "computed"
-    NONE = "none"  # the system is too large, or the start opens its joints
+    NONE = "none"  # too large, a start that opens its joints, moving rows, timed loads or torsional springs
 
 
 def source_of(problem: Problem) -> Source:
@@ -79,7 +79,9 @@ def source_of(problem: Problem) -> Source:
 
 
 def is_computable(system: MultibodySystem) -> bool:
-    """Whether ``FEWEST`` steps fit the budget: up to about 60 bodies on spherical joints."""
+    """Whether the routes have its rows and forces, and ``FEWEST`` steps fit the budget: up to about 60 bodies."""
+    if system.is_timed or len(system.moving_rows().joint) or len(system.torsion_k):
+        return False
     return FEWEST * 72 * cost(system)[1] < BUDGET
 
 

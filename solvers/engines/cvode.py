@@ -50,19 +50,19 @@ class Cvode(SymbolicOptions):
         n, still = layout.n_p + layout.n_u, np.zeros(layout.k)
         form, clock, work = StrongForm(layout, self.alpha, self.beta), Clock(control.wall_limit), {"evaluations": 0}
 
-        def rates(y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        def rates(t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             work["evaluations"] += 1
             clock.check()
-            found = form.rates(y, still, still)
+            found = form.rates(y, still, still, t)
             return np.concatenate((found.p_dot, found.u_dot)), found.reaction
 
         def rhs(t: float, y: np.ndarray, y_dot: np.ndarray) -> None:
-            y_dot[:] = rates(y)[0]
+            y_dot[:] = rates(t, y)[0]
 
         y = coordinates_and_velocities(layout, problem)[:n]
         with contextlib.redirect_stdout(io.StringIO()) as said:  # SUNDIALS prints its messages
             try:
-                reaction = rates(y)[1]
+                reaction = rates(0.0, y)[1]
                 cvode = CVODE(
                     rhs, method=self.method, rtol=control.rtol, atol=control.rtol, linsolver="gmres",
                     max_step=control.max_step or 0.0, max_num_steps=ONE_STEP_LIMIT,
@@ -79,7 +79,7 @@ class Cvode(SymbolicOptions):
                     status, words = FAILURES.get(step.status, (Status.CRASHED, step.message))
                     native = " ".join(said.getvalue().split())
                     raise StepFailure(status, f"CVODE: {words}" + (f" ({native})" if native else ""))
-                return step.t, step.y, rates(step.y)[1]
+                return step.t, step.y, rates(step.t, step.y)[1]
 
             done = march(advance, (0.0, y, reaction), layout, problem.t_end, control, clock)
             cpu_time = clock.cpu_time()

@@ -241,7 +241,7 @@ def _joint_frames(
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]:
     """Columns x, y, z of the joint frame of revolute joint ``k``, z its axis, in the frames of i and of j."""
     R = np.concatenate((start.R, np.eye(3)[None]))
-    x, y = system.joint_n[k]
+    x, y = system.joint_n[k, :2]
     in_j = np.column_stack((x, y, np.cross(x, y)))
     return R[system.joint_i[k]].T @ R[system.joint_j[k]] @ in_j, in_j
 

@@ -50,25 +50,30 @@ class Assembly:
         self._derivatives = np.zeros(len(self.row))
         self._differentiate = self._bind(derivatives, batches[: len(derivatives)], self._derivatives)
 
-    def values(self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"]) -> Float[np.ndarray, " n_out"]:
+    def values(
+        self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float = 0.0
+    ) -> Float[np.ndarray, " n_out"]:
         """The assembled outputs at unknowns ``y`` and accelerations ``w``."""
-        self._read(y, w)
+        self._read(y, w, t)
         for evaluate in self._evaluate:
             evaluate()
         return self._scatter @ self._values
 
-    def derivatives(self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"]) -> Float[np.ndarray, " n_entries"]:
+    def derivatives(
+        self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float = 0.0
+    ) -> Float[np.ndarray, " n_entries"]:
         """d out[``row``] / d (w if ``of_w`` else y)[``column``], one value an entry; entries at one place add.
 
         Entries of constants and dropped outputs have row or column -1. The array is reused by the next call.
         """
-        self._read(y, w)
+        self._read(y, w, t)
         for differentiate in self._differentiate:
             differentiate()
         return self._derivatives
 
-    def _read(self, y: np.ndarray, w: np.ndarray) -> None:
+    def _read(self, y: np.ndarray, w: np.ndarray, t: float) -> None:
         self._y[: self._n] = y
+        self._y[-1] = t
         self._w[: self._n_u] = w
         np.take(self._y, self._z_index, out=self._z, mode="clip")  # "raise" would copy; the indices are ours
         np.take(self._w, self._w_index, out=self._w_read, mode="clip")

@@ -45,26 +45,28 @@ class ImplicitForm:
         of = self._jacobian
         return np.diff(of.of_y.indptr) > 0, (np.diff(of.of_y_dot.indptr) > 0) | (of.p_dot != 0.0)
 
-    def residual(self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-        """F(y, y'); no explicit t occurs."""
+    def residual(
+        self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
+    ) -> Float[np.ndarray, " n"]:
+        """F(t, y, y'); t occurs where drives or loads are functions of it."""
         at = self.layout
-        F = self._motion.values(y, y_dot[at.u])
+        F = self._motion.values(y, y_dot[at.u], t)
         if self.form == "se":
-            F[at.lam] = self._motion.values(y, self._acceleration(y, y_dot, F[at.u]))[at.lam]
+            F[at.lam] = self._motion.values(y, self._acceleration(y, y_dot, F[at.u]), t)[at.lam]
         F[at.p] = y_dot[at.p] - F[at.p]
         return F
 
     def jacobian(
-        self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"]
+        self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
     ) -> tuple[Float[np.ndarray, " nnz"], Float[np.ndarray, " nnz"]]:
         """(dF/dy, dF/dy') as nonzeros of ``pattern``."""
         at = self.layout
         if not isinstance(self._jacobian, _Semi):
-            return self._jacobian.parts(self._motion.derivatives(y, y_dot[at.u]))
-        w = self._acceleration(y, y_dot, self._motion.values(y, y_dot[at.u])[at.u])
+            return self._jacobian.parts(self._motion.derivatives(y, y_dot[at.u], t))
+        w = self._acceleration(y, y_dot, self._motion.values(y, y_dot[at.u], t)[at.u])
         blocks = self._inverse_mass.blocks(y).ravel()
-        at_w = self._motion.derivatives(y, w).copy()
-        at_y_dot = at_w if at.chart.constant_mass else self._motion.derivatives(y, y_dot[at.u])
+        at_w = self._motion.derivatives(y, w, t).copy()
+        at_y_dot = at_w if at.chart.constant_mass else self._motion.derivatives(y, y_dot[at.u], t)
         return self._jacobian.parts(at_y_dot, at_w, blocks)
 
     def _acceleration(self, y: np.ndarray, y_dot: np.ndarray, e: np.ndarray) -> np.ndarray:

@@ -25,14 +25,14 @@ class DifferencedForm(ImplicitForm):
         self._groups_y, self._groups_y_dot = (column_groups(self.pattern, used) for used in self.structure)
 
     def jacobian(
-        self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"]
+        self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
     ) -> tuple[Float[np.ndarray, " nnz"], Float[np.ndarray, " nnz"]]:
         """(dF/dy, dF/dy') as nonzeros of ``pattern``, each wrong by about sqrt(eps) of F's terms."""
-        F = self.residual(y, y_dot)
+        F = self.residual(y, y_dot, t)
         self.difference_evaluations += 1 + len(self._groups_y) + len(self._groups_y_dot)
         return (
-            self._differences(F, y, lambda x: self.residual(x, y_dot), self._groups_y),
-            self._differences(F, y_dot, lambda x: self.residual(y, x), self._groups_y_dot),
+            self._differences(F, y, lambda x: self.residual(x, y_dot, t), self._groups_y),
+            self._differences(F, y_dot, lambda x: self.residual(y, x, t), self._groups_y_dot),
         )
 
     def _differences(

@@ -104,14 +104,14 @@ def _callbacks(layout: Layout, form: ImplicitForm, clock: Clock, work: dict[str,
     def residual(t: float, y: np.ndarray, y_dot: np.ndarray, res: np.ndarray) -> None:
         work["evaluations"] += 1
         clock.check()
-        res[:] = form.residual(y, y_dot)
+        res[:] = form.residual(y, y_dot, t)
 
     pattern, small = form.pattern, layout.n < DENSE_BELOW
     place = pattern.rows, pattern.columns
 
     def jacobian(t: float, y: np.ndarray, y_dot: np.ndarray, res: np.ndarray, cj: float, JJ: np.ndarray) -> None:
         work["jacobians"] += 1
-        of_y, of_y_dot = form.jacobian(y, y_dot)
+        of_y, of_y_dot = form.jacobian(y, y_dot, t)
         if small:
             JJ[place] = of_y + cj * of_y_dot
         else:

@@ -1,7 +1,8 @@
 """Where everything sits in the unknowns y = (p, u, lam): body by body, then the kept constraint rows.
 
 Elements read through index arrays. What is not unknown is read from constants behind y: the ground's coordinates, its
-zero velocity, and one zero for the multiplier of a dropped row. Accelerations w = u_dot have the ground's zero behind.
+zero velocity, one zero for the multiplier of a dropped row, and the time. Accelerations w = u_dot
+have the ground's zero behind.
 """
 
 from dataclasses import dataclass
@@ -51,8 +52,13 @@ class Layout:
 
     @property
     def constants(self) -> Float[np.ndarray, " c"]:
-        """What stands behind y: the ground's p and u, and a zero."""
-        return np.concatenate((self.chart.at_rest, np.zeros(7)))
+        """What stands behind y: the ground's p and u, a zero, and the time, which changes."""
+        return np.concatenate((self.chart.at_rest, np.zeros(8)))
+
+    @property
+    def time(self) -> int:
+        """Index of the time in y with its constants."""
+        return self.n + self.chart.size + 7
 
     def body(self, b: Int[np.ndarray, " m"]) -> Int[np.ndarray, "m s"]:
         """Indices of (p, u) of bodies or the ground, in y with its constants."""

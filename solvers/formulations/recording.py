@@ -113,7 +113,7 @@ def trajectory(
 ) -> Trajectory:
     """The coordinate-free record; a failure near a singularity of chart or constraints says so."""
     y, nt = np.array(done.y), len(done.t)
-    states = _states(layout, y)
+    states = _states(layout, y).timed(np.array(done.t))
     margin = layout.chart.margin(y[:, layout.p].reshape(nt, layout.system.nb, layout.chart.size))
     status, message = done.status, done.message
     if status is not Status.SUCCESS:

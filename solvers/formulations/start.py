@@ -54,12 +54,14 @@ class Accelerations:
         self._saddle = Saddle(layout, self._A, InverseMass(layout))
         self._at_rest = np.zeros(layout.n_u)
 
-    def at(self, y: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
+    def at(
+        self, y: Float[np.ndarray, " n"], t: float = 0.0
+    ) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
         """(u', lam); the lam in ``y`` is not read."""
         at, y = self._layout, y.copy()
         y[at.lam] = 0.0
-        out = self._motion.values(y, self._at_rest)
-        A = self._A.data(self._motion.derivatives(y, self._at_rest)[self._A_entries])
+        out = self._motion.values(y, self._at_rest, t)
+        A = self._A.data(self._motion.derivatives(y, self._at_rest, t)[self._A_entries])
         return self._saddle.solve(y, A, out[at.u], out[at.lam])
 
     def rate(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_p"]:
@@ -74,7 +76,7 @@ def consistent(
     accelerations = Accelerations(layout, alpha, beta)
     u_dot, lam = accelerations.at(y)
     y_dot = np.concatenate((accelerations.rate(y), u_dot, np.zeros(layout.k)))
-    ahead, behind = (accelerations.at(y + h * y_dot)[1] for h in (RATE_STEP, -RATE_STEP))
+    ahead, behind = (accelerations.at(y + h * y_dot, h)[1] for h in (RATE_STEP, -RATE_STEP))
     y, y_dot = y.copy(), y_dot.copy()
     y[layout.lam], y_dot[layout.lam] = lam, (ahead - behind) / (2.0 * RATE_STEP)
     return y, y_dot

@@ -22,15 +22,18 @@ from .assembly import Assembly, Batch
 from .layout import Layout
 from .saddle import InverseMass, Saddle
 from .sparse_pattern import FixedPattern
-from .symbolic import ROWS, free_spring_element, strong_row_element
+from .symbolic import free_spring_element, strong_row_element
 from .system_elements import (
     body_batch,
     joint_rows,
+    kinds_of,
     load_batch,
     pair_ends,
     row_parameters,
     spring_batch,
     spring_parameters,
+    time_of,
+    torsion_batch,
 )
 
 
@@ -74,8 +77,8 @@ class StrongForm:
     def __init__(self, layout: Layout, alpha: float = 0.0, beta: float = 0.0, choice: Choice = Choice()) -> None:
         self._bare = Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64))  # z has no lam here
         self._k, self._alpha, self._beta, self._choice = layout.k, alpha, beta, choice
-        row, column = [], []
-        for kind in ROWS:
+        row, column = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+        for kind in kinds_of(layout):
             joints, rows = joint_rows(layout, kind)
             ends = pair_ends(layout, layout.system.joint_i[joints], layout.system.joint_j[joints])
             place = np.broadcast_to(layout.row(rows)[:, None, :], (*ends.w.shape, rows.shape[1]))  # by columns of A
@@ -93,15 +96,16 @@ class StrongForm:
         s = layout.system
         self._gravity = np.concatenate((s.mass[:, None] * s.gravity, np.zeros((s.nb, 3))), axis=1).ravel()
         self._springs = _Springs(self._bare) if len(s.spring_k) else None
-        loads = [load_batch(self._bare, chosen=False)]
-        self._loads = Assembly(self._bare, loads, layout.n_u, differentiable=False) if len(s.load_i) else None
+        loads = [load_batch(self._bare, chosen=False), torsion_batch(self._bare, chosen=False)]
+        loaded = len(s.load_i) + len(s.torsion_k) > 0
+        self._loads = Assembly(self._bare, loads, layout.n_u, differentiable=False) if loaded else None
 
-    def terms(self, pu: Float[np.ndarray, " n"]) -> RowTerms:
+    def terms(self, pu: Float[np.ndarray, " n"], t: float = 0.0) -> RowTerms:
         """Everything of Eq. (65) at (p, u)."""
-        out = self._motion.values(pu, self._at_rest)
+        out = self._motion.values(pu, self._at_rest, t)
         p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, of_c = (out[part] for part in self._slices)
         C_bar, K_bar = (np.full(self._k, given) for given in (self._choice.c_bar, self._choice.k_bar))
-        f_steady = self._gravity if self._loads is None else self._gravity + self._loads.values(pu, self._at_rest)
+        f_steady = self._gravity if self._loads is None else self._gravity + self._loads.values(pu, self._at_rest, t)
         if self._springs is None:
             f_bar = self.pattern.times(of_c, f_steady)
             return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, C_bar, K_bar, f_bar)
@@ -113,10 +117,11 @@ class StrongForm:
         return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, C_bar, K_bar, c @ (f_steady + f))
 
     def rates(
-        self, pu: Float[np.ndarray, " n"], lam: Float[np.ndarray, " k"], lam_dot: Float[np.ndarray, " k"]
-    ) -> StrongRates:
+        self, pu: Float[np.ndarray, " n"], lam: Float[np.ndarray, " k"], lam_dot: Float[np.ndarray, " k"],
+        t: float = 0.0,
+    ) -> StrongRates:  # fmt: skip
         """The solution of Eq. (65)."""
-        at = self.terms(pu)
+        at = self.terms(pu, t)
         drift = ((at.M_bar_dot + at.C_bar) * at.phi_dot + at.K_bar * at.phi) / at.M_bar
         stabilised = 2.0 * self._alpha * at.phi_dot + self._beta**2 * at.phi
         u_dot, F = self._saddle.solve(pu, at.A, at.e, at.gamma + drift + stabilised)
@@ -126,8 +131,8 @@ class StrongForm:
     def _batches(self, layout: Layout, place: np.ndarray) -> list[Batch]:
         bare, system = self._bare, layout.system
         A, gamma, phi_dot, phi, M_bar, M_bar_dot, c = (part.start for part in self._slices[2:])
-        batches, used = [body_batch(bare), spring_batch(bare), load_batch(bare)], 0
-        for kind in ROWS:
+        batches, used = [body_batch(bare), spring_batch(bare), torsion_batch(bare), load_batch(bare)], 0
+        for kind in kinds_of(layout):
             joints, rows = joint_rows(layout, kind)
             ends = pair_ends(bare, system.joint_i[joints], system.joint_j[joints])
             own = row_parameters(layout, kind)
@@ -139,8 +144,9 @@ class StrongForm:
             parts = [(A, entries), *((start, row) for start in (gamma, phi_dot, phi, M_bar, M_bar_dot)), (c, entries)]
             out = np.concatenate([np.where(index < 0, -1, start + index) for start, index in parts], axis=1)
             parameters = np.concatenate((own, *inertia, moves), axis=1)
-            direction = self._choice.direction if len(joints) else "a"  # none of a kind: none is evaluated
-            batches.append(Batch(strong_row_element(kind, layout.chart, direction), parameters, ends.z, ends.w, out))
+            z = np.concatenate([ends.z, *time_of(bare, kind, len(joints))], axis=1)
+            element = strong_row_element(kind, layout.chart, self._choice.direction)
+            batches.append(Batch(element, parameters, z, ends.w, out))
         return batches
 
 

@@ -56,7 +56,7 @@ def integrate(
 
     def rhs(t: float, y: np.ndarray) -> np.ndarray:
         clock.check()
-        rates = form.rates(y[:n], y[n : n + k], y[n + k :])
+        rates = form.rates(y[:n], y[n : n + k], y[n + k :], t)
         latest[:] = rates.reaction
         return np.concatenate((rates.p_dot, rates.u_dot, y[n + k :], rates.lam_ddot))
 

@@ -11,12 +11,14 @@ In 3-1-3 angles e is ``(M q_dot)' + h - f`` of Eqs. (63), (92) with M = blockdia
 by a factor that vanishes at a chart's singularity.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import casadi as ca
 
 from .charts import Chart
+from .time_function import time_function
 
 
 class Pose(NamedTuple):
@@ -104,10 +106,51 @@ def distance_row(i: Pose, j: Pose, parameters: ca.SX) -> ca.SX:
     return (ca.dot(d, d) - L * L) / (2 * L)
 
 
-ROWS = {  # rows, number of rows, number of parameters
+def driven_position_row(i: Pose, j: Pose, parameters: ca.SX, t: ca.SX) -> ca.SX:
+    """phi = (R_j n) . d - f(t) [m]; parameters (s_i, s_j, n, f)."""
+    return plane_row(i, j, parameters) - time_function(parameters[9:], t)
+
+
+def driven_angle_row(i: Pose, j: Pose, parameters: ca.SX, t: ca.SX) -> ca.SX:
+    """phi = (R_i u) . R_j (n_1 cos f(t) + n_2 sin f(t)) [-]; parameters (u, n_1, n_2, f)."""
+    f = time_function(parameters[9:], t)
+    return ca.dot(i.R @ parameters[:3], j.R @ (parameters[3:6] * ca.cos(f) + parameters[6:9] * ca.sin(f)))
+
+
+def disc_row(i: Pose, j: Pose, parameters: ca.SX, t: ca.SX) -> ca.SX:
+    """phi = n . d - r sqrt(1 - (n . a)^2) [m]: the lowest point of a disc; parameters (s_i, s_j, n, a, r)."""
+    steep = ca.dot(j.R @ parameters[6:9], i.R @ parameters[9:12])
+    return plane_row(i, j, parameters) - parameters[12] * ca.sqrt(1 - steep**2)
+
+
+def knife_rate(i: Pose, j: Pose, V: ca.SX, parameters: ca.SX, t: ca.SX) -> ca.SX:
+    """phi_dot = (R_i u) . slip at the point of i, less f(t) [m/s]; parameters (s_i, u, f)."""
+    arm = i.R @ parameters[:3]
+    return ca.dot(i.R @ parameters[3:6], slip(i, j, V, arm)) - time_function(parameters[6:], t)
+
+
+def rolling_rates(i: Pose, j: Pose, V: ca.SX, parameters: ca.SX, t: ca.SX) -> ca.SX:
+    """phi_dot = (R_j t_k) . slip at the lowest point of a disc, k = 1, 2 [m/s]; parameters (s_i, n, a, r, t_1, t_2)."""
+    n, a = j.R @ parameters[3:6], i.R @ parameters[6:9]
+    down = n - ca.dot(n, a) * a
+    at = slip(i, j, V, i.R @ parameters[:3] - parameters[9] * down / ca.norm_2(down))
+    return ca.vertcat(ca.dot(j.R @ parameters[10:13], at), ca.dot(j.R @ parameters[13:16], at))
+
+
+def slip(i: Pose, j: Pose, V: ca.SX, arm: ca.SX) -> ca.SX:
+    """Velocity of the material point of i at ``arm`` from its C, in space, seen from j."""
+    of_i = V[:3] + ca.cross(i.R @ V[3:6], arm)
+    return of_i - V[6:9] - ca.cross(j.R @ V[9:12], i.r + arm - j.r)
+
+
+ROWS: dict[str, tuple[Callable[..., ca.SX], int, int]] = {  # rows, their number, number of parameters
     "point": (point_rows, 3, 6), "plane": (plane_row, 1, 9), "distance": (distance_row, 1, 7),
     "axis": (axis_rows, 2, 9), "lone axis": (lone_axis_row, 1, 6),
+    "driven position": (driven_position_row, 1, 16), "driven angle": (driven_angle_row, 1, 16),
+    "disc": (disc_row, 1, 13), "knife edge": (knife_rate, 1, 13), "rolling": (rolling_rates, 2, 16),
 }  # fmt: skip
+MOVING = ("driven position", "driven angle", "disc")  # take the time
+RATES = ("knife edge", "rolling")  # take velocities and time, and are phi_dot: there is no phi
 
 
 class Pair(NamedTuple):
@@ -120,15 +163,19 @@ class Pair(NamedTuple):
     A_chart: ca.SX  # (., 12): g_dot = A_chart (u_i, u_j)
     rate: ca.SX  # g_dot
     acceleration: ca.SX  # g_ddot at the accelerations of i and j
+    t: ca.SX  # what they read of time: 1 or 0
 
 
 def joint_pair(kind: str, chart: Chart, parameters: ca.SX) -> Pair:
     """The rows of ``kind`` between two bodies."""
     i, j = moving(chart, "i"), moving(chart, "j")
-    rows, _, _ = ROWS[kind]
-    x_i, x_j, V = _pose("i"), _pose("j"), ca.SX.sym("V", 12)
-    phi = rows(x_i, x_j, parameters)
-    return _pair(i, j, x_i, x_j, V, phi, parameters)
+    rows, n, _ = ROWS[kind]
+    x_i, x_j, V, t = _pose("i"), _pose("j"), ca.SX.sym("V", 12), ca.SX.sym("t")
+    if kind in RATES:
+        return _pair(i, j, x_i, x_j, V, ca.SX.zeros(n), parameters, t, rows(x_i, x_j, V, parameters, t))
+    if kind in MOVING:
+        return _pair(i, j, x_i, x_j, V, rows(x_i, x_j, parameters, t), parameters, t)
+    return _pair(i, j, x_i, x_j, V, rows(x_i, x_j, parameters), parameters)
 
 
 def spring_pair(chart: Chart, parameters: ca.SX) -> Pair:
@@ -138,11 +185,21 @@ def spring_pair(chart: Chart, parameters: ca.SX) -> Pair:
     return _pair(i, j, x_i, x_j, V, ca.norm_2(point_rows(x_i, x_j, parameters)), parameters)
 
 
+def torsion_pair(chart: Chart, parameters: ca.SX) -> Pair:
+    """The angle [rad] of u in i from theta_0 beyond e in j, within half a turn; parameters (u, e, b, k, theta_0, c)."""
+    i, j = moving(chart, "i"), moving(chart, "j")
+    x_i, x_j, V = _pose("i"), _pose("j"), ca.SX.sym("V", 12)
+    u, e, b, rest = x_i.R @ parameters[:3], x_j.R @ parameters[3:6], x_j.R @ parameters[6:9], parameters[10]
+    p, q = ca.dot(u, e), ca.dot(u, b)
+    cosine, sine = ca.cos(rest), ca.sin(rest)
+    return _pair(i, j, x_i, x_j, V, ca.atan2(q * cosine - p * sine, p * cosine + q * sine), parameters)
+
+
 def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) -> Element:
-    """Parameters as in ``ROWS``; z ends with lam. Outputs load_i, load_j = -A^T lam and c, the constraint row.
+    """Parameters as in ``ROWS``; z ends with lam, then t. Outputs load_i, load_j = -A^T lam and c, the constraint row.
 
     ``level`` "acceleration": c = phi_ddot + 2 alpha phi_dot + beta^2 phi, Eq. (94); "velocity": phi_dot + alpha phi;
-    "position": phi, Eq. (93); "both": (phi, phi_dot), and z ends with lam, eta, which adds G A^T eta to p_dot.
+    "position": phi, Eq. (93); "both": (phi, phi_dot), and z has lam, eta, which adds G A^T eta to p_dot.
     """
     _, n, n_parameters = ROWS[kind]
     parameters, lam = ca.SX.sym(kind, n_parameters), ca.SX.sym("lam", n)
@@ -193,7 +250,7 @@ def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element
         "phi_dot": pair.rate,
         "phi": pair.value,
         "M_bar": M_bar,
-        "M_bar_dot": ca.jtimes(M_bar, p, p_dot),
+        "M_bar_dot": ca.jtimes(M_bar, p, p_dot) + (ca.jacobian(M_bar, pair.t) if pair.t.numel() else 0),
         "c": ca.vec(c),
     }
     return Element(_unknowns(pair), w, parameters, outputs)
@@ -208,15 +265,25 @@ def spring_element(chart: Chart) -> Element:
     return Element(_unknowns(pair), _accelerations(pair), parameters, {"load": load})
 
 
+def torsion_element(chart: Chart, *, chosen: bool = True) -> Element:
+    """Parameters (u, e, b, k, theta_0, c); output the load on (i, j), or the wrench in V if not ``chosen``."""
+    parameters = ca.SX.sym("torsion", 12)
+    pair = torsion_pair(chart, parameters)
+    pull = parameters[9] * pair.value + parameters[11] * pair.rate
+    out = pair.A_chart.T @ pull if chosen else -pair.A.T @ pull
+    return Element(_unknowns(pair), _accelerations(pair), parameters, {"load": out})
+
+
 def load_element(chart: Chart, *, chosen: bool = True) -> Element:
-    """Parameters (p, F, T, 1 if they turn with the body else 0); output -B^T f, or f itself in V if not ``chosen``."""
-    b, parameters = moving(chart, "i"), ca.SX.sym("load", 10)
+    """Parameters (p, F, T, 1 if they turn with the body else 0, factor); output -B^T f, or f in V if not ``chosen``."""
+    b, parameters, t = moving(chart, "i"), ca.SX.sym("load", 17), ca.SX.sym("t")
     p, F, T, follows = parameters[:3], parameters[3:6], parameters[6:9], parameters[9]
+    F, T = (a * time_function(parameters[10:], t) for a in (F, T))
     R = b.pose.R
     force = ca.if_else(follows, R @ F, F)
     torque = ca.if_else(follows, T, R.T @ T)
     f = ca.vertcat(force, torque + ca.cross(p, R.T @ force))
-    return Element(ca.vertcat(b.p, b.u), b.u_dot, parameters, {"load": -b.B.T @ f if chosen else f})
+    return Element(ca.vertcat(b.p, b.u, t), b.u_dot, parameters, {"load": -b.B.T @ f if chosen else f})
 
 
 def free_spring_element(chart: Chart) -> Element:
@@ -245,16 +312,22 @@ def _pose_rate(x_i: Pose, x_j: Pose, V: ca.SX) -> ca.SX:
     return ca.vertcat(V[:3], ca.vec(x_i.R @ ca.skew(V[3:6])), V[6:9], ca.vec(x_j.R @ ca.skew(V[9:12])))
 
 
-def _pair(i: Moving, j: Moving, x_i: Pose, x_j: Pose, V: ca.SX, g: ca.SX, parameters: ca.SX) -> Pair:
+def _pair(
+    i: Moving, j: Moving, x_i: Pose, x_j: Pose, V: ca.SX, g: ca.SX, parameters: ca.SX, t: ca.SX | None = None,
+    rate: ca.SX | None = None,
+) -> Pair:  # fmt: skip
+    """With t, the partial derivatives by it are in both rates; with ``rate``, that of nothing (nonholonomic)."""
     x = ca.vertcat(x_i.flat(), x_j.flat())
     x_dot = _pose_rate(x_i, x_j, V)
-    rate = ca.jtimes(g, x, x_dot)
-    A, gamma = ca.jacobian(rate, V), ca.jtimes(rate, x, x_dot)
-    free = ca.Function("pair", [x, V, parameters], [g, A, rate, gamma])
-    at = ca.vertcat(i.pose.flat(), j.pose.flat())
-    g, A, rate, gamma = free(at, ca.vertcat(i.V, j.V), parameters)
+    t = ca.SX(0, 1) if t is None else t
+    at, at_dot = ca.vertcat(x, t), ca.vertcat(x_dot, ca.SX.ones(t.numel()))
+    rate = ca.jtimes(g, at, at_dot) if rate is None else rate
+    A, gamma = ca.jacobian(rate, V), ca.jtimes(rate, at, at_dot)
+    free = ca.Function("pair", [x, V, parameters, t], [g, A, rate, gamma])
+    here = ca.vertcat(i.pose.flat(), j.pose.flat())
+    g, A, rate, gamma = free(here, ca.vertcat(i.V, j.V), parameters, t)
     B = ca.diagcat(i.B, j.B)
-    return Pair(i, j, g, ca.densify(A), ca.densify(A @ B), rate, gamma + A @ ca.vertcat(i.V_dot, j.V_dot))
+    return Pair(i, j, g, ca.densify(A), ca.densify(A @ B), rate, gamma + A @ ca.vertcat(i.V_dot, j.V_dot), t)
 
 
 def _pose(end: str) -> Pose:
@@ -262,7 +335,7 @@ def _pose(end: str) -> Pose:
 
 
 def _unknowns(pair: Pair, *more: ca.SX) -> ca.SX:
-    return ca.vertcat(pair.i.p, pair.i.u, pair.j.p, pair.j.u, *more)
+    return ca.vertcat(pair.i.p, pair.i.u, pair.j.p, pair.j.u, *more, pair.t)
 
 
 def _accelerations(pair: Pair) -> ca.SX:

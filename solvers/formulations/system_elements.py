@@ -8,15 +8,16 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Int
 
+from ...harness.mechanics.joints import MovingKind
 from .assembly import Assembly, Batch
 from .layout import Layout, Stabilised
-from .symbolic import ROWS, body_element, load_element, row_element, spring_element
+from .symbolic import MOVING, RATES, ROWS, body_element, load_element, row_element, spring_element, torsion_element
 
 
 def equations_of_motion(layout: Layout, level: str, alpha: float, beta: float, *, differentiable: bool) -> Assembly:
     """(p_dot, e, c) over (p, u, lam) and w = u_dot; ``level`` of c as in ``row_element``."""
-    batches = [body_batch(layout), spring_batch(layout), load_batch(layout)]
-    for kind in ROWS:
+    batches = [body_batch(layout), spring_batch(layout), torsion_batch(layout), load_batch(layout)]
+    for kind in kinds_of(layout):
         joints, rows = joint_rows(layout, kind)
         ends = pair_ends(layout, layout.system.joint_i[joints], layout.system.joint_j[joints])
         place = layout.row(rows)
@@ -24,6 +25,7 @@ def equations_of_motion(layout: Layout, level: str, alpha: float, beta: float, *
         if isinstance(layout, Stabilised):
             z.append(np.where(place < 0, z[1], layout.eta.start + place))
             out += [np.where(place < 0, -1, layout.eta.start + place), ends.p]
+        z += time_of(layout, kind, len(joints))
         batches.append(
             Batch(
                 row_element(kind, layout.chart, level, alpha, beta),
@@ -58,15 +60,40 @@ def spring_parameters(layout: Layout) -> np.ndarray:
     return np.concatenate((s.spring_p_i, s.spring_p_j, np.stack((s.spring_k, s.spring_d0, s.spring_c), axis=1)), axis=1)
 
 
+def torsion_batch(layout: Layout, *, chosen: bool = True) -> Batch:
+    """All torsional springs on e, or in V on (nb, 6) if not ``chosen``."""
+    s = layout.system
+    ends = pair_ends(layout, s.torsion_i, s.torsion_j)
+    numbers = np.stack((s.torsion_k, s.torsion_rest, s.torsion_c), axis=1)
+    parameters = np.concatenate((s.torsion_u, s.torsion_n.reshape(-1, 6), numbers), axis=1)
+    out = ends.load if chosen else np.where(ends.w < layout.n_u, ends.w, -1)
+    return Batch(torsion_element(layout.chart, chosen=chosen), parameters, ends.z, ends.w, out)
+
+
 def load_batch(layout: Layout, *, chosen: bool = True) -> Batch:
     """All loads on e, or in V on (nb, 6) if not ``chosen``."""
     s = layout.system
-    parts = (s.load_p, s.load_force, s.load_torque, s.load_follows[:, None].astype(float))
+    parts = (s.load_p, s.load_force, s.load_torque, s.load_follows[:, None].astype(float), s.load_factor)
     w = layout.velocity(s.load_i)
     out = layout.n_p + w if chosen else w
-    return Batch(
-        load_element(layout.chart, chosen=chosen), np.concatenate(parts, axis=1), layout.body(s.load_i), w, out
-    )
+    z = np.concatenate((layout.body(s.load_i), np.full((len(s.load_i), 1), layout.time)), axis=1)
+    return Batch(load_element(layout.chart, chosen=chosen), np.concatenate(parts, axis=1), z, w, out)
+
+
+def kinds_of(layout: Layout) -> list[str]:
+    """The kinds of rows that the system has."""
+    return [kind for kind in ROWS if len(joint_rows(layout, kind)[0])]
+
+
+def time_of(layout: Layout, kind: str, m: int) -> list[np.ndarray]:
+    """What ``m`` elements of ``kind`` read behind their other z."""
+    return [np.full((m, 1), layout.time)] if kind in (*MOVING, *RATES) else []
+
+
+MOVING_OF = {
+    "driven position": MovingKind.DRIVEN_POSITION, "driven angle": MovingKind.DRIVEN_ANGLE,
+    "disc": MovingKind.ROLLING, "knife edge": MovingKind.KNIFE_EDGE, "rolling": MovingKind.ROLLING,
+}  # fmt: skip
 
 
 def joint_rows(layout: Layout, kind: str) -> tuple[np.ndarray, np.ndarray]:
@@ -78,6 +105,11 @@ def joint_rows(layout: Layout, kind: str) -> tuple[np.ndarray, np.ndarray]:
         line = s.line_rows()
         own = (line.length > 0.0) == (kind == "distance")
         return line.joint[own], line.row[own][:, None]
+    if kind in MOVING_OF:
+        moving = s.moving_rows()
+        own = np.array([one == MOVING_OF[kind] for one in moving.kind], dtype=bool)
+        first, n = (1, 2) if kind == "rolling" else (0, 1)  # a disc's rows: its height, then two of its slip
+        return moving.joint[own], moving.row[own][:, None] + first + np.arange(n)
     first = s.row_start[:-1] + s.joint_points + s.joint_lines
     if kind == "axis":  # the two of a common axis
         joints = np.flatnonzero(s.joint_axes >= 2)
@@ -93,11 +125,19 @@ def row_parameters(layout: Layout, kind: str) -> np.ndarray:
     if kind == "point":
         return points
     if kind == "axis":
-        return np.concatenate((s.joint_u[joints], s.joint_n[joints].reshape(-1, 6)), axis=1)
+        return np.concatenate((s.joint_u[joints], s.joint_n[joints, :2].reshape(-1, 6)), axis=1)
     if kind == "lone axis":
         axis = s.axis_rows()
         own = np.searchsorted(axis.row, rows[:, 0])
         return np.concatenate((axis.u[own], axis.n[own]), axis=1)
+    if kind in MOVING_OF:
+        u, n, f, r = s.joint_u[joints], s.joint_n[joints], s.joint_motion[joints], s.joint_length[joints, None]
+        parts = {
+            "driven position": (points, n[:, 0], f), "driven angle": (u, n[:, 0], n[:, 1], f),
+            "disc": (points, n[:, 0], u, r), "knife edge": (points[:, :3], u, f),
+            "rolling": (points[:, :3], n[:, 0], u, r, n[:, 1], n[:, 2]),
+        }  # fmt: skip
+        return np.concatenate(parts[kind], axis=1)
     line = s.line_rows()
     own = np.searchsorted(line.row, rows[:, 0])
     return np.concatenate((points, line.n[own] if kind == "plane" else line.length[own, None]), axis=1)

@@ -106,7 +106,8 @@ def test_the_reference_keeps_joints_energy_and_invariants(presented: Problem, kn
     assert np.max(so3.orthogonality_defect(s.R)) < 1e-14
     momentum = np.sum(presented.system.mass) * (1.0 + np.max(np.abs(s.v)))  # of all bodies: bounds what e can change
     weight = np.sum(presented.system.mass) * np.linalg.norm(presented.system.gravity)
-    assert np.ptp(motion.energy(presented.system, s)) < 10.0 * e * (w * momentum + weight)
+    driven = not presented.system.is_conservative
+    assert driven or np.ptp(motion.energy(presented.system, s)) < 10.0 * e * (w * momentum + weight)
     for kept in presented.invariants:
         assert np.ptp(kept.of(presented.home(s))) < 10.0 * e * w * (1.0 + momentum), kept.name
 

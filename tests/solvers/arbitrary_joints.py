@@ -1,12 +1,15 @@
 """One joint of each kind, without symmetry, and a system with all of them."""
 
+import dataclasses
+
 import numpy as np
 
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.consistency import project
-from mbsbench.harness.mechanics.joints import JointKind
+from mbsbench.harness.mechanics.joints import Joint, JointKind, MovingKind
 from mbsbench.harness.mechanics.state import State
-from mbsbench.harness.mechanics.system import GROUND, Load, MultibodySystem, SpringDamper, assemble
+from mbsbench.harness.mechanics.system import GROUND, Load, MultibodySystem, SpringDamper, TorsionSpring, assemble
+from mbsbench.harness.mechanics.time_functions import TimeFunction
 from mbsbench.problems.random_mechanism import arbitrary_body, closed_joint
 
 KINDS = tuple(JointKind)
@@ -39,3 +42,44 @@ def all_joints() -> MultibodySystem:
     poses = _poses(random, nb)
     joints = [closed_joint(kind, k, k - 1, poses, random) for k, kind in enumerate(KINDS)]
     return assemble([arbitrary_body(random) for _ in range(nb)], joints, (1.1, -2.3, -9.5), [SPRING], LOADS)
+
+
+SWAY = TimeFunction((0.3, 0.4, -0.2, 0.1), 0.2, 5.0, 0.7)
+
+
+def moving_row(kind: MovingKind, i: int, j: int, random: np.random.Generator) -> Joint:
+    """A drive, a knife edge or a disc between two bodies, at arbitrary points and in arbitrary directions."""
+    s_i, s_j = 0.3 * random.standard_normal((2, 3))
+    axis_i, axis_j, across_i, across_j = random.standard_normal((4, 3))
+    if kind == MovingKind.DRIVEN_POSITION:
+        return Joint(i, s_i, j, s_j, None, axis_j, kind=kind, motion=SWAY)
+    if kind == MovingKind.DRIVEN_ANGLE:
+        return Joint(i, s_i, j, s_j, axis_i, axis_j, "", kind, across_i, across_j, motion=SWAY)
+    if kind == MovingKind.KNIFE_EDGE:
+        return Joint(i, s_i, j, s_j, axis_i, kind=kind, motion=SWAY)
+    return Joint(i, s_i, j, s_j, axis_i, axis_j, kind=kind, length=0.4)
+
+
+def moving_rows(kind: MovingKind | None, *, ground: bool = False, seed: int = 5) -> MultibodySystem:
+    """One kind, or all, between neighbours of a row of bodies, with springs, dampers, timed loads and gravity.
+
+    The driven pairs also have the joint along whose freedom they are driven.
+    """
+    random = np.random.default_rng(seed)
+    kinds = tuple(MovingKind) if kind is None else (kind,)
+    joints = []
+    for k, one in enumerate(kinds):
+        row = moving_row(one, k, k - 1 if kind is None or ground else k + 1, random)
+        guide = {MovingKind.DRIVEN_POSITION: JointKind.PRISMATIC, MovingKind.DRIVEN_ANGLE: JointKind.REVOLUTE}.get(one)
+        if guide == JointKind.REVOLUTE:
+            joints.append(Joint(row.i, row.s_i, row.j, row.s_j, row.axis_i, row.axis_j, kind=guide))
+        elif guide is not None:
+            joints.append(
+                Joint(row.i, row.s_i, row.j, row.s_j, (0, 1, 1), row.axis_j, "", guide, (1, 2, 0.3), (0.3, -1, 2))
+            )
+        joints.append(row)
+    nb = len(kinds) if kind is None or ground else 2
+    loads = tuple(dataclasses.replace(load, factor=SWAY) for load in LOADS)
+    bodies = [arbitrary_body(random) for _ in range(nb)]
+    twist = TorsionSpring(0, (0.3, 1.0, 0.2), nb - 1 if nb > 1 else GROUND, (1, 2, 3), (1, 0, 0.5), 3.0, 0.4, 0.5)
+    return assemble(bodies, joints, (0.3, -9.81, 0.2), [SPRING], loads, [twist])

@@ -182,7 +182,7 @@ def _limb(system: MultibodySystem, start: State, body: int, parent: int, k: int,
     child_is_i = system.joint_i[k] == body
     s = (system.joint_s_j[k], system.joint_s_i[k]) if child_is_i else (system.joint_s_i[k], system.joint_s_j[k])
     kind = Kind.HINGE if system.joint_revolute[k] else Kind.BALL
-    axis = system.joint_u[k] if child_is_i else np.cross(*system.joint_n[k])
+    axis = system.joint_u[k] if child_is_i else np.cross(*system.joint_n[k, :2])
     return Limb(body, parent, kind, *s, axis, R_0, q_at, u_at)
 
 

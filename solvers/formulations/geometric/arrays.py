@@ -5,14 +5,16 @@ Equation numbers are the paper's. The suffix 0 is the start t_m of a step, 1 its
 ==================  ==================  ====================================================================  ==========
 symbol              shape               meaning                                                               unit
 ==================  ==================  ====================================================================  ==========
+t                   (1,)                time                                                                  s
 r, R                (nb, 3) (nb, 3, 3)  position of C in space; rotation, body to space                       m, -
 v, Omega            (nb, 6), its 3:     (r_dot in space, Omega in the body frame)                             m/s, rad/s
 s, arm, arm_dot     (nj, 2, 3)          joint point from C in the body; in space, R s; its rate               m, m/s
 u, u_dot            (nj, 3, 3)          of axis row k the vector fixed in body i; its rate                    -, 1/s
 n, n_dot            (nj, 3, 3)          and the one fixed in body j; its rate                                 -, 1/s
-a, a_dot            (nj, 3, 3)          u_k x n_k, torque of a unit multiplier of axis row k; its rate        -, 1/s
+a, a_dot            (nj, 3, 3)          u_k x n_k, torque of a unit multiplier of axis row k (or of           -, 1/s
+                                        moving row k); its rate
 gap, gap_dot        (nj, 3)             of a joint with line rows: point of i less that of j; its rate        m, m/s
-f, f_dot            (nj, 2, 3)          force of a unit multiplier of line row k; its rate                    -, 1/s
+f, f_dot            (nj, 3, 3)          force of a unit multiplier of line or moving row k; its rate          -, 1/s
 phi, phi_dot        (nrows,)            constraints and their rates, Eq. (12); point, line [m], axis rows [-]
 wrench              (nb, 6)             applied force, and torque about C, in space: f of Eq. (71)            N, N m
 c                   (nrows, 2, 6)       c_R of Eq. (31) on both ends (translation space, rotation body)
@@ -38,13 +40,20 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ....harness.mechanics.joints import KINDS, MovingKind
 from ....harness.mechanics.system import MultibodySystem
+from .moving import ANGLE, KNIFE, POSITION, ROLLING
+
+NUMBERS = {
+    MovingKind.DRIVEN_POSITION: POSITION, MovingKind.DRIVEN_ANGLE: ANGLE, MovingKind.KNIFE_EDGE: KNIFE,
+    MovingKind.ROLLING: ROLLING,
+}  # fmt: skip
 
 
 class Model(NamedTuple):
     """A ``MultibodySystem`` for the kernels. Ends are [i, j]; body -1 is the ground.
 
-    A joint here is spherical or revolute, or has line rows alone, or axis rows alone: others are split.
+    A joint here is spherical or revolute, or has line rows, moving rows or axis rows alone: others are split.
     """
 
     mass: np.ndarray  # (nb,)
@@ -54,28 +63,38 @@ class Model(NamedTuple):
     body: np.ndarray  # (nj, 2) bodies that a joint connects
     s: np.ndarray  # (nj, 2, 3)
     pins: np.ndarray  # (nj,) 1 for a joint with point rows
-    lines: np.ndarray  # (nj,) number of line rows
+    lines: np.ndarray  # (nj,) number of line rows, or of moving rows
+    kind: np.ndarray  # (nj,) of moving rows, as in ``moving``; 0: none
     axes: np.ndarray  # (nj,) number of axis rows, behind the point rows
     u: np.ndarray  # (nj, 3, 3) in body i, of each axis row
     n: np.ndarray  # (nj, 3, 3) in body j
-    normal: np.ndarray  # (nj, 2, 3) in body j, of each line row
-    length: np.ndarray  # (nj,) of a distance, else 0
+    normal: np.ndarray  # (nj, 3, 3) in body j, of each line row
+    length: np.ndarray  # (nj,) of a distance, or of a disc's radius, else 0
+    motion: np.ndarray  # (nj, 7) the function of time of moving rows
     row: np.ndarray  # (nj + 1,) first row of each joint
-    spring_body: np.ndarray  # (ns, 2)
+    spring_body: np.ndarray  # (ns + nr, 2) of springs, then of torsional ones
     p: np.ndarray  # (ns, 2, 3) ends of a spring from C, in the body
     stiffness: np.ndarray  # (ns,)
     free_length: np.ndarray  # (ns,)
     damping: np.ndarray  # (ns,)
+    torsion_body: np.ndarray  # (nr, 2)
+    torsion_u: np.ndarray  # (nr, 3) in body i
+    torsion_n: np.ndarray  # (nr, 2, 3) in body j
+    torsion_stiffness: np.ndarray  # (nr,)
+    torsion_rest: np.ndarray  # (nr,)
+    torsion_damping: np.ndarray  # (nr,)
     load_body: np.ndarray  # (nl,)
     load_p: np.ndarray  # (nl, 3)
     load_force: np.ndarray  # (nl, 3)
     load_torque: np.ndarray  # (nl, 3)
     load_follows: np.ndarray  # (nl,) 1: they turn with the body
+    load_factor: np.ndarray  # (nl, 7) function of time
 
 
 class Motion(NamedTuple):
     """Pose and velocity of all bodies and what follows from them at one instant."""
 
+    t: np.ndarray
     r: np.ndarray
     R: np.ndarray
     v: np.ndarray
@@ -129,6 +148,8 @@ def model_of(system: MultibodySystem) -> Model:
     """The kernels' arrays of a system."""
     parts = np.array(list(_parts(system)), dtype=np.int64).reshape(-1, 4)
     joint, pins, lines, axes = parts.T
+    springs = np.stack((system.spring_i, system.spring_j), axis=1).astype(np.int64)
+    torsions = np.stack((system.torsion_i, system.torsion_j), axis=1).astype(np.int64)
     both = np.minimum(np.arange(3), 1)  # rows (u, n_1), (u, n_2), (w, n_2)
     model = Model(
         mass=system.mass,
@@ -139,29 +160,38 @@ def model_of(system: MultibodySystem) -> Model:
         s=np.stack((system.joint_s_i, system.joint_s_j), axis=1)[joint],
         pins=pins,
         lines=lines,
+        kind=np.array([NUMBERS.get(KINDS[k], 0) for k in system.joint_sort[joint]], dtype=np.int64),
         axes=axes,
         u=np.stack((system.joint_u, system.joint_u, system.joint_w), axis=1)[joint],
         n=system.joint_n[joint][:, both],
         normal=system.joint_n[joint],
         length=system.joint_length[joint],
+        motion=system.joint_motion[joint],
         row=np.concatenate(([0], np.cumsum(3 * pins + lines + axes))).astype(np.int64),
-        spring_body=np.stack((system.spring_i, system.spring_j), axis=1).astype(np.int64),
+        spring_body=np.concatenate((springs, torsions)),
         p=np.stack((system.spring_p_i, system.spring_p_j), axis=1),
         stiffness=system.spring_k,
         free_length=system.spring_d0,
         damping=system.spring_c,
+        torsion_body=torsions,
+        torsion_u=system.torsion_u,
+        torsion_n=system.torsion_n,
+        torsion_stiffness=system.torsion_k,
+        torsion_rest=system.torsion_rest,
+        torsion_damping=system.torsion_c,
         load_body=system.load_i,
         load_p=system.load_p,
         load_force=system.load_force,
         load_torque=system.load_torque,
         load_follows=system.load_follows.astype(np.int64),
+        load_factor=system.load_factor,
     )
     return Model._make(np.array(a, order="C") for a in model)  # one layout, so one compilation for all systems
 
 
 def _parts(system: MultibodySystem) -> Iterator[tuple[int, int, int, int]]:
-    """(joint, 1 with point rows, number of line rows, number of axis rows) of the joints that the kernels see."""
-    counts = zip(system.joint_points // 3, system.joint_lines, system.joint_axes, strict=True)
+    """(joint, 1 with point rows, numbers of line or moving rows and of axis rows) of the joints of the kernels."""
+    counts = zip(system.joint_points // 3, system.joint_lines + system.joint_moving, system.joint_axes, strict=True)
     for j, (pins, lines, axes) in enumerate(counts):
         if pins and axes in (0, 2):
             yield j, 1, 0, int(axes)
@@ -179,7 +209,7 @@ def empty_motion(model: Model) -> Motion:
     shapes = {
         "r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 6), "wrench": (nb, 6), "arm": point, "arm_dot": point, "u": axis,
         "u_dot": axis, "n": axis, "n_dot": axis, "a": axis, "a_dot": axis, "c": (nrows, 2, 6),
-        "gap": (nj, 3), "gap_dot": (nj, 3), "f": point, "f_dot": point,
+        "gap": (nj, 3), "gap_dot": (nj, 3), "f": axis, "f_dot": axis, "t": (1,),
     }  # fmt: skip
     return Motion(**{name: np.zeros(shapes.get(name, row)) for name in Motion._fields})
 

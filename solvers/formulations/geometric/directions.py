@@ -9,7 +9,7 @@
 
 from numba import njit
 
-from .vectors import INNER, cross, dot, put, times, turn, turn_back
+from .vectors import INNER, cross, dot, plus, put, times, turn, turn_back
 
 CHOICES = ("a", "mass", "translation")
 ALONG_A, ALONG_MASS, TRANSLATION = range(3)
@@ -51,7 +51,7 @@ def row_on(model, motion, j, e, k):
     R = motion.R[model.body[j, e]]
     if model.lines[j]:
         f = motion.f[j, k]
-        return (f[0], f[1], f[2]), turn_back(R, cross(motion.arm[j, e], f))
+        return (f[0], f[1], f[2]), turn_back(R, plus(cross(motion.arm[j, e], f), motion.a[j, k]))
     if model.pins[j] and k < 3:
         return (1.0 * (k == 0), 1.0 * (k == 1), 1.0 * (k == 2)), cross(model.s[j, e], R[k])
     return (0.0, 0.0, 0.0), turn_back(R, motion.a[j, k - 3 * model.pins[j]])

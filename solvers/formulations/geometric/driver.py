@@ -54,7 +54,7 @@ def prepare(problem: Problem, settings: Settings, mu0: str = "zero") -> tuple[Ru
 def load(motion: Motion, state: State) -> None:
     """Poses and velocities of ``state`` into ``motion``."""
     motion.r[:], motion.R[:] = state.r, state.R
-    motion.v[:, :3], motion.v[:, 3:] = state.v, state.Omega
+    motion.v[:, :3], motion.v[:, 3:], motion.t[0] = state.v, state.Omega, state.t
 
 
 def advance(run: Run, step: Step, clock: marching.Clock, room: int) -> tuple[Step, int, marching.Record]:

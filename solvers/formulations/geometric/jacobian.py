@@ -14,7 +14,9 @@ from .directions import ALONG_A, TRANSLATION
 from .jacobian_joints import axis_columns, axis_constraints, axis_forces, point_columns, point_constraints, point_forces
 from .lines import line_columns, line_slopes
 from .loads import add_load_slopes
+from .moving import moving_slopes
 from .springs import add_jacobian
+from .torsion import add_torsion_slopes
 from .vectors import INNER, JIT, add, cross, dot, plus, right_differential, times, turn, turn_back
 
 
@@ -36,10 +38,12 @@ def assemble(model, step, settings, saddle):
     axis_constraints(model, step, saddle)
     line_columns(model, step, settings, saddle)
     line_slopes(model, step, settings, saddle)
+    moving_slopes(model, step, settings, saddle)
     for j in range(len(model.body)):
         for k in range(model.row[j + 1] - model.row[j]):
             saddle.blocks[saddle.joint[j], k, k] = saddle.softness[model.row[j] + k]
     add_jacobian(model, step.end, 0.5 * step.dt, saddle)
+    add_torsion_slopes(model, step.end, 0.5 * step.dt, saddle)
     add_load_slopes(model, step.end, 0.5 * step.dt, saddle)
 
 

@@ -4,6 +4,7 @@ from numba import njit
 
 from .loads import add_loads
 from .springs import line
+from .torsion import add_torsions
 from .vectors import INNER, add, cross, dot, plus, put, times, turn
 
 
@@ -68,4 +69,5 @@ def applied(model, motion):
                 force = times(-(1.0 - 2.0 * e) * spring.tension, spring.along)
                 add(1.0, force, motion.wrench[b])
                 add(1.0, cross(turn(motion.R[b], model.p[i, e]), force), motion.wrench[b, 3:])
+    add_torsions(model, motion)
     add_loads(model, motion)

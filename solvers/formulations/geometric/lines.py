@@ -8,6 +8,7 @@ Their Jacobian is built column by column: such joints are few, and their force t
 from numba import njit
 
 from .jacobian_joints import by_nu
+from .moving import moving
 from .vectors import INNER, add, blend, cross, dot, minus, plus, put, times, turn, turn_back
 
 ZERO = (0.0, 0.0, 0.0)
@@ -18,6 +19,9 @@ def lines(model, motion):
     """Arms, forces and rows of all line rows, and their rates."""
     for j in range(len(model.body)):
         if not model.lines[j]:
+            continue
+        if model.kind[j]:
+            moving(model, motion, j)
             continue
         for e in range(2):
             b, s = model.body[j, e], model.s[j, e]
@@ -56,9 +60,10 @@ def lines(model, motion):
 
 @njit(**INNER)
 def _moment(motion, j, k, e):
-    """arm x f of row k on end ``e``, and its rate."""
+    """arm x f of row k on end ``e``, and its rate; moving rows have a torque besides, others 0."""
     f, arm = motion.f[j, k], motion.arm[j, e]
-    return cross(arm, f), plus(cross(motion.arm_dot[j, e], f), cross(arm, motion.f_dot[j, k]))
+    bend = plus(cross(motion.arm_dot[j, e], f), cross(arm, motion.f_dot[j, k]))
+    return plus(cross(arm, f), motion.a[j, k]), plus(bend, motion.a_dot[j, k])
 
 
 @njit(**INNER)
@@ -107,11 +112,11 @@ def line_columns(model, step, settings, saddle):
 
 @njit(**INNER)
 def line_slopes(model, step, settings, saddle):
-    """Columns of both bodies' velocities: forces of the rows as the motion changes, and the rows themselves."""
+    """Columns of both bodies' velocities: forces of the line rows as the motion changes, and the rows themselves."""
     end, rows, half = step.end, step.rows, 0.5 * step.dt
     B = half * settings.b_term
     for j in range(len(model.body)):
-        for o in range(2 if model.lines[j] else 0):  # the end that moves
+        for o in range(2 if model.lines[j] and not model.kind[j] else 0):  # the end that moves
             if model.body[j, o] < 0:
                 continue
             for c in range(6):

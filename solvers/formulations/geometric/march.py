@@ -90,6 +90,7 @@ def march(run, step, clock, record):
         if np.sqrt(fastest_square(start)) * dt > work.max_turn[0] and grid[2] < clock.max_level:
             _cut(grid, work.counts)
             continue
+        start.t[0] = base + length * (grid[1] / 2.0 ** grid[2])
         present = Step(start, end, step.rows, dt)
         corrections = work.counts[NEWTON]
         outcome = attempt(run, present)

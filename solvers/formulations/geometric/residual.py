@@ -46,6 +46,7 @@ def complete(model, motion, settings):
 def move(step):
     """Poses of the end from its velocities, Eq. (66): mean velocity, rotation by the exponential."""
     start, end, half = step.start, step.end, 0.5 * step.dt
+    end.t[0] = start.t[0] + step.dt
     for b in range(len(start.r)):
         for k in range(3):
             end.r[b, k] = start.r[b, k] + half * (start.v[b, k] + end.v[b, k])

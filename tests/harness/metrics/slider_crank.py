@@ -43,7 +43,7 @@ def with_ballast(system: MultibodySystem, s: States) -> tuple[MultibodySystem, S
         Joint(int(i), si, int(j), sj, *((None, None) if not hinged else (u, np.cross(*n))))
         for i, si, j, sj, hinged, u, n in zip(
             system.joint_i, system.joint_s_i, system.joint_j, system.joint_s_j, system.joint_revolute, system.joint_u,
-            system.joint_n, strict=True,
+            system.joint_n[:, :2], strict=True,
         )
     ]  # fmt: skip
     place, k = np.array([50.0, 30.0, 0.0]), len(bodies) - 1

@@ -106,8 +106,9 @@ def _predict(step, s, h, k):
 
 
 @njit(**HOT)
-def _step(model, blocks, k, step, s, h):
-    """One step from where ``k`` stands; returns whether the iteration settled."""
+def _step(model, blocks, k, step, s, t1, h):
+    """One step from where ``k`` stands to ``t1``; returns whether the iteration settled."""
+    k.t[0] = t1
     copy(k.r, step.r0)
     copy(k.R, step.R0)
     copy(k.v, step.v0)
@@ -132,6 +133,7 @@ def _step(model, blocks, k, step, s, h):
         size = largest(k.phi)
         clear(step.eta)
         if s.stabilised:
+            copy(k.slip, step.eta)
             times_rows(model, k, k.v, 1.0, step.eta)
             size = max(size, on_q / on_v * largest(step.eta))
         for a in range(len(k.rhs)):
@@ -169,7 +171,7 @@ def _step(model, blocks, k, step, s, h):
 
 @njit(**HOT)
 def _project(model, blocks, k, step):
-    """v onto A v = 0, then vdot onto A vdot = -gamma, along M^-1 A^T; twice each, for S is that of an estimate.
+    """v onto A v + phi_t = 0, then vdot onto A vdot = -gamma, along M^-1 A^T; twice each, for S is that of an estimate.
 
     What the second adds to M vdot is a reaction, too, and of the order of h: ``lam`` takes it up.
     """
@@ -179,7 +181,7 @@ def _project(model, blocks, k, step):
         if turn == 2:
             rows(model, k)  # gamma of the projected velocities
         for a in range(len(k.rhs)):
-            k.rhs[a] = 0.0 if turn < 2 else -k.gamma[a]
+            k.rhs[a] = -k.slip[a] if turn < 2 else -k.gamma[a]
         times_rows(model, k, w, -1.0, k.rhs)
         solve(blocks, k, k.rhs)
         add_rows_back(model, k, k.rhs, w)
@@ -196,7 +198,7 @@ def march(model, blocks, k, step, s, dt, t_end, record):
         t0, t1 = times_of(step.clock, dt, t_end)
         if not t1 > t0:
             return FINISHED, done
-        if not _step(model, blocks, k, step, s, t1 - t0):
+        if not _step(model, blocks, k, step, s, t1, t1 - t0):
             return STUCK, done
         if not keep_step(k, step.lam, step.clock, t1, record, done):
             return NOT_FINITE, done

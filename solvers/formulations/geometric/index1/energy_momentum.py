@@ -243,8 +243,8 @@ def _forces(model, k, step, h):
 def _load(model, k, step, h, i):
     """A load by the mean of R: the work of a force in space is exact."""
     b, p = model.load_body[i], model.load_p[i]
-    F0, T0 = load(model, step.R0[b], i)
-    F1, T1 = load(model, k.R[b], i)
+    F0, T0 = load(model, step.R0[b], k.t[0] - h, i)
+    F1, T1 = load(model, k.R[b], k.t[0], i)
     F, T = blend(0.5, F0, 0.5, F1), blend(0.5, T0, 0.5, T1)
     arm = blend(0.5, turn(step.R0[b], p), 0.5, turn(k.R[b], p))
     T = plus(T, cross(arm, F))
@@ -255,8 +255,9 @@ def _load(model, k, step, h, i):
 
 
 @njit(**HOT)
-def _step(model, blocks, k, step, s, h):
-    """One step from where ``k`` stands; returns whether the iteration settled."""
+def _step(model, blocks, k, step, s, t1, h):
+    """One step from where ``k`` stands to ``t1``; returns whether the iteration settled."""
+    k.t[0] = t1
     copy(k.r, step.r0)
     copy(k.R, step.R0)
     copy(k.v, step.v0)
@@ -322,7 +323,7 @@ def march(model, blocks, k, step, s, dt, t_end, record):
         t0, t1 = times_of(step.clock, dt, t_end)
         if not t1 > t0:
             return FINISHED, done
-        if not _step(model, blocks, k, step, s, t1 - t0):
+        if not _step(model, blocks, k, step, s, t1, t1 - t0):
             return STUCK, done
         if not keep_step(k, step.lam, step.clock, t1, record, done):
             return NOT_FINITE, done

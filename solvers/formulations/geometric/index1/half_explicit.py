@@ -27,13 +27,13 @@ from .kernel import (
     add_gyroscopic,
     applied,
     clear,
+    minus_rates,
     project,
     rows,
     solve,
     times_inverse_mass,
-    times_rows,
 )
-from .rkmk import FINISHED, FULL, NOT_FINITE, theta_dot
+from .rkmk import FINISHED, FULL, NOT_FINITE, theta_dot, total
 
 STAGES = 5
 _S = math.sqrt(6.0)
@@ -84,9 +84,10 @@ def start(k: Kernel, step: Step) -> None:
 
 
 @njit(**HOT)
-def _step(model, blocks, k, step, s, h):
+def _step(model, blocks, k, step, s, t0, h):
     """One step from where ``k`` stands, whose factor is at hand; returns whether all corrections vanished."""
     copy(k.R, step.R0)
+    k.t[0] = t0
     for b in range(len(k.v)):
         for a in range(3):
             step.y0[b, a], step.y0[b, 3 + a] = k.r[b, a], 0.0
@@ -119,12 +120,12 @@ def _step(model, blocks, k, step, s, h):
             turned_by(step.R0[b], (step.y[b, 3], step.y[b, 4], step.y[b, 5]), k.R[b])
             for a in range(6):
                 k.v[b, a] = step.y[b, 6 + a]
+        k.t[0] = t0 + h * total(s.a[i + 1])
         rows(model, k)
         weight = h * s.a[i + 1, i]
         size = np.inf
         for _ in range(MOST_ITERATIONS):
-            clear(k.rhs)
-            times_rows(model, k, k.v, -1.0, k.rhs)
+            minus_rates(model, k, k.v, k.rhs)
             solve(blocks, k, k.rhs)
             clear(step.push)
             add_back(model, step.way, step.Y, k.rhs, step.push)
@@ -158,7 +159,7 @@ def march(model, blocks, k, step, s, dt, t_end, record):
         t0, t1 = times_of(step.clock, dt, t_end)
         if not t1 > t0:
             return FINISHED, done
-        if not _step(model, blocks, k, step, s, t1 - t0):
+        if not _step(model, blocks, k, step, s, t0, t1 - t0):
             return STUCK, done
         if not keep_step(k, step.lam, step.clock, t1, record, done):
             return NOT_FINITE, done

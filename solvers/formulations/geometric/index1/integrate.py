@@ -26,6 +26,7 @@ def start_of(problem: Problem) -> tuple[Model, Blocks, Kernel]:
     kernel, blocks = empty_kernel(model)
     first = problem.initial
     kernel.r[:], kernel.R[:], kernel.v[:, :3], kernel.v[:, 3:] = first.r, first.R, first.v, first.Omega
+    kernel.t[0] = first.t
     return model, blocks, kernel
 
 

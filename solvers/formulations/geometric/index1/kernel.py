@@ -3,7 +3,7 @@
 Row of joint j at end e, sign +1 for i and -1 for j: translation ``sign e_k`` (point rows), rotation X, in the body::
 
     point row k   X = sign (s x R^T e_k)
-    line row      X = sign R^T (arm x f), translation sign f (module ``lines``)
+    line row      X = sign R^T (arm x f), translation sign f (module ``lines``); so are moving rows, with a torque
     axis row k    X = sign R^T (u x n_k)
 
     S = sum over bodies  X_a J^-1 X_c^T  (+ sign_a sign_c f_a . f_c / m, f = e_k on point rows)
@@ -21,7 +21,8 @@ from numba import njit
 
 from ..arrays import Model
 from ..loads import load
-from ..vectors import INNER, JIT, copy, cross, dot, plus, turn_back, turned_by
+from ..torsion import torque
+from ..vectors import INNER, JIT, add, copy, cross, dot, plus, turn_back, turned_by
 from .blocks import WIDTH, Blocks, analyse
 from .lines import line_rows
 
@@ -33,6 +34,7 @@ DEPENDENT = 1e-9  # of the row's own entry of S; rounding leaves 1e-15, the weak
 class Kernel(NamedTuple):
     """Room for one evaluation. Rows of X, gamma, lam are those of phi; velocities (nb, 6) as in ``State``."""
 
+    t: np.ndarray  # (1,) [s], to be set before rows and forces are evaluated
     r: np.ndarray  # (nb, 3)
     R: np.ndarray  # (nb, 3, 3)
     v: np.ndarray  # (nb, 6)
@@ -44,6 +46,7 @@ class Kernel(NamedTuple):
     L: np.ndarray  # (nblocks, WIDTH, WIDTH): S, then its factor; diagonal entries inverted, 0 for a redundant row
     gamma: np.ndarray  # (nrows,)
     phi: np.ndarray  # (nrows,)
+    slip: np.ndarray  # (nrows,) phi_t of moving rows: A v + phi_t = 0
     lam: np.ndarray  # (nrows,) reaction conjugate to phi
     rhs: np.ndarray  # (nrows,)
     diagonal: np.ndarray  # (nrows,) of S, what its pivots are compared with
@@ -57,6 +60,7 @@ def empty_kernel(model: Model) -> tuple[Kernel, Blocks]:
     way = np.zeros((nj, WIDTH, 3))
     way[model.pins > 0, :3] = np.eye(3)
     room = Kernel(
+        t=np.zeros(1), slip=np.zeros(nr),
         r=np.zeros((nb, 3)), R=np.zeros((nb, 3, 3)), v=np.zeros((nb, 6)), v_dot=np.zeros((nb, 6)),
         force=np.zeros((nb, 6)), X=np.zeros((nj, 2, WIDTH, 3)), Y=np.zeros((nj, 2, WIDTH, 3)), way=way,
         L=np.zeros((len(blocks.other), WIDTH, WIDTH)), gamma=np.zeros(nr), phi=np.zeros(nr), lam=np.zeros(nr),
@@ -316,14 +320,25 @@ def applied(model, k):
             k.force[b, 3 + a] = 0.0
     for s in range(len(model.stiffness)):
         _spring(model, k, s)
+    for i in range(len(model.torsion_body)):
+        _torsion(model, k, i)
     for i in range(len(model.load_body)):
         _load(model, k, i)
 
 
 @njit(**INNER)
+def _torsion(model, k, i):
+    T = torque(model, k.R, k.v, i)
+    for e in range(2):
+        b = model.torsion_body[i, e]
+        if b >= 0:
+            add(1.0 - 2.0 * e, turn_back(k.R[b], T), k.force[b, 3:])
+
+
+@njit(**INNER)
 def _load(model, k, i):
     b = model.load_body[i]
-    F, T = load(model, k.R[b], i)
+    F, T = load(model, k.R[b], k.t[0], i)
     torque = plus(turn_back(k.R[b], T), cross(model.load_p[i], turn_back(k.R[b], F)))
     for a in range(3):
         k.force[b, a] += F[a]
@@ -411,6 +426,14 @@ def times_rows(model, k, w, sign, x):
 
 
 @njit(**HOT)
+def minus_rates(model, k, v, x):
+    """x (nrows,) := -(A v + phi_t)"""
+    for a in range(len(x)):
+        x[a] = -k.slip[a]
+    times_rows(model, k, v, -1.0, x)
+
+
+@njit(**HOT)
 def add_back(model, way, Y, x, w):
     """w (nb, 6) += M^-1 A^T x with the rows whose f and Y = X J^-1 are given."""
     for j in range(len(model.body)):
@@ -483,7 +506,7 @@ def clear(a):
 
 @njit(**HOT)
 def project(model, blocks, k, work):
-    """Poses onto phi = 0, then velocities onto A v = 0, along M^-1 A^T with the factor at hand; ``work`` (nb, 6).
+    """Poses onto phi = 0, then velocities onto A v + phi_t = 0, along M^-1 A^T, factor at hand; ``work`` (nb, 6).
 
     One pass each: what is left is the square of what there was, as long as ``k.L`` belongs to poses nearby.
     """
@@ -497,7 +520,6 @@ def project(model, blocks, k, work):
             k.r[b, a] += work[b, a]
         turned_by(k.R[b], (work[b, 3], work[b, 4], work[b, 5]), k.R[b])
     rows(model, k)
-    clear(k.rhs)
-    times_rows(model, k, k.v, -1.0, k.rhs)
+    minus_rates(model, k, k.v, k.rhs)
     solve(blocks, k, k.rhs)
     add_rows_back(model, k, k.rhs, k.v)

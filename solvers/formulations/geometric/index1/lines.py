@@ -8,6 +8,7 @@ With d = x_i - x_j and its part b of d_ddot without accelerations, b = w x (w x 
 
 from numba import njit
 
+from ..moving import gamma, moving_row
 from ..vectors import INNER, cross, dot, minus, plus, put, times, turn, turn_back
 
 ZERO = (0.0, 0.0, 0.0)
@@ -15,7 +16,10 @@ ZERO = (0.0, 0.0, 0.0)
 
 @njit(**INNER)
 def line_rows(model, k, j):
-    """Rows of a joint with line rows, from the poses and velocities of ``k``."""
+    """Rows of a joint with line or moving rows, from the poses and velocities of ``k``."""
+    if model.kind[j]:
+        _moving_rows(model, k, j)
+        return
     x, x_dot, bend = _point(model, k, j, 0)
     y, y_dot, other = _point(model, k, j, 1)
     d, d_dot, bend = minus(x, y), minus(x_dot, y_dot), minus(bend, other)
@@ -31,6 +35,21 @@ def line_rows(model, k, j):
             k.gamma[row] = dot(f, bend) + 2.0 * dot(n_dot, d_dot) + dot(n_ddot, d)
         put(f, k.way[j, c])
         put_moments(model, k.r, k.R, k.X, j, c, x, f)
+
+
+@njit(**INNER)
+def _moving_rows(model, k, j):
+    for c in range(model.lines[j]):
+        row = model.row[j] + c
+        (phi, phi_t, phi_tt), f, f_dot, m, m_dot, x, x_dot = moving_row(model, k.r, k.R, k.v, k.t[0], j, c)
+        k.phi[row], k.slip[row] = phi, phi_t
+        k.gamma[row] = gamma(model, k.r, k.R, k.v, j, phi_tt, f, f_dot, m_dot, x, x_dot)
+        put(f, k.way[j, c])
+        for e in range(2):
+            b = model.body[j, e]
+            if b >= 0:
+                moment = plus(cross(minus(x, k.r[b]), f), m)
+                put(times(1.0 - 2.0 * e, turn_back(k.R[b], moment)), k.X[j, e, c])
 
 
 @njit(**INNER)

@@ -72,7 +72,7 @@ class Step(NamedTuple):
     y: np.ndarray  # (3, nb, 6) r_i - r_0 and theta_i
     rate: np.ndarray  # (3, nb, 6)
     eta: np.ndarray  # (3, nrows)
-    off: np.ndarray  # (3, nrows) A v
+    off: np.ndarray  # (3, nrows) A v + phi_t
     x: np.ndarray  # (2, nrows)
     d: np.ndarray  # (nb, 6)
     old_vdot: np.ndarray  # (3, nb, 6) of the last accepted step
@@ -168,7 +168,7 @@ def _iterate(model, blocks, stages, step, s, h, first):
     for i in range(3):
         k = stages[i]
         rows(model, k)
-        clear(step.off[i])
+        copy(k.slip, step.off[i])
         times_rows(model, k, k.v, 1.0, step.off[i])
         size = max(size, largest(k.phi), h * largest(step.off[i]))
     if first:
@@ -226,6 +226,8 @@ def _error(step, stages, s, h, rtol):
 @njit(**HOT)
 def _step(model, blocks, stages, step, s, control, h):
     """One step; returns its error, infinity where the iteration does not converge."""
+    for i in range(3):
+        stages[i].t[0] = control.clock[0] + s.c[i] * h
     _guess(stages, step, s, h)
     last = np.inf
     for i in range(MOST_ITERATIONS):

@@ -25,13 +25,12 @@ from .kernel import (
     add_back,
     add_rows_back,
     applied,
-    clear,
     factorise,
+    minus_rates,
     reactions,
     rows,
     solve,
     times_inverse_mass,
-    times_rows,
 )
 from .rkmk import FINISHED, FULL, NOT_FINITE
 
@@ -112,7 +111,7 @@ def start(k: Kernel, step: Step) -> None:
 
 @njit(**HOT)
 def _sub_step(model, blocks, k, step, s, h):
-    """One sub-step; returns whether phi came down to the tolerance."""
+    """One sub-step, which moves the time of ``k``; returns whether phi came down to the tolerance."""
     copy(k.r, step.r0)
     copy(k.R, step.R0)
     copy(k.v, step.half)
@@ -121,6 +120,7 @@ def _sub_step(model, blocks, k, step, s, h):
         step.x[a] = 0.5 * h * step.lam[a]
     copy(k.Y, step.Y0)
     copy(k.way, step.way0)
+    k.t[0] += h
     last = np.inf
     for _ in range(MOST_ITERATIONS):
         copy(step.half, step.v)
@@ -149,8 +149,7 @@ def _sub_step(model, blocks, k, step, s, h):
     for _ in range(DAMPER_PASSES if s.damped else 1):
         copy(step.v, step.half)
         _kick(model, k, step, h, step.half)
-        clear(k.rhs)
-        times_rows(model, k, step.half, -1.0, k.rhs)
+        minus_rates(model, k, step.half, k.rhs)
         solve(blocks, k, k.rhs)
         add_rows_back(model, k, k.rhs, step.half)
         copy(step.half, k.v)
@@ -167,6 +166,7 @@ def march(model, blocks, k, step, s, dt, t_end, record):
         t0, t1 = paced(step.pace, k, s.rate, step.clock, dt, t_end)
         if not t1 > t0:
             return FINISHED, done
+        k.t[0] = t0
         for i in range(len(s.gamma)):
             if not _sub_step(model, blocks, k, step, s, s.gamma[i] * (t1 - t0)):
                 return STUCK, done

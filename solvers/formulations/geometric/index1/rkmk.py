@@ -96,8 +96,9 @@ def theta_dot(x, y, z, p, q, r):
 
 
 @njit(**HOT)
-def _derivative(model, blocks, kernel, stages, out):
-    """Derivative of ``stages.y`` into ``stages.k[out]``; ``kernel`` is left at that point."""
+def _derivative(model, blocks, kernel, stages, t, out):
+    """Derivative of ``stages.y`` at ``t`` into ``stages.k[out]``; ``kernel`` is left at that point."""
+    kernel.t[0] = t
     for b in range(len(model.mass)):
         for a in range(3):
             kernel.r[b, a] = stages.y[b, a]
@@ -113,6 +114,15 @@ def _derivative(model, blocks, kernel, stages, out):
             stages.k[out, b, a] = stages.y[b, 6 + a]
         for a in range(6):
             stages.k[out, b, 6 + a] = kernel.v_dot[b, a]
+
+
+@njit(**HOT)
+def total(weights):
+    """Sum of a row of a tableau: the place of its stage in the step."""
+    x = 0.0
+    for a in weights:
+        x += a
+    return x
 
 
 @njit(**HOT)
@@ -168,7 +178,7 @@ def start(model, blocks, kernel, stages, control):
     """The first derivative at the poses and velocities of ``kernel``, and the multipliers there."""
     _begin(model, stages, kernel)
     copy(stages.start, stages.y)
-    _derivative(model, blocks, kernel, stages, 0)
+    _derivative(model, blocks, kernel, stages, kernel.t[0], 0)
     control.tally[0] += 1
 
 
@@ -189,9 +199,9 @@ def march(model, blocks, kernel, stages, tableau, control, record):
             return UNDERFLOW, done
         for i in range(1, n):
             _combine(stages, tableau.a[i], i, h)
-            _derivative(model, blocks, kernel, stages, i)
+            _derivative(model, blocks, kernel, stages, t + h * total(tableau.a[i]), i)
         _combine(stages, tableau.b, n, h)
-        _derivative(model, blocks, kernel, stages, n)
+        _derivative(model, blocks, kernel, stages, t + h, n)
         control.tally[0] += n
         error = _error(stages, tableau, h, control.rtol)
         if not error <= 1.0:  # NaN too

@@ -58,5 +58,5 @@ def empty_lean(model: Model) -> Lean:
 def applies(settings: Settings, model: Model) -> bool:
     """Whether this method solves the step that ``settings`` describe."""
     plain = not (settings.corrective or settings.carry_sigma or settings.penalty.nested)
-    gravity_alone = len(model.stiffness) == 0 and len(model.load_body) == 0
+    gravity_alone = len(model.spring_body) == 0 and len(model.load_body) == 0
     return plain and settings.simplified == 1 and gravity_alone and bool(np.all(model.pins))

@@ -1,0 +1,43 @@
+"""Points and directions fixed in bodies or in the ground, in space, of many joints at once."""
+
+import numpy as np
+
+from .state import States
+from .system import MultibodySystem
+
+
+def with_ground(a: np.ndarray, ground: np.ndarray) -> np.ndarray:
+    """``a`` with the ground as its last body, where index -1 finds it."""
+    return np.concatenate((a, np.broadcast_to(ground, (len(a), 1, *ground.shape))), axis=1)
+
+
+def turned(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Vectors ``x`` (m, 3) fixed in bodies, in space (nt, m, 3)."""
+    return times(with_ground(s.R, np.eye(3))[:, body], x)
+
+
+def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """A x of vectors in the last axis."""
+    return np.matmul(A, x[..., None])[..., 0]
+
+
+def turning(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """Their rates."""
+    return turned(s, body, np.cross(with_ground(s.Omega, np.zeros(3))[:, body], x))
+
+
+def points(system: MultibodySystem, s: States, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Points of i and of j in space (nt, m, 3)."""
+    r, i, j = with_ground(s.r, np.zeros(3)), system.joint_i[joints], system.joint_j[joints]
+    x_i = r[:, i] + turned(s, i, system.joint_s_i[joints])
+    return x_i, r[:, j] + turned(s, j, system.joint_s_j[joints])
+
+
+def gaps(system: MultibodySystem, s: States, joints: np.ndarray, *, velocity: bool) -> np.ndarray:
+    """d or its rate (nt, m, 3)."""
+    if not velocity:
+        x_i, x_j = points(system, s, joints)
+        return x_i - x_j
+    v, i, j = with_ground(s.v, np.zeros(3)), system.joint_i[joints], system.joint_j[joints]
+    moving = v[:, i] + turning(s, i, system.joint_s_i[joints])
+    return moving - v[:, j] - turning(s, j, system.joint_s_j[joints])

@@ -1,0 +1,112 @@
+"""Moving rows: drives, which are functions f of time, and rows that restrict velocities alone (nonholonomic).
+
+Every such row pushes both bodies with a force at one point and a torque, of opposite signs, so that::
+
+    phi_dot = A v + phi_t = force . (v_i(x) - v_j(x)) + torque . (omega_i - omega_j) + phi_t
+
+with v_b(x) the velocity of the material point of body b at x. In d = x_i - x_j, n = axis_j, directions in space::
+
+    driven position   phi = n . d - f                force n at x_i           phi_t = -f_dot
+    driven angle      phi = u . n(f) = sin(theta - f), theta from across_j to u = across_i about the axis
+                                                     torque u x n(f)          phi_t = u . dn/df f_dot
+                      n(f) = n_1 cos f + n_2 sin f, n_1 = axis x across_j, n_2 = axis x n_1
+    knife edge        phi_dot = 0 alone              force axis_i at x_i      phi_t = -f
+    rolling disc      phi = n . (x_c - x_j), x_c the disc's lowest point      force n at x_c
+                      phi_dot = 0 alone, twice       tangents at x_c
+
+A reaction of these rows works, for A v = -phi_t: its power -reaction . phi_t enters the energy balance.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from .ends import points, times, turned, with_ground
+from .joints import MovingKind
+from .state import States
+from .system import MultibodySystem
+from .time_functions import values
+
+
+class Push(NamedTuple):
+    """All moving rows; vectors in space."""
+
+    joint: Int[np.ndarray, " m"]
+    row: Int[np.ndarray, " m"]
+    phi: Float[np.ndarray, "nt m"]
+    phi_t: Float[np.ndarray, "nt m"]
+    force: Float[np.ndarray, "nt m 3"]
+    torque: Float[np.ndarray, "nt m 3"]
+    point: Float[np.ndarray, "nt m 3"]
+
+    def rate(self, system: MultibodySystem, s: States) -> Float[np.ndarray, "nt m"]:
+        """phi_dot."""
+        r, v = (with_ground(a, np.zeros(3)) for a in (s.r, s.v))
+        omega = with_ground(times(s.R, s.Omega), np.zeros(3))
+        seen, spin = np.zeros((2, *self.force.shape))
+        for ends, sign in ((system.joint_i, 1.0), (system.joint_j, -1.0)):
+            b = ends[self.joint]
+            seen += sign * (v[:, b] + np.cross(omega[:, b], self.point - r[:, b]))
+            spin += sign * omega[:, b]
+        return np.sum(self.force * seen + self.torque * spin, axis=-1) + self.phi_t
+
+
+def moving(system: MultibodySystem, s: States) -> Push:
+    """The moving rows at the times of ``s``."""
+    rows = system.moving_rows()
+    joint = np.repeat(rows.joint, system.joint_moving[rows.joint])
+    nt, m = len(s.r), len(joint)
+    phi, phi_t, vectors = np.zeros((nt, m)), np.zeros((nt, m)), np.zeros((3, nt, m, 3))
+    if m:
+        row = np.concatenate([k + np.arange(n) for k, n in zip(rows.row, system.joint_moving[rows.joint], strict=True)])
+        x_i, x_j = points(system, s, rows.joint)
+        u = turned(s, system.joint_i[rows.joint], system.joint_u[rows.joint])
+        n = [turned(s, system.joint_j[rows.joint], system.joint_n[rows.joint, k]) for k in range(3)]
+        f, f_dot, _ = (a.T for a in values(system.joint_motion[rows.joint], s.times))
+        at = 0
+        for k, kind in enumerate(rows.kind):
+            here = [x_i[:, k], x_j[:, k], u[:, k], *(a[:, k] for a in n)]
+            for made in ROWS_OF[kind](here, f[k], f_dot[k], float(system.joint_length[rows.joint[k]])):
+                phi[:, at], phi_t[:, at], vectors[0, :, at], vectors[1, :, at], vectors[2, :, at] = made
+                at += 1
+    else:
+        row = np.zeros(0, dtype=np.int64)
+    return Push(joint, row, phi, phi_t, *vectors)
+
+
+Rows = list[tuple]  # (phi, phi_t, force, torque, point) of each row of a joint
+
+
+def _driven_position(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
+    x_i, x_j, _, n, _, _ = here
+    return [(_dot(n, x_i - x_j) - f, -f_dot, n, 0.0, x_i)]
+
+
+def _driven_angle(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
+    x_i, _, u, n_1, n_2, _ = here
+    cosine, sine = np.cos(f)[:, None], np.sin(f)[:, None]
+    n, dn = n_1 * cosine + n_2 * sine, n_2 * cosine - n_1 * sine
+    return [(_dot(u, n), _dot(u, dn) * f_dot, 0.0, np.cross(u, n), x_i)]
+
+
+def _knife_edge(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
+    return [(0.0, -f, here[2], 0.0, here[0])]
+
+
+def _rolling(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
+    centre, x_j, axis, n, t_1, t_2 = here
+    down = n - _dot(n, axis)[:, None] * axis
+    x = centre - length * down / np.linalg.norm(down, axis=-1, keepdims=True)
+    return [(_dot(n, x - x_j), 0.0, n, 0.0, x), (0.0, 0.0, t_1, 0.0, x), (0.0, 0.0, t_2, 0.0, x)]
+
+
+def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    out: np.ndarray = np.sum(a * b, axis=-1)
+    return out
+
+
+ROWS_OF = {
+    MovingKind.DRIVEN_POSITION: _driven_position, MovingKind.DRIVEN_ANGLE: _driven_angle,
+    MovingKind.KNIFE_EDGE: _knife_edge, MovingKind.ROLLING: _rolling,
+}  # fmt: skip

@@ -1,0 +1,81 @@
+"""Functions of time for drives and loads: a cubic polynomial and a sine, with exact derivatives and integrals.
+
+    f(t) = c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p)
+
+Seven numbers (c_0, c_1, c_2, c_3, a, w, p) are what a system holds and what kernels and CasADi evaluate.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+NUMBERS = 7
+
+
+@dataclass(frozen=True)
+class TimeFunction:
+    """``polynomial`` holds up to four coefficients, the constant first; t in s."""
+
+    polynomial: Sequence[float] = ()
+    amplitude: float = 0.0
+    frequency: float = 0.0  # w [rad/s]
+    phase: float = 0.0  # p [rad]
+
+    def numbers(self, where: str = "function of time") -> Float[np.ndarray, " 7"]:
+        """As a system holds it, or ValueError."""
+        c = tuple(self.polynomial)
+        if len(c) > 4:
+            raise ValueError(f"{where}: polynomial takes up to four coefficients (got {len(c)})")
+        out = np.array([*c, *[0.0] * (4 - len(c)), self.amplitude, self.frequency, self.phase], dtype=float)
+        if not np.all(np.isfinite(out)):
+            raise ValueError(f"{where}: the numbers of a function of time must be finite (got {out.tolist()})")
+        return out
+
+    def integral(self, start: float = 0.0) -> "TimeFunction":
+        """The function with this rate and the value ``start`` at t = 0: what a drive of given speed follows."""
+        c = tuple(self.polynomial)
+        if len(c) > 3 and c[3] != 0.0:
+            raise ValueError("the integral of a cubic is no cubic: give a speed of three coefficients at most")
+        rising = [x / (k + 1) for k, x in enumerate(c[:3])]
+        if self.amplitude == 0.0 or self.frequency == 0.0:
+            steady = self.amplitude * math.sin(self.phase)
+            rising = [x + steady * (k == 0) for k, x in enumerate(rising or [0.0])]
+            return TimeFunction((start, *rising))
+        swing = self.amplitude / self.frequency
+        return TimeFunction(
+            (start + swing * math.cos(self.phase), *rising), swing, self.frequency, self.phase - 0.5 * math.pi
+        )
+
+
+NONE = np.zeros(NUMBERS)  # f = 0
+ONE = np.eye(NUMBERS)[0]  # f = 1
+
+
+def values(
+    numbers: Float[np.ndarray, "m 7"], t: Float[np.ndarray, " nt"]
+) -> tuple[Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m"], Float[np.ndarray, "nt m"]]:
+    """f, f_dot and f_ddot at the times ``t``."""
+    c0, c1, c2, c3, a, w, p = numbers.T
+    t = t[:, None]
+    sine, cosine = a * np.sin(w * t + p), a * np.cos(w * t + p)
+    f = c0 + t * (c1 + t * (c2 + t * c3)) + sine
+    return f, c1 + t * (2.0 * c2 + 3.0 * t * c3) + w * cosine, 2.0 * c2 + 6.0 * t * c3 - w * w * sine
+
+
+def in_units(
+    numbers: Float[np.ndarray, "m 7"], value: float | Float[np.ndarray, " m"], time: float
+) -> Float[np.ndarray, "m 7"]:
+    """The same functions where the numbers of values and of times are multiplied by these factors."""
+    out = np.array(numbers)
+    out[:, :5] *= np.broadcast_to(value, (len(out),))[:, None]
+    out[:, :4] /= time ** np.arange(4.0)
+    out[:, 5] /= time
+    return out
+
+
+def varies(numbers: Float[np.ndarray, "m 7"]) -> np.ndarray:
+    """Which of the functions are not constant (m,)."""
+    return np.any(numbers[:, 1:4] != 0.0, axis=1) | ((numbers[:, 4] != 0.0) & (numbers[:, 5] != 0.0))

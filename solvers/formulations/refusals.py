@@ -1,0 +1,22 @@
+"""Why a method cannot take rows that only restrict velocities, or that depend on time, or torsional springs."""
+
+from ...harness.mechanics.system import MultibodySystem
+
+VELOCITIES_ALONE = (
+    "holds constraints by their phi, and a knife edge or a rolling disc has none: use a method that holds A v = b, "
+    "such as gc_weak_form, rkmk_dop853, half_explicit or ida_index1"
+)
+GRADIENTS = (
+    "has discrete gradients of joints and springs between points only, not of drives, knife edges, discs and torsional "
+    "springs: use gc_weak_form or rkmk_dop853"
+)
+
+
+def without_phi(system: MultibodySystem) -> str | None:
+    """The refusal of a method that needs phi in every row."""
+    return None if system.is_holonomic else VELOCITIES_ALONE
+
+
+def without_gradient(system: MultibodySystem) -> str | None:
+    """The refusal of a method of discrete gradients."""
+    return GRADIENTS if len(system.moving_rows().joint) or len(system.torsion_k) else None
