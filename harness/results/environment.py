@@ -77,7 +77,7 @@ def identity(stamp: Mapping[str, Any]) -> str:
 
 
 def text_of(value: Any) -> str:
-    """A value to compare; a list is of things as found in memory: their order is that of the imports, and means nothing."""
+    """A value to compare; a list is of things as found in memory, in the order of imports, which means nothing."""
     rows = sorted(json.dumps(x, sort_keys=True) for x in value) if isinstance(value, list) else value
     return json.dumps(rows, sort_keys=True)
 
