@@ -83,7 +83,10 @@ def random_mechanism(
             ) for i, p, k in ends
         ],
         [
-            replace(f, force=weight[f.i] * f.force, torque=weight[f.i] * size * f.torque, point=size * f.point)
+            replace(
+                f, force=weight[f.i] * np.asarray(f.force), torque=weight[f.i] * size * np.asarray(f.torque),
+                point=size * np.asarray(f.point),
+            )
             for f in pushes
         ],
     )  # fmt: skip
