@@ -29,7 +29,7 @@ def case(request) -> tuple[Run, Step]:
     for _ in range(10):
         step = one_step(run, step, dt)
     step = step._replace(dt=dt)
-    evaluate(run, step, 0)
+    evaluate(run, step)
     assert refresh(run, step) == 0
     return run, step
 
