@@ -3,6 +3,7 @@
 import dataclasses
 import os
 import signal
+import time
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -31,6 +32,8 @@ class BadReference(FreeFall):
         """Not."""
         if self.how == "exits":
             os._exit(0)
+        while self.how == "hangs":
+            time.sleep(1.0)
         raise RuntimeError("no motion of mine")
 
 

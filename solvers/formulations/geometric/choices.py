@@ -52,7 +52,7 @@ class Settings(NamedTuple):
     penalty: Penalty = Penalty()
 
 
-ROUNDING = 1e-14  # of the root of the energy: 45 roundings, a step's residual has a few
+HUGE = 1e6  # [sqrt(J)] root of the energy of which the default tolerance is 45 roundings; a residual has a few
 GAUGES = {"symmetric": "symmetric", "zero": "zero gauge", "accumulate": "accumulating"}
 
 
@@ -153,7 +153,7 @@ class GaugeChoices:
     def of_energy(tolerance: float, problem: Problem) -> float:
         """``tolerance`` [sqrt(J)] for what the system moves with: the joule is no scale for a milligram."""
         root = float(np.sqrt(energy_at_hand(problem)))
-        return max(tolerance * min(1.0, root), ROUNDING * root)
+        return tolerance * root / min(max(root, 1.0), HUGE)
 
     def notes(self, problem: Problem) -> tuple[str, ...]:
         """What of the options has no effect on the problem."""

@@ -11,6 +11,7 @@ import pytest
 
 from mbsbench.harness.__main__ import main
 from mbsbench.harness.execution.pool import LocalPool
+from mbsbench.harness.execution.protocol import Done, Lost, Supervised
 from mbsbench.harness.execution.runner import last_folder
 from mbsbench.harness.results import environment, store
 
@@ -159,6 +160,23 @@ def test_a_run_that_was_beside_a_death_runs_alone_and_again_on_resume(run_text, 
     aside = tmp_path / "run" / "set_aside"
     assert store.read_record(aside / f"{crashed.run_id}.json").ended_by == crashed.ended_by
     assert "supervisor_lost" in (aside / f"{crashed.run_id}.json.why").read_text()
+
+
+def test_a_success_whose_news_is_lost_is_never_replaced_by_less(run_text, monkeypatch):
+    """Its record is there, and its supervisor dies before it says so: it is not run again, nor called lost."""
+    receive, lost = Supervised.receive, []
+
+    def losing(self, timeout=None):
+        news = receive(self, timeout)
+        if not lost and any(isinstance(n, Done) for n in news):
+            lost.append(news)
+            self.process.kill()
+            raise Lost(self.process.wait())
+        return news
+
+    monkeypatch.setattr(Supervised, "receive", losing)
+    loaded, watcher = run_text(SLEEPS, jobs=1)
+    assert lost and [r.status for r in loaded.records] == ["success"] * 3 and len(watcher.ran) == 3
 
 
 def test_the_newest_run_is_of_this_suite(tmp_path):

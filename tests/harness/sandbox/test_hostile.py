@@ -9,6 +9,7 @@ import pytest
 
 from mbsbench.harness.__main__ import main
 from mbsbench.harness.catalogue import registry
+from mbsbench.harness.execution import single
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results.words import why
@@ -129,6 +130,15 @@ def test_a_reference_that_judges_nothing_takes_no_command_along(how, tmp_path, c
     assert "crashed" in said.out and not said.err
     with np.load(out, allow_pickle=False) as file:
         assert str(file["status"]) == "crashed"
+
+
+def test_a_reference_that_hangs_costs_its_run_alone(tmp_path, capsys, monkeypatch):
+    """With a limit on the run, what measures it has one too."""
+    monkeypatch.setattr(single, "MEASURE_LIMIT", 2.0)
+    out, plugins = tmp_path / "x.npz", ("--plugin", str(PLUGIN), "--plugin", str(HOSTILE))
+    line = ("solve", "badly_known", "exact", "--problem-set", "how=hangs", "--set", "wall_limit=30", *plugins)
+    assert main([*line, "--out", str(out)]) == 1
+    assert "measuring its motion took more than 2 s" in capsys.readouterr().out and out.exists()
 
 
 def test_a_time_that_is_none_is_refused(monkeypatch):
