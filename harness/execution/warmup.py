@@ -1,6 +1,6 @@
 """What is done before the clock starts: references that are not kept yet are computed, and kernels are compiled.
 
-Each solver takes a few steps of one of its runs, whose result is thrown away. First in a forked process, which fills
+Each solver takes a few steps of one of its runs, whose result is thrown away. First in forked processes, which fill
 the compiler's cache on disk and may crash; then, if that went well, in the parent of all runs, so that every fork finds
 the compiled code in memory. Plugins are never run in the parent.
 """
@@ -8,19 +8,22 @@ the compiled code in memory. Plugins are never run in the parent.
 import contextlib
 import dataclasses
 import json
+import os
+import select
 import time
 from collections.abc import Callable, Sequence
 
 from ..catalogue import registry
 from ..reference.computed import BUDGET, reference_of
 from ..results.naming import named
-from ..sandbox.apart import Apart
+from ..sandbox.apart import TICK, Apart
 from ..suites.spec import RunSpec
 from .job import Job
 
 LIMIT = 600.0  # [s] for a solver, counted in no run: a cold compiler needs half a minute for the kernels
 MEMORY = 4000.0  # [MB]
 STEPS = 2  # of fixed size
+ABREAST = 1 + (os.cpu_count() or 1)  # processes: one may wait for kernels that another is compiling
 SHORT = 1e-3  # [s] of simulated time for error-controlled solvers
 STAND_INS = ("heavy_top", "spring_pendulum")  # for problems of plugins, which are not made here
 
@@ -105,16 +108,28 @@ def references_apart(jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda:
 
 
 def warm_apart_then_here(specs: Sequence[RunSpec], unwanted: Callable[[], bool] = lambda: False) -> dict[str, float]:
-    """Warm in a forked process, then here what went well there; the times [s] of the first. Ends when ``unwanted``."""
+    """Warm in forked processes, then here what went well there; the times [s] of the first. Ends when ``unwanted``."""
     times: dict[str, float] = {}
     well: list[RunSpec] = []
-    for spec in specs:  # one that hangs takes no other's time
-        process = Apart(lambda send, spec=spec: send(json.dumps(warm([spec]))), limit=LIMIT, memory=MEMORY)  # type: ignore[misc]
-        for line in process.wait(unwanted).sent.splitlines():
-            for solver, took in json.loads(line).items():
-                times[solver] = times.get(solver, 0.0) + took
-                well.append(spec)
-        if unwanted():
-            return times
-    warm(well)
+    waiting, going = list(reversed(specs)), dict[Apart, RunSpec]()  # one that hangs takes no other's time
+    try:
+        while (waiting or going) and not unwanted():
+            while waiting and len(going) < ABREAST:
+                spec = waiting.pop()
+                process = Apart(lambda send, spec=spec: send(json.dumps(warm([spec]))), limit=LIMIT, memory=MEMORY)  # type: ignore[misc]
+                going[process] = spec
+            select.select([p.pipe for p in going if not p.closed_at], [], [], TICK)
+            for process in list(going):
+                if (ended := process.look()) is not None:
+                    spec = going.pop(process)
+                    for line in ended.sent.splitlines():
+                        for solver, took in json.loads(line).items():
+                            times[solver] = times.get(solver, 0.0) + took
+                            well.append(spec)
+    finally:
+        for process in going:
+            process.kill()
+            process.wait()
+    if not unwanted():
+        warm(well)
     return times

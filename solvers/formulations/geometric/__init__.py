@@ -4,7 +4,10 @@ Numba keys its cache by the file of each function alone, so an edited callee wou
 callers. The cache folder is therefore named by the content of the whole package.
 """
 
+import contextlib
+import fcntl
 import hashlib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numba
@@ -15,3 +18,16 @@ _HERE = Path(__file__).parent
 _SOURCE = b"".join(file.read_bytes() for file in sorted(_HERE.rglob("*.py")))
 _NAME = f"kernels-{hashlib.sha256(_SOURCE).hexdigest()[:12]}"
 numba.config.CACHE_DIR = str(cache_folder(_NAME, _HERE / "__pycache__"))
+
+
+@contextlib.contextmanager
+def compiled_once(kernel: numba.core.dispatcher.Dispatcher) -> Iterator[None]:
+    """Of processes that come here with ``kernel`` not compiled, one compiles it and the others find it in the cache."""
+    with contextlib.ExitStack() as stack:
+        if not kernel.signatures:
+            with contextlib.suppress(OSError):  # nowhere to write: each compiles for itself
+                folder = Path(numba.config.CACHE_DIR)
+                folder.mkdir(parents=True, exist_ok=True)
+                lock = stack.enter_context(open(folder / f"{kernel.py_func.__name__}.lock", "w"))
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield

@@ -7,6 +7,7 @@ import numpy as np
 
 from ....harness.clock import cpu_seconds
 from ....harness.types import Problem, State, States, Status, StepControl, Trajectory
+from . import compiled_once
 from . import march as marching
 from .arrays import Motion, Step, empty_step, model_of
 from .choices import Settings
@@ -75,12 +76,13 @@ def integrate(
     room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * problem.system.nb + problem.system.nrows)))))
     clock = marching.Clock(np.zeros(3, dtype=np.int64), control.dt, problem.t_end, max_cuts)
     run.work.max_turn[0] = max_turn or np.inf
-    advance(run, step, clock._replace(t_end=0.0), 1)  # compiles the march, or loads it, and takes no step
-    march = (
-        Simplified(run, step, clock, advance).advance
-        if not max_turn and applies(run.settings, run.model)
-        else (lambda step, room: advance(run, step, clock, room))
-    )
+    with compiled_once(marching.march):
+        advance(run, step, clock._replace(t_end=0.0), 1)  # compiles the march, or loads it, and takes no step
+        march = (
+            Simplified(run, step, clock, advance).advance
+            if not max_turn and applies(run.settings, run.model)
+            else (lambda step, room: advance(run, step, clock, room))
+        )
     set_up = time.perf_counter() - began
     log, steps, cpu = Log(), 0, cpu_seconds()
     status, message = Status.SUCCESS, ""
