@@ -27,11 +27,6 @@ class GcAugmentedLagrangian(GaugeChoices):
     """Augmented Lagrangian weak form of fixed step: any rank of the constraints, singular passages included."""
 
     max_newton: int = option(12, "corrections until a step counts as singular or is cut", "", at_least=1)
-    newton: str = option(
-        "kept", "kept: Jacobian renewed when it no longer contracts by 5; exact: at every correction; simplified: on "
-        "A M^-1 A^T while the rank is that of the start (proximal loop, only gravity, sigma0 zero), else as kept",
-        choices=("simplified", "kept", "exact"),
-    )  # fmt: skip
     penalty: float = option(1e7, "xi of Eq. (84), per M_bar", "", above=0.0)
     loop: str = option(
         "proximal", "correction and augmentation at once, or the paper's nested loop", choices=("proximal", "nested")

@@ -94,7 +94,9 @@ class GaugeChoices:
     )
     max_newton: int = option(20, "corrections of the full Newton method before the step is cut", "", at_least=1)
     newton: str = option(
-        "simplified", "simplified: on A M^-1 A^T, where gravity is the only force and sigma0 is zero, else as kept; "
+        "simplified",
+        "simplified: on A M^-1 A^T, where gravity is the only force, sigma0 is zero and no loop is nested, "
+        "else as kept; "
         "kept: Jacobian renewed when it no longer contracts by 5; exact: at every correction",
         choices=("simplified", "kept", "exact"),
     )  # fmt: skip
