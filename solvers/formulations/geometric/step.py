@@ -46,6 +46,8 @@ def attempt(run, step):
     penalty, work = run.settings.penalty, run.work
     start_forces(step, run.settings)
     first_estimate(step, run.history, run.settings)
+    if work.xi[0] != penalty.xi:  # the last step was a soft one: its factor is not that of this step
+        work.factored_dt[0] = 0.0
     work.xi[0] = penalty.xi
     if not penalty.nested:
         work.nested[0] = 0

@@ -38,7 +38,7 @@ class Lean(NamedTuple):
     weight: np.ndarray  # (DEPTH,) theirs in the estimate of the next step
     past: np.ndarray  # (2,) int: steps known of the past, whether ``k.L`` is a factor
     rank: np.ndarray  # (2,) int: of the rows, at the start and at the last factor
-    log_det: np.ndarray  # (1,) log10 of the determinant of S in rows scaled to a unit diagonal
+    log_det: np.ndarray  # (2,) ``log_determinant`` at the last factor, and its change there
 
 
 def empty_lean(model: Model) -> Lean:
@@ -51,7 +51,7 @@ def empty_lean(model: Model) -> Lean:
         b0=np.zeros((nj, 2, 3)), a=np.zeros((nj, 2, 3)), a0=np.zeros((nj, 2, 3)), f_bar=np.zeros((nj, 3)),
         f_bar0=np.zeros((nj, 3)), nu=np.zeros(nrows), nu_start=np.zeros(nrows), acceleration=np.zeros((DEPTH, nb, 6)),
         impulse=np.zeros((DEPTH, nrows)), middle=np.zeros(DEPTH), weight=np.zeros(DEPTH),
-        past=np.zeros(2, dtype=np.int64), rank=np.zeros(2, dtype=np.int64), log_det=np.zeros(1),
+        past=np.zeros(2, dtype=np.int64), rank=np.zeros(2, dtype=np.int64), log_det=np.zeros(2),
     )  # fmt: skip
 
 

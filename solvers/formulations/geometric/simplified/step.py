@@ -17,8 +17,8 @@ import numpy as np
 from numba import njit
 
 from ..index1.kernel import HOT, factorise, rows, solve
-from ..newton import FACTORISATIONS, NEWTON, RESIDUALS, SOLVES
-from ..vectors import copy, turned_by
+from ..newton import FACTORISATIONS, NEWTON, RESIDUALS, SINKING, SOLVES
+from ..vectors import JIT, copy, turned_by
 from .rows import arms, back, cross, rates, times, torque, turn, turn_back
 from .state import DEPTH
 
@@ -155,6 +155,18 @@ def estimate(lean, settings, h, t):
         lean.nu[i] = x / (1.0 - settings.gauge)
 
 
+@njit(**JIT)
+def log_determinant(lean):
+    """log10 of the determinant of S in rows scaled to a unit diagonal, dropped rows left out."""
+    total = 0.0
+    for col in range(len(lean.blocks.joint)):
+        for c in range(lean.blocks.size[col]):
+            inverse = lean.k.L[lean.blocks.start[col], c, c]
+            if inverse > 0.0:
+                total -= math.log10(inverse * inverse * lean.k.diagonal[lean.blocks.row[col] + c])
+    return total
+
+
 @njit(**HOT)
 def factor(lean, counts):
     """S at the poses of ``k``."""
@@ -162,12 +174,9 @@ def factor(lean, counts):
     lean.rank[1] = factorise(lean.model, lean.blocks, lean.k)
     lean.past[1] = 1
     counts[FACTORISATIONS] += 1
-    lean.log_det[0] = 0.0
-    for col in range(len(lean.blocks.joint)):
-        for c in range(lean.blocks.size[col]):
-            inverse = lean.k.L[lean.blocks.start[col], c, c]
-            if inverse > 0.0:
-                lean.log_det[0] -= math.log10(inverse * inverse * lean.k.diagonal[lean.blocks.row[col] + c])
+    before = lean.log_det[0]
+    lean.log_det[0] = log_determinant(lean)
+    lean.log_det[1] = lean.log_det[0] - before
 
 
 @njit(**HOT)
@@ -176,6 +185,8 @@ def one_step(lean, settings, h, t, counts):
     begin(lean, settings, h)
     estimate(lean, settings, h, t)
     before, refreshed, x = np.inf, 0, lean.k.rhs
+    if lean.log_det[1] < SINKING:  # on its way to a loss of rank: seen step by step
+        lean.past[1] = 0
     for _ in range(MOST):
         impulses(lean, settings, h)
         if lean.past[1] == 0:

@@ -5,11 +5,13 @@ from collections.abc import Callable
 import numpy as np
 
 from ..arrays import Step
+from ..index1.kernel import evaluate
 from ..march import Clock, Record, empty_record, time_of
 from ..newton import Run
 from ..residual import complete
 from .march import BUFFER_FULL, HARD, march, start
 from .state import DEPTH, empty_lean
+from .step import log_determinant
 
 PATIENCE, MOST_PATIENCE = 8, 1024  # steps of the full method after one that the simplified method does not solve
 Full = Callable[[Run, Step, Clock, int], tuple[Step, int, Record]]
@@ -29,6 +31,7 @@ class Simplified:
         # no rounding.
         dropped = not run.settings.penalty.active and self._lean.rank[0] < int(run.model.row[-1])
         self._never = dropped or not (np.any(self._lean.k.lam) or np.any(self._lean.k.v_dot))
+        self._offset, self._unlevelled = 0.0, list[np.ndarray]()
         self._march(empty_record(0, len(run.model.mass), int(run.model.row[-1])))  # compiles
 
     def advance(self, step: Step, room: int) -> tuple[Step, int, Record]:
@@ -40,9 +43,14 @@ class Simplified:
             self._patience = min(2 * self._patience, MOST_PATIENCE)
             self._hard = False
             self._take(step)
+            if run.settings.penalty.active and self._offset == 0.0:
+                self._level()
             return step, outcome, record
         record = empty_record(room, len(run.model.mass), int(run.model.row[-1]))
         outcome, done = self._march(record)
+        record.log_det[:done] += self._offset
+        if self._offset == 0.0:
+            self._unlevelled.append(record.log_det[:done])
         if outcome == HARD:
             self._hard, outcome = True, BUFFER_FULL
             step.start.r[:], step.start.R[:], step.start.v[:] = lean.k.r, lean.k.R, lean.k.v
@@ -53,6 +61,15 @@ class Simplified:
         if done > PATIENCE:
             self._patience = PATIENCE
         return step, outcome, Record(*(a[:done] for a in record))
+
+    def _level(self) -> None:
+        """Bring both methods' determinants to one constant, that of the full method, at the pose where it stands."""
+        lean, full = self._lean, self._run.work.log_det[0]
+        if evaluate(lean.model, lean.blocks, lean.k) == lean.rank[0]:
+            self._offset = full - log_determinant(lean)
+            for series in self._unlevelled:
+                series += self._offset
+            self._unlevelled.clear()
 
     def _march(self, record: Record) -> tuple[int, int]:
         clock, run = self._clock, self._run
