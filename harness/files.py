@@ -3,6 +3,7 @@
 import errno
 import math
 import os
+import re
 import stat
 import tomllib
 from collections.abc import Iterator
@@ -77,6 +78,9 @@ def printable(text: str) -> str:
 def exact(value: Any) -> Any:
     """For JSON that must be read back as it was: NaN and infinities as text, which ``float`` takes."""
     return str(float(value)) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+PARTIAL = re.compile(r"\..+\.\d+\.part(\.\w+)?")  # the name of one
 
 
 def partial_of(path: Path, pid: int) -> Path:

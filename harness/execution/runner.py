@@ -74,6 +74,7 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         raise store.StoreError(f"{folder} already holds results; add --resume to continue it, or give another --out")
     store.create(folder)
     with store.lock(folder):
+        store.remove_partial(folder)
         before = store.load(folder)
         store.set_aside(folder, before.unreadable)
         shutil.rmtree(folder / ".spool", ignore_errors=True)  # of runs that a killed runner left half-way

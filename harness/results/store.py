@@ -118,6 +118,14 @@ def lock(folder: Path) -> IO[bytes]:
     return file
 
 
+def remove_partial(folder: Path) -> None:
+    """What killed processes left half-written; for who holds the lock: nobody writes."""
+    for part in (".", *PARTS):
+        for path in (folder / part).iterdir():
+            if files.PARTIAL.fullmatch(path.name):
+                path.unlink()
+
+
 def path_of(folder: Path, run_id: str) -> Path:
     """The file of a run's record."""
     return folder / "runs" / f"{run_id}.json"

@@ -13,6 +13,7 @@ from mbsbench.harness.__main__ import main
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.protocol import Done, Lost, Supervised
 from mbsbench.harness.execution.runner import last_folder
+from mbsbench.harness.files import partial_of
 from mbsbench.harness.results import environment, store
 
 from ..conftest import PLUGIN
@@ -212,6 +213,19 @@ def test_a_full_disk_at_the_end_hides_nothing_and_leaves_no_rest(run_text, tmp_p
     monkeypatch.setattr(LocalPool, "run", ended)
     assert main([*line, "--resume"]) == 1
     assert not [p for p in (tmp_path / "run").iterdir() if ".part" in p.name]
+
+
+def test_what_a_killed_process_left_half_written_goes(run_text, tmp_path):
+    """Nobody else writes while the folder is locked; what only looks alike stays."""
+    text, folder = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"', tmp_path / "run"
+    run_text(text)
+    own = [partial_of(folder / place, 99999) for place in ("runs/ab.json", "series/ab.npz", "runs.parquet")]
+    other = folder / "runs" / ".notes.part"
+    for path in (*own, other):
+        path.write_bytes(b"half")
+    again, watcher = run_text(text, resume=True)
+    assert not watcher.ran and len(again.records) == 1 and not again.unreadable
+    assert [p.exists() for p in (*own, other)] == [False] * 3 + [True]
 
 
 def test_a_used_folder_is_not_overwritten(run_text, tmp_path):

@@ -107,7 +107,7 @@ FAULTS = (
         "harness/reference/newton_euler.py",
         "f[:-1, :3] = s.mass[:, None] * s.gravity",
         "f[:-1, :3] = 1.001 * s.mass[:, None] * s.gravity",
-        of("spring_pendulum", "rkmk_dopri5"),
+        of("spring_pendulum[t_end=0.5]", "rk45_strong_form"),
     ),
     Fault(
         "problems/exact/lagrange_top.py", "weight = 2 * mpf(body.mass)", "weight = mpf('1.99') * mpf(body.mass)", ONE
