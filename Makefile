@@ -12,6 +12,11 @@ PICTURES ?= docs/images
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
+# a command that may be silent for a minute, and the seconds it has taken so far
+moving = @$(1) & job=$$!; trap "kill $$job" INT TERM; n=0; while kill -0 $$job 2>/dev/null; do printf '\r$(2): %d s' $$n >&2; sleep 1; n=$$((n + 1)); done; \
+	echo >&2; wait $$job
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+
 .DEFAULT_GOAL := help
 .PHONY: help setup test test-engines engines test-slow browser check format bench bench-kernels gate report paper figures pictures animate clean
 
@@ -23,8 +28,8 @@ setup: $(READY) ## make .venv with the locked packages and the command mbsbench
 $(READY): requirements.lock pyproject.toml
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "error: python 3.11 or later is needed (got %s); make PYTHON=..." % sys.version.split()[0])'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	$(call moving,$(PIP) -r requirements.lock,installing the locked packages)
+	$(call moving,$(PIP) --no-deps --no-build-isolation --editable .,installing mbsbench)
 	mkdir -p $(VENV)/src && ln -sfn ../.. $(VENV)/src/mbsbench
 	@touch $@
 
@@ -32,19 +37,19 @@ test: $(READY) ## run all tests but the slow ones
 	$(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable
 
 $(CLUSTER): requirements-cluster.lock $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-cluster.lock
+	$(call moving,$(PIP) -r requirements-cluster.lock,installing requirements-cluster.lock)
 	@touch $@
 
 test-slow: $(CLUSTER) ## run all tests, with those of a cluster (installs Dask)
 	$(BIN)/python -m pytest -q -n 2 --benchmark-disable
 
 $(ENGINES): requirements-engines.lock $(READY)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements-engines.lock
+	$(call moving,$(PIP) -r requirements-engines.lock,installing requirements-engines.lock)
 	@touch $@
 
 engines: $(ENGINES) ## install other people's engines (requirements-engines.lock)
 
-test-engines: $(ENGINES) ## run the tests of the engines (installs them)
+test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from files (installs them)
 	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/peers
 
 check: $(READY) ## check lint, format, types and import layers

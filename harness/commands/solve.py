@@ -74,7 +74,11 @@ def run(arguments: argparse.Namespace) -> int:
     from ..execution import single
 
     console = lines()
-    said = (lambda words: None) if arguments.json else console.print
+
+    def said(words: str, *, end: str = "\n") -> None:
+        if not arguments.json and (end == "\n" or console.is_terminal):  # a pipe gets whole lines alone
+            console.print(words, end=end)
+
     try:
         outcome = single.solve_to_file(spec, out, wall, said)
     except (KeyboardInterrupt, SystemExit):

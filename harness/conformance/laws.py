@@ -3,6 +3,7 @@
 They are those of the full system in (r, R), which the problem's own formulas do not enter.
 """
 
+import dataclasses
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from ..mechanics.consistency import START_TOLERANCE, InconsistentStart, check_st
 from ..mechanics.jacobian import constraint_jacobian
 from ..mechanics.state import States
 from ..metrics.scales import Scales, scales
+from ..reference.computed import computed, gyration, is_computable
 from ..types import Invariant, Observable, Problem, Reference
 from .requirements import Measured
 
@@ -49,22 +51,35 @@ class Subject:
         return self.problem.reference()
 
     @cached_property
+    def independent(self) -> Reference | None:
+        """The motion that two formulations compute, which know nothing of the problem's own reference."""
+        p = self.problem
+        end = p.t_end if self.reference is None else min(p.t_end, self.reference.horizon)
+        known = is_computable(p.system) and not p.literal_start
+        return computed(dataclasses.replace(p, t_end=end)) if known else None
+
+    @cached_property
+    def known(self) -> Reference | None:
+        """Its own exact motion, else the computed one."""
+        return self.reference if self.reference is not None else self.independent
+
+    @cached_property
     def t(self) -> np.ndarray:
-        """Times within the reference's horizon."""
-        assert self.reference is not None
-        return np.linspace(0.0, min(self.problem.t_end, self.reference.horizon), SAMPLES)
+        """Times within the horizon of what is known."""
+        assert self.known is not None
+        return np.linspace(0.0, min(self.problem.t_end, self.known.horizon), SAMPLES)
 
     @cached_property
     def exact(self) -> States:
-        """The reference at ``t``."""
-        assert self.reference is not None
-        return self.reference.states(self.t)
+        """The motion at ``t``."""
+        assert self.known is not None
+        return self.known.states(self.t)
 
     @cached_property
     def stated(self) -> np.ndarray:
-        """[m] the error the reference says it has at ``t``."""
-        assert self.reference is not None
-        return np.asarray(self.reference.error(self.t), dtype=float)
+        """[m] the error it is said to have at ``t``."""
+        assert self.known is not None
+        return np.asarray(self.known.error(self.t), dtype=float)
 
     @property
     def slack(self) -> float:
@@ -197,6 +212,19 @@ def begins(s: Subject) -> Measured:
     return _worst(found, s.off)
 
 
+def agrees(s: Subject) -> Measured:
+    """Positions and angles (times radii of gyration) of the two motions differ by their stated errors at most."""
+    if s.independent is None:
+        return Measured(words="none can be computed for this system", tested=False)
+    t = s.t[s.t <= s.independent.horizon]
+    here, there, radius = s.exact.at(slice(len(t))), s.independent.states(t), gyration(s.problem.system)
+    turned = radius * np.linalg.norm(here.R - there.R, axis=(-2, -1)) / np.sqrt(2.0)
+    gap = np.max(np.maximum(np.linalg.norm(here.r - there.r, axis=-1), turned), axis=-1)
+    beyond = np.maximum(gap - s.stated[: len(t)] - s.independent.error(t), 0.0)
+    words = f"r and R are {np.max(gap):.3g} m apart up to {t[-1]:.3g} s"
+    return _worst({"": (float(np.max(beyond)) / s.size.length, words)}, SMALL)
+
+
 def keeps_joints(s: Subject) -> Measured:
     """phi [m] and R^T R - 1 vanish along the reference, to its stated error."""
     phi = float(np.max(np.abs(motion.constraint(s.problem.system, s.exact)), initial=0.0))
@@ -214,7 +242,9 @@ def keeps_energy(s: Subject) -> Measured:
 
 
 def keeps_invariants(s: Subject) -> Measured:
-    """Each invariant is constant along the reference, compared with the scale of its unit."""
+    """Each invariant is constant along the motion, compared with the scale of its unit."""
+    if s.known is None:
+        return Measured(words="no reference, and none can be computed", tested=False)
     at_home, found = s.problem.home(s.exact), {}
     for kept in s.problem.invariants:
         values = np.asarray(kept.of(at_home))

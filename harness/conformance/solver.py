@@ -32,6 +32,8 @@ EASY: Mapping[str, tuple[str, Mapping[str, Any]]] = {
     "easy top": ("heavy_top", {"t_end": 0.2}),
     "easy turned": (BASE, {"omega_z": 0.1, "t_end": 1.0, "rotation": (0.3, -0.5, 0.7)}),
     "easy revolute": ("four_bar_grid", {"rows": 1, "columns": 1, "t_end": 0.2}),
+    # on a skew hinge: its axis rows carry moments, which those of a planar mechanism do not
+    "easy hinge": ("random_mechanism", {"bodies": 1, "loops": 0, "springs": 0, "loads": 0, "t_end": 0.5}),
 }
 
 
@@ -95,6 +97,9 @@ REQUIREMENTS = (
     Requirement("reactions are those of the exact motion", "joint forces follow from m (a_C - g), whatever the solver",
         "A^T reaction is the force of the joints on the bodies: mind the sign, and the dt of a multiplier's impulse",
         trials.reaction_holds),
+    Requirement("moments of its reactions are those of the exact motion",
+        "moments about C follow from J Omega' + Omega x J Omega: axis rows carry them [N m], point rows by their arms",
+        "A^T reaction again: mind sign and unit of the rows of directions", trials.moments_hold),
     Requirement("it records every step it counts", "drift, errors and step sizes are taken over all accepted steps",
         "append every accepted step to t and states, and count those in counters['steps']", trials.records_all),
     Requirement("steps are no larger than dt or max_step", "a larger gap means steps left out, or a limit not kept",

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..catalogue import registry
+from ..metrics.reactions import exact_moment_on_bodies, instants_to_compare, moment_on_bodies
+from ..reference.computed import reference_of
 from ..results.records import RunRecord
 from ..results.series import Series
 from ..results.words import why
@@ -125,6 +127,26 @@ def reaction_holds(e: Evidence) -> Measured:
     return Measured(
         share, "of the largest", -math.inf, LOOSE_REACTION, words if known else "no reactions", tested=known
     )
+
+
+def moments_hold(e: Evidence) -> Measured:
+    """Error of the joints' moment on a body about its C over the largest exact one."""
+    r, series = e.records["easy hinge"], e.series["easy hinge"]
+    if missing := _missing(r):
+        return missing
+    if series is None or "frame_reaction" not in series or not np.all(np.isfinite(series["frame_reaction"])):
+        return Measured(words="no reactions", tested=False)
+    problem = _problem_of(r)
+    reference = reference_of(problem)
+    assert reference is not None
+    rows = instants_to_compare(series["frame_t"], reference.horizon)
+    t = series["frame_t"][rows]
+    exact = exact_moment_on_bodies(problem.system, reference.states, t)
+    size = float(np.max(np.linalg.norm(exact, axis=-1)))
+    off = moment_on_bodies(problem.system, series["frame_reaction"][rows], reference.states(t)) - exact
+    worst = float(np.max(np.linalg.norm(off, axis=-1)))
+    words = f"off by {worst:.3g} N m of {size:.3g} N m: {r.case}"
+    return Measured(worst / size, "of the largest", -math.inf, LOOSE_REACTION, words)
 
 
 def records_all(e: Evidence) -> Measured:

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -31,6 +32,16 @@ PATIENCE = 3.0  # [s] until it is said that compilation may take a while
 NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
 
 
+class Say(Protocol):
+    """Prints a line; one that ends with a carriage return is written over by the next."""
+
+    def __call__(self, words: str, *, end: str = "\n") -> object: ...
+
+
+def _silent(words: str, *, end: str = "\n") -> None:
+    pass
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How a single run went, for the summary on the terminal."""
@@ -39,9 +50,7 @@ class Outcome:
     native: str  # the last of what the process wrote to standard error
 
 
-def solve_to_file(
-    spec: RunSpec, out: Path, wall_limit: float | None, say: Callable[[str], object] = lambda words: None
-) -> Outcome:
+def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say = _silent) -> Outcome:
     """Run ``spec`` and write ``out``; a run that crashes or is killed leaves a file with the steps it had kept.
 
     Interrupted itself, it ends the run and leaves ``out`` as it was: whole, or not there. The problem, its reference
@@ -101,17 +110,20 @@ def _start_alone(job: Job, out: Path, record: RunRecord) -> RunRecord:
 
 
 class _Patience:
-    """Says once that a run takes its time, and why it may."""
+    """Says once that a run takes its time, and why it may; then how long it has taken, every second on one line."""
 
-    def __init__(self, say: Callable[[str], object]) -> None:
-        self.say, self.until, self.said = say, time.monotonic() + PATIENCE, False
+    def __init__(self, say: Say) -> None:
+        self.say, self.began, self.due = say, time.monotonic(), PATIENCE
 
     def over(self) -> bool:
         """Never; but looks at the clock."""
-        if not self.said and time.monotonic() > self.until:
-            self.said = True
-            self.say(
-                "running; the first run after an installation or a change compiles kernels, the first of a variant may "
-                "compute its reference: half a minute or more"
-            )
+        elapsed = time.monotonic() - self.began
+        if elapsed > self.due:
+            if self.due == PATIENCE:
+                self.say(
+                    "running; the first run after an installation or a change compiles kernels, the first of a variant "
+                    "may compute its reference: half a minute or more"
+                )
+            self.due = elapsed + 1.0
+            self.say(f"    {elapsed:.0f} s", end="\r")
         return False

@@ -1,9 +1,8 @@
 """Does a file hold the problem's motion? Its start against the exact one, velocities against differences of poses.
 
-A quantity that does not fit is tried in other units, orders and frames; where one fits, the message names its option.
+A quantity that does not fit is tried in other units, orders and frames; where one fits, the message names its options.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +19,6 @@ from .reading import (
     Origin,
     Reading,
     alternatives,
-    angular_velocities,
     derivative,
     first_row,
     read_motion,
@@ -42,13 +40,27 @@ def check(
     problem: Problem, found: Found, how: Reading, motion: Motion, path: Path, tolerance: float | None
 ) -> list[str]:
     """FileError where the file is not of this problem, read in this way; notes on what is odd but may be the run's."""
+    reading = how
     for name in ("r", "R", "v", "Omega"):
         if motion.origin[name] is Origin.FILE:
-            _check_start(problem, found, how, name, path, tolerance)
+            reading = _fitting(problem, found, reading, name, path, tolerance)
+    if reading != how:
+        motion = read_motion(found, reading)
     notes = []
-    for name, differenced in (("v", lambda m: derivative(m.t, m.r)), ("Omega", _turning)):
-        if motion.origin[name] is Origin.FILE and (note := _check_rate(found, how, motion, name, differenced, path)):
-            notes.append(note)
+    if motion.origin["v"] is Origin.FILE:
+        off = _apart(motion.v, derivative(motion.t, motion.r))
+        notes += [_off("v", off)] if off > APART else []
+    if motion.origin["Omega"] is Origin.FILE and (off := _turns(motion)) > APART:
+        others = alternatives(reading, "omega", "angle", "rotation", "quaternion")
+        fits = (other for other in others if _turns(read_motion(found, other)) < FITS
+                and all(_fits(problem, found, other, name, tolerance) for name in ("R", "Omega")))  # fmt: skip
+        if (other := next(fits, None)) is not None:
+            reading = other
+        else:
+            notes.append(_off("Omega", off))
+    if reading != how:
+        options = " ".join(f"--{n} {c}" for n, c in vars(reading).items() if c != getattr(how, n))
+        raise FileError(f"{path}: it is a motion of {problem.name} with {options}, not as it is read")
     return notes
 
 
@@ -68,15 +80,18 @@ def check_times(problem: Problem, found: Found, how: Reading, path: Path) -> Non
             )
 
 
-def _check_start(problem: Problem, found: Found, how: Reading, name: str, path: Path, tolerance: float | None) -> None:
-    words, unit, options = MEANINGS[name]
+def _fits(problem: Problem, found: Found, how: Reading, name: str, tolerance: float | None) -> bool:
     gap, allowed = _gap(problem.initial, found, how, name, tolerance)
-    if np.all(gap <= allowed):
-        return
-    for said, other in alternatives(how, *options):
-        off, fine = _gap(problem.initial, found, other, name, tolerance)
-        if np.all(off <= fine):
-            raise FileError(f"{path}: its {words} fit the start of {problem.name} with {said}, not as they are read")
+    return bool(np.all(gap <= allowed))
+
+
+def _fitting(problem: Problem, found: Found, how: Reading, name: str, path: Path, tolerance: float | None) -> Reading:
+    """``how``, or the nearest reading in which the quantity begins as the problem does; FileError where none does."""
+    words, unit, options = MEANINGS[name]
+    for reading in (how, *alternatives(how, *options)):
+        if _fits(problem, found, reading, name, tolerance):
+            return reading
+    gap, allowed = _gap(problem.initial, found, how, name, tolerance)
     body = int(np.argmax(np.max((gap / allowed).reshape(problem.system.nb, -1), axis=1)))
     hint = ""
     if name == "r":
@@ -122,37 +137,19 @@ def _in_body(start: State, found: Found, how: Reading) -> bool:
     return float(np.max(np.abs(turned - start.v))) < 1e-6 * (1.0 + float(np.max(np.abs(start.v))))
 
 
-def _turning(motion: Motion) -> np.ndarray | None:
-    return None if motion.R is None else turning(motion.t, motion.R)
+def _turns(motion: Motion) -> float:
+    """How far angular velocities are from the rates of the orientations."""
+    return _apart(motion.Omega, None if motion.R is None else turning(motion.t, motion.R))
 
 
-def _check_rate(
-    found: Found,
-    how: Reading,
-    motion: Motion,
-    name: str,
-    differenced: Callable[[Motion], np.ndarray | None],
-    path: Path,
-) -> str:
-    """FileError where another reading makes the velocities the derivatives of the poses; a note where none does."""
-    given, exact = getattr(motion, name), differenced(motion)
+def _apart(given: np.ndarray | None, exact: np.ndarray | None) -> float:
+    """The largest difference of velocities, of the largest; zero where it is not known."""
     if exact is None or given is None or not np.all(np.isfinite(given)):
-        return ""
+        return 0.0
     inside = slice(2, -2)
     size = float(np.max(np.abs(exact[inside])))
+    return float(np.max(np.abs(given - exact)[inside])) / size if size > 0.0 else 0.0
 
-    def apart(values: np.ndarray) -> float:
-        return float(np.max(np.abs(values - exact)[inside])) / size if size > 0.0 else 0.0
 
-    share = apart(given)
-    if share <= APART:
-        return ""
-    words, _, options = MEANINGS[name]
-    if name == "Omega":
-        for said, other in alternatives(how, *options):
-            tried = angular_velocities(found, other, motion.R)
-            if tried is not None and apart(tried) < FITS:
-                raise FileError(
-                    f"{path}: its {words} are the rates of its orientations with {said}, not as they are read"
-                )
-    return f"{words} are off by {100.0 * share:.3g} % from the rates of the poses in the file"
+def _off(name: str, share: float) -> str:
+    return f"{MEANINGS[name][0]} are off by {100.0 * share:.3g} % from the rates of the poses in the file"

@@ -125,15 +125,11 @@ def turning(t: Float[np.ndarray, " nt"], R: Float[np.ndarray, "nt nb 3 3"]) -> n
     return 0.5 * np.stack((W[..., 2, 1] - W[..., 1, 2], W[..., 0, 2] - W[..., 2, 0], W[..., 1, 0] - W[..., 0, 1]), -1)
 
 
-def alternatives(how: Reading, *names: str) -> list[tuple[str, Reading]]:
-    """Other readings with the option that makes them, one or two options changed."""
+def alternatives(how: Reading, *names: str) -> list[Reading]:
+    """Other readings, one or two options changed."""
     others = [(n, c) for n in names for c in CHOICES[n] if c != getattr(how, n)]
-    one = [(f"--{n} {c}", dataclasses.replace(how, **{n: c})) for n, c in others]
-    two = [
-        (f"--{n} {c} --{m} {d}", dataclasses.replace(how, **{n: c, m: d}))
-        for k, (n, c) in enumerate(others) for m, d in others[k + 1 :] if m != n
-    ]  # fmt: skip
-    return one + two
+    pairs = [(a, b) for k, a in enumerate(others) for b in others[k + 1 :] if a[0] != b[0]]
+    return [dataclasses.replace(how, **dict(changes)) for changes in [*((o,) for o in others), *pairs]]
 
 
 def first_row(found: Found) -> Found:

@@ -27,10 +27,22 @@ def pull_on_bodies(
     system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"], s: States
 ) -> Float[np.ndarray, "nt nb 3"]:
     """Sum of the joint forces on each body [N], space frame: unique even where redundant joints share them at will."""
-    out = np.zeros((len(reaction), system.nb, 3))
-    for body, rows, translation, _ in row_parts(system, s):
+    return _wrench(system, reaction, s)[:, :, :3]
+
+
+def moment_on_bodies(
+    system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"], s: States
+) -> Float[np.ndarray, "nt nb 3"]:
+    """Sum of the moments of all joints on each body about its C [N m], body frame: what axis rows add to."""
+    return _wrench(system, reaction, s)[:, :, 3:]
+
+
+def _wrench(system: MultibodySystem, reaction: np.ndarray, s: States) -> Float[np.ndarray, "nt nb 6"]:
+    out = np.zeros((len(reaction), system.nb, 6))
+    for body, rows, *parts in row_parts(system, s):
+        part = np.concatenate(parts, axis=-1)
         for k, b in enumerate(body):
-            out[:, b] += reaction[:, rows[k], None] * translation[:, k]
+            out[:, b] += reaction[:, rows[k], None] * part[:, k]
     return out
 
 
@@ -38,8 +50,22 @@ def exact_pull_on_bodies(
     system: MultibodySystem, motion: Callable[[np.ndarray], States], t: Float[np.ndarray, " nt"]
 ) -> Float[np.ndarray, "nt nb 3"]:
     """Newton: m a_C less what is applied to the exact motion [N], a_C by sixth-order differences of velocities."""
-    a = sum(c * motion(t + k * STEP).v for k, c in zip(range(-3, 4), DIFFERENCE, strict=True) if c) / STEP
-    return system.mass[:, None] * a - applied(system, motion(t))[:, :, :3]
+    return system.mass[:, None] * _rate(motion, t, "v") - applied(system, motion(t))[:, :, :3]
+
+
+def exact_moment_on_bodies(
+    system: MultibodySystem, motion: Callable[[np.ndarray], States], t: Float[np.ndarray, " nt"]
+) -> Float[np.ndarray, "nt nb 3"]:
+    """Euler: J Omega' + Omega x J Omega less what is applied to the exact motion [N m], Omega' by the same."""
+    here = motion(t)
+    spun = np.einsum("bij,tbj->tbi", system.inertia, here.Omega)
+    turned = np.einsum("bij,tbj->tbi", system.inertia, _rate(motion, t, "Omega"))
+    return turned + np.cross(here.Omega, spun) - applied(system, here)[:, :, 3:]
+
+
+def _rate(motion: Callable[[np.ndarray], States], t: np.ndarray, what: str) -> np.ndarray:
+    total = sum(c * getattr(motion(t + k * STEP), what) for k, c in zip(range(-3, 4), DIFFERENCE, strict=True) if c)
+    return np.asarray(total) / STEP
 
 
 def instants_to_compare(t: Float[np.ndarray, " nt"], horizon: float) -> Int[np.ndarray, " n"]:

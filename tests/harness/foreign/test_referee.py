@@ -85,6 +85,28 @@ def test_other_units_orders_and_frames_are_recognised(option, tmp_path):
     assert r.status == "success" and r.position_error_max_m < 4e-9 and r.orientation_error_max_rad < 8e-9
 
 
+def test_what_differs_together_is_named_together(tmp_path):
+    """Millimetres, w last and angular velocities in space: one message, and with its options the exact motion."""
+    rows = turned_to_space()[:, [0, 1, 2, 3, 5, 6, 7, 4, 8, 9, 10, 11, 12, 13]]
+    rows[:, [1, 2, 3, 8, 9, 10]] *= 1e3
+    path = written(tmp_path / "top.csv", rows)
+    with pytest.raises(FileError, match="--length mm --quaternion xyzw --omega space"):
+        judge(path)
+    assert judge(path, length="mm", quaternion="xyzw", omega="space").status == "success"
+
+
+def test_orientations_that_start_alike_in_both_directions_are_found_by_their_rates(tmp_path):
+    """From rest at R = 1 a rotation and its inverse begin alike; only the rates of the rows that follow differ."""
+    free = make_problem("torque_free_body", {"t_end": 1.0, "rotation": (-np.pi / 2, 0.0, 0.0)})
+    t = np.linspace(0.0, 1.0, 501)
+    s = free.reference().states(t)
+    assert np.allclose(s.R[0, 0], np.eye(3), atol=1e-12)
+    q = Rotation.from_matrix(np.swapaxes(s.R[:, 0], -1, -2)).as_quat(scalar_first=True)
+    path = written(tmp_path / "body.csv", np.column_stack((t, s.r[:, 0], q, s.v[:, 0], s.Omega[:, 0])))
+    with pytest.raises(FileError, match="with --rotation space-to-body, not"):
+        judge(path, free)
+
+
 def test_a_quaternion_order_wrong_after_the_start_alone_does_not_pass_unnoticed(tmp_path):
     """Angular velocities that are no rates of the orientations get a note, though no reading mends them."""
     rows = exact()
