@@ -267,10 +267,10 @@ def test_text_of_files_is_plain_in_figures():
     assert style.plain("a$b") == r"a\$b"
 
 
-@pytest.mark.parametrize("decades", [0.5, 0.97, 1.5, 3.0])
+@pytest.mark.parametrize("decades", [0.5, 0.97, 1.5, 3.0, 30.0])
 @pytest.mark.parametrize("low", [1.05e-5, 2.1e-5, 3.3e-5, 9.1e-5])
 def test_labels_of_a_printed_log_axis_do_not_overlap(low, decades):
-    """In the width of one column, from half a decade to several; there is always a label."""
+    """In the width of one column, from half a decade to thirty; there is always a label."""
     with style.style():
         figure = style.sheet(style.SINGLE, 2.0)
         ax, canvas = figure.add_subplot(), FigureCanvasAgg(figure)
