@@ -77,13 +77,12 @@ def measure(problem: Problem, trajectory: Trajectory) -> Measured:
     if reference is not None:
         _check_horizon(problem, reference)
     with np.errstate(all="ignore"):  # a motion may have blown up: its infinities are the result
-        whole, E, eq81 = _judged(problem, reference, t, s, np.arange(problem.system.nb))
+        whole, E, eq81, phi, phi_dot = _judged(problem, reference, t, s, np.arange(problem.system.nb))
         laws, found = whole.laws, mechanisms(problem.system)
         each = (whole,) if len(found) == 1 else tuple(_judged(problem, reference, t, s, b)[0] for b in found)
         at_home = problem.home(s)
         return Measured(
-            t, whole.size, each, E, laws[Law.ENERGY], laws[Law.CONSTRAINT], laws[Law.CONSTRAINT_RATE], eq81,
-            laws[Law.ORTHOGONALITY],
+            t, whole.size, each, E, laws[Law.ENERGY], phi, phi_dot, eq81, laws[Law.ORTHOGONALITY],
             kinematic_defect=largest(kinematic_defect(problem.system, t, s, PATH * whole.size.length)),
             out_of_plane=_out_of_plane(problem, at_home),
             observables={o.name: np.asarray(o.of(at_home), dtype=float) for o in problem.observables},
@@ -101,17 +100,18 @@ def largest(a: Float[np.ndarray, " n"]) -> float:
 
 def _judged(
     problem: Problem, reference: Reference | None, t: np.ndarray, s: States, bodies: np.ndarray
-) -> tuple[Judged, np.ndarray, np.ndarray]:
-    """With T + V and the norm of Eq. (81)."""
+) -> tuple[Judged, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """With T + V, the norm of Eq. (81), |phi| and |phi_dot|."""
     system, start = part(problem.system, bodies), state_of(problem.initial, bodies)
     blocks = [states_of(s.at(slice(k, k + BLOCK)), bodies) for k in range(0, len(t), BLOCK)]
     parts = [(*_laws(system, b), reached(system, start, b)) for b in blocks]
-    E, phi, phi_dot, eq81, defect, rows = (np.concatenate(p) for p in zip(*parts, strict=True))
+    E, phi, phi_dot, gap, gap_rate, eq81, defect, rows = (np.concatenate(p) for p in zip(*parts, strict=True))
     drift = E - E[0] - _work(system, t, s, bodies)
     rows[:, KINETIC] -= np.maximum(drift, 0.0)  # what was gained was not there to be exchanged
-    laws = {Law.ENERGY: drift, Law.CONSTRAINT: phi, Law.CONSTRAINT_RATE: phi_dot, Law.ORTHOGONALITY: defect}
+    laws = {Law.ENERGY: drift, Law.CONSTRAINT: gap, Law.CONSTRAINT_RATE: gap_rate, Law.ORTHOGONALITY: defect}
     binding = {k: a for k, a in laws.items() if not (problem.literal_start and k in JOINTS)}
-    return Judged(bodies, scales(problem, reference, Run(rows, binding, covered(reference, t)), bodies), laws), E, eq81
+    size = scales(problem, reference, Run(rows, binding, covered(reference, t)), bodies)
+    return Judged(bodies, size, laws), E, eq81, phi, phi_dot
 
 
 def _shares(whole: Judged, each: tuple[Judged, ...]) -> np.ndarray:
@@ -129,10 +129,17 @@ def covered(reference: Reference | None, t: Float[np.ndarray, " nt"]) -> int:
 
 
 def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
+    """T + V, |phi| and |phi_dot|, both again in metres, the norm of Eq. (81), and how far R is from a rotation.
+
+    In metres a row of an axis counts by what it moves a body's matter: a hinge that opens by 1e-3 rad is nothing at
+    1e-5 m, where |phi| is compared with 1e-7 m, and no success at 1e5 m.
+    """
+    metres = np.ones(system.nrows)
+    metres[system.axis_rows().row] = np.sqrt(np.max(np.einsum("bii->b", system.inertia) / (2.0 * system.mass)))
+    phi, phi_dot = constraint(system, s), constraint_rate(system, s)
     return (
         energy(system, s),
-        np.linalg.norm(constraint(system, s), axis=1),
-        np.linalg.norm(constraint_rate(system, s), axis=1),
+        *(np.linalg.norm(a, axis=1) for a in (phi, phi_dot, phi * metres, phi_dot * metres)),
         constraint_energy_norm(system, s),
         np.max(so3.orthogonality_defect(s.R), axis=1, initial=0.0),
     )

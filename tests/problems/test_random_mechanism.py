@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.jacobian import independent_rows
 from mbsbench.harness.mechanics.motion import energy, kinetic_energy
+from mbsbench.harness.mechanics.state import State, States
+from mbsbench.harness.metrics.measure import _laws
 from mbsbench.harness.reference.computed import computed
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.formulations.rank import rows_to_keep
@@ -40,6 +43,19 @@ def test_the_rank_does_not_depend_on_the_metre(size):
         assert (
             rank == len(rows_to_keep(other.system, other.initial)) == len(independent_rows(other.system, other.initial))
         )
+
+
+@SIZES
+def test_a_hinge_is_judged_alike_at_any_size(size):
+    """Hinges a little open in all rows: |phi| in metres, over the reach that it is compared with, has no unit."""
+    shares = []
+    for s in (1.0, size):
+        p = make_problem("random_mechanism", {"bodies": 3, "mechanism_seed": 3, "size": s, "mass": s})
+        assert len(p.system.axis_rows().row)
+        turned = so3.exp(1e-3 * np.arange(9.0).reshape(3, 3))
+        apart = State(p.initial.r, p.initial.R @ turned, p.initial.v, p.initial.Omega)
+        shares.append(_laws(p.system, States.one(apart))[3][0] / s)
+    assert shares[1] == pytest.approx(shares[0], rel=1e-6)
 
 
 @pytest.mark.parametrize(("size", "mass"), [(1e-5, 1e-10), (1e5, 1e10)])

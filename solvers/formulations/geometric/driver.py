@@ -47,7 +47,7 @@ def prepare(problem: Problem, settings: Settings, mu0: str = "zero") -> tuple[Ru
         R_v=np.zeros((nb, 6)), R_mu=np.zeros(nrows), x=np.zeros(int(lu.start[-1])), xi=np.full(1, settings.penalty.xi),
         nested=np.zeros(1, dtype=np.int64), nu_kept=np.zeros(nrows), y=np.zeros(int(lu.start[-1])),
         left=np.zeros(nrows), counts=np.zeros(len(COUNTERS), dtype=np.int64),
-        max_turn=np.full(1, np.inf), factored_dt=np.zeros(1), norm=np.zeros(2), log_det=np.zeros(2),
+        max_turn=np.full(1, np.inf), factored_dt=np.zeros(1), norm=np.zeros(2), log_det=np.array([0.0, 0.0, -np.inf]),
     )  # fmt: skip
     return Run(model, settings, history, saddle, lu, work), step
 

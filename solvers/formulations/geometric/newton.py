@@ -28,6 +28,7 @@ from .vectors import INNER, JIT
 CONVERGED, LOOSE, SLOW, NOT_FINITE, SINGULAR_MATRIX = range(5)
 COUNTERS = ("newton_iterations", "residuals", "factorisations", "solves", "step_cuts", "augmentations", "loose_steps")
 NEWTON, RESIDUALS, FACTORISATIONS, SOLVES, CUTS, AUGMENTATIONS, LOOSE_STEPS = range(len(COUNTERS))
+NEAR = 3.0  # decades of the determinant below its largest, where rows that lose rank look like redundant ones
 SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
 
 
@@ -57,7 +58,7 @@ class Work(NamedTuple):
     max_turn: np.ndarray  # (1,) [rad] a step in which a body would turn further is cut
     factored_dt: np.ndarray  # (1,) step of the kept factorisation, 0 when none
     norm: np.ndarray  # [(80), (81)] at the end of the last step
-    log_det: np.ndarray  # [log10 of the determinant, its change at the last factorisation], see ``log_determinant``
+    log_det: np.ndarray  # [log10 of the determinant, its change, its largest], see ``log_determinant``
 
 
 class Run(NamedTuple):
@@ -106,6 +107,7 @@ def refresh(run, step):
         total = log_determinant(run.model, m_bar, run.lu)
         work.log_det[1] = total - work.log_det[0]
         work.log_det[0] = total
+        work.log_det[2] = max(work.log_det[2], total)
     return bad
 
 
@@ -140,7 +142,7 @@ def correct(run, step):
             x[lu.body_at[b] + k] = -work.R_v[b, k]
     put_rows(model, lu, work.R_mu, x)
     solve(lu, x)
-    if run.settings.penalty.redundant and not work.nested[0]:
+    if run.settings.penalty.redundant and not work.nested[0] and work.log_det[0] > work.log_det[2] - NEAR:
         leave_redundant(run, x)
     for b in range(len(model.mass)):
         for k in range(6):
