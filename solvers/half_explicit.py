@@ -35,4 +35,5 @@ class HalfExplicit:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        return fixed_steps(problem, control, half_explicit, half_explicit.Scheme(half_explicit.A, self.tolerance))
+        scheme = half_explicit.Scheme(half_explicit.A, half_explicit.C, self.tolerance)
+        return fixed_steps(problem, control, half_explicit, scheme)

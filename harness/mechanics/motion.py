@@ -139,7 +139,7 @@ def drift(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
 
 def drive_power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
     """Power of drives [W], -reaction . phi_t with the reaction of index 1: unique where rows are redundant, too."""
-    out = np.zeros(len(s))
+    out = np.full(len(s), np.nan)  # stays where a run was no longer finite
     L = np.zeros((system.nb, 6, 6))  # of L L^T = M
     L[:, range(3), range(3)] = np.sqrt(system.mass)[:, None]
     L[:, 3:, 3:] = np.linalg.cholesky(system.inertia)
@@ -154,10 +154,11 @@ def drive_power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
         f[:, :, 3:] -= np.cross(part.Omega, times(system.inertia, part.Omega))
         B = np.einsum("tkbj,bij->tkbi", A, inverse).reshape(len(part), system.nrows, -1)
         x = np.einsum("bij,tbj->tbi", inverse, f).reshape(len(part), -1)
-        back = np.linalg.pinv(B, rcond=1e-9)
         missing = -drift(system, part) - times(B, x)
-        reaction = times(np.swapaxes(back, -1, -2), times(back, missing))
-        out[k : k + CHUNK] = -np.sum(reaction[:, push.row] * push.phi_t, axis=-1)
+        good = np.all(np.isfinite(B), axis=(1, 2)) & np.all(np.isfinite(missing), axis=1)
+        back = np.linalg.pinv(B[good], rcond=1e-9)
+        reaction = times(np.swapaxes(back, -1, -2), times(back, missing[good]))
+        out[k + np.flatnonzero(good)] = -np.sum(reaction[:, push.row] * push.phi_t[good], axis=-1)
     return out
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
+from .checks import check_body, check_ends, frozen
 from .joints import (
     KINDS,
     ROWS,
@@ -233,10 +234,10 @@ def assemble(
 ) -> MultibodySystem:
     """Arrays from parts, or ValueError naming the invalid part."""
     for k, body in enumerate(bodies):
-        _check_body(k, body)
+        check_body(body.name or f"body {k + 1}", body.mass, body.inertia)
     parts: tuple[Joint | SpringDamper | TorsionSpring, ...] = (*joints, *springs, *torsions)
     for k, part in enumerate(parts):
-        _check_ends(k, part.i, part.j, len(bodies))
+        check_ends(k, part.i, part.j, len(bodies))
     for name, some in (("spring", springs), ("torsion", torsions)):
         for k, spring in enumerate(some):
             for what in ("stiffness", "damping", "rest_length"):
@@ -249,46 +250,46 @@ def assemble(
     vectors = [directions(k, joint) for k, joint in enumerate(joints)]
     counts = [ROWS[j.sort] for j in joints]
     return MultibodySystem(
-        mass=_frozen([b.mass for b in bodies], (len(bodies),)),
-        inertia=_frozen([b.inertia for b in bodies], (len(bodies), 3, 3)),
-        gravity=_frozen(gravity, (3,)),
-        joint_i=_frozen([j.i for j in joints], (len(joints),), np.int64),
-        joint_j=_frozen([j.j for j in joints], (len(joints),), np.int64),
-        joint_s_i=_frozen([j.s_i for j in joints], (len(joints), 3)),
-        joint_s_j=_frozen([j.s_j for j in joints], (len(joints), 3)),
-        joint_sort=_frozen([KINDS.index(j.sort) for j in joints], (len(joints),), np.int64),
-        joint_points=_frozen([c.point for c in counts], (len(joints),), np.int64),
-        joint_lines=_frozen([c.line for c in counts], (len(joints),), np.int64),
-        joint_axes=_frozen([c.axis for c in counts], (len(joints),), np.int64),
-        joint_moving=_frozen([c.moving for c in counts], (len(joints),), np.int64),
-        joint_u=_frozen([v["u"] for v in vectors], (len(joints), 3)),
-        joint_w=_frozen([v["w"] for v in vectors], (len(joints), 3)),
-        joint_n=_frozen([v["n"] for v in vectors], (len(joints), 3, 3)),
-        joint_length=_frozen([v["length"] for v in vectors], (len(joints),)),
-        joint_motion=_frozen([v["motion"] for v in vectors], (len(joints), 7)),
-        spring_i=_frozen([s.i for s in springs], (len(springs),), np.int64),
-        spring_j=_frozen([s.j for s in springs], (len(springs),), np.int64),
-        spring_p_i=_frozen([s.p_i for s in springs], (len(springs), 3)),
-        spring_p_j=_frozen([s.p_j for s in springs], (len(springs), 3)),
-        spring_k=_frozen([s.stiffness for s in springs], (len(springs),)),
-        spring_d0=_frozen([s.rest_length for s in springs], (len(springs),)),
-        spring_c=_frozen([s.damping for s in springs], (len(springs),)),
-        torsion_i=_frozen([s.i for s in torsions], (len(torsions),), np.int64),
-        torsion_j=_frozen([s.j for s in torsions], (len(torsions),), np.int64),
-        torsion_u=_frozen([unit(s.across_i, f"torsion {k}") for k, s in enumerate(torsions)], (len(torsions), 3)),
-        torsion_n=_frozen(
+        mass=frozen([b.mass for b in bodies], (len(bodies),)),
+        inertia=frozen([b.inertia for b in bodies], (len(bodies), 3, 3)),
+        gravity=frozen(gravity, (3,)),
+        joint_i=frozen([j.i for j in joints], (len(joints),), np.int64),
+        joint_j=frozen([j.j for j in joints], (len(joints),), np.int64),
+        joint_s_i=frozen([j.s_i for j in joints], (len(joints), 3)),
+        joint_s_j=frozen([j.s_j for j in joints], (len(joints), 3)),
+        joint_sort=frozen([KINDS.index(j.sort) for j in joints], (len(joints),), np.int64),
+        joint_points=frozen([c.point for c in counts], (len(joints),), np.int64),
+        joint_lines=frozen([c.line for c in counts], (len(joints),), np.int64),
+        joint_axes=frozen([c.axis for c in counts], (len(joints),), np.int64),
+        joint_moving=frozen([c.moving for c in counts], (len(joints),), np.int64),
+        joint_u=frozen([v["u"] for v in vectors], (len(joints), 3)),
+        joint_w=frozen([v["w"] for v in vectors], (len(joints), 3)),
+        joint_n=frozen([v["n"] for v in vectors], (len(joints), 3, 3)),
+        joint_length=frozen([v["length"] for v in vectors], (len(joints),)),
+        joint_motion=frozen([v["motion"] for v in vectors], (len(joints), 7)),
+        spring_i=frozen([s.i for s in springs], (len(springs),), np.int64),
+        spring_j=frozen([s.j for s in springs], (len(springs),), np.int64),
+        spring_p_i=frozen([s.p_i for s in springs], (len(springs), 3)),
+        spring_p_j=frozen([s.p_j for s in springs], (len(springs), 3)),
+        spring_k=frozen([s.stiffness for s in springs], (len(springs),)),
+        spring_d0=frozen([s.rest_length for s in springs], (len(springs),)),
+        spring_c=frozen([s.damping for s in springs], (len(springs),)),
+        torsion_i=frozen([s.i for s in torsions], (len(torsions),), np.int64),
+        torsion_j=frozen([s.j for s in torsions], (len(torsions),), np.int64),
+        torsion_u=frozen([unit(s.across_i, f"torsion {k}") for k, s in enumerate(torsions)], (len(torsions), 3)),
+        torsion_n=frozen(
             [beside(unit(s.axis_j, f"torsion {k}"), s.across_j, f"torsion {k}") for k, s in enumerate(torsions)],
             (len(torsions), 2, 3),
         ),
-        torsion_k=_frozen([s.stiffness for s in torsions], (len(torsions),)),
-        torsion_rest=_frozen([s.rest_angle for s in torsions], (len(torsions),)),
-        torsion_c=_frozen([s.damping for s in torsions], (len(torsions),)),
-        load_i=_frozen([f.i for f in loads], (len(loads),), np.int64),
-        load_p=_frozen([f.point for f in loads], (len(loads), 3)),
-        load_force=_frozen([f.force for f in loads], (len(loads), 3)),
-        load_torque=_frozen([f.torque for f in loads], (len(loads), 3)),
-        load_follows=_frozen([f.follows for f in loads], (len(loads),), np.bool_),
-        load_factor=_frozen([_factor(k, f) for k, f in enumerate(loads)], (len(loads), 7)),
+        torsion_k=frozen([s.stiffness for s in torsions], (len(torsions),)),
+        torsion_rest=frozen([s.rest_angle for s in torsions], (len(torsions),)),
+        torsion_c=frozen([s.damping for s in torsions], (len(torsions),)),
+        load_i=frozen([f.i for f in loads], (len(loads),), np.int64),
+        load_p=frozen([f.point for f in loads], (len(loads), 3)),
+        load_force=frozen([f.force for f in loads], (len(loads), 3)),
+        load_torque=frozen([f.torque for f in loads], (len(loads), 3)),
+        load_follows=frozen([f.follows for f in loads], (len(loads),), np.bool_),
+        load_factor=frozen([_factor(k, f) for k, f in enumerate(loads)], (len(loads), 7)),
         body_names=tuple(b.name or f"body {k + 1}" for k, b in enumerate(bodies)),
         joint_names=tuple(j.name or f"joint {k + 1}" for k, j in enumerate(joints)),
     )
@@ -296,35 +297,3 @@ def assemble(
 
 def _factor(k: int, load: Load) -> np.ndarray:
     return ONE if load.factor is None else load.factor.numbers(f"load {k}")
-
-
-def _frozen(values: object, shape: tuple[int, ...], dtype: type = np.float64) -> np.ndarray:
-    array: np.ndarray = np.array(values, dtype=dtype).reshape(shape)
-    if array.dtype == np.float64 and not np.all(np.isfinite(array)):
-        raise ValueError(f"system data must be finite numbers (got {array[~np.isfinite(array)][0]})")
-    array.setflags(write=False)
-    return array
-
-
-def _check_body(k: int, body: RigidBody) -> None:
-    name = body.name or f"body {k + 1}"
-    if not (np.isfinite(body.mass) and body.mass > 0.0):
-        raise ValueError(f"{name}: mass must be finite and > 0 kg (got {body.mass})")
-    J = np.asarray(body.inertia, dtype=float)
-    if J.shape != (3, 3) or not np.all(np.isfinite(J)) or not np.allclose(J, J.T, rtol=1e-12, atol=0.0):
-        raise ValueError(f"{name}: inertia must be a finite symmetric 3 x 3 matrix (got {J.tolist()})")
-    principal = np.linalg.eigvalsh(J)
-    if principal[0] <= 0.0:
-        raise ValueError(f"{name}: principal inertias must be > 0 kg m2 (got {principal.tolist()})")
-    if principal[2] > (principal[0] + principal[1]) * (1.0 + 1e-9):  # of a mass distribution; slack for rounding
-        raise ValueError(
-            f"{name}: no mass distribution has the principal inertias {principal.tolist()} kg m2 "
-            "(the largest exceeds the sum of the others)"
-        )
-
-
-def _check_ends(k: int, i: int, j: int, nb: int) -> None:
-    if not (0 <= i < nb and GROUND <= j < nb and i != j):
-        raise ValueError(
-            f"part {k}: expected body i in 0..{nb - 1} and j another body or -1, the ground (got {i}, {j})"
-        )

@@ -30,7 +30,7 @@ INACCURATE = ("spherical_pendulum[omega_z=0.1] gc_weak_form[gauge=zero] dt=0.05"
 GC, INDEX_1, SYMBOLIC = (
     "solvers/formulations/geometric/", "solvers/formulations/geometric/index1/", "solvers/formulations/symbolic.py"
 )  # fmt: skip
-MOTION, MEASURE = "harness/mechanics/motion.py", "harness/metrics/measure.py"
+MOTION, ENDS, MEASURE = "harness/mechanics/motion.py", "harness/mechanics/ends.py", "harness/metrics/measure.py"
 ONE = of(PENDULUM, "rk45_strong_form")
 TOPS = of(TOP, "rk45_strong_form")
 
@@ -61,8 +61,8 @@ FAULTS = (
         "return 0.0 * potential_energy(system, s)",
         ONE,
     ),
-    Fault(MOTION, "x_i = r[:, i] + _turned(s, i, system.joint_s_i[joints])", "x_i = r[:, i]", ONE),
-    Fault(MOTION, "v[:, i] + _turning(s, i, system", "v[:, i] - _turning(s, i, system", ONE),
+    Fault(ENDS, "x_i = r[:, i] + turned(s, i, system.joint_s_i[joints])", "x_i = r[:, i]", ONE),
+    Fault(ENDS, "v[:, i] + turning(s, i, system", "v[:, i] - turning(s, i, system", ONE),
     Fault("harness/mechanics/so3.py", "return 2.0 * np.arcsin(", "return np.arcsin(", of(PENDULUM, "gc_weak_form dt")),
     Fault(
         "harness/catalogue/registry.py",
@@ -126,8 +126,8 @@ FAULTS = (
     ),
     Fault(
         INDEX_1 + "rattle.py",
-        "times_rows(model, k, step.half, -1.0, k.rhs)",
-        "times_rows(model, k, step.half, -0.9, k.rhs)",
+        "minus_rates(model, k, step.half, k.rhs)",
+        "minus_rates(model, k, k.v, k.rhs)",
         of(PENDULUM, "rattle"),
     ),
     Fault(

@@ -109,6 +109,16 @@ def test_the_power_of_drives_is_the_rate_of_energy(kind: MovingKind, ground: boo
         assert abs(motion.drive_power(system, States.one(s))[0]) > 1e-2 * abs(power)
 
 
+def test_the_power_of_a_motion_that_is_lost_is_not_a_number() -> None:
+    """And that of the instants before stays."""
+    system, s = consistent(MovingKind.DRIVEN_ANGLE)
+    lost = State(s.r * np.nan, s.R, s.v, s.Omega, s.t)
+    both = States(*(np.stack((getattr(s, n), getattr(lost, n))) for n in ("r", "R", "v", "Omega", "t")))
+    power = motion.drive_power(system, both)
+    assert power[0] == motion.drive_power(system, States.one(s))[0]
+    assert np.isnan(power[1])
+
+
 @each_kind
 def test_rows_stay_satisfied_along_the_accelerations(kind: MovingKind) -> None:
     """phi_ddot = 0: phi_dot after a step of h is of the order of h^2."""

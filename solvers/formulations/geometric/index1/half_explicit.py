@@ -45,12 +45,14 @@ A = np.array([
     [(14.0 + 5.0 * _S) / 6.0, (-8.0 + 7.0 * _S) / 6.0, (-9.0 - 7.0 * _S) / 4.0, (9.0 - _S) / 4.0, 0.0],
     [0.0, 0.0, (16.0 - _S) / 36.0, (16.0 + _S) / 36.0, 1.0 / 9.0],
 ])  # fmt: skip
+C = A.sum(axis=1)
 
 
 class Scheme(NamedTuple):
     """Coefficients, the end of the step last; ``tolerance`` of the last correction of velocities [m/s, rad/s]."""
 
     a: np.ndarray  # (6, 5)
+    c: np.ndarray  # (6,) places of the stages and the end
     tolerance: float
 
 
@@ -120,7 +122,7 @@ def _step(model, blocks, k, step, s, t0, h):
             turned_by(step.R0[b], (step.y[b, 3], step.y[b, 4], step.y[b, 5]), k.R[b])
             for a in range(6):
                 k.v[b, a] = step.y[b, 6 + a]
-        k.t[0] = t0 + h * total(s.a[i + 1])
+        k.t[0] = t0 + h * s.c[i + 1]
         rows(model, k)
         weight = h * s.a[i + 1, i]
         size = np.inf

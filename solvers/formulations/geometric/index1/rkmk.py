@@ -199,7 +199,7 @@ def march(model, blocks, kernel, stages, tableau, control, record):
             return UNDERFLOW, done
         for i in range(1, n):
             _combine(stages, tableau.a[i], i, h)
-            _derivative(model, blocks, kernel, stages, t + h * total(tableau.a[i]), i)
+            _derivative(model, blocks, kernel, stages, t + h * tableau.c[i], i)
         _combine(stages, tableau.b, n, h)
         _derivative(model, blocks, kernel, stages, t + h, n)
         control.tally[0] += n

@@ -10,13 +10,18 @@ from scipy.integrate._ivp.rk import DOP853, RK45
 class Tableau(NamedTuple):
     """``error`` has one row, or two (E5, E3) that DOP853 combines; stages first, the derivative at the end last."""
 
+    c: np.ndarray  # (s,)
     a: np.ndarray  # (s, s)
     b: np.ndarray  # (s,)
     error: np.ndarray  # (1 or 2, s + 1)
     order: int
 
 
-DOPRI5 = Tableau(np.pad(RK45.A, ((0, 0), (0, 1))).copy(), RK45.B.copy(), RK45.E[None].copy(), 5)
+DOPRI5 = Tableau(RK45.C.copy(), np.pad(RK45.A, ((0, 0), (0, 1))).copy(), RK45.B.copy(), RK45.E[None].copy(), 5)
 DOPRI853 = Tableau(
-    dop853.A[: DOP853.n_stages, : DOP853.n_stages].copy(), dop853.B.copy(), np.stack((dop853.E5, dop853.E3)), 8
+    dop853.C[: DOP853.n_stages].copy(),
+    dop853.A[: DOP853.n_stages, : DOP853.n_stages].copy(),
+    dop853.B.copy(),
+    np.stack((dop853.E5, dop853.E3)),
+    8,
 )

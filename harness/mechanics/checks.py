@@ -1,0 +1,37 @@
+"""What the data of a system must be, or ValueError naming the part."""
+
+import numpy as np
+
+
+def frozen(values: object, shape: tuple[int, ...], dtype: type = np.float64) -> np.ndarray:
+    """A read-only array of finite numbers."""
+    array: np.ndarray = np.array(values, dtype=dtype).reshape(shape)
+    if array.dtype == np.float64 and not np.all(np.isfinite(array)):
+        raise ValueError(f"system data must be finite numbers (got {array[~np.isfinite(array)][0]})")
+    array.setflags(write=False)
+    return array
+
+
+def check_body(name: str, mass: float, inertia: np.ndarray) -> None:
+    """Mass and inertia of a mass distribution."""
+    if not (np.isfinite(mass) and mass > 0.0):
+        raise ValueError(f"{name}: mass must be finite and > 0 kg (got {mass})")
+    J = np.asarray(inertia, dtype=float)
+    if J.shape != (3, 3) or not np.all(np.isfinite(J)) or not np.allclose(J, J.T, rtol=1e-12, atol=0.0):
+        raise ValueError(f"{name}: inertia must be a finite symmetric 3 x 3 matrix (got {J.tolist()})")
+    principal = np.linalg.eigvalsh(J)
+    if principal[0] <= 0.0:
+        raise ValueError(f"{name}: principal inertias must be > 0 kg m2 (got {principal.tolist()})")
+    if principal[2] > (principal[0] + principal[1]) * (1.0 + 1e-9):  # of a mass distribution; slack for rounding
+        raise ValueError(
+            f"{name}: no mass distribution has the principal inertias {principal.tolist()} kg m2 "
+            "(the largest exceeds the sum of the others)"
+        )
+
+
+def check_ends(k: int, i: int, j: int, nb: int) -> None:
+    """Two bodies, or one and the ground."""
+    if not (0 <= i < nb and -1 <= j < nb and i != j):
+        raise ValueError(
+            f"part {k}: expected body i in 0..{nb - 1} and j another body or -1, the ground (got {i}, {j})"
+        )
