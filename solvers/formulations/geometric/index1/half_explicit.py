@@ -33,7 +33,7 @@ from .kernel import (
     solve,
     times_inverse_mass,
 )
-from .rkmk import FINISHED, FULL, NOT_FINITE, theta_dot, total
+from .rkmk import FINISHED, FULL, NOT_FINITE, theta_dot
 
 STAGES = 5
 _S = math.sqrt(6.0)

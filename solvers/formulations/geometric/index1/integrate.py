@@ -13,6 +13,7 @@ from . import radau, rkmk
 from .blocks import Blocks
 from .fixed_step import STUCK
 from .kernel import Kernel, empty_kernel, evaluate
+from .soft_rows import soft_rows, without_springs
 from .tableaux import Tableau
 
 FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
@@ -64,10 +65,10 @@ def radau_steps(problem: Problem, control: StepControl) -> Trajectory:
     assert control.rtol is not None  # the catalogue has seen to it
     model, blocks, kernel = start_of(problem)
     stages, step, steps = radau.stages_of(model, kernel), radau.empty_step(model), error_control(problem, control, 4.0)
-    scheme = radau.scheme(control.rtol)
+    soft, bare, scheme = soft_rows(model, stages), without_springs(model), radau.scheme(control.rtol)
 
     def stretch(record: rkmk.Record) -> tuple[int, int]:
-        return radau.march(model, blocks, stages, step, scheme, steps, record)
+        return radau.march(bare, blocks, stages, soft, step, scheme, steps, record)
 
     def counters() -> dict[str, int]:
         evaluations, rejected, factorisations = map(int, steps.tally)

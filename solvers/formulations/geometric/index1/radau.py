@@ -10,8 +10,8 @@ Simplified Newton with one S, that of the second stage's first estimate; d_i = M
 
     S dlam_i = -A_i d_i - sum_j (a^-1)_ij (A v)_j / h,   S deta_i = (A v)_i - sum_j (a^-1)_ij phi_j / h
 
-so that stages decouple without complex systems. Its matrix has M, not springs and dampers: where those are stiff the
-iteration fails and the step is cut to what it can take. The last stage is the end of the step.
+so that stages decouple without complex systems. Spring-dampers are soft rows of the same step (module ``soft_rows``),
+so that their stiffness does not limit it. The last stage is the end of the step.
 """
 
 import math
@@ -38,6 +38,7 @@ from .kernel import (
     times_rows,
 )
 from .rkmk import FINISHED, FULL, LEAST, MOST, NOT_FINITE, SAFETY, SHORTEST, UNDERFLOW, keep, theta_dot
+from .soft_rows import add_pull, correct, pull, respond, stretch
 
 _S = math.sqrt(6.0)
 C = np.array([(4.0 - _S) / 10.0, (4.0 + _S) / 10.0, 1.0])
@@ -56,6 +57,7 @@ class Scheme(NamedTuple):
 
     c: np.ndarray
     a: np.ndarray
+    square: np.ndarray  # a a
     inverse: np.ndarray
     error: np.ndarray
     gamma: float
@@ -82,7 +84,7 @@ class Step(NamedTuple):
 
 def scheme(rtol: float) -> Scheme:
     """The coefficients; the iteration ends at 1e-10, or a thousandth of ``rtol`` if that is less: constraints hold."""
-    return Scheme(C, A, np.linalg.inv(A).copy(), ERROR, GAMMA, max(1e-13, min(1e-10, 1e-3 * rtol)))
+    return Scheme(C, A, A @ A, np.linalg.inv(A).copy(), ERROR, GAMMA, max(1e-13, min(1e-10, 1e-3 * rtol)))
 
 
 def empty_step(model: Model) -> Step:
@@ -109,14 +111,15 @@ def start(k: Kernel, step: Step) -> None:
 
 
 @njit(**HOT)
-def _guess(stages, step, s, h):
-    """vdot and lam of the stages on the parabola through those of the last step; eta = 0, theta = c h Omega_0."""
+def _guess(stages, soft, step, s, h):
+    """vdot, lam and p of the stages on the parabola through those of the last step; eta = 0, theta = c h Omega_0."""
     last = step.before[0]
     for i in range(3):
         k = stages[i]
         x = 1.0 + s.c[i] * h / last if last > 0.0 else s.c[i]
         clear(k.v_dot)
         clear(k.lam)
+        clear(soft.stages[i].lam)
         clear(step.eta[i])
         for j in range(3):
             m, n = (j + 1) % 3, (j + 2) % 3
@@ -126,6 +129,8 @@ def _guess(stages, step, s, h):
                     k.v_dot[b, a] += w * step.old_vdot[j, b, a]
             for a in range(len(k.lam)):
                 k.lam[a] += w * step.old_lam[j, a]
+            for a in range(len(soft.change)):
+                soft.stages[i].lam[a] += w * soft.old[j, a]
         for b in range(len(step.v0)):
             for a in range(6):
                 step.y[i, b, a] = s.c[i] * h * step.v0[b, a]
@@ -161,18 +166,20 @@ def _poses(model, stages, step, s, h, sloped):
 
 
 @njit(**HOT)
-def _iterate(model, blocks, stages, step, s, h, first):
-    """One correction of vdot, lam and eta; returns the size of what was off."""
+def _iterate(model, blocks, stages, soft, step, s, h, first):
+    """One correction of vdot, lam, eta and p; returns the size of what was off."""
     _poses(model, stages, step, s, h, not first)
     size = 0.0
     for i in range(3):
         k = stages[i]
         rows(model, k)
+        pull(soft.model, soft.stages[i])
         copy(k.slip, step.off[i])
         times_rows(model, k, k.v, 1.0, step.off[i])
         size = max(size, largest(k.phi), h * largest(step.off[i]))
     if first:
         factorise(model, blocks, stages[1])
+        respond(model, blocks, stages[1], soft, 1, s.a, s.square, h, step.d)
     for i in range(3):
         k = stages[i]
         applied(model, k)
@@ -182,6 +189,7 @@ def _iterate(model, blocks, stages, step, s, h, first):
             for a in range(6):
                 step.d[b, a] = k.force[b, a] - k.v_dot[b, a]
         add_rows_back(model, k, k.lam, step.d)
+        add_pull(soft.model, soft.stages[i], step.d)
         for a in range(len(k.lam)):
             by_v = by_q = 0.0
             for j in range(3):
@@ -199,8 +207,9 @@ def _iterate(model, blocks, stages, step, s, h, first):
         for b in range(len(step.v0)):
             for a in range(6):
                 k.v_dot[b, a] += step.d[b, a]
+        stretch(soft.model, soft.stages[i], step.d, soft.d[i])
         size = max(size, h * h * largest(step.d))
-    return size
+    return max(size, h * h * correct(model, stages, soft, s.a, s.square, h, step.d))
 
 
 @njit(**HOT)
@@ -224,14 +233,19 @@ def _error(step, stages, s, h, rtol):
 
 
 @njit(**HOT)
-def _step(model, blocks, stages, step, s, control, h):
+def _step(model, blocks, stages, soft, step, s, control, h):
     """One step; returns its error, infinity where the iteration does not converge."""
     for i in range(3):
         stages[i].t[0] = control.clock[0] + s.c[i] * h
-    _guess(stages, step, s, h)
+    if step.before[0] == 0.0:
+        pull(soft.model, soft.stages[2])
+        for i in range(3):
+            for a in range(len(soft.change)):
+                soft.old[i, a] = -soft.stages[2].phi[a]
+    _guess(stages, soft, step, s, h)
     last = np.inf
     for i in range(MOST_ITERATIONS):
-        size = _iterate(model, blocks, stages, step, s, h, i == 0)
+        size = _iterate(model, blocks, stages, soft, step, s, h, i == 0)
         control.tally[0] += 1
         control.tally[2] += i == 0
         if not np.isfinite(size) or (i > 1 and size > 2.0 * last):
@@ -246,7 +260,7 @@ def _step(model, blocks, stages, step, s, control, h):
 
 
 @njit(**JIT)
-def march(model, blocks, stages, step, s, control, record):
+def march(model, blocks, stages, soft, step, s, control, record):
     """Steps until the record is full or the end is reached; returns (outcome, steps recorded)."""
     k, done = stages[2], 0
     while done < len(record.t):
@@ -263,7 +277,7 @@ def march(model, blocks, stages, step, s, control, record):
         copy(k.r, step.r0)
         copy(k.R, step.R0)
         copy(k.v, step.v0)
-        error = _step(model, blocks, stages, step, s, control, h)
+        error = _step(model, blocks, stages, soft, step, s, control, h)
         if not error <= 1.0:
             control.tally[1] += 1
             copy(step.r0, k.r)
@@ -280,6 +294,7 @@ def march(model, blocks, stages, step, s, control, record):
         for i in range(3):
             copy(stages[i].v_dot, step.old_vdot[i])
             copy(stages[i].lam, step.old_lam[i])
+            copy(soft.stages[i].lam, soft.old[i])
         step.before[0] = h
         grow = SAFETY * max(error, 1e-10) ** (-0.7 / control.order) * last ** (0.4 / control.order)
         control.clock[0] = control.t_end if h == left else t + h

@@ -117,15 +117,6 @@ def _derivative(model, blocks, kernel, stages, t, out):
 
 
 @njit(**HOT)
-def total(weights):
-    """Sum of a row of a tableau: the place of its stage in the step."""
-    x = 0.0
-    for a in weights:
-        x += a
-    return x
-
-
-@njit(**HOT)
 def _combine(stages, weights, n, h):
     """y = start + h sum weights k"""
     for b in range(len(stages.y)):
