@@ -10,6 +10,7 @@ from .state import DEPTH
 from .step import one_step, poses
 
 FINISHED, BUFFER_FULL, HARD = 0, 1, 2
+PASSES = 2  # of the pose correction: the factor is that of the step's first estimate
 
 
 @njit(**JIT)
@@ -86,7 +87,8 @@ def march(lean, settings, grid, dt, t_end, counts, record):
             return HARD, done
         poses(lean, h)
         if settings.penalty.correct_pose:
-            correct_poses(lean)
+            for _ in range(PASSES):
+                correct_poses(lean)
         accept(lean, settings, h, base + 0.5 * h)
         for j in range(len(model.body)):
             for i in range(model.row[j], model.row[j + 1]):
