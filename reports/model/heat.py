@@ -105,7 +105,8 @@ class Heat:
         """Who stays within all limits, of those that ran every problem; of all where none did."""
         complete = [row for row in self.rows if None not in row.boxes] or self.rows
         whole = sum(row.succeeded == len(self.problems) for row in complete)
-        name = self.problems[0].title if len(self.problems) == 1 else f"all {len(self.problems)} problems"
+        kind = "problems" if len({v.problem for v in self.problems}) == len(self.problems) else "variants"
+        name = self.problems[0].title if len(self.problems) == 1 else f"all {len(self.problems)} {kind}"
         ran = "" if len(complete) == len(self.rows) else f" that ran {name}"
         stay = f"{'stays' if whole == 1 else 'stay'} within every limit"
         return f"{whole} of {plural(len(complete), 'solver')}{ran} {stay}{'' if ran else f' on {name}'}"

@@ -43,7 +43,7 @@ def one_step(run: Run, step: Step, dt: float) -> Step:
 
 def test_residual(benchmark, case):
     """Eqs. (74), (75), the end's poses and joints included."""
-    benchmark(evaluate, *case, 0)
+    benchmark(evaluate, *case)
 
 
 def test_jacobian(benchmark, case):

@@ -253,7 +253,8 @@ def consistent(problem):
     return state
 
 
-@settings(max_examples=DRAWN or 8, **CALM)
+@pytest.mark.slow
+@settings(max_examples=DRAWN or 25, **CALM)
 @given(problem=mechanisms(), solver=st.sampled_from(["gc_augmented_lagrangian", "ida_index1", "rk45_strong_form"]))
 def test_random_mechanisms_have_no_wrong_success(problem, solver, tmp_path_factory):
     """Whatever is drawn ends as a status; a success keeps energy and constraints to what the method can.

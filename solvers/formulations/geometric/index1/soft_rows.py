@@ -9,9 +9,9 @@ other changes d of vdot Newton's equations are::
 
     dp_i + sum_j K_ij (A_s d_j + G dp_j) = -p_i - tension_i,   K = h c a + h^2 k a^2,
 
-dense in 3 ns unknowns, the Schur complement of M + h a D + h^2 a^2 K. Convergence is independent of k and c: G alone is
-frozen over the step, while forces act along the rows of each iterate. Left out: the turning of a spring under tension
-(tension / length across it).
+dense in 3 ns unknowns, the Schur complement of M + h a D + h^2 a^2 K. Its rate does not depend on k and c, for G alone
+is frozen over the step, while forces act along the rows of each iterate. Left out: the turning of a spring under
+tension (tension / length across it).
 """
 
 from typing import NamedTuple
@@ -45,17 +45,17 @@ class SoftRows(NamedTuple):
 
 
 def without_springs(model: Model) -> Model:
-    """The system less its springs."""
-    empty = ("spring_body", "p", "stiffness", "free_length", "damping")
-    return model._replace(**{name: getattr(model, name)[:0] for name in empty})
+    """The system less its springs; torsional ones stay."""
+    empty = ("p", "stiffness", "free_length", "damping")
+    return model._replace(spring_body=model.torsion_body, **{name: getattr(model, name)[:0] for name in empty})
 
 
 def soft_rows(model: Model, stages: tuple[Kernel, ...]) -> SoftRows:
     """Rows of the springs of ``model`` on the poses and velocities of ``stages``."""
     ns, nrows = len(model.stiffness), int(model.row[-1])
+    none = np.zeros(ns, dtype=np.int64)
     as_joints = model._replace(
-        body=model.spring_body, pins=np.zeros(ns, dtype=np.int64), lines=np.ones(ns, dtype=np.int64),
-        axes=np.zeros(ns, dtype=np.int64), row=np.arange(ns + 1),
+        body=model.spring_body[:ns], kind=none, pins=none, lines=none + 1, axes=none, row=np.arange(ns + 1),
     )  # fmt: skip
     return SoftRows(
         as_joints, tuple(empty_kernel(as_joints)[0]._replace(r=k.r, R=k.R, v=k.v) for k in stages),

@@ -32,6 +32,8 @@ class Simplified:
         dropped = not run.settings.penalty.active and self._lean.rank[0] < int(run.model.row[-1])
         self._never = dropped or not (np.any(self._lean.k.lam) or np.any(self._lean.k.v_dot))
         self._offset, self._unlevelled = 0.0, list[np.ndarray]()
+        evaluate(self._lean.model, self._lean.blocks, self._lean.k)  # compiled here, as the march, not within the run
+        log_determinant(self._lean)
         self._march(empty_record(0, len(run.model.mass), int(run.model.row[-1])))  # compiles
 
     def advance(self, step: Step, room: int) -> tuple[Step, int, Record]:
@@ -83,7 +85,7 @@ class Simplified:
         lean.past[:] = 1, 0
         if (h := history.dt[0]) > 0.0:
             lean.acceleration[0] = (step.start.v - history.v) / h
-            lean.middle[0] = time_of(self._clock) - 0.5 * h
+            lean.middle[0] = time_of.py_func(self._clock) - 0.5 * h
             lean.impulse[0] = history.increment / h if self._run.settings.keep_nu else (1.0 - gauge) * history.nu / h
 
     def _give(self) -> None:
