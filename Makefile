@@ -12,9 +12,10 @@ PICTURES ?= docs/images
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
-# a command that may be silent for a minute, and the seconds it has taken so far
-moving = @$(1) & job=$$!; trap "kill $$job" INT TERM; n=0; while kill -0 $$job 2>/dev/null; do printf '\r$(2): %d s' $$n >&2; sleep 1; n=$$((n + 1)); done; \
-	echo >&2; wait $$job
+# a command that may be silent for a minute; on a terminal with the seconds it has taken so far
+moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; while kill -0 $$job 2>/dev/null; do \
+	if test -t 2; then printf '\r%d s ' $$n >&2; fi; sleep 1; n=$$((n + 1)); done; \
+	if test -t 2; then echo >&2; fi; wait $$job
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
