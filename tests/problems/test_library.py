@@ -75,7 +75,7 @@ def test_every_trait_has_a_problem_to_show_it() -> None:
     assert shown >= {Trait.SINGULAR, Trait.REDUNDANT, Trait.CHAOTIC, Trait.LONG, Trait.DAMPED}
 
 
-@pytest.mark.parametrize("newton", ["kept", "exact"])
+@pytest.mark.parametrize("newton", ["simplified", "kept", "exact"])
 def test_the_redundant_row_of_bricard_is_left_alone(newton: str) -> None:
     """P3 of the square bars after 2 s, to second order in the step and whatever Newton's method.
 

@@ -24,10 +24,10 @@ numba.config.CACHE_DIR = str(cache_folder(_NAME, _HERE / "__pycache__"))
 def compiled_once(kernel: numba.core.dispatcher.Dispatcher) -> Iterator[None]:
     """Of processes that come here with ``kernel`` not compiled, one compiles it and the others find it in the cache."""
     with contextlib.ExitStack() as stack:
-        if not kernel.signatures:
+        if not getattr(kernel, "signatures", None):  # none either where numba is switched off
             with contextlib.suppress(OSError):  # nowhere to write: each compiles for itself
                 folder = Path(numba.config.CACHE_DIR)
                 folder.mkdir(parents=True, exist_ok=True)
-                lock = stack.enter_context(open(folder / f"{kernel.py_func.__name__}.lock", "w"))
+                lock = stack.enter_context(open(folder / f"{kernel.__name__}.lock", "w"))
                 fcntl.flock(lock, fcntl.LOCK_EX)
         yield

@@ -6,7 +6,7 @@ import numpy as np
 
 from ..arrays import Step
 from ..index1.kernel import evaluate
-from ..march import Clock, Record, empty_record, time_of
+from ..march import Clock, Record, empty_record
 from ..newton import Run
 from ..residual import complete
 from .march import BUFFER_FULL, HARD, march, start
@@ -85,7 +85,8 @@ class Simplified:
         lean.past[:] = 1, 0
         if (h := history.dt[0]) > 0.0:
             lean.acceleration[0] = (step.start.v - history.v) / h
-            lean.middle[0] = time_of.py_func(self._clock) - 0.5 * h
+            step_of_grid, pos, level = self._clock.grid
+            lean.middle[0] = (step_of_grid + pos / 2.0**level) * self._clock.dt - 0.5 * h
             lean.impulse[0] = history.increment / h if self._run.settings.keep_nu else (1.0 - gauge) * history.nu / h
 
     def _give(self) -> None:
