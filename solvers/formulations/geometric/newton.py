@@ -23,7 +23,7 @@ from .residual import (
     move,
     residual_norm,
 )
-from .vectors import INNER, JIT
+from .vectors import INNER, ONCE
 
 CONVERGED, LOOSE, SLOW, NOT_FINITE, SINGULAR_MATRIX = range(5)
 COUNTERS = ("newton_iterations", "residuals", "factorisations", "solves", "step_cuts", "augmentations", "loose_steps")
@@ -72,7 +72,7 @@ class Run(NamedTuple):
     work: Work
 
 
-@njit(**JIT)
+@njit(**ONCE)
 def evaluate(run, step):
     """Residual of the present estimate; its norm (80)."""
     model, settings, rows, work = run.model, run.settings, step.rows, run.work
@@ -93,7 +93,7 @@ def evaluate(run, step):
     return residual_norm(model, step.end.m_bar, work.R_v, work.R_mu)
 
 
-@njit(**JIT)
+@njit(**ONCE)
 def refresh(run, step):
     """Assemble and factor the saddle at the present estimate."""
     penalty, saddle, work, m_bar = run.settings.penalty, run.saddle, run.work, step.end.m_bar
@@ -133,7 +133,7 @@ def put_rows(model, lu, right, x):
             x[lu.joint_at[j] + k] = -right[model.row[j] + k]
 
 
-@njit(**JIT)
+@njit(**ONCE)
 def correct(run, step):
     """Newton correction (78) with the kept factorisation."""
     model, lu, work, x = run.model, run.lu, run.work, run.work.x

@@ -7,12 +7,12 @@ from .block_lu import solve
 from .directions import direction
 from .newton import AUGMENTATIONS, CONVERGED, LOOSE, SLOW, SOLVES, newton, put_rows
 from .residual import complete, constraint_norm, start_forces
-from .vectors import INNER, JIT, add, copy, dot, turn, turned_by
+from .vectors import INNER, JIT, ONCE, add, copy, dot, turn, turned_by
 
 ENOUGH = 0.25  # an augmentation that leaves more of phi_dot raises xi (Powell; Bertsekas)
 
 
-@njit(**INNER)
+@njit(**ONCE)
 def nested_loop(run, step):
     """The paper's loop: Newton to convergence at a fixed multiplier, then (85), until phi_dot is small enough."""
     settings, work, before = run.settings, run.work, np.inf
@@ -34,7 +34,7 @@ def nested_loop(run, step):
     return LOOSE if work.norm[1] < settings.penalty.accept else SLOW
 
 
-@njit(**INNER)
+@njit(**ONCE)
 def attempt(run, step):
     """One step from its start to its end, first estimate included.
 
@@ -87,7 +87,7 @@ def first_estimate(step, history, settings):
             rows.nu1[k] = ratio * (history.nu[k] + ratio * history.increment[k])
 
 
-@njit(**INNER)
+@njit(**ONCE)
 def correct_pose(run, end):
     """Least change of the poses that takes phi to zero (one correction with the kept factorisation).
 

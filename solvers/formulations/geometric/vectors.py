@@ -11,6 +11,7 @@ from numba import njit
 
 JIT = {"cache": True, "error_model": "numpy", "_nrt": False}
 INNER = {**JIT, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # called from kernels only: compiles much faster
+ONCE = {**JIT, "inline": "always"}  # called from one place: compiled there, and not a second time on its own
 
 
 @njit(**INNER)

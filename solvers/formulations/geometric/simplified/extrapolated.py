@@ -16,7 +16,7 @@ from ..choices import Settings
 from ..index1.kernel import HOT, Kernel, accelerate, project
 from ..index1.rkmk import FINISHED, FULL, LEAST, MOST, NOT_FINITE, SAFETY, SHORTEST, UNDERFLOW, keep
 from ..newton import COUNTERS, NEWTON
-from ..vectors import JIT, copy, turned_by
+from ..vectors import JIT, ONCE, copy, turned_by
 from .march import accept
 from .march import start as begin
 from .rows import arms
@@ -79,7 +79,7 @@ def _remember(step):
     copy(k.lam, step.lam)
 
 
-@njit(**HOT)
+@njit(**ONCE)
 def _attempt(step, settings, H, n):
     """n steps of H / n from the start; whether all converge."""
     lean, h = step.lean, H / n
@@ -124,7 +124,7 @@ def _change(step, b, out):
     return angle < WIDEST
 
 
-@njit(**HOT)
+@njit(**ONCE)
 def _extrapolate(step, settings, H, columns):
     """The scheme's last row T_K,1 .. T_K,K into ``table``; whether all steps converge."""
     table, new, old = step.table, step.entry[0], step.entry[1]
@@ -145,7 +145,7 @@ def _extrapolate(step, settings, H, columns):
     return True
 
 
-@njit(**HOT)
+@njit(**ONCE)
 def _error(step, columns, rtol):
     """RMS of the last correction over ``rtol (1 + |y|)``; angles over ``rtol``."""
     total = 0.0

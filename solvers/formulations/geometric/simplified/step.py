@@ -18,7 +18,7 @@ from numba import njit
 
 from ..index1.kernel import HOT, factorise, rows, solve
 from ..newton import FACTORISATIONS, NEWTON, RESIDUALS, SINKING, SOLVES
-from ..vectors import JIT, copy, turned_by
+from ..vectors import JIT, ONCE, copy, turned_by
 from .rows import arms, back, cross, rates, times, torque, turn, turn_back
 from .state import DEPTH
 
@@ -26,7 +26,7 @@ MOST = 30  # iterations a step
 REFRESHES = 2  # factors of S in a step
 
 
-@njit(**HOT)
+@njit(**ONCE)
 def begin(lean, settings, h):
     """The start of a step of h from ``k``, which follows ``_arms``."""
     model, k, B = lean.model, lean.k, 0.5 * h * settings.b_term
@@ -81,7 +81,7 @@ def poses(lean, h):
         turned_by(lean.R0[b], (half0, half1, half2), k.R[b])
 
 
-@njit(**HOT)
+@njit(**ONCE)
 def impulses(lean, settings, h):
     """w of the present estimate: its poses, arms, multipliers."""
     model, gauge, B = lean.model, settings.gauge, 0.5 * h * settings.b_term
@@ -167,7 +167,7 @@ def log_determinant(lean):
     return total
 
 
-@njit(**HOT)
+@njit(**ONCE)
 def factor(lean, counts):
     """S at the poses of ``k``."""
     rows(lean.model, lean.k)
