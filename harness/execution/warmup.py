@@ -11,6 +11,7 @@ import json
 import os
 import select
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 
 from ..catalogue import registry
@@ -42,7 +43,17 @@ def runs_to_warm(specs: Sequence[RunSpec]) -> list[RunSpec]:
         t_end = SHORT if spec.control.dt is None else STEPS * spec.control.dt
         key = json.dumps([spec.solver, spec.options, sprung[spec.problem]], sort_keys=True, default=list)
         first.setdefault(key, dataclasses.replace(spec, parameters={**spec.parameters, "t_end": t_end}))
-    return list(first.values())
+    return _solvers_in_turn(list(first.values()))
+
+
+def _solvers_in_turn(specs: list[RunSpec]) -> list[RunSpec]:
+    """Each solver once, then each that is left once again: the options of one wait for the same kernels."""
+    counted = Counter[str]()
+    turns = []
+    for spec in specs:
+        turns.append(counted[spec.solver])
+        counted[spec.solver] += 1
+    return [spec for _, spec in sorted(zip(turns, specs, strict=True), key=lambda pair: pair[0])]
 
 
 def _made_here(spec: RunSpec) -> list[RunSpec]:

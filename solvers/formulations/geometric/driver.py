@@ -39,7 +39,8 @@ def prepare(problem: Problem, settings: Settings, mu0: str = "zero") -> tuple[Ru
     nb, nrows = problem.system.nb, problem.system.nrows
     step = empty_step(model)
     load(step.start, problem.initial)
-    complete(model, step.start, settings)
+    with compiled_once(complete):
+        complete(model, step.start, settings)
     if mu0 == "velocity":
         start_mu(model, step.start, step.rows, settings.direction)
     history = History(v=np.zeros((nb, 6)), nu=np.zeros(nrows), increment=np.zeros(nrows), dt=np.zeros(1))
