@@ -227,8 +227,9 @@ class Sleeps(_Base):
     seconds: float = option(0.2, "to sleep", "s", at_least=0.0)
 
     def solve(self, p: Problem, control: StepControl) -> Trajectory:
-        """After a while."""
-        time.sleep(self.seconds)
+        """After a while, of which time in which it is stopped is no part."""
+        for _ in range(round(self.seconds / 0.02)):
+            time.sleep(0.02)
         return super().solve(p, control)
 
 
