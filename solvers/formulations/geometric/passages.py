@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy.signal import find_peaks
 
 from ....harness.mechanics.jacobian import singular_values
 from ....harness.mechanics.system import MultibodySystem
@@ -25,6 +24,8 @@ def passages(system: MultibodySystem, run: Trajectory) -> tuple[Mapping[str, Any
     """
     if system.nrows > DENSE_ROWS or len(run.t) < 4:
         return ()
+    from scipy.signal import find_peaks  # here, or every start of the program takes a third of a second more
+
     depth = -run.diagnostics["log_determinant"][1:]
     dips, _ = find_peaks(depth, prominence=DECADES, distance=AROUND)
     if len(dips) == 0:

@@ -46,6 +46,7 @@ def run(tmp_path, name, *options, **environ):
     return store.load(tmp_path / name).records
 
 
+@pytest.mark.slow
 def test_an_optimised_interpreter_gives_the_same_results(tmp_path):
     """-OO drops assertions and docstrings: neither decides anything."""
     plain, fast = ({r.case: (r.status, r.energy_drift_max_J) for r in run(tmp_path, name, *how)}

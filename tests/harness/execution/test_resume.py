@@ -268,6 +268,7 @@ def test_a_full_disk_is_no_result_of_a_run(tmp_path, monkeypatch):
     assert not done(folder)
 
 
+@pytest.mark.slow
 def test_overhead_is_small(run_text):
     """A run that does nothing costs under 0.15 s; measured about 0.03 s. The start of the processes is left out.
 
