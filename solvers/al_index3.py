@@ -14,7 +14,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1 import alpha
-from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.geometric.index1.integrate import above_rounding, fixed_steps
 from .formulations.refusals import without_phi
 
 
@@ -39,5 +39,7 @@ class AlIndex3:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        scheme = alpha.Scheme(0.0, 0.0, 0.25, 0.5, self.tolerance, shift=self.regularisation, projected=1)
+        scheme = alpha.Scheme(
+            0.0, 0.0, 0.25, 0.5, above_rounding(self.tolerance, problem), shift=self.regularisation, projected=1
+        )
         return fixed_steps(problem, control, alpha, scheme)

@@ -15,7 +15,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1 import energy_momentum
-from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.geometric.index1.integrate import above_rounding, fixed_steps
 from .formulations.refusals import without_gradient
 
 
@@ -37,4 +37,6 @@ class EnergyMomentum:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        return fixed_steps(problem, control, energy_momentum, energy_momentum.Scheme(self.tolerance))
+        return fixed_steps(
+            problem, control, energy_momentum, energy_momentum.Scheme(above_rounding(self.tolerance, problem))
+        )

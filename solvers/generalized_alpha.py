@@ -15,7 +15,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1 import alpha
-from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.geometric.index1.integrate import above_rounding, fixed_steps
 from .formulations.refusals import without_phi
 
 
@@ -45,5 +45,12 @@ class GeneralizedAlpha:
         alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
         gamma = 0.5 + alpha_f - alpha_m
         beta = 0.25 * (gamma + 0.5) ** 2
-        scheme = alpha.Scheme(alpha_m, alpha_f, beta, gamma, self.tolerance, stabilised=int(self.form == "stabilised"))
+        scheme = alpha.Scheme(
+            alpha_m,
+            alpha_f,
+            beta,
+            gamma,
+            above_rounding(self.tolerance, problem),
+            stabilised=int(self.form == "stabilised"),
+        )
         return fixed_steps(problem, control, alpha, scheme)

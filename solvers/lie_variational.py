@@ -15,7 +15,7 @@ from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1 import rattle
 from .formulations.geometric.index1.compositions import COMPOSITIONS
 from .formulations.geometric.index1.free_body import principal
-from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.geometric.index1.integrate import above_rounding, fixed_steps
 from .formulations.refusals import without_phi
 
 
@@ -39,4 +39,9 @@ class LieVariational:
         """March with the fixed step ``control.dt``."""
         axes, plain = principal(problem.system.inertia), COMPOSITIONS["plain"][0]
         damped = int(not problem.system.is_conservative)
-        return fixed_steps(problem, control, rattle, rattle.Scheme(axes, plain, self.tolerance, damped, discrete=1))
+        return fixed_steps(
+            problem,
+            control,
+            rattle,
+            rattle.Scheme(axes, plain, above_rounding(self.tolerance, problem), damped, discrete=1),
+        )

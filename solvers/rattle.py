@@ -14,7 +14,7 @@ from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1 import rattle
 from .formulations.geometric.index1.compositions import COMPOSITIONS, RATE
 from .formulations.geometric.index1.free_body import principal
-from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.geometric.index1.integrate import above_rounding, fixed_steps
 from .formulations.refusals import without_phi
 
 HOW = "plain (order 2), or composed: Suzuki's five steps (4), Kahan and Li's nine (6) or seventeen (8)"
@@ -46,5 +46,7 @@ class Rattle:
         """March with the fixed step ``control.dt``."""
         system, gamma = problem.system, COMPOSITIONS[self.composition][0]
         damped = int(not system.is_conservative)
-        scheme = rattle.Scheme(principal(system.inertia), gamma, self.tolerance, damped, rate=self.rate)
+        scheme = rattle.Scheme(
+            principal(system.inertia), gamma, above_rounding(self.tolerance, problem), damped, rate=self.rate
+        )
         return fixed_steps(problem, control, rattle, scheme)

@@ -17,6 +17,7 @@ from .soft_rows import soft_rows, without_springs
 from .tableaux import Tableau
 
 FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
+ROUNDINGS = 16.0  # of the largest coordinate in a component of phi
 STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
 Stretch = Callable[[rkmk.Record], tuple[int, int]]  # fills a record: outcome, steps done
 
@@ -29,6 +30,13 @@ def start_of(problem: Problem) -> tuple[Model, Blocks, Kernel]:
     kernel.r[:], kernel.R[:], kernel.v[:, :3], kernel.v[:, 3:] = first.r, first.R, first.v, first.Omega
     kernel.t[0] = first.t
     return model, blocks, kernel
+
+
+def above_rounding(tolerance: float, problem: Problem) -> float:
+    """``tolerance`` [m] of phi, or the roundings of phi where a system so large or so far away has more."""
+    system = problem.system
+    largest = max(np.max(np.abs(a), initial=0.0) for a in (problem.initial.r, system.joint_s_i, system.joint_s_j))
+    return max(tolerance, ROUNDINGS * float(np.finfo(float).eps) * float(largest))
 
 
 def error_control(problem: Problem, control: StepControl, order: float) -> rkmk.Control:

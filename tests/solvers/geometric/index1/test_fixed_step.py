@@ -204,3 +204,17 @@ def test_the_augmented_lagrangian_shares_reactions_among_redundant_rows():
     np.testing.assert_allclose(shared[0], shared[1], rtol=1e-5, atol=1e-5 * np.max(np.abs(shared)))
     assert np.all(dropped == 0.0, axis=1).sum() == 1
     np.testing.assert_allclose(shared.sum(axis=0), dropped.sum(axis=0), rtol=1e-2, atol=1e-3)
+
+
+@pytest.mark.parametrize("which", ["alpha", "al", "em", "variational"])
+def test_far_from_the_origin_the_motion_is_the_same(which):
+    """Where phi has roundings of 1e-10 m, no smaller phi is asked for."""
+    moved = []
+    for offset in (0.0, 1e6):
+        t = solve(
+            which,
+            make_problem("random_mechanism", {"bodies": 2, "mechanism_seed": 51, "offset": offset, "t_end": 0.2}),
+            5e-3,
+        )
+        moved.append(t.states.r - t.states.r[0])
+    assert np.max(np.abs(moved[1] - moved[0])) < 1e-7
