@@ -7,6 +7,7 @@ repeated by the nested loop at a low penalty. In redundant systems the poses are
 because with phi = O(dt^2) a mechanism cannot pass its singular configurations (docs/decisions/singular-passages.md).
 """
 
+import time
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -17,7 +18,6 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.choices import GaugeChoices, Penalty
 from .formulations.geometric.driver import integrate, prepare
-from .formulations.geometric.passages import passages
 from .formulations.rank import rows_to_keep
 
 
@@ -68,6 +68,9 @@ class GcAugmentedLagrangian(GaugeChoices):
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``; singular passages are in ``events``."""
+        from .formulations.geometric.passages import passages  # its scipy.signal takes a third of all imports
+
+        began = time.perf_counter()
         redundant = problem.system.nrows - len(rows_to_keep(problem.system, problem.initial))
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)
         penalty = Penalty(
@@ -78,6 +81,7 @@ class GcAugmentedLagrangian(GaugeChoices):
             singular_turn=self.singular_turn or float("inf"), redundant=int(redundant > 0),
         )  # fmt: skip
         run, step = prepare(problem, self.settings(problem)._replace(penalty=penalty), self.mu0)
+        set_up = time.perf_counter() - began
         out = integrate(problem, control, run, step, self.max_cuts, self.max_turn)
         rank = f"{problem.system.nrows} constraint rows of rank {problem.system.nrows - redundant} at the start"
         crossed = passages(problem.system, out)
@@ -92,4 +96,4 @@ class GcAugmentedLagrangian(GaugeChoices):
             )
         if crossed:
             notes.append(f"{len(crossed)} singular passages")
-        return replace(out, events=crossed, notes=tuple(notes))
+        return replace(out, setup_time=set_up + out.setup_time, events=crossed, notes=tuple(notes))

@@ -7,16 +7,15 @@ choices: lambda out of the error test (with it in, form fi stalls: its lambda ca
 start, quaternions.
 """
 
-import time
 from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, Status, StepControl, Trajectory
+from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
 from .formulations.ida import Start, integrate
-from .formulations.recording import StepFailure, no_trajectory
+from .formulations.recording import Clock
 from .formulations.start import consistent, coordinates_and_velocities, layout_for, unloaded
 
 
@@ -35,17 +34,10 @@ class IdaIndex1(BaumgarteOptions):
     paper_label: ClassVar[str] = "DAE-FI"
     control: ClassVar[str] = "rtol"
 
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate from the start to ``t_end``."""
-        began, reason = time.process_time(), self.refuses(problem, control)
-        if reason is not None:
-            return no_trajectory(problem, Status.REFUSED, reason)
+    def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
         y = coordinates_and_velocities(layout, problem)
-        try:
-            y, y_dot = consistent(layout, y, self.alpha, self.beta) if self.consistent_start else unloaded(layout, y)
-        except StepFailure as failure:
-            return no_trajectory(problem, failure.status, f"no consistent start: {failure.message}")
+        y, y_dot = consistent(layout, y, self.alpha, self.beta) if self.consistent_start else unloaded(layout, y)
         form = self.implicit(layout, self.form, self.alpha, self.beta)
         out_of_test = () if self.lambda_in_error_test else (layout.lam,)
-        return integrate(problem, control, layout, form, Start(y, y_dot, out_of_test), notes, began)
+        return integrate(problem, control, layout, form, Start(y, y_dot, out_of_test), notes, clock)

@@ -8,7 +8,6 @@ both levels hold at every step, in velocity phi decays as exp(-alpha t). lambda 
 test, whose estimates for them do not vanish with the step at index 2; positions and velocities are controlled.
 """
 
-import time
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -16,11 +15,11 @@ import numpy as np
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, Status, StepControl, Trajectory
+from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import ImplicitOptions
 from .formulations.ida import Start, integrate
 from .formulations.layout import Stabilised
-from .formulations.recording import StepFailure, no_trajectory
+from .formulations.recording import Clock
 from .formulations.refusals import without_phi
 from .formulations.start import consistent, coordinates_and_velocities, layout_for
 
@@ -47,17 +46,10 @@ class IdaIndex2(ImplicitOptions):
         reason = without_phi(problem.system) if self.form == "ggl" else None
         return reason or super().refuses(problem, control)
 
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate from the start to ``t_end``."""
-        began, reason = time.process_time(), self.refuses(problem, control)
-        if reason is not None:
-            return no_trajectory(problem, Status.REFUSED, reason)
+    def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
         rate = self.alpha if self.form == "velocity" else 0.0  # the row's derivative: phi_ddot + rate phi_dot
-        try:
-            y, y_dot = consistent(layout, coordinates_and_velocities(layout, problem), rate / 2.0, 0.0)
-        except StepFailure as failure:
-            return no_trajectory(problem, failure.status, f"no consistent start: {failure.message}")
+        y, y_dot = consistent(layout, coordinates_and_velocities(layout, problem), rate / 2.0, 0.0)
         multipliers = [layout.lam]
         if self.form == "ggl":
             layout = stabilised = Stabilised(layout.system, layout.chart, layout.kept)
@@ -65,4 +57,4 @@ class IdaIndex2(ImplicitOptions):
             multipliers.append(stabilised.eta)
         form = self.implicit(layout, "both" if self.form == "ggl" else "velocity", self.alpha, 0.0)
         start = Start(y, y_dot, () if self.lambda_in_error_test else tuple(multipliers))
-        return integrate(problem, control, layout, form, start, notes, began)
+        return integrate(problem, control, layout, form, start, notes, clock)

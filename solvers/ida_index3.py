@@ -7,16 +7,15 @@ estimates for them do not vanish with the step at index 3; only positions are co
 integration error only, and the start is made consistent down to lambda.
 """
 
-import time
 from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, Status, StepControl, Trajectory
+from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.classical import ImplicitOptions
 from .formulations.ida import Start, integrate
-from .formulations.recording import StepFailure, no_trajectory
+from .formulations.recording import Clock
 from .formulations.refusals import without_phi
 from .formulations.start import consistent, coordinates_and_velocities, layout_for
 
@@ -40,18 +39,11 @@ class IdaIndex3(ImplicitOptions):
         """Rows without phi, and what all these solvers refuse."""
         return without_phi(problem.system) or super().refuses(problem, control)
 
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate from the start to ``t_end``."""
-        began, reason = time.process_time(), self.refuses(problem, control)
-        if reason is not None:
-            return no_trajectory(problem, Status.REFUSED, reason)
+    def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
-        try:
-            y, y_dot = consistent(layout, coordinates_and_velocities(layout, problem), 0.0, 0.0)
-        except StepFailure as failure:
-            return no_trajectory(problem, failure.status, f"no consistent start: {failure.message}")
+        y, y_dot = consistent(layout, coordinates_and_velocities(layout, problem), 0.0, 0.0)
         form = self.implicit(layout, "position", 0.0, 0.0)
         velocities = () if self.velocities_in_error_test else (layout.u,)
         multipliers = () if self.lambda_in_error_test else (layout.lam,)
         start = Start(y, y_dot, (*velocities, *multipliers), self.first_step)
-        return integrate(problem, control, layout, form, start, notes, began)
+        return integrate(problem, control, layout, form, start, notes, clock)

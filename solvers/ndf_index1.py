@@ -16,7 +16,6 @@ Counted: accepted steps, evaluations, Jacobians, factorisations, linear solves (
 evaluations spent on Jacobians by differences, which the evaluations include. Rejected steps are not.
 """
 
-import time
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -36,7 +35,7 @@ from .formulations.classical import BaumgarteOptions
 from .formulations.dae import ImplicitForm
 from .formulations.ida import DENSE_BELOW, OUT_OF_TEST
 from .formulations.layout import Layout
-from .formulations.recording import Clock, StepFailure, march, no_trajectory, trajectory
+from .formulations.recording import Clock, StepFailure, march, trajectory
 from .formulations.start import consistent, coordinates_and_velocities, layout_for, unloaded
 
 
@@ -74,22 +73,14 @@ class NdfIndex1(BaumgarteOptions):
     paper_label: ClassVar[str] = "DAE-SE"
     control: ClassVar[str] = "rtol"
 
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate from the start to ``t_end``."""
-        began, reason = time.process_time(), self.refuses(problem, control)
-        if reason is not None:
-            return no_trajectory(problem, Status.REFUSED, reason)
+    def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
         y = coordinates_and_velocities(layout, problem)
-        try:
-            y, y_dot = consistent(layout, y, self.alpha, self.beta) if self.consistent_start else unloaded(layout, y)
-        except StepFailure as failure:
-            return no_trajectory(problem, failure.status, f"no consistent start: {failure.message}")
+        y, y_dot = consistent(layout, y, self.alpha, self.beta) if self.consistent_start else unloaded(layout, y)
         which = "fi" if self.accelerations == "unknown" else "se"
-        form, clock = self.implicit(layout, which, self.alpha, self.beta), Clock(control.wall_limit)
+        form = self.implicit(layout, which, self.alpha, self.beta)
         ndf = self._integrator(layout, form, clock, y, y_dot, problem.t_end, control)
-        setup_time = time.process_time() - began
-        clock.restart()
+        setup_time = clock.restart()
         done = march(lambda: _step(ndf, layout), (0.0, y, y[layout.lam]), layout, problem.t_end, control, clock)
         cpu_time = clock.cpu_time()
         counters = {

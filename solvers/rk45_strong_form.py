@@ -18,8 +18,8 @@ from scipy.integrate import RK45
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, Status, StepControl, Trajectory
-from .formulations.recording import no_trajectory
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.recording import Clock
 from .formulations.strong_ode import StrongOptions, integrate
 
 
@@ -34,9 +34,5 @@ class Rk45StrongForm(StrongOptions):
     paper_label: ClassVar[str] = "ODE-45"
     control: ClassVar[str] = "rtol"
 
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate from the start to ``t_end``."""
-        reason = self.refuses(problem, control)
-        if reason is not None:
-            return no_trajectory(problem, Status.REFUSED, reason)
-        return integrate(problem, control, RK45, self, self.lambda_in_error_test)
+    def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
+        return integrate(problem, control, RK45, self, self.lambda_in_error_test, clock=clock)

@@ -15,8 +15,8 @@ import scipy.integrate as si
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, Status, StepControl, Trajectory
-from .formulations.recording import no_trajectory
+from ..harness.types import Problem, StepControl, Trajectory
+from .formulations.recording import Clock
 from .formulations.strong_ode import StrongOptions, integrate
 
 METHODS = {m.__name__: m for m in (si.DOP853, si.RK23, si.RK45, si.Radau, si.BDF, si.LSODA)}
@@ -33,9 +33,5 @@ class ScipyStrongForm(StrongOptions):
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
 
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate from the start to ``t_end``."""
-        reason = self.refuses(problem, control)
-        if reason is not None:
-            return no_trajectory(problem, Status.REFUSED, reason)
-        return integrate(problem, control, METHODS[self.method], self, lambda_in_test=False)
+    def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
+        return integrate(problem, control, METHODS[self.method], self, lambda_in_test=False, clock=clock)

@@ -20,7 +20,7 @@ from ..suites.suite import Suite
 from ..types import Problem, Status
 from .progress import progress
 from .screen import Column, number, print_json, print_table, status_style
-from .terms import UsageError, above, add_jobs, add_plugin, add_problem, assignments, jobs, load_problem, subcommand
+from .terms import UsageError, above, add_jobs, add_plugin, add_problem, jobs, load_problem, subcommand
 
 ROUNDS = 6
 NEAR = 0.1  # of the error asked for: a run below can be made cheaper
@@ -122,8 +122,6 @@ def add(commands: Any) -> None:
     add_problem(p)
     p.add_argument("--error", required=True, metavar="X", help="largest motion error allowed [m]")
     p.add_argument("--budget", default="120", metavar="S", help="wall time of all runs, about [s] (default: 120)")
-    p.add_argument("--t-end", metavar="T", help="simulated time [s]")
-    p.add_argument("--problem-set", action="append", default=[], metavar="K=V", help="problem parameter")
     p.add_argument("--solver", action="append", default=[], metavar="NAME", help="only this one; may be repeated")
     add_plugin(p)
     add_jobs(p)
@@ -131,13 +129,9 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """0 if a solver meets the error."""
-    name, plugins = load_problem(arguments)
+    name, parameters, plugins = load_problem(arguments)
     error = above(arguments.error, "--error", unit=" [m]")
     budget = above(arguments.budget, "--budget", unit=" [s]")
-    parameters = assignments(arguments.problem_set, "--problem-set")
-    if arguments.t_end is not None:
-        above(arguments.t_end, "t_end", unit=" [s]")
-        parameters["t_end"] = arguments.t_end
     problem = made(name, parameters)
     source = source_of(problem)
     if source is Source.OWN and problem.reference() is None:

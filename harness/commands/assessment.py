@@ -19,7 +19,7 @@ from ..results.records import RunRecord
 from ..results.words import accurate_until, why
 from ..sandbox.trial import made
 from ..suites.spec import RunSpec, make_spec
-from ..types import Status
+from ..types import Status, Trait
 
 STEPS = 100  # of the problem's own step, on each problem
 LADDERS: Mapping[str, Mapping[str, Any]] = {  # spatial, loaded and spinning: every term counts
@@ -97,10 +97,15 @@ def long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSp
     return _spec(solver, "spherical_pendulum", parameters, {control: LONG[control]}, "long", 2.0 * seconds)
 
 
-def findings(solver: str, folder: Path, records: Sequence[RunRecord]) -> Iterator[Line]:
-    """All lines, in the order of the page."""
+def orders(solver: str, folder: Path, records: Sequence[RunRecord]) -> Sequence[Order]:
+    """The certificates of its ladders."""
+    return certify(folder, _mine(solver, records, "ladder"))
+
+
+def findings(solver: str, folder: Path, records: Sequence[RunRecord], found: Sequence[Order]) -> Iterator[Line]:
+    """All lines, in the order of the page; ``found`` are its ``orders``."""
     yield from _problems(_mine(solver, records, "problems"))
-    yield from _orders(solver, records, folder)
+    yield from _orders(found, _mine(solver, records, "ladder"))
     yield _energy(solver, records, folder)
     yield from _laws(_mine(solver, records, "problems"), _mine(solver, records, "ladder"))
     yield from _work(solver, records)
@@ -121,14 +126,15 @@ def _mine(solver: str, records: Sequence[RunRecord], label: str) -> list[RunReco
 def _problems(runs: Sequence[RunRecord]) -> Iterator[Line]:
     for r in sorted(runs, key=lambda r: r.problem):
         open_ = r.status in (Status.REFUSED, Status.STALLED)  # said no, or is slow: neither is wrong
+        if Trait.STIFF in registry.problems()[r.problem].tests:  # an explicit method at the problem's step
+            open_ |= r.status in (Status.DIVERGED, Status.STEP_UNDERFLOW)
         good = None if open_ else r.status == Status.SUCCESS
         said = "" if r.status == Status.SUCCESS else f": {'; '.join(why(r))}"
         until = f", followed to {accurate_until(r)[0].split(' (')[0]}" if accurate_until(r) and r.steps else ""
         yield Line(f"{r.problem}, {r.t_end_s:g} s", f"{r.status}{said}{until}", "success, or a reason", good)
 
 
-def _orders(solver: str, records: Sequence[RunRecord], folder: Path) -> Iterator[Line]:
-    found = certify(folder, _mine(solver, records, "ladder"))
+def _orders(found: Sequence[Order], ladder: Sequence[RunRecord]) -> Iterator[Line]:
     for o in found:
         if o.quantity not in ("position", "orientation", "energy", "reaction"):
             continue
@@ -139,7 +145,9 @@ def _orders(solver: str, records: Sequence[RunRecord], folder: Path) -> Iterator
         else:
             yield Line(f"order, {o.problem}, {o.quantity}", interval, f"{o.declared:g} declared", _kept(o))
     if not found:
-        yield Line("order", "no ladder of steps or tolerances came to its end", "a ladder", good=False)
+        slow = any(r.status == Status.STALLED for r in ladder)
+        why_not = "not said: too slow for the budget" if slow else "no ladder of steps or tolerances came to its end"
+        yield Line("order", why_not, "a ladder", good=None if slow else False)
 
 
 def _kept(o: Order) -> bool | None:

@@ -9,7 +9,7 @@ from ..foreign.description import described
 from ..results import store
 from ..sandbox.trial import made
 from .screen import lines
-from .terms import add_plugin, add_problem, assignments, check_writable, load_problem, subcommand
+from .terms import add_plugin, add_problem, check_writable, load_problem, subcommand
 
 
 def add(commands: Any) -> None:
@@ -17,17 +17,14 @@ def add(commands: Any) -> None:
     p = subcommand(commands, "export", run, "print a problem with all its numbers, for any other code")
     add_problem(p)
     p.add_argument("--format", choices=("json",), default="json", help="schema: docs/other-codes.md (default: json)")
-    p.add_argument(
-        "--problem-set", action="append", default=[], metavar="K=V", help="problem parameter; may be repeated"
-    )
     p.add_argument("--out", metavar="FILE", help="file to write (default: print)")
     add_plugin(p)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """0."""
-    name, _ = load_problem(arguments)
-    text = to_json(described(made(name, assignments(arguments.problem_set, "--problem-set"))), indent=1)
+    name, parameters, _ = load_problem(arguments)
+    text = to_json(described(made(name, parameters)), indent=1)
     if arguments.out is None:
         lines().print(text)
         return 0

@@ -18,7 +18,7 @@ from ..sandbox.apart import Apart
 from ..suites.spec import step_control
 from ..types import Problem, Solver, StepControl
 from .screen import Column, lines, number, print_json, print_table
-from .terms import UsageError, add_assignments, assignments, subcommand, whole
+from .terms import UsageError, add_set, assignments, subcommand, whole
 
 PROBLEMS = ("chain", "four_bar_grid")  # of Sects. 5.3 and 5.5
 MEMORY = 8000.0  # [MB]
@@ -37,7 +37,8 @@ def add(commands: Any) -> None:
     p.add_argument("problem", nargs="*", metavar="PROBLEM", help=f"default: {' and '.join(PROBLEMS)}")
     ours = "our solver (default: gc_weak_form, or gc_augmented_lagrangian where it refuses)"
     p.add_argument("--solver", metavar="NAME", help=ours)
-    add_assignments(p, "solver option")
+    add_set(p, "--set", "solver option")
+    add_set(p, "--problem-set", "problem parameter")
     theirs = "an engine, e.g. exudyn or mujoco:integrator=Euler (may be repeated; default: all that take the problem)"
     p.add_argument("--engine", metavar="NAME[:OPTION=VALUE,...]", action="append", help=theirs)
     p.add_argument("--dt", metavar="DT", help="step of all [s] (default: the problem's)")

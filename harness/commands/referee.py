@@ -16,7 +16,7 @@ from ..sandbox.trial import made
 from ..types import Status, StepControl
 from .screen import Column, lines, number, print_json, print_table, status_style
 from .solve import plain_columns, summary
-from .terms import UsageError, above, add_plugin, add_problem, assignments, load_problem, subcommand
+from .terms import UsageError, above, add_plugin, add_problem, load_problem, subcommand
 
 COLUMNS = (
     Column("case", fold=True), Column("status", right=False), Column("position error [m]"),
@@ -36,10 +36,6 @@ def add(commands: Any) -> None:
     add_problem(p)
     p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files; columns: docs/other-codes.md")
     p.add_argument("--name", metavar="NAME", help="of the code, in tables and report (default: that of file or folder)")
-    p.add_argument("--t-end", metavar="T", help="simulated time [s]")
-    p.add_argument(
-        "--problem-set", action="append", default=[], metavar="K=V", help="problem parameter; may be repeated"
-    )
     p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; without a header ours, in order")
     for name, choices in CHOICES.items():
         words = f"{MEANING[name]} (default: {getattr(Reading, name)})"
@@ -53,11 +49,7 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """0 if every motion reaches its end and keeps all laws."""
-    name, _ = load_problem(arguments)
-    parameters = assignments(arguments.problem_set, "--problem-set")
-    if arguments.t_end is not None:
-        above(arguments.t_end, "t_end", unit=" [s]")
-        parameters["t_end"] = arguments.t_end
+    name, parameters, _ = load_problem(arguments)
     problem = made(name, parameters)
     given = [Path(f) for f in arguments.files]
     paths = [p for f in given for p in files_of(f)]

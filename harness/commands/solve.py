@@ -19,9 +19,9 @@ from .screen import errors, lines
 from .terms import (
     UsageError,
     above,
-    add_assignments,
     add_plugin,
     add_problem,
+    add_set,
     assignments,
     check_writable,
     load_problem,
@@ -42,21 +42,14 @@ def add(commands: Any) -> None:
     )
     add_problem(p)
     p.add_argument("solver", metavar="SOLVER", help="name of a solver (see mbsbench list)")
-    add_assignments(p, f"{', '.join(CONTROL)}, or a solver option")
-    p.add_argument("--t-end", metavar="T", help="simulated time [s]")
+    add_set(p, "--set", f"{', '.join(CONTROL)}, or a solver option")
     p.add_argument("--out", metavar="RUN.npz", help="file to write (default: PROBLEM-SOLVER.npz)")
     add_plugin(p)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, run, write; 0 for a motion that reaches its end and keeps all laws."""
-    name, _ = load_problem(arguments)
-    parameters = assignments(arguments.problem_set, "--problem-set")
-    if arguments.t_end is not None:
-        if "t_end" in parameters:
-            raise UsageError("t_end is given twice, by --t-end and --problem-set")
-        above(arguments.t_end, "t_end", unit=" [s]")
-        parameters["t_end"] = arguments.t_end
+    name, parameters, _ = load_problem(arguments)
     given = assignments(arguments.set, "--set")
     control = {k: given.pop(k) for k in CONTROL if k in given}
     if arguments.solver not in registry.solvers():  # before the problem is made: that can take a while

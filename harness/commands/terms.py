@@ -62,15 +62,16 @@ def add_plugin(p: argparse.ArgumentParser, words: str = "file that adds problems
 
 
 def add_problem(p: argparse.ArgumentParser) -> None:
-    """The argument PROBLEM."""
+    """The argument PROBLEM, and the options --problem-set and --t-end."""
     words = "name of a problem (see mbsbench list), or an MJCF or URDF file (docs/mechanisms-from-files.md)"
     p.add_argument("problem", metavar="PROBLEM", help=words)
+    add_set(p, "--problem-set", "problem parameter")
+    p.add_argument("--t-end", metavar="T", help="simulated time [s]")
 
 
-def add_assignments(p: argparse.ArgumentParser, what: str) -> None:
-    """The options --set, for ``what``, and --problem-set."""
-    for option, words in (("--set", what), ("--problem-set", "problem parameter")):
-        p.add_argument(option, action="append", default=[], metavar="K=V", help=f"{words}; may be repeated")
+def add_set(p: argparse.ArgumentParser, option: str, words: str) -> None:
+    """An option of K=V."""
+    p.add_argument(option, action="append", default=[], metavar="K=V", help=f"{words}; may be repeated")
 
 
 def assignments(given: Sequence[str], what: str) -> dict[str, str]:
@@ -96,11 +97,17 @@ def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
     return tuple(plugins.resolved(p) for p in paths)
 
 
-def load_problem(arguments: argparse.Namespace) -> tuple[str, tuple[str, ...]]:
-    """The name of the problem asked for, which a file of a mechanism adds, and all plugins, loaded."""
+def load_problem(arguments: argparse.Namespace) -> tuple[str, dict[str, str], tuple[str, ...]]:
+    """The name of the problem asked for, which a file of a mechanism adds, its parameters, and all plugins, loaded."""
     given, file = arguments.problem, mechanism_files.is_mechanism(arguments.problem)
     loaded = load_plugins([*arguments.plugin, *([given] if file else [])])
-    return mechanism_files.name_of(given) if file else given, loaded
+    parameters = assignments(arguments.problem_set, "--problem-set")
+    if arguments.t_end is not None:
+        if "t_end" in parameters:
+            raise UsageError("t_end is given twice, by --t-end and --problem-set")
+        above(arguments.t_end, "t_end", unit=" [s]")
+        parameters["t_end"] = arguments.t_end
+    return mechanism_files.name_of(given) if file else given, parameters, loaded
 
 
 def check_ours(path: Path, option: str) -> None:

@@ -14,7 +14,7 @@ from . import assessment
 from .check import named
 from .progress import progress
 from .screen import Column, lines, print_json, print_table
-from .terms import UsageError, above, add_jobs, add_plugin, jobs, load_plugins, subcommand
+from .terms import UsageError, above, add_jobs, add_plugin, check_writable, jobs, load_plugins, subcommand
 
 COLUMNS = (
     Column("", right=False), Column("", right=False, fold=True, least=20), Column("measured", fold=True),
@@ -29,6 +29,7 @@ def add(commands: Any) -> None:
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
     p.add_argument("--budget", default="180", metavar="S", help="wall time of all runs, about [s] (default: 180)")
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
+    p.add_argument("--html", metavar="FILE", help="write all lines and their charts as one page, too")
     p.add_argument("--no-report", action="store_true", help="leave out the page")
     add_plugin(p, "file whose problems are run too")
     add_jobs(p)
@@ -44,6 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
     (solver,) = own
     plugins += load_plugins(arguments.plugin)
     size = jobs(arguments.jobs)
+    if arguments.html:
+        check_writable(Path(arguments.html))
     folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
     specs = assessment.first_runs(solver, wall=min(20.0, budget / 6.0))
     suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins)
@@ -53,12 +56,20 @@ def run(arguments: argparse.Namespace) -> int:
         whole = Suite(suite.name, "", (*specs, long), "", plugins)
         with progress(quiet=arguments.json, size=size) as watcher:
             run_suite(Request(whole, folder, size, resume=True), watcher)
-    found = list(assessment.findings(solver, folder, store.load(folder).records))
+    records = store.load(folder).records
+    orders = assessment.orders(solver, folder, records)
+    found = list(assessment.findings(solver, folder, records, orders))
     if arguments.json:
         for line in found:
             print_json(vars(line))
     else:
         print_table(COLUMNS, [_row(line) for line in found], _summary(solver, found))
+    if arguments.html:
+        from ...reports.tried import Tried, write_page
+
+        write_page(Path(arguments.html), folder, Tried(solver, _summary(solver, found), found, orders))
+        if not arguments.json:
+            lines().print(f"page: {arguments.html}")
     if not arguments.no_report:
         from ...reports.site import build
 

@@ -25,10 +25,14 @@ from ..types import EndedBy, Status, Trajectory
 from .job import Job, unfinished
 from .run_file import in_file, without_motion
 from .supervisor import GRACE, MEASURE_LIMIT
-from .warmup import references_apart, runs_to_warm, warm_apart_then_here
+from .warmup import references_apart, runs_to_warm, warm, warm_apart_then_here
 from .worker import hand_over, measured
 
-PATIENCE = 3.0  # [s] until it is said that compilation may take a while
+PATIENCE = 3.0  # [s] of any of these until it is mentioned
+COMPILING = "compiling the kernels of the solver: a minute or two the first time, not counted in the run"
+REFERENCE = "computing the reference: up to a minute the first time, not counted in the run"
+RUNNING = "running"
+MEASURING = "measuring; the first run of a variant computes its reference: up to a minute"
 NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
 
 
@@ -61,13 +65,25 @@ def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say =
         limit = math.inf if wall_limit is None else wall_limit
         job = Job(dataclasses.replace(spec, wall_limit=limit), Path(place))
         if wall_limit is not None:  # a limit is on the run: compute the reference and compile before its clock starts
+            patience.now(REFERENCE)
             references_apart([job], patience.over)
+            patience.now(COMPILING)
             warm_apart_then_here(runs_to_warm([spec]), patience.over)
-        began, stderr = time.monotonic(), Path(place) / "stderr"
-        ended = Apart(
-            lambda send: hand_over(job, soft=1.0), limit=limit + GRACE, memory=spec.memory, stderr=stderr,
+        stderr = Path(place) / "stderr"
+
+        def compile_and_run(send: Callable[[str], None]) -> None:
+            if wall_limit is None:
+                warm(runs_to_warm([spec]))
+            send(RUNNING)
+            hand_over(job, soft=1.0)
+
+        patience.now(COMPILING)
+        began = time.monotonic()
+        process = Apart(
+            compile_and_run, limit=limit + GRACE, memory=spec.memory, stderr=stderr,
             cpu=NO_LIMIT if wall_limit is None else 2.0 * wall_limit + 60.0,
-        ).wait(patience.over)  # fmt: skip
+        )  # fmt: skip
+        ended = process.wait(lambda: patience.now(process.hear().strip() or COMPILING))
         if ended.code == CANNOT_WRITE:
             raise OSError(errno.ENOSPC, "nothing was written: no space left", place)
         native = stderr.read_text(encoding="utf-8", errors="replace")[-2000:].strip() if stderr.exists() else ""
@@ -86,6 +102,7 @@ def _measured(job: Job, bare: RunRecord, wall: float, spent: float, out: Path, p
         send(records.to_json(record if record.series else _start_alone(job, out, record)))
 
     limit = MEASURE_LIMIT if math.isfinite(job.spec.wall_limit) else NO_LIMIT
+    patience.now(MEASURING)
     process = Apart(measure_and_write, limit=limit, memory=job.spec.memory)
     try:
         ended = process.wait(patience.over)
@@ -110,20 +127,23 @@ def _start_alone(job: Job, out: Path, record: RunRecord) -> RunRecord:
 
 
 class _Patience:
-    """Says once that a run takes its time, and why it may; then how long it has taken, every second on one line."""
+    """Says what takes its time, once; then for how long it has, every second on one line."""
 
     def __init__(self, say: Say) -> None:
-        self.say, self.began, self.due = say, time.monotonic(), PATIENCE
+        self.say, self.doing = say, ""
+
+    def now(self, doing: str) -> bool:
+        """What goes on from now on, or still does."""
+        if doing != self.doing:
+            self.doing, self.began, self.due = doing, time.monotonic(), PATIENCE
+        return self.over()
 
     def over(self) -> bool:
         """Never; but looks at the clock."""
         elapsed = time.monotonic() - self.began
         if elapsed > self.due:
             if self.due == PATIENCE:
-                self.say(
-                    "running; the first run after an installation or a change compiles kernels, the first of a variant "
-                    "may compute its reference: half a minute or more"
-                )
+                self.say(self.doing)
             self.due = elapsed + 1.0
             self.say(f"    {elapsed:.0f} s", end="\r")
         return False

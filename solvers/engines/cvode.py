@@ -10,7 +10,6 @@ is for the reaction.
 
 import contextlib
 import io
-import time
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -22,7 +21,7 @@ from ...harness.catalogue.registry import solver
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from ..formulations.classical import SymbolicOptions
 from ..formulations.ida import FAILURES, ONE_STEP_LIMIT
-from ..formulations.recording import Clock, StepFailure, march, no_trajectory, trajectory
+from ..formulations.recording import Clock, StepFailure, march, trajectory
 from ..formulations.start import coordinates_and_velocities, layout_for
 from ..formulations.strong_form import StrongForm
 from .export.engine import made_by
@@ -41,14 +40,10 @@ class Cvode(SymbolicOptions):
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
 
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """Integrate from the start to ``t_end``."""
-        began, reason = time.process_time(), self.refuses(problem, control)
-        if reason is not None:
-            return no_trajectory(problem, Status.REFUSED, reason)
+    def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
         n, still = layout.n_p + layout.n_u, np.zeros(layout.k)
-        form, clock, work = StrongForm(layout, self.alpha, self.beta), Clock(control.wall_limit), {"evaluations": 0}
+        form, work = StrongForm(layout, self.alpha, self.beta), {"evaluations": 0}
 
         def rates(t: float, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             work["evaluations"] += 1
@@ -61,17 +56,13 @@ class Cvode(SymbolicOptions):
 
         y = coordinates_and_velocities(layout, problem)[:n]
         with contextlib.redirect_stdout(io.StringIO()) as said:  # SUNDIALS prints its messages
-            try:
-                reaction = rates(0.0, y)[1]
-                cvode = CVODE(
-                    rhs, method=self.method, rtol=control.rtol, atol=control.rtol, linsolver="gmres",
-                    max_step=control.max_step or 0.0, max_num_steps=ONE_STEP_LIMIT,
-                )  # fmt: skip
-                cvode.init_step(0.0, y)
-            except StepFailure as failure:
-                return no_trajectory(problem, failure.status, f"no acceleration at the start: {failure.message}")
-            setup_time = time.process_time() - began
-            clock.restart()
+            reaction = rates(0.0, y)[1]
+            cvode = CVODE(
+                rhs, method=self.method, rtol=control.rtol, atol=control.rtol, linsolver="gmres",
+                max_step=control.max_step or 0.0, max_num_steps=ONE_STEP_LIMIT,
+            )  # fmt: skip
+            cvode.init_step(0.0, y)
+            setup_time = clock.restart()
 
             def advance() -> tuple[float, np.ndarray, np.ndarray]:
                 step = cvode.step(problem.t_end, method="onestep", tstop=problem.t_end)

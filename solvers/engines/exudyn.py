@@ -12,7 +12,6 @@ stretches it restarts from its state, with initial accelerations computed anew. 
 import contextlib
 import io
 import sys
-import time
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, ClassVar
@@ -27,7 +26,7 @@ from ...harness.mechanics.jacobian import constraint_jacobian
 from ...harness.mechanics.state import State, States
 from ...harness.mechanics.system import GROUND, MultibodySystem
 from ...harness.types import Problem, Status, StepControl, Trajectory
-from ..formulations.recording import no_trajectory
+from ..formulations.recording import Clock, Clocked
 from .export.engine import beyond, made_by, missing, package
 from .export.march import PartialStretch, march
 from .export.model_check import EngineModel, model_refusal
@@ -42,7 +41,7 @@ ON_GRID = 1e-6  # of a step: recorded times are sums of steps
 
 @solver("exudyn")
 @dataclass(frozen=True)
-class Exudyn:
+class Exudyn(Clocked):
     """Exudyn's implicit integrators in redundant coordinates."""
 
     integrator: str = option("TrapezoidalIndex2", "Exudyn's name of it", choices=INTEGRATORS)
@@ -67,13 +66,10 @@ class Exudyn:
             return f"Tait-Bryan angles are singular at the start of {which}: turn it, e.g. rotation=0.3,-0.5,0.7"
         return model_refusal(self.name, problem, model.at_start())
 
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """Exudyn's own loop with the fixed step ``control.dt``."""
-        began, reason = time.process_time(), self.refuses(problem, control)
-        if reason is not None:
-            return no_trajectory(problem, Status.REFUSED, reason)
         model = Model(self, problem, control)
-        return march(problem, control, model.advance, model.states, began=began, notes=model.notes())
+        return march(problem, control, model.advance, model.states, clock=clock, notes=model.notes())
 
 
 class Model:

@@ -10,7 +10,6 @@ fall with dt^2 whatever the integrator. Trees have no such rows, and their motio
 Contacts and automatic resets are off; springs are tendons.
 """
 
-import time
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, ClassVar
@@ -22,8 +21,8 @@ from scipy.spatial.transform import Rotation
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.system import GROUND
-from ...harness.types import Problem, States, Status, StepControl, Trajectory
-from ..formulations.recording import no_trajectory
+from ...harness.types import Problem, States, StepControl, Trajectory
+from ..formulations.recording import Clock, Clocked
 from .export.engine import beyond, made_by, missing, package
 from .export.march import march
 from .export.model_check import EngineModel, model_refusal
@@ -36,7 +35,7 @@ JOINTS = {Kind.HINGE: "HINGE", Kind.BALL: "BALL", Kind.FREE: "FREE"}
 
 @solver("mujoco")
 @dataclass(frozen=True)
-class MuJoCo:
+class MuJoCo(Clocked):
     """MuJoCo's integrators on its own tree with soft loop constraints."""
 
     integrator: str = option("RK4", "MuJoCo's name of it; Euler is semi-implicit", choices=tuple(INTEGRATORS))
@@ -67,13 +66,10 @@ class MuJoCo:
             return f"MuJoCo does not take the model: {' '.join(str(error).split())}"
         return model_refusal(self.name, problem, model.at_start())
 
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """MuJoCo's own loop (``rollout``) with the fixed step ``control.dt``."""
-        began, reason = time.process_time(), self.refuses(problem, control)
-        if reason is not None:
-            return no_trajectory(problem, Status.REFUSED, reason)
         model = Model(self, problem, control)
-        return march(problem, control, model.advance, model.states, began=began, notes=model.notes())
+        return march(problem, control, model.advance, model.states, clock=clock, notes=model.notes())
 
 
 class Model:

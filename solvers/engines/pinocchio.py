@@ -10,7 +10,6 @@ the CPU time. ``RKMK4`` is the classical Runge-Kutta scheme in local coordinates
 ``gain`` turns Pinocchio's corrector on, K_d = 2 gain, K_p = gain^2. It has no springs.
 """
 
-import time
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, ClassVar
@@ -21,8 +20,8 @@ from jaxtyping import Float
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.mechanics.system import GROUND
-from ...harness.types import Problem, States, Status, StepControl, Trajectory
-from ..formulations.recording import no_trajectory
+from ...harness.types import Problem, States, StepControl, Trajectory
+from ..formulations.recording import Clock, Clocked
 from .export.engine import beyond, made_by, missing, package
 from .export.march import march
 from .export.model_check import EngineModel, model_refusal
@@ -34,7 +33,7 @@ STRETCH = 1_000  # steps times bodies between two looks at the clock
 
 @solver("pinocchio")
 @dataclass(frozen=True)
-class Pinocchio:
+class Pinocchio(Clocked):
     """Pinocchio's accelerations in a Runge-Kutta loop of ours."""
 
     integrator: str = option("RKMK4", "the loop's; Euler is semi-implicit", choices=tuple(INTEGRATORS))
@@ -60,13 +59,10 @@ class Pinocchio:
             return f"Pinocchio has no springs; the system has {len(problem.system.spring_k)}"
         return model_refusal(self.name, problem, Model(self, problem, control).at_start())
 
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+    def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         """The loop with the fixed step ``control.dt``."""
-        began, reason = time.process_time(), self.refuses(problem, control)
-        if reason is not None:
-            return no_trajectory(problem, Status.REFUSED, reason)
         model = Model(self, problem, control)
-        return march(problem, control, model.advance, model.states, began=began, notes=model.notes(), stretch=STRETCH)
+        return march(problem, control, model.advance, model.states, clock=clock, notes=model.notes(), stretch=STRETCH)
 
 
 class Model:

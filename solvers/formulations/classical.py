@@ -8,11 +8,12 @@ from .charts import CHARTS
 from .dae import ImplicitForm
 from .differences import DifferencedForm
 from .layout import Layout
+from .recording import Clocked
 from .start import redundancy_refusal
 
 
 @dataclass(frozen=True)
-class SymbolicOptions:
+class SymbolicOptions(Clocked):
     """Coordinates, and the treatment of redundant rows."""
 
     coordinates: str = option(

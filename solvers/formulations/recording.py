@@ -1,6 +1,7 @@
 """The loop around an error-controlled integrator: keeps accepted steps, checks limits, returns failures as a status."""
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -18,7 +19,7 @@ LOOK_EVERY = 100  # steps between two checks of phi; a check costs about ten ste
 LOST_AXIS = 0.5  # axis rows are cosines: 30 degrees out
 NEAR_CHART_SINGULARITY = 0.05  # |sin(theta)| worth mentioning when a run fails there
 DEPENDENT_ROWS = 1e-4  # smallest to largest singular value of A below which a failure is called singular
-LARGEST_SVD = 2000  # rows; beyond, the dense SVD would cost more than the run
+LARGEST_SVD = 1000  # rows, 0.3 s; of 2000 it is 2 s, which a run at its wall limit does not have
 
 
 class StepFailure(Exception):
@@ -41,12 +42,35 @@ class Clock:
         if self.limit is not None and time.monotonic() - self.wall > self.limit:
             raise StepFailure(Status.STALLED, f"the wall limit of {self.limit:g} s was reached")
 
-    def restart(self) -> None:
-        """CPU time counts from here; the wall limit is on the whole call, set-up included."""
-        self.cpu = cpu_seconds()
+    def restart(self) -> float:
+        """CPU time until here [s], the set-up; it counts anew, but the wall limit is on the whole call."""
+        before, self.cpu = self.cpu, cpu_seconds()
+        return self.cpu - before
 
     def cpu_time(self) -> float:
         return cpu_seconds() - self.cpu
+
+
+class Clocked(ABC):
+    """``solve`` under a ``Clock``: the start alone where the solver refuses, or finds no consistent start."""
+
+    @abstractmethod
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Why this solver cannot solve the problem, or None."""
+
+    @abstractmethod
+    def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
+        """From the start to ``t_end``; raises ``StepFailure`` where there is no consistent start."""
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate from the start to ``t_end``."""
+        clock, reason = Clock(control.wall_limit), self.refuses(problem, control)
+        if reason is not None:
+            return no_trajectory(problem, Status.REFUSED, reason)
+        try:
+            return self._integrate(problem, control, clock)
+        except StepFailure as failure:
+            return no_trajectory(problem, failure.status, f"no consistent start: {failure.message}")
 
 
 @dataclass

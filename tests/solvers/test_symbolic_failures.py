@@ -8,6 +8,7 @@ from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.types import Problem, Status, StepControl
+from mbsbench.solvers.formulations.recording import Clock, StepFailure
 
 ALL = ["rk45_strong_form", "ndf_index1", "ida_index1", "ida_index2", "ida_index3"]
 
@@ -78,6 +79,24 @@ def test_a_wall_limit_is_kept(solver):
     """A run of hours stops at 50 ms with what it has."""
     t = make_solver(solver).solve(make_problem("heavy_top", {"t_end": 1e4}), StepControl(rtol=1e-9, wall_limit=0.05))
     assert t.status is Status.STALLED and "wall" in t.message and t.t[-1] < 1e4
+
+
+@pytest.mark.parametrize("solver", ALL)
+def test_the_clock_is_looked_at_at_every_evaluation(solver, monkeypatch):
+    """A step near a singular pose may take any number of evaluations: the wall limit ends it inside."""
+    looks = 0
+
+    def check(clock: Clock) -> None:
+        nonlocal looks
+        looks += 1
+        if looks > 400:
+            raise StepFailure(Status.STALLED, "the wall limit was reached")
+
+    monkeypatch.setattr(Clock, "check", check)
+    problem = make_problem("n_four_bar", {"windows": 2, "t_end": 10.0})
+    t = make_solver(solver).solve(problem, StepControl(rtol=1e-6))
+    assert t.status is Status.STALLED and "wall limit" in t.message
+    assert 0 < t.counters["evaluations"] <= looks + t.counters.get("difference_evaluations", 0)
 
 
 def test_lambda_in_the_error_test_stalls_the_fully_implicit_form():

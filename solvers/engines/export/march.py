@@ -1,6 +1,5 @@
 """Fixed steps of an engine that loops by itself: stretches of many steps, the clock read between them."""
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -25,16 +24,16 @@ class PartialStretch(StepFailure):
 
 def march(
     problem: Problem, control: StepControl, advance: Advance, states: Callable[[np.ndarray], States], *,
-    began: float, notes: tuple[str, ...], stretch: int = STRETCH,
+    clock: Clock, notes: tuple[str, ...], stretch: int = STRETCH,
 ) -> Trajectory:  # fmt: skip
-    """Call ``advance`` until ``t_end``; CPU time is that of ``advance`` alone, set-up since process time ``began``."""
+    """Call ``advance`` until ``t_end``; CPU time is that of ``advance`` alone, set-up since ``clock`` was made."""
     dt, t_end = control.dt, problem.t_end
     assert dt is not None  # the catalogue has seen to it
     full, last = int(t_end / dt + 1e-9), int(np.ceil(t_end / dt - 1e-9))
     most = max(1, stretch // problem.system.nb)
     parts, n, cpu = [States.one(problem.initial)], 0, 0.0
     status, message = Status.SUCCESS, "reached the end"
-    setup, clock, spool = time.process_time() - began, Clock(control.wall_limit), control.spool
+    setup, spool = clock.restart(), control.spool
     try:
         while n < last:
             if n >= control.max_steps:

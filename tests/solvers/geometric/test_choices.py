@@ -1,6 +1,8 @@
 """Options of ODE-GC: labels, given C_bar and K_bar, Eq. (84) in full, raised penalties, the rank check."""
 
 import math
+import sys
+import time
 
 import numpy as np
 import pytest
@@ -50,6 +52,22 @@ def test_a_record_has_the_label_of_its_options():
     done = solve("torque_free_body", "gc_weak_form", dt=0.1, t_end=0.5, gauge="zero")
     assert done.record.paper_label == "ODE-GC (zero gauge)"
     assert solvers()["gc_weak_form"].paper_label == "ODE-GC (symmetric)"
+
+
+@pytest.mark.parametrize("solver", ["gc_weak_form", "gc_augmented_lagrangian"])
+def test_what_is_prepared_is_set_up(solver, monkeypatch):
+    """A cold compiler takes its time before the first step: the record has it as set-up, not as CPU time of the run."""
+    module = sys.modules[type(make_solver(solver)).__module__]
+
+    def slow(*given: object) -> tuple:
+        began = time.process_time()
+        while time.process_time() - began < 0.5:
+            pass
+        return prepare(*given)
+
+    monkeypatch.setattr(module, "prepare", slow)
+    record = solve("heavy_top", solver, t_end=0.01).record
+    assert record.setup_s >= 0.5 and record.cpu_min_s < 0.25
 
 
 @pytest.mark.parametrize("direction", ["a", "mass", "translation"])

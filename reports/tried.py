@@ -1,0 +1,120 @@
+"""The page of ``mbsbench try``: one file, with all lines and the charts of the reports behind them."""
+
+import base64
+import math
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from jinja2 import Environment, FileSystemLoader
+from matplotlib.figure import Figure
+
+from ..harness.files import write_text
+from ..harness.results.judgements import Order
+from .model.motion import motion_of
+from .model.provenance import stamp
+from .model.results import Results, read_results
+from .pages.judged.certificates import ladders
+from .pages.judged.orders import certificates
+from .pages.judgement import links_of
+from .plots.laws import Drawing, laws
+from .plots.lines import all_lines, shared_options
+from .plots.palette import looks
+from .plots.printed import figure
+from .plots.spec import Plot, Trace
+from .plots.style import save
+from .plots.work import PAIRS, recorded, work_plots
+
+TEMPLATES = Path(__file__).parent / "templates"
+QUANTITIES = ("position", "orientation", "energy", "reaction")
+
+
+class Line(Protocol):
+    """A finding, of ``try``."""
+
+    @property
+    def what(self) -> str:
+        """What was looked at."""
+
+    @property
+    def measured(self) -> str:
+        """The number, in words."""
+
+    @property
+    def expected(self) -> str:
+        """What it is compared with."""
+
+    @property
+    def good(self) -> bool | None:
+        """Whether it is met; None where nothing is expected."""
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A figure with its caption, as the address of an image that the page contains."""
+
+    caption: str
+    image: str
+
+
+@dataclass(frozen=True)
+class Tried:
+    """What ``try`` found: a line each, how many are met in words, and the orders behind them."""
+
+    solver: str
+    summary: str
+    lines: Sequence[Line]
+    orders: Sequence[Order]
+
+
+def write_page(path: Path, folder: Path, found: Tried) -> None:
+    """Write ``path``: the lines, then observed orders, energy over the long run, and work against error."""
+    results = read_results(folder, check_series=False)
+    template = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template("tried.html")
+    charts = list(_charts(results, found.orders))
+    write_text(path, template.render(**vars(found), charts=charts, stamp=stamp(results)))
+
+
+def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:
+    own = looks(results.solvers)
+
+    def chart(plots: Sequence[Plot], caption: str) -> Chart:
+        return Chart(caption, _image(partial(figure, plots, own, columns=2)))
+
+    if plots := _orders(results, orders):
+        yield chart(plots, "Observed order: error against step with the fitted line; dashed, the declared order.")
+    for run in (r for r in results.runs if r.record.label == "long"):
+        motions = {run.record.run_id: motion_of(run, results.readable_series(run))}
+        found = laws(Drawing([run], all_lines([run], shared_options([run])), motions))
+        if found:
+            yield chart(found.plots, f"Over {run.record.t_reached_s:g} s of {run.variant}.")
+    for variant in results.variants:
+        runs = variant.labels().get("ladder", ())
+        if runs:
+            points = recorded(replace(variant, runs=runs))
+            if plots := list(work_plots("work", points, PAIRS).values()):
+                yield chart(plots, f"{variant.title}: work against error. Lower and further left is better.")
+
+
+def _orders(results: Results, orders: Sequence[Order]) -> list[Plot]:
+    """The ladders of the certificates, each with the declared order through the finest end of its fit."""
+    plots = []
+    for c in certificates([o for o in orders if o.quantity in QUANTITIES], links_of(results.runs)):
+        for plot in ladders([c]):
+            declared = []
+            if c.fit and math.isfinite(c.of.declared):
+                x, y = (np.array(v) for v in zip(*c.fit, strict=True))
+                line = y[0] * (x / x[0]) ** c.of.declared
+                declared.append(Trace(f"declared: order {c.of.declared:g}", x, line, dash=1))
+            plots.append(replace(plot, traces=(*plot.traces, *declared)))
+    return plots
+
+
+def _image(draw: Callable[[], Figure]) -> str:
+    with tempfile.TemporaryDirectory() as place:
+        (file,) = save(draw, Path(place), "chart", ("svg",))
+        return "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode()
