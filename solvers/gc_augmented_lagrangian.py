@@ -18,6 +18,7 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.choices import GaugeChoices, Penalty
 from .formulations.geometric.driver import integrate, prepare
+from .formulations.geometric.passages import passages
 from .formulations.rank import rows_to_keep
 
 
@@ -68,8 +69,6 @@ class GcAugmentedLagrangian(GaugeChoices):
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``; singular passages are in ``events``."""
-        from .formulations.geometric.passages import passages  # its scipy.signal takes a third of all imports
-
         began = time.perf_counter()
         redundant = problem.system.nrows - len(rows_to_keep(problem.system, problem.initial))
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)

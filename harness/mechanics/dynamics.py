@@ -80,5 +80,5 @@ def moved(s: State, rates: Rates, dt: float) -> State:
 
 def _forces(system: MultibodySystem, s: State) -> np.ndarray:
     f: np.ndarray = applied(system, States.one(s))[0]
-    f[:, 3:] -= np.cross(s.Omega, np.einsum("bij,bj->bi", system.inertia, s.Omega))
+    f[:, 3:] -= so3.cross(s.Omega, np.einsum("bij,bj->bi", system.inertia, s.Omega))
     return f

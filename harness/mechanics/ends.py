@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from . import so3
 from .state import States
 from .system import MultibodySystem
 
@@ -13,6 +14,8 @@ def with_ground(a: np.ndarray, ground: np.ndarray) -> np.ndarray:
 
 def turned(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Vectors ``x`` (m, 3) fixed in bodies, in space (nt, m, 3)."""
+    if not len(body):
+        return np.zeros((len(s.r), 0, 3))
     return times(with_ground(s.R, np.eye(3))[:, body], x)
 
 
@@ -23,7 +26,9 @@ def times(A: np.ndarray, x: np.ndarray) -> np.ndarray:
 
 def turning(s: States, body: np.ndarray, x: np.ndarray) -> np.ndarray:
     """Their rates."""
-    return turned(s, body, np.cross(with_ground(s.Omega, np.zeros(3))[:, body], x))
+    if not len(body):
+        return np.zeros((len(s.r), 0, 3))
+    return turned(s, body, so3.cross(with_ground(s.Omega, np.zeros(3))[:, body], x))
 
 
 def points(system: MultibodySystem, s: States, joints: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -151,7 +151,7 @@ def drive_power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
         for body, rows, translation, rotation in row_parts(system, part):
             A[:, rows, body] += np.concatenate((translation, rotation), axis=-1)
         f = applied(system, part)
-        f[:, :, 3:] -= np.cross(part.Omega, times(system.inertia, part.Omega))
+        f[:, :, 3:] -= so3.cross(part.Omega, times(system.inertia, part.Omega))
         B = np.einsum("tkbj,bij->tkbi", A, inverse).reshape(len(part), system.nrows, -1)
         x = np.einsum("bij,tbj->tbi", inverse, f).reshape(len(part), -1)
         missing = -drift(system, part) - times(B, x)
@@ -164,7 +164,7 @@ def drive_power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
 
 def _wrench(R: np.ndarray, force: np.ndarray, p: np.ndarray) -> np.ndarray:
     """(force [space], its torque about C [body]) of a force at the point ``p`` of a body."""
-    return np.concatenate((force, np.cross(p, np.einsum("tij,ti->tj", R, force))), axis=-1)
+    return np.concatenate((force, so3.cross(p, np.einsum("tij,ti->tj", R, force))), axis=-1)
 
 
 def _load(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
@@ -181,7 +181,7 @@ def linear_momentum(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt
 
 def angular_momentum(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt 3"]:
     """sum (r x m r_dot + R J Omega) about the origin [kg m2/s], space frame."""
-    orbital = np.einsum("b,tbi->ti", system.mass, np.cross(s.r, s.v))
+    orbital = np.einsum("b,tbi->ti", system.mass, so3.cross(s.r, s.v))
     return orbital + np.einsum("tbij,bjk,tbk->ti", s.R, system.inertia, s.Omega)
 
 
@@ -213,18 +213,18 @@ def row_parts(system: MultibodySystem, s: States) -> Iterator[tuple[np.ndarray, 
     joints, point = system.point_rows()
     line, axis = system.line_rows(), system.axis_rows()
     push = moving(system, s)
-    torque = np.cross(turned(s, system.joint_i[axis.joint], axis.u), turned(s, system.joint_j[axis.joint], axis.n))
+    torque = so3.cross(turned(s, system.joint_i[axis.joint], axis.u), turned(s, system.joint_j[axis.joint], axis.n))
     way = _line_ways(system, s, line, velocity=False)[1]
     for ends, arms, sign in ((system.joint_i, system.joint_s_i, 1.0), (system.joint_j, system.joint_s_j, -1.0)):
         m = np.flatnonzero(ends[joints] != GROUND)
         body, arm = ends[joints[m]], arms[joints[m]]
         for c in range(3):  # on Omega: e_c . R (Omega x s) = (s x R^T e_c) . Omega
             unit = np.broadcast_to(sign * np.eye(3)[c], (len(s.r), len(m), 3))
-            yield body, point[m, c], unit, sign * np.cross(arm, s.R[:, body, c])
+            yield body, point[m, c], unit, sign * so3.cross(arm, s.R[:, body, c])
         m = np.flatnonzero(ends[line.joint] != GROUND)  # a force along the way at the point of i, on both bodies
         body = ends[line.joint[m]]
         x = points(system, s, line.joint[m])[0]
-        moment = np.cross(x - s.r[:, body], way[:, m])
+        moment = so3.cross(x - s.r[:, body], way[:, m])
         yield body, line.row[m], sign * way[:, m], sign * times(np.swapaxes(s.R[:, body], -1, -2), moment)
         m = np.flatnonzero(ends[axis.joint] != GROUND)
         body = ends[axis.joint[m]]
@@ -232,7 +232,7 @@ def row_parts(system: MultibodySystem, s: States) -> Iterator[tuple[np.ndarray, 
         yield body, axis.row[m], np.zeros_like(spin), sign * spin
         m = np.flatnonzero(ends[push.joint] != GROUND)  # a force at the row's own point, on both bodies, and a torque
         body = ends[push.joint[m]]
-        moment = push.torque[:, m] + np.cross(push.point[:, m] - s.r[:, body], push.force[:, m])
+        moment = push.torque[:, m] + so3.cross(push.point[:, m] - s.r[:, body], push.force[:, m])
         yield body, push.row[m], sign * push.force[:, m], sign * times(np.swapaxes(s.R[:, body], -1, -2), moment)
 
 
@@ -252,7 +252,7 @@ def point_velocity(s: States, body: int, p: Float[np.ndarray, " 3"]) -> Float[np
     """Space velocity [m/s] of the point ``p`` of a body."""
     if body == GROUND:
         return np.zeros((len(s.r), 3))
-    return s.v[:, body] + np.einsum("tij,tj->ti", s.R[:, body], np.cross(s.Omega[:, body], p))
+    return s.v[:, body] + np.einsum("tij,tj->ti", s.R[:, body], so3.cross(s.Omega[:, body], p))
 
 
 def _spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
@@ -264,6 +264,8 @@ def _spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray
 
 def _line_ways(system: MultibodySystem, s: States, line: LineRows, *, velocity: bool) -> tuple[np.ndarray, np.ndarray]:
     """phi of the line rows (nt, m), or their rates, and the direction of their force: R_j n, or d / L."""
+    if not len(line.row):
+        return np.zeros((len(s.r), 0)), np.zeros((len(s.r), 0, 3))
     d, n = gaps(system, s, line.joint, velocity=False), turned(s, system.joint_j[line.joint], line.n)
     link = line.length > 0.0
     L = np.where(link, line.length, 1.0)

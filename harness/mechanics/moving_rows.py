@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
+from . import so3
 from .ends import points, times, turned, with_ground
 from .joints import MovingKind
 from .state import States
@@ -47,7 +48,7 @@ class Push(NamedTuple):
         seen, spin = np.zeros((2, *self.force.shape))
         for ends, sign in ((system.joint_i, 1.0), (system.joint_j, -1.0)):
             b = ends[self.joint]
-            seen += sign * (v[:, b] + np.cross(omega[:, b], self.point - r[:, b]))
+            seen += sign * (v[:, b] + so3.cross(omega[:, b], self.point - r[:, b]))
             spin += sign * omega[:, b]
         return np.sum(self.force * seen + self.torque * spin, axis=-1) + self.phi_t
 
@@ -87,7 +88,7 @@ def _driven_angle(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, leng
     x_i, _, u, n_1, n_2, _ = here
     cosine, sine = np.cos(f)[:, None], np.sin(f)[:, None]
     n, dn = n_1 * cosine + n_2 * sine, n_2 * cosine - n_1 * sine
-    return [(_dot(u, n), _dot(u, dn) * f_dot, 0.0, np.cross(u, n), x_i)]
+    return [(_dot(u, n), _dot(u, dn) * f_dot, 0.0, so3.cross(u, n), x_i)]
 
 
 def _knife_edge(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:

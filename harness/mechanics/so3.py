@@ -8,6 +8,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of axes, in their cycle
+
 
 def hat(a: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
     """The skew matrix with ``hat(a) b = a x b``."""
@@ -16,6 +18,11 @@ def hat(a: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -a[..., 2], a[..., 1], -a[..., 0]
     out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = a[..., 2], -a[..., 1], a[..., 0]
     return out
+
+
+def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a x b of vectors in the last axis: numpy's own, to the bit, takes nine times as long for one."""
+    return a[..., NEXT] * b[..., LAST] - a[..., LAST] * b[..., NEXT]
 
 
 def exp(rotation_vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
@@ -40,8 +47,8 @@ def angular_velocity(
     x = np.sqrt(np.where(x2 < 1e-2, 1.0, x2))
     g = np.where(x2 < 1e-2, 0.5 - x2 / 24.0 + x2**2 / 720.0 - x2**3 / 40320.0, (1.0 - np.cos(x)) / x**2)
     h = np.where(x2 < 1e-2, 1.0 / 6.0 - x2 / 120.0 + x2**2 / 5040.0 - x2**3 / 362880.0, (x - np.sin(x)) / x**3)
-    across = np.cross(a, rate)
-    return rate - g * across + h * np.cross(a, across)
+    across = cross(a, rate)
+    return rate - g * across + h * cross(a, across)
 
 
 def rate_of_vector(
@@ -55,8 +62,8 @@ def rate_of_vector(
     x = np.sqrt(np.where(x2 < 1e-2, 1.0, x2))
     h = np.where(x2 < 1e-2, 1.0 / 12.0 + x2 / 720.0 + x2**2 / 30240.0 + x2**3 / 1209600.0,
                  (1.0 - 0.5 * x / np.tan(0.5 * x)) / x**2)  # fmt: skip
-    across = np.cross(a, Omega)
-    return Omega + 0.5 * across + h * np.cross(a, across)
+    across = cross(a, Omega)
+    return Omega + 0.5 * across + h * cross(a, across)
 
 
 def euler313(phi: float, theta: float, psi: float) -> Float[np.ndarray, "3 3"]:

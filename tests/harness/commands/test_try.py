@@ -1,42 +1,85 @@
 """``try``: a solver of ten lines gets its page; a fault in it is a line that fails."""
 
+import base64
 import json
 import re
 
 import pytest
+from markupsafe import escape
 
+from mbsbench.harness.catalogue import registry
 from mbsbench.harness.commands import assessment
+from mbsbench.harness.commands.assessment import Line
+from mbsbench.harness.commands.progress import progress
+from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.suites.suite import Suite
+from mbsbench.reports.tried import Tried, write_page
 
 PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
 SOLVER = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)[0]
 
 
-def tried(command, tmp_path, text: str) -> dict[str, dict]:
-    (tmp_path / "midpoint.py").write_text(text, encoding="utf-8")
-    done = command("try", "midpoint.py", "--budget", "60", "--json", "--no-report", timeout=600.0)
-    assert done.stdout, done.stderr
-    return {"code": done.returncode, **{line["what"]: line for line in map(json.loads, done.stdout.splitlines())}}
+@pytest.fixture
+def laddered(tmp_path):
+    """What ``try`` finds on the coarser half of one ladder alone: a fifth of its steps decide on the order."""
+
+    def laddered(text: str) -> Tried:
+        (tmp_path / "own.py").write_text(text.replace('"midpoint"', '"own"'), encoding="utf-8")
+        registry.load_plugin(tmp_path / "own.py")
+        own = [s for s in assessment.first_runs("own", 60.0) if s.solver == "own" and s.label == "ladder"]
+        specs = [s for s in own if s.problem == "spherical_pendulum"][:5]
+        suite = Suite("try-own", "", tuple(specs), "", (str(tmp_path / "own.py"),))
+        with progress(quiet=True) as watcher:
+            records = run_suite(Request(suite, tmp_path / "results", 2), watcher).records
+        orders = assessment.orders("own", tmp_path / "results", records)
+        return Tried("own", "", list(assessment.findings("own", tmp_path / "results", records, orders)), orders)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registry, "_plugin_files", set())
+        patch.setattr(registry, "_plugin_solvers", {})
+        yield laddered
+
+
+def order_of_position(found: Tried) -> Line:
+    (line,) = (line for line in found.lines if line.what == "order, spherical_pendulum, position")
+    return line
+
+
+def test_ten_lines_have_a_certificate_of_their_order_and_a_page(laddered, tmp_path):
+    """Second order, as declared; the page has every line, and draws what was observed beside what is declared."""
+    found = laddered(SOLVER)
+    line = order_of_position(found)
+    assert line.good is True and 1.8 < float(line.measured.split()[0]) < 2.3 and line.expected == "2 declared"
+    write_page(tmp_path / "page.html", tmp_path / "results", found)
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert all(escape(line.what) in text and escape(line.measured) in text for line in found.lines)
+    charts = [base64.b64decode(image).decode() for image in re.findall(r"base64,([^\"]+)", text)]
+    assert "declared: order 2" in charts[0] and "position error" in charts[-1]
+
+
+def test_a_fault_falls_short_of_the_declared_order(laddered):
+    """A stage at a third of the step is of first order."""
+    assert SOLVER.count("dt / 2") == 1
+    line = order_of_position(laddered(SOLVER.replace("dt / 2", "dt / 3")))
+    assert line.good is False and float(line.measured.split()[0]) < 1.3
 
 
 @pytest.mark.slow
-def test_a_solver_of_ten_lines_has_a_certificate_of_its_order(command, tmp_path):
+def test_the_example_passes_with_all_it_is_tried_on(command, tmp_path):
     """Second order in position and orientation on both ladders, all symmetries, statuses on all problems."""
-    found = tried(command, tmp_path, SOLVER)
+    (tmp_path / "midpoint.py").write_text(SOLVER, encoding="utf-8")
+    done = command(
+        "try", "midpoint.py", "--budget", "60", "--json", "--no-report", "--html", "page.html", timeout=600.0
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = {line["what"]: line for line in map(json.loads, done.stdout.splitlines())}
     for name in assessment.LADDERS:
         for quantity in ("position", "orientation"):
             assert found[f"order, {name}, {quantity}"]["good"] is True
-    assert found["symmetries"]["good"] is True and found["code"] == 0
+    assert found["symmetries"]["good"] is True and (tmp_path / "page.html").exists()
     assert any(what.startswith("work, ") for what in found) and found["energy over many periods"]["measured"]
-
-
-@pytest.mark.slow
-def test_a_fault_falls_short_of_the_declared_order(command, tmp_path):
-    """A stage at a third of the step is of first order."""
-    assert SOLVER.count("dt / 2") == 1
-    found = tried(command, tmp_path, SOLVER.replace("dt / 2", "dt / 3"))
-    assert found["code"] == 1 and found["order, spherical_pendulum, position"]["good"] is False
 
 
 @pytest.mark.parametrize("solver", ["rattle", "rk45_strong_form"])
