@@ -35,6 +35,7 @@ class Watch:
         self.waiting: dict[str, Job] = {}
         self.running: dict[str, tuple[Job, float]] = {}
         self.estimate = Estimate({})
+        self.warming = False  # no run has begun
         self.compiling = False  # and not mentioned yet
         self.worst = (0.0, "")
         self.left = 0  # runs not started because of total_limit
@@ -42,7 +43,7 @@ class Watch:
     def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
         self.total, self.before = total, total - len(waiting)
         self.waiting = {job.id: job for job in waiting}
-        self.compiling = bool(waiting)
+        self.compiling = self.warming = bool(waiting)
         self.estimate = Estimate(durations(suite=waiting[0].suite) if waiting else {})
         kept = f", {self.before} already done" if self.before else ""
         self._say(f"{plural(total, 'run')}{kept}, results in {folder}")
@@ -51,7 +52,7 @@ class Watch:
         self.tick()
 
     def started(self, job: Job) -> None:
-        self.compiling = False
+        self.compiling = self.warming = False
         self.waiting.pop(job.id, None)
         self.running[job.id] = (job, time.monotonic())
         self.tick()
@@ -73,10 +74,10 @@ class Watch:
         self.tick()
 
     def warmed(self, times: dict[str, float], references: dict[str, float]) -> None:
-        for done, spent in (("compiled once", times), ("references computed once", references)):
-            slow = [f"{name} {seconds:.0f} s" for name, seconds in spent.items() if seconds > PATIENCE]
-            if slow:
-                self._say(f"{done}, not counted in any run: {', '.join(slow)}")
+        for done, spent in (("compiled", times), ("reference computed", references)):
+            for name, seconds in spent.items():
+                if seconds > PATIENCE:
+                    self._say(f"{done} in {seconds:.0f} s, not counted in any run: {name}")
 
     def tick(self) -> None:
         now = time.monotonic()
@@ -119,6 +120,8 @@ class Watch:
             guess = self.estimate.guess(job.spec)
             of = f" of about {in_words(guess)}" if guess is not None else ""
             lines.append(Text(f"  {now - since:.0f} s{of}: {job.spec.case}", "dim"))
+        if self.warming:
+            lines.append(Text(f"  {now - self.opened:.0f} s: computing references, compiling kernels", "dim"))
         for line in lines:
             line.no_wrap, line.overflow = True, "ellipsis"
         return lines

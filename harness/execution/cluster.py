@@ -26,7 +26,7 @@ from ..suites.spec import RunSpec
 from ..types import EndedBy
 from .job import Job, cut_short
 from .pool import TICK, PoolError, TimeLimit
-from .protocol import Done, Lost, News, Start, Stop, Supervised, Warm
+from .protocol import Done, Lost, News, Start, Stop, Supervised, Warm, Warmed
 from .warmup import runs_to_warm
 
 PATIENCE = 60.0  # [s] without any worker
@@ -173,12 +173,14 @@ class _Supervisor(Supervised):
     def __init__(self) -> None:
         super().__init__()
         self.warm: list[RunSpec] = []
+        self.news: list[News] = []
 
     def run(self, job: Job) -> None:
         """Returns when the run has its record."""
         specs = [c for c in runs_to_warm([job.spec]) if c not in self.warm]
         self.send(Warm(specs, [job]))
-        self._answer()
+        while not (isinstance(warmed := self._answer(), Warmed) and warmed.over):
+            pass
         self.warm += specs
         self.send(Start(job))
         done = self._answer()
@@ -186,9 +188,9 @@ class _Supervisor(Supervised):
             raise RuntimeError(done.error)
 
     def _answer(self) -> News:
-        while not (news := self.receive()):
-            pass
-        return news[0]
+        while not self.news:
+            self.news += self.receive()
+        return self.news.pop(0)
 
 
 _of_thread = threading.local()

@@ -119,10 +119,11 @@ class LocalPool:
 
     def _receive(self, news: News) -> None:
         if isinstance(news, Warmed):
-            self._compiling = False
-            if self._limit is not None and self._limit.until == math.inf:
-                self._limit = self._limit.begun()
             self.warmed(news.times, news.references)
+            if news.over:
+                self._compiling = False
+                if self._limit is not None and self._limit.until == math.inf:
+                    self._limit = self._limit.begun()
             return
         job = self._flying.pop(news.run_id)
         if news.error:

@@ -38,10 +38,11 @@ class Stop(Message, frozen=True):
 
 
 class Warmed(Message, frozen=True):
-    """How long each solver took to compile, and each reference to compute or to read [s]."""
+    """How long each solver took to compile since the last news, and each reference to compute or to read [s]."""
 
     times: dict[str, float]
     references: dict[str, float]
+    over: bool = False  # runs may begin
 
 
 class Done(Message, frozen=True):

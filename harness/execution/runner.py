@@ -45,7 +45,7 @@ class Watcher(Protocol):
         """A run has its record."""
 
     def warmed(self, times: dict[str, float], references: dict[str, float]) -> None:
-        """Solvers are compiled and references are there; how long each took [s]."""
+        """Solvers are compiled or references are there, of some at a time; how long each took [s]."""
 
     def tick(self) -> None:
         """Time passes."""

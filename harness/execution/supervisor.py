@@ -134,8 +134,11 @@ def serve(orders: int, news: int) -> None:
                 match order:
                     case Warm(specs, jobs):
                         references = references_apart(jobs, lambda: _closed(orders))
-                        times = warm_apart_then_here(specs, lambda: _closed(orders))
-                        os.write(news, line_of(Warmed(times, references)))
+                        os.write(news, line_of(Warmed({}, references)))
+                        warm_apart_then_here(
+                            specs, lambda: _closed(orders), lambda times: os.write(news, line_of(Warmed(times, {})))
+                        )
+                        os.write(news, line_of(Warmed({}, {}, over=True)))
                     case Stop(limit):
                         supervisor.stop(limit)
                     case Start(job):

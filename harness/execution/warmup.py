@@ -118,9 +118,15 @@ def references_apart(jobs: Sequence[Job], unwanted: Callable[[], bool] = lambda:
     return times
 
 
-def warm_apart_then_here(specs: Sequence[RunSpec], unwanted: Callable[[], bool] = lambda: False) -> dict[str, float]:
-    """Warm in forked processes, then here what went well there; the times [s] of the first. Ends when ``unwanted``."""
-    times: dict[str, float] = {}
+def warm_apart_then_here(
+    specs: Sequence[RunSpec],
+    unwanted: Callable[[], bool] = lambda: False,
+    warmed: Callable[[dict[str, float]], object] = lambda times: None,
+) -> None:
+    """Warm in forked processes, then here what went well there. Ends when ``unwanted``.
+
+    ``warmed`` is called with the time [s] that a solver took, as soon as it is known.
+    """
     well: list[RunSpec] = []
     waiting, going = list(reversed(specs)), dict[Apart, RunSpec]()  # one that hangs takes no other's time
     try:
@@ -134,8 +140,8 @@ def warm_apart_then_here(specs: Sequence[RunSpec], unwanted: Callable[[], bool] 
                 if (ended := process.look()) is not None:
                     spec = going.pop(process)
                     for line in ended.sent.splitlines():
-                        for solver, took in json.loads(line).items():
-                            times[solver] = times.get(solver, 0.0) + took
+                        if times := json.loads(line):
+                            warmed(times)
                             well.append(spec)
     finally:
         for process in going:
@@ -143,4 +149,3 @@ def warm_apart_then_here(specs: Sequence[RunSpec], unwanted: Callable[[], bool] 
             process.wait()
     if not unwanted():
         warm(well)
-    return times

@@ -1,0 +1,57 @@
+"""Before the first run: each solver is said as soon as it is compiled, each reference as soon as it is computed."""
+
+import re
+
+from rich.console import Console
+
+from mbsbench.harness.commands.progress import Watch
+from mbsbench.harness.execution.pool import LocalPool
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.suites.suite import parse_suite
+
+from ..conftest import Silent
+
+TEXT = """
+[[runs]]
+problem = "spherical_pendulum"
+parameters = { t_end = 0.1 }
+solver = ["rk45_strong_form", "scipy_strong_form"]
+rtol = 1e-3
+"""
+
+
+class Listening(Silent):
+    """Remembers all news in their order."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.news: list[str] = []
+
+    def warmed(self, times, references):
+        assert all(seconds > 0.0 for seconds in (*times.values(), *references.values()))
+        self.news += [*times, *references]
+
+    def started(self, job):
+        self.news.append("run")
+
+
+def test_each_solver_is_news_of_its_own_before_the_first_run(tmp_path):
+    """Two minutes of compilation show where they are."""
+    watcher = Listening()
+    run_suite(Request(parse_suite(TEXT, "test", "test"), tmp_path / "results", 2), watcher, LocalPool)
+    reference, *solvers, first, second = watcher.news
+    assert reference.startswith("spherical_pendulum") and first == second == "run"
+    assert sorted(solvers) == ["rk45_strong_form", "scipy_strong_form"]
+
+
+def test_a_line_for_what_took_its_time(tmp_path):
+    """What was in the cache is not mentioned."""
+    console = Console(record=True, width=100)
+    watch = Watch(console, None)
+    watch.warmed({}, {"chain": 58.0, "heavy_top": 0.1})
+    watch.warmed({"rattle": 40.4}, {})
+    watch.warmed({"gc_weak_form": 0.2}, {})
+    lines = console.export_text().splitlines()
+    assert [re.sub(r",.*:", ":", line) for line in lines] == [
+        "reference computed in 58 s: chain", "compiled in 40 s: rattle",
+    ]  # fmt: skip
