@@ -54,13 +54,14 @@ class Printed:
 
 
 def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> list[Path]:
-    """What ``mbsbench figures`` does; ``only`` are names of problems or variants."""
+    """What ``mbsbench figures`` does; ``only`` are names of variants, or of problems that have none of that name."""
     results = read_results(Path(folder), check_series=False)
-    known = {p.title for p in results.variants} | {p.problem for p in results.variants}
+    titles = {p.title for p in results.variants}
+    known = titles | {p.problem for p in results.variants}
     unknown = [name for name in only if name not in known]
     if unknown:
         raise ValueError(f"no problem {unknown[0]!r} in these results; there are {', '.join(sorted(known))}")
-    variants = [p for p in results.variants if p.title in only or p.problem in only or not only]
+    variants = [p for p in results.variants if p.title in only or p.problem in {*only} - titles or not only]
     out, captions, files = Path(folder) / FOLDER, [], []
     if picture := heat(results):
         files += save(partial(heat_figure, picture), out, OVERVIEW, SUFFIXES)
@@ -102,7 +103,7 @@ def figures_of(results: Results, variant: Variant) -> Iterator[Printed]:
             chapter = laws(Drawing(variant.runs, lines, motions))
             plots = {p.name: p for p in chapter.plots} if chapter else {}
             empty = np.zeros(0)
-            unseen = [Trace(k.words, empty, empty, solver=k.run.record.solver, dash=k.dash)
+            unseen = [Trace(k.words, empty, empty, solver=k.run.record.solver, who=k.who, dash=k.dash)
                       for k in lines if not motions[k.run.record.run_id].moved]  # fmt: skip
             draw = partial(figure, looks=own, unseen=unseen)
             title = f"{variant.title}, {label or 'all runs'}"

@@ -1,7 +1,7 @@
 // Filters over items, grids that the arrow keys walk through, and switches between plots.
 (() => {
   // [data-filters="#list"] holds selects named after data-* attributes of the items in the list (lists are JSON arrays),
-  // and perhaps a search for words in their text
+  // and perhaps a search for words in their text; what is chosen is in the address, as `list.name=value`
   for (const bar of document.querySelectorAll("[data-filters]")) {
     const list = document.querySelector(bar.dataset.filters);
     const items = [...list.querySelectorAll("[data-item]")];
@@ -11,19 +11,31 @@
       const own = item.dataset[name] ?? "";
       return own.startsWith("[") ? JSON.parse(own).includes(wanted) : own === wanted;
     };
-    const apply = () => {
-      let shown = 0;
+    const table = items[0]?.tagName === "TR" ? items[0].closest("table") : null, asked = new URLSearchParams(location.search), key = (of) => `${list.id}.${of.name || of}`;
+    const fields = search ? [...selects, search] : selects;
+    for (const f of fields) {
+      const value = asked.get(key(f));
+      if (value !== null && (f === search || [...f.options].some((o) => o.value === value))) f.value = value;
+    }
+    if (fields.some((f) => asked.has(key(f)))) for (let e = list; e; e = e.parentElement) if (e.tagName === "DETAILS") e.open = true;
+    const keep = (page) => {
+      const kept = new URLSearchParams(location.search), set = (of, value) => (value ? kept.set(key(of), value) : kept.delete(key(of)));
+      fields.forEach((f) => set(f, f.value === "*" ? "" : f.value));
+      set("page", page ? page + 1 : "");
+      try { history.replaceState(null, "", `${location.pathname}${kept.size ? "?" : ""}${kept}${location.hash}`); } catch { /* not kept */ }
+    };
+    const apply = (page = 0) => {
       const words = search ? search.value.toLowerCase().split(/\s+/).filter(Boolean) : [];
-      for (const item of items) {
+      const fits = (item) => {
         const text = words.length ? item.textContent.toLowerCase() : "";
-        item.hidden = words.some((w) => !text.includes(w)) || selects.some((s) => s.value !== "*" && !has(item, s.name, s.value));
-        shown += !item.hidden;
-      }
+        return words.every((w) => text.includes(w)) && selects.every((s) => s.value === "*" || has(item, s.name, s.value));
+      };
+      const shown = table ? table.choose(fits, page, keep) : items.filter((item) => !(item.hidden = !fits(item))).length;
+      if (!table) keep(0);
       for (const part of list.querySelectorAll("[data-part]")) part.hidden = !part.querySelector("[data-item]:not([hidden])");
       if (said) said.textContent = `${shown} of ${items.length} shown`;
     };
-    selects.forEach((s) => s.addEventListener("change", apply));
-    search?.addEventListener("input", apply);
+    fields.forEach((f) => f.addEventListener(f === search ? "input" : "change", () => apply()));
     for (const button of document.querySelectorAll(`[data-set-filter]`)) {
       button.addEventListener("click", () => {
         const [name, value] = JSON.parse(button.dataset.setFilter);
@@ -32,7 +44,7 @@
       });
     }
     bar.hidden = false;
-    apply();
+    apply(Math.max(Number(asked.get(key("page"))) - 1 || 0, 0));
   }
 
   // [data-grid]: one stop of the tab key, arrows move inside; what a box says is read out below

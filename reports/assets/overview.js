@@ -84,11 +84,12 @@
   const table = document.querySelector("[data-runs]");
   if (!table) return;
   const { rows, solvers, problems, labels } = await MBS.unpack(MBS.runs);
-  const form = document.querySelector("[data-filters]"), pager = document.querySelector("[data-pager]");
+  const form = document.querySelector("[data-filters]");
+  const turned = MBS.pager(document.querySelector("[data-pager]"), (by) => { changed(page + by); form.scrollIntoView(); });
   const RUN = 0, KIND = 1, STATUS = 2, SOLVER = 3, PROBLEM = 4, LABEL = 5, SETTINGS = 6, WHY = 7, T = 8, ENERGY = 9, ERROR = 10, PHI = 11, WORK = 12, CPU = 13, DRIFT = 14;
   const columns = [SOLVER, PROBLEM, SETTINGS, LABEL, STATUS, T, ENERGY, DRIFT, ERROR, PHI, WORK, CPU];
   const named = { [SOLVER]: (v) => solvers[v][0], [PROBLEM]: (v) => problems[v][0], [LABEL]: (v) => labels[v] };
-  const ROWS = matchMedia("(max-width: 640px)").matches ? 20 : 100; // a page: on a phone each is a card
+  const ROWS = MBS.PAGE;
   const asked = new URLSearchParams(location.search);
   let sorting = { column: null, up: true }, page = Math.max(Number(asked.get("page")) - 1 || 0, 0);
 
@@ -123,16 +124,12 @@
     try { history.replaceState(null, "", `?${kept}${location.hash}`.replace(/^\?(?=#|$)/, location.pathname)); } catch { /* not kept */ }
   };
   const render = () => {
-    const own = chosen(), last = Math.max(Math.ceil(own.length / ROWS) - 1, 0);
-    page = Math.min(page, last);
+    const own = chosen();
+    page = turned(page, own.length);
     const some = own.slice(page * ROWS, (page + 1) * ROWS);
     table.tBodies[0].replaceChildren(...some.map((row) => MBS.element("tr", { className: row[KIND] }, ...columns.map((c) => entry(row, c)))));
     MBS.cards(table);
     document.querySelector("[data-count]").textContent = `${own.length} of ${rows.length} runs`;
-    const [before, after] = pager.querySelectorAll("button");
-    pager.hidden = last === 0;
-    [before.disabled, after.disabled] = [page === 0, page === last];
-    pager.querySelector("output").textContent = `rows ${page * ROWS + 1} to ${page * ROWS + some.length} of ${own.length}`;
   };
   const changed = (to = 0) => { page = to; render(); address(); };
   const heads = [...table.tHead.rows[0].cells];
@@ -146,6 +143,5 @@
   form.addEventListener("input", () => changed());
   form.addEventListener("reset", () => setTimeout(changed));
   form.addEventListener("submit", (e) => e.preventDefault());
-  pager.querySelectorAll("button").forEach((b, k) => b.addEventListener("click", () => { changed(page + (k ? 1 : -1)); form.scrollIntoView(); }));
   render();
 })();

@@ -25,6 +25,9 @@
   const visible = (t) => !(t.solver && shown.hidden.has(t.solver))
     && (shown.group === "*" || t.group === undefined || t.group === shown.group) && (shown.all || t.main !== false);
 
+  // without a solver there is nothing that a limit or a reference would be compared with
+  const seen = (plot) => { const own = plot.traces.filter(visible); return own.some((t) => t.solver) || !plot.traces.some((t) => t.solver) ? own : []; };
+
   // zeros have no place on a logarithmic axis: points get one below the smallest value, lines a gap
   const floorOf = (traces, key) => {
     const points = traces.filter((t) => t.mode !== "lines");
@@ -35,7 +38,7 @@
     ? values.map((v) => (v > 0 ? v : v === 0 && points ? floor : null)) : values);
 
   const drawn = (plot, colours) => {
-    const own = plot.traces.filter(visible);
+    const own = seen(plot);
     const [fx, fy] = [floorOf(own, "x"), floorOf(own, "y")];
     const out = [];
     for (const t of own) {
@@ -75,7 +78,7 @@
   const layoutOf = (plot, colours) => {
     const axis = (a, name) => {
       const log = Boolean(a.log), limits = [a.low, a.high];
-      const ends = name === "y" ? plot.traces.filter(visible).flatMap((t) => t.reach || []) : []; // of what is shown, not of what is hidden
+      const ends = name === "y" ? seen(plot).flatMap((t) => t.reach || []) : []; // of what is shown, not of what is hidden
       const low = Math.min(...ends), high = Math.max(...ends), room = 0.08 * (high - low || Math.abs(high) || 1);
       if (ends.length && Number.isFinite(a.low)) [limits[0], limits[1]] = log ? [Math.max(a.low, low / 2), Math.min(a.high, 3 * high)] : [Math.max(a.low, low - room), Math.min(a.high, high + room)];
       const given = limits.every((v) => v !== undefined && v !== null && (!log || v > 0));
@@ -86,11 +89,15 @@
     };
     const lines = Object.values(plot.marks || {}).flat().map((at) => ({ type: "line", x0: at, x1: at, y0: 0, y1: 1, yref: "paper",
       line: { color: colours.muted, width: 1, dash: "dot" }, layer: "below" }));
-    const empty = plot.traces.some(visible) ? [] : [{ text: "nothing is selected", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 }];
+    // what belongs to no solver has its name at its end, a limit (two points) at its start, where errors are small
+    const place = (v, a) => (a.log ? Math.log10(v) : v);
+    const named = seen(plot).flatMap((t) => { const limit = t.x.length === 2, k = limit ? 0 : t.x.length - 1; return t.solver || t.mode !== "lines" || k < 0 || !(t.y[k] > 0 || !plot.y.log) ? [] : [{ text: escaped(t.name),
+      x: place(t.x[k], plot.x), y: place(t.y[k], plot.y), showarrow: false, xanchor: limit ? "left" : "right", yanchor: "bottom", font: { size: 11, color: colours.muted } }]; });
+    const empty = seen(plot).length ? [] : [{ text: "nothing is selected", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 }];
     return { xaxis: axis(plot.x, "x"), yaxis: axis(plot.y, "y"), margin: { l: 56, r: 14, t: 10, b: 44 }, paper_bgcolor: colours.card,
       plot_bgcolor: colours.card, font: { family: getComputedStyle(document.body).fontFamily, color: colours.ink, size: 12 }, hovermode: "closest",
       hoverlabel: { bgcolor: colours.card, bordercolor: colours.muted, font: { color: colours.ink, size: 12 }, align: "left", namelength: -1 },
-      dragmode: coarse ? false : "zoom", shapes: lines, annotations: empty, uirevision: "kept", showlegend: false };
+      dragmode: coarse ? false : "zoom", shapes: lines, annotations: [...named, ...empty], uirevision: "kept", showlegend: false };
   };
 
   const render = (plot) => {

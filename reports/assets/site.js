@@ -115,12 +115,40 @@
     const order = Number.isNaN(p) || Number.isNaN(q) ? x.localeCompare(y, undefined, { numeric: true }) : p === q ? 0 : p - q;
     return up ? order : -order;
   };
+  // long tables come in pages, on a phone of 20 rows: each may be a card. `turn` is called with -1 or 1
+  MBS.PAGE = matchMedia("(max-width: 640px)").matches ? 20 : 100;
+  MBS.pager = (box, turn) => {
+    const [back, on] = ["← Previous", "Next →"].map((textContent, k) => MBS.element("button", { type: "button", textContent, onclick: () => turn(2 * k - 1) }));
+    const said = MBS.element("output", { ariaLive: "polite" });
+    box.append(back, " ", said, " ", on);
+    return (page, count) => {
+      const last = Math.max(Math.ceil(count / MBS.PAGE) - 1, 0), now = Math.min(page, last), first = now * MBS.PAGE;
+      Object.assign(box, { hidden: last === 0 });
+      [back.disabled, on.disabled] = [now === 0, now === last];
+      said.textContent = `rows ${first + 1} to ${Math.min(first + MBS.PAGE, count)} of ${count}`;
+      return now;
+    };
+  };
   for (const table of document.querySelectorAll("table.sortable")) {
+    const body = table.tBodies[0], rows = [...body.rows], box = MBS.element("p", { className: "links pager" });
+    let page = 0, fits = () => true, changed = () => {};
+    const draw = () => {
+      const own = rows.filter(fits);
+      page = shown(page, own.length);
+      body.replaceChildren(...own.slice(page * MBS.PAGE, (page + 1) * MBS.PAGE));
+      changed(page);
+      return own.length;
+    };
+    const shown = MBS.pager(box, (by) => { page += by; draw(); table.scrollIntoView(); });
+    // which rows there are, from which page on; `told` hears of each page that is shown. Returns how many fit
+    table.choose = (wanted, from, told) => { [fits, page, changed] = [wanted, from, told]; return draw(); };
     MBS.sorters([...table.tHead.rows[table.tHead.rows.length - 1].cells], MBS.wrapped, (column, up) => {
-      const body = table.tBodies[0];
       const value = (row) => row.cells[column].dataset.v ?? row.cells[column].textContent.trim();
-      const rows = [...body.rows].map((row) => [value(row), row]);
-      body.append(...rows.sort((a, b) => MBS.ordered(a[0], b[0], up)).map((pair) => pair[1]));
+      const by = new Map(rows.map((row) => [row, value(row)]));
+      rows.sort((a, b) => MBS.ordered(by.get(a), by.get(b), up));
+      page = 0;
+      draw();
     });
+    if (rows.length > MBS.PAGE) { table.parentElement.after(box); draw(); }
   }
 })();

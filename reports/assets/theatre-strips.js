@@ -60,7 +60,10 @@
       pen.clearRect(0, 0, this.width, this.height);
       pen.font = "11px system-ui, sans-serif";
       const each = (this.height - FOOT - n * TOP - (n - 1) * GAP) / n;
-      play.strips.forEach((_, s) => this.panel(s, TOP + s * (each + TOP + GAP), each, shown, solid, s === n - 1));
+      const tops = play.strips.map((_, s) => TOP + s * (each + TOP + GAP));
+      tops.forEach((top, s) => this.panel(s, top, each, shown, solid, s === n - 1));
+      const gaps = tops.flatMap((top) => [`transparent ${top}px`, `var(--ink) ${top}px`, `var(--ink) ${top + each}px`, `transparent ${top + each}px`]);
+      this.cursor.style.background = `linear-gradient(${gaps})`; // not over the titles
     }
 
     range(s, shown, signed) {
@@ -148,17 +151,13 @@
 
     events(shown, top) {
       const { pen } = this;
-      pen.globalAlpha = 0.9;
+      Object.assign(pen, { globalAlpha: 0.9, textAlign: "center" });
       for (const m of this.play.marks) {
         if (m.kind !== "event" || !shown[m.player] || m.t < this.from || m.t > this.from + this.span) continue;
         pen.fillStyle = this.play.players[m.player].colour;
-        pen.beginPath();
-        pen.moveTo(this.x(m.t), top + 1);
-        pen.lineTo(this.x(m.t) - 3, top - 5);
-        pen.lineTo(this.x(m.t) + 3, top - 5);
-        pen.fill();
+        pen.fillText("◆", this.x(m.t), top + 2);
       }
-      pen.globalAlpha = 1;
+      Object.assign(pen, { globalAlpha: 1, textAlign: "left" });
     }
 
     levels(range, signed, y, right) {

@@ -88,7 +88,7 @@
     resize(width, height) {
       this.width = width;
       this.height = height;
-      this.camera.aspect = width / height;
+      this.camera.aspect = Math.max(width, 1) / Math.max(height, 1); // no size for a moment: while a phone turns
       this.camera.updateProjectionMatrix();
       if (this.name) this.show(this.name);
     }

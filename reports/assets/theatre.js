@@ -175,14 +175,14 @@
     button.addEventListener("click", () => next(kind));
   }
   const list = find("jump");
-  const signs = { stop: "★", event: "◆", whip: "▲" };
+  const signs = { stop: "★", event: "◆", whip: "▼" };
   list.options[0].text = marks.length ? "a moment …" : "no moments";
   list.append(...marks.map((m, value) => MBS.element("option", { value }, `${signs[m.kind]} ${words(m)}`.slice(0, 110))));
   list.disabled = !marks.length;
   list.addEventListener("change", () => { if (list.value) jump(marks[Number(list.value)]); list.value = ""; });
   const ticks = find("ticks");
   for (const m of marks) {
-    ticks.append(MBS.element("i", { className: m.kind, style: `left: ${(100 * m.t) / play.t_end}%; --c: ${players[m.player].colour}` }));
+    ticks.append(MBS.element("i", { textContent: signs[m.kind], style: `left: ${(100 * m.t) / play.t_end}%; --c: ${players[m.player].colour}` }));
   }
 
   // who is shown, who is solid

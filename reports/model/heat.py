@@ -66,6 +66,11 @@ class Row:
     boxes: tuple[Box | None, ...]
 
     @property
+    def paper_label(self) -> str:
+        """What the paper calls it."""
+        return next((b.run.record.paper_label for b in self.boxes if b is not None), "")
+
+    @property
     def succeeded(self) -> int:
         return sum(b is not None and b.run.succeeded for b in self.boxes)
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from .results import Results, Run
+from .words import plural
 
 UNKNOWN = "not recorded"
 ASKED = {"dt_s": "dt {} s", "rtol": "rtol {}", "max_step_s": "max step {} s"}
@@ -49,6 +50,8 @@ def cautions(results: Results) -> list[str]:
     commits = sorted({c.record.commit for c in results.runs if c.record.commit})
     if len(commits) > 1:
         out.append(f"Runs were made at {len(commits)} commits: {', '.join(commits)}.")
+    if results.made_again:
+        out.append(f"{plural(results.made_again, 'run')} made again later with the same settings left out.")
     if results.environment.get("dirty"):
         out.append("The checkout had uncommitted changes: the commit alone does not reproduce these numbers.")
     if isinstance(results.environment.get("jobs"), int) and results.environment["jobs"] > 1:

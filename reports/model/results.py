@@ -137,6 +137,7 @@ class Results:
     environment: Mapping[str, Any]
     runs: tuple[Run, ...]
     unreadable: tuple[store.Unreadable, ...]
+    made_again: int = 0  # runs left out: there are later ones with the same settings
 
     @cached_property
     def variants(self) -> tuple[Variant, ...]:
@@ -167,14 +168,18 @@ class Results:
 
 
 def read_results(folder: Path, *, check_series: bool = True) -> Results:
-    """The results in ``folder``; what cannot be read is listed, not hidden. Unchecked series are checked when taken."""
+    """The results in ``folder``, of runs with the same settings the latest; what cannot be read is listed, not hidden.
+
+    Unchecked series are checked when taken.
+    """
     loaded = store.load(folder, check_series=False)
-    records = loaded.records if check_series else ()
+    latest = {r.settings_id: r for r in sorted(loaded.records, key=lambda r: r.finished)}.values()
+    records = latest if check_series else ()
     faults = {r.run_id: why for r in records if (why := _series_fault(folder, r))}
-    runs = [Run(r, _stderr(folder, r)) for r in loaded.records if r.run_id not in faults]
+    runs = [Run(r, _stderr(folder, r)) for r in latest if r.run_id not in faults]
     runs.sort(key=lambda c: (c.record.solver, c.method, -c.step_or_tolerance, c.record.case))
     bad = [store.Unreadable(folder / "runs" / f"{run}.json", why) for run, why in faults.items()]
-    return Results(folder, stamp_of(folder), tuple(runs), (*loaded.unreadable, *bad))
+    return Results(folder, stamp_of(folder), tuple(runs), (*loaded.unreadable, *bad), len(loaded.records) - len(latest))
 
 
 def _series_fault(folder: Path, record: RunRecord) -> str:

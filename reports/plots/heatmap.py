@@ -11,7 +11,7 @@ from ..model.margin import LEVELS
 from .style import DOUBLE, INK, MUTED, PAPER, plain, sheet
 
 COLOURS = ("#86bde0", "#acd1ea", "#cde3f2", "#e4f0f7", "#f7f6f1", "#ffe2ac", "#f8a66a", "#b3123a")  # as in site.css
-ROW, HEAD = 0.2, 0.75  # [in]
+ROW, HEAD = 0.25, 0.75  # [in]
 SIGNS = {"good": "", "inaccurate": "≈ ", "wrong": "× ", "failed": "★ ", "refused": "refused"}
 
 
@@ -29,7 +29,8 @@ def heat_figure(heat: Heat) -> Figure:
     ax.set(xlim=(0, len(heat.problems)), ylim=(len(heat.rows), 0))
     columns, rows = (np.arange(len(of)) + 0.5 for of in (heat.problems, heat.rows))
     ax.set_xticks(columns, [_title(p.problem, p.parameters) for p in heat.problems])
-    ax.set_yticks(rows, [plain(row.solver) for row in heat.rows])
+    names = ["\n".join(plain(k) for k in (row.solver, row.paper_label) if k) for row in heat.rows]
+    ax.set_yticks(rows, names, fontsize=7)
     ax.tick_params(length=0, top=False, labeltop=True, bottom=False, labelbottom=False)
     ax.spines[:].set_visible(False)
     ax.grid(visible=False)

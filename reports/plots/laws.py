@@ -5,6 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ...harness.results.records import is_literal
+from ...harness.types import ALLOWED, Law
 from ..model.accuracy import judged_until
 from ..model.curves import SPANS_UPPER, Curve, log_limits, span
 from ..model.motion import Motion
@@ -42,6 +44,13 @@ class Drawing:
         values = [getattr(c.record, column) for c in self.runs]
         return max((v for v in values if v == v), default=1.0)
 
+    def limit(self, law: Law, column: str, in_unit: str) -> list[Trace]:
+        """The line that a law's error must not cross; none where starts are as printed: it is wider for them."""
+        sizes = [getattr(c.record, column) for c in self.runs if not is_literal(c.record)]
+        at = ALLOWED[law] * max((v for v in sizes if v > 0.0), default=0.0)
+        ends = np.array([0.0, self.axis.high])
+        return [Trace(f"limit {number(at)} {in_unit}", ends, np.full(2, at), dash=1, reach=(at, at))] if at else []
+
     def log(self, name: str, title: str, caption: str, axis: Axis, of: Callable[[Motion], Curve | None], scale: float,
             extra: Sequence[Trace] = ()) -> Plot | None:  # fmt: skip
         """A quantity of one sign over time; None when no run has it."""
@@ -49,6 +58,7 @@ class Drawing:
         if not any(c is not None and len(c) for c in curves):
             return None
         low, high = log_limits(curves, scale)
+        high = max(high, *(3.0 * v for t in extra for v in t.reach), high)
         own = traces(self.lines, self.motions, of, (0.0, high), low)
         if not any(t.y.any() for t in own):
             caption = f"Exactly zero throughout. {caption}"
@@ -59,13 +69,17 @@ def laws(d: Drawing) -> Chapter | None:
     """Energy error, |phi|, |phi_dot| and step."""
     energy, length = d.scale("energy_scale_J"), d.scale("length_scale_m")
     plots = [
-        d.log("energy", "Energy error", f"Magnitude, {d.largest}; the work of dampers is subtracted.",
-              Axis("|E − E₀|", "J", symbol="|E-E_0|"), _of("norms", "energy_error"), energy),
+        d.log("energy", "Energy error",
+              f"Magnitude, {d.largest}; the work of dampers is subtracted. Above the limit a run is wrong.",
+              Axis("|E − E₀|", "J", symbol="|E-E_0|"), _of("norms", "energy_error"), energy,
+              d.limit(Law.ENERGY, "energy_scale_J", "J")),
         d.log("phi", "Constraints",
               f"Norm of the constraint residual, {d.largest}; axis rows have no unit and count as metres.",
-              Axis("|φ|", "m", symbol=r"\|\phi\|"), _of("norms", "phi_norm"), length),
+              Axis("|φ|", "m", symbol=r"\|\phi\|"), _of("norms", "phi_norm"), length,
+              d.limit(Law.CONSTRAINT, "length_scale_m", "m")),
         d.log("phi-dot", "Constraint rates", f"Norm of its rate, {d.largest}.",
-              Axis("|φ̇|", "m/s", symbol=r"\|\dot\phi\|"), _of("norms", "phi_dot_norm"), length),
+              Axis("|φ̇|", "m/s", symbol=r"\|\dot\phi\|"), _of("norms", "phi_dot_norm"), length,
+              d.limit(Law.CONSTRAINT_RATE, "speed_scale_m_per_s", "m/s")),
         d.log("step", "Step", "Median of each span, in a band from smallest to largest.",
               Axis("Δt", "s", symbol=r"\Delta t"), lambda m: m.step, d.axis.high),
     ]  # fmt: skip

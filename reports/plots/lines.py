@@ -25,6 +25,7 @@ class Line:
     dash: int
     main: bool  # the finest settings of its solver under its label
     url: str = ""
+    who: str = ""  # the solver with the paper's name of it
 
 
 def lines_of(variant: Variant, url: Callable[[Run], str], ever: int = EVER) -> list[Line]:
@@ -45,7 +46,7 @@ def all_lines(runs: Sequence[Run], alike: Mapping[str, frozenset[str]],
         for k, c in enumerate(sorted(own, key=lambda c: c.finest_first)):
             named = f"{solver} [{label}]" if (label := c.record.paper_label) else solver
             words = f"{named}, {c.settings(alike[solver])}{ended(c)}"
-            found[c.record.run_id] = Line(c, words, k, k == 0, url(c))
+            found[c.record.run_id] = Line(c, words, k, k == 0, url(c), named)
     return [found[c.record.run_id] for c in runs]
 
 
@@ -79,7 +80,7 @@ def traces(lines: Sequence[Line], motions: Mapping[str, Motion], of: Callable[[M
             low = high = None
         r = line.run.record
         out.append(Trace(
-            line.words, curve.t, curve.y, solver=r.solver, dash=line.dash, low=low, high=high,
+            line.words, curve.t, curve.y, solver=r.solver, who=line.who, dash=line.dash, low=low, high=high,
             group=r.label, main=line.main, end=end_of(r.status), urls=(line.url,),
             reach=tuple(float(f"{v:.3g}") for v in ends or ()),
         ))  # fmt: skip

@@ -144,7 +144,7 @@ def _style(trace: Trace, look: Look) -> dict:
 
 
 def _handles(traces: Sequence[Trace], looks: Mapping[str, Look], wrap: int, most: int) -> list[Line2D]:
-    """Every name once; of more than ``most``, each solver, and what belongs to none."""
+    """Every name once; of more than ``most``, each solver with the paper's name, and what belongs to none."""
     named = {t.name: t for t in reversed(traces)}
     if len(named) > most:  # a solver by its main line
         named = {t.solver or t.name: t for t in sorted(traces, key=lambda t: t.main)}
@@ -153,11 +153,12 @@ def _handles(traces: Sequence[Trace], looks: Mapping[str, Look], wrap: int, most
         t = named[name]
         look = looks.get(t.solver, INKED)
         style = _style(t, look) | ({} if t.solver or t.hollow else {"marker": ""})
-        words = f"{plain(name)} (engine)" if look.marker == ENGINE else plain(name)
+        shown = name if name == t.name else t.who or t.solver
+        words = f"{plain(shown)} (engine)" if look.marker == ENGINE else plain(shown)
         out.append(Line2D([], [], **style, label=fill(words, wrap)))
     out.sort(key=lambda h: str(h.get_label()).endswith("(engine)"))
     for symbol, kind, text in (("*", "failed", "stopped early"), ("X", "wrong", "false success")):
-        if any(kind in t.ends for t in traces):
+        if any(kind in (t.end, *t.ends) for t in traces):
             out.append(Line2D([], [], color=PAPER, marker=symbol, linestyle="", label=text, markersize=7,
                               markeredgecolor=INK))  # fmt: skip
     return out

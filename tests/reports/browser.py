@@ -62,6 +62,18 @@ PALE = """
   return out;
 })()
 """
+# on a phone: text below 12 px, controls below 24 px; links in running text are no controls
+SMALL = """
+[...document.querySelectorAll("body *")].filter((e) => !e.closest("svg, script, style, .hidden")
+  && e.getClientRects().length && [...e.childNodes].some((n) => n.nodeType === 3 && n.data.trim())
+  && parseFloat(getComputedStyle(e).fontSize) < 11.95)
+  .map((e) => `${e.tagName}.${e.className} ${getComputedStyle(e).fontSize}`)
+"""
+LOW = """
+[...document.querySelectorAll("nav a, button, select, input, summary, .button, .heat td > a")]
+  .filter((e) => e.getClientRects().length && e.getBoundingClientRect().height < 24)
+  .map((e) => `${e.tagName}.${e.className} ${e.getBoundingClientRect().height}`)
+"""
 SETTLED = "new Promise(f => requestAnimationFrame(() => requestAnimationFrame(() => f(true))))"
 
 

@@ -32,7 +32,7 @@ def url(run) -> str:
 
 def drawing_of(folder) -> Drawing:
     results = read_results(folder)
-    variant = next(p for p in results.variants if p.title == "pendulum")
+    variant = next(p for p in results.variants if p.problem == "pendulum")
     lines = lines_of(variant, url)
     return Drawing(variant.runs, lines, {k.run.record.run_id: motion_of(k.run, results.series(k.run)) for k in lines})
 
@@ -78,6 +78,17 @@ def test_the_reference_is_drawn_to_its_horizon(tmp_path):
     (position, *_) = errors(drawn).plots
     (own,) = [t for t in position.traces if not t.solver]
     assert own.x[-1] == pytest.approx(2.0)
+
+
+def test_a_law_has_the_line_of_its_limit(tmp_path):
+    """Beyond it a run is wrong: it is seen however small the errors are. Starts as printed have a wider one."""
+    put(tmp_path, record("aa01"), series(size=1e-9))
+    energy, phi, *_ = laws(drawing_of(tmp_path)).plots
+    (line,) = [t for t in energy.traces if not t.solver]
+    assert line.y == pytest.approx(0.1 * np.ones(2)) and line.name == "limit 0.100 J"  # a tenth of energy_scale_J
+    assert energy.y.low < line.y[0] < energy.y.high and phi.traces[-1].y[0] == pytest.approx(0.01)
+    put(tmp_path, record("aa01", problem_parameters='{"literal_start": true}', finished="later"), series(size=1e-9))
+    assert all(t.solver for p in laws(drawing_of(tmp_path)).plots for t in p.traces)
 
 
 def test_many_solvers_still_have_looks():

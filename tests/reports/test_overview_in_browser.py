@@ -3,7 +3,7 @@
 from mbsbench.harness.results import store
 from mbsbench.reports import site
 
-from .browser import OPEN, OVERFLOW
+from .browser import LOW, OPEN, OVERFLOW, SMALL
 from .conftest import put, record
 
 SET = (
@@ -51,14 +51,7 @@ def test_on_a_phone_a_run_is_a_card_led_by_its_status(report, browser):
 def test_on_a_phone_text_and_targets_are_large_enough(report, browser):
     """No text below 12 px, no control below 24 px high; links in running text are not controls."""
     tab = browser.open(report / "index.html", width=390)
-    small = """[...document.querySelectorAll("main *")].filter((e) => !e.closest("svg, .hidden")
-      && e.getClientRects().length && [...e.childNodes].some((n) => n.nodeType === 3 && n.data.trim())
-      && parseFloat(getComputedStyle(e).fontSize) < 11.95)
-      .map((e) => `${e.tagName}.${e.className} ${getComputedStyle(e).fontSize}`)"""
-    low = """[...document.querySelectorAll("main button, main select, main input, main summary, .heat td > a")]
-      .filter((e) => e.getClientRects().length && e.getBoundingClientRect().height < 24)
-      .map((e) => `${e.tagName}.${e.className} ${e.getBoundingClientRect().height}`)"""
-    assert tab.evaluate(small) == [] and tab.evaluate(low) == []
+    assert tab.evaluate(SMALL) == [] and tab.evaluate(LOW) == []
     tab.close()
 
 

@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from .browser import OVERFLOW, PALE
+from .browser import LOW, OPEN, OVERFLOW, PALE, SMALL
 
 PAGES = ("index.html", "problem-pendulum.html", "solver-beta.html", "runs/dd01.html", "runs/gg01.html")
 FIRST = "document.querySelectorAll('.plots .main-svg').length > 0"
@@ -23,6 +23,19 @@ def test_page_loads_fits_and_can_be_read(report, browser, name, width, dark):
     assert tab.evaluate(OVERFLOW) == 0 and tab.evaluate("innerWidth") == width
     assert tab.evaluate(PALE) == []
     assert tab.faults == [] and tab.requests == []
+    tab.close()
+
+
+@pytest.mark.parametrize("name", PAGES[:4])
+def test_on_a_phone_the_whole_menu_is_seen(report, browser, name):
+    """Nothing of it is cut off or has to be found by scrolling; text and controls are large enough."""
+    tab = browser.open(report / name, width=390)
+    boxes = tab.evaluate("""[...document.querySelectorAll("nav a, nav button")].map((e) => e.getBoundingClientRect())
+        .map((b) => [b.left, b.right, b.top])""")
+    assert len(boxes) > 5
+    assert all(left >= 0 and right <= 390 and top >= 0 for left, right, top in boxes), boxes
+    tab.evaluate(OPEN)
+    assert tab.evaluate(SMALL) == [] and tab.evaluate(LOW) == []
     tab.close()
 
 

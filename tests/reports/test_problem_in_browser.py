@@ -20,6 +20,9 @@ def test_plots_draw_and_the_legend_switches_them(report, browser):
     drawn = tab.evaluate(coloured)
     ink = tab.ink("[data-plot=energy]", far=60)
     assert drawn >= 3 and ink > 0.01
+    energy = "document.querySelector('[data-plot=energy]')"
+    assert "limit 0.100 J" in tab.evaluate(f"{energy}.querySelector('.annotation').textContent")
+    assert tab.evaluate(f"10 ** {energy}._fullLayout.yaxis.range[1]") > 0.1
     tab.evaluate("document.querySelectorAll('.legend button').forEach((b) => b.click())")
     tab.until(f"{coloured} === 0")
     assert tab.ink("[data-plot=energy]", far=60) < ink

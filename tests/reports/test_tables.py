@@ -5,9 +5,11 @@ import io
 import math
 
 from mbsbench.reports.model.accuracy import measure_for
+from mbsbench.reports.model.provenance import cautions
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.model.tables import COLUMNS, csv_of, latex_number, latex_of, latex_text
 from mbsbench.reports.model.words import number, seconds, signed, unit, whole
+from mbsbench.reports.pages.runs.problems import facts_of
 from mbsbench.reports.plots.work import recorded
 
 from .conftest import HOSTILE, put, record
@@ -79,3 +81,22 @@ def test_pages_tables_and_plots_have_one_error_over_one_interval(tmp_path):
     assert measure.of(variant.runs[0]) == recorded(variant)[0].errors["error"] == 1e-3
     latex = latex_of(variant.title, variant.runs)
     assert "errors up to 0.5 s" in latex and "$0.00100$" in latex and "$0.400$" not in latex
+
+
+def test_of_runs_with_the_same_settings_the_latest_is_shown(tmp_path):
+    """Results that were resumed after a change of the code hold both: one solver would count twice."""
+    put(tmp_path, record("old", settings_id="s", finished="2026-01-01T00:00:00Z", energy_drift_max_J=1.0))
+    put(tmp_path, record("new", settings_id="s", finished="2026-01-02T00:00:00Z"))
+    put(tmp_path, record("other", "beta"))
+    found = read_results(tmp_path)
+    assert {c.record.run_id for c in found.runs} == {"new", "other"}
+    assert [k for k in cautions(found) if k.startswith("1 run made again")]
+
+
+def test_the_stated_error_of_the_reference_is_told_where_errors_are_judged(tmp_path):
+    """It grows with time: at the horizon it is larger than the errors of runs, which are judged before."""
+    own = {"reference": "exact", "reference_horizon_s": 5.0, "t_end_s": 20.0, "judged_to_s": 1.5}
+    put(tmp_path, record("aa", t_reached_s=20.0, reference_own_error_m=1e-3, reference_own_error_judged_m=2e-9, **own))
+    put(tmp_path, record("bb", "beta", "diverged", t_reached_s=0.1, reference_own_error_m=1e-11, **own))
+    (*_, fact) = facts_of(read_results(tmp_path).variants[0], 1)
+    assert fact.endswith("0.00100 m up to 5 s, 2.00×10⁻⁹ m up to 1.5 s, where errors are judged")

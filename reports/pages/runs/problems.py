@@ -9,10 +9,11 @@ import numpy as np
 from markupsafe import Markup
 
 from ....harness.results.judgements import DRIFTS
+from ....harness.results.records import judged_own
 from ....harness.results.series import Series
 from ...mechanism.animation.stage import flat, view_of
 from ...mechanism.segments import mechanism_of
-from ...model.accuracy import measure_for
+from ...model.accuracy import judged_until, measure_for
 from ...model.curves import SPANS_UPPER
 from ...model.findings import findings_of
 from ...model.followed import followed
@@ -74,11 +75,14 @@ def facts_of(variant: Variant, bodies: int) -> tuple[str, ...]:
     scale = next((r for r in records if r.energy_scale_J > 0.0), None)
     if scale:
         out.append(f"energy scale {number(scale.energy_scale_J)} J, size {number(scale.length_scale_m)} m")
-    known = next((r for r in records if r.reference), None)
+    own = [r for r in records if r.reference]
+    known = max(own, key=lambda r: (r.reference_own_error_m >= 0.0, r.reference_own_error_m), default=None)
     if known is None:
         return (*out, "no exact solution: only energy and constraints are checked")
     until = f" up to {time(known.reference_horizon_s)} s" if math.isfinite(known.reference_horizon_s) else ""
-    return (*out, f"reference: {known.reference}, stated error {number(known.reference_own_error_m)} m{until}")
+    judged = judged_until(variant.runs)
+    there = "" if judged is None else f", {number(judged_own(known))} m up to {time(judged)} s, where errors are judged"
+    return (*out, f"reference: {known.reference}, stated error {number(known.reference_own_error_m)} m{until}{there}")
 
 
 def _extra(title: str, runs: Sequence[Run], found: Sequence[Mapping[str, Mapping[str, Any]]]) -> Extra:

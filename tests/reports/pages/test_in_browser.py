@@ -1,12 +1,15 @@
 """Pages of judgements in a browser: no fault, no request, a phone's width, filters, keyboard, plots, colours."""
 
 import pytest
+from msgspec.structs import replace
 
+from mbsbench.harness.results.judgements import ORDERS, as_text
 from mbsbench.reports.model.results import read_results
 
-from ..browser import PALE
-from ..conftest import put, record, series
+from ..browser import LOW, OPEN, PALE, SMALL
+from ..conftest import every_kind, put, record, series
 from .conftest import PAGES, render
+from .synthetic import orders
 
 pytestmark = pytest.mark.browser
 CHOOSE = """(() => { const s = document.querySelector("select[name=verdict]"); s.value = "%s";
@@ -26,6 +29,9 @@ def test_pages_load_without_a_fault_and_fit(browser, folder, width, dark):
         assert (tab.faults, tab.requests) == ([], []), name
         assert tab.evaluate("document.documentElement.scrollWidth") <= width, name
         assert tab.evaluate(PALE) == [], name
+        if width < 600:
+            tab.evaluate(OPEN)
+            assert (tab.evaluate(SMALL), tab.evaluate(LOW)) == ([], []), name
         tab.close()
 
 
@@ -66,6 +72,36 @@ def test_claims_filter_and_their_map_obeys_the_arrow_keys(browser, folder):
     tab.press("ArrowRight")
     second = tab.evaluate("document.activeElement.getAttribute('aria-label')")
     assert second != first and tab.evaluate(f"{grid}.querySelector('.readout').textContent") == second
+    tab.close()
+
+
+def test_thousands_of_certificates_are_paged_and_the_address_keeps_the_choice(browser, tmp_path):
+    """No page has more rows than one reads; what is chosen, and where, a link shows again."""
+    every_kind(tmp_path)
+    many = [replace(orders(["aa01"])[0], case=f"ladder {k}", solver=("alpha", "beta")[k % 2]) for k in range(1250)]
+    (tmp_path / "judgement").mkdir()
+    (tmp_path / "judgement" / f"{ORDERS.name}.json").write_text(as_text(tuple(many)), encoding="utf-8")
+    render(read_results(tmp_path), [PAGES["certificates.html"]])
+    page, rows = tmp_path / "report" / "certificates.html", "document.querySelectorAll('#orders-table tbody tr')"
+    said = "document.querySelector('#orders-table ~ .pager output').textContent"
+    tab = browser.open(page)
+    assert tab.evaluate(f"{rows}.length") == 100 and tab.evaluate(said) == "rows 1 to 100 of 1250"
+    assert tab.evaluate("document.querySelectorAll('*').length") < 12_000  # two tables; with all rows 80,000
+    tab.evaluate("document.querySelectorAll('#orders-table ~ .pager button')[1].click()")
+    tab.evaluate("""(() => { const s = document.querySelector("[data-filters='#orders-table'] select[name=solver]");
+        s.value = "beta"; s.dispatchEvent(new Event("change")); })()""")
+    assert tab.evaluate(said) == "rows 1 to 100 of 625"
+    tab.evaluate("document.querySelectorAll('#orders-table ~ .pager button')[1].click()")
+    address = tab.evaluate("location.href")
+    assert "orders-table.solver=beta" in address
+    shown = tab.evaluate(f"[...{rows}].map((r) => r.cells[0].textContent)")
+    tab.evaluate(f"location.href = {address!r}")
+    tab.call("Page.reload")
+    tab.until(f"document.readyState === 'complete' && {said} === 'rows 101 to 200 of 625'")
+    assert tab.evaluate(f"[...{rows}].map((r) => r.cells[0].textContent)") == shown
+    assert all("beta" in words for words in shown) and tab.faults == []
+    tab.evaluate("document.querySelector('#orders-table thead button').click()")  # all rows are sorted, not these
+    assert tab.evaluate(said) == "rows 1 to 100 of 625"
     tab.close()
 
 

@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from PIL import Image
 
 from mbsbench.harness.__main__ import main
@@ -11,7 +12,9 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.reports.mechanism.animation import animate, choose, files, runs_of
 from mbsbench.reports.mechanism.animation.stage import Stage, actors_of, flat, view_of
+from mbsbench.reports.mechanism.paths import PointPath
 from mbsbench.reports.mechanism.segments import mechanism_of
+from mbsbench.reports.plots.style import INK
 
 from ..conftest import put
 from .conftest import record_for, series_for
@@ -70,6 +73,27 @@ def test_the_body_is_where_its_pose_says(folder):
     k = actor.mechanism.frame(0.5)
     ends = flat(actor.mechanism.segments(k), stage.view)[0]
     assert np.allclose(ends[1] - ends[0], [0.0, 1.0], atol=1e-6)
+
+
+def test_the_point_is_traced_in_colour_and_its_exact_path_in_ink_to_the_horizon(folder):
+    """Two lines where nothing else is: the run's below, the exact one above, which is known for half of the time."""
+    (actor,) = actors_of(folder, choose(runs_of(folder), "spherical_pendulum", ["gc_weak_form"]))
+    t = np.linspace(0.0, 1.0, 50)
+    own, exact = (np.stack([-0.8 + 0.6 * t, 0.0 * t + y, 0.0 * t], axis=1) for y in (-0.2, 0.2))
+    path = PointPath("E", t, own, t[:25], exact[:25])
+    stage = Stage([dataclasses.replace(actor, path=path)], ghosts=False, frames=3, window=(0.0, 1.0))
+    _, half, whole = (p.astype(int) for p in stage.pictures())
+    ax = stage.trails[0][0]
+
+    def nearest(picture, place, colour: str) -> float:
+        """Of the pixels around a place to a colour, 0 to 255."""
+        x, y = np.rint(ax.transData.transform(flat(place[None], stage.view)[0])).astype(int)
+        around = picture[len(picture) - y - 3 : len(picture) - y + 3, x - 2 : x + 3].reshape(-1, 3)
+        return np.abs(around - 255.0 * np.array(to_rgb(colour))).max(axis=1).min()
+
+    assert nearest(half, own[23], actor.look.colour) < 60 and nearest(whole, own[48], actor.look.colour) < 60
+    assert nearest(half, exact[23], INK) < 60
+    assert nearest(whole, exact[48], INK) > 150  # beyond the horizon
 
 
 def test_spatial_motion_is_seen_at_an_angle():

@@ -144,7 +144,9 @@ def test_a_legend_is_smaller_than_its_plot(tmp_path):
         FigureCanvasAgg(drawn).draw()
         (legend,), (ax,) = drawn.legends, drawn.axes
         assert legend.get_window_extent().height < ax.get_window_extent().height
-        assert [t.get_text() for t in legend.get_texts()] == [f"solver{k}" for k in range(4)]
+        assert [t.get_text() for t in legend.get_texts()] == [
+            *(f"solver{k} [a long label]" for k in range(4)), "limit 0.100 J",
+        ]  # fmt: skip
 
 
 def test_many_runs_are_parted_by_solver(tmp_path):

@@ -5,6 +5,8 @@ import pytest
 
 from mbsbench.reports.mechanism.theatre.poses import Poses, between, enough
 
+from ..browser import LOW, SMALL
+
 pytestmark = pytest.mark.browser
 READY = "document.querySelector('[data-theatre]').dataset.ready"
 STATS = "MBS.theatre.stats()"
@@ -38,6 +40,7 @@ def test_it_draws_without_network_or_complaint(open_, width, dark, flat):
     assert tab.ink("[data-canvas]", far=30) > 0.004  # bars are thin
     assert tab.ink("[data-strips]", far=30) > 0.01
     assert tab.evaluate("document.documentElement.scrollWidth") <= width
+    assert width > 600 or (tab.evaluate(SMALL), tab.evaluate(LOW)) == ([], [])
     assert tab.evaluate("document.querySelector('[data-flat]').hidden") is not flat
     assert faults(tab) == [] and tab.requests == []
 
@@ -139,6 +142,29 @@ def test_jumps_go_to_the_star_the_event_and_the_whip(open_):
     tab.click("[data-whip]")
     assert tab.evaluate(f"{STATS}.t") == pytest.approx(2.0 * 100 / 399)
     assert faults(tab) == []
+
+
+def test_the_cursor_runs_over_no_title(open_):
+    """Where it stands in the titles, the pixels are those without it; in each strip they are not."""
+    tab = open_("t=0.05")
+    strips = tab.evaluate("MBS['theatre-pendulum'].strips.length")
+    find = "document.querySelector('[data-cursor]')"
+    x = tab.evaluate(f"{find}.getBoundingClientRect().x - {find}.parentElement.getBoundingClientRect().x")
+    column = slice(int(x), int(x) + 3)
+    with_it = tab.screenshot(selector=".strips").astype(int)[:, column]
+    tab.evaluate(f"{find}.style.visibility = 'hidden'")
+    apart = np.abs(with_it - tab.screenshot(selector=".strips")[:, column]).max(axis=(1, 2)) > 30
+    assert not apart[:18].any()  # above the first strip
+    assert np.sum(np.diff(apart.astype(int)) == 1) >= strips and apart.mean() > 0.4
+
+
+def test_signs_above_the_slider_are_explained(open_):
+    """Those that are there, with the words of their buttons."""
+    tab = open_()
+    signs = set(tab.evaluate("[...document.querySelectorAll('[data-ticks] i')].map((e) => e.textContent)"))
+    key = tab.evaluate("document.querySelector('.transport .key').textContent")
+    buttons = tab.evaluate("[...document.querySelectorAll('.transport button')].map((e) => e.textContent[0])")
+    assert signs == {"★", "◆", "▼"} and signs <= set(key) and signs <= set(buttons)
 
 
 def test_one_can_be_hidden_and_another_solid(open_):
