@@ -32,7 +32,6 @@ class Trace:
     x: np.ndarray
     y: np.ndarray
     solver: str = ""
-    who: str = ""  # the solver with the paper's name of it, for legends
     mode: str = "lines"  # or "markers", "lines+markers"
     dash: int = 0  # 0 solid, 1 dashed, 2 dotted, 3 dash-dotted, and so on from the start
     low: np.ndarray | None = None  # a band from low to high behind the line
@@ -47,6 +46,7 @@ class Trace:
     ends: Sequence[str] = ()  # for points: "", "failed" or "wrong" each
     urls: Sequence[str] = ()
     words: Sequence[str] = ()
+    who: str = ""  # the solver with the paper's name of it, for legends
 
 
 @dataclass(frozen=True)
