@@ -7,6 +7,7 @@ from itertools import pairwise
 
 from .accuracy import Measure, measure_for
 from .results import Results, Run, Variant, grouped
+from .variants import presentation
 
 TARGETS = tuple(10.0**-k for k in range(2, 8))  # in the unit of the problem's error
 LEAST = 2  # solvers that reach a target: fewer are no comparison
@@ -48,11 +49,11 @@ class Frontier:
 
 
 def frontiers(results: Results) -> list[Frontier]:
-    """Of every variant with a reference and every target that two solvers reach."""
+    """Of every variant with a reference and every target that two solvers reach, but of no presentation."""
     out = []
     for variant in results.variants:
         measure = measure_for(variant.runs)
-        if measure is None:
+        if measure is None or presentation(variant):
             continue
         for target in TARGETS:
             found = _frontier(variant, measure, target)

@@ -61,3 +61,10 @@ def test_the_page_is_there_where_two_reach_an_error(tmp_path):
     ladder(tmp_path, "beta", 4.0, 2e-3)
     page = (site.build(tmp_path).parent / "frontier.html").read_text(encoding="utf-8")
     assert page.count('<td class="n" data-v="2">') >= 2
+
+
+def test_a_presentation_has_no_frontier(tmp_path):
+    """The problem in another unit costs what the problem costs."""
+    for solver in ("alpha", "beta"):
+        ladder(tmp_path, solver, 4.0, 1e-3, problem_parameters='{"unit_mass": 1024}')
+    assert frontiers(read_results(tmp_path)) == []

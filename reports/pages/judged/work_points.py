@@ -33,7 +33,7 @@ class Field:
 
 
 def fields(results: Results, judged: Sequence[WorkPoint], links: Links) -> tuple[Field, ...]:
-    """One a variant that has a point; judged points where there are any."""
+    """One a variant that has a point, those that most solvers ran first; judged points where there are any."""
     points = [_judged(p, links) for p in judged] or [p for v in results.variants for p in recorded(v, page_of)]
     out: list[Field] = []
     slugs = {p.title: p.slug for p in results.variants}
@@ -44,7 +44,7 @@ def fields(results: Results, judged: Sequence[WorkPoint], links: Links) -> tuple
         if drawn:
             absent = tuple(f"{s} ({_ended(results, name, s)})" for s in results.solvers if s not in drawn)
             out.append(Field(name, slugs.get(name, f"other-{len(out)}"), own, absent))
-    return tuple(out)
+    return tuple(sorted(out, key=lambda f: len(f.absent)))
 
 
 def _ended(results: Results, variant: str, solver: str) -> str:

@@ -17,7 +17,7 @@ from mbsbench.reports.pages.judged.work_points import fields, profiles
 from mbsbench.reports.pages.judgement import links_of
 from mbsbench.reports.plots.work import Profile, profile_plot, steps_of
 
-from ..conftest import every_kind
+from ..conftest import every_kind, put, record, series
 from . import synthetic
 
 NONE = links_of([])
@@ -135,3 +135,15 @@ def test_orders_at_a_glance_have_a_place_for_every_fixed_ladder_and_none_for_tol
     assert set(found.quantities) == {"q", "v"}
     shown = {c.solver: [o and o.of.quantity for o in own] for c, own in found.rows}
     assert sorted(shown["alpha"]) == ["q", "v"] and [o for o in shown["beta"] if o] == ["v"]
+
+
+def test_the_first_picture_of_work_has_all_solvers_and_others_say_who_is_absent(tmp_path):
+    """A hole has its reason in words: not run, or how the runs ended."""
+    put(tmp_path, record("aa01", problem="a_few"), series())
+    unknown = dict.fromkeys(("position_error_max_m", "energy_drift_max_J", "phi_max"), math.nan)
+    put(tmp_path, record("aa02", "beta", "refused", problem="a_few", message="rank", **unknown))
+    for solver in ("alpha", "beta", "gamma"):
+        put(tmp_path, record(f"b{solver}", solver, problem="whole"), series())
+    first, second = fields(read_results(tmp_path), (), links_of(()))
+    assert (first.variant, first.absent) == ("whole", ())
+    assert (second.variant, second.absent) == ("a_few", ("beta (refused)", "gamma (not run)"))
