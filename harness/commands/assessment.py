@@ -27,8 +27,8 @@ LADDERS: Mapping[str, Mapping[str, Any]] = {  # spatial, loaded and spinning: ev
     "heavy_top": {"t_end": 0.2},
 }
 VALUES = {
-    ("spherical_pendulum", "dt"): 0.04 * 0.5 ** np.arange(7),
-    ("heavy_top", "dt"): 0.004 * 0.5 ** np.arange(6),
+    ("spherical_pendulum", "dt"): 0.04 * 0.5 ** np.arange(6),
+    ("heavy_top", "dt"): 0.004 * 0.5 ** np.arange(5),
     ("spherical_pendulum", "rtol"): 10.0 ** -np.arange(3.0, 10.0),
     ("heavy_top", "rtol"): 10.0 ** -np.arange(3.0, 10.0),
 }

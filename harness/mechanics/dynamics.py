@@ -14,7 +14,7 @@ from .motion import applied, drift
 from .state import State, States
 from .system import MultibodySystem
 
-RANK = 1e-9  # of the largest singular value of A M^-1/2: rows below are redundant
+RANK = 1e-6  # of the largest singular value of A M^-1/2: rows below are redundant, also in stages off phi = 0 (Bricard)
 
 
 @dataclass(frozen=True)

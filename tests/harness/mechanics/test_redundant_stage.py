@@ -1,0 +1,24 @@
+"""Accelerations of a system where rows are redundant."""
+
+import numpy as np
+
+from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.mechanics.consistency import project
+from mbsbench.harness.mechanics.dynamics import accelerations, moved
+
+
+def test_redundant_rows_stay_redundant_in_a_stage_off_the_constraints():
+    """Bricard's redundant row is one where phi = 0; in a stage phi is O(h^2), and so is what its accelerations are off.
+
+    Counted as independent there, it asks for a load of any size.
+    """
+    problem = make_problem("bricard")
+    system, s = problem.system, problem.initial
+    for _ in range(40):
+        s = project(system, moved(s, accelerations(system, moved(s, accelerations(system, s), 1.25e-3)), 2.5e-3))
+    off = []
+    for h in (0.02, 0.01):
+        stage = moved(s, accelerations(system, s), h)
+        there, on = accelerations(system, stage), accelerations(system, project(system, stage))
+        off.append(np.max(np.abs(there.v_dot - on.v_dot)))
+    assert 3.0 < off[0] / off[1] < 5.0 and off[0] < 1.0
