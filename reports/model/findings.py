@@ -148,8 +148,8 @@ def _energy(variant: Variant) -> Iterator[Finding]:
     if not math.isnan(allowed):
         over = [c for c in variant.runs if c.record.energy_drift_max_J > allowed]
         words = f"exceeded by {listed([called(c) for c in over])}" if over else "kept by every run that took a step"
-        yield Finding(f"The benchmark's limit on the energy error, {number(allowed)} J, is {words}. Exceeding it does "
-                      "not make a run wrong: that limit is a tenth of the energy scale, for all problems.",
+        yield Finding(f"The benchmark's own limit on the energy error, {number(allowed)} J, is {words}. Exceeding it "
+                      "does not make a run wrong: the limit drawn above, a tenth of the energy scale, does.",
                       "failed" if over else "plain")  # fmt: skip
 
 

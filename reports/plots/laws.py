@@ -45,8 +45,9 @@ class Drawing:
         return max((v for v in values if v == v), default=1.0)
 
     def limit(self, law: Law, column: str, in_unit: str) -> list[Trace]:
-        """The line that a law's error must not cross; none where starts are as printed: it is wider for them."""
-        sizes = [getattr(c.record, column) for c in self.runs if not is_literal(c.record)]
+        """The line that a law's error must not cross; in joints none where starts are as printed: they open them."""
+        judged = [c.record for c in self.runs if law is Law.ENERGY or not is_literal(c.record)]
+        sizes = [getattr(r, column) for r in judged]
         at = ALLOWED[law] * max((v for v in sizes if v > 0.0), default=0.0)
         ends = np.array([0.0, self.axis.high])
         return [Trace(f"limit {number(at)} {in_unit}", ends, np.full(2, at), dash=1, reach=(at, at))] if at else []
