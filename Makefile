@@ -19,7 +19,7 @@ moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; whil
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-engines engines test-slow browser check format bench bench-kernels gate report paper figures pictures animate clean
+.PHONY: help setup test test-engines engines test-slow browser check format bench bench-kernels gate report paper figures pictures joints animate clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -86,6 +86,9 @@ pictures: $(READY) ## the pictures of the README, from RESULTS (the newest)
 	$(BIN)/mbsbench figures $(RESULTS) --only chain | tee /dev/stderr | sed -n 's/^figures: //p' > $(VENV)/.figures
 	cp "$$(cat $(VENV)/.figures)/overview.svg" $(PICTURES)/overview.svg
 	cp "$$(cat $(VENV)/.figures)/chain/chain-recommended-energy.svg" $(PICTURES)/chain.svg
+
+joints: $(READY) ## the pictures of the joints in docs/joints-and-forces.md, from their rows
+	$(BIN)/python docs/draw_joints.py $(PICTURES)/joints
 
 animate: $(READY) ## animation of PROBLEM (chain) of RESULTS (the newest) as OUT (chain.gif)
 	$(BIN)/mbsbench animate $(RESULTS) --problem $(PROBLEM) --out $(OUT)

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from .harness.mechanics.system import TorsionSpring as TorsionSpring
     from .harness.mechanics.system import assemble as assemble
     from .harness.mechanics.time_functions import TimeFunction as TimeFunction
+    from .harness.mechanics.user_forces import UserForce as UserForce
     from .harness.types import Invariant as Invariant
     from .harness.types import Observable as Observable
     from .harness.types import Problem as Problem
@@ -68,6 +69,7 @@ _HOMES = {  # the same list for the interpreter, which loads none before it is a
     "mechanics.state": ("State", "States"),
     "mechanics.joints": ("Joint", "JointKind", "MovingKind"),
     "mechanics.system": ("Load", "MultibodySystem", "RigidBody", "SpringDamper", "TorsionSpring", "assemble"),
+    "mechanics.user_forces": ("UserForce",),
     "mechanics.time_functions": ("TimeFunction",),
     "types": ("Invariant", "Observable", "Problem", "Reference", "Status", "StepControl", "Trait", "Trajectory"),
 }

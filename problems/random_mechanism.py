@@ -23,7 +23,7 @@ from ..harness.mechanics.state import State
 from ..harness.mechanics.system import GROUND, Load, RigidBody, SpringDamper, assemble
 from ..harness.types import Observable, Problem
 
-KINDS = tuple(k for k in JointKind if k != JointKind.FIXED)
+KINDS = tuple(k for k in JointKind if k not in (JointKind.FIXED, JointKind.NORMAL))
 APART = 0.3  # [m] of the points of joints that slide
 Poses = tuple[Float[np.ndarray, "nb+1 3"], Float[np.ndarray, "nb+1 3 3"]]  # of all bodies, then of the ground
 
@@ -133,7 +133,7 @@ def closed_joint(kind: JointKind, i: int, j: int, poses: Poses, random: np.rando
     s_i, s_j = R[i].T @ (x + way - r[i]), R[j].T @ (x - r[j])
     axis_j = None if kind in (JointKind.SPHERICAL, JointKind.DISTANCE) else R[j].T @ axis
     alone = axis_j is None or kind in (JointKind.ON_LINE, JointKind.ON_PLANE)
-    axis_i = None if alone else R[i].T @ (across if kind == JointKind.UNIVERSAL else axis)
+    axis_i = None if alone else R[i].T @ (across if kind in (JointKind.UNIVERSAL, JointKind.NORMAL) else axis)
     turned = kind in (JointKind.FIXED, JointKind.PRISMATIC)
     across_i, across_j = (R[i].T @ across, R[j].T @ across) if turned else (None, None)
     return Joint(i, s_i, j, s_j, axis_i, axis_j, f"{kind} {i + 1}", kind, across_i, across_j, length)

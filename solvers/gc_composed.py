@@ -65,6 +65,6 @@ class GcComposed:
 
 def refusal(system: MultibodySystem) -> str | None:
     """Why the simplified step alone cannot take the system, or None."""
-    if len(system.spring_k) or len(system.torsion_k) or len(system.load_i):
+    if len(system.spring_k) or len(system.torsion_k) or len(system.load_i) or len(system.user_i):
         return SPRINGS
     return None if system.is_pinned else JOINTS

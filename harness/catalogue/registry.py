@@ -22,6 +22,7 @@ from ..mechanics.consistency import check_start, perturbed
 from ..mechanics.presentation import SPACE_AXES, Presentation
 from ..mechanics.state import States, rotated
 from ..mechanics.system import GROUND, MultibodySystem
+from ..mechanics.user_forces import presented
 from ..types import Problem, Solver, Trait
 from . import mechanism_files, plugins
 from .mechanism import Mechanism
@@ -259,6 +260,7 @@ def _turned(s: MultibodySystem, Q: np.ndarray) -> MultibodySystem:
         torsion_n=turn(s.torsion_n, s.torsion_j),
         load_force=turn(s.load_force, in_space),
         load_torque=turn(s.load_torque, in_space),
+        user_law=presented(s.user_law, Q),
     )
 
 

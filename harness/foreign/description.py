@@ -15,6 +15,8 @@ SCHEMA = 1
 def described(problem: Problem) -> dict[str, Any]:
     """For JSON; SI units, bodies numbered from 0, the ground is -1."""
     s, start = problem.system, problem.initial
+    if len(s.user_i):
+        raise ValueError(f"problem {problem.name} has user forces, which are code: a file cannot describe them")
     quaternions = Rotation.from_matrix(start.R).as_quat(scalar_first=True, canonical=True)
     bodies = [
         {"name": s.body_names[b], "mass": s.mass[b], "inertia": s.inertia[b]} for b in range(s.nb)

@@ -10,7 +10,7 @@ this order::
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import Any, NamedTuple
 
@@ -33,6 +33,7 @@ class JointKind(StrEnum):
     PRISMATIC = "prismatic"  # sliding along the common axis
     ON_LINE = "point on line"  # all rotation, and the point of i along axis_j through the point of j
     ON_PLANE = "point on plane"  # all but the way of the point of i along axis_j, the normal of a plane of j
+    NORMAL = "normal axes"  # all but the angle of axis_i and axis_j, which stay normal to each other
     DISTANCE = "distance"  # all but the distance of the points: a rigid massless link
 
 
@@ -60,7 +61,8 @@ class Count(NamedTuple):
 ROWS: dict[Kind, Count] = {
     JointKind.SPHERICAL: Count(3, 0, 0), JointKind.UNIVERSAL: Count(3, 0, 1), JointKind.REVOLUTE: Count(3, 0, 2),
     JointKind.FIXED: Count(3, 0, 3), JointKind.CYLINDRICAL: Count(0, 2, 2), JointKind.PRISMATIC: Count(0, 2, 3),
-    JointKind.ON_LINE: Count(0, 2, 0), JointKind.ON_PLANE: Count(0, 1, 0), JointKind.DISTANCE: Count(0, 1, 0),
+    JointKind.ON_LINE: Count(0, 2, 0), JointKind.ON_PLANE: Count(0, 1, 0), JointKind.NORMAL: Count(0, 0, 1),
+    JointKind.DISTANCE: Count(0, 1, 0),
     MovingKind.DRIVEN_POSITION: Count(0, 0, 0, 1), MovingKind.DRIVEN_ANGLE: Count(0, 0, 0, 1),
     MovingKind.KNIFE_EDGE: Count(0, 0, 0, 1), MovingKind.ROLLING: Count(0, 0, 0, 3),
 }  # fmt: skip
@@ -93,6 +95,7 @@ class Joint:
     across_j: Vector | None = None
     length: float = 0.0  # [m] of a distance, radius of a disc
     motion: TimeFunction | None = None
+    rows: Sequence[int] | None = None  # those that hold, numbered from 0 in the order above; None: all
 
     @property
     def sort(self) -> Kind:
@@ -145,7 +148,7 @@ def directions(k: int, joint: Joint) -> dict[str, Any]:
     if sort in NO_AXIS or joint.axis_j is None:
         return out
     axis = unit(joint.axis_j, where)
-    if sort in (JointKind.ON_PLANE, JointKind.UNIVERSAL, MovingKind.DRIVEN_POSITION):
+    if sort in (JointKind.ON_PLANE, JointKind.UNIVERSAL, JointKind.NORMAL, MovingKind.DRIVEN_POSITION):
         out["n"][0] = axis
     elif sort == MovingKind.ROLLING:  # the normal of the plane and its two tangents
         out["n"][0], out["n"][1:] = axis, _normals(axis)
@@ -161,6 +164,25 @@ def directions(k: int, joint: Joint) -> dict[str, Any]:
         if ROWS[sort].axis == 3 and joint.across_i is not None:
             out["w"] = beside(out["u"], joint.across_i, where)[0]
     return out
+
+
+def chosen(k: int, joint: Joint) -> list[Joint]:
+    """The joint, or one of a single row for each of its ``rows``: rows of points along the axes of j."""
+    if joint.rows is None:
+        return [joint]
+    made, count = directions(k, joint), ROWS[joint.sort]
+    if count.moving or joint.sort == JointKind.DISTANCE:
+        raise ValueError(f"joint {k}: the rows of a {joint.sort} joint cannot be chosen (got {list(joint.rows)})")
+    ways = [*np.eye(3)[: count.point], *made["n"][: count.line]]
+    tilts = [(made["u"], made["n"][0]), (made["u"], made["n"][1]), (made["w"], made["n"][1])][: count.axis]
+    plain = replace(joint, across_i=None, across_j=None)
+    each = [replace(plain, kind=JointKind.ON_PLANE, axis_i=None, axis_j=way) for way in ways]
+    each += [replace(plain, kind=JointKind.NORMAL, axis_i=u, axis_j=n) for u, n in tilts]
+    if not set(joint.rows) <= set(range(len(each))):
+        raise ValueError(f"joint {k}: rows must be of 0 to {len(each) - 1} (got {list(joint.rows)})")
+    name = joint.name or f"joint {k + 1}"
+    single = [replace(one, name=f"{name}, row {row}", rows=None) for row, one in enumerate(each)]
+    return [single[row] for row in joint.rows]
 
 
 def _check_given(where: str, sort: Kind, joint: Joint) -> None:

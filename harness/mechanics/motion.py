@@ -43,7 +43,7 @@ def energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
 
 
 def applied(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb 6"]:
-    """Gravity, springs, dampers, loads on each body: force [N, space], torque about C [N m, body]."""
+    """Gravity, springs, dampers, loads, user forces on each body: force [N, space], torque about C [N m, body]."""
     out = np.zeros((len(s.r), system.nb + 1, 6))  # the last one is the ground
     out[:, :-1, :3] = system.mass[:, None] * system.gravity
     for k in range(len(system.spring_k)):
@@ -69,11 +69,20 @@ def applied(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb 6"]:
         force, torque = _load(system, s, load)
         out[:, body] += _wrench(s.R[:, body], force, system.load_p[load])
         out[:, body, 3:] += np.einsum("tij,ti->tj", s.R[:, body], torque)
+    for body, force, torque in _user_forces(system, s):
+        out[:, body] += np.concatenate((force, np.einsum("tij,ti->tj", s.R[:, body], torque)), axis=-1)
     return out[:, :-1]
 
 
+def _user_forces(system: MultibodySystem, s: States) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """Bodies, force at C and torque about it, in space (nt, 3)."""
+    for i, j, law in zip(system.user_i, system.user_j, system.user_law, strict=True):
+        values = law.values(s, i, j)
+        yield from ((body, values[:, e], values[:, 2 + e]) for e, body in enumerate((i, j)) if body != GROUND)
+
+
 def power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """Power of dampers, loads and drives [W]: what changes T + V."""
+    """Power of dampers, loads, user forces and drives [W]: what changes T + V."""
     out = drive_power(system, s) if np.any(system.joint_motion) else np.zeros(len(s.r))
     for k in np.flatnonzero(system.spring_c):
         d, d_dot = _spring_line(system, s, int(k))
@@ -85,11 +94,14 @@ def power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
         omega = np.einsum("tij,tj->ti", s.R[:, body], s.Omega[:, body])
         v = point_velocity(s, body, system.load_p[load])
         out += np.sum(force * v, axis=-1) + np.sum(torque * omega, axis=-1)
+    for body, force, torque in _user_forces(system, s):
+        omega = np.einsum("tij,tj->ti", s.R[:, body], s.Omega[:, body])
+        out += np.sum(force * s.v[:, body], axis=-1) + np.sum(torque * omega, axis=-1)
     return out
 
 
 def work(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> Float[np.ndarray, " nt"]:
-    """Work of dampers, loads and drives since the start [J]: their power along the cubic through each step's ends.
+    """Work of all that has power since the start [J]: its integral along the cubic through each step's ends.
 
     Fourth order: steps of a method of high order are too long for the trapezoidal rule on the power.
     """

@@ -15,9 +15,9 @@ from .joints import KINDS, MovingKind
 from .state import State, States
 from .system import GROUND, MultibodySystem
 from .time_functions import in_units
+from .user_forces import BODY_MIRROR, presented
 
 SPACE_AXES = {"none": -1, "X": 0, "Y": 1, "Z": 2}
-BODY_MIRROR = np.diag([1.0, 1.0, -1.0])  # of every body frame, so that a mirrored R is a rotation again
 
 
 @dataclass(frozen=True)
@@ -122,6 +122,7 @@ def _mirrored(s: MultibodySystem, S: np.ndarray) -> MultibodySystem:
         spring_p_i=image(s.spring_p_i, s.spring_i), spring_p_j=image(s.spring_p_j, s.spring_j),
         load_p=_frozen(s.load_p @ BODY_MIRROR), load_force=load_image(s.load_force),
         load_torque=_frozen(-load_image(s.load_torque)),  # a pseudovector
+        user_law=presented(s.user_law, S),
     )  # fmt: skip
 
 
@@ -150,6 +151,7 @@ def _renumbered(s: MultibodySystem, bodies: np.ndarray, joints: np.ndarray) -> M
         s, **changes, mass=_frozen(s.mass[bodies]), inertia=_frozen(s.inertia[bodies]),
         torsion_i=_frozen(new[s.torsion_i]), torsion_j=_frozen(new[s.torsion_j]),
         spring_i=_frozen(new[s.spring_i]), spring_j=_frozen(new[s.spring_j]), load_i=_frozen(new[s.load_i]),
+        user_i=_frozen(new[s.user_i]), user_j=_frozen(new[s.user_j]),
         body_names=tuple(s.body_names[b] for b in bodies) if s.body_names else (),
         joint_names=tuple(s.joint_names[j] for j in joints) if s.joint_names else (),
     )  # fmt: skip
@@ -176,6 +178,7 @@ def _in_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
         spring_d0=_frozen(s.spring_d0 * L), spring_c=_frozen(s.spring_c * (M / T)),
         joint_length=_frozen(s.joint_length * L), load_p=_frozen(s.load_p * L),
         load_force=_frozen(s.load_force * (M * L / T**2)), load_torque=_frozen(s.load_torque * (M * L**2 / T**2)),
+        user_law=presented(s.user_law, np.eye(3), (L, M, T)),
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float, Int, Shaped
 
 from .checks import check_body, check_ends, frozen
 from .joints import (
@@ -22,10 +22,12 @@ from .joints import (
     MovingRows,
     Vector,
     beside,
+    chosen,
     directions,
     unit,
 )
 from .time_functions import ONE, TimeFunction, varies
+from .user_forces import UserForce, laws_of
 
 GROUND = -1
 
@@ -130,6 +132,10 @@ class MultibodySystem:
     load_follows: Bool[np.ndarray, " nl"]
     load_factor: Float[np.ndarray, "nl 7"]  # numbers of a ``TimeFunction``
 
+    user_i: Int[np.ndarray, " nu"]
+    user_j: Int[np.ndarray, " nu"]
+    user_law: Shaped[np.ndarray, " nu"]  # of ``user_forces.Law``
+
     body_names: tuple[str, ...] = ()
     joint_names: tuple[str, ...] = ()
 
@@ -174,13 +180,14 @@ class MultibodySystem:
 
     @property
     def is_conservative(self) -> bool:
-        """True when no damper and no load acts and nothing is driven, so that T + V is constant."""
-        return not (np.any(self.spring_c) or np.any(self.torsion_c) or len(self.load_i) or np.any(self.joint_motion))
+        """True when no damper, load or user force acts and nothing is driven, so that T + V is constant."""
+        forced = len(self.load_i) or len(self.user_i)
+        return not (np.any(self.spring_c) or np.any(self.torsion_c) or forced or np.any(self.joint_motion))
 
     @property
     def is_timed(self) -> bool:
-        """Whether drives or loads are functions of time."""
-        return bool(np.any(varies(self.joint_motion)) or np.any(self.load_factor != ONE))
+        """Whether drives, loads or user forces are, or may be, functions of time."""
+        return bool(np.any(varies(self.joint_motion)) or np.any(self.load_factor != ONE) or len(self.user_i))
 
     @property
     def is_holonomic(self) -> bool:
@@ -231,11 +238,13 @@ def assemble(
     springs: Sequence[SpringDamper] = (),
     loads: Sequence[Load] = (),
     torsions: Sequence[TorsionSpring] = (),
+    user_forces: Sequence[UserForce] = (),
 ) -> MultibodySystem:
     """Arrays from parts, or ValueError naming the invalid part."""
     for k, body in enumerate(bodies):
         check_body(body.name or f"body {k + 1}", body.mass, body.inertia)
-    parts: tuple[Joint | SpringDamper | TorsionSpring, ...] = (*joints, *springs, *torsions)
+    joints = [one for k, joint in enumerate(joints) for one in chosen(k, joint)]
+    parts: tuple[Joint | SpringDamper | TorsionSpring | UserForce, ...] = (*joints, *springs, *torsions, *user_forces)
     for k, part in enumerate(parts):
         check_ends(k, part.i, part.j, len(bodies))
     for name, some in (("spring", springs), ("torsion", torsions)):
@@ -290,6 +299,9 @@ def assemble(
         load_torque=frozen([f.torque for f in loads], (len(loads), 3)),
         load_follows=frozen([f.follows for f in loads], (len(loads),), np.bool_),
         load_factor=frozen([_factor(k, f) for k, f in enumerate(loads)], (len(loads), 7)),
+        user_i=frozen([f.i for f in user_forces], (len(user_forces),), np.int64),
+        user_j=frozen([f.j for f in user_forces], (len(user_forces),), np.int64),
+        user_law=laws_of(user_forces),
         body_names=tuple(b.name or f"body {k + 1}" for k, b in enumerate(bodies)),
         joint_names=tuple(j.name or f"joint {k + 1}" for k, j in enumerate(joints)),
     )

@@ -19,13 +19,12 @@ from ..types import GROWN, JUDGED, PREDICTABLE, Law, Problem, Reference, Traject
 from .mechanisms import mechanisms, part, state_of, states_of
 from .reactions import exact_pull_on_bodies, instants_to_compare, pull_on_bodies
 from .rows import between, is_motion, kinematic_defect
-from .scales import KINETIC, Run, Scales, displacement, reached, scales, speeds
+from .scales import KINETIC, STATES, Run, Scales, blocks, displacement, reached, scales, speeds
 
 JOINTS = (Law.CONSTRAINT, Law.CONSTRAINT_RATE)  # not laws of a motion whose start, as printed, opens the joints
 KNOWN = 1e-6  # of the time: an exact motion that ends before is none
 PATH = 0.01  # of the reach: a shorter path is none
 BETWEEN = 501  # times at which the motion between rows is compared
-BLOCK = 4096  # steps measured at a time: bounds the memory of 55 bodies over 1e5 steps
 
 
 @dataclass(frozen=True)
@@ -103,8 +102,8 @@ def _judged(
 ) -> tuple[Judged, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """With T + V, the norm of Eq. (81), |phi| and |phi_dot|."""
     system, start = part(problem.system, bodies), state_of(problem.initial, bodies)
-    blocks = [states_of(s.at(slice(k, k + BLOCK)), bodies) for k in range(0, len(t), BLOCK)]
-    parts = [(*_laws(system, b), reached(system, start, b)) for b in blocks]
+    some = (states_of(s.at(k), bodies) for k in blocks(len(t), len(bodies)))
+    parts = [(*_laws(system, b), reached(system, start, b)) for b in some]
     E, phi, phi_dot, gap, gap_rate, eq81, defect, rows = (np.concatenate(p) for p in zip(*parts, strict=True))
     drift = E - E[0] - _work(system, t, s, bodies)
     rows[:, KINETIC] -= np.maximum(drift, 0.0)  # what was gained was not there to be exchanged
@@ -148,9 +147,9 @@ def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
 def _work(system: MultibodySystem, t: np.ndarray, s: States, bodies: np.ndarray) -> np.ndarray:
     """Of dampers and loads since the start [J]."""
     out = np.zeros(len(t))
-    for k in range(0, len(t) if not system.is_conservative else 0, BLOCK):
-        steps = slice(k, k + BLOCK + 1)
-        out[steps] = out[k] + work(system, t[steps], states_of(s.at(steps), bodies))
+    for k in blocks(len(t) if not system.is_conservative else 0, len(bodies)):
+        steps = slice(k.start, k.stop + 1)
+        out[steps] = out[k.start] + work(system, t[steps], states_of(s.at(steps), bodies))
     return out
 
 
@@ -173,8 +172,7 @@ def _against_reference(
              "rate_error", "reference_own_error")  # fmt: skip
     series = {k: np.full(len(t), np.nan) for k in names}
     theirs = {o.name: np.full(len(t), np.nan) for o in problem.observables}
-    for k in range(0, n, BLOCK):
-        rows = slice(k, min(k + BLOCK, n))
+    for rows in blocks(n, problem.system.nb):
         exact = reference.states(np.minimum(t[rows], reference.horizon))
         series["position_error"][rows] = np.max(np.linalg.norm(s.r[rows] - exact.r, axis=2), axis=1)
         series["orientation_error"][rows] = np.max(so3.angle_between(s.R[rows], exact.R), axis=1)
@@ -216,7 +214,8 @@ def _between_rows(problem: Problem, reference: Reference, t: np.ndarray, s: Stat
     at = at[: predictable(at, stated(reference, at) / length)]
     if len(at) == 0:
         raise ValueError(f"the reference states an error by which nothing can be judged, of a reach of {length:.3g} m")
-    away = np.max(displacement(problem.system, between(t, s, at), reference.states(at)), axis=1)
+    some = ((between(t, s, at[k]), reference.states(at[k])) for k in blocks(len(at), problem.system.nb))
+    away = np.concatenate([np.max(displacement(problem.system, *both), axis=1) for both in some])
     worst = int(np.argmax(away))  # the first NaN, if there is one
     return {"motion_between": largest(away), "motion_between_s": float(at[worst])}
 
@@ -236,6 +235,7 @@ def _reaction_error(
     if reaction is None or system.nj == 0:
         return {}
     rows = instants_to_compare(t, reference.horizon)
+    rows = rows[:: 1 + len(rows) * system.nb // STATES]
     found = pull_on_bodies(system, np.asarray(reaction, dtype=float)[rows], s.at(rows))
     known = ~np.any(np.isnan(found), axis=(1, 2))
     if not np.any(known):

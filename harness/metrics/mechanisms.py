@@ -11,10 +11,12 @@ from scipy.sparse.csgraph import connected_components
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 
+TIES = ("joint", "spring", "user")
+
 
 def mechanisms(system: MultibodySystem) -> list[Int[np.ndarray, " n"]]:
     """Bodies of each; the ground connects none."""
-    i, j = (np.concatenate((getattr(system, f"joint_{e}"), getattr(system, f"spring_{e}"))) for e in "ij")
+    i, j = (np.concatenate([getattr(system, f"{kind}_{e}") for kind in TIES]) for e in "ij")
     both = (i != GROUND) & (j != GROUND)
     links = sp.coo_array((np.ones(np.sum(both)), (i[both], j[both])), shape=(system.nb, system.nb))
     count, of_body = connected_components(links, directed=False)
@@ -22,8 +24,8 @@ def mechanisms(system: MultibodySystem) -> list[Int[np.ndarray, " n"]]:
 
 
 def is_free(system: MultibodySystem) -> bool:
-    """Whether neither joint nor spring holds anything to the ground."""
-    return all(GROUND not in ends for ends in (system.joint_i, system.joint_j, system.spring_i, system.spring_j))
+    """Whether no joint, spring or user force holds anything to the ground."""
+    return all(GROUND not in ends for ends in (getattr(system, f"{kind}_j") for kind in TIES))
 
 
 def part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySystem:
@@ -33,7 +35,7 @@ def part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySys
     new = np.full(system.nb + 1, GROUND)  # the last entry, at -1, is the ground
     new[bodies] = np.arange(len(bodies))
     changes: dict[str, Any] = {"mass": system.mass[bodies], "inertia": system.inertia[bodies]}
-    for kind in ("joint", "spring", "torsion"):
+    for kind in (*TIES, "torsion"):
         i, j = (getattr(system, f"{kind}_{e}") for e in "ij")
         own = np.isin(i, bodies) | np.isin(j, bodies)
         arrays = {k: a[own] for k, a in vars(system).items() if k.startswith(kind) and isinstance(a, np.ndarray)}

@@ -9,9 +9,8 @@ from jaxtyping import Float
 from ..mechanics import so3
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
-from .scales import displacement, speeds
+from .scales import blocks, displacement, speeds
 
-BLOCK = 4096  # steps at a time
 TURN = 2.0 * np.pi
 
 
@@ -24,9 +23,9 @@ def kinematic_defect(
     the angle of a step, a circle gives |sin x / x - cos x|: 0.3 at three steps a turn; reversed velocities 2.
     """
     off, path, told = np.zeros((3, system.nb))
-    for k in range(0, len(t) - 1, BLOCK):
-        a, b = s.at(slice(k, min(k + BLOCK, len(t) - 1))), s.at(slice(k + 1, min(k + BLOCK, len(t) - 1) + 1))
-        h = np.diff(t[k : k + len(a) + 1])[:, None, None]
+    for k in blocks(len(t) - 1, system.nb):
+        a, b = s.at(k), s.at(slice(k.start + 1, k.stop + 1))
+        h = np.diff(t[k.start : k.stop + 1])[:, None, None]
         v, Omega = 0.5 * (a.v + b.v), 0.5 * (a.Omega + b.Omega)
         moved = States(a.r + h * v, a.R @ so3.exp(h * Omega), b.v, b.Omega)
         off += np.sum(displacement(system, moved, b), axis=0)

@@ -7,7 +7,7 @@ motion of the centre of mass where nothing is joined to the ground. Mechanisms b
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +19,7 @@ from ..mechanics.system import GROUND, MultibodySystem
 from ..types import ALLOWED, Law, Problem, Reference
 from .mechanisms import is_free, part, state_of, states_of, without_common_motion
 
+STATES = 2**18  # poses of bodies measured at a time: bounds the memory, whatever the system and the run
 SAMPLES = 2001  # of the exact motion, evenly over its time
 REST = 1e-6  # of what bodies could reach: a motion that stays below is none, and has no size of its own
 KINETIC = 3  # column of
@@ -59,6 +60,12 @@ class Run:
     rows: Rows
     laws: Mapping[Law, np.ndarray]
     covered: int
+
+
+def blocks(nt: int, nb: int) -> Iterator[slice]:
+    """``nt`` times of ``nb`` bodies, ``STATES`` of them at a time."""
+    size = max(1, STATES // max(nb, 1))
+    return (slice(k, min(k + size, nt)) for k in range(0, nt, size))
 
 
 def displacement(system: MultibodySystem, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
@@ -112,7 +119,8 @@ def scales(
     known = reached(system, start, States.one(start))
     if exact is not None:
         t = np.linspace(0.0, min(problem.t_end, exact.horizon), SAMPLES)
-        known = np.concatenate((known, reached(system, start, states_of(exact.states(t), bodies))))
+        some = (exact.states(t[k]) for k in blocks(SAMPLES, problem.system.nb))
+        known = np.concatenate((known, *(reached(system, start, states_of(s, bodies)) for s in some)))
     run = run or Run(known[:0], {}, 0)
     finite = np.isfinite(run.rows).all(axis=1)
     end = len(finite) if np.all(finite) else int(np.argmin(finite))

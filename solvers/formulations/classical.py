@@ -10,6 +10,7 @@ from .differences import DifferencedForm
 from .layout import Layout
 from .recording import Clocked
 from .start import redundancy_refusal
+from .traced import without_expression
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,8 @@ class SymbolicOptions(Clocked):
             reason = redundancy_refusal(problem)
             if reason is not None:
                 return reason
-        return CHARTS[self.coordinates].refusal(problem.initial)
+        chart = CHARTS[self.coordinates]
+        return chart.refusal(problem.initial) or without_expression(problem.system, chart)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ VELOCITIES_ALONE = (
     "such as gc_weak_form, rkmk_dop853, half_explicit or ida_index1"
 )
 GRADIENTS = (
-    "has discrete gradients of joints and springs between points only, not of drives, knife edges, discs and torsional "
-    "springs: use gc_weak_form or rkmk_dop853"
+    "has discrete gradients of joints and springs between points only, not of drives, knife edges, discs, torsional "
+    "springs and user forces: use gc_weak_form or rkmk_dop853"
 )
 
 
@@ -19,4 +19,5 @@ def without_phi(system: MultibodySystem) -> str | None:
 
 def without_gradient(system: MultibodySystem) -> str | None:
     """The refusal of a method of discrete gradients."""
-    return GRADIENTS if len(system.moving_rows().joint) or len(system.torsion_k) else None
+    beyond = len(system.moving_rows().joint) or len(system.torsion_k) or len(system.user_i)
+    return GRADIENTS if beyond else None

@@ -27,13 +27,12 @@ from .system_elements import (
     body_batch,
     joint_rows,
     kinds_of,
-    load_batch,
+    load_batches,
     pair_ends,
     row_parameters,
     spring_batch,
     spring_parameters,
     time_of,
-    torsion_batch,
 )
 
 
@@ -96,8 +95,8 @@ class StrongForm:
         s = layout.system
         self._gravity = np.concatenate((s.mass[:, None] * s.gravity, np.zeros((s.nb, 3))), axis=1).ravel()
         self._springs = _Springs(self._bare) if len(s.spring_k) else None
-        loads = [load_batch(self._bare, chosen=False), torsion_batch(self._bare, chosen=False)]
-        loaded = len(s.load_i) + len(s.torsion_k) > 0
+        loads = load_batches(self._bare, chosen=False)
+        loaded = any(len(b.z) for b in loads)
         self._loads = Assembly(self._bare, loads, layout.n_u, differentiable=False) if loaded else None
 
     def terms(self, pu: Float[np.ndarray, " n"], t: float = 0.0) -> RowTerms:
@@ -131,7 +130,7 @@ class StrongForm:
     def _batches(self, layout: Layout, place: np.ndarray) -> list[Batch]:
         bare, system = self._bare, layout.system
         A, gamma, phi_dot, phi, M_bar, M_bar_dot, c = (part.start for part in self._slices[2:])
-        batches, used = [body_batch(bare), spring_batch(bare), torsion_batch(bare), load_batch(bare)], 0
+        batches, used = [body_batch(bare), spring_batch(bare), *load_batches(bare)], 0
         for kind in kinds_of(layout):
             joints, rows = joint_rows(layout, kind)
             ends = pair_ends(bare, system.joint_i[joints], system.joint_j[joints])

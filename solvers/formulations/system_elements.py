@@ -12,11 +12,12 @@ from ...harness.mechanics.joints import MovingKind
 from .assembly import Assembly, Batch
 from .layout import Layout, Stabilised
 from .symbolic import MOVING, RATES, ROWS, body_element, load_element, row_element, spring_element, torsion_element
+from .traced import user_element
 
 
 def equations_of_motion(layout: Layout, level: str, alpha: float, beta: float, *, differentiable: bool) -> Assembly:
     """(p_dot, e, c) over (p, u, lam) and w = u_dot; ``level`` of c as in ``row_element``."""
-    batches = [body_batch(layout), spring_batch(layout), torsion_batch(layout), load_batch(layout)]
+    batches = [body_batch(layout), spring_batch(layout), *load_batches(layout)]
     for kind in kinds_of(layout):
         joints, rows = joint_rows(layout, kind)
         ends = pair_ends(layout, layout.system.joint_i[joints], layout.system.joint_j[joints])
@@ -60,8 +61,7 @@ def spring_parameters(layout: Layout) -> np.ndarray:
     return np.concatenate((s.spring_p_i, s.spring_p_j, np.stack((s.spring_k, s.spring_d0, s.spring_c), axis=1)), axis=1)
 
 
-def torsion_batch(layout: Layout, *, chosen: bool = True) -> Batch:
-    """All torsional springs on e, or in V on (nb, 6) if not ``chosen``."""
+def _torsion_batch(layout: Layout, chosen: bool) -> Batch:
     s = layout.system
     ends = pair_ends(layout, s.torsion_i, s.torsion_j)
     numbers = np.stack((s.torsion_k, s.torsion_rest, s.torsion_c), axis=1)
@@ -70,8 +70,21 @@ def torsion_batch(layout: Layout, *, chosen: bool = True) -> Batch:
     return Batch(torsion_element(layout.chart, chosen=chosen), parameters, ends.z, ends.w, out)
 
 
-def load_batch(layout: Layout, *, chosen: bool = True) -> Batch:
-    """All loads on e, or in V on (nb, 6) if not ``chosen``."""
+def load_batches(layout: Layout, *, chosen: bool = True) -> list[Batch]:
+    """Torsional springs, loads and user forces on e, or in V on (nb, 6) if not ``chosen``."""
+    users = [_user_batch(layout, k, chosen) for k in range(len(layout.system.user_i))]
+    return [_torsion_batch(layout, chosen), _load_batch(layout, chosen), *users]
+
+
+def _user_batch(layout: Layout, k: int, chosen: bool) -> Batch:
+    s = layout.system
+    ends = pair_ends(layout, s.user_i[k : k + 1], s.user_j[k : k + 1])
+    out = ends.load if chosen else np.where(ends.w < layout.n_u, ends.w, -1)
+    element = user_element(s.user_law[k], layout.chart, chosen=chosen)
+    return Batch(element, np.zeros((1, 0)), np.append(ends.z, [[layout.time]], axis=1), ends.w, out)
+
+
+def _load_batch(layout: Layout, chosen: bool) -> Batch:
     s = layout.system
     parts = (s.load_p, s.load_force, s.load_torque, s.load_follows[:, None].astype(float), s.load_factor)
     w = layout.velocity(s.load_i)

@@ -19,7 +19,7 @@ def missing(module: str, wheel: str = "") -> str | None:
 
 def beyond(system: MultibodySystem) -> str | None:
     """What of the system the adapters do not hand to an engine, or None."""
-    if system.is_pinned and not len(system.load_i) and not len(system.torsion_k):
+    if system.is_pinned and not (len(system.load_i) or len(system.torsion_k) or len(system.user_i)):
         return None
     return "engines are given spherical and revolute joints, gravity and springs only"
 

@@ -42,6 +42,7 @@ import numpy as np
 
 from ....harness.mechanics.joints import KINDS, MovingKind
 from ....harness.mechanics.system import MultibodySystem
+from ....harness.mechanics.user_forces import NUMBERS as NUMBERS_READ
 from .moving import ANGLE, KNIFE, POSITION, ROLLING
 
 NUMBERS = {
@@ -72,7 +73,7 @@ class Model(NamedTuple):
     length: np.ndarray  # (nj,) of a distance, or of a disc's radius, else 0
     motion: np.ndarray  # (nj, 7) the function of time of moving rows
     row: np.ndarray  # (nj + 1,) first row of each joint
-    spring_body: np.ndarray  # (ns + nr, 2) of springs, then of torsional ones
+    spring_body: np.ndarray  # (ns + nr + nu, 2) of springs, of torsional ones, of user forces
     p: np.ndarray  # (ns, 2, 3) ends of a spring from C, in the body
     stiffness: np.ndarray  # (ns,)
     free_length: np.ndarray  # (ns,)
@@ -89,6 +90,10 @@ class Model(NamedTuple):
     load_torque: np.ndarray  # (nl, 3)
     load_follows: np.ndarray  # (nl,) 1: they turn with the body
     load_factor: np.ndarray  # (nl, 7) function of time
+    user_body: np.ndarray  # (nu, 2)
+    user_law: np.ndarray  # (nu,) addresses of ``mechanics.user_forces.Law.entry``
+    user_state: np.ndarray  # (36,) room for what they read
+    user_load: np.ndarray  # (4, 3) and write
 
 
 class Motion(NamedTuple):
@@ -150,6 +155,7 @@ def model_of(system: MultibodySystem) -> Model:
     joint, pins, lines, axes = parts.T
     springs = np.stack((system.spring_i, system.spring_j), axis=1).astype(np.int64)
     torsions = np.stack((system.torsion_i, system.torsion_j), axis=1).astype(np.int64)
+    users = np.stack((system.user_i, system.user_j), axis=1).astype(np.int64)
     both = np.minimum(np.arange(3), 1)  # rows (u, n_1), (u, n_2), (w, n_2)
     model = Model(
         mass=system.mass,
@@ -168,7 +174,7 @@ def model_of(system: MultibodySystem) -> Model:
         length=system.joint_length[joint],
         motion=system.joint_motion[joint],
         row=np.concatenate(([0], np.cumsum(3 * pins + lines + axes))).astype(np.int64),
-        spring_body=np.concatenate((springs, torsions)),
+        spring_body=np.concatenate((springs, torsions, users)),
         p=np.stack((system.spring_p_i, system.spring_p_j), axis=1),
         stiffness=system.spring_k,
         free_length=system.spring_d0,
@@ -185,6 +191,10 @@ def model_of(system: MultibodySystem) -> Model:
         load_torque=system.load_torque,
         load_follows=system.load_follows.astype(np.int64),
         load_factor=system.load_factor,
+        user_body=users,
+        user_law=np.array([law.entry.address for law in system.user_law], dtype=np.int64),
+        user_state=np.zeros(NUMBERS_READ),
+        user_load=np.zeros((4, 3)),
     )
     return Model._make(np.array(a, order="C") for a in model)  # one layout, so one compilation for all systems
 

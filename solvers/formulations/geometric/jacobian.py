@@ -17,6 +17,7 @@ from .loads import add_load_slopes
 from .moving import moving_slopes
 from .springs import add_jacobian
 from .torsion import add_torsion_slopes
+from .user_forces import add_user_slopes
 from .vectors import INNER, JIT, add, cross, dot, plus, right_differential, times, turn, turn_back
 
 
@@ -45,6 +46,7 @@ def assemble(model, step, settings, saddle):
     add_jacobian(model, step.end, 0.5 * step.dt, saddle)
     add_torsion_slopes(model, step.end, 0.5 * step.dt, saddle)
     add_load_slopes(model, step.end, 0.5 * step.dt, saddle)
+    add_user_slopes(model, step.end, 0.5 * step.dt, saddle)
 
 
 @njit(**INNER)

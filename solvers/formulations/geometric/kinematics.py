@@ -1,10 +1,11 @@
-"""Joints and applied wrench at one instant: arms, axes, phi, phi_dot, gravity, springs and loads."""
+"""Joints and applied wrench at one instant: arms, axes, phi, phi_dot, gravity, springs, loads and user forces."""
 
 from numba import njit
 
 from .loads import add_loads
 from .springs import line
 from .torsion import add_torsions
+from .user_forces import add_user_forces
 from .vectors import INNER, add, cross, dot, plus, put, times, turn
 
 
@@ -57,7 +58,7 @@ def axes(model, motion):
 
 @njit(**INNER)
 def applied(model, motion):
-    """Wrench of gravity, spring-dampers and loads on each body: force, and torque about C, both in space."""
+    """Wrench of all applied forces on each body: force, and torque about C, both in space."""
     for b in range(len(model.mass)):
         put(times(model.mass[b], model.gravity), motion.wrench[b])
         put((0.0, 0.0, 0.0), motion.wrench[b, 3:])
@@ -71,3 +72,4 @@ def applied(model, motion):
                 add(1.0, cross(turn(motion.R[b], model.p[i, e]), force), motion.wrench[b, 3:])
     add_torsions(model, motion)
     add_loads(model, motion)
+    add_user_forces(model, motion)

@@ -36,7 +36,7 @@ def add_torsions(model, motion):
 @njit(**INNER)
 def add_torsion_slopes(model, motion, half, saddle):
     """-half d(wrench) by Omega1, column by column, in ``saddle.blocks``."""
-    R, v, first = motion.R, motion.v, len(model.spring_body) - len(model.torsion_body)
+    R, v, first = motion.R, motion.v, len(model.stiffness)
     for i in range(len(model.torsion_body)):
         for o in range(2):  # the end that moves
             b = model.torsion_body[i, o]

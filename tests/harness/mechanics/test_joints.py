@@ -1,5 +1,7 @@
 """Every kind of joint and of force, on all routes: rows, their rates, accelerations, power, presentations."""
 
+import dataclasses
+import importlib.util
 from functools import cache
 
 import numpy as np
@@ -8,13 +10,15 @@ import pytest
 from mbsbench.harness.catalogue.registry import in_frame
 from mbsbench.harness.mechanics import motion, so3
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
-from mbsbench.harness.mechanics.joints import Joint, JointKind
+from mbsbench.harness.mechanics.joints import ROWS, Joint, JointKind
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import GROUND, Load, RigidBody, assemble
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
+from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.types import Problem
+from mbsbench.problems.random_mechanism import closed_joint
 from mbsbench.solvers.formulations.charts import CHARTS
 from mbsbench.solvers.formulations.geometric.arrays import model_of
 from mbsbench.solvers.formulations.geometric.index1.kernel import empty_kernel, evaluate
@@ -55,7 +59,7 @@ def test_a_joint_leaves_free_what_its_rows_say(kind: JointKind, ground: bool) ->
     """Its rows are independent: their number is the freedoms it takes."""
     system, state = one_joint(kind, ground=ground)
     taken = {"spherical": 3, "universal": 4, "revolute": 5, "fixed": 6, "cylindrical": 4, "prismatic": 5}
-    taken |= {"point on line": 2, "point on plane": 1, "distance": 1}
+    taken |= {"point on line": 2, "point on plane": 1, "normal axes": 1, "distance": 1}
     assert np.linalg.matrix_rank(constraint_jacobian(system, state).toarray()) == taken[kind] == system.nrows
 
 
@@ -180,12 +184,44 @@ def test_a_turned_frame_turns_loads() -> None:
         (Joint(0, (0, 0, 0), kind="point on plane"), "needs axis_j"),
         (Joint(0, (0, 0, 0), kind="cylindrical", axis_j=(1, 0, 0)), "give the axis in both bodies"),
         (Joint(0, (0, 0, 0), kind="spherical", axis_i=(1, 0, 0), axis_j=(1, 0, 0)), "has no axis"),
+        (Joint(0, (0, 0, 0), rows=(0, 3)), "rows must be of 0 to 2"),
+        (Joint(0, (0, 0, 0), kind="distance", length=1.0, rows=(0,)), "cannot be chosen"),
     ],
 )  # fmt: skip
 def test_an_incomplete_joint_is_refused(joint: Joint, said: str) -> None:
     """In one line, with what was expected."""
     with pytest.raises(ValueError, match=said):
         assemble([RigidBody(1.0, np.eye(3))], [joint])
+
+
+@pytest.mark.parametrize("kind", [k for k in KINDS if k != JointKind.DISTANCE])
+def test_all_rows_of_a_joint_one_by_one_are_the_joint(kind: JointKind) -> None:
+    """One space of A: the same motion. Point rows are along the axes of j there, along those of space in the joint."""
+    bodies, random = [RigidBody(1.0, np.eye(3))] * 2, np.random.default_rng(5)
+    r, R = random.standard_normal((2, 3)), so3.exp(random.standard_normal((2, 3)))
+    joint = closed_joint(kind, 0, 1, (r, R), random)
+    v = random.standard_normal((2, 2, 3))
+    state = State(r, R, v[0], v[1])
+    whole = assemble(bodies, [joint])
+    single = assemble(bodies, [dataclasses.replace(joint, rows=range(whole.nrows))])
+    assert np.max(np.abs(motion.constraint(single, States.one(state)))) < ROUNDING
+    A, B = (constraint_jacobian(s, state).toarray() for s in (whole, single))
+    ranks = [np.linalg.matrix_rank(rows, tol=1e-9) for rows in (A, B, np.concatenate((A, B)))]
+    assert ranks == [len(A)] * 3
+    fewer = assemble(bodies, [dataclasses.replace(joint, rows=range(1, whole.nrows))])
+    assert np.array_equal(constraint_jacobian(fewer, state).toarray(), B[1:])
+
+
+@each_joint
+def test_pictures_are_those_of_the_rows(kind: JointKind) -> None:
+    """As ``make joints`` draws them: an arrow for each freedom."""
+    found = importlib.util.spec_from_file_location("draw_joints", ROOT / "docs" / "draw_joints.py")
+    assert found is not None and found.loader is not None
+    drawing = importlib.util.module_from_spec(found)
+    found.loader.exec_module(drawing)
+    drawn = drawing.picture(kind)
+    assert drawn.count('stroke-width="2"') == 6 - sum(ROWS[kind])
+    assert (ROOT / "docs" / "images" / "joints" / drawing.name(kind)).read_text(encoding="utf-8") == drawn
 
 
 def test_a_load_on_the_ground_is_refused() -> None:

@@ -22,6 +22,7 @@ from numba import njit
 from ..arrays import Model
 from ..loads import load
 from ..torsion import torque
+from ..user_forces import evaluate_law
 from ..vectors import INNER, JIT, add, copy, cross, dot, plus, turn_back, turned_by
 from .blocks import WIDTH, Blocks, analyse
 from .lines import line_rows
@@ -313,7 +314,7 @@ def solve(blocks, k, x):
 
 @njit(**HOT)
 def applied(model, k):
-    """Fill ``k.force``: gravity, springs, dampers and loads; torques in the body."""
+    """Fill ``k.force``: gravity, springs, dampers, loads and user forces; torques in the body."""
     for b in range(len(model.mass)):
         for a in range(3):
             k.force[b, a] = model.mass[b] * model.gravity[a]
@@ -324,6 +325,8 @@ def applied(model, k):
         _torsion(model, k, i)
     for i in range(len(model.load_body)):
         _load(model, k, i)
+    for i in range(len(model.user_body)):
+        _user_force(model, k, i)
 
 
 @njit(**INNER)
@@ -343,6 +346,16 @@ def _load(model, k, i):
     for a in range(3):
         k.force[b, a] += F[a]
         k.force[b, 3 + a] += torque[a]
+
+
+@njit(**INNER)
+def _user_force(model, k, i):
+    evaluate_law(model, k.r, k.R, k.v, k.t[0], i)
+    for e in range(2):
+        b = model.user_body[i, e]
+        if b >= 0:
+            add(1.0, model.user_load[e], k.force[b])
+            add(1.0, turn_back(k.R[b], model.user_load[2 + e]), k.force[b, 3:])
 
 
 @njit(**HOT)

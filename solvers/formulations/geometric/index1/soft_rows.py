@@ -45,9 +45,11 @@ class SoftRows(NamedTuple):
 
 
 def without_springs(model: Model) -> Model:
-    """The system less its springs; torsional ones stay."""
+    """The system less its springs; torsional ones and user forces stay."""
     empty = ("p", "stiffness", "free_length", "damping")
-    return model._replace(spring_body=model.torsion_body, **{name: getattr(model, name)[:0] for name in empty})
+    return model._replace(
+        spring_body=model.spring_body[len(model.stiffness) :], **{name: getattr(model, name)[:0] for name in empty}
+    )
 
 
 def soft_rows(model: Model, stages: tuple[Kernel, ...]) -> SoftRows:

@@ -1,0 +1,135 @@
+"""Forces that a user writes as a function of time and of the state of two bodies.
+
+    law(t, r, R, v, Omega, F, T)
+
+t [s]; r, v, Omega (2, 3) and R (2, 3, 3) of body i and body j, as in ``State``; of the ground r = v = Omega = 0, R = I.
+The law fills F (2, 3) [N], which acts at each C, and T (2, 3) [N m], about it, both in space; they come as zeros, and
+the row of the ground is ignored. Numba compiles it once, to an address that kernels call.
+"""
+
+import ctypes
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Shaped
+
+from .state import States
+
+NUMBERS = 36  # r, R, v, Omega of two bodies, in this order
+SI = (1.0, 1.0, 1.0)
+POINTER = ctypes.POINTER(ctypes.c_double)
+BODY_MIRROR = np.diag([1.0, 1.0, -1.0])  # of every body frame, so that a mirrored R is a rotation again
+
+
+@dataclass(frozen=True)
+class UserForce:
+    """``law`` (above) between body ``i`` and body ``j``, in plain Python or decorated with ``numba.njit``."""
+
+    law: Callable[..., None]
+    i: int
+    j: int = -1  # the ground
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """A user's law in the space and the units of a system: ``frame`` takes vectors of its space to the system's."""
+
+    function: Callable[..., None]  # plain Python
+    bodies: int  # 2, or 1 beside the ground
+    frame: Float[np.ndarray, "3 3"]
+    units: tuple[float, float, float] = SI  # of the numbers of a length, a mass, a time
+
+    def presented(self, compiled: Callable[[Any], Any] = lambda f: f) -> Callable[..., None]:
+        """The law as a function, every part of it made by ``compiled``."""
+        law = compiled(self.function)
+        L, M, T = self.units
+        if self.units == SI and np.array_equal(self.frame, np.eye(3)):
+            return law
+        n, back, there = self.bodies, np.array(self.frame), np.ascontiguousarray(self.frame.T)
+        mirrored = np.linalg.det(self.frame) < 0.0
+        body, sign = (BODY_MIRROR, -1.0) if mirrored else (np.eye(3), 1.0)
+        force = M * L / T**2
+
+        def turned(t, r, R, v, Omega, F, moment):  # type: ignore[no-untyped-def]
+            for e in range(n):
+                r[e] = np.dot(r[e] / L, back)
+                v[e] = np.dot(v[e] * (T / L), back)
+                R[e] = np.dot(np.dot(there, R[e]), body)
+                Omega[e] = sign * T * np.dot(Omega[e], body)
+            law(t / T, r, R, v, Omega, F, moment)
+            for e in range(n):
+                F[e] = force * np.dot(F[e], there)
+                moment[e] = sign * force * L * np.dot(moment[e], there)
+
+        return compiled(turned)
+
+    @cached_property
+    def entry(self) -> Any:
+        """The compiled law behind a C signature, (t, NUMBERS, F and T of both bodies)."""
+        import numba  # half a second, which those without user forces need not wait
+
+        law, double = self.presented(numba.njit), numba.types.double
+
+        @numba.cfunc(numba.types.void(double, numba.types.CPointer(double), numba.types.CPointer(double)))
+        def entry(t, state, load):  # type: ignore[no-untyped-def]
+            x, out, found = numba.carray(state, (NUMBERS,)), numba.carray(load, (4, 3)), np.zeros((4, 3))
+            out[:] = np.nan  # stays where the law raises an error, which C cannot hand on
+            r, v, Omega = x[:6].reshape(2, 3), x[24:30].reshape(2, 3), x[30:].reshape(2, 3)
+            law(t, r, x[6:24].reshape(2, 3, 3), v, Omega, found[:2], found[2:])
+            out[:] = found
+
+        return entry
+
+    def values(self, s: States, i: int, j: int) -> Float[np.ndarray, "nt 4 3"]:
+        """Forces on i and on j, then torques, at each time."""
+        out, call = np.zeros((len(s), 4, 3)), self.entry.ctypes
+        ends = [(s.r[:, b], s.R[:, b], s.v[:, b], s.Omega[:, b]) for b in (i, j) if b >= 0]
+        rest = np.zeros((len(s), 3))
+        ends += [(rest, np.broadcast_to(np.eye(3), (len(s), 3, 3)), rest, rest)] * (2 - len(ends))
+        x = np.concatenate([a.reshape(len(s), -1) for of_both in zip(*ends, strict=True) for a in of_both], axis=1)
+        for k, t in enumerate(s.times):
+            call(t, x[k].ctypes.data_as(POINTER), out[k].ctypes.data_as(POINTER))
+        return out
+
+
+def presented(
+    laws: Shaped[np.ndarray, " nu"],
+    frame: Float[np.ndarray, "3 3"],
+    units: tuple[float, float, float] = SI,
+) -> Shaped[np.ndarray, " nu"]:
+    """The same laws in a space turned or mirrored by ``frame``, and in other units on top."""
+    out = np.empty(len(laws), dtype=object)
+    for k, law in enumerate(laws):
+        L, M, T = (a * b for a, b in zip(law.units, units, strict=True))
+        out[k] = replace(law, frame=frame @ law.frame, units=(L, M, T))
+    out.setflags(write=False)
+    return out
+
+
+def laws_of(forces: Sequence[UserForce]) -> Shaped[np.ndarray, " nu"]:
+    """Their compiled laws, each compiled once, or ValueError."""
+    made: dict[tuple[Callable[..., None], int], Law] = {}
+    out = np.empty(len(forces), dtype=object)
+    for k, force in enumerate(forces):
+        function, bodies = getattr(force.law, "py_func", force.law), 1 + (force.j >= 0)
+        if (function, bodies) not in made:
+            made[function, bodies] = _compiled(k, Law(function, bodies, np.eye(3)))
+        out[k] = made[function, bodies]
+    out.setflags(write=False)
+    return out
+
+
+def _compiled(k: int, law: Law) -> Law:
+    import numba
+
+    if numba.config.DISABLE_JIT:
+        raise ValueError(f"user force {k} needs numba's compiler: unset NUMBA_DISABLE_JIT")
+    try:
+        law.entry  # noqa: B018 - compiled here, where a mistake is the user's
+    except numba.core.errors.NumbaError as error:
+        reason = " ".join(str(error).split())[:200]
+        raise ValueError(f"user force {k}: numba does not compile law(t, r, R, v, Omega, F, T): {reason}") from None
+    return law
