@@ -17,7 +17,7 @@ from ..harness.files import write_text
 from ..harness.results.judgements import Order
 from .model.motion import motion_of
 from .model.provenance import stamp
-from .model.results import Results, read_results
+from .model.results import Results, grouped, read_results
 from .pages.judged.certificates import ladders
 from .pages.judged.orders import certificates
 from .pages.judgement import links_of
@@ -85,8 +85,10 @@ def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:
     def chart(plots: Sequence[Plot], caption: str) -> Chart:
         return Chart(caption, _image(partial(figure, plots, own, columns=2)))
 
-    if plots := _orders(results, orders):
-        yield chart(plots, "Observed order: error against step with the fitted line; dashed, the declared order.")
+    for title, ladder in grouped(orders, lambda o: o.variant).items():
+        if plots := _orders(results, ladder):
+            words = "observed order: error against step with the fitted line; dashed, the declared order."
+            yield chart(plots, f"{title}: {words}")
     for run in (r for r in results.runs if r.record.label == "long"):
         motions = {run.record.run_id: motion_of(run, results.readable_series(run))}
         found = laws(Drawing([run], all_lines([run], shared_options([run])), motions))
@@ -110,7 +112,7 @@ def _orders(results: Results, orders: Sequence[Order]) -> list[Plot]:
                 x, y = (np.array(v) for v in zip(*c.fit, strict=True))
                 line = y[0] * (x / x[0]) ** c.of.declared
                 declared.append(Trace(f"declared: order {c.of.declared:g}", x, line, dash=1))
-            plots.append(replace(plot, traces=(*plot.traces, *declared)))
+            plots.append(replace(plot, title=c.of.quantity, traces=(*plot.traces, *declared)))
     return plots
 
 
