@@ -211,6 +211,7 @@ def divided(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: Ro
     F[0, 0] = 1.0 / (0.0 if t > 0.1 else 1.0)
 
 
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # the error, as C prints it
 def test_a_law_that_raises_an_error_ends_the_run() -> None:
     """Not with zeros in its place, which would look like a success."""
     ball = assemble([RigidBody(1.0, np.eye(3))], user_forces=[UserForce(divided, 0)])
