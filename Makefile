@@ -35,7 +35,7 @@ $(READY): requirements.lock pyproject.toml
 	@touch $@
 
 test: $(READY) ## run all tests but the slow ones
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 3 -m "not slow" --benchmark-disable
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 3 --dist worksteal -m "not slow" --benchmark-disable
 
 $(CLUSTER): requirements-cluster.lock $(READY)
 	$(call moving,$(PIP) -r requirements-cluster.lock,installing requirements-cluster.lock)

@@ -14,7 +14,9 @@ from .motion import applied, drift
 from .state import State, States
 from .system import MultibodySystem
 
-RANK = 1e-6  # of the largest singular value of A M^-1/2: rows below are redundant, also in stages off phi = 0 (Bricard)
+RANK = (
+    1e-6  # of the largest singular value of A M^-1/2 in rows of length one: redundant below, also off phi = 0 (Bricard)
+)
 
 
 @dataclass(frozen=True)
@@ -61,11 +63,13 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     B = np.einsum("kbj,bij->kbi", e.A.reshape(len(e.A), system.nb, 6), inverse).reshape(e.A.shape)
     x, reaction = free.ravel(), np.zeros(len(B))
     if len(B):
-        U, size, V = np.linalg.svd(B, full_matrices=False)
+        length = np.linalg.norm(B, axis=1)  # rows have units and bodies of their own
+        length[length == 0.0] = 1.0
+        U, size, V = np.linalg.svd(B / length[:, None], full_matrices=False)
         keep = size > RANK * size[0]
         U, size, V = U[:, keep], size[keep], V[keep]
-        missing = (U.T @ (phi_ddot - e.A_dot_v - B @ x)) / size
-        x, reaction = x + V.T @ missing, U @ (missing / size)
+        missing = (U.T @ ((phi_ddot - e.A_dot_v - B @ x) / length)) / size
+        x, reaction = x + V.T @ missing, (U @ (missing / size)) / length
     a = np.einsum("bji,bj->bi", inverse, x.reshape(-1, 6))
     return Rates(s.v, s.Omega, a[:, :3], a[:, 3:], reaction)
 

@@ -52,7 +52,7 @@ class Clock:
 
 
 class Clocked(ABC):
-    """``solve`` under a ``Clock``: the start alone where the solver refuses, or finds no consistent start."""
+    """``solve`` under a ``Clock``: the start alone where the solver refuses, or fails before the first step."""
 
     @abstractmethod
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
@@ -60,7 +60,7 @@ class Clocked(ABC):
 
     @abstractmethod
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
-        """From the start to ``t_end``; raises ``StepFailure`` where there is no consistent start."""
+        """From the start to ``t_end``; raises ``StepFailure`` where it fails before the first step."""
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate from the start to ``t_end``."""
@@ -70,7 +70,7 @@ class Clocked(ABC):
         try:
             return self._integrate(problem, control, clock)
         except StepFailure as failure:
-            return no_trajectory(problem, failure.status, f"no consistent start: {failure.message}")
+            return no_trajectory(problem, failure.status, f"before the first step: {failure.message}")
 
 
 @dataclass

@@ -35,7 +35,7 @@ def start(folder, suite, *more):
 
 
 def done(folder) -> dict[str, int]:
-    return {p.name: p.stat().st_mtime_ns for p in (folder / "runs").glob("*.json")} if folder.exists() else {}
+    return {p.name: p.stat().st_mtime_ns for p in (folder / "runs").glob("[!.]*.json")} if folder.exists() else {}
 
 
 def wait_for(folder, count: int) -> None:

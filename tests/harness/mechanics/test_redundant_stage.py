@@ -1,10 +1,11 @@
 """Accelerations of a system where rows are redundant."""
 
 import numpy as np
+import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.consistency import project
-from mbsbench.harness.mechanics.dynamics import accelerations, moved
+from mbsbench.harness.mechanics.dynamics import accelerations, equations, moved
 
 
 def test_redundant_rows_stay_redundant_in_a_stage_off_the_constraints():
@@ -22,3 +23,15 @@ def test_redundant_rows_stay_redundant_in_a_stage_off_the_constraints():
         there, on = accelerations(system, stage), accelerations(system, project(system, stage))
         off.append(np.max(np.abs(there.v_dot - on.v_dot)))
     assert 3.0 < off[0] / off[1] < 5.0 and off[0] < 1.0
+
+
+@pytest.mark.parametrize(
+    "drawn", [{"size": 1e5, "mechanism_seed": 31}, {"size": 1e5, "mechanism_seed": 5},
+              {"size": 1e-5, "contrast": 10.0, "mechanism_seed": 31}],
+)  # fmt: skip
+def test_rows_of_small_or_heavy_bodies_are_no_redundant_ones(drawn):
+    """A a + A_dot v = 0 in every row, whatever the sizes and masses: none is taken for redundant."""
+    problem = make_problem("random_mechanism", drawn)
+    e, rates = equations(problem.system, problem.initial), accelerations(problem.system, problem.initial)
+    a = np.concatenate((rates.v_dot, rates.Omega_dot), axis=1).ravel()
+    assert np.max(np.abs(e.A @ a + e.A_dot_v)) < 1e-9 * np.max(np.abs(a))
