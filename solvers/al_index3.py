@@ -26,7 +26,9 @@ class AlIndex3:
     regularisation: float = option(
         1e-7, "1/penalty, relative to the diagonal of A M^-1 A^T", at_least=1e-8, at_most=1e-2
     )
-    tolerance: float = option(1e-12, "of phi and the last correction of poses: m, angles without unit", "m", above=0.0)
+    tolerance: float = option(
+        1e-12, "of phi and the last correction of poses, or 16 roundings: m, angles without unit", "m", above=0.0
+    )
 
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""

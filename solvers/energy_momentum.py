@@ -24,7 +24,9 @@ from .formulations.refusals import without_gradient
 class EnergyMomentum:
     """Mean-value steps of fixed size that keep energy and momentum."""
 
-    tolerance: float = option(1e-12, "of phi and the last correction of poses: m, angles without unit", "m", above=0.0)
+    tolerance: float = option(
+        1e-12, "of phi and the last correction of poses, or 16 roundings: m, angles without unit", "m", above=0.0
+    )
 
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""

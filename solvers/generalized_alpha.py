@@ -28,7 +28,9 @@ class GeneralizedAlpha:
         0.9, "spectral radius at infinite frequency: the smaller, the more is damped", at_least=0.0, at_most=1.0
     )
     form: str = option("stabilised", "phi and A v, or phi alone", choices=("stabilised", "index3"))
-    tolerance: float = option(1e-12, "of phi and the last correction of poses: m, angles without unit", "m", above=0.0)
+    tolerance: float = option(
+        1e-12, "of phi and the last correction of poses, or 16 roundings: m, angles without unit", "m", above=0.0
+    )
 
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""

@@ -24,7 +24,9 @@ from .formulations.refusals import without_phi
 class LieVariational:
     """Discrete Euler-Lagrange equations on the rotation group, fixed steps, exact constraints."""
 
-    tolerance: float = option(1e-13, "of phi in the iteration of a step: m, axis rows without unit", "m", above=0.0)
+    tolerance: float = option(
+        1e-13, "of phi in the iteration of a step, or 16 roundings of it: m, axis rows without unit", "m", above=0.0
+    )
 
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""

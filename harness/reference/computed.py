@@ -66,7 +66,9 @@ class Source(StrEnum):
 
     OWN = "own"  # the problem's exact motion; None for some starts, then as if it had none
     COMPUTED = "computed"
-    NONE = "none"  # too large, a start that opens its joints, moving rows, timed loads or torsional springs
+    NONE = (
+        "none"  # too large, a start that opens its joints, moving rows, timed loads, torsional springs or user forces
+    )
 
 
 def source_of(problem: Problem) -> Source:
