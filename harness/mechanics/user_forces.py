@@ -11,6 +11,7 @@ import ctypes
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import FunctionType
 from typing import Any
 
 import numpy as np
@@ -115,6 +116,8 @@ def laws_of(forces: Sequence[UserForce]) -> Shaped[np.ndarray, " nu"]:
     out = np.empty(len(forces), dtype=object)
     for k, force in enumerate(forces):
         function, bodies = getattr(force.law, "py_func", force.law), 1 + (force.j >= 0)
+        if not isinstance(function, FunctionType):
+            raise ValueError(f"{_uncompiled(k)}: it must be a function defined in Python (got {function!r:.80})")
         if (function, bodies) not in made:
             made[function, bodies] = _compiled(k, Law(function, bodies, np.eye(3)))
         out[k] = made[function, bodies]
@@ -129,7 +132,11 @@ def _compiled(k: int, law: Law) -> Law:
         raise ValueError(f"user force {k} needs numba's compiler: unset NUMBA_DISABLE_JIT")
     try:
         law.entry  # noqa: B018 - compiled here, where a mistake is the user's
-    except numba.core.errors.NumbaError as error:
-        reason = " ".join(str(error).split())[:200]
-        raise ValueError(f"user force {k}: numba does not compile law(t, r, R, v, Omega, F, T): {reason}") from None
+    except Exception as error:  # besides its own errors, Numba lets Python's through
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise ValueError(f"{_uncompiled(k)}: {reason}") from None
     return law
+
+
+def _uncompiled(k: int) -> str:
+    return f"user force {k}: numba does not compile law(t, r, R, v, Omega, F, T)"

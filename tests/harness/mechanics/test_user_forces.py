@@ -228,5 +228,26 @@ def test_what_cannot_take_a_law_says_so() -> None:
         assert make_solver(name).refuses(problem(), control)
     with pytest.raises(ValueError, match="user forces, which are code"):
         described(problem())
-    with pytest.raises(ValueError, match="user force 0: numba does not compile"):
-        assemble([RigidBody(1.0, np.eye(3))], user_forces=[UserForce(lambda t: None, 0)])
+
+
+def imports(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: Rows, F: Rows, T: Rows) -> None:
+    """Bytecode that Numba has no translation of."""
+    import math as own
+
+    F[0, 0] = own.sin(t)
+
+
+class Bound:
+    """A law as a method."""
+
+    def law(self, t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: Rows, F: Rows, T: Rows) -> None:
+        F[0, 0] = t
+
+
+@pytest.mark.parametrize(
+    "own", [lambda t: None, 1, None, "abc", [], abs, np.sin, math.sin, Bound().law, Bound, imports]
+)
+def test_what_is_no_law_is_refused_by_its_number(own) -> None:  # type: ignore[no-untyped-def]
+    """Whatever it is, and whatever error Numba ends with."""
+    with pytest.raises(ValueError, match="user force 1: numba does not compile law"):
+        assemble([RigidBody(1.0, np.eye(3))], user_forces=[UserForce(law, 0), UserForce(own, 0)])
