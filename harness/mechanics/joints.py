@@ -9,9 +9,10 @@ this order::
     moving rows  module ``moving_rows``: drives, which are functions of time, and rows of velocities alone
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -172,17 +173,20 @@ def chosen(k: int, joint: Joint) -> list[Joint]:
         return [joint]
     made, count = directions(k, joint), ROWS[joint.sort]
     if count.moving or joint.sort == JointKind.DISTANCE:
-        raise ValueError(f"joint {k}: the rows of a {joint.sort} joint cannot be chosen (got {list(joint.rows)})")
+        raise ValueError(f"joint {k}: the rows of a {joint.sort} joint cannot be chosen (got {joint.rows!r})")
     ways = [*np.eye(3)[: count.point], *made["n"][: count.line]]
     tilts = [(made["u"], made["n"][0]), (made["u"], made["n"][1]), (made["w"], made["n"][1])][: count.axis]
     plain = replace(joint, across_i=None, across_j=None)
     each = [replace(plain, kind=JointKind.ON_PLANE, axis_i=None, axis_j=way) for way in ways]
     each += [replace(plain, kind=JointKind.NORMAL, axis_i=u, axis_j=n) for u, n in tilts]
-    if not set(joint.rows) <= set(range(len(each))):
-        raise ValueError(f"joint {k}: rows must be of 0 to {len(each) - 1} (got {list(joint.rows)})")
+    rows = list(joint.rows) if isinstance(joint.rows, Iterable) else []
+    whole = all(isinstance(row, Integral) and not isinstance(row, bool) for row in rows)
+    if not (rows and whole and len(set(rows)) == len(rows) and set(rows) <= set(range(len(each)))):
+        expected = f"distinct whole numbers from 0 to {len(each) - 1}"
+        raise ValueError(f"joint {k}: rows must be {expected} (got {joint.rows!r})")
     name = joint.name or f"joint {k + 1}"
     single = [replace(one, name=f"{name}, row {row}", rows=None) for row, one in enumerate(each)]
-    return [single[row] for row in joint.rows]
+    return [single[row] for row in rows]
 
 
 def _check_given(where: str, sort: Kind, joint: Joint) -> None:

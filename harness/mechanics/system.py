@@ -243,7 +243,6 @@ def assemble(
     """Arrays from parts, or ValueError naming the invalid part."""
     for k, body in enumerate(bodies):
         check_body(body.name or f"body {k + 1}", body.mass, body.inertia)
-    joints = [one for k, joint in enumerate(joints) for one in chosen(k, joint)]
     parts: tuple[Joint | SpringDamper | TorsionSpring | UserForce, ...] = (*joints, *springs, *torsions, *user_forces)
     for k, part in enumerate(parts):
         check_ends(k, part.i, part.j, len(bodies))
@@ -256,7 +255,10 @@ def assemble(
     for k, load in enumerate(loads):
         if not 0 <= load.i < len(bodies):
             raise ValueError(f"load {k}: expected a body in 0..{len(bodies) - 1} (got {load.i})")
-    vectors = [directions(k, joint) for k, joint in enumerate(joints)]
+    single = [(k, one) for k, joint in enumerate(joints) for one in chosen(k, joint)]  # k as the user counts
+    vectors = [directions(k, joint) for k, joint in single]
+    names = tuple(joint.name or f"joint {k + 1}" for k, joint in single)
+    joints = [joint for _, joint in single]
     counts = [ROWS[j.sort] for j in joints]
     return MultibodySystem(
         mass=frozen([b.mass for b in bodies], (len(bodies),)),
@@ -303,7 +305,7 @@ def assemble(
         user_j=frozen([f.j for f in user_forces], (len(user_forces),), np.int64),
         user_law=laws_of(user_forces),
         body_names=tuple(b.name or f"body {k + 1}" for k, b in enumerate(bodies)),
-        joint_names=tuple(j.name or f"joint {k + 1}" for k, j in enumerate(joints)),
+        joint_names=names,
     )
 
 
