@@ -31,8 +31,9 @@ class PinnedBody:
 
     @staticmethod
     def of(system: MultibodySystem) -> "PinnedBody | None":
-        """The data, or None if the system is not one body on one spherical joint to the ground."""
-        if (system.nb, system.nj, len(system.spring_k), len(system.load_i)) != (1, 1, 0, 0):
+        """The data, or None if the system is not one body on one spherical joint to the ground, under gravity alone."""
+        forces = (system.spring_k, system.torsion_k, system.load_i, system.user_i)
+        if (system.nb, system.nj) != (1, 1) or any(map(len, forces)):
             return None
         if (system.joint_points[0], system.joint_axes[0], system.joint_j[0]) != (3, 0, GROUND):
             return None
