@@ -62,12 +62,12 @@ class Count(NamedTuple):
 ROWS: dict[Kind, Count] = {
     JointKind.SPHERICAL: Count(3, 0, 0), JointKind.UNIVERSAL: Count(3, 0, 1), JointKind.REVOLUTE: Count(3, 0, 2),
     JointKind.FIXED: Count(3, 0, 3), JointKind.CYLINDRICAL: Count(0, 2, 2), JointKind.PRISMATIC: Count(0, 2, 3),
-    JointKind.ON_LINE: Count(0, 2, 0), JointKind.ON_PLANE: Count(0, 1, 0), JointKind.NORMAL: Count(0, 0, 1),
-    JointKind.DISTANCE: Count(0, 1, 0),
+    JointKind.ON_LINE: Count(0, 2, 0), JointKind.ON_PLANE: Count(0, 1, 0), JointKind.DISTANCE: Count(0, 1, 0),
     MovingKind.DRIVEN_POSITION: Count(0, 0, 0, 1), MovingKind.DRIVEN_ANGLE: Count(0, 0, 0, 1),
     MovingKind.KNIFE_EDGE: Count(0, 0, 0, 1), MovingKind.ROLLING: Count(0, 0, 0, 3),
+    JointKind.NORMAL: Count(0, 0, 1),
 }  # fmt: skip
-KINDS = tuple(ROWS)  # the order in which a system numbers them
+KINDS = tuple(ROWS)  # the order in which a system numbers them: kept numbers depend on it, so add at the end
 ONE_AXIS = (JointKind.ON_LINE, JointKind.ON_PLANE, MovingKind.DRIVEN_POSITION)  # need axis_j alone
 NO_AXIS = (JointKind.SPHERICAL, JointKind.DISTANCE)
 ACROSS = (JointKind.FIXED, JointKind.PRISMATIC, MovingKind.DRIVEN_ANGLE)  # need across_i, across_j
