@@ -1,7 +1,7 @@
 """User forces (``mechanics.user_forces``) as CasADi expressions: the law itself, run on arrays of symbols.
 
-What it does with numbers is so differentiated exactly; a law that compares them, or takes functions of ``math``, has no
-expression, and solvers on this route refuse it.
+What it does with numbers is so differentiated exactly; a law that branches on the state (``if``, ``min``, ``max``), or
+takes functions of ``math``, has no expression, and solvers on this route refuse it.
 """
 
 import operator
@@ -28,7 +28,7 @@ class Symbol:
         return Symbol(-self.x)
 
     def __bool__(self) -> bool:
-        raise TypeError("it decides by the state, which is not a number here")
+        raise TypeError("it branches on the state")
 
 
 def _binary(of: Callable[[Any, Any], Any], *, swapped: bool) -> Callable[[Symbol, Any], Any]:
@@ -76,8 +76,8 @@ def without_expression(system: MultibodySystem, chart: Any) -> str | None:
             user_element(law, chart, chosen=True)
         except Exception as error:
             return (
-                f"needs user force {k} as an expression ({error}): write it without decisions and with numpy's "
-                "functions, or use gc_weak_form or rkmk_dop853"
+                f"cannot differentiate user force {k} symbolically: {error}; write it without if, min or max and "
+                "with numpy's functions, or use gc_weak_form or rkmk_dop853"
             )
     return None
 

@@ -188,7 +188,9 @@ def test_the_newton_matrix_knows_the_law(name: str) -> None:
     assert out.counters["newton_iterations"] <= 3 * out.counters["steps"]
 
 
-@pytest.mark.parametrize(("own", "said"), [(branched, "decides by the state"), (mathematical, "as an expression")])
+@pytest.mark.parametrize(
+    ("own", "said"), [(branched, ": it branches on the state; "), (mathematical, "user force 0 symbolically")]
+)
 def test_a_law_that_is_no_expression_is_refused_by_symbols_and_taken_by_kernels(own, said: str) -> None:  # type: ignore[no-untyped-def]
     """With the reason, before the first step."""
     ball = assemble([RigidBody(1.0, np.eye(3))], user_forces=[UserForce(own, 0)])
