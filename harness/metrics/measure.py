@@ -145,7 +145,7 @@ def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
 
 
 def _work(system: MultibodySystem, t: np.ndarray, s: States, bodies: np.ndarray) -> np.ndarray:
-    """Of dampers and loads since the start [J]."""
+    """Of dampers, loads, user forces and drives since the start [J]."""
     out = np.zeros(len(t))
     for k in blocks(len(t) if not system.is_conservative else 0, len(bodies)):
         steps = slice(k.start, k.stop + 1)

@@ -5,13 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...harness.results.records import is_literal
-from ...harness.types import ALLOWED, Law
+from ...harness.types import Law
 from ..model.accuracy import judged_until
 from ..model.curves import SPANS_UPPER, Curve, log_limits, span
 from ..model.motion import Motion
 from ..model.results import Run
 from ..model.words import number, time, unit
+from .limits import limit
 from .lines import Line, traces
 from .spec import Axis, Chapter, Plot, Trace
 
@@ -44,13 +44,8 @@ class Drawing:
         values = [getattr(c.record, column) for c in self.runs]
         return max((v for v in values if v == v), default=1.0)
 
-    def limit(self, law: Law, column: str, in_unit: str) -> list[Trace]:
-        """The line that a law's error must not cross; in joints none where starts are as printed: they open them."""
-        judged = [c.record for c in self.runs if law is Law.ENERGY or not is_literal(c.record)]
-        sizes = [getattr(r, column) for r in judged]
-        at = ALLOWED[law] * max((v for v in sizes if v > 0.0), default=0.0)
-        ends = np.array([0.0, self.axis.high])
-        return [Trace(f"limit {number(at)} {in_unit}", ends, np.full(2, at), dash=1, reach=(at, at))] if at else []
+    def limit(self, law: Law) -> list[Trace]:
+        return limit([line.run for line in self.lines], law, self.axis.high)
 
     def log(self, name: str, title: str, caption: str, axis: Axis, of: Callable[[Motion], Curve | None], scale: float,
             extra: Sequence[Trace] = ()) -> Plot | None:  # fmt: skip
@@ -71,16 +66,17 @@ def laws(d: Drawing) -> Chapter | None:
     energy, length = d.scale("energy_scale_J"), d.scale("length_scale_m")
     plots = [
         d.log("energy", "Energy error",
-              f"Magnitude, {d.largest}; the work of dampers is subtracted. Above the limit a run is wrong.",
+              f"Magnitude, {d.largest}; the work of dampers, loads, user forces and drives is "
+              "subtracted. Above its limit a run is wrong.",
               Axis("|E − E₀|", "J", symbol="|E-E_0|"), _of("norms", "energy_error"), energy,
-              d.limit(Law.ENERGY, "energy_scale_J", "J")),
+              d.limit(Law.ENERGY)),
         d.log("phi", "Constraints",
               f"Norm of the constraint residual, {d.largest}; axis rows have no unit and count as metres.",
               Axis("|φ|", "m", symbol=r"\|\phi\|"), _of("norms", "phi_norm"), length,
-              d.limit(Law.CONSTRAINT, "length_scale_m", "m")),
+              d.limit(Law.CONSTRAINT)),
         d.log("phi-dot", "Constraint rates", f"Norm of its rate, {d.largest}.",
               Axis("|φ̇|", "m/s", symbol=r"\|\dot\phi\|"), _of("norms", "phi_dot_norm"), length,
-              d.limit(Law.CONSTRAINT_RATE, "speed_scale_m_per_s", "m/s")),
+              d.limit(Law.CONSTRAINT_RATE)),
         d.log("step", "Step", "Median of each span, in a band from smallest to largest.",
               Axis("Δt", "s", symbol=r"\Delta t"), lambda m: m.step, d.axis.high),
     ]  # fmt: skip
