@@ -10,7 +10,7 @@ from jaxtyping import Float
 
 from ..files import exact
 from ..mechanics import so3
-from ..types import ACCURATE, Problem, Trajectory
+from ..types import ACCURATE, Law, Problem, Trajectory
 from .identity import fingerprint
 from .measure import Measured, largest, predictable
 from .scales import Scales
@@ -34,6 +34,7 @@ def columns(problem: Problem, trajectory: Trajectory, m: Measured) -> dict[str, 
             **_energy(problem, m, size),
             "length_scale_m": size.length,
             "speed_scale_m_per_s": size.speed,
+            **_limits(problem, m, size),
             "phi_max": largest(m.phi_norm),
             "phi_end": float(m.phi_norm[-1]),
             "phi_dot_max": largest(m.phi_dot_norm),
@@ -88,6 +89,14 @@ def _energy(problem: Problem, m: Measured, size: Scales) -> dict[str, float]:
         "energy_mean_last_quarter_J": time_mean(m.t, m.energy_error, end - quarter, end),
         "energy_allowed_J": math.nan if problem.energy_allowed is None else problem.energy_allowed,
     }
+
+
+def _limits(problem: Problem, m: Measured, size: Scales) -> dict[str, float]:
+    """Of |phi| and |phi_dot|, where these are the series that are judged (``measure``: axis rows count in metres)."""
+    if problem.literal_start or len(m.mechanisms) > 1 or np.any(problem.system.joint_axes):
+        return {}
+    allowed = size.allowed
+    return {"phi_limit_m": allowed[Law.CONSTRAINT], "phi_dot_limit_m_per_s": allowed[Law.CONSTRAINT_RATE]}
 
 
 def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:

@@ -72,7 +72,7 @@ class RunRecord:
     exit_code: int = column("exit code of the run's process (of the supervisor, if that was lost)", 0)
     signal: int = column("signal that ended the process, 0 if none", 0)
 
-    # energy: error is E(t) - E(0) minus the work of dampers
+    # energy: error is E(t) - E(0) minus the work of dampers, loads, user forces and drives
     energy_start_J: float = column("T + V at the start")
     energy_scale_J: float = column(
         "what the motion exchanges: its largest T, or span of V; drifts are compared with it"
@@ -91,7 +91,11 @@ class RunRecord:
     speed_scale_m_per_s: float = column("largest speed of a body: what |phi_dot| is compared with")
     phi_max: float = column("max |phi|: point rows in m, axis rows without unit")
     phi_end: float = column("|phi| at the last step")
+    phi_limit_m: float = column(
+        "limit of |phi|; NaN where |phi| as recorded is not what is judged: axis rows, mechanisms, literal start"
+    )
     phi_dot_max: float = column("max |phi_dot|: m/s, axis rows 1/s")
+    phi_dot_limit_m_per_s: float = column("limit of |phi_dot|; NaN where that of |phi| is")
     phi_dot_end: float = column("|phi_dot| at the last step")
     eq81_max_sqrtJ: float = column("max sqrt(phi_dot^T M_bar phi_dot), the norm of Eq. (81)")
     eq81_end_sqrtJ: float = column("the same at the last step")

@@ -8,10 +8,6 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from mbsbench.harness.catalogue import registry
-from mbsbench.harness.metrics.scales import scales
-from mbsbench.harness.reference.computed import reference_of
-from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.types import Law
 from mbsbench.reports.model import curves
 from mbsbench.reports.model.motion import motion_of
@@ -86,61 +82,29 @@ def test_the_reference_is_drawn_to_its_horizon(tmp_path):
     assert own.x[-1] == pytest.approx(2.0)
 
 
-def lines_of_limits(*runs: RunRecord) -> list[list[Trace]]:
-    """Of the energy error, |phi| and |phi_dot|."""
-    own = [Run(r) for r in runs]
-    return [limit(own, law, 2.0) for law in (Law.ENERGY, Law.CONSTRAINT, Law.CONSTRAINT_RATE)]
-
-
 def test_a_law_has_the_line_of_its_limit(tmp_path):
-    """Beyond it a run is wrong: it is seen however small the errors are. Starts as printed open joints."""
-    of_points = {"problem": "spherical_pendulum", "speed_scale_m_per_s": 2.0}
-    assert not registry.make_problem("spherical_pendulum").system.joint_axes.any()
-
-    def drawn(**changes) -> list:
-        put(tmp_path, record("aa01", **of_points, **changes), series(size=1e-9))
-        results = read_results(tmp_path)
-        (variant,) = results.variants
-        motions = {r.record.run_id: motion_of(r, results.series(r)) for r in variant.runs}
-        return list(laws(Drawing(variant.runs, lines_of(variant, url), motions)).plots[:3])
-
-    energy, phi, phi_dot = drawn()
+    """Beyond it a run is wrong: it is seen however small the errors are. Constraints have one where it was recorded."""
+    put(tmp_path, record("aa01", phi_limit_m=0.01, phi_dot_limit_m_per_s=0.1), series(size=1e-9))
+    energy, phi, phi_dot, *_ = laws(drawing_of(tmp_path)).plots
     (line,) = [t for t in energy.traces if not t.solver]
     assert line.y == pytest.approx(0.1 * np.ones(2)) and line.name == "limit 0.100 J"  # a tenth of energy_scale_J
     assert energy.y.low < line.y[0] < energy.y.high
     assert [p.traces[-1].y[0] for p in (phi, phi_dot)] == pytest.approx([0.01, 0.1])
-    as_printed = drawn(problem_parameters='{"literal_start": true}', finished="later")
-    assert [all(t.solver for t in p.traces) for p in as_printed] == [False, True, True]
-
-
-@pytest.mark.parametrize("problem", ["four_bar_grid", "pendulum of a plugin"])
-def test_constraints_have_no_limit_drawn_where_it_is_not_theirs(problem):
-    """Axis rows are judged by what they move and drawn without a unit; of another's problem the rows are not known."""
-    energy, *constraints = lines_of_limits(record("aa01", problem=problem, speed_scale_m_per_s=2.0))
-    assert energy and constraints == [[], []]
+    put(tmp_path, record("aa01", finished="later"), series(size=1e-9))
+    assert [all(t.solver for t in p.traces) for p in laws(drawing_of(tmp_path)).plots[:3]] == [False, True, True]
 
 
 def test_each_run_has_its_own_limit():
     """One line where they agree within 1 %, else the least, which says so; who stopped was not judged."""
+    stopped = Run(record("zz01", status="stalled", energy_scale_J=1e-6))
 
     def name(*sizes: float) -> str:
-        stopped = record("zz01", status="stalled", energy_scale_J=1e-6)
-        runs = [record(f"a{k}", energy_scale_J=size) for k, size in enumerate(sizes)]
-        return lines_of_limits(*runs, stopped)[0][0].name
+        runs = [Run(record(f"a{k}", energy_scale_J=size)) for k, size in enumerate(sizes)]
+        return limit([*runs, stopped], Law.ENERGY, 2.0)[0].name
 
     assert name(1.0, 1.005) == "limit 0.100 J"
     assert name(9.0, 1.0) == "least limit 0.100 J, each run its own"
-    assert lines_of_limits(record("zz01", status="stalled"))[0] == []
-
-
-def test_the_limit_drawn_is_the_limit_judged():
-    """Of a system of points, from a trajectory: the line is where the verdict turns."""
-    problem = registry.make_problem("spherical_pendulum", {"t_end": 0.1})
-    size = scales(problem, reference_of(problem))
-    run = record("aa01", problem="spherical_pendulum", problem_parameters='{"t_end": 0.1}', t_end_s=0.1,
-                 energy_scale_J=size.energy, length_scale_m=size.length, speed_scale_m_per_s=size.speed)  # fmt: skip
-    drawn = [line.y[0] for (line,) in lines_of_limits(run)]
-    assert drawn == pytest.approx([size.allowed[k] for k in (Law.ENERGY, Law.CONSTRAINT, Law.CONSTRAINT_RATE)])
+    assert limit([stopped], Law.ENERGY, 2.0) == []
 
 
 def test_many_solvers_still_have_looks():

@@ -38,6 +38,23 @@ def run(request) -> api.Run:
     return api.solve(slider_crank(), solver, **steps)
 
 
+@pytest.mark.parametrize("name", ["spherical_pendulum", "four_bar_grid"])
+def test_the_recorded_limits_are_those_that_are_judged(name):
+    """A pin pulled apart by a little less and a little more; axis rows are judged in metres, not as recorded."""
+    problem = registry.make_problem(name, {"t_end": 0.1})
+    run = api.solve(problem, "rkmk_dop853", rtol=1e-9)
+    limit = run.record.phi_limit_m
+    if np.any(problem.system.joint_axes):
+        assert np.isnan(limit) and np.isnan(run.record.phi_dot_limit_m_per_s)
+        return
+    for part, broken in ((0.9, False), (1.1, True)):
+        s = run.trajectory.states
+        off = States(s.r + np.where(np.arange(len(s.r)) == 5, part * limit, 0.0)[:, None, None] * [1.0, 0, 0], s.R, s.v,
+                     s.Omega)  # fmt: skip
+        laws, _ = laws_and_sizes(problem, dataclasses.replace(run.trajectory, states=off))
+        assert (Law.CONSTRAINT in laws) is broken
+
+
 def test_a_long_rocker_hides_no_lost_energy():
     """Index 3 at rtol 1e-3 ends at the wrong rate of the crank, its energy gone astray; a sound solver is a success."""
     sound, loose = (api.solve(slider_crank(), solver, **steps) for solver, steps in (SOUND, LOOSE))
