@@ -50,8 +50,12 @@ def cautions(results: Results) -> list[str]:
     commits = sorted({c.record.commit for c in results.runs if c.record.commit})
     if len(commits) > 1:
         out.append(f"Runs were made at {len(commits)} commits: {', '.join(commits)}.")
-    if results.made_again:
-        out.append(f"{plural(results.made_again, 'run')} made again later with the same settings left out.")
+    if (n := results.made_again) > 0:
+        are, has = ("is", "a later one has") if n == 1 else ("are", "later ones have")
+        out.append(f"{plural(n, 'earlier run')} {are} left out: {has} the same settings.")
+    if (n := results.cut_short) > 0:
+        are = "is left out: it was" if n == 1 else "are left out: they were"
+        out.append(f"{plural(n, 'later run')} {are} cut short or crashed, and an earlier success is shown.")
     if results.environment.get("dirty"):
         out.append("The checkout had uncommitted changes: the commit alone does not reproduce these numbers.")
     if isinstance(results.environment.get("jobs"), int) and results.environment["jobs"] > 1:

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from ...harness.results import store
 from ...harness.results.naming import named, text_of
 from ...harness.results.provenance import stamp_of
+from ...harness.results.provisional import is_provisional
 from ...harness.results.records import RunRecord
 from ...harness.results.series import BadSeries, Series, check_series
 from ...harness.results.words import why
@@ -137,7 +138,8 @@ class Results:
     environment: Mapping[str, Any]
     runs: tuple[Run, ...]
     unreadable: tuple[store.Unreadable, ...]
-    made_again: int = 0  # runs left out: there are later ones with the same settings
+    made_again: int = 0  # runs left out: a later one with the same settings is shown
+    cut_short: int = 0  # runs left out: an earlier one with the same settings is shown
 
     @cached_property
     def variants(self) -> tuple[Variant, ...]:
@@ -168,18 +170,28 @@ class Results:
 
 
 def read_results(folder: Path, *, check_series: bool = True) -> Results:
-    """The results in ``folder``, of runs with the same settings the latest; what cannot be read is listed, not hidden.
+    """The results in ``folder``, of runs with the same settings one; what cannot be read is listed, not hidden.
 
     Unchecked series are checked when taken.
     """
     loaded = store.load(folder, check_series=False)
-    latest = {r.settings_id: r for r in sorted(loaded.records, key=lambda r: r.finished)}.values()
-    records = latest if check_series else ()
+    records = loaded.records if check_series else ()
     faults = {r.run_id: why for r in records if (why := _series_fault(folder, r))}
-    runs = [Run(r, _stderr(folder, r)) for r in latest if r.run_id not in faults]
+    sound = [r for r in loaded.records if r.run_id not in faults]
+    shown = {k: _shown(same) for k, same in grouped(sound, lambda r: r.settings_id).items()}
+    later = sum(r.finished > shown[r.settings_id].finished for r in sound)
+    runs = [Run(r, _stderr(folder, r)) for r in shown.values()]
     runs.sort(key=lambda c: (c.record.solver, c.method, -c.step_or_tolerance, c.record.case))
     bad = [store.Unreadable(folder / "runs" / f"{run}.json", why) for run, why in faults.items()]
-    return Results(folder, stamp_of(folder), tuple(runs), (*loaded.unreadable, *bad), len(loaded.records) - len(latest))
+    earlier = len(sound) - len(shown) - later
+    return Results(folder, stamp_of(folder), tuple(runs), (*loaded.unreadable, *bad), earlier, later)
+
+
+def _shown(same: Sequence[RunRecord]) -> RunRecord:
+    """Of runs with the same settings the latest; beside a success those that were cut short or crashed do not count."""
+    whole = [r for r in same if not (is_provisional(r) or r.status == Status.CRASHED)]
+    succeeded = any(r.status == Status.SUCCESS for r in whole)
+    return max(whole if succeeded else same, key=lambda r: r.finished)
 
 
 def _series_fault(folder: Path, record: RunRecord) -> str:

@@ -4,6 +4,8 @@ import csv
 import io
 import math
 
+import pytest
+
 from mbsbench.reports.model.accuracy import measure_for
 from mbsbench.reports.model.provenance import cautions
 from mbsbench.reports.model.results import Run, read_results
@@ -12,7 +14,7 @@ from mbsbench.reports.model.words import number, seconds, signed, unit, whole
 from mbsbench.reports.pages.runs.problems import facts_of
 from mbsbench.reports.plots.work import recorded
 
-from .conftest import HOSTILE, put, record
+from .conftest import HOSTILE, put, record, series
 
 
 def test_csv_has_every_run_in_full(built):
@@ -90,7 +92,35 @@ def test_of_runs_with_the_same_settings_the_latest_is_shown(tmp_path):
     put(tmp_path, record("other", "beta"))
     found = read_results(tmp_path)
     assert {c.record.run_id for c in found.runs} == {"new", "other"}
-    assert [k for k in cautions(found) if k.startswith("1 run made again")]
+    assert "1 earlier run is left out: a later one has the same settings." in cautions(found)
+    put(tmp_path, record("older", settings_id="s", finished="2025-01-01T00:00:00Z"))
+    assert "2 earlier runs are left out: later ones have the same settings." in cautions(read_results(tmp_path))
+
+
+@pytest.mark.parametrize("ending", [{"status": "crashed", "ended_by": "killed"}, {"status": "crashed", "signal": 11},
+                                    {"status": "stalled", "ended_by": "total_limit"}])  # fmt: skip
+def test_a_later_run_that_was_killed_or_crashed_hides_no_success(ending, tmp_path):
+    """What ended it says nothing about the settings; a later run that came to its own end does replace it."""
+    put(tmp_path, record("good", settings_id="s", finished="2026-01-01T00:00:00Z"))
+    put(tmp_path, record("cut", settings_id="s", finished="2026-01-03T00:00:00Z", **ending))
+    found = read_results(tmp_path)
+    assert [c.record.run_id for c in found.runs] == ["good"]
+    assert "1 later run is left out: it was cut short or crashed, and an earlier success is shown." in cautions(found)
+    put(tmp_path, record("lost", settings_id="s", finished="2026-01-02T00:00:00Z", status="diverged"))
+    assert [c.record.run_id for c in read_results(tmp_path).runs] == ["lost"]
+    put(tmp_path, record("first", "beta", settings_id="b", finished="2026-01-01T00:00:00Z", status="diverged"))
+    put(tmp_path, record("then", "beta", settings_id="b", finished="2026-01-02T00:00:00Z", **ending))
+    assert "then" in {c.record.run_id for c in read_results(tmp_path).runs}  # of no success the latest
+
+
+def test_a_later_run_with_a_damaged_series_hides_no_earlier_one(tmp_path):
+    """It is listed as unreadable; the earlier one stands in for it."""
+    put(tmp_path, record("good", settings_id="s", finished="2026-01-01T00:00:00Z"), series())
+    put(tmp_path, record("damaged", settings_id="s", finished="2026-01-02T00:00:00Z"), series())
+    (tmp_path / "series" / "damaged.npz").write_bytes(b"no archive")
+    found = read_results(tmp_path)
+    assert [c.record.run_id for c in found.runs] == ["good"] and found.made_again == 0
+    assert [u.path.name for u in found.unreadable] == ["damaged.json"]
 
 
 def test_the_stated_error_of_the_reference_is_told_where_errors_are_judged(tmp_path):
