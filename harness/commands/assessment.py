@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,7 @@ from ..sandbox.trial import made
 from ..suites.spec import RunSpec, make_spec
 from ..types import Status, Trait
 
+ENDED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
 STEPS = 100  # of the problem's own step, on each problem
 LADDERS: Mapping[str, Mapping[str, Any]] = {  # spatial, loaded and spinning: every term counts
     "spherical_pendulum": {"omega_x": 5.0, "omega_z": 3.0, "t_end": 1.0},
@@ -126,7 +128,7 @@ def _mine(solver: str, records: Sequence[RunRecord], label: str) -> list[RunReco
 def _problems(runs: Sequence[RunRecord]) -> Iterator[Line]:
     for r in sorted(runs, key=lambda r: r.problem):
         open_ = r.status in (Status.REFUSED, Status.STALLED)  # said no, or is slow: neither is wrong
-        if Trait.STIFF in registry.problems()[r.problem].tests:  # an explicit method at the problem's step
+        if Trait.STIFF in registry.problems()[r.problem].tests:  # a warning for any method: the step may be too long
             open_ |= r.status in (Status.DIVERGED, Status.STEP_UNDERFLOW)
         good = None if open_ else r.status == Status.SUCCESS
         said = "" if r.status == Status.SUCCESS else f": {'; '.join(why(r))}"
@@ -145,9 +147,17 @@ def _orders(found: Sequence[Order], ladder: Sequence[RunRecord]) -> Iterator[Lin
         else:
             yield Line(f"order, {o.problem}, {o.quantity}", interval, f"{o.declared:g} declared", _kept(o))
     if not found:
-        slow = any(r.status == Status.STALLED for r in ladder)
-        why_not = "not said: too slow for the budget" if slow else "no ladder of steps or tolerances came to its end"
-        yield Line("order", why_not, "a ladder", good=None if slow else False)
+        yield _no_order(ladder)
+
+
+def _no_order(ladder: Sequence[RunRecord]) -> Line:
+    """Too slow only where every rung that did not end was; else the rungs that failed say why."""
+    ends = Counter(str(r.status or "unknown") for r in ladder if r.status not in ENDED)
+    if set(ends) == {Status.STALLED}:
+        return Line("order", "not determined: the runs were too slow for the budget", "a ladder")
+    words = ", ".join(f"{n} {status}" for status, n in sorted(ends.items()))
+    said = f"no ladder of steps or tolerances came to its end{': ' if words else ''}{words}"
+    return Line("order", said, "a ladder", good=False)
 
 
 def _kept(o: Order) -> bool | None:

@@ -29,7 +29,7 @@ def add(commands: Any) -> None:
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
     p.add_argument("--budget", default="180", metavar="S", help="wall time of all runs, about [s] (default: 180)")
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
-    p.add_argument("--html", metavar="FILE", help="write all lines and their charts as one page, too")
+    p.add_argument("--html", metavar="FILE", help="also write all lines and charts to one HTML page")
     p.add_argument("--no-report", action="store_true", help="leave out the page")
     add_plugin(p, "file whose problems are run too")
     add_jobs(p)

@@ -15,6 +15,7 @@ from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.suite import Suite
+from mbsbench.harness.types import Trait
 from mbsbench.reports.tried import Tried, write_page
 
 PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
@@ -102,3 +103,37 @@ def test_a_long_run_is_made_only_if_it_is_long():
     fast, slow = (assessment.long_run("rattle", ladder(100.0 * each), 60.0) for each in (1e-3, 1e-1))
     assert slow is None and fast is not None and fast.parameters["t_end"] == pytest.approx(assessment.LONGEST, rel=0.01)
     assert fast.label == "long"
+
+
+def said(label: str, problem: str, *statuses: str) -> list[Line]:
+    """The lines on runs of ``rattle`` that ended so."""
+    runs = [RunRecord(solver="rattle", label=label, problem=problem, status=s, message="so it ended") for s in statuses]
+    return list(assessment._problems(runs) if label == "problems" else assessment._orders([], runs))
+
+
+def test_divergence_is_a_failure_but_on_a_stiff_problem_a_warning():
+    """Whatever the method; a stiff problem's crash is a failure."""
+    stiff = next(name for name, p in registry.problems().items() if Trait.STIFF in p.tests)
+    other = next(name for name, p in registry.problems().items() if Trait.STIFF not in p.tests)
+    on_stiff, crashed = said("problems", stiff, "diverged", "crashed")
+    (on_other,) = said("problems", other, "diverged")
+    assert (on_stiff.good, crashed.good, on_other.good) == (None, False, False)
+    assert "diverged" in on_stiff.measured
+
+
+def test_a_slow_rung_hides_no_rungs_that_failed():
+    """Too slow is said only where all that did not end were; else the statuses are named, and it is a failure."""
+    (slow,) = said("ladder", "heavy_top", "success", "stalled", "stalled")
+    assert slow.good is None and slow.measured == "not determined: the runs were too slow for the budget"
+    (failed,) = said("ladder", "heavy_top", "stalled", "crashed", "diverged", "crashed")
+    assert failed.good is False and failed.measured.endswith(": 2 crashed, 1 diverged, 1 stalled")
+
+
+@pytest.mark.slow
+def test_a_planted_fault_ends_with_exit_code_1(command, tmp_path):
+    """A stage at a third of the step is of first order, declared is the second."""
+    (tmp_path / "faulty.py").write_text(SOLVER.replace("dt / 2", "dt / 3"), encoding="utf-8")
+    done = command("try", "faulty.py", "--json", "--no-report", timeout=900.0)
+    assert done.returncode == 1, done.stdout + done.stderr
+    found = {line["what"]: line for line in map(json.loads, done.stdout.splitlines())}
+    assert found["order, spherical_pendulum, position"]["good"] is False
