@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import psutil
 import pytest
 
 from mbsbench.harness.catalogue import registry
@@ -28,6 +29,13 @@ def catalogue():
         registry.load_plugin(PLUGIN)
         registry.load_plugin(HOSTILE)
         yield
+
+
+@pytest.fixture
+def begun_here():
+    """The processes that run and were started in this test: the browser of other tests is not among them."""
+    before = psutil.Process().children()
+    return lambda: [p for p in psutil.Process().children() if p not in before and p.status() != psutil.STATUS_ZOMBIE]
 
 
 class Silent:
