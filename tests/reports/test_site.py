@@ -4,6 +4,7 @@ import json
 import re
 from html import unescape
 from itertools import pairwise
+from pathlib import Path
 from urllib.parse import unquote
 
 import pytest
@@ -22,6 +23,15 @@ def pages(built):
     """Every page of the site, by its path from the report folder."""
     report = built[0] / "report"
     return {p.relative_to(report).as_posix(): p.read_text(encoding="utf-8") for p in report.rglob("*.html")}
+
+
+def test_no_template_shows_its_own_syntax():
+    """Half a tag is text to Jinja; where braces are meant, in scripts and styles, no two stand together."""
+    templates = sorted(Path(site.__file__).parent.rglob("*.html"))
+    assert len(templates) > 10
+    for path in templates:
+        rest = re.sub(r"\{\{.*?\}\}|\{%.*?%\}|\{#.*?#\}", "", path.read_text(encoding="utf-8"), flags=re.DOTALL)
+        assert not re.search(r"\{\{|\}\}|\{%|%\}", rest), path.name
 
 
 def test_every_run_problem_and_solver_has_a_page(built, pages):
