@@ -17,9 +17,9 @@ LEAST = 2  # solvers that reach a target: fewer are no comparison
 class Reach:
     """What an error costs a solver with its best settings."""
 
-    run: Run  # the coarsest that reaches it
+    run: Run
     cpu_s: float
-    bound: bool  # at most: no coarser run misses the error
+    bound: bool  # at most: that of a run that reaches it, not one between two runs
 
 
 @dataclass(frozen=True)
@@ -83,13 +83,13 @@ def reach(runs: Sequence[Run], measure: Measure, target: float) -> Reach | None:
     timed = [c for c in runs if c.record.status in ("success", "inaccurate") and c.record.cpu_median_s > 0.0]
     coarse_first = sorted(timed, key=lambda c: -c.step_or_tolerance)
     errors = [measure.of(c) for c in coarse_first]
-    out: list[Reach] = []
-    if coarse_first and errors[0] <= target:
-        out.append(Reach(coarse_first[0], coarse_first[0].record.cpu_median_s, bound=True))
+    out = [
+        Reach(c, c.record.cpu_median_s, bound=True) for c, e in zip(coarse_first, errors, strict=True) if e <= target
+    ]
     for (a, ea), (b, eb) in pairwise(zip(coarse_first, errors, strict=True)):
         if not (ea > target >= eb):
             continue
         low, high = a.record.cpu_median_s, b.record.cpu_median_s
         share = math.log(ea / target) / math.log(ea / eb) if eb > 0.0 else 1.0
         out.append(Reach(b, min(high, low * (high / low) ** share), bound=False))
-    return min(out, key=lambda r: r.cpu_s, default=None)
+    return min(out, key=lambda r: (r.cpu_s, r.bound), default=None)

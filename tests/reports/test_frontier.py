@@ -53,6 +53,18 @@ def test_a_coarsest_run_below_the_error_is_a_bound(tmp_path):
     assert bounds == {"alpha": True, "beta": False}
 
 
+def test_a_run_that_is_better_and_cheaper_counts_for_looser_errors(tmp_path):
+    """An error is met by any run below it: the cost never falls where the error asked for gets smaller."""
+    ladder(tmp_path, "alpha", 4.0, 1e-3)
+    for name, dt, error, cpu in (("b0", 0.1, 5e-3, 9.0), ("b1", 0.05, 1e-7, 2.0)):
+        put(tmp_path, record(name, "beta", dt_s=dt, position_error_max_m=error, cpu_median_s=cpu))
+    found = {
+        f.target: {p.reach.run.record.solver: p.reach for p in f.places} for f in frontiers(read_results(tmp_path))
+    }
+    costs = [found[10.0**-k]["beta"].cpu_s for k in range(2, 8)]
+    assert costs == [2.0] * 6 and found[1e-2]["beta"].bound and not found[1e-4]["beta"].bound
+
+
 def test_the_page_is_there_where_two_reach_an_error(tmp_path):
     """With its ratios, and absent where there is nothing to compare."""
     ladder(tmp_path, "alpha", 4.0, 1e-3)
