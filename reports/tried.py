@@ -14,7 +14,7 @@ from jinja2 import Environment, FileSystemLoader
 from matplotlib.figure import Figure
 
 from ..harness.files import write_text
-from ..harness.results.judgements import Order
+from ..harness.results.judgements.runs import Order
 from .model.motion import motion_of
 from .model.provenance import stamp
 from .model.results import Results, grouped, read_results

@@ -15,7 +15,7 @@ from ..referee.certificates.drift import PERIODS, anatomy
 from ..referee.certificates.orders import certify
 from ..referee.certificates.symmetries import scorecard
 from ..referee.certificates.work import operations
-from ..results.judgements import Order
+from ..results.judgements.runs import Order
 from ..results.records import RunRecord
 from ..results.words import accurate_until, why
 from ..sandbox.trial import made

@@ -12,7 +12,7 @@ from ..referee import judge as judging
 from ..referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 from ..results import store
-from ..results.judgements import Claim, Gap, Verdict
+from ..results.judgements.claims import Claim, Gap, Verdict
 from ..suites.spec import RunSpec
 from .screen import Column, errors, lines, print_table, print_unreadable
 from .terms import UsageError, add_results, check_ours, existing, subcommand

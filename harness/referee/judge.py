@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..results import judgements as files
 from ..results import store
-from ..results.judgements import FOLDER, PUBLISHED, Claim, as_text
+from ..results.judgements import files
+from ..results.judgements.claims import Claim
+from ..results.judgements.files import FOLDER, PUBLISHED, as_text
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec
 from ..suites.suite import load_suite

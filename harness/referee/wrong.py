@@ -6,7 +6,7 @@ Runs from a literal start are left out: it opens the joints, and what keeps to i
 import math
 from collections.abc import Iterable
 
-from ..results.judgements import FalseSuccess, Symmetry
+from ..results.judgements.runs import FalseSuccess, Symmetry
 from ..results.records import RunRecord, is_literal, reasons_of
 from ..types import Law, Reason, Status
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from ...harness.results.judgements import Claim, Condition, Decision, Ending, Gap, Missing, Test, Value
+from ...harness.results.judgements.claims import Claim, Condition, Decision, Ending, Gap, Missing, Test, Value
 from .words import listed, number, plural, unit
 
 MOST_LISTED = 6  # combinations listed one by one

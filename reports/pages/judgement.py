@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
-from ...harness.results.judgements import FOLDER, PUBLISHED, File, JudgementError, read
+from ...harness.results.judgements.files import FOLDER, PUBLISHED, File, JudgementError, read
 from ..model.results import Run
 
 JUDGE = "mbsbench judge"

@@ -21,7 +21,7 @@ from scipy.integrate import cumulative_trapezoid
 from scipy.stats import variation
 
 from ...results import store
-from ...results.judgements import Drift
+from ...results.judgements.runs import Drift
 from ...results.records import RunRecord
 from ...results.series import Series
 from .trend import FEWEST, Trend, trend_of

@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from scipy.stats import t as student
 from scipy.stats import theilslopes
 
-from ...results.judgements import NAN, FitKind
+from ...results.judgements.runs import FitKind
 
 AGREE = 0.15  # slopes of halvings that differ by less are one power: C dt^p (1 + K dt) at K dt = 0.1 bends by as much
 FLAT = 0.3  # a slope below this is a floor, not a power; so is a tail of finer steps that on the whole gains no more
@@ -31,10 +31,10 @@ class Fit:
     kind: FitKind  # "flat": no error depends on the step; "lost": not a power at the finest steps
     used: tuple[bool, ...] = ()
     slopes: tuple[float, ...] = ()  # between neighbours among the points given
-    order: float = NAN
-    low: float = NAN
-    high: float = NAN
-    floor: float = NAN  # median error of the finer points left out
+    order: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+    floor: float = math.nan  # median error of the finer points left out
 
     @property
     def left(self) -> tuple[float, ...]:
@@ -90,7 +90,7 @@ def scattered(x: Sequence[float], error: Sequence[float]) -> Fit:
     if n < FEWEST + 1:
         return Fit("none", (False,) * len(a), tuple(slopes))
     order, _, low, high = (float(v) for v in theilslopes(y[:n], a[:n], LEVEL))
-    floor = float(np.exp(np.median(y[n:]))) if n < len(a) else NAN
+    floor = float(np.exp(np.median(y[n:]))) if n < len(a) else math.nan
     return Fit("power", used, tuple(slopes), order, low, high, floor)
 
 

@@ -14,7 +14,7 @@ from itertools import compress
 from pathlib import Path
 
 from ...catalogue import registry
-from ...results.judgements import Note, Order, OrderVerdict
+from ...results.judgements.runs import Note, Order, OrderVerdict
 from ...results.records import RunRecord
 from .fitting import FEWEST, Fit, ladder, scattered
 

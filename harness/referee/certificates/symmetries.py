@@ -25,7 +25,7 @@ from jaxtyping import Float
 from ...catalogue import registry
 from ...mechanics import so3
 from ...results import store
-from ...results.judgements import Symmetry, SymmetryVerdict, Unjudged
+from ...results.judgements.runs import Symmetry, SymmetryVerdict, Unjudged
 from ...results.records import RunRecord
 from ...results.words import words_of_ending
 from ...types import Status

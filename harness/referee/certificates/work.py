@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...results.judgements import Targets, Work, WorkPoint, WorkProfile
+from ...results.judgements.runs import Targets, Work, WorkPoint, WorkProfile
 from ...results.records import RunRecord, is_literal, judged_own
 from ...types import Status
 from .symmetries import CHANGES

@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from ...results.judgements import Condition, Count, Decision
+from ...results.judgements.claims import Condition, Count, Decision
 from .maps import same, varied
 
 Points = Sequence[tuple[Mapping[str, Any], bool]]

@@ -6,7 +6,7 @@ might have continued, and one that took no step has no motion to judge: these se
 
 import math
 
-from ...results.judgements import Ending
+from ...results.judgements.claims import Ending
 from ...results.provisional import is_provisional
 from ...results.records import RunRecord
 from ...results.series import Series

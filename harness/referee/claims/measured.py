@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 
-from ...results.judgements import Ending
+from ...results.judgements.claims import Ending
 from ...results.records import RunRecord
 from ...results.series import Series
 from .endings import by_budget, ending

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ...results.judgements import Ending
+from ...results.judgements.claims import Ending
 from ...results.records import RunRecord
 from ..certificates.work import operations
 from .endings import in_time, settled

@@ -9,8 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 
 from ...catalogue import registry
-from ...results.judgements import (
-    NAN,
+from ...results.judgements.claims import (
     Because,
     Claim,
     Count,
@@ -80,7 +79,7 @@ def _judged(
     counted = [p for p in found if p.holds is not None]
     missing = missing or _unmeasured(claim, found, counted)
     shown = _shown(claim, counted)
-    values = [v for v in (p.numbers[0] for p in counted) if v == v] or ([NAN] if counted else [])
+    values = [v for v in (p.numbers[0] for p in counted) if v == v] or ([math.nan] if counted else [])
     return Claim(
         claim.id, claim.kind, claim.section, claim.figure, claim.quote, claim.claim,
         verdict=Verdict.UNTESTABLE if missing else _verdict(claim, counted),
@@ -172,7 +171,7 @@ def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, tuple[
 
 
 def _test(test: given.Test, shown: Point | None, k: int) -> Test:
-    number = shown.numbers[k] if shown else NAN
+    number = shown.numbers[k] if shown else math.nan
     low, high = (v if math.isfinite(v) else None for v in (test.at_least, test.at_most))
     return Test(test.metric, test.arguments, test.combine, test.compare, test.unit, (low, high),
                 shortened(number), number == math.inf)  # fmt: skip

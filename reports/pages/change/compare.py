@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ....harness.results.comparison import Comparison, Likeness, compare
-from ....harness.results.judgements import CLAIMS
+from ....harness.results.judgements.files import CLAIMS
 from ....harness.results.provenance import differences, stamp_of
 from ...model.curves import upper
 from ...model.provenance import facts

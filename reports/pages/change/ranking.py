@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 
 from ....harness.results.comparison import METRICS, Change, Likeness, compare
-from ....harness.results.judgements import Claim, Verdict
+from ....harness.results.judgements.claims import Claim, Verdict
 from ....harness.results.records import RunRecord
 from ...model.results import grouped
 from ...model.words import mark, number

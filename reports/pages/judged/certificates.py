@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ....harness.results.judgements import DRIFTS, ORDERS, SYMMETRIES, WRONG
+from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRONG
 from ....harness.results.words import words_of
 from ...model.results import Results, grouped, slug
 from ...model.words import Mark

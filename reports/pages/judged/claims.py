@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 
 from markupsafe import Markup
 
-from ....harness.results.judgements import CLAIMS, PUBLISHED, Claim, Gap, MapRow, Value, Verdict
+from ....harness.results.judgements.claims import Claim, Gap, MapRow, Value, Verdict
+from ....harness.results.judgements.files import CLAIMS, PUBLISHED
 from ...model import claim_words
 from ...model.claim_words import setting
 from ...model.results import Results, grouped, natural, slug

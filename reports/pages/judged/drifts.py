@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from markupsafe import Markup
 
-from ....harness.results.judgements import Drift
+from ....harness.results.judgements.runs import Drift
 from ...model.results import natural
 from ...model.words import number
 from ..svg import Scale, strip

@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ....harness.results.judgements import Note, Order
+from ....harness.results.judgements.runs import Note, Order
 from ...model.results import natural
 from ...model.words import Mark, plural
 from ..judgement import Links

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from ....harness.results.judgements import Symmetry, Unjudged
+from ....harness.results.judgements.runs import Symmetry, Unjudged
 from ...model.results import grouped
 from ...model.words import Mark
 

@@ -3,7 +3,7 @@
 import math
 from functools import partial
 
-from ....harness.results.judgements import WORK
+from ....harness.results.judgements.files import WORK
 from ...model.results import Results
 from ...plots.printed import figure
 from ...plots.spec import Plot

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ....harness.results.judgements import WorkPoint, WorkProfile
+from ....harness.results.judgements.runs import WorkPoint, WorkProfile
 from ...model.results import Results
 from ...model.words import mark
 from ...plots.work import ERRORS, WORKS, Point, Profile, kind_of, method_of, recorded, reference_error

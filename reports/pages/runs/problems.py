@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ....harness.results.judgements import DRIFTS
+from ....harness.results.judgements.files import DRIFTS
 from ....harness.results.records import judged_own
 from ....harness.results.series import Series
 from ...mechanism.animation.stage import flat, view_of

@@ -2,7 +2,7 @@
 
 from mbsbench.harness.referee.claims.register import parse_register
 from mbsbench.harness.referee.claims.verdicts import judge
-from mbsbench.harness.results.judgements import Because, Claim, Verdict
+from mbsbench.harness.results.judgements.claims import Because, Claim, Verdict
 
 from .synthetic import HEAD, record, runs_of
 

@@ -6,7 +6,7 @@ import pytest
 
 from mbsbench.harness.referee.claims.register import parse_register
 from mbsbench.harness.referee.claims.verdicts import judge
-from mbsbench.harness.results.judgements import Ending, LeftOut
+from mbsbench.harness.results.judgements.claims import Ending, LeftOut
 
 from .claiming import MAP, RUNS, SUITE, claim, options
 from .synthetic import HEAD, record, runs_of

@@ -3,7 +3,7 @@
 import itertools
 
 from mbsbench.harness.referee.claims.conditions import decision, factors
-from mbsbench.harness.results.judgements import Condition, Count
+from mbsbench.harness.results.judgements.claims import Condition, Count
 
 DIMENSIONS = {
     "tolerance": [1e-3, 1e-4, 1e-6],

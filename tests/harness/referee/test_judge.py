@@ -15,7 +15,7 @@ from mbsbench.harness.referee.claims.maps import place, select
 from mbsbench.harness.referee.claims.register import read_register
 from mbsbench.harness.referee.claims.verdicts import judge
 from mbsbench.harness.results import store
-from mbsbench.harness.results.judgements import Verdict
+from mbsbench.harness.results.judgements.claims import Verdict
 from mbsbench.harness.suites.suite import Suite
 from mbsbench.harness.types import Status
 

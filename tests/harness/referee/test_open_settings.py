@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mbsbench.harness.results.judgements import Ending, Gap, LeftOut
+from mbsbench.harness.results.judgements.claims import Ending, Gap, LeftOut
 from mbsbench.reports.model.claim_words import because
 
 from .claiming import RUNS, claim

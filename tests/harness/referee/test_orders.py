@@ -12,7 +12,7 @@ from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.worker import run
 from mbsbench.harness.referee.certificates.fitting import ladder, scattered
 from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify
-from mbsbench.harness.results.judgements import ORDERS, as_text, read
+from mbsbench.harness.results.judgements.files import ORDERS, as_text, read
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.reports.pages.judged.orders import words

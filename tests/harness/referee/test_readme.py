@@ -3,7 +3,7 @@
 import re
 
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.results.judgements import CLAIMS, PUBLISHED, read
+from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read
 
 ROW = re.compile(r"^\| `([\w-]+)` \| .+ \| ([A-Z]+) \| (\d+ of \d+)", re.MULTILINE)
 

@@ -12,7 +12,7 @@ from mbsbench.harness.execution.worker import run
 from mbsbench.harness.referee.certificates import symmetries
 from mbsbench.harness.referee.certificates.symmetries import Yardstick, _compared, _made, scorecard
 from mbsbench.harness.referee.wrong import wrong
-from mbsbench.harness.results.judgements import Unjudged
+from mbsbench.harness.results.judgements.runs import Unjudged
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.types import Law

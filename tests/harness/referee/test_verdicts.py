@@ -8,7 +8,8 @@ import pytest
 
 from mbsbench.harness.referee.claims.register import parse_register
 from mbsbench.harness.referee.claims.verdicts import judge
-from mbsbench.harness.results.judgements import Count, Ending, LeftOut, as_text
+from mbsbench.harness.results.judgements.claims import Count, Ending, LeftOut
+from mbsbench.harness.results.judgements.files import as_text
 from mbsbench.reports.model.claim_words import because, missing
 
 from .claiming import RUNS, TEST, claim, options

@@ -6,34 +6,30 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from mbsbench.harness.results.judgements import (
-    CLAIMS,
-    DRIFTS,
-    ORDERS,
-    SYMMETRIES,
-    WORK,
-    WRONG,
+from mbsbench.harness.results.judgements.claims import (
     Because,
     Claim,
     Condition,
     Count,
     Decision,
-    Drift,
     Ending,
-    FalseSuccess,
     Gap,
     LeftOut,
     MapRow,
     Missing,
-    Order,
-    Symmetry,
     Test,
     Verdict,
+)
+from mbsbench.harness.results.judgements.files import CLAIMS, DRIFTS, ORDERS, SYMMETRIES, WORK, WRONG, as_text
+from mbsbench.harness.results.judgements.runs import (
+    Drift,
+    FalseSuccess,
+    Order,
+    Symmetry,
     Work,
     WorkPoint,
     WorkProfile,
-    as_text,
-)  # fmt: skip
+)
 from mbsbench.harness.types import Law, Reason
 
 from ..conftest import HOSTILE

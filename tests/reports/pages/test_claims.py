@@ -5,7 +5,7 @@ import re
 
 from msgspec.structs import replace
 
-from mbsbench.harness.results.judgements import Condition, Decision, Gap, Missing, Verdict
+from mbsbench.harness.results.judgements.claims import Condition, Decision, Gap, Missing, Verdict
 from mbsbench.reports.model.claim_words import band, because, decision, measured, missing, tried
 from mbsbench.reports.pages.judged.claims import VERDICTS, claims_of, counts, differences, grids
 from mbsbench.reports.pages.judgement import links_of

@@ -7,7 +7,7 @@ import math
 import pytest
 from msgspec.structs import replace
 
-from mbsbench.harness.results.judgements import Verdict
+from mbsbench.harness.results.judgements.claims import Verdict
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.change.compare import changes, write_compare
 from mbsbench.reports.pages.change.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work

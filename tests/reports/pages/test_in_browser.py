@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from mbsbench.harness.results.judgements import ORDERS, as_text
+from mbsbench.harness.results.judgements.files import ORDERS, as_text
 from mbsbench.reports.model.results import read_results
 
 from ..browser import LOW, OPEN, PALE, SMALL

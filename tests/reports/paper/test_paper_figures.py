@@ -8,7 +8,8 @@ from msgspec.structs import replace
 
 from mbsbench.harness.__main__ import main
 from mbsbench.harness.referee.judge import read_claims, write
-from mbsbench.harness.results.judgements import FOLDER, PUBLISHED, Verdict
+from mbsbench.harness.results.judgements.claims import Verdict
+from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED
 from mbsbench.reports import site
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.paper import build, captions, drawer, lines, picking
