@@ -26,7 +26,7 @@ SHAPING = (  # what the process of one run executes; the rest only arranges, jud
     "harness/execution/worker.py", "harness/files.py", "harness/mechanics", "harness/metrics",
     "harness/reference", "harness/results/naming.py", "harness/results/npz.py",
     "harness/results/records.py", "harness/results/series.py",
-    "harness/sandbox", "harness/shapes.py", "harness/suites/spec.py", "harness/types.py", "problems", "solvers",
+    "harness/sandbox", "harness/shapes.py", "harness/suites/spec.py", "harness/types", "problems", "solvers",
 )  # fmt: skip
 
 PLATFORM = ("python", "implementation", "packages", "cpu", "machine", "blas", "threads")  # numbers may depend on these

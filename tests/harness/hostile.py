@@ -13,7 +13,7 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.options import Parameter, option
 from mbsbench.harness.catalogue.registry import problem, solver
 from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.types import Array, Problem, Status, StepControl, Trajectory
+from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.tests.harness.misbehaving import FreeFall, _Base  # the honest motion that is lied about
 
 
@@ -28,7 +28,7 @@ class BadReference(FreeFall):
 
     how: str = "exits"
 
-    def states(self, t: Array) -> States:
+    def states(self, t: np.ndarray) -> States:
         """Not."""
         if self.how == "exits":
             os._exit(0)
@@ -41,7 +41,7 @@ class BadReference(FreeFall):
 class NoBound(FreeFall):
     """The motion, with a bound on its error that is none."""
 
-    def error(self, t: Array) -> Array:
+    def error(self, t: np.ndarray) -> np.ndarray:
         """NaN."""
         return np.full(len(t), np.nan)
 
@@ -163,7 +163,7 @@ class Lazy(_Base):
         if self.how == "turned":  # R says nothing of Omega
             return dataclasses.replace(done, states=States(s.r, np.repeat(s.R[:1], n, axis=0), s.v, s.Omega))
         if self.how == "two_rows":
-            ends: Array = np.array([0, n - 1])
+            ends: np.ndarray = np.array([0, n - 1])
             return dataclasses.replace(done, t=done.t[ends], states=s.at(ends))
         first = [np.repeat(a[:1], 2, axis=0) for a in (s.r, s.R, s.v, s.Omega)]
         return dataclasses.replace(done, t=np.array([0.0, p.t_end]), states=States(*first), status=Status.SUCCESS)

@@ -15,7 +15,7 @@ from mbsbench.harness.catalogue.registry import problem, solver
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import RigidBody, assemble
-from mbsbench.harness.types import Array, Invariant, Observable, Problem, Status, StepControl, Trajectory
+from mbsbench.harness.types import Invariant, Observable, Problem, Status, StepControl, Trajectory
 
 GRAVITY = 10.0  # [m/s2]
 
@@ -28,14 +28,14 @@ class FreeFall:
     route: str = "closed form"
     horizon: float = 1.0
 
-    def states(self, t: Array) -> States:
+    def states(self, t: np.ndarray) -> States:
         """The motion."""
         g = np.array([0.0, 0.0, -GRAVITY])
         r = self.start.r + t[:, None, None] * self.start.v + 0.5 * t[:, None, None] ** 2 * g
         R = self.start.R @ so3.exp(t[:, None, None] * self.start.Omega)
         return States(r, R, self.start.v + t[:, None, None] * g, np.broadcast_to(self.start.Omega, r.shape))
 
-    def error(self, t: Array) -> Array:
+    def error(self, t: np.ndarray) -> np.ndarray:
         """Rounding."""
         return np.full(len(t), 1e-15)
 

@@ -100,8 +100,8 @@ FAULTS = (
     Fault(
         "harness/execution/measuring.py", "(because := inaccuracy(measured, numbers))", "(because := [])", INACCURATE
     ),
-    Fault("harness/types.py", "Law.ENERGY: 0.10", "Law.ENERGY: 1.0", WRONG),
-    Fault("harness/types.py", '"accurate_until_s": 0.1,', '"accurate_until_s": 1.0,', TURNING),
+    Fault("harness/types/verdicts.py", "Law.ENERGY: 0.10", "Law.ENERGY: 1.0", WRONG),
+    Fault("harness/types/verdicts.py", '"accurate_until_s": 0.1,', '"accurate_until_s": 1.0,', TURNING),
     # references
     Fault(
         "harness/reference/newton_euler.py",

@@ -1,0 +1,14 @@
+"""What crosses the layers: problems and solvers on one side, runner, results and reports on the other.
+
+Arrows point one way: ``harness.mechanics <- harness.types <- problems, solvers <- harness.execution <- reports``.
+"""
+
+from ..mechanics.presentation import Presentation
+from ..mechanics.state import State, States
+from .problem import Invariant, Observable, Problem, Reference, Trait
+from .solver import LEAST_RTOL, Solver, Spool, StepControl, Trajectory
+from .verdicts import ACCURATE, ALLOWED, GROWN, JUDGED, PREDICTABLE, EndedBy, Law, Reason, Status
+
+__all__ = ["ACCURATE", "ALLOWED", "GROWN", "JUDGED", "LEAST_RTOL", "PREDICTABLE", "EndedBy", "Invariant", "Law",
+           "Observable", "Presentation", "Problem", "Reason", "Reference", "Solver", "Spool", "State", "States",
+           "Status", "StepControl", "Trait", "Trajectory"]  # fmt: skip

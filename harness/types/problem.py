@@ -1,0 +1,132 @@
+"""A problem: a system, its start, and all that is known about its motion."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics.presentation import Presentation
+from ..mechanics.state import State, States, rotated
+from ..mechanics.system import MultibodySystem
+
+
+class Trait(StrEnum):
+    """What a problem is there to test; ``list`` groups problems by it."""
+
+    SINGULAR = "singular"  # the rank of A falls at instants
+    REDUNDANT = "redundant"  # more rows than their rank, all along
+    STIFF = "stiff"  # time constants far below those of the motion
+    CHAOTIC = "chaotic"
+    LONG = "long"  # hundreds of turns or swings
+    DAMPED = "damped"  # dampers: energy leaves by work that enters the balance
+    DRIVEN = "driven"  # applied forces, torques or prescribed motions, whose work enters the balance
+    NONHOLONOMIC = "nonholonomic"  # rows that restrict velocities alone
+
+
+@dataclass(frozen=True)
+class Observable:
+    """A scalar to look at, of the motion in the problem's home frame."""
+
+    name: str
+    symbol: str  # mathtext, without $
+    unit: str
+    of: Callable[[States], Float[np.ndarray, " nt"]]
+
+
+@dataclass(frozen=True)
+class Invariant:
+    """A scalar that the exact motion keeps, in the problem's home frame."""
+
+    name: str
+    unit: str
+    of: Callable[[States], Float[np.ndarray, " nt"]]
+
+
+@runtime_checkable
+class Reference(Protocol):
+    """The exact motion, from outside the contestants."""
+
+    @property
+    def route(self) -> str:
+        """How it is computed, in a line."""
+        ...
+
+    @property
+    def horizon(self) -> float:
+        """[s] up to here ``error`` is certified."""
+        ...
+
+    def states(self, t: Float[np.ndarray, " nt"]) -> States:
+        """The motion at ``t`` [s]."""
+        ...
+
+    def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        """Certified bound [m] on the position error of any body at ``t``."""
+        ...
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A system, its start, and all that is known about its motion.
+
+    ``frame`` takes the home frame (the paper's) to space: 1 unless the problem is presented in another frame.
+    """
+
+    name: str
+    system: MultibodySystem
+    initial: State
+    t_end: float  # [s]
+    dt: float  # [s] the paper's step for ODE-GC
+    section: str  # e.g. "Sect. 5.4"
+    source: str  # where every number comes from
+    observables: tuple[Observable, ...] = ()
+    invariants: tuple[Invariant, ...] = ()
+    reference_from: Callable[[State], Reference | None] | None = None  # exact motion from a start in the home frame
+    parameters: Mapping[str, Any] = field(default_factory=dict)
+    frame: Float[np.ndarray, "3 3"] = field(default_factory=lambda: np.eye(3))
+    planar_normal: Float[np.ndarray, " 3"] | None = None  # home frame; given when the exact motion is planar
+    energy_allowed: float | None = None  # [J] the benchmark's own limit on max |E - E0|, if it has one
+    presentation: Presentation = field(
+        default_factory=Presentation
+    )  # how a solver gets it (execution.presented); nothing here changes
+    literal_start: bool = False  # as printed, though phi_dot is not zero: that check is waived and a note says so
+    retrace: bool = False  # whether the solver is sent back from the end with velocities reversed
+
+    def home(self, s: States) -> States:
+        """``s`` seen from the home frame."""
+        return rotated(s, self.frame.T)
+
+    def observe(self, s: States) -> dict[str, Float[np.ndarray, " nt"]]:
+        """All observables of a motion, by name."""
+        at_home = self.home(s)
+        return {o.name: o.of(at_home) for o in self.observables}
+
+    def reference(self) -> Reference | None:
+        """The exact motion in space, or None where none is known; a start that opens the joints has none."""
+        if self.reference_from is None or self.literal_start:
+            return None
+        exact = self.reference_from(self.home(States.one(self.initial))[0])
+        return None if exact is None else _TurnedReference(exact, self.frame)
+
+
+@dataclass(frozen=True)
+class _TurnedReference:
+    home: Reference
+    frame: Float[np.ndarray, "3 3"]
+
+    @property
+    def route(self) -> str:
+        return self.home.route
+
+    @property
+    def horizon(self) -> float:
+        return self.home.horizon
+
+    def states(self, t: Float[np.ndarray, " nt"]) -> States:
+        return rotated(self.home.states(t), self.frame).timed(t)
+
+    def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
+        return self.home.error(t)

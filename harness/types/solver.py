@@ -1,0 +1,115 @@
+"""What a solver gets and gives: steps or tolerance, a trajectory."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Protocol, runtime_checkable
+
+import numpy as np
+from jaxtyping import Float
+
+from ..mechanics.state import State, States
+from .problem import Problem
+from .verdicts import Status
+
+
+class Spool(Protocol):
+    """Takes accepted steps during a run, so that a killed process leaves them (harness/sandbox/spool)."""
+
+    rows: int  # taken so far
+
+    def due(self) -> bool:
+        """Whether it is time to hand over what came since; costs next to nothing, ask after every step."""
+        ...
+
+    def take(self, t: Float[np.ndarray, " nt"] | list[float], states: States) -> None:
+        """The steps that followed those taken before, the start first or left out."""
+        ...
+
+
+LEAST_RTOL = 100.0 * float(np.finfo(float).eps)  # below it SciPy silently takes this, others take steps of no length
+
+
+@dataclass(frozen=True)
+class StepControl:
+    """Exactly one of ``dt`` (fixed step [s]) and ``rtol`` (error control, absolute tolerance alike)."""
+
+    dt: float | None = None
+    rtol: float | None = None
+    max_step: float | None = None  # [s] for error control only
+    max_steps: int = 10_000_000  # accepted steps before the run counts as stalled
+    wall_limit: float | None = None  # [s] the solver stops itself and hands back what it has
+    spool: Spool | None = field(default=None, compare=False, repr=False)  # to hand steps over to as they come
+
+    def __post_init__(self) -> None:
+        if (self.dt is None) == (self.rtol is None):
+            raise ValueError(f"give exactly one of dt and rtol (got dt={self.dt}, rtol={self.rtol})")
+        for name in ("dt", "rtol", "max_step", "wall_limit"):
+            value = getattr(self, name)
+            if value is not None and not (np.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} must be a finite number > 0 (got {value})")
+        if self.rtol is not None and self.rtol < LEAST_RTOL:
+            raise ValueError(f"rtol must be at least {LEAST_RTOL:.3g}: rounding allows no less (got {self.rtol:g})")
+        if self.max_step is not None and self.dt is not None:
+            raise ValueError(
+                f"max_step goes with rtol, not with a fixed dt (got dt={self.dt}, max_step={self.max_step})"
+            )
+        if self.max_steps < 1:
+            raise ValueError(f"max_steps must be >= 1 (got {self.max_steps})")
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """The solver's own accepted steps, never resampled; on failure those up to it.
+
+    ``reaction`` is the force conjugate to phi at the times ``t``: ``A^T reaction`` is the reaction on the bodies
+    ([N] for point rows, [N m] for axis rows), NaN where the solver has none; never a raw lambda, by which
+    Eqs. (36) and (92) mean different things. ``diagnostics`` are further series of the solver's own, (nt,) each.
+    """
+
+    t: Float[np.ndarray, " nt"]
+    states: States
+    status: Status
+    message: str
+    counters: Mapping[str, int]
+    reaction: Float[np.ndarray, "nt nrows"] | None = None
+    diagnostics: Mapping[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
+    events: tuple[Mapping[str, Any], ...] = ()  # e.g. singular passages: plain numbers and strings
+    notes: tuple[str, ...] = ()  # choices the solver made, e.g. which redundant rows it dropped
+    cpu_time: float = float("nan")  # [s] the integration alone, without compilation and set-up
+    setup_time: float = float("nan")  # [s] compilation, symbolic analysis, consistent start
+    returned: State | None = None  # where the way back ended, velocities turned again (execution.presented)
+
+    def __post_init__(self) -> None:
+        t = np.asarray(self.t, dtype=float)
+        if t.ndim != 1 or len(t) != len(self.states) or len(t) == 0:
+            raise ValueError(
+                f"expected one state a time, at least the start (got {t.shape} times, {len(self.states)} states)"
+            )
+        if np.any(np.diff(t) <= 0.0):
+            raise ValueError("the times of a trajectory must increase")
+        object.__setattr__(self, "states", self.states.timed(t))
+
+
+@runtime_checkable
+class Solver(Protocol):
+    """A frozen dataclass of options (module ``harness.options``) with two methods; one file in ``solvers/`` each.
+
+    A solver of fixed steps may also say ``order``, the order in dt that certificates hold it to. ``paper_label`` and
+    ``order`` are class variables, or properties where they depend on the options.
+    """
+
+    name: ClassVar[str]
+    control: ClassVar[str]  # "dt" or "rtol": which of the two ``StepControl`` it takes
+
+    @property
+    def paper_label(self) -> str:
+        """The paper's name of such a solver; empty for none."""
+        ...
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Why this solver cannot take the problem, or None."""
+        ...
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """Integrate from ``problem.initial`` to ``problem.t_end``; a failure is a status, not an exception."""
+        ...
