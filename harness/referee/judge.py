@@ -9,6 +9,7 @@ from ..results import store
 from ..results.judgements import files
 from ..results.judgements.claims import Claim
 from ..results.judgements.files import FOLDER, PUBLISHED, as_text
+from ..results.provisional import one_per_run
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec
 from ..suites.suite import load_suite
@@ -41,8 +42,8 @@ class Change:
 
 
 def judgements(folder: Path, register: Register, watch: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
-    """Every judgement by the name of its file."""
-    records = store.load(folder, check_series=False).records
+    """Every judgement by the name of its file; runs that a resumed folder holds twice count once."""
+    records = one_per_run(store.load(folder, check_series=False).records)
     watch("claims")
     out: dict[str, Any] = {"claims": judge(register, tried_on(), records, lambda r: store.series_of(folder, r))}
     for name, function in OTHERS:

@@ -2,9 +2,10 @@
 share. They stand until the suite is resumed, which sets them aside and runs their runs again.
 """
 
+from collections.abc import Iterable
 from pathlib import Path
 
-from ..types import EndedBy
+from ..types import EndedBy, Status
 from .records import RunRecord
 from .store import Unreadable
 
@@ -16,6 +17,20 @@ PROVISIONAL = (
 def is_provisional(record: RunRecord) -> bool:
     """Whether the same run may well end differently next time."""
     return record.ended_by in PROVISIONAL
+
+
+def one_per_run(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
+    """Of records with the same settings the latest; beside a success those cut short or crashed do not count."""
+    found: dict[str, list[RunRecord]] = {}
+    for r in sorted(records, key=lambda r: (r.finished, r.run_id)):
+        found.setdefault(r.settings_id, []).append(r)
+    return tuple(map(_shown, found.values()))
+
+
+def _shown(same: list[RunRecord]) -> RunRecord:
+    whole = [r for r in same if not (is_provisional(r) or r.status == Status.CRASHED)]
+    succeeded = any(r.status == Status.SUCCESS for r in whole)
+    return (whole if succeeded else same)[-1]
 
 
 def files_of(folder: Path, record: RunRecord) -> list[Unreadable]:

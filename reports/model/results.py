@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from ...harness.results import store
 from ...harness.results.naming import named, text_of
 from ...harness.results.provenance import stamp_of
-from ...harness.results.provisional import is_provisional
+from ...harness.results.provisional import one_per_run
 from ...harness.results.records import RunRecord
 from ...harness.results.series import BadSeries, Series, check_series
 from ...harness.results.words import why
@@ -178,20 +178,13 @@ def read_results(folder: Path, *, check_series: bool = True) -> Results:
     records = loaded.records if check_series else ()
     faults = {r.run_id: why for r in records if (why := _series_fault(folder, r))}
     sound = [r for r in loaded.records if r.run_id not in faults]
-    shown = {k: _shown(same) for k, same in grouped(sound, lambda r: r.settings_id).items()}
+    shown = {r.settings_id: r for r in one_per_run(sound)}
     later = sum(r.finished > shown[r.settings_id].finished for r in sound)
     runs = [Run(r, _stderr(folder, r)) for r in shown.values()]
     runs.sort(key=lambda c: (c.record.solver, c.method, -c.step_or_tolerance, c.record.case))
     bad = [store.Unreadable(folder / "runs" / f"{run}.json", why) for run, why in faults.items()]
     earlier = len(sound) - len(shown) - later
     return Results(folder, stamp_of(folder), tuple(runs), (*loaded.unreadable, *bad), earlier, later)
-
-
-def _shown(same: Sequence[RunRecord]) -> RunRecord:
-    """Of runs with the same settings the latest; beside a success those that were cut short or crashed do not count."""
-    whole = [r for r in same if not (is_provisional(r) or r.status == Status.CRASHED)]
-    succeeded = any(r.status == Status.SUCCESS for r in whole)
-    return max(whole if succeeded else same, key=lambda r: r.finished)
 
 
 def _series_fault(folder: Path, record: RunRecord) -> str:

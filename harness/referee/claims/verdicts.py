@@ -42,17 +42,12 @@ def judge(
 ) -> tuple[Claim, ...]:
     """All verdicts, in the order of the register."""
     places = [place(c) for c in specs]
-    numbers = Numbers(by_settings(records), series_of)
+    numbers = Numbers({r.settings_id: r for r in records}, series_of)
     tried = {c.id: _tried(c, places) for c in register.claims}
     numbers.gather(
         (p.spec.settings_id, t) for c in register.claims for p in (*tried[c.id][0], *tried[c.id][1]) for t in c.tests
     )
     return tuple(_judged(c, register, *tried[c.id], numbers) for c in register.claims)
-
-
-def by_settings(records: Iterable[RunRecord]) -> dict[str, RunRecord]:
-    """Records by what shapes the motion; of two codes' results the newer counts."""
-    return {r.settings_id: r for r in sorted(records, key=lambda r: (r.finished, r.run_id))}
 
 
 def untestable(claim: given.Claim) -> list[Missing]:

@@ -16,8 +16,10 @@ from mbsbench.harness.referee.claims.register import read_register
 from mbsbench.harness.referee.claims.verdicts import judge
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements.claims import Verdict
+from mbsbench.harness.results.provisional import one_per_run
+from mbsbench.harness.results.records import reasons_json
 from mbsbench.harness.suites.suite import Suite
-from mbsbench.harness.types import Status
+from mbsbench.harness.types import Law, Reason, Status
 
 from ..conftest import Silent
 from .claiming import MAP, SUITE, TEST, judged
@@ -65,6 +67,28 @@ def test_judging_writes_files_and_publishing_compares(made, tmp_path, capsys):
     assert call() == 1
     assert "changed: c: SUPPORTED -> REFUTED" in capsys.readouterr().out
     assert call("--publish") == 0 and call() == 0
+
+
+def test_a_run_that_a_resumed_folder_holds_twice_counts_once(made, tmp_path):
+    """Of two codes the later counts, in every judgement; a later crash does not replace a success."""
+    _, _, register = made
+    folder = store.create(tmp_path / "run")
+
+    def resumed(code: str, specs=RUNS, **columns):
+        for x in specs:
+            own = record(x, run_id=code + x.settings_id[1:16], finished=code, series="", **columns)
+            store.write_record(folder, own)
+        return judging.judgements(folder, read_register(register))
+
+    wrong = {"status": "wrong", "claimed": "success", "wrong_because": reasons_json([Reason(Law.ENERGY, 2.0, 1.0)])}
+    for code in "12":
+        assert len(resumed(code, phi_max=1.5, **wrong)["wrong"]) == len(RUNS)
+    found = resumed("3", RUNS[1:], phi_max=0.5, claimed="success")
+    assert [w.settings_id for w in found["wrong"]] == [RUNS[0].settings_id]
+    found = resumed("4", phi_max=0.5, claimed="success")
+    assert not found["wrong"] and found["claims"][0].verdict == "SUPPORTED"
+    found = resumed("5", status="crashed", phi_max=1.5)
+    assert not found["wrong"] and found["claims"][0].verdict == "SUPPORTED"
 
 
 def test_refuted_claims_are_no_failure_of_the_command(made):
@@ -236,7 +260,7 @@ def newest_whole(runs, specs):
     """The newest of ``runs`` that holds all ``runs``, with its records; an unfinished one is passed over."""
     asked = {c.settings_id for c in specs}
     for folder in sorted((p for p in runs if (p / "runs").is_dir()), key=lambda p: p.name, reverse=True):
-        records = store.load(folder, check_series=False).records
+        records = one_per_run(store.load(folder, check_series=False).records)
         if asked <= {r.settings_id for r in records}:
             return folder, records
     return None

@@ -214,13 +214,6 @@ def test_numbers_are_read_off_series():
     assert claim(text, records, of(6.1)).verdict == "REFUTED"
 
 
-def test_the_newer_of_two_codes_counts():
-    """The same settings run again: the verdict follows the later result."""
-    old = [record(x, phi_max=1.5, finished="2026-01-01") for x in RUNS]
-    new = [record(x, phi_max=0.5, finished="2026-01-02") for x in RUNS]
-    assert claim(records=[*new, *old]).verdict == "SUPPORTED" == claim(records=[*old, *new]).verdict
-
-
 def test_verdicts_do_not_depend_on_the_order_of_records():
     """Shuffled records give the same bytes, whatever the number of processes that wrote them."""
     cut = {"status": "memory", "t_reached_s": 3.0}
