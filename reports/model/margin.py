@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from ...harness.results.records import is_literal, judged_own, reasons_of
+from ...harness.results.records import judged_own, reasons_of
 from ...harness.results.words import law_of, words_of
 from ...harness.types import ACCURATE, ALLOWED, Law, Reason
 from .results import Run
@@ -49,14 +49,13 @@ def margin(run: Run) -> Margin | None:
 
 def _measured(run: Run) -> list[Reason]:
     """Of the laws that the columns tell. A run that was judged keeps those that are not in its reasons: one above the
-    limit as reckoned here has a wider one (a mechanism beside others, a start as printed).
+    limit as reckoned here has a wider one (a mechanism beside others).
     """
     r, own = run.record, judged_own(run.record)
-    length, speed = (0.0, 0.0) if is_literal(r) else (r.length_scale_m, r.speed_scale_m_per_s)
     rows = (
         Reason(Law.ENERGY, r.energy_drift_max_J, ALLOWED[Law.ENERGY] * r.energy_scale_J, "J"),
-        Reason(Law.CONSTRAINT, r.phi_max, ALLOWED[Law.CONSTRAINT] * length, "m"),
-        Reason(Law.CONSTRAINT_RATE, r.phi_dot_max, ALLOWED[Law.CONSTRAINT_RATE] * speed, "m/s"),
+        Reason(Law.CONSTRAINT, r.phi_max, r.phi_limit_m, "m"),
+        Reason(Law.CONSTRAINT_RATE, r.phi_dot_max, r.phi_dot_limit_m_per_s, "m/s"),
         Reason(Law.ORTHOGONALITY, r.orthogonality_max, ALLOWED[Law.ORTHOGONALITY]),
         Reason(Law.MOTION, r.motion_error_judged_m,
                ACCURATE["accurate_until_s"] * r.length_scale_m + (0.0 if math.isnan(own) else own), "m"),

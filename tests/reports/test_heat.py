@@ -25,10 +25,12 @@ def broken(law: Law, value: float, limit: float, unit: str) -> dict[str, str]:
 
 def test_margin_is_the_error_that_is_the_largest_part_of_its_limit():
     """0.03 of 0.1 J is nearer than 0.001 of 0.01 m; the limits are those that runs are judged by."""
-    run = Run(record("aa01", energy_drift_max_J=0.03, phi_max=1e-3))
+    run = Run(record("aa01", energy_drift_max_J=0.03, phi_max=1e-3, phi_limit_m=0.01))
     found = margin(run)
     assert found is not None and found.error.law is Law.ENERGY and found.part == pytest.approx(0.3)
     assert found.words == "the energy error is 0.0300 of 0.100 J allowed"
+    near = margin(Run(record("aa02", energy_drift_max_J=0.03, phi_max=5e-3, phi_limit_m=0.01)))
+    assert near is not None and near.words == "|phi| is 0.00500 of 0.0100 m allowed"
     judged = Scales(length=1.0, speed=2.0, momentum=1.0, energy=3.0, reach=1.0, gap=1.0).allowed
     assert judged == {
         law: part * {Law.ENERGY: 3.0, Law.CONSTRAINT_RATE: 2.0}.get(law, 1.0) for law, part in ALLOWED.items()
@@ -44,9 +46,17 @@ def test_a_marginal_error_looks_marginal_and_a_large_one_does_not():
     assert (near.level, far.level) == (LEVELS.index(1.5), len(LEVELS)) and math.isinf(other.part)
 
 
+def test_constraints_count_where_the_record_has_their_limit():
+    """Hinges are judged in metres, and recorded with axis rows that have no unit: the length says nothing of them."""
+    found = margin(Run(record("aa01", phi_max=9e-3, phi_dot_max=0.04, speed_scale_m_per_s=1.0)))
+    assert found is not None and found.error.law is Law.ENERGY
+    fast = margin(Run(record("aa02", phi_dot_max=0.04, phi_dot_limit_m_per_s=0.05)))
+    assert fast is not None and fast.error.law is Law.CONSTRAINT_RATE and fast.part == pytest.approx(0.8)
+
+
 def test_a_success_is_never_above_a_limit():
     """Where a record lacks what a wider limit was reckoned from, that law is left out and not shown as broken."""
-    found = margin(Run(record("aa01", phi_max=0.5, energy_drift_max_J=0.01)))
+    found = margin(Run(record("aa01", phi_max=0.5, phi_limit_m=0.01, energy_drift_max_J=0.01)))
     assert found is not None and found.error.law is Law.ENERGY and found.part <= 1.0
 
 
