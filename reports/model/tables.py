@@ -69,8 +69,8 @@ COLUMNS: Sequence[Column] = (
            lambda c: mark(c.status).word, latex="Status"),
     Column("t_reached", "t reached", "s", "Time of the last accepted step.", _of("t_reached_s"), time),
     Column("energy_drift_max", "max |E−E₀|", "J",
-           "Largest energy error over all accepted steps, without the work of dampers.", _of("energy_drift_max_J"),
-           latex=r"$\max|E-E_0|$ [J]"),
+           "Largest energy error over all accepted steps; the work of dampers, loads, user forces and drives is "
+           "subtracted.", _of("energy_drift_max_J"), latex=r"$\max|E-E_0|$ [J]"),
     Column("energy_drift_end", "E−E₀ at end", "J", "Energy error at the last step, with its sign.",
            _of("energy_drift_end_J"), signed),
     Column("energy_trend", "Energy trend", "J/s", "Least-squares slope of the energy error over time.",
