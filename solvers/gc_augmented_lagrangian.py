@@ -7,7 +7,6 @@ repeated by the nested loop at a low penalty. In redundant systems the poses are
 because with phi = O(dt^2) a mechanism cannot pass its singular configurations (docs/decisions/singular-passages.md).
 """
 
-import time
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
+from ..harness.clock import cpu_seconds
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.choices import GaugeChoices, Penalty
 from .formulations.geometric.driver import integrate, prepare
@@ -69,7 +69,7 @@ class GcAugmentedLagrangian(GaugeChoices):
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``; singular passages are in ``events``."""
-        began = time.perf_counter()
+        began = cpu_seconds()
         redundant = problem.system.nrows - len(rows_to_keep(problem.system, problem.initial))
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)
         penalty = Penalty(
@@ -80,7 +80,7 @@ class GcAugmentedLagrangian(GaugeChoices):
             singular_turn=self.singular_turn or float("inf"), redundant=int(redundant > 0),
         )  # fmt: skip
         run, step = prepare(problem, self.settings(problem)._replace(penalty=penalty), self.mu0)
-        set_up = time.perf_counter() - began
+        set_up = cpu_seconds() - began
         out = integrate(problem, control, run, step, self.max_cuts, self.max_turn)
         rank = f"{problem.system.nrows} constraint rows of rank {problem.system.nrows - redundant} at the start"
         crossed = passages(problem.system, out)

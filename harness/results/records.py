@@ -157,7 +157,7 @@ class RunRecord:
     cpu_median_s: float = column("median of the repeats")
     cpu_max_s: float = column("largest of the repeats")
     cpu_call_s: float = column("CPU time of the first call as a whole, measured outside the solver: set-up included")
-    setup_s: float = column("set-up and compilation of the first run, not in cpu_*")
+    setup_s: float = column("CPU time of set-up and compilation of the first run, not in cpu_*")
     wall_s: float = column("wall time of the whole run: process, set-up, solve, measuring")
     measure_s: float = column("wall time of measuring alone")
     peak_memory_MB: float = column("largest resident memory of the process")

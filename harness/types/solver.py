@@ -75,8 +75,8 @@ class Trajectory:
     diagnostics: Mapping[str, Float[np.ndarray, " nt"]] = field(default_factory=dict)
     events: tuple[Mapping[str, Any], ...] = ()  # e.g. singular passages: plain numbers and strings
     notes: tuple[str, ...] = ()  # choices the solver made, e.g. which redundant rows it dropped
-    cpu_time: float = float("nan")  # [s] the integration alone, without compilation and set-up
-    setup_time: float = float("nan")  # [s] compilation, symbolic analysis, consistent start
+    cpu_time: float = float("nan")  # [s] of CPU: the integration alone, without compilation and set-up
+    setup_time: float = float("nan")  # [s] of CPU: compilation, symbolic analysis, consistent start
     returned: State | None = None  # where the way back ended, velocities turned again (execution.presented)
 
     def __post_init__(self) -> None:

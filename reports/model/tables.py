@@ -127,7 +127,8 @@ COLUMNS: Sequence[Column] = (
     Column("cpu_spread", "CPU spread", "s",
            "Least and largest of the repeated timings, and how many; a dash for a single one.", _spread),
     Column("setup", "Set-up", "s",
-           "Compilation and preparation before the first step, not part of the CPU time.", _of("setup_s")),
+           "CPU time of compilation and preparation before the first step, not part of that of the integration.",
+           _of("setup_s")),
     Column("memory", "Memory", "MB", "Largest resident memory of the run's process.", _of("peak_memory_MB")),
 )  # fmt: skip
 

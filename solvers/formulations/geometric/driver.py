@@ -72,7 +72,7 @@ def integrate(
     problem: Problem, control: StepControl, run: Run, step: Step, max_cuts: int, max_turn: float
 ) -> Trajectory:
     """March to the end or to the failure."""
-    began = time.perf_counter()
+    began, cpu = time.perf_counter(), cpu_seconds()
     assert control.dt is not None  # refuses() has seen to it
     room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * problem.system.nb + problem.system.nrows)))))
     clock = marching.Clock(np.zeros(3, dtype=np.int64), control.dt, problem.t_end, max_cuts)
@@ -84,7 +84,7 @@ def integrate(
             if not max_turn and applies(run.settings, run.model)
             else (lambda step, room: advance(run, step, clock, room))
         )
-    set_up = time.perf_counter() - began
+    set_up = cpu_seconds() - cpu
     log, steps, cpu = Log(), 0, cpu_seconds()
     status, message = Status.SUCCESS, ""
     while True:
