@@ -44,4 +44,4 @@ class AlIndex3:
         scheme = alpha.Scheme(
             0.0, 0.0, 0.25, 0.5, above_rounding(self.tolerance, problem), shift=self.regularisation, projected=1
         )
-        return fixed_steps(problem, control, alpha, scheme)
+        return fixed_steps(problem, control, alpha, scheme, self.tolerance)

@@ -39,6 +39,5 @@ class EnergyMomentum:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        return fixed_steps(
-            problem, control, energy_momentum, energy_momentum.Scheme(above_rounding(self.tolerance, problem))
-        )
+        scheme = energy_momentum.Scheme(above_rounding(self.tolerance, problem))
+        return fixed_steps(problem, control, energy_momentum, scheme, self.tolerance)

@@ -55,4 +55,4 @@ class GeneralizedAlpha:
             above_rounding(self.tolerance, problem),
             stabilised=int(self.form == "stabilised"),
         )
-        return fixed_steps(problem, control, alpha, scheme)
+        return fixed_steps(problem, control, alpha, scheme, self.tolerance)

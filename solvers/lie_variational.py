@@ -41,9 +41,5 @@ class LieVariational:
         """March with the fixed step ``control.dt``."""
         axes, plain = principal(problem.system.inertia), COMPOSITIONS["plain"][0]
         damped = int(not problem.system.is_conservative)
-        return fixed_steps(
-            problem,
-            control,
-            rattle,
-            rattle.Scheme(axes, plain, above_rounding(self.tolerance, problem), damped, discrete=1),
-        )
+        scheme = rattle.Scheme(axes, plain, above_rounding(self.tolerance, problem), damped, discrete=1)
+        return fixed_steps(problem, control, rattle, scheme, self.tolerance)

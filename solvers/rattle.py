@@ -51,4 +51,4 @@ class Rattle:
         scheme = rattle.Scheme(
             principal(system.inertia), gamma, above_rounding(self.tolerance, problem), damped, rate=self.rate
         )
-        return fixed_steps(problem, control, rattle, scheme)
+        return fixed_steps(problem, control, rattle, scheme, self.tolerance)

@@ -2,7 +2,9 @@
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -108,8 +110,13 @@ def extrapolated_steps(
     return _march(problem, control, stretch, kernel.lam.copy(), counters, cpu_seconds() - began)
 
 
-def fixed_steps(problem: Problem, control: StepControl, method: ModuleType, scheme: tuple) -> Trajectory:
-    """Steps of ``control.dt`` by a module of this folder: ``empty_step``, ``start`` (from index 1) and ``march``."""
+def fixed_steps(
+    problem: Problem, control: StepControl, method: ModuleType, scheme: Any, asked: float | None = None
+) -> Trajectory:
+    """Steps of ``control.dt`` by a module of this folder: ``empty_step``, ``start`` (from index 1) and ``march``.
+
+    A tolerance above the one ``asked`` for is noted.
+    """
     began = cpu_seconds()
     model, blocks, kernel = start_of(problem)
     step = method.empty_step(model)
@@ -123,7 +130,11 @@ def fixed_steps(problem: Problem, control: StepControl, method: ModuleType, sche
     stretch(rkmk.empty_record(0, problem.system.nb, problem.system.nrows))  # compiles
     evaluate(model, blocks, kernel)
     method.start(kernel, step)
-    return _march(problem, control, stretch, kernel.lam.copy(), counters, cpu_seconds() - began)
+    out = _march(problem, control, stretch, kernel.lam.copy(), counters, cpu_seconds() - began)
+    if asked is None or scheme.tolerance <= asked:
+        return out
+    words = f"tolerance {scheme.tolerance:.2g} instead of {asked:g}: {ROUNDINGS:g} roundings of the largest coordinate"
+    return replace(out, notes=(*out.notes, words))
 
 
 def _march(

@@ -208,8 +208,8 @@ def test_the_augmented_lagrangian_shares_reactions_among_redundant_rows():
 
 @pytest.mark.parametrize("which", ["alpha", "al", "em", "variational"])
 def test_far_from_the_origin_the_motion_is_the_same(which):
-    """Where phi has roundings of 1e-10 m, no smaller phi is asked for."""
-    moved = []
+    """Where phi has roundings of 1e-10 m, no smaller phi is asked for; the record says so."""
+    moved, notes = [], []
     for offset in (0.0, 1e6):
         t = solve(
             which,
@@ -217,4 +217,8 @@ def test_far_from_the_origin_the_motion_is_the_same(which):
             5e-3,
         )
         moved.append(t.states.r - t.states.r[0])
+        notes.append(t.notes)
     assert np.max(np.abs(moved[1] - moved[0])) < 1e-7
+    assert not notes[0] and notes[1][-1].endswith(": 16 roundings of the largest coordinate"), notes
+    raised, asked = map(float, notes[1][-1].removeprefix("tolerance ").split(":")[0].split(" instead of "))
+    assert asked <= 1e-12 and 3.5e-9 < raised < 3.7e-9  # 16 x 2.2e-16 x 1e6 m
