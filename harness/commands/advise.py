@@ -149,7 +149,7 @@ def run(arguments: argparse.Namespace) -> int:
             if not asked:
                 break
             suite = Suite("advise", "", tuple(s for _, s in asked.values()), "", plugins)
-            with progress(quiet=arguments.json, size=size) as watcher:
+            with progress(quiet=arguments.json, size=size, resumable=False) as watcher:
                 records = run_suite(Request(suite, Path(place) / f"round{k}", size), watcher).records
             for r in records:
                 asked[r.settings_id][0].runs.append(r)

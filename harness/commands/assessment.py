@@ -137,6 +137,12 @@ def _problems(runs: Sequence[RunRecord]) -> Iterator[Line]:
 
 
 def _orders(found: Sequence[Order], ladder: Sequence[RunRecord]) -> Iterator[Line]:
+    for name in LADDERS:
+        yield from _order([o for o in found if o.problem == name], [r for r in ladder if r.problem == name])
+
+
+def _order(found: Sequence[Order], ladder: Sequence[RunRecord]) -> Iterator[Line]:
+    """Of one problem; nothing where no rung was run."""
     for o in found:
         if o.quantity not in ("position", "orientation", "energy", "reaction"):
             continue
@@ -146,18 +152,19 @@ def _orders(found: Sequence[Order], ladder: Sequence[RunRecord]) -> Iterator[Lin
             yield Line(f"order, {o.problem}, {o.quantity}", f"{interval} in the {o.against}{rate}")
         else:
             yield Line(f"order, {o.problem}, {o.quantity}", interval, f"{o.declared:g} declared", _kept(o))
-    if not found:
+    if ladder and not found:
         yield _no_order(ladder)
 
 
 def _no_order(ladder: Sequence[RunRecord]) -> Line:
     """Too slow only where every rung that did not end was; else the rungs that failed say why."""
     ends = Counter(str(r.status or "unknown") for r in ladder if r.status not in ENDED)
+    what = f"order, {ladder[0].problem}"
     if set(ends) == {Status.STALLED}:
-        return Line("order", "not determined: the runs were too slow for the budget", "a ladder")
+        return Line(what, "not determined: the runs were too slow for the budget", "a ladder")
     words = ", ".join(f"{n} {status}" for status, n in sorted(ends.items()))
     said = f"no ladder of steps or tolerances came to its end{': ' if words else ''}{words}"
-    return Line("order", said, "a ladder", good=False)
+    return Line(what, said, "a ladder", good=False)
 
 
 def _kept(o: Order) -> bool | None:
@@ -180,12 +187,12 @@ def _energy(solver: str, records: Sequence[RunRecord], folder: Path) -> Line:
 
 
 def _laws(runs: Sequence[RunRecord], ladder: Sequence[RunRecord]) -> Iterator[Line]:
-    moved = [r for r in runs if r.steps]
+    moved = [r for r in runs if r.steps and r.phi_limit_m > 0.0]
     if moved:
-        worst = max(moved, key=lambda r: r.phi_max / max(r.length_scale_m, 1e-300))
+        worst = max(moved, key=lambda r: r.phi_max / r.phi_limit_m)
         words = f"{worst.phi_max:.2g} m, {worst.phi_dot_max:.2g} m/s ({worst.problem})"
-        yield Line("largest |phi|, |phi_dot|", words, f"1 % of {worst.length_scale_m:.2g} m", worst.phi_max
-                   <= 0.01 * worst.length_scale_m)  # fmt: skip
+        kept = worst.phi_max <= worst.phi_limit_m
+        yield Line("largest |phi|, |phi_dot|", words, f"|phi| at most {worst.phi_limit_m:.2g} m", kept)
     known = [r for r in ladder if math.isfinite(r.reaction_size_N) and r.claimed == Status.SUCCESS]
     if not known:
         yield Line("reactions", "none returned: not judged")

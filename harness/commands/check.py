@@ -95,7 +95,7 @@ def named(given: str) -> tuple[tuple[str, ...], list[str]]:
 
 
 def _findings(name: str, plugins: tuple[str, ...], size: int, *, quiet: bool) -> list[Finding]:
-    with tempfile.TemporaryDirectory() as place, progress(quiet=quiet, size=size) as watcher:
+    with tempfile.TemporaryDirectory() as place, progress(quiet=quiet, size=size, resumable=False) as watcher:
         folder = Path(place) / "run"
         loaded = run_suite(Request(solver.suite_of(name, plugins), folder, size), watcher)
         return solver.judged(name, folder, loaded.records)

@@ -1,5 +1,6 @@
 """Progress of a suite: on a terminal a bar, the time left, the worst drift and the running runs; else plain lines."""
 
+import math
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -28,10 +29,11 @@ EVERY = 30.0  # [s] between two progress lines where there is no bar
 class Watch:
     """Prints one line per finished run, and keeps the status lines at the bottom of a terminal."""
 
-    def __init__(self, console: Console, live: Live | None, size: int = 1) -> None:
-        self.console, self.live, self.size = console, live, size
+    def __init__(self, console: Console, live: Live | None, size: int = 1, *, resumable: bool = True) -> None:
+        self.console, self.live, self.size, self.resumable = console, live, size, resumable
         self.total = self.before = self.done = 0
         self.opened = self.reported = time.monotonic()
+        self.begun = math.inf  # when the first run began
         self.waiting: dict[str, Job] = {}
         self.running: dict[str, tuple[Job, float]] = {}
         self.estimate = Estimate({})
@@ -46,13 +48,14 @@ class Watch:
         self.compiling = self.warming = bool(waiting)
         self.estimate = Estimate(durations(suite=waiting[0].suite) if waiting else {})
         kept = f", {self.before} already done" if self.before else ""
-        self._say(f"{plural(total, 'run')}{kept}, results in {folder}")
+        self._say(f"{plural(total, 'run')}{kept}{f', results in {folder}' if self.resumable else ''}")
         for item in unreadable:
             self._say(f"set aside: {item.path.name}: {item.why}")
         self.tick()
 
     def started(self, job: Job) -> None:
         self.compiling = self.warming = False
+        self.begun = min(self.begun, time.monotonic())
         self.waiting.pop(job.id, None)
         self.running[job.id] = (job, time.monotonic())
         self.tick()
@@ -93,12 +96,14 @@ class Watch:
 
     def stopped(self, left: Sequence[Job], limit: float) -> None:
         self.left = len(left)
-        self._say(f"stopped at the suite's total_limit of {limit:g} s", "yellow")
+        name = "the suite's total_limit" if self.resumable else "the budget"
+        self._say(f"stopped at {name} of {limit:.3g} s", "yellow")
         for job in left[:LISTED]:
             self._say(f"not started: {job.spec.case}")
         if left:
             more = f" ({len(left) - LISTED} more are not listed)" if left[LISTED:] else ""
-            self._say(f"{plural(len(left), 'run')} not started, without a result; --resume runs them{more}")
+            again = "; --resume runs them" if self.resumable else ""
+            self._say(f"{plural(len(left), 'run')} not started, without a result{again}{more}")
 
     def finish(self, folder: Path, loaded: Loaded) -> None:
         """The last lines: how many runs have which status, and where they are."""
@@ -143,11 +148,14 @@ class Watch:
 
 
 @contextmanager
-def progress(*, quiet: bool = False, size: int = 1) -> Iterator[Watch]:
-    """A ``Watch`` with status lines if standard output is a terminal; ``quiet``: one that prints nothing."""
+def progress(*, quiet: bool = False, size: int = 1, resumable: bool = True) -> Iterator[Watch]:
+    """A ``Watch`` with status lines if standard output is a terminal; ``quiet``: one that prints nothing.
+
+    What is not ``resumable`` has a budget, and a folder that is of no use to the user or is named elsewhere.
+    """
     console = Console(quiet=quiet)
     if quiet or not console.is_terminal or console.is_dumb_terminal:
-        yield Watch(console, None, size)
+        yield Watch(console, None, size, resumable=resumable)
         return
     with Live(console=console, auto_refresh=False, transient=True) as live:
-        yield Watch(console, live, size)
+        yield Watch(console, live, size, resumable=resumable)

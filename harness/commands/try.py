@@ -1,6 +1,8 @@
 """``try``: one screen and one page on a solver of one's own."""
 
 import argparse
+import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ from ..catalogue import registry
 from ..execution.runner import Request, new_folder, run_suite
 from ..results import store
 from ..suites.suite import Suite
+from ..types import EndedBy
 from . import assessment
 from .check import named
 from .progress import progress
@@ -27,7 +30,9 @@ def add(commands: Any) -> None:
     words = "run a solver on everything: problems, orders, energy, work, symmetries; exit code 1 where it falls short"
     p = subcommand(commands, "try", run, words, "one object a line")
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
-    p.add_argument("--budget", default="180", metavar="S", help="wall time of all runs, about [s] (default: 180)")
+    p.add_argument(
+        "--budget", default="180", metavar="S", help="wall time of all runs, without compilation [s] (default: 180)"
+    )
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
     p.add_argument("--html", metavar="FILE", help="also write all lines and charts to one HTML page")
     p.add_argument("--no-report", action="store_true", help="leave out the page")
@@ -49,16 +54,20 @@ def run(arguments: argparse.Namespace) -> int:
         check_writable(Path(arguments.html))
     folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
     specs = assessment.first_runs(solver, wall=min(20.0, budget / 6.0))
-    suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins)
-    with progress(quiet=arguments.json, size=size) as watcher:
+    suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins, total_limit=budget)
+    with progress(quiet=arguments.json, size=size, resumable=False) as watcher:
         loaded = run_suite(Request(suite, folder, size), watcher)
-    if (long := assessment.long_run(solver, loaded.records, budget / 3.0)) is not None:
-        whole = Suite(suite.name, "", (*specs, long), "", plugins)
-        with progress(quiet=arguments.json, size=size) as watcher:
-            run_suite(Request(whole, folder, size, resume=True), watcher)
-    records = store.load(folder).records
+    left = budget - (time.monotonic() - watcher.begun)
+    if (long := assessment.long_run(solver, loaded.records, min(budget / 3.0, left / 2.0))) is not None:
+        suite = replace(suite, specs=(*specs, long), total_limit=left)
+        with progress(quiet=arguments.json, size=size, resumable=False) as watcher:
+            run_suite(Request(suite, folder, size, resume=True), watcher)
+    records = [r for r in store.load(folder).records if r.ended_by != EndedBy.TOTAL_LIMIT]
     orders = assessment.orders(solver, folder, records)
     found = list(assessment.findings(solver, folder, records, orders))
+    if missing := len(suite.specs) - len(records):
+        words = f"{missing} of {len(suite.specs)} runs ended or left out when {budget:g} s were over"
+        found.insert(0, assessment.Line("budget", words, "all runs; a longer --budget"))
     if arguments.json:
         for line in found:
             print_json(vars(line))
@@ -70,12 +79,13 @@ def run(arguments: argparse.Namespace) -> int:
         write_page(Path(arguments.html), folder, Tried(solver, _summary(solver, found), found, orders))
         if not arguments.json:
             lines().print(f"page: {arguments.html}")
+    place = f"results: {folder}"
     if not arguments.no_report:
         from ...reports.site import build
 
-        page = build(folder)
-        if not arguments.json:
-            lines().print(f"report: {page}")
+        place = f"report: {build(folder)}"
+    if not arguments.json:
+        lines().print(place)
     return 1 if any(line.good is False for line in found) else 0
 
 

@@ -2,21 +2,30 @@
 
 import base64
 import json
+import math
 import re
+from functools import partial
+from importlib import import_module
 
 import pytest
 from markupsafe import escape
 
+from mbsbench.harness.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.commands import assessment
 from mbsbench.harness.commands.assessment import Line
 from mbsbench.harness.commands.progress import progress
+from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.results.judgements.runs import Order
 from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.suites.suite import Suite
 from mbsbench.harness.types import Trait
 from mbsbench.reports.tried import Tried, write_page
+
+from ..conftest import PLUGIN
 
 PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
 SOLVER = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)[0]
@@ -127,6 +136,44 @@ def test_a_slow_rung_hides_no_rungs_that_failed():
     assert slow.good is None and slow.measured == "not determined: the runs were too slow for the budget"
     (failed,) = said("ladder", "heavy_top", "stalled", "crashed", "diverged", "crashed")
     assert failed.good is False and failed.measured.endswith(": 2 crashed, 1 diverged, 1 stalled")
+
+
+def test_a_ladder_without_an_order_is_shown_beside_one_that_has_it():
+    """All rungs on the top crashed: said, and a failure, though the pendulum has its order."""
+    order = Order(
+        problem="spherical_pendulum", variant="", solver="rattle", case="", quantity="position", symbol="r", unit="m",
+        against="dt", declared=2.0, order=2.0, low=1.9, high=2.1, dt=(), error=(), used=(), floor=0.0, rtol=(),
+        exponent=math.nan, exponent_low=math.nan, exponent_high=math.nan, verdict="certified", fit="power", slopes=(),
+        unfinished=0, notes=(), t_end_s=1.0, settings_ids=(),
+    )  # fmt: skip
+    ladder = [
+        RunRecord(problem=name, status=s) for name, s in (("spherical_pendulum", "success"), ("heavy_top", "crashed"))
+    ]
+    found = {line.what: line for line in assessment._orders([order], ladder)}
+    assert found["order, spherical_pendulum, position"].good is True
+    assert found["order, heavy_top"].good is False and found["order, heavy_top"].measured.endswith(": 1 crashed")
+
+
+class Over(LocalPool):
+    """Its time is up as soon as a run that sleeps runs."""
+
+    def _over(self) -> bool:
+        return self._stopped or any(job.spec.options for job in self._flying.values())
+
+
+def test_what_a_budget_cut_short_is_not_held_against_the_solver(tmp_path, capsys, monkeypatch):
+    """One run done, one ended, one not started: the last two are counted, not judged, and no long run is begun."""
+    fall = registry.make_problem("free_fall", {})
+    specs = [make_spec(fall, "sleeps", options, {"dt": 0.5}, label="problems")
+             for options in ({}, {"seconds": 500.0}, {"seconds": 501.0})]  # fmt: skip
+    command = import_module("mbsbench.harness.commands.try")
+    monkeypatch.setattr(assessment, "first_runs", lambda *_, **__: specs)
+    monkeypatch.setattr(command, "run_suite", partial(run_suite, pool=Over))
+    line = ["try", "sleeps", "--plugin", str(PLUGIN), "--out", str(tmp_path / "out"), "--no-report", "--jobs", "1"]
+    assert main([*line, "--budget", "50", "--json"]) == 0
+    found = [json.loads(x) for x in capsys.readouterr().out.splitlines()]
+    assert found[0]["what"] == "budget" and found[0]["measured"].startswith("2 of 3 runs ended or left out when 50 s")
+    assert [x["good"] for x in found if x["what"].startswith("free_fall")] == [True]
 
 
 @pytest.mark.slow
