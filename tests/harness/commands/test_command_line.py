@@ -37,13 +37,15 @@ def test_solve_writes_the_promised_file(command, tmp_path):
      ("not_numbers", "wrong", 5, "solver", "not finite"),
      ("spins", "stalled", 1, "wall_limit", "wall limit of 1 s")],
 )  # fmt: skip
-def test_failed_solves_write_too(command, tmp_path, solver, status, rows, by, words):
+def test_failed_solves_write_too(capsys, tmp_path, solver, status, rows, by, words):
     """Exit code 1, the steps so far, status and what ended it; the reason in words on the terminal."""
-    done = command("solve", "free_fall", solver, *WITH, "--out", "run.npz", "--set", "wall_limit=1")
-    assert done.returncode == 1 and "Traceback" not in done.stdout + done.stderr
-    with np.load(tmp_path / "run.npz", allow_pickle=False) as f:
+    out = tmp_path / "run.npz"
+    assert main(["solve", "free_fall", solver, *WITH, "--out", str(out), "--set", "wall_limit=1"]) == 1
+    said = capsys.readouterr()
+    assert "Traceback" not in said.out + said.err
+    with np.load(out, allow_pickle=False) as f:
         assert str(f["status"]) == status and len(f["t"]) == rows and str(f["ended_by"]) == by
-        assert words in done.stdout and bool(json.loads(str(f["reasons"]))) == (status == "wrong")
+        assert words in said.out and bool(json.loads(str(f["reasons"]))) == (status == "wrong")
 
 
 BAD = [

@@ -14,14 +14,15 @@ from mbsbench.harness.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.commands import assessment
 from mbsbench.harness.commands.assessment import Line
-from mbsbench.harness.commands.progress import progress
+from mbsbench.harness.execution import worker
+from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.execution.runner import run_suite
+from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.judgements.runs import Order
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import make_spec
-from mbsbench.harness.suites.suite import Suite
 from mbsbench.harness.types import Trait
 from mbsbench.reports.tried import Tried, write_page
 
@@ -40,11 +41,10 @@ def laddered(tmp_path):
         registry.load_plugin(tmp_path / "own.py")
         own = [s for s in assessment.first_runs("own", 60.0) if s.solver == "own" and s.label == "ladder"]
         specs = [s for s in own if s.problem == "spherical_pendulum"][:5]
-        suite = Suite("try-own", "", tuple(specs), "", (str(tmp_path / "own.py"),))
-        with progress(quiet=True) as watcher:
-            records = run_suite(Request(suite, tmp_path / "results", 2), watcher).records
-        orders = assessment.orders("own", tmp_path / "results", records)
-        return Tried("own", "", list(assessment.findings("own", tmp_path / "results", records, orders)), orders)
+        folder = store.create(tmp_path / "results")
+        records = [worker.run(Job(spec, folder)) for spec in specs]  # in this process
+        orders = assessment.orders("own", folder, records)
+        return Tried("own", "", list(assessment.findings("own", folder, records, orders)), orders)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "_plugin_files", set())

@@ -7,12 +7,10 @@ import pytest
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.conformance import solver as requirements
 from mbsbench.harness.conformance.trials import Evidence
-from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.execution import worker
+from mbsbench.harness.execution.job import Job
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.suites.suite import Suite
-
-from ..conftest import Silent
 
 PAGE = (ROOT / "docs" / "solver-contract.md").read_text(encoding="utf-8")
 (FIXED,) = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
@@ -107,9 +105,8 @@ def measured(name, text, folder):
             patch.setattr(registry, known, type(getattr(registry, known))())
         registry.load_plugin(path)
         specs = {k: s for k, s in requirements.runs_of(name).items() if k.startswith(("finer", "spinning"))}
-        suite = Suite("faults", "", tuple(specs.values()), "", (str(path),))
-        records = {r.settings_id: r for r in run_suite(Request(suite, folder / "run", 1), Silent()).records}
-        mine = {role: records[spec.settings_id] for role, spec in specs.items()}
+        store.create(folder / "run")
+        mine = {role: worker.run(Job(spec, folder / "run")) for role, spec in specs.items()}  # in this process
         series = {role: store.series_of(folder / "run", r) for role, r in mine.items()}
         made = registry.make_solver(name)
         evidence = Evidence(made.control, made.order, mine, series)
