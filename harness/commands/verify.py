@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"{folder} has no run that can be repeated (none at all, or all stopped by a limit)")
     sample = random.Random(seed).sample(able, min(size, len(able)))
     suite = Suite("verify", "a sample of finished runs", tuple(map(run_of, sample)), "", plugins)
-    with tempfile.TemporaryDirectory() as place, progress(quiet=arguments.json) as watcher:
+    with tempfile.TemporaryDirectory() as place, progress(quiet=arguments.json, resumable=False) as watcher:
         again = run_suite(Request(suite, Path(place) / "run", jobs(arguments.jobs)), watcher)
         stamps = stamp_of(folder), stamp_of(Path(place) / "run")
     found = compare(sample, again.records)
