@@ -97,12 +97,15 @@ FAULTS = {  # the solver, what is changed (from, to, ...), the requirements that
 
 
 def measured(name, text, folder):
-    """What is measured on the runs that need no limit, by the requirement's name."""
+    """What is measured on the runs that need no limit, half as long, by the requirement's name."""
     path = folder / f"{name}.py"
     path.write_text(text, encoding="utf-8")
     with pytest.MonkeyPatch.context() as patch:
         for known in ("_plugin_files", "_plugin_problems", "_plugin_solvers"):
             patch.setattr(registry, known, type(getattr(registry, known))())
+        for motion in ("MOVING", "SPINNING"):
+            own = getattr(requirements, motion)
+            patch.setattr(requirements, motion, {**own, "t_end": 0.5 * own["t_end"]})
         registry.load_plugin(path)
         specs = {k: s for k, s in requirements.runs_of(name).items() if k.startswith(("finer", "spinning"))}
         store.create(folder / "run")
