@@ -117,7 +117,7 @@ def measured(name, text, folder):
         return {r.name: r.measure(evidence) for r in requirements.REQUIREMENTS if r.name in names}
 
 
-SLOW = [k for k in FAULTS if "error control" in k or "all counted" in k or k == "nothing"]
+SLOW = [k for k in FAULTS if "error control" in k or "all counted" in k]
 
 
 @pytest.mark.parametrize("fault", [pytest.param(k, marks=[pytest.mark.slow] if k in SLOW else []) for k in FAULTS])
