@@ -17,16 +17,16 @@ class InconsistentStart(ValueError):
     """The start violates the constraints; the message has the numbers."""
 
 
-def check_start(system: MultibodySystem, state: State, *, literal: bool = False) -> None:
+def check_start(system: MultibodySystem, state: State, *, literal: bool = False, what: str = "the start") -> None:
     """Raise unless poses are rotations and phi = phi_dot = 0, to ``START_TOLERANCE``; ``literal`` waives phi_dot."""
     for name in ("r", "R", "v", "Omega"):
         if not np.all(np.isfinite(getattr(state, name))):
-            raise InconsistentStart(f"the start must be finite numbers (got {name} = {getattr(state, name).tolist()})")
+            raise InconsistentStart(f"{what} must be finite numbers (got {name} = {getattr(state, name).tolist()})")
     if state.nb != system.nb:
-        raise InconsistentStart(f"the start must have {system.nb} bodies (got {state.nb})")
+        raise InconsistentStart(f"{what} must have {system.nb} bodies (got {state.nb})")
     defect = float(np.max(so3.orthogonality_defect(state.R), initial=0.0))
     if defect > START_TOLERANCE or np.any(np.linalg.det(state.R) < 0.0):
-        raise InconsistentStart(f"the start's R must be rotations (got |R^T R - 1| = {defect:.3g})")
+        raise InconsistentStart(f"{what}'s R must be rotations (got |R^T R - 1| = {defect:.3g})")
     one = States.one(state)
     rows = np.abs([constraint(system, one)[0], constraint_rate(system, one)[0]])
     phi, phi_dot = (float(a) for a in np.max(rows, axis=1, initial=0.0))
@@ -34,7 +34,7 @@ def check_start(system: MultibodySystem, state: State, *, literal: bool = False)
         row = int(np.argmax(rows[0] if phi > START_TOLERANCE else rows[1]))
         joint = int(np.searchsorted(system.row_start, row, side="right")) - 1
         raise InconsistentStart(
-            f"the start must satisfy the constraints: expected |phi| and |phi_dot| < {START_TOLERANCE:g} "
+            f"{what} must satisfy the constraints: expected |phi| and |phi_dot| < {START_TOLERANCE:g} "
             f"(got |phi| = {phi:.6g}, |phi_dot| = {phi_dot:.6g}, most at joint {system.joint_names[joint]!r})"
         )
 
@@ -52,7 +52,7 @@ def project(system: MultibodySystem, state: State, iterations: int = 20) -> Stat
     here = State(r, R, state.v, state.Omega, state.t)
     change = _least_change(system, here, -constraint_rate(system, States.one(here))[0])
     out = State(r, R, state.v + change[:, :3], state.Omega + change[:, 3:], state.t)
-    check_start(system, out)
+    check_start(system, out, what="the projected state")
     return out
 
 
