@@ -20,8 +20,9 @@ from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import GROUND, Joint, RigidBody, assemble
 from ..harness.types import Observable, Problem, Trait
+from .exact.certified import CertifiedMotion
 from .exact.linkage import Linkage
-from .exact.linkage_motion import LinkageMotion, linkage_motion, planar_angles
+from .exact.linkage_motion import linkage_motion, planar_angles
 
 ENERGY_ALLOWED = 1.0  # [J] the benchmark's rule
 SOUGHT = 8.0  # [s] the certificate of the default chain ends before
@@ -113,7 +114,7 @@ def bar_frames(alpha: Float[np.ndarray, "*nt links"]) -> Float[np.ndarray, "*nt 
     return so3.exp(turn) @ np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
-def _motion(link: Linkage, start: State) -> LinkageMotion | None:
+def _motion(link: Linkage, start: State) -> CertifiedMotion | None:
     """The planar motion; None from a start that leaves the plane, or with too many links."""
     planar = planar_angles(start, np.eye(3))
     return None if planar is None else linkage_motion(link, *planar, SOUGHT, partial(_bodies, link.length, start))

@@ -20,8 +20,9 @@ from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
 from ..harness.types import Observable, Problem, Trait
+from .exact.certified import CertifiedMotion
 from .exact.linkage import Linkage
-from .exact.linkage_motion import LinkageMotion, linkage_motion, planar_angles
+from .exact.linkage_motion import linkage_motion, planar_angles
 
 ENERGY_ALLOWED = 1.0  # [J] Sect. 5.5
 AXIS = (0.0, 0.0, 1.0)  # joint axis in every bar: body z = OX; then 3-1-3 angles stay at theta = pi/2
@@ -157,7 +158,7 @@ def _rate(body: int) -> Callable[[States], Float[np.ndarray, " nt"]]:
 
 def _motion(
     system: MultibodySystem, rows: int, columns: int, length: float, gravity: float, start: State
-) -> LinkageMotion | None:
+) -> CertifiedMotion | None:
     """One rod a row; None if the bars of a row are not parallel, or with too many rows."""
     planar = planar_angles(start, PLANE)
     if planar is None:

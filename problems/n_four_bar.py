@@ -19,8 +19,9 @@ from ..harness.mechanics.motion import point_position
 from ..harness.mechanics.state import State, States
 from ..harness.mechanics.system import GROUND, Joint, assemble
 from ..harness.types import Observable, Problem, Trait
+from .exact.certified import CertifiedMotion
 from .exact.linkage import Linkage
-from .exact.linkage_motion import LinkageMotion, linkage_motion, planar_angles
+from .exact.linkage_motion import linkage_motion, planar_angles
 from .exact.planar import AXIS, OZ, slender, states
 
 MASS, LENGTH, AXIAL = 1.0, 1.0, 1e-4  # [kg], [m], [kg m2] of every bar
@@ -75,7 +76,7 @@ def _bodies(windows: int, angle: Float[np.ndarray, "nt 1"], rate: Float[np.ndarr
     return states(centre, np.where(upright, angle, 0.0), v, np.where(upright, rate, 0.0))
 
 
-def _motion(windows: int, rod: Linkage, start: State) -> LinkageMotion | None:
+def _motion(windows: int, rod: Linkage, start: State) -> CertifiedMotion | None:
     """One rod; None where the uprights are not parallel: a perturbed start may be on another branch."""
     planar = planar_angles(start, np.eye(3))
     if planar is None or any(np.ptp(a[: windows + 1]) > PARALLEL for a in planar):

@@ -43,6 +43,7 @@ class MovingKind(StrEnum):
 
     DRIVEN_POSITION = "driven position"  # of the point of i along axis_j, from the point of j
     DRIVEN_ANGLE = "driven angle"  # of across_i from across_j, about the axis
+    DRIVEN_DISTANCE = "driven distance"  # of the points: a massless link of varying length
     KNIFE_EDGE = "knife edge"  # the point of i has no velocity along axis_i, the normal of the blade, seen from j
     ROLLING = "rolling disc"  # of radius ``length``, axis axis_i and centre s_i, on the plane of j with normal axis_j
 
@@ -65,14 +66,14 @@ ROWS: dict[Kind, Count] = {
     JointKind.ON_LINE: Count(0, 2, 0), JointKind.ON_PLANE: Count(0, 1, 0), JointKind.DISTANCE: Count(0, 1, 0),
     MovingKind.DRIVEN_POSITION: Count(0, 0, 0, 1), MovingKind.DRIVEN_ANGLE: Count(0, 0, 0, 1),
     MovingKind.KNIFE_EDGE: Count(0, 0, 0, 1), MovingKind.ROLLING: Count(0, 0, 0, 3),
-    JointKind.NORMAL: Count(0, 0, 1),
+    JointKind.NORMAL: Count(0, 0, 1), MovingKind.DRIVEN_DISTANCE: Count(0, 0, 0, 1),
 }  # fmt: skip
 KINDS = tuple(ROWS)  # the order in which a system numbers them: kept numbers depend on it, so add at the end
 ONE_AXIS = (JointKind.ON_LINE, JointKind.ON_PLANE, MovingKind.DRIVEN_POSITION)  # need axis_j alone
-NO_AXIS = (JointKind.SPHERICAL, JointKind.DISTANCE)
+NO_AXIS = (JointKind.SPHERICAL, JointKind.DISTANCE, MovingKind.DRIVEN_DISTANCE)
 ACROSS = (JointKind.FIXED, JointKind.PRISMATIC, MovingKind.DRIVEN_ANGLE)  # need across_i, across_j
 LENGTH = (JointKind.DISTANCE, MovingKind.ROLLING)
-DRIVES = (MovingKind.DRIVEN_POSITION, MovingKind.DRIVEN_ANGLE)
+DRIVES = (MovingKind.DRIVEN_POSITION, MovingKind.DRIVEN_ANGLE, MovingKind.DRIVEN_DISTANCE)
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,8 @@ class Joint:
 
     Without a ``kind`` it is spherical, with the common axis ``axis_i``, ``axis_j`` revolute. A fixed and a prismatic
     joint also need ``across_i``, ``across_j``: one direction, normal to the axis, as seen from either body. A drive
-    needs ``motion``, its position [m] or angle [rad]; a knife edge takes one, its velocity across the blade [m/s].
+    needs ``motion``, its position, distance [m] or angle [rad]; a knife edge takes one, its velocity across the
+    blade [m/s].
     """
 
     i: int

@@ -10,6 +10,7 @@ with v_b(x) the velocity of the material point of body b at x. In d = x_i - x_j,
     driven angle      phi = u . n(f) = sin(theta - f), theta from across_j to u = across_i about the axis
                                                      torque u x n(f)          phi_t = u . dn/df f_dot
                       n(f) = n_1 cos f + n_2 sin f, n_1 = axis x across_j, n_2 = axis x n_1
+    driven distance   phi = |d| - f                  force d/|d| at x_i       phi_t = -f_dot
     knife edge        phi_dot = 0 alone              force axis_i at x_i      phi_t = -f
     rolling disc      phi = n . (x_c - x_j), x_c the disc's lowest point      force n at x_c
                       phi_dot = 0 alone, twice       tangents at x_c
@@ -17,6 +18,7 @@ with v_b(x) the velocity of the material point of body b at x. In d = x_i - x_j,
 A reaction of these rows works, for A v = -phi_t: its power -reaction . phi_t enters the energy balance.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +26,7 @@ from jaxtyping import Float, Int
 
 from . import so3
 from .ends import points, times, turned, with_ground
-from .joints import MovingKind
+from .joints import KINDS, MovingKind
 from .state import States
 from .system import MultibodySystem
 from .time_functions import values
@@ -76,12 +78,37 @@ def moving(system: MultibodySystem, s: States) -> Push:
     return Push(joint, row, phi, phi_t, *vectors)
 
 
+SAMPLES = 200  # of a function of time: in a period of its sine
+
+
+def check_lengths(system: MultibodySystem, t_end: float) -> None:
+    """ValueError unless driven distances stay above 0 up to ``t_end`` [s]: where points meet, d has no direction."""
+    for k in np.flatnonzero(system.joint_sort == KINDS.index(MovingKind.DRIVEN_DISTANCE)):
+        numbers = system.joint_motion[k]
+        count = 1000 + min(10**6, SAMPLES * abs(numbers[5]) * t_end / (2.0 * math.pi))
+        t = np.linspace(0.0, t_end, int(count))
+        length, _, bend = (a[:, 0] for a in values(numbers[None], t))
+        low = ~(length > t[1] ** 2 / 8.0 * np.max(np.abs(bend)))  # by so much it may be less between two samples
+        if np.any(low):
+            first = int(np.argmax(low))
+            raise ValueError(
+                f"the driven distance of joint {system.joint_names[k]!r} must be above 0 m up to t_end = {t_end:g} s "
+                f"(got {length[first]:.3g} m at {t[first]:.3g} s)"
+            )
+
+
 Rows = list[tuple]  # (phi, phi_t, force, torque, point) of each row of a joint
 
 
 def _driven_position(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
     x_i, x_j, _, n, _, _ = here
     return [(_dot(n, x_i - x_j) - f, -f_dot, n, 0.0, x_i)]
+
+
+def _driven_distance(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
+    x_i, x_j = here[:2]
+    distance = np.linalg.norm(x_i - x_j, axis=-1)
+    return [(distance - f, -f_dot, (x_i - x_j) / distance[:, None], 0.0, x_i)]
 
 
 def _driven_angle(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
@@ -109,5 +136,5 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 ROWS_OF = {
     MovingKind.DRIVEN_POSITION: _driven_position, MovingKind.DRIVEN_ANGLE: _driven_angle,
-    MovingKind.KNIFE_EDGE: _knife_edge, MovingKind.ROLLING: _rolling,
+    MovingKind.DRIVEN_DISTANCE: _driven_distance, MovingKind.KNIFE_EDGE: _knife_edge, MovingKind.ROLLING: _rolling,
 }  # fmt: skip

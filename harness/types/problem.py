@@ -1,5 +1,6 @@
 """A problem: a system, its start, and all that is known about its motion."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
@@ -8,6 +9,7 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
+from ..mechanics.moving_rows import check_lengths
 from ..mechanics.presentation import Presentation
 from ..mechanics.state import State, States, rotated
 from ..mechanics.system import MultibodySystem
@@ -94,6 +96,10 @@ class Problem:
     )  # how a solver gets it (execution.presented); nothing here changes
     literal_start: bool = False  # as printed, though phi_dot is not zero: that check is waived and a note says so
     retrace: bool = False  # whether the solver is sent back from the end with velocities reversed
+
+    def __post_init__(self) -> None:
+        if 0.0 < self.t_end < math.inf:
+            check_lengths(self.system, self.t_end)
 
     def home(self, s: States) -> States:
         """``s`` seen from the home frame."""

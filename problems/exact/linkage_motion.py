@@ -1,14 +1,12 @@
 """Certified planar motion of bodies that form a linkage of rods (module ``linkage``)."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from ...harness.mechanics.state import State, States
-from ...harness.reference.orbit import Orbit
-from .certified import certified_orbit
+from .certified import CertifiedMotion, linkage_orbit
 from .linkage import Linkage
 
 MOST_RODS = 30  # ten seconds of work; each evaluation costs n^3
@@ -18,37 +16,14 @@ PLANAR = 1e-12  # of a unit vector or rad/s: rounding of a start turned to its h
 Bodies = Callable[[Float[np.ndarray, "nt n"], Float[np.ndarray, "nt n"]], States]  # angles [rad], rates [rad/s]
 
 
-@dataclass(frozen=True)
-class LinkageMotion:
-    """The orbit of the rods and the bodies on them."""
-
-    orbit: Orbit
-    bodies: Bodies
-    route: str = "minimal coordinates (DOP853), certified by node positions (extrapolation)"
-
-    @property
-    def horizon(self) -> float:
-        """End of the certificate [s]."""
-        return self.orbit.horizon
-
-    def states(self, t: Float[np.ndarray, " nt"]) -> States:
-        """The motion at ``t`` [s], up to the horizon."""
-        y = self.orbit(t)
-        n = y.shape[1] // 2
-        return self.bodies(y[:, :n], y[:, n:])
-
-    def error(self, t: Float[np.ndarray, " nt"]) -> Float[np.ndarray, " nt"]:
-        """Bound [m] on the position error of any node, hence of any body."""
-        return self.orbit.error(t)
-
-
 def linkage_motion(
     link: Linkage, angle: Float[np.ndarray, " n"], rate: Float[np.ndarray, " n"], t_max: float, bodies: Bodies
-) -> LinkageMotion | None:
+) -> CertifiedMotion | None:
     """The motion from these angles [rad] and rates [rad/s], up to ``t_max`` at most; None if it would take minutes."""
     if link.n > MOST_RODS:
         return None
-    return LinkageMotion(certified_orbit(link, np.concatenate((angle, rate)), t_max, CHUNK), bodies)
+    orbit = linkage_orbit(link, np.concatenate((angle, rate)), t_max, CHUNK)
+    return CertifiedMotion(orbit, lambda y: bodies(y[:, : link.n], y[:, link.n :]))
 
 
 def planar_angles(

@@ -117,6 +117,11 @@ def driven_angle_row(i: Pose, j: Pose, parameters: ca.SX, t: ca.SX) -> ca.SX:
     return ca.dot(i.R @ parameters[:3], j.R @ (parameters[3:6] * ca.cos(f) + parameters[6:9] * ca.sin(f)))
 
 
+def driven_distance_row(i: Pose, j: Pose, parameters: ca.SX, t: ca.SX) -> ca.SX:
+    """phi = |d| - f(t) [m]; parameters (s_i, s_j, f)."""
+    return ca.norm_2(point_rows(i, j, parameters)) - time_function(parameters[6:], t)
+
+
 def disc_row(i: Pose, j: Pose, parameters: ca.SX, t: ca.SX) -> ca.SX:
     """phi = n . d - r sqrt(1 - (n . a)^2) [m]: the lowest point of a disc; parameters (s_i, s_j, n, a, r)."""
     steep = ca.dot(j.R @ parameters[6:9], i.R @ parameters[9:12])
@@ -147,9 +152,10 @@ ROWS: dict[str, tuple[Callable[..., ca.SX], int, int]] = {  # rows, their number
     "point": (point_rows, 3, 6), "plane": (plane_row, 1, 9), "distance": (distance_row, 1, 7),
     "axis": (axis_rows, 2, 9), "lone axis": (lone_axis_row, 1, 6),
     "driven position": (driven_position_row, 1, 16), "driven angle": (driven_angle_row, 1, 16),
+    "driven distance": (driven_distance_row, 1, 13),
     "disc": (disc_row, 1, 13), "knife edge": (knife_rate, 1, 13), "rolling": (rolling_rates, 2, 16),
 }  # fmt: skip
-MOVING = ("driven position", "driven angle", "disc")  # take the time
+MOVING = ("driven position", "driven angle", "driven distance", "disc")  # take the time
 RATES = ("knife edge", "rolling")  # take velocities and time, and are phi_dot: there is no phi
 
 

@@ -105,6 +105,7 @@ def time_of(layout: Layout, kind: str, m: int) -> list[np.ndarray]:
 
 MOVING_OF = {
     "driven position": MovingKind.DRIVEN_POSITION, "driven angle": MovingKind.DRIVEN_ANGLE,
+    "driven distance": MovingKind.DRIVEN_DISTANCE,
     "disc": MovingKind.ROLLING, "knife edge": MovingKind.KNIFE_EDGE, "rolling": MovingKind.ROLLING,
 }  # fmt: skip
 
@@ -147,6 +148,7 @@ def row_parameters(layout: Layout, kind: str) -> np.ndarray:
         u, n, f, r = s.joint_u[joints], s.joint_n[joints], s.joint_motion[joints], s.joint_length[joints, None]
         parts = {
             "driven position": (points, n[:, 0], f), "driven angle": (u, n[:, 0], n[:, 1], f),
+            "driven distance": (points, f),
             "disc": (points, n[:, 0], u, r), "knife edge": (points[:, :3], u, f),
             "rolling": (points[:, :3], n[:, 0], u, r, n[:, 1], n[:, 2]),
         }  # fmt: skip

@@ -8,8 +8,8 @@ import pytest
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.reference.extrapolation import each, gbs_adaptive
 from mbsbench.problems import chain, four_bar_grid
+from mbsbench.problems.exact.certified import CertifiedMotion
 from mbsbench.problems.exact.linkage import Linkage, by_angles, by_nodes
-from mbsbench.problems.exact.linkage_motion import LinkageMotion
 
 EXTENDED_CORRECTION = 1e-17  # of each step of the check
 
@@ -36,20 +36,20 @@ def test_angles_and_nodes_accelerate_alike(held: bool) -> None:
         assert np.max(np.abs(got - expected[: link.free])) < 1e-11 * (1.0 + np.max(np.abs(expected)))
 
 
-Certified = Callable[[], tuple[LinkageMotion, Linkage]]
+Certified = Callable[[], tuple[CertifiedMotion, Linkage]]
 
 
-def of_chain() -> tuple[LinkageMotion, Linkage]:
+def of_chain() -> tuple[CertifiedMotion, Linkage]:
     p = make_problem("chain")
     return p.reference_from(p.initial), p.reference_from.args[0]
 
 
-def of_grid() -> tuple[LinkageMotion, Linkage]:
+def of_grid() -> tuple[CertifiedMotion, Linkage]:
     p = make_problem("four_bar_grid", {"release": "all_rows"})
     return p.reference_from(p.initial), Linkage(np.full(5, 6.0), np.full(5, 5.0), 1.0, 9.81)
 
 
-def check(motion: LinkageMotion, link: Linkage, t_end: float) -> None:
+def check(motion: CertifiedMotion, link: Linkage, t_end: float) -> None:
     start = link.node_start(motion.orbit.y[0].astype(np.longdouble))
     for t, y in gbs_adaptive(each(by_nodes(link, np.longdouble)), start, t_end, EXTENDED_CORRECTION, 1e-3):
         angle = motion.orbit(np.array([t], dtype=float))[0, : link.n]

@@ -57,6 +57,8 @@ def moving_row(kind: MovingKind, i: int, j: int, random: np.random.Generator) ->
         return Joint(i, s_i, j, s_j, axis_i, axis_j, "", kind, across_i, across_j, motion=SWAY)
     if kind == MovingKind.KNIFE_EDGE:
         return Joint(i, s_i, j, s_j, axis_i, kind=kind, motion=SWAY)
+    if kind == MovingKind.DRIVEN_DISTANCE:
+        return Joint(i, s_i, j, s_j, kind=kind, motion=SWAY)
     return Joint(i, s_i, j, s_j, axis_i, axis_j, kind=kind, length=0.4)
 
 

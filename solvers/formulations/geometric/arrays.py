@@ -43,11 +43,11 @@ import numpy as np
 from ....harness.mechanics.joints import KINDS, MovingKind
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.mechanics.user_forces import NUMBERS as NUMBERS_READ
-from .moving import ANGLE, KNIFE, POSITION, ROLLING
+from .moving import ANGLE, DISTANCE, KNIFE, POSITION, ROLLING
 
 NUMBERS = {
     MovingKind.DRIVEN_POSITION: POSITION, MovingKind.DRIVEN_ANGLE: ANGLE, MovingKind.KNIFE_EDGE: KNIFE,
-    MovingKind.ROLLING: ROLLING,
+    MovingKind.ROLLING: ROLLING, MovingKind.DRIVEN_DISTANCE: DISTANCE,
 }  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from numba import njit
 
 from .vectors import INNER, blend, cross, dot, minus, plus, put, times, turn, turn_back, turned_by
 
-POSITION, ANGLE, KNIFE, ROLLING = range(1, 5)  # ``Model.kind``; 0: no moving rows
+POSITION, ANGLE, KNIFE, ROLLING, DISTANCE = range(1, 6)  # ``Model.kind``; 0: no moving rows
 ZERO = (0.0, 0.0, 0.0)
 DIFFERENCE = 1e-5  # of central differences: rounding and truncation are 1e-10
 
@@ -49,6 +49,14 @@ def velocity_at(r, R, v, b, x):
 
 
 @njit(**INNER)
+def along(a, a_dot):
+    """Length and direction of a vector, and the rate of the direction."""
+    size = math.sqrt(dot(a, a))
+    e = times(1.0 / size, a)
+    return size, e, times(1.0 / size, minus(a_dot, times(dot(e, a_dot), e)))
+
+
+@njit(**INNER)
 def moving_row(model, r, R, v, t, j, k):
     """(phi, phi_t, its rate), force, torque and point of row k of joint j, each with its rate along v."""
     i, g, kind = model.body[j, 0], model.body[j, 1], model.kind[j]
@@ -75,12 +83,13 @@ def moving_row(model, r, R, v, t, j, k):
     y = plus(r[g], turn(R[g], model.s[j, 1])) if g >= 0 else (model.s[j, 1, 0], model.s[j, 1, 1], model.s[j, 1, 2])
     if kind == POSITION:
         return (dot(n, minus(x, y)) - f, -f_dot, -f_ddot), n, n_dot, ZERO, ZERO, x, x_dot
+    if kind == DISTANCE:
+        distance, e, e_dot = along(minus(x, y), minus(x_dot, velocity_at(r, R, v, g, y)))
+        return (distance - f, -f_dot, -f_ddot), e, e_dot, ZERO, ZERO, x, x_dot
     steep, steep_dot = dot(n, u), dot(n_dot, u) + dot(n, u_dot)
     down = minus(n, times(steep, u))
     down_dot = minus(n_dot, plus(times(steep_dot, u), times(steep, u_dot)))
-    size = math.sqrt(dot(down, down))
-    e = times(1.0 / size, down)
-    e_dot = times(1.0 / size, minus(down_dot, times(dot(e, down_dot), e)))
+    _, e, e_dot = along(down, down_dot)
     x, x_dot = minus(x, times(model.length[j], e)), minus(x_dot, times(model.length[j], e_dot))
     phi = dot(n, minus(x, y)) if k == 0 else 0.0
     if k > 0:

@@ -96,6 +96,27 @@ def test_what_the_rows_of_velocities_forbid_is_what_their_names_say() -> None:
     assert across == pytest.approx(time_functions.values(SWAY.numbers()[None], np.array([0.3]))[0][0, 0], abs=1e-11)
 
 
+@ends
+def test_a_driven_distance_is_that_of_the_points(ground: bool) -> None:
+    """|d| = L(t) and its rate L'(t); the row pulls each body along d, at its own point."""
+    system, s = consistent(MovingKind.DRIVEN_DISTANCE, ground=ground)
+    one, other = States.one(s), -1 if ground else 1
+    d = (
+        motion.point_position(one, 0, system.joint_s_i[0])[0]
+        - motion.point_position(one, other, system.joint_s_j[0])[0]
+    )
+    d_dot = (
+        motion.point_velocity(one, 0, system.joint_s_i[0])[0]
+        - motion.point_velocity(one, other, system.joint_s_j[0])[0]
+    )
+    L, L_dot, _ = (a[0, 0] for a in time_functions.values(SWAY.numbers()[None], np.array([0.3])))
+    assert (np.linalg.norm(d), d @ d_dot / L) == pytest.approx((L, L_dot), abs=1e-11)
+    A = constraint_jacobian(system, s).toarray()[0].reshape(-1, 6)
+    for body, arm, sign in ((0, system.joint_s_i[0], 1.0), (1, system.joint_s_j[0], -1.0))[: system.nb]:
+        assert A[body, :3] == pytest.approx(sign * d / L, abs=1e-12)
+        assert A[body, 3:] == pytest.approx(np.cross(arm, s.R[body].T @ A[body, :3]), abs=1e-12)
+
+
 @each_kind
 @ends
 def test_the_power_of_drives_is_the_rate_of_energy(kind: MovingKind, ground: bool) -> None:
@@ -194,6 +215,8 @@ def test_a_turned_frame_turns_drives_and_torsion() -> None:
     [
         (Joint(0, (0, 0, 0), kind="driven position", axis_j=(1, 0, 0)), "needs a motion"),
         (Joint(0, (0, 0, 0), kind="spherical", motion=TimeFunction()), "takes no motion"),
+        (Joint(0, (0, 0, 0), kind="driven distance"), "needs a motion"),
+        (Joint(0, (0, 0, 0), axis_j=(1, 0, 0), kind="driven distance", motion=TimeFunction((1,))), "has no axis"),
         (Joint(0, (0, 0, 0), kind="knife edge"), "needs axis_i"),
         (Joint(0, (0, 0, 0), kind="rolling disc", axis_i=(1, 0, 0), axis_j=(0, 0, 1)), "length must be finite and > 0"),
         (Joint(0, (0, 0, 0), kind="driven position", axis_j=(1, 0, 0), motion=TimeFunction((1, 2, 3, 4, 5))), "up to"),
