@@ -3,8 +3,8 @@
 Brasey and Hairer (1993), SIAM J. Numer. Anal. 30; Hairer and Wanner (1996), VII.6. Explicit in poses and velocities;
 only the multipliers of each stage are solved for, so that A v = 0 holds at the next. On the rotation group by rotation
 vectors of the step (Munthe-Kaas 1999). Each step's end is projected onto phi = 0. Recorded reactions are those of index
-1 there. Redundant rows get a multiplier of zero. A(Q_{i+1}) M^-1 A(Q_i)^T must be regular, which near singular
-configurations asks for short steps: the redundant grid takes 0.0125 s, not 0.025 s.
+1 there. Redundant rows get a multiplier of zero. A(Q_{i+1}) M^-1 A(Q_i)^T must be regular; singular passages between
+the stages are crossed.
 """
 
 from dataclasses import dataclass

@@ -100,19 +100,12 @@ def test_what_the_rows_of_velocities_forbid_is_what_their_names_say() -> None:
 def test_a_driven_distance_is_that_of_the_points(ground: bool) -> None:
     """|d| = L(t) and its rate L'(t); the row pulls each body along d, at its own point."""
     system, s = consistent(MovingKind.DRIVEN_DISTANCE, ground=ground)
-    one, other = States.one(s), -1 if ground else 1
-    d = (
-        motion.point_position(one, 0, system.joint_s_i[0])[0]
-        - motion.point_position(one, other, system.joint_s_j[0])[0]
-    )
-    d_dot = (
-        motion.point_velocity(one, 0, system.joint_s_i[0])[0]
-        - motion.point_velocity(one, other, system.joint_s_j[0])[0]
-    )
+    one, (a, b) = States.one(s), ((0, system.joint_s_i[0]), (-1 if ground else 1, system.joint_s_j[0]))
+    d, d_dot = (of(one, *a)[0] - of(one, *b)[0] for of in (motion.point_position, motion.point_velocity))
     L, L_dot, _ = (a[0, 0] for a in time_functions.values(SWAY.numbers()[None], np.array([0.3])))
     assert (np.linalg.norm(d), d @ d_dot / L) == pytest.approx((L, L_dot), abs=1e-11)
     A = constraint_jacobian(system, s).toarray()[0].reshape(-1, 6)
-    for body, arm, sign in ((0, system.joint_s_i[0], 1.0), (1, system.joint_s_j[0], -1.0))[: system.nb]:
+    for (body, arm), sign in ((a, 1.0), (b, -1.0))[: system.nb]:
         assert A[body, :3] == pytest.approx(sign * d / L, abs=1e-12)
         assert A[body, 3:] == pytest.approx(np.cross(arm, s.R[body].T @ A[body, :3]), abs=1e-12)
 

@@ -15,7 +15,7 @@ from ..vectors import turned_by
 from .kernel import HOT
 from .rkmk import keep
 
-STUCK = 4  # outcome of a march: the iteration of a step does not converge
+STUCK, TURNED, DONE = 4, 5, 6  # of a step, the first two of a march: no convergence, more than half a turn
 MOST_ITERATIONS = 60
 GO_ON, SETTLED, FAILED = range(3)
 

@@ -13,7 +13,7 @@ from .....harness.types import Problem, States, Status, StepControl, Trajectory
 from ..arrays import Model, model_of
 from . import radau, rkmk
 from .blocks import Blocks
-from .fixed_step import STUCK
+from .fixed_step import STUCK, TURNED
 from .kernel import Kernel, empty_kernel, evaluate
 from .soft_rows import soft_rows, without_springs
 from .tableaux import Tableau
@@ -186,6 +186,7 @@ ENDS = {
     rkmk.UNDERFLOW: (Status.STEP_UNDERFLOW, "the error test asks for a step below the spacing of times"),
     rkmk.NOT_FINITE: (Status.DIVERGED, "the motion is no longer finite"),
     STUCK: (Status.STEP_UNDERFLOW, "the iteration of a step does not converge with this step"),
+    TURNED: (Status.STEP_UNDERFLOW, "a body turns by more than half a turn in this step"),
 }
 
 
