@@ -1,6 +1,7 @@
 """``judge``: the verdicts on the paper's claims from a results folder, and what changed since they were published."""
 
 import argparse
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,13 @@ from rich.text import Text
 
 from ...reports.model import claim_words
 from ..referee import judge as judging
+from ..referee.certificates.orders import of_motion
 from ..referee.claims.register import PRESENTATION, REGISTER, read_register
 from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 from ..results import store
 from ..results.judgements.claims import Claim, Gap, Verdict
+from ..results.judgements.files import ORDERS
+from ..results.judgements.runs import Order
 from ..suites.spec import RunSpec
 from .screen import Column, errors, lines, print_table, print_unreadable
 from .terms import UsageError, add_results, check_ours, existing, subcommand
@@ -24,6 +28,11 @@ COLUMNS = (
     Column("claim", fold=True), Column("figure", rank=2, right=False), Column("verdict", right=False),
     Column("measured", fold=True, least=12), Column("band", rank=1, fold=True, least=12),
     Column("holds in", fold=True, least=12),
+)  # fmt: skip
+
+LADDERS = (
+    Column("problem", right=False), Column("solver", right=False), Column("order"), Column("declared", rank=1),
+    Column("verdict", right=False), Column("why", fold=True, least=30),
 )  # fmt: skip
 
 
@@ -65,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
         if touched:
             few = len(lacking.intersection(c.id for c in touched))
             show(touched, changed, before is not None, arguments.publish, few)
+        show_orders(of_motion(judged[ORDERS.name]))
         if others := len(judged["claims"]) - len(touched):
             lines().print(f"{others} of {len(judged['claims'])} claims are about other runs")
     if arguments.publish:
@@ -96,6 +106,18 @@ def show(claims: Sequence[Claim], changed: list[Change], compared: bool, publish
     elif not publishing:
         below.append("nothing is published yet; use --publish to do so")
     print_table(COLUMNS, rows, *below)
+
+
+def show_orders(orders: Sequence[Order]) -> None:
+    """Every ladder of fixed steps that does not show the declared order, with the reason, and how many do."""
+    from ...reports.pages.judged.orders import words
+
+    rest = [o for o in orders if o.verdict != "certified"]
+    rows = [(o.variant, o.case, f"{o.order:.2f}" if o.order == o.order else "", f"{o.declared:g}",
+             Text(o.verdict, "bold red" if o.verdict == "below declared" else ""), words(o)) for o in rest]  # fmt: skip
+    if orders:
+        counts = Counter(o.verdict for o in orders)
+        print_table(LADDERS, rows, "orders: " + ", ".join(f"{n} {verdict}" for verdict, n in counts.most_common()))
 
 
 def tally(claims: Sequence[Claim]) -> str:

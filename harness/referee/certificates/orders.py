@@ -16,6 +16,7 @@ from pathlib import Path
 from ...catalogue import registry
 from ...results.judgements.runs import Note, Order, OrderVerdict
 from ...results.records import RunRecord
+from ...types import Status
 from .fitting import FEWEST, Fit, ladder, scattered
 
 CURVES = "work"  # label of runs that are points of a curve, not steps of a ladder
@@ -80,7 +81,16 @@ QUANTITIES = (
 
 def certify(folder: Path, records: Iterable[RunRecord]) -> tuple[Order, ...]:
     """One a ladder and quantity, in the order of problems and solvers."""
-    return tuple(o for run in _ladders(records) for q in QUANTITIES if (o := _certificate(run, q)) is not None)
+    return tuple(o for run in _ladders(records) for o in _certificates(run))
+
+
+def of_motion(orders: Iterable[Order]) -> list[Order]:
+    """One a ladder of fixed steps: of positions, or of orientations where no step changes the error of positions."""
+    ladders: dict[tuple[str, str], list[Order]] = {}
+    for o in orders:
+        if o.against == "dt" and o.quantity in ("position", "orientation"):
+            ladders.setdefault((o.variant, o.case), []).append(o)
+    return [next((o for o in own if o.verdict not in ("exact", "floor")), own[0]) for own in ladders.values()]
 
 
 def _ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
@@ -95,22 +105,28 @@ def _ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
     return [run for run in runs if len(run) > FEWEST and not json.loads(run[0].problem_parameters).get("retrace")]
 
 
+def _certificates(run: Sequence[RunRecord]) -> list[Order]:
+    """Of all quantities; where none can be measured, one that says why."""
+    found = [o for q in QUANTITIES if (o := _certificate(run, q)) is not None]
+    return [o for o in found if not o.status] or found[:1]
+
+
 def _certificate(run: Sequence[RunRecord], q: Quantity) -> Order | None:
-    done = [r for r in run if r.claimed == "success" and math.isfinite(q.of(r)) and r.steps > 0]
-    if len(done) <= FEWEST:
-        return None
+    done = [r for r in run if r.claimed == Status.SUCCESS and math.isfinite(q.of(r)) and r.steps > 0]
+    ended = [] if len(done) > FEWEST else [r for r in run if r not in done]  # too few are left: what the others said
     first, fixed = run[0], run[0].control == "dt"
-    scale = max(q.scale(r) for r in done)
+    scale = max((q.scale(r) for r in done), default=math.nan)
     errors = [q.of(r) for r in done]
     steps = [r.dt_s if fixed else r.t_reached_s / r.steps for r in done]
     good = [q.own(r) < e < q.most * scale and not _cut(r) for r, e in zip(done, errors, strict=True)]
-    fit, rate = _fitted(done, steps, errors, good, scale, fixed)
-    if max(errors) == 0.0 and math.isnan(first.declared_order):
+    fit, rate = (NOTHING, NOTHING) if ended else _fitted(done, steps, errors, good, scale, fixed)
+    if not any(errors) and not ended and math.isnan(first.declared_order):
         return None  # a quantity that does not move
-    notes = {Note.NO_SCALE: math.isnan(scale)}
+    notes = {Note.NO_SCALE: math.isnan(scale) and not ended}
     if fit.kind != "exact":
         notes[Note.CUT] = any(_cut(r) for r in done)
-        notes[Note.UNRESOLVED] = max(errors) > 0.0 and any(e <= q.own(r) for r, e in zip(done, errors, strict=True))
+        notes[Note.UNRESOLVED] = any(errors) and any(e <= q.own(r) for r, e in zip(done, errors, strict=True))
+    refused = bool(ended) and all(r.claimed == Status.REFUSED for r in run)
     variant, *words = first.case.split(" ")
     of_good = iter(fit.used)
     return Order(
@@ -120,10 +136,11 @@ def _certificate(run: Sequence[RunRecord], q: Quantity) -> Order | None:
         dt=tuple(steps), error=tuple(errors), used=tuple(g and next(of_good, False) for g in good), floor=fit.floor,
         rtol=() if fixed else tuple(r.rtol for r in done),
         exponent=rate.order, exponent_low=rate.low, exponent_high=rate.high,
-        verdict=_verdict(fit, first.declared_order, fixed), fit=fit.kind,
-        slopes=fit.left if any(fit.used) else fit.slopes, unfinished=len(run) - len(done),
+        verdict=("refused" if refused else "not measured") if ended else _verdict(fit, first.declared_order, fixed),
+        fit=fit.kind, slopes=fit.left if any(fit.used) else fit.slopes, unfinished=len(run) - len(done),
         notes=tuple(n for n, there in notes.items() if there), t_end_s=first.t_end_s,
-        settings_ids=tuple(r.settings_id for r in done),
+        settings_ids=tuple(r.settings_id for r in done), status=ended[-1].status if ended else "",
+        message=ended[-1].message if ended else "",
     )  # fmt: skip
 
 

@@ -8,7 +8,10 @@ from ...shapes import Shape
 from ...types import Reason
 
 NAN = math.nan
-OrderVerdict = Literal["certified", "above declared", "below declared", "undecided", "measured", "exact", "floor"]
+OrderVerdict = Literal[
+    "certified", "above declared", "below declared", "undecided", "measured", "exact", "floor", "not measured",
+    "refused",
+]  # fmt: skip
 FitKind = Literal["power", "lost", "flat", "none", "exact"]
 SymmetryVerdict = Literal["holds", "broken", "undecided", "failed", "refused", "not applicable"]
 
@@ -56,6 +59,8 @@ class Order(Asked, frozen=True):
     notes: tuple[Note, ...]
     t_end_s: float
     settings_ids: tuple[str, ...]
+    status: str = ""  # of the finest run without an error, and its message
+    message: str = ""
 
 
 class Drift(Asked, frozen=True):

@@ -75,7 +75,7 @@ VERDICTS = {  # of certificates and of drifts
     "above declared": ("△", "refused"), "below declared": ("✗", "wrong"),
     "trend": ("↗", "failed"), "wanders": ("≈", "failed"), "failed": ("★", "failed"),
     "measured": ("○", "refused"), "undecided": ("○", "refused"), "floor": ("○", "refused"),
-    "too short": ("–", "refused"),
+    "too short": ("–", "refused"), "refused": ("–", "refused"), "not measured": ("★", "failed"),
 }  # fmt: skip
 
 
@@ -93,6 +93,8 @@ def words(o: Order) -> str:
 
 def _fit(o: Order) -> list[str]:
     slopes = ", ".join(f"{s:.2f}" for s in o.slopes)
+    if o.status:
+        return [": ".join(filter(None, (o.status, o.message)))]
     if o.verdict in ("exact", "floor"):
         why = "rounding" if o.verdict == "exact" else "the level of the solver's own tolerance"
         return [f"no order to fit: at most {max(o.error):.1e} {o.unit} at every step, which is {why}"]

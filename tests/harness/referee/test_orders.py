@@ -11,7 +11,7 @@ from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.worker import run
 from mbsbench.harness.referee.certificates.fitting import ladder, scattered
-from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify
+from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify, of_motion
 from mbsbench.harness.results.judgements.files import ORDERS, as_text, read
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
@@ -310,3 +310,43 @@ def test_certificates_survive_their_file(ran, tmp_path):
     (tmp_path / "certificates.json").write_text(as_text(found))
     assert repr(read(ORDERS, tmp_path)) == repr(found)
     assert found[0].settings_ids == tuple(r.settings_id for r in runs)
+
+
+def test_a_ladder_that_is_refused_or_fails_says_why():
+    """One certificate with the solver's own words, and no order; fewer than four runs are no ladder."""
+    runs = made_up("position_error_max_m", 0.1 * DT**2)[:4]
+    no = [dataclasses.replace(r, claimed="refused", status="refused", message="no springs") for r in runs]
+    (refused,) = certify(NOWHERE, no)
+    assert (refused.verdict, words(refused)) == ("refused", "refused: no springs; 4 of 4 runs did not finish")
+    stop = [dataclasses.replace(r, claimed="diverged", status="diverged", message="at 0.1 s") for r in runs[:2]]
+    (failed,) = certify(NOWHERE, [*stop, *runs[2:]])
+    assert failed.verdict == "not measured" and math.isnan(failed.order)
+    assert words(failed) == "diverged: at 0.1 s; 2 of 4 runs did not finish"
+    assert certify(NOWHERE, no[:3]) == ()
+
+
+def test_the_order_of_a_motion_is_that_of_what_moves_with_the_step():
+    """A free body's C falls exactly under any step: its orientations have the order."""
+    runs = made_up("orientation_error_max_rad", 0.1 * DT**2, position_error_max_m=1e-16)
+    (found,) = of_motion(certify(NOWHERE, runs))
+    assert (found.quantity, found.verdict) == ("orientation", "certified")
+    (both,) = of_motion(certify(NOWHERE, made_up("position_error_max_m", 0.1 * DT**2, orientation_error_max_rad=0.0)))
+    assert both.quantity == "position"
+
+
+LIBRARY = [
+    ("pumped_pendulum", "gc_weak_form", {**SHARP, "gauge": "zero"}, {"b_term": False}),
+    ("damped_linkage", "gc_weak_form", {**SHARP, "gauge": "zero"}, {"b_term": False}),
+]
+
+
+@pytest.mark.parametrize(("problem", "solver", "sound", "broken"), LIBRARY)
+def test_a_planted_loss_of_order_is_seen_on_library_problems(ran, problem, solver, sound, broken):
+    """Without D_dot nu of Eq. (71) the zero gauge is of first order: below the declared one, in a short ladder too."""
+    steps, short = [0.02, 0.01, 0.005, 0.0025], {"t_end": 0.4}
+    verdicts = []
+    for options in (sound, {**sound, **broken}):
+        (found,) = of_motion(certify(NOWHERE, ran(problem, solver, steps, short, options)))
+        verdicts.append(found.verdict)
+        assert found.declared == 2.0
+    assert verdicts == ["certified", "below declared"]

@@ -93,7 +93,7 @@ def claims(runs: Sequence[str]) -> tuple[Claim, ...]:
 
 
 def orders(runs: Sequence[str]) -> tuple[Order, ...]:
-    """Second order with a coarse step too many, first order below the declared one, the floor, an attack."""
+    """Second order with a coarse step too many, first order below the declared one, the floor, a refusal, an attack."""
     dts = (0.04, 0.02, 0.01, 0.005, 0.0025)
     square = tuple(d**2 for d in dts)
 
@@ -106,6 +106,9 @@ def orders(runs: Sequence[str]) -> tuple[Order, ...]:
         row("q", (10.0 * square[0], *square[1:]), (False, True, True, True, True), 2.0),
         row("v", tuple(0.1 * d for d in dts), (True,) * 5, 1.0, verdict="below declared", solver="beta"),
         row("energy", (1e-13,) * 5, (False,) * 5, NAN, verdict="exact", fit="exact", unit="J"),
+        replace(ORDER, quantity="q", solver="gamma", case="gamma", verdict="refused", order=NAN, low=NAN, high=NAN,
+                dt=(), error=(), used=(), slopes=(), settings_ids=(), status="refused",
+                message=f"no springs {HOSTILE}"),
         replace(ORDER, variant=HOSTILE, solver=HOSTILE, case=HOSTILE, quantity=HOSTILE, symbol=HOSTILE, unit=HOSTILE,
                 settings_ids=(HOSTILE,)),
     )  # fmt: skip

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import pytest
 
+from mbsbench.harness.results.judgements.files import ORDERS, as_text
 from mbsbench.reports.model.results import read_results
 
 from ..conftest import HOSTILE, put, record, series
@@ -63,6 +64,20 @@ def test_without_a_judgement_the_page_names_the_command(tmp_path, name, state):
             (tmp_path / "judgement" / f"{file}.json").write_text(text)
     pages = render(read_results(tmp_path), [PAGES[name]])
     assert f"mbsbench judge {tmp_path.name}" in Outline(pages[name]).text
+
+
+def test_orders_at_a_glance_have_no_blank(tmp_path):
+    """A ladder that is refused says so in every cell, with the solver's reason in its row."""
+    put(tmp_path, record("aa01"), series(40))
+    (tmp_path / "judgement").mkdir()
+    (tmp_path / "judgement" / f"{ORDERS.name}.json").write_text(as_text(synthetic.orders(["aa01"])))
+    page = render(read_results(tmp_path), [PAGES["certificates.html"]])["certificates.html"]
+    table = page.split('aria-label="Orders at a glance"')[1].split("</table>")[0]
+    rows = {r: [c.split("</td>")[0] for c in r.split('<td class="short">')[1:]] for r in table.split("<tr>")}
+    (refused,) = (r for r in rows if "gamma" in r)
+    assert "refused: no springs" in refused and len(rows[refused]) == 4
+    assert all("refused" in c for c in rows[refused])
+    assert not any(Outline(c).text.strip() in ("", "–") for cells in rows.values() for c in cells)
 
 
 @pytest.mark.parametrize("judged", ["not yet", "of nothing"])
