@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
         if touched:
             few = len(lacking.intersection(c.id for c in touched))
             show(touched, changed, before is not None, arguments.publish, few)
-        show_orders(of_motion(judged[ORDERS.name]))
+        show_orders(of_motion(judged.get(ORDERS.name, ())))
         if others := len(judged["claims"]) - len(touched):
             lines().print(f"{others} of {len(judged['claims'])} claims are about other runs")
     if arguments.publish:

@@ -2,9 +2,11 @@
 
 import dataclasses
 import json
+import math
 from functools import partial
 
 import pytest
+from msgspec.structs import replace
 
 from mbsbench.harness.__main__ import main
 from mbsbench.harness.commands import judge as command
@@ -21,6 +23,7 @@ from mbsbench.harness.results.records import reasons_json
 from mbsbench.harness.suites.suite import Suite
 from mbsbench.harness.types import Law, Reason, Status
 
+from ...reports.pages.synthetic import ORDER
 from ..conftest import Silent
 from .claiming import MAP, SUITE, TEST, judged
 from .synthetic import HEAD, record, runs_of
@@ -290,3 +293,16 @@ def test_the_newest_whole_run_is_judged_as_published():
     folder, records = found
     found = judge(read_register(), specs, records, partial(store.series_of, folder))
     assert judging.changes(published, found) == []
+
+
+def test_ladders_that_do_not_show_the_declared_order_are_printed(capsys):
+    """With the order and the reason; the certified ones are counted."""
+    low = replace(ORDER, case="beta", verdict="below declared", order=1.0, low=0.98, high=1.02, fit="power", dt=(0.1,),
+                  used=(True,))  # fmt: skip
+    no = replace(ORDER, case="gamma", verdict="refused", order=math.nan, status="refused", message="no springs")
+    command.show_orders([replace(ORDER, verdict="certified"), low, no])
+    said = capsys.readouterr().out
+    assert "orders: 1 certified, 1 below declared, 1 refused" in said
+    (row,) = (line for line in said.splitlines() if "beta" in line)
+    assert "1.00" in row and "below declared" in row
+    assert "refused: no springs" in said and "alpha" not in said
