@@ -31,7 +31,7 @@ COLUMNS = (
 )  # fmt: skip
 
 LADDERS = (
-    Column("problem", right=False), Column("solver", right=False), Column("order"), Column("declared", rank=1),
+    Column("problem", fold=True, least=16), Column("solver", fold=True, least=16), Column("order"), Column("declared", rank=1),
     Column("verdict", right=False), Column("why", fold=True, least=30),
 )  # fmt: skip
 

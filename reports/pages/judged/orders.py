@@ -88,6 +88,7 @@ def verdict_mark(verdict: str) -> Mark:
 def words(o: Order) -> str:
     """The fit in words, and what was left out of it."""
     unfinished = f"{o.unfinished} of {len(o.dt) + o.unfinished} runs did not finish" if o.unfinished else ""
+    unfinished = "" if o.verdict == "refused" else unfinished
     return "; ".join(filter(None, (*_fit(o), unfinished, *(NOTES[n] for n in o.notes))))
 
 
