@@ -31,8 +31,8 @@ COLUMNS = (
 )  # fmt: skip
 
 LADDERS = (
-    Column("problem", fold=True, least=16), Column("solver", fold=True, least=16), Column("order"), Column("declared", rank=1),
-    Column("verdict", right=False), Column("why", fold=True, least=30),
+    Column("problem", fold=True, least=16), Column("solver", fold=True, least=16), Column("order"),
+    Column("declared", rank=1), Column("verdict", right=False), Column("why", fold=True, least=30),
 )  # fmt: skip
 
 
