@@ -37,7 +37,7 @@ def chain(
     span_ratio: Annotated[
         float, Parameter("distance between two supports / length of the bars between them", "", above=0.0)
     ] = 0.6,
-    axial_inertia: Annotated[float, Parameter("inertia of a bar about its axis", "kg m2", above=0.0)] = 1e-4,
+    axial_inertia: Annotated[float, Parameter("inertia of a bar about its axis", "kg m2", at_least=0.0)] = 1e-4,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
     """Bars with spherical joints, hinged at A and D, released from three separately static spans."""

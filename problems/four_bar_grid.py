@@ -41,7 +41,7 @@ def four_bar_grid(
     rate: Annotated[float, Parameter("initial rate of these rows about OX", "rad/s")] = 2.0 * np.pi / 3.0,
     mass: Annotated[float, Parameter("mass of a bar", "kg", above=0.0)] = 1.0,
     length: Annotated[float, Parameter("length of a bar", "m", above=0.0)] = 1.0,
-    axial_inertia: Annotated[float, Parameter("inertia of a bar about its axis", "kg m2", above=0.0)] = 1e-4,
+    axial_inertia: Annotated[float, Parameter("inertia of a bar about its axis", "kg m2", at_least=0.0)] = 1e-4,
     mass_spread: Annotated[
         float, Parameter("relative spread of the masses, uniformly distributed", "", at_least=0.0, at_most=0.9)
     ] = 0.0,

@@ -39,7 +39,7 @@ class LieVariational:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        axes, plain = principal(problem.system.inertia), COMPOSITIONS["plain"][0]
+        axes, plain = principal(problem.system.solved_inertia), COMPOSITIONS["plain"][0]
         damped = int(not problem.system.is_conservative)
         scheme = rattle.Scheme(axes, plain, above_rounding(self.tolerance, problem), damped, discrete=1)
         return fixed_steps(problem, control, rattle, scheme, self.tolerance)

@@ -49,6 +49,6 @@ class Rattle:
         system, gamma = problem.system, COMPOSITIONS[self.composition][0]
         damped = int(not system.is_conservative)
         scheme = rattle.Scheme(
-            principal(system.inertia), gamma, above_rounding(self.tolerance, problem), damped, rate=self.rate
+            principal(system.solved_inertia), gamma, above_rounding(self.tolerance, problem), damped, rate=self.rate
         )
         return fixed_steps(problem, control, rattle, scheme, self.tolerance)

@@ -30,6 +30,7 @@ from ..types import Problem
 from .options import Parameter
 
 T_END = 2.0  # [s] unless the caller says otherwise: files have none
+NO_INERTIA = 2e-15  # [kg m2] in the place of none: MuJoCo's compiler asks for more than 1e-15
 NEAR = 1e-9  # of directions and points that must agree, in files printed with all digits
 
 
@@ -146,7 +147,8 @@ class Mechanism:
         parts = np.flatnonzero(m.body_weldid == self.roots[n])
         for b in parts:
             principal, s = d.ximat[b].reshape(3, 3), d.xipos[b] - r
-            J += (principal * m.body_inertia[b]) @ principal.T + m.body_mass[b] * (s @ s * np.eye(3) - np.outer(s, s))
+            values = np.where(m.body_inertia[b] > NO_INERTIA, m.body_inertia[b], 0.0)
+            J += (principal * values) @ principal.T + m.body_mass[b] * (s @ s * np.eye(3) - np.outer(s, s))
         J = R.T @ J @ R
         return RigidBody(float(np.sum(m.body_mass[parts])), 0.5 * (J + J.T), m.body(self.roots[n]).name)
 

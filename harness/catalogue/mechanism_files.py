@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .mechanism import Mechanism, Omitted, straight_spring
+from .mechanism import NO_INERTIA, Mechanism, Omitted, straight_spring
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
 
@@ -50,6 +50,9 @@ def read(path: Path) -> Mechanism:
     try:
         spec = mj.MjSpec.from_file(str(path))
         _without_looks(mj, spec)
+        for body in spec.bodies:  # slender rods and point masses
+            if body.explicitinertial and np.isnan(body.fullinertia[0]):
+                body.inertia = np.maximum(body.inertia, NO_INERTIA)
         with warnings.catch_warnings():  # about motions, which are not MuJoCo's here
             warnings.simplefilter("ignore", UserWarning)
             model = spec.compile()

@@ -17,7 +17,7 @@ from ..mechanics.consistency import START_TOLERANCE, InconsistentStart, check_st
 from ..mechanics.jacobian import constraint_jacobian
 from ..mechanics.state import States
 from ..metrics.scales import Scales, scales
-from ..reference.computed import computed, gyration, is_computable
+from ..reference.computed import computed, is_computable
 from ..types import Invariant, Observable, Problem, Reference
 from .requirements import Measured
 
@@ -217,7 +217,7 @@ def agrees(s: Subject) -> Measured:
     if s.independent is None:
         return Measured(words="none can be computed for this system", tested=False)
     t = s.t[s.t <= s.independent.horizon]
-    here, there, radius = s.exact.at(slice(len(t))), s.independent.states(t), gyration(s.problem.system)
+    here, there, radius = s.exact.at(slice(len(t))), s.independent.states(t), s.problem.system.gyration
     turned = radius * np.linalg.norm(here.R - there.R, axis=(-2, -1)) / np.sqrt(2.0)
     gap = np.max(np.maximum(np.linalg.norm(here.r - there.r, axis=-1), turned), axis=-1)
     beyond = np.maximum(gap - s.stated[: len(t)] - s.independent.error(t), 0.0)

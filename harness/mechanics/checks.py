@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from .lent import NONE
+
 
 def frozen(values: object, shape: tuple[int, ...], dtype: type = np.float64) -> np.ndarray:
     """A read-only array of finite numbers."""
@@ -13,15 +15,15 @@ def frozen(values: object, shape: tuple[int, ...], dtype: type = np.float64) -> 
 
 
 def check_body(name: str, mass: float, inertia: np.ndarray) -> None:
-    """Mass and inertia of a mass distribution."""
+    """Mass and inertia of a mass distribution: of a slender rod, about its axis, and of a point mass it is 0."""
     if not (np.isfinite(mass) and mass > 0.0):
         raise ValueError(f"{name}: mass must be finite and > 0 kg (got {mass})")
     J = np.asarray(inertia, dtype=float)
     if J.shape != (3, 3) or not np.all(np.isfinite(J)) or not np.allclose(J, J.T, rtol=1e-12, atol=0.0):
         raise ValueError(f"{name}: inertia must be a finite symmetric 3 x 3 matrix (got {J.tolist()})")
     principal = np.linalg.eigvalsh(J)
-    if principal[0] <= 0.0:
-        raise ValueError(f"{name}: principal inertias must be > 0 kg m2 (got {principal.tolist()})")
+    if principal[0] < -NONE * principal[2]:
+        raise ValueError(f"{name}: principal inertias must be >= 0 kg m2 (got {principal.tolist()})")
     if principal[2] > (principal[0] + principal[1]) * (1.0 + 1e-9):  # of a mass distribution; slack for rounding
         raise ValueError(
             f"{name}: no mass distribution has the principal inertias {principal.tolist()} kg m2 "

@@ -6,6 +6,7 @@ import scipy.sparse.linalg as spl
 
 from . import so3
 from .jacobian import constraint_jacobian
+from .lent import principal
 from .motion import constraint, constraint_rate
 from .state import State, States
 from .system import MultibodySystem
@@ -60,7 +61,8 @@ def perturbed(system: MultibodySystem, state: State, size: float, seed: int) -> 
     """``state`` with a random change, projected back onto the constraints.
 
     ``size`` is relative: to 1 rad in orientation, to the largest joint arm (1 m without joints) in position, and to the
-    largest speed or sqrt(g arm) in velocities; standard normal in each component, from ``seed``.
+    largest speed or sqrt(g arm) in velocities; standard normal in each component, from ``seed``. A body without inertia
+    about an axis is not spun about it: where no joint is at work there, its spin must stay 0.
     """
     random = np.random.default_rng(seed)
     arm = float(np.max(np.abs(system.joint_s_i), initial=0.0)) or 1.0
@@ -71,10 +73,18 @@ def perturbed(system: MultibodySystem, state: State, size: float, seed: int) -> 
         state.r + size * arm * random.standard_normal(shape),
         state.R @ so3.exp(size * random.standard_normal(shape)),
         state.v + size * speed * random.standard_normal(shape),
-        state.Omega + size * rate * random.standard_normal(shape),
+        state.Omega + size * rate * _with_inertia(system, random.standard_normal(shape)),
         state.t,
     )
     return project(system, moved)
+
+
+def _with_inertia(system: MultibodySystem, Omega: np.ndarray) -> np.ndarray:
+    """The part about axes that have some."""
+    _, axes, none = principal(system.inertia)
+    n = axes * none[:, None, :]
+    out: np.ndarray = Omega - np.einsum("bik,bjk,bj->bi", n, n, Omega)
+    return out
 
 
 def _least_change(system: MultibodySystem, state: State, wanted: np.ndarray) -> np.ndarray:
@@ -82,7 +92,7 @@ def _least_change(system: MultibodySystem, state: State, wanted: np.ndarray) -> 
     if system.nrows == 0:
         return np.zeros((system.nb, 6))
     scale = np.stack(
-        [np.sqrt(system.mass)] * 3 + [np.sqrt(np.einsum("bii->b", system.inertia) / 3.0)] * 3, axis=1
+        [np.sqrt(system.mass)] * 3 + [np.sqrt(np.einsum("bii->b", system.regular_inertia) / 3.0)] * 3, axis=1
     ).ravel()
     A = constraint_jacobian(system, state) @ sp.diags_array(1.0 / scale)
     y = spl.lsqr(A, wanted, atol=1e-15, btol=1e-15, iter_lim=20 * max(A.shape))[0]

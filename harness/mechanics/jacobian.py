@@ -30,8 +30,7 @@ def even_jacobian(system: MultibodySystem, state: State) -> sp.csr_array:
     In metres and radians a row of an axis is 1e-10 of that of a point on an arm of 1e5 m; in masses a light body's
     rows vanish beside a heavy one's. Neither says anything about rank.
     """
-    gyration = np.sqrt(np.einsum("bii->b", system.inertia) / (2.0 * system.mass))
-    columns = np.repeat(np.stack((np.ones(system.nb), 1.0 / gyration), axis=1), 3, axis=1).ravel()
+    columns = np.repeat(np.stack((np.ones(system.nb), 1.0 / system.gyration), axis=1), 3, axis=1).ravel()
     A = constraint_jacobian(system, state) @ sp.diags_array(columns)
     length = np.sqrt(A.multiply(A).sum(axis=1))
     return sp.csr_array(sp.diags_array(1.0 / np.where(length > 0.0, length, 1.0)) @ A)

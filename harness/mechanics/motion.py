@@ -5,6 +5,7 @@ One code for every solver: it sees only poses and velocities (r, R, v, Omega), n
 
 import math
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -12,6 +13,7 @@ from jaxtyping import Float
 from . import so3
 from .ends import gaps, points, times, turned, turning
 from .joints import LineRows
+from .lent import pushed, taken_back
 from .moving_rows import moving
 from .state import States
 from .system import GROUND, MultibodySystem
@@ -152,9 +154,9 @@ def drift(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
 def drive_power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
     """Power of drives [W], -reaction . phi_t with the reaction of index 1: unique where rows are redundant, too."""
     out = np.full(len(s), np.nan)  # stays where a run was no longer finite
-    L = np.zeros((system.nb, 6, 6))  # of L L^T = M
+    L = np.zeros((system.nb, 6, 6))  # of L L^T = M, with what is lent
     L[:, range(3), range(3)] = np.sqrt(system.mass)[:, None]
-    L[:, 3:, 3:] = np.linalg.cholesky(system.inertia)
+    L[:, 3:, 3:] = np.linalg.cholesky(system.regular_inertia)
     inverse = np.linalg.inv(L)
     for k in range(0, len(s), CHUNK):
         part = s.at(slice(k, k + CHUNK))
@@ -165,13 +167,27 @@ def drive_power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
         f = applied(system, part)
         f[:, :, 3:] -= so3.cross(part.Omega, times(system.inertia, part.Omega))
         B = np.einsum("tkbj,bij->tkbi", A, inverse).reshape(len(part), system.nrows, -1)
-        x = np.einsum("bij,tbj->tbi", inverse, f).reshape(len(part), -1)
-        missing = -drift(system, part) - times(B, x)
-        good = np.all(np.isfinite(B), axis=(1, 2)) & np.all(np.isfinite(missing), axis=1)
-        back = np.linalg.pinv(B[good], rcond=1e-9)
-        reaction = times(np.swapaxes(back, -1, -2), times(back, missing[good]))
+        A_dot_v = drift(system, part)
+        good = (
+            np.all(np.isfinite(B), axis=(1, 2)) & np.all(np.isfinite(f), axis=(1, 2)) & np.all(np.isfinite(A_dot_v), 1)
+        )
+        reaction = _reaction(system.taken_back, inverse, B[good], f[good], A_dot_v[good])
         out[k + np.flatnonzero(good)] = -np.sum(reaction[:, push.row] * push.phi_t[good], axis=-1)
     return out
+
+
+def _reaction(P: np.ndarray, inverse: np.ndarray, B: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray) -> np.ndarray:
+    """Of index 1, from L^-1 by bodies, B = A L^-T, f and A_dot v; the lent inertia P is taken back."""
+    back = np.linalg.pinv(B, rcond=1e-9)
+
+    def solve(load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x = np.einsum("bij,tbj->tbi", inverse, f + load).reshape(len(f), -1)
+        more = times(back, -A_dot_v - times(B, x))
+        a = np.einsum("bji,tbj->tbi", inverse, (x + more).reshape(len(f), -1, 6))
+        return a, times(np.swapaxes(back, -1, -2), more)
+
+    reaction: np.ndarray = taken_back(solve, partial(pushed, P))[1]
+    return reaction
 
 
 def _wrench(R: np.ndarray, force: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -26,6 +26,7 @@ from .joints import (
     directions,
     unit,
 )
+from .lent import lent_inertia, principal
 from .time_functions import ONE, TimeFunction, varies
 from .user_forces import UserForce, laws_of
 
@@ -34,7 +35,7 @@ GROUND = -1
 
 @dataclass(frozen=True)
 class RigidBody:
-    """Mass [kg] and inertia [kg m2] about the centre of mass C, body frame."""
+    """Mass [kg] and inertia [kg m2] about the centre of mass C, body frame; none of a point mass (``zero_inertia``)."""
 
     mass: float
     inertia: Float[np.ndarray, "3 3"]
@@ -138,6 +139,39 @@ class MultibodySystem:
 
     body_names: tuple[str, ...] = ()
     joint_names: tuple[str, ...] = ()
+    coupled: Float[np.ndarray, "nb 3 3"] | None = None  # ``taken_back``, as found by ``zero_inertia``
+
+    @property
+    def lent(self) -> Float[np.ndarray, "nb 3 3"]:
+        """What bodies are lent about axes without inertia [kg m2]: 0 but for slender rods and point masses."""
+        if not np.any(principal(self.inertia)[2]):
+            return np.zeros_like(self.inertia)
+        arm = np.zeros(self.nb + 1)  # the last one is the ground
+        for body, s in ((self.joint_i, self.joint_s_i), (self.joint_j, self.joint_s_j)):
+            np.maximum.at(arm, body, np.linalg.norm(s, axis=1))
+        arm = arm[:-1]
+        longest = float(max(np.max(arm, initial=0.0), np.max(self.joint_length, initial=0.0)))
+        return lent_inertia(self.mass, self.inertia, np.where(arm > 0.0, arm, longest or 1.0))
+
+    @property
+    def taken_back(self) -> Float[np.ndarray, "nb 3 3"]:
+        """What of ``lent`` would change a motion: all, as long as nobody has looked."""
+        return self.lent if self.coupled is None else self.coupled
+
+    @property
+    def regular_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
+        """With all that is lent: positive definite, to be inverted or to measure changes by."""
+        return self.inertia + self.lent
+
+    @property
+    def solved_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
+        """That of the equations of motion: with what is lent where it changes no motion."""
+        return self.regular_inertia - self.taken_back
+
+    @property
+    def gyration(self) -> Float[np.ndarray, " nb"]:
+        """Radius of gyration [m], of ``regular_inertia``: what an angle is worth in metres."""
+        return np.sqrt(np.einsum("bii->b", self.regular_inertia) / (2.0 * self.mass))
 
     @property
     def nb(self) -> int:

@@ -134,7 +134,7 @@ def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
     1e-5 m, where |phi| is compared with 1e-7 m, and no success at 1e5 m.
     """
     metres = np.ones(system.nrows)
-    metres[system.axis_rows().row] = np.sqrt(np.max(np.einsum("bii->b", system.inertia) / (2.0 * system.mass)))
+    metres[system.axis_rows().row] = np.max(system.gyration)
     phi, phi_dot = constraint(system, s), constraint_rate(system, s)
     return (
         energy(system, s),

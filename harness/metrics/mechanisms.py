@@ -34,7 +34,7 @@ def part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySys
         return system
     new = np.full(system.nb + 1, GROUND)  # the last entry, at -1, is the ground
     new[bodies] = np.arange(len(bodies))
-    changes: dict[str, Any] = {"mass": system.mass[bodies], "inertia": system.inertia[bodies]}
+    changes: dict[str, Any] = {"mass": system.mass[bodies], "inertia": system.inertia[bodies], "coupled": None}
     for kind in (*TIES, "torsion"):
         i, j = (getattr(system, f"{kind}_{e}") for e in "ij")
         own = np.isin(i, bodies) | np.isin(j, bodies)

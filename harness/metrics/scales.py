@@ -143,7 +143,7 @@ def scales(
 
 def possible(system: MultibodySystem, start: State) -> Scales:
     """Of a system that stays at rest, from what its bodies could: arms of joints, spread of the C's, T(0) + m g L."""
-    gyration = math.sqrt(float(np.max(np.einsum("bii->b", system.inertia) / (2.0 * system.mass))))
+    gyration = float(np.max(system.gyration))
     spread = float(np.linalg.norm(np.ptp(start.r, axis=0)))
     arms = np.concatenate((system.joint_s_i, system.joint_s_j[system.joint_j != GROUND]))  # of the ground: a place
     arm = float(np.max(np.linalg.norm(arms, axis=1), initial=0.0))
@@ -163,7 +163,7 @@ def stretched(system: MultibodySystem) -> float:
     if not np.all(system.joint_points):
         return math.inf  # a slide or a link is as long as it is
     arms = np.concatenate((system.joint_s_i[system.joint_i != GROUND], system.joint_s_j[system.joint_j != GROUND]))
-    gyration = math.sqrt(float(np.max(np.einsum("bii->b", system.inertia) / (2.0 * system.mass))))
+    gyration = float(np.max(system.gyration))
     return 2.0 * (float(np.sum(np.linalg.norm(arms, axis=1))) + gyration)
 
 

@@ -21,7 +21,7 @@ from ..mechanics.system import MultibodySystem
 from ..types import Problem, Reference
 from . import orbit
 from .directors import Directors
-from .newton_euler import NewtonEuler, gyration
+from .newton_euler import NewtonEuler
 from .orbit import Orbit, Pair, Piece
 
 WORST, AGREED = 1e-3, 1e-10  # of the reach
@@ -131,7 +131,7 @@ class _Motion:
 
     def __post_init__(self) -> None:
         self.first, self.second = NewtonEuler(self.system), Directors(self.system)
-        self.radius = gyration(self.system)
+        self.radius = self.system.gyration
         self.size = float(max(np.max(self.radius), np.max(np.abs(self.system.joint_s_i), initial=0.0)))
 
     def pieces(self, tolerance: float, correction: float) -> Iterator[Piece]:

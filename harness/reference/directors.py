@@ -7,10 +7,12 @@ stacked along a first axis: extrapolation evaluates its columns together.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
+from ..mechanics.lent import taken_back
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 
@@ -27,9 +29,9 @@ class Directors:
 
     def __post_init__(self) -> None:
         s = self.system
-        trace = np.einsum("bii->b", s.inertia)
-        self.scale = 0.5 * trace
-        E = 0.5 * trace[:, None, None] * np.eye(3) - s.inertia  # integral of x x^T dm, singular for a thin disc
+        E = _second_moments(s.regular_inertia)  # singular for a thin disc
+        self.scale = np.einsum("bii->b", E)
+        self.lent = _at_directors(s.taken_back)
         self.saddle = np.zeros((s.nb, 15, 15))
         self.saddle[:, :9, :9] = np.kron(E / self.scale[:, None, None], np.eye(3))
         self.pinned, self.point = s.point_rows()
@@ -70,12 +72,17 @@ class Directors:
         C, from_rigidity = self._compliance(x)
         d_dot = x_dot[:, :, 1:]
         curvature = -2.0 * np.sum(d_dot[:, :, PAIRS[:, 0]] * d_dot[:, :, PAIRS[:, 1]], axis=-1)
-        a = np.einsum("tbij,tbj->tbi", C, self._forces(x, x_dot))
-        a[:, :, 3:] += np.einsum("tbij,tbj->tbi", from_rigidity, curvature)
-        if s.nrows:
-            J = self._jacobian(x)
-            gap = self._curvature(x_dot) - np.einsum("tkbi,tbi->tk", J, a)
-            a = a + self._answer(J, C, gap)
+        f, bend = self._forces(x, x_dot), np.einsum("tbij,tbj->tbi", from_rigidity, curvature)
+        J = self._jacobian(x)
+
+        def solve(load: np.ndarray | float) -> tuple[np.ndarray, None]:
+            a = np.einsum("tbij,tbj->tbi", C, f + load)
+            a[:, :, 3:] += bend
+            if s.nrows:
+                a = a + self._answer(J, C, self._curvature(x_dot) - np.einsum("tkbi,tbi->tk", J, a))
+            return a, None
+
+        a = taken_back(solve, partial(np.einsum, "bij,tbj->tbi", self.lent))[0] if np.any(self.lent) else solve(0.0)[0]
         return np.concatenate((x_dot.reshape(nt, -1), a.reshape(nt, -1)), axis=1)
 
     def restarted(self, z: Float[np.ndarray, " 24nb"]) -> Float[np.ndarray, " 24nb"]:
@@ -236,6 +243,19 @@ class Directors:
         if s.load_follows[k]:
             return tuple(np.einsum("a,tac->tc", a, d) for a in both)  # type: ignore[return-value]
         return tuple(np.broadcast_to(a, (len(x), 3)) for a in both)  # type: ignore[return-value]
+
+
+def _second_moments(J: np.ndarray) -> np.ndarray:
+    """The integral of x x^T dm of an inertia (nb, 3, 3)."""
+    out: np.ndarray = 0.5 * np.einsum("bii->b", J)[:, None, None] * np.eye(3) - J
+    return out
+
+
+def _at_directors(J: np.ndarray) -> np.ndarray:
+    """Mass matrix of an inertia without mass (nb, 12, 12)."""
+    out = np.zeros((len(J), 12, 12))
+    out[:, 3:, 3:] = np.kron(_second_moments(J), np.eye(3))
+    return out
 
 
 def _of_ground(values: np.ndarray, body: np.ndarray, ground: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ onto the constraints, least change in the mass metric. Shares with route 2 the d
 """
 
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ import scipy.linalg as sl
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
+from ..mechanics.lent import pushed, taken_back
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 
@@ -32,9 +34,10 @@ class NewtonEuler:
     def __post_init__(self) -> None:
         s = self.system
         self.rows = np.arange(s.nrows)
-        self.weight = np.zeros((s.nb, 6, 6))  # M^-1 by bodies
+        self.inertia, self.lent = s.solved_inertia, s.taken_back
+        self.weight = np.zeros((s.nb, 6, 6))  # M^-1 by bodies, with all that is lent
         self.weight[:, range(3), range(3)] = 1.0 / s.mass[:, None]
-        self.weight[:, 3:, 3:] = np.linalg.inv(s.inertia)
+        self.weight[:, 3:, 3:] = np.linalg.inv(s.regular_inertia)
         self.pinned, self.point = s.point_rows()
         self.line, self.axis = s.line_rows(), s.axis_rows()
         # body, arm, sign; the moving ones of the pinned joints, of the line rows and of the axis rows
@@ -64,11 +67,16 @@ class NewtonEuler:
         r, q, v, Omega = (a[0] for a in self._parts(y[None]))
         R = _matrices(q)
         f = self._forces(r, R, v, Omega)
-        free = np.einsum("bij,bj->bi", self.weight, f)
-        if len(self.rows):
-            A, gamma = self._jacobian(r, R)[self.rows], self._gamma(r, R, v, Omega)[self.rows]
-            WA = np.einsum("kbj,bji->kbi", A.reshape(-1, s.nb, 6), self.weight).reshape(len(A), -1)
-            free -= (np.linalg.solve(A @ WA.T, A @ free.ravel() - gamma) @ WA).reshape(s.nb, 6)
+        A, gamma = self._jacobian(r, R)[self.rows], self._gamma(r, R, v, Omega)[self.rows]
+        WA = np.einsum("kbj,bji->kbi", A.reshape(-1, s.nb, 6), self.weight).reshape(A.shape)
+
+        def solve(load: np.ndarray | float) -> tuple[np.ndarray, None]:
+            a = np.einsum("bij,bj->bi", self.weight, f + load)
+            if len(self.rows):
+                a -= (np.linalg.solve(A @ WA.T, A @ a.ravel() - gamma) @ WA).reshape(s.nb, 6)
+            return a, None
+
+        free = taken_back(solve, partial(pushed, self.lent))[0] if np.any(self.lent) else solve(0.0)[0]
         vector, w = q[:, :3], q[:, 3:]
         q_dot = 0.5 * np.concatenate((w * Omega + _cross(vector, Omega), -np.sum(vector * Omega, 1)[:, None]), axis=1)
         return np.concatenate((v.ravel(), q_dot.ravel(), free[:, :3].ravel(), free[:, 3:].ravel()))
@@ -80,7 +88,7 @@ class NewtonEuler:
         q /= np.linalg.norm(q, axis=1)[:, None]
         if s.nrows:
             A = self._jacobian(r, _matrices(q))
-            even = A * np.repeat(np.stack((np.ones(s.nb), 1.0 / gyration(s)), axis=1), 3, axis=1).ravel()  # in metres
+            even = A * np.repeat(np.stack((np.ones(s.nb), 1.0 / s.gyration), axis=1), 3, axis=1).ravel()  # in metres
             even /= np.maximum(np.linalg.norm(even, axis=1), np.finfo(float).tiny)[:, None]
             _, pivots, order = sl.qr(even.T, mode="economic", pivoting=True)
             size = np.abs(np.diag(pivots))
@@ -102,7 +110,7 @@ class NewtonEuler:
         """Largest |phi| [m] of all rows, those not in use included; axis rows times the size of the bodies."""
         r, q, _, _ = (a[0] for a in self._parts(y[None]))
         phi = np.abs(self._phi(r, _matrices(q)))
-        phi[self.axis.row] *= np.max(gyration(self.system))
+        phi[self.axis.row] *= np.max(self.system.gyration)
         return float(np.max(phi, initial=0.0))
 
     def _least_change(self, r: np.ndarray, R: np.ndarray, wanted: np.ndarray) -> np.ndarray:
@@ -199,7 +207,7 @@ class NewtonEuler:
         s = self.system
         f = np.zeros((s.nb + 1, 6))
         f[:-1, :3] = s.mass[:, None] * s.gravity
-        f[:-1, 3:] = _cross(np.einsum("bij,bj->bi", s.inertia, Omega), Omega)
+        f[:-1, 3:] = _cross(np.einsum("bij,bj->bi", self.inertia, Omega), Omega)
         if len(s.spring_k):
             at, turned = _with_ground(r, np.zeros(3)), _with_ground(R, np.eye(3))
             v_C, spin = _with_ground(v, np.zeros(3)), _with_ground(Omega, np.zeros(3))
@@ -221,11 +229,6 @@ class NewtonEuler:
             torque = np.where(follows, s.load_torque, np.einsum("jab,ja->jb", Q, s.load_torque))
             np.add.at(f, s.load_i, np.concatenate((force, torque + _cross(s.load_p, pull)), axis=1))
         return f[:-1]
-
-
-def gyration(system: MultibodySystem) -> Float[np.ndarray, " nb"]:
-    """Radius of gyration [m] of each body: what an angle is worth in metres."""
-    return np.sqrt(np.einsum("bii->b", system.inertia) / (2.0 * system.mass))
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:

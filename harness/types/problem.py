@@ -13,6 +13,7 @@ from ..mechanics.moving_rows import check_lengths
 from ..mechanics.presentation import Presentation
 from ..mechanics.state import State, States, rotated
 from ..mechanics.system import MultibodySystem
+from ..mechanics.zero_inertia import classified
 
 
 class Trait(StrEnum):
@@ -100,6 +101,7 @@ class Problem:
     def __post_init__(self) -> None:
         if 0.0 < self.t_end < math.inf:
             check_lengths(self.system, self.t_end)
+            object.__setattr__(self, "system", classified(self.system, self.initial, self.t_end))
 
     def home(self, s: States) -> States:
         """``s`` seen from the home frame."""

@@ -184,5 +184,5 @@ def _inertia(layout: Layout, bodies: np.ndarray) -> np.ndarray:
     """(m, J) of bodies (m, 10); 1 for the ground, on which c has no part."""
     s = layout.system
     table = np.tile(np.append(1.0, np.eye(3)), (s.nb + 1, 1))
-    table[: s.nb, 0], table[: s.nb, 1:] = s.mass, s.inertia.reshape(-1, 9)
+    table[: s.nb, 0], table[: s.nb, 1:] = s.mass, s.regular_inertia.reshape(-1, 9)
     return table[bodies]  # the ground is -1: the last

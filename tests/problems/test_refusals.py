@@ -25,6 +25,7 @@ IMPOSSIBLE = [
     ("chain", {"span_ratio": 1.0}, "span_ratio must be between"),
     ("chain", {"axial_inertia": 1.0}, "no mass distribution"),
     ("chain", {"mass": -1.0}, "mass must be > 0"),
+    ("chain", {"links": 303, "axial_inertia": 0.0}, "at most 300"),
     ("simple_pendulum", {"gyration": 0.6}, "gyration must be <= length/2 = 0.5 m"),
     ("n_four_bar", {"windows": 0}, "windows must be >= 1"),
     ("bricard", {"section": "round"}, "square, thin"),

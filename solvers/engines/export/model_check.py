@@ -42,7 +42,7 @@ class EngineModel:
 def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     """By quantity, relative."""
     system, start, T = problem.system, problem.initial, model.T
-    one, blocks = States.one(start), [b for m, J in zip(system.mass, system.inertia, strict=True)
+    one, blocks = States.one(start), [b for m, J in zip(system.mass, system.solved_inertia, strict=True)
                                       for b in (m * np.eye(3), J)]  # fmt: skip
     arrays, analysis, kernel = start_of(problem)
     evaluate(arrays, analysis, kernel)

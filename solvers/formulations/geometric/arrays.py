@@ -59,7 +59,8 @@ class Model(NamedTuple):
 
     mass: np.ndarray  # (nb,)
     J: np.ndarray  # (nb, 3, 3)
-    J_inv: np.ndarray  # (nb, 3, 3)
+    J_inv: np.ndarray  # (nb, 3, 3) with all inertia that is lent
+    coupled: np.ndarray  # (nb, 3, 3) what is to be taken back of it; (0, 3, 3) where nothing is
     gravity: np.ndarray  # (3,)
     body: np.ndarray  # (nj, 2) bodies that a joint connects
     s: np.ndarray  # (nj, 2, 3)
@@ -159,8 +160,9 @@ def model_of(system: MultibodySystem) -> Model:
     both = np.minimum(np.arange(3), 1)  # rows (u, n_1), (u, n_2), (w, n_2)
     model = Model(
         mass=system.mass,
-        J=system.inertia,
-        J_inv=np.linalg.inv(system.inertia) if system.nb else np.zeros((0, 3, 3)),
+        J=system.solved_inertia,
+        J_inv=np.linalg.inv(system.regular_inertia) if system.nb else np.zeros((0, 3, 3)),
+        coupled=system.taken_back if np.any(system.taken_back) else np.zeros((0, 3, 3)),
         gravity=system.gravity,
         body=np.stack((system.joint_i, system.joint_j), axis=1).astype(np.int64)[joint],
         s=np.stack((system.joint_s_i, system.joint_s_j), axis=1)[joint],

@@ -59,9 +59,8 @@ GAUGES = {"symmetric": "symmetric", "zero": "zero gauge", "accumulate": "accumul
 def energy_at_hand(problem: Problem) -> float:
     """[J] T(0), and the work that the forces at the start do over the size of the bodies."""
     system, start = problem.system, States.one(problem.initial)
-    gyration = np.sqrt(np.einsum("bii->b", system.inertia) / (2.0 * system.mass))
     arms = np.concatenate((system.joint_s_i, system.joint_s_j[system.joint_j != GROUND]))
-    size = np.max(np.concatenate((gyration, np.linalg.norm(arms, axis=1))))
+    size = np.max(np.concatenate((system.gyration, np.linalg.norm(arms, axis=1))))
     force, torque = np.split(np.linalg.norm(applied(system, start)[0].reshape(-1, 2, 3), axis=2), 2, axis=1)
     found = float(kinetic_energy(system, start)[0] + np.sum(force) * size + np.sum(torque))
     return found or 1.0  # at rest and free of forces: nothing will move

@@ -39,6 +39,8 @@ EXACT = {
     "top": ("heavy_top", {"t_end": 0.1}),
     "free": ("torque_free_body", {"inertia_factors": (1.0, 1.5, 2.0), "t_end": 1.0}),
     "chain": ("chain", {"t_end": 0.15}),
+    "link": ("simple_pendulum", {"support": "link", "perturb": 0.2, "t_end": 0.3}),
+    "arm": ("simple_pendulum", {"gyration": 0.0, "perturb": 0.2, "t_end": 0.3}),
     "grid": ("four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.2}),  # 64 rows of rank 58
 }
 

@@ -57,6 +57,10 @@ LOOPS = f"""<mujoco><worldbody><site name="wall" pos="1 0 1"/>
   <connect body1="rod" body2="held" anchor="1 2 3" active="false"/></equality>
 <tendon><spatial stiffness="30" damping=".5" springlength=".2"><site site="end"/><site site="wall"/></spatial></tendon>
 </mujoco>"""
+SLENDER = """<mujoco><option gravity="1 0 -9.81"/><worldbody>
+<body name="rod"><joint axis="0 1 .3"/><inertial pos=".3 0 0" mass="1" diaginertia="0 .03 .03"/>
+  <body name="bob" pos=".6 0 0"><joint axis="1 1 0"/><inertial pos="0 .2 .1" mass=".5" diaginertia="0 0 0"/></body>
+</body></worldbody></mujoco>"""
 ROBOT = """<robot name="r"><link name="base"/>
 <link name="upper"><inertial><origin xyz="0 .02 .1" rpy=".1 .2 .3"/><mass value="2"/>
     <inertia ixx=".03" iyy=".04" izz=".05" ixy=".001" ixz="0" iyz="-.002"/></inertial>
@@ -120,7 +124,7 @@ def moving(m: Mechanism):
     return qpos, qvel
 
 
-@pytest.mark.parametrize("text", [TREE, LOOPS, ROBOT], ids=["tree", "loops", "urdf"])
+@pytest.mark.parametrize("text", [TREE, LOOPS, ROBOT, SLENDER], ids=["tree", "loops", "urdf", "slender"])
 def test_the_system_is_the_one_mujoco_makes(tmp_path, text):
     """Two derivations: MuJoCo's recursions in joint coordinates, ours in absolute ones with constraint rows."""
     m = mechanism_files.read(written(tmp_path, text))

@@ -1,13 +1,16 @@
 """Index 1 at one state: accelerations, multipliers, projections."""
 
+import numpy as np
 from numba import njit
 
-from ...vectors import INNER, JIT, copy, turned_by
+from ...vectors import INNER, JIT, copy, turn, turned_by
 from .cholesky import factorise, solve
 from .forces import add_gyroscopic, applied
 from .products import add_rows_back, clear, minus_rates, times_inverse_mass, times_rows
 from .room import HOT
 from .rows import rows
+
+PASSES, ROUNDING = 100, 1e-15  # as in ``mechanics.lent``; here, since compiled code is keyed by this folder's files
 
 
 @njit(**HOT)
@@ -21,6 +24,40 @@ def _index_1(model, blocks, k):
     times_rows(model, k, k.v_dot, -1.0, k.lam)
     solve(blocks, k, k.lam)
     add_rows_back(model, k, k.lam, k.v_dot)
+    if len(model.coupled):
+        _take_back(model, blocks, k)
+
+
+@njit(**INNER)
+def _take_back(model, blocks, k):
+    """``v_dot`` and ``lam`` of M instead of M' = M + P: M' v_dot - A^T lam = f + P v_dot, by changes that fall to
+    rounding; NaN where they do not (module ``mechanics.lent``).
+    """
+    copy(k.v_dot, k.change)
+    for _ in range(PASSES):
+        for b in range(len(model.mass)):
+            T = turn(model.coupled[b], k.change[b, 3:])
+            for a in range(3):
+                k.change[b, a], k.change[b, 3 + a] = 0.0, T[a]
+        times_inverse_mass(model, k.change)
+        for a in range(len(k.rhs)):
+            k.rhs[a] = 0.0
+        times_rows(model, k, k.change, -1.0, k.rhs)
+        solve(blocks, k, k.rhs)
+        add_rows_back(model, k, k.rhs, k.change)
+        change = size = 0.0
+        for b in range(len(model.mass)):
+            for a in range(6):
+                k.v_dot[b, a] += k.change[b, a]
+                if a >= 3:
+                    change, size = max(change, abs(k.change[b, a])), max(size, abs(k.v_dot[b, a]))
+        for a in range(len(k.lam)):
+            k.lam[a] += k.rhs[a]
+        if not change > ROUNDING * size:
+            return
+    for b in range(len(model.mass)):
+        for a in range(6):
+            k.v_dot[b, a] = np.nan
 
 
 @njit(**HOT)

@@ -32,6 +32,7 @@ class Kernel(NamedTuple):
     rhs: np.ndarray  # (nrows,)
     diagonal: np.ndarray  # (nrows,) of S, what its pivots are compared with
     line: np.ndarray  # (6, 3) of a spring
+    change: np.ndarray  # (nb, 6) of v_dot, while lent inertia is taken back
 
 
 def empty_kernel(model: Model) -> tuple[Kernel, Blocks]:
@@ -45,6 +46,6 @@ def empty_kernel(model: Model) -> tuple[Kernel, Blocks]:
         r=np.zeros((nb, 3)), R=np.zeros((nb, 3, 3)), v=np.zeros((nb, 6)), v_dot=np.zeros((nb, 6)),
         force=np.zeros((nb, 6)), X=np.zeros((nj, 2, WIDTH, 3)), Y=np.zeros((nj, 2, WIDTH, 3)), way=way,
         L=np.zeros((len(blocks.other), WIDTH, WIDTH)), gamma=np.zeros(nr), phi=np.zeros(nr), lam=np.zeros(nr),
-        rhs=np.zeros(nr), diagonal=np.zeros(nr), line=np.zeros((6, 3)),
+        rhs=np.zeros(nr), diagonal=np.zeros(nr), line=np.zeros((6, 3)), change=np.zeros((nb, 6)),
     )  # fmt: skip
     return room, blocks

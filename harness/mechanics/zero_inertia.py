@@ -1,0 +1,156 @@
+"""Slender rods and point masses: what the joints do about an axis n of a body with J n = 0, at the start and near it.
+
+    decoupled  no row of A and no load acts about n, e.g. a point mass on links, a rod between ball joints on its axis:
+               its spin has no equation and stays 0
+    locked     n . Omega = 0 for all velocities that A allows, e.g. across a planar mechanism
+    coupled    neither: the joints turn it with other bodies, whose inertia makes M regular; if nothing does, no motion
+               is defined
+
+In the first two n . Omega = n . Omega_dot = 0: inertia lent about n (module ``lent``) changes no motion, energy or
+reaction. In the third it would, and is taken back.
+"""
+
+import dataclasses
+
+import numpy as np
+import scipy.linalg as sl
+from jaxtyping import Float
+
+from .consistency import START_TOLERANCE, InconsistentStart, perturbed
+from .dynamics import RANK
+from .jacobian import constraint_jacobian
+from .lent import principal
+from .motion import applied
+from .state import State, States
+from .system import MultibodySystem
+
+TURNS = 1e-6  # share of a velocity in n . Omega, by lent inertia: below, that adds less than 1e-12 to the inertia there
+ACTS = 1e-9  # of a row of A, or of the loads: below, none acts about n
+REGULAR = 1e-9  # of M' on the velocities that A allows: below, M is singular there
+MOST_BODIES = 300  # a null space of their 1,800 velocities takes seconds, five of them are computed
+NEARBY = (0.1, 0.01)  # sizes of ``perturbed``: the second where a mechanism does not go as far as the first
+PLACES = (0.0, 0.21, 0.55, 1.0)  # in the simulated time: loads and drives may be functions of it
+
+
+def classified(system: MultibodySystem, start: State, t_end: float) -> MultibodySystem:
+    """``system`` with what is to be taken back of the inertia lent; ValueError where no motion is defined."""
+    _, axes, none = principal(system.inertia)
+    if system.coupled is not None or not np.any(none) or not _can_be_looked_at(system, start):
+        return system
+    found = [_Allowed(system, s, axes, none, t_end) for s in (start, *_nearby(system, start, t_end))]
+    lent, coupled, directions = system.lent, np.zeros((system.nb, 3, 3)), {}
+    for b in map(int, np.flatnonzero(np.any(none, axis=1))):
+        turns = np.concatenate([s.turns(b) for s in found], axis=1)
+        sides, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(turns.T, mode="r")))
+        free = sides[:, : int(np.sum(size > TURNS))] if len(found) > 1 else sides  # one pose alone shows none locked
+        acts = np.concatenate([s.acts[:, b, none[b]] for s in found]) @ free
+        _, size, rows = np.linalg.svd(np.linalg.qr(acts, mode="r"))
+        n = int(np.sum(size > ACTS))
+        turned, idle = free @ rows[:n].T, axes[b][:, none[b]] @ free @ rows[n:].T
+        spin = idle @ idle.T @ start.Omega[b]
+        if np.linalg.norm(spin) > START_TOLERANCE:
+            raise ValueError(
+                f"{_about(system, b, spin)}, and no joint acts there: its spin about it must start at 0 rad/s "
+                f"(got {np.linalg.norm(spin):.3g})"
+            )
+        directions[b] = turned
+        n = axes[b][:, none[b]] @ turned
+        coupled[b] = n @ n.T @ lent[b] @ n @ n.T
+    for s in found:
+        s.check_regular(directions)
+    coupled.setflags(write=False)
+    return dataclasses.replace(system, coupled=coupled)
+
+
+def _can_be_looked_at(system: MultibodySystem, start: State) -> bool:
+    """Not what ``check_start`` refuses anyway."""
+    if system.nb > MOST_BODIES:
+        raise ValueError(
+            f"{system.nb} bodies, some of them without inertia about an axis: at most {MOST_BODIES}, since null spaces "
+            "of A are dense; give them inertia"
+        )
+    return start.nb == system.nb and all(np.all(np.isfinite(a)) for a in (start.r, start.R, start.v, start.Omega))
+
+
+def coupled_axis(system: MultibodySystem) -> str | None:
+    """Why a method that inverts the inertia of each body cannot solve ``system``, or None."""
+    if system.coupled is None or not np.any(system.coupled):
+        return None
+    b = int(np.argmax(np.max(np.abs(system.coupled), axis=(1, 2))))
+    return (
+        f"body {system.body_names[b]!r} has no inertia about an axis that joints turn with other bodies, and this "
+        "method inverts the inertia of each body: use rkmk_dop853, ida_index1 or rk45_strong_form"
+    )
+
+
+def _nearby(system: MultibodySystem, start: State, t_end: float) -> list[State]:
+    """Consistent states about the start, where drives have them at other times, too."""
+    out, driven = [], bool(np.any(system.joint_motion))
+    for seed, place in enumerate(PLACES if system.nrows else (), 1):
+        for size in NEARBY:
+            then = dataclasses.replace(start, t=start.t + driven * size / NEARBY[0] * place * t_end)
+            try:
+                out.append(perturbed(system, then, size, seed))
+                break
+            except (InconsistentStart, np.linalg.LinAlgError):
+                continue
+    return out
+
+
+class _Allowed:
+    """Velocities that A allows at a state, x in coordinates in which M' is the identity."""
+
+    def __init__(self, system: MultibodySystem, s: State, axes: np.ndarray, none: np.ndarray, t_end: float) -> None:
+        nb = system.nb
+        self._system, self._axes, self._none = system, axes, none
+        inertia = np.einsum("bji,bjk,bki->bi", axes, system.regular_inertia, axes)
+        T = np.zeros((nb, 6, 6))  # (r_dot, Omega) = T x
+        T[:, range(3), range(3)] = 1.0 / np.sqrt(system.mass)[:, None]
+        T[:, 3:, 3:] = axes / np.sqrt(inertia)[:, None, :]
+        A = constraint_jacobian(system, s).toarray().reshape(-1, nb, 6)
+        B = np.einsum("kbi,bij->kbj", A, T).reshape(len(A), 6 * nb)
+        length = np.linalg.norm(B, axis=1)
+        B /= np.where(length > 0.0, length, 1.0)[:, None]
+        driven = np.repeat(np.any(system.joint_motion != 0.0, axis=1), system.joint_rows)
+        self._x, self._undriven = (_null_space(rows).reshape(nb, 6, -1) for rows in (B, B[~driven]))
+        loads = np.concatenate([applied(system, States.one(s).timed(np.array([s.t + c * t_end]))) for c in PLACES])
+        largest = np.max(np.linalg.norm(loads[:, :, :3], axis=2)) * np.max(system.gyration) + np.max(
+            np.abs(loads[:, :, 3:])
+        )
+        torques = np.einsum("tbi,bij->tbj", loads[:, :, 3:], axes) / (largest or 1.0)
+        self.acts = np.concatenate((B.reshape(-1, nb, 6)[:, :, 3:], torques))
+
+    def turns(self, b: int) -> Float[np.ndarray, "k d"]:
+        """n . Omega for the axes without inertia of a body, of each velocity and whatever the drives do."""
+        out: np.ndarray = self._undriven[b, 3:][self._none[b]]
+        return out
+
+    def check_regular(self, directions: dict[int, np.ndarray]) -> None:
+        """M on these velocities, or ValueError naming the body that has no inertia there."""
+        owner = [(b, n) for b, turned in directions.items() for n in turned.T]
+        if not owner:
+            return
+        lent = np.stack([n @ self._x[b, 3:][self._none[b]] for b, n in owner])
+        if not lent.size:
+            return
+        side, size, _ = np.linalg.svd(lent, full_matrices=False)
+        if 1.0 - size[0] ** 2 < REGULAR:
+            b, n = owner[int(np.argmax(np.abs(side[:, 0])))]
+            raise ValueError(
+                f"{_about(self._system, b, self._axes[b][:, self._none[b]] @ n)}, and its joints lend it none: "
+                "no motion is defined; give it inertia there or a joint that holds or moves it"
+            )
+
+
+def _null_space(B: Float[np.ndarray, "nrows n"]) -> Float[np.ndarray, "n d"]:
+    if not len(B):
+        return np.eye(B.shape[1])
+    Q, pivots, _ = sl.qr(B.T, pivoting=True)
+    size = np.abs(np.diag(pivots))
+    out: np.ndarray = Q[:, int(np.sum(size > RANK * size[0])) :]
+    return out
+
+
+def _about(system: MultibodySystem, b: int, n: np.ndarray) -> str:
+    n = n / n[np.argmax(np.abs(n))]
+    return f"body {system.body_names[b]!r} has no inertia about ({', '.join(f'{x:.3g}' for x in n + 0.0)}) of its frame"
