@@ -107,7 +107,7 @@ class _Allowed:
         T = np.zeros((nb, 6, 6))  # (r_dot, Omega) = T x
         T[:, range(3), range(3)] = 1.0 / np.sqrt(system.mass)[:, None]
         T[:, 3:, 3:] = axes / np.sqrt(inertia)[:, None, :]
-        A = constraint_jacobian(system, s).toarray().reshape(-1, nb, 6)
+        A = constraint_jacobian(system, s).toarray().reshape(system.nrows, nb, 6)
         B = np.einsum("kbi,bij->kbj", A, T).reshape(len(A), 6 * nb)
         length = np.linalg.norm(B, axis=1)
         B /= np.where(length > 0.0, length, 1.0)[:, None]
@@ -118,7 +118,7 @@ class _Allowed:
             np.abs(loads[:, :, 3:])
         )
         torques = np.einsum("tbi,bij->tbj", loads[:, :, 3:], axes) / (largest or 1.0)
-        self.acts = np.concatenate((B.reshape(-1, nb, 6)[:, :, 3:], torques))
+        self.acts = np.concatenate((B.reshape(len(B), nb, 6)[:, :, 3:], torques))
 
     def turns(self, b: int) -> Float[np.ndarray, "k d"]:
         """n . Omega for the axes without inertia of a body, of each velocity and whatever the drives do."""

@@ -68,7 +68,7 @@ class NewtonEuler:
         R = _matrices(q)
         f = self._forces(r, R, v, Omega)
         A, gamma = self._jacobian(r, R)[self.rows], self._gamma(r, R, v, Omega)[self.rows]
-        WA = np.einsum("kbj,bji->kbi", A.reshape(-1, s.nb, 6), self.weight).reshape(A.shape)
+        WA = np.einsum("kbj,bji->kbi", A.reshape(len(A), s.nb, 6), self.weight).reshape(A.shape)
 
         def solve(load: np.ndarray | float) -> tuple[np.ndarray, None]:
             a = np.einsum("bij,bj->bi", self.weight, f + load)
@@ -174,7 +174,7 @@ class NewtonEuler:
             A[k, b, 3:] = np.einsum("ja,jab->jb", _cross(x[lines] - r[b], f), turned[b])
             b = end[self.axis.joint[axes]]
             A[self.axis.row[axes], b, 3:] = sign * np.einsum("ja,jab->jb", torque[axes], turned[b])
-        return A.reshape(s.nrows, -1)
+        return A.reshape(s.nrows, 6 * s.nb)
 
     def _gamma(self, r: np.ndarray, R: np.ndarray, v: np.ndarray, Omega: np.ndarray) -> np.ndarray:
         """What A (r_ddot, Omega_dot) has to be for phi_ddot = 0."""

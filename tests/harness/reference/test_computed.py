@@ -38,6 +38,7 @@ EXACT = {
     "turned": ("spherical_pendulum", {"omega_z": 3.0, "rotation": (0.3, -0.5, 0.7), "t_end": 0.2}),
     "top": ("heavy_top", {"t_end": 0.1}),
     "free": ("torque_free_body", {"inertia_factors": (1.0, 1.5, 2.0), "t_end": 1.0}),
+    "flight": ("free_body", {"t_end": 0.3}),  # no joints
     "chain": ("chain", {"t_end": 0.15}),
     "link": ("simple_pendulum", {"support": "link", "perturb": 0.2, "t_end": 0.3}),
     "arm": ("simple_pendulum", {"gyration": 0.0, "perturb": 0.2, "t_end": 0.3}),
