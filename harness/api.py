@@ -25,6 +25,7 @@ from .execution.warmup import runs_to_warm, warm
 from .execution.worker import recorded
 from .execution.worker import solve as run_here
 from .mechanics.consistency import check_start
+from .mechanics.moving_rows import check_lengths
 from .metrics.measure import Measured, measure
 from .results import environment, store
 from .results.records import RunRecord
@@ -174,6 +175,7 @@ def _problem(given: str | Problem, t_end: float | None) -> Problem:
     if not isinstance(given, Problem):
         raise ValueError(f"problem must be a name or a Problem (got {_kind(given)})")
     check_start(given.system, given.initial, literal=given.literal_start)
+    check_lengths(given.system, t_end or given.t_end)
     return dataclasses.replace(given, parameters={**given.parameters, **changes}, **changes)
 
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..mechanics import so3
 from ..mechanics.consistency import check_start, perturbed
+from ..mechanics.moving_rows import check_lengths
 from ..mechanics.presentation import SPACE_AXES, Presentation
 from ..mechanics.state import States, rotated
 from ..mechanics.system import GROUND, MultibodySystem
@@ -236,6 +237,7 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
     t_end = values["t_end"] or made.t_end
     if not 0.0 < t_end < math.inf:
         raise ValueError(f"problem {name}: t_end must be a finite number > 0 [s] (got {t_end})")
+    check_lengths(made.system, t_end)
     given = {k: v for k, v in values.items() if v != entry.parameters[k][0]}
     asked = {"parameters": given, "presentation": presentation, "retrace": values["retrace"]}
     return dataclasses.replace(made, t_end=t_end, **asked)

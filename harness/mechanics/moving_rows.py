@@ -78,16 +78,19 @@ def moving(system: MultibodySystem, s: States) -> Push:
     return Push(joint, row, phi, phi_t, *vectors)
 
 
-SAMPLES = 200  # of a function of time: in a period of its sine
+SAMPLES, MOST_SAMPLES = 200, 1e6  # of a function of time: in a period of its sine, and in all
 
 
 def check_lengths(system: MultibodySystem, t_end: float) -> None:
     """ValueError unless driven distances stay above 0 up to ``t_end`` [s]: where points meet, d has no direction."""
     for k in np.flatnonzero(system.joint_sort == KINDS.index(MovingKind.DRIVEN_DISTANCE)):
-        numbers = system.joint_motion[k]
-        count = 1000 + min(10**6, SAMPLES * abs(numbers[5]) * t_end / (2.0 * math.pi))
-        t = np.linspace(0.0, t_end, int(count))
+        numbers, swing = system.joint_motion[k].copy(), 0.0
+        count = SAMPLES * abs(numbers[5]) * t_end / (2.0 * math.pi)
+        if count > MOST_SAMPLES:  # so many periods that the sine is at its least wherever the cubic is
+            swing, numbers[4], count = abs(numbers[4]), 0.0, 0.0
+        t = np.linspace(0.0, t_end, 1000 + int(count))
         length, _, bend = (a[:, 0] for a in values(numbers[None], t))
+        length = length - swing
         low = ~(length > t[1] ** 2 / 8.0 * np.max(np.abs(bend)))  # by so much it may be less between two samples
         if np.any(low):
             first = int(np.argmax(low))

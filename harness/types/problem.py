@@ -9,7 +9,6 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from jaxtyping import Float
 
-from ..mechanics.moving_rows import check_lengths
 from ..mechanics.presentation import Presentation
 from ..mechanics.state import State, States, rotated
 from ..mechanics.system import MultibodySystem
@@ -100,7 +99,6 @@ class Problem:
 
     def __post_init__(self) -> None:
         if 0.0 < self.t_end < math.inf:
-            check_lengths(self.system, self.t_end)
             object.__setattr__(self, "system", classified(self.system, self.initial, self.t_end))
 
     def home(self, s: States) -> States:

@@ -64,7 +64,19 @@ def test_solvers_find_the_angle_and_the_tension(name: str, control: dict, off: f
 @pytest.mark.parametrize(("given", "when"), [({"amplitude": 1.0}, 0.752), ({"amplitude": 2.0, "t_end": 0.8}, 0.586)])
 def test_a_length_that_vanishes_is_refused(given: dict, when: float) -> None:
     """l + a sin(w t) with a = l vanishes at three quarters of a period; in one line with the time."""
-    said = r"the driven distance of joint 'rod' must be above 0 m up to t_end = .* s \(got -?[\d.e-]+ m at 0\.\d+ s\)"
+    end = f"{given.get('t_end', 10.0):g}"
+    said = (
+        rf"the driven distance of joint 'rod' must be above 0 m up to t_end = {end} s \(got -?[\d.e-]+ m at 0\.\d+ s\)"
+    )
     with pytest.raises(ValueError, match=said) as error:
         make_problem("pumped_pendulum", given)
     assert float(str(error.value).split(" at ")[1].split(" s")[0]) == pytest.approx(when, abs=0.01)
+
+
+@pytest.mark.parametrize("given", [{"amplitude": 2.0, "t_end": 0.5}, {"tuning": 1e6}])
+def test_a_length_that_stays_above_zero_is_taken(given: dict) -> None:
+    """A motion that ends before the length vanishes; a swing of a tenth of it, however fast, which has no reference."""
+    made = make_problem("pumped_pendulum", given)
+    assert ("tuning" in given) == (made.reference_from is None)
+    with pytest.raises(ValueError, match="must be above 0 m"):
+        make_problem("pumped_pendulum", {**given, "amplitude": 2.0, "t_end": 10.0})

@@ -188,7 +188,10 @@ def _step(model, blocks, k, step, s, t0, h):
                 for j in range(i + 1):
                     x += s.a[i + 1, j] * step.slope[j, b, a]
                 step.y[b, a] = step.y0[b, a] + h * x
-            if step.y[b, 3] ** 2 + step.y[b, 4] ** 2 + step.y[b, 5] ** 2 > math.pi**2:
+            turn = step.y[b, 3] ** 2 + step.y[b, 4] ** 2 + step.y[b, 5] ** 2
+            if not math.isfinite(turn):
+                return NOT_FINITE
+            if turn > math.pi**2:
                 return TURNED
             for a in range(3):
                 k.r[b, a] = step.y[b, a]

@@ -186,7 +186,7 @@ ENDS = {
     rkmk.UNDERFLOW: (Status.STEP_UNDERFLOW, "the error test asks for a step below the spacing of times"),
     rkmk.NOT_FINITE: (Status.DIVERGED, "the motion is no longer finite"),
     STUCK: (Status.STEP_UNDERFLOW, "the iteration of a step does not converge with this step"),
-    TURNED: (Status.STEP_UNDERFLOW, "a body turns by more than half a turn in this step"),
+    TURNED: (Status.STEP_UNDERFLOW, "a body turns by more than half a turn in this step, or would: take a shorter one"),
 }
 
 
