@@ -52,7 +52,7 @@ def read(path: Path) -> Mechanism:
         _without_looks(mj, spec)
         for body in spec.bodies:  # slender rods and point masses
             if body.explicitinertial and np.isnan(body.fullinertia[0]):
-                body.inertia = np.maximum(body.inertia, NO_INERTIA)
+                body.inertia = np.where(body.inertia == 0.0, NO_INERTIA, body.inertia)
         with warnings.catch_warnings():  # about motions, which are not MuJoCo's here
             warnings.simplefilter("ignore", UserWarning)
             model = spec.compile()

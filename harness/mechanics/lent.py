@@ -1,8 +1,7 @@
 """Inertia lent to bodies that have none about some axis, slender rods and point masses, so that M has an inverse.
 
 Where joints let such an axis turn (module ``zero_inertia``), a solver takes back what was lent: with M' = M + P it
-solves ``M' a - A^T lam = f + P a``, the a on the right from the pass before, until a no longer changes. What is lent is
-small beside the inertia that joints give, so a few passes do, and M itself is that of the result.
+solves ``M' a - A^T lam = f + P a`` by conjugate gradients with the factor of M', and M itself is that of the result.
 """
 
 from collections.abc import Callable
@@ -13,9 +12,11 @@ from jaxtyping import Bool, Float
 
 NONE = 1e-14  # of the largest principal inertia: what rounding leaves of none
 SHARE = 1e-2  # lent, of a rod's other principal inertias, of m arm^2 of a point mass
-PASSES = 100  # enough where what is lent is two thirds of the inertia
-ROUNDING = 1e-15  # of a, in its change
-STILL = 1e-9  # of a: below, a change that no longer falls is rounding, too
+ROUNDS = 3  # of conjugate gradients, the second from what rounding left of the first
+PASSES = 100  # in a round: more than any system here has axes without inertia that turn
+ROUNDING = 1e-15  # of a, in what is left
+STILL = 1e-9  # of a: less than that is rounding where M' is all that is lent
+SINGULAR = 1e-12  # of M', in M
 
 
 def principal(inertia: Float[np.ndarray, "nb 3 3"]) -> tuple[np.ndarray, np.ndarray, Bool[np.ndarray, "nb 3"]]:
@@ -43,15 +44,45 @@ def pushed(P: Float[np.ndarray, "nb 3 3"], a: Float[np.ndarray, "*nt nb 6"]) -> 
 def taken_back(
     solve: Callable[[Any], tuple[np.ndarray, Any]], push: Callable[[np.ndarray], np.ndarray]
 ) -> tuple[np.ndarray, Any]:
-    """(a, whatever comes with it) of ``solve(load)``, whose mass is M', at the load ``push(a)`` = P a."""
-    found, last = solve(0.0), np.inf
-    for _ in range(PASSES):
-        load = push(found[0])
-        if not np.any(load):
+    """(a, whatever comes with it) of ``solve(load)``, whose mass is M', at the load ``push(a)`` = P a, as (*nt, nb, m).
+
+    a - K a = solve(0), with K symmetric in the product x . P y: conjugate gradients, as many passes as P has rank, to
+    rounding. P need be positive only on changes that the joints allow, as in natural coordinates.
+    """
+    found = solve(0.0)
+    first = a = found[0]
+    if not np.any(push(a)):
+        return found
+    mixed = np.cos(1.0 + np.arange(a.shape[-1])) + 0.0 * a
+    idle = np.abs(_product(mixed, push(mixed))) * np.max(a**2, axis=(-2, -1), keepdims=True)
+    for n in range(ROUNDS):
+        found = solve(push(a))
+        left = p = found[0] - a
+        size = _product(left, push(left))
+        if not np.any(active := size > ROUNDING**2 * (idle + np.abs(_product(a, push(a))))):
             return found
-        new = solve(load)
-        change, size = (float(np.max(np.abs(a), initial=0.0)) for a in (new[0] - found[0], new[0]))
-        if not change > ROUNDING * size or last <= change < STILL * size:
-            return new
-        found, last = new, change
-    raise ArithmeticError("M is close to singular on the velocities that the joints allow")
+        much = size > STILL**2 * (idle + np.abs(_product(a, push(a))))
+        if n and not np.any(much):
+            return found
+        for _ in range(PASSES):
+            q = p - (solve(push(p))[0] - first)
+            along = _product(p, push(q))
+            turns = along > SINGULAR * _product(p, push(p))
+            if np.any(active & much & ~turns):
+                raise ArithmeticError("M is singular on the velocities that the joints allow")
+            active &= turns
+            share = np.divide(size, along, out=np.zeros_like(size), where=active)
+            a, left = a + share * p, left - share * q
+            new = _product(left, push(left))
+            active &= new > ROUNDING**2 * (idle + np.abs(_product(a, push(a))))
+            active &= much | (new < size)
+            much &= new > STILL**2 * (idle + np.abs(_product(a, push(a))))
+            if not np.any(active):
+                break
+            p = left + np.divide(new, size, out=np.zeros_like(size), where=active) * p
+            size = new
+    return solve(push(a))
+
+
+def _product(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    return np.sum(x * y, axis=(-2, -1), keepdims=True)

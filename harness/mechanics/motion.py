@@ -171,7 +171,10 @@ def drive_power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
         good = (
             np.all(np.isfinite(B), axis=(1, 2)) & np.all(np.isfinite(f), axis=(1, 2)) & np.all(np.isfinite(A_dot_v), 1)
         )
-        reaction = _reaction(system.taken_back, inverse, B[good], f[good], A_dot_v[good])
+        try:
+            reaction = _reaction(system.taken_back, inverse, B[good], f[good], A_dot_v[good])
+        except ArithmeticError:  # where a motion went wrong, lent inertia may be all there is
+            continue
         out[k + np.flatnonzero(good)] = -np.sum(reaction[:, push.row] * push.phi_t[good], axis=-1)
     return out
 

@@ -151,7 +151,8 @@ class MultibodySystem:
             np.maximum.at(arm, body, np.linalg.norm(s, axis=1))
         arm = arm[:-1]
         longest = float(max(np.max(arm, initial=0.0), np.max(self.joint_length, initial=0.0)))
-        return lent_inertia(self.mass, self.inertia, np.where(arm > 0.0, arm, longest or 1.0))
+        longest = longest or float(np.max(np.sqrt(np.einsum("bii->b", self.inertia) / (2.0 * self.mass)))) or 1.0
+        return lent_inertia(self.mass, self.inertia, np.where(arm > 0.0, arm, longest))
 
     @property
     def taken_back(self) -> Float[np.ndarray, "nb 3 3"]:

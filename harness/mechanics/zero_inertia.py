@@ -23,10 +23,12 @@ from .lent import principal
 from .motion import applied
 from .state import State, States
 from .system import MultibodySystem
+from .time_functions import ONE
 
 TURNS = 1e-6  # share of a velocity in n . Omega, by lent inertia: below, that adds less than 1e-12 to the inertia there
 ACTS = 1e-9  # of a row of A, or of the loads: below, none acts about n
 REGULAR = 1e-9  # of M' on the velocities that A allows: below, M is singular there
+NOISE = 1e-9  # of a direction, in its words
 MOST_BODIES = 300  # a null space of their 1,800 velocities takes seconds, five of them are computed
 NEARBY = (0.1, 0.01)  # sizes of ``perturbed``: the second where a mechanism does not go as far as the first
 PLACES = (0.0, 0.21, 0.55, 1.0)  # in the simulated time: loads and drives may be functions of it
@@ -35,7 +37,7 @@ PLACES = (0.0, 0.21, 0.55, 1.0)  # in the simulated time: loads and drives may b
 def classified(system: MultibodySystem, start: State, t_end: float) -> MultibodySystem:
     """``system`` with what is to be taken back of the inertia lent; ValueError where no motion is defined."""
     _, axes, none = principal(system.inertia)
-    if system.coupled is not None or not np.any(none) or not _can_be_looked_at(system, start):
+    if not np.any(none) or not _can_be_looked_at(system, start):
         return system
     found = [_Allowed(system, s, axes, none, t_end) for s in (start, *_nearby(system, start, t_end))]
     lent, coupled, directions = system.lent, np.zeros((system.nb, 3, 3)), {}
@@ -86,9 +88,11 @@ def coupled_axis(system: MultibodySystem) -> str | None:
 def _nearby(system: MultibodySystem, start: State, t_end: float) -> list[State]:
     """Consistent states about the start, where drives have them at other times, too."""
     out, driven = [], bool(np.any(system.joint_motion))
-    for seed, place in enumerate(PLACES if system.nrows else (), 1):
+    for seed, place in enumerate(PLACES, 1):
         for size in NEARBY:
             then = dataclasses.replace(start, t=start.t + driven * size / NEARBY[0] * place * t_end)
+            if not (np.any(start.v) or np.any(start.Omega) or np.any(system.gravity)):  # dampers pull on what moves
+                then = dataclasses.replace(then, Omega=np.full((system.nb, 3), 1.0 / t_end))
             try:
                 out.append(perturbed(system, then, size, seed))
                 break
@@ -113,11 +117,18 @@ class _Allowed:
         B /= np.where(length > 0.0, length, 1.0)[:, None]
         driven = np.repeat(np.any(system.joint_motion != 0.0, axis=1), system.joint_rows)
         self._x, self._undriven = (_null_space(rows).reshape(nb, 6, -1) for rows in (B, B[~driven]))
-        loads = np.concatenate([applied(system, States.one(s).timed(np.array([s.t + c * t_end]))) for c in PLACES])
-        largest = np.max(np.linalg.norm(loads[:, :, :3], axis=2)) * np.max(system.gyration) + np.max(
-            np.abs(loads[:, :, 3:])
+        spun = dataclasses.replace(s, Omega=s.Omega + np.einsum("bij,bj->bi", axes, none * (1.0 / t_end)))
+        steady = dataclasses.replace(system, load_factor=np.tile(ONE, (len(system.load_i), 1)))
+        loads = np.concatenate(
+            [applied(system, States.one(x).timed(np.array([s.t + c * t_end]))) for x in (s, spun) for c in PLACES]
+            + [applied(steady, States.one(s))]
         )
-        torques = np.einsum("tbi,bij->tbj", loads[:, :, 3:], axes) / (largest or 1.0)
+        if not np.all(np.isfinite(loads)):
+            b = int(np.argmax(~np.all(np.isfinite(loads), axis=(0, 2))))
+            raise ValueError(f"the loads on body {system.body_names[b]!r} must be finite numbers about the start")
+        own = np.max(np.linalg.norm(loads[:, :, :3], axis=2) * system.gyration, axis=0)
+        own += np.max(np.abs(loads[:, :, 3:]), axis=(0, 2))
+        torques = np.einsum("tbi,bij->tbj", loads[:, :, 3:], axes) / np.where(own > 0.0, own, 1.0)[:, None]
         self.acts = np.concatenate((B.reshape(len(B), nb, 6)[:, :, 3:], torques))
 
     def turns(self, b: int) -> Float[np.ndarray, "k d"]:
@@ -153,4 +164,5 @@ def _null_space(B: Float[np.ndarray, "nrows n"]) -> Float[np.ndarray, "n d"]:
 
 def _about(system: MultibodySystem, b: int, n: np.ndarray) -> str:
     n = n / n[np.argmax(np.abs(n))]
+    n = np.where(np.abs(n) < NOISE, 0.0, n)
     return f"body {system.body_names[b]!r} has no inertia about ({', '.join(f'{x:.3g}' for x in n + 0.0)}) of its frame"

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
+from ..mechanics import lent
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
 from ..types import Problem, Reference
@@ -102,7 +103,7 @@ def computed(problem: Problem) -> ComputedReference | None:
 
 
 def _key(problem: Problem) -> str:
-    """Digest of the system, the start, the time, and the code of this room: what is kept cannot go stale."""
+    """Digest of the system, the start, the time, and the code of this room with what its routes share: none goes stale."""
     digest = hashlib.sha256(_code())
     digest.update(repr((problem.t_end, BUDGET)).encode())
     s, start = problem.system, problem.initial
@@ -114,7 +115,8 @@ def _key(problem: Problem) -> str:
 
 @cache
 def _code() -> bytes:
-    return b"".join(f.read_bytes() for f in sorted(Path(__file__).parent.glob("*.py")))
+    here = sorted(Path(__file__).parent.glob("*.py"))
+    return b"".join(f.read_bytes() for f in (*here, Path(lent.__file__)))
 
 
 @dataclass

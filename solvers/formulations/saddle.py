@@ -5,6 +5,8 @@ narrow band for chains and grids, and one LAPACK pbtrf costs O(k band^2). S is p
 are independent; when they cease to be, the factorisation says so.
 """
 
+from functools import partial
+
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float
@@ -100,12 +102,16 @@ class Saddle:
             lam = self._solve_S(factor, self._A.times(A, free) - c)
             return np.matmul(blocks, (self._A.transposed_times(A, lam) - less).reshape(-1, 6, 1)).ravel(), lam
 
+        def by_bodies(u_dot: np.ndarray, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            return u_dot.reshape(-1, 6), lam
+
         if P is None:
             return solve(0.0)
         try:
-            return taken_back(solve, lambda u_dot: pushed(P, u_dot.reshape(-1, 6)))
+            u_dot, lam = taken_back(lambda load: by_bodies(*solve(load)), partial(pushed, P))
         except ArithmeticError as error:
             raise StepFailure(Status.SINGULAR, str(error)) from None
+        return u_dot.ravel(), lam
 
     def _factor(self, blocks: np.ndarray, A: np.ndarray) -> np.ndarray:
         S = self._S.data(self.A_inverse_mass.data(A, blocks.ravel()), A[self._At_order])

@@ -3,14 +3,15 @@
 import numpy as np
 from numba import njit
 
-from ...vectors import INNER, JIT, copy, turn, turned_by
+from ...vectors import INNER, JIT, copy, dot, turn, turned_by
 from .cholesky import factorise, solve
 from .forces import add_gyroscopic, applied
 from .products import add_rows_back, clear, minus_rates, times_inverse_mass, times_rows
 from .room import HOT
 from .rows import rows
 
-PASSES, ROUNDING = 100, 1e-15  # as in ``mechanics.lent``; here, since compiled code is keyed by this folder's files
+# as in ``mechanics.lent``; here, since compiled code is keyed by this folder's files
+ROUNDS, PASSES, ROUNDING, STILL, SINGULAR = 3, 100, 1e-15, 1e-9, 1e-12
 
 
 @njit(**HOT)
@@ -30,34 +31,74 @@ def _index_1(model, blocks, k):
 
 @njit(**INNER)
 def _take_back(model, blocks, k):
-    """``v_dot`` and ``lam`` of M instead of M' = M + P: M' v_dot - A^T lam = f + P v_dot, by changes that fall to
-    rounding; NaN where they do not (module ``mechanics.lent``).
+    """``v_dot`` and ``lam`` of M instead of M' = M + P: M' v_dot - A^T lam = f + P v_dot, by conjugate gradients in the
+    product x . P y of angular accelerations; NaN where M is singular (module ``mechanics.lent``).
     """
-    copy(k.v_dot, k.change)
-    for _ in range(PASSES):
+    x, left, p = k.spun, k.left, k.toward
+    for b in range(len(model.mass)):
+        for a in range(3):
+            x[b, a] = k.v_dot[b, 3 + a]
+    for n in range(ROUNDS + 1):
+        _answer(model, blocks, k, x)
         for b in range(len(model.mass)):
-            T = turn(model.coupled[b], k.change[b, 3:])
             for a in range(3):
-                k.change[b, a], k.change[b, 3 + a] = 0.0, T[a]
-        times_inverse_mass(model, k.change)
-        for a in range(len(k.rhs)):
-            k.rhs[a] = 0.0
-        times_rows(model, k, k.change, -1.0, k.rhs)
-        solve(blocks, k, k.rhs)
-        add_rows_back(model, k, k.rhs, k.change)
-        change = size = 0.0
-        for b in range(len(model.mass)):
-            for a in range(6):
-                k.v_dot[b, a] += k.change[b, a]
-                if a >= 3:
-                    change, size = max(change, abs(k.change[b, a])), max(size, abs(k.v_dot[b, a]))
-        for a in range(len(k.lam)):
-            k.lam[a] += k.rhs[a]
-        if not change > ROUNDING * size:
-            return
+                left[b, a] = k.v_dot[b, 3 + a] + k.change[b, 3 + a] - x[b, a]
+        size = _product(model, left, left)
+        if n == ROUNDS or not size > (STILL if n else ROUNDING) ** 2 * _product(model, x, x):
+            break
+        copy(left, p)
+        for _ in range(PASSES):
+            _answer(model, blocks, k, p)
+            for b in range(len(model.mass)):
+                for a in range(3):
+                    k.change[b, a] = p[b, a] - k.change[b, 3 + a]
+            along = _product(model, p, k.change)
+            if not along > SINGULAR * _product(model, p, p):
+                if size > STILL**2 * _product(model, x, x):
+                    k.v_dot[0, 0] = np.nan
+                break
+            share = size / along
+            for b in range(len(model.mass)):
+                for a in range(3):
+                    x[b, a] += share * p[b, a]
+                    left[b, a] -= share * k.change[b, a]
+            new = _product(model, left, left)
+            reached = _product(model, x, x)
+            if not new > ROUNDING**2 * reached or not (new < size or size > STILL**2 * reached):
+                break
+            for b in range(len(model.mass)):
+                for a in range(3):
+                    p[b, a] = left[b, a] + new / size * p[b, a]
+            size = new
     for b in range(len(model.mass)):
         for a in range(6):
-            k.v_dot[b, a] = np.nan
+            k.v_dot[b, a] += k.change[b, a]
+    for a in range(len(k.lam)):
+        k.lam[a] += k.rhs[a]
+
+
+@njit(**INNER)
+def _answer(model, blocks, k, x):
+    """``change`` and ``rhs``: what the load P x adds to ``v_dot`` and ``lam``."""
+    for b in range(len(model.mass)):
+        T = turn(model.coupled[b], x[b])
+        for a in range(3):
+            k.change[b, a], k.change[b, 3 + a] = 0.0, T[a]
+    times_inverse_mass(model, k.change)
+    for a in range(len(k.rhs)):
+        k.rhs[a] = 0.0
+    times_rows(model, k, k.change, -1.0, k.rhs)
+    solve(blocks, k, k.rhs)
+    add_rows_back(model, k, k.rhs, k.change)
+
+
+@njit(**INNER)
+def _product(model, x, y):
+    """x . P y"""
+    out = 0.0
+    for b in range(len(model.mass)):
+        out += dot(x[b], turn(model.coupled[b], y[b]))
+    return out
 
 
 @njit(**HOT)

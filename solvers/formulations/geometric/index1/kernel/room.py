@@ -32,7 +32,12 @@ class Kernel(NamedTuple):
     rhs: np.ndarray  # (nrows,)
     diagonal: np.ndarray  # (nrows,) of S, what its pivots are compared with
     line: np.ndarray  # (6, 3) of a spring
-    change: np.ndarray  # (nb, 6) of v_dot, while lent inertia is taken back
+    change: (
+        np.ndarray
+    )  # (nb, 6) of v_dot, while lent inertia is taken back; the angular accelerations that it is sought by
+    spun: np.ndarray  # (nb, 3)
+    left: np.ndarray  # (nb, 3)
+    toward: np.ndarray  # (nb, 3)
 
 
 def empty_kernel(model: Model) -> tuple[Kernel, Blocks]:
@@ -47,5 +52,6 @@ def empty_kernel(model: Model) -> tuple[Kernel, Blocks]:
         force=np.zeros((nb, 6)), X=np.zeros((nj, 2, WIDTH, 3)), Y=np.zeros((nj, 2, WIDTH, 3)), way=way,
         L=np.zeros((len(blocks.other), WIDTH, WIDTH)), gamma=np.zeros(nr), phi=np.zeros(nr), lam=np.zeros(nr),
         rhs=np.zeros(nr), diagonal=np.zeros(nr), line=np.zeros((6, 3)), change=np.zeros((nb, 6)),
+        spun=np.zeros((nb, 3)), left=np.zeros((nb, 3)), toward=np.zeros((nb, 3)),
     )  # fmt: skip
     return room, blocks
