@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -59,6 +59,9 @@ class Line:
     good: bool | None = None
 
 
+Run = TypeVar("Run", RunRecord, RunSpec)
+
+
 def first_runs(solver: str, wall: float) -> list[RunSpec]:
     """All but the long one."""
     control = registry.solvers()[solver].control
@@ -74,6 +77,9 @@ def first_runs(solver: str, wall: float) -> list[RunSpec]:
     base = {"dt": 0.01} if control == "dt" else {"rtol": 1e-6}
     finer = {"dt": 0.005} if control == "dt" else {"rtol": 1e-7}
     out += [_spec(solver, "four_bar_grid", LOOP, c, "symmetries", wall) for c in (base, finer)]
+    if control == "dt" and (tolerance := registry.solvers()[solver].parameters.get("tolerance")):
+        tenth = {"tolerance": float(f"{0.1 * tolerance[0]:.6g}")}  # what the bound on symmetries is made of
+        out.append(_spec(solver, "four_bar_grid", LOOP, base, "symmetries", wall, tenth))
     changed: tuple[Mapping[str, Any], ...] = ({"perturb": 1e-8}, *PRESENTED)
     out += [_spec(solver, "four_bar_grid", {**LOOP, **p}, base, "symmetries", wall) for p in changed]
     for links in LINKS:
@@ -101,28 +107,38 @@ def long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSp
 
 def orders(solver: str, folder: Path, records: Sequence[RunRecord]) -> Sequence[Order]:
     """The certificates of its ladders that can be measured."""
-    return [o for o in certify(folder, _mine(solver, records, "ladder")) if not o.status]
+    return [o for o in certify(folder, _mine(solver, records, "ladder")) if o.is_measured]
 
 
-def findings(solver: str, folder: Path, records: Sequence[RunRecord], found: Sequence[Order]) -> Iterator[Line]:
-    """All lines, in the order of the page; ``found`` are its ``orders``."""
+def findings(
+    solver: str, folder: Path, records: Sequence[RunRecord], found: Sequence[Order], left: Sequence[RunSpec] = ()
+) -> Iterator[Line]:
+    """All lines, in the order of the page; ``found`` are its ``orders``, ``left`` what the budget left out."""
+    ladder, rest = _mine(solver, records, "ladder"), _mine(solver, left, "ladder")
     yield from _problems(_mine(solver, records, "problems"))
-    yield from _orders(found, _mine(solver, records, "ladder"))
-    yield _energy(solver, records, folder)
-    yield from _laws(_mine(solver, records, "problems"), _mine(solver, records, "ladder"))
-    yield from _work(solver, records)
-    yield from _symmetries(solver, records, folder)
-    yield _growth(_mine(solver, records, "growth"))
+    yield from _orders(found, ladder, rest)
+    yield _energy(solver, records, folder, left)
+    yield from _laws(_mine(solver, records, "problems"), ladder, rest)
+    yield from _work(solver, records, left)
+    yield from _symmetries(solver, records, folder, left)
+    yield _growth(_mine(solver, records, "growth"), _mine(solver, left, "growth"))
 
 
 def _spec(
-    solver: str, problem: str, parameters: Mapping[str, Any], control: Mapping[str, Any], label: str, wall: float
-) -> RunSpec:
-    return make_spec(made(problem, parameters), solver, None, control, label=label, wall_limit=wall)
+    solver: str, problem: str, parameters: Mapping[str, Any], control: Mapping[str, Any], label: str, wall: float,
+    options: Mapping[str, Any] | None = None,
+) -> RunSpec:  # fmt: skip
+    return make_spec(made(problem, parameters), solver, options, control, label=label, wall_limit=wall)
 
 
-def _mine(solver: str, records: Sequence[RunRecord], label: str) -> list[RunRecord]:
-    return [r for r in records if r.solver == solver and r.label == label]
+def _mine(solver: str, runs: Sequence[Run], label: str) -> list[Run]:
+    return [r for r in runs if r.solver == solver and r.label == label]
+
+
+def _cut(left: int, run: int) -> str:
+    if not run:
+        return "not determined: no run of it within the budget"
+    return f"not determined: {left} of {left + run} runs of it are left out by the budget"
 
 
 def _problems(runs: Sequence[RunRecord]) -> Iterator[Line]:
@@ -136,13 +152,16 @@ def _problems(runs: Sequence[RunRecord]) -> Iterator[Line]:
         yield Line(f"{r.problem}, {r.t_end_s:g} s", f"{r.status}{said}{until}", "success, or a reason", good)
 
 
-def _orders(found: Sequence[Order], ladder: Sequence[RunRecord]) -> Iterator[Line]:
+def _orders(found: Sequence[Order], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Line]:
     for name in LADDERS:
-        yield from _order([o for o in found if o.problem == name], [r for r in ladder if r.problem == name])
+        yield from _order([o for o in found if o.problem == name])
+        if not any(o.problem == name for o in found):
+            rungs = [r for r in ladder if r.problem == name]
+            yield _no_order(f"order, {name}", rungs, sum(s.problem == name for s in left))
 
 
-def _order(found: Sequence[Order], ladder: Sequence[RunRecord]) -> Iterator[Line]:
-    """Of one problem; nothing where no rung was run."""
+def _order(found: Sequence[Order]) -> Iterator[Line]:
+    """Of one problem."""
     for o in found:
         if o.quantity not in ("position", "orientation", "energy", "reaction"):
             continue
@@ -152,14 +171,13 @@ def _order(found: Sequence[Order], ladder: Sequence[RunRecord]) -> Iterator[Line
             yield Line(f"order, {o.problem}, {o.quantity}", f"{interval} in the {o.against}{rate}")
         else:
             yield Line(f"order, {o.problem}, {o.quantity}", interval, f"{o.declared:g} declared", _kept(o))
-    if ladder and not found:
-        yield _no_order(ladder)
 
 
-def _no_order(ladder: Sequence[RunRecord]) -> Line:
+def _no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Line:
     """Too slow only where every rung that did not end was; else the rungs that failed say why."""
     ends = Counter(str(r.status or "unknown") for r in ladder if r.status not in ENDED)
-    what = f"order, {ladder[0].problem}"
+    if not ladder or (left and not ends):
+        return Line(what, _cut(left, len(ladder)), "a ladder")
     if set(ends) == {Status.STALLED}:
         return Line(what, "not determined: the runs were too slow for the budget", "a ladder")
     words = ", ".join(f"{n} {status}" for status, n in sorted(ends.items()))
@@ -174,10 +192,11 @@ def _kept(o: Order) -> bool | None:
     return o.verdict not in ("below declared",)
 
 
-def _energy(solver: str, records: Sequence[RunRecord], folder: Path) -> Line:
+def _energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec]) -> Line:
     runs = _mine(solver, records, "long")
     if not runs:
-        return Line("energy over many periods", f"not said: {PERIODS} periods would take longer than the budget")
+        words = _cut(1, 0) if left else f"not said: {PERIODS} periods would take longer than the budget"
+        return Line("energy over many periods", words)
     (d,) = anatomy(folder, runs)[:1]
     if not d.periods:
         return Line("energy over many periods", f"{d.verdict}: {'; '.join(why(runs[0])) or 'no periods'}", good=None)
@@ -186,23 +205,26 @@ def _energy(solver: str, records: Sequence[RunRecord], folder: Path) -> Line:
     return Line("energy over many periods", words + trend)
 
 
-def _laws(runs: Sequence[RunRecord], ladder: Sequence[RunRecord]) -> Iterator[Line]:
+def _laws(runs: Sequence[RunRecord], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Line]:
     moved = [r for r in runs if r.steps and r.phi_limit_m > 0.0]
     if moved:
         worst = max(moved, key=lambda r: r.phi_max / r.phi_limit_m)
         words = f"{worst.phi_max:.2g} m, {worst.phi_dot_max:.2g} m/s ({worst.problem})"
         kept = worst.phi_max <= worst.phi_limit_m
         yield Line("largest |phi|, |phi_dot|", words, f"|phi| at most {worst.phi_limit_m:.2g} m", kept)
-    known = [r for r in ladder if math.isfinite(r.reaction_size_N) and r.claimed == Status.SUCCESS]
+    done = [r for r in ladder if r.claimed == Status.SUCCESS]
+    known = [r for r in done if math.isfinite(r.reaction_size_N)]
     if not known:
-        yield Line("reactions", "none returned: not judged")
+        none = "none returned: not judged" if done else "not determined: no run of the ladders succeeded"
+        yield Line("reactions", none if ladder else _cut(len(left), 0))
         return
     r = min(known, key=lambda r: r.reaction_error_max_N / r.reaction_size_N)
     share = r.reaction_error_max_N / r.reaction_size_N
-    yield Line("reactions at the finest setting", f"off by {100.0 * share:.2g} %", "5 %", share <= 0.05)
+    good = True if share <= 0.05 else None if left else False  # a finer setting may have been left out
+    yield Line("reactions at the finest setting", f"off by {100.0 * share:.2g} %", "5 %", good)
 
 
-def _work(solver: str, records: Sequence[RunRecord]) -> Iterator[Line]:
+def _work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Line]:
     for name in LADDERS:
         sound = [r for r in records if r.label == "ladder" and r.problem == name and r.status == Status.SUCCESS]
         mine = [r for r in sound if r.solver == solver]
@@ -217,7 +239,9 @@ def _work(solver: str, records: Sequence[RunRecord]) -> Iterator[Line]:
             if 0.0 < operations(best) < math.inf and math.isfinite(operations(r)):
                 words += f", {operations(r) / operations(best):.2g} of the evaluations"
         else:
-            words += "; none of " + ", ".join(FIELD) + " comes as near"
+            cut = {s.solver for s in left if s.label == "ladder" and s.problem == name}  # they might have come nearer
+            whole = [who for who in FIELD if who != solver and who not in cut]
+            words += f"; none of {', '.join(whole)} comes as near" if whole else ""
         yield Line(f"work, {name}", words)
 
 
@@ -225,22 +249,28 @@ def _time(r: RunRecord) -> str:
     return f"{r.cpu_median_s:.2g} s" if r.cpu_median_s > CLOCK else f"less than {1e3 * CLOCK:g} ms"
 
 
-def _symmetries(solver: str, records: Sequence[RunRecord], folder: Path) -> Iterator[Line]:
-    found = scorecard(folder, _mine(solver, records, "symmetries"))
+def _symmetries(
+    solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec] = ()
+) -> Iterator[Line]:
+    runs, rest = _mine(solver, records, "symmetries"), len(_mine(solver, left, "symmetries"))
+    found, expected = scorecard(folder, runs), "frames, mirror, units, numbering, time"
+    if not found:
+        yield Line("symmetries", _cut(rest, len(runs)), expected)
+        return
     for s in found:
         if s.verdict in ("broken", "failed"):
             off = "" if math.isnan(s.deviation) else f", {s.deviation:.2g} m"
             yield Line(f"symmetry: {s.title}", f"{s.verdict}{off} {s.message}", f"at most {s.bound:.2g} m", good=False)
     kept = sum(s.verdict == "holds" for s in found)
-    yield Line(
-        "symmetries", f"{kept} of {len(found)} hold", "frames, mirror, units, numbering, time", bool(found) or None
-    )
+    yield Line("symmetries", f"{kept} of {len(found)} hold", expected, good=True)
 
 
-def _growth(runs: Sequence[RunRecord]) -> Line:
+def _growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Line:
     done = sorted(
         (json.loads(r.problem_parameters).get("links", 15), r.cpu_median_s / r.steps) for r in runs if r.steps
     )
+    if len(done) < 3 and left:
+        return Line("cost of a step in bodies", _cut(len(left), len(runs)))
     if len(done) < 3:
         return Line("cost of a step in bodies", "not said: too few chains came to their end, or all in no time")
     x, y = np.log(np.maximum(np.array(done[-3:], dtype=float), 1e-9)).T

@@ -31,15 +31,18 @@ COLUMNS = (
 )  # fmt: skip
 
 LADDERS = (
-    Column("problem", fold=True, least=16), Column("solver", fold=True, least=16), Column("order"),
+    Column("problem", fold=True, least=16), Column("solver", fold=True, least=16),
+    Column("quantity", rank=2, right=False), Column("order"),
     Column("declared", rank=1), Column("verdict", right=False), Column("why", fold=True, least=30),
 )  # fmt: skip
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    words = "judge the paper's claims; exit code 1 if a verdict differs from the published one"
-    p = subcommand(commands, "judge", run, words, "the claims with their verdicts and maps")
+    words = (
+        "judge the paper's claims; exit code 1 if a claim's verdict differs from the published; orders are only shown"
+    )
+    p = subcommand(commands, "judge", run, words, "the claims with their verdicts and maps, and the orders in dt")
     add_results(p)
     p.add_argument("--partial", action="store_true", help="judge results that lack runs, on claims that they touch")
     p.add_argument("--publish", action="store_true", help="write the verdicts of a whole run to results/published/ too")
@@ -66,15 +69,16 @@ def run(arguments: argparse.Namespace) -> int:
     write(folder / FOLDER, judged)
     lacking = {c.id for c in judged["claims"] if any(m.gap is Gap.RUNS for m in c.missing)}
     changed = [c for c in changes(before, judged["claims"]) if c.id not in lacking] if before is not None else []
+    orders = of_motion(judged.get(ORDERS.name, ()))
     if arguments.json:
-        lines().print(as_text(judged["claims"]), end="")
+        lines().print(as_text({"claims": judged["claims"], "orders": orders}), end="")
     else:
         here = {r.settings_id for r in loaded.records}
         touched = [c for c in judged["claims"] if not arguments.partial or here.intersection(c.settings_ids)]
         if touched:
             few = len(lacking.intersection(c.id for c in touched))
             show(touched, changed, before is not None, arguments.publish, few)
-        show_orders(of_motion(judged.get(ORDERS.name, ())))
+        show_orders(orders)
         if others := len(judged["claims"]) - len(touched):
             lines().print(f"{others} of {len(judged['claims'])} claims are about other runs")
     if arguments.publish:
@@ -113,7 +117,7 @@ def show_orders(orders: Sequence[Order]) -> None:
     from ...reports.pages.judged.orders import words
 
     rest = [o for o in orders if o.verdict != "certified"]
-    rows = [(o.variant, o.case, f"{o.order:.2f}" if o.order == o.order else "", f"{o.declared:g}",
+    rows = [(o.variant, o.case, o.quantity, f"{o.order:.2f}" if o.order == o.order else "", f"{o.declared:g}",
              Text(o.verdict, "bold red" if o.verdict == "below declared" else ""), words(o)) for o in rest]  # fmt: skip
     if orders:
         counts = Counter(o.verdict for o in orders)

@@ -27,7 +27,7 @@ COLUMNS = (
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    words = "run a solver on everything: problems, orders, energy, work, symmetries; exit code 1 where it falls short"
+    words = "run a solver on problems, ladders, loops and chains; exit code 1 where it falls short or runs are left out"
     p = subcommand(commands, "try", run, words, "one object a line")
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
     p.add_argument(
@@ -41,7 +41,7 @@ def add(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 if nothing falls short."""
+    """0 if nothing falls short and nothing is left out."""
     budget = above(arguments.budget, "--budget", unit=" [s]")
     plugins, names = named(arguments.file)
     own = [n for n in names if n in registry.solvers()]
@@ -57,26 +57,31 @@ def run(arguments: argparse.Namespace) -> int:
     suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins, total_limit=budget)
     with progress(quiet=arguments.json, size=size, resumable=False) as watcher:
         loaded = run_suite(Request(suite, folder, size), watcher)
-    left = budget - (time.monotonic() - watcher.begun)
-    if (long := assessment.long_run(solver, loaded.records, min(budget / 3.0, left / 2.0))) is not None:
-        suite = replace(suite, specs=(*specs, long), total_limit=left)
+    rest = budget - (time.monotonic() - watcher.begun)
+    if (long := assessment.long_run(solver, loaded.records, min(budget / 3.0, rest / 2.0))) is not None:
+        suite = replace(suite, specs=(*specs, long), total_limit=rest)
         with progress(quiet=arguments.json, size=size, resumable=False) as watcher:
             run_suite(Request(suite, folder, size, resume=True), watcher)
     records = [r for r in store.load(folder).records if r.ended_by != EndedBy.TOTAL_LIMIT]
     orders = assessment.orders(solver, folder, records)
-    found = list(assessment.findings(solver, folder, records, orders))
-    if missing := len(suite.specs) - len(records):
-        words = f"{missing} of {len(suite.specs)} runs ended or left out when {budget:g} s were over"
+    done = {r.settings_id for r in records}
+    left = [s for s in suite.specs if s.settings_id not in done]
+    found = list(assessment.findings(solver, folder, records, orders, left))
+    summary = _summary(solver, found)
+    if left:
+        share = f"{len(left)} of {len(suite.specs)} runs"
+        summary += f"; incomplete: {share} are left out by the budget"
+        words = f"{share} ended or left out when {budget:g} s were over"
         found.insert(0, assessment.Line("budget", words, "all runs; a longer --budget"))
     if arguments.json:
         for line in found:
             print_json(vars(line))
     else:
-        print_table(COLUMNS, [_row(line) for line in found], _summary(solver, found))
+        print_table(COLUMNS, [_row(line) for line in found], summary)
     if arguments.html:
         from ...reports.tried import Tried, write_page
 
-        write_page(Path(arguments.html), folder, Tried(solver, _summary(solver, found), found, orders))
+        write_page(Path(arguments.html), folder, Tried(solver, summary, found, orders))
         if not arguments.json:
             lines().print(f"page: {arguments.html}")
     place = f"results: {folder}"
@@ -86,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
         place = f"report: {build(folder)}"
     if not arguments.json:
         lines().print(place)
-    return 1 if any(line.good is False for line in found) else 0
+    return 1 if left or any(line.good is False for line in found) else 0
 
 
 def _row(line: assessment.Line) -> list[Text | str]:

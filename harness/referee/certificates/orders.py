@@ -63,6 +63,10 @@ def _speed(r: RunRecord) -> float:
     return r.speed_scale_m_per_s
 
 
+WORST: tuple[OrderVerdict, ...] = (  # of two quantities the one that comes first here is the ladder's
+    "below declared", "not measured", "refused", "undecided", "above declared", "measured", "certified", "floor",
+    "exact",
+)  # fmt: skip
 QUANTITIES = (
     Quantity("position", "r", "m", "position_error_max_m", _length, _own, 0.3),
     Quantity("orientation", "R", "rad", "orientation_error_max_rad", lambda r: 1.0,
@@ -85,12 +89,12 @@ def certify(folder: Path, records: Iterable[RunRecord]) -> tuple[Order, ...]:
 
 
 def of_motion(orders: Iterable[Order]) -> list[Order]:
-    """One a ladder of fixed steps: of positions, or of orientations where no step changes the error of positions."""
+    """One a ladder of fixed steps: the worse of positions and orientations, of positions where both are alike."""
     ladders: dict[tuple[str, str], list[Order]] = {}
     for o in orders:
         if o.against == "dt" and o.quantity in ("position", "orientation"):
             ladders.setdefault((o.variant, o.case), []).append(o)
-    return [next((o for o in own if o.verdict not in ("exact", "floor")), own[0]) for own in ladders.values()]
+    return [min(own, key=lambda o: WORST.index(o.verdict)) for own in ladders.values()]
 
 
 def _ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
@@ -106,27 +110,29 @@ def _ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
 
 
 def _certificates(run: Sequence[RunRecord]) -> list[Order]:
-    """Of all quantities; where none can be measured, one that says why."""
+    """Of all quantities that can be measured; of the first, positions, also where it cannot, with the reason."""
     found = [o for q in QUANTITIES if (o := _certificate(run, q)) is not None]
-    return [o for o in found if not o.status] or found[:1]
+    return [o for k, o in enumerate(found) if k == 0 or o.is_measured]
 
 
 def _certificate(run: Sequence[RunRecord], q: Quantity) -> Order | None:
     done = [r for r in run if r.claimed == Status.SUCCESS and math.isfinite(q.of(r)) and r.steps > 0]
-    ended = [] if len(done) > FEWEST else [r for r in run if r not in done]  # too few are left: what the others said
+    failed = [r for r in run if r.claimed != Status.SUCCESS or not r.steps > 0]
+    few = len(done) <= FEWEST
+    ended = failed[-1:] if few else []  # what it said
     first, fixed = run[0], run[0].control == "dt"
     scale = max((q.scale(r) for r in done), default=math.nan)
     errors = [q.of(r) for r in done]
     steps = [r.dt_s if fixed else r.t_reached_s / r.steps for r in done]
     good = [q.own(r) < e < q.most * scale and not _cut(r) for r, e in zip(done, errors, strict=True)]
-    fit, rate = (NOTHING, NOTHING) if ended else _fitted(done, steps, errors, good, scale, fixed)
-    if not any(errors) and not ended and math.isnan(first.declared_order):
+    fit, rate = (NOTHING, NOTHING) if few else _fitted(done, steps, errors, good, scale, fixed)
+    if not any(errors) and not few and math.isnan(first.declared_order):
         return None  # a quantity that does not move
-    notes = {Note.NO_SCALE: math.isnan(scale) and not ended}
+    notes = {Note.NO_SCALE: math.isnan(scale) and not few}
     if fit.kind != "exact":
         notes[Note.CUT] = any(_cut(r) for r in done)
         notes[Note.UNRESOLVED] = any(errors) and any(e <= q.own(r) for r, e in zip(done, errors, strict=True))
-    refused = bool(ended) and all(r.claimed == Status.REFUSED for r in run)
+    refused = few and all(r.claimed == Status.REFUSED for r in run)
     variant, *words = first.case.split(" ")
     of_good = iter(fit.used)
     return Order(
@@ -136,8 +142,9 @@ def _certificate(run: Sequence[RunRecord], q: Quantity) -> Order | None:
         dt=tuple(steps), error=tuple(errors), used=tuple(g and next(of_good, False) for g in good), floor=fit.floor,
         rtol=() if fixed else tuple(r.rtol for r in done),
         exponent=rate.order, exponent_low=rate.low, exponent_high=rate.high,
-        verdict=("refused" if refused else "not measured") if ended else _verdict(fit, first.declared_order, fixed),
-        fit=fit.kind, slopes=fit.left if any(fit.used) else fit.slopes, unfinished=len(run) - len(done),
+        verdict=("refused" if refused else "not measured") if few else _verdict(fit, first.declared_order, fixed),
+        fit=fit.kind, slopes=fit.left if any(fit.used) else fit.slopes, unfinished=len(failed),
+        unmeasured=len(run) - len(failed) - len(done),
         notes=tuple(n for n, there in notes.items() if there), t_end_s=first.t_end_s,
         settings_ids=tuple(r.settings_id for r in done), status=ended[-1].status if ended else "",
         message=ended[-1].message if ended else "",

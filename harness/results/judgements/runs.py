@@ -55,12 +55,18 @@ class Order(Asked, frozen=True):
     verdict: OrderVerdict
     fit: FitKind
     slopes: tuple[float, ...]  # those finer than the points used; all where no range of steps was found
-    unfinished: int  # runs of the ladder without an error
+    unfinished: int  # runs of the ladder that did not succeed
     notes: tuple[Note, ...]
     t_end_s: float
     settings_ids: tuple[str, ...]
-    status: str = ""  # of the finest run without an error, and its message
+    status: str = ""  # of the finest run that did not succeed, and its message, where too few did
     message: str = ""
+    unmeasured: int = 0  # runs of the ladder that succeeded without an error to measure
+
+    @property
+    def is_measured(self) -> bool:
+        """Whether enough runs have an error."""
+        return self.verdict not in ("not measured", "refused")
 
 
 class Drift(Asked, frozen=True):

@@ -87,15 +87,18 @@ def verdict_mark(verdict: str) -> Mark:
 
 def words(o: Order) -> str:
     """The fit in words, and what was left out of it."""
-    unfinished = f"{o.unfinished} of {len(o.dt) + o.unfinished} runs did not finish" if o.unfinished else ""
-    unfinished = "" if o.verdict == "refused" else unfinished
-    return "; ".join(filter(None, (*_fit(o), unfinished, *(NOTES[n] for n in o.notes))))
+    runs = len(o.dt) + o.unfinished + o.unmeasured
+    unfinished = f"{o.unfinished} of {runs} runs did not finish" if o.unfinished and o.verdict != "refused" else ""
+    unmeasured = f"{o.unmeasured} of {runs} runs have no error to measure" if 0 < o.unmeasured < runs else ""
+    return "; ".join(filter(None, (*_fit(o), unfinished, unmeasured, *(NOTES[n] for n in o.notes))))
 
 
 def _fit(o: Order) -> list[str]:
     slopes = ", ".join(f"{s:.2f}" for s in o.slopes)
     if o.status:
         return [": ".join(filter(None, (o.status, o.message)))]
+    if not o.is_measured:
+        return ["too few errors to measure" if o.dt else "no error to measure: no reference"]
     if o.verdict in ("exact", "floor"):
         why = "rounding" if o.verdict == "exact" else "the level of the solver's own tolerance"
         return [f"no order to fit: at most {max(o.error):.1e} {o.unit} at every step, which is {why}"]

@@ -138,11 +138,16 @@ def test_published_verdicts_that_are_not_there_are_a_wrong_call(made, tmp_path, 
     assert call("--published", str(tmp_path / "new"), "--publish") == 0 == call("--published", str(tmp_path / "new"))
 
 
-def test_json_is_the_file(made, capsys):
+def test_json_is_the_claims_and_the_orders(made, capsys, monkeypatch):
+    """The claims as in their file, and each ladder of fixed steps; an order below the declared one is no exit code."""
     write, call, _ = made
     folder = write(0.5)
+    low = replace(ORDER, quantity="position", verdict="below declared", order=1.0)
+    monkeypatch.setattr(judging, "OTHERS", (("certificates", lambda *_: (low, replace(low, quantity="energy"))),))
     assert call("--json") == 0
-    assert capsys.readouterr().out == (folder / "judgement" / "claims.json").read_text()
+    said = json.loads(capsys.readouterr().out)
+    assert said["claims"] == json.loads((folder / "judgement" / "claims.json").read_text())
+    assert [(o["quantity"], o["verdict"]) for o in said["orders"]] == [("position", "below declared")]
 
 
 def test_wrong_calls_are_one_line(made, capsys, tmp_path):

@@ -334,6 +334,34 @@ def test_the_order_of_a_motion_is_that_of_what_moves_with_the_step():
     assert both.quantity == "position"
 
 
+def test_the_order_of_a_motion_is_the_worse_of_its_two():
+    """Second order in positions hides no first order in orientations, nor the other way round; a floor hides none."""
+    good, bad, flat = 0.1 * DT**2, 0.1 * DT, 1e-11 + 0.0 * DT
+    for r, R, worse in ((good, bad, "orientation"), (bad, good, "position"), (good, good, "position"),
+                        (flat, good, "orientation"), (good, flat, "position")):  # fmt: skip
+        runs = [dataclasses.replace(run, orientation_error_max_rad=e)
+                for run, e in zip(made_up("position_error_max_m", r), R, strict=True)]  # fmt: skip
+        (found,) = of_motion(certify(NOWHERE, runs))
+        assert found.quantity == worse and found.verdict == ("below declared" if bad is r or bad is R else "certified")
+
+
+def test_a_ladder_without_a_reference_keeps_its_row_and_its_reason():
+    """Its runs succeed and have an energy error, but none of positions: not measured, for want of a reference."""
+    none = {"position_error_max_m": math.nan, "orientation_error_max_rad": math.nan}
+    runs = [dataclasses.replace(r, **none) for r in made_up("energy_drift_max_J", 0.1 * DT**2)][:4]
+    found = certify(NOWHERE, runs)
+    assert by_quantity(runs)["energy"].verdict == "certified"
+    (row,) = of_motion(found)
+    assert (row.quantity, row.verdict, words(row)) == ("position", "not measured", "no error to measure: no reference")
+    silent = [dataclasses.replace(r, energy_drift_max_J=math.nan) for r in runs]
+    (alone,) = certify(NOWHERE, silent)
+    assert words(alone) == "no error to measure: no reference" and not alone.status
+    crashed = dataclasses.replace(silent[0], claimed="crashed", status="crashed", message="at 0 s")
+    (mixed,) = of_motion(certify(NOWHERE, [crashed, *silent[1:]]))
+    expected = "crashed: at 0 s; 1 of 4 runs did not finish; 3 of 4 runs have no error to measure"
+    assert words(mixed) == expected
+
+
 LIBRARY = [
     ("pumped_pendulum", "gc_weak_form", {**SHARP, "gauge": "zero"}, {"b_term": False}),
     ("damped_linkage", "gc_weak_form", {**SHARP, "gauge": "zero"}, {"b_term": False}),
