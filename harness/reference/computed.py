@@ -103,7 +103,7 @@ def computed(problem: Problem) -> ComputedReference | None:
 
 
 def _key(problem: Problem) -> str:
-    """Digest of the system, the start, the time, and the code of this room with what its routes share: none goes stale."""
+    """Digest of the system, the start, the time, and the code of this room and what its routes share: none is stale."""
     digest = hashlib.sha256(_code())
     digest.update(repr((problem.t_end, BUDGET)).encode())
     s, start = problem.system, problem.initial
