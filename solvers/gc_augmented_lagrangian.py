@@ -70,6 +70,8 @@ class GcAugmentedLagrangian(GaugeChoices):
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``; singular passages are in ``events``."""
         began = cpu_seconds()
+        import scipy.signal  # noqa: F401  for ``passages``: set-up here, or it counts as integration there
+
         redundant = problem.system.nrows - len(rows_to_keep(problem.system, problem.initial))
         correct = self.correct_pose == "always" or (self.correct_pose == "redundant" and redundant > 0)
         penalty = Penalty(
