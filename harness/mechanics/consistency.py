@@ -18,8 +18,13 @@ class InconsistentStart(ValueError):
     """The start violates the constraints; the message has the numbers."""
 
 
-def check_start(system: MultibodySystem, state: State, *, literal: bool = False, what: str = "the start") -> None:
-    """Raise unless poses are rotations and phi = phi_dot = 0, to ``START_TOLERANCE``; ``literal`` waives phi_dot."""
+def check_start(
+    system: MultibodySystem, state: State, *, literal: bool = False, what: str = "the start", any_root: bool = False
+) -> None:
+    """Raise unless poses are rotations and phi = phi_dot = 0, to ``START_TOLERANCE``; ``literal`` waives phi_dot.
+
+    With ``any_root`` a joint may also be half a turn from the angle that it prescribes, where its row vanishes, too.
+    """
     for name in ("r", "R", "v", "Omega"):
         if not np.all(np.isfinite(getattr(state, name))):
             raise InconsistentStart(f"{what} must be finite numbers (got {name} = {getattr(state, name).tolist()})")
@@ -29,7 +34,8 @@ def check_start(system: MultibodySystem, state: State, *, literal: bool = False,
     if defect > START_TOLERANCE or np.any(np.linalg.det(state.R) < 0.0):
         raise InconsistentStart(f"{what}'s R must be rotations (got |R^T R - 1| = {defect:.3g})")
     one = States.one(state)
-    rows = np.abs([opened(system, one)[0], constraint_rate(system, one)[0]])
+    gaps = (constraint if any_root else opened)(system, one)[0]
+    rows = np.abs([gaps, constraint_rate(system, one)[0]])
     phi, phi_dot = (float(a) for a in np.max(rows, axis=1, initial=0.0))
     if phi > START_TOLERANCE or (phi_dot > START_TOLERANCE and not literal):
         row = int(np.argmax(rows[0] if phi > START_TOLERANCE else rows[1]))
@@ -58,7 +64,7 @@ def project(system: MultibodySystem, state: State, iterations: int = 20) -> Stat
     here = State(r, R, state.v, state.Omega, state.t)
     change = _least_change(system, here, -constraint_rate(system, States.one(here))[0])
     out = State(r, R, state.v + change[:, :3], state.Omega + change[:, 3:], state.t)
-    check_start(system, out, what="the projected state")
+    check_start(system, out, what="the projected state", any_root=True)
     return out
 
 

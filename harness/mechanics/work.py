@@ -84,19 +84,21 @@ def _along_cubics(
     system: MultibodySystem, s: States, h: np.ndarray, angle: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Work of each step along its cubic [J], and its error; infinite where none can be told."""
-    gained, error = _gauss(system, s, h), np.full(len(h), np.inf)
+    gained, error = work_along_cubics(system, s, h), np.full(len(h), np.inf)
     n = len(h) - len(h) % 2
     for first in {0, len(h) % 2} if n else ():  # pairs from the first step on; of an odd number also to the last
         pairs = s.at(slice(first, first + n + 1, 2))
         twice = h[first : first + n : 2] + h[first + 1 : first + n : 2]
-        apart = np.abs(_gauss(system, pairs, twice) - gained[first : first + n : 2] - gained[first + 1 : first + n : 2])
+        apart = np.abs(
+            work_along_cubics(system, pairs, twice) - gained[first : first + n : 2] - gained[first + 1 : first + n : 2]
+        )
         error[first : first + n] = np.fmin(error[first : first + n], np.repeat(0.5 * apart, 2))
     unresolved = (angle > RESOLVED) | ~np.isfinite(error)
     return gained, np.where(unresolved, np.inf, error)
 
 
-def _gauss(system: MultibodySystem, s: States, h: np.ndarray) -> np.ndarray:
-    """Integral of the power along the cubic of each step of ``h`` [s]."""
+def work_along_cubics(system: MultibodySystem, s: States, h: np.ndarray) -> np.ndarray:
+    """Integral of the power along the cubic of each step of ``h`` [s], by Gauss (steps,) [J]."""
     out = np.zeros(len(h))
     for k in range(0, len(h), BLOCK):
         steps, ends = slice(k, k + BLOCK), s.at(slice(k, k + BLOCK + 1))
@@ -151,9 +153,7 @@ def power(
     """Power of dampers, loads, user forces and drives [W]: what changes T + V. ``reaction``: that of index 1."""
     out = np.zeros(len(s.r))
     if np.any(system.joint_motion):
-        push = moving(system, s)
-        found = index_1(system, s).reaction if reaction is None else reaction
-        out -= np.sum(found[:, push.row] * push.phi_t, axis=-1)
+        out += drive_power(system, s, reaction)
     for k in np.flatnonzero(system.spring_c):
         d, d_dot = spring_line(system, s, int(k))
         out -= system.spring_c[k] * np.sum(d * d_dot, axis=-1) ** 2 / np.sum(d * d, axis=-1)
@@ -168,6 +168,14 @@ def power(
         omega = np.einsum("tij,tj->ti", s.R[:, body], s.Omega[:, body])
         out += np.sum(force * s.v[:, body], axis=-1) + np.sum(torque * omega, axis=-1)
     return out
+
+
+def drive_power(
+    system: MultibodySystem, s: States, reaction: Float[np.ndarray, "nt nrows"] | None = None
+) -> Float[np.ndarray, " nt"]:
+    """Power of drives [W], -reaction . phi_t with the reaction of index 1; NaN where a run is no longer finite."""
+    push, found = moving(system, s), index_1(system, s).reaction if reaction is None else reaction
+    return -np.sum(found[:, push.row] * push.phi_t, axis=-1)
 
 
 def between(s: States, h: Float[np.ndarray, " nt-1"], x: float) -> States:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import in_frame
-from mbsbench.harness.mechanics import motion, so3
+from mbsbench.harness.mechanics import motion, so3, work
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.joints import ROWS, Joint, JointKind
 from mbsbench.harness.mechanics.presentation import Presentation
@@ -125,7 +125,7 @@ def test_the_power_of_loads_and_dampers_is_the_rate_of_energy(coordinates: str) 
         s = at.chart.states(z[at.p].reshape(1, SYSTEM.nb, -1), z[at.u].reshape(1, SYSTEM.nb, 6))
         return float(motion.energy(SYSTEM, s)[0])
 
-    rate = (energy(STEP) - energy(-STEP)) / (2.0 * STEP) - motion.power(SYSTEM, States.one(state))[0]
+    rate = (energy(STEP) - energy(-STEP)) / (2.0 * STEP) - work.power(SYSTEM, States.one(state))[0]
     sharp = DIFFERENCES * (1.0 + abs(rate)) / at.chart.margin(p[None])[0] ** 2
     assert y[at.u] @ out[at.u] == pytest.approx(rate, abs=sharp)
 
@@ -139,10 +139,14 @@ def test_a_row_of_loads_and_dampers_works_along_the_motion() -> None:
         [[1.0], [0.5]]
     )
     s = States(turn + state.r, so3.exp(turn) @ np.eye(3), rate, so3.angular_velocity(turn, rate))
-    exact = motion.work(system, t, s)[-1]
-    off = [abs(motion.work(system, t[::k], s.at(slice(None, None, k)))[-1] - exact) for k in (160, 80)]
+
+    def along(k: int) -> float:
+        return float(np.sum(work.work_along_cubics(system, s.at(slice(None, None, k)), np.diff(t[::k]))))
+
+    exact = along(1)
+    off = [abs(along(k) - exact) for k in (160, 80)]
     assert np.log2(off[0] / off[1]) == pytest.approx(4.0, abs=0.4)
-    power = motion.power(system, s)
+    power = work.power(system, s)
     simpson = np.sum(power[:-2:2] + 4.0 * power[1:-1:2] + power[2::2]) * t[1] / 3.0
     assert exact == pytest.approx(simpson, abs=1e-9)
 
@@ -155,10 +159,10 @@ def test_a_presentation_changes_no_acceleration(given: dict) -> None:
     asked = Presentation(**given)
     state = arbitrary(SYSTEM, 6)
     shown, there = asked.system(SYSTEM), asked.state(SYSTEM, state)
-    E, P = motion.energy(SYSTEM, States.one(state))[0], motion.power(SYSTEM, States.one(state))[0]
+    E, P = motion.energy(SYSTEM, States.one(state))[0], work.power(SYSTEM, States.one(state))[0]
     unit = asked.force * asked.unit_length
     assert motion.energy(shown, States.one(there))[0] == pytest.approx(E * unit, rel=1e-12)
-    assert motion.power(shown, States.one(there))[0] == pytest.approx(P * unit / asked.unit_time, rel=1e-12)
+    assert work.power(shown, States.one(there))[0] == pytest.approx(P * unit / asked.unit_time, rel=1e-12)
     sizes = [
         np.linalg.norm(motion.constraint_energy_norm(s, States.one(x))) for s, x in ((SYSTEM, state), (shown, there))
     ]
@@ -171,7 +175,7 @@ def test_a_turned_frame_turns_loads() -> None:
     state = arbitrary(SYSTEM, 7)
     p = Problem("all joints", SYSTEM, state, 1.0, 1e-3, "", "made up")
     q = in_frame(p, so3.exp(np.array([0.3, -0.2, 0.5])))
-    for of in (motion.energy, motion.power):
+    for of in (motion.energy, work.power):
         assert of(q.system, States.one(q.initial))[0] == pytest.approx(of(SYSTEM, States.one(state))[0], rel=1e-12)
     assert motion.constraint(q.system, States.one(q.initial))[0] @ np.ones(SYSTEM.nrows) != 0.0
 

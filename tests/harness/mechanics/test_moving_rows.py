@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import in_frame
-from mbsbench.harness.mechanics import motion, so3, time_functions
+from mbsbench.harness.mechanics import motion, so3, time_functions, work
 from mbsbench.harness.mechanics.consistency import project
 from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.dynamics import moved as along
@@ -117,10 +117,10 @@ def test_the_power_of_drives_is_the_rate_of_energy(kind: MovingKind, ground: boo
     system, s = consistent(kind, ground=ground)
     rates = accelerations(system, s)
     ahead, behind = (motion.energy(system, States.one(along(s, rates, h)))[0] for h in (STEP, -STEP))
-    power = motion.power(system, States.one(s))[0]
+    power = work.power(system, States.one(s))[0]
     assert (ahead - behind) / (2.0 * STEP) == pytest.approx(power, rel=1e-6)
     if kind != MovingKind.ROLLING:
-        assert abs(motion.drive_power(system, States.one(s))[0]) > 1e-2 * abs(power)
+        assert abs(work.drive_power(system, States.one(s))[0]) > 1e-2 * abs(power)
 
 
 def test_the_power_of_a_motion_that_is_lost_is_not_a_number() -> None:
@@ -128,8 +128,8 @@ def test_the_power_of_a_motion_that_is_lost_is_not_a_number() -> None:
     system, s = consistent(MovingKind.DRIVEN_ANGLE)
     lost = State(s.r * np.nan, s.R, s.v, s.Omega, s.t)
     both = States(*(np.stack((getattr(s, n), getattr(lost, n))) for n in ("r", "R", "v", "Omega", "t")))
-    power = motion.drive_power(system, both)
-    assert power[0] == motion.drive_power(system, States.one(s))[0]
+    power = work.drive_power(system, both)
+    assert power[0] == work.drive_power(system, States.one(s))[0]
     assert np.isnan(power[1])
 
 
@@ -186,8 +186,8 @@ def test_a_presentation_changes_no_power(given: dict) -> None:
     system, state = consistent(None)
     shown, there = asked.system(system), asked.state(system, state)
     unit = asked.force * asked.speed
-    P = motion.power(system, States.one(state))[0]
-    assert motion.power(shown, States.one(there))[0] == pytest.approx(P * unit, rel=1e-9)
+    P = work.power(system, States.one(state))[0]
+    assert work.power(shown, States.one(there))[0] == pytest.approx(P * unit, rel=1e-9)
     assert np.max(np.abs(motion.constraint_rate(shown, States.one(there)))) < 1e-10 * max(asked.speed, 1.0)
     back = asked.states_back(system, States.one(there))
     assert back.times[0] == pytest.approx(state.t)
@@ -198,7 +198,7 @@ def test_a_turned_frame_turns_drives_and_torsion() -> None:
     system, state = consistent(None)
     p = Problem("moving rows", system, state, 1.0, 1e-3, "", "made up")
     q = in_frame(p, so3.exp(np.array([0.3, -0.2, 0.5])))
-    for of in (motion.energy, motion.power):
+    for of in (motion.energy, work.power):
         assert of(q.system, States.one(q.initial))[0] == pytest.approx(of(system, States.one(state))[0], rel=1e-9)
     assert np.max(np.abs(motion.constraint_rate(q.system, States.one(q.initial)))) < 1e-10
 

@@ -9,8 +9,9 @@ import pytest
 from mbsbench.harness.catalogue.registry import in_frame, make_problem
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
-from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy, power
+from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy
 from mbsbench.harness.mechanics.state import rotated
+from mbsbench.harness.mechanics.work import power
 from mbsbench.harness.metrics.reactions import DIFFERENCE
 from mbsbench.harness.reference import computed as module
 from mbsbench.harness.reference import orbit
