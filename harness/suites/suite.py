@@ -167,7 +167,9 @@ def _swept(key: str, sweep: Mapping[str, Any]) -> list[float]:
         raise ValueError(f"{key} must be a value, a list, or {{ from, to, per_decade }} (got {dict(sweep)})")
     first, last, steps = sweep["from"], sweep["to"], sweep["per_decade"]
     if not (first > 0.0 and last > 0.0 and first != last and steps >= 1):
-        raise ValueError(f"{key}: a sweep goes from one number > 0 to another, with per_decade >= 1 (got {dict(sweep)})")
+        raise ValueError(
+            f"{key}: a sweep goes from one number > 0 to another, with per_decade >= 1 (got {dict(sweep)})"
+        )
     decades = math.log10(last / first)
     count = round(abs(decades) * steps) + 1
     return [float(f"{first * 10.0 ** (decades * k / (count - 1)):.3g}") for k in range(count)]

@@ -1,4 +1,4 @@
-"""Measures of the equations of a run's problem, which no run changes: sizes, and the operators of Lagrange and Newton."""
+"""Measures of a problem's equations, which no run changes: sizes, and the operators of Lagrange and Newton."""
 
 import json
 from typing import Any

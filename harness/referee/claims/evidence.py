@@ -15,7 +15,7 @@ from ...results.series import Series
 from . import equations, passages  # enter their measures
 from .measures import END, MEASURES, NAN, bound, evaluate, evaluate_pair, measure, measure_over, reached_end, stretch
 
-__all__ = ["MEASURES", "evaluate", "equations", "evaluate_pair", "passages"]
+__all__ = ["MEASURES", "equations", "evaluate", "evaluate_pair", "passages"]
 
 
 @measure("name", "partial", series=False, until="end", grows=True)
