@@ -189,7 +189,7 @@ def test_without_a_series_there_is_no_number():
 
 
 def test_sizes_and_operators_are_those_of_the_problem():
-    """Sects. 5.3, 5.5 print sizes. Eq. (47): Lagrange's operator is Newton's in a natural basis, not in a body frame."""
+    """Sects. 5.3, 5.5 print sizes. (47): Lagrange's operator is Newton's in a natural basis, not in a body frame."""
     chain, grid, top = (
         replace(bare(), problem=p, problem_parameters="{}") for p in ("chain", "four_bar_grid", "heavy_top")
     )
