@@ -6,6 +6,7 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from ..places import Place
 from ..results import store
 from ..suites.spec import RunSpec
 
@@ -14,7 +15,7 @@ RUNS = 3  # earlier results folders that are read
 
 def durations(local: Path = store.LOCAL, suite: str = "") -> dict[str, float]:
     """Wall time [s] by ``settings`` in the newest results folders, those of ``suite`` before others."""
-    folders = [p for p in local.glob("*") if (p / "runs").is_dir() and not p.is_symlink()]
+    folders = [p for p in local.glob("*") if (Place(p) / "runs").kind() == "a folder" and not p.is_symlink()]
     newest = sorted(folders, key=lambda p: (p.name.startswith(f"{suite}-"), p.stat().st_mtime))[-RUNS:]
     out: dict[str, float] = {}
     for folder in newest:

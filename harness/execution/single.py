@@ -16,10 +16,11 @@ from ..catalogue import registry
 from ..files import partial_of
 from ..mechanics.state import States
 from ..metrics.measure import measure
+from ..places import Place
 from ..results import records
 from ..results.records import RunRecord
 from ..sandbox.apart import Apart
-from ..sandbox.isolation import CANNOT_WRITE
+from ..sandbox.isolation import CANNOT_WRITE, OUTPUT_LIMIT
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Status, Trajectory
 from .job import Job, unfinished
@@ -69,7 +70,7 @@ def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say =
             references_apart([job], patience.over)
             patience.now(COMPILING)
             warm_apart_then_here(runs_to_warm([spec]), patience.over)
-        stderr = Path(place) / "stderr"
+        stderr = Place(Path(place)) / "native.txt"
 
         def compile_and_run(send: Callable[[str], None]) -> None:
             if wall_limit is None:
@@ -86,7 +87,7 @@ def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say =
         ended = process.wait(lambda: patience.now(process.hear().strip() or COMPILING))
         if ended.code == CANNOT_WRITE:
             raise OSError(errno.ENOSPC, "nothing was written: no space left", place)
-        native = stderr.read_text(encoding="utf-8", errors="replace")[-2000:].strip() if stderr.exists() else ""
+        native = stderr.read(OUTPUT_LIMIT).decode(errors="replace")[-2000:].strip() if stderr.exists() else ""
         wall = time.monotonic() - began
         bare = unfinished(job, ended, wall, EndedBy.WALL_LIMIT, limit + GRACE)
         return Outcome(_measured(job, bare, wall, ended.cpu, out, patience), native)

@@ -97,7 +97,7 @@ class Supervisor:
         limit = STOPPED_MEASURE_LIMIT if self.stopped else MEASURE_LIMIT
         process = Apart(
             lambda send: worker.store_measured(job, bare, wall, ended.cpu), limit=limit, memory=job.spec.memory,
-            stderr=job.spool.with_suffix(".stderr"),
+            stderr=job.spool.sibling(f"{job.id}.stderr"),
         )  # fmt: skip
         self.running[process.pid] = Running(job, process, run.began, limit, EndedBy.MEASURE_LIMIT, bare)
 

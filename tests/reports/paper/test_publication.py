@@ -13,6 +13,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.harness.__main__ import main
+from mbsbench.harness.places import Place
 from mbsbench.reports import publication
 from mbsbench.reports.model import tables
 from mbsbench.reports.model.results import read_results
@@ -94,7 +95,7 @@ def test_widths_are_those_of_a_journal(results):
             "pendulum-recommended-laws"} <= set(made)  # fmt: skip
     folder = results.folder / "widths"
     for name in ("pendulum-recommended-constraints", "pendulum-work"):
-        (pdf,) = save(made[name].draw, folder, name, ("pdf",))
+        (pdf,) = save(made[name].draw, Place(folder), name, ("pdf",))
         box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", pdf.read_bytes())
         assert float(box[1]) == pytest.approx(made[name].width * 72.0, abs=0.1)
         assert b"/FontFile2" in pdf.read_bytes()
