@@ -74,19 +74,19 @@ class Place:
         except (FileNotFoundError, NotADirectoryError):  # the latter of the results folder alone: it is a file
             return ""
 
-    def exists(self) -> bool:
+    def is_there(self) -> bool:
         """Whether there is a file or folder; NotOwn for anything else."""
         if (kind := self.kind()) not in OWN:
             raise self._refusal(kind)
         return bool(kind)
 
-    def is_file(self) -> bool:
+    def is_own_file(self) -> bool:
         """Whether there is a file; NotOwn for a link and the like."""
-        return self.exists() and self.kind() == "a file"
+        return self.is_there() and self.kind() == "a file"
 
     def is_folder(self) -> bool:
         """Whether there is a folder; NotOwn for a link and the like."""
-        return self.exists() and self.kind() == "a folder"
+        return self.is_there() and self.kind() == "a folder"
 
     def names(self) -> list[str]:
         """The names in this folder, sorted; none where there is no such folder."""
@@ -101,7 +101,7 @@ class Place:
         with self._opened(make=True):
             pass
 
-    def open(self, flags: int = os.O_RDONLY) -> BinaryIO:
+    def open_file(self, flags: int = os.O_RDONLY) -> BinaryIO:
         """The file, opened with ``flags``; NotOwn for anything else than a regular file."""
         with self.parent._opened() as above:
             try:
@@ -115,12 +115,12 @@ class Place:
 
     def size(self) -> int:
         """Bytes in the file."""
-        with self.open() as file:
+        with self.open_file() as file:
             return os.fstat(file.fileno()).st_size
 
     def read(self, largest: int) -> bytes:
         """The content of the file, of ``largest`` bytes at most; OSError else."""
-        with self.open() as file:
+        with self.open_file() as file:
             size = os.fstat(file.fileno()).st_size
             if size > largest:
                 raise OSError(errno.EFBIG, f"it has {size} bytes, more than {largest}", str(self))
@@ -159,7 +159,7 @@ class Place:
                 raise self._refusal(kind)
             return self._made(self.name, above, os.O_APPEND)
 
-    def unlink(self, *, missing_ok: bool = False) -> None:
+    def remove_file(self, *, missing_ok: bool = False) -> None:
         """Remove the file, or whatever has its name; a link goes, not what it leads to."""
         try:
             with self.parent._opened() as above:
@@ -174,7 +174,7 @@ class Place:
             with self.parent._opened() as above:
                 shutil.rmtree(self.name, dir_fd=above)
 
-    def move(self, target: "Place") -> None:
+    def move_to(self, target: "Place") -> None:
         """Rename whatever has this name to ``target``, whose folder is made."""
         with self.parent._opened() as here, target.parent._opened(make=True) as there:
             os.rename(self.name, target.name, src_dir_fd=here, dst_dir_fd=there)

@@ -33,8 +33,8 @@ def _clear(folder: Place) -> None:
     """Remove what an earlier report left: pages of runs that no longer exist."""
     pages = [name for name in folder.names() if name.endswith(".html")]
     for name in (*OURS, *KEPT, *pages):
-        (folder / name).exists()  # NotOwn before anything is removed
+        (folder / name).is_there()  # NotOwn before anything is removed
     for name in OURS:
         (folder / name).remove_folder()
     for name in pages:
-        (folder / name).unlink()
+        (folder / name).remove_file()

@@ -87,7 +87,7 @@ def read(path: Path | Place, system: MultibodySystem, spent: float = math.inf) -
 
     BadHandover if it is not what it must be.
     """
-    if not place_of(path).is_file():
+    if not place_of(path).is_own_file():
         return None
     try:
         arrays = dict(read_npz(path, LARGEST))

@@ -69,7 +69,7 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
     label, order = registry.declared(entry.made(spec.options)) if entry else ("", math.nan)
     about = {"paper_label": label, "declared_order": order}
     files: Mapping[str, Any] = {}
-    if job.stderr.is_file() and job.stderr.size() > 0:
+    if job.stderr.is_own_file() and job.stderr.size() > 0:
         files = {"stderr": f"stderr/{job.stderr.name}"}
     return RunRecord(
         run_id=job.id, settings_id=spec.settings_id, case=spec.case, suite=job.suite, label=spec.label,

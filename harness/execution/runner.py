@@ -173,7 +173,7 @@ def _stamp(request: Request) -> str:
     folder, suite = request.folder, request.suite
     stamp = environment.stamp(folder.name, suite.name, request.jobs, suite.plugins)
     here, own = Place(folder), Place(folder) / "environment.json"
-    if own.exists():
+    if own.is_there():
         (here / f"environment.{stamp['started'].replace(':', '')}.json").write(own.read(store.LARGEST))
     where = environment.identity(stamp)
     for name in (own.name, f"environment.{where}.json"):

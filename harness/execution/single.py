@@ -87,7 +87,7 @@ def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say =
         ended = process.wait(lambda: patience.now(process.hear().strip() or COMPILING))
         if ended.code == CANNOT_WRITE:
             raise OSError(errno.ENOSPC, "nothing was written: no space left", place)
-        native = stderr.read(OUTPUT_LIMIT).decode(errors="replace")[-2000:].strip() if stderr.exists() else ""
+        native = stderr.read(OUTPUT_LIMIT).decode(errors="replace")[-2000:].strip() if stderr.is_there() else ""
         wall = time.monotonic() - began
         bare = unfinished(job, ended, wall, EndedBy.WALL_LIMIT, limit + GRACE)
         return Outcome(_measured(job, bare, wall, ended.cpu, out, patience), native)

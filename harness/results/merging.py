@@ -58,13 +58,13 @@ def merge(out: Path, sources: Sequence[Path]) -> Merged:
 def _environment(source: Path, out: Path) -> None:
     """The first source's stamp and suite become those of ``out``; further stamps are kept beside it."""
     for name in ("environment.json", "suite.toml"):
-        if not (Place(out) / name).exists():
+        if not (Place(out) / name).is_there():
             _copy(source, name, out)
     stamp, own = (Place(folder) / "environment.json" for folder in (source, out))
-    if stamp.is_file() and own.is_file() and stamp.read(LARGEST) != own.read(LARGEST):
+    if stamp.is_own_file() and own.is_own_file() and stamp.read(LARGEST) != own.read(LARGEST):
         _copy(source, stamp.name, out, f"environment.{source.resolve().name}.json")
     for name in filter(STAMP.fullmatch, Place(source).names()):
-        if not (Place(out) / name).exists():
+        if not (Place(out) / name).is_there():
             _copy(source, name, out)
 
 

@@ -80,14 +80,14 @@ def refuse_older(folder: Path) -> None:
     """StoreError for results of an older version."""
     if schema := older(folder):
         suite = Place(folder) / "suite.toml"
-        again = f"run the suite again: mbsbench run {suite}" if suite.is_file() else "run its suite again"
+        again = f"run the suite again: mbsbench run {suite}" if suite.is_own_file() else "run its suite again"
         raise StoreError(f"{folder} holds results of an older version (schema {schema}); {again}")
 
 
 def refuse_links(folder: Path) -> None:
     """NotOwn for a folder of which a part is a link or the like, before anything is read or written."""
     for name in (*PARTS, *OTHERS):
-        (Place(folder) / name).exists()
+        (Place(folder) / name).is_there()
 
 
 def create(folder: Path) -> Path:
@@ -99,7 +99,7 @@ def create(folder: Path) -> Path:
         for part in PARTS:
             (Place(folder) / part).make()
         (Place(folder) / ".writable").write("")
-        (Place(folder) / ".writable").unlink()
+        (Place(folder) / ".writable").remove_file()
     except NotOwn:
         raise
     except OSError as error:
@@ -110,7 +110,7 @@ def create(folder: Path) -> Path:
 def lock(folder: Path) -> BinaryIO:
     """Hold the folder for one runner; the lock goes with the returned file or the process."""
     try:
-        file = (Place(folder) / ".lock").open(os.O_RDWR | os.O_CREAT)
+        file = (Place(folder) / ".lock").open_file(os.O_RDWR | os.O_CREAT)
     except OSError as error:
         raise StoreError(f"cannot lock {folder} by its file .lock: {error.strerror or error}") from None
     try:
@@ -125,7 +125,7 @@ def remove_partial(folder: Path) -> None:
     """What killed processes left half-written; for who holds the lock: nobody writes."""
     for part in (Place(folder), *(Place(folder) / name for name in PARTS)):
         for name in filter(PARTIAL.fullmatch, part.names()):
-            (part / name).unlink()
+            (part / name).remove_file()
 
 
 def path_of(folder: Path, run_id: str) -> Place:
@@ -164,7 +164,7 @@ def is_there(folder: Path, promised: RunRecord, found: RunRecord | None) -> bool
     """Whether a record that was written is still the one on disk, with its series."""
     return (
         found is not None and to_json(found) == to_json(promised)
-        and (not found.series or (Place(folder) / found.series).is_file())
+        and (not found.series or (Place(folder) / found.series).is_own_file())
     )  # fmt: skip
 
 
@@ -219,7 +219,7 @@ def set_aside(folder: Path, unreadable: Iterable[Unreadable]) -> None:
         while target.kind():
             n += 1
             target = aside / f"{item.path.name}.{n}"
-        (Place(folder) / item.path.relative_to(folder).as_posix()).move(target)
+        (Place(folder) / item.path.relative_to(folder).as_posix()).move_to(target)
         target.sibling(f"{target.name}.why").write(item.why + "\n")
 
 

@@ -86,12 +86,12 @@ def kill_group(pid: int) -> None:
 def trim(place: Place) -> None:
     """Keep both ends of a long standard error, and no file where there is nothing in it."""
     if place.kind() not in ("", "a file"):  # the run put it there: it goes
-        place.unlink()
+        place.remove_file()
     size = place.size() if place.kind() else -1
     if size == 0:
-        place.unlink()
+        place.remove_file()
     elif size > 2 * STDERR_KEPT:
-        with place.open() as file:
+        with place.open_file() as file:
             head = file.read(STDERR_KEPT)
             file.seek(-STDERR_KEPT, os.SEEK_END)
             tail = file.read()

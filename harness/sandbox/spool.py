@@ -51,7 +51,7 @@ class FileSpool:
             axis=1,
         )
         if self._size + block.nbytes <= LARGEST:
-            with place_of(self.where).open(os.O_WRONLY | os.O_APPEND) as file:
+            with place_of(self.where).open_file(os.O_WRONLY | os.O_APPEND) as file:
                 file.write(block.tobytes())
             self._size += block.nbytes
             self.rows += len(t)
@@ -64,7 +64,7 @@ def kept(path: Path | Place, problem: Problem, status: Status, message: str) -> 
     """The steps in ``path`` as a trajectory from the start; None when there are none."""
     nb = problem.system.nb
     place = place_of(path)
-    content = place.read(LARGEST) if place.exists() else b""
+    content = place.read(LARGEST) if place.is_there() else b""
     whole = len(content) // (8 * (1 + NUMBERS * nb))
     rows = np.frombuffer(content[: whole * 8 * (1 + NUMBERS * nb)]).reshape(whole, 1 + NUMBERS * nb)
     if whole == 0 or rows[-1, 0] <= 0.0:

@@ -25,7 +25,7 @@ class Judged(Generic[T]):
 def judged_or_published(results: Path, file: File[T], published: Place = PUBLISHED) -> Judged[T]:
     """The same; where these results have no judgement, or allow none, that of the published ones."""
     own = judged(results, file)
-    broken = own.found is None and (Place(results) / FOLDER / f"{file.name}.json").exists()
+    broken = own.found is None and (Place(results) / FOLDER / f"{file.name}.json").is_there()
     if own.found or broken:
         return own
     kept = read_or_why(published, file, f"{JUDGE} --publish")

@@ -43,7 +43,7 @@ WRONG = File("wrong", tuple[FalseSuccess, ...])
 def read(file: File[T], folder: Place) -> T:
     """The judgement in ``folder``; JudgementError where it is not one, FileNotFoundError where there is none."""
     path = folder / f"{file.name}.json"
-    if not path.exists():
+    if not path.is_there():
         raise FileNotFoundError(path.path)
     where = f"{path.parent.name}/{path.name}"
     plain = parse_json(read_text(path, "the judgement", JudgementError), where, JudgementError)

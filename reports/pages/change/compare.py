@@ -65,7 +65,7 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
         unmeasured=[sorted(u) for u in unknown],
         inputs=differences(stamp_of(a.folder), stamp_of(b.folder)), shown=OVERLAYS,
         names=[r.environment.get("results_folder") or r.folder.name for r in (a, b)],
-        both=list(zip(facts(a), facts(b), strict=True)), beside=(site.folder / "index.html").is_file(),
+        both=list(zip(facts(a), facts(b), strict=True)), beside=(site.folder / "index.html").is_own_file(),
         pages=_addresses(a, changed, site.folder) | _addresses(b, changed, site.folder),
     )  # fmt: skip
 
@@ -121,4 +121,4 @@ def _addresses(results: Results, wanted: set[str], folder: Place) -> dict[str, s
     """By settings_id: the pages of runs in their own report, those that were written."""
     paths = {c.record.settings_id: Place(results.folder) / "report" / page_of(c) for c in results.runs}
     return {s: os.path.relpath(paths[s].path, folder.path).replace(os.sep, "/") for s in wanted & set(paths)
-            if paths[s].is_file()}  # fmt: skip
+            if paths[s].is_own_file()}  # fmt: skip

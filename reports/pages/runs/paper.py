@@ -28,7 +28,7 @@ def _files(results: Results, site: Site, figure: str) -> dict[str, str]:
     name, out = Path(figure).name, {}  # a name, never a path out of the folder
     for suffix in SUFFIXES:
         source = Place(results.folder) / captions.FOLDER / f"{name}{suffix}"
-        if source.is_file():
+        if source.is_own_file():
             (site.figures / f"paper-{name}{suffix}").write(source.read(LARGEST))
             out[suffix] = f"figures/paper-{name}{suffix}"
     return out
