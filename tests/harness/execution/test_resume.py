@@ -197,9 +197,9 @@ def test_a_full_disk_at_the_end_hides_nothing_and_leaves_no_rest(run_text, tmp_p
 
     from mbsbench.harness.execution.pool import PoolError
 
-    def full(self, path, **_):
-        path.write_bytes(b"PAR1")
-        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+    def full(self, file, **_):
+        file.write(b"PAR1")
+        raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(pd.DataFrame, "to_parquet", full)
     (tmp_path / "s.toml").write_text(f'name = "s"\nplugins = ["{PLUGIN}"]\n' + SLEEPS)

@@ -93,9 +93,9 @@ def test_widths_are_those_of_a_journal(results):
     assert {"pendulum-recommended-energy", "pendulum-recommended-constraints", "pendulum-recommended-step",
             "pendulum-work",
             "pendulum-recommended-laws"} <= set(made)  # fmt: skip
-    folder = results.folder / "widths"
+    folder = Place(results.folder) / "widths"
     for name in ("pendulum-recommended-constraints", "pendulum-work"):
-        (pdf,) = save(made[name].draw, Place(folder), name, ("pdf",))
+        (pdf,) = save(made[name].draw, folder, name, ("pdf",))
         box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", pdf.read_bytes())
         assert float(box[1]) == pytest.approx(made[name].width * 72.0, abs=0.1)
         assert b"/FontFile2" in pdf.read_bytes()
