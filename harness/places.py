@@ -104,10 +104,13 @@ class Place:
     def open_file(self, flags: int = os.O_RDONLY) -> BinaryIO:
         """The file, opened with ``flags``; NotOwn for anything else than a regular file."""
         with self.parent._opened() as above:
-            try:
-                descriptor = os.open(self.name, flags | ALWAYS, 0o666, dir_fd=above)
-            except OSError as error:
-                raise self._explained(error, above) from None
+            return self._open_in(above, flags)
+
+    def _open_in(self, above: int, flags: int) -> BinaryIO:
+        try:
+            descriptor = os.open(self.name, flags | ALWAYS, 0o666, dir_fd=above)
+        except OSError as error:
+            raise self._explained(error, above) from None
         if not stat.S_ISREG(mode := os.fstat(descriptor).st_mode):
             os.close(descriptor)
             raise self._refusal(KINDS.get(stat.S_IFMT(mode), "no regular file"))
@@ -121,16 +124,32 @@ class Place:
     def read(self, largest: int) -> bytes:
         """The content of the file, of ``largest`` bytes at most; OSError else."""
         with self.open_file() as file:
-            size = os.fstat(file.fileno()).st_size
-            if size > largest:
-                raise OSError(errno.EFBIG, f"it has {size} bytes, more than {largest}", str(self))
-            return file.read(size)
+            return self._content(file, largest)
+
+    def contents(self, largest: int) -> Iterator[tuple[str, bytes | OSError]]:
+        """Each name in this folder that begins with no dot, sorted, with the content of the file or why it has none."""
+        names = [name for name in self.names() if not name.startswith(".")]
+        with self._opened() as here:
+            for name in names:
+                place = self / name
+                try:
+                    with place._open_in(here, os.O_RDONLY) as file:
+                        yield name, place._content(file, largest)
+                except OSError as error:
+                    yield name, error
+
+    def _content(self, file: BinaryIO, largest: int) -> bytes:
+        size = os.fstat(file.fileno()).st_size
+        if size > largest:
+            raise OSError(errno.EFBIG, f"it has {size} bytes, more than {largest}", str(self))
+        return file.read(size)
 
     @contextmanager
-    def whole(self) -> Iterator[BinaryIO]:
+    def whole(self, *, durable: bool = True) -> Iterator[BinaryIO]:
         """A file that becomes this one at the end of the block, with its folders; nothing is left if the block fails.
 
-        It is a new file, so that other names of an old one (hard links) keep their content.
+        It is a new file, so that other names of an old one (hard links) keep their content. ``durable``: it is on the
+        disk then, which takes milliseconds; what can be made again need not be.
         """
         partial = partial_name(self.name, os.getpid())
         with self.parent._opened(make=True) as above:
@@ -140,16 +159,17 @@ class Place:
                 try:
                     yield file
                     file.flush()
-                    os.fsync(file.fileno())
+                    if durable:
+                        os.fsync(file.fileno())
                     os.replace(partial, self.name, src_dir_fd=above, dst_dir_fd=above)
                 except BaseException:
                     with contextlib.suppress(FileNotFoundError):
                         os.unlink(partial, dir_fd=above)
                     raise
 
-    def write(self, content: bytes | str) -> None:
+    def write(self, content: bytes | str, *, durable: bool = True) -> None:
         """Write the file whole or not at all."""
-        with self.whole() as file:
+        with self.whole(durable=durable) as file:
             file.write(content.encode() if isinstance(content, str) else content)
 
     def open_new(self) -> BinaryIO:

@@ -68,6 +68,21 @@ def scheduled(running: Sequence[float], waiting: Sequence[float], size: int) -> 
     return max(free)
 
 
+COMPILING, REFERENCES, RUNNING = "compiling kernels", "computing references", "running"
+PREPARING, MEASURING = f"{REFERENCES} and {COMPILING}", "measuring"
+USUALLY = {COMPILING: 120.0, REFERENCES: 60.0, PREPARING: 120.0}  # [s] the first time on an idle core; then none
+
+
+def waiting(doing: str, elapsed: float) -> str:
+    """What is being done, and how long it will still take, as every command says it; ``elapsed`` [s] have passed."""
+    usual = USUALLY.get(doing)
+    if usual is None:
+        return f"{doing}: {in_words(elapsed)} so far"
+    left = usual - elapsed
+    when = f"about {in_words(left)} left" if left > 0.0 else f"{in_words(elapsed)} so far, longer than usual"
+    return f"{doing}: {when} (the first time only, not counted in any run)"
+
+
 def in_words(seconds: float) -> str:
     """``45 s``, ``3 min 20 s``, ``2 h 5 min``."""
     whole = round(seconds)

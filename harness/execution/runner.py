@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
@@ -138,8 +139,7 @@ def _provisional(
     """
     found = [r for r in records if r.run_id in specs and is_provisional(r) and not _killed_twice(folder, r)]
     files = [files_of(folder, r) for r in found]
-    for item in files:
-        store.set_aside(folder, item)
+    store.set_aside(folder, chain.from_iterable(files))
     return tuple(f[0] for f in files), {r.run_id for r in found if r.ended_by == EndedBy.KILLED}
 
 

@@ -4,9 +4,9 @@
 holds: ``docs/results-format.md``.
 """
 
-import contextlib
 import fcntl
 import hashlib
+import itertools
 import os
 import re
 from collections.abc import Iterable
@@ -69,10 +69,9 @@ def older(folder: Path) -> int:
     runs = Place(folder) / "runs"
     if not runs.is_folder():
         return int((Place(folder) / "cells").is_folder())
-    for name in (n for n in runs.names() if n.endswith(".json")):
-        with contextlib.suppress(OSError):
-            if found := SCHEMA_IN_FILE.search((runs / name).read(LARGEST)):
-                return int(found[1]) if int(found[1]) < SCHEMA else 0
+    for name, content in runs.contents(LARGEST):
+        if isinstance(content, bytes) and name.endswith(".json") and (found := SCHEMA_IN_FILE.search(content)):
+            return int(found[1]) if int(found[1]) < SCHEMA else 0
     return 0
 
 
@@ -143,16 +142,20 @@ def write_record(folder: Path, record: RunRecord) -> Path:
 
 def read_record(path: Path | Place) -> RunRecord:
     """The record in ``path``, or BadRecord; its file name must be its content address."""
-    path = place_of(path)
+    place = place_of(path)
     try:
-        text = path.read(LARGEST)
+        return record_in(place.name, place.read(LARGEST))
     except OSError as error:
-        raise BadRecord(f"cannot read record {path}: {error.strerror or error}") from None
+        raise BadRecord(f"cannot read record {place}: {error.strerror or error}") from None
+
+
+def record_in(name: str, text: bytes) -> RunRecord:
+    """The record that the file ``name`` holds, or BadRecord."""
     outer = shaped(files.parse_json(text, "record file", BadRecord), RecordFile, "record file", BadRecord)
     if _digest(outer.record) != outer.sha256:
         raise BadRecord("its digest does not match: truncated or changed")
     record = from_json(outer.record)
-    if f"{record.run_id}.json" != path.name:
+    if f"{record.run_id}.json" != name:
         raise BadRecord(f"it is the record of run {record.run_id}")
     for column in ("series", "stderr"):  # a name in its part of this folder, and no way out of it
         if (place := getattr(record, column)) and not IN_PART[column].fullmatch(place):
@@ -183,13 +186,16 @@ def load(folder: Path, *, check_series: bool = True) -> Loaded:
     """All good records, in order of case; a record whose series file is damaged is not good. Nothing is changed."""
     refuse_links(folder)
     refuse_older(folder)
-    if not is_results(folder):
+    runs = Place(folder) / "runs"
+    if not runs.is_folder():
         raise StoreError(f"{folder} holds no results (it has no runs/)")
-    good, bad, runs = [], [], Place(folder) / "runs"
-    for name in (n for n in runs.names() if not n.startswith(".")):
+    good, bad = [], []
+    for name, content in runs.contents(LARGEST):
         place = runs / name
         try:
-            record = read_record(place)
+            if isinstance(content, OSError):
+                raise BadRecord(f"cannot read record {place}: {content.strerror or content}")
+            record = record_in(name, content)
             if check_series and record.series:
                 read_series(Place(folder) / record.series, record.series_sha256)
             good.append(record)
@@ -212,15 +218,25 @@ def newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
 
 
 def set_aside(folder: Path, unreadable: Iterable[Unreadable]) -> None:
-    """Move what could not be read to ``set_aside/``, each with a note why; nothing is deleted."""
-    aside = Place(folder) / "set_aside"
-    for item in unreadable:
-        target, n = aside / item.path.name, 0
-        while target.kind():
-            n += 1
-            target = aside / f"{item.path.name}.{n}"
-        (Place(folder) / item.path.relative_to(folder).as_posix()).move_to(target)
-        target.sibling(f"{target.name}.why").write(item.why + "\n")
+    """Move what could not be read to ``set_aside/``, with a note that says why, a line a file; nothing is deleted."""
+    items, aside = list(unreadable), Place(folder) / "set_aside"
+    if not items:
+        return
+    aside.make()
+    taken, lines = set(aside.names()), []
+    for item in items:
+        name = _free(item.path.name, taken)
+        (Place(folder) / item.path.relative_to(folder).as_posix()).move_to(aside / name)
+        lines.append(f"{name}: {item.why}\n")
+    (aside / _free("why.txt", taken)).write("".join(lines))
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """``name``, or with the first number that is not ``taken``, which it is then."""
+    numbered = itertools.chain([name], (f"{name}.{n}" for n in itertools.count(1)))
+    free = next(n for n in numbered if n not in taken)
+    taken.add(free)
+    return free
 
 
 def series_of(folder: Path, record: RunRecord, *, poses: bool = True) -> Series | None:

@@ -147,7 +147,7 @@ def write_tables(variants: Sequence[Variant], folder: Place, *, rounded: bool = 
         values = rounded_csv_of(variant.runs) if rounded else csv_of(variant.runs)
         for suffix, text in ((".csv", values), (".tex", latex_of(variant.title, variant.runs))):
             place = folder / f"{variant.slug}{suffix}"
-            place.write(text)
+            place.write(text, durable=False)
             out.append(place.path)
     return out
 

@@ -66,7 +66,7 @@ SPEAKING = ("number", "whole", "signed", "seconds", "time", "unit", "mark", "plu
 def copy_assets(folder: Place, names: Sequence[str]) -> None:
     """Scripts and styles of these names, as ``assets/`` of a report."""
     for name in names:
-        (folder / "assets" / name).write((ASSETS / name).read_bytes())
+        (folder / "assets" / name).write((ASSETS / name).read_bytes(), durable=False)
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Site:
         return self._written(name, bundle(name, value))
 
     def _written(self, name: str, text: str) -> str:
-        (self.folder / "data" / f"{name}.js").write(text)
+        (self.folder / "data" / f"{name}.js").write(text, durable=False)
         return f"data/{name}.js"
 
     def url(self, about: Run | Variant | str) -> str:
@@ -150,7 +150,7 @@ class Site:
         for page, template, values in self._pending.values():
             scripts = ["assets/site.js", *(["data/pages.js"] if page.root else []), *values["scripts"]]
             given = {**values, "scripts": scripts, "page": page, "root": page.root, "pages": nav}
-            (self.folder / page.file).write(environment.get_template(template).render(given))
+            (self.folder / page.file).write(environment.get_template(template).render(given), durable=False)
 
     @cached_property
     def _solver_urls(self) -> Mapping[str, str]:

@@ -150,7 +150,7 @@ def write(results: Results, site: Site) -> Page | None:
     found, runs = lines(results, rows), moments(rows)
     shared = [line for line in found if len(line.rows) > 1]
     shown = [line for line in found if line.changed][:SHOWN]
-    (site.folder / TABLE).write(table(shared))
+    (site.folder / TABLE).write(table(shared), durable=False)
     return site.write(
         Page("History", "history.html", nav=True, order=60), "history.html", scripts=["assets/judgement.js"],
         lines=shown, shared=len(shared), table=TABLE, new=len(found) - len(shared),

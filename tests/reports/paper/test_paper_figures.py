@@ -7,9 +7,9 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.harness.__main__ import main
+from mbsbench.harness.places import Place
 from mbsbench.harness.referee.judge import read_claims, write
 from mbsbench.harness.results.judgements.claims import Verdict
-from mbsbench.harness.places import Place
 from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED
 from mbsbench.reports import site
 from mbsbench.reports.model.results import Run, read_results
