@@ -72,16 +72,14 @@ def summaries() -> Mapping[str, tuple[str, str]]:
 def _declared(function: ast.FunctionDef) -> tuple[str, str]:
     """Name and summary in the call of ``subcommand``."""
     texts: dict[str, str] = {}
-    for node in ast.walk(function):
-        if (
-            isinstance(node, ast.Assign)
-            and isinstance(node.value, ast.Constant)
-            and isinstance(node.targets[0], ast.Name)
-        ):
-            texts[node.targets[0].id] = str(node.value.value)
-    for node in ast.walk(function):
-        if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "subcommand":
-            name, summary = (texts[a.id] if isinstance(a, ast.Name) else ast.literal_eval(a)
-                             for a in (node.args[1], node.args[3]))  # fmt: skip
-            return str(name), str(summary)
+    for statement in function.body:
+        for node in ast.walk(statement):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "subcommand":
+                name, summary = (
+                    texts[a.id] if isinstance(a, ast.Name) else ast.literal_eval(a)
+                    for a in (node.args[1], node.args[3])
+                )
+                return str(name), str(summary)
+        if isinstance(statement, ast.Assign) and isinstance(statement.value, ast.Constant):
+            texts |= {t.id: str(statement.value.value) for t in statement.targets if isinstance(t, ast.Name)}
     raise TypeError(f"add calls no subcommand (line {function.lineno})")

@@ -1,4 +1,4 @@
-"""What a newcomer types first: help, the version, the catalogue and one of its entries; cheap, and in the same words."""
+"""What a newcomer types first: help, the version, the catalogue and one of its entries; cheap, and in one wording."""
 
 import json
 import subprocess
@@ -92,7 +92,7 @@ CERTIFIED = ("chain", "four_bar_grid", "n_four_bar", "pumped_pendulum")
 
 @pytest.mark.parametrize("name", sorted(registry.problems()))
 def test_a_certified_integration_is_not_called_exact(capsys, name):
-    """A motion without a formula is said to be integrated; whose reference is what, is asked of the reference itself."""
+    """A motion without a formula is said to be integrated, not to be exact."""
     source = source_of(registry.make_problem(name))
     assert (source is Source.CERTIFIED) == (name in CERTIFIED)
     main(["list", name])
