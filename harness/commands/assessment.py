@@ -14,10 +14,10 @@ from ..catalogue import registry
 from ..referee.certificates.drift import PERIODS, anatomy
 from ..referee.certificates.orders import certify
 from ..referee.certificates.symmetries import scorecard
-from ..referee.certificates.work import operations
 from ..results.judgements.runs import Order
 from ..results.records import RunRecord
 from ..results.words import accurate_until, why
+from ..results.work import index_1_evaluations
 from ..sandbox.trial import made
 from ..suites.spec import RunSpec, make_spec
 from ..types import Status, Trait
@@ -236,8 +236,8 @@ def _work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = (
         if rivals:
             r = min(rivals, key=lambda r: r.cpu_median_s)
             words += f"; {r.solver} {r.motion_error_max_m:.2g} m in {_time(r)}"
-            if 0.0 < operations(best) < math.inf and math.isfinite(operations(r)):
-                words += f", {operations(r) / operations(best):.2g} of the evaluations"
+            if 0.0 < index_1_evaluations(best) < math.inf and math.isfinite(index_1_evaluations(r)):
+                words += f", {index_1_evaluations(r) / index_1_evaluations(best):.2g} of the index-1 evaluations"
         else:
             cut = {s.solver for s in left if s.label == "ladder" and s.problem == name}  # they might have come nearer
             whole = [who for who in FIELD if who != solver and who not in cut]
