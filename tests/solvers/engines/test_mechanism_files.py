@@ -14,6 +14,7 @@ from mbsbench.harness.api import load
 from mbsbench.harness.catalogue import mechanism_files, plugins, registry
 from mbsbench.harness.catalogue.mechanism import Mechanism, Omitted
 from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.joints import JointKind
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.results.environment import ROOT, code_digest
@@ -159,7 +160,7 @@ def test_what_is_not_taken_over_is_counted(tmp_path):
     text = LOOPS.replace('<joint axis="0 1 0"/>', '<joint name="j" damping="1" stiffness="2" axis="0 1 0"/>', 1)
     text = text.replace("</mujoco>", '<actuator><motor joint="j"/></actuator></mujoco>')
     omitted = mechanism_files.read(written(tmp_path, text)).omitted
-    assert omitted == {Omitted.ACTUATORS: 1, Omitted.COLLIDING: 5, Omitted.STIFFNESS: 1, Omitted.DAMPING: 1}
+    assert omitted == {Omitted.ACTUATORS: 1, Omitted.COLLIDING: 5}
 
 
 @pytest.mark.parametrize(("part", "words"), [
@@ -240,3 +241,44 @@ def test_a_suite_takes_a_file(tmp_path, monkeypatch, capsys):
     capsys.readouterr()
     assert main(["export", "planted.urdf"]) == 0
     assert [j["type"] for j in json.loads(capsys.readouterr().out)["joints"]] == ["revolute", "prismatic"]
+
+
+SPRUNG = f"""<mujoco><option gravity="1 0 -9.81"/><worldbody>
+<body name="a" pos="0 0 1" euler="20 10 5"><joint name="hinge" axis="1 .2 0" pos="0 0 .1" stiffness="7" springref="20"
+    damping=".3" armature=".02" ref="5"/>{BOX}
+  <body name="b" pos="0 0 -.6"><joint type="slide" axis="1 0 1" stiffness="30" springref=".2" damping=".4"/>{BOX}
+    <body name="c" pos=".3 .1 -.2"><joint axis="0 1 .5" stiffness="3" damping=".1"/>{BOX}</body></body></body>
+<body name="roller" pos="1 0 0"><joint type="slide" axis="1 1 0" stiffness="20" damping=".5"/>
+  <joint axis="1 1 0" pos="0 .1 0" stiffness="2" springref="-30" damping=".2"/>{BOX}</body>
+<body name="bead" pos="2 0 0"><joint type="slide" axis="1 2 0" stiffness="9" springref=".3" damping=".2"/>
+  <joint type="ball" pos="0 .1 0"/>{BOX}</body>
+<body name="walker" pos="1 1 1"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+  <joint axis="0 1 0" pos="0 0 .1" stiffness="4" damping=".3" armature=".05"/>{BOX}</body>
+</worldbody></mujoco>"""
+
+
+def test_springs_dampers_and_armatures_of_joints_are_mujocos(tmp_path):
+    """Its generalised forces at rest and moving, its mass matrix, its potential energy and its accelerations."""
+    m = mechanism_files.read(written(tmp_path, SPRUNG))
+    assert not {Omitted.STIFFNESS, Omitted.DAMPING, Omitted.ARMATURE} & {*m.omitted}
+    qpos, qvel = moving(m)
+    made = m.problem(qpos=tuple(qpos), qvel=tuple(qvel))
+    assert len(made.system.torsion_k) == 4 and len(made.system.spring_k) == 3
+    model = theirs(m, qpos, qvel)
+    found = differences(made, model)
+    assert max(found.values()) < SAME, found
+    ours = accelerations(made.system, made.initial)
+    data = m.mj.MjData(m.model)
+    data.qpos[:], data.qvel[:] = qpos, qvel
+    m.mj.mj_forward(m.model, data)
+    both = np.concatenate((ours.v_dot, ours.Omega_dot), axis=1)
+    expected = (model.T @ data.qacc).reshape(-1, 6) + model.bias
+    assert np.max(np.abs(both - expected)) < 1e-9 * np.max(np.abs(expected))
+
+
+def test_what_no_rigid_body_or_spring_stands_for_is_counted(tmp_path):
+    """A rotor between moving bodies, a damper of a ball, springs that are not linear."""
+    text = SPRUNG.replace('axis="0 1 .5" stiffness="3"', 'axis="0 1 .5" armature=".1" stiffness="3 1 0"')
+    text = text.replace('<joint type="ball"', '<joint type="ball" damping="1"')
+    omitted = mechanism_files.read(written(tmp_path, text)).omitted
+    assert omitted[Omitted.ARMATURE] == 1 and omitted[Omitted.DAMPING] == 3 and omitted[Omitted.STIFFNESS] == 1
