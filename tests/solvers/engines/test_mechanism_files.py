@@ -282,3 +282,35 @@ def test_what_no_rigid_body_or_spring_stands_for_is_counted(tmp_path):
     text = text.replace('<joint type="ball"', '<joint type="ball" damping="1"')
     omitted = mechanism_files.read(written(tmp_path, text)).omitted
     assert omitted[Omitted.ARMATURE] == 1 and omitted[Omitted.DAMPING] == 3 and omitted[Omitted.STIFFNESS] == 1
+
+
+ARM = f"""<mujoco><option timestep="0.005" integrator="implicitfast"/><worldbody>
+<body name="upper" pos="0 0 1"><joint axis="0 1 .2" stiffness="5" springref="40" damping=".2"/>{BOX}
+  <body name="lower" pos="0 0 -.5"><joint axis="1 0 .3" stiffness="2" damping=".1"/>{BOX}
+    <body name="hand" pos="0 0 -.3"><joint type="ball"/>{BOX}</body></body></body></worldbody>
+<equality><connect body1="hand" anchor="0 0 -.2" solref=".01 1" solimp=".9 .95 .001 .5 2"/></equality></mujoco>"""
+
+
+def test_mujoco_is_given_the_springs_of_hinges(tmp_path):
+    """Its model check compares forces and energies at a start off the rest angles; it does not refuse."""
+    open_arm = ARM.partition("<equality>")[0] + "</mujoco>"
+    problem = make_problem(str(written(tmp_path, open_arm, "sprung.xml")), {"qpos": "0.3,-0.4,1,0,0,0", "t_end": 0.2})
+    solver = registry.make_solver("mujoco")
+    run = solver.solve(problem, StepControl(dt=1e-3))
+    reference = registry.make_solver("rkmk_dopri5").solve(problem, StepControl(rtol=1e-9))
+    assert solver.refuses(problem, StepControl(dt=1e-3)) is None
+    assert np.max(np.abs(run.states.r[-1] - reference.states.r[-1])) < 1e-8
+
+
+def test_the_settings_of_a_file_are_its_own(tmp_path):
+    """Integrator, step and the softness of loops; another step, or another problem, is refused in a line."""
+    problem = make_problem(str(written(tmp_path, ARM, "soft.xml")), {"t_end": 0.1})
+    soft = registry.make_solver("mujoco", {"settings": "file"})
+    control = StepControl(dt=0.005)
+    assert soft.refuses(problem, control) is None
+    model = engine.Model(soft, problem, control).model
+    mj = engine.package("mujoco")
+    assert model.opt.integrator == mj.mjtIntegrator.mjINT_IMPLICITFAST and model.opt.timestep == 0.005
+    assert np.allclose(model.eq_solref, (0.01, 1.0)) and np.allclose(model.eq_solimp[0, :2], (0.9, 0.95))
+    assert "timestep is 0.005 s" in soft.refuses(problem, StepControl(dt=0.001))
+    assert "not read from" in soft.refuses(make_problem("chain"), StepControl(dt=0.001))
