@@ -17,6 +17,7 @@ from ..execution.measuring import judged, series_of
 from ..files import FileError
 from ..mechanics.state import States
 from ..metrics.measure import Measured
+from ..places import Place
 from ..reference.computed import reference_of
 from ..results import environment, store
 from ..results.records import RunRecord
@@ -88,7 +89,7 @@ def refereed(problem: Problem, path: Path, given: Given, folder: Path | None, *,
         none = {x: np.full_like(series.arrays[x], math.nan) for x in names}
         series = dataclasses.replace(series, arrays={**series.arrays, **none})
         place = f"series/{job.id}.npz"
-        digest = write_series(folder / place, series)
+        digest = write_series(Place(folder) / place, series)
         return dataclasses.replace(record, series=place, series_sha256=digest, series_rows=len(series["t"]))
 
     spec = _spec(problem, path, given, trajectory, several=several)
@@ -101,11 +102,11 @@ def refereed(problem: Problem, path: Path, given: Given, folder: Path | None, *,
 
 def results_folder(folder: Path) -> Path:
     """A results folder to add to; a new one is stamped like that of a suite."""
-    known = (folder / "runs").is_dir()
+    known = store.is_results(folder)
     store.create(folder)
     if not known:
         stamp = environment.stamp(folder.name, REFEREED, 1, ())
-        store.write_text(folder / "environment.json", json.dumps(stamp, indent=1))
+        (Place(folder) / "environment.json").write(json.dumps(stamp, indent=1))
     return folder
 
 
