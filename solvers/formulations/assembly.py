@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from .generated import Code, Loop, Program, compile_functions
+from .generated.steps import set_to_zero
 from .layout import Layout
 from .symbolic import Element
 
@@ -40,17 +41,16 @@ class Assembly:
         sparsities = [code.sparsity for code in self._codes if differentiable]
         self.row, self.column, self.of_w = _entries(self._batches[: len(sparsities)], sparsities)
         self.column[self.column >= np.where(self.of_w, layout.n_u, layout.n)] = -1  # constants
-        self._out = np.zeros(n_out + 1)
-        self._evaluate = self._program("values", self._out, _joined([b.out for b in self._batches]))
+        self.out = np.zeros(n_out + 1)  # the outputs after ``evaluate``, and a spare one
+        self.evaluate = self._program("values", self.out, _joined([b.out for b in self._batches]))
 
     def values(
         self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float = 0.0
     ) -> Float[np.ndarray, " n_out"]:
         """The assembled outputs at unknowns ``y`` and accelerations ``w``."""
         self.read(y, w, t)
-        self._out.fill(0.0)
-        self._evaluate.run()
-        return self._out[:-1].copy()
+        self.evaluate.run()
+        return self.out[:-1].copy()
 
     def derivatives_into(
         self, data: Float[np.ndarray, " m+1"], place: Int[np.ndarray, " n_entries"],
@@ -70,7 +70,8 @@ class Assembly:
         self._w[: self._n_u] = w
 
     def _program(self, name: str, target: np.ndarray, place: np.ndarray, weight: np.ndarray | None = None) -> Program:
-        place, steps, start = np.where(place < 0, len(target) - 1, place), [], 0
+        place, start = np.where(place < 0, len(target) - 1, place), 0
+        steps = [set_to_zero(target)] if weight is None else []
         for code, b in zip(self._codes, self._batches, strict=True):
             size = len(b.z) * code.sizes[name]
             own = slice(start, start + size)

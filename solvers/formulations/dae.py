@@ -106,7 +106,8 @@ class _Direct:
         self._at_rest = np.zeros(2 * self.pattern.nnz + 1)
         self._at_rest[self.pattern.nnz + of_p_dot] = 1.0
         entries = np.concatenate((self._place[used], self._more, self.pattern.nnz + of_p_dot))
-        self.structure = tuple(np.isin(np.arange(2 * self.pattern.nnz), entries).reshape(2, -1))
+        of_y, of_y_dot = np.isin(np.arange(2 * self.pattern.nnz), entries).reshape(2, -1)
+        self.structure = of_y, of_y_dot
 
 
 class _Semi(_Direct):

@@ -54,7 +54,8 @@ class Accelerations:
         place[entries] = pattern.place
         self._A = np.zeros(pattern.nnz + 1)
         self._add_A = motion.derivatives_into(self._A, place, np.ones(len(place)))
-        self._saddle = Saddle(layout, pattern, InverseMass(layout))
+        e, c = motion.out[layout.u], motion.out[layout.lam]
+        self._saddle = Saddle(layout, pattern, InverseMass(layout), self._A[:-1], e, c)
         self._at_rest = np.zeros(layout.n_u)
 
     def at(
@@ -63,10 +64,12 @@ class Accelerations:
         """(u', lam); the lam in ``y`` is not read."""
         at, y = self._layout, y.copy()
         y[at.lam] = 0.0
-        out = self._motion.values(y, self._at_rest, t)
+        self._motion.read(y, self._at_rest, t)
+        self._motion.evaluate.run()
         self._A.fill(0.0)
         self._add_A.run()
-        return self._saddle.solve(y, self._A[:-1], out[at.u], out[at.lam])
+        u_dot, lam = self._saddle.solve(y)
+        return u_dot.copy(), lam.copy()
 
     def rate(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_p"]:
         """p' of the chart."""
