@@ -6,6 +6,7 @@ owns the arrays that it reads and writes: one instance serves one run at a time.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import casadi as ca
@@ -15,7 +16,7 @@ from jaxtyping import Float, Int
 from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import set_to_zero
 from .layout import Layout
-from .symbolic import Element
+from .symbolic import ELEMENTS, Element
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,7 @@ class _Compiled(NamedTuple):
     sparsity: ca.Sparsity
 
 
+@lru_cache(ELEMENTS)
 def _compiled(e: Element, *, derivative: bool) -> _Compiled:
     out = ca.vertcat(*e.outputs.values())
     loops = {"values": Loop(rows=[e.parameters], gathered=[e.z, e.w], added=[out])}

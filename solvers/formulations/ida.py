@@ -14,19 +14,17 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy.sparse as sp
 from jaxtyping import Float, Int
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 from sksundae.ida import IDA
 
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from .dae import ImplicitForm
 from .layout import Layout
+from .linear import DENSE_BELOW, find_band
 from .recording import Clock, StepFailure, march, trajectory
 from .sparse_pattern import FixedPattern
 
 OUT_OF_TEST = 1e3  # absolute tolerance that takes a variable out of error test and Newton test (IDA divides by it)
-DENSE_BELOW = 40  # unknowns; below, IDA's dense LU is faster than a sparse one's bookkeeping
 LARGEST_BAND = 2000  # unknowns; scikit-sundae hands a banded Jacobian over as a full matrix, of 32 MB here
 BAND_WORK = 3e8  # products in a factorisation of a band, beyond which SuperLU_MT is faster
 ONE_STEP_LIMIT = 100_000  # IDA's own limit a call; a call is one step here
@@ -120,14 +118,12 @@ def _choose_order(pattern: FixedPattern) -> _Order:
     n, own = pattern.shape[0], np.arange(pattern.shape[0])
     if n < DENSE_BELOW:
         return _Order(own, own, pattern.rows * n + pattern.columns, {"linsolver": "dense"})
-    ones = pattern.column_matrix(np.ones(pattern.nnz))
-    order = reverse_cuthill_mckee(sp.csr_matrix(ones + ones.T), symmetric_mode=True)
-    place = np.argsort(order)
-    row, column = place[pattern.rows], place[pattern.columns]
-    below, above = int(np.max(row - column)), int(np.max(column - row))
-    if n > LARGEST_BAND or n * below * (below + above) > BAND_WORK:
+    band = find_band(pattern)
+    if n > LARGEST_BAND or band.work > BAND_WORK:
+        ones = pattern.column_matrix(np.ones(pattern.nnz))
         return _Order(own, own, slice(None), {"linsolver": "sparse", "sparsity": ones})
-    return _Order(order, place, row * n + column, {"linsolver": "band", "lband": below, "uband": above})
+    options = {"linsolver": "band", "lband": band.below, "uband": band.above}
+    return _Order(band.order, band.place, band.row * n + band.column, options)
 
 
 def _callbacks(form: ImplicitForm, unknowns: _Order, clock: Clock, work: dict[str, int]) -> tuple[Callable, Callable]:

@@ -58,13 +58,13 @@ class FixedPattern:
 
     def dense(self, data: Float[np.ndarray, " nnz"]) -> Float[np.ndarray, "n m"]:
         """As a full matrix, for systems small enough that this is faster."""
-        out = np.zeros(self.shape)
+        out = np.zeros(self.shape, dtype=data.dtype)
         out[self.rows, self.columns] = data
         return out
 
 
 class FixedProduct:
-    """P Q of two row-wise patterns: terms p[``p``] q[``q``] of the factors' nonzeros, added as entries of ``pattern``."""
+    """P Q of two row-wise patterns: terms p[``p``] q[``q``] of the factors' nonzeros, entries of ``pattern``."""
 
     def __init__(self, P: FixedPattern, Q: FixedPattern) -> None:
         count = np.diff(Q.indptr)[P.indices]

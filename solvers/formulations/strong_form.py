@@ -10,6 +10,7 @@ diagonal as in Eq. (35), in the coordinate-free velocities V.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -25,7 +26,7 @@ from .generated.steps import add_products, set_to_zero
 from .layout import Layout
 from .saddle import InverseMass, Saddle
 from .sparse_pattern import FixedPattern
-from .symbolic import free_spring_element, strong_row_element
+from .symbolic import ELEMENTS, free_spring_element, strong_row_element
 from .system_elements import (
     body_batch,
     joint_rows,
@@ -175,6 +176,7 @@ class StrongForm:
         return batches
 
 
+@lru_cache(ELEMENTS)
 def _compiled_rows(alpha: float, beta: float) -> Code:
     """Eq. (65) row by row: its right side of the saddle, and lam_ddot."""
     names = ("phi", "phi_dot", "M_bar", "M_bar_dot", "C_bar", "K_bar", "gamma", "lam", "lam_dot", "F", "f_bar")

@@ -43,7 +43,7 @@ def add_products(
 
 def call_lapack(name: str, *arguments: np.ndarray) -> Step:
     """LAPACK's routine ``name``; integers are int32, characters bytes. Its ``info`` is for the caller to look at."""
-    capsule = getattr(cython_lapack, "__pyx_capi__")[name]
+    capsule = vars(cython_lapack)["__pyx_capi__"][name]
     get = ctypes.pythonapi.PyCapsule_GetPointer
     get.restype, get.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
     get_name = ctypes.pythonapi.PyCapsule_GetName
