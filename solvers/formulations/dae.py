@@ -29,6 +29,7 @@ class ImplicitForm:
         self.layout, self.form = layout, form
         level = "acceleration" if form in ("fi", "se") else form
         self._motion = equations_of_motion(layout, level, alpha, beta, differentiable=True)
+        self._slices = layout.p, layout.u, layout.lam
         self._inverse_mass = InverseMass(layout)
         self._no_u_dot = np.zeros(layout.n_u)
         self._parts = (_Semi if form == "se" else _Direct)(layout, self._motion)
@@ -48,23 +49,23 @@ class ImplicitForm:
         self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
     ) -> Float[np.ndarray, " n"]:
         """F(t, y, y'); t occurs where drives or loads are functions of it."""
-        at = self.layout
-        F = self._motion.values(y, y_dot[at.u], t)
+        p, u, lam = self._slices
+        F = self._motion.values(y, y_dot[u], t)
         if self.form == "se":
-            F[at.lam] = self._motion.values(y, self._acceleration(y, y_dot, F[at.u]), t)[at.lam]
-        F[at.p] = y_dot[at.p] - F[at.p]
+            F[lam] = self._motion.values(y, self._acceleration(y, y_dot, F[u]), t)[lam]
+        np.subtract(y_dot[p], F[p], out=F[p])
         return F
 
     def jacobian(
         self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
     ) -> tuple[Float[np.ndarray, " nnz"], Float[np.ndarray, " nnz"]]:
         """(dF/dy, dF/dy') as nonzeros of ``pattern``, in arrays that the next call changes."""
-        at, parts = self.layout, self._parts
+        u, parts = self._slices[1], self._parts
         parts.reset()
-        self._motion.read(y, y_dot[at.u], t)
+        self._motion.read(y, y_dot[u], t)
         parts.add_at_y_dot.run()
         if isinstance(parts, _Semi):
-            w = self._acceleration(y, y_dot, self._motion.values(y, y_dot[at.u], t)[at.u])
+            w = self._acceleration(y, y_dot, self._motion.values(y, y_dot[u], t)[u])
             self._motion.read(y, w, t)
             parts.add_at_w.run()
             parts.add_product(self._inverse_mass.blocks(y))
@@ -73,7 +74,7 @@ class ImplicitForm:
     def _acceleration(self, y: np.ndarray, y_dot: np.ndarray, e: np.ndarray) -> np.ndarray:
         """w = M^-1 (f - h + A^T lam) from e = M u' + h - f - A^T lam."""
         blocks = self._inverse_mass.blocks(y)
-        return y_dot[self.layout.u] - np.matmul(blocks, e.reshape(-1, 6, 1)).ravel()
+        return y_dot[self._slices[1]] - np.matmul(blocks, e.reshape(-1, 6, 1)).ravel()
 
 
 class _Direct:

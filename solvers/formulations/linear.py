@@ -1,4 +1,4 @@
-"""Factorisations of matrices of one fixed pattern, given by their nonzeros: full, banded or sparse, by size and band."""
+"""Factorisations of matrices of one fixed pattern, given by their nonzeros: full, banded or sparse, as the band is."""
 
 from collections.abc import Callable
 from typing import NamedTuple
@@ -66,9 +66,8 @@ def _banded(band: Band) -> Callable[[np.ndarray], Solve]:
         storage = np.zeros(n * height, dtype=data.dtype)
         storage[entries] = data
         kind = "z" if np.iscomplexobj(data) else "d"
-        factors, pivots, info = getattr(lapack, f"{kind}gbtrf")(
-            storage.reshape(n, height).T, below, above, overwrite_ab=1
-        )
+        matrix = storage.reshape(n, height).T
+        factors, pivots, info = getattr(lapack, f"{kind}gbtrf")(matrix, below, above, overwrite_ab=1)
         if info != 0:
             raise RuntimeError("Factor is exactly singular")
         substitute = getattr(lapack, f"{kind}gbtrs")
