@@ -94,11 +94,15 @@ class MaximumNormNdf(BDFDAE):
     _step_impl = _with_norm(_maximum)
 
 
-def _set_jacobian(method: DaeSolver, jacobian: Callable, pattern: FixedPattern) -> None:
+def _set_functions(method: DaeSolver, residual: Callable, jacobian: Callable, pattern: FixedPattern) -> None:
     """Let ``method`` have Jacobians as nonzeros of ``pattern``, which it only adds, and factorise them our way."""
     factorise = factoriser(pattern)
 
-    def evaluate(t: float, y: np.ndarray, y_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def evaluate_residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
+        method.nfev += 1
+        return residual(t, y, y_dot)
+
+    def evaluate_jacobian(t: float, y: np.ndarray, y_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         method.njev += 1
         return jacobian(t, y, y_dot)
 
@@ -110,8 +114,8 @@ def _set_jacobian(method: DaeSolver, jacobian: Callable, pattern: FixedPattern) 
         method._nlusove += 1
         return solve(right)
 
-    method.jac, method.lu, method.solve_lu = evaluate, lu, solve_lu
-    method.Jy, method.Jyp = evaluate(method.t, method.y, method.yp)
+    method.fun, method.jac, method.lu, method.solve_lu = evaluate_residual, evaluate_jacobian, lu, solve_lu
+    method.Jy, method.Jyp = evaluate_jacobian(method.t, method.y, method.yp)
 
 
 @solver("ndf_index1")
@@ -144,7 +148,10 @@ class NdfIndex1(BaumgarteOptions):
         form = self.implicit(layout, which, self.alpha, self.beta)
         ndf = self._integrator(layout, form, clock, y, y_dot, problem.t_end, control)
         setup_time = clock.restart()
-        done = march(lambda: _step(ndf, layout), (0.0, y, y[layout.lam]), layout, problem.t_end, control, clock)
+        start, lam = (0.0, y, y[layout.lam]), layout.lam
+        with warnings.catch_warnings(), np.errstate(all="ignore"):
+            warnings.simplefilter("ignore", sl.LinAlgWarning)  # a zero pivot gives inf, which Newton then rejects
+            done = march(lambda: _step(ndf, lam), start, layout, problem.t_end, control, clock)
         cpu_time = clock.cpu_time()
         counters = {
             "evaluations": ndf.nfev + form.difference_evaluations,
@@ -182,7 +189,7 @@ class NdfIndex1(BaumgarteOptions):
             residual, 0.0, y, y_dot, t_end, max_step=control.max_step or np.inf, rtol=control.rtol, atol=atol,
             jac=(nothing, nothing),
         )  # fmt: skip
-        _set_jacobian(method, jacobian, form.pattern)
+        _set_functions(method, residual, jacobian, form.pattern)
         return method
 
     def _method(self, *equations: Any, **settings: Any) -> DaeSolver:
@@ -190,15 +197,13 @@ class NdfIndex1(BaumgarteOptions):
         return kind(*equations, **settings, NDF_strategy="efficiency")
 
 
-def _step(ndf: DaeSolver, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:
+def _step(ndf: DaeSolver, lam: slice) -> tuple[float, np.ndarray, np.ndarray]:
     try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore", sl.LinAlgWarning)  # a zero pivot gives inf, which Newton then rejects
-            message = ndf.step()
+        message = ndf.step()
     except (RuntimeError, np.linalg.LinAlgError) as error:  # SuperLU's "Factor is exactly singular"
         raise StepFailure(Status.SINGULAR, f"the Jacobian could not be factorised ({error})") from None
     except ValueError as error:  # LAPACK's wrappers on NaN or infinity
         raise StepFailure(Status.DIVERGED, f"the linear system is not finite ({error})") from None
     if ndf.status == "failed":
         raise StepFailure(Status.STEP_UNDERFLOW, str(message).rstrip(".").lower())
-    return ndf.t, ndf.y, ndf.y[layout.lam]
+    return ndf.t, ndf.y, ndf.y[lam]

@@ -80,6 +80,8 @@ def integrate(
         ida.init_step(0.0, start.y[unknowns.order], start.y_dot[unknowns.order])
         setup_time = clock.restart()
 
+        lam = layout.lam
+
         def advance() -> tuple[float, np.ndarray, np.ndarray]:
             step = ida.step(problem.t_end, method="onestep", tstop=problem.t_end)
             if step.status < 0:
@@ -87,7 +89,7 @@ def integrate(
                 native = " ".join(said.getvalue().split())
                 raise StepFailure(status, f"IDA: {words}" + (f" ({native})" if native else ""))
             y = step.y[unknowns.place]
-            return step.t, y, y[layout.lam]
+            return step.t, y, y[lam]
 
         done = march(advance, (0.0, start.y, start.y[layout.lam]), layout, problem.t_end, control, clock)
         cpu_time = clock.cpu_time()
