@@ -20,13 +20,12 @@ from sksundae.ida import IDA
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from .dae import ImplicitForm
 from .layout import Layout
-from .linear import DENSE_BELOW, find_band
+from .linear import BAND_WORK, DENSE_BELOW, find_band
 from .recording import Clock, StepFailure, march, trajectory
 from .sparse_pattern import FixedPattern
 
 OUT_OF_TEST = 1e3  # absolute tolerance that takes a variable out of error test and Newton test (IDA divides by it)
 LARGEST_BAND = 2000  # unknowns; scikit-sundae hands a banded Jacobian over as a full matrix, of 32 MB here
-BAND_WORK = 3e8  # products in a factorisation of a band, beyond which SuperLU_MT is faster
 ONE_STEP_LIMIT = 100_000  # IDA's own limit a call; a call is one step here
 FAILURES = {
     -2: (Status.STEP_UNDERFLOW, "the demanded accuracy is below rounding"),
@@ -114,8 +113,8 @@ class _Order(NamedTuple):
 def _choose_order(pattern: FixedPattern) -> _Order:
     """That of the narrowest band, unless the matrix is small or its band too wide.
 
-    IDA's sparse solver is SuperLU_MT, which takes 8 ms to set out whatever the size: a band is up to twenty times as
-    fast, and exact in the same sense.
+    IDA's sparse solver is SuperLU_MT, whose threads take milliseconds to set out whatever the size, unless they are
+    limited to one; the chain's band is faster in both cases.
     """
     n, own = pattern.shape[0], np.arange(pattern.shape[0])
     if n < DENSE_BELOW:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Int, Num
-from scipy.linalg import lapack, lu_factor, lu_solve
+from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
@@ -45,16 +45,18 @@ def find_band(pattern: FixedPattern) -> Band:
 def factoriser(pattern: FixedPattern) -> Callable[[Num[np.ndarray, " nnz"]], Solve]:
     """What factorises a matrix, real or complex, and returns the solve; RuntimeError if it is singular."""
     if pattern.shape[0] < DENSE_BELOW:
-        return lambda data: _solve_full(pattern.dense(data))
+        return lambda data: _factorise_full(pattern.dense(data))
     band = find_band(pattern)
     if band.work > BAND_WORK:
         return lambda data: splu(pattern.column_matrix(data)).solve
     return _banded(band)
 
 
-def _solve_full(matrix: np.ndarray) -> Solve:
-    factors = lu_factor(matrix, overwrite_a=True)
-    return lambda right: lu_solve(factors, right)
+def _factorise_full(matrix: np.ndarray) -> Solve:
+    kind = "z" if np.iscomplexobj(matrix) else "d"
+    factors, pivots, _ = getattr(lapack, f"{kind}getrf")(matrix)  # a zero pivot gives inf, which Newton then rejects
+    substitute = getattr(lapack, f"{kind}getrs")
+    return lambda right: substitute(factors, pivots, right)[0]
 
 
 def _banded(band: Band) -> Callable[[np.ndarray], Solve]:
