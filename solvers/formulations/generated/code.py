@@ -15,7 +15,7 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from ....harness.cache import cache_folder
-from ....harness.files import read_own, write_bytes
+from ....harness.places import Place
 from .functions import Loop, Straight
 from .printing import print_module
 
@@ -69,16 +69,16 @@ def _object(ir: str, machine: llvm.TargetMachine) -> bytes:
     """The object file of ``ir``, from disk if it is there."""
     version = f"{llvmlite.__version__} {llvm.llvm_version_info} {LEVEL}"
     key = hashlib.sha256("\0".join((ir, *_processor(), machine.triple, version)).encode()).hexdigest()
-    path = FOLDER / f"{key}.o"
+    place = Place(FOLDER) / f"{key}.o"
     with contextlib.suppress(OSError):
-        kept = read_own(path, LARGEST)
+        kept = place.read(LARGEST)
         digest, content = kept[:32], kept[32:]
         if hashlib.sha256(content).digest() == digest:
             return content
     content = _compile(ir, machine)
     with contextlib.suppress(OSError):  # nowhere to write
         FOLDER.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, hashlib.sha256(content).digest() + content)
+        place.write(hashlib.sha256(content).digest() + content, durable=False)
     return content
 
 
