@@ -22,7 +22,7 @@ from .reactions import load_on_bodies
 SAMPLES = 200  # recorded steps at most that are looked at
 LEAST, PRODUCTS = 4, 2e8  # and at least; nrows^2 6 nb at all of them: large systems are looked at less often
 RESOLVED = 0.5  # [rad] that a body turns over a step: beyond it difference quotients say nothing
-TOLD = ACCURATE["accurate_until_1pct_s"]  # of the speed: an error of velocities that counts
+TOLD = ACCURATE["accurate_until_1pct_s"]  # of a speed, an acceleration, a load: an error that counts
 ROUNDINGS = 64.0  # in a difference of poses
 
 
@@ -60,7 +60,7 @@ def truncation(
         loads = [load_on_bodies(system, reaction[k + d], s.at(k + d)) for d in (-1, 0, 1)]
         apart = _weight(system, loads[1] - found.load)
         steps = _weight(system, loads[1] - loads[0]) + _weight(system, loads[2] - loads[1])
-        floor = np.finfo(float).eps * ROUNDINGS * _weight(system, found.load)
+        floor = TOLD * _weight(system, found.load)
         out[2] = _ratio(apart, steps + floor)
     return Truncation(*out)
 
@@ -103,7 +103,9 @@ def _off(
     floor: np.ndarray,
 ) -> float:  # fmt: skip
     middle = (h2 * before + h1 * after) / (h1 + h2)
-    return _ratio(_size(system, middle - told), _size(system, after - before) + floor[..., 0])
+    return _ratio(
+        _size(system, middle - told), _size(system, after - before) + TOLD * _size(system, told) + floor[..., 0]
+    )
 
 
 def _ratio(off: np.ndarray, open_: np.ndarray) -> float:
