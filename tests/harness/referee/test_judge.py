@@ -204,8 +204,11 @@ CHEAP = (  # claims whose runs take half a minute or so: every problem, most ver
     "11-ode45-step-decrease",
     "12-redundant",
     "12-joint-A",
+    "4-nonholonomic",
+    "6-rheonomic",
     "general-no-scaling",
 )
+DEAR = {"n_four_bar", "bricard"}  # of the library: measuring 81 bodies takes seconds
 
 
 def maps_of(claim):
@@ -218,7 +221,8 @@ def test_the_cheap_claims_are_about_every_problem():
     assert {c.id for c in register.claims} >= set(CHEAP)
     cheap = [m for c in register.claims if c.id in CHEAP for m in maps_of(c)]
     everything = {p.spec.problem for p in places}
-    assert {p.spec.problem for m in cheap for p in select(places, m.over)} == everything and len(everything) == 5
+    assert len(everything) == 10
+    assert {p.spec.problem for m in cheap for p in select(places, m.over)} == everything - DEAR
 
 
 @pytest.fixture(scope="module")
