@@ -80,7 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     judged = judged_of(records, code)
     specs: Sequence[RunSpec | RunRecord] = judged if of_files else suite.specs
     if arguments.update:
-        if not judged:
+        if arguments.write and not judged:
             raise UsageError(f"no result of this code to take thresholds of {suite.name!r} from; nothing was written")
         return _update(path, thresholds, judged, loosen=arguments.loosen, write=arguments.write)
     result = judge(specs, records, thresholds, code)
