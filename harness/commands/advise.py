@@ -79,7 +79,7 @@ class Candidate:
         most = self.problem.t_end / 4.0 if self.control == "dt" else LOOSEST
         if value is None or not least <= value <= most or any(abs(value / v - 1.0) < 0.05 for v in tried):
             return None
-        return make_spec(self.problem, self.solver, None, {self.control: float(f"{value:.3g}")}, wall_limit=self.wall)
+        return make_spec(self.problem, self.solver, None, {self.control: float(f"{value:.3g}")}, cpu_limit=self.wall)
 
     def setting(self, r: RunRecord) -> float:
         """dt [s] or rtol of a run."""

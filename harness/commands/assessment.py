@@ -128,7 +128,7 @@ def _spec(
     solver: str, problem: str, parameters: Mapping[str, Any], control: Mapping[str, Any], label: str, wall: float,
     options: Mapping[str, Any] | None = None,
 ) -> RunSpec:  # fmt: skip
-    return make_spec(made(problem, parameters), solver, options, control, label=label, wall_limit=wall)
+    return make_spec(made(problem, parameters), solver, options, control, label=label, cpu_limit=wall)
 
 
 def _mine(solver: str, runs: Sequence[Run], label: str) -> list[Run]:

@@ -62,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         step = STEP[solver.control]
         label = escape(f"[{solver.paper_label}]  ") if solver.paper_label else ""
         out.print(f"[bold green]{solver.name}[/bold green]  {label}{escape(solver.doc)}")
-        limits = "max_steps (default 10000000); wall_limit [s] (default: none)"
+        limits = "max_steps (default 10000000); cpu_limit [s] (default: none)"
         out.print(escape(f"  {step}; {limits}"), style="dim")
         _options(out, solver.parameters)
     out.print("[bold]Suites[/bold]   " + ", ".join(suite_names()))

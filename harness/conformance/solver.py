@@ -50,7 +50,7 @@ def runs_of(solver: str) -> dict[str, RunSpec]:
     small = {"dt": LARGEST_STEP} if fixed else {"rtol": 1e-8, "max_step": LARGEST_STEP}
     out["spinning"] = _run(solver, "torque_free_body", SPINNING, small)
     endless = {"dt": 1e-4} if fixed else {"rtol": 1e-8, "max_step": 1e-4}
-    out["endless"] = _run(solver, BASE, {"omega_z": 3.0, "t_end": 1000.0}, endless, wall_limit=SHORT_WALL)
+    out["endless"] = _run(solver, BASE, {"omega_z": 3.0, "t_end": 1000.0}, endless, cpu_limit=SHORT_WALL)
     return out
 
 
@@ -73,7 +73,7 @@ def _run(
     solver: str, problem: str, parameters: Mapping[str, Any], control: Mapping[str, Any] | None = None, **limits: float
 ) -> RunSpec:
     made = registry.make_problem(problem, parameters)
-    return make_spec(made, solver, None, control, **{"wall_limit": WALL, **limits})
+    return make_spec(made, solver, None, control, **{"cpu_limit": WALL, **limits})
 
 
 REQUIREMENTS = (
@@ -112,7 +112,7 @@ REQUIREMENTS = (
         trials.stops("few steps", most=MAX_STEPS)),
     Requirement("it stops itself at the wall limit",
         f"it is asked to stop at {0.9 * SHORT_WALL:g} s; what is killed loses its counters and its last steps",
-        "check time.monotonic() every step; past control.wall_limit return Status.STALLED with the steps so far",
+        "check time.monotonic() every step; past control.cpu_limit return Status.STALLED with the steps so far",
         trials.stops("endless")),
     Requirement("steps are kept when it is stopped",
         "a failure is a result: the motion up to it is measured and drawn",

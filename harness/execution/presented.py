@@ -40,8 +40,8 @@ class Presented:
             return there
         last = there.states[-1]
         turned = dataclasses.replace(problem, initial=State(last.r, last.R, -last.v, -last.Omega))
-        left = None if control.wall_limit is None else max(control.wall_limit - (time.monotonic() - began), 1e-3)
-        back = self._there(turned, dataclasses.replace(control, spool=None, wall_limit=left))
+        left = None if control.cpu_limit is None else max(control.cpu_limit - (time.monotonic() - began), 1e-3)
+        back = self._there(turned, dataclasses.replace(control, spool=None, cpu_limit=left))
         if back.status is not Status.SUCCESS:
             words = f"the way back ended with {back.status} at {back.t[-1]:.6g} s: {back.message}"
             return dataclasses.replace(there, notes=(*there.notes, words))

@@ -54,7 +54,7 @@ class Outcome:
     native: str  # the last of what the process wrote to standard error
 
 
-def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say = _silent) -> Outcome:
+def solve_to_file(spec: RunSpec, out: Path, cpu_limit: float | None, say: Say = _silent) -> Outcome:
     """Run ``spec`` and write ``out``; a run that crashes or is killed leaves a file with the steps it had kept.
 
     Interrupted itself, it ends the run and leaves ``out`` as it was: whole, or not there. The problem, its reference
@@ -62,9 +62,9 @@ def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say =
     """
     patience = _Patience(say)
     with tempfile.TemporaryDirectory() as place:
-        limit = math.inf if wall_limit is None else wall_limit
-        job = Job(dataclasses.replace(spec, wall_limit=limit), Path(place))
-        if wall_limit is not None:  # a limit is on the run: compute the reference and compile before its clock starts
+        limit = math.inf if cpu_limit is None else cpu_limit
+        job = Job(dataclasses.replace(spec, cpu_limit=limit), Path(place))
+        if cpu_limit is not None:  # a limit is on the run: compute the reference and compile before its clock starts
             patience.now(REFERENCE)
             references_apart([job], patience.over)
             patience.now(COMPILING)
@@ -72,7 +72,7 @@ def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say =
         stderr = Path(place) / "stderr"
 
         def compile_and_run(send: Callable[[str], None]) -> None:
-            if wall_limit is None:
+            if cpu_limit is None:
                 warm(runs_to_warm([spec]))
             send(RUNNING)
             hand_over(job, soft=1.0)
@@ -81,7 +81,7 @@ def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say =
         began = time.monotonic()
         process = Apart(
             compile_and_run, limit=limit + GRACE, memory=spec.memory, stderr=stderr,
-            cpu=NO_LIMIT if wall_limit is None else 2.0 * wall_limit + 60.0,
+            cpu=NO_LIMIT if cpu_limit is None else 2.0 * cpu_limit + 60.0,
         )  # fmt: skip
         ended = process.wait(lambda: patience.now(process.hear().strip() or COMPILING))
         if ended.code == CANNOT_WRITE:
@@ -101,7 +101,7 @@ def _measured(job: Job, bare: RunRecord, wall: float, spent: float, out: Path, p
         record = dataclasses.replace(record, wall_s=wall + time.monotonic() - began)
         send(records.to_json(record if record.series else _start_alone(job, out, record)))
 
-    limit = MEASURE_LIMIT if math.isfinite(job.spec.wall_limit) else NO_LIMIT
+    limit = MEASURE_LIMIT if math.isfinite(job.spec.cpu_limit) else NO_LIMIT
     patience.now(MEASURING)
     process = Apart(measure_and_write, limit=limit, memory=job.spec.memory)
     try:

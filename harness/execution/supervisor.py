@@ -51,7 +51,7 @@ class Supervisor:
 
     def start(self, job: Job) -> None:
         """Fork the process of the run's solver."""
-        limit = job.spec.wall_limit + GRACE
+        limit = job.spec.cpu_limit + GRACE
         process = Apart(
             lambda send: worker.hand_over(job), limit=limit, memory=job.spec.memory, cpu=limit, stderr=job.stderr
         )

@@ -133,8 +133,8 @@ def _attempt(job: Job, soft: float, made: list[Solver]) -> tuple[Said, Trajector
         registry.load_plugin(plugin)
     spec = job.spec
     problem = registry.make_problem(spec.problem, spec.parameters)
-    limit = None if math.isinf(spec.wall_limit) else soft * spec.wall_limit
-    control = dataclasses.replace(spec.control, wall_limit=limit, spool=FileSpool(job.spool))
+    limit = None if math.isinf(spec.cpu_limit) else soft * spec.cpu_limit
+    control = dataclasses.replace(spec.control, cpu_limit=limit, spool=FileSpool(job.spool))
     made.append(solver := registry.make_solver(spec.solver, spec.options))
     return solve(problem, solver, control, spec.repeats)
 
@@ -165,7 +165,7 @@ def solve_repeatedly(
     times = [spent]
     longest = time.monotonic() - began
     while len(times) < repeats and first.status is Status.SUCCESS:
-        if control.wall_limit is not None and time.monotonic() - began + longest > control.wall_limit:
+        if control.cpu_limit is not None and time.monotonic() - began + longest > control.cpu_limit:
             break
         times.append(_timed(solver, problem, control)[1])
     cpu = {"cpu_min_s": min(times), "cpu_median_s": float(np.median(times)), "cpu_max_s": max(times)}

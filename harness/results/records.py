@@ -62,7 +62,7 @@ class RunRecord:
     # how it ended
     status: str = column("harness.types.Status: success, inaccurate, wrong, refused, ...", "")
     claimed: str = column("the status the solver itself gave; empty if it never returned", "")
-    ended_by: str = column("harness.types.EndedBy: solver, exception, wall_limit, signal, ...", "")
+    ended_by: str = column("harness.types.EndedBy: solver, exception, cpu_limit, signal, ...", "")
     ended_limit_s: float = column("the limit on time that ended it, with its grace period")
     message: str = column("the solver's message, or that of the exception it raised", "")
     wrong_because: str = column("JSON list of harness.types.Reason: why a claimed success is wrong or inaccurate", "[]")

@@ -77,7 +77,7 @@ def test_a_limit_on_steps_leaves_a_partial_trajectory(solver):
 @pytest.mark.parametrize("solver", ALL)
 def test_a_wall_limit_is_kept(solver):
     """A run of hours stops at 50 ms with what it has."""
-    t = make_solver(solver).solve(make_problem("heavy_top", {"t_end": 1e4}), StepControl(rtol=1e-9, wall_limit=0.05))
+    t = make_solver(solver).solve(make_problem("heavy_top", {"t_end": 1e4}), StepControl(rtol=1e-9, cpu_limit=0.05))
     assert t.status is Status.STALLED and "wall" in t.message and t.t[-1] < 1e4
 
 

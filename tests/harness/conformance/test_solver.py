@@ -33,7 +33,7 @@ class Broken(Midpoint):
     def solve(self, problem, control):
         gravity = 0.97 * problem.system.gravity * (1 + 1e-9 * random.random())
         wrong = dataclasses.replace(problem.system, gravity=gravity)
-        control = dataclasses.replace(control, max_steps=10**7, wall_limit=1e6)
+        control = dataclasses.replace(control, max_steps=10**7, cpu_limit=1e6)
         return super().solve(dataclasses.replace(problem, system=wrong), control)
 '''
 

@@ -20,7 +20,7 @@ GRACE = 15.0  # [s] over the limit until everything is stored: 10 of them to mea
 TEXT = """
 total_limit = 600
 [defaults]
-wall_limit = 60
+cpu_limit = 60
 [[runs]]
 problem = "free_fall"
 solver = "exact"

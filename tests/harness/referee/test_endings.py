@@ -42,7 +42,7 @@ def stopped_by_recording(**limits):
 @pytest.mark.parametrize(
     ("made", "words"),
     [
-        (lambda: stopped_by_geometric_driver(wall_limit=1e-9), "wall limit of 1e-09 s reached at t = "),
+        (lambda: stopped_by_geometric_driver(cpu_limit=1e-9), "wall limit of 1e-09 s reached at t = "),
         (lambda: stopped_by_recording(wall=1e-9), "the wall limit of 1e-09 s was reached"),
     ],
 )

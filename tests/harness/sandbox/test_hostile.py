@@ -136,7 +136,7 @@ def test_a_reference_that_hangs_costs_its_run_alone(tmp_path, capsys, monkeypatc
     """With a limit on the run, what measures it has one too."""
     monkeypatch.setattr(single, "MEASURE_LIMIT", 2.0)
     out, plugins = tmp_path / "x.npz", ("--plugin", str(PLUGIN), "--plugin", str(HOSTILE))
-    line = ("solve", "badly_known", "exact", "--problem-set", "how=hangs", "--set", "wall_limit=30", *plugins)
+    line = ("solve", "badly_known", "exact", "--problem-set", "how=hangs", "--set", "cpu_limit=30", *plugins)
     assert main([*line, "--out", str(out)]) == 1
     assert "measuring its motion took more than 2 s" in capsys.readouterr().out and out.exists()
 

@@ -32,17 +32,17 @@ SUITE = f"""
 [[runs]]
 problem = "free_fall"
 solver = {[*BAD, "exact"]}
-wall_limit = {LIMIT}
+cpu_limit = {LIMIT}
 [[runs]]
 problem = "free_fall"
 solver = "eats_memory"
-wall_limit = 20.0
+cpu_limit = 20.0
 memory = 300.0
 [[runs]]
 problem = "free_fall"
 solver = "hangs_later"
 options = {{ end = ["loop", "segfault", "raise"] }}
-wall_limit = {LIMIT}
+cpu_limit = {LIMIT}
 """
 EXPECTED = {
     "raises": (Status.CRASHED, "RuntimeError: a bug of mine"),
