@@ -1,7 +1,6 @@
 """``try``: one screen and one page on a solver of one's own."""
 
 import argparse
-import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -31,7 +30,10 @@ def add(commands: Any) -> None:
     p = subcommand(commands, "try", run, words, "one object a line")
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
     p.add_argument(
-        "--budget", default="180", metavar="S", help="wall time of all runs, without compilation [s] (default: 180)"
+        "--budget",
+        default="180",
+        metavar="S",
+        help="CPU time of all runs, for each at a time, without compilation [s] (default: 180)",
     )
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
     p.add_argument("--html", metavar="FILE", help="also write all lines and charts to one HTML page")
@@ -57,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins, total_limit=budget)
     with progress(quiet=arguments.json, size=size, resumable=False) as watcher:
         loaded = run_suite(Request(suite, folder, size), watcher)
-    rest = budget - (time.monotonic() - watcher.begun)
+    rest = budget - sum(r.cpu_process_s for r in loaded.records if r.cpu_process_s > 0.0) / size
     if (long := assessment.long_run(solver, loaded.records, min(budget / 3.0, rest / 2.0))) is not None:
         suite = replace(suite, specs=(*specs, long), total_limit=rest)
         with progress(quiet=arguments.json, size=size, resumable=False) as watcher:

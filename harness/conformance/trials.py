@@ -19,7 +19,7 @@ from .requirements import Measured
 
 WITHIN = 0.2  # of the declared order
 LEAST_ORDER = 0.8  # where none is declared: a first-order scheme may show a little less
-SLOW = "too slow to be judged, not wrong: the run has {:g} s; look where the time goes, or for steps that become tiny"
+SLOW = "too slow to be judged, not wrong: the run has {:g} s of CPU; look where the time goes, or for tiny steps"
 ROUNDED = 1e-11  # no order can be seen below
 ITERATED = 1e-8  # below, corrections that end at their tolerance may leave errors that no step makes smaller
 LOOSE_REACTION = 0.05  # of the largest: of first order, dt times the rate of the motion at the finest step
@@ -48,9 +48,10 @@ class Evidence:
 
 def ends_well(e: Evidence) -> Measured:
     """Neither success nor refused."""
-    easy = e.of("easy")
+    easy = [r for r in e.of("easy") if r.status != Status.UNFINISHED]
     bad = [r for r in easy if r.status not in (Status.SUCCESS, Status.REFUSED)]
-    return Measured(len(bad), f"of {len(easy)} runs failed", most=0, words=_first(bad))
+    open_ = [r for r in e.of("easy") if r.status == Status.UNFINISHED]
+    return Measured(len(bad), f"of {len(easy)} runs failed", most=0, words=_first(bad or open_), tested=bool(easy))
 
 
 def takes_one(e: Evidence) -> Measured:
@@ -197,8 +198,8 @@ def _missing(*runs: RunRecord) -> Measured | None:
     if all(r.status == Status.REFUSED for r in runs):
         return Measured(words=_first(runs), tested=False)
     bad = [r for r in runs if r.claimed != Status.SUCCESS]
-    slow = [r for r in bad if Status.STALLED in (r.claimed, r.status)]
-    return Measured(words=_first(bad), remedy=SLOW.format(slow[0].wall_limit_s) if slow else "") if bad else None
+    slow = [r for r in bad if r.status in (Status.STALLED, Status.UNFINISHED)]
+    return Measured(words=_first(bad), remedy=SLOW.format(slow[0].cpu_limit_s) if slow else "") if bad else None
 
 
 def _problem_of(r: RunRecord) -> Problem:

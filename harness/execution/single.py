@@ -18,7 +18,7 @@ from ..mechanics.state import States
 from ..metrics.measure import measure
 from ..results import records
 from ..results.records import RunRecord
-from ..sandbox.apart import Apart
+from ..sandbox.apart import SLACK, Apart
 from ..sandbox.isolation import CANNOT_WRITE
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Status, Trajectory
@@ -80,15 +80,14 @@ def solve_to_file(spec: RunSpec, out: Path, cpu_limit: float | None, say: Say = 
         patience.now(COMPILING)
         began = time.monotonic()
         process = Apart(
-            compile_and_run, limit=limit + GRACE, memory=spec.memory, stderr=stderr,
-            cpu=NO_LIMIT if cpu_limit is None else 2.0 * cpu_limit + 60.0,
+            compile_and_run, limit=min(limit, NO_LIMIT) + GRACE, memory=spec.memory, stderr=stderr
         )  # fmt: skip
         ended = process.wait(lambda: patience.now(process.hear().strip() or COMPILING))
         if ended.code == CANNOT_WRITE:
             raise OSError(errno.ENOSPC, "nothing was written: no space left", place)
         native = stderr.read_text(encoding="utf-8", errors="replace")[-2000:].strip() if stderr.exists() else ""
         wall = time.monotonic() - began
-        bare = unfinished(job, ended, wall, EndedBy.WALL_LIMIT, limit + GRACE)
+        bare = unfinished(job, ended, wall, EndedBy.WALL_LIMIT, SLACK * (limit + GRACE))
         return Outcome(_measured(job, bare, wall, ended.cpu, out, patience), native)
 
 

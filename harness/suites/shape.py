@@ -5,7 +5,7 @@
     name = "example"
     description = "one line"
     include = ["ci"]            # suites beside this file or in harness/suites/: their runs and plugins come first
-    total_limit = 900.0         # [s] all runs together: those under way are then ended (stalled), others left out
+    total_limit = 900.0         # [s] all runs together: those under way are then ended (unfinished), others left out
     [defaults]                  # any key of a group; of this file alone
     cpu_limit = 60.0           # [s] a run
     [[runs]]

@@ -35,7 +35,7 @@ class Suite:
     text: str
     plugins: tuple[str, ...] = ()
     included: tuple[tuple[str, str], ...] = ()  # name and text of the suites it includes, for the results folder
-    total_limit: float | None = None  # [s] wall time of all runs together
+    total_limit: float | None = None  # [s] CPU time of all runs together, for each at a time
 
 
 def load_suite(name: str, plugins: tuple[str, ...] = ()) -> Suite:

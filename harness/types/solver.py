@@ -37,7 +37,7 @@ class StepControl:
     rtol: float | None = None
     max_step: float | None = None  # [s] for error control only
     max_steps: int = 10_000_000  # accepted steps before the run counts as stalled
-    cpu_limit: float | None = None  # [s] the solver stops itself and hands back what it has
+    cpu_limit: float | None = None  # [s] of CPU time: the solver stops itself and hands back what it has
     spool: Spool | None = field(default=None, compare=False, repr=False)  # to hand steps over to as they come
 
     def __post_init__(self) -> None:

@@ -35,7 +35,7 @@ def test_solve_writes_the_promised_file(command, tmp_path):
      ("exits", "crashed", 1, "exit", "exited"),
      ("refuses", "refused", 1, "solver", "on principle"),
      ("not_numbers", "wrong", 5, "solver", "not finite"),
-     ("spins", "stalled", 1, "cpu_limit", "wall limit of 1 s")],
+     ("spins", "unfinished", 1, "cpu_limit", "not finished here")],
 )  # fmt: skip
 def test_failed_solves_write_too(capsys, tmp_path, solver, status, rows, by, words):
     """Exit code 1, the steps so far, status and what ended it; the reason in words on the terminal."""

@@ -74,7 +74,7 @@ def test_each_requirement_not_met_is_explained(example, command, tmp_path):
     assert failed == {
         "a refusal has a reason",
         "errors fall with the declared order, or with rtol", "the same run gives the same numbers",
-        "max_steps stops it", "it stops itself at the wall limit", "steps are kept when it is stopped",
+        "max_steps stops it", "it stops itself at the limit on CPU time", "steps are kept when it is stopped",
     }  # fmt: skip
 
 

@@ -76,7 +76,7 @@ def written(folder, **files: str):
 
 def test_included_runs_come_first_and_once(tmp_path):
     """Through two ways to one run, its first label and limits are kept; defaults stay in their own file."""
-    base = 'label = "base"\nwall_limit = 7'
+    base = 'label = "base"\ncpu_limit = 7'
     load = written(
         tmp_path,
         base=f'plugins = ["{PLUGIN}"]\ntotal_limit = 9\n{GROUP}dt = [0.5, 0.25]\n{base}',

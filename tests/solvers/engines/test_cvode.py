@@ -35,4 +35,4 @@ def test_limits_stop_it():
     t = make_solver("cvode").solve(problem, StepControl(rtol=1e-8, max_steps=3))
     assert t.status is Status.STALLED and len(t.t) == 4
     t = make_solver("cvode").solve(problem, StepControl(rtol=1e-8, max_step=1e-5, cpu_limit=0.2))
-    assert t.status is Status.STALLED and len(t.t) > 1 and "wall limit" in t.message
+    assert t.status is Status.STALLED and len(t.t) > 1 and "CPU limit" in t.message
