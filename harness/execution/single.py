@@ -69,7 +69,7 @@ def solve_to_file(spec: RunSpec, out: Path, cpu_limit: float | None, say: Say = 
             references_apart([job], patience.over)
             patience.now(COMPILING)
             warm_apart_then_here(runs_to_warm([spec]), patience.over)
-        stderr = Path(place) / "stderr"
+        stderr, wall = Path(place) / "stderr", SLACK * limit + GRACE
 
         def compile_and_run(send: Callable[[str], None]) -> None:
             if cpu_limit is None:
@@ -80,14 +80,14 @@ def solve_to_file(spec: RunSpec, out: Path, cpu_limit: float | None, say: Say = 
         patience.now(COMPILING)
         began = time.monotonic()
         process = Apart(
-            compile_and_run, limit=min(limit, NO_LIMIT) + GRACE, memory=spec.memory, stderr=stderr
+            compile_and_run, limit=min(limit, NO_LIMIT) + GRACE, wall=wall, memory=spec.memory, stderr=stderr
         )  # fmt: skip
         ended = process.wait(lambda: patience.now(process.hear().strip() or COMPILING))
         if ended.code == CANNOT_WRITE:
             raise OSError(errno.ENOSPC, "nothing was written: no space left", place)
         native = stderr.read_text(encoding="utf-8", errors="replace")[-2000:].strip() if stderr.exists() else ""
         wall = time.monotonic() - began
-        bare = unfinished(job, ended, wall, EndedBy.WALL_LIMIT, SLACK * (limit + GRACE))
+        bare = unfinished(job, ended, wall, EndedBy.WALL_LIMIT, wall)
         return Outcome(_measured(job, bare, wall, ended.cpu, out, patience), native)
 
 

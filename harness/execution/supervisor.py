@@ -52,8 +52,11 @@ class Supervisor:
     def start(self, job: Job) -> None:
         """Fork the process of the run's solver."""
         limit = job.spec.cpu_limit + GRACE
-        process = Apart(lambda send: worker.hand_over(job), limit=limit, memory=job.spec.memory, stderr=job.stderr)
-        self.running[process.pid] = Running(job, process, time.monotonic(), SLACK * limit)
+        wall = SLACK * job.spec.cpu_limit + GRACE
+        process = Apart(
+            lambda send: worker.hand_over(job), limit=limit, wall=wall, memory=job.spec.memory, stderr=job.stderr
+        )
+        self.running[process.pid] = Running(job, process, time.monotonic(), wall)
 
     def step(self, timeout: float = POLL, inputs: tuple[int, ...] = ()) -> Iterator[Done]:
         """Wait up to ``timeout`` [s] for news or ``inputs``, keep the limits, and yield the runs that ended."""

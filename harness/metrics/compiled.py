@@ -283,4 +283,23 @@ def _moved(h, r, R, v_a, W_a, v_b, W_b, r_out, R_out, v_out, W_out):
                 R_out[t, b, k, 2] = p * e[0][2] + q * e[1][2] + s * e[2][2]
 
 
+def are_rotations(R: Float[np.ndarray, "nt nb 3 3"]) -> bool:
+    """Whether all are finite and have a positive determinant."""
+    return bool(_are_rotations(R))
+
+
+@numba.njit(**JIT)
+def _are_rotations(R):
+    for t in range(R.shape[0]):
+        for b in range(R.shape[1]):
+            A = R[t, b]
+            x = A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1]
+            y = A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2]
+            z = A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0]
+            det = A[0, 0] * x + A[0, 1] * y + A[0, 2] * z
+            if not (0.0 < det < math.inf):
+                return False
+    return True
+
+
 numba.config.CACHE_DIR = _before
