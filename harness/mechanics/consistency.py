@@ -7,7 +7,7 @@ import scipy.sparse.linalg as spl
 from . import so3
 from .jacobian import constraint_jacobian
 from .lent import principal
-from .motion import constraint, constraint_rate
+from .motion import constraint, constraint_rate, opened
 from .state import State, States
 from .system import MultibodySystem
 
@@ -29,11 +29,16 @@ def check_start(system: MultibodySystem, state: State, *, literal: bool = False,
     if defect > START_TOLERANCE or np.any(np.linalg.det(state.R) < 0.0):
         raise InconsistentStart(f"{what}'s R must be rotations (got |R^T R - 1| = {defect:.3g})")
     one = States.one(state)
-    rows = np.abs([constraint(system, one)[0], constraint_rate(system, one)[0]])
+    rows = np.abs([opened(system, one)[0], constraint_rate(system, one)[0]])
     phi, phi_dot = (float(a) for a in np.max(rows, axis=1, initial=0.0))
     if phi > START_TOLERANCE or (phi_dot > START_TOLERANCE and not literal):
         row = int(np.argmax(rows[0] if phi > START_TOLERANCE else rows[1]))
         joint = int(np.searchsorted(system.row_start, row, side="right")) - 1
+        if abs(constraint(system, one)[0, row]) <= START_TOLERANCE < phi:
+            raise InconsistentStart(
+                f"{what} must satisfy the constraints: joint {system.joint_names[joint]!r} is half a turn from the angle "
+                "that it prescribes, where its row vanishes, too; turn body i by pi about the axis"
+            )
         raise InconsistentStart(
             f"{what} must satisfy the constraints: expected |phi| and |phi_dot| < {START_TOLERANCE:g} "
             f"(got |phi| = {phi:.6g}, |phi_dot| = {phi_dot:.6g}, most at joint {system.joint_names[joint]!r})"

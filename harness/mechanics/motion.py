@@ -3,9 +3,7 @@
 One code for every solver: it sees only poses and velocities (r, R, v, Omega), never a solver's coordinates.
 """
 
-import math
 from collections.abc import Iterator
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -13,7 +11,6 @@ from jaxtyping import Float
 from . import so3
 from .ends import gaps, points, times, turned, turning
 from .joints import LineRows
-from .lent import pushed, taken_back
 from .moving_rows import moving
 from .state import States
 from .system import GROUND, MultibodySystem
@@ -32,7 +29,7 @@ def potential_energy(system: MultibodySystem, s: States) -> Float[np.ndarray, " 
     """V [J]: gravity (zero at the origin) and springs (zero at rest length or angle)."""
     V = -np.einsum("b,i,tbi->t", system.mass, system.gravity, s.r)
     for k in range(len(system.spring_k)):
-        d, _ = _spring_line(system, s, k)
+        d, _ = spring_line(system, s, k)
         V = V + 0.5 * system.spring_k[k] * (np.linalg.norm(d, axis=-1) - system.spring_d0[k]) ** 2
     if len(system.torsion_k):
         V = V + 0.5 * torsion(system, s)[0] ** 2 @ system.torsion_k
@@ -49,7 +46,7 @@ def applied(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb 6"]:
     out = np.zeros((len(s.r), system.nb + 1, 6))  # the last one is the ground
     out[:, :-1, :3] = system.mass[:, None] * system.gravity
     for k in range(len(system.spring_k)):
-        d, d_dot = _spring_line(system, s, k)
+        d, d_dot = spring_line(system, s, k)
         length = np.linalg.norm(d, axis=-1)
         rate = np.sum(d * d_dot, axis=-1) / length
         pull = system.spring_k[k] * (length - system.spring_d0[k]) + system.spring_c[k] * rate
@@ -68,74 +65,24 @@ def applied(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb 6"]:
                 if body != GROUND:
                     out[:, body, 3:] += sign * np.einsum("tij,ti->tj", s.R[:, body], pull[:, k])
     for load, body in enumerate(system.load_i):
-        force, torque = _load(system, s, load)
+        force, torque = load_in_space(system, s, load)
         out[:, body] += _wrench(s.R[:, body], force, system.load_p[load])
         out[:, body, 3:] += np.einsum("tij,ti->tj", s.R[:, body], torque)
-    for body, force, torque in _user_forces(system, s):
+    for body, force, torque in user_loads(system, s):
         out[:, body] += np.concatenate((force, np.einsum("tij,ti->tj", s.R[:, body], torque)), axis=-1)
     return out[:, :-1]
 
 
-def _user_forces(system: MultibodySystem, s: States) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
-    """Bodies, force at C and torque about it, in space (nt, 3)."""
+def user_loads(system: MultibodySystem, s: States) -> Iterator[tuple[int, np.ndarray, np.ndarray]]:
+    """User forces: body, force at C and torque about it, in space (nt, 3)."""
     for i, j, law in zip(system.user_i, system.user_j, system.user_law, strict=True):
         values = law.values(s, i, j)
         yield from ((body, values[:, e], values[:, 2 + e]) for e, body in enumerate((i, j)) if body != GROUND)
 
 
-def power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """Power of dampers, loads, user forces and drives [W]: what changes T + V."""
-    out = drive_power(system, s) if np.any(system.joint_motion) else np.zeros(len(s.r))
-    for k in np.flatnonzero(system.spring_c):
-        d, d_dot = _spring_line(system, s, int(k))
-        out -= system.spring_c[k] * np.sum(d * d_dot, axis=-1) ** 2 / np.sum(d * d, axis=-1)
-    if np.any(system.torsion_c):
-        out -= torsion(system, s)[1] ** 2 @ system.torsion_c
-    for load, body in enumerate(system.load_i):
-        force, torque = _load(system, s, load)
-        omega = np.einsum("tij,tj->ti", s.R[:, body], s.Omega[:, body])
-        v = point_velocity(s, body, system.load_p[load])
-        out += np.sum(force * v, axis=-1) + np.sum(torque * omega, axis=-1)
-    for body, force, torque in _user_forces(system, s):
-        omega = np.einsum("tij,tj->ti", s.R[:, body], s.Omega[:, body])
-        out += np.sum(force * s.v[:, body], axis=-1) + np.sum(torque * omega, axis=-1)
-    return out
-
-
-def work(system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States) -> Float[np.ndarray, " nt"]:
-    """Work of all that has power since the start [J]: its integral along the cubic through each step's ends.
-
-    Fourth order: steps of a method of high order are too long for the trapezoidal rule on the power.
-    """
-    if system.is_conservative:
-        return np.zeros(len(t))
-    h = np.diff(t)
-    gained = sum(w * power(system, between(s, h, x)) for x, w in zip(NODES, WEIGHTS, strict=True))
-    return np.concatenate(([0.0], np.cumsum(h * gained)))
-
-
-NODES = 0.5 + 0.5 * np.array([-1.0, 0.0, 1.0]) * math.sqrt(0.6)  # of Gauss on (0, 1): the work of the cubic's damper
-WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
 REACH = 1e-2  # [rad] that bodies turn at most over a difference; its error is REACH^6 / 140 of the drift
 DIFFERENCE = np.array([-1.0, 9.0, -45.0, 45.0, -9.0, 1.0]) / 60.0
 PLACES = (-3.0, -2.0, -1.0, 1.0, 2.0, 3.0)
-CHUNK = 500  # instants whose A is held at once
-
-
-def between(s: States, h: Float[np.ndarray, " nt-1"], x: float) -> States:
-    """The motion a part ``x`` into each step of ``h`` [s]: cubic in r, and in theta of R = R_0 exp(theta)."""
-    dt = h[:, None, None]
-    r, v = _cubic(s.r[:-1], s.r[1:], s.v[:-1], s.v[1:], dt, x)
-    turn = so3.log(np.swapaxes(s.R[:-1], -1, -2) @ s.R[1:])
-    theta, rate = _cubic(np.zeros_like(turn), turn, s.Omega[:-1], so3.rate_of_vector(turn, s.Omega[1:]), dt, x)
-    return States(r, s.R[:-1] @ so3.exp(theta), v, so3.angular_velocity(theta, rate), s.times[:-1] + x * h)
-
-
-def _cubic(a: np.ndarray, b: np.ndarray, a_dot: np.ndarray, b_dot: np.ndarray, h: np.ndarray, x: float) -> tuple:
-    """Value and rate at x of the cubic from a to b over h with these rates at its ends."""
-    bend = (b - a) / h - 0.5 * (a_dot + b_dot)  # the rate is a_dot (1 - x) + b_dot x + 6 bend x (1 - x)
-    way = a_dot * (x - 0.5 * x * x) + b_dot * 0.5 * x * x + bend * x * x * (3.0 - 2.0 * x)
-    return a + h * way, a_dot * (1.0 - x) + b_dot * x + 6.0 * bend * x * (1.0 - x)
 
 
 def drift(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
@@ -151,54 +98,12 @@ def drift(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
     return out
 
 
-def drive_power(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
-    """Power of drives [W], -reaction . phi_t with the reaction of index 1: unique where rows are redundant, too."""
-    out = np.full(len(s), np.nan)  # stays where a run was no longer finite
-    L = np.zeros((system.nb, 6, 6))  # of L L^T = M, with what is lent
-    L[:, range(3), range(3)] = np.sqrt(system.mass)[:, None]
-    L[:, 3:, 3:] = np.linalg.cholesky(system.regular_inertia)
-    inverse = np.linalg.inv(L)
-    for k in range(0, len(s), CHUNK):
-        part = s.at(slice(k, k + CHUNK))
-        push = moving(system, part)
-        A = np.zeros((len(part), system.nrows, system.nb, 6))
-        for body, rows, translation, rotation in row_parts(system, part):
-            A[:, rows, body] += np.concatenate((translation, rotation), axis=-1)
-        f = applied(system, part)
-        f[:, :, 3:] -= so3.cross(part.Omega, times(system.inertia, part.Omega))
-        B = np.einsum("tkbj,bij->tkbi", A, inverse).reshape(len(part), system.nrows, -1)
-        A_dot_v = drift(system, part)
-        good = (
-            np.all(np.isfinite(B), axis=(1, 2)) & np.all(np.isfinite(f), axis=(1, 2)) & np.all(np.isfinite(A_dot_v), 1)
-        )
-        try:
-            reaction = _reaction(system.taken_back, inverse, B[good], f[good], A_dot_v[good])
-        except ArithmeticError:  # where a motion went wrong, lent inertia may be all there is
-            continue
-        out[k + np.flatnonzero(good)] = -np.sum(reaction[:, push.row] * push.phi_t[good], axis=-1)
-    return out
-
-
-def _reaction(P: np.ndarray, inverse: np.ndarray, B: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray) -> np.ndarray:
-    """Of index 1, from L^-1 by bodies, B = A L^-T, f and A_dot v; the lent inertia P is taken back."""
-    back = np.linalg.pinv(B, rcond=1e-9)
-
-    def solve(load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        x = np.einsum("bij,tbj->tbi", inverse, f + load).reshape(len(f), -1)
-        more = times(back, -A_dot_v - times(B, x))
-        a = np.einsum("bji,tbj->tbi", inverse, (x + more).reshape(len(f), -1, 6))
-        return a, times(np.swapaxes(back, -1, -2), more)
-
-    reaction: np.ndarray = taken_back(solve, partial(pushed, P))[1]
-    return reaction
-
-
 def _wrench(R: np.ndarray, force: np.ndarray, p: np.ndarray) -> np.ndarray:
     """(force [space], its torque about C [body]) of a force at the point ``p`` of a body."""
     return np.concatenate((force, so3.cross(p, np.einsum("tij,ti->tj", R, force))), axis=-1)
 
 
-def _load(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
+def load_in_space(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
     """Force and torque of a load in space (nt, 3)."""
     factor = values(system.load_factor[k : k + 1], s.times)[0]
     R = s.R[:, system.load_i[k]] if system.load_follows[k] else np.broadcast_to(np.eye(3), (len(s.r), 3, 3))
@@ -219,6 +124,23 @@ def angular_momentum(system: MultibodySystem, s: States) -> Float[np.ndarray, "n
 def constraint(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
     """phi: point and line rows [m], axis rows [-] (module ``joints``); 0 of rows that have none."""
     return _rows(system, s, velocity=False)
+
+
+def opened(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
+    """phi where the assembly is the joint's own; where a row vanishes half a turn away, too, 2 |a| less |phi| there.
+
+    Driven angles, sin(theta - f), and the last row of fixed and prismatic joints, sin of the turn about the axis, are
+    such rows. The others have no second root, or one that is the same joint: the axis of a hinge is a line.
+    """
+    phi, push = constraint(system, s), moving(system, s)
+    axis = system.axis_rows()
+    last = np.flatnonzero(np.append(axis.joint[:-2] == axis.joint[2:], [False, False]))  # first of three rows a joint
+    joint = axis.joint[last]
+    w, n = turned(s, system.joint_i[joint], system.joint_w[joint]), turned(s, system.joint_j[joint], axis.n[last])
+    for row, along in ((axis.row[last + 2], np.sum(w * n, axis=-1)), (push.row, push.along)):
+        sign = np.where(phi[:, row] < 0.0, -1.0, 1.0)
+        phi[:, row] = np.where(along < 0.0, sign * (2.0 - np.abs(phi[:, row])), phi[:, row])
+    return phi
 
 
 def constraint_rate(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nrows"]:
@@ -286,7 +208,8 @@ def point_velocity(s: States, body: int, p: Float[np.ndarray, " 3"]) -> Float[np
     return s.v[:, body] + np.einsum("tij,tj->ti", s.R[:, body], so3.cross(s.Omega[:, body], p))
 
 
-def _spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
+def spring_line(system: MultibodySystem, s: States, k: int) -> tuple[np.ndarray, np.ndarray]:
+    """From the point of j to that of i of a spring [m], and its rate, in space (nt, 3)."""
     i, j = system.spring_i[k], system.spring_j[k]
     d = point_position(s, i, system.spring_p_i[k]) - point_position(s, j, system.spring_p_j[k])
     d_dot = point_velocity(s, i, system.spring_p_i[k]) - point_velocity(s, j, system.spring_p_j[k])

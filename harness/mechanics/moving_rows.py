@@ -7,7 +7,8 @@ Every such row pushes both bodies with a force at one point and a torque, of opp
 with v_b(x) the velocity of the material point of body b at x. In d = x_i - x_j, n = axis_j, directions in space::
 
     driven position   phi = n . d - f                force n at x_i           phi_t = -f_dot
-    driven angle      phi = u . n(f) = sin(theta - f), theta from across_j to u = across_i about the axis
+    driven angle      phi = u . n(f) = sin(theta - f), theta from across_j to u = across_i about the axis;
+                                                     0 half a turn away, too, where cos(theta - f) = -u . dn/df = -1
                                                      torque u x n(f)          phi_t = u . dn/df f_dot
                       n(f) = n_1 cos f + n_2 sin f, n_1 = axis x across_j, n_2 = axis x n_1
     driven distance   phi = |d| - f                  force d/|d| at x_i       phi_t = -f_dot
@@ -42,6 +43,7 @@ class Push(NamedTuple):
     force: Float[np.ndarray, "nt m 3"]
     torque: Float[np.ndarray, "nt m 3"]
     point: Float[np.ndarray, "nt m 3"]
+    along: Float[np.ndarray, "nt m"]  # cos(theta - f) of driven angles, 1 of the others
 
     def rate(self, system: MultibodySystem, s: States) -> Float[np.ndarray, "nt m"]:
         """phi_dot."""
@@ -60,7 +62,7 @@ def moving(system: MultibodySystem, s: States) -> Push:
     rows = system.moving_rows()
     joint = np.repeat(rows.joint, system.joint_moving[rows.joint])
     nt, m = len(s.r), len(joint)
-    phi, phi_t, vectors = np.zeros((nt, m)), np.zeros((nt, m)), np.zeros((3, nt, m, 3))
+    phi, phi_t, vectors, along = np.zeros((nt, m)), np.zeros((nt, m)), np.zeros((3, nt, m, 3)), np.ones((nt, m))
     if m:
         row = np.concatenate([k + np.arange(n) for k, n in zip(rows.row, system.joint_moving[rows.joint], strict=True)])
         x_i, x_j = points(system, s, rows.joint)
@@ -70,12 +72,14 @@ def moving(system: MultibodySystem, s: States) -> Push:
         at = 0
         for k, kind in enumerate(rows.kind):
             here = [x_i[:, k], x_j[:, k], u[:, k], *(a[:, k] for a in n)]
+            if kind == MovingKind.DRIVEN_ANGLE:
+                along[:, at] = -_dot(here[2], _turned_normal(here, f[k])[1])
             for made in ROWS_OF[kind](here, f[k], f_dot[k], float(system.joint_length[rows.joint[k]])):
                 phi[:, at], phi_t[:, at], vectors[0, :, at], vectors[1, :, at], vectors[2, :, at] = made
                 at += 1
     else:
         row = np.zeros(0, dtype=np.int64)
-    return Push(joint, row, phi, phi_t, *vectors)
+    return Push(joint, row, phi, phi_t, *vectors, along)
 
 
 SAMPLES, MOST_SAMPLES = 200, 1e6  # of a function of time: in a period of its sine, and in all
@@ -115,10 +119,15 @@ def _driven_distance(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, l
 
 
 def _driven_angle(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
-    x_i, _, u, n_1, n_2, _ = here
-    cosine, sine = np.cos(f)[:, None], np.sin(f)[:, None]
-    n, dn = n_1 * cosine + n_2 * sine, n_2 * cosine - n_1 * sine
+    x_i, _, u = here[:3]
+    n, dn = _turned_normal(here, f)
     return [(_dot(u, n), _dot(u, dn) * f_dot, 0.0, so3.cross(u, n), x_i)]
+
+
+def _turned_normal(here: list[np.ndarray], f: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """n(f) and dn/df of a driven angle."""
+    n_1, n_2, cosine, sine = here[3], here[4], np.cos(f)[:, None], np.sin(f)[:, None]
+    return n_1 * cosine + n_2 * sine, n_2 * cosine - n_1 * sine
 
 
 def _knife_edge(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:

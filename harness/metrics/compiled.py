@@ -32,7 +32,8 @@ def laws(system: MultibodySystem, s: States, metres: Float[np.ndarray, " nrows"]
         s.r, s.R, s.v, s.Omega, system.gravity, system.mass, system.inertia,
         (system.spring_i, system.spring_j, system.spring_p_i, system.spring_p_j, system.spring_k, system.spring_d0),
         (system.joint_i, system.joint_j, system.joint_s_i, system.joint_s_j),
-        (joint, row[:, 0].copy()), (line.joint, line.row, line.n, line.length), (axis.joint, axis.row, axis.u, axis.n),
+        (joint, row[:, 0].copy()), (line.joint, line.row, line.n, line.length),
+        (axis.joint, axis.row, axis.u, axis.n, system.joint_w),
         metres, out,
     )  # fmt: skip
     if len(system.torsion_k):
@@ -88,7 +89,7 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
     joint_i, joint_j, arm_i, arm_j = joints
     point_joint, point_row = points
     line_joint, line_row, line_n, length = lines
-    axis_joint, axis_row, axis_u, axis_n = axes
+    axis_joint, axis_row, axis_u, axis_n, joint_w = axes
     nt, nb = len(r), len(mass)
     zero, origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
     for t in range(nt):
@@ -195,10 +196,14 @@ def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, 
                     z = Rt[b, 0, 2] * m0 + Rt[b, 1, 2] * m1 + Rt[b, 2, 2] * m2
                     aa += x * x + y * y + z * z
                     aMa += _spin(J, b, x, y, z)
-            unit = metres[axis_row[k]]
+            unit, open_ = metres[axis_row[k]], gap
+            if k > 1 and axis_joint[k - 2] == n:  # the row vanishes half a turn away, too (``motion.opened``)
+                u, w = _point(origin, Rt, i, joint_w[n]), _point(origin, Rt, j, axis_n[k - 2])
+                if u[0] * w[0] + u[1] * w[1] + u[2] * w[2] < 0.0:
+                    open_ = 2.0 - abs(gap)
             phi2 += gap * gap
             rate2 += gap_dot * gap_dot
-            phi2_m += (gap * unit) ** 2
+            phi2_m += (open_ * unit) ** 2
             rate2_m += (gap_dot * unit) ** 2
             eq81 += aMa / (aa * aa) * (gap_dot * gap_dot)
         out[0, t], out[1, t], out[2, t] = E, math.sqrt(phi2), math.sqrt(rate2)

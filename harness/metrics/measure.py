@@ -11,9 +11,10 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from ..mechanics import so3
-from ..mechanics.motion import constraint, constraint_energy_norm, constraint_rate, energy, work
+from ..mechanics.motion import constraint, constraint_energy_norm, constraint_rate, energy, opened
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
+from ..mechanics.work import work
 from ..reference.computed import reference_of
 from ..types import GROWN, JUDGED, PREDICTABLE, Law, Problem, Reference, Trajectory
 from .mechanisms import mechanisms, part, state_of, states_of
@@ -76,12 +77,12 @@ def measure(problem: Problem, trajectory: Trajectory) -> Measured:
     if reference is not None:
         _check_horizon(problem, reference)
     with np.errstate(all="ignore"):  # a motion may have blown up: its infinities are the result
-        whole, E, eq81, phi, phi_dot = _judged(problem, reference, t, s, np.arange(problem.system.nb))
-        laws, found = whole.laws, mechanisms(problem.system)
+        whole, E, drift, eq81, phi, phi_dot = _judged(problem, reference, t, s, np.arange(problem.system.nb))
+        found = mechanisms(problem.system)
         each = (whole,) if len(found) == 1 else tuple(_judged(problem, reference, t, s, b)[0] for b in found)
         at_home = problem.home(s)
         return Measured(
-            t, whole.size, each, E, laws[Law.ENERGY], phi, phi_dot, eq81, laws[Law.ORTHOGONALITY],
+            t, whole.size, each, E, drift, phi, phi_dot, eq81, whole.laws[Law.ORTHOGONALITY],
             kinematic_defect=largest(kinematic_defect(problem.system, t, s, PATH * whole.size.length)),
             out_of_plane=_out_of_plane(problem, at_home),
             observables={o.name: np.asarray(o.of(at_home), dtype=float) for o in problem.observables},
@@ -99,18 +100,20 @@ def largest(a: Float[np.ndarray, " n"]) -> float:
 
 def _judged(
     problem: Problem, reference: Reference | None, t: np.ndarray, s: States, bodies: np.ndarray
-) -> tuple[Judged, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """With T + V, the norm of Eq. (81), |phi| and |phi_dot|."""
+) -> tuple[Judged, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """With T + V, its drift, the norm of Eq. (81), |phi| and |phi_dot|."""
     system, start = part(problem.system, bodies), state_of(problem.initial, bodies)
     some = (states_of(s.at(k), bodies) for k in blocks(len(t), len(bodies)))
     parts = [(*_laws(system, b), reached(system, start, b)) for b in some]
     E, phi, phi_dot, gap, gap_rate, eq81, defect, rows = (np.concatenate(p) for p in zip(*parts, strict=True))
-    drift = E - E[0] - _work(system, t, s, bodies)
+    done, unsure = work(system, t, states_of(s, bodies), E)
+    drift = E - E[0] - done
     rows[:, KINETIC] -= np.maximum(drift, 0.0)  # what was gained was not there to be exchanged
-    laws = {Law.ENERGY: drift, Law.CONSTRAINT: gap, Law.CONSTRAINT_RATE: gap_rate, Law.ORTHOGONALITY: defect}
+    sure = np.sign(drift) * np.maximum(np.abs(drift) - unsure, 0.0)
+    laws = {Law.ENERGY: sure, Law.CONSTRAINT: gap, Law.CONSTRAINT_RATE: gap_rate, Law.ORTHOGONALITY: defect}
     binding = {k: a for k, a in laws.items() if not (problem.literal_start and k in JOINTS)}
     size = scales(problem, reference, Run(rows, binding, covered(reference, t)), bodies)
-    return Judged(bodies, size, laws), E, eq81, phi, phi_dot
+    return Judged(bodies, size, laws), E, drift, eq81, phi, phi_dot
 
 
 def _shares(whole: Judged, each: tuple[Judged, ...]) -> np.ndarray:
@@ -134,25 +137,16 @@ def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
     1e-5 m, where |phi| is compared with 1e-7 m, and no success at 1e5 m.
     """
     metres = np.ones(system.nrows)
-    metres[system.axis_rows().row] = np.max(system.gyration)
+    metres[system.turning_rows] = np.max(system.gyration)
     if (fast := compiled(len(s) * system.nb)) is not None and fast.takes(system):
         return fast.laws(system, s, metres)
     phi, phi_dot = constraint(system, s), constraint_rate(system, s)
     return (
         energy(system, s),
-        *(np.linalg.norm(a, axis=1) for a in (phi, phi_dot, phi * metres, phi_dot * metres)),
+        *(np.linalg.norm(a, axis=1) for a in (phi, phi_dot, opened(system, s) * metres, phi_dot * metres)),
         constraint_energy_norm(system, s),
         np.max(so3.orthogonality_defect(s.R), axis=1, initial=0.0),
     )
-
-
-def _work(system: MultibodySystem, t: np.ndarray, s: States, bodies: np.ndarray) -> np.ndarray:
-    """Of dampers, loads, user forces and drives since the start [J]."""
-    out = np.zeros(len(t))
-    for k in blocks(len(t) if not system.is_conservative else 0, len(bodies)):
-        steps = slice(k.start, k.stop + 1)
-        out[steps] = out[k.start] + work(system, t[steps], states_of(s.at(steps), bodies))
-    return out
 
 
 def _out_of_plane(problem: Problem, at_home: States) -> np.ndarray | None:

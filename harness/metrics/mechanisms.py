@@ -1,4 +1,4 @@
-"""The mechanisms of a system: bodies that joints or springs connect. Each is measured by its own sizes."""
+"""The mechanisms of a system: bodies that joints or forces connect. Each is measured by its own sizes."""
 
 import dataclasses
 from typing import Any
@@ -11,7 +11,8 @@ from scipy.sparse.csgraph import connected_components
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 
-TIES = ("joint", "spring", "user")
+HOLDS = ("joint", "spring", "user")  # what can hold a body to a place
+TIES = (*HOLDS, "torsion")  # all parts with two ends; drives are joints
 
 
 def mechanisms(system: MultibodySystem) -> list[Int[np.ndarray, " n"]]:
@@ -25,17 +26,17 @@ def mechanisms(system: MultibodySystem) -> list[Int[np.ndarray, " n"]]:
 
 def is_free(system: MultibodySystem) -> bool:
     """Whether no joint, spring or user force holds anything to the ground."""
-    return all(GROUND not in ends for ends in (getattr(system, f"{kind}_j") for kind in TIES))
+    return all(GROUND not in ends for ends in (getattr(system, f"{kind}_j") for kind in HOLDS))
 
 
 def part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySystem:
-    """The system of these bodies alone, with all joints and springs at them."""
+    """The system of these bodies alone, with all joints and forces at them."""
     if len(bodies) == system.nb:
         return system
     new = np.full(system.nb + 1, GROUND)  # the last entry, at -1, is the ground
     new[bodies] = np.arange(len(bodies))
     changes: dict[str, Any] = {"mass": system.mass[bodies], "inertia": system.inertia[bodies], "coupled": None}
-    for kind in (*TIES, "torsion"):
+    for kind in TIES:
         i, j = (getattr(system, f"{kind}_{e}") for e in "ij")
         own = np.isin(i, bodies) | np.isin(j, bodies)
         arrays = {k: a[own] for k, a in vars(system).items() if k.startswith(kind) and isinstance(a, np.ndarray)}

@@ -12,7 +12,7 @@ from numba import njit
 from .arrays import Step
 from .newton import CONVERGED, CUTS, LOOSE, LOOSE_STEPS, NEWTON
 from .step import accept, attempt, correct_pose, fastest_square
-from .vectors import INNER, JIT, copy
+from .vectors import INNER, JIT, close_rotations, copy
 
 FINISHED, BUFFER_FULL, UNDERFLOW = 0, 1, 2
 
@@ -107,6 +107,7 @@ def march(run, step, clock, record):
             if not penalty.nested:  # a step of the nested loop is loose when it runs out of augmentations, too
                 work.max_turn[0] = min(work.max_turn[0], penalty.singular_turn)
         correct_pose(run, end)
+        close_rotations(end.R)
         accept(present, run.history, run.settings, record.reaction[done])
         record.level[done] = grid[2]
         _advance(grid)

@@ -141,6 +141,20 @@ def turned_by(R, a, out):
 
 
 @njit(**INNER)
+def close_rotations(R):
+    """R := R (3 - R^T R) / 2 of all bodies: leaves of a distance e from the rotations 3/4 e^2, that is rounding."""
+    for b in range(len(R)):
+        Q = R[b]
+        x, y, z = (Q[0, 0], Q[1, 0], Q[2, 0]), (Q[0, 1], Q[1, 1], Q[2, 1]), (Q[0, 2], Q[1, 2], Q[2, 2])
+        d0, d1, d2 = 1.5 - 0.5 * dot(x, x), 1.5 - 0.5 * dot(y, y), 1.5 - 0.5 * dot(z, z)
+        p, q, r = -0.5 * dot(y, z), -0.5 * dot(z, x), -0.5 * dot(x, y)
+        for k in range(3):
+            Q[k, 0], Q[k, 1], Q[k, 2] = (
+                d0 * x[k] + r * y[k] + q * z[k], r * x[k] + d1 * y[k] + p * z[k], q * x[k] + p * y[k] + d2 * z[k]
+            )  # fmt: skip
+
+
+@njit(**INNER)
 def right_differential(a, scale, out):
     """out := scale * dexp(a): exp(a + d) = exp(a) exp(dexp d) to first order.
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ..vectors import JIT, copy, turned_by
+from ..vectors import JIT, close_rotations, copy, turned_by
 from .kernel import HOT, accelerate, project
 
 FULL, FINISHED, UNDERFLOW, NOT_FINITE = range(4)
@@ -71,7 +71,8 @@ def empty_record(n: int, nb: int, nrows: int) -> Record:
 
 @njit(**HOT)
 def keep(kernel, lam, record, n):
-    """Where ``kernel`` stands, and the multipliers, as row ``n`` of the record."""
+    """Where ``kernel`` stands, its R closed, and the multipliers, as row ``n`` of the record."""
+    close_rotations(kernel.R)
     copy(kernel.r, record.r[n])
     copy(kernel.R, record.R[n])
     copy(kernel.v, record.v[n])
@@ -203,6 +204,7 @@ def march(model, blocks, kernel, stages, tableau, control, record):
                 return (UNDERFLOW if math.isfinite(error) else NOT_FINITE), done
             continue
         project(model, blocks, kernel, stages.work)
+        keep(kernel, kernel.lam, record, done)
         _begin(model, stages, kernel)
         for b in range(len(model.mass)):
             for a in range(3):
@@ -215,6 +217,5 @@ def march(model, blocks, kernel, stages, tableau, control, record):
         control.clock[1] = h * min(MOST, max(LEAST, grow))
         control.clock[2] = max(error, 1e-4)
         record.t[done] = control.clock[0]
-        keep(kernel, kernel.lam, record, done)
         done += 1
     return FULL, done

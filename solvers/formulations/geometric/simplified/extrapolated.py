@@ -196,6 +196,7 @@ def march(model, blocks, k, step, s, control, record):
         project(model, lean.blocks, lean.k, step.work)
         lean.rank[0] = accelerate(model, lean.blocks, lean.k)
         lean.past[1] = 1
+        keep(lean.k, lean.k.lam, record, done)
         _remember(step)
         if not np.isfinite(lean.k.v[0, 0]):
             return NOT_FINITE, done
@@ -207,6 +208,5 @@ def march(model, blocks, k, step, s, control, record):
         control.clock[1] = grown
         control.tally[0] = step.counts[NEWTON]
         record.t[done] = control.clock[0]
-        keep(lean.k, lean.k.lam, record, done)
         done += 1
     return FULL, done

@@ -4,7 +4,7 @@ from numba import njit
 
 from ..index1.kernel import HOT, accelerate, add_rows_back, clear, rows, solve
 from ..newton import NEWTON
-from ..vectors import JIT, copy, turned_by
+from ..vectors import JIT, close_rotations, copy, turned_by
 from .rows import arms, constraint_norm
 from .state import DEPTH
 from .step import one_step, poses
@@ -89,6 +89,7 @@ def march(lean, settings, grid, dt, t_end, counts, record):
         if settings.penalty.correct_pose:
             for _ in range(PASSES):
                 correct_poses(lean)
+        close_rotations(k.R)
         accept(lean, settings, h, base + 0.5 * h)
         for j in range(len(model.body)):
             for i in range(model.row[j], model.row[j + 1]):

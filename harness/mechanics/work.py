@@ -1,0 +1,185 @@
+"""Work of dampers, loads, user forces and drives over recorded steps, and how well it is known.
+
+Nobody gives the motion between two recorded steps. It is taken in two ways, and the surer one counts in each step::
+
+    cubic   through poses and velocities at both ends; its error is by how much two steps taken as one differ from them
+    flow    from the recorded state on, by index 1 and the symmetric midpoint rule in n parts (Gragg), extrapolated in
+            1/n^2; its error is what the last doubling of n changed
+
+The second is as exact as the recorded states, whatever the order of the method and the length of its steps.
+"""
+
+import math
+import numpy as np
+from jaxtyping import Float
+
+from . import so3
+from .index1 import index_1
+from .motion import load_in_space, point_velocity, spring_line, user_loads
+from .moving_rows import moving
+from .state import States
+from .system import MultibodySystem
+from .torsion import torsion
+
+NODES = 0.5 + 0.5 * np.array([-1.0, 0.0, 1.0]) * math.sqrt(0.6)  # of Gauss on (0, 1): the work of the cubic's damper
+WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+RESOLVED = 1.0  # [rad] of a drive, a load or a body over a step: beyond it three nodes cannot tell what they miss
+SURE = 0.1  # of the drift: work that is known better than that does not blur it
+DOUBLINGS = 10  # of the parts of a step
+BLOCK = 10_000  # steps at a time
+STATES = 60_000  # evaluations of index 1 at most, the uncertain steps first
+
+
+def work(
+    system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States, energy: Float[np.ndarray, " nt"]
+) -> tuple[Float[np.ndarray, " nt"], Float[np.ndarray, " nt"]]:
+    """Work since the start [J] and its error, as exact as the drift of ``energy`` (T + V [J]) less work asks for."""
+    if system.is_conservative or len(t) < 2:
+        return np.zeros((2, len(t)))
+    h = np.diff(t)
+    share = h / np.sum(h)
+    angle = _fastest(system, s) * h
+    gained, error = _along_cubics(system, s, h, angle)
+    within = angle <= RESOLVED * 2 ** (DOUBLINGS - 2)
+    columns, doubled, spent = np.full((len(h), DOUBLINGS), np.nan), np.zeros(len(h), dtype=np.int64), 0
+    while True:
+        wanted = _wanted(energy, gained)
+        if np.sum(error) <= wanted:
+            break
+        uncertain = np.flatnonzero(~(error <= wanted * share) & (doubled < DOUBLINGS) & within)
+        uncertain = uncertain[np.argsort(-error[uncertain], kind="stable")]
+        parts = 2 ** (doubled[uncertain] + 1)
+        uncertain = uncertain[: np.searchsorted(np.cumsum(parts + 1), STATES - spent, side="right")]
+        if not len(uncertain):
+            break
+        for k in np.unique(doubled[uncertain]):
+            steps = uncertain[doubled[uncertain] == k]
+            spent += len(steps) * (2 ** (k + 1) + 1)
+            found, change = _extrapolated(columns, steps, int(k), _flow(system, s.at(steps), h[steps], 2 ** int(k + 1)))
+            change[angle[steps] > RESOLVED * 2**k] = np.inf  # whole periods look like none
+            surer = change < error[steps]
+            gained[steps[surer]], error[steps[surer]] = found[surer], change[surer]
+            doubled[steps] += 1
+    total, unsure = (np.concatenate(([0.0], np.cumsum(a))) for a in (gained, error))
+    return total, unsure
+
+
+def _wanted(energy: np.ndarray, gained: np.ndarray) -> float:
+    """[J] the error that the work may have: a part of the drift, or rounding of the energy."""
+    drift = energy - energy[0] - np.concatenate(([0.0], np.cumsum(gained)))
+    known = np.isfinite(drift)
+    rounding = np.finfo(float).eps * math.sqrt(len(energy)) * np.max(np.abs(energy[known]), initial=0.0)
+    return float(max(SURE * np.max(np.abs(drift[known]), initial=0.0), rounding))
+
+
+def _fastest(system: MultibodySystem, s: States) -> np.ndarray:
+    """Of drives, loads and bodies over each step [rad/s]."""
+    sines = [a[a[:, 4] != 0.0, 5] for a in (system.joint_motion, system.load_factor)]
+    spin = np.max(np.linalg.norm(s.Omega, axis=2), axis=1, initial=0.0)
+    return np.fmax(np.fmax(spin[:-1], spin[1:]), np.max(np.abs(np.concatenate(sines)), initial=0.0))
+
+
+def _along_cubics(
+    system: MultibodySystem, s: States, h: np.ndarray, angle: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Work of each step along its cubic [J], and its error; infinite where none can be told."""
+    gained, error = _gauss(system, s, h), np.full(len(h), np.inf)
+    n = len(h) - len(h) % 2
+    for first in {0, len(h) % 2} if n else ():  # pairs from the first step on; of an odd number also to the last
+        pairs = s.at(slice(first, first + n + 1, 2))
+        twice = h[first : first + n : 2] + h[first + 1 : first + n : 2]
+        apart = np.abs(_gauss(system, pairs, twice) - gained[first : first + n : 2] - gained[first + 1 : first + n : 2])
+        error[first : first + n] = np.fmin(error[first : first + n], np.repeat(0.5 * apart, 2))
+    unresolved = (angle > RESOLVED) | ~np.isfinite(error)
+    return gained, np.where(unresolved, np.inf, error)
+
+
+def _gauss(system: MultibodySystem, s: States, h: np.ndarray) -> np.ndarray:
+    """Integral of the power along the cubic of each step of ``h`` [s]."""
+    out = np.zeros(len(h))
+    for k in range(0, len(h), BLOCK):
+        steps, ends = slice(k, k + BLOCK), s.at(slice(k, k + BLOCK + 1))
+        out[steps] = sum(w * power(system, between(ends, h[steps], x)) for x, w in zip(NODES, WEIGHTS, strict=True))
+    return out * h
+
+
+def _flow(system: MultibodySystem, s: States, h: np.ndarray, parts: int) -> np.ndarray:
+    """Work over ``h`` [s] from each state on, by ``parts`` (even) of the symmetric midpoint rule, smoothed (Gragg)."""
+    dt = h / parts
+    before, (rates, W_rate) = s, _rates(system, s)
+    W_before, here, W = np.zeros(len(h)), _moved(s, s, rates, dt), dt * W_rate
+    for k in range(1, parts + 1):
+        rates, W_rate = _rates(system, here)
+        if k == parts:
+            return np.asarray(0.5 * (W + W_before + dt * W_rate))
+        before, here = here, _moved(before, here, rates, 2.0 * dt)
+        W_before, W = W, W_before + 2.0 * dt * W_rate
+    raise AssertionError("parts must be positive")
+
+
+def _rates(system: MultibodySystem, s: States) -> tuple[np.ndarray, np.ndarray]:
+    """Accelerations (nt, nb, 6) and power."""
+    found = index_1(system, s)
+    return found.a, power(system, s, found.reaction)
+
+
+def _moved(a: States, middle: States, rates: np.ndarray, dt: np.ndarray) -> States:
+    """``a`` after ``dt`` [s] at the velocities of ``middle`` and at ``rates``."""
+    x = dt[:, None, None]
+    with np.errstate(all="ignore"):  # what explodes is not finite, and its error says so
+        R = a.R @ so3.exp(np.nan_to_num(x * middle.Omega, posinf=0.0, neginf=0.0))
+    return States(a.r + x * middle.v, R, a.v + x * rates[..., :3], a.Omega + x * rates[..., 3:], a.times + dt)
+
+
+def _extrapolated(columns: np.ndarray, steps: np.ndarray, k: int, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The best of Romberg's row ``k``, whose first entry was ``found``, and what it changed; ``columns`` keep the row."""
+    old, change = columns[steps], np.full(len(steps), np.inf)
+    new = np.full_like(old, np.nan)
+    new[:, 0] = found
+    for m in range(1, k + 1):
+        new[:, m] = new[:, m - 1] + (new[:, m - 1] - old[:, m - 1]) / (4.0**m - 1.0)
+    if k:
+        change = np.abs(new[:, k] - old[:, k - 1])
+    columns[steps] = new
+    return new[:, k], np.where(np.isfinite(change), change, np.inf)
+
+
+def power(
+    system: MultibodySystem, s: States, reaction: Float[np.ndarray, "nt nrows"] | None = None
+) -> Float[np.ndarray, " nt"]:
+    """Power of dampers, loads, user forces and drives [W]: what changes T + V. ``reaction``: that of index 1."""
+    out = np.zeros(len(s.r))
+    if np.any(system.joint_motion):
+        push = moving(system, s)
+        found = index_1(system, s).reaction if reaction is None else reaction
+        out -= np.sum(found[:, push.row] * push.phi_t, axis=-1)
+    for k in np.flatnonzero(system.spring_c):
+        d, d_dot = spring_line(system, s, int(k))
+        out -= system.spring_c[k] * np.sum(d * d_dot, axis=-1) ** 2 / np.sum(d * d, axis=-1)
+    if np.any(system.torsion_c):
+        out -= torsion(system, s)[1] ** 2 @ system.torsion_c
+    for load, body in enumerate(system.load_i):
+        force, torque = load_in_space(system, s, load)
+        omega = np.einsum("tij,tj->ti", s.R[:, body], s.Omega[:, body])
+        v = point_velocity(s, body, system.load_p[load])
+        out += np.sum(force * v, axis=-1) + np.sum(torque * omega, axis=-1)
+    for body, force, torque in user_loads(system, s):
+        omega = np.einsum("tij,tj->ti", s.R[:, body], s.Omega[:, body])
+        out += np.sum(force * s.v[:, body], axis=-1) + np.sum(torque * omega, axis=-1)
+    return out
+
+
+def between(s: States, h: Float[np.ndarray, " nt-1"], x: float) -> States:
+    """The motion a part ``x`` into each step of ``h`` [s]: cubic in r, and in theta of R = R_0 exp(theta)."""
+    dt = h[:, None, None]
+    r, v = _cubic(s.r[:-1], s.r[1:], s.v[:-1], s.v[1:], dt, x)
+    turn = so3.log(np.swapaxes(s.R[:-1], -1, -2) @ s.R[1:])
+    theta, rate = _cubic(np.zeros_like(turn), turn, s.Omega[:-1], so3.rate_of_vector(turn, s.Omega[1:]), dt, x)
+    return States(r, s.R[:-1] @ so3.exp(theta), v, so3.angular_velocity(theta, rate), s.times[:-1] + x * h)
+
+
+def _cubic(a: np.ndarray, b: np.ndarray, a_dot: np.ndarray, b_dot: np.ndarray, h: np.ndarray, x: float) -> tuple:
+    """Value and rate at x of the cubic from a to b over h with these rates at its ends."""
+    bend = (b - a) / h - 0.5 * (a_dot + b_dot)  # the rate is a_dot (1 - x) + b_dot x + 6 bend x (1 - x)
+    way = a_dot * (x - 0.5 * x * x) + b_dot * 0.5 * x * x + bend * x * x * (3.0 - 2.0 * x)
+    return a + h * way, a_dot * (1.0 - x) + b_dot * x + 6.0 * bend * x * (1.0 - x)
