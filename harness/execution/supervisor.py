@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..catalogue import registry
+from ..metrics import compiled
 from ..results import store
 from ..results.records import RunRecord
 from ..sandbox.apart import SLACK, Apart, Ended
@@ -134,6 +135,7 @@ def serve(orders: int, news: int) -> None:
             for order in reader.messages(chunk):
                 match order:
                     case Warm(specs, jobs):
+                        compiled.load()  # what measures
                         references = references_apart(jobs, lambda: _closed(orders))
                         os.write(news, line_of(Warmed({}, references)))
                         warm_apart_then_here(

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from ..cache import cache_folder
 from ..mechanics.state import States
-from ..mechanics.system import MultibodySystem
+from ..mechanics.system import MultibodySystem, RigidBody, assemble
 from ..mechanics.torsion import torsion
 
 _before = numba.config.CACHE_DIR
@@ -44,6 +44,18 @@ def laws(system: MultibodySystem, s: States, metres: Float[np.ndarray, " nrows"]
 def takes(system: MultibodySystem) -> bool:
     """Whether ``laws`` knows all its rows: functions of time and rows of velocities alone stay with numpy."""
     return not np.any(system.joint_moving)
+
+
+def load() -> None:
+    """Compile all passes, or load them from the cache, so that forked processes have them."""
+    system = assemble([RigidBody(1.0, np.eye(3))], [], (0.0, 0.0, 0.0))
+    r, R = np.zeros((2, 1, 3)), np.tile(np.eye(3), (2, 1, 1, 1))
+    s = States(r, R, r, r)
+    laws(system, s, np.zeros(0))
+    displacement(system.mass, system.inertia.copy(), s, s)
+    speeds(system.mass, system.inertia, s)
+    moved(np.ones(2), s, s)
+    are_rotations(s.R)
 
 
 @numba.njit(**INNER)
