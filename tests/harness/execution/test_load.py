@@ -20,7 +20,7 @@ SUITE = """
 [[runs]]
 problem = "free_fall"
 solver = "cheats"
-cpu_limit = 0.6
+cpu_limit = 1.5
 options = { where = ["call", "daemon"] }
 [[runs]]
 problem = "free_fall"
@@ -51,7 +51,6 @@ def busy():
 def ends(folder, jobs):
     suite = parse_suite(SUITE, "load", "load", plugins=(str(PLUGIN), cheating.__file__))
     found = run_suite(Request(suite, folder, jobs), Silent(), LocalPool).records
-    assert all(r.wall_s < r.wall_limit_s for r in found)
     return {r.case: (r.status, r.ended_by) for r in found}
 
 
