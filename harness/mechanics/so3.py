@@ -51,12 +51,12 @@ def angular_velocity(
     return rate - g * across + h * cross(a, across)
 
 
-def rate_of_vector(
-    a: Float[np.ndarray, "*batch 3"], Omega: Float[np.ndarray, "*batch 3"]
-) -> Float[np.ndarray, "*batch 3"]:
-    """The rate of the vector a at which R = exp(hat(a)) turns with Omega [body], |a| < 2 pi: the inverse of the above.
+def dexpinv(a: Float[np.ndarray, "*batch 3"], Omega: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+    """Return the rate [rad/s] at which the rotation vector ``a`` [rad] changes while R = R_0 exp(hat(a)) turns.
 
-    1 + hat(a)/2 + (1 - (x/2) cot(x/2))/x^2 hat(a)^2; by series where x = |a| < 0.1, error below 1e-14.
+    ``Omega`` [rad/s] is the angular velocity in the body frame, R_0 any constant rotation. It is the inverse of
+    ``angular_velocity``: 1 + hat(a)/2 + (1 - (x/2) cot(x/2))/x^2 hat(a)^2 with x = |a|, regular for x < 2 pi; a series
+    where x < 0.1, its error below 1e-14. Source: Munthe-Kaas (1999), Appl. Numer. Math. 29.
     """
     x2 = np.sum(a * a, axis=-1, keepdims=True)
     x = np.sqrt(np.where(x2 < 1e-2, 1.0, x2))

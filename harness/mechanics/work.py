@@ -10,6 +10,7 @@ The second is as exact as the recorded states, whatever the order of the method 
 """
 
 import math
+
 import numpy as np
 from jaxtyping import Float
 
@@ -174,7 +175,7 @@ def between(s: States, h: Float[np.ndarray, " nt-1"], x: float) -> States:
     dt = h[:, None, None]
     r, v = _cubic(s.r[:-1], s.r[1:], s.v[:-1], s.v[1:], dt, x)
     turn = so3.log(np.swapaxes(s.R[:-1], -1, -2) @ s.R[1:])
-    theta, rate = _cubic(np.zeros_like(turn), turn, s.Omega[:-1], so3.rate_of_vector(turn, s.Omega[1:]), dt, x)
+    theta, rate = _cubic(np.zeros_like(turn), turn, s.Omega[:-1], so3.dexpinv(turn, s.Omega[1:]), dt, x)
     return States(r, s.R[:-1] @ so3.exp(theta), v, so3.angular_velocity(theta, rate), s.times[:-1] + x * h)
 
 

@@ -5,7 +5,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -21,6 +21,7 @@ from .mechanisms import mechanisms, part, state_of, states_of
 from .reactions import exact_pull_on_bodies, instants_to_compare, pull_on_bodies
 from .rows import between, is_motion, kinematic_defect
 from .scales import KINETIC, STATES, Run, Scales, blocks, compiled, displacement, reached, scales, speeds
+from .truncation import Truncation, truncation, unexplained
 
 JOINTS = (Law.CONSTRAINT, Law.CONSTRAINT_RATE)  # not laws of a motion whose start, as printed, opens the joints
 KNOWN = 1e-6  # of the time: an exact motion that ends before is none
@@ -59,6 +60,7 @@ class Measured:
     reference_own_error: Float[np.ndarray, " nt"] | None = None
     rate_error: Float[np.ndarray, " nt"] | None = None  # of velocities, rms over a body's matter [m/s]
     kinematic_defect: float = float("nan")  # of the path, worst body (module ``rows``)
+    truncation: Truncation = field(default_factory=Truncation)  # where there is a reference
     motion_between: float = float("nan")  # [m] largest motion error between rows, while the motion is predictable
     motion_between_s: float = float("nan")  # when
     reaction_error: float = float("nan")  # [N], largest at the instants compared
@@ -109,8 +111,12 @@ def _judged(
     done, unsure = work(system, t, states_of(s, bodies), E)
     drift = E - E[0] - done
     rows[:, KINETIC] -= np.maximum(drift, 0.0)  # what was gained was not there to be exchanged
-    sure = np.sign(drift) * np.maximum(np.abs(drift) - unsure, 0.0)
-    laws = {Law.ENERGY: sure, Law.CONSTRAINT: gap, Law.CONSTRAINT_RATE: gap_rate, Law.ORTHOGONALITY: defect}
+    laws = {
+        Law.ENERGY: np.sign(drift) * np.maximum(np.abs(drift) - unsure, 0.0),
+        Law.CONSTRAINT: gap,
+        Law.CONSTRAINT_RATE: gap_rate,
+        Law.ORTHOGONALITY: defect,
+    }
     binding = {k: a for k, a in laws.items() if not (problem.literal_start and k in JOINTS)}
     size = scales(problem, reference, Run(rows, binding, covered(reference, t)), bodies)
     return Judged(bodies, size, laws), E, drift, eq81, phi, phi_dot
@@ -183,6 +189,12 @@ def _against_reference(
     about = {"reference_route": reference.route, "reference_horizon": float(reference.horizon)}
     off = _between_rows(problem, reference, t, s, length)
     pull = _reaction_error(problem, reference, t, s, trajectory.reaction)
+    within = predictable(t[:n], series["reference_own_error"][:n] / length) if n else 0
+    away = series["motion_error"][:within] + series["reference_own_error"][:within]
+    speed = float(np.max(speeds(problem.system, s.at(slice(within))), initial=0.0))
+    steps = truncation(problem.system, t, s, trajectory.reaction)
+    more = unexplained(t[:within], s.at(slice(within)), away, series["rate_error"][:within], speed)
+    pull["truncation"] = replace(steps, velocities=float(np.fmax(steps.velocities, more)))
     return {**series, **off, **pull, **about, "reference_observables": theirs}
 
 

@@ -27,17 +27,20 @@ def pull_on_bodies(
     system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"], s: States
 ) -> Float[np.ndarray, "nt nb 3"]:
     """Sum of the joint forces on each body [N], space frame: unique even where redundant joints share them at will."""
-    return _wrench(system, reaction, s)[:, :, :3]
+    return load_on_bodies(system, reaction, s)[:, :, :3]
 
 
 def moment_on_bodies(
     system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"], s: States
 ) -> Float[np.ndarray, "nt nb 3"]:
     """Sum of the moments of all joints on each body about its C [N m], body frame: what axis rows add to."""
-    return _wrench(system, reaction, s)[:, :, 3:]
+    return load_on_bodies(system, reaction, s)[:, :, 3:]
 
 
-def _wrench(system: MultibodySystem, reaction: np.ndarray, s: States) -> Float[np.ndarray, "nt nb 6"]:
+def load_on_bodies(
+    system: MultibodySystem, reaction: Float[np.ndarray, "nt nrows"], s: States
+) -> Float[np.ndarray, "nt nb 6"]:
+    """A^T reaction: both of the above."""
     out = np.zeros((len(reaction), system.nb, 6))
     for body, rows, *parts in row_parts(system, s):
         part = np.concatenate(parts, axis=-1)

@@ -66,6 +66,7 @@ class Law(StrEnum):
     INVARIANT = "invariant"
     KINEMATIC = "kinematic"  # r' = v and R' = R hat(Omega), from row to row
     REACTION = "reaction"
+    TRUNCATION = "truncation"  # velocities, their changes, reactions: farther off than steps of this length leave open
     MOTION = "motion"
     VELOCITY = "velocity"  # this and the next: near the reference, like ``MOTION``
     ROWS = "rows"  # between rows

@@ -1,0 +1,129 @@
+"""What a run says of its own rates, against what its poses and the equations of motion say: r' = v, v' = a, A^T lam.
+
+At a recorded step the difference quotients to both sides straddle the rate there, and differ by a step's change of it:
+that much may a method of first order be off, and no method that converges stays farther off over a run. Accelerations
+and loads of the joints are those of index 1 at the recorded poses and velocities. So a false gravity, scaled velocities
+and false reactions show however small they are, as soon as steps are fine enough to tell; where they are not, nothing
+is judged.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from ..mechanics import so3
+from ..mechanics.index1 import index_1
+from ..mechanics.state import States
+from ..mechanics.system import MultibodySystem
+from ..types import ACCURATE
+from .reactions import load_on_bodies
+
+SAMPLES = 200  # recorded steps at most that are looked at
+LEAST, PRODUCTS = 4, 2e8  # and at least; nrows^2 6 nb at all of them: large systems are looked at less often
+RESOLVED = 0.5  # [rad] that a body turns over a step: beyond it difference quotients say nothing
+TOLD = ACCURATE["accurate_until_1pct_s"]  # of the speed: an error of velocities that counts
+ROUNDINGS = 64.0  # in a difference of poses
+
+
+@dataclass(frozen=True)
+class Truncation:
+    """How far rates are off, of what steps leave open (sums over the run, worst body); NaN where nothing is known."""
+
+    velocities: float = float("nan")  # against poses, or of what errors of poses explain if that is more
+    accelerations: float = float("nan")
+    reactions: float = float("nan")
+
+
+def truncation(
+    system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States, reaction: Float[np.ndarray, "nt nrows"] | None
+) -> Truncation:
+    """Of velocities, accelerations and reactions of a run."""
+    k = _steps(system, t, s)
+    if len(k) < 3:
+        return Truncation()
+    before, here, after = (s.at(k + d) for d in (-1, 0, 1))
+    h1, h2 = ((t[k + d] - t[k + d - 1])[:, None, None] for d in (0, 1))
+    found = index_1(system, here)
+    rounding = np.finfo(float).eps * ROUNDINGS / np.minimum(h1, h2)
+    size = np.max(np.abs(s.r), initial=0.0) + np.max(system.gyration)
+    backward, forward = _rates(before, here, h1), _rates(here, after, h2)
+    v = np.concatenate((here.v, here.Omega), axis=-1)
+    slower, faster = ((_velocities(b) - _velocities(a)) / h for a, b, h in ((before, here, h1), (here, after, h2)))
+    speed = np.max(_size(system, v), initial=0.0)
+    out = [
+        _off(system, backward, forward, h1, h2, v, rounding * size),
+        _off(system, slower, faster, h1, h2, found.a, rounding * speed),
+        float("nan"),
+    ]
+    if reaction is not None and system.nj:
+        loads = [load_on_bodies(system, reaction[k + d], s.at(k + d)) for d in (-1, 0, 1)]
+        apart = _weight(system, loads[1] - found.load)
+        steps = _weight(system, loads[1] - loads[0]) + _weight(system, loads[2] - loads[1])
+        floor = np.finfo(float).eps * ROUNDINGS * _weight(system, found.load)
+        out[2] = _ratio(apart, steps + floor)
+    return Truncation(*out)
+
+
+def unexplained(
+    t: Float[np.ndarray, " nt"], s: States, away: Float[np.ndarray, " nt"], rate: Float[np.ndarray, " nt"], speed: float
+) -> float:
+    """The error of velocities [m/s] over that which the error ``away`` [m] of poses explains, both against a reference.
+
+    What poses are off may come and go within a step, or within a radian of the fastest turn: velocities that are off by
+    more are not those of the poses. NaN where velocities are right to ``TOLD`` of the speed.
+    """
+    most = float(np.max(rate, initial=0.0))
+    if len(t) < 2 or not most > TOLD * speed:
+        return float("nan")
+    turn = float(np.max(np.linalg.norm(s.Omega, axis=2), initial=0.0))
+    return most / (float(np.max(away)) * max(1.0 / float(np.median(np.diff(t))), turn) or np.finfo(float).tiny)
+
+
+def _steps(system: MultibodySystem, t: np.ndarray, s: States) -> Int[np.ndarray, " n"]:
+    """Evenly picked inner rows at which the steps to both sides resolve the turning."""
+    turn = np.max(np.linalg.norm(s.Omega, axis=2), axis=1, initial=0.0)
+    h = np.diff(t)
+    inner = 1 + np.flatnonzero(turn[1:-1] * np.maximum(h[:-1], h[1:]) < RESOLVED)
+    most = int(np.clip(PRODUCTS / (6 * system.nb * max(system.nrows, 1) ** 2), LEAST, SAMPLES))
+    return inner[np.unique(np.linspace(0, len(inner) - 1, min(most, len(inner))).round().astype(np.int64))]
+
+
+def _rates(a: States, b: States, h: np.ndarray) -> np.ndarray:
+    """(v, Omega) that takes ``a`` to ``b``."""
+    return np.concatenate(((b.r - a.r) / h, so3.log(np.swapaxes(a.R, -1, -2) @ b.R) / h), axis=-1)
+
+
+def _velocities(s: States) -> np.ndarray:
+    return np.concatenate((s.v, s.Omega), axis=-1)
+
+
+def _off(
+    system: MultibodySystem, before: np.ndarray, after: np.ndarray, h1: np.ndarray, h2: np.ndarray, told: np.ndarray,
+    floor: np.ndarray,
+) -> float:  # fmt: skip
+    middle = (h2 * before + h1 * after) / (h1 + h2)
+    return _ratio(_size(system, middle - told), _size(system, after - before) + floor[..., 0])
+
+
+def _ratio(off: np.ndarray, open_: np.ndarray) -> float:
+    known = np.all(np.isfinite(off) & np.isfinite(open_), axis=1)
+    if not np.any(known):
+        return float("nan")
+    total, least = np.sum(off[known], axis=0), np.sum(open_[known], axis=0)
+    return float(np.max(np.divide(total, least, out=np.zeros_like(total), where=total > 0.0)))
+
+
+def _size(system: MultibodySystem, a: np.ndarray) -> np.ndarray:
+    """Root mean square over a body's matter of rates (v, Omega)."""
+    turning = np.einsum("tbi,bij,tbj->tb", a[..., 3:], system.inertia, a[..., 3:]) / system.mass
+    return np.sqrt(np.sum(a[..., :3] ** 2, axis=-1) + turning)
+
+
+def _weight(system: MultibodySystem, load: np.ndarray) -> np.ndarray:
+    """Of forces [N] and moments [N m], these over the longest arm of a body's joints, or its radius of gyration."""
+    arm = np.append(system.gyration, 0.0)  # the last one is the ground
+    for body, s in ((system.joint_i, system.joint_s_i), (system.joint_j, system.joint_s_j)):
+        np.maximum.at(arm, body, np.linalg.norm(s, axis=1))
+    moment = np.sum(load[..., 3:] ** 2, axis=-1) / arm[:-1] ** 2
+    return np.sqrt(np.sum(load[..., :3] ** 2, axis=-1) + moment)
