@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Literal
 
 from ..clock import cpu_by_process
+from ..places import Place
 from .isolation import PATIENCE, Target, fork, kill_group
 
 Limit = Literal["", "cpu", "wall"]
@@ -45,7 +46,7 @@ class Apart:
     """A forked process, watched by ``look`` or ``wait``."""
 
     def __init__(
-        self, target: Target, *, limit: float, memory: float, wall: float | None = None, stderr: Path = NOWHERE
+        self, target: Target, *, limit: float, memory: float, wall: float | None = None, stderr: Path | Place = NOWHERE
     ) -> None:
         """Run ``target(send)`` with ``limit`` [s] of CPU time, all that it starts included, and ``memory`` [MB].
 
