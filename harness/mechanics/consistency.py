@@ -36,8 +36,8 @@ def check_start(system: MultibodySystem, state: State, *, literal: bool = False,
         joint = int(np.searchsorted(system.row_start, row, side="right")) - 1
         if abs(constraint(system, one)[0, row]) <= START_TOLERANCE < phi:
             raise InconsistentStart(
-                f"{what} must satisfy the constraints: joint {system.joint_names[joint]!r} is half a turn from the angle "
-                "that it prescribes, where its row vanishes, too; turn body i by pi about the axis"
+                f"{what} must satisfy the constraints: joint {system.joint_names[joint]!r} is half a turn from the "
+                "angle that it prescribes, where its row vanishes, too; turn body i by pi about the axis"
             )
         raise InconsistentStart(
             f"{what} must satisfy the constraints: expected |phi| and |phi_dot| < {START_TOLERANCE:g} "

@@ -54,7 +54,8 @@ def index_1(system: MultibodySystem, s: States) -> Index1:
             continue
         at = k + np.flatnonzero(good)
         out.a[at], out.reaction[at] = found
-        out.load[at] = np.matmul(found[1][:, None], A[good].reshape(-1, nrows, 6 * nb)).reshape(-1, nb, 6)
+        rows_found = A[good].reshape(len(at), nrows, 6 * nb)
+        out.load[at] = np.matmul(found[1][:, None], rows_found).reshape(len(at), nb, 6)
     return out
 
 

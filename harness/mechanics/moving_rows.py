@@ -79,7 +79,7 @@ def moving(system: MultibodySystem, s: States) -> Push:
                 at += 1
     else:
         row = np.zeros(0, dtype=np.int64)
-    return Push(joint, row, phi, phi_t, *vectors, along)
+    return Push(joint, row, phi, phi_t, vectors[0], vectors[1], vectors[2], along)
 
 
 SAMPLES, MOST_SAMPLES = 200, 1e6  # of a function of time: in a period of its sine, and in all

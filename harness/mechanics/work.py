@@ -36,7 +36,7 @@ def work(
 ) -> tuple[Float[np.ndarray, " nt"], Float[np.ndarray, " nt"]]:
     """Work since the start [J] and its error, as exact as the drift of ``energy`` (T + V [J]) less work asks for."""
     if system.is_conservative or len(t) < 2:
-        return np.zeros((2, len(t)))
+        return np.zeros(len(t)), np.zeros(len(t))
     h = np.diff(t)
     share = h / np.sum(h)
     angle = _fastest(system, s) * h
@@ -133,7 +133,7 @@ def _moved(a: States, middle: States, rates: np.ndarray, dt: np.ndarray) -> Stat
 
 
 def _extrapolated(columns: np.ndarray, steps: np.ndarray, k: int, found: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The best of Romberg's row ``k``, whose first entry was ``found``, and what it changed; ``columns`` keep the row."""
+    """The best of Romberg's row ``k``, whose first entry was ``found``, and what it changed; ``columns`` keep it."""
     old, change = columns[steps], np.full(len(steps), np.inf)
     new = np.full_like(old, np.nan)
     new[:, 0] = found

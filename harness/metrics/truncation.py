@@ -70,14 +70,14 @@ def unexplained(
 ) -> float:
     """The error of velocities [m/s] over that which the error ``away`` [m] of poses explains, both against a reference.
 
-    What poses are off may come and go within a step, or within a radian of the fastest turn: velocities that are off by
-    more are not those of the poses. NaN where velocities are right to ``TOLD`` of the speed.
+    What poses are off may change its sign within a step, or within a radian of the fastest turn: velocities that are
+    off by more than both together are not those of the poses. NaN where velocities are right to ``TOLD`` of the speed.
     """
     most = float(np.max(rate, initial=0.0))
     if len(t) < 2 or not most > TOLD * speed:
         return float("nan")
     turn = float(np.max(np.linalg.norm(s.Omega, axis=2), initial=0.0))
-    return most / (float(np.max(away)) * max(1.0 / float(np.median(np.diff(t))), turn) or np.finfo(float).tiny)
+    return most / (2.0 * float(np.max(away)) * (1.0 / float(np.median(np.diff(t))) + turn) or np.finfo(float).tiny)
 
 
 def _steps(system: MultibodySystem, t: np.ndarray, s: States) -> Int[np.ndarray, " n"]:

@@ -53,9 +53,8 @@ def doubts(problem: Problem, trajectory: Trajectory, m: Measured, columns: Mappi
     limit(Law.KINEMATIC, m.kinematic_defect, KINEMATIC, "", None)
     limit(Law.REACTION, m.reaction_error, REACTION * (m.reaction_size + size.energy / size.length), "N", None)
     for name, share in vars(m.truncation).items():
-        limit(
-            Law.TRUNCATION, share, 1.0, "", None, f"the error of {name}, beside what steps of this length leave open,"
-        )
+        words = f"the error of {name}, beside what steps of this length leave open,"
+        limit(Law.TRUNCATION, share, 1.0, "", None, words)
     for name, drift in json.loads(columns["invariant_drifts"]).items():
         scale = size.of_unit(drift["unit"])
         start = abs(float(drift["start"]))

@@ -82,7 +82,7 @@ def test_few_exact_steps_lose_no_energy(torque, frequency):
 
 @pytest.mark.parametrize(("torque", "frequency"), [(0.0, 0.0), (1.0, 40.0)])
 def test_a_real_loss_is_found_between_few_steps(torque, frequency):
-    """A fifth of the last speed lost without a cause is a third of what energy is left, and more than a tenth of all."""
+    """Up to 60 % of the speed goes without a cause: more than a tenth of the energy exchanged."""
     problem, false = braked(16, torque, frequency, lost=0.6)
     assert Law.ENERGY in broken_laws(problem, false)
 
