@@ -77,12 +77,13 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
         solver=spec.solver, solver_options=_json(spec.options),
         control="rtol" if control.dt is None else "dt", dt_s=_or_nan(control.dt), rtol=_or_nan(control.rtol),
         max_step_s=_or_nan(control.max_step), max_steps=control.max_steps,
-        cpu_limit_s=spec.cpu_limit, wall_limit_s=SLACK * spec.cpu_limit, memory_limit_MB=spec.memory,
+        cpu_limit_s=spec.cpu_limit, wall_limit_s=SLACK * (spec.cpu_limit + GRACE), memory_limit_MB=spec.memory,
         status=str(status), code=job.code, commit=job.commit, environment=job.environment, finished=environment.now(),
         **{"t_end_s": spec.parameters.get("t_end", math.nan), **about, **files, **columns},
     )  # fmt: skip
 
 
+GRACE = 2.0  # [s] over the limit on CPU time, then killed: a solver was asked to stop at 0.9 of the limit
 STATUS_OF = {
     EndedBy.WALL_LIMIT: Status.UNFINISHED,
     EndedBy.CPU_LIMIT: Status.UNFINISHED,

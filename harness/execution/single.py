@@ -24,9 +24,9 @@ from ..sandbox.isolation import CANNOT_WRITE, OUTPUT_LIMIT
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Status, Trajectory
 from .eta import COMPILING, MEASURING, REFERENCES, RUNNING, waiting
-from .job import Job, unfinished
+from .job import GRACE, Job, unfinished
 from .run_file import in_file, without_motion
-from .supervisor import GRACE, MEASURE_LIMIT
+from .supervisor import MEASURE_LIMIT
 from .warmup import references_apart, runs_to_warm, warm, warm_apart_then_here
 from .worker import hand_over, measured
 
@@ -67,7 +67,7 @@ def solve_to_file(spec: RunSpec, out: Path, cpu_limit: float | None, say: Say = 
             references_apart([job], patience.over)
             patience.now(COMPILING)
             warm_apart_then_here(runs_to_warm([spec]), patience.over)
-        stderr, net = Place(Path(place)) / "native.txt", SLACK * limit + GRACE
+        stderr, net = Place(Path(place)) / "native.txt", SLACK * (limit + GRACE)
 
         def compile_and_run(send: Callable[[str], None]) -> None:
             if cpu_limit is None:

@@ -21,11 +21,10 @@ from ..sandbox.apart import SLACK, Apart, Ended
 from ..sandbox.isolation import CANNOT_WRITE, trim
 from ..types import EndedBy
 from . import worker
-from .job import Job, unfinished
+from .job import GRACE, Job, unfinished
 from .protocol import Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
 from .warmup import references_apart, warm_apart_then_here
 
-GRACE = 2.0  # [s] over the limit on CPU time, then killed: a solver was asked to stop at 0.9 of the limit
 MEASURE_LIMIT = 120.0  # [s] of CPU time for metrics once the solver is done, reference included
 STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a run had kept, when the suite is stopped
 POLL = 0.1  # [s]
@@ -53,7 +52,7 @@ class Supervisor:
     def start(self, job: Job) -> None:
         """Fork the process of the run's solver."""
         limit = job.spec.cpu_limit + GRACE
-        wall = SLACK * job.spec.cpu_limit + GRACE
+        wall = SLACK * limit
         process = Apart(
             lambda send: worker.hand_over(job), limit=limit, wall=wall, memory=job.spec.memory, stderr=job.stderr
         )

@@ -63,8 +63,8 @@ def words_of_ending(record: RunRecord) -> str:
     """The solver's own message, or what ended its process and which steps are left of its motion."""
     r = record
     words = {
-        EndedBy.WALL_LIMIT: f"not finished here: killed after {r.ended_limit_s:g} s, in which it did not "
-        f"use {r.cpu_limit_s:g} s of CPU time",
+        EndedBy.WALL_LIMIT: f"not finished here: killed after {r.ended_limit_s:g} s of wall time, "
+        "before it had used the CPU time it was given",
         EndedBy.CPU_LIMIT: f"not finished here: {printable(r.message) or _killed_at(r)}",
         EndedBy.MEASURE_LIMIT: "not finished here: the solver returned, but measuring its motion took too long",
         EndedBy.TOTAL_LIMIT: f"not finished here: killed at the suite's total_limit of {r.ended_limit_s:g} s",
