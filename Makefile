@@ -9,6 +9,8 @@ RESULTS ?= latest
 PROBLEM ?= chain
 OUT ?= $(PROBLEM).gif
 PICTURES ?= docs/images
+SHORTEST := $(addprefix tests/, harness/mechanics/test_joints.py harness/mechanics/test_presentation.py harness/suites \
+	harness/sandbox/test_clock.py harness/sandbox/test_cheats.py harness/test_shapes.py solvers/test_strong_form.py)
 export OMP_NUM_THREADS := 1
 export OPENBLAS_NUM_THREADS := 1
 
@@ -19,7 +21,7 @@ moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; whil
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-engines engines test-slow browser check format bench bench-kernels gate report paper figures pictures joints animate clean
+.PHONY: help setup test test-python test-engines engines test-slow browser check format bench bench-kernels gate report paper figures pictures joints animate clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -40,6 +42,17 @@ test: $(READY) ## run all tests but the slow ones
 $(CLUSTER): requirements-cluster.lock $(READY)
 	$(call moving,$(PIP) -r requirements-cluster.lock,installing requirements-cluster.lock)
 	@touch $@
+
+test-python: $(READY) ## with PYTHON=python3.13 or another: try a wheel of this, and run the shortest tests with it
+	$(eval OTHER := $(VENV)/python-$(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])'))
+	test -x $(OTHER)/bin/python || $(PYTHON) -m venv $(OTHER)
+	$(call moving,$(OTHER)/bin/python -m pip install --quiet --disable-pip-version-check -r requirements.lock,installing the locked packages)
+	rm -rf $(OTHER)/copy $(OTHER)/wheel && mkdir $(OTHER)/copy && git ls-files | tar -cf - -T - | tar -xf - -C $(OTHER)/copy
+	$(OTHER)/bin/python -m pip wheel --quiet --no-deps --no-build-isolation --wheel-dir $(OTHER)/wheel $(OTHER)/copy
+	$(OTHER)/bin/python -m pip install --quiet --force-reinstall --no-deps $(OTHER)/wheel/*.whl
+	cd $(OTHER) && bin/mbsbench solve heavy_top rk45_strong_form --problem-set t_end=0.2 --out heavy_top.npz
+	$(OTHER)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	$(OTHER)/bin/python -m pytest -q -p no:cacheprovider -n 2 --benchmark-disable -m "not slow" $(SHORTEST)
 
 test-slow: $(CLUSTER) ## run all tests, with those of a cluster (installs Dask)
 	$(BIN)/python -m pytest -q -n 2 --benchmark-disable

@@ -116,22 +116,22 @@ def solve(
     rtol: float | None = None,
     max_step: float | None = None,
     max_steps: int | None = None,
-    wall_limit: float | None = None,
+    cpu_limit: float | None = None,
     t_end: float | None = None,
     **options: Any,
 ) -> Run:
     """Run ``solver`` (a name, a class marked ``@solver``, or an instance of one) on ``problem`` and measure its motion.
 
-    Without ``dt`` [s] or ``rtol`` the problem's step or 1e-8. The solver stops itself at ``wall_limit`` [s].
+    Without ``dt`` [s] or ``rtol`` the problem's step or 1e-8. The solver stops itself at ``cpu_limit`` [s].
     """
     variant = _problem(problem, t_end)
     given = {"dt": dt, "rtol": rtol, "max_step": max_step, "max_steps": max_steps}
     entry, made = _solver(solver, options, variant, list(given))
     steps = step_control(entry.name, entry.control, variant, {k: v for k, v in given.items() if v is not None})
-    control = dataclasses.replace(steps, wall_limit=wall_limit)
-    limits: dict[str, Any] = {"wall_limit": wall_limit or math.inf, "memory": math.inf}
+    control = dataclasses.replace(steps, cpu_limit=cpu_limit)
+    limits: dict[str, Any] = {"cpu_limit": cpu_limit or math.inf, "memory": math.inf}
     spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), entry.changed(made), **limits)
-    if wall_limit is not None:  # compile before its clock starts
+    if cpu_limit is not None:  # compile before its clock starts
         warm(runs_to_warm([spec]))
     job = Job(spec, Path(), "", environment.code_digest(), environment.commit())
     found: list[tuple[Trajectory, Series]] = []

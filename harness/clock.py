@@ -1,6 +1,10 @@
-"""CPU time of this process, as fine under the sandbox's limits as without them."""
+"""CPU time of this process and of process trees, as fine under the sandbox's limits as without them."""
 
+import os
 import resource
+from pathlib import Path
+
+TICK = os.sysconf("SC_CLK_TCK")  # [1/s] unit of the times in /proc
 
 
 def cpu_seconds() -> float:
@@ -11,3 +15,59 @@ def cpu_seconds() -> float:
     """
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime
+
+
+_keepers: list[int] = []  # of this process, the last one counts: set once, right after a fork
+
+
+def set_keeper(pid: int) -> None:
+    """The process above this one that takes over what is started here and loses its parent (``sandbox.isolation``)."""
+    _keepers.append(pid)
+
+
+def cpu_seconds_of_tree() -> float:
+    """``cpu_seconds``, and the time [s] of all that this process has started, in whatever session, to 10 ms each.
+
+    What ends without anybody having waited for it is not accounted by the system.
+    """
+    root = _keepers[-1] if _keepers else os.getpid()
+    children = resource.getrusage(resource.RUSAGE_CHILDREN)
+    own = cpu_seconds() + children.ru_utime + children.ru_stime
+    others = (_times(pid) for pid in descendants(root) if pid != os.getpid())
+    waited_for_by_root = _times(root)[1] if root != os.getpid() else 0.0
+    return own + waited_for_by_root + sum(map(sum, others))
+
+
+def cpu_seconds_below(root: int) -> float:
+    """CPU time [s] of the process ``root`` and of all below it, those included that ended and were waited for."""
+    return sum(sum(_times(pid)) for pid in (root, *descendants(root)))
+
+
+def cpu_by_process(root: int) -> dict[int, float]:
+    """CPU time [s] of each process below ``root``, its own alone."""
+    return {pid: _times(pid)[0] for pid in descendants(root)}
+
+
+def descendants(root: int) -> list[int]:
+    """All processes below ``root``, ended ones that nobody has waited for included; none without /proc."""
+    found, new = list[int](), [root]
+    while new:
+        pid = new.pop()
+        for task in Path(f"/proc/{pid}/task").glob("*/children"):
+            try:
+                children = [int(word) for word in task.read_text(encoding="ascii").split()]
+            except OSError:  # it has ended
+                continue
+            found += children
+            new += children
+    return found
+
+
+def _times(pid: int) -> tuple[float, float]:
+    """Of a process [s]: its own, and that of its children that ended and that it waited for."""
+    try:
+        text = Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace")
+    except OSError:  # it has ended
+        return 0.0, 0.0
+    own, system, waited, waited_system = (int(word) for word in text.rpartition(")")[2].split()[11:15])
+    return (own + system) / TICK, (waited + waited_system) / TICK

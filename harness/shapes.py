@@ -3,10 +3,10 @@
 ::
 
     class Limits(Shape, frozen=True):
-        wall_limit: Positive = 60.0
+        cpu_limit: Positive = 60.0
 
     shaped(parse_toml(text, "ci.toml"), Limits, "ci.toml")
-    # FileError: ci.toml: unknown key 'wal_limit' - did you mean 'wall_limit'?
+    # FileError: ci.toml: unknown key 'wal_limit' - did you mean 'cpu_limit'?
 
 The annotations are the rules: strict types, no key but the fields. Why msgspec: ``docs/decisions/schema.md``.
 """

@@ -123,7 +123,7 @@ TOP = "heavy_top", "gc_weak_form"
         (TOP, {"rtol": 1e-6}, "controlled by dt, not by rtol"),
         (TOP, {"dt": -1.0}, "dt must be a finite number > 0"),
         (TOP, {"t_end": math.nan}, "t_end must be a finite number > 0"),
-        (TOP, {"wall_limit": -1.0}, "wall_limit must be a finite number > 0"),
+        (TOP, {"cpu_limit": -1.0}, "cpu_limit must be a finite number > 0"),
         ((make_problem, "gc_weak_form"), {}, "problem must be a name or a Problem"),
         (("heavy_top", Problem), {}, "solver must be a name or a dataclass marked @solver"),
     ],

@@ -17,6 +17,7 @@ from typing import Annotated, Any, TypeVar, get_args, get_origin
 
 import numpy as np
 
+from ..clock import cpu_seconds_of_tree
 from ..mechanics import so3
 from ..mechanics.consistency import check_start, perturbed
 from ..mechanics.moving_rows import check_lengths
@@ -173,6 +174,11 @@ def solver_entry(cls: type) -> SolverEntry:
     return entry
 
 
+def import_seconds(name: str) -> float:
+    """CPU time [s] that importing the plugin of this entry took in this process or before its fork; 0 for our own."""
+    return _import_seconds.get(name, 0.0)
+
+
 def load_plugin(plugin: Path | str) -> None:
     """Add the entries of a file or entry point (module plugins), or ValueError; it runs only because it was named.
 
@@ -181,6 +187,7 @@ def load_plugin(plugin: Path | str) -> None:
     where = plugins.resolved(str(plugin))
     if where in _plugin_files:
         return
+    began = cpu_seconds_of_tree()
     try:
         named = plugins.loaded(where)
         made: list[tuple[str, SolverEntry | ProblemEntry]]
@@ -197,11 +204,13 @@ def load_plugin(plugin: Path | str) -> None:
     except (Exception, SystemExit) as error:  # whatever a plugin does on import: reported in one line
         raise ValueError(f"plugin {where}: {error or type(error).__name__}") from error
     _plugin_files.add(where)
+    _import_seconds.update({n: cpu_seconds_of_tree() - began for n, _ in made})
     _plugin_solvers.update({n: e for n, e in made if isinstance(e, SolverEntry)})
     _plugin_problems.update({n: e for n, e in made if isinstance(e, ProblemEntry)})
 
 
 _plugin_files: set[str] = set()  # the catalogue of this process, grown only by load_plugin
+_import_seconds: dict[str, float] = {}
 _plugin_problems: dict[str, ProblemEntry] = {}
 _plugin_solvers: dict[str, SolverEntry] = {}
 

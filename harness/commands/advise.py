@@ -49,7 +49,7 @@ class Candidate:
     solver: str
     problem: Problem
     error: float  # [m] asked for
-    wall: float  # [s] a run
+    limit: float  # [s] of CPU time a run
     runs: list[RunRecord] = field(default_factory=list)
 
     @property
@@ -80,7 +80,7 @@ class Candidate:
         most = self.problem.t_end / 4.0 if self.control == "dt" else LOOSEST
         if value is None or not least <= value <= most or any(abs(value / v - 1.0) < 0.05 for v in tried):
             return None
-        return make_spec(self.problem, self.solver, None, {self.control: float(f"{value:.3g}")}, wall_limit=self.wall)
+        return make_spec(self.problem, self.solver, None, {self.control: float(f"{value:.3g}")}, cpu_limit=self.limit)
 
     def setting(self, r: RunRecord) -> float:
         """dt [s] or rtol of a run."""
@@ -93,7 +93,10 @@ class Candidate:
         if last.status in (Status.REFUSED, Status.CRASHED, Status.MEMORY):
             return None
         least, most = SPAN[self.control]
-        if last.status == Status.STALLED:  # too fine for the time it has, unless a coarser one was not
+        if last.status in (
+            Status.STALLED,
+            Status.UNFINISHED,
+        ):  # too fine for the time it has, unless a coarser one was not
             coarser = any(self.setting(r) > self.setting(last) for r in self.runs)
             return None if coarser else self.setting(last) * most
         if last.status != Status.SUCCESS:  # too coarse, if anything
@@ -125,7 +128,12 @@ def add(commands: Any) -> None:
     p = subcommand(commands, "advise", run, words, "one object a solver, the cheapest first")
     add_problem(p)
     p.add_argument("--error", required=True, metavar="X", help="largest motion error allowed [m]")
-    p.add_argument("--budget", default="120", metavar="S", help="wall time of all runs, about [s] (default: 120)")
+    p.add_argument(
+        "--budget",
+        default="120",
+        metavar="S",
+        help="CPU time of all runs, for each at a time, about [s] (default: 120)",
+    )
     p.add_argument("--solver", action="append", default=[], metavar="NAME", help="only this one; may be repeated")
     add_plugin(p)
     add_jobs(p)
@@ -157,7 +165,7 @@ def run(arguments: argparse.Namespace) -> int:
                 records = run_suite(Request(suite, Path(place) / f"round{k}", size), watcher).records
             for r in records:
                 asked[r.settings_id][0].runs.append(r)
-            if sum(r.wall_s for c in candidates for r in c.runs) / size > budget:
+            if sum(r.cpu_process_s for c in candidates for r in c.runs) / size > budget:
                 break
     return _report(candidates, error, as_json=arguments.json)
 

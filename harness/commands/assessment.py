@@ -139,7 +139,7 @@ def _spec(
     solver: str, problem: str, parameters: Mapping[str, Any], control: Mapping[str, Any], label: str, wall: float,
     options: Mapping[str, Any] | None = None,
 ) -> RunSpec:  # fmt: skip
-    return make_spec(made(problem, parameters), solver, options, control, label=label, wall_limit=wall)
+    return make_spec(made(problem, parameters), solver, options, control, label=label, cpu_limit=wall)
 
 
 def _mine(solver: str, runs: Sequence[Run], label: str) -> list[Run]:
@@ -154,7 +154,7 @@ def _cut(left: int, run: int) -> str:
 
 def _problems(runs: Sequence[RunRecord]) -> Iterator[Line]:
     for r in sorted(runs, key=lambda r: r.problem):
-        open_ = r.status in (Status.REFUSED, Status.STALLED)  # said no, or is slow: neither is wrong
+        open_ = r.status in (Status.REFUSED, Status.STALLED, Status.UNFINISHED)  # said no, or is slow: neither is wrong
         if Trait.STIFF in registry.problems()[r.problem].tests:  # a warning for any method: the step may be too long
             open_ |= r.status in (Status.DIVERGED, Status.STEP_UNDERFLOW)
         good = None if open_ else r.status == Status.SUCCESS
@@ -189,7 +189,7 @@ def _no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Line:
     ends = Counter(str(r.status or "unknown") for r in ladder if r.status not in ENDED)
     if not ladder or (left and not ends):
         return Line(what, _cut(left, len(ladder)), "a ladder")
-    if set(ends) == {Status.STALLED}:
+    if ends and set(ends) <= {Status.STALLED, Status.UNFINISHED}:
         return Line(what, "not determined: the runs were too slow for the budget", "a ladder")
     words = ", ".join(f"{n} {status}" for status, n in sorted(ends.items()))
     said = f"no ladder of steps or tolerances came to its end{': ' if words else ''}{words}"

@@ -28,7 +28,7 @@ STEP = {
     "dt": "dt [s] (fixed step, default: the problem's)",
     "rtol": "rtol (default {rtol:g}), max_step [s] (default: none)",
 }
-LIMITS = "max_steps (default 10000000); wall_limit [s] (default: none)"
+LIMITS = "max_steps (default 10000000); cpu_limit [s] (default: none)"
 SHAPING = ("problems", "solvers", "harness")  # folders whose code the catalogue is made from
 Entry = Mapping[str, Any]
 

@@ -114,7 +114,7 @@ def _apart(
             os.chdir(place)  # engines leave files
             send(json.dumps([dataclasses.asdict(r) for r in race(problem, control, solvers, repeats, budget)]))
 
-        ended = Apart(target, limit=math.inf, memory=MEMORY, cpu=LIMIT, stderr=said).wait()
+        ended = Apart(target, limit=LIMIT, memory=MEMORY, wall=math.inf, stderr=said).wait()
         if ended.code != 0 or not ended.sent:
             last = said.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1:]
             raise PoolError(f"the process of {problem.name} {ended.words}: {' '.join(last)}")

@@ -40,7 +40,7 @@ SERIES = {  # name in the series file: label
     "energy_error": "|dE| [J]", "position_error": "error [m]", "orientation_error": "error [rad]",
     "phi_norm": "|phi| [m]", "phi_dot_norm": "|phi'| [m/s]", "dt": "step [s]",
 }  # fmt: skip
-SETTINGS = ("label", "section", "suite", "dt_s", "rtol", "max_step_s", "max_steps", "t_end_s", "wall_limit_s")
+SETTINGS = ("label", "section", "suite", "dt_s", "rtol", "max_step_s", "max_steps", "t_end_s", "cpu_limit_s")
 NOT_NUMBERS = {*SETTINGS, "schema", "exit_code", "signal", "memory_limit_MB"}
 LAST = 5  # lines of standard error
 SPARK = 12  # characters of the energy error over time

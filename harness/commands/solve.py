@@ -28,7 +28,7 @@ from .terms import (
     subcommand,
 )
 
-CONTROL = ("dt", "rtol", "max_step", "max_steps", "wall_limit")
+CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
 
 
 def add(commands: Any) -> None:
@@ -55,11 +55,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.solver not in registry.solvers():  # before the problem is made: that can take a while
         registry.make_solver(arguments.solver)
     problem = made(name, parameters)
-    limit = control.pop("wall_limit", None)
+    limit = control.pop("cpu_limit", None)
     spec = make_spec(problem, arguments.solver, given, control)
-    wall = None if limit is None else above(limit, "wall_limit", unit=" [s]")
+    wall = None if limit is None else above(limit, "cpu_limit", unit=" [s]")
     if wall is not None and wall > LONGEST:
-        raise UsageError(f"wall_limit must be at most {LONGEST:g} s (got {limit})")
+        raise UsageError(f"cpu_limit must be at most {LONGEST:g} s (got {limit})")
     out = Path(arguments.out or f"{name}-{arguments.solver}.npz")
     if out.suffix != ".npz":
         raise UsageError(f"--out must end in .npz, the one format that is written (got {str(out)!r})")

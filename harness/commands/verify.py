@@ -69,7 +69,10 @@ def run_of(record: RunRecord) -> RunSpec:
         problem = made(record.problem, json.loads(record.problem_parameters))
         control = {"dt": record.dt_s, "rtol": record.rtol, "max_step": record.max_step_s, "max_steps": record.max_steps}
         given = {k: v for k, v in control.items() if v == v and v > 0}
-        limits = {"wall_limit": record.wall_limit_s, "memory": record.memory_limit_MB}
+        limits = {
+            "cpu_limit": record.cpu_limit_s if record.cpu_limit_s == record.cpu_limit_s else record.wall_limit_s,
+            "memory": record.memory_limit_MB,
+        }
         spec = make_spec(problem, record.solver, json.loads(record.solver_options), given, **limits)
     except ValueError as error:
         raise UsageError(f"{record.case} cannot be run here: {error}") from None

@@ -19,7 +19,7 @@ from .requirements import Measured
 
 WITHIN = 0.2  # of the declared order
 LEAST_ORDER = 0.8  # where none is declared: a first-order scheme may show a little less
-SLOW = "too slow to be judged, not wrong: the run has {:g} s; look where the time goes, or for steps that become tiny"
+SLOW = "too slow to be judged, not wrong: the run has {:g} s of CPU; look where the time goes, or for tiny steps"
 CRASHED = "correct what raised the error, at the file and line given, and check again"
 ROUNDED = 1e-11  # no order can be seen below
 ITERATED = 1e-8  # below, corrections that end at their tolerance may leave errors that no step makes smaller
@@ -51,11 +51,14 @@ class Evidence:
 
 def ends_well(e: Evidence) -> Measured:
     """Neither success nor refused."""
-    easy = e.of("easy")
+    easy = [r for r in e.of("easy") if r.status != Status.UNFINISHED]
     bad = [r for r in easy if r.status not in (Status.SUCCESS, Status.REFUSED)]
+    open_ = [r for r in e.of("easy") if r.status == Status.UNFINISHED]
     cause = _cause(bad[0]) if bad else ""
-    remedy = CRASHED if cause else ""
-    return Measured(len(bad), f"of {len(easy)} runs failed", most=0, words=_first(bad), remedy=remedy, cause=cause)
+    words, remedy = _first(bad or open_), CRASHED if cause else ""
+    return Measured(
+        len(bad), f"of {len(easy)} runs failed", most=0, words=words, tested=bool(easy), remedy=remedy, cause=cause
+    )
 
 
 def takes_one(e: Evidence) -> Measured:
@@ -206,7 +209,7 @@ def keeps_to_steps(e: Evidence) -> Measured:
 def repeats(e: Evidence) -> Measured:
     """The largest difference between two runs of the same."""
     (one, a), (two, b) = ((e.records[role], e.series[role]) for role in ("finer 1", "again"))
-    cut = [r for r in (one, two) if Status.STALLED in (r.status, r.claimed)]
+    cut = [r for r in (one, two) if r.status in (Status.STALLED, Status.UNFINISHED) or r.claimed == Status.STALLED]
     if cut:
         return Measured(words=f"a limit cut {_first(cut)}", tested=False)
     if a is None or b is None:
@@ -237,12 +240,12 @@ def _missing(*runs: RunRecord) -> Measured | None:
     if all(r.status == Status.REFUSED for r in runs):
         return Measured(words=_first(runs), tested=False)
     bad = [r for r in runs if r.claimed != Status.SUCCESS]
-    slow = [r for r in bad if Status.STALLED in (r.claimed, r.status)]
+    slow = [r for r in bad if r.status in (Status.STALLED, Status.UNFINISHED)]
     if not bad:
         return None
     if cause := _cause(bad[0]):
         return Measured(words=_first(bad), remedy=CRASHED, cause=cause)
-    return Measured(words=_first(bad), remedy=SLOW.format(slow[0].wall_limit_s) if slow else "")
+    return Measured(words=_first(bad), remedy=SLOW.format(slow[0].cpu_limit_s) if slow else "")
 
 
 def _cause(r: RunRecord) -> str:

@@ -62,7 +62,7 @@ class DaskPool:
                     raise PoolError(
                         f"no worker at {self.address} for {PATIENCE:g} s; finished runs are kept (--resume)"
                     )
-                if limit is not None and time.monotonic() > limit.until:
+                if limit is not None and limit.over:
                     waiting.clear()  # what has not begun returns without files; sent again for workers that join late
                     client.run(stop_here, ticket, limit.seconds)
                 while waiting and len(self._flying) < AHEAD * threads:

@@ -44,9 +44,9 @@ class Estimate:
         """[s], or None where nothing is known yet."""
         earlier = self.earlier.get(spec.settings_id)
         if earlier is not None:
-            return min(earlier * (statistics.median(self.ratios) if self.ratios else 1.0), spec.wall_limit)
+            return min(earlier * (statistics.median(self.ratios) if self.ratios else 1.0), spec.cpu_limit)
         alike = self.by_solver.get((spec.problem, spec.solver)) or self.all
-        return min(statistics.fmean(alike), spec.wall_limit) if alike else None
+        return min(statistics.fmean(alike), spec.cpu_limit) if alike else None
 
     def left(self, running: Iterable[tuple[RunSpec, float]], waiting: Iterable[RunSpec], size: int) -> float | None:
         """[s] until all is done with ``size`` runs at a time; ``running`` are runs and since when [s] they run."""

@@ -14,7 +14,7 @@ from ..catalogue import registry
 from ..places import Place
 from ..results import environment
 from ..results.records import RunRecord
-from ..sandbox.apart import Ended
+from ..sandbox.apart import SLACK, Ended
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Status
 
@@ -77,17 +77,19 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
         solver=spec.solver, solver_options=_json(spec.options),
         control="rtol" if control.dt is None else "dt", dt_s=_or_nan(control.dt), rtol=_or_nan(control.rtol),
         max_step_s=_or_nan(control.max_step), max_steps=control.max_steps,
-        wall_limit_s=spec.wall_limit, memory_limit_MB=spec.memory,
+        cpu_limit_s=spec.cpu_limit, wall_limit_s=SLACK * (spec.cpu_limit + GRACE), memory_limit_MB=spec.memory,
         status=str(status), code=job.code, commit=job.commit, environment=job.environment, finished=environment.now(),
         **{"t_end_s": spec.parameters.get("t_end", math.nan), **about, **files, **columns},
     )  # fmt: skip
 
 
+GRACE = 2.0  # [s] over the limit on CPU time, then killed: a solver was asked to stop at 0.9 of the limit
 STATUS_OF = {
-    EndedBy.WALL_LIMIT: Status.STALLED,
-    EndedBy.CPU_LIMIT: Status.STALLED,
-    EndedBy.TOTAL_LIMIT: Status.STALLED,
-    EndedBy.SUSPENDED: Status.STALLED,
+    EndedBy.WALL_LIMIT: Status.UNFINISHED,
+    EndedBy.CPU_LIMIT: Status.UNFINISHED,
+    EndedBy.TOTAL_LIMIT: Status.UNFINISHED,
+    EndedBy.MEASURE_LIMIT: Status.UNFINISHED,
+    EndedBy.SUSPENDED: Status.UNFINISHED,
     EndedBy.MEMORY_LIMIT: Status.MEMORY,
 }  # of a run that was cut short; all others crashed
 FROM_OUTSIDE = (signal.SIGKILL, signal.SIGTERM, signal.SIGINT, signal.SIGHUP)  # no fault of a solver raises them
@@ -101,6 +103,8 @@ def cut_short(job: Job, by: EndedBy, **columns: Any) -> RunRecord:
 
 def unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -> RunRecord:
     """The record of a process that left none; ``by`` and ``limit`` [s] say why it was killed, if it was."""
+    if ended.over == "cpu" and by is EndedBy.WALL_LIMIT:
+        by, limit = EndedBy.CPU_LIMIT, math.nan
     if not ended.killed:
         limit = math.nan
         by = EndedBy.EXIT if ended.code >= 0 else EndedBy.SIGNAL
@@ -112,7 +116,12 @@ def unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -
             by = EndedBy.KILLED
     elif ended.suspended and by in (EndedBy.WALL_LIMIT, EndedBy.MEASURE_LIMIT):
         by = EndedBy.SUSPENDED
-    ending = {"exit_code": max(ended.code, 0), "signal": max(-ended.code, 0), "ended_limit_s": limit}
+    ending = {
+        "cpu_process_s": ended.cpu,
+        "exit_code": max(ended.code, 0),
+        "signal": max(-ended.code, 0),
+        "ended_limit_s": limit,
+    }
     return cut_short(job, by, wall_s=wall, peak_memory_MB=ended.peak, **ending)
 
 

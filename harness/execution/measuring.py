@@ -25,11 +25,17 @@ SERIES = ("energy", "energy_error", "phi_norm", "phi_dot_norm", "eq81_norm", "or
           "orientation_error", "reference_own_error", "out_of_plane")  # fmt: skip
 EXACT_FRAMES, FINE = 600, 6000  # poses of the exact motion that are kept, and those that they are chosen from
 DRAWING = ("joint_i", "joint_j", "joint_s_i", "joint_s_j", "gravity")  # of the system: what a drawing needs
+USED = 0.5  # of the limit on CPU time: who says that it ended him has used as much, and was asked to stop at 0.9
 Keep = Callable[[Problem, Trajectory, Measured, RunRecord], RunRecord]  # writes the series; the record with its place
 
 
-def judged(job: Job, problem: Problem, trajectory: Trajectory, keep: Keep | None = None, **known: Any) -> RunRecord:
-    """Measure, judge, write the series (by ``keep``, or into the results folder); returns the record, not written."""
+def judged(
+    job: Job, problem: Problem, trajectory: Trajectory, keep: Keep | None = None, *, spent: float = 0.0, **known: Any
+) -> RunRecord:
+    """Measure, judge, write the series (by ``keep``, or into the results folder); returns the record, not written.
+
+    A solver that stopped before its limit on steps, having used up its CPU time (``spent`` [s]), did not finish here.
+    """
     measured = measure(problem, trajectory)
     numbers = columns(problem, trajectory, measured)
     status, because = Status(trajectory.status), list[Reason]()
@@ -38,7 +44,11 @@ def judged(job: Job, problem: Problem, trajectory: Trajectory, keep: Keep | None
         status = Status.WRONG if because else status
     if status is Status.SUCCESS and (because := inaccuracy(measured, numbers)):
         status = Status.INACCURATE
-    said = {"claimed": str(trajectory.status), "ended_by": str(EndedBy.SOLVER), "message": str(trajectory.message)}
+    by = EndedBy.SOLVER
+    limit, steps_left = job.spec.cpu_limit, len(trajectory.t) <= job.spec.control.max_steps
+    if status is Status.STALLED and steps_left and math.isfinite(limit) and spent >= USED * limit:
+        status, by = Status.UNFINISHED, EndedBy.CPU_LIMIT
+    said = {"claimed": str(trajectory.status), "ended_by": str(by), "message": str(trajectory.message)}
     found = {"section": problem.section, "t_end_s": problem.t_end, "wrong_because": reasons_json(because)}
     record = record_of(job, status, **{**said, **found, **numbers, **known})
     if keep is not None:

@@ -8,7 +8,9 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from ..clock import cpu_seconds_below
 from ..results.store import path_of, write_record
+from ..sandbox.apart import SLACK
 from ..types import EndedBy
 from .job import Job, cut_short
 from .protocol import Lost, News, Start, Stop, Supervised, Warm, Warmed
@@ -23,14 +25,27 @@ class PoolError(RuntimeError):
 
 @dataclass(frozen=True)
 class TimeLimit:
-    """How long the runs of a suite may take, from when the first can begin."""
+    """CPU time that the runs of a suite may take together, from when the first can begin: [s] for each at a time.
+
+    ``SLACK`` times as much wall time is a safety net, for runs that wait; it is all there is on a cluster.
+    """
 
     seconds: float
     until: float = math.inf  # of time.monotonic()
+    process: int = 0  # below which all runs are
+    most: float = math.inf  # [s] of CPU that it and all below it may have taken
 
-    def begun(self) -> "TimeLimit":
-        """The clock runs."""
-        return TimeLimit(self.seconds, time.monotonic() + self.seconds)
+    def begun(self, process: int = 0, size: int = 1) -> "TimeLimit":
+        """The clock runs; with the supervisor ``process`` of ``size`` runs at a time that on CPU time."""
+        slack = SLACK if process else 1.0
+        most = cpu_seconds_below(process) + size * self.seconds if process else math.inf
+        return TimeLimit(self.seconds, time.monotonic() + slack * self.seconds, process, most)
+
+    @property
+    def over(self) -> bool:
+        """Whether either is over."""
+        late = time.monotonic() > self.until
+        return late or (math.isfinite(self.most) and cpu_seconds_below(self.process) > self.most)
 
 
 @dataclass
@@ -97,7 +112,7 @@ class LocalPool:
                 news = supervisor.receive(TICK)
                 self.tick()
                 for message in news:
-                    self._receive(message)
+                    self._receive(message, supervisor.process.pid)
         except Lost as lost:
             return lost.code
         finally:
@@ -109,7 +124,7 @@ class LocalPool:
         return not self._flying if alone else len(self._flying) < self.size
 
     def _over(self) -> bool:
-        return self._limit is not None and time.monotonic() > self._limit.until
+        return self._limit is not None and self._limit.over
 
     def _send(self, supervisor: Supervised, job: Job) -> None:
         self._flying[job.id] = job
@@ -117,13 +132,13 @@ class LocalPool:
         self.started(job)
         supervisor.send(Start(job))
 
-    def _receive(self, news: News) -> None:
+    def _receive(self, news: News, supervisor: int) -> None:
         if isinstance(news, Warmed):
             self.warmed(news.times, news.references)
             if news.over:
                 self._compiling = False
                 if self._limit is not None and self._limit.until == math.inf:
-                    self._limit = self._limit.begun()
+                    self._limit = self._limit.begun(supervisor, self.size)
             return
         job = self._flying.pop(news.run_id)
         if news.error:

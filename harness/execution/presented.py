@@ -4,13 +4,13 @@ With ``retrace`` it is then sent back from where it ended, velocities reversed; 
 """
 
 import dataclasses
-import time
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from ..clock import cpu_seconds
 from ..mechanics.presentation import Presentation
 from ..mechanics.state import State, States
 from ..types import Problem, Solver, Spool, Status, StepControl, Trajectory
@@ -34,19 +34,20 @@ class Presented:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """There and, if the problem asks for it, back."""
-        began = time.monotonic()
+        began = cpu_seconds()
         there = self._there(problem, control)
         if not problem.retrace or there.status is not Status.SUCCESS:
             return there
         last = there.states[-1]
         turned = dataclasses.replace(problem, initial=State(last.r, last.R, -last.v, -last.Omega))
-        left = None if control.wall_limit is None else max(control.wall_limit - (time.monotonic() - began), 1e-3)
-        back = self._there(turned, dataclasses.replace(control, spool=None, wall_limit=left))
+        left = None if control.cpu_limit is None else max(control.cpu_limit - (cpu_seconds() - began), 1e-3)
+        back = self._there(turned, dataclasses.replace(control, spool=None, cpu_limit=left))
         if back.status is not Status.SUCCESS:
             words = f"the way back ended with {back.status} at {back.t[-1]:.6g} s: {back.message}"
             return dataclasses.replace(there, notes=(*there.notes, words))
         end = back.states[-1]
-        return dataclasses.replace(there, returned=State(end.r, end.R, -end.v, -end.Omega))
+        cost = {name: getattr(there, name) + getattr(back, name) for name in ("cpu_time", "setup_time")}
+        return dataclasses.replace(there, returned=State(end.r, end.R, -end.v, -end.Omega), **cost)
 
     def _there(self, problem: Problem, control: StepControl) -> Trajectory:
         presentation, system = problem.presentation, problem.system

@@ -19,14 +19,14 @@ from ..metrics.measure import measure
 from ..places import Place
 from ..results import records
 from ..results.records import RunRecord
-from ..sandbox.apart import Apart
+from ..sandbox.apart import SLACK, Apart
 from ..sandbox.isolation import CANNOT_WRITE, OUTPUT_LIMIT
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Status, Trajectory
 from .eta import COMPILING, MEASURING, REFERENCES, RUNNING, waiting
-from .job import Job, unfinished
+from .job import GRACE, Job, unfinished
 from .run_file import in_file, without_motion
-from .supervisor import GRACE, MEASURE_LIMIT
+from .supervisor import MEASURE_LIMIT
 from .warmup import references_apart, runs_to_warm, warm, warm_apart_then_here
 from .worker import hand_over, measured
 
@@ -52,7 +52,7 @@ class Outcome:
     native: str  # the last of what the process wrote to standard error
 
 
-def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say = _silent) -> Outcome:
+def solve_to_file(spec: RunSpec, out: Path, cpu_limit: float | None, say: Say = _silent) -> Outcome:
     """Run ``spec`` and write ``out``; a run that crashes or is killed leaves a file with the steps it had kept.
 
     Interrupted itself, it ends the run and leaves ``out`` as it was: whole, or not there. The problem, its reference
@@ -60,17 +60,17 @@ def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say =
     """
     patience = _Patience(say)
     with tempfile.TemporaryDirectory() as place:
-        limit = math.inf if wall_limit is None else wall_limit
-        job = Job(dataclasses.replace(spec, wall_limit=limit), Path(place))
-        if wall_limit is not None:  # a limit is on the run: compute the reference and compile before its clock starts
+        limit = math.inf if cpu_limit is None else cpu_limit
+        job = Job(dataclasses.replace(spec, cpu_limit=limit), Path(place))
+        if cpu_limit is not None:  # a limit is on the run: compute the reference and compile before its clock starts
             patience.now(REFERENCES)
             references_apart([job], patience.over)
             patience.now(COMPILING)
             warm_apart_then_here(runs_to_warm([spec]), patience.over)
-        stderr = Place(Path(place)) / "native.txt"
+        stderr, net = Place(Path(place)) / "native.txt", SLACK * (limit + GRACE)
 
         def compile_and_run(send: Callable[[str], None]) -> None:
-            if wall_limit is None:
+            if cpu_limit is None:
                 warm(runs_to_warm([spec]))
             send(RUNNING)
             hand_over(job, soft=1.0)
@@ -78,15 +78,14 @@ def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say =
         patience.now(COMPILING)
         began = time.monotonic()
         process = Apart(
-            compile_and_run, limit=limit + GRACE, memory=spec.memory, stderr=stderr,
-            cpu=NO_LIMIT if wall_limit is None else 2.0 * wall_limit + 60.0,
+            compile_and_run, limit=min(limit, NO_LIMIT) + GRACE, wall=net, memory=spec.memory, stderr=stderr
         )  # fmt: skip
         ended = process.wait(lambda: patience.now(process.hear().strip() or COMPILING))
         if ended.code == CANNOT_WRITE:
             raise OSError(errno.ENOSPC, "nothing was written: no space left", place)
         native = stderr.read(OUTPUT_LIMIT).decode(errors="replace")[-2000:].strip() if stderr.is_there() else ""
         wall = time.monotonic() - began
-        bare = unfinished(job, ended, wall, EndedBy.WALL_LIMIT, limit + GRACE)
+        bare = unfinished(job, ended, wall, EndedBy.WALL_LIMIT, net)
         return Outcome(_measured(job, bare, wall, ended.cpu, out, patience), native)
 
 
@@ -99,7 +98,7 @@ def _measured(job: Job, bare: RunRecord, wall: float, spent: float, out: Path, p
         record = dataclasses.replace(record, wall_s=wall + time.monotonic() - began)
         send(records.to_json(record if record.series else _start_alone(job, out, record)))
 
-    limit = MEASURE_LIMIT if math.isfinite(job.spec.wall_limit) else NO_LIMIT
+    limit = MEASURE_LIMIT if math.isfinite(job.spec.cpu_limit) else NO_LIMIT
     patience.now(MEASURING)
     process = Apart(measure_and_write, limit=limit, memory=job.spec.memory)
     try:

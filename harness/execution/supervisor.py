@@ -14,18 +14,18 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from ..catalogue import registry
+from ..metrics import compiled
 from ..results import store
 from ..results.records import RunRecord
-from ..sandbox.apart import Apart, Ended
+from ..sandbox.apart import SLACK, Apart, Ended
 from ..sandbox.isolation import CANNOT_WRITE, trim
 from ..types import EndedBy
 from . import worker
-from .job import Job, unfinished
+from .job import GRACE, Job, unfinished
 from .protocol import Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
 from .warmup import references_apart, warm_apart_then_here
 
-GRACE = 2.0  # [s] over the wall limit, then killed: a solver was asked to stop at 0.9 of the limit
-MEASURE_LIMIT = 120.0  # [s] for metrics once the solver is done, reference included
+MEASURE_LIMIT = 120.0  # [s] of CPU time for metrics once the solver is done, reference included
 STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a run had kept, when the suite is stopped
 POLL = 0.1  # [s]
 
@@ -37,7 +37,7 @@ class Running:
     job: Job
     process: Apart
     began: float
-    limit: float  # [s] at which the process is killed
+    limit: float  # [s] of wall time at which the process is killed
     by: EndedBy = EndedBy.WALL_LIMIT  # what it is then ended by
     bare: RunRecord | None = None  # while it is measured: how its solver's process ended
 
@@ -51,11 +51,12 @@ class Supervisor:
 
     def start(self, job: Job) -> None:
         """Fork the process of the run's solver."""
-        limit = job.spec.wall_limit + GRACE
+        limit = job.spec.cpu_limit + GRACE
+        wall = SLACK * limit
         process = Apart(
-            lambda send: worker.hand_over(job), limit=limit, memory=job.spec.memory, cpu=limit, stderr=job.stderr
+            lambda send: worker.hand_over(job), limit=limit, wall=wall, memory=job.spec.memory, stderr=job.stderr
         )
-        self.running[process.pid] = Running(job, process, time.monotonic(), limit)
+        self.running[process.pid] = Running(job, process, time.monotonic(), wall)
 
     def step(self, timeout: float = POLL, inputs: tuple[int, ...] = ()) -> Iterator[Done]:
         """Wait up to ``timeout`` [s] for news or ``inputs``, keep the limits, and yield the runs that ended."""
@@ -99,7 +100,7 @@ class Supervisor:
             lambda send: worker.store_measured(job, bare, wall, ended.cpu), limit=limit, memory=job.spec.memory,
             stderr=job.spool.sibling(f"{job.id}.stderr"),
         )  # fmt: skip
-        self.running[process.pid] = Running(job, process, run.began, limit, EndedBy.MEASURE_LIMIT, bare)
+        self.running[process.pid] = Running(job, process, run.began, SLACK * limit, EndedBy.MEASURE_LIMIT, bare)
 
     def _measured(self, run: Running, bare: RunRecord, ended: Ended) -> Iterator[Done]:
         """A measuring process that failed leaves the bare record: how the solver's process, or it, has ended."""
@@ -133,6 +134,7 @@ def serve(orders: int, news: int) -> None:
             for order in reader.messages(chunk):
                 match order:
                     case Warm(specs, jobs):
+                        compiled.load()  # what measures
                         references = references_apart(jobs, lambda: _closed(orders))
                         os.write(news, line_of(Warmed({}, references)))
                         warm_apart_then_here(

@@ -79,7 +79,7 @@ def warm(specs: Sequence[RunSpec]) -> dict[str, float]:
         try:
             problem = registry.make_problem(spec.problem, spec.parameters)
             solver = registry.make_solver(spec.solver, spec.options)
-            control = dataclasses.replace(spec.control, wall_limit=LIMIT)
+            control = dataclasses.replace(spec.control, cpu_limit=LIMIT)
             if solver.refuses(problem, control) is None:
                 solver.solve(problem, control)
         except Exception:  # its runs will show it

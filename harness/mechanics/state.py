@@ -76,7 +76,8 @@ class States:
 
 def rotated(s: States, Q: Float[np.ndarray, "3 3"]) -> States:
     """The same motion in a space rotated by ``Q``; Omega, in the body frame, stays."""
-    return States(s.r @ Q.T, Q @ s.R, s.v @ Q.T, s.Omega, s.t)
+    R = (s.R.reshape(-1, 9) @ np.kron(Q, np.eye(3)).T).reshape(s.R.shape)  # Q R, of all at once
+    return States(s.r @ Q.T, R, s.v @ Q.T, s.Omega, s.t)
 
 
 def _check_and_freeze(self: object, shapes: dict[str, tuple[int, ...]]) -> None:

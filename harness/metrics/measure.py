@@ -20,7 +20,7 @@ from ..types import GROWN, JUDGED, PREDICTABLE, Law, Problem, Reference, Traject
 from .mechanisms import mechanisms, part, state_of, states_of
 from .reactions import exact_pull_on_bodies, instants_to_compare, pull_on_bodies
 from .rows import between, is_motion, kinematic_defect
-from .scales import KINETIC, STATES, Run, Scales, blocks, displacement, reached, scales, speeds
+from .scales import KINETIC, STATES, Run, Scales, blocks, compiled, displacement, reached, scales, speeds
 from .truncation import Truncation, truncation, unexplained
 
 JOINTS = (Law.CONSTRAINT, Law.CONSTRAINT_RATE)  # not laws of a motion whose start, as printed, opens the joints
@@ -144,6 +144,8 @@ def _laws(system: MultibodySystem, s: States) -> tuple[np.ndarray, ...]:
     """
     metres = np.ones(system.nrows)
     metres[system.turning_rows] = np.max(system.gyration)
+    if (fast := compiled(len(s) * system.nb)) is not None and fast.takes(system):
+        return fast.laws(system, s, metres)
     phi, phi_dot = constraint(system, s), constraint_rate(system, s)
     return (
         energy(system, s),

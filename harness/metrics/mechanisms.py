@@ -49,6 +49,8 @@ def part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySys
 
 def states_of(s: States, bodies: Int[np.ndarray, " n"]) -> States:
     """The motion of these bodies."""
+    if len(bodies) == s.nb:
+        return s
     return States(s.r[:, bodies], s.R[:, bodies], s.v[:, bodies], s.Omega[:, bodies], s.t)
 
 

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from ..mechanics import so3
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
-from .scales import blocks, displacement, speeds
+from .scales import blocks, compiled, displacement, speeds
 
 TURN = 2.0 * np.pi
 
@@ -25,18 +25,27 @@ def kinematic_defect(
     off, path, told = np.zeros((3, system.nb))
     for k in blocks(len(t) - 1, system.nb):
         a, b = s.at(k), s.at(slice(k.start + 1, k.stop + 1))
-        h = np.diff(t[k.start : k.stop + 1])[:, None, None]
-        v, Omega = 0.5 * (a.v + b.v), 0.5 * (a.Omega + b.Omega)
-        moved = States(a.r + h * v, a.R @ so3.exp(h * Omega), b.v, b.Omega)
+        h = np.diff(t[k.start : k.stop + 1])
+        moved = _moved(h, a, b)
         off += np.sum(displacement(system, moved, b), axis=0)
         path += np.sum(displacement(system, a, b), axis=0)
-        told += np.sum(h[:, :, 0] * speeds(system, States(a.r, a.R, v, Omega)), axis=0)
+        told += np.sum(h[:, None] * speeds(system, moved), axis=0)
     return off / (np.maximum(path, told) + least)
+
+
+def _moved(h: Float[np.ndarray, " n"], a: States, b: States) -> States:
+    """Where the mean velocities of the ends of each step, which it has, take it from ``a``."""
+    if (fast := compiled(len(a) * a.nb)) is not None:
+        return fast.moved(h, a, b)
+    dt, v, Omega = h[:, None, None], 0.5 * (a.v + b.v), 0.5 * (a.Omega + b.Omega)
+    return States(a.r + dt * v, a.R @ so3.exp(dt * Omega), v, Omega)
 
 
 def is_motion(s: States) -> bool:
     """Whether all values are finite and R can be taken for a rotation: what is not breaks another law."""
     finite = all(np.all(np.isfinite(a)) for a in (s.r, s.R, s.v, s.Omega))
+    if finite and (fast := compiled(len(s) * s.nb)) is not None:
+        return fast.are_rotations(s.R)
     return finite and bool(np.all(np.linalg.det(s.R) > 0.0))
 
 

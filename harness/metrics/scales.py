@@ -9,6 +9,7 @@ motion of the centre of mass where nothing is joined to the ground. Mechanisms b
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import ModuleType
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -20,6 +21,7 @@ from ..types import ALLOWED, Law, Problem, Reference
 from .mechanisms import is_free, part, state_of, states_of, without_common_motion
 
 STATES = 2**18  # poses of bodies measured at a time: bounds the memory, whatever the system and the run
+MANY = 5000  # poses: fewer take numpy less time than half a second to import its compiler
 SAMPLES = 2001  # of the exact motion, evenly over its time
 REST = 1e-6  # of what bodies could reach: a motion that stays below is none, and has no size of its own
 KINETIC = 3  # column of
@@ -68,6 +70,15 @@ def blocks(nt: int, nb: int) -> Iterator[slice]:
     return (slice(k, min(k + size, nt)) for k in range(0, nt, size))
 
 
+def compiled(poses: int) -> ModuleType | None:
+    """The compiled passes for a motion of that many poses; None for a short one, which would not pay for their load."""
+    if poses < MANY:
+        return None
+    from . import compiled as passes
+
+    return passes
+
+
 def displacement(system: MultibodySystem, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
     """Distance [m] between two poses of each body: root mean square over its matter of |x_a - x_b|.
 
@@ -75,6 +86,8 @@ def displacement(system: MultibodySystem, a: States, b: States) -> Float[np.ndar
     position and orientation: a turn counts by as much as it moves the body, a roll of a thin bar about its axis by
     almost nothing, and where C stays in place the turn is all there is.
     """
+    if (fast := compiled(len(a) * system.nb)) is not None and len(b) in (1, len(a)):
+        return fast.displacement(system.mass, _second_moments(system), a, b)
     D = a.R - b.R
     turn = np.sum((D @ _second_moments(system)) * D, axis=(2, 3)) / system.mass
     return np.sqrt(np.sum((a.r - b.r) ** 2, axis=2) + np.maximum(turn, 0.0))
@@ -82,6 +95,8 @@ def displacement(system: MultibodySystem, a: States, b: States) -> Float[np.ndar
 
 def speeds(system: MultibodySystem, s: States) -> Float[np.ndarray, "nt nb"]:
     """sqrt(2 T / m) of each body [m/s]: root mean square of the speed of its matter."""
+    if (fast := compiled(len(s) * system.nb)) is not None:
+        return fast.speeds(system.mass, system.inertia, s)
     turning = np.einsum("tbi,bij,tbj->tb", s.Omega, system.inertia, s.Omega) / system.mass
     return np.sqrt(np.sum(s.v**2, axis=2) + turning)
 

@@ -15,8 +15,8 @@ from .store import newest
 
 NOT_COMPARED = {
     "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB",
-    "repeats",
-    "wall_limit_s", "memory_limit_MB", "max_steps", "series_rows", "signal", "exit_code", "schema", "dt_s", "rtol",
+    "cpu_import_s", "cpu_refuses_s", "cpu_process_s", "repeats", "cpu_limit_s", "wall_limit_s", "memory_limit_MB",
+    "max_steps", "series_rows", "signal", "exit_code", "schema", "dt_s", "rtol",
     "max_step_s", "t_end_s",
 }  # fmt: skip
 METRICS = tuple(c.name for c in COLUMNS if c.type in (float, int) and c.name not in NOT_COMPARED)
@@ -88,7 +88,7 @@ def compare(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> Comparis
 
 def is_repeatable(record: RunRecord) -> bool:
     """Whether the same run must give the same numbers: not when a limit on time or memory ended it."""
-    return record.status not in (Status.STALLED, Status.MEMORY) and record.claimed != Status.STALLED
+    return record.status not in (Status.STALLED, Status.UNFINISHED, Status.MEMORY) and record.claimed != Status.STALLED
 
 
 def _changes(a: RunRecord, b: RunRecord) -> list[Change]:

@@ -56,13 +56,14 @@ class RunRecord:
     max_step_s: float = column("largest step allowed under error control")
     max_steps: int = column("limit on accepted steps, 0 if older than this column", 0)
     t_end_s: float = column("simulated time asked for")
-    wall_limit_s: float = column("limit on the wall time of the run")
+    cpu_limit_s: float = column("limit on the CPU time of the run")
+    wall_limit_s: float = column("limit on its wall time, a safety net; in older records there was no other")
     memory_limit_MB: float = column("limit on the memory of the run's process")
 
     # how it ended
     status: str = column("harness.types.Status: success, inaccurate, wrong, refused, ...", "")
     claimed: str = column("the status the solver itself gave; empty if it never returned", "")
-    ended_by: str = column("harness.types.EndedBy: solver, exception, wall_limit, signal, ...", "")
+    ended_by: str = column("harness.types.EndedBy: solver, exception, cpu_limit, signal, ...", "")
     ended_limit_s: float = column("the limit on time that ended it, with its grace period")
     message: str = column("the solver's message, or that of the exception it raised", "")
     wrong_because: str = column("JSON list of harness.types.Reason: why a claimed success is wrong or inaccurate", "[]")
@@ -152,12 +153,19 @@ class RunRecord:
     counters: str = column("JSON: all counters of the solver", "{}")
 
     # cost
-    repeats: int = column("times the solve was run; the motion is that of the first", 0)
-    cpu_min_s: float = column("CPU time of the integration alone, least of the repeats")
+    repeats: int = column("times the solve was run and its cost counts; the motion is that of the first", 0)
+    cpu_min_s: float = column("CPU time of the call without set-up, least of the repeats")
     cpu_median_s: float = column("median of the repeats")
     cpu_max_s: float = column("largest of the repeats")
-    cpu_call_s: float = column("CPU time of the first call as a whole, measured outside the solver: set-up included")
-    setup_s: float = column("CPU time of set-up and compilation of the first run, not in cpu_*")
+    cpu_call_s: float = column(
+        "CPU time of the first call as a whole, with all processes that took part: set-up included"
+    )
+    setup_s: float = column("CPU time of import, refuses, set-up and compilation of the first run, not in cpu_*")
+    cpu_import_s: float = column("CPU time of importing the plugin, part of setup_s")
+    cpu_refuses_s: float = column("CPU time of asking the solver whether it refuses, part of setup_s")
+    cpu_process_s: float = column(
+        "CPU time of the run's process and of all that it started, as the system counted it from outside"
+    )
     wall_s: float = column("wall time of the whole run: process, set-up, solve, measuring")
     measure_s: float = column("wall time of measuring alone")
     peak_memory_MB: float = column("largest resident memory of the process")

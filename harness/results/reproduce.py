@@ -41,6 +41,6 @@ def _control(record: RunRecord) -> dict[str, Any]:
         "rtol": r.rtol,
         "max_step": r.max_step_s,
         "max_steps": max_steps,
-        "wall_limit": r.wall_limit_s,
+        "cpu_limit": r.cpu_limit_s if r.cpu_limit_s == r.cpu_limit_s else r.wall_limit_s,
     }
     return {k: v for k, v in given.items() if not math.isnan(v)}

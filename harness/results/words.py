@@ -63,15 +63,15 @@ def words_of_ending(record: RunRecord) -> str:
     """The solver's own message, or what ended its process and which steps are left of its motion."""
     r = record
     words = {
-        EndedBy.WALL_LIMIT: f"killed after {r.ended_limit_s:g} s (wall limit of {r.wall_limit_s:g} s): "
-        "the solver did not stop when asked",
-        EndedBy.CPU_LIMIT: "reached its CPU time limit",
-        EndedBy.MEASURE_LIMIT: f"the solver returned, but measuring its motion took more than {r.ended_limit_s:g} s",
-        EndedBy.TOTAL_LIMIT: f"killed when the suite reached its total_limit of {r.ended_limit_s:g} s",
+        EndedBy.WALL_LIMIT: f"not finished here: killed after {r.ended_limit_s:g} s of wall time, "
+        "before it had used the CPU time it was given",
+        EndedBy.CPU_LIMIT: f"not finished here: {printable(r.message) or _killed_at(r)}",
+        EndedBy.MEASURE_LIMIT: "not finished here: the solver returned, but measuring its motion took too long",
+        EndedBy.TOTAL_LIMIT: f"not finished here: killed at the suite's total_limit of {r.ended_limit_s:g} s",
         EndedBy.EXIT: f"the process exited with code {r.exit_code} and no result",
         EndedBy.SIGNAL: _signal(r),
         EndedBy.KILLED: f"{_signal(r)}, sent from outside the run",
-        EndedBy.SUSPENDED: "its time limit passed while the harness was suspended; --resume repeats it",
+        EndedBy.SUSPENDED: "not finished here: its limit passed while the harness was suspended; --resume repeats it",
         EndedBy.MEMORY_LIMIT: f"{_signal(r)}, near its memory limit" if r.signal else printable(r.message),
         EndedBy.SUPERVISOR_LOST: "the supervisor process died twice "
         f"(code {r.exit_code - r.signal}) during this run, the second time with this run alone",
@@ -79,6 +79,10 @@ def words_of_ending(record: RunRecord) -> str:
     }.get(r.ended_by, printable(r.message))  # type: ignore[call-overload]
     kept = r.ended_by not in ("", EndedBy.SOLVER) and r.t_reached_s > 0.0
     return f"{words} (steps to t = {r.t_reached_s:.6g} s kept)" if kept else words
+
+
+def _killed_at(r: RunRecord) -> str:
+    return f"killed past its limit of {r.cpu_limit_s:g} s of CPU time: the solver did not stop when asked"
 
 
 def _signal(r: RunRecord) -> str:

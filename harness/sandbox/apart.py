@@ -1,5 +1,6 @@
 """Code run in a process of its own: started, ended at its limit with all that it started, and what it sent back."""
 
+import contextlib
 import math
 import os
 import select
@@ -8,11 +9,16 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
+from ..clock import cpu_by_process
 from ..places import Place
-from .isolation import Target, fork, kill_group
+from .isolation import PATIENCE, Target, fork, kill_group
 
+Limit = Literal["", "cpu", "wall"]
 NOWHERE = Path(os.devnull)
+SLACK = 10.0  # wall time for a second of CPU, on a machine that does other work too
+EVERY = 0.2  # [s] between two looks at the CPU time of a tree
 TICK = 0.02  # [s] between two looks while nothing is sent
 ASLEEP = 2.0  # [s] between two looks: more, and it is we who were stopped
 
@@ -26,7 +32,8 @@ class Ended:
     sent: str  # the lines it sent
     peak: float  # [MB] largest resident memory
     suspended: bool = False  # time passed in which nobody looked: its clocks say little
-    cpu: float = math.inf  # [s] of all its threads, and of what it started and waited for
+    cpu: float = math.inf  # [s] of all its threads, and of all that it started, in whatever session
+    over: Limit = ""  # the limit at which it was killed
 
     @property
     def words(self) -> str:
@@ -39,12 +46,19 @@ class Apart:
     """A forked process, watched by ``look`` or ``wait``."""
 
     def __init__(
-        self, target: Target, *, limit: float, memory: float, cpu: float | None = None, stderr: Path | Place = NOWHERE
+        self, target: Target, *, limit: float, memory: float, wall: float | None = None, stderr: Path | Place = NOWHERE
     ) -> None:
-        """Run ``target(send)`` for ``limit`` [s] at most, with ``memory`` [MB] and ``cpu`` [s] (default: the limit)."""
-        self.pid, self.pipe = fork(target, stderr, memory, limit if cpu is None else cpu)
+        """Run ``target(send)`` with ``limit`` [s] of CPU time, all that it starts included, and ``memory`` [MB].
+
+        After ``wall`` [s] it is killed, too: a safety net for what waits without end, ``SLACK`` times the limit unless
+        given. What a busy machine slows down stays within it.
+        """
+        self.pid, self.pipe = fork(target, stderr, memory, limit)
         os.set_blocking(self.pipe, False)
-        self.deadline = time.monotonic() + limit
+        self.limit, self.used = limit, dict[int, float]()  # [s], by process
+        self.deadline = time.monotonic() + (SLACK * limit if wall is None else wall)
+        self.over: Limit = ""
+        self._next = self._killed_at = 0.0
         self.killed = self.suspended = False
         self._looked = time.monotonic()
         self.closed_at = 0.0  # when it closed its pipe: it is about to end
@@ -70,15 +84,26 @@ class Apart:
         pid, status, usage = os.wait4(self.pid, os.WNOHANG)
         if not pid:
             self.hear()
-            if now > self.deadline:
-                self.kill()
+            self._check_limits(now)
             return None
         sent = self.hear()
         kill_group(self.pid)  # what it started and left behind
         os.close(self.pipe)
         code, peak = os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024.0
-        cpu = usage.ru_utime + usage.ru_stime
-        return Ended(code, self.killed and code != 0, sent, peak, self.suspended, cpu)
+        cpu = max(usage.ru_utime + usage.ru_stime, sum(self.used.values()))
+        return Ended(code, self.killed and code != 0, sent, peak, self.suspended, cpu, self.over)
+
+    def _check_limits(self, now: float) -> None:
+        """On the sum over its tree: the limit that the system keeps is on each process."""
+        if now > self._next:
+            self._next = now + EVERY
+            self.used |= cpu_by_process(self.pid)
+        if not self.killed:
+            self.over = "wall" if now > self.deadline else "cpu" if sum(self.used.values()) > self.limit + 1.0 else ""
+            if self.over:
+                self.kill()
+        elif now > self._killed_at + 2.0 * PATIENCE:
+            kill_group(self.pid)
 
     def wait(self, unwanted: Callable[[], bool] = lambda: False) -> Ended:
         """Wait for its end, or end it once it is ``unwanted``. An exception here ends it too."""
@@ -101,5 +126,6 @@ class Apart:
     def kill(self) -> None:
         """End it with all that it started."""
         if not self.killed:
-            self.killed = True
-            kill_group(self.pid)
+            self.killed, self._killed_at = True, time.monotonic()
+            with contextlib.suppress(ProcessLookupError):
+                os.kill(self.pid, signal.SIGTERM)  # its keeper ends all

@@ -1,9 +1,10 @@
-"""A forked process: a session of its own, limits, standard error in a file.
+"""A forked process: a session of its own, limits, standard error in a file; above it a keeper that nothing escapes.
 
 Forked from a single-threaded parent that has numpy, numba, casadi and the catalogues loaded: starting takes
 milliseconds where a fresh interpreter takes a second.
 """
 
+import contextlib
 import ctypes
 import errno
 import os
@@ -11,25 +12,31 @@ import resource
 import signal
 import sys
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from pathlib import Path
 
+from ..clock import descendants, set_keeper
 from ..places import Place
 
 Target = Callable[[Callable[[str], None]], object]  # what a child runs, given how to send a line
 OUTPUT_LIMIT = 2**30  # [bytes] largest file a run may write
 CANNOT_WRITE = 74  # exit code (EX_IOERR): the disk is full, which is not a result of the run
 DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
-PR_SET_PDEATHSIG = 1  # prctl(2)
+PR_SET_PDEATHSIG, PR_SET_CHILD_SUBREAPER = 1, 36  # prctl(2)
+TOLD = (signal.SIGTERM, signal.SIGCHLD)  # what a keeper waits for
+PATIENCE = 5.0  # [s] to end all that a target has started
 STDERR_KEPT = 2**16  # [bytes] of each end of a longer standard error
 
 
 def fork(target: Target, stderr: Path | Place, memory: float, cpu: float) -> tuple[int, int]:
     """Run ``target(send)`` in a child with ``memory`` [MB] beyond what is loaded and ``cpu`` [s].
 
-    Returns its process (and group) and the read end of the pipe on which it sends lines.
-    The child ends with exit code 0 if ``target`` returns, 70 if it raises, ``CANNOT_WRITE`` on a full disk.
+    Returns its keeper's process (and group) and the read end of the pipe on which it sends lines. The keeper takes over
+    all that ``target`` starts and leaves, in whatever session; it ends that with the child, waits for it, so that the
+    system accounts its CPU time, and then ends as the child did: with exit code 0 if ``target`` returned, 70 if it
+    raised, ``CANNOT_WRITE`` on a full disk. SIGTERM to the keeper ends all at once.
     """
     if threading.active_count() > 1:
         running = threading.active_count() - 1
@@ -40,20 +47,22 @@ def fork(target: Target, stderr: Path | Place, memory: float, cpu: float) -> tup
     read, write = os.pipe()
     sys.stdout.flush()
     sys.stderr.flush()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, TOLD)
     pid = os.fork()
     if pid:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         os.close(write)
         return pid, read
+    _keep(parent, (read, write))
     code = 70
     try:
         os.closerange(3, write)  # the parent's own
         os.closerange(write + 1, 1024)
-        os.setsid()  # a group of its own: killed whole, with whatever it started
-        _end_with(parent)
         _redirect(stderr)
         _limit(memory, cpu)
         for name in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
             signal.signal(name, signal.SIG_DFL)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         with os.fdopen(write, "w", encoding="utf-8", errors="replace") as pipe:
             target(lambda line: print(line, file=pipe, flush=True))
         code = 0
@@ -66,6 +75,53 @@ def fork(target: Target, stderr: Path | Place, memory: float, cpu: float) -> tup
         os._exit(code)
 
 
+def _keep(parent: int, pipe: tuple[int, int]) -> None:
+    """Fork the child that returns; stay above it until it and all that it started have ended, then end as it did."""
+    os.setsid()  # a group of its own
+    _end_with(parent)
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
+    own = os.getpid()
+    child = os.fork()
+    if not child:
+        _end_with(own)
+        set_keeper(own)
+        return
+    os.closerange(3, max(1024, *pipe) + 1)  # the parent's own, and both ends
+    status, told = None, False
+    while status is None and not told:
+        told = signal.sigwait(TOLD) == signal.SIGTERM
+        status = _reap().get(child)
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        for pid in descendants(own) or [child] * (status is None):
+            with contextlib.suppress(ProcessLookupError, PermissionError):
+                os.kill(pid, signal.SIGKILL)
+        found = _reap()
+        status = found.get(child, status)
+        if None in found:
+            break
+        time.sleep(0.001)
+    code = -signal.SIGKILL if status is None else os.waitstatus_to_exitcode(status)
+    if code < 0:
+        signal.signal(-code, signal.SIG_DFL) if -code not in (signal.SIGKILL, signal.SIGSTOP) else None
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, (-code,))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        os.kill(own, -code)
+    os._exit(code)
+
+
+def _reap() -> dict[int | None, int]:
+    """Exit statuses by process of all that has ended; with the key None where nothing is left."""
+    found: dict[int | None, int] = {}
+    try:
+        while (ended := os.waitpid(-1, os.WNOHANG))[0]:
+            found[ended[0]] = ended[1]
+    except ChildProcessError:
+        found[None] = 0
+    return found
+
+
 def _end_with(parent: int) -> None:
     """Die when the parent does, even by SIGKILL: otherwise nothing would end this process at its limits."""
     if sys.platform.startswith("linux"):
@@ -75,7 +131,7 @@ def _end_with(parent: int) -> None:
 
 
 def kill_group(pid: int) -> None:
-    """End a child and all it started."""
+    """End what is left of a group."""
     for end in (os.killpg, os.kill):  # the group does not exist yet if the child has not reached setsid
         try:
             end(pid, signal.SIGKILL)

@@ -3,6 +3,7 @@ process is reported in one line. Only a line sent from that process says that it
 """
 
 import json
+import signal
 import threading
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
@@ -12,7 +13,7 @@ from ..types import Problem
 from .apart import Apart
 
 T = TypeVar("T")
-LIMIT = 60.0  # [s] to be imported, or to make a problem
+LIMIT = 30.0  # [s] of CPU time to be imported, or to make a problem
 MEMORY = 4000.0  # [MB]
 
 
@@ -56,4 +57,5 @@ def _elsewhere(what: str, attempt: Callable[[], object]) -> str:
     ended = Apart(run, limit=LIMIT, memory=MEMORY).wait()
     if ended.sent:
         return str(json.loads(ended.sent))
-    return f"{what}: " + (f"timed out after {LIMIT:g} s" if ended.killed else f"its process {ended.words} unexpectedly")
+    late = ended.killed or ended.code == -signal.SIGXCPU
+    return f"{what}: " + (f"timed out after {LIMIT:g} s" if late else f"its process {ended.words} unexpectedly")

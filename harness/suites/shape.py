@@ -5,9 +5,9 @@
     name = "example"
     description = "one line"
     include = ["ci"]            # suites beside this file or in harness/suites/: their runs and plugins come first
-    total_limit = 900.0         # [s] all runs together: those under way are then ended (stalled), others left out
+    total_limit = 900.0         # [s] all runs together: those under way are then ended (unfinished), others left out
     [defaults]                  # any key of a group; of this file alone
-    wall_limit = 60.0           # [s] a run
+    cpu_limit = 60.0           # [s] a run
     [[runs]]
     label = "recommended"
     problem = "spherical_pendulum"              # or a list
@@ -47,7 +47,7 @@ class Defaults(Shape, frozen=True, kw_only=True):
     rtol: Any = None
     max_step: Any = None
     max_steps: Any = None
-    wall_limit: Seconds | None = None
+    cpu_limit: Seconds | None = None
     memory: Megabytes | None = None
     repeats: Repeats | None = None
 

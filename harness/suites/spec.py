@@ -13,7 +13,7 @@ from ..results.naming import named, text_of
 from ..types import Problem, StepControl
 
 DEFAULT_RTOL = 1e-8
-DEFAULT_WALL_LIMIT = 60.0  # [s]
+DEFAULT_CPU_LIMIT = 60.0  # [s]
 DEFAULT_MEMORY = 4000.0  # [MB] beyond what the libraries take
 
 
@@ -23,10 +23,10 @@ class RunSpec:
 
     problem: str
     solver: str
-    control: StepControl  # without wall_limit, which is the run's
+    control: StepControl  # without cpu_limit, which is the run's
     parameters: Mapping[str, Any] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
-    wall_limit: float = DEFAULT_WALL_LIMIT  # [s]
+    cpu_limit: float = DEFAULT_CPU_LIMIT  # [s]
     memory: float = DEFAULT_MEMORY  # [MB]
     repeats: int = 1
     label: str = ""
@@ -38,7 +38,7 @@ class RunSpec:
 
     def address(self, code: str) -> str:
         """Digest of the settings, the limits and the code: equal only if the result would be."""
-        limits = {"wall_limit": float(self.wall_limit), "memory": float(self.memory), "repeats": self.repeats}
+        limits = {"cpu_limit": float(self.cpu_limit), "memory": float(self.memory), "repeats": self.repeats}
         return _digest({**self._settings(), **limits, "code": code})
 
     @property

@@ -22,7 +22,7 @@ from .includes import Source, path_of, read_source, source, with_included
 from .shape import Defaults, Group, Names, Tables
 from .spec import RunSpec, make_spec
 
-LIMITS = ("wall_limit", "memory", "repeats", "label")
+LIMITS = ("cpu_limit", "memory", "repeats", "label")
 CONTROL = ("dt", "rtol", "max_step", "max_steps")
 
 
@@ -36,7 +36,7 @@ class Suite:
     text: str
     plugins: tuple[str, ...] = ()
     included: tuple[tuple[str, str], ...] = ()  # name and text of the suites it includes, for the results folder
-    total_limit: float | None = None  # [s] wall time of all runs together
+    total_limit: float | None = None  # [s] CPU time of all runs together, for each at a time
 
 
 def load_suite(name: str, plugins: tuple[str, ...] = ()) -> Suite:

@@ -37,13 +37,13 @@ class StepControl:
     rtol: float | None = None
     max_step: float | None = None  # [s] for error control only
     max_steps: int = 10_000_000  # accepted steps before the run counts as stalled
-    wall_limit: float | None = None  # [s] the solver stops itself and hands back what it has
+    cpu_limit: float | None = None  # [s] of CPU time: the solver stops itself and hands back what it has
     spool: Spool | None = field(default=None, compare=False, repr=False)  # to hand steps over to as they come
 
     def __post_init__(self) -> None:
         if (self.dt is None) == (self.rtol is None):
             raise ValueError(f"give exactly one of dt and rtol (got dt={self.dt}, rtol={self.rtol})")
-        for name in ("dt", "rtol", "max_step", "wall_limit"):
+        for name in ("dt", "rtol", "max_step", "cpu_limit"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} must be a finite number > 0 (got {value})")

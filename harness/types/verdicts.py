@@ -24,7 +24,8 @@ class Status(StrEnum):
     DIVERGED = "diverged"
     STEP_UNDERFLOW = "step_underflow"
     SINGULAR = "singular"
-    STALLED = "stalled"  # a limit on steps or time was reached
+    STALLED = "stalled"  # the limit on steps was reached
+    UNFINISHED = "unfinished"  # not finished here: the harness ended it, which says nothing about its solver
     MEMORY = "memory"
     CRASHED = "crashed"  # signal, exit or exception
 
@@ -41,7 +42,7 @@ class EndedBy(StrEnum):
     EXCEPTION = "exception"
     EXIT = "exit"  # its process exited
     SIGNAL = "signal"
-    WALL_LIMIT = "wall_limit"
+    WALL_LIMIT = "wall_limit"  # the safety net, at ten times the limit on CPU time
     CPU_LIMIT = "cpu_limit"
     MEMORY_LIMIT = "memory_limit"
     MEASURE_LIMIT = "measure_limit"  # the solver returned, but measuring its motion took too long

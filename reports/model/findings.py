@@ -155,7 +155,7 @@ def _energy(variant: Variant) -> Iterator[Finding]:
 
 def _ends(variant: Variant) -> Iterator[Finding]:
     """The earliest stop of each solver with its reason, the others counted."""
-    early = sorted((c for c in variant.runs if c.stopped), key=lambda c: c.record.t_reached_s)
+    early = sorted((c for c in variant.runs if c.stopped and not c.unfinished), key=lambda c: c.record.t_reached_s)
     for solver, own in by_solver(early).items():
         r = own[0].record
         known = math.isfinite(r.t_reached_s)

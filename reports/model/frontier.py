@@ -71,7 +71,7 @@ def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
             best.append(min(reaches, key=lambda r: r.cpu_s))
         elif all(c.status == "refused" for c in own):
             refused.append(own[0])
-        else:
+        elif not any(c.unfinished for c in own):
             missed.append(solver)
     best.sort(key=lambda r: r.cpu_s)
     places = tuple(Place(r, r.cpu_s / best[0].cpu_s) for r in best)

@@ -12,7 +12,14 @@ from .variants import broadest, plain_runs, themselves
 from .words import Mark, mark, number, plural
 
 FEW = 0.5  # of the solvers: a variant that fewer ran is no column, or their counts would not compare
-RANKS = ("good", "inaccurate", "failed", "wrong", "refused")  # of endings, the best first; the last has no error
+RANKS = (
+    "good",
+    "inaccurate",
+    "failed",
+    "wrong",
+    "open",
+    "refused",
+)  # of endings, the best first; the last have no error
 LEAST = 1e-16  # margins below are equal
 
 
@@ -33,7 +40,7 @@ class Box:
     @property
     def level(self) -> int | None:
         """Class of colour; none for a run that ended before its time, whatever its error was until then."""
-        return None if self.margin is None or self.mark.kind in ("failed", "refused") else self.margin.level
+        return None if self.margin is None or self.mark.kind in ("failed", "open", "refused") else self.margin.level
 
     @property
     def text(self) -> str:
@@ -75,6 +82,11 @@ class Row:
         return sum(b is not None and b.run.succeeded for b in self.boxes)
 
     @property
+    def counted(self) -> int:
+        """Problems that it ran and that it finished here, well or not."""
+        return sum(b is not None and not b.run.unfinished for b in self.boxes)
+
+    @property
     def order(self) -> tuple[int, float, str]:
         """Most successes first, then by the mean digits between errors and limits."""
         digits = [math.log10(min(b.order[1], 1e16)) for b in self.boxes if b is not None and b.margin]
@@ -107,8 +119,8 @@ class Heat:
 
     @property
     def title(self) -> str:
-        """Who stays within all limits, of those that ran every problem; of all where none did."""
-        complete = [row for row in self.rows if None not in row.boxes] or self.rows
+        """Who stays within all limits, of those that ran every problem to their own end; of all where none did."""
+        complete = [row for row in self.rows if row.counted == len(self.problems)] or self.rows
         whole = sum(row.succeeded == len(self.problems) for row in complete)
         kind = "problems" if len({v.problem for v in self.problems}) == len(self.problems) else "variants"
         name = self.problems[0].title if len(self.problems) == 1 else f"all {len(self.problems)} {kind}"
@@ -125,7 +137,7 @@ class Heat:
 
 def extremes(boxes: Sequence[Box]) -> list[Box]:
     """The best and the worst; one where there is no other, none where all refused."""
-    ranked = sorted((b for b in boxes if b.mark.kind != "refused"), key=lambda b: b.order)
+    ranked = sorted((b for b in boxes if b.mark.kind not in ("open", "refused")), key=lambda b: b.order)
     return ranked if len(ranked) < 2 else [ranked[0], ranked[-1]]
 
 

@@ -8,7 +8,7 @@ from .words import plural
 
 UNKNOWN = "not recorded"
 ASKED = {"dt_s": "dt {} s", "rtol": "rtol {}", "max_step_s": "max step {} s"}
-LIMITS = {"wall_limit_s": "{} s wall time", "memory_limit_MB": "{} MB"}
+LIMITS = {"cpu_limit_s": "{} s CPU time", "memory_limit_MB": "{} MB"}
 STAMPED = ("numpy", "scipy")  # packages of the short form
 
 

@@ -74,6 +74,11 @@ class Run:
         return self.status not in (Status.SUCCESS, Status.INACCURATE, Status.WRONG, Status.REFUSED)
 
     @property
+    def unfinished(self) -> bool:
+        """The harness ended it: in no count, and no mark against its solver."""
+        return self.status == Status.UNFINISHED
+
+    @property
     def step_or_tolerance(self) -> float:
         """What was asked for; smaller asks for more accuracy."""
         value = self.record.dt_s if self.record.control == "dt" else self.record.rtol

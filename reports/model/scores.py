@@ -17,7 +17,9 @@ REASON = 90  # characters of a reason
 
 @dataclass(frozen=True)
 class Score:
-    """Numbers of runs; ``bounded`` and ``drifting`` count successes whose energy error tells."""
+    """Numbers of runs, those that did not finish here left out; ``bounded`` and ``drifting``: successes whose energy
+    error tells.
+    """
 
     succeeded: int
     inaccurate: int
@@ -74,7 +76,8 @@ def standings(results: Results) -> list[Standing]:
         out.append(Standing(
             solver, ", ".join(dict.fromkeys(r.record.paper_label for r in heads or own[:1])), score(heads), score(own),
             tuple(c for c in heads if c.succeeded and drifts(c)),
-            tuple((c, cut(c.reasons[0], REASON) + _finer(p, c)) for p, c in stands if not c.succeeded),
+            tuple((c, cut(c.reasons[0], REASON) + _finer(p, c)) for p, c in stands
+                  if not (c.succeeded or c.unfinished)),
         ))  # fmt: skip
     return sorted(out, key=lambda v: (-(v.finest.succeeded / v.finest.runs if v.finest.runs else -1.0), v.solver))
 

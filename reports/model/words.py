@@ -8,8 +8,11 @@ SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 BELOW_CLOCK = "below the clock"  # a CPU time that reads 0: too short to measure
 NONE = "–"  # the quantity does not exist here
 MARKS = {  # by status
-    "success": ("✓", "good"), "inaccurate": ("≈", "inaccurate"), "wrong": ("✗", "wrong"), "refused": ("⊘", "refused")
+    "success": ("✓", "good"), "inaccurate": ("≈", "inaccurate"), "wrong": ("✗", "wrong"), "refused": ("⊘", "refused"),
+    "unfinished": ("…", "open"),
 }  # fmt: skip
+
+WORDS = {"unfinished": "not finished here"}
 
 
 @dataclass(frozen=True)
@@ -18,13 +21,13 @@ class Mark:
 
     symbol: str
     word: str
-    kind: str  # class in the style sheet: good, inaccurate, wrong, refused, failed
+    kind: str  # class in the style sheet: good, inaccurate, wrong, refused, open, failed
 
 
 def mark(status: str) -> Mark:
     """The mark of a status; one we do not know counts as a failure."""
     symbol, kind = MARKS.get(status, ("★", "failed"))
-    return Mark(symbol, status.replace("_", " "), kind)
+    return Mark(symbol, WORDS.get(status, status.replace("_", " ")), kind)
 
 
 def number(value: float, digits: int = 3) -> str:

@@ -12,7 +12,7 @@ from .style import DOUBLE, INK, MUTED, PAPER, plain, sheet
 
 COLOURS = ("#86bde0", "#acd1ea", "#cde3f2", "#e4f0f7", "#f7f6f1", "#ffe2ac", "#f8a66a", "#b3123a")  # as in site.css
 ROW, HEAD = 0.25, 0.75  # [in]
-SIGNS = {"good": "", "inaccurate": "≈ ", "wrong": "× ", "failed": "★ ", "refused": "refused"}
+SIGNS = {"good": "", "inaccurate": "≈ ", "wrong": "× ", "failed": "★ ", "open": "not finished", "refused": "refused"}
 
 
 def heat_figure(heat: Heat) -> Figure:

@@ -74,4 +74,6 @@ class Chapter:
 
 def end_of(status: str) -> str:
     """How a plot marks the end of a run with this status."""
-    return {"success": "", "inaccurate": "", "refused": "", "unknown": "", "wrong": "wrong"}.get(status, "failed")
+    return {"success": "", "inaccurate": "", "refused": "", "unfinished": "", "unknown": "", "wrong": "wrong"}.get(
+        status, "failed"
+    )

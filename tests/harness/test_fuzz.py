@@ -75,7 +75,7 @@ def told(call, *kinds):
 
 GROUP = {"problem": "free_fall", "solver": "exact", "dt": 0.5}
 keys = st.sampled_from(
-    ["problem", "solver", "parameters", "options", "dt", "rtol", "max_step", "max_steps", "wall_limit", "memory",
+    ["problem", "solver", "parameters", "options", "dt", "rtol", "max_step", "max_steps", "cpu_limit", "memory",
      "repeats", "label", "nonsense"]
 )  # fmt: skip
 
@@ -93,7 +93,7 @@ def test_suites_are_read_or_refused_in_a_line(change, place):
     suite = told(lambda: parse_suite(text, "fuzz", "fuzz", plugins=(str(PLUGIN),)), FileError)
     assert suite is None or suite.specs
     for c in suite.specs if suite else ():
-        assert all(math.isfinite(x) and x > 0 for x in (c.wall_limit, c.memory, c.repeats, c.control.dt))
+        assert all(math.isfinite(x) and x > 0 for x in (c.cpu_limit, c.memory, c.repeats, c.control.dt))
 
 
 heads = st.sampled_from(["name", "description", "include", "total_limit", "plugins", "schema", "runs", "defaults"])
@@ -209,7 +209,7 @@ def test_filters_of_show_are_reported_in_one_line(value, flag, capsys, tmp_path_
 
 
 @MORE
-@given(key=st.sampled_from(["dt", "max_steps", "wall_limit", "lift", "rtol"]) | words, value=words, mass=words)
+@given(key=st.sampled_from(["dt", "max_steps", "cpu_limit", "lift", "rtol"]) | words, value=words, mass=words)
 def test_values_on_the_command_line_are_reported_in_one_line(key, value, mass, capsys, tmp_path_factory):
     """Exit code 2, one line, nothing written; only numbers that make sense get any further."""
     folder = tmp_path_factory.mktemp("c") / "gone"
@@ -268,7 +268,7 @@ def test_random_mechanisms_have_no_wrong_success(problem, solver, tmp_path_facto
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "make_problem", lambda name, parameters=None: problem)
         patch.setattr(measure, "reference_of", lambda problem: None)  # laws alone: a reference takes up to a minute
-        spec = make_spec(problem, solver, None, {}, wall_limit=20.0)
+        spec = make_spec(problem, solver, None, {}, cpu_limit=20.0)
         folder = store.create(tmp_path_factory.mktemp("m"))
         record = worker.run(Job(spec, folder))
     assert record.status in set(Status) and (words_of_ending(record) or Status(record.status).lawful)
@@ -301,7 +301,7 @@ def test_random_mechanisms_move_alike_in_all_solvers(problem, tmp_path_factory):
         patch.setattr(registry, "make_problem", lambda name, parameters=None: problem)
         for solver in SIX:
             control = FINE[registry.solvers()[solver].control]
-            supervisor.start(Job(make_spec(problem, solver, None, control, wall_limit=40.0), folder))
+            supervisor.start(Job(make_spec(problem, solver, None, control, cpu_limit=40.0), folder))
             until = time.monotonic() + 60.0
             while supervisor.running and time.monotonic() < until:
                 ended += list(supervisor.step())

@@ -18,7 +18,7 @@ from .conftest import every_kind, put, record, series
 
 SUITE = """name = "t"
 [defaults]
-wall_limit = 10.0
+cpu_limit = 10.0
 [[runs]]
 problem = "simple_pendulum"
 solver = "gc_weak_form"

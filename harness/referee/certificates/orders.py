@@ -101,7 +101,7 @@ def _ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
     """Runs that differ in their step alone, coarsest first, each step once."""
     groups: dict[tuple, dict[float, RunRecord]] = {}
     for r in sorted(records, key=lambda r: (r.problem, r.problem_parameters, r.solver, r.solver_options, r.finished)):
-        if r.label == CURVES:
+        if r.label == CURVES or r.status == Status.UNFINISHED:
             continue
         key = (r.problem, r.problem_parameters, r.solver, r.solver_options, r.control, str(r.max_step_s))
         groups.setdefault(key, {})[r.dt_s if r.control == "dt" else r.rtol] = r

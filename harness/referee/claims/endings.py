@@ -36,7 +36,7 @@ def by_budget(record: RunRecord) -> bool:
 
 def by_machine(record: RunRecord) -> bool:
     """Whether a clock or the memory ended it: stalled with steps left means a clock."""
-    stopped = record.status == Status.STALLED and not by_budget(record)
+    stopped = record.status in (Status.UNFINISHED, Status.STALLED) and not by_budget(record)
     unmeasured = record.ended_by == EndedBy.MEASURE_LIMIT
     return stopped or unmeasured or record.status == Status.MEMORY or is_provisional(record)
 

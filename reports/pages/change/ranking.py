@@ -28,7 +28,7 @@ WORK = {
     "steps": "steps", "rejected": "rejected steps", "evaluations": "evaluations", "jacobians": "Jacobians",
     "factorisations": "factorisations", "newton_iterations": "Newton's corrections",
 }  # fmt: skip
-BETTER = ("good", "inaccurate", "refused", "failed", "wrong")  # endings, best first
+BETTER = ("good", "inaccurate", "open", "refused", "failed", "wrong")  # endings, best first
 CLAIM_ORDER = (Verdict.SUPPORTED, Verdict.CONDITIONAL, Verdict.UNTESTABLE, Verdict.REFUTED)
 SAME = 0.01  # relative: a change this small is neither better nor worse
 LITTLE = 1e-5  # of a problem's scale: shown as "less than"
@@ -67,7 +67,10 @@ def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
     for a, b in pairs(before, after):
         if a.status != b.status:
             old, new = (BETTER.index(mark(r.status).kind) for r in (a, b))
-            worse, weight = None if old == new else new > old, 10.0 * (new > old) + max(old, new)
+            worse, weight = (
+                None if old == new or "unfinished" in (a.status, b.status) else new > old,
+                10.0 * (new > old) + max(old, new),
+            )
             then, now = mark(a.status).word, mark(b.status).word
             out.append(Ranked(Rank.ENDING, a.settings_id, a.case, "ending", then, now, "", worse, weight))
     return ordered(out)

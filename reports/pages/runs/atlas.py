@@ -62,12 +62,13 @@ def part_reached(run: Run) -> float:
 
 
 def _of(solver: str, runs: Sequence[Run]) -> Survival:
-    began = [c for c in runs if c.status != "refused"]
+    ended = [c for c in runs if not c.unfinished]
+    began = [c for c in ended if c.status != "refused"]
     stops = sorted(part_reached(c) for c in began if c.stopped)
     left = [(len(began) - k) / len(began) for k in range(len(stops) + 1)] if began else [1.0]
     x, y = (0.0, *np.repeat(stops, 2).tolist(), 1.0), tuple(np.repeat(left, 2).tolist())
     wrong = sum(c.status == "wrong" for c in began)
-    return Survival(solver, len(began), len(runs) - len(began), len(stops), wrong, x, y)
+    return Survival(solver, len(began), len(ended) - len(began), len(stops), wrong, x, y)
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ class Broken:
 
 def groups(results: Results, looks: Mapping[str, Look]) -> tuple[Group, ...]:
     """Every run that stopped, by cause in the order of ``CAUSES``."""
-    stops = [autopsy(c, results.series(c, poses=False)) for c in results.runs if c.stopped]
+    stops = [autopsy(c, results.series(c, poses=False)) for c in results.runs if c.stopped and not c.unfinished]
     found = []
     for cause in CAUSES:
         own = {s.run.record.run_id: s for s in stops if s.cause is cause}
@@ -159,7 +160,11 @@ def survivals(results: Results) -> dict[str, tuple[Survival, ...]]:
     out = {"All problems": survival(results.runs)}
     by_problem = grouped(results.runs, lambda c: c.record.problem)
     if len(by_problem) > 1:
-        out |= {name: survival(own) for name, own in sorted(by_problem.items()) if any(c.stopped for c in own)}
+        out |= {
+            name: survival(own)
+            for name, own in sorted(by_problem.items())
+            if any(c.stopped and not c.unfinished for c in own)
+        }
     return out
 
 
@@ -180,7 +185,7 @@ def plot_of(title: str, solvers: Sequence[Survival], slug: str) -> Plot:
 def write(results: Results, site: Site) -> Page | None:
     """``atlas.html``."""
     found, curves, taken = groups(results, site.looks), survivals(results), set[str]()
-    stopped = [c for c in results.runs if c.stopped]
+    stopped = [c for c in results.runs if c.stopped and not c.unfinished]
     return site.write(
         Page("Failures", "atlas.html", nav=True, order=40), "atlas.html", scripts=["assets/judgement.js"],
         plots=[plot_of(k, v, slug(k, taken)) for k, v in curves.items()] if results.runs else [], groups=found,

@@ -31,7 +31,7 @@ def write(results: Results, site: Site) -> Page | None:
 
 def _asked(run: Run, results: Results) -> list[tuple[str, str]]:
     r = run.record
-    limits = [f"{time(r.wall_limit_s)} s wall time"] if r.wall_limit_s == r.wall_limit_s else []
+    limits = [f"{time(r.cpu_limit_s)} s CPU time"] if r.cpu_limit_s == r.cpu_limit_s else []
     limits += [f"{r.max_steps:,} steps".replace(",", "\u202f")] if r.max_steps else []
     limits += [f"{time(r.memory_limit_MB)} MB"] if r.memory_limit_MB == r.memory_limit_MB else []
     return [(k, v) for k, v in (

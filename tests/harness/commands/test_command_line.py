@@ -35,12 +35,12 @@ def test_solve_writes_the_promised_file(command, tmp_path):
      ("exits", "crashed", 1, "exit", "exited"),
      ("refuses", "refused", 1, "solver", "on principle"),
      ("not_numbers", "wrong", 5, "solver", "not finite"),
-     ("spins", "stalled", 1, "wall_limit", "wall limit of 1 s")],
+     ("spins", "unfinished", 1, "cpu_limit", "not finished here")],
 )  # fmt: skip
 def test_failed_solves_write_too(capsys, tmp_path, solver, status, rows, by, words):
     """Exit code 1, the steps so far, status and what ended it; the reason in words on the terminal."""
     out = tmp_path / "run.npz"
-    assert main(["solve", "free_fall", solver, *WITH, "--out", str(out), "--set", "wall_limit=1"]) == 1
+    assert main(["solve", "free_fall", solver, *WITH, "--out", str(out), "--set", "cpu_limit=1"]) == 1
     said = capsys.readouterr()
     assert "Traceback" not in said.out + said.err
     with np.load(out, allow_pickle=False) as f:
@@ -70,8 +70,8 @@ BAD = [
     ((*SOLVE[:-1], "run"), "must end in .npz"),
     ((*SOLVE, "--set", "max_step=0.1"), "max_step"),
     ((*SOLVE, "--set", "max_steps=0"), "max_steps"),
-    ((*SOLVE, "--set", "wall_limit=-5"), "wall_limit"),
-    ((*SOLVE, "--set", "wall_limit=1e300"), "at most 1e+07"),
+    ((*SOLVE, "--set", "cpu_limit=-5"), "cpu_limit"),
+    ((*SOLVE, "--set", "cpu_limit=1e300"), "at most 1e+07"),
     ((*SOLVE, "--set", "max_steps=1e30"), "max_steps must be a whole number > 0 that fits 64 bits"),
     ((*SOLVE, "--set", "lift=much"), "lift must be a number"),
     ((*SOLVE, "--problem-set", "mass=-1"), "mass must be > 0"),

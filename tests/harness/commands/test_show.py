@@ -25,7 +25,7 @@ dt = 0.01
 [[runs]]
 problem = "free_fall"
 solver = ["gives_up", "raises", "refuses", "segfaults", "hangs_later"]
-wall_limit = 1
+cpu_limit = 1
 """
 
 

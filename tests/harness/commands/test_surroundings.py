@@ -87,5 +87,5 @@ def test_a_tolerance_below_rounding_is_refused(rtol, capsys, tmp_path):
 def test_at_the_least_tolerance_a_run_ends_as_a_status(name):
     """Of a kind each: reached, too small a step, or out of time; no exception, no crash."""
     problem = registry.make_problem("spherical_pendulum", {"omega_z": 0.1, "t_end": 0.05})
-    done = registry.make_solver(name).solve(problem, StepControl(rtol=LEAST_RTOL, wall_limit=20.0))
+    done = registry.make_solver(name).solve(problem, StepControl(rtol=LEAST_RTOL, cpu_limit=20.0))
     assert done.status in (Status.SUCCESS, Status.STEP_UNDERFLOW, Status.STALLED), done.message

@@ -101,7 +101,7 @@ def test_the_runs_are_what_the_certificates_need(solver):
         assert sum(s.problem == name and s.label == "ladder" and s.solver == solver for s in specs) > 4
     presented = [s for s in specs if s.label == "symmetries"]
     others = 4 if solver == "rattle" else 3  # as it stands, finer, nudged; at a tenth of a step's tolerance
-    assert len(presented) == len(assessment.PRESENTED) + others and all(s.wall_limit == 10.0 for s in specs)
+    assert len(presented) == len(assessment.PRESENTED) + others and all(s.cpu_limit == 10.0 for s in specs)
 
 
 def test_a_long_run_is_made_only_if_it_is_long():

@@ -34,6 +34,6 @@ def test_an_error_that_stays_far_above_such_a_floor_is_a_missing_term():
 
 def test_a_slow_solver_is_called_slow():
     """Runs that their wall limit ended say nothing about signs."""
-    runs = {f"finer {k}": RunRecord(status="stalled", claimed="stalled", wall_limit_s=20.0) for k in range(4)}
+    runs = {f"finer {k}": RunRecord(status="stalled", claimed="stalled", cpu_limit_s=20.0) for k in range(4)}
     found = converges(Evidence("dt", 2.0, runs, {}))
     assert not found.holds and "too slow" in found.remedy and "20 s" in found.remedy

@@ -33,7 +33,7 @@ class Broken(Midpoint):
     def solve(self, problem, control):
         gravity = 0.97 * problem.system.gravity * (1 + 1e-9 * random.random())
         wrong = dataclasses.replace(problem.system, gravity=gravity)
-        control = dataclasses.replace(control, max_steps=10**7, wall_limit=1e6)
+        control = dataclasses.replace(control, max_steps=10**7, cpu_limit=1e6)
         return super().solve(dataclasses.replace(problem, system=wrong), control)
 '''
 
@@ -74,7 +74,7 @@ def test_each_requirement_not_met_is_explained(example, command, tmp_path):
     assert failed == {
         "a refusal has a reason",
         "errors fall with the declared order, or with rtol", "the same run gives the same numbers",
-        "max_steps stops it", "it stops itself at the wall limit", "steps are kept when it is stopped",
+        "max_steps stops it", "it stops itself at the limit on CPU time", "steps are kept when it is stopped",
     }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from mbsbench.harness.suites.suite import parse_suite
 
 from ..conftest import PLUGIN
 
-TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "raises", "spins"]\nwall_limit = 100\n'
+TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "raises", "spins"]\ncpu_limit = 100\n'
 
 
 def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
@@ -30,7 +30,7 @@ def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
         assert [ends(text).status for text in jobs[:2]] == ["success", "crashed"]
         threading.Thread(target=lambda: (time.sleep(1.0), cluster.stop_here("ticket", 7.0))).start()
         last = ends(jobs[2])
-        assert last.ended_by == "total_limit" and last.ended_limit_s == 7.0 and last.status == "stalled"
+        assert last.ended_by == "total_limit" and last.ended_limit_s == 7.0 and last.status == "unfinished"
         assert cluster.run_run(jobs[0], "ticket") == {}
     finally:
         cluster._supervisor().close()

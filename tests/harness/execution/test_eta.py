@@ -11,7 +11,7 @@ from ..conftest import PLUGIN
 
 
 def specs():
-    text = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "sleeps"]\ndt = [0.1, 0.2, 0.4]\nwall_limit = 50'
+    text = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "sleeps"]\ndt = [0.1, 0.2, 0.4]\ncpu_limit = 50'
     return parse_suite(text, "t", "t", plugins=(str(PLUGIN),)).specs
 
 

@@ -31,7 +31,7 @@ def suite_of(specs):
 name = "killed"
 plugins = ["{PLUGIN}"]
 [defaults]
-wall_limit = 3.0
+cpu_limit = 3.0
 [[runs]]
 problem = "free_fall"
 solver = "sleeps"

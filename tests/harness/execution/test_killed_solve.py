@@ -41,7 +41,7 @@ def started(tmp_path, *more):
 def solving(pid):
     """The process that integrates; before it, the plugin and its problem are tried in others."""
     found = []
-    for child in psutil.Process(pid).children():
+    for child in psutil.Process(pid).children(recursive=True):
         with contextlib.suppress(psutil.NoSuchProcess):
             found += [child] if any(f.path.endswith("/native.txt") for f in child.open_files()) else []
     return found

@@ -18,9 +18,7 @@ from mbsbench.harness.suites.suite import parse_suite
 
 from ..conftest import HOSTILE, PLUGIN, Silent
 
-SLEEPS = (
-    '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\nwall_limit = {wall}\noptions = {{ seconds = {seconds} }}\n'
-)
+SLEEPS = '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\ncpu_limit = {wall}\noptions = {{ seconds = {seconds} }}\n'
 
 
 def run(text, folder, jobs=1, resume=False):
@@ -31,7 +29,7 @@ def run(text, folder, jobs=1, resume=False):
 
 def test_a_process_that_ended_before_anyone_looked_was_not_killed():
     """Its end is read before the clock: past its deadline, it still ended by itself."""
-    process = Apart(lambda send: send("done"), limit=0.3, memory=500.0)
+    process = Apart(lambda send: send("done"), limit=5.0, memory=500.0, wall=0.3)
     time.sleep(ASLEEP + 0.5)
     while (ended := process.look()) is None:
         pass
@@ -40,7 +38,7 @@ def test_a_process_that_ended_before_anyone_looked_was_not_killed():
 
 def test_a_deadline_leaves_out_time_in_which_its_keeper_was_stopped():
     """Nobody looked for longer than the limit: the process has its time still, and is ended when that is over."""
-    process = Apart(lambda send: time.sleep(600.0), limit=1.0, memory=500.0)
+    process = Apart(lambda send: time.sleep(600.0), limit=5.0, memory=500.0, wall=1.0)
     time.sleep(ASLEEP + 0.5)
     assert process.look() is None and not process.killed
     ended, began = process.wait(), time.monotonic()

@@ -42,8 +42,8 @@ def stopped_by_recording(**limits):
 @pytest.mark.parametrize(
     ("made", "words"),
     [
-        (lambda: stopped_by_geometric_driver(wall_limit=1e-9), "wall limit of 1e-09 s reached at t = "),
-        (lambda: stopped_by_recording(wall=1e-9), "the wall limit of 1e-09 s was reached"),
+        (lambda: stopped_by_geometric_driver(cpu_limit=1e-9), "CPU limit of 1e-09 s reached at t = "),
+        (lambda: stopped_by_recording(wall=1e-9), "the CPU limit of 1e-09 s was reached"),
     ],
 )
 def test_a_solver_stopped_by_its_clock_is_ended_by_the_machine(made, words):
@@ -63,10 +63,10 @@ def test_a_solver_stopped_by_its_clock_is_ended_by_the_machine(made, words):
             -9,
             0.0,
             EndedBy.WALL_LIMIT,
-            "killed after 62 s (wall limit of 60 s): the solver did not stop when",
+            "not finished here: killed after 62 s of wall time",
         ),
-        (True, 120.0, -9, 0.0, EndedBy.MEASURE_LIMIT, "measuring its motion took more than 120 s"),
-        (False, 62.0, -signal.SIGXCPU, 0.0, EndedBy.CPU_LIMIT, "reached its CPU time limit"),
+        (True, 120.0, -9, 0.0, EndedBy.MEASURE_LIMIT, "measuring its motion took too long"),
+        (False, 62.0, -signal.SIGXCPU, 0.0, EndedBy.CPU_LIMIT, "killed past its limit of 60 s of CPU time"),
         (
             False,
             62.0,
@@ -80,7 +80,7 @@ def test_a_solver_stopped_by_its_clock_is_ended_by_the_machine(made, words):
 )
 def test_a_process_ended_by_clock_or_memory_is_ended_by_the_machine(killed, limit, code, peak, by, words):
     """As the supervisor states it, and in words."""
-    job = Job(runs_of('[[runs]]\nproblem = "heavy_top"\nsolver = "gc_weak_form"\nmemory = 100.0\nwall_limit = 60.0')[0],
+    job = Job(runs_of('[[runs]]\nproblem = "heavy_top"\nsolver = "gc_weak_form"\nmemory = 100.0\ncpu_limit = 60.0')[0],
               Path("nowhere"))  # fmt: skip
     record = unfinished(job, Ended(code, killed, "", peak), 1.0, by, limit)
     assert record.ended_by == by and words in words_of_ending(record)
@@ -144,5 +144,5 @@ def test_clocks_raise_what_was_tried_above():
     """The failure inside a step is the same as between steps."""
     clock = Clock(1e-9)
     time.sleep(0.001)
-    with pytest.raises(StepFailure, match="the wall limit of 1e-09 s was reached"):
+    with pytest.raises(StepFailure, match="the CPU limit of 1e-09 s was reached"):
         clock.check()

@@ -27,7 +27,7 @@ options = { coordinates = "euler313", lambda_in_error_test = true }
 rtol = 1e-5
 max_step = 0.01
 max_steps = 77
-wall_limit = 7.5
+cpu_limit = 7.5
 """
 
 
@@ -44,9 +44,9 @@ def run_of(line: str):
     given = parser.parse_args(words[1:])
     values = assignments(given.set, "--set")
     control = {k: values.pop(k) for k in solve.CONTROL if k in values}
-    wall = float(control.pop("wall_limit"))
+    wall = float(control.pop("cpu_limit"))
     problem = registry.make_problem(given.problem, assignments(given.problem_set, "--problem-set"))
-    return make_spec(problem, given.solver, values, control, wall_limit=wall), given
+    return make_spec(problem, given.solver, values, control, cpu_limit=wall), given
 
 
 @pytest.mark.parametrize("suite", ["ci", "odd"])
@@ -56,7 +56,7 @@ def test_the_command_means_the_same_run(suite, tmp_path):
     for spec in specs[:: 1 if suite == "odd" else 5]:
         record = record_of(Job(spec, tmp_path), Status.SUCCESS)
         again, given = run_of(command(record, ["my own.py"], "a b.npz"))
-        assert again.settings_id == spec.settings_id and again.wall_limit == spec.wall_limit
+        assert again.settings_id == spec.settings_id and again.cpu_limit == spec.cpu_limit
         assert given.plugin == ["my own.py"] and given.out == "a b.npz"
 
 

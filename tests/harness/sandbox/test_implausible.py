@@ -9,7 +9,7 @@ import pytest
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.registry import declared
 from mbsbench.harness.execution import handed, measuring
-from mbsbench.harness.execution.contract import checked, cpu_time
+from mbsbench.harness.execution.contract import checked, split_cost
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.suites.spec import RunSpec
@@ -113,7 +113,7 @@ def status(monkeypatch, tmp_path):
         try:
             p = registry.make_problem("free_fall")
             motion = checked(make_motion(), Exact(), p)
-            cpu_time(motion, 1.0, 1.0, Exact())
+            split_cost(motion, 1.0, 1.0, Exact())
             handed.write(job.handed, handed.Said(claimed=Status.SUCCESS), motion)
             motion = handed.read(job.handed, p.system).trajectory
             return measuring.judged(job, p, motion, lambda problem, trajectory, measured, record: record).status

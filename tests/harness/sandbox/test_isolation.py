@@ -32,23 +32,23 @@ SUITE = f"""
 [[runs]]
 problem = "free_fall"
 solver = {[*BAD, "exact"]}
-wall_limit = {LIMIT}
+cpu_limit = {LIMIT}
 [[runs]]
 problem = "free_fall"
 solver = "eats_memory"
-wall_limit = 20.0
+cpu_limit = 20.0
 memory = 300.0
 [[runs]]
 problem = "free_fall"
 solver = "hangs_later"
 options = {{ end = ["loop", "segfault", "raise"] }}
-wall_limit = {LIMIT}
+cpu_limit = {LIMIT}
 """
 EXPECTED = {
     "raises": (Status.CRASHED, "RuntimeError: a bug of mine"),
     "exits": (Status.CRASHED, "code 0"),
     "segfaults": (Status.CRASHED, "SIGSEGV"),
-    "spins": (Status.STALLED, "wall limit"),
+    "spins": (Status.UNFINISHED, "CPU"),
     "not_numbers": (Status.WRONG, "not finite"),
     "stops_early": (Status.WRONG, "last step"),
     "gives_up": (Status.STEP_UNDERFLOW, "too small"),
@@ -122,7 +122,7 @@ def test_partial_motion_is_kept(outcome):
 
 @pytest.mark.parametrize(
     ("end", "status", "words"),
-    [("", Status.STALLED, "wall limit"), ("[end=segfault]", Status.CRASHED, "SIGSEGV"),
+    [("", Status.UNFINISHED, "CPU"), ("[end=segfault]", Status.CRASHED, "SIGSEGV"),
      ("[end=raise]", Status.CRASHED, "after half")],
 )  # fmt: skip
 def test_steps_of_a_killed_run_are_kept(outcome, end, status, words):
@@ -172,7 +172,7 @@ def test_fork_needs_a_single_thread():
 
 
 def test_cpu_time_is_limited_too(tmp_path):
-    """By rlimit: a process that works past it gets SIGXCPU, whoever else has died; its run is stalled, in words."""
+    """By rlimit: what works past it gets SIGXCPU, whoever else has died; its run did not finish here, in words."""
     from mbsbench.harness.execution.job import Job, unfinished
     from mbsbench.harness.suites.suite import parse_suite
 
@@ -181,11 +181,11 @@ def test_cpu_time_is_limited_too(tmp_path):
             pass
 
     began = time.monotonic()
-    ended = Apart(work, limit=60.0, memory=500.0, cpu=0.0).wait()  # [s], rounded up to the next whole one
+    ended = Apart(work, limit=0.0, memory=500.0, wall=60.0).wait()  # [s], rounded up to the next whole one
     assert ended.code == -signal.SIGXCPU and time.monotonic() - began > 0.9 and not ended.killed
     job = Job(parse_suite('[[runs]]\nproblem = "free_fall"\nsolver = "exact"', "t", "t").specs[0], tmp_path)
     record = unfinished(job, ended, 1.0, EndedBy.WALL_LIMIT, 60.0)
-    assert record.status == Status.STALLED and record.ended_by == EndedBy.CPU_LIMIT
+    assert record.status == Status.UNFINISHED and record.ended_by == EndedBy.CPU_LIMIT
 
 
 def test_a_process_is_ended_with_all_that_it_started_and_what_it_sent_is_kept(begun_here):
@@ -202,7 +202,7 @@ def test_a_process_is_ended_with_all_that_it_started_and_what_it_sent_is_kept(be
         raise KeyboardInterrupt
 
     began = time.monotonic()
-    ended = Apart(hang, limit=0.5, memory=500.0).wait()
+    ended = Apart(hang, limit=5.0, memory=500.0, wall=0.5).wait()
     assert ended.killed and ended.code == -signal.SIGKILL and ended.sent.startswith("began\n")
     assert Apart(hang, limit=60.0, memory=500.0).wait(lambda: True).killed
     with pytest.raises(KeyboardInterrupt):

@@ -51,7 +51,7 @@ def test_defaults_are_the_same_run():
     (said,) = specs(GROUP + 'parameters = {mass = "2"}\noptions = {lift = 0}\ndt = "5e-1"')
     assert plain.settings_id == said.settings_id and plain.address("code") == said.address("code")
     assert plain.address("code") != plain.address("other code")
-    (limited,) = specs(GROUP + "wall_limit = 7")
+    (limited,) = specs(GROUP + "cpu_limit = 7")
     assert limited.settings_id == plain.settings_id and limited.address("code") != plain.address("code")
 
 
@@ -82,7 +82,7 @@ def written(folder, **files: str):
 
 def test_included_runs_come_first_and_once(tmp_path):
     """Through two ways to one run, its first label and limits are kept; defaults stay in their own file."""
-    base = 'label = "base"\nwall_limit = 7'
+    base = 'label = "base"\ncpu_limit = 7'
     load = written(
         tmp_path,
         base=f'plugins = ["{PLUGIN}"]\ntotal_limit = 9\n{GROUP}dt = [0.5, 0.25]\n{base}',
@@ -91,7 +91,7 @@ def test_included_runs_come_first_and_once(tmp_path):
         top=f'include = ["left", "right", "./base.toml"]\n{GROUP}dt = [0.1, 0.05, 0.25]',
     )
     suite = load()
-    assert [(c.control.dt, c.label, c.wall_limit) for c in suite.specs] == [
+    assert [(c.control.dt, c.label, c.cpu_limit) for c in suite.specs] == [
         (0.5, "base", 7), (0.25, "base", 7), (0.1, "left", 60.0), (0.05, "", 60.0),
     ]  # fmt: skip
     assert suite.plugins == (str(PLUGIN),) and [n for n, _ in suite.included] == ["base", "left", "right"]
@@ -174,11 +174,11 @@ BAD = {
     GROUP + "rtol = 1e-6": "controlled by dt",
     GROUP + "max_step = 0.1": "max_step",
     GROUP + "max_steps = 1.5": "max_steps",
-    GROUP + "wall_limit = 0": "wall_limit",
-    GROUP + "wall_limit = inf": "wall_limit",
-    GROUP + "wall_limit = 1e300": "wall_limit must be a finite number > 0, at most 1e+07",
-    GROUP + "wall_limit = 1" + "0" * 400: "wall_limit",
-    GROUP + "wall_limit = 1" + "0" * 5000: "digits",
+    GROUP + "cpu_limit = 0": "cpu_limit",
+    GROUP + "cpu_limit = inf": "cpu_limit",
+    GROUP + "cpu_limit = 1e300": "cpu_limit must be a finite number > 0, at most 1e+07",
+    GROUP + "cpu_limit = 1" + "0" * 400: "cpu_limit",
+    GROUP + "cpu_limit = 1" + "0" * 5000: "digits",
     GROUP + "memory = 1e300": "memory",
     GROUP + "max_steps = 1" + "0" * 30: "max_steps",
     GROUP + "max_steps = [1, 1e19]": "max_steps",

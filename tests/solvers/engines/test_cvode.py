@@ -34,5 +34,5 @@ def test_limits_stop_it():
     problem = make_problem("heavy_top", {"t_end": 5.0})
     t = make_solver("cvode").solve(problem, StepControl(rtol=1e-8, max_steps=3))
     assert t.status is Status.STALLED and len(t.t) == 4
-    t = make_solver("cvode").solve(problem, StepControl(rtol=1e-8, max_step=1e-5, wall_limit=0.2))
-    assert t.status is Status.STALLED and len(t.t) > 1 and "wall limit" in t.message
+    t = make_solver("cvode").solve(problem, StepControl(rtol=1e-8, max_step=1e-5, cpu_limit=0.2))
+    assert t.status is Status.STALLED and len(t.t) > 1 and "CPU limit" in t.message

@@ -1,0 +1,322 @@
+"""Laws, sizes and errors of a long motion in compiled passes over (t, body, joint): the same numbers to rounding.
+
+What is computed is stated in numpy, batched over time, by ``mechanics.motion``, ``scales`` and ``rows``; tests compare
+both. numpy makes some forty arrays of all steps on the way, which costs ten times as much. One file, whose functions
+call none of another: numba's cache, which looks at the file alone, cannot be stale.
+"""
+
+import math
+from pathlib import Path
+
+import numba
+import numpy as np
+from jaxtyping import Float
+
+from ..cache import cache_folder
+from ..mechanics.state import States
+from ..mechanics.system import MultibodySystem, RigidBody, assemble
+from ..mechanics.torsion import torsion
+
+_before = numba.config.CACHE_DIR
+numba.config.CACHE_DIR = str(cache_folder("laws", Path(__file__).parent / "__pycache__"))
+JIT = {"cache": True, "error_model": "numpy"}
+INNER = {**JIT, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # called from here only: compiles faster
+
+
+def laws(system: MultibodySystem, s: States, metres: Float[np.ndarray, " nrows"]) -> tuple[np.ndarray, ...]:
+    """As ``measure`` lists them, (nt,) each; of systems without moving rows (``takes``)."""
+    joint, row = system.point_rows()
+    line, axis = system.line_rows(), system.axis_rows()
+    out = np.zeros((7, len(s.r)))
+    _laws(
+        s.r, s.R, s.v, s.Omega, system.gravity, system.mass, system.inertia,
+        (system.spring_i, system.spring_j, system.spring_p_i, system.spring_p_j, system.spring_k, system.spring_d0),
+        (system.joint_i, system.joint_j, system.joint_s_i, system.joint_s_j),
+        (joint, row[:, 0].copy()), (line.joint, line.row, line.n, line.length),
+        (axis.joint, axis.row, axis.u, axis.n, system.joint_w),
+        metres, out,
+    )  # fmt: skip
+    if len(system.torsion_k):
+        out[0] += 0.5 * torsion(system, s)[0] ** 2 @ system.torsion_k
+    return tuple(out)
+
+
+def takes(system: MultibodySystem) -> bool:
+    """Whether ``laws`` knows all its rows: functions of time and rows of velocities alone stay with numpy."""
+    return not np.any(system.joint_moving)
+
+
+def load() -> None:
+    """Compile all passes, or load them from the cache, so that forked processes have them."""
+    system = assemble([RigidBody(1.0, np.eye(3))], [], (0.0, 0.0, 0.0))
+    r, R = np.zeros((2, 1, 3)), np.tile(np.eye(3), (2, 1, 1, 1))
+    s = States(r, R, r, r)
+    laws(system, s, np.zeros(0))
+    displacement(system.mass, system.inertia.copy(), s, s)
+    speeds(system.mass, system.inertia, s)
+    moved(np.ones(2), s, s)
+    are_rotations(s.R)
+
+
+@numba.njit(**INNER)
+def _point(x, R, b, p):
+    """x + R p of a body, p of the ground; x is r, or zero for a direction."""
+    if b < 0:
+        return p[0], p[1], p[2]
+    return (
+        x[0] + R[b, 0, 0] * p[0] + R[b, 0, 1] * p[1] + R[b, 0, 2] * p[2],
+        x[1] + R[b, 1, 0] * p[0] + R[b, 1, 1] * p[1] + R[b, 1, 2] * p[2],
+        x[2] + R[b, 2, 0] * p[0] + R[b, 2, 1] * p[1] + R[b, 2, 2] * p[2],
+    )
+
+
+@numba.njit(**INNER)
+def _rate(x, R, W, b, p):
+    """x + R (Omega x p) of a body, zero of the ground."""
+    if b < 0:
+        return 0.0, 0.0, 0.0
+    a0 = W[b, 1] * p[2] - W[b, 2] * p[1]
+    a1 = W[b, 2] * p[0] - W[b, 0] * p[2]
+    a2 = W[b, 0] * p[1] - W[b, 1] * p[0]
+    return (
+        x[0] + R[b, 0, 0] * a0 + R[b, 0, 1] * a1 + R[b, 0, 2] * a2,
+        x[1] + R[b, 1, 0] * a0 + R[b, 1, 1] * a1 + R[b, 1, 2] * a2,
+        x[2] + R[b, 2, 0] * a0 + R[b, 2, 1] * a1 + R[b, 2, 2] * a2,
+    )
+
+
+@numba.njit(**INNER)
+def _spin(J, b, x, y, z):
+    """a . J a"""
+    return (
+        x * (J[b, 0, 0] * x + J[b, 0, 1] * y + J[b, 0, 2] * z)
+        + y * (J[b, 1, 0] * x + J[b, 1, 1] * y + J[b, 1, 2] * z)
+        + z * (J[b, 2, 0] * x + J[b, 2, 1] * y + J[b, 2, 2] * z)
+    )
+
+
+@numba.njit(**JIT)
+def _laws(r, R, v, W, g, mass, J, springs, joints, points, lines, axes, metres, out):
+    spring_i, spring_j, spring_p_i, spring_p_j, stiffness, rest = springs
+    joint_i, joint_j, arm_i, arm_j = joints
+    point_joint, point_row = points
+    line_joint, line_row, line_n, length = lines
+    axis_joint, axis_row, axis_u, axis_n, joint_w = axes
+    nt, nb = len(r), len(mass)
+    zero, origin = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+    for t in range(nt):
+        rt, Rt, vt, Wt = r[t], R[t], v[t], W[t]
+        E = worst = 0.0
+        for b in range(nb):
+            vx, vy, vz = vt[b, 0], vt[b, 1], vt[b, 2]
+            E += 0.5 * (mass[b] * (vx * vx + vy * vy + vz * vz) + _spin(J, b, Wt[b, 0], Wt[b, 1], Wt[b, 2]))
+            E -= mass[b] * (g[0] * rt[b, 0] + g[1] * rt[b, 1] + g[2] * rt[b, 2])
+            off = 0.0
+            for k in range(3):
+                for m in range(3):
+                    d = Rt[b, 0, k] * Rt[b, 0, m] + Rt[b, 1, k] * Rt[b, 1, m] + Rt[b, 2, k] * Rt[b, 2, m]
+                    d -= 1.0 if k == m else 0.0
+                    off += d * d
+            if off > worst or off != off:
+                worst = off
+        for k in range(len(stiffness)):
+            i, j = spring_i[k], spring_j[k]
+            p = _point(rt[i] if i >= 0 else rt[0], Rt, i, spring_p_i[k])
+            q = _point(rt[j] if j >= 0 else rt[0], Rt, j, spring_p_j[k])
+            d = math.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
+            E += 0.5 * stiffness[k] * (d - rest[k]) ** 2
+        phi2 = rate2 = phi2_m = rate2_m = eq81 = 0.0
+        for k in range(len(point_joint)):
+            n = point_joint[k]
+            i, j = joint_i[n], joint_j[n]
+            p = _point(rt[i] if i >= 0 else rt[0], Rt, i, arm_i[n])
+            q = _point(rt[j] if j >= 0 else rt[0], Rt, j, arm_j[n])
+            p_dot = _rate(vt[i] if i >= 0 else vt[0], Rt, Wt, i, arm_i[n])
+            q_dot = _rate(vt[j] if j >= 0 else vt[0], Rt, Wt, j, arm_j[n])
+            for c in range(3):
+                aa = aMa = 0.0
+                for end in range(2):
+                    b = i if end == 0 else j
+                    s = arm_i[n] if end == 0 else arm_j[n]
+                    if b >= 0:  # s x R^T e_c
+                        x = s[1] * Rt[b, c, 2] - s[2] * Rt[b, c, 1]
+                        y = s[2] * Rt[b, c, 0] - s[0] * Rt[b, c, 2]
+                        z = s[0] * Rt[b, c, 1] - s[1] * Rt[b, c, 0]
+                        aa += 1.0 + (x * x + y * y + z * z)
+                        aMa += mass[b] + _spin(J, b, x, y, z)
+                unit = metres[point_row[k] + c]
+                gap, gap_dot = p[c] - q[c], p_dot[c] - q_dot[c]
+                phi2 += gap * gap
+                rate2 += gap_dot * gap_dot
+                phi2_m += (gap * unit) ** 2
+                rate2_m += (gap_dot * unit) ** 2
+                eq81 += aMa / (aa * aa) * (gap_dot * gap_dot)
+        for k in range(len(line_joint)):
+            n = line_joint[k]
+            i, j = joint_i[n], joint_j[n]
+            p = _point(rt[i] if i >= 0 else rt[0], Rt, i, arm_i[n])
+            q = _point(rt[j] if j >= 0 else rt[0], Rt, j, arm_j[n])
+            p_dot = _rate(vt[i] if i >= 0 else vt[0], Rt, Wt, i, arm_i[n])
+            q_dot = _rate(vt[j] if j >= 0 else vt[0], Rt, Wt, j, arm_j[n])
+            d = (p[0] - q[0], p[1] - q[1], p[2] - q[2])
+            e = (p_dot[0] - q_dot[0], p_dot[1] - q_dot[1], p_dot[2] - q_dot[2])
+            if length[k] > 0.0:
+                w = (d[0] / length[k], d[1] / length[k], d[2] / length[k])
+                gap = 0.5 * (d[0] * w[0] + d[1] * w[1] + d[2] * w[2] - length[k])
+                gap_dot = e[0] * w[0] + e[1] * w[1] + e[2] * w[2]
+            else:
+                w = _point(zero, Rt, j, line_n[k])
+                w_dot = _rate(zero, Rt, Wt, j, line_n[k])
+                gap = d[0] * w[0] + d[1] * w[1] + d[2] * w[2]
+                gap_dot = e[0] * w[0] + e[1] * w[1] + e[2] * w[2]
+                gap_dot += d[0] * w_dot[0] + d[1] * w_dot[1] + d[2] * w_dot[2]
+            aa = aMa = 0.0
+            for end in range(2):
+                b = i if end == 0 else j
+                if b >= 0:
+                    a0, a1, a2 = p[0] - rt[b, 0], p[1] - rt[b, 1], p[2] - rt[b, 2]
+                    m0, m1, m2 = a1 * w[2] - a2 * w[1], a2 * w[0] - a0 * w[2], a0 * w[1] - a1 * w[0]
+                    x = Rt[b, 0, 0] * m0 + Rt[b, 1, 0] * m1 + Rt[b, 2, 0] * m2
+                    y = Rt[b, 0, 1] * m0 + Rt[b, 1, 1] * m1 + Rt[b, 2, 1] * m2
+                    z = Rt[b, 0, 2] * m0 + Rt[b, 1, 2] * m1 + Rt[b, 2, 2] * m2
+                    ww = w[0] * w[0] + w[1] * w[1] + w[2] * w[2]
+                    aa += ww + (x * x + y * y + z * z)
+                    aMa += mass[b] * ww + _spin(J, b, x, y, z)
+            unit = metres[line_row[k]]
+            phi2 += gap * gap
+            rate2 += gap_dot * gap_dot
+            phi2_m += (gap * unit) ** 2
+            rate2_m += (gap_dot * unit) ** 2
+            eq81 += aMa / (aa * aa) * (gap_dot * gap_dot)
+        for k in range(len(axis_joint)):
+            n = axis_joint[k]
+            i, j = joint_i[n], joint_j[n]
+            u = _point(origin, Rt, i, axis_u[k])
+            w = _point(origin, Rt, j, axis_n[k])
+            u_dot = _rate(zero, Rt, Wt, i, axis_u[k])
+            w_dot = _rate(zero, Rt, Wt, j, axis_n[k])
+            gap = u[0] * w[0] + u[1] * w[1] + u[2] * w[2]
+            gap_dot = u_dot[0] * w[0] + u_dot[1] * w[1] + u_dot[2] * w[2]
+            gap_dot += u[0] * w_dot[0] + u[1] * w_dot[1] + u[2] * w_dot[2]
+            m0, m1, m2 = u[1] * w[2] - u[2] * w[1], u[2] * w[0] - u[0] * w[2], u[0] * w[1] - u[1] * w[0]
+            aa = aMa = 0.0
+            for end in range(2):
+                b = i if end == 0 else j
+                if b >= 0:
+                    x = Rt[b, 0, 0] * m0 + Rt[b, 1, 0] * m1 + Rt[b, 2, 0] * m2
+                    y = Rt[b, 0, 1] * m0 + Rt[b, 1, 1] * m1 + Rt[b, 2, 1] * m2
+                    z = Rt[b, 0, 2] * m0 + Rt[b, 1, 2] * m1 + Rt[b, 2, 2] * m2
+                    aa += x * x + y * y + z * z
+                    aMa += _spin(J, b, x, y, z)
+            unit, open_ = metres[axis_row[k]], gap
+            if k > 1 and axis_joint[k - 2] == n:  # the row vanishes half a turn away, too (``motion.opened``)
+                u, w = _point(origin, Rt, i, joint_w[n]), _point(origin, Rt, j, axis_n[k - 2])
+                if u[0] * w[0] + u[1] * w[1] + u[2] * w[2] < 0.0:
+                    open_ = 2.0 - abs(gap)
+            phi2 += gap * gap
+            rate2 += gap_dot * gap_dot
+            phi2_m += (open_ * unit) ** 2
+            rate2_m += (gap_dot * unit) ** 2
+            eq81 += aMa / (aa * aa) * (gap_dot * gap_dot)
+        out[0, t], out[1, t], out[2, t] = E, math.sqrt(phi2), math.sqrt(rate2)
+        out[3, t], out[4, t], out[5, t], out[6, t] = (
+            math.sqrt(phi2_m), math.sqrt(rate2_m), math.sqrt(eq81), math.sqrt(worst),
+        )  # fmt: skip
+
+
+def displacement(mass: np.ndarray, moments: np.ndarray, a: States, b: States) -> Float[np.ndarray, "nt nb"]:
+    """``scales.displacement`` with the second moments of the bodies' matter; ``b`` may be one instant."""
+    out = np.empty(a.r.shape[:2])
+    _displacement(mass, moments, a.r, a.R, b.r, b.R, out)
+    return out
+
+
+@numba.njit(**JIT)
+def _displacement(mass, S, r_a, R_a, r_b, R_b, out):
+    nt, nb = out.shape
+    one = len(r_b) == 1
+    for t in range(nt):
+        u = 0 if one else t
+        for b in range(nb):
+            turn = 0.0
+            for k in range(3):
+                d0 = R_a[t, b, k, 0] - R_b[u, b, k, 0]
+                d1 = R_a[t, b, k, 1] - R_b[u, b, k, 1]
+                d2 = R_a[t, b, k, 2] - R_b[u, b, k, 2]
+                turn += _spin(S, b, d0, d1, d2)
+            turn /= mass[b]
+            if turn < 0.0:
+                turn = 0.0
+            x, y, z = r_a[t, b, 0] - r_b[u, b, 0], r_a[t, b, 1] - r_b[u, b, 1], r_a[t, b, 2] - r_b[u, b, 2]
+            out[t, b] = math.sqrt(x * x + y * y + z * z + turn)
+
+
+def speeds(mass: np.ndarray, inertia: np.ndarray, s: States) -> Float[np.ndarray, "nt nb"]:
+    """``scales.speeds``."""
+    out = np.empty(s.r.shape[:2])
+    _speeds(mass, inertia, s.v, s.Omega, out)
+    return out
+
+
+@numba.njit(**JIT)
+def _speeds(mass, J, v, W, out):
+    nt, nb = out.shape
+    for t in range(nt):
+        for b in range(nb):
+            turning = _spin(J, b, W[t, b, 0], W[t, b, 1], W[t, b, 2]) / mass[b]
+            out[t, b] = math.sqrt(v[t, b, 0] ** 2 + v[t, b, 1] ** 2 + v[t, b, 2] ** 2 + turning)
+
+
+def moved(h: Float[np.ndarray, " nt-1"], a: States, b: States) -> States:
+    """Poses at the end of each step by the mean velocities of its ends (``rows``); velocities are those means."""
+    out = tuple(np.empty_like(x) for x in (a.r, a.R, a.v, a.Omega))
+    _moved(h, a.r, a.R, a.v, a.Omega, b.v, b.Omega, *out)
+    return States(*out)
+
+
+@numba.njit(**JIT)
+def _moved(h, r, R, v_a, W_a, v_b, W_b, r_out, R_out, v_out, W_out):
+    nt, nb = r.shape[:2]
+    for t in range(nt):
+        for b in range(nb):
+            for k in range(3):
+                v_out[t, b, k] = 0.5 * (v_a[t, b, k] + v_b[t, b, k])
+                W_out[t, b, k] = 0.5 * (W_a[t, b, k] + W_b[t, b, k])
+                r_out[t, b, k] = r[t, b, k] + h[t] * v_out[t, b, k]
+            x, y, z = h[t] * W_out[t, b, 0], h[t] * W_out[t, b, 1], h[t] * W_out[t, b, 2]
+            angle = math.sqrt(x * x + y * y + z * z)
+            half = 0.5 * angle
+            f = math.sin(half) / angle if angle > 1e-3 else 0.5 - angle * angle / 48.0 + angle**4 / 3840.0
+            w, x, y, z = math.cos(half), f * x, f * y, f * z  # as a quaternion
+            e = (
+                (1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)),
+                (2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)),
+                (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)),
+            )
+            for k in range(3):
+                p, q, s = R[t, b, k, 0], R[t, b, k, 1], R[t, b, k, 2]
+                R_out[t, b, k, 0] = p * e[0][0] + q * e[1][0] + s * e[2][0]
+                R_out[t, b, k, 1] = p * e[0][1] + q * e[1][1] + s * e[2][1]
+                R_out[t, b, k, 2] = p * e[0][2] + q * e[1][2] + s * e[2][2]
+
+
+def are_rotations(R: Float[np.ndarray, "nt nb 3 3"]) -> bool:
+    """Whether all are finite and have a positive determinant."""
+    return bool(_are_rotations(R))
+
+
+@numba.njit(**JIT)
+def _are_rotations(R):
+    for t in range(R.shape[0]):
+        for b in range(R.shape[1]):
+            A = R[t, b]
+            x = A[1, 1] * A[2, 2] - A[1, 2] * A[2, 1]
+            y = A[1, 2] * A[2, 0] - A[1, 0] * A[2, 2]
+            z = A[1, 0] * A[2, 1] - A[1, 1] * A[2, 0]
+            det = A[0, 0] * x + A[0, 1] * y + A[0, 2] * z
+            if not (0.0 < det < math.inf):
+                return False
+    return True
+
+
+numba.config.CACHE_DIR = _before

@@ -1,0 +1,94 @@
+"""A plugin: solvers whose motion is right, and whose work is done where nobody might look for it."""
+
+import dataclasses
+import os
+import resource
+import signal
+import time
+from dataclasses import dataclass
+
+from mbsbench.harness.catalogue.options import option
+from mbsbench.harness.catalogue.registry import solver
+from mbsbench.harness.types import Problem, StepControl, Trajectory
+from mbsbench.tests.harness.misbehaving import _Base
+
+WORK = 0.3  # [s] of CPU that the motion is said to need
+MUCH = 1.8  # [s] where the system itself does not account for it, and it is looked at from outside, now and then
+
+
+def work(seconds: float = WORK) -> None:
+    """Use that much CPU time."""
+    began = time.thread_time()
+    while time.thread_time() - began < seconds:
+        pass
+
+
+def apart(detached: bool, seconds: float = WORK, twice: bool = False) -> int:
+    """The reading end of a pipe that closes when the work is done in another process."""
+    read, write = os.pipe()
+    if os.fork():
+        os.close(write)
+        if detached and not twice:
+            os.wait()
+        return read
+    os.close(read)
+    if detached:
+        os.setsid()
+        if os.fork():
+            os._exit(0)
+    work(seconds)
+    os._exit(0)
+
+
+DONE: set[int] = set()  # processes in which the work was done already
+
+
+@dataclass(frozen=True)
+class _Cheat(_Base):
+    where: str = option(
+        "call", "where it works",
+        choices=("call", "refuses", "daemon", "daemon_in_refuses", "child", "disowned", "clocks", "half", "set_up",
+                 "first", "file"),
+    )  # fmt: skip
+
+    def refuses(self, p: Problem, control: StepControl) -> str | None:
+        """Work there, too."""
+        if self.where == "refuses":
+            work()
+        if self.where == "file":
+            work()
+            control.spool.path.with_suffix(".kept").write_text("all")  # type: ignore[union-attr]
+        if self.where == "daemon_in_refuses":
+            object.__setattr__(self, "_ready", apart(detached=True))
+        if self.where == "clocks":
+            known = {who: resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)}
+            resource.getrusage = known.__getitem__  # type: ignore[assignment]
+        return None
+
+    def solve(self, p: Problem, control: StepControl) -> Trajectory:
+        """The exact motion."""
+        cost = {"cpu_time": float("nan")}
+        if self.where in ("call", "half", "set_up"):
+            work()
+            cost = {"half": {"cpu_time": 0.5 * WORK}, "set_up": {"setup_time": WORK}}.get(self.where, cost)
+        if self.where == "clocks":
+            work(MUCH)
+        if self.where == "daemon":
+            os.read(apart(detached=True), 1)
+        if self.where == "daemon_in_refuses":
+            os.read(self._ready, 1)  # type: ignore[attr-defined]
+        if self.where == "child":
+            os.read(apart(detached=False), 1)
+        if self.where == "disowned":
+            signal.signal(signal.SIGCHLD, signal.SIG_IGN)
+            os.read(apart(detached=False, seconds=MUCH), 1)
+        if self.where == "first" and os.getpid() not in DONE:
+            DONE.add(os.getpid())
+            work()
+        return dataclasses.replace(super().solve(p, control), **cost)
+
+
+@solver("cheats")
+@dataclass(frozen=True)
+class Cheats(_Cheat):
+    """One solver for all."""

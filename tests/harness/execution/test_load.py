@@ -1,0 +1,76 @@
+"""No result depends on what else the machine does: limits are on CPU time."""
+
+import dataclasses
+import multiprocessing
+import os
+import time
+
+import pytest
+
+from mbsbench.harness.execution.pool import LocalPool
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.suites.suite import parse_suite
+
+from .. import cheating
+from ..conftest import PLUGIN, Silent
+
+BUSY = 4  # processes a core that do nothing but work
+LONGEST = 120.0  # [s] after which they end by themselves
+SUITE = """
+[[runs]]
+problem = "free_fall"
+solver = "cheats"
+cpu_limit = 1.5
+options = { where = ["call", "daemon"] }
+[[runs]]
+problem = "free_fall"
+solver = "spins"
+cpu_limit = 0.4
+"""
+
+
+def spin(until: float) -> None:
+    while time.monotonic() < until:
+        pass
+
+
+@pytest.fixture
+def busy():
+    """Every core is wanted by ``BUSY`` others."""
+    until = time.monotonic() + LONGEST
+    context = multiprocessing.get_context("fork")
+    others = [context.Process(target=spin, args=(until,), daemon=True) for _ in range(BUSY * (os.cpu_count() or 1))]
+    for p in others:
+        p.start()
+    yield
+    for p in others:
+        p.terminate()
+        p.join()
+
+
+def ends(folder, jobs):
+    suite = parse_suite(SUITE, "load", "load", plugins=(str(PLUGIN), cheating.__file__))
+    found = run_suite(Request(suite, folder, jobs), Silent(), LocalPool).records
+    return {r.solver + r.solver_options: r.status for r in found}
+
+
+def test_a_busy_machine_changes_no_status(tmp_path, busy):
+    """Each run gets a fifth of a core or less: what needs half of its CPU time ends well, however long it waits."""
+    status = ends(tmp_path / "run", 2 * (os.cpu_count() or 1))
+    assert status == {"cheats{}": "success", 'cheats{"where": "daemon"}': "success", "spins{}": "unfinished"}
+
+
+def test_what_the_harness_ended_is_in_no_count():
+    """Not in those of pages and tables, and no mark against its solver."""
+    from mbsbench.harness.results.records import RunRecord
+    from mbsbench.harness.results.words import why
+    from mbsbench.reports.model.results import Run
+    from mbsbench.reports.model.scores import score
+    from mbsbench.reports.model.words import mark
+
+    good = RunRecord(run_id="a", solver="alpha", status="success", claimed="success", ended_by="solver")
+    cut = dataclasses.replace(good, run_id="b", status="unfinished", claimed="stalled", ended_by="cpu_limit",
+                              message="CPU limit of 60 s reached at t = 3 s")  # fmt: skip
+    counted = score([Run(good), Run(cut)])
+    assert (counted.runs, counted.succeeded, counted.stopped) == (1, 1, 0) and counted.words == "1 succeeded"
+    assert mark("unfinished").word == "not finished here" and why(cut)[0].startswith("not finished here: CPU limit")

@@ -1,0 +1,78 @@
+"""Work that a solver does where nobody might look is in the cost recorded, or in what is shown beside it."""
+
+import json
+
+import pytest
+
+from mbsbench.harness.execution.pool import LocalPool
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.suites.suite import parse_suite
+
+from .. import cheating
+from ..cheating import MUCH, WORK
+from ..conftest import PLUGIN, Silent
+
+TICKS = 0.9  # of the work: other processes are accounted in ticks of 10 ms
+SUITE = """
+[[runs]]
+problem = "free_fall"
+solver = "cheats"
+repeats = 2
+options = { where = ["call", "refuses", "daemon", "daemon_in_refuses", "child", "disowned", "clocks", "half", "set_up",
+                     "first", "file"] }
+"""
+AT_IMPORT = (
+    "from mbsbench.tests.harness.cheating import _Base, work\nfrom mbsbench.harness.catalogue.registry import solver\n"
+)
+AT_IMPORT += 'from dataclasses import dataclass\nwork()\n@solver("prepared")\n@dataclass(frozen=True)\n'
+AT_IMPORT += 'class Prepared(_Base):\n    """Has worked already."""\n'
+
+
+@pytest.fixture(scope="module")
+def records(tmp_path_factory):
+    """Of all ways, by where the work is done."""
+    suite = parse_suite(SUITE, "cheats", "cheats", plugins=(str(PLUGIN), cheating.__file__))
+    found = run_suite(Request(suite, tmp_path_factory.mktemp("cheats") / "run", 2), Silent(), LocalPool).records
+    assert {r.status for r in found} == {"success"}
+    return {json.loads(r.solver_options).get("where", "call"): r for r in found}
+
+
+@pytest.mark.parametrize("where", ["call", "daemon", "daemon_in_refuses", "child", "half"])
+def test_work_between_call_and_return_is_its_cost(records, where):
+    """Whatever process does it, in whatever session, and whatever the solver says it took."""
+    r = records[where]
+    beside = r.cpu_refuses_s if where == "daemon_in_refuses" else 0.0  # it begins to work there
+    assert r.cpu_min_s + beside > TICKS * WORK and r.cpu_call_s + beside > TICKS * WORK
+
+
+@pytest.mark.parametrize("where", ["refuses", "file", "set_up"])
+def test_work_before_the_call_and_set_up_are_shown_beside_it(records, where):
+    """What ``refuses`` computes for ``solve``, in memory or on disk, and what is called set-up."""
+    r = records[where]
+    assert r.setup_s > TICKS * WORK
+    assert (r.cpu_refuses_s > TICKS * WORK) is (where != "set_up")
+
+
+def test_what_a_later_repeat_need_not_do_counts(records):
+    """The first repeat alone, with a note."""
+    r = records["first"]
+    assert r.repeats == 1 and r.cpu_min_s > TICKS * WORK and "the first alone counts" in r.notes
+    assert records["call"].repeats == 2 and "counts" not in records["call"].notes
+
+
+@pytest.mark.parametrize("where", ["disowned", "clocks"])
+def test_what_its_own_clocks_do_not_show_is_seen_from_outside(records, where):
+    """A child that nobody waits for, a clock that stands still: all the process took is its cost, with a note."""
+    r = records[where]
+    assert r.cpu_min_s == r.cpu_process_s > TICKS * MUCH and "all counts" in r.notes
+
+
+def test_work_at_import_is_set_up(tmp_path):
+    """Of the plugin that brings the solver."""
+    plugin = tmp_path / "prepared.py"
+    plugin.write_text(AT_IMPORT)
+    text = '[[runs]]\nproblem = "free_fall"\nsolver = "prepared"'
+    suite = parse_suite(text, "s", "s", plugins=(str(PLUGIN), str(plugin)))
+    (r,) = run_suite(Request(suite, tmp_path / "run", 1), Silent(), LocalPool).records
+    assert r.status == "success", r.message
+    assert r.cpu_import_s > TICKS * WORK and r.setup_s > TICKS * WORK
