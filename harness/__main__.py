@@ -13,8 +13,8 @@ from . import commands as command_modules
 from .results.environment import THREADS
 
 FIRST = (
-    "catalogue", "solve", "run", "show", "report", "check", "try", "advise", "referee", "export", "judge", "gate",
-    "verify", "diff", "merge", "history",
+    "catalogue", "solve", "run", "show", "report", "check", "try", "advise", "referee", "export", "judge", "claim",
+    "gate", "verify", "diff", "merge", "history",
 )  # fmt: skip
 
 INTERRUPTED = {

@@ -7,6 +7,7 @@ import math
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,7 @@ from ..execution.runner import Request, new_folder, run_suite
 from ..gate.files import as_plain, junit, markdown
 from ..gate.judging import Judged, State, judge, judged_of, tightened
 from ..gate.thresholds import FOLDER, Thresholds, parse_thresholds, proposed, read_thresholds, write_thresholds
-from ..results import store
-from ..results.environment import code_digest
+from ..results import codes, store
 from ..results.history import GATES, rows_of, write_rows
 from ..results.provenance import stamp_of
 from ..results.records import RunRecord
@@ -72,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     if thresholds.suite != suite.name:
         raise UsageError(f"{path} holds thresholds of the suite {thresholds.suite!r}, not of {suite.name!r}")
     name, stamp, records = _results(arguments, suite)
-    code = None if arguments.any_code else code_digest(suite.plugins)
+    code = None if arguments.any_code else partial(codes.code_of, plugins=suite.plugins)
     judged = judged_of(records, code)
     if arguments.update:
         return _update(path, thresholds, judged, loosen=arguments.loosen, write=arguments.write)
