@@ -124,6 +124,7 @@ def show(claims: Sequence[Claim], changed: list[Change], compared: bool, publish
         below.append("nothing was compared with the published verdicts: no claim has all its runs here")
     elif compared:
         below.append(f"{len(changed)} claims differ from the published ones" if changed else "as published")
+    if compared:
         below += [f"{lacking} of {len(claims)} claims lack runs: not compared"] if lacking else []
     elif not publishing:
         below.append("nothing is published yet; use --publish to do so")

@@ -82,7 +82,8 @@ def _point(claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequen
     printed = claim.map is not None and any(is_printed(p, claim.map.printed) for p in ordered)
     endless = any(map(math.isinf, found)) and not all(reached_end(numbers.records[p.spec.settings_id]) for p in ordered)
     endings = {_ending(claim, p, numbers) for p in used} - {Ending.FINAL}
-    early = any(_ends_early(claim, t, v, used, numbers) for t, v in zip(claim.tests, found, strict=True))
+    asked = [(t, v) for t, v in zip(claim.tests, found, strict=True) if not _compares(t)]
+    early = any(_ends_early(claim, t, v, used, numbers) for t, v in asked)
     stopped = any(MEASURES[t.metric].of_stopped for t in claim.tests)
     rest = Ending.EARLY if early else Ending.ENDED if stopped else Ending.UNCOMPARED
     why = next((how for how in Ending if how in endings), rest) if holds is None else Ending.FINAL
@@ -115,7 +116,7 @@ def _finding(
     runs = [(numbers.records[p.spec.settings_id], _ending(claim, p, numbers)) for p in (*own, *beside)]
     if _ends_early(claim, test, value, (*own, *beside), numbers):
         return None
-    if math.isnan(value) and not _own_failure(test, own, beside, numbers):
+    if math.isnan(value) and _compares(test):
         return None
     if not (settled(test, *runs[0], value) if len(runs) == 1 else all(in_time(test, *run) for run in runs)):
         return None
@@ -138,18 +139,9 @@ def _sorted(places: Iterable[Place]) -> list[Place]:
     return sorted(places, key=lambda p: p.spec.settings_id)
 
 
-def _own_failure(test: Test, own: Sequence[Place], beside: Sequence[Place], numbers: Numbers) -> bool:
-    """Whether a number that does not exist is missing because the run judged, and no other, failed to give it."""
-    if test.combine in RATIOS or MEASURES[test.metric].of_stopped:
-        return False
-    if not test.compare:
-        return True
-
-    def ended(p: Place) -> bool:
-        return reached_end(numbers.records[p.spec.settings_id])
-
-    given = ended if MEASURES[test.metric].of_pair else lambda p: math.isfinite(numbers.of(p.spec.settings_id, test))
-    return bool(beside) and all(map(given, beside)) and any(not given(p) and not ended(p) for p in own)
+def _compares(test: Test) -> bool:
+    """Whether a number that does not exist means that there was nothing to compare, or no stop."""
+    return bool(test.compare) or test.combine in RATIOS or MEASURES[test.metric].of_stopped
 
 
 def _dearer(own: Sequence[Place], beside: Sequence[Place], numbers: Numbers) -> bool:

@@ -20,7 +20,9 @@ def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
     plugins = (str(PLUGIN),)
     suite = parse_suite(TEXT, "test", "test", plugins=plugins)
     codes_of = [code_of(s.problem, s.solver, plugins) for s in suite.specs]
-    jobs = [Job(s, tmp_path, "test", code, "", plugins).to_json() for s, code in zip(suite.specs, codes_of, strict=True)]
+    jobs = [
+        Job(s, tmp_path, "test", code, "", plugins).to_json() for s, code in zip(suite.specs, codes_of, strict=True)
+    ]
 
     def ends(text: str):
         job = Job.from_json(text)
