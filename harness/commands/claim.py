@@ -10,6 +10,7 @@ from typing import Any
 from ...reports.model import claim_words
 from ..catalogue.options import nearest
 from ..execution.runner import Request, last_folder, new_folder, run_suite
+from ..places import Place
 from ..referee import judge as judging
 from ..referee.claims.register import Register, read_register
 from ..referee.claims.verdicts import judge
@@ -78,7 +79,7 @@ def _judged(arguments: argparse.Namespace, published: Claim | None) -> Claim:
             raise UsageError(f"nothing is published on {arguments.claim}; {again}")
         return published
     folder = existing(arguments.results)
-    found = {c.id: c for c in read_claims(folder / FOLDER) or ()}.get(arguments.claim)
+    found = {c.id: c for c in read_claims(Place(folder) / FOLDER) or ()}.get(arguments.claim)
     if found is None:
         raise UsageError(
             f"{folder} holds no verdict on {arguments.claim}: mbsbench judge {folder} --partial, or {again}"

@@ -9,6 +9,7 @@ from typing import Any
 from rich.text import Text
 
 from ...reports.model import claim_words
+from ..places import Place
 from ..referee import judge as judging
 from ..referee.certificates.orders import of_motion
 from ..referee.claims.register import PRESENTATION, REGISTER, read_register
@@ -60,11 +61,11 @@ def run(arguments: argparse.Namespace) -> int:
     """0, or 1 where published verdicts are others, or of older code, and new ones are not published now."""
     register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
     folder = existing(arguments.results)
-    published = Path(arguments.published) if arguments.published else PUBLISHED
+    published = Place(Path(arguments.published)) if arguments.published else PUBLISHED
     loaded = store.load(folder, check_series=False)
     print_unreadable(loaded.unreadable)
     if arguments.publish:
-        check_ours(published, "--published DIR")
+        check_ours(published.path, "--published DIR")
         _require(folder, judging.whole_run(), "that verdicts are published from")
     elif not arguments.partial:
         _require(folder, judging.needed(register), "that the claims are tried on", ", or judge these: --partial")
@@ -75,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"--published {published} holds no verdicts (claims.json); --publish writes these there")
     judged = judgements(folder, register, lambda part: errors().print(f"judging: {part}"))
     code = code_now(register, judging.whole_run())
-    write(folder / FOLDER, judged, code)
+    write(Place(folder) / FOLDER, judged, code)
     lacking = {c.id for c in judged["claims"] if any(m.gap is Gap.RUNS for m in c.missing)}
     compares = before is not None and len(lacking) < len(judged["claims"])
     stale = judging.outdated(published, code) if compares else ""
@@ -95,6 +96,7 @@ def run(arguments: argparse.Namespace) -> int:
             nothing = "" if touched else ": nothing was compared with the published verdicts"
             lines().print(f"{others} of {len(judged['claims'])} claims are about other runs{nothing}")
     if arguments.publish:
+        published.root.mkdir(parents=True, exist_ok=True)
         write(published, {**judged, "claims": shortened(judged["claims"])}, code)
         errors().print(f"published: {published}")
     if stale:

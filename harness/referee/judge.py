@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..places import Place
 from ..results import store
 from ..results.judgements import files
 from ..results.judgements.claims import Claim, Code
@@ -78,17 +79,16 @@ def absent(folder: Path, specs: Iterable[RunSpec]) -> list[RunSpec]:
     return [s for s in specs if s.settings_id not in held]
 
 
-def write(folder: Path, judged: dict[str, Any], code: Code) -> list[Path]:
+def write(folder: Place, judged: dict[str, Any], code: Code) -> list[Path]:
     """One file a judgement, each written whole; claims with digests of the code that they come from."""
-    folder.mkdir(parents=True, exist_ok=True)
     judged = {**judged, files.CLAIMS.name: files.with_code(judged[files.CLAIMS.name], code)}
-    paths = [folder / f"{name}.json" for name in judged]
-    for path, found in zip(paths, judged.values(), strict=True):
-        store.write_text(path, as_text(found))
-    return paths
+    files_of = [folder / f"{name}.json" for name in judged]
+    for file, found in zip(files_of, judged.values(), strict=True):
+        file.write(as_text(found))
+    return [file.path for file in files_of]
 
 
-def read_claims(folder: Path) -> tuple[Claim, ...] | None:
+def read_claims(folder: Place) -> tuple[Claim, ...] | None:
     """The claims judged in ``folder``; None where there are none."""
     try:
         return files.read(files.CLAIMS, folder)
@@ -98,7 +98,7 @@ def read_claims(folder: Path) -> tuple[Claim, ...] | None:
         raise store.StoreError(f"{error}; --publish writes it anew") from None
 
 
-def outdated(folder: Path, now: Code) -> str:
+def outdated(folder: Place, now: Code) -> str:
     """What has changed since the verdicts in ``folder`` were published, in one line with the commands; else empty."""
     return since(files.code_of_claims(folder), now, WHOLE)
 

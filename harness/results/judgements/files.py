@@ -11,12 +11,13 @@ from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 import msgspec
 
 from ...files import parse_json, read_text, to_json
+from ...places import Place
 from ...shapes import shaped
 from .claims import SCHEMA, Claim, Code, Published
 from .runs import Drift, FalseSuccess, Order, Symmetry, Work
 
 FOLDER = "judgement"
-PUBLISHED = Path(__file__).resolve().parents[3] / "results" / "published"
+PUBLISHED = Place(Path(__file__).resolve().parents[3] / "results" / "published")
 T = TypeVar("T")
 
 
@@ -41,22 +42,22 @@ WORK = File("work", Work)
 WRONG = File("wrong", tuple[FalseSuccess, ...])
 
 
-def read(file: File[T], folder: Path) -> T:
+def read(file: File[T], folder: Place) -> T:
     """The judgement in ``folder``; JudgementError where it is not one, FileNotFoundError where there is none."""
     if not file.schema:
         return _read(folder, file.name, file.kind)  # type: ignore[no-any-return]
     return getattr(_read(folder, file.name, Published), file.name)  # type: ignore[no-any-return]
 
 
-def code_of_claims(folder: Path) -> Code:
+def code_of_claims(folder: Place) -> Code:
     """What the claims judged in ``folder`` were computed from; errors as of ``read``."""
     return _read(folder, CLAIMS.name, Published).code  # type: ignore[no-any-return]
 
 
-def _read(folder: Path, name: str, kind: Any) -> Any:
+def _read(folder: Place, name: str, kind: Any) -> Any:
     path = folder / f"{name}.json"
-    if not path.exists():
-        raise FileNotFoundError(path)
+    if not path.is_there():
+        raise FileNotFoundError(path.path)
     where = f"{path.parent.name}/{path.name}"
     plain = parse_json(read_text(path, "the judgement", JudgementError), where, JudgementError)
     if kind is Published and isinstance(plain, list):

@@ -198,9 +198,9 @@ def test_a_full_disk_at_the_end_hides_nothing_and_leaves_no_rest(run_text, tmp_p
 
     from mbsbench.harness.execution.pool import PoolError
 
-    def full(self, path, **_):
-        path.write_bytes(b"PAR1")
-        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+    def full(self, file, **_):
+        file.write(b"PAR1")
+        raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(pd.DataFrame, "to_parquet", full)
     (tmp_path / "s.toml").write_text(f'name = "s"\nplugins = ["{PLUGIN}"]\n' + SLEEPS)
@@ -310,5 +310,23 @@ def test_runs_of_older_code_are_set_aside_and_made_anew(tmp_path, monkeypatch):
     assert f"{before['exact'].run_id}.json" in watcher.set_aside
     assert {r.solver for r in store.load(tmp_path).records} == {"exact", "sleeps"}
     assert len(store.load(tmp_path).records) == 2
-    why = (tmp_path / "set_aside" / f"{before['exact'].run_id}.json.why").read_text()
-    assert why == "the run was made with other code and is repeated\n"
+    why = (tmp_path / "set_aside" / "why.txt").read_text().splitlines()
+    assert f"{before['exact'].run_id}.json: the run was made with other code and is repeated" in why
+
+
+def test_thousands_of_foreign_files_are_one_line(tmp_path, capsys):
+    """How many, the first and why it is no record; each is set aside, with its reason in one note."""
+    (tmp_path / "s.toml").write_text(
+        f'name = "s"\nplugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = "exact"\n'
+    )
+    line = ["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run"), "--jobs", "1"]
+    assert main(line) == 0
+    for k in range(3000):
+        (tmp_path / "run" / "runs" / f"junk{k}.json").write_text('{"x": 1}')
+    capsys.readouterr()
+    assert main([*line, "--resume"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    (about,) = [words for words in said if "junk" in words]
+    assert about.startswith("set aside: 3000 files, the first is junk0.json: ") and len(said) < 10
+    aside = tmp_path / "run" / "set_aside"
+    assert len(list(aside.glob("junk*.json"))) == 3000 == len((aside / "why.txt").read_text().splitlines())

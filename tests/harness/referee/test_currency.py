@@ -5,6 +5,7 @@ import dataclasses
 import pytest
 from msgspec.structs import replace
 
+from mbsbench.harness.places import Place
 from mbsbench.harness.referee import judge as judging
 from mbsbench.harness.referee.claims.register import parse_register, read_register
 from mbsbench.harness.referee.code import code_now, older_runs, said, since
@@ -58,4 +59,4 @@ def test_words_of_a_claim_are_no_part_of_the_digest_and_bands_and_runs_are():
 def test_verdicts_of_an_older_version_are_refused_in_a_line(tmp_path):
     (tmp_path / "claims.json").write_text('[{"id": "a", "verdict": "SUPPORTED"}]')
     with pytest.raises(JudgementError, match=r"^[^\n]*older version \(schema 1, expected 2\)$"):
-        read(CLAIMS, tmp_path)
+        read(CLAIMS, Place(tmp_path))

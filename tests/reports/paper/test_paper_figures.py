@@ -7,6 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.harness.__main__ import main
+from mbsbench.harness.places import Place
 from mbsbench.harness.referee.judge import read_claims, write
 from mbsbench.harness.results.judgements.claims import Code, Finding, Verdict
 from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED
@@ -176,7 +177,8 @@ def test_claims_of_a_figure_are_in_its_caption(tmp_path):
     assert one(tmp_path, "fig09-recommended").claims == ()
     judged = next(c for c in published if c.id == "9-energy-drop")
     refuted = Finding(Verdict.REFUTED, 0, 2, 2)
-    write(tmp_path / FOLDER, {"claims": (replace(judged, paper=refuted, beyond=None),)}, Code({}, {}, "", "", ""))
+    own = (replace(judged, paper=refuted, beyond=None),)
+    write(Place(tmp_path) / FOLDER, {"claims": own}, Code({}, {}, "", "", ""))
     (claim,) = one(tmp_path, "fig09").claims
     assert (claim.paper, claim.beyond) == (("REFUTED", "0 of 2"), ("", ""))
     assert claim.tests[0][1] == band(judged.tests[0])
