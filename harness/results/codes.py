@@ -27,7 +27,8 @@ LARGE = 2**20  # [bytes] of what is kept between processes; more is begun anew
 ARRANGES = (
     "harness/api", "harness/cache", "harness/catalogue/functions", "harness/catalogue/mechanism",
     "harness/catalogue/mechanism_files", "harness/catalogue/options", "harness/catalogue/plugins", "harness/clock",
-    "harness/commands", "harness/execution/handed", "harness/execution/job", "harness/files", "harness/places", "harness/results",
+    "harness/commands", "harness/execution/handed", "harness/execution/job", "harness/files", "harness/places",
+    "harness/results",
     "harness/sandbox", "harness/shapes", "harness/suites",
 )  # fmt: skip
 SHARED = "harness/catalogue/registry"  # turns, mirrors and perturbs problems: no part of one solver or problem

@@ -21,7 +21,7 @@ from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements.claims import Verdict
 from mbsbench.harness.results.provisional import one_per_run
 from mbsbench.harness.results.records import reasons_json
-from mbsbench.harness.suites.suite import Suite
+from mbsbench.harness.suites.suite import Suite, load_suite
 from mbsbench.harness.types import Law, Reason, Status
 
 from ...reports.pages.synthetic import ORDER
@@ -223,12 +223,12 @@ def maps_of(claim):
     return [m for m in (claim.map, claim.against) if m]
 
 
-def test_the_cheap_claims_are_about_every_problem():
+def test_the_cheap_claims_are_about_every_problem_of_the_paper():
     register, places = read_register(), [place(c) for c in judging.tried_on()]
     assert {c.id for c in register.claims} >= set(CHEAP)
     cheap = [m for c in register.claims if c.id in CHEAP for m in maps_of(c)]
-    everything = {p.spec.problem for p in places}
-    assert {p.spec.problem for m in cheap for p in select(places, m.over)} == everything and len(everything) == 5
+    paper = {s.problem for s in load_suite("paper").specs}
+    assert {p.spec.problem for m in cheap for p in select(places, m.over)} >= paper and len(paper) == 5
 
 
 @pytest.fixture(scope="module")
