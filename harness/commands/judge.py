@@ -78,7 +78,9 @@ def run(arguments: argparse.Namespace) -> int:
     code = code_now(register, judging.whole_run())
     write(Place(folder) / FOLDER, judged, code)
     lacking = {c.id for c in judged["claims"] if any(m.gap is Gap.RUNS for m in c.missing)}
-    compares = before is not None and len(lacking) < len(judged["claims"])
+    here = {r.settings_id for r in loaded.records}
+    whole = [c for c in judged["claims"] if c.id not in lacking and here.intersection(c.settings_ids)]
+    compares = before is not None and bool(whole)
     stale = judging.outdated(published, code) if compares else ""
     changed = [c for c in changes(before, judged["claims"]) if c.id not in lacking] if before is not None else []
     orders = of_motion(judged.get(ORDERS.name, ()))
@@ -86,7 +88,6 @@ def run(arguments: argparse.Namespace) -> int:
         plain = {"schema": SCHEMA, "code": code, "claims": judged["claims"], "orders": orders}
         lines().print(as_text(plain), end="")
     else:
-        here = {r.settings_id for r in loaded.records}
         touched = [c for c in judged["claims"] if not arguments.partial or here.intersection(c.settings_ids)]
         if touched:
             few = len(lacking.intersection(c.id for c in touched))
