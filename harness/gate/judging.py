@@ -96,7 +96,10 @@ def judged_of(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[RunRec
 
 
 def judge(
-    specs: Sequence[RunSpec], records: Sequence[RunRecord], thresholds: Thresholds, code: CodeOf | None = None
+    specs: Sequence[RunSpec | RunRecord],
+    records: Sequence[RunRecord],
+    thresholds: Thresholds,
+    code: CodeOf | None = None,
 ) -> Judged:
     """Every run's status and every threshold; runs without a threshold and thresholds without a run fail too.
 

@@ -82,10 +82,11 @@ class Sources:
 
     def of(self, *modules: str) -> str:
         """The digest of modules (``solvers/rattle``) and of all they import."""
-        seen, outside, waiting = dict[str, str](), set[str](), [m for m in map(self._file, modules) if m]
+        asked = [place for m in modules if (place := self._file(m))]
+        seen, outside, waiting = dict[str, str](), set[str](), list(asked)
         while waiting:
             place = waiting.pop()
-            if place in seen or self._arranges(place) or (place == f"{SHARED}.py" and SHARED not in modules):
+            if place in seen or (place not in asked and (self._arranges(place) or place == f"{SHARED}.py")):
                 continue
             source = self._source(place)
             seen[place] = source.digest
