@@ -61,7 +61,7 @@ def _read(folder: Place, name: str, kind: Any) -> Any:
     where = f"{path.parent.name}/{path.name}"
     plain = parse_json(read_text(path, "the judgement", JudgementError), where, JudgementError)
     if kind is Published and isinstance(plain, list):
-        raise JudgementError(f"{where} is of an older version (schema 1, expected {SCHEMA})")
+        raise JudgementError(f"{where}: of an older version (schema 1, expected {SCHEMA})")
     return shaped(_numbers(plain, kind), kind, where, JudgementError)
 
 
