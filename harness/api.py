@@ -29,6 +29,7 @@ from .mechanics.moving_rows import check_lengths
 from .metrics.measure import Measured, measure
 from .places import Place
 from .results import environment, store
+from .results.codes import code_of
 from .results.records import RunRecord
 from .results.series import Series, write_series
 from .suites.spec import RunSpec, step_control
@@ -133,7 +134,7 @@ def solve(
     spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), entry.changed(made), **limits)
     if cpu_limit is not None:  # compile before its clock starts
         warm(runs_to_warm([spec]))
-    job = Job(spec, Path(), "", environment.code_digest(), environment.commit())
+    job = Job(spec, Path(), "", code_of(variant.name, entry.name), environment.commit())
     found: list[tuple[Trajectory, Series]] = []
 
     def keep(problem: Problem, trajectory: Trajectory, m: Measured, record: RunRecord) -> RunRecord:

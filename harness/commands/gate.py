@@ -7,6 +7,7 @@ import math
 import re
 import tempfile
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,7 @@ from ..files import write_text
 from ..gate.files import as_plain, junit, markdown
 from ..gate.judging import Judged, State, judge, judged_of, tightened
 from ..gate.thresholds import FOLDER, Thresholds, parse_thresholds, proposed, read_thresholds, write_thresholds
-from ..results import store
-from ..results.environment import code_digest
+from ..results import codes, store
 from ..results.history import GATES, rows_of, write_rows
 from ..results.provenance import stamp_of
 from ..results.records import RunRecord
@@ -76,7 +76,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"{path} holds thresholds of the suite {thresholds.suite!r}, not of {suite.name!r}")
     name, stamp, records = _results(arguments, suite)
     of_files = suite.name == REFEREED  # whose results are no result of this code: the newest file counts
-    code = None if arguments.any_code or of_files else code_digest(suite.plugins)
+    code = None if arguments.any_code or of_files else partial(codes.code_of, plugins=suite.plugins)
     judged = judged_of(records, code)
     specs: Sequence[RunSpec | RunRecord] = judged if of_files else suite.specs
     if arguments.update:

@@ -13,22 +13,27 @@ from ..places import Place
 from ..referee import judge as judging
 from ..referee.certificates.orders import of_motion
 from ..referee.claims.register import PRESENTATION, REGISTER, read_register
+from ..referee.code import code_now, older_runs, said
 from ..referee.judge import FOLDER, PUBLISHED, Change, as_text, changes, judgements, read_claims, write
 from ..results import store
-from ..results.judgements.claims import Claim, Gap, Verdict
-from ..results.judgements.files import ORDERS
+from ..results.judgements.claims import SCHEMA, Claim, Finding, Gap, Verdict
+from ..results.judgements.files import ORDERS, shortened
 from ..results.judgements.runs import Order
+from ..results.provenance import stamp_of
 from ..suites.spec import RunSpec
 from .screen import Column, errors, lines, print_table, print_unreadable
 from .terms import UsageError, add_results, check_ours, existing, subcommand
 
 STYLE = {
-    Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.REFUTED: "bold red", Verdict.UNTESTABLE: "dim",
+    Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.MIXED: "yellow", Verdict.REFUTED: "bold red",
+    Verdict.UNTESTABLE: "dim",
 }  # fmt: skip
 COLUMNS = (
-    Column("claim", fold=True), Column("figure", rank=2, right=False), Column("verdict", right=False),
-    Column("measured", fold=True, least=12), Column("band", rank=1, fold=True, least=12),
-    Column("holds in", fold=True, least=12),
+    Column("claim", fold=True), Column("figure", rank=2, right=False),
+    Column("at the paper's settings", right=False, fold=True, least=12),
+    Column("beyond them", right=False, fold=True, least=12),
+    Column("distinct of rows", rank=3, fold=True, least=8),
+    Column("measured", fold=True, least=12, rank=1), Column("band", rank=2, fold=True, least=12),
 )  # fmt: skip
 
 LADDERS = (
@@ -41,9 +46,10 @@ LADDERS = (
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
     words = (
-        "judge the paper's claims; exit code 1 if a claim's verdict differs from the published; orders are only shown"
+        "judge the paper's claims; exit code 1 if a verdict differs from the published, or the code is newer than "
+        "these; orders are only shown"
     )
-    p = subcommand(commands, "judge", run, words, "the claims with their verdicts and maps, and the orders in dt")
+    p = subcommand(commands, "judge", run, words, "schema, digests of the code, the claims and the orders in dt")
     add_results(p)
     p.add_argument("--partial", action="store_true", help="judge results that lack runs, on claims that they touch")
     p.add_argument("--publish", action="store_true", help="write the verdicts of a whole run to results/published/ too")
@@ -52,7 +58,7 @@ def add(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0, or 1 where a verdict differs from the published one and is not published now."""
+    """0, or 1 where published verdicts are others, or of older code, and new ones are not published now."""
     register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
     folder = existing(arguments.results)
     published = Place(Path(arguments.published)) if arguments.published else PUBLISHED
@@ -63,30 +69,40 @@ def run(arguments: argparse.Namespace) -> int:
         _require(folder, judging.whole_run(), "that verdicts are published from")
     elif not arguments.partial:
         _require(folder, judging.needed(register), "that the claims are tried on", ", or judge these: --partial")
+    if old := older_runs(loaded.records, [str(p) for p in stamp_of(folder).get("plugins") or ()]):
+        raise UsageError(said(old, str(folder)))
     before = None if arguments.publish else read_claims(published)
     if before is None and arguments.published and not arguments.publish:
         raise UsageError(f"--published {published} holds no verdicts (claims.json); --publish writes these there")
     judged = judgements(folder, register, lambda part: errors().print(f"judging: {part}"))
-    write(Place(folder) / FOLDER, judged)
+    code = code_now(register, judging.whole_run())
+    write(Place(folder) / FOLDER, judged, code)
     lacking = {c.id for c in judged["claims"] if any(m.gap is Gap.RUNS for m in c.missing)}
+    here = {r.settings_id for r in loaded.records}
+    whole = [c for c in judged["claims"] if c.id not in lacking and here.intersection(c.settings_ids)]
+    compares = before is not None and bool(whole)
+    stale = judging.outdated(published, code) if compares else ""
     changed = [c for c in changes(before, judged["claims"]) if c.id not in lacking] if before is not None else []
     orders = of_motion(judged.get(ORDERS.name, ()))
     if arguments.json:
-        lines().print(as_text({"claims": judged["claims"], "orders": orders}), end="")
+        plain = {"schema": SCHEMA, "code": code, "claims": judged["claims"], "orders": orders}
+        lines().print(as_text(plain), end="")
     else:
-        here = {r.settings_id for r in loaded.records}
         touched = [c for c in judged["claims"] if not arguments.partial or here.intersection(c.settings_ids)]
         if touched:
             few = len(lacking.intersection(c.id for c in touched))
             show(touched, changed, before is not None, arguments.publish, few)
         show_orders(orders)
         if others := len(judged["claims"]) - len(touched):
-            lines().print(f"{others} of {len(judged['claims'])} claims are about other runs")
+            nothing = "" if touched else ": nothing was compared with the published verdicts"
+            lines().print(f"{others} of {len(judged['claims'])} claims are about other runs{nothing}")
     if arguments.publish:
         published.root.mkdir(parents=True, exist_ok=True)
-        write(published, judged)
+        write(published, {**judged, "claims": shortened(judged["claims"])}, code)
         errors().print(f"published: {published}")
-    return 1 if changed else 0
+    if stale:
+        errors().print(stale)
+    return 1 if changed or stale else 0
 
 
 def _require(folder: Path, specs: Sequence[RunSpec], what: str, remedy: str = "") -> None:
@@ -102,12 +118,16 @@ def show(claims: Sequence[Claim], changed: list[Change], compared: bool, publish
     for c in claims:
         first = c.tests[0] if c.tests else None
         numbers = (claim_words.measured(first), claim_words.band(first)) if first else ("", "")
-        tried = claim_words.missing(c) or f"{c.because.holds} of {c.because.settings}"
-        rows.append((c.id, claim_words.figures(c), Text(c.verdict, STYLE[c.verdict]), *numbers, tried))
+        count = f"{sum(f.settings for f in c.findings)} of {sum(f.rows for f in c.findings)}"
+        rows.append((c.id, claim_words.figures(c), cell(c.paper), cell(c.beyond), count,
+                     claim_words.missing(c) or numbers[0], numbers[1]))  # fmt: skip
     below = [tally(claims)]
     below += [f"changed: {c.id}: {c.before or 'not published'} -> {c.after or 'no longer judged'}" for c in changed]
+    if compared and lacking == len(claims):
+        below.append("nothing was compared with the published verdicts: no claim has all its runs here")
+    elif compared:
+        below.append(f"{len(changed)} claims differ from the published ones" if changed else "as published")
     if compared:
-        below.append(f"{len(changed)} verdicts differ from the published ones" if changed else "as published")
         below += [f"{lacking} of {len(claims)} claims lack runs: not compared"] if lacking else []
     elif not publishing:
         below.append("nothing is published yet; use --publish to do so")
@@ -126,10 +146,19 @@ def show_orders(orders: Sequence[Order]) -> None:
         print_table(LADDERS, rows, "orders: " + ", ".join(f"{n} {verdict}" for verdict, n in counts.most_common()))
 
 
+def cell(f: Finding | None) -> Text:
+    """A verdict and the settings where the claim holds; a dash where there is none to give."""
+    return Text(f"{f.verdict} {claim_words.share(f)}".strip(), STYLE[f.verdict]) if f else Text("–", "dim")
+
+
 def tally(claims: Sequence[Claim]) -> str:
     """How many of each verdict among the results; checks of the problems' presentation apart."""
     results = [c for c in claims if c.kind != PRESENTATION]
-    words = ", ".join(f"{sum(c.verdict == v for c in results)} {v}" for v in STYLE)
+    out = []
+    for k, where in enumerate(claim_words.WHERE):
+        found = Counter(f.verdict for c in results if (f := (c.paper, c.beyond)[k]))
+        out.append(f"{where}: " + ", ".join(f"{found[v]} {v}" for v in STYLE))
     checks = [c for c in claims if c.kind == PRESENTATION]
     good = sum(c.verdict == Verdict.SUPPORTED for c in checks)
-    return f"{words}; and checks of the presentation: {good} of {len(checks)} SUPPORTED" if checks else words
+    out += [f"checks of the presentation: {good} of {len(checks)} SUPPORTED"] if checks else []
+    return "\n".join(out)

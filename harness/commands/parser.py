@@ -9,8 +9,8 @@ from typing import Any, NoReturn
 from ..catalogue.options import nearest
 
 FIRST = (
-    "list", "solve", "run", "show", "report", "check", "try", "advise", "referee", "export", "judge", "gate", "verify",
-    "diff", "merge", "history",
+    "list", "solve", "run", "show", "report", "check", "try", "advise", "referee", "export", "judge", "claim", "gate",
+    "verify", "diff", "merge", "history",
 )  # fmt: skip
 WORDS = "Benchmark of integrators for constrained multibody dynamics: run, measure, judge, report."
 MORE = "mbsbench COMMAND --help explains a command; docs/glossary.md explains the terms."

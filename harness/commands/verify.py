@@ -51,7 +51,8 @@ def run(arguments: argparse.Namespace) -> int:
         again = run_suite(Request(suite, Path(place) / "run", jobs(arguments.jobs)), watcher)
         stamps = stamp_of(folder), stamp_of(Path(place) / "run")
     found = compare(sample, again.records)
-    exact = same_platform(*stamps) and all(r.code == again.records[0].code for r in sample)
+    made = {r.settings_id: r.code for r in again.records}
+    exact = same_platform(*stamps) and all(r.code == made.get(r.settings_id) for r in sample)
     good = found.same if exact else found.alike
     show(found, [d for d in differences(*stamps) if d.what != "suite"], json=arguments.json)
     if arguments.json:

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from ..places import Place
-from ..results import environment
+from ..results import codes, environment
 from ..results.series import LARGEST
 from ..results.store import PARTS, create, write_record
 from ..suites.spec import RunSpec
@@ -135,7 +135,7 @@ def run_run(text: str, ticket: str = "") -> dict[str, bytes]:
     job = Job.from_json(text)
     if ticket in _stopped:
         return {}
-    here = environment.code_digest(job.plugins)
+    here = codes.code_of(job.spec.problem, job.spec.solver, job.plugins)
     if here != job.code:
         raise RuntimeError(f"its code {here} is not the runner's {job.code}: use the same checkout and packages")
     with tempfile.TemporaryDirectory() as place:

@@ -12,11 +12,12 @@ from pathlib import Path
 from typing import Protocol
 
 from ..places import Place
-from ..results import environment, store
+from ..results import codes, environment, store
 from ..results.provisional import files_of, is_provisional
 from ..results.records import RunRecord
 from ..results.store import Loaded, Unreadable
 from ..suites.includes import OWN_COPY
+from ..suites.spec import RunSpec
 from ..suites.suite import Suite
 from ..types import EndedBy
 from .job import Job
@@ -81,13 +82,10 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         (Place(folder) / ".spool").remove_folder()  # of runs that a killed runner left half-way
         where = _stamp(request)
         k, n = request.shard
-        of_suite = suite.name, environment.code_digest(suite.plugins), environment.commit(), suite.plugins
-        jobs = [
-            Job(spec, folder.resolve(), *of_suite, environment=where)
-            for spec in suite.specs[k - 1 :: n][: request.limit]
-        ]
+        jobs = _jobs(suite, suite.specs[k - 1 :: n][: request.limit], folder.resolve(), where)
         own = {job.id for job in jobs}
         again, killed = _provisional(folder, own, before.records)
+        again += _outdated(folder, jobs, before.records)
         done = {r.run_id for r in before.records} - {u.path.stem for u in again}
         waiting = [replace(job, alone=job.id in killed) for job in jobs if job.id not in done]
         watcher.begin(folder, len(jobs), waiting, (*before.unreadable, *again))
@@ -128,6 +126,25 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
         elif left:
             raise PoolError(f"{len(left)} of {len(jobs)} runs have no result in {folder}; run again with --resume")
     return loaded
+
+
+def _jobs(suite: Suite, specs: Sequence[RunSpec], folder: Path, where: str) -> list[Job]:
+    """A job a run, each with the digest of the code that its numbers come from."""
+    code = {k: codes.code_of(*k, suite.plugins) for k in {(s.problem, s.solver) for s in specs}}
+    commit = environment.commit()
+    return [Job(s, folder, suite.name, code[s.problem, s.solver], commit, suite.plugins, where) for s in specs]
+
+
+def _outdated(folder: Path, jobs: Sequence[Job], records: Sequence[RunRecord]) -> tuple[Unreadable, ...]:
+    """Set aside the results of these runs that other code or other limits gave: they are made anew."""
+    own = {job.spec.settings_id: job for job in jobs}
+    old = [r for r in records if r.settings_id in own and r.run_id != own[r.settings_id].id]
+    items = []
+    for r in old:
+        what = "limits" if r.code == own[r.settings_id].code else "code"
+        items.append(files_of(folder, r, f"the run was made with other {what} and is repeated"))
+    store.set_aside(folder, chain.from_iterable(items))
+    return tuple(i[0] for i in items)
 
 
 def _provisional(

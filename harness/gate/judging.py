@@ -6,7 +6,7 @@ and XPASS close the gate: a threshold that has become wrong must be put right in
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -19,6 +19,7 @@ from ..suites.spec import RunSpec
 from ..types import Status
 from .thresholds import Expectation, Threshold, Thresholds, proposed
 
+CodeOf = Callable[[str, str], str]  # what a run of a problem and a solver is made by now
 WORTH = 0.95  # of a bound: less is not worth a commit
 UNBOUNDED = "no threshold for this run: propose one with gate --update"
 TWICE = "two runs of the suite have this name, and one of them would not be judged"
@@ -89,13 +90,16 @@ class Judged:
         return [f for f in self.findings if f.state is not State.PASS or f.moved]
 
 
-def judged_of(records: Sequence[RunRecord], code: str | None) -> tuple[RunRecord, ...]:
-    """The newest result of each run: those that ``code`` gave, or all of them with None."""
-    return newest(tuple(r for r in records if code in (None, r.code)))
+def judged_of(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[RunRecord, ...]:
+    """The newest result of each run: those that the code now gives, or all of them with None."""
+    return newest(tuple(r for r in records if code is None or code(r.problem, r.solver) == r.code))
 
 
 def judge(
-    specs: Sequence[RunSpec | RunRecord], records: Sequence[RunRecord], thresholds: Thresholds, code: str | None = None
+    specs: Sequence[RunSpec | RunRecord],
+    records: Sequence[RunRecord],
+    thresholds: Thresholds,
+    code: CodeOf | None = None,
 ) -> Judged:
     """Every run's status and every threshold; runs without a threshold and thresholds without a run fail too.
 

@@ -8,7 +8,7 @@ from typing import Any
 from ..places import Place
 from ..results import store
 from ..results.judgements import files
-from ..results.judgements.claims import Claim
+from ..results.judgements.claims import Claim, Code
 from ..results.judgements.files import FOLDER, PUBLISHED, as_text
 from ..results.provisional import one_per_run
 from ..results.records import RunRecord
@@ -21,10 +21,11 @@ from .certificates.work import work
 from .claims.maps import place, select
 from .claims.register import Register
 from .claims.verdicts import judge
+from .code import since
 from .wrong import wrong
 
-__all__ = ["FOLDER", "PUBLISHED", "Change", "absent", "as_text", "changes", "judgements", "needed", "read_claims",
-           "tried_on", "whole_run", "write"]  # fmt: skip
+__all__ = ["FOLDER", "PUBLISHED", "Change", "absent", "as_text", "changes", "judgements", "needed",
+           "outdated", "read_claims", "tried_on", "whole_run", "write"]  # fmt: skip
 WHOLE = "referee"  # the suite that everything is judged on
 SUITES = ("paper", "claims", "work")  # claims are tried on their runs; all are in the suite ``referee``
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
@@ -35,7 +36,7 @@ OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
 
 @dataclass(frozen=True)
 class Change:
-    """A claim with another verdict than before; empty where it was not judged."""
+    """A claim with other verdicts than before; empty where it was not judged."""
 
     id: str
     before: str
@@ -78,8 +79,9 @@ def absent(folder: Path, specs: Iterable[RunSpec]) -> list[RunSpec]:
     return [s for s in specs if s.settings_id not in held]
 
 
-def write(folder: Place, judged: dict[str, Any]) -> list[Path]:
-    """One file a judgement, each written whole."""
+def write(folder: Place, judged: dict[str, Any], code: Code) -> list[Path]:
+    """One file a judgement, each written whole; claims with digests of the code that they come from."""
+    judged = {**judged, files.CLAIMS.name: files.with_code(judged[files.CLAIMS.name], code)}
     files_of = [folder / f"{name}.json" for name in judged]
     for file, found in zip(files_of, judged.values(), strict=True):
         file.write(as_text(found))
@@ -96,8 +98,13 @@ def read_claims(folder: Place) -> tuple[Claim, ...] | None:
         raise store.StoreError(f"{error}; --publish writes it anew") from None
 
 
+def outdated(folder: Place, now: Code) -> str:
+    """What has changed since the verdicts in ``folder`` were published, in one line with the commands; else empty."""
+    return since(files.code_of_claims(folder), now, WHOLE)
+
+
 def changes(before: Sequence[Claim], after: Sequence[Claim]) -> list[Change]:
-    """The claims whose verdict differs, in the order of the register, those no longer judged last."""
-    old, new = ({c.id: str(c.verdict) for c in claims} for claims in (before, after))
+    """The claims of which a verdict differs, in the order of the register, those no longer judged last."""
+    old, new = ({c.id: c.verdicts for c in claims} for claims in (before, after))
     out = [Change(k, old.get(k, ""), v) for k, v in new.items() if old.get(k, "") != v]
     return out + [Change(k, v, "") for k, v in old.items() if k not in new]

@@ -34,8 +34,8 @@ def _shown(same: list[RunRecord]) -> RunRecord:
     return (whole if succeeded else same)[-1]
 
 
-def files_of(folder: Path, record: RunRecord) -> list[Unreadable]:
+def files_of(folder: Path, record: RunRecord, why: str = "") -> list[Unreadable]:
     """What is set aside before the run is repeated: its record first, with the reason."""
-    why = f"the run was cut short ({record.ended_by}) and is repeated"
+    why = why or f"the run was cut short ({record.ended_by}) and is repeated"
     names = (f"runs/{record.run_id}.json", record.series, record.stderr)
     return [Unreadable(folder / name, why) for name in names if name and (Place(folder) / name).is_own_file()]

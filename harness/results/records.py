@@ -177,7 +177,7 @@ class RunRecord:
     stderr: str = column("what the run wrote to standard error, empty if nothing", "")
 
     # where from
-    code: str = column("digest of harness/, problems/, solvers/, plugins and the lock file", "")
+    code: str = column("digest of what shapes its numbers: solver, problem, measuring, plugins, locked packages", "")
     commit: str = column("commit of the checkout, '+dirty' if it had changes", "")
     environment: str = column("its machine and packages: environment.<this>.json of the results folder", "")
     finished: str = column("UTC time the run ended, ISO 8601", "")

@@ -2,9 +2,22 @@
 
 from collections.abc import Sequence
 
-from ...harness.results.judgements.claims import Claim, Condition, Decision, Ending, Gap, Missing, Test, Value
+from ...harness.results.judgements.claims import (
+    Claim,
+    Condition,
+    Decision,
+    Ending,
+    Finding,
+    Gap,
+    Missing,
+    Test,
+    Value,
+    Verdict,
+)
 from .words import listed, number, plural, unit
 
+WHERE = ("at the paper's settings", "beyond them")
+FACTOR = 1.5  # by which bands are moved (harness.referee.claims.predicates)
 MOST_LISTED = 6  # combinations listed one by one
 FLAGS = {
     "lambda_in_error_test": ("multipliers in the error test", "multipliers outside the error test"),
@@ -17,6 +30,7 @@ LEFT_OUT = {
     Ending.SLOW: "the limit on steps ended them while they were only slow",
     Ending.NO_STEP: "they could not take a first step",
     Ending.ENDED: "their runs get to the end, and the claim is about those that stop",
+    Ending.EARLY: "their runs ended before the moment asked about",
 }
 
 
@@ -69,24 +83,52 @@ def spaced(name: str) -> str:
 
 
 def because(c: Claim) -> str:
-    """Counts, conditions, settings left out and caveats, in sentences."""
+    """What was run, counts and conditions at the paper's settings and beyond them, and caveats, in sentences."""
     b = c.because
-    out = [*b.stand_ins]
-    if b.settings:
-        out.append(f"holds in {b.holds} of {b.settings} settings")
-        out[-1] += f", each compared across {b.across}" if b.across else ""
-    if b.stopped:
-        out.append(f"in {b.stopped} of these {b.holds} because a run stopped before its end")
-    if b.printed:
-        out.append(f"with the settings that the paper prints in {b.printed_holds} of {b.printed}")
+    out = [*b.stand_ins, *(s for where, f in sides(c) for s in _found(c, where, f))]
+    if b.across and c.findings:
+        out.append(f"each setting is compared across {b.across}")
     if b.met_at:
         each = ", ".join(f"{setting(b.across, m.value)} in {m.holds}" for m in b.met_at)
         out.append(f"one {b.across} that meets it suffices: {each}")
-    if b.decision:
-        out.append(decision(c, b.decision))
-    left = [f"{plural(x.settings, 'setting is', 'settings are')} left out: {LEFT_OUT[x.why]}" for x in b.left_out]
-    said = [s[0].upper() + s[1:] for s in (*out, *left, *c.caveats)]
+    said = [s[0].upper() + s[1:] for s in (*out, *c.caveats)]
     return f"{'. '.join(said)}." if said else ""
+
+
+def sides(c: Claim) -> tuple[tuple[str, Finding], ...]:
+    """The findings that there are, with where."""
+    return tuple((where, f) for where, f in zip(WHERE, (c.paper, c.beyond), strict=True) if f)
+
+
+def share(f: Finding | None) -> str:
+    """``39 of 76``; of a verdict that hangs on its band, the other one too; empty where no setting settles it."""
+    if f is None or not f.settings:
+        return ""
+    flips = dict.fromkeys(f"{m.verdict} {m.holds} of {m.settings}" for m in f.borderline)
+    return f"{f.holds} of {f.settings}" + (f" (borderline: {', '.join(flips)})" if flips else "")
+
+
+def distinct(f: Finding) -> str:
+    """``4 distinct of 72``; the number alone where all are."""
+    return f"{f.settings} distinct of {f.rows}" if f.rows > f.settings else str(f.settings)
+
+
+def _found(c: Claim, where: str, f: Finding) -> list[str]:
+    out = []
+    if f.settings:
+        percent = f", {100.0 * f.holds / f.settings:.0f} %" if f.verdict is Verdict.MIXED else ""
+        out.append(f"{where} it holds in {f.holds} of {plural(f.settings, 'setting')}{percent}")
+        out[-1] += f" ({distinct(f)})" if f.rows > f.settings else ""
+    if f.stopped:
+        out.append(f"in {f.stopped} of these {f.holds} because a run stopped before its end")
+    if f.decision:
+        out.append(decision(c, f.decision))
+    for m in f.borderline:
+        said = f"with a band {FACTOR} times {m.by} ({metric(c.tests[m.test])}) {m.verdict}, {m.holds} of {m.settings}"
+        out.append(f"borderline: {said}")
+    return out + [
+        f"{plural(x.settings, 'setting is', 'settings are')} left out {where}: {LEFT_OUT[x.why]}" for x in f.left_out
+    ]
 
 
 def missing(c: Claim) -> str:
@@ -95,25 +137,27 @@ def missing(c: Claim) -> str:
 
 
 def decision(c: Claim, d: Decision) -> str:
-    """Both sides by name where they are short, else the shorter one by name and the rest as a count."""
+    """The condition that separates; else with what it always and never holds, and what matters most."""
+    if d.by:
+        return f"{'always unless' if d.unless else 'only and always'} with {condition(d)}"
     yes, no = ([x for x in d.conditions if bool(x.holds) is side] for side in (True, False))
-    if not d.by:
-        parts = [f"{word} with {_listed(some)}" for word, some in (("always", yes), ("never", no)) if some]
-        if d.telling:
-            counts = ", ".join(f"{setting(d.telling, f.value)} {f.holds} of {f.settings}" for f in c.factors[d.telling])
-            parts.append(f"{spaced(d.telling)} matters most: {counts}")
-        return "; ".join(parts) or "no dimension varies"
-    short = len(d.conditions) <= MOST_LISTED
-    holds = _listed(yes) if short or len(yes) <= len(no) else f"all else ({_sum(yes)})"
-    fails = _listed(no) if short or len(yes) > len(no) else f"anything else ({_sum(no)})"
-    decides = "decides alone" if len(d.by) == 1 else "decide together"
-    return f"{' and '.join(map(spaced, d.by))} {decides}: holds with {holds}, not with {fails}"
+    parts = [f"{word} with {_listed(some)}" for word, some in (("always", yes), ("never", no)) if some]
+    if d.telling and d.telling in c.factors:
+        counts = ", ".join(f"{setting(d.telling, f.value)} {f.holds} of {f.settings}" for f in c.factors[d.telling])
+        parts.append(f"{spaced(d.telling)} matters most: {counts}")
+    return "; ".join(parts) or "no dimension varies"
+
+
+def condition(d: Decision) -> str:
+    """``tolerance at most 1e-05 and gauge zero``."""
+    return " and ".join(" or ".join(setting(name, v) for v in values) for name, values in d.by.items())
 
 
 def tried(c: Claim) -> str:
     """Of the settings that settle the claim; those left out beside it."""
-    left = sum(x.settings for x in c.because.left_out)
-    return f"holds in {c.because.holds} of {c.because.settings} settings{f', {left} left out' if left else ''}"
+    left = sum(x.settings for f in c.findings for x in f.left_out)
+    holds, settings = sum(f.holds for f in c.findings), sum(f.settings for f in c.findings)
+    return f"holds in {holds} of {settings} settings{f', {left} left out' if left else ''}"
 
 
 def figures(c: Claim) -> str:
@@ -128,10 +172,6 @@ def _listed(conditions: Sequence[Condition]) -> str:
 
 def _condition(c: Condition) -> str:
     return f"{' and '.join(setting(n, v) for n, v in c.at.items())} ({c.holds} of {c.settings})"
-
-
-def _sum(conditions: Sequence[Condition]) -> str:
-    return f"{sum(c.holds for c in conditions)} of {sum(c.settings for c in conditions)}"
 
 
 def _missing(m: Missing) -> str:

@@ -40,18 +40,15 @@ COLUMNS = CaptionRun.__struct_fields__[CaptionRun.__struct_fields__.index("statu
 
 
 class CaptionClaim(msgspec.Struct, frozen=True):
-    """A claim on the figure and its verdict; counts are of settings that decide it, all and those that are printed."""
+    """A claim on the figure and its verdicts, each with how many settings it holds in; empty where there are none."""
 
     id: str
     quote: str
     claim: str
-    verdict: str
     missing: str  # why it cannot be tested
     tests: tuple[tuple[str, str], ...]  # measured, band
-    holds: int
-    settings: int
-    printed_holds: int
-    printed: int
+    paper: tuple[str, str]  # at the settings that the paper prints
+    beyond: tuple[str, str]
 
 
 class Caption(msgspec.Struct, frozen=True):

@@ -41,10 +41,9 @@ def judged_claims(folder: Path) -> tuple[tuple[Claim, ...], bool]:
 
 
 def _claim(c: Claim) -> CaptionClaim:
-    b = c.because
     tests = tuple((claim_words.measured(t), claim_words.band(t)) for t in c.tests)
-    counts = b.holds, b.settings, b.printed_holds, b.printed
-    return CaptionClaim(c.id, c.quote, c.claim, c.verdict, claim_words.missing(c), tests, *counts)
+    found = [(f.verdict, claim_words.share(f)) if f else ("", "") for f in (c.paper, c.beyond)]
+    return CaptionClaim(c.id, c.quote, c.claim, claim_words.missing(c), tests, *found)
 
 
 def _note(figure: PaperFigure, lines: Sequence[Line]) -> list[str]:

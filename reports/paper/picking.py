@@ -12,7 +12,7 @@ ROLES = {
     "gc_weak_form": "ODE-GC", "gc_augmented_lagrangian": "ODE-GC (AL)", "rk45_strong_form": "ODE-45",
     "ida_index1": "DAE-FI", "ndf_index1": "DAE-SE", "ida_index3": "index 3",
 }  # fmt: skip
-DIRECTIONS = {"a": "c_R = a/(a·a)", "translation": "c_R = (e_R, 0)"}  # Eq. (31)
+DIRECTIONS = {"a": "c_R = a/(a·a)", "translation": "c_R = (e_R, 0)", "mass": "c_R by mass"}  # Eq. (31)
 
 
 class Asked(Protocol):

@@ -1,5 +1,6 @@
-"""Which settings decide: one dimension that separates where a claim holds from where it does not, else two together,
-else the values and pairs with which it always or never holds. Conditions are found in the map, not written by hand.
+"""Which settings decide. A condition that separates is one that a reader can say in a line: values of one dimension, or
+of two together, with which the claim always and without which it never holds, or the other way round. Where there is
+none, the values and pairs with which it always or never holds. Conditions are found in the map, not written by hand.
 """
 
 import itertools
@@ -8,9 +9,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ...results.judgements.claims import Condition, Count, Decision
-from .maps import same, varied
+from .maps import same, values_of, varied
 
 Points = Sequence[tuple[Mapping[str, Any], bool]]
+MOST_VALUES = 3  # of a dimension that a condition names one by one
 MOST_NAMED = 4  # conditions of each kind; the rest is in the map
 
 
@@ -19,18 +21,52 @@ def factors(points: Points) -> dict[str, tuple[Count, ...]]:
     return {n: tuple(_by(points, n, values)) for n, values in varied([at for at, _ in points]).items()}
 
 
-def decision(points: Points) -> Decision:
-    """What separates the settings where the claim holds from those where it does not."""
+def separation(points: Points) -> Decision | None:
+    """The condition that separates the settings where the claim holds from the others; None if no short one does."""
     names = varied([at for at, _ in points])
     everywhere = [n for n, values in names.items() if None not in values]  # others exist for some solvers only
     for size in (1, 2):
         for chosen in itertools.combinations(everywhere, size):
             found = _cross(points, {n: names[n] for n in chosen})
             if all(c.holds in (0, c.settings) for c in found):
-                return Decision(chosen, tuple(found))
+                for unless in (False, True):
+                    if at := _block(chosen, found, unless):
+                        return Decision(at, unless)
+    return None
+
+
+def _block(chosen: Sequence[str], found: Sequence[Condition], unless: bool) -> dict[str, tuple[Any, ...]]:
+    """The values whose combinations are just those that hold (``unless``: do not); empty where they are not, or many.
+
+    Several numbers at one end of their order are said by their limit: ``at most 0.01``.
+    """
+    inside = [c for c in found if bool(c.holds) is not unless]
+    at = {n: tuple(values_of(c.at[n] for c in inside)) for n in chosen}
+    if sum(all(c.at[n] in at[n] for n in chosen) for c in found) != len(inside):
+        return {}
+    said = {n: _limit(v, values_of(c.at[n] for c in found)) or v for n, v in at.items()}
+    return said if all(len(v) <= MOST_VALUES for v in said.values()) else {}
+
+
+def _limit(values: Sequence[Any], every: Sequence[Any]) -> tuple[str, ...]:
+    """``at most 0.01``, where ``values`` are several numbers at one end of ``every``; else empty."""
+    numbers = [v for v in every if isinstance(v, int | float) and not isinstance(v, bool)]
+    if len(numbers) < len(every) or not 1 < len(values) < len(every):
+        return ()
+    if list(values) == list(every[: len(values)]):
+        return (f"at most {values[-1]:g}",)
+    return (f"at least {values[0]:g}",) if list(values) == list(every[-len(values) :]) else ()
+
+
+def decision(points: Points) -> Decision:
+    """What separates, else where the claim always or never holds, and the dimension that tells most."""
+    if found := separation(points):
+        return found
+    names = varied([at for at, _ in points])
     pure = (*_pure(points, names, True), *_pure(points, names, False))
     telling = [n for n in names if None not in names[n]] or list(names)
-    return Decision((), pure, max(telling, key=lambda n: _information(points, _by(points, n, names[n])), default=""))
+    most = max(telling, key=lambda n: _information(points, _by(points, n, names[n])), default="")
+    return Decision({}, False, pure, most)
 
 
 def _pure(points: Points, names: Mapping[str, list[Any]], wanted: bool) -> list[Condition]:

@@ -74,6 +74,13 @@ def settled(test: Test, record: RunRecord, how: Ending, value: float) -> bool:
     return least > test.band.high or (least >= test.band.low and math.isinf(test.band.high))
 
 
+def gets_to(test: Test, record: RunRecord) -> bool:
+    """Whether the run got to the moment that the test asks about, or to its end where it asks about the whole."""
+    until = test.arguments.get("to", test.arguments.get("at", math.inf))
+    moment = record.t_end_s if MEASURES[test.metric].until == "end" else min(until, record.t_end_s)
+    return bool(record.t_reached_s >= moment * (1.0 - END))  # False for NaN
+
+
 def in_time(test: Test, record: RunRecord, how: Ending) -> bool:
     """Whether the run is final, or got through the stretch of time that the test looks at."""
     if how is Ending.FINAL:

@@ -39,7 +39,7 @@ def observable_error(
     return _embedded(record, record.observable_errors, of, part, partial)
 
 
-@measure(series=False, grows=True)
+@measure(series=False, grows=True, firm=True)
 def reached(record: RunRecord, series: Series | None) -> float:
     """Part of the time asked for that the run got through: 1 is the end."""
     return min(stops_at(record, series) / record.t_end_s, 1.0)

@@ -23,6 +23,7 @@ class Numbers:
         self.records = records
         self._series_of = lru_cache(maxsize=KEPT)(lambda settings: series_of(records[settings]))
         self._found: dict[Key, float] = {}
+        self._between: dict[tuple[str, ...], float] = {}
         self._ending: dict[str, Ending] = {}
 
     def gather(self, wanted: Iterable[tuple[str, Test]]) -> None:
@@ -46,8 +47,11 @@ class Numbers:
 
     def between(self, one: str, other: str, test: Test) -> float:
         """The number of two runs."""
-        runs = [(self.records[s], self._series_of(s)) for s in (one, other)]
-        return evaluate_pair(test.metric, runs[0], runs[1], test.arguments)
+        key = (*_key(one, test), other)
+        if key not in self._between:
+            runs = [(self.records[s], self._series_of(s)) for s in (one, other)]
+            self._between[key] = evaluate_pair(test.metric, runs[0], runs[1], test.arguments)
+        return self._between[key]
 
     def ending(self, settings: str) -> Ending:
         """How a run ended."""

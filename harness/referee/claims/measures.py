@@ -26,7 +26,8 @@ class Measure:
 
     ``until`` says which part of a run settles the number: ``to`` (or ``at``; without either the end), ``end``, or
     ``known``: once there is a number, it stays. A number that ``grows`` can only become larger as a run continues.
-    One ``of_stopped`` runs alone leaves the others open.
+    One ``of_stopped`` runs alone leaves the others open. The band of a ``firm`` one is a count or an end reached, which
+    no factor moves.
     """
 
     of: Callable[..., float]
@@ -37,6 +38,7 @@ class Measure:
     until: str = "to"
     grows: bool = False
     of_stopped: bool = False
+    firm: bool = False
 
 
 MEASURES: dict[str, Measure] = {}
@@ -44,13 +46,14 @@ MEASURES: dict[str, Measure] = {}
 
 def measure(
     wants: str = "", takes: str = "", *, series: bool = True, pair: bool = False, until: str = "to",
-    grows: bool = False, of_stopped: bool = False,
+    grows: bool = False, of_stopped: bool = False, firm: bool = False,
 ) -> Callable[..., Any]:  # fmt: skip
     """Enter a function in the catalogue under its name, with spaces for underscores."""
 
     def enter(function: Callable[..., float]) -> Callable[..., float]:
         needed, name = tuple(wants.split()), function.__name__.replace("_", " ")
-        MEASURES[name] = Measure(function, (*needed, *takes.split()), needed, series, pair, until, grows, of_stopped)
+        all_taken = (*needed, *takes.split())
+        MEASURES[name] = Measure(function, all_taken, needed, series, pair, until, grows, of_stopped, firm)
         return function
 
     return enter

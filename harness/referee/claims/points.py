@@ -1,7 +1,8 @@
 """The settings of a map as points: the numbers of each, and whether the claim holds there, fails, or is left open.
 
-A setting is left open, and out of the count, where its runs settle nothing: a limit ended them (module endings),
-runs to be compared have no numbers, no partner or the same steps, or they lack values that the claim names.
+A setting is left open, and out of the count, where its runs settle nothing: a limit ended them (module endings), they
+ended before the moment asked about, runs to be compared have no numbers, no partner or the same steps, or they lack
+values that the claim names.
 """
 
 import math
@@ -12,7 +13,7 @@ from typing import Any
 from ...results.judgements.claims import Ending
 from ...results.records import RunRecord
 from ...results.work import operations
-from .endings import in_time, settled
+from .endings import gets_to, in_time, settled
 from .evidence import MEASURES
 from .maps import Place, is_printed
 from .measured import Numbers
@@ -35,6 +36,7 @@ class Point:
     left_out: Ending = Ending.FINAL  # why, where it is left open
     stopped: bool = False  # holds, and by a number that is endless because the run stopped
     met_at: tuple[Any, ...] = ()  # the values that meet the claim, where one along ``across`` suffices
+    series: tuple[str, ...] = ()  # digests of the series it rests on; empty where one is missing
 
 
 def points(claim: Claim, own: Iterable[Place], others: Sequence[Place], numbers: Numbers) -> list[Point]:
@@ -80,9 +82,14 @@ def _point(claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequen
     printed = claim.map is not None and any(is_printed(p, claim.map.printed) for p in ordered)
     endless = any(map(math.isinf, found)) and not all(reached_end(numbers.records[p.spec.settings_id]) for p in ordered)
     endings = {_ending(claim, p, numbers) for p in used} - {Ending.FINAL}
-    rest = Ending.ENDED if any(MEASURES[t.metric].of_stopped for t in claim.tests) else Ending.UNCOMPARED
+    asked = [(t, v) for t, v in zip(claim.tests, found, strict=True) if not _compares(t)]
+    early = any(_ends_early(claim, t, v, used, numbers) for t, v in asked)
+    stopped = any(MEASURES[t.metric].of_stopped for t in claim.tests)
+    rest = Ending.EARLY if early else Ending.ENDED if stopped else Ending.UNCOMPARED
     why = next((how for how in Ending if how in endings), rest) if holds is None else Ending.FINAL
-    return Point(tuple(ordered), found, holds, printed, why, bool(holds and endless))
+    series = [numbers.records[p.spec.settings_id].series_sha256 for p in (*ordered, *_sorted(beside))]
+    return Point(tuple(ordered), found, holds, printed, why, bool(holds and endless), (),
+                 tuple(series) if all(series) else ())  # fmt: skip
 
 
 def _nearest(
@@ -98,7 +105,8 @@ def _nearest(
     best = max(each, key=near)
     places = (*best.places, *(p for p in ordered if p is not best.places[0]))
     met = tuple(p.dimensions[claim.across] for p, q in zip(ordered, each, strict=True) if q.holds)
-    return replace(best, places=places, printed=any(p.printed for p in each), met_at=met)
+    series = tuple(s for p in each for s in p.series) if all(p.series for p in each) else ()
+    return replace(best, places=places, printed=any(p.printed for p in each), met_at=met, series=series)
 
 
 def _finding(
@@ -106,7 +114,9 @@ def _finding(
 ) -> bool | None:
     """Whether one test holds; None where its runs leave that open."""
     runs = [(numbers.records[p.spec.settings_id], _ending(claim, p, numbers)) for p in (*own, *beside)]
-    if math.isnan(value) and not _own_failure(test, own, beside, numbers):
+    if _ends_early(claim, test, value, (*own, *beside), numbers):
+        return None
+    if math.isnan(value) and _compares(test):
         return None
     if not (settled(test, *runs[0], value) if len(runs) == 1 else all(in_time(test, *run) for run in runs)):
         return None
@@ -115,18 +125,23 @@ def _finding(
     return test.band.holds(value)
 
 
-def _own_failure(test: Test, own: Sequence[Place], beside: Sequence[Place], numbers: Numbers) -> bool:
-    """Whether a number that does not exist is missing because the run judged, and no other, failed to give it."""
-    if test.combine in RATIOS or MEASURES[test.metric].of_stopped:
+def _ends_early(claim: Claim, test: Test, value: float, runs: Sequence[Place], numbers: Numbers) -> bool:
+    """Whether a number does not exist because a run ended before the moment asked about.
+
+    That says nothing on what would have been there; where reaching it is the claim, a test asks for just that.
+    """
+    if not math.isnan(value) or claim.starting:
         return False
-    if not test.compare:
-        return True
+    return not all(gets_to(test, numbers.records[p.spec.settings_id]) for p in runs)
 
-    def ended(p: Place) -> bool:
-        return reached_end(numbers.records[p.spec.settings_id])
 
-    given = ended if MEASURES[test.metric].of_pair else lambda p: math.isfinite(numbers.of(p.spec.settings_id, test))
-    return bool(beside) and all(map(given, beside)) and any(not given(p) and not ended(p) for p in own)
+def _sorted(places: Iterable[Place]) -> list[Place]:
+    return sorted(places, key=lambda p: p.spec.settings_id)
+
+
+def _compares(test: Test) -> bool:
+    """Whether a number that does not exist means that there was nothing to compare, or no stop."""
+    return bool(test.compare) or test.combine in RATIOS or MEASURES[test.metric].of_stopped
 
 
 def _dearer(own: Sequence[Place], beside: Sequence[Place], numbers: Numbers) -> bool:

@@ -8,6 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 NAN = math.nan
+FACTOR = 1.5  # by which a band is moved to see whether a verdict hangs on it
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,21 @@ class Band:
 
     def holds(self, value: float) -> bool:
         return self.low <= value <= self.high  # False for NaN
+
+    def moved(self, factor: float) -> "Band":
+        """Wider by ``factor``, or narrower by one below 1: an open end stays, a limit is multiplied.
+
+        One of two limits moves away from the middle, which is that of logarithms where both are above zero.
+        """
+        if math.isinf(self.low) or math.isinf(self.high):
+            high = self.high * (factor if self.high > 0.0 else 1.0 / factor)
+            low = self.low * (1.0 / factor if self.low > 0.0 else factor)
+            return Band(low, high)
+        if self.low > 0.0:
+            middle, half = math.sqrt(self.low * self.high), math.sqrt(self.high / self.low) ** factor
+            return Band(middle / half, middle * half)
+        middle, half = 0.5 * (self.low + self.high), 0.5 * (self.high - self.low) * factor
+        return Band(middle - half, middle + half)
 
     def beyond(self, value: float) -> float:
         """How far outside, or (negative) how near to the end of the band; endless for no number."""

@@ -1,37 +1,46 @@
 """From the register, the runs of the suite and the records to verdicts with their evidence.
 
-Pure: the same records in any order give the same verdicts. No clock time enters. Settings whose runs settle nothing
-are left out of the count and named (module points).
+Two verdicts a claim: at the settings that the paper prints, and at the others. Pure: the same records in any order give
+the same verdicts. No clock time enters. Settings whose runs settle nothing are left out of the count and named (module
+points); those whose runs have the same series count once.
 """
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+
+from msgspec.structs import replace
 
 from ...catalogue import registry
 from ...results.judgements.claims import (
     Because,
     Claim,
     Count,
+    Decision,
     Ending,
+    Finding,
     Gap,
     LeftOut,
     MapRow,
     Missing,
+    Moved,
     Test,
     Value,
     Verdict,
 )
 from ...results.naming import text_of
-from ...results.records import RunRecord
+from ...results.records import COLUMNS, RunRecord
 from ...suites.spec import RunSpec
 from . import register as given
-from .conditions import decision, factors
+from .conditions import decision, factors, separation
+from .evidence import MEASURES
 from .maps import Place, place, select, values_of, varied
 from .measured import Numbers, SeriesOf, shortened
 from .points import Point, points
+from .predicates import FACTOR, NEAREST
 from .register import Register
 
+COUNTS = {c.name for c in COLUMNS if c.type is int}
 SHOWN = (
     "tolerance", "gain", "form", "chart", "lambda_in_error_test", "consistent_start", "frame", "gauge", "sigma0",
 )  # fmt: skip
@@ -73,18 +82,26 @@ def _judged(
     found = [] if missing else points(claim, own, others, numbers)
     counted = [p for p in found if p.holds is not None]
     missing = missing or _unmeasured(claim, found, counted)
+    rows = _merged(found)
+    paper, beyond = _findings(claim, rows, decide=not missing)
+    if not missing:
+        paper, beyond = _borderline(claim, found, (paper, beyond), lambda c: points(c, own, others, numbers))
+    elif not (paper or beyond):
+        paper, beyond = (Finding(Verdict.UNTESTABLE),) * 2 if claim.map and claim.map.printed else (
+            None, Finding(Verdict.UNTESTABLE))  # fmt: skip
+    twins = {p.places[0].spec.settings_id for row in rows for p in row[1:]}
     shown = _shown(claim, counted)
     values = [v for v in (p.numbers[0] for p in counted) if v == v] or ([math.nan] if counted else [])
     return Claim(
         claim.id, claim.kind, claim.section, claim.figure, claim.quote, claim.claim,
-        verdict=Verdict.UNTESTABLE if missing else _verdict(claim, counted),
+        paper, beyond,
         tests=tuple(_test(t, shown, k) for k, t in enumerate(claim.tests)),
         measured_range=(shortened(min(values)), shortened(max(values))) if values else (),
-        because=_because(claim, register, found, decide=not missing), missing=tuple(missing), caveats=claim.caveats,
+        because=_because(register, found, claim.across), missing=tuple(missing), caveats=claim.caveats,
         settings=_settings(own, others), against=tuple(dict.fromkeys(p.spec.case for p in others)),
         settings_ids=tuple(p.spec.settings_id for p in (*own, *others)),
         factors=factors(_dimensions(claim, counted)) if counted else {},
-        map=tuple(_row(claim, p, numbers.records) for p in found),
+        map=tuple(_row(claim, p, numbers.records, twins) for p in found),
     )  # fmt: skip
 
 
@@ -123,11 +140,74 @@ def _shown(claim: given.Claim, counted: Sequence[Point]) -> Point | None:
     return printed or against
 
 
-def _verdict(claim: given.Claim, counted: Sequence[Point]) -> Verdict:
-    holding = sum(p.holds is True for p in counted)
-    if holding == len(counted) or (holding and claim.quantifier == "some"):
-        return Verdict.SUPPORTED
-    return Verdict.CONDITIONAL if holding else Verdict.REFUTED
+def _merged(found: Sequence[Point]) -> list[list[Point]]:
+    """Settings whose runs have the same series, and so the same numbers, together: the first stands for all."""
+    out: dict[object, list[Point]] = {}
+    for k, p in enumerate(found):
+        key = (p.series, repr(p.numbers), p.holds, p.left_out) if p.series else k
+        out.setdefault(key, []).append(p)
+    return list(out.values())
+
+
+def _findings(
+    claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool = True
+) -> tuple[Finding | None, Finding | None]:
+    """At the settings that the paper prints, and at the others; a row of which one is printed is at the paper's."""
+    sides = [[row for row in rows if any(p.printed for p in row) is side] for side in (True, False)]
+    return tuple(_finding(claim, side, decide) if side else None for side in sides)  # type: ignore[return-value]
+
+
+def _finding(claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool) -> Finding:
+    counted = [row for row in rows if row[0].holds is not None]
+    holding = [row for row in counted if row[0].holds]
+    every = [p for row in counted for p in row]
+    verdict, why = _verdict(claim, len(holding), len(counted), every) if decide else (Verdict.UNTESTABLE, None)
+    left = Counter(row[0].left_out for row in rows if row[0].holds is None)
+    return Finding(
+        verdict, len(holding), len(counted), len(every), sum(row[0].stopped for row in holding),
+        decision(_dimensions(claim, every)) if verdict is Verdict.MIXED else why, (),
+        tuple(LeftOut(how, left[how]) for how in Ending if left[how]),
+    )  # fmt: skip
+
+
+def _verdict(claim: given.Claim, holding: int, counted: int, every: Sequence[Point]) -> tuple[Verdict, Decision | None]:
+    """The verdict on some settings, and the condition of a conditional one."""
+    if not counted:
+        return Verdict.UNTESTABLE, None
+    if holding == counted or (holding and claim.quantifier == "some"):
+        return Verdict.SUPPORTED, None
+    if not holding:
+        return Verdict.REFUTED, None
+    found = separation(_dimensions(claim, every))
+    return (Verdict.CONDITIONAL if found else Verdict.MIXED), found
+
+
+def _borderline(
+    claim: given.Claim, found: Sequence[Point], sides: Sequence[Finding | None],
+    tried: Callable[[given.Claim], Sequence[Point]],
+) -> tuple[Finding | None, Finding | None]:  # fmt: skip
+    """The findings with the verdicts that they flip to when the band of one test moves by a factor."""
+    flips: tuple[list[Moved], list[Moved]] = [], []
+    for k, test in enumerate(claim.tests):
+        for by, band in (("wider", test.band.moved(FACTOR)), ("narrower", test.band.moved(1.0 / FACTOR))):
+            ends = sorted(
+                {e for a, b in ((test.band.low, band.low), (test.band.high, band.high)) if a != b for e in (a, b)}
+            )
+            nearest = test.combine == NEAREST or MEASURES[test.metric].until == "known"
+            if _is_firm(test) or not ends or not (nearest or any(ends[0] <= p.numbers[k] <= ends[-1] for p in found)):
+                continue
+            moved = replace(test, at_least=band.low, at_most=band.high)
+            other = replace(claim, tests=(*claim.tests[:k], moved, *claim.tests[k + 1 :]))
+            for old, new, out in zip(sides, _findings(other, _merged(tried(other))), flips, strict=True):
+                if old and new and new.settings and old.settings and old.verdict is not new.verdict:
+                    out.append(Moved(k, by, new.verdict, new.holds, new.settings))  # type: ignore[arg-type]
+    paper, beyond = (replace(f, borderline=tuple(m)) if f else None for f, m in zip(sides, flips, strict=True))
+    return paper, beyond
+
+
+def _is_firm(test: given.Test) -> bool:
+    """Whether its number is a count, or says that an end was reached: no factor moves such a band."""
+    return MEASURES[test.metric].firm or (test.metric == "column" and test.arguments["name"] in COUNTS)
 
 
 def _dimensions(claim: given.Claim, points: Sequence[Point]) -> list[tuple[Mapping[str, Value], bool]]:
@@ -140,20 +220,12 @@ def _chosen(places: Iterable[Place]) -> set[str]:
     return {"problem", "solver"}.union(*(p.dimensions.keys() - p.usual for p in places))
 
 
-def _because(claim: given.Claim, register: Register, found: Sequence[Point], decide: bool) -> Because:
-    counted = [p for p in found if p.holds is not None]
-    holding, printed = [p for p in counted if p.holds], [p for p in counted if p.printed]
-    met, left = Counter(v for p in holding for v in p.met_at), Counter(p.left_out for p in found if p.holds is None)
+def _because(register: Register, found: Sequence[Point], across: str) -> Because:
+    holding = [p for p in found if p.holds]
+    met = Counter(v for p in holding for v in p.met_at)
     solvers = values_of(q.dimensions["solver"] for p in found for q in p.places)
-    mixed = decide and 0 < len(holding) < len(counted)
-    return Because(
-        holds=len(holding), settings=len(counted), across=claim.across, stopped=sum(p.stopped for p in holding),
-        printed_holds=sum(p.holds is True for p in printed), printed=len(printed),
-        met_at=tuple(Count(v, met[v], len(holding)) for v in values_of(met)),
-        decision=decision(_dimensions(claim, counted)) if mixed else None,
-        left_out=tuple(LeftOut(why, left[why]) for why in Ending if left[why]),
-        stand_ins=tuple(register.solvers[s] for s in solvers if s in register.solvers),
-    )  # fmt: skip
+    stand_ins = tuple(register.solvers[s] for s in solvers if s in register.solvers)
+    return Because(across, tuple(Count(v, met[v], len(holding)) for v in values_of(met)), stand_ins)
 
 
 def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, tuple[Value, ...]]:
@@ -172,9 +244,9 @@ def _test(test: given.Test, shown: Point | None, k: int) -> Test:
                 shortened(number), number == math.inf)  # fmt: skip
 
 
-def _row(claim: given.Claim, p: Point, records: Mapping[str, RunRecord]) -> MapRow:
+def _row(claim: given.Claim, p: Point, records: Mapping[str, RunRecord], twins: Collection[str]) -> MapRow:
     first = p.places[0]
     at = {k: first.dimensions[k] for k in SHOWN if k in first.dimensions and k != claim.across}
     settings_id = first.spec.settings_id
     return MapRow(settings_id, first.spec.case, len(p.places) - 1, at, p.holds, shortened(p.numbers[0]),
-                  records[settings_id].status, p.printed)  # fmt: skip
+                  records[settings_id].status, p.printed, settings_id in twins)  # fmt: skip

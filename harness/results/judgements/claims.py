@@ -1,7 +1,7 @@
 """Verdicts on claims of the paper, with what they rest on."""
 
 from enum import StrEnum
-from typing import Any
+from typing import Any, Literal
 
 from ...shapes import Shape
 
@@ -9,10 +9,14 @@ Value = bool | int | float | str | None  # of a dimension of a map; None where i
 Band = tuple[float | None, float | None]  # None: open at that end
 
 
+SCHEMA: Literal[2] = 2  # of claims.json
+
+
 class Verdict(StrEnum):
-    """On a claim."""
+    """On a claim, at some settings."""
 
     REFUTED = "REFUTED"
+    MIXED = "MIXED"  # holds in some settings, and no condition that can be said in a line separates them
     CONDITIONAL = "CONDITIONAL"
     SUPPORTED = "SUPPORTED"
     UNTESTABLE = "UNTESTABLE"
@@ -27,6 +31,7 @@ class Ending(StrEnum):
     SLOW = "budget of steps"
     NO_STEP = "no first step"
     ENDED = "no early end"
+    EARLY = "an early end"
 
 
 class Gap(StrEnum):
@@ -82,12 +87,14 @@ class Condition(Shape, frozen=True):
 class Decision(Shape, frozen=True):
     """What separates the settings where a claim holds from the others.
 
-    ``by``: the one or two dimensions that do, ``conditions`` all their combinations. Without them ``conditions`` are
-    those where it always or never holds, ``telling`` the dimension that tells most.
+    ``by``: the values of one or two dimensions with all of which together it always holds and without which it never
+    does, or the other way round (``unless``). Where none separates, ``conditions`` are those where it always or never
+    holds, and ``telling`` is the dimension that tells most.
     """
 
-    by: tuple[str, ...]
-    conditions: tuple[Condition, ...]
+    by: dict[str, tuple[Value, ...]]
+    unless: bool = False
+    conditions: tuple[Condition, ...] = ()
     telling: str = ""
 
 
@@ -98,18 +105,34 @@ class LeftOut(Shape, frozen=True):
     settings: int
 
 
-class Because(Shape, frozen=True):
-    """The counts and conditions that a verdict rests on."""
+class Moved(Shape, frozen=True):
+    """Another verdict, with the band of one test moved."""
 
+    test: int  # from 0
+    by: Literal["wider", "narrower"]
+    verdict: Verdict
     holds: int
-    settings: int  # that settle the claim
-    across: str = ""  # the dimension along which runs are looked at together
+    settings: int
+
+
+class Finding(Shape, frozen=True):
+    """A verdict on the settings that the paper prints, or on the others."""
+
+    verdict: Verdict
+    holds: int = 0
+    settings: int = 0  # that settle the claim, those with equal series counted once
+    rows: int = 0  # the same, each counted
     stopped: int = 0  # of those that hold: by a number that is unbounded because a run stopped
-    printed_holds: int = 0
-    printed: int = 0  # settings that the paper prints
-    met_at: tuple[Count, ...] = ()  # values along ``across`` that meet the claim, where one suffices
     decision: Decision | None = None
+    borderline: tuple[Moved, ...] = ()  # verdicts that it flips to when a band moves by a factor of 1.5
     left_out: tuple[LeftOut, ...] = ()
+
+
+class Because(Shape, frozen=True):
+    """What verdicts rest on beside their counts."""
+
+    across: str = ""  # the dimension along which runs are looked at together
+    met_at: tuple[Count, ...] = ()  # values along ``across`` that meet the claim, where one suffices
     stand_ins: tuple[str, ...] = ()  # what the solvers may be taken for, in the register's words
 
 
@@ -124,6 +147,7 @@ class MapRow(Shape, frozen=True):
     measured: float
     status: str
     printed: bool
+    twin: bool = False  # its series is that of an earlier row
 
 
 class Claim(Shape, frozen=True):
@@ -135,7 +159,8 @@ class Claim(Shape, frozen=True):
     figure: tuple[int, ...]
     quote: str
     claim: str
-    verdict: Verdict
+    paper: Finding | None  # at the settings that the paper prints; None where the map has none
+    beyond: Finding | None  # at the others
     tests: tuple[Test, ...]
     measured_range: tuple[float, ...]  # least and largest of the first number; empty where nothing was measured
     because: Because
@@ -146,3 +171,37 @@ class Claim(Shape, frozen=True):
     settings_ids: tuple[str, ...]
     factors: dict[str, tuple[Count, ...]]
     map: tuple[MapRow, ...]
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Those that there are, at the paper's settings first."""
+        return tuple(f for f in (self.paper, self.beyond) if f)
+
+    @property
+    def verdict(self) -> Verdict:
+        """At the paper's settings where the map has such, else beyond them."""
+        return self.findings[0].verdict if self.findings else Verdict.UNTESTABLE
+
+    @property
+    def verdicts(self) -> str:
+        """Both, to be compared: ``SUPPORTED, beyond MIXED``."""
+        beyond = f"beyond {self.beyond.verdict}" if self.beyond else ""
+        return ", ".join(filter(None, (str(self.paper.verdict) if self.paper else "", beyond)))
+
+
+class Code(Shape, frozen=True):
+    """Digests of what verdicts were computed from (``harness.results.codes``)."""
+
+    solvers: dict[str, str]
+    problems: dict[str, str]
+    measuring: str
+    judging: str
+    runs: str  # of the register and of the runs that its maps select
+
+
+class Published(Shape, frozen=True):
+    """What ``claims.json`` holds."""
+
+    schema: Literal[2]
+    code: Code
+    claims: tuple[Claim, ...]

@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, is_dataclass
 from functools import cache
 from pathlib import Path
@@ -12,7 +13,7 @@ import msgspec
 from ...files import parse_json, read_text, to_json
 from ...places import Place
 from ...shapes import shaped
-from .claims import Claim
+from .claims import SCHEMA, Claim, Code, Published
 from .runs import Drift, FalseSuccess, Order, Symmetry, Work
 
 FOLDER = "judgement"
@@ -30,9 +31,10 @@ class File(Generic[T]):
 
     name: str
     kind: type[T]
+    schema: int = 0  # of a file that holds it beside digests of the code it comes from
 
 
-CLAIMS = File("claims", tuple[Claim, ...])
+CLAIMS = File("claims", tuple[Claim, ...], SCHEMA)
 ORDERS = File("certificates", tuple[Order, ...])
 DRIFTS = File("drift", tuple[Drift, ...])
 SYMMETRIES = File("symmetries", tuple[Symmetry, ...])
@@ -42,17 +44,51 @@ WRONG = File("wrong", tuple[FalseSuccess, ...])
 
 def read(file: File[T], folder: Place) -> T:
     """The judgement in ``folder``; JudgementError where it is not one, FileNotFoundError where there is none."""
-    path = folder / f"{file.name}.json"
+    if not file.schema:
+        return _read(folder, file.name, file.kind)  # type: ignore[no-any-return]
+    return getattr(_read(folder, file.name, Published), file.name)  # type: ignore[no-any-return]
+
+
+def code_of_claims(folder: Place) -> Code:
+    """What the claims judged in ``folder`` were computed from; errors as of ``read``."""
+    return _read(folder, CLAIMS.name, Published).code  # type: ignore[no-any-return]
+
+
+def _read(folder: Place, name: str, kind: Any) -> Any:
+    path = folder / f"{name}.json"
     if not path.is_there():
         raise FileNotFoundError(path.path)
     where = f"{path.parent.name}/{path.name}"
     plain = parse_json(read_text(path, "the judgement", JudgementError), where, JudgementError)
-    return shaped(_numbers(plain, file.kind), file.kind, where, JudgementError)
+    if kind is Published and isinstance(plain, list):
+        raise JudgementError(f"{where}: of an older version (schema 1, expected {SCHEMA})")
+    return shaped(_numbers(plain, kind), kind, where, JudgementError)
+
+
+def with_code(claims: Sequence[Claim], code: Code) -> Published:
+    """What ``claims.json`` holds."""
+    return Published(SCHEMA, code, tuple(claims))
+
+
+def shortened(claims: Sequence[Claim]) -> tuple[Claim, ...]:
+    """What verdicts are compared by and shown with: without maps, but for a row that stands alone on its side."""
+    return tuple(map(_shortened, claims))
+
+
+def _shortened(c: Claim) -> Claim:
+    sides = ([m for m in c.map if m.holds is side and not m.twin] for side in (True, False))
+    telling = {f.decision.telling for f in c.findings if f.decision}
+    factors = {k: v for k, v in c.factors.items() if k in telling}
+    alone = tuple(rows[0] for rows in sides if len(rows) == 1)
+    return msgspec.structs.replace(c, settings_ids=(), against=(), factors=factors, map=alone)
 
 
 def as_text(judged: Any) -> str:
     """Strict JSON of which a diff can be read: a line a row of every list of tables; NaN and infinity are null."""
-    return _text(json.loads(to_json(judged)), 0) + "\n"
+    plain = json.loads(to_json(judged))
+    if isinstance(judged, Published):
+        return "{\n" + ",\n".join(f"{json.dumps(k)}: {_text(v, 0)}" for k, v in plain.items()) + "\n}\n"
+    return _text(plain, 0) + "\n"
 
 
 def _text(plain: Any, depth: int) -> str:

@@ -29,7 +29,7 @@ WORK = {
     "factorisations": "factorisations", "newton_iterations": "Newton's corrections",
 }  # fmt: skip
 BETTER = ("good", "inaccurate", "open", "refused", "failed", "wrong")  # endings, best first
-CLAIM_ORDER = (Verdict.SUPPORTED, Verdict.CONDITIONAL, Verdict.UNTESTABLE, Verdict.REFUTED)
+CLAIM_ORDER = (Verdict.SUPPORTED, Verdict.CONDITIONAL, Verdict.MIXED, Verdict.UNTESTABLE, Verdict.REFUTED)
 SAME = 0.01  # relative: a change this small is neither better nor worse
 LITTLE = 1e-5  # of a problem's scale: shown as "less than"
 SPREAD = 1.3  # timings closer than this factor are called equal
@@ -78,14 +78,15 @@ def endings(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> list[Ran
 
 def claims(before: Sequence[Claim], after: Sequence[Claim]) -> list[Ranked]:
     """Claims with another verdict."""
-    then = {c.id: c.verdict for c in before}
+    then = {c.id: c for c in before}
     out = []
     for c in after:
-        old = then.get(c.id, c.verdict)
-        if old != c.verdict:
-            change = CLAIM_ORDER.index(c.verdict) - CLAIM_ORDER.index(old)
-            out.append(Ranked(Rank.CLAIM, c.id, c.claim, "verdict", old.lower(), c.verdict.lower(), "", change > 0,
-                              float(abs(change))))  # fmt: skip
+        was = then.get(c.id, c)
+        for where, a, b in (("at the paper's settings", was.paper, c.paper), ("beyond them", was.beyond, c.beyond)):
+            if a and b and a.verdict != b.verdict:
+                change = CLAIM_ORDER.index(b.verdict) - CLAIM_ORDER.index(a.verdict)
+                out.append(Ranked(Rank.CLAIM, c.id, c.claim, f"verdict {where}", a.verdict.lower(), b.verdict.lower(),
+                                  "", change > 0, float(abs(change))))  # fmt: skip
     return ordered(out)
 
 

@@ -1,4 +1,4 @@
-"""Every claim of the paper with its verdict, the number measured against its band, its settings and its map."""
+"""Every claim of the paper with its two verdicts, the number measured against its band, its settings and its map."""
 
 import math
 from collections import Counter
@@ -25,6 +25,7 @@ FAILED = Mark("★", "the run stopped", "failed")
 UNKNOWN = Mark("?", "not judged", "refused")
 VERDICTS: Mapping[Verdict, Mark] = {
     Verdict.REFUTED: Mark("✗", "refuted", "wrong"),
+    Verdict.MIXED: Mark("≷", "mixed", "failed"),
     Verdict.CONDITIONAL: Mark("◐", "conditional", "failed"),
     Verdict.SUPPORTED: Mark("✓", "supported", "good"),
     Verdict.UNTESTABLE: Mark("?", "untestable", "refused"),
@@ -129,6 +130,11 @@ class Shown:
     published: bool = False  # these results lack its runs: the published verdict
 
     @property
+    def sides(self) -> tuple[tuple[str, Mark, str], ...]:
+        """Where, the verdict there, and in how many settings the claim holds."""
+        return tuple((where, VERDICTS[f.verdict], claim_words.share(f)) for where, f in claim_words.sides(self.of))
+
+    @property
     def presentation(self) -> bool:
         """No result: a check that the problem is presented as in the paper."""
         return self.of.kind == "presentation"
@@ -136,7 +142,7 @@ class Shown:
 
 @dataclass(frozen=True)
 class Difference:
-    """A claim with another verdict than the published one."""
+    """A claim with other verdicts than the published ones."""
 
     id: str
     anchor: str
@@ -161,7 +167,7 @@ def lacks_runs(claim: Claim) -> bool:
 
 
 def counts(claims: Iterable[Shown]) -> list[tuple[Mark, int]]:
-    """How many of each verdict among the results, also those of which there is none."""
+    """How many of each verdict among the results, the first of each claim, also those of which there is none."""
     found = Counter(c.of.verdict for c in claims if not c.presentation)
     return [(m, found[v]) for v, m in VERDICTS.items()]
 
@@ -173,9 +179,9 @@ def differences(claims: Sequence[Claim], published: Sequence[Claim], shown: Sequ
     out = []
     for name in now.keys() | then.keys():
         new, old = now.get(name), then.get(name)
-        if new and old and new.verdict == old.verdict:
+        if new and old and new.verdicts == old.verdicts:
             continue
-        words = f"{_first(old)} before, {_first(new)} now" if new and old else (
+        words = f"{old.verdicts}: {_first(old)} before; {new.verdicts}: {_first(new)} now" if new and old else (
             "not published yet" if new else "published, but not judged here")  # fmt: skip
         before, after = (VERDICTS[c.verdict] if c else None for c in (old, new))
         out.append(Difference(name, anchors.get(name, ""), before, after, words))

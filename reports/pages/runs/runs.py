@@ -37,7 +37,7 @@ def _asked(run: Run, results: Results) -> list[tuple[str, str]]:
     return [(k, v) for k, v in (
         ("Section", r.section), ("The paper calls such", r.paper_label), ("Simulated time", f"{time(r.t_end_s)} s"),
         ("Limits", ", ".join(limits)), ("Group", r.label), ("Ended", r.finished),
-        ("Code", "" if r.code == results.environment.get("code") else r.code),
+        ("Code", r.code),
         ("Commit", "" if r.commit == results.environment.get("commit") else r.commit), ("Series", r.series),
     ) if v]  # fmt: skip
 

@@ -194,7 +194,7 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
     (tmp_path / "bounds.toml").write_text("# why\n" + BOUND)
     assert "comments were removed" in said(*judge, "--update", "--write")
     assert "gate open" in said(*judge)
-    monkeypatch.setattr("mbsbench.harness.commands.gate.code_digest", lambda plugins: "other")
+    monkeypatch.setattr("mbsbench.harness.commands.gate.codes.code_of", lambda *_, **__: "other")
     assert "result of other code" in said(*judge, "--json", code=1) and "gate open" in said(*judge, "--any-code")
     assert not [x for x in said(*judge, "--update").splitlines() if x.startswith("+[[")]  # nor is it proposed from
 

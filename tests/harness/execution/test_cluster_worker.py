@@ -5,7 +5,8 @@ import time
 
 from mbsbench.harness.execution import cluster
 from mbsbench.harness.execution.job import Job
-from mbsbench.harness.results import environment, store
+from mbsbench.harness.results import store
+from mbsbench.harness.results.codes import code_of
 from mbsbench.harness.suites.suite import parse_suite
 
 from ..conftest import PLUGIN
@@ -17,9 +18,11 @@ def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
     """Two runs one after the other in one supervisor; the third never returns and is ended from another thread."""
     store.create(tmp_path)
     plugins = (str(PLUGIN),)
-    code = environment.code_digest(plugins)
     suite = parse_suite(TEXT, "test", "test", plugins=plugins)
-    jobs = [Job(spec, tmp_path, "test", code, "", plugins).to_json() for spec in suite.specs]
+    codes_of = [code_of(s.problem, s.solver, plugins) for s in suite.specs]
+    jobs = [
+        Job(s, tmp_path, "test", code, "", plugins).to_json() for s, code in zip(suite.specs, codes_of, strict=True)
+    ]
 
     def ends(text: str):
         job = Job.from_json(text)

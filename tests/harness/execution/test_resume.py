@@ -12,11 +12,12 @@ import pytest
 from mbsbench.harness.__main__ import main
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.protocol import Done, Lost, Supervised
-from mbsbench.harness.execution.runner import last_folder
+from mbsbench.harness.execution.runner import Request, last_folder, run_suite
 from mbsbench.harness.files import partial_of
-from mbsbench.harness.results import environment, store
+from mbsbench.harness.results import codes, environment, store
+from mbsbench.harness.suites.suite import parse_suite
 
-from ..conftest import PLUGIN
+from ..conftest import PLUGIN, Silent
 
 SUITE = f"""
 name = "many"
@@ -287,6 +288,30 @@ def test_overhead_is_small(run_text):
         costs.append((time.monotonic() - began - start_up) / 60)
         assert len(loaded.records) == 60
     assert min(costs) < 0.15
+
+
+def test_runs_of_older_code_are_set_aside_and_made_anew(tmp_path, monkeypatch):
+    """One of two solvers has changed since: its run alone is made again, the other's result stays as it is."""
+    suite = parse_suite(
+        '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "sleeps"]\n', "two", "test", plugins=(str(PLUGIN),)
+    )
+
+    def made(resume):
+        watcher = Silent()
+        loaded = run_suite(Request(suite, tmp_path, 1, resume), watcher, LocalPool)
+        return watcher, {r.solver: r for r in loaded.records}
+
+    _, before = made(resume=False)
+    now = codes.code_of
+    monkeypatch.setattr(codes, "code_of", lambda p, s, plugins=(): now(p, s, plugins) + "changed" * (s == "exact"))
+    watcher, after = made(resume=True)
+    assert after["sleeps"].run_id == before["sleeps"].run_id and watcher.ran == [after["exact"].case]
+    assert after["exact"].run_id != before["exact"].run_id
+    assert f"{before['exact'].run_id}.json" in watcher.set_aside
+    assert {r.solver for r in store.load(tmp_path).records} == {"exact", "sleeps"}
+    assert len(store.load(tmp_path).records) == 2
+    why = (tmp_path / "set_aside" / "why.txt").read_text().splitlines()
+    assert f"{before['exact'].run_id}.json: the run was made with other code and is repeated" in why
 
 
 def test_thousands_of_foreign_files_are_one_line(tmp_path, capsys):

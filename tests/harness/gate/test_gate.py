@@ -139,11 +139,11 @@ def test_a_result_of_other_code_counts_as_missing():
     )
     here = dataclasses.replace(RECORDS[1], code="now")
     for records in ([old, new, here], [here, new, old]):
-        assert judge(RUNS, records, BOUNDS, "now").is_open
+        assert judge(RUNS, records, BOUNDS, lambda *_: "now").is_open
         assert judge(RUNS, records, BOUNDS).state is State.FAIL  # the newest of all is the one of other code
-    closed = judge(RUNS, [old, here], BOUNDS, "now")
+    closed = judge(RUNS, [old, here], BOUNDS, lambda *_: "now")
     assert not closed.is_open and all("other code" in f.why for f in closed.findings if f.case == CASE)
-    assert not judge(RUNS, [old, here], BOUNDS, "later").is_open
+    assert not judge(RUNS, [old, here], BOUNDS, lambda *_: "later").is_open
 
 
 def test_expected_failures_are_distinguished():

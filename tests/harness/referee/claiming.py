@@ -2,7 +2,7 @@
 
 from mbsbench.harness.referee.claims.register import parse_register
 from mbsbench.harness.referee.claims.verdicts import judge
-from mbsbench.harness.results.judgements.claims import Because, Claim, Verdict
+from mbsbench.harness.results.judgements.claims import Because, Claim, Finding, Verdict
 
 from .synthetic import HEAD, record, runs_of
 
@@ -26,6 +26,9 @@ ida_index1 = "IDA was run, which is not ode15i"
 [maps.m]
 over = [{ problem = "spherical_pendulum", solver = "ida_index1", max_step = 0.01, tolerance = "any", chart = "any", lambda_in_error_test = "any" }]
 dimensions = { tolerance = 3, chart = 2, lambda_in_error_test = 2 }
+
+[maps.p]
+over = [{ map = "m" }]
 printed = { chart = "euler313", tolerance = 1e-3 }
 
 [maps.gc]
@@ -38,10 +41,9 @@ RUNS = runs_of(SUITE)
 
 
 def judged(name, verdict, kind="result"):
-    """A claim with its verdict, judged from nothing."""
-    return Claim(
-        name, kind, "5.1", (1,), "words", name, Verdict(verdict), (), (), Because(0, 0), (), (), {}, (), (), {}, ()
-    )
+    """A claim with its verdict beyond the paper's settings, judged from nothing."""
+    found = Finding(Verdict(verdict))
+    return Claim(name, kind, "5.1", (1,), "words", name, None, found, (), (), Because(), (), (), {}, (), (), {}, ())
 
 
 def options(spec):

@@ -21,7 +21,7 @@ from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements.claims import Verdict
 from mbsbench.harness.results.provisional import one_per_run
 from mbsbench.harness.results.records import reasons_json
-from mbsbench.harness.suites.suite import Suite
+from mbsbench.harness.suites.suite import Suite, load_suite
 from mbsbench.harness.types import Law, Reason, Status
 
 from ...reports.pages.synthetic import ORDER
@@ -48,6 +48,7 @@ def made(tmp_path, monkeypatch):
         return folder
 
     monkeypatch.setattr(command, "PUBLISHED", Place(tmp_path / "published"))
+    monkeypatch.setattr(command, "older_runs", lambda *_: ())  # records made up here have no code
     monkeypatch.setattr(command, "check_ours", lambda *_: None)
 
     def call(*arguments):
@@ -56,20 +57,25 @@ def made(tmp_path, monkeypatch):
     return write, call, register
 
 
+def written(folder):
+    """What ``claims.json`` of a judged folder holds."""
+    return json.loads((folder / "judgement" / "claims.json").read_text())
+
+
 def test_judging_writes_files_and_publishing_compares(made, tmp_path, capsys):
     """Nothing published: 0. Published: the same verdicts 0, a changed one 1 and named, until it is published too."""
     write, call, _ = made
     folder = write(0.5)
     assert call() == 0
     assert "nothing is published yet" in capsys.readouterr().out
-    assert json.loads((folder / "judgement" / "claims.json").read_text())[0]["verdict"] == "SUPPORTED"
+    assert written(folder)["claims"][0]["beyond"]["verdict"] == "SUPPORTED"
     assert call("--publish") == 0 and (tmp_path / "published" / "claims.json").exists()
     capsys.readouterr()
     assert call() == 0
     assert "as published" in capsys.readouterr().out
     write(1.5)
     assert call() == 1
-    assert "changed: c: SUPPORTED -> REFUTED" in capsys.readouterr().out
+    assert "changed: c: beyond SUPPORTED -> beyond REFUTED" in capsys.readouterr().out
     assert call("--publish") == 0 and call() == 0
 
 
@@ -118,8 +124,10 @@ def test_results_that_lack_runs_are_judged_on_request_alone_and_never_published(
     write(0.5, RUNS[1:])
     capsys.readouterr()
     assert call("--partial") == 0
-    assert "1 of 1 claims lack runs: not compared" in capsys.readouterr().out
-    assert json.loads((folder / "judgement" / "claims.json").read_text())[0]["verdict"] == "UNTESTABLE"
+    said = capsys.readouterr().out
+    assert "1 of 1 claims lack runs: not compared" in said and "as published" not in said
+    assert "nothing was compared with the published verdicts" in said
+    assert written(folder)["claims"][0]["beyond"]["verdict"] == "UNTESTABLE"
 
 
 def test_claims_that_no_run_touches_are_not_shown(made, capsys):
@@ -127,7 +135,8 @@ def test_claims_that_no_run_touches_are_not_shown(made, capsys):
     write, call, _ = made
     write(0.5, ())
     assert call("--partial") == 0
-    assert capsys.readouterr().out == "1 of 1 claims are about other runs\n"
+    words = "1 of 1 claims are about other runs: nothing was compared with the published verdicts\n"
+    assert capsys.readouterr().out == words
 
 
 def test_published_verdicts_that_are_not_there_are_a_wrong_call(made, tmp_path, capsys):
@@ -147,7 +156,7 @@ def test_json_is_the_claims_and_the_orders(made, capsys, monkeypatch):
     monkeypatch.setattr(judging, "OTHERS", (("certificates", lambda *_: (low, replace(low, quantity="energy"))),))
     assert call("--json") == 0
     said = json.loads(capsys.readouterr().out)
-    assert said["claims"] == json.loads((folder / "judgement" / "claims.json").read_text())
+    assert {k: said[k] for k in ("schema", "code", "claims")} == written(folder) and said["schema"] == 2
     assert [(o["quantity"], o["verdict"]) for o in said["orders"]] == [("position", "below declared")]
 
 
@@ -168,8 +177,9 @@ def test_wrong_calls_are_one_line(made, capsys, tmp_path):
 def test_the_tally_is_that_of_results():
     """That a problem is presented as in the paper says nothing about a solver."""
     rows = [judged("a", "REFUTED")] * 2 + [judged("b", "SUPPORTED", "presentation")]
-    words = "0 SUPPORTED, 0 CONDITIONAL, 2 REFUTED, 0 UNTESTABLE"
-    assert command.tally(rows) == words + "; and checks of the presentation: 1 of 1 SUPPORTED"
+    words = "at the paper's settings: 0 SUPPORTED, 0 CONDITIONAL, 0 MIXED, 0 REFUTED, 0 UNTESTABLE\n"
+    words += "beyond them: 0 SUPPORTED, 0 CONDITIONAL, 0 MIXED, 2 REFUTED, 0 UNTESTABLE"
+    assert command.tally(rows) == words + "\nchecks of the presentation: 1 of 1 SUPPORTED"
     assert command.tally(rows[:2]) == words
 
 
@@ -177,9 +187,9 @@ def test_claims_that_come_and_go_are_changes():
     before = [judged("a", "SUPPORTED"), judged("b", "REFUTED")]
     after = [judged("b", "CONDITIONAL"), judged("c", "SUPPORTED")]
     assert [dataclasses.astuple(c) for c in judging.changes(before, after)] == [
-        ("b", "REFUTED", "CONDITIONAL"),
-        ("c", "", "SUPPORTED"),
-        ("a", "SUPPORTED", ""),
+        ("b", "beyond REFUTED", "beyond CONDITIONAL"),
+        ("c", "", "beyond SUPPORTED"),
+        ("a", "beyond SUPPORTED", ""),
     ]
 
 
@@ -190,7 +200,7 @@ def test_texts_of_a_register_are_not_markup(made, capsys):
     write(0.5)
     assert call() == 0
     assert "[bold]c[/]" in capsys.readouterr().out
-    assert command.STYLE.keys() == {"SUPPORTED", "CONDITIONAL", "REFUTED", "UNTESTABLE"}
+    assert command.STYLE.keys() == {"SUPPORTED", "CONDITIONAL", "MIXED", "REFUTED", "UNTESTABLE"}
 
 
 CHEAP = (  # claims whose runs take half a minute or so: every problem, most verdicts
@@ -216,7 +226,7 @@ def maps_of(claim):
     return [m for m in (claim.map, claim.against) if m]
 
 
-def test_the_cheap_claims_are_about_every_problem():
+def test_the_cheap_claims_are_about_every_problem_of_the_paper():
     register, places = read_register(), [place(c) for c in judging.tried_on()]
     assert {c.id for c in register.claims} >= set(CHEAP)
     cheap = [m for c in register.claims if c.id in CHEAP for m in maps_of(c)]
@@ -256,8 +266,8 @@ def test_verdicts_are_those_published(twice):
     published = judging.read_claims(judging.PUBLISHED)
     if published is None:
         pytest.skip("nothing is published: mbsbench judge --publish")
-    known = {c.id: c.verdict for c in published}
-    assert {c.id: c.verdict for c in twice[0]} == {c: known.get(c) for c in CHEAP}
+    known = {c.id: c.verdicts for c in published}
+    assert {c.id: c.verdicts for c in twice[0]} == {c: known.get(c) for c in CHEAP}
 
 
 def test_no_published_verdict_hangs_on_one_run_that_failed():
@@ -265,7 +275,7 @@ def test_no_published_verdict_hangs_on_one_run_that_failed():
     for claim in judging.read_claims(judging.PUBLISHED) or ():
         for side in (True, False):
             alone = [row for row in claim.map if row.holds is side]
-            if len(alone) == 1 and claim.verdict is Verdict.CONDITIONAL:
+            if len(alone) == 1 and any(f.verdict in (Verdict.CONDITIONAL, Verdict.MIXED) for f in claim.findings):
                 assert Status(alone[0].status).lawful, (claim.id, alone[0].case)
 
 

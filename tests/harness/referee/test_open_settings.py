@@ -26,8 +26,8 @@ def test_runs_ended_by_a_clock_are_left_out_and_named():
     """They would decide it, and another machine might let them go on: by a clock, out of memory, killed."""
     for columns in (CUT | {"steps": 8}, CUT | {"status": "memory"}):
         c = claim(records=one_of(columns))
-        assert c.verdict == "SUPPORTED" and "Holds in 11 of 11" in because(c) and c.map[0].holds is None
-        assert c.because.left_out == (LeftOut(Ending.MACHINE, 1),)
+        assert c.verdict == "SUPPORTED" and "holds in 11 of 11" in because(c) and c.map[0].holds is None
+        assert c.beyond.left_out == (LeftOut(Ending.MACHINE, 1),)
     killed = {"status": "crashed", "message": "the solver was done, but measuring its motion took more than 120 s"}
     assert claim(records=one_of(killed | {"t_reached_s": float("nan")})).verdict == "SUPPORTED"
 
@@ -36,11 +36,12 @@ def test_a_budget_of_steps_ends_stuck_runs_and_interrupts_slow_ones():
     """Nine steps to 3 of 10 s, of 0.5 s at most: at last 0.01 s a step is slow, 1e-3 s less than a hundredth, stuck."""
     slow, stuck = (claim(records=one_of(CUT), of=pace(last)) for last in (0.01, 1e-3))
     assert (
-        slow.verdict == "SUPPORTED"
-        and slow.because.left_out == (LeftOut(Ending.SLOW, 1),)
-        and slow.map[0].holds is None
+        slow.verdict == "SUPPORTED" and slow.beyond.left_out == (LeftOut(Ending.SLOW, 1),) and slow.map[0].holds is None
     )
-    assert stuck.verdict == "CONDITIONAL" and not stuck.because.left_out and not stuck.map[0].holds
+    assert stuck.beyond.left_out == (LeftOut(Ending.EARLY, 1),)  # final, and short of the end all the same
+    at = 'map = "m"\ntests = [{ metric = "stops at", at_least = 9, unit = "s" }]\n'
+    slow, stuck = (claim(at, records=one_of(CUT), of=pace(last)) for last in (0.01, 1e-3))
+    assert slow.map[0].holds is None and stuck.map[0].holds is False
 
 
 def test_what_a_slow_run_had_settled_counts():
@@ -74,7 +75,7 @@ def test_the_time_of_a_stop_is_asked_of_runs_that_stop():
     text = 'map = "m"\ntests = [{ metric = "stop time", at_least = 2, at_most = 4, unit = "s" }]\n'
     for stops, holds in ((3.0, True), (5.0, False)):
         c = claim(text, one_of({"status": "diverged", "t_reached_s": stops, "steps": 9}))
-        assert c.map[0].holds is holds and c.because.left_out == (LeftOut(Ending.ENDED, 11),)
+        assert c.map[0].holds is holds and c.beyond.left_out == (LeftOut(Ending.ENDED, 11),)
     assert claim(text, one_of(CUT), pace(0.01)).verdict == "UNTESTABLE"
     assert claim(text).verdict == "UNTESTABLE"
 
@@ -102,7 +103,7 @@ def test_runs_that_took_no_step_are_left_out_and_named():
         text = f'map = "m"\ntests = [{{ metric = "stops at", {band}, unit = "s" }}]\n'
         c = claim(text, one_of(never))
         assert c.map[0].holds is None
-        assert c.because.left_out == (LeftOut(Ending.NO_STEP, 1),)
+        assert c.beyond.left_out == (LeftOut(Ending.NO_STEP, 1),)
         assert claim(text + "starting = true\n", one_of(never)).map[0].holds is (band == "at_most = 5")
     assert claim(text, one_of(never | {"status": "refused"})).map[0].holds is False
 
@@ -125,7 +126,7 @@ def test_a_comparison_with_a_run_cut_short_is_left_out():
 def test_no_setting_that_settles_it_is_untestable():
     c = claim(records=[record(x, phi_max=0.5, **CUT | {"steps": 8}) for x in RUNS])
     assert c.verdict == "UNTESTABLE" and [m.gap for m in c.missing] == [Gap.SETTLED]
-    assert c.because.left_out == (LeftOut(Ending.MACHINE, 12),)
+    assert c.beyond.left_out == (LeftOut(Ending.MACHINE, 12),)
 
 
 def test_the_count_of_those_that_hold_because_a_run_stopped():
@@ -133,7 +134,7 @@ def test_the_count_of_those_that_hold_because_a_run_stopped():
     text = 'map = "m"\ntests = [{ metric = "loss", at_least = 1, unit = "m" }]\n'
     ends = [{"t_reached_s": 3.0, "steps": 9, "status": "diverged"}] * 2 + [{}] * len(RUNS)
     found = [record(x, position_error_judged_m=2.0, **e) for x, e in zip(RUNS, ends, strict=False)]
-    assert "Holds in 12 of 12 settings. In 2 of these 12 because a run stopped before its end" in because(
+    assert "holds in 12 of 12 settings. In 2 of these 12 because a run stopped before its end" in because(
         claim(text, found)
     )
     assert "because a run" not in because(claim(text, [record(x, position_error_judged_m=2.0) for x in RUNS]))

@@ -38,17 +38,18 @@ def test_one_altered_number_flips_the_verdict():
     own = [c for c in RUNS if c.solver == "ida_index1"]
     for k in range(len(own)):
         c = claim(records=[record(x, phi_max=1.5 if x is own[k] else 0.5) for x in RUNS])
-        assert c.verdict == "CONDITIONAL"
+        assert c.verdict == "MIXED"
         assert [row.holds for row in c.map].count(False) == 1
         assert next(row for row in c.map if not row.holds).settings_id == own[k].settings_id
 
 
 def test_conditional_names_the_planted_condition():
-    """Runs in the paper's chart are bad: the chart is named, with counts, and what is printed counted apart."""
-    c = claim(records=[record(x, phi_max=1.5 if options(x)["chart"] == "euler313" else 0.5) for x in RUNS])
-    assert c.verdict == "CONDITIONAL"
-    assert "Chart decides alone: holds with chart quaternion (6 of 6), not with chart euler313 (0 of 6)" in because(c)
-    assert (c.because.printed_holds, c.because.printed) == (0, 2) and c.tests[0].measured == 1.5
+    """Runs in the paper's chart are bad: the chart is named, and what is printed has a verdict of its own."""
+    found = [record(x, phi_max=1.5 if options(x)["chart"] == "euler313" else 0.5) for x in RUNS]
+    c = claim(TEST.replace('"m"', '"p"'), found)
+    assert (c.paper.verdict, c.paper.holds, c.paper.settings) == ("REFUTED", 0, 2) and c.tests[0].measured == 1.5
+    assert (c.beyond.verdict, c.beyond.holds, c.beyond.settings) == ("CONDITIONAL", 6, 10)
+    assert "Beyond them it holds in 6 of 10 settings. Only and always with chart quaternion" in because(c)
     assert c.factors["chart"][1] == Count("quaternion", 6, 6)
 
 
@@ -121,7 +122,7 @@ def test_two_failures_across_a_dimension_compare_nothing():
             ]
 
         c = claim(text, made(stopped))
-        assert [row.holds for row in c.map].count(None) == 2 and c.because.left_out == (LeftOut(Ending.UNCOMPARED, 2),)
+        assert [row.holds for row in c.map].count(None) == 2 and c.beyond.left_out == (LeftOut(Ending.UNCOMPARED, 2),)
         tight = [
             record(x, position_error_judged_m=1.0, **(stopped if x.control.rtol == 1e-6 else {"steps": steps(x)}))
             for x in RUNS
@@ -154,9 +155,9 @@ def test_one_tolerance_that_meets_all_tests_suffices():
         return record(x, phi_max=phi, phi_dot_max=phi_dot)
 
     c = claim(text, [both(x) for x in RUNS])
-    assert c.verdict == "CONDITIONAL" and "Holds in 2 of 4 settings" in because(c)
+    assert c.verdict == "CONDITIONAL" and "holds in 2 of 4 settings" in because(c)
     assert "One tolerance that meets it suffices: tolerance 0.0001 in 2" in because(c)
-    assert "chart decides alone" in because(c).lower()
+    assert "Only and always with chart euler313" in because(c)
     (row,) = {(r.case.split()[2], r.measured) for r in c.map if r.holds}
     assert row == ("rtol=0.0001", 0.5)
 

@@ -9,18 +9,30 @@ from msgspec.structs import replace
 from mbsbench.harness.results.judgements.claims import (
     Because,
     Claim,
+    Code,
     Condition,
     Count,
     Decision,
     Ending,
+    Finding,
     Gap,
     LeftOut,
     MapRow,
     Missing,
+    Moved,
     Test,
     Verdict,
 )
-from mbsbench.harness.results.judgements.files import CLAIMS, DRIFTS, ORDERS, SYMMETRIES, WORK, WRONG, as_text
+from mbsbench.harness.results.judgements.files import (
+    CLAIMS,
+    DRIFTS,
+    ORDERS,
+    SYMMETRIES,
+    WORK,
+    WRONG,
+    as_text,
+    with_code,
+)
 from mbsbench.harness.results.judgements.runs import (
     Drift,
     FalseSuccess,
@@ -37,9 +49,11 @@ from ..conftest import HOSTILE
 NAN = math.nan
 TEST = Test("largest", {"series": "x"}, "", "", "m", (0.0, 0.05), 0.02)
 CLAIM = Claim(
-    "c", "result", "5.2", (6, 7), "failed to run further at about 32 s", "A claim", Verdict.SUPPORTED, (TEST,),
-    (0.02, 0.02), Because(1, 1), (), (), {"tolerance": (1e-3,)}, (), (), {}, (),
+    "c", "result", "5.2", (6, 7), "failed to run further at about 32 s", "A claim", None,
+    Finding(Verdict.SUPPORTED, 1, 1, 1), (TEST,), (0.02, 0.02), Because(), (), (),
+    {"tolerance": (1e-3,)}, (), (), {}, (),
 )  # fmt: skip
+CODE = Code({}, {}, "", "", "")
 ROW = MapRow("aa01", "case", 0, {"tolerance": 1e-3, "gain": 5.0}, True, 0.5, "success", False)
 ORDER = Order(
     "pendulum", "pendulum", "alpha", "alpha", "q", "|q|", "m", "dt", 2.0, NAN, NAN, NAN, (), (), (), NAN, (), NAN, NAN,
@@ -66,24 +80,28 @@ def claims(runs: Sequence[str]) -> tuple[Claim, ...]:
             for t in (1e-3, 1e-5, 1e-7) for g in (0.0, 5.0, 20.0, "1/h"))
     )  # fmt: skip
     left = sum(m.holds is None for m in at)
-    mixed = Because(
-        sum(m.holds is True for m in at), len(at) - left, left_out=(LeftOut(Ending.SLOW, left),),
-        decision=Decision((), (Condition({"gain": 0.0}, 6, 6), Condition({"chart": HOSTILE}, 0, 2)), "gain"),
+    mixed = Finding(
+        Verdict.MIXED, sum(m.holds is True for m in at) - 1, len(at) - left - 3, len(at) - left - 1, 1,
+        Decision({}, False, (Condition({"gain": 0.0}, 6, 6), Condition({"chart": HOSTILE}, 0, 2)), "gain"),
+        (Moved(0, "wider", Verdict.SUPPORTED, 9, 9),), (LeftOut(Ending.SLOW, left),),
     )  # fmt: skip
 
     def claim(name: str, verdict: str, **more: object) -> Claim:
-        words = f"A claim that is {verdict.lower()}"
-        return replace(CLAIM, id=name, claim=words, verdict=Verdict(verdict), settings_ids=tuple(runs[:2]), **more)
+        words, found = f"A claim that is {verdict.lower()}", {"beyond": Finding(Verdict(verdict), 1, 1, 1), **more}
+        return replace(CLAIM, id=name, claim=words, settings_ids=tuple(runs[:2]), **found)
 
     needs = (Missing(Gap.NEED, "the commercial code"), Missing(Gap.RUNS, "case 3", "m", 2, 5))
     return (
         claim("first-claim", "SUPPORTED"),
         claim("second-claim", "REFUTED", tests=(replace(TEST, measured=3.0, band=(None, 0.05)),), section="5.4"),
-        claim("third-claim", "CONDITIONAL", map=at, measured_range=(0.001, 0.4), because=mixed,
+        claim("conditional-claim", "CONDITIONAL",
+              beyond=Finding(Verdict.CONDITIONAL, 2, 4, 4, 0, Decision({"gain": (0.0, 5.0)}))),
+        claim("third-claim", "MIXED", map=at, measured_range=(0.001, 0.4), paper=Finding(Verdict.REFUTED, 0, 1, 1),
+              beyond=mixed,
               factors={"gain": (Count(0.0, 6, 6), Count(5.0, 2, 6)), HOSTILE: (Count(HOSTILE, 1, 2),)},
               tests=(TEST, Test(HOSTILE, {}, HOSTILE, "", HOSTILE, (1.0, None), NAN, unbounded=True))),
         replace(claim("fourth-claim", "UNTESTABLE", missing=needs, section="5.3", tests=(), settings={},
-                      measured_range=(), because=Because(0, 0)), settings_ids=()),
+                      measured_range=(), beyond=Finding(Verdict.UNTESTABLE)), settings_ids=()),
         claim("presentation-claim", "SUPPORTED", kind="presentation"),
         replace(claim(HOSTILE, "SUPPORTED", section=HOSTILE, quote=HOSTILE, settings={HOSTILE: (HOSTILE,)},
                       against=(HOSTILE,), caveats=(HOSTILE,),
@@ -177,4 +195,6 @@ def judge(folder: Path, runs: Sequence[str]) -> None:
     where = folder / "judgement"
     where.mkdir(parents=True, exist_ok=True)
     for file, make in FILES:
-        (where / f"{file.name}.json").write_text(as_text(make(runs)), encoding="utf-8")
+        made = make(runs)
+        text = as_text(with_code(made, CODE) if file is CLAIMS else made)
+        (where / f"{file.name}.json").write_text(text, encoding="utf-8")

@@ -5,7 +5,7 @@ import re
 
 from msgspec.structs import replace
 
-from mbsbench.harness.results.judgements.claims import Condition, Decision, Gap, Missing, Verdict
+from mbsbench.harness.results.judgements.claims import Decision, Finding, Gap, Missing, Verdict
 from mbsbench.reports.model.claim_words import band, because, decision, measured, missing, tried
 from mbsbench.reports.pages.judged.claims import VERDICTS, claims_of, counts, differences, grids
 from mbsbench.reports.pages.judgement import links_of
@@ -22,7 +22,9 @@ def rows():
 
 def test_a_claim_without_its_runs_has_the_published_verdict_and_says_so():
     """A bench runs a part of the maps: what it cannot judge is neither blank nor passed off as its own."""
-    lacking = [replace(c, verdict=Verdict.UNTESTABLE, missing=(Missing(Gap.RUNS, found=2, wanted=9),)) for c in rows()]
+    lacking = [
+        replace(c, beyond=Finding(Verdict.UNTESTABLE), missing=(Missing(Gap.RUNS, found=2, wanted=9),)) for c in rows()
+    ]
     found = claims_of([lacking[0], *rows()[1:]], NONE, rows())
     assert [c.of.id for c in found if c.published] == ["first-claim", "fourth-claim"]  # the last lacks its runs anyway
     assert [c.of.verdict for c in found] == [c.of.verdict for c in claims_of(rows(), NONE)]
@@ -31,7 +33,9 @@ def test_a_claim_without_its_runs_has_the_published_verdict_and_says_so():
 
 def test_counts_are_those_of_the_file_and_name_absent_verdicts():
     found = counts(claims_of(rows(), NONE))
-    assert {m.word: n for m, n in found} == {"refuted": 1, "conditional": 1, "supported": 2, "untestable": 1}
+    assert {m.word: n for m, n in found} == {
+        "refuted": 2, "mixed": 0, "conditional": 1, "supported": 2, "untestable": 1
+    }  # fmt: skip
     assert {m.word: n for m, n in counts([])}["refuted"] == 0
 
 
@@ -43,16 +47,16 @@ def test_checks_of_the_presentation_are_no_results():
 
 
 def test_settings_left_open_are_not_counted_as_failing():
-    third = rows()[2]
+    third = replace(rows()[3], paper=None)
     at = [m.holds for m in third.map]
     assert at.count(None) > 0
-    settles = len(at) - at.count(None)
-    assert tried(third) == f"holds in {at.count(True)} of {settles} settings, {at.count(None)} left out"
+    settles = third.beyond.settings
+    assert tried(third) == f"holds in {at.count(True) - 1} of {settles} settings, {at.count(None)} left out"
 
 
 def test_verdicts_have_a_symbol_and_a_word_each():
     marks = [VERDICTS[v] for v in Verdict]
-    assert len({m.symbol for m in marks}) == len({m.word for m in marks}) == 4
+    assert len({m.symbol for m in marks}) == len({m.word for m in marks}) == 5
 
 
 def test_a_band_may_be_open_at_one_end():
@@ -72,19 +76,19 @@ def test_a_number_that_does_not_exist_is_said_so():
 
 def test_conditions_are_worded_with_counts():
     """One dimension that separates, two that do, and a mixed map."""
-    alone = Decision(("chart",), (Condition({"chart": "euler313"}, 6, 6), Condition({"chart": "quaternion"}, 0, 6)))
-    words = decision(synthetic.CLAIM, alone)
-    assert words == "chart decides alone: holds with chart euler313 (6 of 6), not with chart quaternion (0 of 6)"
-    flags = [Condition({"gain": 5.0, "lambda_in_error_test": on}, 3 * on, 3) for on in (True, False)]
-    words = decision(synthetic.CLAIM, Decision(("gain", "lambda_in_error_test"), tuple(flags)))
-    assert "decide together: holds with gain 5 and multipliers in the error test (3 of 3)" in words
-    mixed = because(rows()[2])
+    words = decision(synthetic.CLAIM, Decision({"chart": ("euler313",)}))
+    assert words == "only and always with chart euler313"
+    words = decision(synthetic.CLAIM, Decision({"gain": (0.0, 5.0), "lambda_in_error_test": (True,)}, unless=True))
+    assert words == "always unless with gain 0 or gain 5 and multipliers in the error test"
+    mixed = because(rows()[3])
     assert "always with gain 0 (6 of 6)" in mixed.lower() and "gain matters most: gain 0 6 of 6" in mixed
-    assert "settings are left out: the limit on steps ended them" in mixed
+    assert "settings are left out beyond them: the limit on steps ended them" in mixed
+    assert "At the paper's settings it holds in 0 of 1 setting. Beyond them it holds in" in mixed
+    assert "distinct of" in mixed and "Borderline: with a band 1.5 times wider (largest [series x]) SUPPORTED" in mixed
 
 
 def test_what_is_missing_is_named():
-    assert missing(rows()[3]) == "the commercial code; runs missing: 3 of 5 of the map m, first case 3"
+    assert missing(rows()[4]) == "the commercial code; runs missing: 3 of 5 of the map m, first case 3"
 
 
 def diamond(svg) -> float:
@@ -114,7 +118,7 @@ def test_scales_keep_the_order_of_values():
 
 
 def test_map_has_a_place_for_every_setting_and_facets_only_for_what_varies():
-    at = rows()[2].map
+    at = rows()[3].map
     found = grids(at, NONE)
     assert len(found) == 4  # two charts, two starts
     assert all(g.tolerances == ("0.001", "1e-05", "1e-07") and g.gains == ("0", "5", "20", "1/h") for g in found)
@@ -134,10 +138,11 @@ def test_runs_that_share_a_place_are_all_there():
 
 def test_changed_verdicts_against_the_published_are_found_and_put_first():
     now = rows()
-    then = [replace(c, verdict=Verdict.SUPPORTED) for c in now if c.id != "fourth-claim"]
-    then.append(replace(synthetic.CLAIM, id="gone", verdict=Verdict.REFUTED))
+    good = Finding(Verdict.SUPPORTED)
+    then = [replace(c, beyond=good) for c in now if c.id not in ("fourth-claim", "conditional-claim")]
+    then.append(replace(synthetic.CLAIM, id="gone", beyond=Finding(Verdict.REFUTED)))
     found = differences(now, then, claims_of(now, NONE))
-    assert [d.id for d in found] == ["second-claim", "third-claim", "gone", "fourth-claim"]
+    assert [d.id for d in found] == ["second-claim", "third-claim", "gone", "conditional-claim", "fourth-claim"]
     assert found[0].before.word == "supported" and found[0].after.word == "refuted"
     assert differences(now, now, claims_of(now, NONE)) == []
 

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.harness.places import Place
-from mbsbench.harness.results.judgements.claims import Verdict
+from mbsbench.harness.results.judgements.claims import Finding, Verdict
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.change.compare import changes, write_compare
 from mbsbench.reports.pages.change.ranking import Rank, apart, claims, endings, physics, timings, unmeasured, work
@@ -77,8 +77,8 @@ def test_work_is_a_ratio_and_timings_need_more_than_spread():
 
 
 def test_changed_verdicts_say_which_way():
-    before = [replace(CLAIM, id=k, verdict=Verdict(v)) for k, v in (("a", "SUPPORTED"), ("b", "REFUTED"))]
-    after = [replace(CLAIM, id=k, verdict=Verdict(v)) for k, v in (("a", "REFUTED"), ("b", "CONDITIONAL"))]
+    before = [replace(CLAIM, id=k, beyond=Finding(Verdict(v))) for k, v in (("a", "SUPPORTED"), ("b", "REFUTED"))]
+    after = [replace(CLAIM, id=k, beyond=Finding(Verdict(v))) for k, v in (("a", "REFUTED"), ("b", "CONDITIONAL"))]
     assert [(r.settings_id, r.worse) for r in claims(before, after)] == [("a", True), ("b", False)]
 
 

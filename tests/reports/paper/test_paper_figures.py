@@ -9,9 +9,10 @@ from msgspec.structs import replace
 from mbsbench.harness.__main__ import main
 from mbsbench.harness.places import Place
 from mbsbench.harness.referee.judge import read_claims, write
-from mbsbench.harness.results.judgements.claims import Verdict
+from mbsbench.harness.results.judgements.claims import Code, Finding, Verdict
 from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED
 from mbsbench.reports import site
+from mbsbench.reports.model.claim_words import band
 from mbsbench.reports.model.results import Run, read_results
 from mbsbench.reports.paper import build, captions, drawer, lines, picking
 from mbsbench.reports.paper.catalogue import FIGURES
@@ -175,12 +176,12 @@ def test_claims_of_a_figure_are_in_its_caption(tmp_path):
     assert [c.id for c in before.claims] == [c.id for c in published if 9 in c.figure]
     assert one(tmp_path, "fig09-recommended").claims == ()
     judged = next(c for c in published if c.id == "9-energy-drop")
-    write(Place(tmp_path) / FOLDER, {"claims": (replace(judged, verdict=Verdict.REFUTED),)})
+    refuted = Finding(Verdict.REFUTED, 0, 2, 2)
+    own = (replace(judged, paper=refuted, beyond=None),)
+    write(Place(tmp_path) / FOLDER, {"claims": own}, Code({}, {}, "", "", ""))
     (claim,) = one(tmp_path, "fig09").claims
-    assert (claim.verdict, claim.tests) == ("REFUTED", (("−1.79 J", "at most -0.1 J"),))
-    b = judged.because
-    assert (claim.holds, claim.settings) == (b.holds, b.settings)
-    assert (claim.printed_holds, claim.printed) == (b.printed_holds, b.printed)
+    assert (claim.paper, claim.beyond) == (("REFUTED", "0 of 2"), ("", ""))
+    assert claim.tests[0][1] == band(judged.tests[0])
     (tmp_path / FOLDER / "claims.json").write_text("[{", encoding="utf-8")
     assert one(tmp_path, "fig09").claims_published
 

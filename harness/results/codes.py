@@ -1,0 +1,238 @@
+"""What code a run's numbers come from: digests by solver, by problem and of measuring, found without running any of it.
+
+The digest of a solver covers its file and every module of the package that this imports, directly or through others;
+so does that of a problem, and of what calls solvers and measures their motions. It is taken of the syntax tree without
+docstrings, so that comments and formatting do not count. Of packages from outside the locked version counts.
+What only looks up, checks, stores or shows is no part of it (``ARRANGES``): no number of a motion passes through.
+"""
+
+import ast
+import contextlib
+import hashlib
+import itertools
+import json
+import os
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache, cached_property
+from pathlib import Path
+
+from ..cache import ROOT, cache_folder
+from ..catalogue.plugins import sources_of
+from ..files import write_text
+
+VERSION = 1  # of the digest of one file; raise it when ``_tree`` writes something else
+LARGE = 2**20  # [bytes] of what is kept between processes; more is begun anew
+ARRANGES = (
+    "harness/api", "harness/cache", "harness/catalogue/functions", "harness/catalogue/mechanism",
+    "harness/catalogue/mechanism_files", "harness/catalogue/options", "harness/catalogue/plugins", "harness/clock",
+    "harness/commands", "harness/execution/handed", "harness/execution/job", "harness/files", "harness/places",
+    "harness/results",
+    "harness/sandbox", "harness/shapes", "harness/suites",
+)  # fmt: skip
+SHARED = "harness/catalogue/registry"  # turns, mirrors and perturbs problems: no part of one solver or problem
+MEASURING = ("harness/execution/contract", "harness/execution/measuring", "harness/execution/presented", SHARED)
+MARKED = {"solver": ("solvers", "solvers/engines"), "problem": ("problems",)}
+LOCKED_AS = {"sksundae": "scikit-sundae", "scipy_dae": "scipy-dae", "yaml": "pyyaml"}  # where the names differ
+LOCKED = re.compile(r"^([A-Za-z0-9_.-]+)==(\S+)", re.MULTILINE)
+WITHOUT = frozenset(("ctx", "kind", "type_comment", "type_params", "type_ignores"))  # same code, other versions
+
+
+@dataclass(frozen=True)
+class Source:
+    """One module: the digest of its syntax tree, what it imports, and the entries of the catalogue that it marks."""
+
+    digest: str
+    imports: tuple[str, ...]  # places in the package, of which some are names in a module
+    outside: tuple[str, ...]
+    marks: tuple[str, ...]  # ``solver:rattle``
+
+
+class Sources:
+    """The modules of the package below ``root``."""
+
+    def __init__(self, root: Path = ROOT, keep: Path | None = None) -> None:
+        self.root, self._keep = root, keep
+        self._known: dict[str, Source] = _read(keep) if keep else {}
+        self._of: dict[str, Source] = {}
+        self._fresh = False
+
+    def code_of(self, problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
+        """Digest of all that shapes the numbers of a run; entries that are not ours are covered by ``plugins``."""
+        parts = [self.solvers.get(solver, ""), self.problems.get(problem, ""), self.measuring]
+        for path in itertools.chain.from_iterable(map(sources_of, plugins)):
+            parts += [path.name, hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""]
+        return _digest(parts)
+
+    @cached_property
+    def solvers(self) -> dict[str, str]:
+        """The digest of each solver of the catalogue."""
+        return self._marked("solver")
+
+    @cached_property
+    def problems(self) -> dict[str, str]:
+        """The digest of each problem of the catalogue."""
+        return self._marked("problem")
+
+    @cached_property
+    def measuring(self) -> str:
+        """The digest of what hands a problem to a solver, checks what it returns, and measures it."""
+        return self.of(*MEASURING)
+
+    def of(self, *modules: str) -> str:
+        """The digest of modules (``solvers/rattle``) and of all they import."""
+        asked = [place for m in modules if (place := self._file(m))]
+        seen, outside, waiting = dict[str, str](), set[str](), list(asked)
+        while waiting:
+            place = waiting.pop()
+            if place in seen or (place not in asked and (self._arranges(place) or place == f"{SHARED}.py")):
+                continue
+            source = self._source(place)
+            seen[place] = source.digest
+            outside.update(source.outside)
+            waiting += [f for m in source.imports if (f := self._file(m))]
+        versions = sorted(f"{n}=={self._locked[n]}" for m in outside if (n := LOCKED_AS.get(m, m)) in self._locked)
+        self._store()
+        return _digest([*versions, *itertools.chain(*sorted(seen.items()))])
+
+    def _marked(self, kind: str) -> dict[str, str]:
+        out = {}
+        for folder in MARKED[kind]:
+            for path in sorted((self.root / folder).glob("*.py")):
+                place = f"{folder}/{path.stem}"
+                for mark in self._source(f"{place}.py").marks:
+                    if mark.startswith(f"{kind}:"):
+                        out[mark.partition(":")[2]] = self.of(place)
+        return dict(sorted(out.items()))
+
+    @cached_property
+    def _locked(self) -> dict[str, str]:
+        lock = self.root / "requirements.lock"
+        return dict(LOCKED.findall(lock.read_text(encoding="utf-8"))) if lock.is_file() else {}
+
+    @staticmethod
+    def _arranges(place: str) -> bool:
+        return any(place == f"{a}.py" or place.startswith(f"{a}/") for a in ARRANGES)
+
+    @cache  # noqa: B019 - one object a process
+    def _file(self, module: str) -> str | None:
+        for place in (f"{module}.py", f"{module}/__init__.py"):
+            if (self.root / place).is_file():
+                return place
+        return None
+
+    def _source(self, place: str) -> Source:
+        if place not in self._of:
+            content = (self.root / place).read_bytes()
+            key = f"{VERSION} {place} {hashlib.sha256(content).hexdigest()}"
+            if key not in self._known:
+                self._known[key], self._fresh = _parsed(content, place), True
+            self._of[place] = self._known[key]
+        return self._of[place]
+
+    def _store(self) -> None:
+        """Keep what was parsed for the next process; a folder that cannot be written only costs time."""
+        if self._fresh and self._keep:
+            rows = {k: [s.digest, s.imports, s.outside, s.marks] for k, s in self._known.items()}
+            with contextlib.suppress(OSError):
+                self._keep.parent.mkdir(parents=True, exist_ok=True)
+                write_text(self._keep, json.dumps(rows))
+        self._fresh = False
+
+
+@cache
+def here() -> Sources:
+    """Those of this package."""
+    return Sources(ROOT, cache_folder("sources", ROOT / "results" / "local") / "parsed.json")
+
+
+def code_of(problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
+    """The digest that a run made here has as its column ``code``."""
+    return here().code_of(problem, solver, plugins)
+
+
+def _read(keep: Path) -> dict[str, Source]:
+    try:
+        if not 0 < os.stat(keep).st_size < LARGE:
+            return {}
+        rows = json.loads(keep.read_text(encoding="utf-8"))
+        return {k: Source(str(d), *(tuple(map(str, x)) for x in (i, o, m))) for k, (d, i, o, m) in rows.items()}
+    except (OSError, ValueError, TypeError, AttributeError):
+        return {}
+
+
+def _parsed(content: bytes, place: str) -> Source:
+    tree = ast.parse(content)
+    inside, outside = dict[str, None](), dict[str, None]()
+    for module in _imported(tree, place.removesuffix(".py").split("/")):
+        first, _, rest = module.partition("/")
+        (inside if first == "" else outside)[rest if first == "" else first] = None
+    marks = tuple(f"{kind}:{name}" for kind, name in _marks(tree))
+    return Source(_digest(_tree(tree)), tuple(inside), tuple(outside), marks)
+
+
+def _imported(tree: ast.AST, place: list[str]) -> Iterator[str]:
+    """Modules as places: of the package with a slash before them, packages around a module included."""
+    for node in _run(tree):
+        if isinstance(node, ast.Import):
+            named = [a.name.split(".") for a in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            base = (node.module or "").split(".") if node.module else []
+            base = ["mbsbench", *place[: len(place) - node.level], *base] if node.level else base
+            named = [base, *([*base, a.name] for a in node.names)]
+        else:
+            continue
+        for parts in named:
+            if parts[0] == "mbsbench":
+                yield from ("/" + "/".join(parts[1:k]) for k in range(2, len(parts) + 1))
+            else:
+                yield parts[0]
+
+
+def _run(tree: ast.AST) -> Iterator[ast.AST]:
+    """All nodes but what is imported for the checker of types alone."""
+    waiting = [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.If) and isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING":
+            waiting += node.orelse
+            continue
+        yield node
+        waiting += ast.iter_child_nodes(node)
+
+
+def _marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
+    for node in tree.body:
+        for call in getattr(node, "decorator_list", ()):
+            if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in MARKED and call.args:
+                name = call.args[0]
+                if isinstance(name, ast.Constant) and isinstance(name.value, str):
+                    yield call.func.id, name.value
+
+
+def _tree(node: object) -> Iterator[str]:
+    """The syntax tree as words, the same in every version of Python: without docstrings and what is empty."""
+    if isinstance(node, ast.AST):
+        yield type(node).__name__
+        for name, value in ast.iter_fields(node):
+            if value is None or value == [] or name in WITHOUT:
+                continue
+            yield f".{name}"
+            yield from _tree(value)
+        yield ")"
+    elif isinstance(node, list):
+        for one in node:
+            if not (
+                isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant) and isinstance(one.value.value, str)
+            ):
+                yield from _tree(one)
+    else:
+        yield f"{type(node).__name__} {node!r}"
+
+
+def _digest(parts: Iterable[str]) -> str:
+    digest = hashlib.sha256()
+    for part in parts:
+        digest.update(part.encode() + b"\0")
+    return digest.hexdigest()[:16]

@@ -1,0 +1,134 @@
+"""The rules of counting: two verdicts a claim, bands that are moved, early ends, and equal series."""
+
+import math
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.referee.claims.predicates import Band
+from mbsbench.harness.results.judgements.claims import Ending, LeftOut
+from mbsbench.harness.results.judgements.files import shortened
+from mbsbench.reports.model.claim_words import because, condition, distinct, share
+
+from .claiming import RUNS, TEST, claim, options
+from .synthetic import record, series
+
+PRINTED = TEST.replace('"m"', '"p"')
+
+
+def sizes(of):
+    """Records with the |phi| that ``of`` gives for chart, tolerance and lambda in the test."""
+    return [record(x, phi_max=of(x)) for x in RUNS if x.solver == "ida_index1"]
+
+
+def is_printed(x):
+    return options(x)["chart"] == "euler313" and x.control.rtol == 1e-3
+
+
+def test_printed_settings_have_a_verdict_of_their_own():
+    """Good where the paper says, bad elsewhere, and the other way round; without printed rows there is one verdict."""
+    c = claim(PRINTED, sizes(lambda x: 0.1 if is_printed(x) else 9.0))
+    assert (c.paper.verdict, c.paper.holds, c.paper.settings) == ("SUPPORTED", 2, 2)
+    assert (c.beyond.verdict, c.beyond.holds, c.beyond.settings) == ("REFUTED", 0, 10)
+    assert c.verdict == "SUPPORTED" and c.verdicts == "SUPPORTED, beyond REFUTED"
+    c = claim(PRINTED, sizes(lambda x: 9.0 if is_printed(x) else 0.1))
+    assert c.verdicts == "REFUTED, beyond SUPPORTED"
+    assert claim().paper is None and claim().verdicts == "beyond SUPPORTED"
+
+
+def test_a_condition_separates_or_the_verdict_is_mixed():
+    """Values of one dimension, of two, their complement; else a share and no condition."""
+    c = claim(records=sizes(lambda x: 0.1 if x.control.rtol <= 1e-4 else 9.0))
+    assert c.verdict == "CONDITIONAL" and condition(c.beyond.decision) == "tolerance at most 0.0001"
+    c = claim(records=sizes(lambda x: 9.0 if options(x) == {"chart": "euler313", "lam": True} else 0.1))
+    assert c.verdict == "CONDITIONAL" and c.beyond.decision.unless
+    assert "Always unless with multipliers in the error test and chart euler313" in because(c)
+    c = claim(records=sizes(lambda x: 0.1 if (options(x)["chart"] == "euler313") == (x.control.rtol > 5e-4) else 9.0))
+    assert c.verdict == "MIXED" and "50 %" in because(c) and not c.beyond.decision.by
+
+
+@pytest.mark.parametrize(("size", "flips"), [
+    (1.4, [("wider", "SUPPORTED", 12)]), (1.6, []), (0.7, [("narrower", "REFUTED", 0)]), (0.6, []),
+])  # fmt: skip
+def test_a_verdict_that_hangs_on_its_band_is_borderline(size, flips):
+    """Of at most 1 m, half as much again or two thirds of it are taken for the band, and both outcomes said."""
+    c = claim(records=sizes(lambda x: size))
+    assert [(m.by, m.verdict, m.holds) for m in c.beyond.borderline] == flips
+    assert ("borderline" in share(c.beyond)) is bool(flips)
+
+
+def test_counts_and_ends_have_no_wider_band():
+    """One step is no step and a half, the end of the time is not two thirds of it."""
+    steps = 'map = "m"\ntests = [{ metric = "column", name = "steps", at_most = 1, unit = "" }]\n'
+    assert claim(steps, [record(x, steps=1) for x in RUNS]).beyond.borderline == ()
+    reached = 'map = "m"\ntests = [{ metric = "reached", at_least = 1, unit = "" }]\n'
+    assert claim(reached).beyond.borderline == ()
+
+
+def test_bands_move_by_their_ends_or_about_their_middle():
+    assert Band(-math.inf, 2.0).moved(1.5) == Band(-math.inf, 3.0)
+    assert Band(3.0, math.inf).moved(1.5) == Band(2.0, math.inf)
+    assert Band(-math.inf, -0.3).moved(1.5).high == pytest.approx(-0.2)
+    assert Band(-1.0, 1.0).moved(1.5) == Band(-1.5, 1.5)
+    low, high = Band(1.0, 100.0).moved(0.5).low, Band(1.0, 100.0).moved(0.5).high
+    assert (low, high) == pytest.approx((10**0.5, 10**1.5))
+    for band in (Band(2.0, 3.0), Band(-1.0, 4.0), Band(-math.inf, -1.0), Band(0.5, math.inf)):
+        narrow, wide = band.moved(1 / 1.5), band.moved(1.5)
+        assert wide.low <= band.low <= narrow.low <= narrow.high <= band.high <= wide.high
+
+
+def test_a_run_that_ended_before_the_moment_asked_about_is_open():
+    """Diverged at 3 s, it says nothing on 4 s and something on 2 s; where reaching the end is asked too, it fails."""
+    ended = {"status": "diverged", "t_reached_s": 3.0, "steps": 9}
+
+    def of(r):
+        t = np.linspace(0.0, r.t_reached_s, 31)
+        return series(t, x=0.1 * t)
+
+    def first(tests):
+        text = f'map = "m"\ntests = [{tests}]\n'
+        return claim(text, [record(x, **(ended if k == 0 else {})) for k, x in enumerate(RUNS)], of)
+
+    for at, holds in ((4.0, None), (2.0, True)):
+        for test in (f'metric = "value", series = "x", at = {at}', f'metric = "largest", series = "x", to = {at}'):
+            c = first(f'{{ {test}, at_most = 1, unit = "m" }}')
+            assert c.map[0].holds is holds and c.verdict == "SUPPORTED"
+            assert c.beyond.left_out == (() if holds else (LeftOut(Ending.EARLY, 1),))
+    c = first('{ metric = "largest", series = "x", at_most = 2, unit = "m" }')
+    assert c.map[0].holds is None
+    reaching = '{ metric = "reached", at_least = 1, unit = "" }'
+    c = first(f'{{ metric = "largest", series = "x", at_most = 2, unit = "m" }}, {reaching}')
+    assert c.map[0].holds is False and c.verdict == "MIXED"
+
+
+def test_rows_with_equal_series_count_once():
+    """Multipliers in the error test change nothing: of twelve runs six are distinct, and a verdict counts six."""
+
+    def made(x, holds):
+        motion = f"{options(x)['chart']} {x.control.rtol}"
+        return record(x, phi_max=0.1 if holds(x) else 9.0, series_sha256=motion)
+
+    c = claim(records=[made(x, lambda x: True) for x in RUNS])
+    assert (c.beyond.holds, c.beyond.settings, c.beyond.rows) == (6, 6, 12) and distinct(c.beyond) == "6 distinct of 12"
+    assert [m.twin for m in c.map].count(True) == 6 and "(6 distinct of 12)" in because(c)
+    c = claim(records=[made(x, lambda x: options(x)["chart"] == "euler313") for x in RUNS])
+    assert (c.beyond.holds, c.beyond.settings) == (3, 6) and c.beyond.decision.by == {"chart": ("euler313",)}
+    c = claim(PRINTED, [made(x, lambda x: True) for x in RUNS])
+    assert (c.paper.settings, c.paper.rows, c.beyond.settings, c.beyond.rows) == (1, 2, 5, 10)
+
+
+def test_equal_series_of_which_the_others_differ_are_two():
+    """A comparison is of two runs: the same motion beside two others is two settings."""
+    text = 'map = "m"\nagainst = "m"\npair_by = ["chart", "tolerance"]\ntests = [{ metric = "column", ' \
+           'name = "phi_max", compare = "over largest", at_most = 2, unit = "" }]\n'  # fmt: skip
+    found = [record(x, phi_max=1.0, series_sha256="same" if options(x)["lam"] else str(k)) for k, x in enumerate(RUNS)]
+    assert claim(text, found).beyond.settings == 12
+
+
+def test_what_is_published_has_no_maps_but_a_row_that_stands_alone():
+    own = [c for c in RUNS if c.solver == "ida_index1"]
+    c = claim(records=[record(x, phi_max=1.9 if x is own[0] else 0.1) for x in RUNS])
+    (kept,) = shortened([c])
+    assert [m.settings_id for m in kept.map] == [own[0].settings_id] and not kept.settings_ids
+    assert kept.verdicts == c.verdicts and because(kept) == because(c)
+    assert shortened([claim()])[0].map == ()

@@ -1,0 +1,129 @@
+"""What a digest covers, by law: words and layout never, an operator in every module whose numbers pass through it."""
+
+import shutil
+
+import pytest
+
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.results.codes import Sources
+from mbsbench.harness.results.environment import ROOT
+
+COMPILED = ("solvers/formulations/geometric/index1/kernel/rows.py", "mu")
+
+
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """Where parsed modules are kept: a test parses those it edits."""
+    return tmp_path_factory.mktemp("kept") / "parsed.json"
+
+
+@pytest.fixture(scope="module")
+def whole(kept):
+    """The package as it is."""
+    return Sources(ROOT, kept)
+
+
+@pytest.fixture
+def edited(tmp_path, kept):
+    """The digests after an edit of a file of a copy: ``edited(place, before, after)``."""
+
+    def make(place, *pair):
+        root = tmp_path / "copy"
+        if not root.exists():
+            for name in ("harness", "problems", "solvers"):
+                shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__", "*.nb*"))
+            shutil.copy(ROOT / "requirements.lock", root)
+        text = (ROOT / place).read_text(encoding="utf-8")
+        if len(pair) == 2:
+            assert pair[0] in text, (place, pair[0])
+            text = text.replace(*pair, 1)
+        else:
+            text = pair[0](text)
+        (root / place).write_text(text, encoding="utf-8")
+        return Sources(root, kept)
+
+    return make
+
+
+def changed(before, after):
+    """The names whose digest is another."""
+    return {k for k in before if before[k] != after[k]}
+
+
+def operator(text):
+    """The first plus between two words that is code becomes a minus."""
+    import re
+
+    lines = text.splitlines(keepends=True)
+    start = next(k for k, line in enumerate(lines) if line.startswith(("def ", "@")))
+    k = next(k for k in range(start, len(lines)) if re.search(r"^ {4}[^\"#]*= [^\"#]*\w \+ \w", lines[k]))
+    return "".join([*lines[:k], re.sub(r"(\w) \+ (\w)", r"\1 - \2", lines[k], count=1), *lines[k + 1 :]])
+
+
+def reworded(text):
+    """With a comment, another docstring and more empty lines."""
+    return "# words\n" + text.replace('"""', '"""Other words. ', 1).replace("\n\n\n", "\n\n\n\n")
+
+
+def test_every_entry_of_the_catalogue_has_a_digest(whole):
+    ours = [n for n, e in registry.solvers().items() if e.make.__module__.startswith("mbsbench.")]
+    assert set(whole.solvers) == set(ours) and len(set(whole.solvers.values())) == len(ours)
+    assert set(whole.problems) == {n for n in registry.problems() if registry.is_own_problem(n)}
+
+
+def test_comments_docstrings_and_layout_change_nothing(whole, edited):
+    """Of a solver, of a kernel and of what measures, all three at once."""
+    for place in ("solvers/rattle.py", COMPILED[0], "harness/metrics/measure.py"):
+        after = edited(
+            place, lambda text: "# words\n" + text.replace('"""', '"""Other words. ', 1).replace("\n\n\n", "\n\n\n\n")
+        )
+    assert not changed(whole.solvers, after.solvers) and not changed(whole.problems, after.problems)
+    assert after.measuring == whole.measuring
+
+
+def test_an_edit_of_one_solver_asks_for_it_alone(whole, edited):
+    after = edited("solvers/rattle.py", "int(not system.is_conservative)", "int(system.is_conservative)")
+    assert changed(whole.solvers, after.solvers) == {"rattle"}
+    assert not changed(whole.problems, after.problems) and after.measuring == whole.measuring
+    assert after.code_of("chain", "rattle") != whole.code_of("chain", "rattle")
+    assert after.code_of("chain", "gc_weak_form") == whole.code_of("chain", "gc_weak_form")
+
+
+def test_an_edit_of_a_joint_row_asks_for_all_compiled_solvers(whole, edited):
+    """Those that evaluate rows in compiled code, and not the ones on casadi's graphs."""
+    found = changed(whole.solvers, edited(COMPILED[0], operator).solvers)
+    assert found >= {"rattle", "gc_weak_form", "gc_augmented_lagrangian", "lie_variational", "energy_momentum"}
+    assert not found & {"ida_index1", "ida_index3", "ndf_index1", "rk45_strong_form"}
+
+
+def test_an_edit_of_a_problem_or_of_measuring_asks_for_theirs(whole, edited):
+    after = edited("problems/exact/lagrange_top.py", operator)
+    assert not changed(whole.solvers, after.solvers)
+    assert "heavy_top" in changed(whole.problems, after.problems) and "chain" not in changed(
+        whole.problems, after.problems
+    )
+    after = edited("harness/metrics/scales.py", operator)
+    assert after.measuring != whole.measuring and not changed(whole.solvers, after.solvers)
+    assert after.code_of("chain", "rattle") != whole.code_of("chain", "rattle")
+
+
+def test_what_only_arranges_asks_for_nothing(whole, edited):
+    """How records are stored, processes are run and commands are worded."""
+    for place in ("harness/results/store.py", "harness/execution/pool.py", "harness/commands/judge.py"):
+        after = edited(place, lambda text: text + "\nADDED = 1\n")
+    assert (after.solvers, after.problems, after.measuring) == (whole.solvers, whole.problems, whole.measuring)
+
+
+def test_another_version_of_a_package_asks_for_those_that_use_it(whole, edited):
+    after = edited("requirements.lock", lambda text: text.replace("casadi==", "casadi==9"))
+    assert "ida_index1" in changed(whole.solvers, after.solvers) and "rattle" not in changed(
+        whole.solvers, after.solvers
+    )
+
+
+def test_what_was_parsed_is_kept_and_a_damaged_file_costs_only_time(tmp_path, whole):
+    keep = tmp_path / "parsed.json"
+    for text in ("{", '{"1 a": [1]}', "[]"):
+        keep.write_text(text)
+        assert Sources(ROOT, keep).of("solvers/rattle") == whole.solvers["rattle"]
+    assert Sources(ROOT, keep).of("solvers/rattle") == whole.solvers["rattle"]  # from what is kept
