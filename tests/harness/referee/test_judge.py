@@ -21,7 +21,7 @@ from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements.claims import Verdict
 from mbsbench.harness.results.provisional import one_per_run
 from mbsbench.harness.results.records import reasons_json
-from mbsbench.harness.suites.suite import Suite, load_suite
+from mbsbench.harness.suites.suite import Suite
 from mbsbench.harness.types import Law, Reason, Status
 
 from ...reports.pages.synthetic import ORDER
