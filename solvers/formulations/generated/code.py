@@ -1,0 +1,88 @@
+"""Objects of machine code: made by LLVM, kept on disk, loaded for the life of a ``Code``.
+
+A kept object is named by the SHA-256 of its IR, of the processor's name and features, and of llvmlite's version, and
+begins with the digest of its content: one that is damaged or cut short is made again, since LLVM would crash on it.
+"""
+
+import contextlib
+import ctypes
+import hashlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import casadi as ca
+import llvmlite
+import llvmlite.binding as llvm
+
+from ....harness.cache import cache_folder
+from ....harness.files import read_own, write_bytes
+from .functions import Loop, Straight
+from .printing import print_module
+
+FOLDER = cache_folder("generated", Path(__file__).parent / "__pycache__")
+LARGEST = 1 << 28  # bytes of an object
+LEVEL = 1  # of optimisation: machine code alone; LLVM's passes gain nothing on tapes
+
+
+class Code:
+    """Functions loaded in this process. Their addresses are valid as long as this lives: keep it with them."""
+
+    def __init__(self, ir: str) -> None:
+        self._machine = _machine()
+        self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), self._machine)
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(_object(ir, self._machine)))
+        self._engine.finalize_object()
+
+    def address(self, name: str) -> int:
+        """Where function ``name`` begins; KeyError if there is none."""
+        address = self._engine.get_function_address(name)
+        if not address:
+            raise KeyError(f"no function {name!r} in this code")
+        return address
+
+    def function(self, name: str, arguments: int) -> Callable[..., None]:
+        """For calls from Python, with addresses of arrays."""
+        return ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.address(name))
+
+
+def compile_functions(functions: Mapping[str, Straight | Loop | tuple[Sequence[ca.SX], Sequence[ca.SX]]]) -> Code:
+    """Code with one function for each name; a tuple (inputs, outputs) is a ``Straight``.
+
+    Raises ValueError on operations of CasADi without counterpart, and on inputs that are not dense symbols.
+    """
+    return Code(print_module({k: f if isinstance(f, Straight | Loop) else Straight(*f) for k, f in functions.items()}))
+
+
+def _machine() -> llvm.TargetMachine:
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    target = llvm.Target.from_triple(llvm.get_process_triple())
+    cpu, features = _processor()
+    return target.create_target_machine(cpu=cpu, features=features, opt=LEVEL, reloc="pic", codemodel="jitdefault")
+
+
+def _processor() -> tuple[str, str]:
+    return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
+
+
+def _object(ir: str, machine: llvm.TargetMachine) -> bytes:
+    """The object file of ``ir``, from disk if it is there."""
+    version = f"{llvmlite.__version__} {llvm.llvm_version_info} {LEVEL}"
+    key = hashlib.sha256("\0".join((ir, *_processor(), machine.triple, version)).encode()).hexdigest()
+    path = FOLDER / f"{key}.o"
+    with contextlib.suppress(OSError):
+        kept = read_own(path, LARGEST)
+        digest, content = kept[:32], kept[32:]
+        if hashlib.sha256(content).digest() == digest:
+            return content
+    content = _compile(ir, machine)
+    with contextlib.suppress(OSError):  # nowhere to write
+        FOLDER.mkdir(parents=True, exist_ok=True)
+        write_bytes(path, hashlib.sha256(content).digest() + content)
+    return content
+
+
+def _compile(ir: str, machine: llvm.TargetMachine) -> bytes:
+    module = llvm.parse_assembly(ir)
+    module.verify()
+    return machine.emit_object(module)

@@ -1,0 +1,70 @@
+"""What machine code is made of: functions of whole arrays, and loops over elements of one kind."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import casadi as ca
+
+from .tape import Tape, record
+
+
+@dataclass(frozen=True)
+class Straight:
+    """``void f(double* inputs..., double* outputs...)``: one array for each expression; matrices by columns."""
+
+    inputs: Sequence[ca.SX]
+    outputs: Sequence[ca.SX]
+
+
+@dataclass(frozen=True)
+class Loop:
+    """The same expressions for each of n elements: as many bodies or joints as there are, without Python.
+
+    The C arguments, all pointers, in this order: ``int64 n``; each of ``whole``, an array read by all elements; each of
+    ``rows``, an array (n, size) of which each element reads its row; each of ``gathered`` as two, the array read and an
+    ``int64`` table (n, size) of the places; each of ``stored``, an array (n, size) that is written by rows; each of
+    ``added`` as two, the array added to and the table of places. Nothing checks the tables: what is to be
+    dropped goes to a spare place at the end of the array. Outputs must not overlap inputs.
+    """
+
+    whole: Sequence[ca.SX] = ()
+    rows: Sequence[ca.SX] = ()
+    gathered: Sequence[ca.SX] = ()
+    stored: Sequence[ca.SX] = ()
+    added: Sequence[ca.SX] = ()
+
+
+class Array(NamedTuple):
+    """One array argument: how it is accessed, and its size (of a row)."""
+
+    access: str  # whole, rows, gathered; stored, added
+    size: int
+
+
+class Recorded(NamedTuple):
+    """A tape with the arrays that it reads and writes."""
+
+    tape: Tape
+    inputs: list[Array]
+    outputs: list[Array]
+    results: list[list[int]]  # numbers on the tape, one list an output
+
+
+def record_function(function: Straight | Loop) -> Recorded:
+    """The operations of ``function``; ValueError on inputs that are not dense symbols."""
+    if isinstance(function, Straight):
+        inputs = [("whole", x) for x in function.inputs]
+        outputs = [("whole", x) for x in function.outputs]
+    else:
+        inputs = [(how, x) for how in ("whole", "rows", "gathered") for x in getattr(function, how)]
+        outputs = [(how, x) for how in ("stored", "added") for x in getattr(function, how)]
+    made = ca.Function("f", [x for _, x in inputs], [ca.densify(x) for _, x in outputs])
+    tape = Tape()
+    numbers = [[tape.input(k, place) for place in range(x.numel())] for k, (_, x) in enumerate(inputs)]
+    for (_, x), own in zip(inputs, numbers, strict=True):
+        if x.nnz() != len(own):
+            raise ValueError(f"inputs are dense symbols (got {x.nnz()} nonzeros of {len(own)})")
+    results = record(tape, made, numbers)
+    read, written = ([Array(how, x.numel()) for how, x in part] for part in (inputs, outputs))
+    return Recorded(tape, read, written, results)

@@ -1,0 +1,197 @@
+"""LLVM IR of recorded functions.
+
+Long functions are cut in parts of ``PART`` operations, which hand over in an array on the stack: the time that LLVM
+takes grows faster than the number of operations in one function. Products may be contracted with sums, nothing else.
+"""
+
+from collections.abc import Iterator
+
+from .functions import Array, Loop, Recorded, Straight, record_function
+from .tape import needed
+
+PART = 1500  # operations
+ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv", "fmod": "frem"}
+COMPARED = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
+INTRINSIC = ("sin", "cos", "exp", "log", "sqrt", "fabs", "floor", "ceil", "pow", "copysign")  # of LLVM; else of libm
+
+
+def print_module(functions: dict[str, Straight | Loop]) -> str:
+    """The IR of all ``functions``."""
+    lines: list[str] = []
+    callees: dict[str, None] = {}
+    for name, function in functions.items():
+        lines += _Printer(name, record_function(function), isinstance(function, Loop), callees).function()
+    return "\n".join([*(f"declare double {callee}" for callee in callees), *lines, ""])
+
+
+class _Printer:
+    """One function and its parts."""
+
+    def __init__(self, name: str, recorded: Recorded, loops: bool, callees: dict[str, None]) -> None:
+        self._name, self._recorded, self._loops, self._callees = name, recorded, loops, callees
+        self._operations = recorded.tape.operations
+        live = needed(recorded.tape, [number for result in recorded.results for number in result])
+        self._live = [k for k in live if self._operations[k].name not in ("constant", "input")]
+        self._defined = set(self._live)
+        self._slots: dict[int, int] = {}  # place of a number in the array between parts
+
+    def function(self) -> list[str]:
+        cuts = range(0, max(1, len(self._live)), PART)
+        parts = [self._live[start : start + PART] for start in cuts]
+        lines: list[str] = []
+        calls: list[str] = []
+        if len(parts) == 1:
+            calls = list(self._body(parts[0], last=True))
+        else:
+            self._find_slots(parts)
+            for k, part in enumerate(parts):
+                lines += [
+                    f'define internal void @"{self._name}.{k}"({self._arguments()}, i64 %e, ptr %slots) noinline {{'
+                ]
+                lines += [*self._body(part, last=k == len(parts) - 1), "  ret void", "}"]
+                calls.append(f'  call void @"{self._name}.{k}"({self._arguments()}, i64 %e, ptr %slots)')
+        return [*lines, *self._entry(calls)]
+
+    def _entry(self, calls: list[str]) -> Iterator[str]:
+        slots = [f"  %slots = alloca double, i64 {len(self._slots)}"] if self._slots else []
+        if not self._loops:
+            calls = [line.replace("i64 %e", "i64 0") for line in calls]
+            yield from (f'define void @"{self._name}"({self._arguments()}) {{', *slots, *calls, "  ret void", "}")
+            return
+        separator = ", " if self._arguments() else ""
+        yield from (
+            f'define void @"{self._name}"(ptr %n{separator}{self._arguments()}) {{', "entry:", *slots,
+            "  %count = load i64, ptr %n", "  %any = icmp sgt i64 %count, 0",
+            "  br i1 %any, label %element, label %done", "element:",
+            "  %e = phi i64 [ 0, %entry ], [ %next, %element ]", *calls, "  %next = add nsw i64 %e, 1",
+            "  %more = icmp slt i64 %next, %count", "  br i1 %more, label %element, label %done", "done:",
+            "  ret void", "}",
+        )  # fmt: skip
+
+    def _arrays(self) -> Iterator[tuple[str, Array]]:
+        for letter, arrays in (("x", self._recorded.inputs), ("y", self._recorded.outputs)):
+            yield from ((f"{letter}{k}", array) for k, array in enumerate(arrays))
+
+    def _arguments(self) -> str:
+        names = []
+        for name, array in self._arrays():
+            names.append(f"ptr %{name}")
+            if array.access in ("gathered", "added"):
+                names.append(f"ptr %{name}.at")
+        return ", ".join(names)
+
+    def _find_slots(self, parts: list[list[int]]) -> None:
+        """Numbers that a later part reads."""
+        at = {number: k for k, part in enumerate(parts) for number in part}
+        for k, part in enumerate(parts):
+            for number in part:
+                _, *arguments = self._operations[number]
+                for x in arguments:
+                    if at.get(x, k) < k:
+                        self._slots.setdefault(x, len(self._slots))
+
+    def _body(self, part: list[int], *, last: bool) -> Iterator[str]:
+        """The operations of ``part``, then what it hands over and its results; those that are no operations at last."""
+        body = _Body(self._recorded, self._slots, self._callees)
+        for number in part:
+            body.write_operation(number)
+        own = set(part)
+        for number in part:
+            if number in self._slots:
+                place = body.point("slots", str(self._slots[number]))
+                body.write(f"store double {body.name(number)}, ptr {place}")
+        for output, result in enumerate(self._recorded.results):
+            for at, number in enumerate(result):
+                if number in own or (last and number not in self._defined):
+                    body.write_result(output, at, number)
+        return iter(body.lines)
+
+
+class _Body:
+    """Lines of straight code; each value read from outside is loaded once."""
+
+    def __init__(self, recorded: Recorded, slots: dict[int, int], callees: dict[str, None]) -> None:
+        self.lines: list[str] = []
+        self._recorded, self._slots, self._callees = recorded, slots, callees
+        self._names: dict[int, str] = {}
+        self._truths: dict[int, str] = {}  # of numbers that are truth values
+        self._rows: dict[str, str] = {}
+        self._fresh = 0
+
+    def write(self, line: str) -> None:
+        self.lines.append("  " + line)
+
+    def define(self, line: str) -> str:
+        """The name of a new value."""
+        self._fresh += 1
+        self.write(f"%t{self._fresh} = {line}")
+        return f"%t{self._fresh}"
+
+    def point(self, array: str, place: str, kind: str = "double") -> str:
+        """The address of a place in an array argument."""
+        return self.define(f"getelementptr {kind}, ptr %{array}, i64 {place}")
+
+    def name(self, number: int) -> str:
+        """The value of ``number``, loaded if it is from outside."""
+        if number not in self._names:
+            name, a, b = self._recorded.tape.operations[number]
+            if name == "constant":
+                return f"0x{a & 0xFFFFFFFFFFFFFFFF:016X}"
+            address = self._place(f"x{a}", self._recorded.inputs[a], b) if name == "input" else None
+            address = address or self.point("slots", str(self._slots[number]))
+            self._names[number] = self.define(f"load double, ptr {address}")
+        return self._names[number]
+
+    def _place(self, name: str, array: Array, place: int) -> str:
+        if array.access == "whole":
+            return self.point(name, str(place))
+        table = name if array.access in ("rows", "stored") else f"{name}.at"
+        if table not in self._rows:
+            first = self.define(f"mul nsw i64 %e, {array.size}")
+            self._rows[table] = self.point(table, first, "double" if table == name else "i64")
+        kind = "double" if table == name else "i64"
+        at = self.define(f"getelementptr {kind}, ptr {self._rows[table]}, i64 {place}")
+        return at if table == name else self.point(name, self.define(f"load i64, ptr {at}"))
+
+    def write_result(self, output: int, place: int, number: int) -> None:
+        array = self._recorded.outputs[output]
+        if array.access == "added" and number == self._recorded.tape.zero:
+            return
+        value, address = self.name(number), self._place(f"y{output}", array, place)
+        if array.access == "added":
+            value = self.define(f"fadd double {self.define(f'load double, ptr {address}')}, {value}")
+        self.write(f"store double {value}, ptr {address}")
+
+    def write_operation(self, number: int) -> None:
+        name, a, b = self._recorded.tape.operations[number]
+        if name in (*COMPARED, "not", "and", "or"):
+            if name in COMPARED:
+                truth = self.define(f"fcmp {COMPARED[name]} double {self.name(a)}, {self.name(b)}")
+            elif name == "not":
+                truth = self.define(f"xor i1 {self._truth(a)}, true")
+            else:
+                truth = self.define(f"{name} i1 {self._truth(a)}, {self._truth(b)}")
+            self._truths[number] = truth
+            self._names[number] = self.define(f"uitofp i1 {truth} to double")
+        elif name == "if_else_zero":
+            self._names[number] = self.define(f"select i1 {self._truth(a)}, double {self.name(b)}, double 0.0")
+        elif name == "sign":
+            x = self.name(a)
+            below = self.define(f"fcmp olt double {x}, 0.0")
+            other = self.define(f"select i1 {below}, double -1.0, double {x}")
+            above = self.define(f"fcmp ogt double {x}, 0.0")
+            self._names[number] = self.define(f"select i1 {above}, double 1.0, double {other}")
+        elif name == "neg":
+            self._names[number] = self.define(f"fneg double {self.name(a)}")
+        elif name in ARITHMETIC:
+            self._names[number] = self.define(f"{ARITHMETIC[name]} contract double {self.name(a)}, {self.name(b)}")
+        else:
+            arguments = [f"double {self.name(x)}" for x in (a, b) if x >= 0]
+            callee = f"@llvm.{name}.f64" if name in INTRINSIC else f"@{name}"
+            self._callees[f"{callee}({', '.join('double' for _ in arguments)})"] = None
+            self._names[number] = self.define(f"call double {callee}({', '.join(arguments)})")
+
+    def _truth(self, number: int) -> str:
+        if number not in self._truths:
+            self._truths[number] = self.define(f"fcmp une double {self.name(number)}, 0.0")
+        return self._truths[number]

@@ -1,0 +1,57 @@
+"""A list of calls of C functions, run from Python by one call of 0.2 us.
+
+Any function without result whose arguments are all pointers can be a step: those of a ``Code``, and LAPACK's.
+"""
+
+from collections.abc import Sequence
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+
+from .code import Code
+
+MOST_ARGUMENTS = 32
+
+
+class Program:
+    """Calls of addresses with arrays, in order. It holds the arrays and what keeps the addresses valid."""
+
+    def __init__(self, steps: Sequence[tuple[int, Sequence[np.ndarray]]], keeps: Any = None) -> None:
+        """Arrays are used where they are: C-contiguous, float64 or of the type that the function expects."""
+        words = [len(steps)]
+        for address, arrays in steps:
+            if len(arrays) > MOST_ARGUMENTS:
+                raise ValueError(f"a call takes at most {MOST_ARGUMENTS} arrays (got {len(arrays)})")
+            if not all(a.flags.c_contiguous or a.flags.f_contiguous for a in arrays):
+                raise ValueError("arrays of a program are contiguous: functions know their addresses alone")
+            words += [address, len(arrays), *(a.ctypes.data for a in arrays)]
+        self._words = np.array(words, dtype=np.int64)
+        self._keeps = keeps, [arrays for _, arrays in steps], _runner()
+        self.run = partial(self._keeps[2].function("run", 1), self._words.ctypes.data)
+
+
+@cache
+def _runner() -> Code:
+    """``run(program)`` over (address, number of arguments, arguments...) of each step; the first word counts them."""
+    cases = range(MOST_ARGUMENTS + 1)
+    lines = [
+        "define void @run(ptr %program) {", "entry:", "  %steps = load i64, ptr %program",
+        "  %first = getelementptr i64, ptr %program, i64 1", "  br label %next", "next:",
+        "  %k = phi i64 [ 0, %entry ], [ %k1, %ran ]", "  %at = phi ptr [ %first, %entry ], [ %at1, %ran ]",
+        "  %more = icmp slt i64 %k, %steps", "  br i1 %more, label %call, label %done", "call:",
+        "  %f = load ptr, ptr %at", "  %countp = getelementptr i64, ptr %at, i64 1", "  %n = load i64, ptr %countp",
+        "  %arguments = getelementptr i64, ptr %at, i64 2",
+        f"  switch i64 %n, label %done [ {' '.join(f'i64 {n}, label %with{n}' for n in cases)} ]",
+    ]  # fmt: skip
+    for n in cases:
+        lines.append(f"with{n}:")
+        for k in range(n):
+            lines.append(f"  %p{n}.{k} = getelementptr ptr, ptr %arguments, i64 {k}")
+            lines.append(f"  %a{n}.{k} = load ptr, ptr %p{n}.{k}")
+        lines += [f"  call void %f({', '.join(f'ptr %a{n}.{k}' for k in range(n))})", "  br label %ran"]
+    lines += [
+        "ran:", "  %k1 = add i64 %k, 1", "  %words = add i64 %n, 2", "  %at1 = getelementptr i64, ptr %at, i64 %words",
+        "  br label %next", "done:", "  ret void", "}", "",
+    ]  # fmt: skip
+    return Code("\n".join(lines))
