@@ -1,0 +1,142 @@
+"""Functions of bundles of arrays, compiled by numba once, kept on disk as objects and called by address.
+
+A bundle is a named tuple of C-contiguous arrays, of records (NumPy structured arrays without dimension, whose fields
+are read and written by name), of whole numbers and of bundles. Its words, an int64 array, are what a compiled function
+gets: addresses and lengths. A ``Program`` word leads to a list of calls that ``run`` carries out.
+"""
+
+import ast
+import hashlib
+import inspect
+import sys
+from collections.abc import Callable, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..generated import Code
+from ..generated.program import runner
+
+PACKAGE = __name__.rsplit(".", 2)[0]  # whose modules count for what a function is
+
+
+def words_of(bundle: Any) -> list[int]:
+    """A bundle as int64 words: of an array its address and lengths, of a record its address, a whole number itself."""
+    words: list[int] = []
+    for x in bundle:
+        if isinstance(x, np.ndarray):
+            if not x.flags.c_contiguous:
+                raise ValueError("arrays of a bundle are C-contiguous: compiled code knows their addresses alone")
+            words += [x.ctypes.data, *x.shape]
+        elif isinstance(x, tuple):
+            words += words_of(x)
+        else:
+            words.append(int(x))
+    return words
+
+
+def layout_of(bundle: Any) -> str:
+    """Types of a bundle's fields in words: part of the key of what is compiled for it."""
+    parts = []
+    for name, x in zip(bundle._fields, bundle, strict=True):
+        if isinstance(x, np.ndarray):
+            parts.append(f"{name}:{x.ndim}{x.dtype.descr if x.dtype.names else x.dtype.str}")
+        else:
+            parts.append(f"{name}:({layout_of(x)})" if isinstance(x, tuple) else f"{name}:int")
+    return f"{type(bundle).__name__}({' '.join(parts)})"
+
+
+class Bound:
+    """A compiled function with its bundles: to be called from Python, or from compiled code by ``run(bound.entry)``."""
+
+    def __init__(self, function: Callable[..., None], *bundles: Any) -> None:
+        code, name = _compiled(function, bundles)
+        self.words = [np.array(words_of(bundle), dtype=np.int64) for bundle in bundles]
+        self.program = Program([(code.address(name), self.words)], keeps=(code, bundles))
+        self.entry = self.program.entry
+        self.call = code.function(name, len(bundles))
+        self._addresses = [a.ctypes.data for a in self.words]
+
+    def __call__(self) -> None:
+        self.call(*self._addresses)
+
+
+class Program:
+    """Calls of addresses with arrays, in order; ``entry`` is the word by which compiled code runs them."""
+
+    def __init__(self, steps: Sequence[tuple[int, Sequence[np.ndarray]]], keeps: Any = None) -> None:
+        words = [runner().address("run"), len(steps)]
+        for address, arrays in steps:
+            words += [address, len(arrays), *(a.ctypes.data for a in arrays)]
+        self._words = np.array(words, dtype=np.int64)
+        self._keeps = keeps, [arrays for _, arrays in steps]
+        self.entry = self._words.ctypes.data
+        self._run = runner().function("run", 1)
+
+    def __call__(self) -> None:
+        self._run(self.entry + 8)
+
+
+def _compiled(function: Callable[..., None], bundles: Sequence[Any]) -> tuple[Code, str]:
+    key = "\0".join((_source_of(function), *map(layout_of, bundles)))
+    name = f"{function.__module__.rsplit('.', 1)[-1]}.{function.__qualname__}"
+    return _loaded(function, key, name, tuple(bundles)), name
+
+
+_CODES: dict[str, Code] = {}
+
+
+def _loaded(function: Callable[..., None], key: str, name: str, bundles: tuple) -> Code:
+    if key not in _CODES:
+
+        def printed() -> str:
+            from .numba_code import print_function
+
+            return print_function(function, name, bundles)
+
+        _CODES[key] = Code(printed, key)
+    return _CODES[key]
+
+
+@cache
+def _source_of(function: Callable[..., None]) -> str:
+    """A digest of all that a function is compiled from: its name, and the statements of its module and of those imported.
+
+    Comments and docstrings do not count.
+    """
+    import llvmlite
+
+    seen: dict[str, str] = {}
+    _collect(function.__module__, seen)
+    words = (function.__qualname__, llvmlite.__version__, _numba_version(), *(seen[name] for name in sorted(seen)))
+    return hashlib.sha256("\0".join(words).encode()).hexdigest()
+
+
+@cache
+def _numba_version() -> str:
+    from importlib.metadata import version
+
+    return version("numba")
+
+
+def _collect(name: str, seen: dict[str, str]) -> None:
+    if name in seen or not name.startswith(PACKAGE):
+        return
+    module = sys.modules[name]
+    seen[name] = _statements(Path(inspect.getfile(module)))
+    for value in list(vars(module).values()):
+        of = getattr(getattr(value, "py_func", value), "__module__", "") if callable(value) else ""
+        if isinstance(of, str) and of in sys.modules and ".generated" not in of:
+            _collect(of, seen)
+
+
+@cache
+def _statements(path: Path) -> str:
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list) and body and isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Constant):
+            body[0].value.value = ""
+    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()
