@@ -48,12 +48,48 @@ def layout_of(bundle: Any) -> str:
     return f"{type(bundle).__name__}({' '.join(parts)})"
 
 
+class Inner:
+    """A function that compiled functions call: numba's own once something compiles, plain Python until then."""
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        self.function, self.options = function, options
+
+    def __call__(self, *given: Any) -> Any:
+        return self.function(*given)
+
+
+def inner(function: Callable[..., Any]) -> Any:
+    """Mark a function that is compiled into its callers."""
+    return Inner(function, {"forceinline": True})
+
+
+def fused(function: Callable[..., Any]) -> Any:
+    """As ``inner``, products and sums in one rounding: linear algebra."""
+    return Inner(function, {"forceinline": True, "fastmath": {"contract"}})
+
+
+def apart(function: Callable[..., Any]) -> Any:
+    """A function that stays one where it is called from more than one place."""
+    return Inner(function, {})
+
+
+def run(entry: int) -> None:
+    """Carry out the calls of a program, by its word; in compiled functions only."""
+    raise TypeError("run is called by compiled functions")
+
+
+def call_law(address: int, t: float, state: np.ndarray, load: np.ndarray) -> None:
+    """law(t, state, load) of a user's force (``mechanics.user_forces``); in compiled functions only."""
+    raise TypeError("call_law is called by compiled functions")
+
+
 class Bound:
     """A compiled function with its bundles: to be called from Python, or from compiled code by ``run(bound.entry)``."""
 
-    def __init__(self, function: Callable[..., None], *bundles: Any) -> None:
+    def __init__(self, function: Callable[..., None], *bundles: Any, words: Sequence[np.ndarray] = ()) -> None:
+        """With ``words`` of the bundles that the caller fills later on, where a bundle holds this very entry."""
         code, name = _compiled(function, bundles)
-        self.words = [np.array(words_of(bundle), dtype=np.int64) for bundle in bundles]
+        self.words = list(words) or [np.array(words_of(bundle), dtype=np.int64) for bundle in bundles]
         self.program = Program([(code.address(name), self.words)], keeps=(code, bundles))
         self.entry = self.program.entry
         self.call = code.function(name, len(bundles))
@@ -67,16 +103,18 @@ class Program:
     """Calls of addresses with arrays, in order; ``entry`` is the word by which compiled code runs them."""
 
     def __init__(self, steps: Sequence[tuple[int, Sequence[np.ndarray]]], keeps: Any = None) -> None:
+        self.steps = list(steps)
         words = [runner().address("run"), len(steps)]
         for address, arrays in steps:
             words += [address, len(arrays), *(a.ctypes.data for a in arrays)]
         self._words = np.array(words, dtype=np.int64)
         self._keeps = keeps, [arrays for _, arrays in steps]
         self.entry = self._words.ctypes.data
-        self._run = runner().function("run", 1)
 
-    def __call__(self) -> None:
-        self._run(self.entry + 8)
+    @staticmethod
+    def run(entry: int) -> None:
+        """Carry out the calls of a program, by its word."""
+        runner().function("run", 1)(entry + 8)
 
 
 def _compiled(function: Callable[..., None], bundles: Sequence[Any]) -> tuple[Code, str]:

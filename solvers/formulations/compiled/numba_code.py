@@ -1,6 +1,8 @@
 """Numba's part: bundles as numba sees them, ``run`` and functions printed as LLVM IR. Loaded when something compiles."""
 
+import sys
 from collections.abc import Callable
+from functools import cache
 from typing import Any
 
 import numba
@@ -11,12 +13,16 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 from numba.np import arrayobj
 
+from . import entries
+from .entries import PACKAGE, Inner
+
 OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def print_function(function: Callable[..., None], name: str, bundles: tuple) -> str:
     """LLVM IR of ``name`` (words...) -> void."""
-    inner = function if hasattr(function, "py_func") else numba.njit(**OPTIONS)(function)
+    arm(function.__module__, set())
+    inner = numba.njit(**OPTIONS)(function)
     unpack = [_unpacker(bundle_type(bundle)) for bundle in bundles]
     words = types.CPointer(types.int64)
     if len(bundles) == 1:
@@ -94,6 +100,31 @@ def _unpacked(context: Any, builder: Any, of: Any, words: Any, at: list[int]) ->
     return load()
 
 
+def arm(name: str, seen: set[str]) -> None:
+    """Make numba's functions of all ``Inner`` functions that a module calls, there and in the modules it imports from."""
+    if name in seen or not name.startswith(PACKAGE) or name == entries.__name__:
+        return
+    seen.add(name)
+    space = vars(sys.modules[name])
+    for key, value in list(space.items()):
+        if isinstance(value, Inner):
+            arm(value.function.__module__, seen)
+            space[key] = _made(value)
+        elif value is entries.run:
+            space[key] = run
+        elif value is entries.call_law:
+            space[key] = call_law
+        elif callable(value):
+            of = getattr(getattr(value, "py_func", value), "__module__", None)
+            if isinstance(of, str) and of in sys.modules:
+                arm(of, seen)
+
+
+@cache
+def _made(of: Inner) -> Any:
+    return numba.njit(**OPTIONS, **of.options)(of.function)
+
+
 @intrinsic
 def run(typing: Any, entry: Any) -> Any:
     """Carry out the calls of a program, by its word."""
@@ -107,3 +138,18 @@ def run(typing: Any, entry: Any) -> Any:
         return context.get_dummy_value()
 
     return types.void(types.int64), generate
+
+
+@intrinsic
+def call_law(typing: Any, address: Any, t: Any, state: Any, load: Any) -> Any:
+    """law(t, state, load) at the address of its C function."""
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        double = ir.DoubleType()
+        law = ir.FunctionType(ir.VoidType(), [double, double.as_pointer(), double.as_pointer()])
+        arrays = zip(signature.args[2:], given[2:], strict=True)
+        data = [context.make_array(kind)(context, builder, value).data for kind, value in arrays]
+        builder.call(builder.inttoptr(given[0], law.as_pointer()), [given[1], *data])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.float64, state, load), generate
