@@ -114,7 +114,12 @@ class Program:
     @staticmethod
     def run(entry: int) -> None:
         """Carry out the calls of a program, by its word."""
-        runner().function("run", 1)(entry + 8)
+        _runner()(entry + 8)
+
+
+@cache
+def _runner() -> Callable[..., None]:
+    return runner().function("run", 1)
 
 
 def _compiled(function: Callable[..., None], bundles: Sequence[Any]) -> tuple[Code, str]:
@@ -148,7 +153,7 @@ def _source_of(function: Callable[..., None]) -> str:
 
     seen: dict[str, str] = {}
     _collect(function.__module__, seen)
-    words = (function.__qualname__, llvmlite.__version__, _numba_version(), *(seen[name] for name in sorted(seen)))
+    words = (function.__qualname__, "2", llvmlite.__version__, _numba_version(), *(seen[name] for name in sorted(seen)))
     return hashlib.sha256("\0".join(words).encode()).hexdigest()
 
 

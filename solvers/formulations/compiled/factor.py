@@ -15,14 +15,35 @@ DEPENDENT = 1e-9  # of the row's own entry of S; rounding leaves 1e-15, the weak
 
 
 def factorise(k):
+    """S of ``k.X``, ``k.Y``, ``k.way`` and its factor."""
+    _factorise(k, WIDTH)
+
+
+def factorise_points(k):
+    """``factorise`` where joints have three rows at most."""
+    _factorise(k, 3)
+
+
+def solve(k):
+    """``k.rhs`` := S^-1 rhs with the factor in ``k.L``; 0 in redundant rows."""
+    _solve(k, WIDTH)
+
+
+def solve_points(k):
+    """``solve`` where joints have three rows at most."""
+    _solve(k, 3)
+
+
+@fused
+def _factorise(k, W):
     """S into ``k.L``, then its block Cholesky factor in place; ``k.state.rank`` is the number of rows kept.
 
     ``k.state.shift`` is added to the diagonal, relative to it: with more than ``DEPENDENT`` no row is dropped.
     """
     b, L, nj, rank = k.blocks, k.L, len(k.blocks.joint), 0
     for p in range(len(b.other)):
-        for a in range(WIDTH):
-            for c in range(WIDTH):
+        for a in range(W):
+            for c in range(W):
                 L[p, a, c] = 0.0
     for col in range(nj):
         jc, size = b.joint[col], b.size[col]
@@ -32,8 +53,8 @@ def factorise(k):
             for t in range(b.shared_start[p], b.shared_start[p + 1]):
                 ea, ec = b.shared[t, 1], b.shared[t, 2]
                 weight = (1.0 - 2.0 * ea) * (1.0 - 2.0 * ec) / k.mass[k.body[jc, ec]]
-                if size == WIDTH:
-                    _add_turnings(k.X, k.Y, L, p, at, ea, to, ec, WIDTH, height)
+                if size == W:
+                    _add_turnings(k.X, k.Y, L, p, at, ea, to, ec, W, height)
                 else:
                     _add_turnings(k.X, k.Y, L, p, at, ea, to, ec, size, height)
                 if k.pins[ja] and k.pins[jc]:
@@ -49,23 +70,23 @@ def factorise(k):
         rank += _diagonal(L, d, size, k.diagonal, b.row[col])
         for p in range(d + 1, b.start[col + 1]):  # L_pd = S_pd L_dd^-T
             height = b.size[b.other[p]]
-            if size == WIDTH:  # as a constant it has the loops unrolled: half the time of a full block
-                _divide(L, p, d, WIDTH, height)
+            if size == W:  # as a constant it has the loops unrolled: half the time of a full block
+                _divide(L, p, d, W, height)
             else:
                 _divide(L, p, d, size, height)
         for t in range(b.update_start[col], b.update_start[col + 1]):
             target, left, right = b.update[t, 0], b.update[t, 1], b.update[t, 2]
-            for a in range(WIDTH):
-                for c in range(WIDTH):
+            for a in range(W):
+                for c in range(W):
                     x = 0.0
-                    for q in range(WIDTH):
+                    for q in range(W):
                         x += L[left, a, q] * L[right, c, q]
                     L[target, a, c] -= x
     k.state.rank = rank
 
 
-def solve(k):
-    """``k.rhs`` := S^-1 rhs with the factor in ``k.L``; 0 in redundant rows."""
+@fused
+def _solve(k, W):
     b, L, x, nj = k.blocks, k.L, k.rhs, len(k.blocks.joint)
     for col in range(nj):
         d, size, row = b.start[col], b.size[col], b.row[col]
@@ -76,16 +97,16 @@ def solve(k):
             x[row + a] = y * L[d, a, a]
         for p in range(d + 1, b.start[col + 1]):
             at, height = b.row[b.other[p]], b.size[b.other[p]]
-            if size == WIDTH:
-                _subtract(L, p, x, row, WIDTH, at, height)
+            if size == W:
+                _subtract(L, p, x, row, W, at, height)
             else:
                 _subtract(L, p, x, row, size, at, height)
     for col in range(nj - 1, -1, -1):
         d, size, row = b.start[col], b.size[col], b.row[col]
         for p in range(d + 1, b.start[col + 1]):
             at, height = b.row[b.other[p]], b.size[b.other[p]]
-            if size == WIDTH:
-                _subtract_transposed(L, p, x, row, WIDTH, at, height)
+            if size == W:
+                _subtract_transposed(L, p, x, row, W, at, height)
             else:
                 _subtract_transposed(L, p, x, row, size, at, height)
         for a in range(size - 1, -1, -1):

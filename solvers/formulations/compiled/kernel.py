@@ -108,7 +108,9 @@ def make_kernel(system: MultibodySystem) -> Made:
     entries = {"rows": _rows(system, k, parts, keeps)}
     for name, gyroscopic in (("forces", True), ("applied", False)):
         entries[name] = _forces(system, k, keeps, gyroscopic=gyroscopic)
-    bound = {name: getattr(module, name) for module, names in BOUND.items() for name in names}
+    points = "_points" if k.L.shape[1] == 3 else ""
+    bound = {name: getattr(factor, name + points) for name in ("factorise", "solve")}
+    bound |= {name: getattr(evaluation, name) for name in EVALUATION}
     # words of a kernel have one length, so that entries may hold the address of the array that is filled last
     words = np.array(words_of(k), dtype=np.int64)
     for name, function in bound.items():
@@ -120,10 +122,7 @@ def make_kernel(system: MultibodySystem) -> Made:
     return Made(k, [words, *keeps])
 
 
-BOUND = {
-    factor: ("factorise", "solve"),
-    evaluation: ("react", "accelerate", "reactions", "project", "project_rates", "take_back"),
-}
+EVALUATION = ("react", "accelerate", "reactions", "project", "project_rates", "take_back")
 
 
 def start_at(k: Kernel, state: State) -> None:
@@ -152,6 +151,7 @@ def _room(system: MultibodySystem) -> tuple[Kernel, list[Part]]:
         return np.zeros((nb + 1, *shape))[:nb]
 
     taken_back, blocks = system.taken_back, _blocks(body, row, place)
+    width = 3 if np.max(size, initial=0) <= 3 else WIDTH
     return Kernel(
         mass=np.array(system.mass), J=np.array(system.solved_inertia), J_inv=_filled(bodies(3, 3), _inverse(system)),
         coupled=np.array(taken_back) if np.any(taken_back) else np.zeros((0, 3, 3)),
@@ -160,7 +160,7 @@ def _room(system: MultibodySystem) -> tuple[Kernel, list[Part]]:
                     np.zeros(NUMBERS_READ), np.zeros((4, 3))),
         t=np.zeros(1), r=bodies(3), R=bodies(3, 3), v=bodies(6), v_dot=bodies(6), force=bodies(6),
         X=np.zeros((2, nr, 3)), Y=np.zeros((2, nr, 3)), way=np.zeros((nr, 3)), phi=np.zeros(nr), slip=np.zeros(nr),
-        gamma=np.zeros(nr), lam=np.zeros(nr), rhs=np.zeros(nr), L=np.zeros((len(blocks.other), WIDTH, WIDTH)), diagonal=np.zeros(nr),
+        gamma=np.zeros(nr), lam=np.zeros(nr), rhs=np.zeros(nr), L=np.zeros((len(blocks.other), width, width)), diagonal=np.zeros(nr),
         change=bodies(6), spun=bodies(3), left=bodies(3), toward=bodies(3), order=order,
     ), parts  # fmt: skip
 

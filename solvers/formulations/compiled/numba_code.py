@@ -22,7 +22,7 @@ OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "n
 def print_function(function: Callable[..., None], name: str, bundles: tuple) -> str:
     """LLVM IR of ``name`` (words...) -> void."""
     arm(function.__module__, set())
-    inner = numba.njit(**OPTIONS)(function)
+    inner = numba.njit(**OPTIONS, forceinline=True)(function)
     unpack = [_unpacker(bundle_type(bundle)) for bundle in bundles]
     words = types.CPointer(types.int64)
     if len(bundles) == 1:

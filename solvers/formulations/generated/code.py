@@ -21,7 +21,7 @@ from .printing import print_module
 
 FOLDER = cache_folder("generated", Path(__file__).parent / "__pycache__")
 LARGEST = 1 << 28  # bytes of an object
-LEVEL = 1  # of optimisation: machine code alone; LLVM's passes gain nothing on tapes
+LEVEL = 3  # of optimisation: machine code alone; LLVM's passes gain nothing on tapes
 
 
 class Code:
