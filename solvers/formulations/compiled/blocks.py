@@ -9,8 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-
-
 WIDTH = 5  # rows of the largest joint: blocks are WIDTH x WIDTH, a spherical joint leaves two rows of them empty
 
 
@@ -29,7 +27,7 @@ class Blocks(NamedTuple):
 
 
 def analyse(bodies: np.ndarray, row: np.ndarray) -> Blocks:
-    """Order, fill and the list of block products; ``bodies`` (nj, 2) of each joint, -1 the ground, its first ``row``."""
+    """Order, fill and the list of block products; ``bodies`` (nj, 2), -1 is the ground, and first rows of joints."""
     nj = len(bodies)
     held: dict[int, list[tuple[int, int]]] = {}
     for j, ends in enumerate(bodies):

@@ -84,19 +84,18 @@ def call_law(address: int, t: float, state: np.ndarray, load: np.ndarray) -> Non
 
 
 class Bound:
-    """A compiled function with its bundles: to be called from Python, or from compiled code by ``run(bound.entry)``."""
+    """A compiled function with its bundle: to be called from Python, or from compiled code by ``run(bound.entry)``."""
 
-    def __init__(self, function: Callable[..., None], *bundles: Any, words: Sequence[np.ndarray] = ()) -> None:
-        """With ``words`` of the bundles that the caller fills later on, where a bundle holds this very entry."""
-        code, name = _compiled(function, bundles)
-        self.words = list(words) or [np.array(words_of(bundle), dtype=np.int64) for bundle in bundles]
-        self.program = Program([(code.address(name), self.words)], keeps=(code, bundles))
+    def __init__(self, function: Callable[..., None], bundle: Any, words: np.ndarray | None = None) -> None:
+        """With ``words`` that the caller fills later on, where the bundle holds this very entry."""
+        name = f"{function.__module__.rsplit('.', 1)[-1]}.{function.__qualname__}"
+        code = _compiled(function, name, bundle)
+        self.words = np.array(words_of(bundle), dtype=np.int64) if words is None else words
+        self.program = Program([(code.address(name), [self.words])], keeps=(code, bundle))
         self.entry = self.program.entry
-        self.call = code.function(name, len(bundles))
-        self._addresses = [a.ctypes.data for a in self.words]
 
     def __call__(self) -> None:
-        self.call(*self._addresses)
+        Program.run(self.entry)
 
 
 class Program:
@@ -122,22 +121,17 @@ def _runner() -> Callable[..., None]:
     return runner().function("run", 1)
 
 
-def _compiled(function: Callable[..., None], bundles: Sequence[Any]) -> tuple[Code, str]:
-    key = "\0".join((_source_of(function), *map(layout_of, bundles)))
-    name = f"{function.__module__.rsplit('.', 1)[-1]}.{function.__qualname__}"
-    return _loaded(function, key, name, tuple(bundles)), name
-
-
 _CODES: dict[str, Code] = {}
 
 
-def _loaded(function: Callable[..., None], key: str, name: str, bundles: tuple) -> Code:
+def _compiled(function: Callable[..., None], name: str, bundle: Any) -> Code:
+    key = f"{_source_of(function)}\0{layout_of(bundle)}"
     if key not in _CODES:
 
         def printed() -> str:
-            from .numba_code import print_function
+            from .numba_code import print_function  # half a second, and only where something compiles
 
-            return print_function(function, name, bundles)
+            return print_function(function, name, bundle)
 
         _CODES[key] = Code(printed, key)
     return _CODES[key]
@@ -145,7 +139,7 @@ def _loaded(function: Callable[..., None], key: str, name: str, bundles: tuple) 
 
 @cache
 def _source_of(function: Callable[..., None]) -> str:
-    """A digest of all that a function is compiled from: its name, and the statements of its module and of those imported.
+    """A digest of what a function is compiled from: its name, the statements of its module and of those imported.
 
     Comments and docstrings do not count.
     """
@@ -180,6 +174,11 @@ def _statements(path: Path) -> str:
     tree = ast.parse(path.read_text(encoding="utf-8"))
     for node in ast.walk(tree):
         body = getattr(node, "body", None)
-        if isinstance(body, list) and body and isinstance(body[0], ast.Expr) and isinstance(body[0].value, ast.Constant):
+        if (
+            isinstance(body, list)
+            and body
+            and isinstance(body[0], ast.Expr)
+            and isinstance(body[0].value, ast.Constant)
+        ):
             body[0].value.value = ""
     return hashlib.sha256(ast.dump(tree).encode()).hexdigest()

@@ -1,6 +1,6 @@
 """Index 1 at one state: products with A and M^-1, accelerations and multipliers, projections (compiled).
 
-    S lam = -gamma - A M^-1 f,   v_dot = M^-1 (f + A^T lam),   gamma = A_dot v + (phi_t)_dot
+S lam = -gamma - A M^-1 f,   v_dot = M^-1 (f + A^T lam),   gamma = A_dot v + (phi_t)_dot
 """
 
 import numpy as np
@@ -117,6 +117,34 @@ def project_rates(k):
     add_rates(k, k.v, -1.0, k.rhs)
     run(k.solve)
     add_loads(k, k.way, k.Y, k.rhs, k.v)
+
+
+def divide(k):
+    """w := M^-1 w"""
+    times_inverse_mass(k.mass, k.J_inv, k.w)
+
+
+def push(k):
+    """w += M^-1 A^T x"""
+    add_loads(k, k.way, k.Y, k.x, k.w)
+
+
+def push_kept(k):
+    """``push`` with the rows kept."""
+    add_loads(k, k.way0, k.Y0, k.x, k.w)
+
+
+def keep_rows(k):
+    """Keep the rows for ``push_kept``."""
+    copy(k.Y, k.Y0)
+    copy(k.way, k.way0)
+
+
+def slips(k):
+    """x := -(A w + phi_t)"""
+    for a in range(len(k.x)):
+        k.x[a] = -k.slip[a]
+    add_rates(k, k.w, -1.0, k.x)
 
 
 def take_back(k):

@@ -1,4 +1,4 @@
-"""From a problem to a trajectory: the kernel, a method, its march in stretches, limits, spooling, what is handed back."""
+"""From a problem to a trajectory: the kernel, a method, its march in stretches, limits, spooling."""
 
 import time
 from collections.abc import Callable

@@ -4,7 +4,7 @@ Joints are taken apart into what S has one block for: at most ``WIDTH`` rows, po
 line, axis or moving rows alone. They are sorted by kind, so that each kind is one loop; ``order`` leads back.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -66,6 +66,10 @@ class Kernel(NamedTuple):
     spun: Any  # (nb, 3)
     left: Any  # (nb, 3)
     toward: Any  # (nb, 3)
+    x: Any  # (nrows,) of ``push``, ``push_kept``: multipliers; of ``slips`` its result
+    w: Any  # (nb, 6) of ``push``, ``push_kept``, ``slips``, ``divide``: velocities
+    Y0: Any  # Y and way that ``keep_rows`` has kept
+    way0: Any
     order: Any  # (nrows,) place of each row of the system in the kernel
     rows: int = 0  # X, Y, way, phi, slip, gamma at (t, r, R, v)
     factorise: int = 0  # S of these rows, and its factor
@@ -77,6 +81,11 @@ class Kernel(NamedTuple):
     reactions: int = 0  # rows, react
     project: int = 0  # poses and velocities onto the constraints
     project_rates: int = 0  # velocities alone, with rows and factor at hand
+    divide: int = 0  # w := M^-1 w
+    push: int = 0  # w += M^-1 A^T x
+    push_kept: int = 0  # with the rows kept
+    keep_rows: int = 0
+    slips: int = 0  # x := -(A w + phi_t)
     take_back: int = 0  # of ``react``: lent inertia
 
 
@@ -114,15 +123,18 @@ def make_kernel(system: MultibodySystem) -> Made:
     # words of a kernel have one length, so that entries may hold the address of the array that is filled last
     words = np.array(words_of(k), dtype=np.int64)
     for name, function in bound.items():
-        one = Bound(function, k, words=[words])
+        one = Bound(function, k, words)
         keeps.append(one)
         entries[name] = one.entry
-    k = k._replace(**entries)
+    k = Kernel(**{**k._asdict(), **entries})
     words[:] = words_of(k)
     return Made(k, [words, *keeps])
 
 
-EVALUATION = ("react", "accelerate", "reactions", "project", "project_rates", "take_back")
+EVALUATION = (
+    "react", "accelerate", "reactions", "project", "project_rates", "take_back", "divide", "push", "push_kept",
+    "keep_rows", "slips",
+)  # fmt: skip
 
 
 def start_at(k: Kernel, state: State) -> None:
@@ -160,8 +172,10 @@ def _room(system: MultibodySystem) -> tuple[Kernel, list[Part]]:
                     np.zeros(NUMBERS_READ), np.zeros((4, 3))),
         t=np.zeros(1), r=bodies(3), R=bodies(3, 3), v=bodies(6), v_dot=bodies(6), force=bodies(6),
         X=np.zeros((2, nr, 3)), Y=np.zeros((2, nr, 3)), way=np.zeros((nr, 3)), phi=np.zeros(nr), slip=np.zeros(nr),
-        gamma=np.zeros(nr), lam=np.zeros(nr), rhs=np.zeros(nr), L=np.zeros((len(blocks.other), width, width)), diagonal=np.zeros(nr),
-        change=bodies(6), spun=bodies(3), left=bodies(3), toward=bodies(3), order=order,
+        gamma=np.zeros(nr), lam=np.zeros(nr), rhs=np.zeros(nr), diagonal=np.zeros(nr),
+        L=np.zeros((len(blocks.other), width, width)),
+        change=bodies(6), spun=bodies(3), left=bodies(3), toward=bodies(3),
+        x=np.zeros(nr), w=bodies(6), Y0=np.zeros((2, nr, 3)), way0=np.zeros((nr, 3)), order=order,
     ), parts  # fmt: skip
 
 
@@ -236,7 +250,9 @@ def _places(body: np.ndarray, *arrays: tuple[np.ndarray, int]) -> Iterator[tuple
 def _forces(system: MultibodySystem, k: Kernel, keeps: list[Any], *, gyroscopic: bool) -> int:
     code = compile_functions({"bodies": body_loop(gyroscopic=gyroscopic)})
     weight = system.mass[:, None] * system.gravity
-    steps = [(code.address("bodies"), [np.array([system.nb]), weight, k.J, k.v, k.force])]
+    steps: list[tuple[int, Sequence[np.ndarray]]] = [
+        (code.address("bodies"), [np.array([system.nb]), weight, k.J, k.v, k.force])
+    ]
     keeps.append(code)
     for kind in ("spring", "torsion", "load"):
         i = np.asarray(getattr(system, f"{kind}_i"))

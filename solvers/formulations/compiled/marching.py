@@ -1,7 +1,7 @@
 """The one way to march: times of steps, error control, reversible control, recording (compiled).
 
-A method fills ``control``: at ``step.t`` [s] its step tries ``control.h`` and leaves ``status``, and ``error`` where the
-step size is controlled by it; its finish follows an accepted step, and leaves the state and ``lam`` to be recorded.
+At ``control.t`` [s] the step of a method tries ``control.h`` and leaves ``status``, and ``error`` where the step size
+is controlled by it; its finish follows an accepted step, and leaves the state and ``lam`` to be recorded.
 
 Reversible step control (Hairer and Soederlind 2005, SIAM J. Sci. Comput. 26)::
 

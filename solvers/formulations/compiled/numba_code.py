@@ -1,4 +1,4 @@
-"""Numba's part: bundles as numba sees them, ``run`` and functions printed as LLVM IR. Loaded when something compiles."""
+"""Numba's part: bundles as numba sees them, ``run``, functions as LLVM IR. Loaded when something compiles."""
 
 import sys
 from collections.abc import Callable
@@ -19,27 +19,18 @@ from .entries import PACKAGE, Inner
 OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
-def print_function(function: Callable[..., None], name: str, bundles: tuple) -> str:
-    """LLVM IR of ``name`` (words...) -> void."""
+def print_function(function: Callable[..., None], name: str, bundle: Any) -> str:
+    """LLVM IR of ``name`` (words) -> void."""
     arm(function.__module__, set())
     inner = numba.njit(**OPTIONS, forceinline=True)(function)
-    unpack = [_unpacker(bundle_type(bundle)) for bundle in bundles]
-    words = types.CPointer(types.int64)
-    if len(bundles) == 1:
-        (first,) = unpack
+    unpack = _unpacker(bundle_type(bundle))
 
-        def entry(a):  # type: ignore[no-untyped-def]
-            inner(first(a))
+    def entry(words):  # type: ignore[no-untyped-def]
+        inner(unpack(words))
 
-    else:
-        first, second = unpack
-
-        def entry(a, b):  # type: ignore[no-untyped-def]
-            inner(first(a), second(b))
-
-    made = numba.cfunc(types.void(*[words] * len(bundles)), error_model="numpy", _nrt=False)(entry)
+    made = numba.cfunc(types.void(types.CPointer(types.int64)), error_model="numpy", _nrt=False)(entry)
     text: str = made.inspect_llvm()
-    return text.replace(f'@{made.native_name}(', f'@"{name}"(').replace(f'@"{made.native_name}"(', f'@"{name}"(')
+    return text.replace(f"@{made.native_name}(", f'@"{name}"(').replace(f'@"{made.native_name}"(', f'@"{name}"(')
 
 
 def bundle_type(bundle: Any) -> Any:
@@ -53,8 +44,10 @@ def bundle_type(bundle: Any) -> Any:
                 fields.append(types.Array(numba.from_dtype(x.dtype), x.ndim, "C"))
         else:
             fields.append(bundle_type(x) if isinstance(x, tuple) else types.int64)
-    return types.NamedTuple(fields, type(bundle)) if len(set(fields)) > 1 else types.NamedUniTuple(
-        fields[0], len(fields), type(bundle)
+    return (
+        types.NamedTuple(fields, type(bundle))
+        if len(set(fields)) > 1
+        else types.NamedUniTuple(fields[0], len(fields), type(bundle))
     )
 
 
@@ -94,14 +87,16 @@ def _unpacked(context: Any, builder: Any, of: Any, words: Any, at: list[int]) ->
     if isinstance(of, types.Record):
         return builder.inttoptr(load(), context.get_value_type(of))
     if isinstance(of, types.BaseTuple):
-        return cgutils.pack_struct(builder, [_unpacked(context, builder, one, words, at) for one in of]) if not isinstance(
-            of, types.UniTuple | types.NamedUniTuple
-        ) else cgutils.pack_array(builder, [_unpacked(context, builder, one, words, at) for one in of])
+        return (
+            cgutils.pack_struct(builder, [_unpacked(context, builder, one, words, at) for one in of])
+            if not isinstance(of, types.UniTuple | types.NamedUniTuple)
+            else cgutils.pack_array(builder, [_unpacked(context, builder, one, words, at) for one in of])
+        )
     return load()
 
 
 def arm(name: str, seen: set[str]) -> None:
-    """Make numba's functions of all ``Inner`` functions that a module calls, there and in the modules it imports from."""
+    """Make numba's functions of all ``Inner`` functions of a module and of those it imports from."""
     if name in seen or not name.startswith(PACKAGE) or name == entries.__name__:
         return
     seen.add(name)

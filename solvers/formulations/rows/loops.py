@@ -21,13 +21,13 @@ def row_loop(kind: str, rows: tuple[int, ...], ground: bool) -> RowLoop:
 
     Reads t; numbers; blocks r, R, v, J^-1 of body i, then of body j.
     """
-    e, n = row_expressions(kind, rows), len(rows)
+    e = row_expressions(kind, rows)
     i, j = _body("i"), _body("j")
     A, phi, gamma, phi_t = _at(e, [e.A, e.phi, e.gamma, e.phi_t], i, j, ground)
     X, ends = [A[:, 3:6], A[:, 9:12]], 1 if ground else 2
     Y = [X[0] @ _matrix(i[3]), X[1] @ _matrix(j[3])]
     way = A[:, :3]
-    constant, still = way.is_constant(), phi_t.is_constant() and phi_t.nnz() == 0 or bool(phi_t.is_zero())
+    constant, still = way.is_constant(), (phi_t.is_constant() and phi_t.nnz() == 0) or bool(phi_t.is_zero())
     stored = [phi, gamma, *map(_by_rows, X[:ends]), *map(_by_rows, Y[:ends])]
     stored += [] if constant else [_by_rows(way)]
     stored += [] if still else [phi_t]
