@@ -3,19 +3,13 @@
 import importlib
 import io
 import os
-import pkgutil
 import signal
 import sys
 from types import ModuleType
 from typing import NoReturn
 
-from . import commands as command_modules
+from .commands.parser import UsageError, summaries, top_parser
 from .results.environment import THREADS
-
-FIRST = (
-    "catalogue", "solve", "run", "show", "report", "check", "try", "advise", "referee", "export", "judge", "gate",
-    "verify", "diff", "merge", "history",
-)  # fmt: skip
 
 INTERRUPTED = {
     "run": "interrupted; finished runs are kept (--resume continues)",
@@ -27,24 +21,21 @@ os.environ.update(THREADS)  # before numpy is loaded, which reads them once
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Parse and run a subcommand; returns the exit code."""
-    from .commands.terms import Parser
-    from .execution.pool import PoolError
-
-    words = "Benchmark of integrators for constrained multibody dynamics: run, measure, judge, report."
-    more = "mbsbench COMMAND --help explains a command; docs/glossary.md explains the terms."
-    parser = Parser(prog="mbsbench", description=words, epilog=more)
-    commands = parser.add_subparsers(metavar="COMMAND", required=True, parser_class=Parser)
+    """Parse and run a subcommand; returns the exit code. Without one, or with --help, the list of commands: 0."""
     given = sys.argv[1:] if arguments is None else arguments
-    for command in _commands(given[0] if given else ""):
-        command.add(commands)
     parsed = None
     try:
+        if not given or given[0] in ("-h", "--help", "--version"):
+            sys.stdout.write(f"mbsbench {_version()}\n" if given[:1] == ["--version"] else _overview())
+            return 0
+        parser, commands = top_parser()
+        for command in _commands(given[0]):
+            command.add(commands)
         parsed = parser.parse_args(given)
         return int(parsed.run(parsed))
-    except (ValueError, PoolError) as error:  # UsageError, SuiteError, StoreError, and what the registry says
+    except ValueError as error:  # UsageError, SuiteError, StoreError, and what the registry says
         sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
-        return 1 if isinstance(error, PoolError) else 2
+        return 2
     except KeyboardInterrupt:
         asked = str(parsed.run.__module__).rpartition(".")[2] if parsed is not None else ""
         if asked not in OWN_MESSAGE:
@@ -53,25 +44,45 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:  # the output pipe is closed (head, less): part of the output is lost, so no success
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 128 + signal.SIGPIPE
-    except OSError as error:  # a full disk, a folder that may only be read, a name too long
+    except OSError as error:  # a full disk, a folder that may only be read, a name too long, a link in results
         where = f"{error.filename}: " if error.filename is not None else ""
         sys.stderr.write(f"error: {where}{' '.join(str(error.strerror or error).split())}\n")
         return 2
     except RecursionError:
         sys.stderr.write("error: a file is nested too deeply to be read\n")
         return 2
+    except RuntimeError as error:
+        from .execution.pool import PoolError  # here: it takes half a second, which --help does not need
+
+        if not isinstance(error, PoolError):
+            raise
+        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
+        return 1
+
+
+def _overview() -> str:
+    """What --help prints; no command is imported for it."""
+    parser, commands = top_parser()
+    for name, (_, summary) in summaries().items():
+        commands.add_parser(name, help=summary)
+    return parser.format_help()
+
+
+def _version() -> str:
+    """Of the installed package."""
+    from importlib.metadata import version
+
+    return version("mbsbench")
 
 
 def _commands(asked: str = "") -> list[ModuleType]:
-    """The modules of ``harness/commands/`` that add a subcommand, in the order of ``FIRST``; or the one asked for.
-
-    Their imports together take a second.
-    """
-    names = [m.name for m in pkgutil.iter_modules(command_modules.__path__)]
-    names = [n for n in names if n == {"list": "catalogue"}.get(asked, asked)] or names
-    ordered = sorted(names, key=lambda n: (FIRST.index(n) if n in FIRST else len(FIRST), n))
-    modules = [importlib.import_module(f".{name}", command_modules.__name__) for name in ordered]
-    return [m for m in modules if hasattr(m, "add")]
+    """The modules of all commands, or that of the one asked for."""
+    known = summaries()
+    if asked and asked not in known:
+        names = ", ".join(known)
+        raise UsageError(f"argument COMMAND: invalid choice: {asked!r} (choose from {names}; see mbsbench --help)")
+    modules = [module for name, (module, _) in known.items() if asked in ("", name)]
+    return [importlib.import_module(f".commands.{module}", __package__) for module in modules]
 
 
 def _terminated(number: int, frame: object) -> NoReturn:

@@ -27,6 +27,7 @@ from .execution.worker import solve as run_here
 from .mechanics.consistency import check_start
 from .mechanics.moving_rows import check_lengths
 from .metrics.measure import Measured, measure
+from .places import Place
 from .results import environment, store
 from .results.records import RunRecord
 from .results.series import Series, write_series
@@ -155,7 +156,7 @@ def load(path: str | Path, problem: Problem | None = None) -> Run | Results:
         record, trajectory = read_run(Path(path))
         return Run(record, trajectory, given=problem)
     for folder in (Path(path), store.LOCAL / path):
-        if (folder / "runs").is_dir():
+        if (Place(folder) / "runs").is_folder():
             loaded = store.load(folder, check_series=False)
             return Results(folder, tuple(Run(r, kept=folder) for r in loaded.records), loaded.unreadable)
     raise ValueError(f"{path} is neither an .npz file nor a results folder")
@@ -213,7 +214,7 @@ def _figure(record: RunRecord, series: Series) -> "Figure":
     with tempfile.TemporaryDirectory() as place:
         folder = store.create(Path(place))
         place = f"series/{record.run_id}.npz"
-        digest = write_series(folder / place, series)
+        digest = write_series(Place(folder) / place, series)
         store.write_record(folder, dataclasses.replace(record, series=place, series_sha256=digest, stderr=""))
         results = read_results(folder)
         (run,) = results.runs

@@ -1,47 +1,32 @@
 """Files: their text read, TOML and JSON parsed, and written whole or not at all. Every refusal is one line."""
 
-import errno
 import math
 import os
-import re
-import stat
 import tomllib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import msgspec
+
+from .places import NotOwn, Place, partial_name
+
+LARGEST = 2**28  # [bytes] of a text in a results folder: the claims of the paper with all their maps take 2**23
 
 
 class FileError(ValueError):
     """A file that cannot be used; the message is one line with the place."""
 
 
-def read_text(path: Path, what: str, error: type[ValueError] = FileError) -> str:
-    """The text of ``path``; ``what`` says in the message what it should hold."""
+def read_text(path: Path | Place, what: str, error: type[ValueError] = FileError) -> str:
+    """The text of ``path``; ``what`` says in the message what it should hold. NotOwn for a place that is a link."""
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read(LARGEST).decode() if isinstance(path, Place) else path.read_text(encoding="utf-8")
+    except NotOwn:
+        raise
     except (OSError, ValueError) as e:
         raise error(f"cannot read {what} {path}: {getattr(e, 'strerror', None) or e}") from None
-
-
-def read_own(path: Path, largest: int) -> bytes:
-    """The content of a file of a results folder, or OSError: no link is followed, no pipe or device waited for."""
-    with open_own(path, os.O_RDONLY) as file:
-        size = os.fstat(file.fileno()).st_size
-        if size > largest:
-            raise OSError(errno.EFBIG, f"it has {size} bytes, more than {largest}", str(path))
-        return file.read(size)
-
-
-def open_own(path: Path, flags: int) -> BinaryIO:
-    """A regular file of a results folder, opened with ``flags`` (never truncated), or OSError."""
-    descriptor = os.open(path, flags | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC, 0o644)
-    if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-        os.close(descriptor)
-        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
-    return os.fdopen(descriptor, "rb" if flags & 3 == os.O_RDONLY else "r+b")
 
 
 def parse_toml(text: str, where: str, error: type[ValueError] = FileError) -> dict[str, Any]:
@@ -80,17 +65,14 @@ def exact(value: Any) -> Any:
     return str(float(value)) if isinstance(value, float) and not math.isfinite(value) else value
 
 
-PARTIAL = re.compile(r"\..+\.\d+\.part(\.\w+)?")  # the name of one
-
-
 def partial_of(path: Path, pid: int) -> Path:
-    """Where process ``pid`` writes what will be ``path``; the suffix stays, by which programs know the format."""
-    return path.with_name(f".{path.stem}.{pid}.part{path.suffix}")
+    """Where process ``pid`` writes what will be ``path``."""
+    return path.with_name(partial_name(path.name, pid))
 
 
 @contextmanager
 def whole(path: Path) -> Iterator[Path]:
-    """A place to write what replaces ``path`` at the end; nothing is left of it when the block fails."""
+    """A place to write what replaces ``path``, which the user named; nothing is left of it when the block fails."""
     partial = partial_of(path, os.getpid())
     try:
         yield partial
@@ -101,12 +83,10 @@ def whole(path: Path) -> Iterator[Path]:
         partial.unlink(missing_ok=True)
 
 
-def write_text(path: Path, text: str) -> None:
+def write_text(path: Path | Place, text: str) -> None:
     """Write whole or not at all."""
-    write_bytes(path, text.encode())
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Write whole or not at all."""
+    if isinstance(path, Place):
+        path.write(text)
+        return
     with whole(path) as partial:
-        partial.write_bytes(content)
+        partial.write_text(text, encoding="utf-8")

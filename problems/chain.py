@@ -16,9 +16,9 @@ from scipy.optimize import brentq
 from ..harness.catalogue.options import Parameter
 from ..harness.catalogue.registry import problem
 from ..harness.mechanics import so3
-from ..harness.mechanics.motion import point_position
+from ..harness.mechanics.motion import energy, kinetic_energy, point_position, potential_energy
 from ..harness.mechanics.state import State, States
-from ..harness.mechanics.system import GROUND, Joint, RigidBody, assemble
+from ..harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
 from ..harness.types import Observable, Problem, Trait
 from .exact.certified import CertifiedMotion
 from .exact.linkage import Linkage
@@ -68,12 +68,23 @@ def chain(
             Observable("E_x", "X_E", "m", lambda s: point_position(s, middle, E)[:, 0]),
             Observable("E_y", "Y_E", "m", lambda s: point_position(s, middle, E)[:, 1]),
             Observable("E_z", "Z_E", "m", lambda s: point_position(s, middle, E)[:, 2]),
+            Observable("energy_of_mean", r"E(\bar v)", "J", partial(energy_of_mean, system)),
             Observable("out_of_plane", "|Z|_{max}", "m", lambda s: np.max(np.abs(s.r[:, :, 2]), axis=1)),
         ),
         reference_from=partial(_motion, link),
         planar_normal=np.array([0.0, 0.0, 1.0]),
         energy_allowed=ENERGY_ALLOWED,
     )
+
+
+def energy_of_mean(system: MultibodySystem, s: States) -> Float[np.ndarray, " nt"]:
+    """T of the mean velocity of each step, (q_m+1 - q_m)/dt under Eq. (66), plus the mean V of its ends [J].
+
+    Where Fig. 9a takes the energy is not printed: this is its reading between two nodes. The first value is E(0).
+    """
+    before = States(s.r[:-1], s.R[:-1], 0.5 * (s.v[:-1] + s.v[1:]), 0.5 * (s.Omega[:-1] + s.Omega[1:]))
+    V = potential_energy(system, s)
+    return np.concatenate((energy(system, s.at(slice(0, 1))), kinetic_energy(system, before) + 0.5 * (V[:-1] + V[1:])))
 
 
 def start_angles(links: int, span_ratio: float) -> Float[np.ndarray, " links"]:

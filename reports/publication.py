@@ -10,7 +10,7 @@ import numpy as np
 from jinja2 import Environment, FileSystemLoader
 from matplotlib.figure import Figure
 
-from ..harness.files import write_text
+from ..harness.places import Place
 from .model.heat import heat
 from .model.motion import motion_of
 from .model.results import Results, Run, Variant, by_solver, read_results, slug
@@ -62,7 +62,7 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
     if unknown:
         raise ValueError(f"no problem {unknown[0]!r} in these results; there are {', '.join(sorted(known))}")
     variants = [p for p in results.variants if p.title in only or p.problem in {*only} - titles or not only]
-    out, captions, files = Path(folder) / FOLDER, [], []
+    out, captions, files = Place(Path(folder)) / FOLDER, [], []
     if picture := heat(results):
         files += save(partial(heat_figure, picture), out, OVERVIEW, SUFFIXES)
         captions.append({"name": OVERVIEW, "caption": HEAT, "problem": "", "width_mm": round(DOUBLE * 25.4, 1),
@@ -78,10 +78,10 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
         maps = [label or "no label" for label, runs in variant.labels().items() if len(runs) > MAP]
         left = f"; too many for lines over time: {', '.join(maps)}" if maps else ""
         tell(f"{variant.title}: {len(variant.runs)} runs{left}")
-    write_text(out / "captions.json", json.dumps(captions, indent=1, ensure_ascii=False))
+    (out / "captions.json").write(json.dumps(captions, indent=1, ensure_ascii=False))
     names = {f"{p.slug}/{p.slug}": p.title for p in variants}
     page = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template("publication.html")
-    write_text(out / "index.html", page.render(figures=captions, tables=names, title=results.folder.name))
+    (out / "index.html").write(page.render(figures=captions, tables=names, title=results.folder.name))
     return files
 
 

@@ -14,6 +14,7 @@ from jinja2 import Environment, FileSystemLoader
 from matplotlib.figure import Figure
 
 from ..harness.files import write_text
+from ..harness.places import Place
 from ..harness.results.judgements.runs import Order
 from .model.motion import motion_of
 from .model.provenance import stamp
@@ -118,5 +119,5 @@ def _orders(results: Results, orders: Sequence[Order]) -> list[Plot]:
 
 def _image(draw: Callable[[], Figure]) -> str:
     with tempfile.TemporaryDirectory() as place:
-        (file,) = save(draw, Path(place), "chart", ("svg",))
+        (file,) = save(draw, Place(Path(place)), "chart", ("svg",))
         return "data:image/svg+xml;base64," + base64.b64encode(file.read_bytes()).decode()

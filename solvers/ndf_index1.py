@@ -10,6 +10,10 @@ the discrete equations are those of form fi of ``solvers.formulations.dae``.
 the same, but a Jacobian one step old then errs by dA M^-1 / dt: on the four-bar grid, where A M^-1 A^T has condition
 1.7e8, Newton's contraction goes from 5e-3 to 40 at a step of 1e-3 s, and a run from 127 to 10,281 steps.
 
+``accelerations="mass_matrix"`` is what ode15s is handed as E(y) y' = f(y), with E = [I 0 0; 0 M 0; 0 A 0] singular. The
+residual is that of form fi, written so; ode15s's default for such an E ("weak" dependence on the state) leaves
+d(E y')/dy out of Newton's matrix E / (gamma dt) - df/dy, and so does this form.
+
 ode15s measures errors in the maximum norm, scipy_dae in the root mean square: equal tolerances are not equal errors.
 ``norm="max"`` is ode15s's, in the error test, Newton's test and the choice of order; the first step is scipy_dae's.
 Counted: accepted steps, evaluations, Jacobians, factorisations, linear solves (one a Newton iteration), and the
@@ -62,8 +66,9 @@ class NdfIndex1(BaumgarteOptions):
     """NDF (ode15s's class) on semi-explicit index 1 + Baumgarte."""
 
     accelerations: str = option(
-        "unknown", "accelerations as algebraic unknowns, or eliminated by M^-1", choices=("unknown", "eliminated")
-    )
+        "unknown", "accelerations as algebraic unknowns, eliminated by M^-1, or left in E(y) y' = f(y) as in ode15s",
+        choices=("unknown", "eliminated", "mass_matrix"),
+    )  # fmt: skip
 
     norm: str = option(
         "rms", "of the local error and of Newton's corrections: root mean square, or maximum", choices=("rms", "max")
@@ -76,13 +81,13 @@ class NdfIndex1(BaumgarteOptions):
     @property
     def takes_coupled_axes(self) -> bool:
         """Not with accelerations eliminated by M^-1 of single bodies."""
-        return self.accelerations == "unknown"
+        return self.accelerations != "eliminated"
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
         y = coordinates_and_velocities(layout, problem)
         y, y_dot = consistent(layout, y, self.alpha, self.beta) if self.consistent_start else unloaded(layout, y)
-        which = "fi" if self.accelerations == "unknown" else "se"
+        which = "se" if self.accelerations == "eliminated" else "fi"
         form = self.implicit(layout, which, self.alpha, self.beta)
         ndf = self._integrator(layout, form, clock, y, y_dot, problem.t_end, control)
         setup_time = clock.restart()
@@ -117,6 +122,8 @@ class NdfIndex1(BaumgarteOptions):
             return form.residual(y, y_dot, t)
 
         def jacobian(t: float, y: np.ndarray, y_dot: np.ndarray) -> tuple:
+            if self.accelerations == "mass_matrix":
+                y_dot = np.zeros_like(y_dot)  # F = E(y) y' - f(y): what is left of dF/dy is -df/dy
             of_y, of_y_dot = form.jacobian(y, y_dot, t)
             return as_matrix(of_y), as_matrix(of_y_dot)
 

@@ -44,9 +44,7 @@ def read(path: Path) -> Mechanism:
     try:
         mj = importlib.import_module("mujoco")
     except ImportError:
-        raise ValueError(
-            "MuJoCo reads such files and is not installed: pip install -r requirements-engines.lock"
-        ) from None
+        raise ValueError("MuJoCo reads such files and is not installed: pip install 'mbsbench[engines]'") from None
     try:
         spec = mj.MjSpec.from_file(str(path))
         _without_looks(mj, spec)

@@ -134,7 +134,7 @@ def run(arguments: argparse.Namespace) -> int:
     budget = above(arguments.budget, "--budget", unit=" [s]")
     problem = made(name, parameters)
     source = source_of(problem)
-    if source is Source.OWN and problem.reference() is None:
+    if source in (Source.OWN, Source.CERTIFIED) and problem.reference() is None:
         source = Source.COMPUTED if is_computable(problem.system) else Source.NONE
     if source is Source.NONE:
         raise UsageError(f"{problem.name} has no reference: no error is known; compare solvers with mbsbench run")

@@ -4,9 +4,8 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ..files import to_json
+from ..files import to_json, write_text
 from ..foreign.description import described
-from ..results import store
 from ..sandbox.trial import made
 from .screen import lines
 from .terms import add_plugin, add_problem, check_writable, load_problem, subcommand
@@ -29,5 +28,5 @@ def run(arguments: argparse.Namespace) -> int:
         lines().print(text)
         return 0
     check_writable(Path(arguments.out))
-    store.write_text(Path(arguments.out), text + "\n")
+    write_text(Path(arguments.out), text + "\n")
     return 0

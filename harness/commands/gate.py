@@ -13,6 +13,7 @@ from typing import Any
 from rich.text import Text
 
 from ..execution.runner import Request, new_folder, run_suite
+from ..files import write_text
 from ..gate.files import as_plain, junit, markdown
 from ..gate.judging import Judged, State, judge, judged_of, tightened
 from ..gate.thresholds import FOLDER, Thresholds, parse_thresholds, proposed, read_thresholds, write_thresholds
@@ -83,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
         _print(result, everything=arguments.all)
     for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
         if file:
-            store.write_text(Path(file), made(result, suite.name))
+            write_text(Path(file), made(result, suite.name))
     worst = {f.case: f.state.name for f in reversed(result.findings)}  # the worst come first
     with contextlib.suppress(OSError):  # a folder that cannot be written only costs the history
         write_rows(store.LOCAL / GATES / f"{name}.jsonl", rows_of(name, stamp, judged, worst))
@@ -136,7 +137,7 @@ def _update(path: Path, old: Thresholds, judged: Sequence[RunRecord], *, loosen:
     before = path.read_text(encoding="utf-8") if path.exists() else ""
     out = lines()
     if write:
-        store.write_text(path, new)
+        write_text(path, new)
         out.print(f"written: {path}")
         if COMMENT.search(before):
             out.print("its comments were removed: restore them from the previous version, or move them into `reason`")

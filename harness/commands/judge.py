@@ -9,6 +9,7 @@ from typing import Any
 from rich.text import Text
 
 from ...reports.model import claim_words
+from ..places import Place
 from ..referee import judge as judging
 from ..referee.certificates.orders import of_motion
 from ..referee.claims.register import PRESENTATION, REGISTER, read_register
@@ -54,11 +55,11 @@ def run(arguments: argparse.Namespace) -> int:
     """0, or 1 where a verdict differs from the published one and is not published now."""
     register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
     folder = existing(arguments.results)
-    published = Path(arguments.published) if arguments.published else PUBLISHED
+    published = Place(Path(arguments.published)) if arguments.published else PUBLISHED
     loaded = store.load(folder, check_series=False)
     print_unreadable(loaded.unreadable)
     if arguments.publish:
-        check_ours(published, "--published DIR")
+        check_ours(published.path, "--published DIR")
         _require(folder, judging.whole_run(), "that verdicts are published from")
     elif not arguments.partial:
         _require(folder, judging.needed(register), "that the claims are tried on", ", or judge these: --partial")
@@ -66,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     if before is None and arguments.published and not arguments.publish:
         raise UsageError(f"--published {published} holds no verdicts (claims.json); --publish writes these there")
     judged = judgements(folder, register, lambda part: errors().print(f"judging: {part}"))
-    write(folder / FOLDER, judged)
+    write(Place(folder) / FOLDER, judged)
     lacking = {c.id for c in judged["claims"] if any(m.gap is Gap.RUNS for m in c.missing)}
     changed = [c for c in changes(before, judged["claims"]) if c.id not in lacking] if before is not None else []
     orders = of_motion(judged.get(ORDERS.name, ()))
@@ -82,6 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
         if others := len(judged["claims"]) - len(touched):
             lines().print(f"{others} of {len(judged['claims'])} claims are about other runs")
     if arguments.publish:
+        published.root.mkdir(parents=True, exist_ok=True)
         write(published, judged)
         errors().print(f"published: {published}")
     return 1 if changed else 0

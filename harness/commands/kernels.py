@@ -6,8 +6,8 @@ from typing import Any
 
 from rich.text import Text
 
+from ..files import write_text
 from ..gate.kernels import BASELINE, compared, newest, trimmed
-from ..results.store import write_text
 from .screen import Column, lines, number, print_json, print_table
 from .terms import Parser, above, check_ours, check_writable, subcommand
 

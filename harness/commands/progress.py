@@ -11,13 +11,13 @@ from rich.console import Console, Group
 from rich.live import Live
 from rich.text import Text
 
-from ..execution.eta import Estimate, durations, in_words
+from ..execution.eta import PREPARING, Estimate, durations, in_words, waiting
 from ..execution.job import Job
 from ..results.records import RunRecord
 from ..results.store import Loaded, Unreadable
 from ..results.words import why
 from ..types import Status
-from .screen import plural, status_style
+from .screen import plural, status_style, unreadable_lines
 
 LISTED = 50  # at most so many runs that were not started
 BAR = 30  # characters
@@ -49,8 +49,8 @@ class Watch:
         self.estimate = Estimate(durations(suite=waiting[0].suite) if waiting else {})
         kept = f", {self.before} already done" if self.before else ""
         self._say(f"{plural(total, 'run')}{kept}{f', results in {folder}' if self.resumable else ''}")
-        for item in unreadable:
-            self._say(f"set aside: {item.path.name}: {item.why}")
+        for line in unreadable_lines("set aside", [(item.path.name, item.why) for item in unreadable]):
+            self._say(line)
         self.tick()
 
     def started(self, job: Job) -> None:
@@ -86,8 +86,7 @@ class Watch:
         now = time.monotonic()
         if self.compiling and now - self.opened > PATIENCE:
             self.compiling = False
-            words = "half a minute or more the first time, not counted in any run"
-            self._say(f"computing references and compiling the kernels of the solvers: {words}")
+            self._say(waiting(PREPARING, now - self.opened))
         if self.live is not None:
             self.live.update(Group(*self.foot(now)), refresh=True)
         elif now - self.reported > EVERY and self.running:
@@ -126,7 +125,7 @@ class Watch:
             of = f" of about {in_words(guess)}" if guess is not None else ""
             lines.append(Text(f"  {now - since:.0f} s{of}: {job.spec.case}", "dim"))
         if self.warming:
-            lines.append(Text(f"  {now - self.opened:.0f} s: computing references, compiling kernels", "dim"))
+            lines.append(Text(f"  {waiting(PREPARING, now - self.opened)}", "dim"))
         for line in lines:
             line.no_wrap, line.overflow = True, "ellipsis"
         return lines

@@ -4,6 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ..places import Place
 from ..results.store import StoreError
 from .screen import lines
 from .terms import RESULTS, UsageError, existing, subcommand
@@ -29,13 +30,14 @@ def run(arguments: argparse.Namespace) -> int:
     from ...reports.site import build
 
     try:
+        out = Place(folders[-1]) / "report" if arguments.out is None else Place(arguments.out)
+        if arguments.out is not None:
+            arguments.out.mkdir(parents=True, exist_ok=True)
         if len(folders) == 2:
-            index = write_compare(folders[0], folders[1], arguments.out or folders[1] / "report")
+            index = write_compare(folders[0], folders[1], out)
         else:
             index = build(folders[0])
     except StoreError as error:
         raise UsageError(str(error)) from None
-    except OSError as error:
-        raise UsageError(f"cannot write the report: {error}") from None
     lines().print(f"report: {index}")
     return 0

@@ -6,22 +6,25 @@ import os
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
 from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from ..files import to_json
-from ..results.store import Unreadable
-from ..types import Status
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from ..results.store import Unreadable
 
 PIPED = 200  # columns where no terminal gives a width: a case on one line, for grep
-STYLE = {Status.SUCCESS: "green", Status.REFUSED: "cyan", Status.WRONG: "bold red"}
+STYLE = {"success": "green", "refused": "cyan", "wrong": "bold red"}  # of a status; others are yellow
 BARS = "▁▂▃▄▅▆▇█"
 DECADES = 16.0  # shown at most
+FEW = 8  # files that could not be read with a line each
 GAP = 2  # columns of text between two columns of a table
 
 
@@ -48,13 +51,20 @@ def print_json(plain: Any) -> None:
 
 def status_style(status: str) -> str:
     """The colour of a status."""
-    return STYLE.get(Status(status), "yellow") if status in set(Status) else "yellow"
+    return STYLE.get(str(status), "yellow")
 
 
-def print_unreadable(items: Iterable[Unreadable], out: Console | None = None) -> None:
+def print_unreadable(items: "Iterable[Unreadable]", out: Console | None = None) -> None:
     """Files that could not be read, and why; on standard error, unless ``out`` is given."""
-    for item in items:
-        (out or errors()).print(f"unreadable: {item.path}: {item.why}")
+    for line in unreadable_lines("unreadable", [(str(item.path), item.why) for item in items]):
+        (out or errors()).print(line)
+
+
+def unreadable_lines(what: str, items: Sequence[tuple[str, str]]) -> list[str]:
+    """A line for each name and why; of more than ``FEW`` how many there are, and the first."""
+    if len(items) <= FEW:
+        return [f"{what}: {name}: {why}" for name, why in items]
+    return [f"{what}: {len(items)} files, the first is {items[0][0]}: {items[0][1]}"]
 
 
 @dataclass(frozen=True)
@@ -153,10 +163,12 @@ def _bar(x: float, low: float, high: float) -> str:
     return BARS[round(min(max(share, 0.0), 1.0) * (len(BARS) - 1))]
 
 
-def timeline(t: np.ndarray, values: np.ndarray, t_end: float, width: int) -> str:
+def timeline(t: "np.ndarray", values: "np.ndarray", t_end: float, width: int) -> str:
     """``values`` over the time from 0 to ``t_end``; a star marks where a run stopped early."""
     if not len(t) or not t_end > 0.0:
         return ""
+    import numpy as np
+
     place = np.minimum((np.asarray(t) / t_end * width).astype(int), width - 1)
     size = np.abs(np.asarray(values, dtype=float))
     tops = np.full(width, np.nan)

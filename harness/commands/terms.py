@@ -3,47 +3,15 @@
 import argparse
 import math
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
 
 from ..cache import ROOT, is_checkout
-from ..catalogue import mechanism_files, plugins, registry
-from ..catalogue.options import nearest
-from ..results import store
-from ..sandbox.trial import tried
-from .screen import errors
+from .parser import Parser as Parser
+from .parser import UsageError as UsageError
+from .parser import subcommand as subcommand
 
 RESULTS = "results folder: a path, or a name in results/local/"
-
-
-class UsageError(ValueError):
-    """A wrong call: one line, exit code 2."""
-
-
-class Parser(argparse.ArgumentParser):
-    """argparse with its errors in one line; an unknown option is answered with the nearest one of its command."""
-
-    def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
-        found, left = super().parse_known_args(args, namespace)
-        for name in (word.partition("=")[0] for word in left if word.startswith("--")):
-            self.error(f"unknown option {name}{nearest(name, list(self._option_string_actions))}")
-        return found, left
-
-    def error(self, message: str) -> NoReturn:
-        raise UsageError(f"{message} (see {self.prog} --help)")
-
-
-def subcommand(
-    commands: Any, name: str, run: Callable[[argparse.Namespace], int], summary: str, json: str = ""
-) -> argparse.ArgumentParser:
-    """A parser that shows ``summary`` in the list of commands and in its own help; ``json``: what --json prints."""
-    description = f"{summary[0].upper()}{summary[1:]}."
-    p: argparse.ArgumentParser = commands.add_parser(name, help=summary, description=description)
-    p.set_defaults(run=run)
-    if json:
-        p.add_argument("--json", action="store_true", help=f"print JSON: {json}")
-    return p
 
 
 def add_results(p: argparse.ArgumentParser) -> None:
@@ -90,6 +58,12 @@ def assignments(given: Sequence[str], what: str) -> dict[str, str]:
 
 def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
     """Load the named plugins, each first in a process of its own; their full names."""
+    if not paths:
+        return ()
+    from ..catalogue import mechanism_files, plugins, registry  # here, as below: --help needs none of them
+    from ..sandbox.trial import tried
+    from .screen import errors
+
     for path in paths:
         tried(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
         if mechanism_files.is_mechanism(path):
@@ -99,6 +73,8 @@ def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
 
 def load_problem(arguments: argparse.Namespace) -> tuple[str, dict[str, str], tuple[str, ...]]:
     """The name of the problem asked for, which a file of a mechanism adds, its parameters, and all plugins, loaded."""
+    from ..catalogue import mechanism_files
+
     given, file = arguments.problem, mechanism_files.is_mechanism(arguments.problem)
     loaded = load_plugins([*arguments.plugin, *([given] if file else [])])
     parameters = assignments(arguments.problem_set, "--problem-set")
@@ -118,6 +94,8 @@ def check_ours(path: Path, option: str) -> None:
 
 def existing(name: str) -> Path:
     """The results folder at a path, or of that name in results/local/."""
+    from ..results import store
+
     for path in (Path(name), store.LOCAL / name):
         if store.is_results(path):
             return path

@@ -19,8 +19,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ..files import write_bytes
+from ..places import Place
 from ..results import environment
+from ..results.series import LARGEST
 from ..results.store import PARTS, create, write_record
 from ..suites.spec import RunSpec
 from ..types import EndedBy
@@ -147,7 +148,8 @@ def run_run(text: str, ticket: str = "") -> dict[str, bytes]:
             supervisor.run(local)
         finally:
             _serving[ticket].remove(supervisor)
-        files = {f"{part}/{p.name}": p.read_bytes() for part in PARTS for p in (local.folder / part).iterdir()}
+        own_files = {part: Place(local.folder) / part for part in PARTS}
+        files = {f"{k}/{name}": (part / name).read(LARGEST) for k, part in own_files.items() for name in part.names()}
         return {f"environment.{own}.json": stamp, **files}
 
 
@@ -162,7 +164,7 @@ def _store(job: Job, files: Mapping[str, bytes]) -> None:
     """Write what a worker sent, the record last."""
     for name in sorted(files, key=lambda n: n.startswith("runs/")):
         try:
-            write_bytes(job.folder / name, files[name])
+            (Place(job.folder) / name).write(files[name])
         except OSError as e:  # ours, not the cluster's
             raise PoolError(f"cannot write to {job.folder}: {e.strerror or e}; finished runs are kept") from None
 

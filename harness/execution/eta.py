@@ -6,6 +6,7 @@ import statistics
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
+from ..places import Place
 from ..results import store
 from ..suites.spec import RunSpec
 
@@ -14,7 +15,7 @@ RUNS = 3  # earlier results folders that are read
 
 def durations(local: Path = store.LOCAL, suite: str = "") -> dict[str, float]:
     """Wall time [s] by ``settings`` in the newest results folders, those of ``suite`` before others."""
-    folders = [p for p in local.glob("*") if (p / "runs").is_dir() and not p.is_symlink()]
+    folders = [p for p in local.glob("*") if (Place(p) / "runs").kind() == "a folder" and not p.is_symlink()]
     newest = sorted(folders, key=lambda p: (p.name.startswith(f"{suite}-"), p.stat().st_mtime))[-RUNS:]
     out: dict[str, float] = {}
     for folder in newest:
@@ -65,6 +66,21 @@ def scheduled(running: Sequence[float], waiting: Sequence[float], size: int) -> 
     for seconds in waiting:
         heapq.heappush(free, heapq.heappop(free) + seconds)
     return max(free)
+
+
+COMPILING, REFERENCES, RUNNING = "compiling kernels", "computing references", "running"
+PREPARING, MEASURING = f"{REFERENCES} and {COMPILING}", "measuring"
+USUALLY = {COMPILING: 120.0, REFERENCES: 60.0, PREPARING: 120.0}  # [s] the first time on an idle core; then none
+
+
+def waiting(doing: str, elapsed: float) -> str:
+    """What is being done, and how long it will still take, as every command says it; ``elapsed`` [s] have passed."""
+    usual = USUALLY.get(doing)
+    if usual is None:
+        return f"{doing}: {in_words(elapsed)} so far"
+    left = usual - elapsed
+    when = f"about {in_words(left)} left" if left > 0.0 else f"{in_words(elapsed)} so far, longer than usual"
+    return f"{doing}: {when} (the first time only, not counted in any run)"
 
 
 def in_words(seconds: float) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 from ..files import FileError, parse_json, to_json
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
+from ..places import Place, place_of
 from ..results.npz import read_npz, write_npz
 from ..shapes import Shape, shaped
 from ..types import EndedBy, Status, Trajectory
@@ -63,7 +64,7 @@ class Handed:
 COST = ("repeats", "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s")
 
 
-def write(path: Path, said: Said, trajectory: Trajectory | None = None) -> None:
+def write(path: Path | Place, said: Said, trajectory: Trajectory | None = None) -> None:
     """Whole or not at all; not compressed, for it is read at once and removed."""
     arrays: dict[str, np.ndarray] = {}
     if trajectory is not None:
@@ -78,16 +79,15 @@ def write(path: Path, said: Said, trajectory: Trajectory | None = None) -> None:
         if trajectory.returned is not None:
             arrays |= {f"returned_{k}": getattr(trajectory.returned, k) for k in POSES}
     numbers = {k: np.asarray(a, dtype=float) for k, a in arrays.items()}
-    path.parent.mkdir(parents=True, exist_ok=True)
     write_npz(path, {"said": np.asarray(to_json(said)), **numbers}, compressed=False)
 
 
-def read(path: Path, system: MultibodySystem, spent: float = math.inf) -> Handed | None:
+def read(path: Path | Place, system: MultibodySystem, spent: float = math.inf) -> Handed | None:
     """What was handed over for ``system`` by a process that took ``spent`` [s] of CPU; None if nothing was.
 
     BadHandover if it is not what it must be.
     """
-    if not path.is_file():
+    if not place_of(path).is_own_file():
         return None
     try:
         arrays = dict(read_npz(path, LARGEST))

@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from ..catalogue import registry
+from ..places import Place
 from ..results import environment
 from ..results.records import RunRecord
 from ..sandbox.apart import Ended
@@ -37,19 +38,19 @@ class Job:
         return self.spec.address(self.code)
 
     @property
-    def stderr(self) -> Path:
+    def stderr(self) -> Place:
         """Where the process writes its standard error."""
-        return self.folder / "stderr" / f"{self.id}.txt"
+        return Place(self.folder) / "stderr" / f"{self.id}.txt"
 
     @property
-    def spool(self) -> Path:
+    def spool(self) -> Place:
         """Where the process keeps accepted steps while it runs."""
-        return self.folder / ".spool" / f"{self.id}.rows"
+        return Place(self.folder) / ".spool" / f"{self.id}.rows"
 
     @property
-    def handed(self) -> Path:
+    def handed(self) -> Place:
         """What the solver's process hands over to the one that measures."""
-        return self.folder / ".spool" / f"{self.id}.npz"
+        return Place(self.folder) / ".spool" / f"{self.id}.npz"
 
     def to_json(self) -> str:
         """One line."""
@@ -68,7 +69,7 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
     label, order = registry.declared(entry.made(spec.options)) if entry else ("", math.nan)
     about = {"paper_label": label, "declared_order": order}
     files: Mapping[str, Any] = {}
-    if job.stderr.exists() and job.stderr.stat().st_size > 0:
+    if job.stderr.is_own_file() and job.stderr.size() > 0:
         files = {"stderr": f"stderr/{job.stderr.name}"}
     return RunRecord(
         run_id=job.id, settings_id=spec.settings_id, case=spec.case, suite=job.suite, label=spec.label,

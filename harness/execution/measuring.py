@@ -14,6 +14,7 @@ from ..metrics.reactions import largest_joint_force
 from ..metrics.summary import columns
 from ..metrics.thinning import frames_to_keep, rows_to_keep
 from ..metrics.verdict import doubts, inaccuracy
+from ..places import Place
 from ..reference.computed import reference_of
 from ..results.records import RunRecord, reasons_json
 from ..results.series import Series, write_series
@@ -43,7 +44,7 @@ def judged(job: Job, problem: Problem, trajectory: Trajectory, keep: Keep | None
     if keep is not None:
         return keep(problem, trajectory, measured, record)
     series, path = series_of(problem, trajectory, measured), f"series/{job.id}.npz"
-    digest = write_series(job.folder / path, series)
+    digest = write_series(Place(job.folder) / path, series)
     return dataclasses.replace(record, series=path, series_sha256=digest, series_rows=len(series["t"]))
 
 

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
-from ..results.store import write_record
+from ..results.store import path_of, write_record
 from ..types import EndedBy
 from .job import Job, cut_short
 from .protocol import Lost, News, Start, Stop, Supervised, Warm, Warmed
@@ -63,7 +63,7 @@ class LocalPool:
             if deaths > 3 and not self._over():
                 raise PoolError(f"the supervisor process ended repeatedly with code {code}")
             for job in self._flying.values():
-                if not (job.folder / "runs" / f"{job.id}.json").exists():  # else only the news of its end was lost
+                if not path_of(job.folder, job.id).is_there():  # else only the news of its end was lost
                     if self._limit is not None and self._over():
                         ending = cut_short(job, EndedBy.TOTAL_LIMIT, ended_limit_s=self._limit.seconds)
                     elif self._attempts[job.id] < 2 + job.alone:

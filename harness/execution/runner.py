@@ -5,12 +5,13 @@ import datetime
 import json
 import os
 import re
-import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import Protocol
 
+from ..places import Place
 from ..results import environment, store
 from ..results.provisional import files_of, is_provisional
 from ..results.records import RunRecord
@@ -70,14 +71,14 @@ def run_suite(request: Request, watcher: Watcher, pool: Callable[..., Executor] 
     """Run what is not done yet; returns the records of this suite's runs, damaged files apart."""
     suite, folder, total = request.suite, request.folder, request.suite.total_limit
     limit = TimeLimit(total) if total else None
-    if not request.resume and (folder / "runs").exists() and any((folder / "runs").iterdir()):
+    if not request.resume and (Place(folder) / "runs").names():
         raise store.StoreError(f"{folder} already holds results; add --resume to continue it, or give another --out")
     store.create(folder)
     with store.lock(folder):
         store.remove_partial(folder)
         before = store.load(folder)
         store.set_aside(folder, before.unreadable)
-        shutil.rmtree(folder / ".spool", ignore_errors=True)  # of runs that a killed runner left half-way
+        (Place(folder) / ".spool").remove_folder()  # of runs that a killed runner left half-way
         where = _stamp(request)
         k, n = request.shard
         of_suite = suite.name, environment.code_digest(suite.plugins), environment.commit(), suite.plugins
@@ -138,8 +139,7 @@ def _provisional(
     """
     found = [r for r in records if r.run_id in specs and is_provisional(r) and not _killed_twice(folder, r)]
     files = [files_of(folder, r) for r in found]
-    for item in files:
-        store.set_aside(folder, item)
+    store.set_aside(folder, chain.from_iterable(files))
     return tuple(f[0] for f in files), {r.run_id for r in found if r.ended_by == EndedBy.KILLED}
 
 
@@ -147,7 +147,7 @@ def _killed_twice(folder: Path, record: RunRecord) -> bool:
     if record.ended_by != EndedBy.KILLED:
         return False
     with contextlib.suppress(store.BadRecord):
-        return store.read_record(folder / "set_aside" / f"{record.run_id}.json").ended_by == EndedBy.KILLED
+        return store.read_record(Place(folder) / "set_aside" / f"{record.run_id}.json").ended_by == EndedBy.KILLED
     return False
 
 
@@ -172,13 +172,13 @@ def _stamp(request: Request) -> str:
     """
     folder, suite = request.folder, request.suite
     stamp = environment.stamp(folder.name, suite.name, request.jobs, suite.plugins)
-    path = folder / "environment.json"
-    if path.exists():
-        shutil.copy(path, folder / f"environment.{stamp['started'].replace(':', '')}.json")
+    here, own = Place(folder), Place(folder) / "environment.json"
+    if own.is_there():
+        (here / f"environment.{stamp['started'].replace(':', '')}.json").write(own.read(store.LARGEST))
     where = environment.identity(stamp)
-    for name in (path.name, f"environment.{where}.json"):
-        store.write_text(folder / name, json.dumps(stamp, indent=1))
-    store.write_text(folder / f"{OWN_COPY}.toml", suite.text)
+    for name in (own.name, f"environment.{where}.json"):
+        (here / name).write(json.dumps(stamp, indent=1))
+    (here / f"{OWN_COPY}.toml").write(suite.text)
     for name, text in suite.included:  # beside it: the copy is a suite that can be run
-        store.write_text(folder / f"{name}.toml", text)
+        (here / f"{name}.toml").write(text)
     return where

@@ -16,12 +16,14 @@ from ..catalogue import registry
 from ..files import partial_of
 from ..mechanics.state import States
 from ..metrics.measure import measure
+from ..places import Place
 from ..results import records
 from ..results.records import RunRecord
 from ..sandbox.apart import Apart
-from ..sandbox.isolation import CANNOT_WRITE
+from ..sandbox.isolation import CANNOT_WRITE, OUTPUT_LIMIT
 from ..suites.spec import RunSpec
 from ..types import EndedBy, Status, Trajectory
+from .eta import COMPILING, MEASURING, REFERENCES, RUNNING, waiting
 from .job import Job, unfinished
 from .run_file import in_file, without_motion
 from .supervisor import GRACE, MEASURE_LIMIT
@@ -29,10 +31,6 @@ from .warmup import references_apart, runs_to_warm, warm, warm_apart_then_here
 from .worker import hand_over, measured
 
 PATIENCE = 3.0  # [s] of any of these until it is mentioned
-COMPILING = "compiling the kernels of the solver: a minute or two the first time, not counted in the run"
-REFERENCE = "computing the reference: up to a minute the first time, not counted in the run"
-RUNNING = "running"
-MEASURING = "measuring; the first run of a variant computes its reference: up to a minute"
 NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
 
 
@@ -65,11 +63,11 @@ def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say =
         limit = math.inf if wall_limit is None else wall_limit
         job = Job(dataclasses.replace(spec, wall_limit=limit), Path(place))
         if wall_limit is not None:  # a limit is on the run: compute the reference and compile before its clock starts
-            patience.now(REFERENCE)
+            patience.now(REFERENCES)
             references_apart([job], patience.over)
             patience.now(COMPILING)
             warm_apart_then_here(runs_to_warm([spec]), patience.over)
-        stderr = Path(place) / "stderr"
+        stderr = Place(Path(place)) / "native.txt"
 
         def compile_and_run(send: Callable[[str], None]) -> None:
             if wall_limit is None:
@@ -86,7 +84,7 @@ def solve_to_file(spec: RunSpec, out: Path, wall_limit: float | None, say: Say =
         ended = process.wait(lambda: patience.now(process.hear().strip() or COMPILING))
         if ended.code == CANNOT_WRITE:
             raise OSError(errno.ENOSPC, "nothing was written: no space left", place)
-        native = stderr.read_text(encoding="utf-8", errors="replace")[-2000:].strip() if stderr.exists() else ""
+        native = stderr.read(OUTPUT_LIMIT).decode(errors="replace")[-2000:].strip() if stderr.is_there() else ""
         wall = time.monotonic() - began
         bare = unfinished(job, ended, wall, EndedBy.WALL_LIMIT, limit + GRACE)
         return Outcome(_measured(job, bare, wall, ended.cpu, out, patience), native)
@@ -127,7 +125,7 @@ def _start_alone(job: Job, out: Path, record: RunRecord) -> RunRecord:
 
 
 class _Patience:
-    """Says what takes its time, once; then for how long it has, every second on one line."""
+    """Says what takes its time and how long is left, once; then every second on one line."""
 
     def __init__(self, say: Say) -> None:
         self.say, self.doing = say, ""
@@ -139,11 +137,10 @@ class _Patience:
         return self.over()
 
     def over(self) -> bool:
-        """Never; but looks at the clock."""
+        """Say how long it takes; always False, so that the wait continues."""
         elapsed = time.monotonic() - self.began
         if elapsed > self.due:
-            if self.due == PATIENCE:
-                self.say(self.doing)
+            words = waiting(self.doing, elapsed)
+            self.say(words, end="\n" if self.due == PATIENCE else "\r")
             self.due = elapsed + 1.0
-            self.say(f"    {elapsed:.0f} s", end="\r")
         return False

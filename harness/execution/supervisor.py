@@ -93,11 +93,11 @@ class Supervisor:
             yield Done(job.id, f"cannot write to {job.folder}: no space left")
             return
         bare = unfinished(job, ended, wall, run.by, run.limit)
-        store.path_of(job.folder, job.id).unlink(missing_ok=True)  # it was not for the solver's process to write
+        store.path_of(job.folder, job.id).remove_file(missing_ok=True)  # it was not for the solver's process to write
         limit = STOPPED_MEASURE_LIMIT if self.stopped else MEASURE_LIMIT
         process = Apart(
             lambda send: worker.store_measured(job, bare, wall, ended.cpu), limit=limit, memory=job.spec.memory,
-            stderr=job.spool.with_suffix(".stderr"),
+            stderr=job.spool.sibling(f"{job.id}.stderr"),
         )  # fmt: skip
         self.running[process.pid] = Running(job, process, run.began, limit, EndedBy.MEASURE_LIMIT, bare)
 
@@ -106,7 +106,7 @@ class Supervisor:
         job, failed = run.job, ""
         if ended.code == CANNOT_WRITE:
             failed = "no space left"
-        elif ended.code != 0 and not store.path_of(job.folder, job.id).exists():
+        elif ended.code != 0 and not store.path_of(job.folder, job.id).is_there():
             wall = time.monotonic() - run.began
             own = bare.ended_by != EndedBy.EXIT or bare.exit_code != 0
             try:

@@ -32,7 +32,8 @@ STAND_INS = ("heavy_top", "spring_pendulum")  # for problems of plugins, which a
 def runs_to_warm(specs: Sequence[RunSpec]) -> list[RunSpec]:
     """The first run of each solver of ``solvers/`` with the same options, in short, with and without springs.
 
-    A kernel is compiled once for all systems; which kernels a run enters depends on its options and on springs.
+    A kernel is compiled once for all systems; which kernels a run enters depends on its options and on springs, but not
+    on the value of a tolerance, a penalty or a gain that is not zero.
     """
     first: dict[str, RunSpec] = {}
     sprung: dict[str, bool] = {}
@@ -41,7 +42,8 @@ def runs_to_warm(specs: Sequence[RunSpec]) -> list[RunSpec]:
         if spec.problem not in sprung:
             sprung[spec.problem] = _has_springs(spec)
         t_end = SHORT if spec.control.dt is None else STEPS * spec.control.dt
-        key = json.dumps([spec.solver, spec.options, sprung[spec.problem]], sort_keys=True, default=list)
+        options = {k: v != 0.0 if isinstance(v, float) else v for k, v in spec.options.items()}
+        key = json.dumps([spec.solver, options, sprung[spec.problem]], sort_keys=True, default=list)
         first.setdefault(key, dataclasses.replace(spec, parameters={**spec.parameters, "t_end": t_end}))
     return _solvers_in_turn(list(first.values()))
 

@@ -41,7 +41,7 @@ def run(job: Job) -> RunRecord:
 def hand_over(job: Job, soft: float = SOFT) -> None:
     """Solve, and write what came of it to ``job.handed``. The solver is asked to stop at ``soft`` of the wall limit."""
     made: list[Solver] = []
-    job.handed.unlink(missing_ok=True)
+    job.handed.remove_file(missing_ok=True)
     try:
         said, trajectory = _attempt(job, soft, made)
         handed.write(job.handed, said, trajectory)
@@ -65,7 +65,7 @@ def store_measured(job: Job, bare: RunRecord, waited: float = 0.0, spent: float 
     record = dataclasses.replace(record, wall_s=waited + time.monotonic() - began)
     store.write_record(job.folder, record)
     for rest in (job.handed, job.spool):
-        rest.unlink(missing_ok=True)
+        rest.remove_file(missing_ok=True)
     return record
 
 

@@ -17,6 +17,7 @@ from ..execution.job import Job
 from ..execution.measuring import judged
 from ..files import FileError
 from ..mechanics.state import States
+from ..places import Place
 from ..reference.computed import reference_of
 from ..results import environment, store
 from ..results.records import RunRecord
@@ -86,11 +87,11 @@ def refereed(problem: Problem, path: Path, given: Given, folder: Path | None, *,
 
 def results_folder(folder: Path) -> Path:
     """A results folder to add to; a new one is stamped like that of a suite."""
-    known = (folder / "runs").is_dir()
+    known = store.is_results(folder)
     store.create(folder)
     if not known:
         stamp = environment.stamp(folder.name, REFEREED, 1, ())
-        store.write_text(folder / "environment.json", json.dumps(stamp, indent=1))
+        (Place(folder) / "environment.json").write(json.dumps(stamp, indent=1))
     return folder
 
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from ..places import Place
 from ..results import store
 from ..results.judgements import files
 from ..results.judgements.claims import Claim
@@ -77,16 +78,15 @@ def absent(folder: Path, specs: Iterable[RunSpec]) -> list[RunSpec]:
     return [s for s in specs if s.settings_id not in held]
 
 
-def write(folder: Path, judged: dict[str, Any]) -> list[Path]:
+def write(folder: Place, judged: dict[str, Any]) -> list[Path]:
     """One file a judgement, each written whole."""
-    folder.mkdir(parents=True, exist_ok=True)
-    paths = [folder / f"{name}.json" for name in judged]
-    for path, found in zip(paths, judged.values(), strict=True):
-        store.write_text(path, as_text(found))
-    return paths
+    files_of = [folder / f"{name}.json" for name in judged]
+    for file, found in zip(files_of, judged.values(), strict=True):
+        file.write(as_text(found))
+    return [file.path for file in files_of]
 
 
-def read_claims(folder: Path) -> tuple[Claim, ...] | None:
+def read_claims(folder: Place) -> tuple[Claim, ...] | None:
     """The claims judged in ``folder``; None where there are none."""
     try:
         return files.read(files.CLAIMS, folder)

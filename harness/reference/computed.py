@@ -12,6 +12,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import cache, partial
 from pathlib import Path
+from types import FunctionType
+from typing import get_args, get_type_hints
 
 import numpy as np
 from jaxtyping import Float
@@ -66,6 +68,7 @@ class Source(StrEnum):
     """Where the reference of a problem comes from."""
 
     OWN = "own"  # the problem's exact motion; None for some starts, then as if it had none
+    CERTIFIED = "certified"  # no formula: the problem's own integration by two routes of its own; None for some starts
     COMPUTED = "computed"
     NONE = (
         "none"  # too large, a start that opens its joints, moving rows, timed loads, torsional springs or user forces
@@ -77,8 +80,15 @@ def source_of(problem: Problem) -> Source:
     if problem.literal_start:
         return Source.NONE
     if problem.reference_from is not None:
-        return Source.OWN
+        return Source.CERTIFIED if _is_integrated(problem.reference_from) else Source.OWN
     return Source.COMPUTED if is_computable(problem.system) else Source.NONE
+
+
+def _is_integrated(reference_from: Callable[..., object]) -> bool:
+    """Whether what it is annotated to return has its motion on an ``Orbit``."""
+    function = reference_from.func if isinstance(reference_from, partial) else reference_from
+    returned = get_type_hints(function).get("return") if isinstance(function, FunctionType) else None
+    return any(getattr(k, "__annotations__", {}).get("orbit") is Orbit for k in (returned, *get_args(returned)))
 
 
 def is_computable(system: MultibodySystem) -> bool:

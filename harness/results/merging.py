@@ -1,15 +1,18 @@
 """Run folders of shards become one: every good record with its files, nothing of a source changed."""
 
-import os
-import shutil
+import contextlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from .. import files
+from ..places import NotOwn, Place
 from . import store
 from .comparison import compare
 from .records import RunRecord
+from .series import LARGEST
+
+STAMP = re.compile(r"environment\..*\.json")
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ def merge(out: Path, sources: Sequence[Path]) -> Merged:
                         conflicts.append(f"{record.case} ({source})")
                     continue
                 for file in filter(None, (record.series, record.stderr)):
-                    _copy(source / file, out / file)
+                    _copy(source, file, out)
                 store.write_record(out, record)
                 kept[record.run_id] = record
                 added += 1
@@ -55,22 +58,18 @@ def merge(out: Path, sources: Sequence[Path]) -> Merged:
 def _environment(source: Path, out: Path) -> None:
     """The first source's stamp and suite become those of ``out``; further stamps are kept beside it."""
     for name in ("environment.json", "suite.toml"):
-        if not (out / name).exists():
-            _copy(source / name, out / name)
-    stamp = source / "environment.json"
-    own = out / stamp.name
-    if stamp.is_file() and own.is_file() and stamp.read_bytes() != own.read_bytes():
-        _copy(stamp, out / f"environment.{source.resolve().name}.json")
-    for named in sorted(source.glob("environment.*.json")):
-        if not (out / named.name).exists():
-            _copy(named, out / named.name)
+        if not (Place(out) / name).is_there():
+            _copy(source, name, out)
+    stamp, own = (Place(folder) / "environment.json" for folder in (source, out))
+    if stamp.is_own_file() and own.is_own_file() and stamp.read(LARGEST) != own.read(LARGEST):
+        _copy(source, stamp.name, out, f"environment.{source.resolve().name}.json")
+    for name in filter(STAMP.fullmatch, Place(source).names()):
+        if not (Place(out) / name).is_there():
+            _copy(source, name, out)
 
 
-def _copy(source: Path, target: Path) -> None:
+def _copy(source: Path, name: str, out: Path, renamed: str = "") -> None:
     """Whole or not at all; a file that is gone (a stderr somebody deleted) is no reason to lose a record."""
-    try:
-        file = files.open_own(source, os.O_RDONLY)
-    except OSError:  # or a link, a pipe
-        return
-    with file, files.whole(target) as partial, partial.open("wb") as copy:
-        shutil.copyfileobj(file, copy)
+    with contextlib.suppress(FileNotFoundError, NotOwn):
+        content = (Place(source) / name).read(LARGEST)
+        (Place(out) / (renamed or name)).write(content)

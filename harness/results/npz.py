@@ -11,32 +11,31 @@ from pathlib import Path
 
 import numpy as np
 
-from ..files import read_own, whole
+from ..places import Place, place_of
 
 PLAIN = "biufU"  # kinds of numbers, and text
 MEMBERS = 1000  # arrays at most
 LEVEL = 1  # of compression: numbers of a motion shrink by 3 % more at zlib's own, which takes twice as long
 
 
-def write_npz(path: Path, arrays: Mapping[str, np.ndarray], *, compressed: bool = True) -> str:
+def write_npz(path: Path | Place, arrays: Mapping[str, np.ndarray], *, compressed: bool = True) -> str:
     """Write ``arrays`` to ``path`` whole or not at all; returns the sha256 of the file."""
-    with whole(path) as partial:
-        with partial.open("wb") as file:
-            kind = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
-            with zipfile.ZipFile(file, "w", kind, compresslevel=LEVEL) as archive:
-                for name, a in arrays.items():
-                    with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
-                        np.lib.format.write_array(member, np.asanyarray(a), allow_pickle=False)
-        with partial.open("rb") as file:
-            return hashlib.file_digest(file, "sha256").hexdigest()
+    with place_of(path).whole() as file:
+        kind = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
+        with zipfile.ZipFile(file, "w", kind, compresslevel=LEVEL) as archive:
+            for name, a in arrays.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as member:
+                    np.lib.format.write_array(member, np.asanyarray(a), allow_pickle=False)
+        file.seek(0)
+        return hashlib.file_digest(file, "sha256").hexdigest()  # type: ignore[arg-type]
 
 
 def read_npz(
-    source: Path | bytes, largest: int, wanted: Callable[[str], bool] = lambda name: True
+    source: Path | Place | bytes, largest: int, wanted: Callable[[str], bool] = lambda name: True
 ) -> dict[str, np.ndarray]:
     """The arrays of a file that are ``wanted``; ValueError if all hold over ``largest`` bytes or it is none."""
     try:
-        content = source if isinstance(source, bytes) else read_own(source, largest)
+        content = source if isinstance(source, bytes) else place_of(source).read(largest)
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = archive.infolist()
             size = sum(m.file_size for m in members)

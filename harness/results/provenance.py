@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..files import FileError, parse_json, read_text
+from ..places import Place
 from . import environment
 
 WORDS = {
@@ -28,8 +29,8 @@ class Difference:
 
 
 def stamp_of(folder: Path) -> dict[str, Any]:
-    """``environment.json`` of a results folder; empty where it cannot be read."""
-    path = folder / "environment.json"
+    """``environment.json`` of a results folder; empty where it cannot be read, NotOwn where it is a link."""
+    path = Place(folder) / "environment.json"
     try:
         plain = parse_json(read_text(path, "environment"), str(path))
     except FileError:

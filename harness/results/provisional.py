@@ -5,6 +5,7 @@ share. They stand until the suite is resumed, which sets them aside and runs the
 from collections.abc import Iterable
 from pathlib import Path
 
+from ..places import Place
 from ..types import EndedBy, Status
 from .records import RunRecord
 from .store import Unreadable
@@ -37,4 +38,4 @@ def files_of(folder: Path, record: RunRecord) -> list[Unreadable]:
     """What is set aside before the run is repeated: its record first, with the reason."""
     why = f"the run was cut short ({record.ended_by}) and is repeated"
     names = (f"runs/{record.run_id}.json", record.series, record.stderr)
-    return [Unreadable(folder / name, why) for name in names if name and (folder / name).is_file()]
+    return [Unreadable(folder / name, why) for name in names if name and (Place(folder) / name).is_own_file()]

@@ -11,7 +11,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..files import parse_json, read_own, to_json
+from ..files import parse_json, to_json
+from ..places import Place, place_of
 from ..shapes import Shape, shaped
 from .npz import read_npz, write_npz
 
@@ -60,14 +61,14 @@ class Head(Shape, frozen=True):
     schema: Literal[1] = SERIES_SCHEMA
 
 
-def write_series(path: Path, series: Series) -> str:
+def write_series(path: Path | Place, series: Series) -> str:
     """Write whole or not at all; returns the sha256 of the file."""
     events = tuple(map(dict, series.events))
     head = Head(events, series.body_names, series.joint_names, dict(series.units), dict(series.symbols))
     return write_npz(path, {"meta": np.asarray(to_json(head)), **series.arrays})
 
 
-def read_series(path: Path, sha256: str = "", *, poses: bool = True) -> Series:
+def read_series(path: Path | Place, sha256: str = "", *, poses: bool = True) -> Series:
     """The series in ``path``, or BadSeries; with ``sha256``, only if the file is the one that was recorded.
 
     Without ``poses`` those of the run and of the exact motion, most of a file, stay packed.
@@ -84,7 +85,7 @@ def read_series(path: Path, sha256: str = "", *, poses: bool = True) -> Series:
     return Series(arrays, head.events, head.body_names, head.joint_names, head.units, head.symbols)
 
 
-def check_series(path: Path, sha256: str) -> None:
+def check_series(path: Path | Place, sha256: str) -> None:
     """BadSeries if it is not the recorded file of this schema; its arrays stay packed."""
     content = _content(path, sha256)
     try:
@@ -93,9 +94,9 @@ def check_series(path: Path, sha256: str) -> None:
         raise BadSeries(f"not a whole series file of schema {SERIES_SCHEMA}: {error}") from None
 
 
-def _content(path: Path, sha256: str) -> bytes:
+def _content(path: Path | Place, sha256: str) -> bytes:
     try:
-        content = read_own(path, LARGEST)
+        content = place_of(path).read(LARGEST)
     except OSError as error:
         raise BadSeries(f"cannot read: {error.strerror or error}") from None
     if sha256 and hashlib.sha256(content).hexdigest() != sha256:

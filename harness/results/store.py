@@ -4,19 +4,18 @@
 holds: ``docs/results-format.md``.
 """
 
-import contextlib
 import fcntl
 import hashlib
+import itertools
 import os
 import re
-import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 from .. import files
-from ..files import write_text
+from ..places import PARTIAL, NotOwn, Place, place_of
 from ..shapes import Shape, shaped
 from .records import COLUMNS, SCHEMA, BadRecord, RunRecord, from_json, to_json
 from .series import BadSeries, Series, read_series
@@ -28,6 +27,7 @@ LARGEST = 2**22  # [bytes] of a record's file: a hundred times the longest
 NATIVE = 2**20  # [bytes] of a standard error, which runs leave trimmed
 LOCAL = Path("results") / "local"
 PARTS = ("runs", "series", "stderr")
+OTHERS = (".lock", ".spool", "environment.json", "judgement", "report", "runs.parquet", "set_aside", "suite.toml")
 IN_PART = {part: re.compile(rf"{part}/[\w-][\w.-]*") for part in ("series", "stderr")}
 SCHEMA_IN_FILE = re.compile(rb'\\"schema\\": (\d{1,9})\b')  # of a record inside its file
 
@@ -61,53 +61,55 @@ class Loaded:
 
 def is_results(folder: Path) -> bool:
     """Whether ``folder`` holds results that this version reads."""
-    return (folder / "runs").is_dir() and not older(folder)
+    return (Place(folder) / "runs").kind() == "a folder" and not older(folder)
 
 
 def older(folder: Path) -> int:
     """The schema of results of an older version, else 0. Runs of schema 1 were called cells."""
-    if not (folder / "runs").is_dir():
-        return int((folder / "cells").is_dir())
-    for path in sorted((folder / "runs").glob("*.json")):
-        with contextlib.suppress(OSError):
-            if found := SCHEMA_IN_FILE.search(files.read_own(path, LARGEST)):
-                return int(found[1]) if int(found[1]) < SCHEMA else 0
+    runs = Place(folder) / "runs"
+    if not runs.is_folder():
+        return int((Place(folder) / "cells").is_folder())
+    for name, content in runs.contents(LARGEST):
+        if isinstance(content, bytes) and name.endswith(".json") and (found := SCHEMA_IN_FILE.search(content)):
+            return int(found[1]) if int(found[1]) < SCHEMA else 0
     return 0
 
 
 def refuse_older(folder: Path) -> None:
     """StoreError for results of an older version."""
     if schema := older(folder):
-        suite = folder / "suite.toml"
-        again = f"run the suite again: mbsbench run {suite}" if suite.is_file() else "run its suite again"
+        suite = Place(folder) / "suite.toml"
+        again = f"run the suite again: mbsbench run {suite}" if suite.is_own_file() else "run its suite again"
         raise StoreError(f"{folder} holds results of an older version (schema {schema}); {again}")
 
 
 def refuse_links(folder: Path) -> None:
-    """StoreError for a folder whose parts are elsewhere: files would be read and written there."""
-    for part in PARTS:
-        if (folder / part).is_symlink():
-            raise StoreError(f"{folder / part} is a link; a results folder holds its own files")
+    """NotOwn for a folder of which a part is a link or the like, before anything is read or written."""
+    for name in (*PARTS, *OTHERS):
+        (Place(folder) / name).is_there()
 
 
 def create(folder: Path) -> Path:
     """Make the folder and its parts (an existing one is kept as it is)."""
-    refuse_older(folder)
-    refuse_links(folder)
     try:
+        folder.mkdir(parents=True, exist_ok=True)
+        refuse_older(folder)
+        refuse_links(folder)
         for part in PARTS:
-            (folder / part).mkdir(parents=True, exist_ok=True)
-        write_text(folder / ".writable", "")
-        (folder / ".writable").unlink()
+            (Place(folder) / part).make()
+        (Place(folder) / ".writable").write("")
+        (Place(folder) / ".writable").remove_file()
+    except NotOwn:
+        raise
     except OSError as error:
         raise StoreError(f"cannot write results to {folder}: {error.strerror or error}") from None
     return folder
 
 
-def lock(folder: Path) -> IO[bytes]:
+def lock(folder: Path) -> BinaryIO:
     """Hold the folder for one runner; the lock goes with the returned file or the process."""
     try:
-        file = files.open_own(folder / ".lock", os.O_RDWR | os.O_CREAT)
+        file = (Place(folder) / ".lock").open_file(os.O_RDWR | os.O_CREAT)
     except OSError as error:
         raise StoreError(f"cannot lock {folder} by its file .lock: {error.strerror or error}") from None
     try:
@@ -120,36 +122,40 @@ def lock(folder: Path) -> IO[bytes]:
 
 def remove_partial(folder: Path) -> None:
     """What killed processes left half-written; for who holds the lock: nobody writes."""
-    for part in (".", *PARTS):
-        for path in (folder / part).iterdir():
-            if files.PARTIAL.fullmatch(path.name):
-                path.unlink()
+    for part in (Place(folder), *(Place(folder) / name for name in PARTS)):
+        for name in filter(PARTIAL.fullmatch, part.names()):
+            (part / name).remove_file()
 
 
-def path_of(folder: Path, run_id: str) -> Path:
+def path_of(folder: Path, run_id: str) -> Place:
     """The file of a run's record."""
-    return folder / "runs" / f"{run_id}.json"
+    return Place(folder) / "runs" / f"{run_id}.json"
 
 
 def write_record(folder: Path, record: RunRecord) -> Path:
     """Store one finished run."""
     body = to_json(record)
-    path = path_of(folder, record.run_id)
-    write_text(path, files.to_json({"sha256": _digest(body), "record": body}))
-    return path
+    place = path_of(folder, record.run_id)
+    place.write(files.to_json({"sha256": _digest(body), "record": body}))
+    return place.path
 
 
-def read_record(path: Path) -> RunRecord:
+def read_record(path: Path | Place) -> RunRecord:
     """The record in ``path``, or BadRecord; its file name must be its content address."""
+    place = place_of(path)
     try:
-        text = files.read_own(path, LARGEST)
+        return record_in(place.name, place.read(LARGEST))
     except OSError as error:
-        raise BadRecord(f"cannot read record {path}: {error.strerror or error}") from None
+        raise BadRecord(f"cannot read record {place}: {error.strerror or error}") from None
+
+
+def record_in(name: str, text: bytes) -> RunRecord:
+    """The record that the file ``name`` holds, or BadRecord."""
     outer = shaped(files.parse_json(text, "record file", BadRecord), RecordFile, "record file", BadRecord)
     if _digest(outer.record) != outer.sha256:
         raise BadRecord("its digest does not match: truncated or changed")
     record = from_json(outer.record)
-    if record.run_id != path.stem:
+    if f"{record.run_id}.json" != name:
         raise BadRecord(f"it is the record of run {record.run_id}")
     for column in ("series", "stderr"):  # a name in its part of this folder, and no way out of it
         if (place := getattr(record, column)) and not IN_PART[column].fullmatch(place):
@@ -161,7 +167,7 @@ def is_there(folder: Path, promised: RunRecord, found: RunRecord | None) -> bool
     """Whether a record that was written is still the one on disk, with its series."""
     return (
         found is not None and to_json(found) == to_json(promised)
-        and (not found.series or (folder / found.series).is_file())
+        and (not found.series or (Place(folder) / found.series).is_own_file())
     )  # fmt: skip
 
 
@@ -170,7 +176,7 @@ def native_of(folder: Path, record: RunRecord) -> str:
     if not record.stderr:
         return ""
     try:
-        text = files.read_own(folder / record.stderr, NATIVE).decode(errors="replace")
+        text = (Place(folder) / record.stderr).read(NATIVE).decode(errors="replace")
     except OSError as error:
         return f"({record.stderr} cannot be read: {error.strerror or error})"
     return files.printable(text)
@@ -178,24 +184,26 @@ def native_of(folder: Path, record: RunRecord) -> str:
 
 def load(folder: Path, *, check_series: bool = True) -> Loaded:
     """All good records, in order of case; a record whose series file is damaged is not good. Nothing is changed."""
-    refuse_older(folder)
-    if not is_results(folder):
-        raise StoreError(f"{folder} holds no results (it has no runs/)")
     refuse_links(folder)
+    refuse_older(folder)
+    runs = Place(folder) / "runs"
+    if not runs.is_folder():
+        raise StoreError(f"{folder} holds no results (it has no runs/)")
     good, bad = [], []
-    for path in sorted((folder / "runs").iterdir()):
-        if path.name.startswith("."):
-            continue
+    for name, content in runs.contents(LARGEST):
+        place = runs / name
         try:
-            record = read_record(path)
+            if isinstance(content, OSError):
+                raise BadRecord(f"cannot read record {place}: {content.strerror or content}")
+            record = record_in(name, content)
             if check_series and record.series:
-                read_series(folder / record.series, record.series_sha256)
+                read_series(Place(folder) / record.series, record.series_sha256)
             good.append(record)
         except BadRecord as error:
-            bad.append(Unreadable(path, str(error)))
+            bad.append(Unreadable(place.path, str(error)))
         except BadSeries as error:
-            bad.append(Unreadable(path, f"its series file {record.series}: {error}"))
-            if os.path.lexists(folder / record.series):
+            bad.append(Unreadable(place.path, f"its series file {record.series}: {error}"))
+            if (Place(folder) / record.series).kind():
                 bad.append(Unreadable(folder / record.series, str(error)))
     return Loaded(tuple(sorted(good, key=lambda r: (r.problem, r.solver, r.case))), tuple(bad))
 
@@ -210,21 +218,30 @@ def newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
 
 
 def set_aside(folder: Path, unreadable: Iterable[Unreadable]) -> None:
-    """Move what could not be read to ``set_aside/``, each with a note why; nothing is deleted."""
-    for item in unreadable:
-        aside = folder / "set_aside"
-        aside.mkdir(exist_ok=True)
-        target, n = aside / item.path.name, 0
-        while os.path.lexists(target):
-            n += 1
-            target = aside / f"{item.path.name}.{n}"
-        shutil.move(item.path, target)
-        write_text(target.with_name(target.name + ".why"), item.why + "\n")
+    """Move what could not be read to ``set_aside/``, with a note that says why, a line a file; nothing is deleted."""
+    items, aside = list(unreadable), Place(folder) / "set_aside"
+    if not items:
+        return
+    aside.make()
+    taken, lines = set(aside.names()), []
+    for item in items:
+        name = _free(item.path.name, taken)
+        (Place(folder) / item.path.relative_to(folder).as_posix()).move_to(aside / name)
+        lines.append(f"{name}: {item.why}\n")
+    (aside / _free("why.txt", taken)).write("".join(lines))
+
+
+def _free(name: str, taken: set[str]) -> str:
+    """``name``, or with the first number that is not ``taken``, which it is then."""
+    numbered = itertools.chain([name], (f"{name}.{n}" for n in itertools.count(1)))
+    free = next(n for n in numbered if n not in taken)
+    taken.add(free)
+    return free
 
 
 def series_of(folder: Path, record: RunRecord, *, poses: bool = True) -> Series | None:
     """The series of a run, checked against its record; None for a run that has none."""
-    return read_series(folder / record.series, record.series_sha256, poses=poses) if record.series else None
+    return read_series(Place(folder) / record.series, record.series_sha256, poses=poses) if record.series else None
 
 
 def table(records: Iterable[RunRecord]) -> "pd.DataFrame":
@@ -240,10 +257,10 @@ def write_table(folder: Path, records: Iterable[RunRecord]) -> Path:
     """``runs.parquet``, replaced whole."""
     frame = table(records)
     frame.attrs["schema"] = SCHEMA
-    path = folder / "runs.parquet"
-    with files.whole(path) as partial:
-        frame.to_parquet(partial, index=False)
-    return path
+    place = Place(folder) / "runs.parquet"
+    with place.whole() as file:
+        frame.to_parquet(file, index=False)
+    return place.path
 
 
 def point_latest(folder: Path) -> None:

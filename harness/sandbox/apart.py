@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+from ..places import Place
 from .isolation import Target, fork, kill_group
 
 NOWHERE = Path(os.devnull)
@@ -38,7 +39,7 @@ class Apart:
     """A forked process, watched by ``look`` or ``wait``."""
 
     def __init__(
-        self, target: Target, *, limit: float, memory: float, cpu: float | None = None, stderr: Path = NOWHERE
+        self, target: Target, *, limit: float, memory: float, cpu: float | None = None, stderr: Path | Place = NOWHERE
     ) -> None:
         """Run ``target(send)`` for ``limit`` [s] at most, with ``memory`` [MB] and ``cpu`` [s] (default: the limit)."""
         self.pid, self.pipe = fork(target, stderr, memory, limit if cpu is None else cpu)

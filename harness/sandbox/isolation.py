@@ -15,6 +15,8 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 
+from ..places import Place
+
 Target = Callable[[Callable[[str], None]], object]  # what a child runs, given how to send a line
 OUTPUT_LIMIT = 2**30  # [bytes] largest file a run may write
 CANNOT_WRITE = 74  # exit code (EX_IOERR): the disk is full, which is not a result of the run
@@ -23,7 +25,7 @@ PR_SET_PDEATHSIG = 1  # prctl(2)
 STDERR_KEPT = 2**16  # [bytes] of each end of a longer standard error
 
 
-def fork(target: Target, stderr: Path, memory: float, cpu: float) -> tuple[int, int]:
+def fork(target: Target, stderr: Path | Place, memory: float, cpu: float) -> tuple[int, int]:
     """Run ``target(send)`` in a child with ``memory`` [MB] beyond what is loaded and ``cpu`` [s].
 
     Returns its process (and group) and the read end of the pipe on which it sends lines.
@@ -32,7 +34,6 @@ def fork(target: Target, stderr: Path, memory: float, cpu: float) -> tuple[int, 
     if threading.active_count() > 1:
         running = threading.active_count() - 1
         raise ValueError(f"a run needs a process without threads ({running} run here); start a plugin's own in solve")
-    stderr.parent.mkdir(parents=True, exist_ok=True)
     if signal.getsignal(signal.SIGCHLD) == signal.SIG_IGN:  # as a parent may leave it: nobody could be waited for
         signal.signal(signal.SIGCHLD, signal.SIG_DFL)
     parent = os.getpid()
@@ -82,23 +83,24 @@ def kill_group(pid: int) -> None:
             continue
 
 
-def trim(path: Path) -> None:
+def trim(place: Place) -> None:
     """Keep both ends of a long standard error, and no file where there is nothing in it."""
-    size = path.stat().st_size if path.exists() else -1
+    if place.kind() not in ("", "a file"):  # the run put it there: it goes
+        place.remove_file()
+    size = place.size() if place.kind() else -1
     if size == 0:
-        path.unlink()
+        place.remove_file()
     elif size > 2 * STDERR_KEPT:
-        with path.open("r+b") as file:
+        with place.open_file() as file:
             head = file.read(STDERR_KEPT)
             file.seek(-STDERR_KEPT, os.SEEK_END)
             tail = file.read()
-            file.seek(0)
-            file.write(head + f"\n... {size - 2 * STDERR_KEPT} bytes left out ...\n".encode() + tail)
-            file.truncate()
+        place.write(head + f"\n... {size - 2 * STDERR_KEPT} bytes left out ...\n".encode() + tail)
 
 
-def _redirect(stderr: Path) -> None:
-    target = os.open(stderr, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_APPEND | os.O_NOFOLLOW, 0o644)
+def _redirect(stderr: Path | Place) -> None:
+    file = stderr.open_new() if isinstance(stderr, Place) else stderr.open("ab")
+    target = os.dup(file.fileno())
     nothing = os.open(os.devnull, os.O_RDONLY)
     os.dup2(nothing, 0)
     os.dup2(target, 1)  # what a solver prints belongs with its errors

@@ -4,6 +4,7 @@ Rows of float64, (t, r, R, v, Omega) of all bodies, appended in whole blocks. Th
 whatever ends the process. A run that ends in order hands back its trajectory, and the file goes.
 """
 
+import os
 import time
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from ..mechanics.state import States
+from ..places import Place, place_of
 from ..types import Problem, Status, Trajectory
 
 EVERY = 0.02  # [s] between two blocks: what a killed run may lose
@@ -24,15 +26,19 @@ NUMBERS = 18  # a body and step: r, R, v, Omega
 class FileSpool:
     """``harness.types.Spool`` in a file, which begins empty."""
 
-    path: Path
+    where: Path | Place
     rows: int = 0
     _next: float = field(default=0.0, repr=False)
     _asked: float = field(default=0.0, repr=False)
     _size: int = field(default=0, repr=False)
 
     def __post_init__(self) -> None:
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        self.path.write_bytes(b"")
+        place_of(self.where).open_new().close()
+
+    @property
+    def path(self) -> Path:
+        """The file's path."""
+        return place_of(self.where).path
 
     def due(self) -> bool:
         self._asked = time.monotonic()
@@ -45,7 +51,7 @@ class FileSpool:
             axis=1,
         )
         if self._size + block.nbytes <= LARGEST:
-            with self.path.open("ab", buffering=0) as file:
+            with place_of(self.where).open_file(os.O_WRONLY | os.O_APPEND) as file:
                 file.write(block.tobytes())
             self._size += block.nbytes
             self.rows += len(t)
@@ -54,10 +60,11 @@ class FileSpool:
             self._next = float("inf")
 
 
-def kept(path: Path, problem: Problem, status: Status, message: str) -> Trajectory | None:
+def kept(path: Path | Place, problem: Problem, status: Status, message: str) -> Trajectory | None:
     """The steps in ``path`` as a trajectory from the start; None when there are none."""
     nb = problem.system.nb
-    content = path.read_bytes() if path.exists() else b""
+    place = place_of(path)
+    content = place.read(LARGEST) if place.is_there() else b""
     whole = len(content) // (8 * (1 + NUMBERS * nb))
     rows = np.frombuffer(content[: whole * 8 * (1 + NUMBERS * nb)]).reshape(whole, 1 + NUMBERS * nb)
     if whole == 0 or rows[-1, 0] <= 0.0:

@@ -17,6 +17,7 @@
     options = { "alpha, beta" = [0.0, 5.0] }    # two keys with the same value
     dt = [0.02, 0.01]           # goes to the solvers controlled by dt, rtol and max_step to the others
     rtol = 1e-8
+    # rtol = { from = 0.1, to = 1e-5, per_decade = 20 }         # a sweep, to three digits; options likewise
 """
 
 from typing import Annotated, Any

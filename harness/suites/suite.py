@@ -5,6 +5,7 @@ included; twice in one file it is an error.
 """
 
 import itertools
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -149,6 +150,7 @@ def _product(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> 
     """One dict for each combination of the listed values; a tuple-valued one takes a flat list as one value."""
     choices = []
     for key, value in given.items():
+        value = _swept(key, value) if isinstance(value, dict) else value
         names = [name.strip() for name in key.split(",")]
         is_tuple = names[0] in known and isinstance(known[names[0]][0], tuple)
         one = not isinstance(value, list) or (is_tuple and not any(isinstance(v, list | str) for v in value))
@@ -157,6 +159,20 @@ def _product(given: Mapping[str, Any], known: Mapping[str, tuple[Any, Any]]) -> 
         choices.append([dict.fromkeys(names, v) for v in ([value] if one else value)])
     for combination in itertools.product(*choices):
         yield {name: v for part in combination for name, v in part.items()}
+
+
+def _swept(key: str, sweep: Mapping[str, Any]) -> list[float]:
+    """Values evenly spaced in their logarithm, ends included, to three digits."""
+    if sweep.keys() != {"from", "to", "per_decade"} or not all(isinstance(v, int | float) for v in sweep.values()):
+        raise ValueError(f"{key} must be a value, a list, or {{ from, to, per_decade }} (got {dict(sweep)})")
+    first, last, steps = sweep["from"], sweep["to"], sweep["per_decade"]
+    if not (first > 0.0 and last > 0.0 and first != last and steps >= 1):
+        raise ValueError(
+            f"{key}: a sweep goes from one number > 0 to another, with per_decade >= 1 (got {dict(sweep)})"
+        )
+    decades = math.log10(last / first)
+    count = round(abs(decades) * steps) + 1
+    return [float(f"{first * 10.0 ** (decades * k / (count - 1)):.3g}") for k in range(count)]
 
 
 def _list(names: Names | None) -> tuple[str, ...]:

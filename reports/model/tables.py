@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ...harness.files import write_text
+from ...harness.places import Place
 from .accuracy import energy_kind, judged, measure_for
 from .results import Run, Variant, by_solver
 from .words import BELOW_CLOCK, NONE, clocked, mark, number, signed, time, whole
@@ -140,15 +140,15 @@ def printed(runs: Sequence[Run]) -> Sequence[Column]:
     return [c for c in COLUMNS if c.latex and c.key != other]
 
 
-def write_tables(variants: Sequence[Variant], folder: Path, *, rounded: bool = False) -> list[Path]:
+def write_tables(variants: Sequence[Variant], folder: Place, *, rounded: bool = False) -> list[Path]:
     """One CSV and one LaTeX table a problem; returns the files. A ``rounded`` CSV has the numbers of the LaTeX one."""
-    folder.mkdir(parents=True, exist_ok=True)
     out = []
     for variant in variants:
         values = rounded_csv_of(variant.runs) if rounded else csv_of(variant.runs)
         for suffix, text in ((".csv", values), (".tex", latex_of(variant.title, variant.runs))):
-            out.append(folder / f"{variant.slug}{suffix}")
-            write_text(out[-1], text)
+            place = folder / f"{variant.slug}{suffix}"
+            place.write(text, durable=False)
+            out.append(place.path)
     return out
 
 

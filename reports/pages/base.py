@@ -44,7 +44,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from ...harness.results import store
+from ...harness.places import Place
 from ..model import words
 from ..model.accuracy import energy_kind
 from ..model.glossary import term
@@ -58,8 +58,15 @@ from .judgement import page_of
 
 SORTED = 6  # digits of a number that a table sorts by
 FOLDER = Path(__file__).parent.parent
+ASSETS = FOLDER / "assets"
 PLOTTING = ("assets/plotly-basic.min.js", "assets/plots.js")
 SPEAKING = ("number", "whole", "signed", "seconds", "time", "unit", "mark", "plural", "listed")  # of model/words.py
+
+
+def copy_assets(folder: Place, names: Sequence[str]) -> None:
+    """Scripts and styles of these names, as ``assets/`` of a report."""
+    for name in names:
+        (folder / "assets" / name).write((ASSETS / name).read_bytes(), durable=False)
 
 
 @dataclass(frozen=True)
@@ -84,7 +91,7 @@ class Site:
     """The report folder of a run while its pages are written."""
 
     results: Results
-    folder: Path
+    folder: Place
     drawn: dict[str, str] = field(default_factory=dict)  # by run: the variant whose data file has its curves
     _pending: dict[str, tuple[Page, str, dict[str, Any]]] = field(default_factory=dict)
 
@@ -110,7 +117,7 @@ class Site:
         return self._written(name, bundle(name, value))
 
     def _written(self, name: str, text: str) -> str:
-        store.write_text(self.folder / "data" / f"{name}.js", text)
+        (self.folder / "data" / f"{name}.js").write(text, durable=False)
         return f"data/{name}.js"
 
     def url(self, about: Run | Variant | str) -> str:
@@ -122,7 +129,7 @@ class Site:
         return self._solver_urls[about]
 
     @property
-    def figures(self) -> Path:
+    def figures(self) -> Place:
         """Where figures that are files go."""
         return self.folder / "figures"
 
@@ -143,9 +150,7 @@ class Site:
         for page, template, values in self._pending.values():
             scripts = ["assets/site.js", *(["data/pages.js"] if page.root else []), *values["scripts"]]
             given = {**values, "scripts": scripts, "page": page, "root": page.root, "pages": nav}
-            path = self.folder / page.file
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(environment.get_template(template).render(given), encoding="utf-8")
+            (self.folder / page.file).write(environment.get_template(template).render(given), durable=False)
 
     @cached_property
     def _solver_urls(self) -> Mapping[str, str]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from ...harness.places import Place
 from ...harness.results.judgements.files import FOLDER, PUBLISHED, File, JudgementError, read
 from ..model.results import Run
 
@@ -21,10 +22,10 @@ class Judged(Generic[T]):
     published: str = ""
 
 
-def judged_or_published(results: Path, file: File[T], published: Path = PUBLISHED) -> Judged[T]:
+def judged_or_published(results: Path, file: File[T], published: Place = PUBLISHED) -> Judged[T]:
     """The same; where these results have no judgement, or allow none, that of the published ones."""
     own = judged(results, file)
-    broken = own.found is None and (results / FOLDER / f"{file.name}.json").exists()
+    broken = own.found is None and (Place(results) / FOLDER / f"{file.name}.json").is_there()
     if own.found or broken:
         return own
     kept = read_or_why(published, file, f"{JUDGE} --publish")
@@ -34,10 +35,10 @@ def judged_or_published(results: Path, file: File[T], published: Path = PUBLISHE
 
 def judged(results: Path, file: File[T]) -> Judged[T]:
     """``judgement/<name>.json`` of a results folder."""
-    return read_or_why(results / FOLDER, file, f"{JUDGE} {results.name}")
+    return read_or_why(Place(results) / FOLDER, file, f"{JUDGE} {results.name}")
 
 
-def read_or_why(folder: Path, file: File[T], command: str) -> Judged[T]:
+def read_or_why(folder: Place, file: File[T], command: str) -> Judged[T]:
     """The judgement in ``folder``; ``command`` makes it."""
     try:
         return Judged(read(file, folder))

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from ...harness.places import Place
 from ..model.results import Results, read_results
 from ..plots.palette import looks
 from ..plots.style import SUFFIXES, save
@@ -36,7 +37,7 @@ def one(results: Results, figure: PaperFigure, specs: Sequence[Asked], suffixes:
     """Draw one figure and write its caption."""
     lines = found_lines(results, figure, specs)
     own = looks({*results.solvers, *(k.chosen.asked.solver for k in lines)})
-    files = save(lambda: draw(figure, lines, own), results.folder / FOLDER, figure.name, suffixes)
+    files = save(lambda: draw(figure, lines, own), Place(results.folder) / FOLDER, figure.name, suffixes)
     return caption(figure, lines, results.folder, [p.name for p in files])
 
 

@@ -5,7 +5,8 @@ from typing import Any
 
 import msgspec
 
-from ...harness.files import to_json, write_text
+from ...harness.files import LARGEST, to_json
+from ...harness.places import NotOwn, Place
 
 FOLDER, FILE = "paper", "captions.json"
 
@@ -80,7 +81,9 @@ class Captions(msgspec.Struct, frozen=True):
 def read(folder: Path) -> tuple[Caption, ...]:
     """Those of the figures made from the results in ``folder``; none where the file is not of this shape."""
     try:
-        return msgspec.json.decode((folder / FOLDER / FILE).read_bytes(), type=Captions).figures
+        return msgspec.json.decode((Place(folder) / FOLDER / FILE).read(LARGEST), type=Captions).figures
+    except NotOwn:
+        raise
     except (OSError, ValueError, RecursionError):
         return ()
 
@@ -91,4 +94,4 @@ def write(folder: Path, environment: Any, made: list[Caption], order: list[str])
     every = [*(c for c in read(folder) if c.name in order and c.name not in new), *made]
     figures = tuple(sorted(every, key=lambda c: order.index(c.name)))
     whole = Captions(str(environment.get("run") or folder.name), str(environment.get("commit", "")), figures)
-    write_text(folder / FOLDER / FILE, to_json(whole, indent=1))
+    (Place(folder) / FOLDER / FILE).write(to_json(whole, indent=1))

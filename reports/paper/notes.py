@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from ...harness.places import Place
 from ...harness.referee.judge import read_claims
 from ...harness.results.judgements.claims import Claim
 from ...harness.results.judgements.files import FOLDER, PUBLISHED
@@ -33,7 +34,7 @@ def caption(figure: PaperFigure, lines: Sequence[Line], folder: Path, files: Seq
 def judged_claims(folder: Path) -> tuple[tuple[Claim, ...], bool]:
     """The claims judged by these results; the published ones, and True, where there are none that can be read."""
     try:
-        own = read_claims(folder / FOLDER)
+        own = read_claims(Place(folder) / FOLDER)
     except StoreError:
         own = None
     return (read_claims(PUBLISHED) or (), True) if own is None else (own, False)

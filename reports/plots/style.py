@@ -14,7 +14,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter, LogLocator
 
-from ...harness.files import whole
+from ...harness.places import Place
 from ..model.words import SUPERSCRIPTS
 
 MM = 1.0 / 25.4  # [in]
@@ -49,9 +49,8 @@ def sheet(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), dpi=PNG_DPI, layout="constrained")
 
 
-def save(draw: Callable[[], Figure], folder: Path, name: str, suffixes: Sequence[str] = SUFFIXES) -> list[Path]:
+def save(draw: Callable[[], Figure], folder: Place, name: str, suffixes: Sequence[str] = SUFFIXES) -> list[Path]:
     """Draw once, write each file whole or not at all; the same records give the same bytes."""
-    folder.mkdir(parents=True, exist_ok=True)
     paths = []
     with style(), mpl.rc_context({"svg.hashsalt": name}):
         figure = draw()
@@ -59,9 +58,9 @@ def save(draw: Callable[[], Figure], folder: Path, name: str, suffixes: Sequence
             out = io.BytesIO()
             _PRINT[suffix](figure, out)
             figure.set_layout_engine("none")  # it is laid out
-            paths.append(folder / f"{name}.{suffix}")
-            with whole(paths[-1]) as partial:
-                partial.write_bytes(out.getvalue())
+            place = folder / f"{name}.{suffix}"
+            place.write(out.getvalue())
+            paths.append(place.path)
     return sorted(paths)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from mbsbench.harness.files import write_text
 from mbsbench.harness.results import store
 from mbsbench.harness.results.records import RunRecord, reasons_json
 from mbsbench.harness.results.series import Series, write_series
@@ -68,7 +69,7 @@ def put(folder: Path, run: RunRecord, motion: Series | None = None, stderr: str 
         run = dataclasses.replace(run, series=name, series_sha256=write_series(folder / name, motion))
     if stderr:
         run = dataclasses.replace(run, stderr=f"stderr/{run.run_id}.txt")
-        store.write_text(folder / run.stderr, stderr)
+        write_text(folder / run.stderr, stderr)
     store.write_record(folder, run)
     return run
 
@@ -103,7 +104,7 @@ def built(tmp_path_factory) -> tuple[Path, list[RunRecord], str]:
     """The folder, its records and its page."""
     folder = tmp_path_factory.mktemp("run")
     records = every_kind(folder)
-    store.write_text(
+    write_text(
         folder / "environment.json",
         json.dumps(
             {
@@ -157,5 +158,5 @@ def matrices(tmp_path_factory):
             folder,
             record(f"c{k}", problem=name, section=f"Sect. {k}", label="map", dt_s=0.1,
                            position_error_max_m=4.0 - k), series())  # fmt: skip
-    store.write_text(folder / "environment.json", "{}")
+    write_text(folder / "environment.json", "{}")
     return site.build(folder)

@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
+from mbsbench.harness.files import write_text
 from mbsbench.harness.metrics.scales import Scales
-from mbsbench.harness.results import store
 from mbsbench.harness.results.records import reasons_json
 from mbsbench.harness.results.series import Series
 from mbsbench.harness.types import ALLOWED, Law, Reason
@@ -71,7 +71,7 @@ def folder(tmp_path):
             made = record(f"{name}{k}", solver, problem=name, energy_drift_max_J=1e-6 * 10.0**k, phi_max=0.0, **ending)
             put(tmp_path, made, moving(k))
     put(tmp_path, record("only1", "alpha", problem="hard", problem_parameters=json.dumps({"t_end": 1.0})), series())
-    store.write_text(tmp_path / "environment.json", "{}")
+    write_text(tmp_path / "environment.json", "{}")
     return tmp_path
 
 

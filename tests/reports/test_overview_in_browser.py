@@ -1,6 +1,6 @@
 """The first page in a browser: runs and matrices sort, filter and are paged; cards on a phone."""
 
-from mbsbench.harness.results import store
+from mbsbench.harness.files import write_text
 from mbsbench.reports import site
 
 from .browser import LOW, OPEN, OVERFLOW, SMALL
@@ -16,7 +16,7 @@ def test_thousands_of_runs_are_paged_and_the_address_keeps_the_choice(browser, t
     """100 rows a page, few nodes; a filter, an order and a page are in the address and come back with it."""
     for k in range(230):
         put(tmp_path, record(f"r{k:03}", dt_s=1e-4 * (k + 1), status="success" if k % 2 else "wrong", label="map"))
-    store.write_text(tmp_path / "environment.json", "{}")
+    write_text(tmp_path / "environment.json", "{}")
     tab = browser.open(site.build(tmp_path))
     rows = "document.querySelectorAll('[data-runs] tbody tr').length"
     tab.until(f"{rows} === 100")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from mbsbench.harness.results import store
+from mbsbench.harness.files import write_text
 from mbsbench.reports import site
 from mbsbench.reports.model.curves import upper
 
@@ -65,7 +65,7 @@ def test_axes_leave_out_what_is_hidden(browser, tmp_path):
     """A coarse run that swings ten times as far is not drawn at first: it takes none of the axis until it is."""
     put(tmp_path, record("aa01", dt_s=0.005), series(size=1e-3))
     put(tmp_path, record("aa02", dt_s=0.05), series(size=9.0))
-    store.write_text(tmp_path / "environment.json", "{}")
+    write_text(tmp_path / "environment.json", "{}")
     tab = browser.open(site.build(tmp_path).parent / "problem-pendulum.html")
     tab.evaluate(OPEN)
     tab.evaluate("document.querySelector('[data-plot=obs-theta]').scrollIntoView()")

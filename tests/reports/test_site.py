@@ -9,6 +9,7 @@ from urllib.parse import unquote
 
 import pytest
 
+from mbsbench.harness.places import Place
 from mbsbench.reports import site
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages import base
@@ -202,7 +203,7 @@ def test_a_new_report_keeps_no_page_of_an_earlier_one(tmp_path):
 
 def test_two_pages_cannot_have_one_name(tmp_path):
     put(tmp_path, record("aa01"))
-    here = Site(read_results(tmp_path), tmp_path)
+    here = Site(read_results(tmp_path), Place(tmp_path))
     here.write(Page("One", "x.html"), "growth.html")
     with pytest.raises(ValueError, match="two pages want to be"):
         here.write(Page("Two", "x.html"), "growth.html")

@@ -61,6 +61,21 @@ def test_jacobians_are_exact(form, coordinates):
         np.testing.assert_allclose(of_y_dot[:, k], by_y_dot, atol=1e-7 * size)
 
 
+@pytest.mark.parametrize("coordinates", CHARTS)
+def test_form_fi_is_a_mass_matrix_times_the_rates_less_the_rest(coordinates):
+    """F = E(y) y' - f(y): E has the rows I, M and A, and dF/dy at y' = 0 is -df/dy, which ode15s's form relies on."""
+    at = Layout(SYSTEM, CHARTS[coordinates], np.arange(SYSTEM.nrows))
+    random, form = np.random.default_rng(7), ImplicitForm(at, "fi", ALPHA, BETA)
+    p, u = at.chart.coordinates(arbitrary(SYSTEM, 7))
+    y, y_dot = np.concatenate((p.ravel(), u.ravel(), random.standard_normal(at.k))), random.standard_normal(at.n)
+    rest = form.residual(y, np.zeros(at.n))
+    E = form.pattern.dense(form.jacobian(y, np.zeros(at.n))[1])
+    size = 1.0 + np.max(np.abs(rest))
+    np.testing.assert_allclose(form.residual(y, y_dot), E @ y_dot + rest, atol=1e-11 * size)
+    np.testing.assert_array_equal(E[at.p, at.p], np.eye(at.n_p))
+    assert not np.any(E[:, at.lam]) and np.any(E[at.lam, at.u]) and np.any(E[at.u, at.u])
+
+
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize("name", ["linkage", "chain", "four_bar_grid"])
 def test_differences_of_grouped_columns_equal_the_exact_jacobian(name, form):

@@ -5,16 +5,17 @@ The rules of measures are in module measures; those of steps and passages in mod
 
 import json
 import math
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from ...results.records import RunRecord
 from ...results.series import Series
-from . import passages  # enters its measures
+from . import equations, passages  # enter their measures
 from .measures import END, MEASURES, NAN, bound, evaluate, evaluate_pair, measure, measure_over, reached_end, stretch
 
-__all__ = ["MEASURES", "evaluate", "evaluate_pair", "passages"]
+__all__ = ["MEASURES", "equations", "evaluate", "evaluate_pair", "passages"]
 
 
 @measure("name", "partial", series=False, until="end", grows=True)
@@ -145,15 +146,26 @@ def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
     return float(s["t"][beyond[0]]) if len(beyond) else math.inf
 
 
-@measure("series", until="end")
-def grows(record: RunRecord, s: Series, series: str) -> float:
-    """max |series| in the last quarter of the time asked for over that in the first quarter."""
+@measure("series", "floor", until="end")
+def grows(record: RunRecord, s: Series, series: str, floor: float = 0.0) -> float:
+    """max |series| in the last quarter of the time asked for over that in the first; 1 if both are below ``floor``."""
     quarter = 0.25 * record.t_end_s
     first, last = stretch(record, s, series, to=quarter), stretch(record, s, series, 3.0 * quarter)
     if first is None or last is None:
         return NAN
     a, b = float(np.max(np.abs(last))), float(np.max(np.abs(first)))
-    return 1.0 if a == b == 0.0 else math.inf if b == 0.0 or not math.isfinite(a) else a / b
+    return 1.0 if max(a, b) <= floor else math.inf if b == 0.0 or not math.isfinite(a) else a / b
+
+
+@measure("series", until="end")
+def keeps_growing(record: RunRecord, s: Series, series: str) -> float:
+    """The smallest ratio of max |series| in a quarter of the time asked for to that in the quarter before."""
+    edges = [0.25 * k * record.t_end_s for k in range(5)]
+    quarters = [stretch(record, s, series, a, b) for a, b in pairwise(edges)]
+    if any(q is None for q in quarters) or not reached_end(record):
+        return NAN
+    sizes = [float(np.max(np.abs(q))) for q in quarters if q is not None]
+    return min(b / a if a > 0.0 else math.inf for a, b in pairwise(sizes))
 
 
 @measure("series to", until="end")
@@ -178,6 +190,12 @@ def corrections_per_step(record: RunRecord, series: Series | None) -> float:
     return record.newton_iterations / record.steps if reached_end(record) and record.steps else NAN
 
 
+@measure(series=False, until="end")
+def evaluations_per_step(record: RunRecord, series: Series | None) -> float:
+    """Evaluations of the equations a step, of a run that got to its end."""
+    return record.evaluations / record.steps if reached_end(record) and record.steps else NAN
+
+
 @measure(grows=True)
 def energy_ratio(record: RunRecord, s: Series) -> float:
     """Largest mechanical energy over that of the start, whatever part of the run there is."""
@@ -192,13 +210,13 @@ def peak_over_median(a: np.ndarray) -> float:
     return float(np.max(known) / np.median(known)) if np.any(known) and np.median(known) > 0.0 else NAN
 
 
-@measure("series", "", pair=True)
-def apart(one: Series, other: Series, series: list[str]) -> float:
-    """Largest distance of two whole runs in the named components, over the time of ``one``."""
-    t = one["t"]
+@measure("series", "to", pair=True)
+def apart(one: Series, other: Series, series: list[str], to: float = math.inf) -> float:
+    """Largest distance of two whole runs in the named components, over the time of ``one`` or up to ``to``."""
+    t = one["t"][one["t"] <= to]
     if t[-1] > other["t"][-1] * (1.0 + END) or not all(k in one and k in other for k in series):
         return NAN
-    gaps = [one[k] - np.interp(t, other["t"], other[k]) for k in series]
+    gaps = [one[k][: len(t)] - np.interp(t, other["t"], other[k]) for k in series]
     away = np.sqrt(np.sum(np.square(gaps), axis=0))
     return bound(away, np.max(away))
 

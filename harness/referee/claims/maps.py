@@ -20,7 +20,7 @@ ANY = "any"
 AS_PRINTED = "as printed"  # label in the suite ``paper``
 RENAMED = {"coordinates": "chart"}
 FRAMES = ("yaw", "rotation", "perturb", "seed")
-FORMS = {"unknown": "fi", "eliminated": "se"}  # of the NDF: the formula gives u', so that its unknown w is u'
+FORMS = {"unknown": "fi", "eliminated": "se", "mass_matrix": "mass matrix"}  # of the NDF, whose unknown w is u'
 ALIGNED = "aligned"
 WHOLE = "the whole run"  # of a run in one step
 

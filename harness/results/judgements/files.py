@@ -10,12 +10,13 @@ from typing import Any, Generic, TypeVar, get_args, get_origin, get_type_hints
 import msgspec
 
 from ...files import parse_json, read_text, to_json
+from ...places import Place
 from ...shapes import shaped
 from .claims import Claim
 from .runs import Drift, FalseSuccess, Order, Symmetry, Work
 
 FOLDER = "judgement"
-PUBLISHED = Path(__file__).resolve().parents[3] / "results" / "published"
+PUBLISHED = Place(Path(__file__).resolve().parents[3] / "results" / "published")
 T = TypeVar("T")
 
 
@@ -39,11 +40,11 @@ WORK = File("work", Work)
 WRONG = File("wrong", tuple[FalseSuccess, ...])
 
 
-def read(file: File[T], folder: Path) -> T:
+def read(file: File[T], folder: Place) -> T:
     """The judgement in ``folder``; JudgementError where it is not one, FileNotFoundError where there is none."""
     path = folder / f"{file.name}.json"
-    if not path.exists():
-        raise FileNotFoundError(path)
+    if not path.is_there():
+        raise FileNotFoundError(path.path)
     where = f"{path.parent.name}/{path.name}"
     plain = parse_json(read_text(path, "the judgement", JudgementError), where, JudgementError)
     return shaped(_numbers(plain, file.kind), file.kind, where, JudgementError)

@@ -1,11 +1,11 @@
 """Two results side by side: what changed, the most important first, and which inputs may be the cause."""
 
 import os
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from ....harness.places import Place
 from ....harness.results.comparison import Comparison, Likeness, compare
 from ....harness.results.judgements.files import CLAIMS
 from ....harness.results.provenance import differences, stamp_of
@@ -13,7 +13,7 @@ from ...model.curves import upper
 from ...model.provenance import facts
 from ...model.results import Results, Run, read_results, slug
 from ...plots.spec import Axis, Plot, Trace
-from ..base import FOLDER, Page, Site
+from ..base import Page, Site, copy_assets
 from ..judgement import judged, links_of, page_of
 from . import ranking
 from .ranking import Rank, Ranked
@@ -41,19 +41,16 @@ class Part:
     rows: tuple[Ranked, ...]
 
 
-def write_compare(a: Path, b: Path, folder: Path) -> Path:
+def write_compare(a: Path, b: Path, folder: Place) -> Path:
     """Write ``compare.html`` with what it needs into ``folder``; returns its path."""
     both = read_results(a), read_results(b)
-    (folder / "assets").mkdir(parents=True, exist_ok=True)
-    for name in ASSETS:
-        shutil.copyfile(FOLDER / "assets" / name, folder / "assets" / name)
-    (folder / "data").mkdir(exist_ok=True)
+    copy_assets(folder, ASSETS)
     known = links_of(both[1].runs).runs
     everyone = (*both[1].runs, *(c for c in both[0].runs if c.record.settings_id not in known))
     site = Site(replace(both[1], runs=everyone), folder)  # solvers of either run have their colour
     write_page(*both, site)
     site.finish()
-    return folder / "compare.html"
+    return folder.path / "compare.html"
 
 
 def write_page(a: Results, b: Results, site: Site) -> Page:
@@ -68,7 +65,7 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
         unmeasured=[sorted(u) for u in unknown],
         inputs=differences(stamp_of(a.folder), stamp_of(b.folder)), shown=OVERLAYS,
         names=[r.environment.get("results_folder") or r.folder.name for r in (a, b)],
-        both=list(zip(facts(a), facts(b), strict=True)), beside=(site.folder / "index.html").is_file(),
+        both=list(zip(facts(a), facts(b), strict=True)), beside=(site.folder / "index.html").is_own_file(),
         pages=_addresses(a, changed, site.folder) | _addresses(b, changed, site.folder),
     )  # fmt: skip
 
@@ -120,8 +117,8 @@ def _trace(results: Results, run: Run, name: str, dash: int) -> Trace | None:
                  end=end) if len(curve) else None  # fmt: skip
 
 
-def _addresses(results: Results, wanted: set[str], folder: Path) -> dict[str, str]:
+def _addresses(results: Results, wanted: set[str], folder: Place) -> dict[str, str]:
     """By settings_id: the pages of runs in their own report, those that were written."""
-    paths = {c.record.settings_id: results.folder / "report" / page_of(c) for c in results.runs}
-    return {s: os.path.relpath(paths[s], folder).replace(os.sep, "/") for s in wanted & set(paths)
-            if paths[s].is_file()}  # fmt: skip
+    paths = {c.record.settings_id: Place(results.folder) / "report" / page_of(c) for c in results.runs}
+    return {s: os.path.relpath(paths[s].path, folder.path).replace(os.sep, "/") for s in wanted & set(paths)
+            if paths[s].is_own_file()}  # fmt: skip

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ....harness.files import FileError
-from ....harness.results import store
+from ....harness.places import NotOwn
 from ....harness.results.history import Row, read_rows, rows_in, standing, together
 from ...model.results import Results, grouped
 from ...model.words import Mark, mark, number
@@ -116,7 +116,7 @@ def gather(results: Results, committed: Path = COMMITTED) -> tuple[tuple[Row, ..
         for path in paths:
             try:
                 yield read(path)
-            except FileError as error:
+            except (FileError, NotOwn) as error:
                 bad.append(str(error))
 
     return together(of(folders, rows_in), of(files, read_rows)), bad
@@ -150,7 +150,7 @@ def write(results: Results, site: Site) -> Page | None:
     found, runs = lines(results, rows), moments(rows)
     shared = [line for line in found if len(line.rows) > 1]
     shown = [line for line in found if line.changed][:SHOWN]
-    store.write_text(site.folder / TABLE, table(shared))
+    (site.folder / TABLE).write(table(shared), durable=False)
     return site.write(
         Page("History", "history.html", nav=True, order=60), "history.html", scripts=["assets/judgement.js"],
         lines=shown, shared=len(shared), table=TABLE, new=len(found) - len(shared),

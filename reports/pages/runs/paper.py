@@ -1,8 +1,9 @@
 """The paper's figures from these results with the claims on them, where ``figures --paper`` has made them."""
 
-import shutil
 from pathlib import Path
 
+from ....harness.files import LARGEST
+from ....harness.places import Place
 from ...model.results import Results
 from ...paper import captions
 from ..base import Page, Site
@@ -26,9 +27,8 @@ def _files(results: Results, site: Site, figure: str) -> dict[str, str]:
     """Copies of a figure in the report folder: from their suffix to their path from the page."""
     name, out = Path(figure).name, {}  # a name, never a path out of the folder
     for suffix in SUFFIXES:
-        source = results.folder / captions.FOLDER / f"{name}{suffix}"
-        if source.is_file():
-            site.figures.mkdir(parents=True, exist_ok=True)
-            shutil.copyfile(source, site.figures / f"paper-{name}{suffix}")
+        source = Place(results.folder) / captions.FOLDER / f"{name}{suffix}"
+        if source.is_own_file():
+            (site.figures / f"paper-{name}{suffix}").write(source.read(LARGEST), durable=False)
             out[suffix] = f"figures/paper-{name}{suffix}"
     return out

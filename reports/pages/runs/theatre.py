@@ -73,7 +73,7 @@ def _stage(results: Results, site: Site, variant: Variant, pose_bytes: float) ->
     play = scene(variant, cast, site.looks, pose_bytes)
     name = f"theatre-{variant.slug}"
     path = site.bundle(name, play)
-    return Stage(variant, name, path, (site.folder / path).stat().st_size, play, tuple(p.run for p in cast), left_out)
+    return Stage(variant, name, path, (site.folder / path).size(), play, tuple(p.run for p in cast), left_out)
 
 
 def fair(sizes: Sequence[int], whole: float) -> float:

@@ -14,7 +14,7 @@ def missing(module: str, wheel: str = "") -> str | None:
         found = importlib.util.find_spec(module) is not None
     except ValueError:  # planted in sys.modules without a spec
         found = False
-    return None if found else f"{wheel or module} is not installed: pip install -r requirements-engines.lock"
+    return None if found else f"{wheel or module} is not installed: pip install 'mbsbench[engines]'"
 
 
 def beyond(system: MultibodySystem) -> str | None:

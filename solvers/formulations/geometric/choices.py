@@ -48,6 +48,7 @@ class Settings(NamedTuple):
     max_newton: int
     refresh: float  # a kept factorisation is renewed when a correction shrinks the residual by less than this factor
     couple: int  # 1: body-to-body blocks of the Jacobian are kept
+    extrapolate: float = 1.0  # 0: the first estimate of a step is its start
     simplified: int = 0  # 1: the simplified Newton method where it applies
     penalty: Penalty = Penalty()
 
@@ -94,10 +95,14 @@ class GaugeChoices:
     max_newton: int = option(20, "corrections of the full Newton method before the step is cut", "", at_least=1)
     newton: str = option(
         "simplified",
-        "simplified: on A M^-1 A^T, where gravity is the only force, sigma0 is zero and no loop is nested, "
-        "else as kept; "
-        "kept: Jacobian renewed when it no longer contracts by 5; exact: at every correction",
+        "simplified: on A M^-1 A^T, where gravity is the only force, sigma0 is zero, no loop is nested and the "
+        "estimate is extrapolated, else as kept; kept: Jacobian renewed when it no longer contracts by 5; "
+        "exact: that of each iterate, Eq. (79)",
         choices=("simplified", "kept", "exact"),
+    )  # fmt: skip
+    estimate: str = option(
+        "extrapolated", "first estimate of a step, which the paper leaves open: extrapolated from the steps before, or "
+        "the step's start", choices=("extrapolated", "start"),
     )  # fmt: skip
     max_cuts: int = option(16, "halvings of dt before the run ends in step underflow", "", at_least=0, at_most=40)
     max_turn: float = option(
@@ -108,9 +113,9 @@ class GaugeChoices:
 
     @property
     def printed(self) -> bool:
-        """Whether nothing differs from what Sect. 4.2 prints. c_R, mu0 and the tolerance are open there."""
+        """Whether nothing differs from what Sect. 4.2 prints; c_R, mu0, tolerance and first estimate are open there."""
         return (
-            (self.gauge, self.sigma0) == ("accumulate", "carried")
+            (self.gauge, self.sigma0, self.newton) == ("accumulate", "carried", "exact")
             and (self.f_bar, self.corrective, self.b_term) == (True, True, True)
             and (self.c_bar, self.k_bar, self.max_turn) == (0.0, 0.0, 0.0)
         )
@@ -147,7 +152,8 @@ class GaugeChoices:
             max_newton=self.max_newton,
             refresh=0.0 if exact else 0.2,
             couple=int(exact),
-            simplified=int(self.newton == "simplified"),
+            extrapolate=float(self.estimate == "extrapolated"),
+            simplified=int(self.newton == "simplified" and self.estimate == "extrapolated"),
         )
 
     @staticmethod

@@ -182,7 +182,8 @@ def leave_redundant(run, x):
 def newton(run, step):
     """Drive the residual below the tolerance. A kept factorisation is renewed when it no longer contracts."""
     settings, work, before = run.settings, run.work, np.inf
-    both = settings.carry_sigma and not settings.corrective  # else (80) implies (81), or (81) cannot hold
+    # without sigma (80) implies (81), with C_bar or K_bar (81) cannot hold, and Sect. 4.3 asks (81) after (85)
+    both = settings.carry_sigma and not settings.corrective and not work.nested[0]
     redundant = settings.penalty.redundant and not work.nested[0]
     work.left[:] = 0.0
     for iteration in range(settings.max_newton + 1):

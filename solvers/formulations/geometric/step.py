@@ -74,9 +74,9 @@ def fastest_square(motion):
 
 @njit(**INNER)
 def first_estimate(step, history, settings):
-    """Velocities and nu of the end, extrapolated from the last two steps."""
+    """Velocities and nu of the end, extrapolated from the last two steps or those of the start."""
     start, end, rows = step.start, step.end, step.rows
-    ratio = step.dt / history.dt[0] if history.dt[0] > 0.0 else 0.0
+    ratio = settings.extrapolate * step.dt / history.dt[0] if history.dt[0] > 0.0 else 0.0
     for b in range(len(start.v)):
         for k in range(6):
             end.v[b, k] = start.v[b, k] + ratio * (start.v[b, k] - history.v[b, k])

@@ -165,4 +165,4 @@ def test_without_mujoco_a_mechanism_s_file_is_one_line(tmp_path, monkeypatch, ca
     (tmp_path / "arm.urdf").write_text('<robot name="arm"><link name="base"/></robot>')
     assert main(["solve", str(tmp_path / "arm.urdf"), "gc_weak_form"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert "not installed: pip install -r requirements-engines.lock" in line
+    assert "not installed: pip install 'mbsbench[engines]'" in line

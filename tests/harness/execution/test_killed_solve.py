@@ -43,7 +43,7 @@ def solving(pid):
     found = []
     for child in psutil.Process(pid).children():
         with contextlib.suppress(psutil.NoSuchProcess):
-            found += [child] if any(f.path.endswith("/stderr") for f in child.open_files()) else []
+            found += [child] if any(f.path.endswith("/native.txt") for f in child.open_files()) else []
     return found
 
 

@@ -197,9 +197,9 @@ def test_a_full_disk_at_the_end_hides_nothing_and_leaves_no_rest(run_text, tmp_p
 
     from mbsbench.harness.execution.pool import PoolError
 
-    def full(self, path, **_):
-        path.write_bytes(b"PAR1")
-        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+    def full(self, file, **_):
+        file.write(b"PAR1")
+        raise OSError(errno.ENOSPC, "No space left on device")
 
     monkeypatch.setattr(pd.DataFrame, "to_parquet", full)
     (tmp_path / "s.toml").write_text(f'name = "s"\nplugins = ["{PLUGIN}"]\n' + SLEEPS)
@@ -287,3 +287,21 @@ def test_overhead_is_small(run_text):
         costs.append((time.monotonic() - began - start_up) / 60)
         assert len(loaded.records) == 60
     assert min(costs) < 0.15
+
+
+def test_thousands_of_foreign_files_are_one_line(tmp_path, capsys):
+    """How many, the first and why it is no record; each is set aside, with its reason in one note."""
+    (tmp_path / "s.toml").write_text(
+        f'name = "s"\nplugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = "exact"\n'
+    )
+    line = ["run", str(tmp_path / "s.toml"), "--out", str(tmp_path / "run"), "--jobs", "1"]
+    assert main(line) == 0
+    for k in range(3000):
+        (tmp_path / "run" / "runs" / f"junk{k}.json").write_text('{"x": 1}')
+    capsys.readouterr()
+    assert main([*line, "--resume"]) == 0
+    said = capsys.readouterr().out.splitlines()
+    (about,) = [words for words in said if "junk" in words]
+    assert about.startswith("set aside: 3000 files, the first is junk0.json: ") and len(said) < 10
+    aside = tmp_path / "run" / "set_aside"
+    assert len(list(aside.glob("junk*.json"))) == 3000 == len((aside / "why.txt").read_text().splitlines())

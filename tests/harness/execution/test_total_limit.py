@@ -43,7 +43,7 @@ class Over(LocalPool):
     def _over(self) -> bool:
         if self._stopped:
             return True
-        kept = [job.spool for job in self._flying.values() if job.spool.exists() and job.spool.stat().st_size > 0]
+        kept = [job.spool for job in self._flying.values() if job.spool.is_there() and job.spool.size() > 0]
         return {j.spec.solver for j in self._flying.values()} == {"hangs_later", "spins"} and bool(kept)
 
 

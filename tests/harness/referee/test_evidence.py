@@ -1,6 +1,7 @@
 """Every measure finds the number that was put into the series, and has none where the run has none."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,6 +28,9 @@ WAVE = 2.0 - np.abs(T - 3.0)  # lowest at the ends; -WAVE is lowest at 3 s
         ("leaves at", {"series": "a", "limit": 4.0}, 5.0),
         ("leaves at", {"series": "a", "limit": 70.0}, math.inf),
         ("grows", {"series": "a"}, 7.0 / 3.0),
+        ("grows", {"series": "a", "floor": 8.0}, 1.0),
+        ("keeps growing", {"series": "slope"}, 4.0 / 3.0),
+        ("keeps growing", {"series": "a"}, 1.0),
         ("beginning", {"series": "a", "to": 4.0}, 3.0 / 7.0),
         ("peak over median", {"series": "a"}, 7.0 / 5.0),
         ("rate", {"series": "slope", "at": 0.0}, 2.0),
@@ -55,7 +59,7 @@ def test_measures_find_what_was_put_in(name, arguments, value):
     assert evaluate(name, bare(), s, arguments) == pytest.approx(value, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["largest", "highest", "lowest", "extent", "grows"])
+@pytest.mark.parametrize("name", ["largest", "highest", "lowest", "extent", "grows", "keeps growing"])
 def test_a_run_that_stopped_has_no_number_of_the_whole_time(name):
     """Stopped at 4 of 10 s it must not look accurate; ``partial`` asks for what is there."""
     s = series(SHORT, a=np.ones(41))
@@ -123,6 +127,9 @@ def test_distance_of_two_runs_on_different_steps():
     assert evaluate_pair("apart", one, (bare(), other), {"series": ["x", "y"]}) == pytest.approx(5.0)
     holed = bare(), altered(other, x=np.full(77, np.nan))
     assert math.isnan(evaluate_pair("apart", one, holed, {"series": ["z"]}))
+    bent = bare(), series(T, x=np.where(T > 5.0, 100.0, 3.0), y=np.full(101, 4.0))
+    assert evaluate_pair("apart", bent, bent, {"series": ["x"], "to": 5.0}) == 0.0
+    assert evaluate_pair("apart", bent, (bare(), other), {"series": ["x", "y"], "to": 5.0}) < 10.0
 
 
 def test_a_run_that_stopped_is_not_close_to_another():
@@ -179,3 +186,16 @@ def test_without_a_series_there_is_no_number():
     for name, m in MEASURES.items():
         if m.needs_series and not m.of_pair:
             assert math.isnan(evaluate(name, bare(), None, dict.fromkeys(m.wants, "x")))
+
+
+def test_sizes_and_operators_are_those_of_the_problem():
+    """Sects. 5.3, 5.5 print sizes. (47): Lagrange's operator is Newton's in a natural basis, not in a body frame."""
+    chain, grid, top = (
+        replace(bare(), problem=p, problem_parameters="{}") for p in ("chain", "four_bar_grid", "heavy_top")
+    )
+    assert [evaluate("number", chain, None, {"of": k}) for k in ("coordinates", "rows", "bodies")] == [90, 48, 15]
+    assert [evaluate("number", grid, None, {"of": k}) for k in ("bodies", "joints", "freedoms")] == [55, 80, 5]
+    assert evaluate("operators", top, None, {"of": "natural basis"}) < 1e-12
+    assert evaluate("operators", top, None, {"of": "corrected"}) < 1e-12
+    assert evaluate("operators", top, None, {"of": "body frame"}) > 0.1
+    assert math.isnan(evaluate("operators", top, None, {"of": "none"}))

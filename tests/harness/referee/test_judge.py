@@ -12,6 +12,7 @@ from mbsbench.harness.__main__ import main
 from mbsbench.harness.commands import judge as command
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.places import Place
 from mbsbench.harness.referee import judge as judging
 from mbsbench.harness.referee.claims.maps import place, select
 from mbsbench.harness.referee.claims.register import read_register
@@ -46,7 +47,7 @@ def made(tmp_path, monkeypatch):
             store.write_record(folder, record(x, phi_max=phi_max, series=""))
         return folder
 
-    monkeypatch.setattr(command, "PUBLISHED", tmp_path / "published")
+    monkeypatch.setattr(command, "PUBLISHED", Place(tmp_path / "published"))
     monkeypatch.setattr(command, "check_ours", lambda *_: None)
 
     def call(*arguments):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench.harness.referee.claims.maps import place, select, values_of
+from mbsbench.harness.referee.claims.maps import is_printed, place, select, values_of
 from mbsbench.harness.referee.claims.points import paired
 from mbsbench.harness.referee.claims.register import ClaimsError, parse_register, read_register
 from mbsbench.harness.referee.judge import tried_on
@@ -58,11 +58,32 @@ def test_every_map_is_used():
 
 def test_every_dae_claim_is_tried_over_the_dimensions_of_the_issue(places):
     """Every open choice of a classical code varies: no verdict on DAE solvers rests on one setting of any."""
-    asked = {"tolerance", "gain", "chart", "lambda_in_error_test", "consistent_start", "jacobian", "norm", "max_step"}
-    for name in ("free-fi", "free-se", "planar-fi", "planar-se", "spatial-fi", "spatial-se", "top-fi", "top-se"):
+    asked = {"tolerance", "chart", "lambda_in_error_test", "consistent_start", "gain", "jacobian", "norm"}
+    forms = {"fi": asked | {"max_step"}, "se": asked | {"form"}}  # DAE-SE: M^-1 substituted, and E(y) y' = f(y)
+    for name in ("free-fi-tighter", *(f"{motion}-{form}" for motion in ("planar", "spatial", "top") for form in forms)):
         found = select(places, REGISTER.maps[name].over)
-        for d in asked:
+        for d in forms.get(name[-2:], forms["fi"]):
             assert len(values_of(p.dimensions.get(d) for p in found)) > 1, f"{name}: {d}"
+
+
+def test_dae_se_is_judged_by_the_ndf_alone(places):
+    """ode15s is an NDF: users of one code are not blamed with another, whose maps have its name."""
+    maps = {c.map.name: c.map for c in REGISTER.claims if c.map and "se" in c.map.name.split("-")}
+    for name, m in maps.items():
+        solvers = {p.spec.solver for p in select(places, m.over)}
+        assert solvers == ({"ida_index1"} if name.endswith("-ida") else {"ndf_index1"}), name
+
+
+def test_what_is_printed_of_ode_gc_has_newtons_method_of_eq_79(places):
+    """And never a gauge, a sigma or a correction of poses that Sect. 4 does not print; c_R is open there."""
+    for m in (c.map for c in REGISTER.claims if c.map):
+        own = [p for p in select(places, m.over) if p.spec.solver.startswith("gc_") and is_printed(p, m.printed)]
+        for p in (p for p in own if p.spec.problem != "torque_free_body"):
+            assert (p.dimensions["gauge"], p.dimensions["sigma0"]) == ("accumulate", "carried"), m.name
+            assert p.dimensions["newton"] == "exact", m.name
+            assert p.dimensions.get("correct_pose", "never") == "never", m.name
+        directions = {p.dimensions["direction"] for p in own}
+        assert m.name not in {"planar-gc", "chain-gc", "top-gc"} or len(directions) == 3, m.name
 
 
 def test_paired_claims_find_their_partners(places):

@@ -13,6 +13,7 @@ from mbsbench.harness.execution import run_file
 from mbsbench.harness.execution.eta import durations
 from mbsbench.harness.execution.handed import BadHandover, Said, read, write
 from mbsbench.harness.mechanics.system import RigidBody, assemble
+from mbsbench.harness.places import NotOwn
 from mbsbench.harness.results import npz, store
 from mbsbench.harness.results.merging import merge
 from mbsbench.harness.results.npz import read_npz
@@ -67,7 +68,7 @@ def test_links_are_not_followed(tmp_path):
     (folder / "stderr" / "abc.txt").unlink()
     (folder / "stderr").rmdir()
     (folder / "stderr").symlink_to(tmp_path)
-    with pytest.raises(store.StoreError, match="is a link"):
+    with pytest.raises(NotOwn, match="is a link"):
         store.load(folder)
 
 

@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import fields
 
 from mbsbench.harness.__main__ import main
-from mbsbench.harness.files import FileError, to_json
+from mbsbench.harness.files import FileError, to_json, write_text
 from mbsbench.harness.results import store
 from mbsbench.harness.results.history import (
     METRICS,
@@ -32,7 +32,7 @@ def folder(place, name, commit, started, cpu="one", **specs: tuple[str, float, f
                 status=status, commit=commit, energy_drift_max_J=drift, cpu_min_s=seconds,
             ),
         )  # fmt: skip
-    store.write_text(run / "environment.json", json.dumps({"started": started, "cpu": cpu}))
+    write_text(run / "environment.json", json.dumps({"started": started, "cpu": cpu}))
     return run
 
 

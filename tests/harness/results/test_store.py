@@ -179,6 +179,7 @@ def test_digest_covers_all_that_a_run_runs():
     loaded = {p for f in done.stdout.split() if (p := Path(f).relative_to(environment.ROOT)).name != "__init__.py"}
     arranging = {
         "store.py",
+        "places.py",
         "environment.py",
         "protocol.py",
         "cache.py",

@@ -15,6 +15,12 @@ def specs(text: str):
     return parse_suite(text, "test", "test.toml").specs
 
 
+def test_a_sweep_is_even_in_the_logarithm_and_has_both_ends():
+    """To three digits, so that the values can be named."""
+    swept = GROUP + "dt = { from = 0.1, to = 1e-3, per_decade = 2 }"
+    assert [s.control.dt for s in specs(swept)] == [0.1, 0.0316, 0.01, 0.00316, 0.001]
+
+
 def test_lists_are_products():
     """Two problems' parameters x two solvers x three steps."""
     made = specs(
@@ -162,6 +168,9 @@ BAD = {
     GROUP + 'dt = "quick"': "dt must be",
     GROUP + "dt = true": "dt must be",
     GROUP + "dt = []": "empty list",
+    GROUP + "dt = { from = 0.1, to = 0.01 }": "dt must be a value, a list, or { from, to, per_decade }",
+    GROUP + "dt = { from = 0.1, to = 0, per_decade = 2 }": "dt: a sweep goes from one number > 0 to another",
+    GROUP + "dt = { from = 0.1, to = 0.1, per_decade = 2 }": "dt: a sweep goes from one number > 0 to another",
     GROUP + "rtol = 1e-6": "controlled by dt",
     GROUP + "max_step = 0.1": "max_step",
     GROUP + "max_steps = 1.5": "max_steps",

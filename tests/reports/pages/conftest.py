@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from mbsbench.harness.places import Place
 from mbsbench.reports.model.results import Results, read_results
 from mbsbench.reports.pages.base import FOLDER, Site
 from mbsbench.reports.pages.change import history
@@ -51,7 +52,7 @@ def render(results: Results, modules) -> dict[str, str]:
     shutil.rmtree(folder, ignore_errors=True)
     shutil.copytree(FOLDER / "assets", folder / "assets")
     (folder / "data").mkdir()
-    site = Site(results, folder)
+    site = Site(results, Place(folder))
     for module in modules:
         module.write(results, site)
     site.finish()

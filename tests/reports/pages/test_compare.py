@@ -7,6 +7,7 @@ import math
 import pytest
 from msgspec.structs import replace
 
+from mbsbench.harness.places import Place
 from mbsbench.harness.results.judgements.claims import Verdict
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.change.compare import changes, write_compare
@@ -106,7 +107,7 @@ def two_runs(tmp_path_factory):
 
 def test_page_of_two_runs(two_runs, tmp_path):
     a, b = two_runs
-    page = write_compare(a, b, tmp_path / "out")
+    page = write_compare(a, b, Place(tmp_path) / "out")
     html = page.read_text(encoding="utf-8")
     assert page == tmp_path / "out" / "compare.html"
     assert "<script>alert" not in html and HOSTILE in Outline(html).text
@@ -125,5 +126,5 @@ def test_page_of_two_runs(two_runs, tmp_path):
 def test_a_run_compared_with_itself_has_no_change(two_runs, tmp_path):
     a, _ = two_runs
     assert changes(read_results(a), read_results(a)) == ()
-    text = Outline(write_compare(a, a, tmp_path).read_text(encoding="utf-8")).text
+    text = Outline(write_compare(a, a, Place(tmp_path)).read_text(encoding="utf-8")).text
     assert "No input differs, and no result does." in text and "Nothing changed" in text

@@ -7,6 +7,7 @@ import pytest
 from msgspec.structs import replace
 
 from mbsbench.harness.__main__ import main
+from mbsbench.harness.places import Place
 from mbsbench.harness.referee.judge import read_claims, write
 from mbsbench.harness.results.judgements.claims import Verdict
 from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED
@@ -174,7 +175,7 @@ def test_claims_of_a_figure_are_in_its_caption(tmp_path):
     assert [c.id for c in before.claims] == [c.id for c in published if 9 in c.figure]
     assert one(tmp_path, "fig09-recommended").claims == ()
     judged = next(c for c in published if c.id == "9-energy-drop")
-    write(tmp_path / FOLDER, {"claims": (replace(judged, verdict=Verdict.REFUTED),)})
+    write(Place(tmp_path) / FOLDER, {"claims": (replace(judged, verdict=Verdict.REFUTED),)})
     (claim,) = one(tmp_path, "fig09").claims
     assert (claim.verdict, claim.tests) == ("REFUTED", (("−1.79 J", "at most -0.1 J"),))
     b = judged.because

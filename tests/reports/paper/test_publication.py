@@ -13,6 +13,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.harness.__main__ import main
+from mbsbench.harness.places import Place
 from mbsbench.reports import publication
 from mbsbench.reports.model import tables
 from mbsbench.reports.model.results import read_results
@@ -92,7 +93,7 @@ def test_widths_are_those_of_a_journal(results):
     assert {"pendulum-recommended-energy", "pendulum-recommended-constraints", "pendulum-recommended-step",
             "pendulum-work",
             "pendulum-recommended-laws"} <= set(made)  # fmt: skip
-    folder = results.folder / "widths"
+    folder = Place(results.folder) / "widths"
     for name in ("pendulum-recommended-constraints", "pendulum-work"):
         (pdf,) = save(made[name].draw, folder, name, ("pdf",))
         box = re.search(rb"/MediaBox \[ 0 0 ([\d.]+) ([\d.]+) \]", pdf.read_bytes())

@@ -5,6 +5,7 @@ import shutil
 import numpy as np
 import pytest
 
+from mbsbench.harness.places import Place
 from mbsbench.harness.results.series import Series
 from mbsbench.reports.model.results import read_results
 from mbsbench.reports.pages.base import FOLDER, Site
@@ -78,7 +79,7 @@ def staged(tmp_path_factory):
     put(folder, record("b1", HOSTILE, problem=HOSTILE), held(20.0, (0.0, 0.0, -0.1)))
     put(folder, record("c1", problem="lonely", status="refused"))
     results = read_results(folder)
-    site = Site(results, folder / "report")
+    site = Site(results, Place(folder) / "report")
     shutil.copytree(FOLDER / "assets", folder / "report" / "assets")
     (folder / "report" / "data").mkdir()
     page.write(results, site)

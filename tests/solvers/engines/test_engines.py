@@ -43,7 +43,7 @@ def test_without_the_package_it_refuses_with_the_remedy(name, monkeypatch):
         make_solver(name).refuses(make_problem("heavy_top"), CONTROL),
         make_solver(name).solve(make_problem("heavy_top"), CONTROL).message,
     ):
-        assert said == f"{PACKAGES[name]} is not installed: pip install -r requirements-engines.lock"
+        assert said == f"{PACKAGES[name]} is not installed: pip install 'mbsbench[engines]'"
 
 
 @pytest.mark.parametrize("name", PROBLEMS)

@@ -18,7 +18,7 @@ from mbsbench.solvers.formulations.geometric.residual import complete, end_force
 from ..arbitrary_systems import consistent
 from .test_laws import orders, run, spring_problem
 
-PRINTED = {"gauge": "accumulate", "sigma0": "carried"}
+PRINTED = {"gauge": "accumulate", "sigma0": "carried", "newton": "exact"}
 NESTED = {"loop": "nested", "penalty": 1e3}
 OTHER = "accumulating, sigma carried"
 RAISED = NESTED | {"lambda_bar": True, "penalty_growth": 10.0, "correct_pose": "never", "tolerance": 1e-3}
@@ -31,6 +31,8 @@ RAISED = NESTED | {"lambda_bar": True, "penalty_growth": 10.0, "correct_pose": "
         ("gc_weak_form", {"gauge": "zero"}, "ODE-GC (zero gauge)", 2.0),
         ("gc_weak_form", PRINTED, "ODE-GC (as printed)", 2.0),
         ("gc_weak_form", PRINTED | {"f_bar": False}, "ODE-GC (accumulating, sigma carried)", 2.0),
+        ("gc_weak_form", PRINTED | {"newton": "kept"}, "ODE-GC (accumulating, sigma carried)", 2.0),
+        ("gc_weak_form", PRINTED | {"estimate": "start", "direction": "mass"}, "ODE-GC (as printed)", 2.0),
         ("gc_augmented_lagrangian", {}, "ODE-GC (AL, symmetric)", 2.0),
         ("gc_augmented_lagrangian", PRINTED | NESTED, "ODE-GC (AL, accumulating, sigma carried)", 2.0),
         ("gc_augmented_lagrangian", PRINTED | RAISED, "ODE-GC (AL, as printed)", 2.0),
@@ -157,6 +159,28 @@ def test_a_raised_penalty_converges_where_a_low_one_does_not():
     assert raised.counters["loose_steps"] == 0
     assert np.nanmax(raised.diagnostics["penalty"]) > 1.0
     assert np.max(np.abs(raised.states.r - plain.states.r)) < 1e-7
+
+
+def test_the_nested_loop_asks_for_eq_81_after_the_augmentation():
+    """A low penalty leaves phi_dot above the tolerance in Newton's loop; sigma carried on or not, (85) takes it out.
+
+    Sect. 4.3 tests (80) at a fixed multiplier; with (81) in that loop every step would end at its first augmentation.
+    """
+    problem = make_problem("four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.2})
+    for sigma0 in ("zero", "carried"):
+        options = PRINTED | NESTED | {"penalty": 10.0, "sigma0": sigma0, "tolerance": 1e-5, "correct_pose": "never"}
+        out = run(problem, 1e-2, "gc_augmented_lagrangian", **options)
+        assert out.counters["step_cuts"] == 0 and out.counters["augmentations"] > 2 * out.counters["steps"]
+        assert np.nanmax(out.diagnostics["constraint_norm"]) < 1e-5
+
+
+@pytest.mark.parametrize("newton", ["simplified", "kept", "exact"])
+def test_the_first_estimate_costs_corrections_and_changes_no_motion(newton):
+    """From the start of the step instead of an extrapolation, Newton's method ends in the same step."""
+    problem = make_problem("spherical_pendulum", {"omega_z": 0.1, "t_end": 1.0})
+    one, other = (run(problem, 1e-2, newton=newton, estimate=e, tolerance=1e-11) for e in ("extrapolated", "start"))
+    assert other.counters["newton_iterations"] > one.counters["newton_iterations"]
+    np.testing.assert_allclose(other.states.r, one.states.r, atol=1e-9)
 
 
 @pytest.mark.parametrize("option", [{"lambda_bar": True}, {"penalty_growth": 10.0}], ids=str)

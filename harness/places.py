@@ -1,0 +1,254 @@
+"""Files and folders below a results folder, each its own: no link is followed, no device or pipe is opened.
+
+A results folder may come from anybody, and may change while it is read. Every part of a place is therefore opened in
+the descriptor of the folder above it, without following links, and the descriptor is looked at, not the name. Only
+the way to the results folder itself is the user's and may lead through links (``results/local/latest`` is one).
+"""
+
+import contextlib
+import errno
+import os
+import re
+import shutil
+import stat
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+FOLDER = os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC
+ALWAYS = os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC  # a pipe without a writer is not waited for
+PARTIAL = re.compile(r"\..+\.\d+\.part(\.\w+)?")  # the name of a file that is being written
+KINDS = {
+    stat.S_IFREG: "a file", stat.S_IFDIR: "a folder", stat.S_IFLNK: "a link", stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket", stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
+}  # fmt: skip
+OWN = ("", "a file", "a folder")
+
+
+class NotOwn(OSError):
+    """A place that is a link, a device or anything else than the file or folder that it should be."""
+
+
+@dataclass(frozen=True)
+class Place:
+    """A file or folder below ``root``, a folder that the user named; ``parts`` are the names that lead to it."""
+
+    root: Path
+    parts: tuple[str, ...] = ()
+
+    def __truediv__(self, name: str) -> "Place":
+        """The place ``name`` below this one; ValueError for a way out of it."""
+        parts = tuple(name.split("/"))
+        if any(part in ("", ".", "..") or "\0" in part for part in parts):
+            raise ValueError(f"{name!r} is no place below {self}")
+        return Place(self.root, (*self.parts, *parts))
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+    @property
+    def path(self) -> Path:
+        """Its path, for messages and for what is not below the results folder; never to be opened."""
+        return self.root.joinpath(*self.parts)
+
+    @property
+    def name(self) -> str:
+        return self.parts[-1] if self.parts else self.root.name
+
+    @property
+    def parent(self) -> "Place":
+        """The folder above it, for the results folder itself too."""
+        return Place(self.root, self.parts[:-1])
+
+    def sibling(self, name: str) -> "Place":
+        """The place ``name`` beside it."""
+        return self.parent / name
+
+    def kind(self) -> str:
+        """``a file``, ``a folder``, ``a link`` and so on; empty where there is nothing."""
+        try:
+            with self.parent._opened() as above:
+                return _kind(above, self.name) if self.parts else "a folder"
+        except (FileNotFoundError, NotADirectoryError):  # the latter of the results folder alone: it is a file
+            return ""
+
+    def is_there(self) -> bool:
+        """Whether there is a file or folder; NotOwn for anything else."""
+        if (kind := self.kind()) not in OWN:
+            raise self._refusal(kind)
+        return bool(kind)
+
+    def is_own_file(self) -> bool:
+        """Whether there is a file; NotOwn for a link and the like."""
+        return self.is_there() and self.kind() == "a file"
+
+    def is_folder(self) -> bool:
+        """Whether there is a folder; NotOwn for a link and the like."""
+        return self.is_there() and self.kind() == "a folder"
+
+    def names(self) -> list[str]:
+        """The names in this folder, sorted; none where there is no such folder."""
+        try:
+            with self._opened() as here:
+                return sorted(os.listdir(here))
+        except FileNotFoundError:
+            return []
+
+    def make(self) -> None:
+        """Make this folder and those above it, up to the results folder, which must be there."""
+        with self._opened(make=True):
+            pass
+
+    def open_file(self, flags: int = os.O_RDONLY) -> BinaryIO:
+        """The file, opened with ``flags``; NotOwn for anything else than a regular file."""
+        with self.parent._opened() as above:
+            return self._open_in(above, flags)
+
+    def _open_in(self, above: int, flags: int) -> BinaryIO:
+        try:
+            descriptor = os.open(self.name, flags | ALWAYS, 0o666, dir_fd=above)
+        except OSError as error:
+            raise self._explained(error, above) from None
+        if not stat.S_ISREG(mode := os.fstat(descriptor).st_mode):
+            os.close(descriptor)
+            raise self._refusal(KINDS.get(stat.S_IFMT(mode), "no regular file"))
+        return os.fdopen(descriptor, "rb" if flags & 3 == os.O_RDONLY else "r+b", buffering=-1)
+
+    def size(self) -> int:
+        """Bytes in the file."""
+        with self.open_file() as file:
+            return os.fstat(file.fileno()).st_size
+
+    def read(self, largest: int) -> bytes:
+        """The content of the file, of ``largest`` bytes at most; OSError else."""
+        with self.open_file() as file:
+            return self._content(file, largest)
+
+    def contents(self, largest: int) -> Iterator[tuple[str, bytes | OSError]]:
+        """Each name in this folder that begins with no dot, sorted, with the content of the file or why it has none."""
+        names = [name for name in self.names() if not name.startswith(".")]
+        with self._opened() as here:
+            for name in names:
+                place = self / name
+                try:
+                    with place._open_in(here, os.O_RDONLY) as file:
+                        yield name, place._content(file, largest)
+                except OSError as error:
+                    yield name, error
+
+    def _content(self, file: BinaryIO, largest: int) -> bytes:
+        size = os.fstat(file.fileno()).st_size
+        if size > largest:
+            raise OSError(errno.EFBIG, f"it has {size} bytes, more than {largest}", str(self))
+        return file.read(size)
+
+    @contextmanager
+    def whole(self, *, durable: bool = True) -> Iterator[BinaryIO]:
+        """A file that becomes this one at the end of the block, with its folders; nothing is left if the block fails.
+
+        It is a new file, so that other names of an old one (hard links) keep their content. ``durable``: it is on the
+        disk then, which takes milliseconds; what can be made again need not be.
+        """
+        partial = partial_name(self.name, os.getpid())
+        with self.parent._opened(make=True) as above:
+            if (kind := _kind(above, self.name)) not in ("", "a file"):
+                raise self._refusal(kind)
+            with self._made(partial, above) as file:
+                try:
+                    yield file
+                    file.flush()
+                    if durable:
+                        os.fsync(file.fileno())
+                    os.replace(partial, self.name, src_dir_fd=above, dst_dir_fd=above)
+                except BaseException:
+                    with contextlib.suppress(FileNotFoundError):
+                        os.unlink(partial, dir_fd=above)
+                    raise
+
+    def write(self, content: bytes | str, *, durable: bool = True) -> None:
+        """Write the file whole or not at all."""
+        with self.whole(durable=durable) as file:
+            file.write(content.encode() if isinstance(content, str) else content)
+
+    def open_new(self) -> BinaryIO:
+        """A new, empty file in place of an old one; what is written is appended."""
+        with self.parent._opened(make=True) as above:
+            if (kind := _kind(above, self.name)) not in ("", "a file"):
+                raise self._refusal(kind)
+            return self._made(self.name, above, os.O_APPEND)
+
+    def remove_file(self, *, missing_ok: bool = False) -> None:
+        """Remove the file, or whatever has its name; a link goes, not what it leads to."""
+        try:
+            with self.parent._opened() as above:
+                os.unlink(self.name, dir_fd=above)
+        except FileNotFoundError:
+            if not missing_ok:
+                raise
+
+    def remove_folder(self) -> None:
+        """Remove this folder, if it is there, and all in it; links in it go, not what they lead to."""
+        if self.is_folder():
+            with self.parent._opened() as above:
+                shutil.rmtree(self.name, dir_fd=above)
+
+    def move_to(self, target: "Place") -> None:
+        """Rename whatever has this name to ``target``, whose folder is made."""
+        with self.parent._opened() as here, target.parent._opened(make=True) as there:
+            os.rename(self.name, target.name, src_dir_fd=here, dst_dir_fd=there)
+
+    @contextmanager
+    def _opened(self, *, make: bool = False) -> Iterator[int]:
+        """A descriptor of this folder."""
+        at = os.open(self.root, FOLDER)
+        try:
+            for k, part in enumerate(self.parts):
+                if make:
+                    with contextlib.suppress(FileExistsError):
+                        os.mkdir(part, dir_fd=at)
+                try:
+                    below = os.open(part, FOLDER | os.O_NOFOLLOW, dir_fd=at)
+                except OSError as error:
+                    raise Place(self.root, self.parts[: k + 1])._explained(error, at, "a folder") from None
+                os.close(at)
+                at = below
+            yield at
+        finally:
+            os.close(at)
+
+    def _made(self, name: str, above: int, more: int = 0) -> BinaryIO:
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(name, dir_fd=above)
+        flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | more | ALWAYS
+        return os.fdopen(os.open(name, flags, 0o666, dir_fd=above), "w+b")
+
+    def _explained(self, error: OSError, above: int, wanted: str = "a file") -> OSError:
+        """What is in the way, for the message alone."""
+        kind = _kind(above, self.name)
+        if kind not in ("", wanted):
+            return self._refusal(kind)
+        return OSError(error.errno, error.strerror, str(self))
+
+    def _refusal(self, kind: str) -> NotOwn:
+        words = f"it is {kind}; a results folder holds files and folders of its own only: remove it"
+        return NotOwn(errno.EINVAL, words, str(self))
+
+
+def place_of(path: Path | Place) -> Place:
+    """A place as it is; a path that the user named as a place in its folder."""
+    return path if isinstance(path, Place) else Place(path.parent) / path.name
+
+
+def partial_name(name: str, pid: int) -> str:
+    """What process ``pid`` calls a file that will be ``name``; the suffix, by which programs know a format, stays."""
+    path = Path(name)
+    return f".{path.stem}.{pid}.part{path.suffix}"
+
+
+def _kind(above: int, name: str) -> str:
+    try:
+        return KINDS.get(stat.S_IFMT(os.stat(name, dir_fd=above, follow_symlinks=False).st_mode), "no regular file")
+    except FileNotFoundError:
+        return ""

@@ -1,0 +1,78 @@
+"""Measures of a problem's equations, which no run changes: sizes, and the operators of Lagrange and Newton."""
+
+import json
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ...catalogue import registry
+from ...mechanics.jacobian import constraint_jacobian
+from ...mechanics.system import MultibodySystem
+from ...results.records import RunRecord
+from ...results.series import Series
+from .measures import NAN, measure
+
+STATES = 5  # at which the operators are compared
+
+
+@measure("of", series=False, until="known")
+def number(record: RunRecord, series: Series | None, of: str) -> float:
+    """Number of ``bodies``, ``joints``, ``coordinates`` (six a body), ``rows`` or ``freedoms`` of the problem."""
+    problem = registry.make_problem(record.problem, json.loads(record.problem_parameters))
+    system = problem.system
+    if of == "freedoms":
+        return float(6 * system.nb - np.linalg.matrix_rank(constraint_jacobian(system, problem.initial).toarray()))
+    sizes = {"bodies": system.nb, "joints": len(system.joint_i), "coordinates": 6 * system.nb, "rows": system.nrows}
+    return float(sizes.get(of, NAN))
+
+
+@measure("of", series=False, until="known")
+def operators(record: RunRecord, series: Series | None, of: str) -> float:
+    """Largest difference of Lagrange's operator, Eq. (45), and Newton's for a body about its joint, over the latter.
+
+    ``natural basis``: in Euler angles, brought to the body frame. ``body frame``: of velocities in that frame.
+    ``corrected``: the same with the terms of Eq. (47), c_ki^m p_m v^k, added.
+    """
+    compared = _operators(registry.make_problem(record.problem, json.loads(record.problem_parameters)).system)
+    random, worst = np.random.default_rng(0), 0.0
+    for _ in range(STATES):
+        newton, *others = (np.array(x).ravel() for x in compared(*random.uniform(0.3, 1.3, (3, 3))))
+        lagrange = dict(zip(("natural basis", "body frame", "corrected"), others, strict=True)).get(of)
+        if lagrange is None:
+            return NAN
+        worst = max(worst, float(np.linalg.norm(newton - lagrange) / np.linalg.norm(newton)))
+    return worst
+
+
+def _operators(system: MultibodySystem) -> Any:
+    """Newton's operator and the three of Lagrange [N m] as functions of the angles and their first two derivatives."""
+    angle, rate, second = (ca.SX.sym(name, 3) for name in ("angle", "rate", "second"))
+    arm = system.joint_s_i[0]
+    J = ca.DM(system.inertia[0] + system.mass[0] * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
+
+    def turn(a: Any, axis: int) -> Any:
+        c, s = ca.cos(a), ca.sin(a)
+        rows = {0: [[1, 0, 0], [0, c, -s], [0, s, c]], 2: [[c, -s, 0], [s, c, 0], [0, 0, 1]]}[axis]
+        return ca.vertcat(*(ca.horzcat(*row) for row in rows))
+
+    R = turn(angle[0], 2) @ turn(angle[1], 0) @ turn(angle[2], 2)
+    spins = [R.T @ ca.reshape(ca.jacobian(ca.vec(R), angle[k]), 3, 3) for k in range(3)]
+    B = ca.horzcat(*(ca.vertcat(S[2, 1], S[0, 2], S[1, 0]) for S in spins))
+    Omega = B @ rate
+    Omega_dot = B @ second + ca.jacobian(Omega, angle) @ rate
+    T = 0.5 * Omega.T @ J @ Omega
+    p = ca.jacobian(T, rate).T
+    natural = ca.jacobian(p, angle) @ rate + ca.jacobian(p, rate) @ second - ca.jacobian(T, angle).T
+    newton = J @ Omega_dot + ca.cross(Omega, J @ Omega)
+    body = J @ Omega_dot  # T of the velocities in the body frame does not depend on the angles
+    hamel = ca.vertcat(*(
+        sum((int(k != i) * _sign(i, k, m) * Omega[k] * (J @ Omega)[m] for k in range(3) for m in range(3)), 0)
+        for i in range(3)
+    ))  # fmt: skip
+    return ca.Function("operators", [angle, rate, second], [newton, ca.solve(B.T, natural), body, body + hamel])
+
+
+def _sign(i: int, k: int, m: int) -> int:
+    """The structure constants of the body frame: [e_i, e_k] = e_m and its turns."""
+    return (i - k) * (k - m) * (m - i) // 2
