@@ -173,7 +173,8 @@ WAYS = {  # calls that open, look for or change files by their path; a Place has
 WATCHED = ("harness/results", "harness/execution", "harness/sandbox", "harness/commands", "harness/referee", "reports")
 ELSEWHERE = {
     "harness/commands/catalogue.py": (
-        "glob mkdir read_bytes read_text rglob unlink write_text", "our own code, and the catalogue kept in our cache"
+        "glob mkdir read_bytes read_text rglob unlink write_text",
+        "our own code, and the catalogue kept in our cache",
     ),
     "harness/commands/parser.py": ("glob read_bytes", "our own code"),
     "harness/commands/check.py": ("glob is_file", "a plugin, and the names beside it"),

@@ -137,18 +137,19 @@ def _compiled(function: Callable[..., None], name: str, bundle: Any) -> Code:
     return _CODES[key]
 
 
-@cache
 def _source_of(function: Callable[..., None]) -> str:
-    """A digest of what a function is compiled from: its name, the statements of its module and of those imported.
+    return "\0".join((function.__qualname__, sources(function.__module__)))
+
+
+@cache
+def sources(module: str) -> str:
+    """A digest of the statements of a module and of those of this package that it imports from, and of numba's version.
 
     Comments and docstrings do not count.
     """
-    import llvmlite
-
     seen: dict[str, str] = {}
-    _collect(function.__module__, seen)
-    words = (function.__qualname__, "2", llvmlite.__version__, _numba_version(), *(seen[name] for name in sorted(seen)))
-    return hashlib.sha256("\0".join(words).encode()).hexdigest()
+    _collect(module, seen)
+    return hashlib.sha256("\0".join((_numba_version(), *(seen[name] for name in sorted(seen)))).encode()).hexdigest()
 
 
 @cache
@@ -165,7 +166,7 @@ def _collect(name: str, seen: dict[str, str]) -> None:
     seen[name] = _statements(Path(inspect.getfile(module)))
     for value in list(vars(module).values()):
         of = getattr(getattr(value, "py_func", value), "__module__", "") if callable(value) else ""
-        if isinstance(of, str) and of in sys.modules and ".generated" not in of:
+        if isinstance(of, str) and of in sys.modules:
             _collect(of, seen)
 
 

@@ -13,6 +13,7 @@ from . import marching
 from .entries import Bound
 from .kernel import Kernel, make_kernel, start_at
 from .marching import March, Record, empty_record, march, new_control
+from .mechanism import make_mechanism
 
 FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
 STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
@@ -29,13 +30,14 @@ class Method:
     order: float = 0.0  # of the error estimate in h; 0: fixed steps
     rate: float = 0.0  # [rad/s] of reversible step control; 0: none
     counters: tuple[str, ...] = ("rejected",)
+    explicit: bool = False  # whether code of the whole mechanism serves it
     notes: tuple[str, ...] = field(default=())
 
 
 def integrate(problem: Problem, control: StepControl, method: Method) -> Trajectory:
     """March to the end or to a failure, which is a status."""
     began = cpu_seconds()
-    made = make_kernel(problem.system)
+    made = (make_mechanism(problem.system) if method.explicit else None) or make_kernel(problem.system)
     kernel = made.kernel
     start_at(kernel, problem.initial)
     state = new_control(

@@ -144,8 +144,8 @@ def start_at(k: Kernel, state: State) -> None:
 
 def _room(system: MultibodySystem) -> tuple[Kernel, list[Part]]:
     found = list(_parts(system))
-    place = sorted(range(len(found)), key=lambda p: (found[p][:4], p))
-    parts = [found[p] for p in place]
+    place = _sorted(found)
+    parts = parts_of(system)
     size = np.array([part.hi - part.lo for part in parts], dtype=np.int64)
     row = np.concatenate(([0], np.cumsum(size))).astype(np.int64)
     joint = np.array([part.joint for part in parts], dtype=np.int64)
@@ -177,6 +177,16 @@ def _room(system: MultibodySystem) -> tuple[Kernel, list[Part]]:
         change=bodies(6), spun=bodies(3), left=bodies(3), toward=bodies(3),
         x=np.zeros(nr), w=bodies(6), Y0=np.zeros((2, nr, 3)), way0=np.zeros((nr, 3)), order=order,
     ), parts  # fmt: skip
+
+
+def parts_of(system: MultibodySystem) -> list[Part]:
+    """In the kernel's order: by kind."""
+    found = list(_parts(system))
+    return [found[p] for p in _sorted(found)]
+
+
+def _sorted(parts: list[Part]) -> list[int]:
+    return sorted(range(len(parts)), key=lambda p: (parts[p][:4], p))
 
 
 def _filled(room: np.ndarray, values: np.ndarray) -> np.ndarray:
