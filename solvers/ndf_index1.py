@@ -20,14 +20,14 @@ Counted: accepted steps, evaluations, Jacobians, factorisations, linear solves (
 evaluations spent on Jacobians by differences, which the evaluations include. Rejected steps are not.
 """
 
-import warnings
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from types import FunctionType
 from typing import Any, ClassVar
 
 import numpy as np
-import scipy.linalg as sl
+import scipy.sparse as sp
 from scipy_dae.integrate._dae import bdf
 from scipy_dae.integrate._dae.bdf import BDFDAE
 from scipy_dae.integrate._dae.dae import DaeSolver
@@ -37,9 +37,11 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, Status, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
 from .formulations.dae import ImplicitForm
-from .formulations.ida import DENSE_BELOW, OUT_OF_TEST
+from .formulations.ida import OUT_OF_TEST
 from .formulations.layout import Layout
+from .formulations.linear import factoriser
 from .formulations.recording import Clock, StepFailure, march, trajectory
+from .formulations.sparse_pattern import FixedPattern
 from .formulations.start import consistent, coordinates_and_velocities, layout_for, unloaded
 
 
@@ -47,17 +49,75 @@ def _maximum(x: np.ndarray) -> float:
     return float(np.max(np.abs(x)))
 
 
+def _root_mean_square(x: np.ndarray) -> float:
+    return math.sqrt(float(x.dot(x)) / len(x))
+
+
 def _with_norm(norm: Callable[[np.ndarray], float]) -> Callable:
-    """scipy_dae's step over a copy of its module's names, where ``norm`` is another: the module stays as it is."""
-    names = {**vars(bdf), "norm": norm}
-    names["solve_bdf_system"] = FunctionType(bdf.solve_bdf_system.__code__, names)
-    return FunctionType(BDFDAE._step_impl.__code__, names)
+    """scipy_dae's step over a copy of its module's names, with ``norm`` and our Newton iteration; the module stays."""
+    return FunctionType(BDFDAE._step_impl.__code__, {**vars(bdf), "norm": norm, "solve_bdf_system": _newton(norm)})
+
+
+def _newton(norm: Callable[[np.ndarray], float]) -> Callable:
+    """scipy_dae's ``solve_bdf_system`` with fewer calls of NumPy: what is not finite shows in the norm."""
+
+    def solve(
+        fun: Callable, t: float, y: np.ndarray, c: float, psi: np.ndarray, LU: Any, solve_lu: Callable,
+        scale: np.ndarray, tol: float,
+    ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        d, before, inverse_scale = np.zeros_like(y), 0.0, 1.0 / scale
+        for k in range(bdf.NEWTON_MAXITER):
+            y_dot = c * d + psi
+            change = solve_lu(LU, fun(t, y, y_dot))
+            size = norm(change * inverse_scale)
+            if not math.isfinite(size):
+                return False, k + 1, y, y_dot, d
+            rate = size / before if k else 0.0
+            if k and (rate >= 1.0 or rate ** (bdf.NEWTON_MAXITER - k) / (1.0 - rate) * size > tol):
+                return False, k + 1, y, y_dot, d
+            y, d = y - change, d - change
+            if size == 0.0 or (k and rate / (1.0 - rate) * size < tol):
+                return True, k + 1, y, y_dot, d
+            before = size
+        return False, bdf.NEWTON_MAXITER, y, y_dot, d
+
+    return solve
+
+
+class Ndf(BDFDAE):
+    """NDF of scipy_dae with the Newton iteration above."""
+
+    _step_impl = _with_norm(_root_mean_square)
 
 
 class MaximumNormNdf(BDFDAE):
     """NDF with errors and corrections in the maximum norm."""
 
     _step_impl = _with_norm(_maximum)
+
+
+def _set_functions(method: DaeSolver, residual: Callable, jacobian: Callable, pattern: FixedPattern) -> None:
+    """Let ``method`` have Jacobians as nonzeros of ``pattern``, which it only adds, and factorise them our way."""
+    factorise = factoriser(pattern)
+
+    def evaluate_residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
+        method.nfev += 1
+        return residual(t, y, y_dot)
+
+    def evaluate_jacobian(t: float, y: np.ndarray, y_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        method.njev += 1
+        return jacobian(t, y, y_dot)
+
+    def lu(data: np.ndarray) -> Callable:
+        method.nlu += 1
+        return factorise(data)
+
+    def solve_lu(solve: Callable, right: np.ndarray) -> np.ndarray:
+        method._nlusove += 1
+        return solve(right)
+
+    method.fun, method.jac, method.lu, method.solve_lu = evaluate_residual, evaluate_jacobian, lu, solve_lu
+    method.Jy, method.Jyp = evaluate_jacobian(method.t, method.y, method.yp)
 
 
 @solver("ndf_index1")
@@ -91,7 +151,9 @@ class NdfIndex1(BaumgarteOptions):
         form = self.implicit(layout, which, self.alpha, self.beta)
         ndf = self._integrator(layout, form, clock, y, y_dot, problem.t_end, control)
         setup_time = clock.restart()
-        done = march(lambda: _step(ndf, layout), (0.0, y, y[layout.lam]), layout, problem.t_end, control, clock)
+        start, lam = (0.0, y, y[layout.lam]), layout.lam
+        with np.errstate(all="ignore"):
+            done = march(lambda: _step(ndf, lam), start, layout, problem.t_end, control, clock)
         cpu_time = clock.cpu_time()
         counters = {
             "evaluations": ndf.nfev + form.difference_evaluations,
@@ -115,7 +177,6 @@ class NdfIndex1(BaumgarteOptions):
         atol = np.full(layout.n, control.rtol)
         if not self.lambda_in_error_test:
             atol[layout.lam] = OUT_OF_TEST
-        as_matrix = form.pattern.dense if layout.n < DENSE_BELOW else form.pattern.column_matrix
 
         def residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
             clock.check()
@@ -125,27 +186,28 @@ class NdfIndex1(BaumgarteOptions):
             if self.accelerations == "mass_matrix":
                 y_dot = np.zeros_like(y_dot)  # F = E(y) y' - f(y): what is left of dF/dy is -df/dy
             of_y, of_y_dot = form.jacobian(y, y_dot, t)
-            return as_matrix(of_y), as_matrix(of_y_dot)
+            return of_y.copy(), of_y_dot.copy()
 
-        return self._method(
+        nothing = sp.csc_matrix((layout.n, layout.n))
+        method = self._method(
             residual, 0.0, y, y_dot, t_end, max_step=control.max_step or np.inf, rtol=control.rtol, atol=atol,
-            jac=jacobian,
+            jac=(nothing, nothing),
         )  # fmt: skip
+        _set_functions(method, residual, jacobian, form.pattern)
+        return method
 
     def _method(self, *equations: Any, **settings: Any) -> DaeSolver:
-        kind = BDFDAE if self.norm == "rms" else MaximumNormNdf
+        kind = Ndf if self.norm == "rms" else MaximumNormNdf
         return kind(*equations, **settings, NDF_strategy="efficiency")
 
 
-def _step(ndf: DaeSolver, layout: Layout) -> tuple[float, np.ndarray, np.ndarray]:
+def _step(ndf: DaeSolver, lam: slice) -> tuple[float, np.ndarray, np.ndarray]:
     try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore", sl.LinAlgWarning)  # a zero pivot gives inf, which Newton then rejects
-            message = ndf.step()
+        message = ndf.step()
     except (RuntimeError, np.linalg.LinAlgError) as error:  # SuperLU's "Factor is exactly singular"
         raise StepFailure(Status.SINGULAR, f"the Jacobian could not be factorised ({error})") from None
     except ValueError as error:  # LAPACK's wrappers on NaN or infinity
         raise StepFailure(Status.DIVERGED, f"the linear system is not finite ({error})") from None
     if ndf.status == "failed":
         raise StepFailure(Status.STEP_UNDERFLOW, str(message).rstrip(".").lower())
-    return ndf.t, ndf.y, ndf.y[layout.lam]
+    return ndf.t, ndf.y, ndf.y[lam]

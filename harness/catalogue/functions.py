@@ -17,6 +17,7 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from ..mechanics.consistency import InconsistentStart
+from ..mechanics.counting import Count, counting
 from ..mechanics.dynamics import Rates
 from ..mechanics.state import State, States
 from ..mechanics.system import MultibodySystem
@@ -152,8 +153,9 @@ class _Rates(_FromFunction):
         q = Rotation.from_matrix(s.R).as_quat(scalar_first=True)
         y = np.concatenate([a.ravel() for a in (s.r, q, s.v, s.Omega)])
         limits: dict[str, Any] = {"rtol": control.rtol, "atol": control.rtol, "max_step": control.max_step or np.inf}
-        first = rates(s).reaction
-        run = METHODS[self.method](y_dot, 0.0, y, problem.t_end, **limits)
+        with counting(Count()) as begun:
+            first = rates(s).reaction
+            run = METHODS[self.method](y_dot, 0.0, y, problem.t_end, **limits)
 
         def advance(t: float, s: State) -> tuple[float, State, np.ndarray | None]:
             with np.errstate(all="ignore"):
@@ -163,23 +165,26 @@ class _Rates(_FromFunction):
             here = state(run.t, run.y)
             return run.t, here, rates(here).reaction
 
-        return _marched(problem, control, advance, first, lambda: {"evaluations": run.nfev})
+        return _marched(problem, control, advance, first, lambda: {"evaluations": run.nfev}, begun)
 
 
 def _marched(
     problem: Problem, control: StepControl, advance: Advance, first: np.ndarray | None,
-    counted: Callable[[], dict[str, int]],
+    counters: Callable[[], dict[str, int]], begun: Count | None = None,
 ) -> Trajectory:  # fmt: skip
+    """The motion; ``begun``: calls of ``accelerations`` made before, which replace evaluations counted otherwise."""
     began, cpu = time.monotonic(), time.process_time()
     t, s = 0.0, problem.initial
     times, states, reactions = [t], [s], [first]
     status, message = Status.SUCCESS, "reached the end"
+    count = begun or Count()
     try:
         while t < problem.t_end:
             if len(times) > control.max_steps:
                 raise Stop(Status.STALLED, f"the limit of {control.max_steps} accepted steps was reached")
             _check_clock(control, began)
-            t, s, reaction = advance(t, s)
+            with counting(count):
+                t, s, reaction = advance(t, s)
             s = dataclasses.replace(s, t=t)
             if not all(np.all(np.isfinite(a)) for a in vars(s).values()):
                 raise Stop(Status.DIVERGED, "the state is no longer finite")
@@ -195,10 +200,11 @@ def _marched(
         status, message = Status.DIVERGED, str(error)
     if status is not Status.SUCCESS:
         message = f"stopped at t = {times[-1]:.6g} s: {message}"
+    own = {"evaluations": count.evaluations, "factorisations": count.factorisations} if count.evaluations else {}
     none = np.full(problem.system.nrows, math.nan)
     known = [none if a is None else np.asarray(a, dtype=float) for a in reactions]
     return Trajectory(
-        np.array(times), _stacked(states), status, message, {"steps": len(times) - 1, **counted()},
+        np.array(times), _stacked(states), status, message, {"steps": len(times) - 1, **counters(), **own},
         reaction=None if all(a is None for a in reactions) else np.array(known), cpu_time=time.process_time() - cpu,
     )  # fmt: skip
 

@@ -16,6 +16,7 @@ import importlib.metadata
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from enum import StrEnum
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,13 @@ from jaxtyping import Float
 from ..mechanics.consistency import project
 from ..mechanics.joints import Joint, JointKind
 from ..mechanics.state import State
-from ..mechanics.system import GROUND, MultibodySystem, RigidBody, SpringDamper, assemble
+from ..mechanics.system import GROUND, MultibodySystem, RigidBody, SpringDamper, TorsionSpring, assemble
 from ..types import Problem
 from .options import Parameter
 
 T_END = 2.0  # [s] unless the caller says otherwise: files have none
 NO_INERTIA = 2e-15  # [kg m2] in the place of none: MuJoCo's compiler asks for more than 1e-15
+BEHIND = 100.0  # [m] where springs of slides begin: their length stays above zero
 NEAR = 1e-9  # of directions and points that must agree, in files printed with all digits
 
 
@@ -40,10 +42,10 @@ class Omitted(StrEnum):
     ACTUATORS = "actuators"
     COLLIDING = "colliding geoms"
     LIMITS = "limits"
-    STIFFNESS = "springs of joints"
-    DAMPING = "dampers of joints"
+    STIFFNESS = "other springs of joints"
+    DAMPING = "other dampers of joints"
     FRICTION = "dry friction"
-    ARMATURE = "armatures"
+    ARMATURE = "armatures of axes that move"
     LIFT = "bodies with gravity compensation"
     FLUID = "fluid"
     TENDONS = "tendons other than straight springs"
@@ -60,6 +62,10 @@ class Mechanism:
     model: Any
     omitted: dict[Omitted, int]
     roots: tuple[int, ...] = field(init=False)  # the first of MuJoCo's bodies of each of ours
+
+    @cached_property
+    def _taken(self) -> "Taken":
+        return taken(self.mj, self.model)
 
     def __post_init__(self) -> None:
         roots = sorted({int(w) for w in self.model.body_weldid} - {0})
@@ -120,7 +126,8 @@ class Mechanism:
         return assemble(
             [self._body(n, d, r[n], R[n]) for n in range(len(self.roots))],
             [j for n in range(len(self.roots)) for j in self._joints(n, at)] + loops,
-            np.zeros(3) if weightless else np.array(m.opt.gravity), self._springs(at),
+            np.zeros(3) if weightless else np.array(m.opt.gravity), [*self._springs(at), *self._slide_springs(at)],
+            torsions=self._torsions(at),
         )  # fmt: skip
 
     def _placed(self, qpos: Any) -> Any:
@@ -149,7 +156,9 @@ class Mechanism:
             principal, s = d.ximat[b].reshape(3, 3), d.xipos[b] - r
             values = np.where(m.body_inertia[b] > NO_INERTIA, m.body_inertia[b], 0.0)
             J += (principal * values) @ principal.T + m.body_mass[b] * (s @ s * np.eye(3) - np.outer(s, s))
-        J = R.T @ J @ R
+        armature = sum(float(self.model.dof_armature[m.jnt_dofadr[k]]) for k in self._taken.armatures if
+                       m.jnt_bodyid[k] == self.roots[n])  # fmt: skip
+        J = R.T @ J @ R + armature * np.eye(3)  # about an axis at rest only the inertia about it counts
         return RigidBody(float(np.sum(m.body_mass[parts])), 0.5 * (J + J.T), m.body(self.roots[n]).name)
 
     def _joints(self, n: int, at: "_Places") -> list[Joint]:
@@ -232,6 +241,82 @@ class Mechanism:
                 k_c = float(m.tendon_stiffness[k]), float(m.tendon_damping[k])
                 out.append(SpringDamper(i, p_i, j, p_j, k_c[0], float(m.tendon_lengthspring[k, 0]), k_c[1]))
         return out
+
+    def _torsions(self, at: "_Places") -> list[TorsionSpring]:
+        """Springs and dampers of hinges: the angle is that from the reference coordinates."""
+        m, out = self.model, []
+        for k in sorted({*self._taken.turning_springs, *self._taken.turning_dampers}):
+            n = at.ours[m.jnt_bodyid[k]]
+            parent = at.ours[m.body_parentid[self.roots[n]]]
+            axis = at.data.xaxis[k]
+            across = _normal(axis)
+            stiffness = float(m.jnt_stiffness[k]) if k in self._taken.turning_springs else 0.0
+            damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._taken.turning_dampers else 0.0
+            here, there = at.turned(n), at.turned(parent)
+            out.append(TorsionSpring(n, here(across), parent, there(axis), there(across), stiffness,
+                                     self._rest(k), damping))  # fmt: skip
+        return out
+
+    def _slide_springs(self, at: "_Places") -> list[SpringDamper]:
+        """Springs and dampers of slides: from a point of the axis far behind to one of the body."""
+        m, out = self.model, []
+        for k in sorted({*self._taken.sliding_springs, *self._taken.sliding_dampers}):
+            n = at.ours[m.jnt_bodyid[k]]
+            parent = at.ours[m.body_parentid[self.roots[n]]]
+            far = BEHIND * (1.0 + abs(self._rest(k)))
+            points = [at.data.xanchor[j] for j in range(m.njnt) if m.jnt_bodyid[j] == m.jnt_bodyid[k]]
+            here = points[-1]  # of a hinge or ball that slides along it, whose point stays on the axis
+            p_i, p_j = at.point(n, here), at.point(parent, here - far * at.data.xaxis[k])
+            stiffness = float(m.jnt_stiffness[k]) if k in self._taken.sliding_springs else 0.0
+            damping = float(m.dof_damping[m.jnt_dofadr[k]]) if k in self._taken.sliding_dampers else 0.0
+            out.append(SpringDamper(n, p_i, parent, p_j, stiffness, far + self._rest(k), damping))
+        return out
+
+    def _rest(self, k: int) -> float:
+        """Coordinate of joint ``k`` where its spring is at rest, from the reference coordinate [m or rad]."""
+        at = self.model.jnt_qposadr[k]
+        return float(self.model.qpos_spring[at] - self.model.qpos0[at])
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Joints of the model whose springs, dampers and armatures have a counterpart here."""
+
+    turning_springs: tuple[int, ...]
+    turning_dampers: tuple[int, ...]
+    sliding_springs: tuple[int, ...]
+    sliding_dampers: tuple[int, ...]
+    armatures: tuple[int, ...]
+
+
+def taken(mj: Any, m: Any) -> Taken:
+    """Of hinges about an axis that both bodies share, and of slides along a line that a point of the body stays on.
+
+    An armature counts where the axis of its hinge stands still: there it is an inertia of the body. Between moving
+    bodies it is the inertia of a rotor that no rigid body of the file has.
+    """
+    hinge, slide = int(mj.mjtJoint.mjJNT_HINGE), int(mj.mjtJoint.mjJNT_SLIDE)
+    turning, sliding, still = [], [], []
+    for k in range(m.njnt):
+        own = [j for j in range(m.njnt) if m.jnt_bodyid[j] == m.jnt_bodyid[k]]
+        letters = "".join("FBSH"[m.jnt_type[j]] for j in own)
+        if m.jnt_type[k] == hinge and letters in ("H", "SH", "HS", "SSH"):
+            turning.append(k)
+            grounded = m.body_weldid[m.body_parentid[m.jnt_bodyid[k]]] == 0
+            still += [k] if grounded else []
+        elif m.jnt_type[k] == slide and letters in ("S", "SH", "SB", "HS"):
+            sliding.append(k)
+
+    def some(joints: list[int], values: np.ndarray, bent: np.ndarray) -> tuple[int, ...]:
+        return tuple(k for k in joints if values[k] != 0.0 and not np.any(bent[k]))
+
+    first = m.jnt_dofadr
+    damping, bent = m.dof_damping[first], m.dof_dampingpoly[first]
+    return Taken(
+        some(turning, m.jnt_stiffness, m.jnt_stiffnesspoly), some(turning, damping, bent),
+        some(sliding, m.jnt_stiffness, m.jnt_stiffnesspoly), some(sliding, damping, bent),
+        some(still, m.dof_armature[first], np.zeros(m.njnt)),
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from .mechanism import NO_INERTIA, Mechanism, Omitted, straight_spring
+from .mechanism import NO_INERTIA, Mechanism, Omitted, straight_spring, taken
 
 SUFFIXES = (".xml", ".mjcf", ".urdf")
 
@@ -94,14 +94,19 @@ def _moves(spec: Any, body: Any) -> bool:
 
 def _omitted(mj: Any, m: Any) -> dict[Omitted, int]:
     straight = sum(straight_spring(mj, m, k) for k in range(m.ntendon))
+    ours = taken(mj, m)
     return {
         Omitted.ACTUATORS: m.nu,
         Omitted.COLLIDING: int(np.sum((m.geom_contype | m.geom_conaffinity) != 0)),
         Omitted.LIMITS: int(np.sum(m.jnt_limited) + np.sum(m.tendon_limited)),
-        Omitted.STIFFNESS: _some(m.jnt_stiffness, m.jnt_stiffnesspoly),
-        Omitted.DAMPING: _some(m.dof_damping, m.dof_dampingpoly),
+        Omitted.STIFFNESS: _some(m.jnt_stiffness, m.jnt_stiffnesspoly)
+        - len(ours.turning_springs)
+        - len(ours.sliding_springs),
+        Omitted.DAMPING: _some(m.dof_damping, m.dof_dampingpoly)
+        - len(ours.turning_dampers)
+        - len(ours.sliding_dampers),
         Omitted.FRICTION: _some(m.dof_frictionloss) + _some(m.tendon_frictionloss),
-        Omitted.ARMATURE: _some(m.dof_armature) + _some(m.tendon_armature),
+        Omitted.ARMATURE: _some(m.dof_armature) - len(ours.armatures) + _some(m.tendon_armature),
         Omitted.LIFT: _some(m.body_gravcomp),
         Omitted.FLUID: int(m.opt.density != 0.0 or m.opt.viscosity != 0.0),
         Omitted.TENDONS: m.ntendon - straight,

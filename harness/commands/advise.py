@@ -14,6 +14,7 @@ from ..execution.runner import Request, run_suite
 from ..reference.computed import Source, is_computable, source_of
 from ..results.records import RunRecord
 from ..results.words import why
+from ..results.work import index_1_evaluations
 from ..sandbox.trial import made
 from ..suites.spec import RunSpec, make_spec
 from ..suites.suite import Suite
@@ -37,8 +38,8 @@ COLUMNS = (
 
 
 def cost(r: RunRecord) -> tuple[float, float]:
-    """CPU time as far as clocks tell [s], then evaluations."""
-    return max(r.cpu_median_s, CLOCK), r.evaluations
+    """CPU time as far as clocks tell [s], then index-1 evaluations."""
+    return max(r.cpu_median_s, CLOCK), index_1_evaluations(r)
 
 
 @dataclass
@@ -89,9 +90,12 @@ class Candidate:
         if not self.runs:
             return self.problem.dt if self.control == "dt" else 1e-6
         last = self.runs[-1]
-        if last.status in (Status.REFUSED, Status.CRASHED, Status.MEMORY, Status.STALLED):
+        if last.status in (Status.REFUSED, Status.CRASHED, Status.MEMORY):
             return None
         least, most = SPAN[self.control]
+        if last.status == Status.STALLED:  # too fine for the time it has, unless a coarser one was not
+            coarser = any(self.setting(r) > self.setting(last) for r in self.runs)
+            return None if coarser else self.setting(last) * most
         if last.status != Status.SUCCESS:  # too coarse, if anything
             return self.setting(last) * least
         met = self.meets(last)

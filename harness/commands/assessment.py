@@ -14,15 +14,16 @@ from ..catalogue import registry
 from ..referee.certificates.drift import PERIODS, anatomy
 from ..referee.certificates.orders import certify
 from ..referee.certificates.symmetries import scorecard
-from ..referee.certificates.work import operations
 from ..results.judgements.runs import Order
 from ..results.records import RunRecord
 from ..results.words import accurate_until, why
+from ..results.work import index_1_evaluations
 from ..sandbox.trial import made
 from ..suites.spec import RunSpec, make_spec
 from ..types import Status, Trait
 
 ENDED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
+ABREAST = 6  # problems between two looks at the budget
 STEPS = 100  # of the problem's own step, on each problem
 LADDERS: Mapping[str, Mapping[str, Any]] = {  # spatial, loaded and spinning: every term counts
     "spherical_pendulum": {"omega_x": 5.0, "omega_z": 3.0, "t_end": 1.0},
@@ -34,7 +35,7 @@ VALUES = {
     ("spherical_pendulum", "rtol"): 10.0 ** -np.arange(3.0, 10.0),
     ("heavy_top", "rtol"): 10.0 ** -np.arange(3.0, 10.0),
 }
-FIELD = ("gc_weak_form", "rattle", "half_explicit", "rkmk_dopri5", "scipy_strong_form")  # compared with
+FIELD = ("rkmk_dopri5", "ida_index1", "scipy_strong_form")  # compared with: kernels that are compiled in a minute
 LOOP: Mapping[str, Any] = {"rows": 1, "columns": 1, "t_end": 0.2}  # three bars, revolute joints
 PRESENTED: tuple[Mapping[str, Any], ...] = (
     {"yaw": 0.7}, {"rotation": (0.3, -0.5, 0.7)}, {"mirror": "X"}, {"renumber": 1}, {"duplicate": 1},
@@ -63,14 +64,11 @@ Run = TypeVar("Run", RunRecord, RunSpec)
 
 
 def first_runs(solver: str, wall: float) -> list[RunSpec]:
-    """All but the long one."""
+    """All but the long one: what sums a solver up first, then the problems."""
     control = registry.solvers()[solver].control
     out = []
-    for name in registry.problems():
-        own = made(name)
-        out.append(_spec(solver, name, {"t_end": min(own.t_end, STEPS * own.dt)}, {}, "problems", wall))
-    for name, parameters in LADDERS.items():
-        for who in (solver, *FIELD):
+    for who in (solver, *FIELD):
+        for name, parameters in LADDERS.items():
             kind = registry.solvers()[who].control
             values = VALUES[name, kind] if who == solver else VALUES[name, kind][1::2]
             out += [_spec(who, name, parameters, {kind: float(f"{x:.6g}")}, "ladder", wall) for x in values]
@@ -84,7 +82,20 @@ def first_runs(solver: str, wall: float) -> list[RunSpec]:
     out += [_spec(solver, "four_bar_grid", {**LOOP, **p}, base, "symmetries", wall) for p in changed]
     for links in LINKS:
         out.append(_spec(solver, "chain", {"links": links, "t_end": 0.02}, {}, "growth", wall))
+    for name in registry.problems():
+        own = made(name)
+        out.append(_spec(solver, name, {"t_end": min(own.t_end, STEPS * own.dt)}, {}, "problems", wall))
     return list({s.settings_id: s for s in out}.values())
+
+
+def stages(solver: str, specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
+    """In the order they are run: its ladders, symmetries and growth, the field's ladders, some problems at a time."""
+    own = [s for s in specs if s.solver == solver and s.label != "problems"]
+    problems = [s for s in specs if s.label == "problems"]
+    first = [s for s in own if s.label == "ladder"]
+    field = [s for s in specs if s.solver != solver]
+    rest = [problems[k : k + ABREAST] for k in range(0, len(problems), ABREAST)]
+    return [stage for stage in (first, [s for s in own if s.label != "ladder"], field, *rest) if stage]
 
 
 def long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSpec | None:
@@ -236,8 +247,8 @@ def _work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = (
         if rivals:
             r = min(rivals, key=lambda r: r.cpu_median_s)
             words += f"; {r.solver} {r.motion_error_max_m:.2g} m in {_time(r)}"
-            if 0.0 < operations(best) < math.inf and math.isfinite(operations(r)):
-                words += f", {operations(r) / operations(best):.2g} of the evaluations"
+            if 0.0 < index_1_evaluations(best) < math.inf and math.isfinite(index_1_evaluations(r)):
+                words += f", {index_1_evaluations(r) / index_1_evaluations(best):.2g} of the index-1 evaluations"
         else:
             cut = {s.solver for s in left if s.label == "ladder" and s.problem == name}  # they might have come nearer
             whole = [who for who in FIELD if who != solver and who not in cut]

@@ -22,6 +22,8 @@ from ..results.environment import code_digest
 from ..results.history import GATES, rows_of, write_rows
 from ..results.provenance import stamp_of
 from ..results.records import RunRecord
+from ..results.reproduce import REFEREED
+from ..suites.spec import RunSpec
 from ..suites.suite import Suite, load_suite
 from .progress import progress
 from .run import add_running
@@ -41,7 +43,7 @@ def add(commands: Any) -> None:
     """The subcommand's arguments."""
     words = "run a suite and compare it with thresholds; exit code 0 if the gate is open, 1 if closed"
     p = subcommand(commands, "gate", run, words, "one object")
-    p.add_argument("--suite", default="ci", metavar="SUITE", help="name or TOML file (default: ci)")
+    p.add_argument("--suite", metavar="SUITE", help="name or TOML file (default: ci; with --results of files, those)")
     p.add_argument("--thresholds", metavar="FILE", help="default: results/baselines/<suite>.toml")
     p.add_argument("--results", metavar="RESULTS", help=f"judge this {RESULTS}, instead of running the suite")
     p.add_argument("--any-code", action="store_true", help="with --results: accept results of other code too")
@@ -60,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         _clear(Path(file))
     if arguments.any_code and not arguments.results:
         raise UsageError("--any-code needs --results; a suite that is run now is of this code")
-    suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
+    suite = _files(arguments) or load_suite(arguments.suite or "ci", load_plugins(arguments.plugin))
     path = Path(arguments.thresholds) if arguments.thresholds else FOLDER / f"{suite.name}.toml"
     for name in ("junit", "markdown", "json", "loosen", "write"):
         needs = name in ("loosen", "write")
@@ -73,11 +75,15 @@ def run(arguments: argparse.Namespace) -> int:
     if thresholds.suite != suite.name:
         raise UsageError(f"{path} holds thresholds of the suite {thresholds.suite!r}, not of {suite.name!r}")
     name, stamp, records = _results(arguments, suite)
-    code = None if arguments.any_code else code_digest(suite.plugins)
+    of_files = suite.name == REFEREED  # whose results are no result of this code: the newest file counts
+    code = None if arguments.any_code or of_files else code_digest(suite.plugins)
     judged = judged_of(records, code)
+    specs: Sequence[RunSpec | RunRecord] = judged if of_files else suite.specs
     if arguments.update:
+        if not judged:
+            raise UsageError(f"no result of this code to take thresholds of {suite.name!r} from; nothing was written")
         return _update(path, thresholds, judged, loosen=arguments.loosen, write=arguments.write)
-    result = judge(suite.specs, records, thresholds, code)
+    result = judge(specs, records, thresholds, code)
     if arguments.json:
         print_json(as_plain(result, suite.name))
     else:
@@ -96,6 +102,16 @@ def _clear(file: Path) -> None:
     check_writable(file)
     if file.is_file() and not file.is_symlink():
         file.unlink()
+
+
+def _files(arguments: argparse.Namespace) -> Suite | None:
+    """A suite without runs of its own for a results folder of files that ``referee`` judged; None for any other."""
+    if arguments.results is None or arguments.suite is not None:
+        return None
+    records = store.load(existing(arguments.results), check_series=False).records
+    if not records or any(r.label != REFEREED for r in records):
+        return None
+    return Suite(REFEREED, "motions from files", (), "")
 
 
 def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[str, Any], tuple[RunRecord, ...]]:

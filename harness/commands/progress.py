@@ -45,10 +45,13 @@ class Watch:
     def begin(self, folder: Path, total: int, waiting: Sequence[Job], unreadable: tuple[Unreadable, ...]) -> None:
         self.total, self.before = total, total - len(waiting)
         self.waiting = {job.id: job for job in waiting}
-        self.compiling = self.warming = bool(waiting)
+        self.warming = bool(waiting)
+        further = bool(self.before) and not self.resumable  # a later stage of the same command
+        self.compiling = self.warming and not further
         self.estimate = Estimate(durations(suite=waiting[0].suite) if waiting else {})
         kept = f", {self.before} already done" if self.before else ""
-        self._say(f"{plural(total, 'run')}{kept}{f', results in {folder}' if self.resumable else ''}")
+        if not further:
+            self._say(f"{plural(total, 'run')}{kept}{f', results in {folder}' if self.resumable else ''}")
         for line in unreadable_lines("set aside", [(item.path.name, item.why) for item in unreadable]):
             self._say(line)
         self.tick()

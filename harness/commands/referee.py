@@ -1,6 +1,7 @@
 """``referee``: the motion that any other code computed, from a file, judged by the code that judges all runs."""
 
 import argparse
+import json
 import math
 import re
 from pathlib import Path
@@ -8,30 +9,38 @@ from typing import Any
 
 from rich.text import Text
 
+from ..files import FileError, printable
 from ..foreign.judge import Given, files_of, refereed, results_folder
 from ..foreign.reading import CHOICES, Reading
 from ..results import store
 from ..results.records import RunRecord
+from ..results.words import why
 from ..sandbox.trial import made
 from ..types import Status, StepControl
 from .screen import Column, lines, number, print_json, print_table, status_style
 from .solve import plain_columns, summary
 from .terms import UsageError, above, add_plugin, add_problem, load_problem, subcommand
 
+INACCURATE = 3  # exit code
 COLUMNS = (
     Column("case", fold=True), Column("status", right=False), Column("position error [m]"),
     Column("energy drift [J]", rank=1), Column("accurate until [s]", rank=2),
 )  # fmt: skip
 MEANING = {
+    "euler": "axes of Euler angles (phi, theta, psi or roll, pitch, yaw) in the order of their columns; small: fixed",
     "length": "unit of positions, and of velocities per second", "time": "unit of t",
-    "angle": "unit of angular velocities, per second", "quaternion": "order of quaternions without letters",
+    "angle": "unit of Euler angles, and of angular velocities per second",
+    "quaternion": "order of quaternions without letters",
     "rotation": "what quaternions and matrices take to what", "omega": "frame of angular velocities",
 }  # fmt: skip
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    words = "judge the motion in a file (CSV, Parquet, NPZ, MAT) that any other code computed"
+    words = (
+        "judge the motion in a file (CSV, Parquet, NPZ, MAT) that any other code computed; exit code 0: all are "
+        "successes, 3: laws hold, but a motion is inaccurate, 1: one is wrong or cut short, 2: a file cannot be judged"
+    )
     p = subcommand(commands, "referee", run, words, "one object a file")
     add_problem(p)
     p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files; columns: docs/other-codes.md")
@@ -48,24 +57,40 @@ def add(commands: Any) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """0 if every motion reaches its end and keeps all laws."""
+    """0 if every motion is a success, else by the worst: 2 not judged, 1 not lawful, 3 inaccurate."""
     name, parameters, _ = load_problem(arguments)
     problem = made(name, parameters)
     given = [Path(f) for f in arguments.files]
     paths = [p for f in given for p in files_of(f)]
     folder = None if arguments.into is None else results_folder(_folder(arguments.into))
     asked = _given(arguments, given[0])
-    records = []
+    judged: list[RunRecord | FileError] = []
     for path in paths:
-        record = refereed(problem, path, asked, folder, several=len(paths) > 1)
-        records.append(record)
+        try:
+            record = refereed(problem, path, asked, folder, several=len(paths) > 1)
+        except FileError as error:
+            if len(paths) == 1:
+                raise
+            judged.append(error)
+            if arguments.json:
+                print_json({"file": str(path), "error": str(error)})
+            continue
+        judged.append(record)
         if arguments.json:
             print_json({**plain_columns(record), "file": str(path)})
     if folder is not None:
         store.write_table(folder, store.load(folder, check_series=False).records)
     if not arguments.json:
-        _print(records, folder)
-    return 0 if all(Status(r.status).lawful for r in records) else 1
+        _print(paths, judged, folder)
+    codes = {_code(one) for one in judged}
+    return next((code for code in (2, 1, INACCURATE) if code in codes), 0)
+
+
+def _code(one: RunRecord | FileError) -> int:
+    if isinstance(one, FileError):
+        return 2
+    codes = {Status.SUCCESS: 0, Status.INACCURATE: INACCURATE}
+    return codes.get(Status(one.status), 1)
 
 
 def _given(arguments: argparse.Namespace, first: Path) -> Given:
@@ -86,14 +111,20 @@ def _folder(name: str) -> Path:
     return local if store.is_results(local) else Path(name)
 
 
-def _print(records: list[RunRecord], folder: Path | None) -> None:
+def _print(paths: list[Path], judged: list[RunRecord | FileError], folder: Path | None) -> None:
     below = [] if folder is None else [f"written to         {folder}"]
-    if len(records) == 1:
-        for line in summary(records[0]) + below:
+    if len(judged) == 1 and isinstance(judged[0], RunRecord):
+        for line in summary(judged[0]) + below:
             lines().print(line)
         return
     rows = []
-    for r in records:
+    for path, r in zip(paths, judged, strict=True):
+        if isinstance(r, FileError):
+            below.insert(0, f"not judged: {r}")
+            rows.append((str(path), Text("not judged", "bold red"), "-", "-", "-"))
+            continue
+        below += [f"{r.case}: {'; '.join(why(r))}"] if r.status != Status.SUCCESS else []
+        below += [f"{r.case}: {printable(n)}" for n in json.loads(r.notes)]
         until = number(r.accurate_until_s) if not math.isnan(r.accurate_until_s) else "-"
         numbers = (number(r.position_error_max_m), number(r.energy_drift_max_J), until)
         rows.append((r.case, Text(r.status, status_style(r.status)), *numbers))

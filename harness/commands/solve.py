@@ -115,7 +115,8 @@ def summary(r: RunRecord) -> list[str]:
         out.append(f"|phi|, |phi_dot|   {r.phi_max:.3e} m, {r.phi_dot_max:.3e} m/s")
     if not math.isnan(r.position_error_max_m):
         compared = min(r.reference_horizon_s, r.t_reached_s)
-        worst = f"{r.position_error_max_m:.3e} m, {r.orientation_error_max_rad:.3e} rad"
+        turned = "" if math.isnan(r.orientation_error_max_rad) else f", {r.orientation_error_max_rad:.3e} rad"
+        worst = f"{r.position_error_max_m:.3e} m{turned}"
         out.append(f"error              {worst} (to {compared:g} s)")
         out.append(f"accurate until     {', '.join(accurate_until(r))} of the reach of {r.length_scale_m:.3g} m")
     if r.cpu_min_s > 0.0 or (r.steps and not math.isnan(r.cpu_min_s)):

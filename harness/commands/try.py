@@ -1,8 +1,7 @@
 """``try``: one screen and one page on a solver of one's own."""
 
 import argparse
-import time
-from dataclasses import replace
+import os
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ from rich.text import Text
 from ..catalogue import registry
 from ..execution.runner import Request, new_folder, run_suite
 from ..results import store
+from ..suites.spec import RunSpec
 from ..suites.suite import Suite
 from ..types import EndedBy
 from . import assessment
@@ -19,6 +19,7 @@ from .progress import progress
 from .screen import Column, lines, print_json, print_table
 from .terms import UsageError, above, add_jobs, add_plugin, check_writable, jobs, load_plugins, subcommand
 
+NET = 10.0  # times the CPU time that is left: a stage that takes longer on the wall is ended
 COLUMNS = (
     Column("", right=False), Column("", right=False, fold=True, least=20), Column("measured", fold=True),
     Column("expected", fold=True, least=12, rank=1),
@@ -31,7 +32,7 @@ def add(commands: Any) -> None:
     p = subcommand(commands, "try", run, words, "one object a line")
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
     p.add_argument(
-        "--budget", default="180", metavar="S", help="wall time of all runs, without compilation [s] (default: 180)"
+        "--budget", default="180", metavar="S", help="CPU time of everything, compilation too [s] (default: 180)"
     )
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
     p.add_argument("--html", metavar="FILE", help="also write all lines and charts to one HTML page")
@@ -54,24 +55,34 @@ def run(arguments: argparse.Namespace) -> int:
         check_writable(Path(arguments.html))
     folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
     specs = assessment.first_runs(solver, wall=min(20.0, budget / 6.0))
-    suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins, total_limit=budget)
-    with progress(quiet=arguments.json, size=size, resumable=False) as watcher:
-        loaded = run_suite(Request(suite, folder, size), watcher)
-    rest = budget - (time.monotonic() - watcher.begun)
-    if (long := assessment.long_run(solver, loaded.records, min(budget / 3.0, rest / 2.0))) is not None:
-        suite = replace(suite, specs=(*specs, long), total_limit=rest)
+    stages = assessment.stages(solver, specs)
+    long = False
+    begun, done = _cpu(), list[RunSpec]()
+    while stages and (not done or _cpu() - begun < budget):
+        rest, begun_before = budget - (_cpu() - begun), bool(done)
+        done += stages.pop(0)
+        suite = Suite(f"try-{solver}", "", tuple(done), "", plugins, total_limit=NET * rest)
         with progress(quiet=arguments.json, size=size, resumable=False) as watcher:
-            run_suite(Request(suite, folder, size, resume=True), watcher)
+            loaded = run_suite(Request(suite, folder, size, resume=begun_before), watcher)
+        if watcher.left or any(r.ended_by == EndedBy.TOTAL_LIMIT for r in loaded.records):
+            break
+        if not long and any(s.label == "symmetries" for s in done):
+            rest = budget - (_cpu() - begun)
+            more = assessment.long_run(solver, loaded.records, min(budget / 6.0, rest / 3.0))
+            long = True
+            if more is not None:
+                specs.append(more)
+                stages.insert(0, [more])
     records = [r for r in store.load(folder).records if r.ended_by != EndedBy.TOTAL_LIMIT]
     orders = assessment.orders(solver, folder, records)
-    done = {r.settings_id for r in records}
-    left = [s for s in suite.specs if s.settings_id not in done]
+    have = {r.settings_id for r in records}
+    left = [s for s in specs if s.settings_id not in have]
     found = list(assessment.findings(solver, folder, records, orders, left))
     summary = _summary(solver, found)
     if left:
-        share = f"{len(left)} of {len(suite.specs)} runs"
+        share = f"{len(left)} of {len(specs)} runs"
         summary += f"; incomplete: {share} are left out by the budget"
-        words = f"{share} ended or left out when {budget:g} s were over"
+        words = f"{share} ended or left out when {budget:g} s of CPU time were over"
         found.insert(0, assessment.Line("budget", words, "all runs; a longer --budget"))
     if arguments.json:
         for line in found:
@@ -92,6 +103,11 @@ def run(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         lines().print(place)
     return 1 if left or any(line.good is False for line in found) else 0
+
+
+def _cpu() -> float:
+    """CPU time of this process and of those that it has waited for [s]."""
+    return sum(os.times()[:4])
 
 
 def _row(line: assessment.Line) -> list[Text | str]:

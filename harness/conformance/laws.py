@@ -14,6 +14,7 @@ import numpy as np
 from ..catalogue import registry
 from ..mechanics import motion, so3
 from ..mechanics.consistency import START_TOLERANCE, InconsistentStart, check_start
+from ..mechanics.dynamics import RANK
 from ..mechanics.jacobian import constraint_jacobian
 from ..mechanics.state import States
 from ..metrics.scales import Scales, scales
@@ -119,13 +120,23 @@ def starts_well(s: Subject) -> Measured:
     made = registry.problems()[s.name].make()
     try:
         check_start(made.system, made.initial)
-        words = ""
+        words, good = _freedom(made), True
     except InconsistentStart as error:
-        words = str(error)
+        words, good = str(error), False
     one = States.one(made.initial)
     off = [motion.constraint(made.system, one), motion.constraint_rate(made.system, one)]
     gap = max(float(np.max(np.abs(a), initial=0.0)) for a in off)
-    return Measured(gap, "m or m/s", most=START_TOLERANCE, words=words, good=not words)
+    return Measured(gap, "m or m/s", most=START_TOLERANCE, words=words, good=good)
+
+
+def _freedom(made: Problem) -> str:
+    """Rows of its joints, their rank and degrees of freedom at the start: singular values of rows of length one."""
+    system = made.system
+    A = constraint_jacobian(system, made.initial).toarray()
+    length = np.linalg.norm(A, axis=1, keepdims=True)
+    size = np.linalg.svd(A / np.where(length > 0.0, length, 1.0), compute_uv=False)
+    rank = int(np.sum(size > RANK * np.max(size, initial=0.0)))
+    return f"{system.nrows} rows of rank {rank}: {6 * system.nb - rank} degrees of freedom at the start"
 
 
 def times(s: Subject) -> Measured:

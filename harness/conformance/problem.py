@@ -4,14 +4,16 @@ Everything that calls the problem's code runs in a process of its own: one that 
 """
 
 import json
+import traceback
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from ..catalogue import registry
 from ..mechanics.consistency import InconsistentStart
 from ..sandbox.apart import Apart
 from . import laws
 from .laws import Subject
-from .requirements import Finding, Measured, Requirement
+from .requirements import Finding, Measured, Requirement, said_once
 
 LIMIT = 400.0  # [s] for all requirements on a problem; to compute a reference takes 60 s and more
 MEMORY = 2000.0  # [MB]
@@ -25,13 +27,32 @@ def findings(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
     for _ in REQUIREMENTS[len(sent) :]:
         sent.append(Measured(words=words))
         words = "not reached: an earlier test ended the process"
-    return [Finding(name, *pair) for pair in zip(REQUIREMENTS, sent, strict=True)]
+    return [Finding(name, *pair) for pair in zip(REQUIREMENTS, said_once(sent), strict=True)]
+
+
+def raised_in(error: BaseException, plugins: Sequence[str]) -> str:
+    """`` (fourbar.py:31)``: the last line of a plugin's file that the exception passed through."""
+    own = {str(Path(p).resolve()) for p in plugins}
+    frames = [f for f in traceback.extract_tb(error.__traceback__) if str(Path(f.filename).resolve()) in own]
+    return f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
 
 
 def _judge(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> None:
     for plugin in plugins:
         registry.load_plugin(plugin)
     subject = Subject(name)
+    try:
+        subject.problem  # noqa: B018 - made once, here: what it raises is one error, not one of each requirement
+    except InconsistentStart:
+        pass  # what the requirement on the start measures
+    except Exception as error:  # of the problem's own code
+        words = f"{type(error).__name__}: {' '.join(str(error).split())}{raised_in(error, plugins)}"
+        send(
+            json.dumps(vars(Measured(words=words, remedy="correct what raised it; nothing else can be tested before")))
+        )
+        for _ in REQUIREMENTS[1:]:
+            send(json.dumps(vars(Measured(words="not tested: it cannot be made", tested=False))))
+        return
     for requirement in REQUIREMENTS:
         try:
             silent = requirement.of_reference and subject.reference is None
@@ -40,7 +61,8 @@ def _judge(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> No
             untested = not laws.starts_well(subject).holds
             measured = Measured(words="its start is inconsistent" if untested else str(error), tested=not untested)
         except Exception as error:  # the problem's own code: what it raises is what was found
-            measured = Measured(words=f"{type(error).__name__}: {' '.join(str(error).split())}")
+            words = f"{type(error).__name__}: {' '.join(str(error).split())}{raised_in(error, plugins)}"
+            measured = Measured(words=words, cause=words)
         send(json.dumps(vars(measured)))
 
 
@@ -50,7 +72,7 @@ REQUIREMENTS = (
         "a docstring, a meaning (and unit) in each Parameter, source and name in Problem", laws.documented),
     Requirement("its start is consistent",
         "every solver starts there: an inconsistent start changes the energy before the first step",
-        "make phi and phi_dot vanish: v_C = omega x (C - joint); harness.mechanics.consistency.project helps",
+        "make phi and phi_dot vanish: v_C = omega x (C - joint); mbsbench.project helps",
         laws.starts_well),
     Requirement("its times are valid", "suites use them unchanged", "give t_end >= dt > 0 [s], both finite",
         laws.times),

@@ -1,8 +1,8 @@
 """Requirements on solvers and problems, what is measured for them, and what becomes of them."""
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from typing import Any
 
 
@@ -18,6 +18,7 @@ class Measured:
     good: bool = True  # False where the number alone does not show what is wrong
     tested: bool = True  # False where there was nothing to test
     remedy: str = ""  # instead of the requirement's, where the cause is known
+    cause: str = ""  # of a failure that has nothing to do with the requirement: runs that crashed, code that raised
 
     @property
     def holds(self) -> bool:
@@ -34,6 +35,16 @@ class Requirement:
     remedy: str
     measure: Callable[[Any], Measured]
     of_reference: bool = False
+
+
+def said_once(found: Iterable[Measured]) -> list[Measured]:
+    """What fails for a cause that was named before is not tested: one cause, one line."""
+    out, causes = list[Measured](), set[str]()
+    for m in found:
+        again = bool(m.cause) and not m.holds and m.cause in causes
+        out.append(replace(m, tested=False, words="not tested: see above", remedy="") if again else m)
+        causes |= {m.cause} - {""} if not m.holds else set()
+    return out
 
 
 @dataclass(frozen=True)

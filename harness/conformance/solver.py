@@ -14,7 +14,7 @@ from ..results.records import RunRecord
 from ..suites.spec import RunSpec, make_spec
 from ..suites.suite import Suite
 from . import trials
-from .requirements import Finding, Requirement
+from .requirements import Finding, Requirement, said_once
 
 BASE = "spherical_pendulum"
 MOVING = {"omega_x": 5.0, "omega_z": 3.0, "t_end": 1.0}  # spatial, loaded and spinning: every term counts
@@ -66,7 +66,8 @@ def judged(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> list[Fi
     series = {role: store.series_of(folder, r) for role, r in mine.items()}
     entry = registry.solvers()[solver]
     evidence = trials.Evidence(entry.control, float(getattr(entry.made(), "order", math.nan)), mine, series)
-    return [Finding(solver, requirement, requirement.measure(evidence)) for requirement in REQUIREMENTS]
+    found = said_once(requirement.measure(evidence) for requirement in REQUIREMENTS)
+    return [Finding(solver, *pair) for pair in zip(REQUIREMENTS, found, strict=True)]
 
 
 def _run(
@@ -93,10 +94,14 @@ REQUIREMENTS = (
         "check Omega x J Omega in Euler's equations: J about C and Omega in the body frame, one factor, its sign",
         trials.feels_spin),
     Requirement("reactions have one column per constraint row", "they are compared between solvers row by row",
-        "return reaction of shape (nt, system.nrows), NaN for rows without one, or None", trials.reaction_fits),
+        "return reaction of shape (nt, system.nrows), NaN for rows without one and at the start, or None",
+        trials.reaction_fits),
     Requirement("reactions are those of the exact motion", "joint forces follow from m (a_C - g), whatever the solver",
         "A^T reaction is the force of the joints on the bodies: mind the sign, and the dt of a multiplier's impulse",
         trials.reaction_holds),
+    Requirement("errors of reactions fall with the steps, or with rtol",
+        "a reaction of the step's beginning, or of another stage, is of first order: joint forces are late by a step",
+        "return the reaction that belongs to the state at the end of the step", trials.reactions_converge),
     Requirement("moments of its reactions are those of the exact motion",
         "moments about C follow from J Omega' + Omega x J Omega: axis rows carry them [N m], point rows by their arms",
         "A^T reaction again: mind sign and unit of the rows of directions", trials.moments_hold),

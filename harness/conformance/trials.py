@@ -20,9 +20,12 @@ from .requirements import Measured
 WITHIN = 0.2  # of the declared order
 LEAST_ORDER = 0.8  # where none is declared: a first-order scheme may show a little less
 SLOW = "too slow to be judged, not wrong: the run has {:g} s; look where the time goes, or for steps that become tiny"
+CRASHED = "correct what raised the error, at the file and line given, and check again"
 ROUNDED = 1e-11  # no order can be seen below
 ITERATED = 1e-8  # below, corrections that end at their tolerance may leave errors that no step makes smaller
 LOOSE_REACTION = 0.05  # of the largest: of first order, dt times the rate of the motion at the finest step
+REACTION_SEEN = 1e-7  # of the largest: below, differences of the reference show
+REACTION_ORDER = 1.5  # between that of reactions one step late, 1, and 2, the least of sound schemes of second order
 LOOSE_TORQUE = 0.01  # a hundred times what the integral over steps is off by
 LOOSE_STEP = 1e-6  # a step is a difference of rounded times
 
@@ -50,18 +53,25 @@ def ends_well(e: Evidence) -> Measured:
     """Neither success nor refused."""
     easy = e.of("easy")
     bad = [r for r in easy if r.status not in (Status.SUCCESS, Status.REFUSED)]
-    return Measured(len(bad), f"of {len(easy)} runs failed", most=0, words=_first(bad))
+    cause = _cause(bad[0]) if bad else ""
+    remedy = CRASHED if cause else ""
+    return Measured(len(bad), f"of {len(easy)} runs failed", most=0, words=_first(bad), remedy=remedy, cause=cause)
 
 
 def takes_one(e: Evidence) -> Measured:
-    """Not refused."""
+    """Neither refused nor crashed."""
     easy = e.of("easy")
-    refused = [r for r in easy if r.status == Status.REFUSED]
-    return Measured(len(easy) - len(refused), f"of {len(easy)} runs taken", least=1, words=_first(refused))
+    refused, crashed = ([r for r in easy if r.status == s] for s in (Status.REFUSED, Status.CRASHED))
+    if crashed and len(refused) + len(crashed) == len(easy):
+        return Measured(words=_first(crashed), cause=_cause(crashed[0]), remedy=CRASHED)
+    taken = len(easy) - len(refused) - len(crashed)
+    return Measured(taken, f"of {len(easy)} runs taken", least=1, words=_first(refused))
 
 
 def reasons(e: Evidence) -> Measured:
     """Refusals of less than two words."""
+    if all(r.status == Status.CRASHED for r in e.records.values()):
+        return Measured(words="all its runs crashed", tested=False)
     silent = [r for r in e.records.values() if r.status == Status.REFUSED and len(r.message.split()) < 2]
     return Measured(len(silent), "refusals without", most=0, words=_first(silent))
 
@@ -91,6 +101,26 @@ def converges(e: Evidence) -> Measured:
     return Measured(order, f"order, {e.order:g} declared", least=e.order - WITHIN, words=higher + words)
 
 
+def reactions_converge(e: Evidence) -> Measured:
+    """The order of reactions in dt at the finest halving, or how their errors fall with rtol."""
+    finer = e.of("finer")
+    if missing := _missing(*finer[1:]):
+        return missing
+    finer = [r for r in finer if r.claimed == Status.SUCCESS and math.isfinite(r.reaction_size_N)]
+    shares = [r.reaction_error_max_N / r.reaction_size_N for r in finer]
+    seen = [(x, r) for x, r in zip(shares, finer, strict=True) if x >= REACTION_SEEN]
+    at = ", ".join(f"{r.dt_s if e.control == 'dt' else r.rtol:g}" for r in finer)
+    words = f"off by {', '.join(f'{x:.3g}' for x in shares)} of the largest at {e.control} {at}"
+    if len(seen) < 2:
+        return Measured(words=f"rounding alone: {words}" if finer else "no reactions", tested=False)
+    (a, coarse), (b, fine) = (seen[-2], seen[-1]) if e.control == "dt" else (seen[0], seen[-1])
+    if e.control == "rtol":
+        return Measured(a / b, "times smaller", least=math.sqrt(coarse.rtol / fine.rtol), words=words)
+    first = math.isnan(e.order) or e.order < REACTION_ORDER + WITHIN
+    order = math.log(a / b) / math.log(coarse.dt_s / fine.dt_s)
+    return Measured(order, "order", least=LEAST_ORDER if first else REACTION_ORDER, words=words)
+
+
 def feels_spin(e: Evidence) -> Measured:
     """c of J Omega_dot = -c Omega x J Omega [N m], from its integral over the steps by least squares."""
     r, series = e.records["spinning"], e.series["spinning"]
@@ -106,13 +136,15 @@ def feels_spin(e: Evidence) -> Measured:
 
 
 def reaction_fits(e: Evidence) -> Measured:
-    """Columns of reactions, of the first run where they are not the rows."""
+    """Columns of reactions, of the first run where they are not the rows, or that come and go after the first step."""
     out = Measured(words="no reactions", tested=False)
     for role, series in e.series.items():
         if series is not None and "frame_reaction" in series and out.holds:
-            r = e.records[role]
-            nrows = _problem_of(r).system.nrows
-            out = Measured(series["frame_reaction"][0].size, "columns", nrows, nrows, r.case)
+            r, rows = e.records[role], np.asarray(series["frame_reaction"])[1:]
+            nrows, known = _problem_of(r).system.nrows, np.isfinite(rows.reshape(len(rows), -1))
+            gaps = int(np.sum(np.any(known, axis=0) & ~np.all(known, axis=0)))
+            words = f"{r.case}: {gaps} of them are NaN at some steps" if gaps else r.case
+            out = Measured(series["frame_reaction"][0].size, "columns", nrows, nrows, words, good=not gaps)
     return out
 
 
@@ -134,12 +166,15 @@ def moments_hold(e: Evidence) -> Measured:
     r, series = e.records["easy hinge"], e.series["easy hinge"]
     if missing := _missing(r):
         return missing
-    if series is None or "frame_reaction" not in series or not np.all(np.isfinite(series["frame_reaction"])):
+    if series is None or "frame_reaction" not in series:
         return Measured(words="no reactions", tested=False)
     problem = _problem_of(r)
     reference = reference_of(problem)
     assert reference is not None
     rows = instants_to_compare(series["frame_t"], reference.horizon)
+    rows = rows[np.all(np.isfinite(series["frame_reaction"][rows]), axis=1)]  # at the start a step has none
+    if len(rows) == 0:
+        return Measured(words="no reactions of all rows", tested=False)
     t = series["frame_t"][rows]
     exact = exact_moment_on_bodies(problem.system, reference.states, t)
     size = float(np.max(np.linalg.norm(exact, axis=-1)))
@@ -171,8 +206,11 @@ def keeps_to_steps(e: Evidence) -> Measured:
 def repeats(e: Evidence) -> Measured:
     """The largest difference between two runs of the same."""
     (one, a), (two, b) = ((e.records[role], e.series[role]) for role in ("finer 1", "again"))
+    cut = [r for r in (one, two) if Status.STALLED in (r.status, r.claimed)]
+    if cut:
+        return Measured(words=f"a limit cut {_first(cut)}", tested=False)
     if a is None or b is None:
-        return Measured(words=_first([two]), tested=one.status != two.status)
+        return Measured(words=_first([two]), tested=one.status != two.status, cause=_cause(two), remedy=CRASHED)
     if len(a["t"]) != len(b["t"]):
         return Measured(abs(len(a["t"]) - len(b["t"])), "steps more", most=0)
     apart = max(float(np.max(np.abs(a[k] - b[k]))) for k in ("t", "end_r", "end_R", "end_v", "end_Omega"))
@@ -187,6 +225,8 @@ def stops(
     def measure(e: Evidence) -> Measured:
         r = e.records[role]
         good = r.claimed == Status.STALLED or not itself
+        if cause := _cause(r):
+            return Measured(words=_first([r]), remedy=CRASHED, cause=cause)
         return Measured(r.steps, "steps", least, most, _first([r]), good, r.status != Status.REFUSED)
 
     return measure
@@ -198,7 +238,16 @@ def _missing(*runs: RunRecord) -> Measured | None:
         return Measured(words=_first(runs), tested=False)
     bad = [r for r in runs if r.claimed != Status.SUCCESS]
     slow = [r for r in bad if Status.STALLED in (r.claimed, r.status)]
-    return Measured(words=_first(bad), remedy=SLOW.format(slow[0].wall_limit_s) if slow else "") if bad else None
+    if not bad:
+        return None
+    if cause := _cause(bad[0]):
+        return Measured(words=_first(bad), remedy=CRASHED, cause=cause)
+    return Measured(words=_first(bad), remedy=SLOW.format(slow[0].wall_limit_s) if slow else "")
+
+
+def _cause(r: RunRecord) -> str:
+    """Why a run crashed; empty for one that did not."""
+    return f"{r.ended_by}: {'; '.join(why(r))}" if r.status == Status.CRASHED else ""
 
 
 def _problem_of(r: RunRecord) -> Problem:

@@ -3,6 +3,7 @@
 A quantity that does not fit is tried in other units, orders and frames; where one fits, the message names its options.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from ..mechanics.system import MultibodySystem
 from ..types import Problem
 from .columns import Found
 from .reading import (
+    ANGLES,
+    CHOICES,
     LENGTHS,
     TIMES,
     Motion,
@@ -30,7 +33,7 @@ ROUNDED = 1e-9  # of 1 + the size: of data in float64
 APART, FITS = 0.05, 0.01  # of the largest: velocities against differences of poses
 MEANINGS = {
     "r": ("positions", "m", ("length",)),
-    "R": ("orientations", "", ("quaternion", "rotation")),
+    "R": ("orientations", "", ("quaternion", "rotation", "euler", "angle")),
     "v": ("velocities", "m/s", ()),  # in the unit of positions, which fit before
     "Omega": ("angular velocities", "rad/s", ("omega", "angle")),
 }  # fmt: skip
@@ -46,7 +49,7 @@ def check(
             reading = _fitting(problem, found, reading, name, path, tolerance)
     if reading != how:
         motion = read_motion(found, reading)
-    notes = []
+    notes = _unread(problem, found, reading, tolerance)
     if motion.origin["v"] is Origin.FILE:
         off = _apart(motion.v, derivative(motion.t, motion.r))
         notes += [_off("v", off)] if off > APART else []
@@ -62,6 +65,18 @@ def check(
         options = " ".join(f"--{n} {c}" for n, c in vars(reading).items() if c != getattr(how, n))
         raise FileError(f"{path}: it is a motion of {problem.name} with {options}, not as it is read")
     return notes
+
+
+def _unread(problem: Problem, found: Found, how: Reading, tolerance: float | None) -> list[str]:
+    """Columns that nothing is taken from; Euler angles with the sequences in which they begin as the problem does."""
+    notes = [f"not read: {', '.join(found.unread)}"] if found.unread else []
+    if "E" not in found.quantities or how.euler != "none" or {"q", "R"} & found.quantities.keys():
+        return notes
+    others = (replace(how, euler=e, angle=a) for e in CHOICES["euler"][1:] for a in CHOICES["angle"])
+    fit = [x for x in others if _fits(problem, found, x, "R", tolerance)]
+    options = [f"--euler {x.euler}" + f" --angle {x.angle}" * (x.angle != how.angle) for x in fit]
+    words = f"as {' or '.join(options)} they fit the start" if options else "no sequence known here fits the start"
+    return [*notes, f"not read: Euler angles; {words}"]
 
 
 def check_times(problem: Problem, found: Found, how: Reading, path: Path) -> None:
@@ -110,11 +125,12 @@ def _gap(start: State, found: Found, how: Reading, name: str, tolerance: float |
     one = read_motion(first_row(found), how)
     given, exact = getattr(one, name)[0], getattr(start, name)
     gap = np.abs(given - exact).reshape(len(exact), -1)
-    coarse = {k: np.max(a, axis=1, keepdims=True) for k, a in found.resolution.items()}
-    turn = 2.0 * coarse["q"] if "q" in coarse else coarse.get("R", 0.0)
+    first = {k: a[0] for k, a in found.resolution.items()}
+    coarse = {k: np.max(a, axis=1, keepdims=True) for k, a in first.items()}
+    angles = 2.0 * ANGLES[how.angle] * coarse.get("E", 0.0)  # about two axes each entry of R may turn
+    turn = 2.0 * coarse["q"] if "q" in coarse else coarse.get("R", angles)
     printed = {
-        "R": turn, "r": LENGTHS[how.length] * found.resolution["r"],
-        "v": LENGTHS[how.length] * found.resolution.get("v", 0.0),
+        "R": turn, "r": LENGTHS[how.length] * first["r"], "v": LENGTHS[how.length] * first.get("v", 0.0),
         "Omega": coarse.get("Omega", 0.0) + turn * (np.max(np.abs(exact)) if how.omega == "space" else 0.0),
     }[name]  # fmt: skip
     allowed = DIGITS * printed + ROUNDED * (1.0 + np.max(np.abs(exact))) if tolerance is None else tolerance

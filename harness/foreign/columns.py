@@ -1,7 +1,8 @@
 """Which column of a table is what: time, and by body position, orientation, velocity and angular velocity.
 
 Arrays by name, ``r`` (nt, nb, 3) or (nt, 3 nb), or one column a number: ``r_x``, ``r2_x``, ``x2``, ``body2.r.x``,
-``q0`` to ``q3`` or ``qw`` to ``qz``, ``R11`` to ``R33``; bodies by number (from 1, or from 0) or by name.
+``q0`` to ``q3`` or ``qw`` to ``qz``, ``R11`` to ``R33``, ``phi``, ``theta``, ``psi``; bodies by number (from 1, or
+from 0) or by name.
 """
 
 import itertools
@@ -33,6 +34,10 @@ QUANTITIES = {
         ("q", "quat", "quaternion"), (("w", "0", "1"), ("x", "1", "2"), ("y", "2", "3"), ("z", "3", "4")), "quaternion"
     ),
     "R": Quantity(("r", "rot", "rotation"), tuple((f"{i}{j}",) for i in "123" for j in "123"), "rotation matrix"),
+    "E": Quantity(
+        ("", "euler", "angle", "e"), (("phi", "roll", "alpha", "1"), ("theta", "pitch", "beta", "2"),
+        ("psi", "yaw", "gamma", "3")), "Euler angles",
+    ),
     "v": Quantity(("v", "vel", "velocity"), XYZ, "velocity of C"),
     "Omega": Quantity(("omega", "w"), XYZ, "angular velocity"),
 }  # fmt: skip
@@ -40,12 +45,12 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Found:
-    """What a table holds, (nt, nb, .) each, with the resolution of its first row (nb, .)."""
+    """What a table holds, (nt, nb, .) each, with its resolution of the same shape, and the columns that it is not."""
 
     t: Float[np.ndarray, " nt"]
     quantities: Mapping[str, np.ndarray]
     resolution: Mapping[str, np.ndarray]
-    t_resolution: float
+    unread: tuple[str, ...]
     numbered: bool  # quaternions of columns 0 to 3, or an array: their order is not in the names
 
 
@@ -61,27 +66,31 @@ def found_in(table: Table, body_names: tuple[str, ...], renamed: Mapping[str, st
         raise FileError(f"{table.path}: no column t or time; its columns: {', '.join(table.columns)}")
     nb, nt = len(body_names), len(columns[time])
     quantities, coarse, numbered = {}, {}, False
+    used: set[str] = {time}
     for name, quantity in QUANTITIES.items():
         width = len(quantity.components)
         whole = next((k for k in _wholes(name, quantity, table, renamed) if columns[k].size == nt * nb * width), None)
         if whole is not None:
             quantities[name] = _arranged(columns[whole], nb, width)
-            coarse[name] = np.broadcast_to(np.max(resolution[whole], initial=0.0), (nb, width))
+            coarse[name] = _arranged(resolution[whole], nb, width)
             numbered |= name == "q"
+            used.add(whole)
             continue
-        keys, spelling = _keys(quantity, body_names, set(columns))
+        keys, spelling = _keys(quantity, body_names, set(columns) - used)
         if not keys:
             continue
         quantities[name] = np.stack([columns[k] for k in keys], axis=1).reshape(nt, nb, width)
-        coarse[name] = np.array([float(resolution[k]) for k in keys]).reshape(nb, width)
+        coarse[name] = np.stack([resolution[k] for k in keys], axis=1).reshape(nt, nb, width)
         numbered |= name == "q" and spelling > 0
+        used |= {*keys}
     if "r" not in quantities:
         wanted = "r_x, r_y, r_z" if nb == 1 else f"r1_x, r1_y, r1_z to r{nb}_z"
         raise FileError(
             f"{table.path}: no positions of {'the body' if nb == 1 else f'all {nb} bodies'}: expected {wanted}, or "
             f"--columns r_x=THEIRS,...; its columns: {', '.join(itertools.islice(table.columns, 20))}"
         )
-    return Found(columns[time], quantities, coarse, float(np.max(resolution[time], initial=0.0)), numbered)
+    unread = tuple(k for k in table.columns if _plain(renamed.get(k, k)) not in used)
+    return Found(columns[time], quantities, coarse, unread, numbered)
 
 
 def _plain(name: str) -> str:

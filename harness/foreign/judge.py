@@ -5,37 +5,34 @@ import hashlib
 import json
 import math
 import re
-import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ..catalogue import registry
 from ..execution.job import Job
-from ..execution.measuring import judged
+from ..execution.measuring import judged, series_of
 from ..files import FileError
 from ..mechanics.state import States
+from ..metrics.measure import Measured
 from ..places import Place
 from ..reference.computed import reference_of
 from ..results import environment, store
 from ..results.records import RunRecord
 from ..results.reproduce import REFEREED
+from ..results.series import write_series
+from ..results.words import LAWS
 from ..suites.spec import RunSpec
-from ..types import Problem, Status, StepControl, Trajectory
+from ..types import Law, Problem, Status, StepControl, Trajectory
 from .checks import check, check_times
-from .columns import found_in
-from .reading import Motion, Origin, Reading, read_motion
+from .columns import Found, found_in
+from .determined import Determined, determined_by, judged_again, uncertainty
+from .reading import Motion, Origin, Reading, read_motion, rounded_elsewhere
 from .tables import READERS, Table, read_table
 
 NAME = re.compile(r"[A-Za-z][\w.+-]*")
-RATES = ("phi_dot", "eq81", "energy_", "invariant_drifts")
-BLANK = {  # columns that say nothing where a quantity is the reference's, by how they begin
-    "v": (*RATES, "velocity_error"),
-    "R": (*RATES, "phi_", "orientation_", "orthogonality", "angular_velocity"),
-    "Omega": (*RATES, "angular_velocity"),
-}
 WORDS = {"v": "velocities", "R": "orientations", "Omega": "angular velocities"}
 
 
@@ -66,23 +63,41 @@ def refereed(problem: Problem, path: Path, given: Given, folder: Path | None, *,
     if not NAME.fullmatch(given.name) or given.name in registry.solvers():
         raise FileError(f"the name must be letters, digits and . _ + -, and not that of a solver (got {given.name!r})")
     positional = tuple(c for c in given.columns if "=" not in c)
-    table = read_table(path, positional)
-    pairs = (c.partition("=") for c in given.columns if "=" in c)
-    found = found_in(table, problem.system.body_names, {theirs: ours for ours, _, theirs in pairs})
+    renamed = {
+        theirs.strip(): ours.strip() for ours, _, theirs in (c.partition("=") for c in given.columns if "=" in c)
+    }
+    table = read_table(path, positional, renamed)
+    found = found_in(table, problem.system.body_names, renamed)
     check_times(problem, found, given.reading, path)
     motion = read_motion(found, given.reading)
     notes = check(problem, found, given.reading, motion, path, given.tolerance)
-    trajectory, blank = _trajectory(problem, motion, path, notes)
-    job = Job(_spec(problem, path, given, trajectory, several=several), Path(), REFEREED, _digest(table, given))
+    missing = [k for k in ("R", "v", "Omega") if motion.origin[k] is Origin.NONE]
+    trajectory = _trajectory(problem, motion, path, missing)
+    known = determined_by(problem, trajectory.states.at(slice(1)), missing)
+    unsure = _uncertainty(problem, found, given.reading, motion, trajectory, path, missing)
+    trajectory = dataclasses.replace(trajectory, notes=(*notes, *_notes(motion, missing, known, unsure)))
+
+    def keep(problem: Problem, trajectory: Trajectory, m: Measured, record: RunRecord) -> RunRecord:
+        record, m = judged_again(record, m, known, unsure), known.measured(m)
+        errors, drifts = (_without(x, known) for x in (record.observable_errors, record.invariant_drifts))
+        record = dataclasses.replace(record, observable_errors=errors, invariant_drifts=drifts)
+        if folder is None:
+            return record
+        series = series_of(problem, trajectory, m)
+        drawn = {"R": ("frame_q", "end_R"), "v": ("end_v",), "Omega": ("end_Omega",)}
+        names = [x for k in missing for x in drawn[k]]  # those of the reference, in a picture of the file
+        none = {x: np.full_like(series.arrays[x], math.nan) for x in names}
+        series = dataclasses.replace(series, arrays={**series.arrays, **none})
+        place = f"series/{job.id}.npz"
+        digest = write_series(Place(folder) / place, series)
+        return dataclasses.replace(record, series=place, series_sha256=digest, series_rows=len(series["t"]))
+
+    spec = _spec(problem, path, given, trajectory, several=several)
+    job = Job(spec, folder or Path(), REFEREED, _digest(table, given))
+    record = judged(job, problem, trajectory, keep)
     if folder is not None:
-        job = dataclasses.replace(job, folder=folder)
-        record = dataclasses.replace(judged(job, problem, trajectory), **blank)
         store.write_record(folder, record)
-        return record
-    with tempfile.TemporaryDirectory() as place:
-        (Path(place) / "series").mkdir()
-        record = judged(dataclasses.replace(job, folder=Path(place)), problem, trajectory)
-    return dataclasses.replace(record, series="", series_sha256="", series_rows=0, **blank)
+    return record
 
 
 def results_folder(folder: Path) -> Path:
@@ -108,9 +123,9 @@ def _digest(table: Table, given: Given) -> str:
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
-def _trajectory(problem: Problem, motion: Motion, path: Path, notes: list[str]) -> tuple[Trajectory, dict[str, Any]]:
-    """The motion to judge, up to t_end, and the columns that say nothing about it."""
-    t, blank = motion.t, dict[str, Any]()
+def _trajectory(problem: Problem, motion: Motion, path: Path, missing: list[str]) -> Trajectory:
+    """The motion to judge, up to t_end; in place of what is ``missing`` stands the reference's, which is not judged."""
+    t = motion.t
     parts = {k: getattr(motion, k) for k in ("r", "R", "v", "Omega")}
     slack = 1e-6 * problem.t_end
     rows = int(np.sum(t <= problem.t_end + slack))
@@ -131,20 +146,53 @@ def _trajectory(problem: Problem, motion: Motion, path: Path, notes: list[str]) 
     t = np.array(t[:rows])
     if status is Status.SUCCESS:
         t[-1] = problem.t_end  # printed
-    missing = [k for k in ("R", "v", "Omega") if motion.origin[k] is Origin.NONE]
+    if missing:
+        exact = _exact(problem, t, path, missing)
+        parts |= {k: getattr(exact, k) for k in missing}
+    for k, a in parts.items():  # the start was found to be the exact one, to the digits printed
+        parts[k] = np.concatenate((getattr(problem.initial, k)[None], a[1:rows]))
+    return Trajectory(t, States(**parts), status, message, {"rows": rows - 1}, cpu_time=math.nan)
+
+
+def _uncertainty(
+    problem: Problem, found: Found, how: Reading, motion: Motion, given: Trajectory, path: Path, missing: list[str]
+) -> Mapping[tuple[Law, str], float]:
+    """By how much laws are uncertain, where rates are differenced or digits are few; nothing of a motion cut short."""
+    if given.status is not Status.SUCCESS:
+        return {}
+
+    def read(table: Found, degree: int) -> list[Trajectory]:
+        other = read_motion(table, how, degree)
+        alike = all((getattr(other, k) is None) == (getattr(motion, k) is None) for k in ("R", "v", "Omega"))
+        return [_trajectory(problem, other, path, missing)] if alike else []
+
+    spacing = read(found, 3) if Origin.DIFFERENCED in motion.origin.values() else []
+    printed = any(np.any(a > 0.0) for a in found.resolution.values())
+    digits = read(rounded_elsewhere(found), 5) if printed else []
+    return uncertainty(problem, given, spacing, digits) if spacing or digits else {}
+
+
+def _notes(motion: Motion, missing: list[str], known: Determined, unsure: Mapping[tuple[Law, str], float]) -> list[str]:
+    notes = []
     differenced = [WORDS[k] for k in ("v", "Omega") if motion.origin[k] is Origin.DIFFERENCED]
     if differenced:
         notes.append(f"{' and '.join(differenced)}: not in the file, differenced from its poses")
+        drift = unsure.get((Law.ENERGY, ""), math.nan)
+        if Law.ENERGY not in known.open_laws and not math.isnan(drift):
+            words = "the energy is that of differenced velocities, not of the code's"
+            notes.append(f"{words}: spacing and digits of the file leave it uncertain by {drift:.2g} J")
+    elif unsure.get((Law.ENERGY, ""), 0.0) > 0.0 and Law.ENERGY not in known.open_laws:
+        notes.append(f"the digits of the file leave the energy uncertain by {unsure[Law.ENERGY, '']:.2g} J")
     if missing:
-        exact = _exact(problem, t, path, missing)
-        for k in missing:
-            parts[k] = getattr(exact, k)
-            blank |= {c.name: c.default for c in dataclasses.fields(RunRecord) if c.name.startswith(BLANK[k])}
-        notes.append(f"{' and '.join(WORDS[k] for k in missing)}: not in the file, not judged")
-    for k, a in parts.items():  # the start was found to be the exact one, to the digits printed
-        parts[k] = np.concatenate((getattr(problem.initial, k)[None], a[1:rows]))
-    counters = {"rows": rows - 1}
-    return Trajectory(t, States(**parts), status, message, counters, notes=tuple(notes), cpu_time=math.nan), blank
+        open_laws = [words for law, words in LAWS.items() if law in known.open_laws]
+        lacks = " and ".join(WORDS[k] for k in missing)
+        notes.append(f"{lacks}: not in the file; not judged without: {', '.join((lacks, *open_laws))}")
+    return notes
+
+
+def _without(extents: str, known: Determined) -> str:
+    """A column of errors or drifts by name, without the names that are not determined."""
+    return json.dumps({k: x for k, x in json.loads(extents).items() if k not in known.open_names})
 
 
 def _exact(problem: Problem, t: np.ndarray, path: Path, missing: list[str]) -> States:

@@ -18,6 +18,7 @@ ANGLES = {"rad": 1.0, "deg": math.pi / 180.0}
 QUATERNIONS = ("wxyz", "xyzw")
 ROTATIONS = ("body-to-space", "space-to-body")
 FRAMES = ("body", "space")
+SEQUENCES = ("XYZ", "XZY", "YXZ", "ZXZ", "ZYX", "ZYZ")  # of axes that turn with the body; small: fixed in space
 SOUND = 0.01  # of the largest speed: differences of third and fifth degree must agree so far
 FEWEST = 8  # rows for a difference
 
@@ -28,15 +29,16 @@ class Reading:
 
     length: str = "m"  # of positions, and of velocities per second
     time: str = "s"  # of t alone
-    angle: str = "rad"  # of angular velocities
+    angle: str = "rad"  # of angles and angular velocities
     quaternion: str = "wxyz"
     rotation: str = "body-to-space"
     omega: str = "body"
+    euler: str = "none"  # axes of Euler angles, in the order of their columns
 
 
 CHOICES: dict[str, tuple[str, ...]] = {
     "length": tuple(LENGTHS), "time": tuple(TIMES), "angle": tuple(ANGLES), "quaternion": QUATERNIONS,
-    "rotation": ROTATIONS, "omega": FRAMES,
+    "rotation": ROTATIONS, "omega": FRAMES, "euler": ("none", *SEQUENCES, *(x.lower() for x in SEQUENCES)),
 }  # fmt: skip
 
 
@@ -60,17 +62,17 @@ class Motion:
     origin: dict[str, Origin]
 
 
-def read_motion(found: Found, how: Reading) -> Motion:
-    """As ``how`` says."""
+def read_motion(found: Found, how: Reading, degree: int = 5) -> Motion:
+    """As ``how`` says; rates that are missing are those of splines of ``degree``."""
     t, has = TIMES[how.time] * found.t, found.quantities
     r = positions(found, how)
     R = rotations(found, how)
     v = None if "v" not in has else LENGTHS[how.length] * has["v"]
     Omega = angular_velocities(found, how, R)
     origin = {k: Origin.FILE for k, a in (("r", r), ("R", R), ("v", v), ("Omega", Omega)) if a is not None}
-    if v is None and (v := derivative(t, r)) is not None:
+    if v is None and (v := derivative(t, r, degree)) is not None:
         origin["v"] = Origin.DIFFERENCED
-    if Omega is None and R is not None and (Omega := turning(t, R)) is not None:
+    if Omega is None and R is not None and (Omega := turning(t, R, degree)) is not None:
         origin["Omega"] = Origin.DIFFERENCED
     return Motion(t, r, R, v, Omega, {k: origin.get(k, Origin.NONE) for k in ("r", "R", "v", "Omega")})
 
@@ -92,6 +94,11 @@ def rotations(found: Found, how: Reading) -> Float[np.ndarray, "nt nb 3 3"] | No
         R[known] = Rotation.from_quat(good[known], scalar_first=first).as_matrix()
     elif "R" in found.quantities:
         R = found.quantities["R"].reshape(*found.quantities["R"].shape[:2], 3, 3)
+    elif "E" in found.quantities and how.euler != "none":
+        angles = ANGLES[how.angle] * found.quantities["E"]
+        known = np.all(np.isfinite(angles), axis=-1)
+        R = np.full((*angles.shape[:2], 3, 3), np.nan)
+        R[known] = Rotation.from_euler(how.euler, angles[known]).as_matrix()
     else:
         return None
     return R if how.rotation == "body-to-space" else np.swapaxes(R, -1, -2)
@@ -107,18 +114,19 @@ def angular_velocities(found: Found, how: Reading, R: np.ndarray | None) -> Floa
     return None if R is None else np.einsum("tbji,tbj->tbi", R, given)
 
 
-def derivative(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, "nt *more"]) -> np.ndarray | None:
-    """da/dt by splines of degree 5; None where those of degree 3 say otherwise: the rows are too far apart."""
+def derivative(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, "nt *more"], degree: int = 5) -> np.ndarray | None:
+    """da/dt by splines of ``degree``; None where those of 5 and 3 disagree: the rows are too far apart."""
     if len(t) < FEWEST or not np.all(np.isfinite(a)):
         return None
     fine, coarse = (make_interp_spline(t, a, k=k).derivative()(t) for k in (5, 3))
     inside = slice(2, -2)  # the ends of a spline are poorer, and the start is known
-    return fine if np.max(np.abs(fine - coarse)[inside]) <= SOUND * np.max(np.abs(fine)) else None
+    sound = np.max(np.abs(fine - coarse)[inside]) <= SOUND * np.max(np.abs(fine))
+    return {5: fine, 3: coarse}[degree] if sound else None
 
 
-def turning(t: Float[np.ndarray, " nt"], R: Float[np.ndarray, "nt nb 3 3"]) -> np.ndarray | None:
+def turning(t: Float[np.ndarray, " nt"], R: Float[np.ndarray, "nt nb 3 3"], degree: int = 5) -> np.ndarray | None:
     """Omega of hat(Omega) = R^T dR/dt, or None as in ``derivative``."""
-    R_dot = derivative(t, R)
+    R_dot = derivative(t, R, degree)
     if R_dot is None:
         return None
     W = np.swapaxes(R, -1, -2) @ R_dot
@@ -127,12 +135,19 @@ def turning(t: Float[np.ndarray, " nt"], R: Float[np.ndarray, "nt nb 3 3"]) -> n
 
 def alternatives(how: Reading, *names: str) -> list[Reading]:
     """Other readings, one or two options changed."""
-    others = [(n, c) for n in names for c in CHOICES[n] if c != getattr(how, n)]
+    others = [(n, c) for n in names for c in CHOICES[n] if c not in (getattr(how, n), "none")]
     pairs = [(a, b) for k, a in enumerate(others) for b in others[k + 1 :] if a[0] != b[0]]
     return [dataclasses.replace(how, **dict(changes)) for changes in [*((o,) for o in others), *pairs]]
 
 
 def first_row(found: Found) -> Found:
     """The first row alone."""
-    one = {k: a[:1] for k, a in found.quantities.items()}
-    return dataclasses.replace(found, t=found.t[:1], quantities=one)
+    one, coarse = ({k: a[:1] for k, a in x.items()} for x in (found.quantities, found.resolution))
+    return dataclasses.replace(found, t=found.t[:1], quantities=one, resolution=coarse)
+
+
+def rounded_elsewhere(found: Found) -> Found:
+    """The table as it might as well have been printed: each number half a unit of its last digit off, at random."""
+    rng = np.random.default_rng(0)
+    off = {k: a + found.resolution[k] * rng.choice((-1.0, 1.0), a.shape) for k, a in found.quantities.items()}
+    return dataclasses.replace(found, quantities=off)

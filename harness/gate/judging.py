@@ -95,7 +95,7 @@ def judged_of(records: Sequence[RunRecord], code: str | None) -> tuple[RunRecord
 
 
 def judge(
-    specs: Sequence[RunSpec], records: Sequence[RunRecord], thresholds: Thresholds, code: str | None = None
+    specs: Sequence[RunSpec | RunRecord], records: Sequence[RunRecord], thresholds: Thresholds, code: str | None = None
 ) -> Judged:
     """Every run's status and every threshold; runs without a threshold and thresholds without a run fail too.
 

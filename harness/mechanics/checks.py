@@ -31,9 +31,8 @@ def check_body(name: str, mass: float, inertia: np.ndarray) -> None:
         )
 
 
-def check_ends(k: int, i: int, j: int, nb: int) -> None:
+def check_ends(k: int, i: int, j: int, nb: int, name: str = "") -> None:
     """Two bodies, or one and the ground."""
     if not (0 <= i < nb and -1 <= j < nb and i != j):
-        raise ValueError(
-            f"part {k}: expected body i in 0..{nb - 1} and j another body or -1, the ground (got {i}, {j})"
-        )
+        where = f"part {k} ({name})" if name else f"part {k}"
+        raise ValueError(f"{where}: expected body i in 0..{nb - 1} and j another body or -1, the ground (got {i}, {j})")

@@ -10,6 +10,7 @@ import numpy as np
 from jaxtyping import Float
 
 from . import so3
+from .counting import counted
 from .jacobian import constraint_jacobian
 from .lent import pushed, taken_back
 from .motion import applied, drift
@@ -42,6 +43,7 @@ class Equations:
     f: Float[np.ndarray, "nb 6"]  # forces [N, space], torques about C less Omega x J Omega [N m, body]
 
 
+@counted(factorises=False)
 def equations(system: MultibodySystem, s: State) -> Equations:
     """What ``accelerations`` solves."""
     M = np.zeros((system.nb, 6, 6))
@@ -50,6 +52,7 @@ def equations(system: MultibodySystem, s: State) -> Equations:
     return Equations(M, constraint_jacobian(system, s).toarray(), drift(system, States.one(s))[0], _forces(system, s))
 
 
+@counted(factorises=True)
 def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray, " nrows"] | float = 0.0) -> Rates:
     """Those of index 1 with A a + A_dot v = ``phi_ddot``; redundant rows share their load by least squares.
 

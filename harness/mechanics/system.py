@@ -235,7 +235,7 @@ def assemble(
         check_body(body.name or f"body {k + 1}", body.mass, body.inertia)
     parts: tuple[Joint | SpringDamper | TorsionSpring | UserForce, ...] = (*joints, *springs, *torsions, *user_forces)
     for k, part in enumerate(parts):
-        check_ends(k, part.i, part.j, len(bodies))
+        check_ends(k, part.i, part.j, len(bodies), getattr(part, "name", ""))
     for name, some in (("spring", springs), ("torsion", torsions)):
         for k, spring in enumerate(some):
             for what in ("stiffness", "damping", "rest_length"):

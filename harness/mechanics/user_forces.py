@@ -4,10 +4,12 @@
 
 t [s]; r, v, Omega (2, 3) and R (2, 3, 3) of body i and body j, as in ``State``; of the ground r = v = Omega = 0, R = I.
 The law fills F (2, 3) [N], which acts at each C, and T (2, 3) [N m], about it, both in space; they come as zeros, and
-the row of the ground is ignored. Numba compiles it once, to an address that kernels call.
+the row of the ground is ignored. Numba compiles it once, to an address that kernels call
+(module ``kept_code``).
 """
 
 import ctypes
+import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,6 +19,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Shaped
 
+from .kept_code import compile_callback
 from .state import States
 
 NUMBERS = 36  # r, R, v, Omega of two bodies, in this order
@@ -74,7 +77,6 @@ class Law:
 
         law, double = self.presented(numba.njit), numba.types.double
 
-        @numba.cfunc(numba.types.void(double, numba.types.CPointer(double), numba.types.CPointer(double)))
         def entry(t, state, load):  # type: ignore[no-untyped-def]
             x, out, found = numba.carray(state, (NUMBERS,)), numba.carray(load, (4, 3)), np.zeros((4, 3))
             out[:] = np.nan  # stays where the law raises an error, which C cannot hand on
@@ -82,7 +84,8 @@ class Law:
             law(t, r, x[6:24].reshape(2, 3, 3), v, Omega, found[:2], found[2:])
             out[:] = found
 
-        return entry
+        pointer = numba.types.CPointer(double)
+        return compile_callback(entry, numba.types.void, double, pointer, pointer)
 
     def values(self, s: States, i: int, j: int) -> Float[np.ndarray, "nt 4 3"]:
         """Forces on i and on j, then torques, at each time."""
@@ -133,7 +136,7 @@ def _compiled(k: int, law: Law) -> Law:
     try:
         law.entry  # noqa: B018 - compiled here, where a mistake is the user's
     except Exception as error:  # besides its own errors, Numba lets Python's through
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        reason = textwrap.shorten(str(error), 200, placeholder=" ...") or type(error).__name__
         raise ValueError(f"{_uncompiled(k)}: {reason}") from None
     return law
 

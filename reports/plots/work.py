@@ -6,17 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...harness.results.work import evaluations, index_1_evaluations, operations
 from ..model.accuracy import measure_for
 from ..model.results import Run, Variant, grouped
 from ..model.words import number, seconds
 from .spec import Axis, Chapter, Plot, Trace, end_of
 
 WORKS = {  # words and unit
-    "operations": ("evaluations and factorisations", ""), "evaluations": ("evaluations", ""),
+    "index1": ("index-1 evaluations", ""), "operations": ("evaluations and factorisations", ""),
+    "evaluations": ("evaluations", ""),
     "factorisations": ("factorisations", ""), "steps": ("accepted steps", ""), "cpu": ("CPU time", "s"),
 }  # fmt: skip
 ERRORS = {"error": ("error", ""), "energy": ("largest energy error", "J"), "phi": ("largest |φ|", "m")}
-PAIRS = tuple((error, work) for error in ("error", "energy") for work in ("cpu", "evaluations"))
+PAIRS = tuple((error, work) for error in ("error", "energy") for work in ("cpu", "index1", "evaluations"))
 NEAR = 100.0  # the reference's stated error is drawn where a point comes that close to it
 LADDER = 3  # steps of one method that are worth a line among many methods
 ZERO = 20.0  # zeros are drawn so many times below the smallest value above zero, as in assets/plots.js
@@ -64,8 +66,8 @@ def recorded(variant: Variant, page: Callable[[Run], str] = lambda run: "") -> l
     out = []
     for c in variant.runs:
         r = c.record
-        both = r.evaluations + (0.0 if math.isnan(r.factorisations) else r.factorisations)
-        works = {"operations": both, "evaluations": r.evaluations, "factorisations": r.factorisations,
+        works = {"index1": index_1_evaluations(r), "operations": operations(r), "evaluations": evaluations(r),
+                 "factorisations": r.factorisations,
                  "steps": float(r.steps), "cpu": r.cpu_median_s}  # fmt: skip
         errors = {"error": measure.of(c) if measure else math.nan, "energy": r.energy_drift_max_J, "phi": r.phi_max}
         out.append(Point(

@@ -50,7 +50,7 @@ class Cvode(SymbolicOptions):
             work["evaluations"] += 1
             clock.check()
             found = form.rates(y, still, still, t)
-            return np.concatenate((found.p_dot, found.u_dot)), found.reaction
+            return np.concatenate((found.p_dot, found.u_dot)), found.reaction.copy()
 
         def rhs(t: float, y: np.ndarray, y_dot: np.ndarray) -> None:
             y_dot[:] = rates(t, y)[0]

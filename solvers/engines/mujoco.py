@@ -7,9 +7,12 @@ constraints are soft: a row follows
 
 with a_0 its acceleration without the constraint: a gap of about (1 - d) a_0 T^2 stays, so that with T = 2 dt errors
 fall with dt^2 whatever the integrator. Trees have no such rows, and their motion has the order of the integrator.
-Contacts and automatic resets are off; springs are tendons.
+Contacts and automatic resets are off; springs are tendons, torsional springs about a hinge are those of its joint.
+With ``settings`` "file" integrator, solref and solimp are those of the MJCF file that the problem was read from, at its
+timestep: what its author runs.
 """
 
+import math
 from dataclasses import dataclass
 from types import ModuleType
 from typing import Any, ClassVar
@@ -18,9 +21,13 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
+from ...harness.catalogue import registry
+from ...harness.catalogue.mechanism import Mechanism
 from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
-from ...harness.mechanics.system import GROUND
+from ...harness.mechanics.state import State
+from ...harness.mechanics.system import GROUND, MultibodySystem
+from ...harness.mechanics.torsion import torsion
 from ...harness.types import Problem, States, StepControl, Trajectory
 from ..formulations.recording import Clock, Clocked
 from .export.engine import beyond, made_by, missing, package
@@ -29,6 +36,7 @@ from .export.model_check import EngineModel, model_refusal
 from .export.tree import Kind, Tree, spanning_tree
 
 INTEGRATORS = {"RK4": 4.0, "Euler": 1.0, "implicitfast": 1.0, "implicit": 1.0}  # order in dt without constraints
+PARALLEL = 1e-9  # of an axis and that of a hinge
 CONSTRAINT_SOLVERS = ("Newton", "CG", "PGS")
 JOINTS = {Kind.HINGE: "HINGE", Kind.BALL: "BALL", Kind.FREE: "FREE"}
 
@@ -43,6 +51,9 @@ class MuJoCo(Clocked):
     iterations: int = option(100, "of the constraint solver, at most", at_least=1)
     tolerance: float = option(1e-14, "of the constraint solver: MuJoCo's relative improvement", at_least=0.0)
     time_constant: float = option(2.0, "of the soft constraints, in steps; MuJoCo allows no less than 2", at_least=2.0)
+    settings: str = option(
+        "ours", "integrator and loops: as above, or as in the problem's MJCF file", choices=("ours", "file")
+    )
     impedance: float = option(
         0.9999, "of the soft constraints; MuJoCo allows 0.0001 to 0.9999", at_least=1e-4, at_most=0.9999
     )
@@ -53,12 +64,14 @@ class MuJoCo(Clocked):
 
     @property
     def order(self) -> float:
-        """Without loops; with loops 2 at most."""
-        return INTEGRATORS[self.integrator]
+        """Without loops; with loops 2 at most; NaN with settings of a file."""
+        return INTEGRATORS[self.integrator] if self.settings == "ours" else math.nan
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Why MuJoCo cannot take the problem, or None."""
-        if (reason := missing("mujoco") or beyond(problem.system)) is not None:
+        if (reason := missing("mujoco") or beyond(problem.system, torsions=True)) is not None:
+            return reason
+        if self.settings == "file" and (reason := _not_as_in_file(problem, control)) is not None:
             return reason
         try:
             model = Model(self, problem, control)
@@ -137,9 +150,19 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
     spec = mj.MjSpec()
     o, off = spec.option, mj.mjtDisableBit
     o.timestep, o.gravity, o.iterations, o.tolerance = dt, system.gravity, options.iterations, options.tolerance
-    o.integrator = getattr(mj.mjtIntegrator, f"mjINT_{options.integrator.upper()}")
     o.solver = getattr(mj.mjtSolver, f"mjSOL_{options.constraint_solver.upper()}")
+    o.integrator = getattr(mj.mjtIntegrator, f"mjINT_{options.integrator.upper()}")
+    solref, solimp = (options.time_constant * dt, 1.0), (options.impedance, options.impedance, 1e-3, 0.5, 2)
+    if options.settings == "file":
+        given = _file_of(problem)
+        o.integrator, o.iterations, o.tolerance = given.opt.integrator, given.opt.iterations, given.opt.tolerance
+        o.solver = given.opt.solver
+        active = np.flatnonzero(given.eq_active0)
+        if len(active):
+            solref, solimp = given.eq_solref[active[0]], given.eq_solimp[active[0]]
     o.disableflags = off.mjDSBL_CONTACT | off.mjDSBL_AUTORESET
+    spec.compiler.degree = False
+    springs = _springs_of_hinges(system, start, tree)
     parts = {GROUND: spec.worldbody}
     for limb in tree.limbs:
         free = limb.kind is Kind.FREE
@@ -150,11 +173,14 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
             pos=start.r[limb.body] if free else limb.s_parent - limb.R_0 @ limb.s_child, quat=_quaternion(limb.R_0),
         )  # fmt: skip
         kind = getattr(mj.mjtJoint, f"mjJNT_{JOINTS[limb.kind]}")
-        part.add_joint(type=kind, pos=limb.s_child, axis=limb.axis if limb.kind is Kind.HINGE else (0.0, 0.0, 1.0))
+        axis = limb.axis if limb.kind is Kind.HINGE else (0.0, 0.0, 1.0)
+        part.add_joint(type=kind, pos=limb.s_child, axis=axis, **springs.pop(limb.body, {}))
+    if springs:
+        raise ValueError("a torsional spring is not about the axis of a hinge of the tree")
     for cut in tree.cuts:
         row = spec.add_equality(type=mj.mjtEq.mjEQ_CONNECT, objtype=mj.mjtObj.mjOBJ_BODY)
         row.name1, row.name2, row.data[:3] = _name(cut.i), _name(cut.j), cut.s_i
-        row.solref, row.solimp = (options.time_constant * dt, 1.0), (options.impedance, options.impedance, 1e-3, 0.5, 2)
+        row.solref, row.solimp = solref, solimp
     for k in range(len(system.spring_k)):
         cord = spec.add_tendon(stiffness=[system.spring_k[k], 0.0, 0.0], damping=[system.spring_c[k], 0.0, 0.0],
                                springlength=[system.spring_d0[k]] * 2)  # fmt: skip
@@ -165,6 +191,47 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
             parts[int(body)].add_site(name=f"spring {k} {end}", pos=p)
             cord.wrap_site(f"spring {k} {end}")
     return spec
+
+
+def _springs_of_hinges(system: MultibodySystem, start: State, tree: Tree) -> dict[int, dict[str, Any]]:
+    """By body, what its joint is given; the key -1 - k where spring k is not about the axis of a hinge."""
+    out: dict[int, dict[str, Any]] = {}
+    stretched = torsion(system, States.one(start))[0][0]
+    limbs = {limb.body: limb for limb in tree.limbs if limb.kind is Kind.HINGE}
+    for k, (i, j) in enumerate(zip(system.torsion_i.tolist(), system.torsion_j.tolist(), strict=True)):
+        axis = np.cross(*system.torsion_n[k])  # in j
+        child = next((b for b in (i, j) if b in limbs and {b, limbs[b].parent} == {i, j}), None)
+        along = 0.0
+        if child is not None:
+            along = float(limbs[child].axis @ (limbs[child].R_0.T @ axis if child == i else -axis))
+        if child is None or abs(abs(along) - 1.0) > PARALLEL or child in out:
+            out[-1 - k] = {}
+            continue
+        rest = -float(np.sign(along)) * float(stretched[k])
+        out[child] = {"stiffness": [system.torsion_k[k], 0.0, 0.0], "springref": rest,
+                      "damping": [system.torsion_c[k], 0.0, 0.0]}  # fmt: skip
+    return out
+
+
+def _file_of(problem: Problem) -> Any:
+    """MuJoCo's compiled model of the file that the problem was read from, or None."""
+    entry = registry.problems().get(problem.name)
+    made_by_file = getattr(getattr(entry, "make", None), "__self__", None)
+    return made_by_file.model if isinstance(made_by_file, Mechanism) else None
+
+
+def _not_as_in_file(problem: Problem, control: StepControl) -> str | None:
+    """Why the settings of a file cannot be taken, or None."""
+    given = _file_of(problem)
+    if given is None:
+        return "settings=file: the problem was not read from an MJCF file"
+    step = float(given.opt.timestep)
+    if control.dt is None or abs(control.dt - step) > 1e-9 * step:
+        return f"settings=file: the file's timestep is {step:g} s (dt={control.dt:g})"
+    active = np.flatnonzero(given.eq_active0)
+    if any(np.ptp(a[active], axis=0).any() for a in (given.eq_solref, given.eq_solimp) if len(active)):
+        return "settings=file: its equalities differ in solref or solimp"
+    return None
 
 
 def _name(body: int) -> str:

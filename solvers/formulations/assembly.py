@@ -1,19 +1,22 @@
-"""Elements evaluated by the batch and scattered into one vector: gather, one compiled map a kind, one sparse product.
+"""Elements evaluated by the batch and added into one vector: one loop of machine code a kind gathers and scatters.
 
-CasADi maps the expression of one body or joint over all of them inside its own virtual machine (no C compiler), on
-NumPy memory (``Function.buffer``). An ``Assembly`` owns that memory, so one instance serves one run at a time.
+The code of a kind serves any number of bodies and joints (``generated.Loop``), so mechanisms share it. An ``Assembly``
+owns the arrays that it reads and writes: one instance serves one run at a time.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
 
 import casadi as ca
 import numpy as np
-import scipy.sparse as sp
 from jaxtyping import Float, Int
 
+from .generated import Code, Loop, Program, compile_functions
+from .generated.steps import set_to_zero
 from .layout import Layout
-from .symbolic import Element
+from .symbolic import ELEMENTS, Element
 
 
 @dataclass(frozen=True)
@@ -31,79 +34,77 @@ class Assembly:
     """out(y, w) = sum over elements, with the nonzeros of its derivatives."""
 
     def __init__(self, layout: Layout, batches: Sequence[Batch], n_out: int, *, differentiable: bool) -> None:
-        batches = [b for b in batches if len(b.z)]
-        self._alive: list = []
+        self._batches = [b for b in batches if len(b.z)]
         self._n, self._n_u, self.n_out = layout.n, layout.n_u, n_out
         self._y = np.concatenate((np.zeros(layout.n), layout.constants))
         self._w = np.zeros(layout.n_u + 6)
-        self._z_index = _joined([b.z for b in batches])
-        self._w_index = _joined([b.w for b in batches])
-        self._z, self._w_read = np.zeros(len(self._z_index)), np.zeros(len(self._w_index))
-        values = [_function(b, derivative=False) for b in batches]
-        out_index = _joined([b.out for b in batches])
-        self._values = np.zeros(len(out_index))
-        self._evaluate = self._bind(values, batches, self._values)
-        self._scatter = _scatter(out_index, n_out)
-        derivatives = [_function(b, derivative=True) for b in batches] if differentiable else []
-        self.row, self.column, self.of_w = _entries(batches[: len(derivatives)], [f[1] for f in derivatives])
+        self._codes = [_compiled(b.element, derivative=differentiable) for b in self._batches]
+        sparsities = [code.sparsity for code in self._codes if differentiable]
+        self.row, self.column, self.of_w = _entries(self._batches[: len(sparsities)], sparsities)
         self.column[self.column >= np.where(self.of_w, layout.n_u, layout.n)] = -1  # constants
-        self._derivatives = np.zeros(len(self.row))
-        self._differentiate = self._bind(derivatives, batches[: len(derivatives)], self._derivatives)
+        self.out = np.zeros(n_out + 1)  # the outputs after ``evaluate``, and a spare one
+        self.evaluate = self._program("values", self.out, _joined([b.out for b in self._batches]))
 
     def values(
         self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float = 0.0
     ) -> Float[np.ndarray, " n_out"]:
         """The assembled outputs at unknowns ``y`` and accelerations ``w``."""
-        self._read(y, w, t)
-        for evaluate in self._evaluate:
-            evaluate()
-        return self._scatter @ self._values
+        self.read(y, w, t)
+        self.evaluate.run()
+        return self.out[:-1].copy()
 
-    def derivatives(
-        self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float = 0.0
-    ) -> Float[np.ndarray, " n_entries"]:
-        """d out[``row``] / d (w if ``of_w`` else y)[``column``], one value an entry; entries at one place add.
+    def derivatives_into(
+        self, data: Float[np.ndarray, " m+1"], place: Int[np.ndarray, " n_entries"],
+        weight: Float[np.ndarray, " n_entries"],
+    ) -> Program:  # fmt: skip
+        """What adds ``weight`` d out[``row``] / d (w if ``of_w`` else y)[``column``] of every entry to ``data[place]``.
 
-        Entries of constants and dropped outputs have row or column -1. The array is reused by the next call.
+        The last of ``data`` is spare: entries of place -1 go there, as those must whose row or column is -1 (constants
+        and dropped outputs). The program works on what ``read`` was given.
         """
-        self._read(y, w, t)
-        for differentiate in self._differentiate:
-            differentiate()
-        return self._derivatives
+        return self._program("derivatives", data, place, weight)
 
-    def _read(self, y: np.ndarray, w: np.ndarray, t: float) -> None:
+    def read(self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float) -> None:
+        """Take the unknowns ``y``, accelerations ``w`` and the time for the programs to work on."""
         self._y[: self._n] = y
         self._y[-1] = t
         self._w[: self._n_u] = w
-        np.take(self._y, self._z_index, out=self._z, mode="clip")  # "raise" would copy; the indices are ours
-        np.take(self._w, self._w_index, out=self._w_read, mode="clip")
 
-    def _bind(self, functions: list, batches: Sequence[Batch], target: np.ndarray) -> list:
-        """Evaluators that write slices of ``target``, CasADi's columns being the parts."""
-        calls, z0, w0, t0 = [], 0, 0, 0
-        for (function, _), b in zip(functions, batches, strict=True):
-            z1, w1, t1 = z0 + b.z.size, w0 + b.w.size, t0 + function.nnz_out(0)
-            memory, call = function.buffer()
-            arrays = self._z[z0:z1], self._w_read[w0:w1], np.array(b.parameters, dtype=float).ravel()
-            for k, array in enumerate(arrays):
-                memory.set_arg(k, array.data)
-            memory.set_res(0, target[t0:t1].data)
-            calls.append(call)
-            self._alive.append((function, memory, arrays))  # CasADi keeps bare pointers
-            z0, w0, t0 = z1, w1, t1
-        return calls
+    def _program(self, name: str, target: np.ndarray, place: np.ndarray, weight: np.ndarray | None = None) -> Program:
+        place, start = np.where(place < 0, len(target) - 1, place), 0
+        steps = [set_to_zero(target)] if weight is None else []
+        for code, b in zip(self._codes, self._batches, strict=True):
+            size = len(b.z) * code.sizes[name]
+            own = slice(start, start + size)
+            start += size
+            rows = [np.ascontiguousarray(b.parameters, dtype=float)]
+            rows += [] if weight is None else [weight[own].astype(float)]
+            z, w = (np.ascontiguousarray(a, dtype=np.int64) for a in (b.z, b.w))
+            arrays = [np.array([len(b.z)]), *rows, self._y, z, self._w, w, target, place[own].copy()]
+            steps.append((code.code.address(name), arrays))
+        return Program(steps, self._codes)
 
 
-def _function(batch: Batch, *, derivative: bool) -> tuple[ca.Function, ca.Sparsity]:
-    """The mapped function of one batch and the sparsity of one part's output."""
-    e = batch.element
-    out = ca.densify(ca.vertcat(*e.outputs.values()))
-    inputs = [e.z, e.w, e.parameters]
-    sparsity = out.sparsity()
+class _Compiled(NamedTuple):
+    """The code of one kind, with how many outputs an element has and the sparsity of its derivatives."""
+
+    code: Code
+    sizes: dict[str, int]
+    sparsity: ca.Sparsity
+
+
+@lru_cache(ELEMENTS)
+def _compiled(e: Element, *, derivative: bool) -> _Compiled:
+    out = ca.vertcat(*e.outputs.values())
+    loops = {"values": Loop(rows=[e.parameters], gathered=[e.z, e.w], added=[out])}
+    sizes, sparsity = {"values": out.numel()}, out.sparsity()
     if derivative:
         jacobian = ca.jacobian(out, ca.vertcat(e.z, e.w))
-        sparsity, out = jacobian.sparsity(), ca.vertcat(*jacobian.nonzeros()) if jacobian.nnz() else ca.SX(0, 1)
-    return ca.Function("element", inputs, [out], {"cse": True}).map(len(batch.z)), sparsity
+        sparsity, weight = jacobian.sparsity(), ca.SX.sym("weight", jacobian.nnz())
+        entries = ca.vertcat(*jacobian.nonzeros()) * weight if jacobian.nnz() else ca.SX(0, 1)
+        loops["derivatives"] = Loop(rows=[e.parameters, weight], gathered=[e.z, e.w], added=[entries])
+        sizes["derivatives"] = jacobian.nnz()
+    return _Compiled(compile_functions(loops), sizes, sparsity)
 
 
 def _entries(batches: Sequence[Batch], sparsities: Sequence[ca.Sparsity]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -120,8 +121,3 @@ def _entries(batches: Sequence[Batch], sparsities: Sequence[ca.Sparsity]) -> tup
 
 def _joined(arrays: Sequence[np.ndarray]) -> np.ndarray:
     return np.concatenate([np.ascontiguousarray(a).ravel() for a in arrays]) if arrays else np.zeros(0, dtype=np.int64)
-
-
-def _scatter(index: Int[np.ndarray, " m"], n: int) -> sp.csr_array:
-    used = np.flatnonzero(index >= 0)
-    return sp.csr_array((np.ones(len(used)), (index[used], used)), shape=(n, len(index)))

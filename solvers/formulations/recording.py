@@ -105,7 +105,7 @@ def march(
             clock.check()
             before = t
             t, y, reaction = advance()
-            if not np.all(np.isfinite(y)):
+            if not np.isfinite(y).all():
                 raise StepFailure(Status.DIVERGED, "the solution is no longer finite")
             if not t > before:
                 raise StepFailure(Status.STEP_UNDERFLOW, "the step fell below the spacing of floating-point times")

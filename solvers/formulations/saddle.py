@@ -9,12 +9,13 @@ from functools import partial
 
 import numpy as np
 import scipy.sparse as sp
-from jaxtyping import Float
-from scipy.linalg import lapack
+from jaxtyping import Bool, Float
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ...harness.mechanics.lent import pushed, taken_back
 from ...harness.types import Status
+from .generated import Program
+from .generated.steps import add_products, call_lapack, integer, set_to_zero, take, take_negative
 from .layout import Layout
 from .recording import StepFailure
 from .sparse_pattern import FixedPattern, FixedProduct
@@ -58,73 +59,111 @@ class InverseMass:
         T = self._rates(y)
         return np.swapaxes(T, 1, 2) @ self._coupled @ T
 
+    @property
+    def structure(self) -> Bool[np.ndarray, "nb 6 6"]:
+        """Which entries of the blocks differ from zero, at any coordinates."""
+        used = self._free != 0.0
+        if not self._chart.constant_mass:
+            used[:, 3:, 3:] = True
+        return used
+
     def _rates(self, y: np.ndarray) -> np.ndarray:
         return self._chart.rotation_rates(y[self._p].reshape(-1, self._chart.size))
 
 
 class Saddle:
-    """The solve, for A of one fixed ``pattern`` (k, n_u)."""
+    """The solve, for A of one fixed ``pattern`` (k, n_u), its values ``A``, and ``e`` and ``c`` in given arrays.
 
-    def __init__(self, layout: Layout, pattern: FixedPattern, inverse_mass: InverseMass) -> None:
-        self._A, self._inverse_mass, self._k = pattern, inverse_mass, layout.k
-        At_order = np.lexsort((pattern.rows, pattern.columns))  # row-wise A^T from row-wise A
-        At = FixedPattern(pattern.columns[At_order], pattern.rows[At_order].astype(np.int64), pattern.shape[::-1])
-        self._At_order = At_order
-        self.A_inverse_mass = FixedProduct(pattern, inverse_mass.pattern)
-        self._S = FixedProduct(self.A_inverse_mass.pattern, At)
-        if layout.k == 0:
-            return
-        S = self._S.pattern
-        self._order = reverse_cuthill_mckee(sp.csr_matrix(S.matrix(np.ones(S.nnz))), symmetric_mode=True)
-        place = np.empty(layout.k, dtype=np.int64)
-        place[self._order] = np.arange(layout.k)
-        i, j = place[S.rows], place[S.columns]
-        self._lower = np.flatnonzero(i >= j)
-        self._band_place = (i - j)[self._lower], j[self._lower]
-        self._band = np.zeros((int(np.max(i - j)) + 1, layout.k), order="F")
+    ``e`` is the load h - f without reactions, ``c`` the constraint row at u_dot = 0.
+    """
 
-    def solve(
-        self,
-        y: Float[np.ndarray, " n"],
-        A: Float[np.ndarray, " nnz"],
-        e: Float[np.ndarray, " n_u"],
-        c: Float[np.ndarray, " k"],
-    ) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
-        """(u_dot, lam) from ``e``, the load h - f without reactions, and ``c``, the constraint row at u_dot = 0."""
-        blocks, P = self._inverse_mass.blocks(y), self._inverse_mass.taken_back(y)
-        factor = self._factor(blocks, A) if self._k else None
+    def __init__(
+        self, layout: Layout, pattern: FixedPattern, inverse_mass: InverseMass,
+        A: Float[np.ndarray, " nnz"], e: Float[np.ndarray, " n_u"], c: Float[np.ndarray, " k"],
+    ) -> None:  # fmt: skip
+        self._inverse_mass, self._e, k, n_u = inverse_mass, e, layout.k, layout.n_u
+        self._blocks = np.zeros(36 * layout.system.nb)
+        self._constant = layout.chart.constant_mass
+        if self._constant:
+            self._blocks[:] = inverse_mass.blocks(e).ravel()
+        self._less, self._u_dot, self._lam = np.zeros(n_u), np.zeros(n_u), np.zeros(k)
+        self._info = integer(0)
+        W, in_blocks = _used_entries(inverse_mass)
+        free, back = np.zeros(n_u), np.zeros(n_u)
+        self._factor = None
+        solve = [set_to_zero(free), add_products(self._blocks, in_blocks, self._less, W.columns, free, W.rows)]
+        solve.append(take_negative(self._less, np.arange(n_u), back))
+        if k:
+            At_order = np.lexsort((pattern.rows, pattern.columns))  # row-wise A^T from row-wise A
+            At = FixedPattern(pattern.columns[At_order], pattern.rows[At_order].astype(np.int64), (n_u, k))
+            AW = FixedProduct(pattern, W)
+            S = FixedProduct(AW.pattern, At)
+            ones = S.pattern.matrix(np.ones(S.pattern.nnz))
+            order = reverse_cuthill_mckee(sp.csr_matrix(ones), symmetric_mode=True)
+            place = np.argsort(order)
+            i, j = place[S.pattern.rows], place[S.pattern.columns]
+            height = int(np.max(i - j)) + 1
+            lower = np.flatnonzero((i >= j)[S.pattern.place])
+            in_band = (j * height + i - j)[S.pattern.place[lower]]  # by columns, from the diagonal down
+            AW_data, band, right = np.zeros(AW.pattern.nnz), np.zeros(height * k), np.zeros(k)
+            uplo, size, one = np.frombuffer(b"L", dtype=np.uint8), integer(k), integer(1)
+            width, lead = integer(height - 1), integer(height)
+            self._factor = Program(
+                [
+                    set_to_zero(AW_data),
+                    add_products(A, AW.p, self._blocks, in_blocks[AW.q], AW_data, AW.pattern.place),
+                    set_to_zero(band),
+                    add_products(AW_data, S.p[lower], A, At_order[S.q[lower]], band, in_band),
+                    call_lapack("dpbtrf", uplo, size, width, band, lead, self._info),
+                ]
+            )
+            every = np.arange(pattern.nnz)
+            solve += [
+                take_negative(c, order, right),
+                add_products(A, every, free, pattern.columns, right, place[pattern.rows]),
+                call_lapack("dpbtrs", uplo, size, width, one, band, lead, right, size, integer(0)),
+                take(right, place, self._lam),
+                add_products(A, every, self._lam, pattern.rows, back, pattern.columns),
+            ]
+        solve += [
+            set_to_zero(self._u_dot),
+            add_products(self._blocks, in_blocks, back, W.columns, self._u_dot, W.rows),
+        ]
+        self._solve = Program(solve)
 
-        def solve(load: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-            less = e - np.ravel(load)
-            free = np.matmul(blocks, less.reshape(-1, 6, 1)).ravel()  # minus the free acceleration
-            if factor is None:
-                return -free, np.zeros(0)
-            lam = self._solve_S(factor, self._A.times(A, free) - c)
-            return np.matmul(blocks, (self._A.transposed_times(A, lam) - less).reshape(-1, 6, 1)).ravel(), lam
-
-        def by_bodies(u_dot: np.ndarray, lam: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-            return u_dot.reshape(-1, 6), lam
-
+    def solve(self, y: Float[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " n_u"], Float[np.ndarray, " k"]]:
+        """(u_dot, lam) at the coordinates in ``y``, in arrays that the next call changes."""
+        if not self._constant:
+            self._blocks[:] = self._inverse_mass.blocks(y).ravel()
+        if self._factor is not None:
+            self._factor.run()
+            if self._info[0] != 0:
+                raise StepFailure(
+                    Status.SINGULAR, "the kept constraint rows became dependent: A M^-1 A^T is not positive definite"
+                )
+        P = self._inverse_mass.taken_back(y)
         if P is None:
-            return solve(0.0)
+            return self._solved(0.0)
+
+        def by_bodies(load: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+            u_dot, lam = self._solved(np.ravel(load))
+            return u_dot.reshape(-1, 6).copy(), lam
+
         try:
-            u_dot, lam = taken_back(lambda load: by_bodies(*solve(load)), partial(pushed, P))
+            u_dot, lam = taken_back(by_bodies, partial(pushed, P))
         except ArithmeticError as error:
             raise StepFailure(Status.SINGULAR, str(error)) from None
         return u_dot.ravel(), lam
 
-    def _factor(self, blocks: np.ndarray, A: np.ndarray) -> np.ndarray:
-        S = self._S.data(self.A_inverse_mass.data(A, blocks.ravel()), A[self._At_order])
-        self._band[self._band_place] = S[self._lower]
-        factor, info = lapack.dpbtrf(self._band, lower=1)
-        if info != 0:
-            raise StepFailure(
-                Status.SINGULAR, "the kept constraint rows became dependent: A M^-1 A^T is not positive definite"
-            )
-        return factor
+    def _solved(self, load: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
+        np.subtract(self._e, load, out=self._less)
+        self._solve.run()
+        return self._u_dot, self._lam
 
-    def _solve_S(self, factor: np.ndarray, right: np.ndarray) -> np.ndarray:
-        solution, _ = lapack.dpbtrs(factor, right[self._order], lower=1)
-        out = np.empty(self._k)
-        out[self._order] = solution
-        return out
+
+def _used_entries(inverse_mass: InverseMass) -> tuple[FixedPattern, np.ndarray]:
+    """The pattern of M^-1 without entries that are always zero, and where each stands in the blocks."""
+    in_blocks = np.flatnonzero(inverse_mass.structure)
+    whole = inverse_mass.pattern
+    pattern = FixedPattern(whole.rows[whole.place[in_blocks]], whole.columns[whole.place[in_blocks]], whole.shape)
+    return pattern, in_blocks[np.argsort(pattern.place)]

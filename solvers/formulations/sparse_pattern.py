@@ -32,22 +32,11 @@ class FixedPattern:
         self.indptr = np.searchsorted(self.major, np.arange(n_major + 1)).astype(np.int32)
         self.nnz = len(places)
         m = len(self.place)
-        arrays = np.zeros(self.nnz), self.indices, self.indptr
-        self._rowwise, self._turned = (
-            sp.csr_array(arrays, shape=(n_major, n_minor)),
-            sp.csc_array(arrays, shape=(n_minor, n_major)),
-        )
         self._sum = sp.csr_array((np.ones(m), (self.place, np.arange(m))), shape=(self.nnz, m))
 
     def data(self, values: Float[np.ndarray, " m"]) -> Float[np.ndarray, " nnz"]:
         """The nonzeros, from the values of the entries."""
         return self._sum @ values
-
-    def weighted(self, weights: Float[np.ndarray, " m"]) -> sp.csr_array:
-        """What sums entries times ``weights`` to nonzeros; weight 0 leaves an entry out."""
-        out = (self._sum @ sp.diags_array(weights)).tocsr()
-        out.eliminate_zeros()
-        return out
 
     @property
     def rows(self) -> Int[np.ndarray, " nnz"]:
@@ -59,16 +48,6 @@ class FixedPattern:
         """Column of each nonzero."""
         return self.major if self.by_column else self.indices
 
-    def times(self, data: Float[np.ndarray, " nnz"], x: Float[np.ndarray, " m"]) -> Float[np.ndarray, " n"]:
-        """P x of a row-wise pattern; making a scipy array each time would cost more than the product."""
-        self._rowwise.data = data
-        return self._rowwise @ x
-
-    def transposed_times(self, data: Float[np.ndarray, " nnz"], x: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
-        """P^T x of a row-wise pattern."""
-        self._turned.data = data
-        return self._turned @ x
-
     def matrix(self, data: Float[np.ndarray, " nnz"]) -> sp.csr_array:
         """A row-wise pattern as a scipy array."""
         return sp.csr_array((data, self.indices, self.indptr), shape=self.shape)
@@ -79,21 +58,21 @@ class FixedPattern:
 
     def dense(self, data: Float[np.ndarray, " nnz"]) -> Float[np.ndarray, "n m"]:
         """As a full matrix, for systems small enough that this is faster."""
-        out = np.zeros(self.shape)
+        out = np.zeros(self.shape, dtype=data.dtype)
         out[self.rows, self.columns] = data
         return out
 
 
 class FixedProduct:
-    """P Q of two row-wise patterns: nonzeros of the product from those of the factors."""
+    """P Q of two row-wise patterns: terms p[``p``] q[``q``] of the factors' nonzeros, entries of ``pattern``."""
 
     def __init__(self, P: FixedPattern, Q: FixedPattern) -> None:
         count = np.diff(Q.indptr)[P.indices]
-        self._p = np.repeat(np.arange(P.nnz), count)
-        within = np.arange(len(self._p)) - np.repeat(np.cumsum(count) - count, count)
-        self._q = Q.indptr[P.indices[self._p]] + within
-        self.pattern = FixedPattern(P.rows[self._p].astype(np.int64), Q.indices[self._q], (P.shape[0], Q.shape[1]))
+        self.p = np.repeat(np.arange(P.nnz), count)
+        within = np.arange(len(self.p)) - np.repeat(np.cumsum(count) - count, count)
+        self.q = Q.indptr[P.indices[self.p]] + within
+        self.pattern = FixedPattern(P.rows[self.p].astype(np.int64), Q.indices[self.q], (P.shape[0], Q.shape[1]))
 
     def data(self, p: Float[np.ndarray, " nnz_p"], q: Float[np.ndarray, " nnz_q"]) -> Float[np.ndarray, " nnz"]:
         """Nonzeros of ``pattern``."""
-        return self.pattern.data(p[self._p] * q[self._q])
+        return self.pattern.data(p[self.p] * q[self.q])

@@ -48,10 +48,14 @@ class Accelerations:
         self._layout = layout
         self._motion = motion = equations_of_motion(layout, "acceleration", alpha, beta, differentiable=True)
         first_c = layout.n_p + layout.n_u
-        self._A_entries = np.flatnonzero((motion.row >= first_c) & motion.of_w & (motion.column >= 0))
-        rows, columns = motion.row[self._A_entries] - first_c, motion.column[self._A_entries]
-        self._A = FixedPattern(rows, columns, (layout.k, layout.n_u))
-        self._saddle = Saddle(layout, self._A, InverseMass(layout))
+        entries = np.flatnonzero((motion.row >= first_c) & motion.of_w & (motion.column >= 0))
+        pattern = FixedPattern(motion.row[entries] - first_c, motion.column[entries], (layout.k, layout.n_u))
+        place = np.full(len(motion.row), -1)
+        place[entries] = pattern.place
+        self._A = np.zeros(pattern.nnz + 1)
+        self._add_A = motion.derivatives_into(self._A, place, np.ones(len(place)))
+        e, c = motion.out[layout.u], motion.out[layout.lam]
+        self._saddle = Saddle(layout, pattern, InverseMass(layout), self._A[:-1], e, c)
         self._at_rest = np.zeros(layout.n_u)
 
     def at(
@@ -60,9 +64,12 @@ class Accelerations:
         """(u', lam); the lam in ``y`` is not read."""
         at, y = self._layout, y.copy()
         y[at.lam] = 0.0
-        out = self._motion.values(y, self._at_rest, t)
-        A = self._A.data(self._motion.derivatives(y, self._at_rest, t)[self._A_entries])
-        return self._saddle.solve(y, A, out[at.u], out[at.lam])
+        self._motion.read(y, self._at_rest, t)
+        self._motion.evaluate.run()
+        self._A.fill(0.0)
+        self._add_A.run()
+        u_dot, lam = self._saddle.solve(y)
+        return u_dot.copy(), lam.copy()
 
     def rate(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_p"]:
         """p' of the chart."""

@@ -10,19 +10,23 @@ diagonal as in Eq. (35), in the coordinate-free velocities V.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from typing import NamedTuple
 
+import casadi as ca
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float
 
 from ...harness.mechanics.system import GROUND
 from .assembly import Assembly, Batch
+from .generated import Code, Loop, Program, compile_functions
+from .generated.steps import add_products, set_to_zero
 from .layout import Layout
 from .saddle import InverseMass, Saddle
 from .sparse_pattern import FixedPattern
-from .symbolic import free_spring_element, strong_row_element
+from .symbolic import ELEMENTS, free_spring_element, strong_row_element
 from .system_elements import (
     body_batch,
     joint_rows,
@@ -75,7 +79,7 @@ class StrongForm:
 
     def __init__(self, layout: Layout, alpha: float = 0.0, beta: float = 0.0, choice: Choice = Choice()) -> None:
         self._bare = Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64))  # z has no lam here
-        self._k, self._alpha, self._beta, self._choice = layout.k, alpha, beta, choice
+        self._choice = choice
         row, column = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
         for kind in kinds_of(layout):
             joints, rows = joint_rows(layout, kind)
@@ -90,7 +94,6 @@ class StrongForm:
         place[used] = self.pattern.place
         self._slices, n_out = _slices(layout, self.pattern.nnz)
         self._motion = Assembly(self._bare, self._batches(layout, place), n_out, differentiable=False)
-        self._saddle = Saddle(layout, self.pattern, InverseMass(layout))
         self._at_rest = np.zeros(layout.n_u)
         s = layout.system
         self._gravity = np.concatenate((s.mass[:, None] * s.gravity, np.zeros((s.nb, 3))), axis=1).ravel()
@@ -98,34 +101,58 @@ class StrongForm:
         loads = load_batches(self._bare, chosen=False)
         loaded = any(len(b.z) for b in loads)
         self._loads = Assembly(self._bare, loads, layout.n_u, differentiable=False) if loaded else None
+        *of_motion, self._of_c = (self._motion.out[part] for part in self._slices)
+        own = [np.zeros(layout.k) for _ in range(3)]
+        self._f = self._gravity.copy()
+        self._at = at = RowTerms(*of_motion, *own)
+        at.C_bar[:], at.K_bar[:] = choice.c_bar, choice.k_bar
+        c, self._lam, self._lam_dot, self._F, self._lam_ddot = (np.zeros(layout.k) for _ in range(5))
+        self._saddle = Saddle(layout, self.pattern, InverseMass(layout), at.A, at.e, c)
+        terms = self.pattern.rows, self.pattern.columns
+        count, code = np.array([layout.k]), _compiled_rows(alpha, beta)
+        shared = [at.phi, at.phi_dot, at.M_bar, at.M_bar_dot, at.C_bar, at.K_bar]
+        self._before = Program(
+            [
+                set_to_zero(at.f_bar),
+                add_products(self._of_c, np.arange(self.pattern.nnz), self._f, terms[1], at.f_bar, terms[0]),
+                (code.address("right"), [count, *shared, at.gamma, c]),
+            ],
+            code,
+        )
+        outer = self._lam, self._lam_dot, self._F
+        self._after = Program([(code.address("lam_ddot"), [count, *shared, *outer, at.f_bar, self._lam_ddot])], code)
 
     def terms(self, pu: Float[np.ndarray, " n"], t: float = 0.0) -> RowTerms:
         """Everything of Eq. (65) at (p, u)."""
-        out = self._motion.values(pu, self._at_rest, t)
-        p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, of_c = (out[part] for part in self._slices)
-        C_bar, K_bar = (np.full(self._k, given) for given in (self._choice.c_bar, self._choice.k_bar))
-        f_steady = self._gravity if self._loads is None else self._gravity + self._loads.values(pu, self._at_rest, t)
-        if self._springs is None:
-            f_bar = self.pattern.times(of_c, f_steady)
-            return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, C_bar, K_bar, f_bar)
-        f, *slopes = self._springs.at(pu)
-        c = self.pattern.matrix(of_c)
-        for given, slope in zip((C_bar, K_bar), slopes, strict=True):
-            given += np.asarray((c @ slope).multiply(c).sum(axis=1)).ravel()
-        K_bar = np.maximum(K_bar, 0.0)  # a negative one drives phi away exponentially
-        return RowTerms(p_dot, e, A, gamma, phi_dot, phi, M_bar, M_bar_dot, C_bar, K_bar, c @ (f_steady + f))
+        self._evaluate(pu, t)
+        return RowTerms(*(part.copy() for part in self._at))
 
     def rates(
         self, pu: Float[np.ndarray, " n"], lam: Float[np.ndarray, " k"], lam_dot: Float[np.ndarray, " k"],
         t: float = 0.0,
     ) -> StrongRates:  # fmt: skip
-        """The solution of Eq. (65)."""
-        at = self.terms(pu, t)
-        drift = ((at.M_bar_dot + at.C_bar) * at.phi_dot + at.K_bar * at.phi) / at.M_bar
-        stabilised = 2.0 * self._alpha * at.phi_dot + self._beta**2 * at.phi
-        u_dot, F = self._saddle.solve(pu, at.A, at.e, at.gamma + drift + stabilised)
-        lam_ddot = (F - (at.M_bar_dot + at.C_bar) * lam_dot - at.K_bar * lam + at.f_bar) / at.M_bar
-        return StrongRates(at.p_dot, u_dot, lam_ddot, F)
+        """The solution of Eq. (65), in arrays that the next call changes."""
+        self._evaluate(pu, t)
+        u_dot, F = self._saddle.solve(pu)
+        self._lam[:], self._lam_dot[:], self._F[:] = lam, lam_dot, F
+        self._after.run()
+        return StrongRates(self._at.p_dot, u_dot, self._lam_ddot, self._F)
+
+    def _evaluate(self, pu: np.ndarray, t: float) -> None:
+        """Fill the terms and the saddle's right side."""
+        self._motion.read(pu, self._at_rest, t)
+        self._motion.evaluate.run()
+        if self._loads is not None:
+            np.add(self._gravity, self._loads.values(pu, self._at_rest, t), out=self._f)
+        if self._springs is not None:
+            f, *slopes = self._springs.at(pu)
+            self._f[:] = f + (self._gravity if self._loads is None else self._f)
+            c = self.pattern.matrix(self._of_c)
+            given = self._choice.c_bar, self._choice.k_bar
+            for to, least, slope in zip((self._at.C_bar, self._at.K_bar), given, slopes, strict=True):
+                to[:] = least + np.asarray((c @ slope).multiply(c).sum(axis=1)).ravel()
+            np.maximum(self._at.K_bar, 0.0, out=self._at.K_bar)  # a negative one drives phi away exponentially
+        self._before.run()
 
     def _batches(self, layout: Layout, place: np.ndarray) -> list[Batch]:
         bare, system = self._bare, layout.system
@@ -147,6 +174,23 @@ class StrongForm:
             element = strong_row_element(kind, layout.chart, self._choice.direction)
             batches.append(Batch(element, parameters, z, ends.w, out))
         return batches
+
+
+@lru_cache(ELEMENTS)
+def _compiled_rows(alpha: float, beta: float) -> Code:
+    """Eq. (65) row by row: its right side of the saddle, and lam_ddot."""
+    names = ("phi", "phi_dot", "M_bar", "M_bar_dot", "C_bar", "K_bar", "gamma", "lam", "lam_dot", "F", "f_bar")
+    phi, phi_dot, M_bar, M_bar_dot, C_bar, K_bar, gamma, lam, lam_dot, F, f_bar = (ca.SX.sym(name) for name in names)
+    shared = [phi, phi_dot, M_bar, M_bar_dot, C_bar, K_bar]
+    drift = ((M_bar_dot + C_bar) * phi_dot + K_bar * phi) / M_bar
+    c = gamma + drift + 2.0 * alpha * phi_dot + beta**2 * phi
+    lam_ddot = (F - (M_bar_dot + C_bar) * lam_dot - K_bar * lam + f_bar) / M_bar
+    return compile_functions(
+        {
+            "right": Loop(rows=[*shared, gamma], stored=[c]),
+            "lam_ddot": Loop(rows=[*shared, lam, lam_dot, F, f_bar], stored=[lam_ddot]),
+        }
+    )
 
 
 class _Springs:

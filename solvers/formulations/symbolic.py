@@ -13,12 +13,15 @@ by a factor that vanishes at a chart's singularity.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import casadi as ca
 
 from .charts import Chart
 from .time_function import time_function
+
+ELEMENTS = 64  # kept for the next run, of each kind of element
 
 
 class Pose(NamedTuple):
@@ -44,9 +47,9 @@ class Moving(NamedTuple):
     p_dot: ca.SX  # the flow, without ``Chart.restoring``
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Element:
-    """Inputs (columns of z, w, parameters) and outputs of one element, unmapped.
+    """Inputs (columns of z, w, parameters) and outputs of one element; two are equal if they are one object.
 
     ``z`` is what the element reads of the unknowns y, ``w`` what it reads of the accelerations u_dot.
     """
@@ -66,6 +69,7 @@ def moving(chart: Chart, end: str) -> Moving:
     return Moving(p, u, u_dot, Pose(p[:3], chart.rotation(p)), V, V_dot, B, p_dot)
 
 
+@lru_cache(ELEMENTS)
 def body_element(chart: Chart) -> Element:
     """Parameters (m, J (9), g (3)); outputs p_dot of the chart and e, the unbalanced load without joints."""
     b = moving(chart, "i")
@@ -201,6 +205,7 @@ def torsion_pair(chart: Chart, parameters: ca.SX) -> Pair:
     return _pair(i, j, x_i, x_j, V, ca.atan2(q * cosine - p * sine, p * cosine + q * sine), parameters)
 
 
+@lru_cache(ELEMENTS)
 def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) -> Element:
     """Parameters as in ``ROWS``; z ends with lam, then t. Outputs load_i, load_j = -A^T lam and c, the constraint row.
 
@@ -228,6 +233,7 @@ def row_element(kind: str, chart: Chart, level: str, alpha: float, beta: float) 
 DIRECTIONS = ("a", "mass", "translation")
 
 
+@lru_cache(ELEMENTS)
 def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element:
     """What Eq. (65) needs of the rows, at u_dot = 0; parameters as in ``ROWS``, then m_i, J_i, m_j, J_j, 1 if j moves.
 
@@ -262,6 +268,7 @@ def strong_row_element(kind: str, chart: Chart, direction: str = "a") -> Element
     return Element(_unknowns(pair), w, parameters, outputs)
 
 
+@lru_cache(ELEMENTS)
 def spring_element(chart: Chart) -> Element:
     """Parameters (p_i, p_j, k, d0, c); output the load -f on (i, j), f = -(k (l - d0) + c l_dot) dl/dx."""
     parameters = ca.SX.sym("spring", 9)
@@ -271,6 +278,7 @@ def spring_element(chart: Chart) -> Element:
     return Element(_unknowns(pair), _accelerations(pair), parameters, {"load": load})
 
 
+@lru_cache(ELEMENTS)
 def torsion_element(chart: Chart, *, chosen: bool = True) -> Element:
     """Parameters (u, e, b, k, theta_0, c); output the load on (i, j), or the wrench in V if not ``chosen``."""
     parameters = ca.SX.sym("torsion", 12)
@@ -280,6 +288,7 @@ def torsion_element(chart: Chart, *, chosen: bool = True) -> Element:
     return Element(_unknowns(pair), _accelerations(pair), parameters, {"load": out})
 
 
+@lru_cache(ELEMENTS)
 def load_element(chart: Chart, *, chosen: bool = True) -> Element:
     """Parameters (p, F, T, 1 if they turn with the body else 0, factor); output -B^T f, or f in V if not ``chosen``."""
     b, parameters, t = moving(chart, "i"), ca.SX.sym("load", 17), ca.SX.sym("t")
@@ -292,6 +301,7 @@ def load_element(chart: Chart, *, chosen: bool = True) -> Element:
     return Element(ca.vertcat(b.p, b.u, t), b.u_dot, parameters, {"load": -b.B.T @ f if chosen else f})
 
 
+@lru_cache(ELEMENTS)
 def free_spring_element(chart: Chart) -> Element:
     """The spring's force f (12) in the velocities V and its slopes -df/dV, -df/dx along the flow (12 x 12, by columns).
 

@@ -129,9 +129,14 @@ class MovingRows(NamedTuple):
     kind: tuple[Kind, ...]
 
 
+def title(k: int, joint: Joint) -> str:
+    """How messages call joint ``k``, counted from 0: with its name, if it has one."""
+    return f"joint {k} ({joint.name})" if joint.name else f"joint {k}"
+
+
 def directions(k: int, joint: Joint) -> dict[str, Any]:
     """u, w (3,), n (3, 3), length and motion of a checked joint, or ValueError."""
-    where = f"joint {k}"
+    where = title(k, joint)
     try:
         declared = DECLARED[joint.sort]
     except KeyError:
@@ -156,7 +161,7 @@ def chosen(k: int, joint: Joint) -> list[Joint]:
         return [joint]
     made, count = directions(k, joint), ROWS[joint.sort]
     if count.moving or joint.sort == JointKind.DISTANCE:
-        raise ValueError(f"joint {k}: the rows of a {joint.sort} joint cannot be chosen (got {joint.rows!r})")
+        raise ValueError(f"{title(k, joint)}: the rows of a {joint.sort} joint cannot be chosen (got {joint.rows!r})")
     ways = [*np.eye(3)[: count.point], *made["n"][: count.line]]
     tilts = [(made["u"], made["n"][0]), (made["u"], made["n"][1]), (made["w"], made["n"][1])][: count.axis]
     plain = replace(joint, across_i=None, across_j=None)
@@ -166,7 +171,7 @@ def chosen(k: int, joint: Joint) -> list[Joint]:
     whole = all(isinstance(row, Integral) and not isinstance(row, bool) for row in rows)
     if not (rows and whole and len(set(rows)) == len(rows) and set(rows) <= set(range(len(each)))):
         expected = f"distinct whole numbers from 0 to {len(each) - 1}"
-        raise ValueError(f"joint {k}: rows must be {expected} (got {joint.rows!r})")
+        raise ValueError(f"{title(k, joint)}: rows must be {expected} (got {joint.rows!r})")
     name = joint.name or f"joint {k + 1}"
     single = [replace(one, name=f"{name}, row {row}", rows=None) for row, one in enumerate(each)]
     return [single[row] for row in rows]

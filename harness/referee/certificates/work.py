@@ -16,6 +16,7 @@ from pathlib import Path
 
 from ...results.judgements.runs import Targets, Work, WorkPoint, WorkProfile
 from ...results.records import RunRecord, is_literal, judged_own
+from ...results.work import evaluations, index_1_evaluations, operations
 from ...types import Status
 from .symmetries import CHANGES
 
@@ -28,17 +29,8 @@ JUDGED = 0.9  # of the simulated time: a chaotic rest costs work and is not comp
 REGULAR = 0.5  # of the variants: a solver tried on fewer leaves no variant out by its absence
 
 
-def evaluations(r: RunRecord) -> float:
-    """Of residual or right side; one an iteration where a solver counts these alone."""
-    return r.newton_iterations if math.isnan(r.evaluations) else r.evaluations
-
-
-def operations(r: RunRecord) -> float:
-    """Evaluations plus factorisations; evaluations alone where a solver does not count the others."""
-    return evaluations(r) + (0.0 if math.isnan(r.factorisations) else r.factorisations)
-
-
 WORKS: Mapping[str, Callable[[RunRecord], float]] = {
+    "index1": index_1_evaluations,
     "operations": operations,
     "evaluations": evaluations,
     "factorisations": lambda r: r.factorisations,
@@ -124,7 +116,7 @@ def _points(f: Field) -> list[WorkPoint]:
         WorkPoint(r.problem, f.variant, r.solver, r.case, r.settings_id, r.label,
                   _sound(r) and not any(_beats(f, q, r) for q in sound if q.solver == r.solver), r.status, f.error(r),
                   f.kind, f.unit, r.energy_drift_max_J, r.phi_max, r.cpu_median_s, r.steps, evaluations(r),
-                  r.factorisations, operations(r), f.own)
+                  r.factorisations, operations(r), f.own, index_1_evaluations(r))
         for r in f.runs
     ]  # fmt: skip
 

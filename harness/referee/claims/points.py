@@ -11,7 +11,7 @@ from typing import Any
 
 from ...results.judgements.claims import Ending
 from ...results.records import RunRecord
-from ..certificates.work import operations
+from ...results.work import operations
 from .endings import in_time, settled
 from .evidence import MEASURES
 from .maps import Place, is_printed

@@ -147,6 +147,7 @@ class WorkPoint(Asked, frozen=True):
     factorisations: float
     operations: float
     reference_own_error: float
+    index1: float = math.nan  # work in index-1 evaluations
 
 
 class WorkProfile(Shape, frozen=True):

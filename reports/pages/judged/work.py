@@ -13,7 +13,7 @@ from ..base import Page, Site
 from ..judgement import judged, links_of
 from .work_points import Field, fields, profiles
 
-FEW = ("operations", "evaluations", "cpu")  # works that energy and joints are drawn over, and profiles for papers
+FEW = ("index1", "evaluations", "cpu")  # works that energy and joints are drawn over, and profiles for papers
 
 
 def write(results: Results, site: Site) -> Page | None:

@@ -17,9 +17,10 @@ def missing(module: str, wheel: str = "") -> str | None:
     return None if found else f"{wheel or module} is not installed: pip install 'mbsbench[engines]'"
 
 
-def beyond(system: MultibodySystem) -> str | None:
-    """What of the system the adapters do not hand to an engine, or None."""
-    if system.is_pinned and not (len(system.load_i) or len(system.torsion_k) or len(system.user_i)):
+def beyond(system: MultibodySystem, *, torsions: bool = False) -> str | None:
+    """What of the system the adapters do not hand to an engine, or None; ``torsions``: springs of hinges are."""
+    left = 0 if torsions else len(system.torsion_k)
+    if system.is_pinned and not (len(system.load_i) or left or len(system.user_i)):
         return None
     return "engines are given spherical and revolute joints, gravity and springs only"
 

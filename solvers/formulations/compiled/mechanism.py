@@ -12,7 +12,7 @@ import numpy as np
 
 from ....harness.mechanics import joints
 from ....harness.mechanics.system import MultibodySystem
-from ..generated import Code, Straight
+from ..generated import Code, Loop, Straight
 from ..generated.functions import record_function
 from ..generated.printing import print_module
 from ..rows.mechanism import Mechanism, Part, part_numbers
@@ -63,7 +63,7 @@ def _printed(system: MultibodySystem, k: Kernel) -> str:
         if len(record_function(function).tape.operations) > MOST_OPERATIONS:
             raise OverflowError(f"more than {MOST_OPERATIONS} operations")
     moved = [ca.SX.sym(name, n * system.nb) for name, n in (("r", 3), ("R", 9), ("v", 6))]
-    functions = {
+    functions: dict[str, Straight | Loop] = {
         "accelerate": accelerate, "project": project, "copy": Straight(moved, moved),
         "size": Straight([], [ca.SX(size)]),
     }  # fmt: skip

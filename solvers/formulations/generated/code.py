@@ -15,13 +15,13 @@ import llvmlite
 import llvmlite.binding as llvm
 
 from ....harness.cache import cache_folder
-from ....harness.files import read_own, write_bytes
+from ....harness.places import Place
 from .functions import Loop, Straight
 from .printing import print_module
 
 FOLDER = cache_folder("generated", Path(__file__).parent / "__pycache__")
 LARGEST = 1 << 28  # bytes of an object
-LEVEL = 3  # of optimisation: machine code alone; LLVM's passes gain nothing on tapes
+LEVEL = 1  # of optimisation: machine code alone; LLVM's passes gain nothing on tapes
 
 
 class Code:
@@ -71,16 +71,16 @@ def _object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMachine) 
     version = f"{llvmlite.__version__} {llvm.llvm_version_info} {LEVEL}"
     of = ir if isinstance(ir, str) else key
     key = hashlib.sha256("\0".join((of, *_processor(), machine.triple, version)).encode()).hexdigest()
-    path = FOLDER / f"{key}.o"
+    place = Place(FOLDER) / f"{key}.o"
     with contextlib.suppress(OSError):
-        kept = read_own(path, LARGEST)
+        kept = place.read(LARGEST)
         digest, content = kept[:32], kept[32:]
         if hashlib.sha256(content).digest() == digest:
             return content
     content = _compile(ir if isinstance(ir, str) else ir(), machine)
     with contextlib.suppress(OSError):  # nowhere to write
         FOLDER.mkdir(parents=True, exist_ok=True)
-        write_bytes(path, hashlib.sha256(content).digest() + content)
+        place.write(hashlib.sha256(content).digest() + content, durable=False)
     return content
 
 

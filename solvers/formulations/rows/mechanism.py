@@ -1,7 +1,7 @@
 """Index 1 of a whole mechanism as one list of operations: its numbers are constants, so that zeros vanish.
 
-S = A M^-1 A^T = L D L^T by scalars, in the order of the kernel's blocks; where a pivot is below ``DEPENDENT`` of its own
-diagonal, its row is redundant there and 1/D is 0, as in the kernel.
+S = A M^-1 A^T = L D L^T by scalars, in the order of the kernel's blocks; where a pivot is below ``DEPENDENT`` of its
+own diagonal, its row is redundant there and 1/D is 0, as in the kernel.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ class State(NamedTuple):
 class Rows(NamedTuple):
     """All rows at a state: A by parts and ends, None on the ground, then scalars in the kernel's order."""
 
-    A: list[list[ca.SX | None]]
+    A: list[list[Any]]
     phi: list[ca.SX]
     phi_t: list[ca.SX]
     gamma: list[ca.SX]
@@ -155,9 +155,9 @@ class Mechanism:
                     block = Y @ rows.A[q][g].T
                     for a in range(block.shape[0]):
                         for c in range(block.shape[1]):
-                            row, column = self.parts[p].first + a, self.parts[q].first + c
-                            if place[row] >= place[column] and not block[a, c].is_zero():
-                                S[column][row] = S[column].get(row, 0) + block[a, c]
+                            row, left = self.parts[p].first + a, self.parts[q].first + c
+                            if place[row] >= place[left] and not block[a, c].is_zero():
+                                S[left][row] = S[left].get(row, 0) + block[a, c]
         diagonal = {k: S[k].get(k, ca.SX(0)) for k in self.order}
         L: dict[int, dict[int, ca.SX]] = {}
         inverse: dict[int, ca.SX] = {}

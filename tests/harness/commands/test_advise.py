@@ -53,6 +53,14 @@ def test_a_refusal_ends_the_search():
     assert len(searched("rattle", 1e-3, lambda dt: ("refused", math.nan)).runs) == 1
 
 
+def test_a_run_that_takes_too_long_is_tried_with_larger_steps():
+    """At the problem's own step the time is over; eight times that meets the error."""
+    own = SWING.dt
+    c = searched("rattle", 1e-2, lambda dt: ("stalled", math.nan) if dt < 2.0 * own else ("success", dt**2))
+    assert c.best is not None and c.best.dt_s > own and c.best.motion_error_judged_m <= 1e-2
+    assert len(searched("rattle", 1e-2, lambda dt: ("stalled", math.nan)).runs) < 6
+
+
 def test_a_floor_above_the_error_ends_the_search():
     """An error that no tolerance makes smaller: the closest run is named."""
     c = searched("rk45_strong_form", 1e-9, lambda rtol: ("success", 1e-6 + rtol))

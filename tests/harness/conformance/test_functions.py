@@ -8,8 +8,11 @@ import pytest
 
 import mbsbench
 from mbsbench import Parameter, State, States, accelerations, equations, make_problem, moved, project, rhs, solve, step
+from mbsbench.harness.catalogue import registry
 from mbsbench.harness.mechanics import motion
 from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.results.work import index_1_evaluations
 
 PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
 MIDPOINT, BAUMGARTE = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
@@ -104,7 +107,7 @@ def test_the_page_s_solver_meets_the_requirements(example, command):
     """Limits, recording, repetition and reactions are ours; the order is the author's."""
     done = command("check", str(example), timeout=180.0)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "14 of 14 requirements met" in done.stdout
+    assert "15 of 15 requirements met" in done.stdout
 
 
 def test_it_runs_from_the_command_line(example, command, tmp_path):
@@ -161,3 +164,27 @@ def test_project_and_scipy_are_public():
     assert max(np.max(np.abs(f(p.system, back))) for f in (motion.constraint, motion.constraint_rate)) < 1e-12
     run = solve("spherical_pendulum", mbsbench.scipy("BDF"), rtol=1e-7, t_end=0.2)
     assert run.status == "success" and run.record.position_error_max_m < 1e-4
+
+
+def test_calls_of_accelerations_are_counted(example):
+    """Three a step of the page's solver; those of scipy and one for each recorded reaction under error control."""
+    registry.load_plugin(example)
+    record = solve("spherical_pendulum", "midpoint", dt=0.02, t_end=0.1).record
+    assert (record.evaluations, record.factorisations) == (15.0, 15.0)
+
+    @rhs("counted_rates")
+    def rates(system, state):
+        """Index 1."""
+        return accelerations(system, state)
+
+    run = solve("spherical_pendulum", rates, rtol=1e-6, t_end=0.1).record
+    assert run.evaluations == run.factorisations > run.steps
+    assert index_1_evaluations(run) == run.evaluations
+
+
+def test_one_unit_of_work_for_all_solvers():
+    """A factorised evaluation is one, one without is half, and who counts no factorisations makes one an evaluation."""
+    of = {"newton_iterations": 10.0, "factorisations": 2.0}
+    assert index_1_evaluations(RunRecord(**of)) == 2.0 + 0.5 * 8.0
+    assert index_1_evaluations(RunRecord(evaluations=7.0)) == 7.0
+    assert index_1_evaluations(RunRecord(evaluations=7.0, factorisations=7.0)) == 7.0

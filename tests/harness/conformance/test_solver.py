@@ -52,7 +52,7 @@ def test_the_worked_example_meets_the_requirements(example, command):
     """What docs/solver-contract.md prints is a whole solver, and does what the page says."""
     done = command("check", str(example), timeout=180.0)
     assert done.returncode == 0, done.stdout + done.stderr
-    assert "14 of 14 requirements met" in done.stdout
+    assert "15 of 15 requirements met" in done.stdout
 
 
 def test_the_worked_example_runs(example, command, tmp_path):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.integrate import solve_ivp
 from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
@@ -33,7 +34,7 @@ def exact(every: int = 1) -> np.ndarray:
     return np.column_stack((t, s.r[:, 0], q, s.v[:, 0], s.Omega[:, 0]))
 
 
-def written(path: Path, rows: np.ndarray, header: str = HEADER, fmt: str = "%.9g", delimiter: str = ",") -> Path:
+def written(path: Path, rows: np.ndarray, header: str = HEADER, fmt="%.9g", delimiter: str = ",") -> Path:
     np.savetxt(path, rows, fmt=fmt, delimiter=delimiter, header=header, comments="")
     return path
 
@@ -269,3 +270,104 @@ def test_export_has_all_numbers_that_a_code_needs(tmp_path, capsys):
         assert np.allclose(theirs.v_dot, ours.v_dot, atol=1e-10) and d["t_end"] == p.t_end
     assert main(["export", "heavy_tops"]) == 2
     assert "heavy_top" in capsys.readouterr().err
+
+
+def written_wrong_spin(path: Path, columns: int, header: str) -> Path:
+    """The top with the sign of Omega x J Omega turned, about its fixed point: lawful, and another motion."""
+    J, s, weight = np.array([0.1, 0.1, 0.01]), np.array([0.0, 0.0, 0.1]), np.array([0.0, 0.0, -5.0 * 9.81])
+
+    def rates(t, y):
+        q, W = y[:4], y[4:]
+        q_dot = 0.5 * np.array([-q[1:] @ W, *(q[0] * W + np.cross(q[1:], W))])
+        moment = np.cross(s, Rotation.from_quat(q, scalar_first=True).inv().apply(weight))
+        return np.concatenate((q_dot, (moment + np.cross(W, J * W)) / J))
+
+    q = Rotation.from_matrix(TOP.initial.R[0]).as_quat(scalar_first=True)
+    t = np.linspace(0.0, 0.5, 501)
+    start = np.concatenate((q, TOP.initial.Omega[0]))
+    y = solve_ivp(rates, (0.0, 0.5), start, "DOP853", t, rtol=1e-10, atol=1e-10).y.T
+    r = Rotation.from_quat(y[:, :4], scalar_first=True).apply(s)
+    return written(path, np.column_stack((t, r, y))[:, :columns], header)
+
+
+def test_a_file_of_positions_is_judged_by_positions_alone(tmp_path):
+    """Its joint is closed and its energy constant, with its own orientations; with the reference's neither is."""
+    both = written_wrong_spin(tmp_path / "poses.csv", 8, "t,x,y,z,q0,q1,q2,q3")
+    alone = written_wrong_spin(tmp_path / "positions.csv", 4, "t,x,y,z")
+    with_orientations, r = judge(both), judge(alone)
+    assert with_orientations.status == r.status == "inaccurate"
+    assert with_orientations.energy_drift_max_J < 1e-3 and with_orientations.phi_max < 1e-8
+    assert np.all(np.isnan([r.energy_drift_max_J, r.phi_max, r.phi_dot_max, r.orientation_error_max_rad]))
+    assert "not judged without: orientations and angular velocities, the energy error, |phi|" in r.notes
+    assert r.position_error_max_m == pytest.approx(with_orientations.position_error_max_m, rel=1e-6)
+    folder = results_folder(tmp_path / "all")
+    series = store.series_of(folder, refereed(TOP, alone, Given("other"), folder))
+    for name in ("energy", "phi_norm", "orientation_error", "frame_q", "end_R"):  # no page draws the reference's
+        assert np.all(np.isnan(series[name])), name
+
+
+def test_laws_are_judged_to_what_digits_and_spacing_leave(tmp_path):
+    """Two decimals of the exact motion open its joint by more than is allowed; the same gap at 9 digits is wrong."""
+    coarse = judge(written(tmp_path / "coarse.csv", exact(), fmt=["%.9g", *["%.2f"] * 13]))
+    rows = np.array([[float(f"{x:.2f}") for x in row] for row in exact()])
+    rows[0] = exact()[0]
+    rows[:, 0] = exact()[:, 0]
+    fine = judge(written(tmp_path / "fine.csv", rows))
+    assert fine.status == "wrong" and coarse.status == "success"
+    assert coarse.phi_max == pytest.approx(fine.phi_max, rel=0.1)
+
+
+def test_the_energy_of_differenced_velocities_is_said_to_be_that(tmp_path):
+    """With how far spacing and digits leave it open, which is no less than what it drifts by."""
+    r = judge(written(tmp_path / "top.csv", exact(5)[:, :8], ",".join(HEADER.split(",")[:8])))
+    (said,) = re.findall(r"that of differenced velocities, .* leave it uncertain by (\S+) J", r.notes)
+    assert float(said) > r.energy_drift_max_J > 1e-3
+
+
+def with_angles() -> np.ndarray:
+    rows = exact()
+    return np.column_stack((rows[:, :4], Rotation.from_quat(rows[:, 4:8], scalar_first=True).as_euler("ZXZ")))
+
+
+def test_euler_angles_are_read_or_named_as_ignored(tmp_path):
+    """With their sequence they are the exact orientations; without, a note names those that fit the start."""
+    path = written(tmp_path / "top.csv", with_angles(), "t,x,y,z,phi,theta,psi")
+    ignored = judge(path)
+    assert "not read: Euler angles" in ignored.notes and "--euler ZXZ" in ignored.notes
+    assert np.isnan(ignored.orientation_error_max_rad)
+    r = judge(path, euler="ZXZ")
+    assert r.status == "success" and r.orientation_error_max_rad < 2e-8
+    with pytest.raises(FileError, match=r"with --euler [ZY]XZ, not"):
+        judge(path, euler="ZYX")
+    rows = with_angles()
+    rows[:, 4:] *= 180.0 / np.pi
+    assert judge(written(path, rows, "t,x,y,z,phi,theta,psi"), euler="ZXZ", angle="deg").status == "success"
+    extra = np.column_stack((exact(), exact()[:, 0]))
+    assert "not read: sensor" in judge(written(path, extra, f"{HEADER},sensor")).notes
+
+
+def test_a_remark_before_the_numbers_is_a_header(tmp_path):
+    """As numpy.savetxt writes it, and Exudyn; names that are given go before it."""
+    np.savetxt(tmp_path / "top.csv", exact()[:, :4], delimiter=",", header="by hand\n time, x, y, z")
+    assert judge(tmp_path / "top.csv").status == "success"
+    given = Given("other", columns=("t", "r_x", "r_y", "r_z"))
+    assert refereed(TOP, tmp_path / "top.csv", given, None).status == "success"
+    savemat(tmp_path / "ode.mat", {"tout": exact()[:, 0], "yout": exact()[:, 1:4]})
+    named = Given("other", columns=("t=tout", "r=yout"))
+    assert refereed(TOP, tmp_path / "ode.mat", named, None).status == "success"
+
+
+def test_each_of_several_files_gets_its_verdict(tmp_path, capsys, monkeypatch):
+    """One in millimetres hides no other; exit code 2, 3 where one is inaccurate alone, 0 where all are successes."""
+    monkeypatch.setenv("COLUMNS", "250")
+    good = str(written(tmp_path / "good.csv", exact()))
+    off = str(written_wrong_spin(tmp_path / "off.csv", 11, "t,x,y,z,q0,q1,q2,q3,wx,wy,wz"))
+    rows = exact()
+    rows[:, 1:4] *= 1e3
+    mm = str(written(tmp_path / "mm.csv", rows))
+    call = ["referee", "heavy_top", "--t-end", "0.5", "--name", "mine"]
+    assert main([*call, good, mm, off]) == 2
+    said = capsys.readouterr().out
+    assert "success" in said and "inaccurate" in said and "--length mm" in said
+    assert main([*call, off]) == 3 and "inaccurate" in capsys.readouterr().out
+    assert main([*call, good, good, "--json"]) == 0

@@ -14,6 +14,7 @@ from mbsbench.harness.api import load
 from mbsbench.harness.catalogue import mechanism_files, plugins, registry
 from mbsbench.harness.catalogue.mechanism import Mechanism, Omitted
 from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.joints import JointKind
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.results.environment import ROOT, code_digest
@@ -159,7 +160,7 @@ def test_what_is_not_taken_over_is_counted(tmp_path):
     text = LOOPS.replace('<joint axis="0 1 0"/>', '<joint name="j" damping="1" stiffness="2" axis="0 1 0"/>', 1)
     text = text.replace("</mujoco>", '<actuator><motor joint="j"/></actuator></mujoco>')
     omitted = mechanism_files.read(written(tmp_path, text)).omitted
-    assert omitted == {Omitted.ACTUATORS: 1, Omitted.COLLIDING: 5, Omitted.STIFFNESS: 1, Omitted.DAMPING: 1}
+    assert omitted == {Omitted.ACTUATORS: 1, Omitted.COLLIDING: 5}
 
 
 @pytest.mark.parametrize(("part", "words"), [
@@ -240,3 +241,76 @@ def test_a_suite_takes_a_file(tmp_path, monkeypatch, capsys):
     capsys.readouterr()
     assert main(["export", "planted.urdf"]) == 0
     assert [j["type"] for j in json.loads(capsys.readouterr().out)["joints"]] == ["revolute", "prismatic"]
+
+
+SPRUNG = f"""<mujoco><option gravity="1 0 -9.81"/><worldbody>
+<body name="a" pos="0 0 1" euler="20 10 5"><joint name="hinge" axis="1 .2 0" pos="0 0 .1" stiffness="7" springref="20"
+    damping=".3" armature=".02" ref="5"/>{BOX}
+  <body name="b" pos="0 0 -.6"><joint type="slide" axis="1 0 1" stiffness="30" springref=".2" damping=".4"/>{BOX}
+    <body name="c" pos=".3 .1 -.2"><joint axis="0 1 .5" stiffness="3" damping=".1"/>{BOX}</body></body></body>
+<body name="roller" pos="1 0 0"><joint type="slide" axis="1 1 0" stiffness="20" damping=".5"/>
+  <joint axis="1 1 0" pos="0 .1 0" stiffness="2" springref="-30" damping=".2"/>{BOX}</body>
+<body name="bead" pos="2 0 0"><joint type="slide" axis="1 2 0" stiffness="9" springref=".3" damping=".2"/>
+  <joint type="ball" pos="0 .1 0"/>{BOX}</body>
+<body name="walker" pos="1 1 1"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+  <joint axis="0 1 0" pos="0 0 .1" stiffness="4" damping=".3" armature=".05"/>{BOX}</body>
+</worldbody></mujoco>"""
+
+
+def test_springs_dampers_and_armatures_of_joints_are_mujocos(tmp_path):
+    """Its generalised forces at rest and moving, its mass matrix, its potential energy and its accelerations."""
+    m = mechanism_files.read(written(tmp_path, SPRUNG))
+    assert not {Omitted.STIFFNESS, Omitted.DAMPING, Omitted.ARMATURE} & {*m.omitted}
+    qpos, qvel = moving(m)
+    made = m.problem(qpos=tuple(qpos), qvel=tuple(qvel))
+    assert len(made.system.torsion_k) == 4 and len(made.system.spring_k) == 3
+    model = theirs(m, qpos, qvel)
+    found = differences(made, model)
+    assert max(found.values()) < SAME, found
+    ours = accelerations(made.system, made.initial)
+    data = m.mj.MjData(m.model)
+    data.qpos[:], data.qvel[:] = qpos, qvel
+    m.mj.mj_forward(m.model, data)
+    both = np.concatenate((ours.v_dot, ours.Omega_dot), axis=1)
+    expected = (model.T @ data.qacc).reshape(-1, 6) + model.bias
+    assert np.max(np.abs(both - expected)) < 1e-9 * np.max(np.abs(expected))
+
+
+def test_what_no_rigid_body_or_spring_stands_for_is_counted(tmp_path):
+    """A rotor between moving bodies, a damper of a ball, springs that are not linear."""
+    text = SPRUNG.replace('axis="0 1 .5" stiffness="3"', 'axis="0 1 .5" armature=".1" stiffness="3 1 0"')
+    text = text.replace('<joint type="ball"', '<joint type="ball" damping="1"')
+    omitted = mechanism_files.read(written(tmp_path, text)).omitted
+    assert omitted[Omitted.ARMATURE] == 1 and omitted[Omitted.DAMPING] == 3 and omitted[Omitted.STIFFNESS] == 1
+
+
+ARM = f"""<mujoco><option timestep="0.005" integrator="implicitfast"/><worldbody>
+<body name="upper" pos="0 0 1"><joint axis="0 1 .2" stiffness="5" springref="40" damping=".2"/>{BOX}
+  <body name="lower" pos="0 0 -.5"><joint axis="1 0 .3" stiffness="2" damping=".1"/>{BOX}
+    <body name="hand" pos="0 0 -.3"><joint type="ball"/>{BOX}</body></body></body></worldbody>
+<equality><connect body1="hand" anchor="0 0 -.2" solref=".01 1" solimp=".9 .95 .001 .5 2"/></equality></mujoco>"""
+
+
+def test_mujoco_is_given_the_springs_of_hinges(tmp_path):
+    """Its model check compares forces and energies at a start off the rest angles; it does not refuse."""
+    open_arm = ARM.partition("<equality>")[0] + "</mujoco>"
+    problem = make_problem(str(written(tmp_path, open_arm, "sprung.xml")), {"qpos": "0.3,-0.4,1,0,0,0", "t_end": 0.2})
+    solver = registry.make_solver("mujoco")
+    run = solver.solve(problem, StepControl(dt=1e-3))
+    reference = registry.make_solver("rkmk_dopri5").solve(problem, StepControl(rtol=1e-9))
+    assert solver.refuses(problem, StepControl(dt=1e-3)) is None
+    assert np.max(np.abs(run.states.r[-1] - reference.states.r[-1])) < 1e-8
+
+
+def test_the_settings_of_a_file_are_its_own(tmp_path):
+    """Integrator, step and the softness of loops; another step, or another problem, is refused in a line."""
+    problem = make_problem(str(written(tmp_path, ARM, "soft.xml")), {"t_end": 0.1})
+    soft = registry.make_solver("mujoco", {"settings": "file"})
+    control = StepControl(dt=0.005)
+    assert soft.refuses(problem, control) is None
+    model = engine.Model(soft, problem, control).model
+    mj = engine.package("mujoco")
+    assert model.opt.integrator == mj.mjtIntegrator.mjINT_IMPLICITFAST and model.opt.timestep == 0.005
+    assert np.allclose(model.eq_solref, (0.01, 1.0)) and np.allclose(model.eq_solimp[0, :2], (0.9, 0.95))
+    assert "timestep is 0.005 s" in soft.refuses(problem, StepControl(dt=0.001))
+    assert "not read from" in soft.refuses(make_problem("chain"), StepControl(dt=0.001))

@@ -1,0 +1,131 @@
+"""What a file can be judged by: laws that its columns determine, to the accuracy that digits and spacing leave.
+
+A quantity that is neither in the file nor follows from it is NaN here: a law whose value then is NaN, too, is not
+determined. How far digits and spacing move a law is found by reading the file in another way that it allows: rates
+from splines of degree 3 instead of 5, and every number half a unit of its last digit off.
+"""
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..mechanics import so3
+from ..mechanics.motion import constraint, constraint_rate, energy
+from ..mechanics.state import States
+from ..metrics.measure import Measured, largest, measure
+from ..metrics.verdict import inaccuracy
+from ..results.records import COLUMNS, RunRecord, reasons_json, reasons_of
+from ..types import Law, Problem, Reason, Status, Trajectory
+
+ROUNDINGS = 3.0  # one draw of roundings against the largest there is: three standard deviations
+OF_LAW = {  # columns of a record, by how they begin
+    Law.ENERGY: ("energy_",), Law.CONSTRAINT: ("phi_max", "phi_end", "phi_limit"),
+    Law.CONSTRAINT_RATE: ("phi_dot", "eq81"), Law.ORTHOGONALITY: ("orthogonality",),
+    Law.KINEMATIC: ("kinematic_defect",), Law.VELOCITY: ("velocity_error", "rate_error"),
+}  # fmt: skip
+OF_QUANTITY = {"R": ("orientation_",), "v": ("velocity_error",), "Omega": ("angular_velocity",)}
+SERIES = {
+    Law.ENERGY: ("energy", "energy_error"), Law.CONSTRAINT: ("phi_norm",),
+    Law.CONSTRAINT_RATE: ("phi_dot_norm", "eq81_norm"), Law.ORTHOGONALITY: ("orthogonality",),
+}  # fmt: skip
+SERIES_OF_QUANTITY = {
+    "R": ("orientation_error",), "v": ("velocity_error",), "Omega": ("angular_velocity_error",)
+}  # fmt: skip
+Key = tuple[Law, str]  # a law, of an invariant with its name
+
+
+@dataclass(frozen=True)
+class Determined:
+    """What the columns leave open: quantities, laws, and names of observables and invariants."""
+
+    missing: tuple[str, ...]  # of r, R, v, Omega
+    open_laws: frozenset[Law]
+    open_names: frozenset[str]
+
+    @property
+    def open_columns(self) -> tuple[str, ...]:
+        """How the columns begin that say nothing."""
+        of_laws = (OF_LAW.get(law, ()) for law in self.open_laws)
+        return tuple(c for group in (*of_laws, *(OF_QUANTITY[k] for k in self.missing)) for c in group)
+
+    def judges(self, r: Reason) -> bool:
+        """Whether the file determines the law that ``r`` says is broken."""
+        return r.law not in self.open_laws and r.name not in self.open_names
+
+    def measured(self, m: Measured) -> Measured:
+        """Without what is not determined."""
+        none = np.full(len(m.t), math.nan)
+        series = [s for law in self.open_laws for s in SERIES.get(law, ())]
+        series += [s for k in self.missing for s in SERIES_OF_QUANTITY[k]]
+        kept: dict[str, Any] = {
+            name: {k: none if k in self.open_names else a for k, a in getattr(m, name).items()}
+            for name in ("observables", "invariants")
+        }
+        blank: dict[str, Any] = {s: none for s in series if getattr(m, s) is not None}
+        return dataclasses.replace(m, **blank, **kept)
+
+
+def determined_by(problem: Problem, start: States, missing: Sequence[str]) -> Determined:
+    """What a file without ``missing`` determines; ``start``: one state of the motion."""
+    system, parts = problem.system, {k: getattr(start, k) for k in ("r", "R", "v", "Omega")}
+    s = States(**{k: np.full(a.shape, math.nan) if k in missing else a for k, a in parts.items()})
+    with np.errstate(all="ignore"):
+        values = {
+            Law.ENERGY: energy(system, s), Law.CONSTRAINT: constraint(system, s),
+            Law.CONSTRAINT_RATE: constraint_rate(system, s), Law.ORTHOGONALITY: so3.orthogonality_defect(s.R),
+            Law.KINEMATIC: s.Omega + s.v + s.r + s.R[..., 0], Law.VELOCITY: s.v,
+        }  # fmt: skip
+        at_home = problem.home(s)
+        scalars = {x.name: np.asarray(x.of(at_home)) for x in problem.observables}
+        scalars |= {x.name: np.asarray(x.of(at_home)) for x in problem.invariants}
+    return Determined(
+        tuple(missing), frozenset(k for k, a in values.items() if not np.all(np.isfinite(a))),
+        frozenset(k for k, a in scalars.items() if not np.all(np.isfinite(a))),
+    )  # fmt: skip
+
+
+def uncertainty(problem: Problem, given: Trajectory, spacing: Iterable[Trajectory], digits: Iterable[Trajectory]) -> (
+    Mapping[Key, float]
+):  # fmt: skip
+    """By how much laws of the motion are uncertain, in their units: the motion read otherwise, by its two causes."""
+    base = _laws(measure(problem, given))
+    out = dict.fromkeys(base, 0.0)
+    for factor, others in ((1.0, spacing), (ROUNDINGS, digits)):
+        for other in others:
+            for key, series in _laws(measure(problem, other)).items():
+                off = np.atleast_1d(series - base[key])
+                out[key] += factor * largest(off[np.isfinite(off)]) if np.any(np.isfinite(off)) else 0.0
+    return out
+
+
+def _laws(m: Measured) -> dict[Key, np.ndarray]:
+    out: dict[Key, np.ndarray] = {(Law.KINEMATIC, ""): np.array(m.kinematic_defect)}
+    for law in m.mechanisms[0].laws:
+        out[law, ""] = np.max([np.abs(one.laws[law]) for one in m.mechanisms], axis=0)
+    out |= {(Law.INVARIANT, k): a - a[0] for k, a in m.invariants.items()}
+    if m.rate_error is not None:
+        out[Law.VELOCITY, ""] = m.rate_error
+    return out
+
+
+def judged_again(record: RunRecord, m: Measured, known: Determined, unsure: Mapping[Key, float]) -> RunRecord:
+    """The record with what the file determines, and judged by that alone."""
+    blank: dict[str, Any] = {c.name: c.default for c in COLUMNS if c.name.startswith(known.open_columns)}
+    status, claimed = Status(record.status), Status(record.claimed)
+    reasons: list[Reason] = []
+    if claimed is Status.SUCCESS:
+        found = list(reasons_of(record.wrong_because))
+        broken = found if status is Status.WRONG else []
+        reasons = [r for r in broken if known.judges(r) and r.value - unsure.get((r.law, r.name), 0.0) > r.limit]
+        lost = [r for r in broken if r.law in (Law.FINITE, Law.START, Law.END)]  # without a limit, or with one that is
+        reasons += [r for r in lost if r not in reasons]
+        status = Status.WRONG if reasons else Status.SUCCESS
+    if status is Status.SUCCESS:
+        away = inaccuracy(m, vars(record))
+        reasons = [r for r in away if known.judges(r) and r.value - unsure.get((r.law, r.name), 0.0) > r.limit]
+        status = Status.INACCURATE if reasons else status
+    return dataclasses.replace(record, status=str(status), wrong_because=reasons_json(reasons), **blank)

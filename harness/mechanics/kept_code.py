@@ -1,0 +1,137 @@
+"""Compiled laws kept on disk: the machine code of a C callback, by a digest of all that it was made from.
+
+Numba's own cache knows a function by its file and bytecode alone; a law may depend on numbers, arrays and functions
+outside it. All of them enter the digest, and a law with anything else outside is compiled in each process.
+"""
+
+import contextlib
+import hashlib
+import os
+import pickle
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+
+from ..cache import cache_folder
+
+LIBRARIES = ("numpy", "math", "cmath", "numba", "builtins", "operator")  # known by their names and versions
+
+
+class Unknown(Exception):
+    """Something that no digest can be made of."""
+
+
+def compile_callback(function: Callable[..., Any], returns: Any, *arguments: Any) -> Any:
+    """Numba's C callback of ``function``, from disk where it was compiled before."""
+    from numba.core.ccallback import CFunc
+
+    callback = CFunc(function, (arguments, returns), {}, {})
+    with contextlib.suppress(Unknown):
+        key = digest_of(function, arguments, returns)
+        root = Path(__file__).resolve().parents[2]
+        callback._cache = Kept(cache_folder("user_forces", root / "results" / "local") / f"{key}.pickle")
+    callback.compile()
+    return callback
+
+
+class Kept:
+    """What Numba asks of a cache, for one callback in one file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def load_overload(self, signature: Any, target_context: Any) -> Any:
+        """The callback, or None where the file is not there or not whole."""
+        from numba.core.compiler import CompileResult
+
+        target_context.refresh()
+        try:
+            return CompileResult._rebuild(target_context, *pickle.loads(self.path.read_bytes()))
+        except Exception:  # a file from elsewhere is as good as none: it is compiled anew
+            return None
+
+    def save_overload(self, signature: Any, compiled: Any) -> None:
+        """Write whole or not at all; code that refers to this process's memory is not kept."""
+        from numba.core.serialize import dumps
+
+        if compiled.lifted or compiled.library.has_dynamic_globals:
+            return
+        with contextlib.suppress(OSError):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with tempfile.NamedTemporaryFile(dir=self.path.parent, delete=False) as file:
+                file.write(dumps(compiled._reduce()))
+            os.replace(file.name, self.path)
+
+
+def digest_of(function: Callable[..., Any], *more: object) -> str:
+    """Of bytecode, constants, closures, globals, versions and processor; ``Unknown`` where one cannot be told apart."""
+    import llvmlite
+    import llvmlite.binding as llvm
+    import numba
+
+    machine = (llvm.get_process_triple(), llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten())
+    versions = (sys.version, np.__version__, numba.__version__, llvmlite.__version__, *machine, *map(str, more))
+    found = hashlib.sha256("\0".join(versions).encode())
+    for part in _parts(function, []):
+        found.update(part.encode() if isinstance(part, str) else part)
+        found.update(b"\0")
+    return found.hexdigest()[:32]
+
+
+def _parts(value: Any, seen: list[Any]) -> Iterator[str | bytes]:
+    """Everything that ``value`` is made of."""
+    if any(value is known for known in seen):
+        yield f"seen {next(k for k, known in enumerate(seen) if known is value)}"
+        return
+    inner = getattr(value, "py_func", None)
+    if isinstance(inner, FunctionType):
+        yield repr(sorted(getattr(value, "targetoptions", {}).items()))
+        yield from _parts(inner, seen)
+    elif isinstance(value, FunctionType):
+        seen.append(value)
+        yield from _code(value.__code__, value.__globals__, seen)
+        cells = (cell.cell_contents for cell in value.__closure__ or ())
+        for part in (value.__defaults__, tuple(sorted((value.__kwdefaults__ or {}).items())), tuple(cells)):
+            yield from _parts(part, seen)
+    elif value is None or isinstance(value, (bool, int, float, complex, str, bytes, np.generic)):
+        yield f"{type(value).__name__} {value!r}"
+    elif isinstance(value, np.ndarray) and value.dtype != object:
+        yield f"{value.dtype} {value.shape} {value.flags.c_contiguous} {value.flags.writeable}"
+        yield value.tobytes()
+    elif isinstance(value, (tuple, list)):
+        yield f"{type(value).__name__} {len(value)}"
+        for part in value:
+            yield from _parts(part, seen)
+    elif isinstance(value, CodeType):
+        yield from _code(value, {}, seen)
+    elif isinstance(value, ModuleType) and value.__name__.partition(".")[0] in LIBRARIES:
+        yield value.__name__
+    elif isinstance(value, (BuiltinFunctionType, np.ufunc, type)) and _home(value) in LIBRARIES:
+        yield f"{getattr(value, '__module__', '')} {value.__name__}"
+    else:
+        raise Unknown(type(value).__name__)
+
+
+def _home(value: Any) -> str:
+    return "numpy" if isinstance(value, np.ufunc) else str(value.__module__).partition(".")[0]
+
+
+def _code(code: CodeType, names: dict[str, Any], seen: list[Any]) -> Iterator[str | bytes]:
+    yield code.co_code
+    yield repr((code.co_names, code.co_varnames, code.co_freevars, code.co_argcount))
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _code(constant, names, seen)
+        elif isinstance(constant, frozenset):
+            yield repr(sorted(map(repr, constant)))
+        else:
+            yield from _parts(constant, seen)
+    for name in code.co_names:
+        if name in names:
+            yield name
+            yield from _parts(names[name], seen)
