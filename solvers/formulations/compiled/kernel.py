@@ -119,7 +119,7 @@ def make_kernel(system: MultibodySystem) -> Made:
         entries[name] = _forces(system, k, keeps, gyroscopic=gyroscopic)
     points = "_points" if k.L.shape[1] == 3 else ""
     bound = {name: getattr(factor, name + points) for name in ("factorise", "solve")}
-    bound |= {name: getattr(evaluation, name) for name in EVALUATION}
+    bound |= {name: getattr(evaluation, name) for name in EVALUATION if name != "take_back" or len(k.coupled)}
     # words of a kernel have one length, so that entries may hold the address of the array that is filled last
     words = np.array(words_of(k), dtype=np.int64)
     for name, function in bound.items():
