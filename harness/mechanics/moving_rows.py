@@ -20,6 +20,7 @@ A reaction of these rows works, for A v = -phi_t: its power -reaction . phi_t en
 """
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ from jaxtyping import Float, Int
 
 from . import so3
 from .ends import points, times, turned, with_ground
-from .joints import KINDS, MovingKind
+from .joints import KINDS, Kind, MovingKind
 from .state import States
 from .system import MultibodySystem
 from .time_functions import values
@@ -146,7 +147,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return out
 
 
-ROWS_OF = {
+ROWS_OF: dict[Kind, Callable[..., Rows]] = {
     MovingKind.DRIVEN_POSITION: _driven_position, MovingKind.DRIVEN_ANGLE: _driven_angle,
     MovingKind.DRIVEN_DISTANCE: _driven_distance, MovingKind.KNIFE_EDGE: _knife_edge, MovingKind.ROLLING: _rolling,
 }  # fmt: skip

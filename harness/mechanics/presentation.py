@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float, Int
 
-from .joints import KINDS, MovingKind
+from .joints import DECLARED, KINDS
 from .state import State, States
 from .system import GROUND, MultibodySystem
 from .time_functions import in_units
@@ -168,8 +168,8 @@ def _in_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
     L, M, T = p.unit_length, p.unit_mass, p.unit_time
     if L == M == T == 1.0:
         return s
-    angles = s.joint_sort == KINDS.index(MovingKind.DRIVEN_ANGLE)
-    sizes = np.where(angles, 1.0, np.where(s.joint_sort == KINDS.index(MovingKind.KNIFE_EDGE), L / T, L))
+    units = {"m": L, "rad": 1.0, "m/s": L / T, "": 1.0}  # of the functions of time
+    sizes = np.array([units[DECLARED[KINDS[k]].motion] for k in s.joint_sort])
     return dataclasses.replace(
         s, joint_motion=_frozen(in_units(s.joint_motion, sizes, T)),
         load_factor=_frozen(in_units(s.load_factor, 1.0, T)), mass=_frozen(s.mass * M),

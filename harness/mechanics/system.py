@@ -11,14 +11,15 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, Shaped
 
 from .checks import check_body, check_ends, frozen
+from .forces import Load, SpringDamper, TorsionSpring
 from .joints import (
+    DECLARED,
     KINDS,
     ROWS,
     AxisRows,
     Joint,
     Kind,
     LineRows,
-    MovingKind,
     MovingRows,
     Vector,
     beside,
@@ -27,7 +28,7 @@ from .joints import (
     unit,
 )
 from .lent import lent_inertia, principal
-from .time_functions import ONE, TimeFunction, varies
+from .time_functions import ONE, varies
 from .user_forces import UserForce, laws_of
 
 GROUND = -1
@@ -40,51 +41,6 @@ class RigidBody:
     mass: float
     inertia: Float[np.ndarray, "3 3"]
     name: str = ""
-
-
-@dataclass(frozen=True)
-class SpringDamper:
-    """Force ``-(k (d - d0) + c d_dot)`` along the line of two points ``p_i``, ``p_j`` [m], ``d`` their distance."""
-
-    i: int
-    p_i: Vector
-    j: int = GROUND
-    p_j: Vector = (0.0, 0.0, 0.0)
-    stiffness: float = 0.0  # k [N/m]
-    rest_length: float = 0.0  # d0 [m]
-    damping: float = 0.0  # c [N s/m]
-
-
-@dataclass(frozen=True)
-class TorsionSpring:
-    """Torque ``-(k (theta - theta_0) + c theta_dot)`` on i about ``axis_j``, the opposite on j (module ``torsion``).
-
-    theta [rad] is the angle from ``across_j`` to ``across_i`` about the axis, within half a turn of theta_0.
-    """
-
-    i: int
-    across_i: Vector
-    j: int = GROUND
-    axis_j: Vector = (0.0, 0.0, 1.0)
-    across_j: Vector = (1.0, 0.0, 0.0)
-    stiffness: float = 0.0  # k [N m/rad]
-    rest_angle: float = 0.0  # theta_0 [rad]
-    damping: float = 0.0  # c [N m s/rad]
-
-
-@dataclass(frozen=True)
-class Load:
-    """A force [N] at ``point`` [m, from C, body frame] and a torque [N m] on body ``i``.
-
-    Both in the space frame, or with ``follows`` in the body's, with which they turn; times ``factor``, if given.
-    """
-
-    i: int
-    force: Vector = (0.0, 0.0, 0.0)
-    torque: Vector = (0.0, 0.0, 0.0)
-    point: Vector = (0.0, 0.0, 0.0)
-    follows: bool = False
-    factor: TimeFunction | None = None  # of both; constant 1 without
 
 
 @dataclass(frozen=True)
@@ -227,7 +183,7 @@ class MultibodySystem:
     @property
     def is_holonomic(self) -> bool:
         """Whether every row has a phi: no knife edge, no rolling disc."""
-        return not any(kind in (MovingKind.KNIFE_EDGE, MovingKind.ROLLING) for kind in self.moving_rows().kind)
+        return all(DECLARED[kind].is_holonomic for kind in self.moving_rows().kind)
 
     def point_rows(self) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, "m 3"]]:
         """Joints with point rows, and these rows of phi."""
@@ -255,9 +211,8 @@ class MultibodySystem:
     @property
     def turning_rows(self) -> Int[np.ndarray, " m"]:
         """Rows without unit, whose reactions are torques: axis rows and driven angles."""
-        moving = self.moving_rows()
-        angles = moving.row[[kind == MovingKind.DRIVEN_ANGLE for kind in moving.kind]]
-        return np.concatenate((self.axis_rows().row, angles))
+        turns = [turn for k in self.joint_sort for turn in DECLARED[KINDS[k]].turns]
+        return np.flatnonzero(np.array(turns, dtype=bool))
 
 
 def _counted(count: Int[np.ndarray, " nj"]) -> tuple[np.ndarray, np.ndarray]:

@@ -27,10 +27,11 @@ LEVEL = 1  # of optimisation: machine code alone; LLVM's passes gain nothing on 
 class Code:
     """Functions loaded in this process. Their addresses are valid as long as this lives: keep it with them."""
 
-    def __init__(self, ir: str) -> None:
+    def __init__(self, ir: str | Callable[[], str], key: str = "") -> None:
+        """From IR; or from what prints it, which is called only if nothing is kept under ``key``."""
         self._machine = _machine()
         self._engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), self._machine)
-        self._engine.add_object_file(llvm.ObjectFileRef.from_data(_object(ir, self._machine)))
+        self._engine.add_object_file(llvm.ObjectFileRef.from_data(_object(ir, key, self._machine)))
         self._engine.finalize_object()
 
     def address(self, name: str) -> int:
@@ -65,17 +66,18 @@ def _processor() -> tuple[str, str]:
     return llvm.get_host_cpu_name(), llvm.get_host_cpu_features().flatten()
 
 
-def _object(ir: str, machine: llvm.TargetMachine) -> bytes:
+def _object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMachine) -> bytes:
     """The object file of ``ir``, from disk if it is there."""
     version = f"{llvmlite.__version__} {llvm.llvm_version_info} {LEVEL}"
-    key = hashlib.sha256("\0".join((ir, *_processor(), machine.triple, version)).encode()).hexdigest()
+    of = ir if isinstance(ir, str) else key
+    key = hashlib.sha256("\0".join((of, *_processor(), machine.triple, version)).encode()).hexdigest()
     place = Place(FOLDER) / f"{key}.o"
     with contextlib.suppress(OSError):
         kept = place.read(LARGEST)
         digest, content = kept[:32], kept[32:]
         if hashlib.sha256(content).digest() == digest:
             return content
-    content = _compile(ir, machine)
+    content = _compile(ir if isinstance(ir, str) else ir(), machine)
     with contextlib.suppress(OSError):  # nowhere to write
         FOLDER.mkdir(parents=True, exist_ok=True)
         place.write(hashlib.sha256(content).digest() + content, durable=False)

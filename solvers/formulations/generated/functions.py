@@ -23,9 +23,10 @@ class Loop:
 
     The C arguments, all pointers, in this order: ``int64 n``; each of ``whole``, an array read by all elements; each of
     ``rows``, an array (n, size) of which each element reads its row; each of ``gathered`` as two, the array read and an
-    ``int64`` table (n, size) of the places; each of ``stored``, an array (n, size) that is written by rows; each of
-    ``added`` as two, the array added to and the table of places. Nothing checks the tables: what is to be
-    dropped goes to a spare place at the end of the array. Outputs must not overlap inputs.
+    ``int64`` table (n, size) of the places; each of ``blocks`` likewise, with a table (n,) of the first places of as
+    many numbers in a row; each of ``stored``, an array (n, size) that is written by rows; each of ``added`` as two, the
+    array added to and the table of places; each of ``added_blocks`` likewise, by first places. Nothing checks the
+    tables: what is to be dropped goes to a spare place at the end of the array. Outputs must not overlap inputs.
     """
 
     whole: Sequence[ca.SX] = ()
@@ -33,12 +34,14 @@ class Loop:
     gathered: Sequence[ca.SX] = ()
     stored: Sequence[ca.SX] = ()
     added: Sequence[ca.SX] = ()
+    blocks: Sequence[ca.SX] = ()
+    added_blocks: Sequence[ca.SX] = ()
 
 
 class Array(NamedTuple):
     """One array argument: how it is accessed, and its size (of a row)."""
 
-    access: str  # whole, rows, gathered; stored, added
+    access: str  # whole, rows, gathered, blocks; stored, added, added_blocks
     size: int
 
 
@@ -57,8 +60,8 @@ def record_function(function: Straight | Loop) -> Recorded:
         inputs = [("whole", x) for x in function.inputs]
         outputs = [("whole", x) for x in function.outputs]
     else:
-        inputs = [(how, x) for how in ("whole", "rows", "gathered") for x in getattr(function, how)]
-        outputs = [(how, x) for how in ("stored", "added") for x in getattr(function, how)]
+        inputs = [(how, x) for how in ("whole", "rows", "gathered", "blocks") for x in getattr(function, how)]
+        outputs = [(how, x) for how in ("stored", "added", "added_blocks") for x in getattr(function, how)]
     made = ca.Function("f", [x for _, x in inputs], [ca.densify(x) for _, x in outputs])
     tape = Tape()
     numbers = [[tape.input(k, place) for place in range(x.numel())] for k, (_, x) in enumerate(inputs)]

@@ -10,6 +10,7 @@ from .functions import Array, Loop, Recorded, Straight, record_function
 from .tape import needed
 
 PART = 1500  # operations
+TABLED = ("gathered", "blocks", "added", "added_blocks")  # accessed through a table of places
 ARITHMETIC = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv", "fmod": "frem"}
 COMPARED = {"lt": "olt", "le": "ole", "eq": "oeq", "ne": "une"}
 INTRINSIC = ("sin", "cos", "exp", "log", "sqrt", "fabs", "floor", "ceil", "pow", "copysign")  # of LLVM; else of libm
@@ -76,7 +77,7 @@ class _Printer:
         names = []
         for name, array in self._arrays():
             names.append(f"ptr %{name}")
-            if array.access in ("gathered", "added"):
+            if array.access in TABLED:
                 names.append(f"ptr %{name}.at")
         return ", ".join(names)
 
@@ -145,6 +146,11 @@ class _Body:
     def _place(self, name: str, array: Array, place: int) -> str:
         if array.access == "whole":
             return self.point(name, str(place))
+        if array.access in ("blocks", "added_blocks"):
+            if name not in self._rows:
+                first = self.define(f"load i64, ptr {self.point(f'{name}.at', '%e', 'i64')}")
+                self._rows[name] = self.point(name, first)
+            return self.define(f"getelementptr double, ptr {self._rows[name]}, i64 {place}")
         table = name if array.access in ("rows", "stored") else f"{name}.at"
         if table not in self._rows:
             first = self.define(f"mul nsw i64 %e, {array.size}")
@@ -155,10 +161,11 @@ class _Body:
 
     def write_result(self, output: int, place: int, number: int) -> None:
         array = self._recorded.outputs[output]
-        if array.access == "added" and number == self._recorded.tape.zero:
+        added = array.access in ("added", "added_blocks")
+        if added and number == self._recorded.tape.zero:
             return
         value, address = self.name(number), self._place(f"y{output}", array, place)
-        if array.access == "added":
+        if added:
             value = self.define(f"fadd double {self.define(f'load double, ptr {address}')}, {value}")
         self.write(f"store double {value}, ptr {address}")
 

@@ -27,12 +27,12 @@ class Program:
                 raise ValueError("arrays of a program are contiguous: functions know their addresses alone")
             words += [address, len(arrays), *(a.ctypes.data for a in arrays)]
         self._words = np.array(words, dtype=np.int64)
-        self._keeps = keeps, [arrays for _, arrays in steps], _runner()
+        self._keeps = keeps, [arrays for _, arrays in steps], runner()
         self.run = partial(self._keeps[2].function("run", 1), self._words.ctypes.data)
 
 
 @cache
-def _runner() -> Code:
+def runner() -> Code:
     """``run(program)`` over (address, number of arguments, arguments...) of each step; the first word counts them."""
     cases = range(MOST_ARGUMENTS + 1)
     lines = [

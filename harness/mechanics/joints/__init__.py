@@ -12,15 +12,23 @@ this order::
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from importlib import import_module
 from numbers import Integral
+from pkgutil import iter_modules
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Float, Int
 
-from .time_functions import NONE, TimeFunction
+from ..declaring import Count, JointDeclaration
+from ..time_functions import NONE, TimeFunction
+from . import kinds
+from .frames import Directions, Vector, beside, unit
 
-Vector = Sequence[float] | Float[np.ndarray, " 3"]
+__all__ = [
+    "DECLARED", "KINDS", "ROWS", "AxisRows", "Count", "Joint", "JointKind", "Kind", "LineRows", "MovingKind",
+    "MovingRows", "Vector", "beside", "chosen", "directions", "unit",
+]  # fmt: skip
 
 
 class JointKind(StrEnum):
@@ -48,32 +56,19 @@ class MovingKind(StrEnum):
     ROLLING = "rolling disc"  # of radius ``length``, axis axis_i and centre s_i, on the plane of j with normal axis_j
 
 
-Kind = JointKind | MovingKind
+Kind = JointKind | MovingKind | str  # a name in ``kinds``
 
 
-class Count(NamedTuple):
-    """Rows of a joint."""
-
-    point: int
-    line: int
-    axis: int
-    moving: int = 0
-
-
-ROWS: dict[Kind, Count] = {
-    JointKind.SPHERICAL: Count(3, 0, 0), JointKind.UNIVERSAL: Count(3, 0, 1), JointKind.REVOLUTE: Count(3, 0, 2),
-    JointKind.FIXED: Count(3, 0, 3), JointKind.CYLINDRICAL: Count(0, 2, 2), JointKind.PRISMATIC: Count(0, 2, 3),
-    JointKind.ON_LINE: Count(0, 2, 0), JointKind.ON_PLANE: Count(0, 1, 0), JointKind.DISTANCE: Count(0, 1, 0),
-    MovingKind.DRIVEN_POSITION: Count(0, 0, 0, 1), MovingKind.DRIVEN_ANGLE: Count(0, 0, 0, 1),
-    MovingKind.KNIFE_EDGE: Count(0, 0, 0, 1), MovingKind.ROLLING: Count(0, 0, 0, 3),
-    JointKind.NORMAL: Count(0, 0, 1), MovingKind.DRIVEN_DISTANCE: Count(0, 0, 0, 1),
-}  # fmt: skip
-KINDS = tuple(ROWS)  # the order in which a system numbers them: kept numbers depend on it, so add at the end
-ONE_AXIS = (JointKind.ON_LINE, JointKind.ON_PLANE, MovingKind.DRIVEN_POSITION)  # need axis_j alone
-NO_AXIS = (JointKind.SPHERICAL, JointKind.DISTANCE, MovingKind.DRIVEN_DISTANCE)
-ACROSS = (JointKind.FIXED, JointKind.PRISMATIC, MovingKind.DRIVEN_ANGLE)  # need across_i, across_j
-LENGTH = (JointKind.DISTANCE, MovingKind.ROLLING)
-DRIVES = (MovingKind.DRIVEN_POSITION, MovingKind.DRIVEN_ANGLE, MovingKind.DRIVEN_DISTANCE)
+DECLARED: dict[str, JointDeclaration] = {
+    one.name: one
+    for one in sorted(
+        (import_module(f"{kinds.__name__}.{found.name}").KIND for found in iter_modules(kinds.__path__)),
+        key=lambda one: one.number,
+    )
+}
+NAMED: tuple[Kind, ...] = (*JointKind, *MovingKind)
+KINDS = tuple(next((kind for kind in NAMED if kind == name), name) for name in DECLARED)  # as systems number them
+ROWS = {kind: DECLARED[kind].count for kind in KINDS}
 
 
 @dataclass(frozen=True)
@@ -104,7 +99,7 @@ class Joint:
     def sort(self) -> Kind:
         """``kind``, or what the axes say."""
         if self.kind is not None:
-            return MovingKind(self.kind) if self.kind in tuple(MovingKind) else JointKind(self.kind)
+            return self.kind
         return JointKind.SPHERICAL if self.axis_i is None and self.axis_j is None else JointKind.REVOLUTE
 
 
@@ -131,7 +126,7 @@ class MovingRows(NamedTuple):
 
     joint: Int[np.ndarray, " m"]
     row: Int[np.ndarray, " m"]
-    kind: tuple[MovingKind, ...]
+    kind: tuple[Kind, ...]
 
 
 def title(k: int, joint: Joint) -> str:
@@ -143,34 +138,20 @@ def directions(k: int, joint: Joint) -> dict[str, Any]:
     """u, w (3,), n (3, 3), length and motion of a checked joint, or ValueError."""
     where = title(k, joint)
     try:
-        sort = joint.sort
-    except ValueError:
+        declared = DECLARED[joint.sort]
+    except KeyError:
         raise ValueError(f"{where}: kind must be one of {', '.join(ROWS)} (got {joint.kind!r})") from None
-    _check_given(where, sort, joint)
+    _check_given(where, declared, joint)
     out: dict[str, Any] = {"u": np.zeros(3), "w": np.zeros(3), "n": np.zeros((3, 3)), "length": 0.0}
     out["motion"] = NONE if joint.motion is None else joint.motion.numbers(where)
-    if sort in LENGTH:
+    if declared.length:
         out["length"] = joint.length
-    if sort == MovingKind.KNIFE_EDGE and joint.axis_i is not None:
-        return {**out, "u": unit(joint.axis_i, where)}
-    if sort in NO_AXIS or joint.axis_j is None:
-        return out
-    axis = unit(joint.axis_j, where)
-    if sort in (JointKind.ON_PLANE, JointKind.UNIVERSAL, JointKind.NORMAL, MovingKind.DRIVEN_POSITION):
-        out["n"][0] = axis
-    elif sort == MovingKind.ROLLING:  # the normal of the plane and its two tangents
-        out["n"][0], out["n"][1:] = axis, _normals(axis)
-    elif sort == MovingKind.DRIVEN_ANGLE:  # axis x across, and what it turns to: axis x (axis x across)
-        assert joint.axis_i is not None and joint.across_i is not None and joint.across_j is not None  # checked
-        across, ahead = beside(axis, joint.across_j, where)
-        out["n"][:2] = ahead, -across
-        return {**out, "u": beside(unit(joint.axis_i, where), joint.across_i, where)[0]}
-    else:
-        out["n"][:2] = _normals(axis) if joint.across_j is None else beside(axis, joint.across_j, where)
-    if joint.axis_i is not None:
-        out["u"] = unit(joint.axis_i, where)
-        if ROWS[sort].axis == 3 and joint.across_i is not None:
-            out["w"] = beside(out["u"], joint.across_i, where)[0]
+    found = {} if declared.frame is None else declared.frame(Directions(where, joint))
+    out["u"] = found.get("u", out["u"])
+    if declared.count.axis == 3:
+        out["w"] = found["w"]
+    n = found.get("n", out["n"])
+    out["n"][: len(n)] = n
     return out
 
 
@@ -196,44 +177,21 @@ def chosen(k: int, joint: Joint) -> list[Joint]:
     return [single[row] for row in rows]
 
 
-def _check_given(where: str, sort: Kind, joint: Joint) -> None:
-    ends = [joint.axis_i is not None, joint.axis_j is not None]
-    if sort == MovingKind.KNIFE_EDGE:
-        if ends != [True, False]:
-            raise ValueError(f"{where}: a {sort} needs axis_i, the normal of its blade, and no axis_j")
-        return
-    if (joint.motion is None) == (sort in DRIVES):
-        needs = "needs a motion, a TimeFunction" if sort in DRIVES else "takes no motion: add a drive beside it"
+def _check_given(where: str, declared: JointDeclaration, joint: Joint) -> None:
+    sort, ends = declared.name, [joint.axis_i is not None, joint.axis_j is not None]
+    if declared.axes == "i" and ends != [True, False]:
+        raise ValueError(f"{where}: a {sort} needs axis_i, {declared.note}, and no axis_j")
+    driven = bool(declared.motion) and declared.needs_motion
+    if (joint.motion is None) == driven and not (declared.motion and not driven):
+        needs = "needs a motion, a TimeFunction" if driven else "takes no motion: add a drive beside it"
         raise ValueError(f"{where}: kind {sort} {needs}")
-    if sort in NO_AXIS and any(ends):
+    if not declared.axes and any(ends):
         raise ValueError(f"{where}: a {sort} joint has no axis")
-    if sort in ONE_AXIS and not ends[1]:
+    if declared.axes == "j" and not ends[1]:
         raise ValueError(f"{where}: a {sort} joint needs axis_j")
-    if sort not in (*NO_AXIS, *ONE_AXIS) and not all(ends):
+    if declared.axes == "ij" and not all(ends):
         raise ValueError(f"{where}: give the axis in both bodies or in none")
-    if sort in ACROSS and (joint.across_i is None or joint.across_j is None):
+    if declared.across and (joint.across_i is None or joint.across_j is None):
         raise ValueError(f"{where}: a {sort} joint needs across_i and across_j, one direction seen from both bodies")
-    if sort in LENGTH and not (np.isfinite(joint.length) and joint.length > 0.0):
+    if declared.length and not (np.isfinite(joint.length) and joint.length > 0.0):
         raise ValueError(f"{where}: length must be finite and > 0 m (got {joint.length})")
-
-
-def unit(a: Vector, where: str) -> Float[np.ndarray, " 3"]:
-    """``a`` of length 1, or ValueError."""
-    length = float(np.linalg.norm(a))
-    if not (np.isfinite(length) and length > 0.0):
-        raise ValueError(f"{where}: the axis must have a finite length > 0 (got {list(a)})")
-    return np.asarray(a, dtype=float) / length
-
-
-def _normals(a: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "2 3"]:
-    """Two orthonormal normals to the unit vector ``a``: the coordinate direction furthest from it starts the frame."""
-    n1 = np.cross(a, np.eye(3)[np.argmin(np.abs(a))])
-    n1 /= np.linalg.norm(n1)
-    return np.stack((n1, np.cross(a, n1)))
-
-
-def beside(a: Float[np.ndarray, " 3"], across: Vector, where: str) -> Float[np.ndarray, "2 3"]:
-    """The part of ``across`` normal to the unit vector ``a``, of length 1, and a x that."""
-    n1 = np.asarray(across, dtype=float) - (np.asarray(across, dtype=float) @ a) * a
-    n1 = unit(n1, f"{where}: across, less its part along the axis")
-    return np.stack((n1, np.cross(a, n1)))

@@ -1,0 +1,155 @@
+"""How a kind of joint or force is declared: its equations, once, on whatever calculates with numbers or records them.
+
+Vectors are NumPy arrays of three scalars, which may be floats or recorded symbols; declarations use ``+ - * / @``, and
+``np.sin``, ``np.cos``, ``np.sqrt``, ``np.arctan2`` of scalars. Nothing here knows who reads the equations.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+Scalar = Any  # a float, or what records operations on one
+Vec = np.ndarray  # (3,) of scalars
+
+
+class Count(NamedTuple):
+    """Rows of a joint."""
+
+    point: int = 0
+    line: int = 0
+    axis: int = 0
+    moving: int = 0
+
+
+@dataclass(frozen=True)
+class Pose:
+    """Place and motion of one body: r, v in space, R (3, 3) body to space, omega in space."""
+
+    r: Vec
+    R: np.ndarray
+    v: Vec
+    omega: Vec
+
+    def at(self, s: Vec) -> Vec:
+        """The point ``s`` (from C, body frame) in space [m]."""
+        return self.r + self.R @ s
+
+    def turn(self, u: Vec) -> Vec:
+        """The direction ``u`` of the body frame in space."""
+        out: Vec = self.R @ u
+        return out
+
+    def velocity(self, x: Vec) -> Vec:
+        """Velocity of the body's material point at ``x`` in space [m/s]."""
+        return self.v + cross(self.omega, x - self.r)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """Numbers of one joint: points [m], unit vectors u, w in body i and n (3, 3) in body j, length [m], f(t)."""
+
+    s_i: Vec
+    s_j: Vec
+    u: Vec
+    w: Vec
+    n: np.ndarray
+    length: Scalar
+    f: Scalar
+
+
+Rows = Callable[[Pose, Pose, Numbers], Sequence[Scalar] | Vec]
+
+
+@dataclass(frozen=True)
+class JointDeclaration:
+    """One kind of joint: what the user gives, its rows as equations, its sentences for the manual.
+
+    ``phi`` gives rows of poses (and of time, by ``Numbers.f``), ``rates`` the rows behind them that restrict velocities
+    alone, as phi_dot. ``frame`` turns the user's directions into u, w and n.
+    """
+
+    name: str
+    number: int  # in ``MultibodySystem.joint_sort``: kept files depend on it
+    count: Count
+    leaves: str  # free
+    equation: str  # for the manual
+    phi: Rows = lambda i, j, p: ()
+    rates: Rows = lambda i, j, p: ()
+    axes: str = ""  # "i", "j" or "ij": the directions that the user gives
+    across: bool = False  # whether across_i and across_j are given
+    length: str = ""  # what the length is, where the user gives one [m]
+    motion: str = ""  # unit of the function of time, where the user gives one
+    needs_motion: bool = True
+    given: str = ""  # the manual's words for what the user gives
+    note: str = ""  # behind what the user must give, in an error message
+    frame: Callable[..., dict[str, np.ndarray]] | None = None
+    turning: Sequence[bool] = field(default=())  # which rows have no unit; by default the axis rows
+
+    @property
+    def turns(self) -> tuple[bool, ...]:
+        """Which rows have no unit: their reactions are torques [N m]."""
+        point, line, axis, moving = self.count
+        return tuple(self.turning) or (False,) * (point + line) + (True,) * axis + (False,) * moving
+
+    @property
+    def is_holonomic(self) -> bool:
+        """Whether every row has a phi."""
+        return self.rates is JointDeclaration.rates
+
+
+def cross(a: Vec, b: Vec) -> Vec:
+    """a x b"""
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]],
+        dtype=np.result_type(a, b),
+    )
+
+
+def gap(i: Pose, j: Pose, p: Numbers) -> Vec:
+    """d: from the point of j to that of i [m]."""
+    return i.at(p.s_i) - j.at(p.s_j)
+
+
+def slides(i: Pose, j: Pose, p: Numbers, *ways: Vec) -> list[Scalar]:
+    """n . d of directions fixed in j [m]."""
+    d = gap(i, j, p)
+    return [j.turn(n) @ d for n in ways]
+
+
+def tilts(i: Pose, j: Pose, *pairs: tuple[Vec, Vec]) -> list[Scalar]:
+    """u . n of directions fixed in i and in j [-]."""
+    return [i.turn(u) @ j.turn(n) for u, n in pairs]
+
+
+def length(a: Vec) -> Scalar:
+    """|a|"""
+    return np.sqrt(a @ a)
+
+
+class Push(NamedTuple):
+    """A force [N] at a point, and a torque [N m], on body i, all in space; the opposite acts on body j."""
+
+    force: Vec
+    torque: Vec
+    point: Vec
+
+
+@dataclass(frozen=True)
+class ForceDeclaration:
+    """One kind of applied force: the arrays of ``MultibodySystem`` it reads, and its push as an equation.
+
+    ``numbers`` are names and sizes of what the system holds as ``<name>_<number>``; ``factor`` is a function of time.
+    """
+
+    name: str
+    numbers: dict[str, tuple[int, ...]]
+    push: Callable[[Pose, Pose, Any], Push]
+    equation: str  # for the manual
+    pair: bool = True  # whether it acts between two bodies; a load acts on one
+    depends_on_velocity: bool = True
+    depends_on_time: bool = False
+
+
+ZERO = np.zeros(3)

@@ -1,0 +1,11 @@
+"""The kinds of applied forces, one file each: what the user gives, and the push on the bodies as an equation."""
+
+from ..declaring import ForceDeclaration
+from . import load, spring, torsion
+from .load import Load
+from .spring import SpringDamper
+from .torsion import TorsionSpring
+
+__all__ = ["DECLARED", "Load", "SpringDamper", "TorsionSpring"]
+
+DECLARED: dict[str, ForceDeclaration] = {one.KIND.name: one.KIND for one in (spring, torsion, load)}

@@ -1,0 +1,33 @@
+"""Spring and damper along the line of two points."""
+
+from dataclasses import dataclass
+
+from ..declaring import ZERO, ForceDeclaration, Push, length
+from ..joints.frames import Vector
+
+
+@dataclass(frozen=True)
+class SpringDamper:
+    """Force ``-(k (d - d0) + c d_dot)`` along the line of two points ``p_i``, ``p_j`` [m], ``d`` their distance."""
+
+    i: int
+    p_i: Vector
+    j: int = -1  # the ground
+    p_j: Vector = (0.0, 0.0, 0.0)
+    stiffness: float = 0.0  # k [N/m]
+    rest_length: float = 0.0  # d0 [m]
+    damping: float = 0.0  # c [N s/m]
+
+
+def push(i, j, p):  # type: ignore[no-untyped-def]
+    """-(k (l - d0) + c l_dot) d / l at the points."""
+    x, y = i.at(p.p_i), j.at(p.p_j)
+    d = x - y
+    l = length(d)
+    rate = d @ (i.velocity(x) - j.velocity(y)) / l
+    return Push(-((p.k * (l - p.d0) + p.c * rate) / l) * d, ZERO, x)
+
+
+KIND = ForceDeclaration(
+    "spring", {"p_i": (3,), "p_j": (3,), "k": (), "d0": (), "c": ()}, push, "-(k (d - d_0) + c d_dot) along the line"
+)

@@ -1,0 +1,8 @@
+"""Driven distance: a massless link whose length is a function of time, an actuator or a winch."""
+
+from ...declaring import Count, JointDeclaration, gap, length
+
+KIND = JointDeclaration(
+    "driven distance", 14, Count(moving=1), leaves="all but the distance of the points: a massless link of f(t)",
+    equation="|d| - f(t) = 0", motion="m", phi=lambda i, j, p: [length(gap(i, j, p)) - p.f],
+)  # fmt: skip

@@ -1,0 +1,10 @@
+"""Fixed joint: one body of two."""
+
+from ...declaring import Count, JointDeclaration, gap, tilts
+from ..frames import normals
+
+KIND = JointDeclaration(
+    "fixed", 3, Count(point=3, axis=3), leaves="nothing", equation="d = 0, u . n_1 = u . n_2 = w . n_2 = 0",
+    axes="ij", across=True, frame=normals,
+    phi=lambda i, j, p: [*gap(i, j, p), *tilts(i, j, (p.u, p.n[0]), (p.u, p.n[1]), (p.w, p.n[1]))],
+)  # fmt: skip

@@ -1,0 +1,30 @@
+"""Rolling disc: a thin disc rolls on a plane of j without slipping (nonholonomic)."""
+
+from ...declaring import Count, JointDeclaration, length
+from ..frames import tangents
+
+
+def lowest(i, j, p):  # type: ignore[no-untyped-def]
+    """The disc's lowest point, in space."""
+    n, axis = j.turn(p.n[0]), i.turn(p.u)
+    down = n - (n @ axis) * axis
+    return i.at(p.s_i) - (p.length / length(down)) * down
+
+
+def phi(i, j, p):  # type: ignore[no-untyped-def]
+    """n_1 . (x - x_j) [m]."""
+    return [j.turn(p.n[0]) @ (lowest(i, j, p) - j.at(p.s_j))]
+
+
+def rates(i, j, p):  # type: ignore[no-untyped-def]
+    """n_k . (v_i(x) - v_j(x)) [m/s], along the two tangents of the plane."""
+    x = lowest(i, j, p)
+    slip = i.velocity(x) - j.velocity(x)
+    return [j.turn(p.n[1]) @ slip, j.turn(p.n[2]) @ slip]
+
+
+KIND = JointDeclaration(
+    "rolling disc", 12, Count(moving=3), leaves="tilting, rolling and spinning, with the lowest point at rest",
+    equation="n_1 . (x - x_j) = 0, n_2 . v = n_3 . v = 0 at the lowest point x", axes="ij", length="radius of the disc",
+    frame=tangents, phi=phi, rates=rates,
+)  # fmt: skip

@@ -1,0 +1,92 @@
+"""Rotations and plain loops over arrays (compiled): a vector is a row of an array or a tuple, results are tuples."""
+
+import math
+
+import numpy as np
+
+from .entries import inner
+
+
+@inner
+def copy(source, target):
+    """target := source, arrays of one shape."""
+    for at, value in np.ndenumerate(source):
+        target[at] = value
+
+
+@inner
+def clear(a):
+    """a := 0"""
+    for at in np.ndindex(a.shape):
+        a[at] = 0.0
+
+
+@inner
+def largest(a):
+    """max |a|, NaN if any is."""
+    size = 0.0
+    for at in np.ndindex(a.shape):
+        x = abs(a[at])
+        if not x <= size:
+            size = x
+    return size
+
+
+@inner
+def sines(s):
+    """sin(a) / a and (1 - cos a) / a^2 of s = a^2; below s = 1 by series cut at s^9, an error of 1e-17."""
+    if s < 1.0:
+        f = 1.0 - s * (1.0 / 342.0)
+        f = 1.0 - s * (1.0 / 272.0) * f
+        f = 1.0 - s * (1.0 / 210.0) * f
+        f = 1.0 - s * (1.0 / 156.0) * f
+        f = 1.0 - s * (1.0 / 110.0) * f
+        f = 1.0 - s * (1.0 / 72.0) * f
+        f = 1.0 - s * (1.0 / 42.0) * f
+        f = 1.0 - s * (1.0 / 20.0) * f
+        f = 1.0 - s * (1.0 / 6.0) * f
+        g = 1.0 - s * (1.0 / 380.0)
+        g = 1.0 - s * (1.0 / 306.0) * g
+        g = 1.0 - s * (1.0 / 240.0) * g
+        g = 1.0 - s * (1.0 / 182.0) * g
+        g = 1.0 - s * (1.0 / 132.0) * g
+        g = 1.0 - s * (1.0 / 90.0) * g
+        g = 1.0 - s * (1.0 / 56.0) * g
+        g = 1.0 - s * (1.0 / 30.0) * g
+        g = 0.5 * (1.0 - s * (1.0 / 12.0) * g)
+        return f, g
+    angle = math.sqrt(s)
+    half = math.sin(0.5 * angle)
+    return math.sin(angle) / angle, 2.0 * half * half / s
+
+
+@inner
+def turned_by(R, x, y, z, out):
+    """out := R exp(hat(x, y, z)), Rodrigues; ``out`` may be ``R``."""
+    f, g = sines(x * x + y * y + z * z)
+    E00, E11, E22 = 1.0 - g * (y * y + z * z), 1.0 - g * (x * x + z * z), 1.0 - g * (x * x + y * y)
+    E01, E10 = g * x * y - f * z, g * x * y + f * z
+    E02, E20 = g * x * z + f * y, g * x * z - f * y
+    E12, E21 = g * y * z - f * x, g * y * z + f * x
+    for k in range(3):
+        r0, r1, r2 = R[k, 0], R[k, 1], R[k, 2]
+        out[k, 0] = r0 * E00 + r1 * E10 + r2 * E20
+        out[k, 1] = r0 * E01 + r1 * E11 + r2 * E21
+        out[k, 2] = r0 * E02 + r1 * E12 + r2 * E22
+
+
+@inner
+def theta_dot(x, y, z, p, q, r):
+    """dexp^-1(theta) Omega of theta = (x, y, z), Omega = (p, q, r); below theta^2 = 1e-2 by a series."""
+    s = x * x + y * y + z * z
+    if s < 1e-2:
+        c = (1.0 + s / 60.0 * (1.0 + s / 42.0 * (1.0 + s / 40.0))) / 12.0
+    else:
+        half = 0.5 * math.sqrt(s)
+        c = (1.0 - half / math.tan(half)) / s
+    u, v, w = y * r - z * q, z * p - x * r, x * q - y * p
+    return (
+        p + 0.5 * u + c * (y * w - z * v),
+        q + 0.5 * v + c * (z * u - x * w),
+        r + 0.5 * w + c * (x * v - y * u),
+    )

@@ -1,0 +1,219 @@
+"""Index 1 at one state: products with A and M^-1, accelerations and multipliers, projections (compiled).
+
+S lam = -gamma - A M^-1 f,   v_dot = M^-1 (f + A^T lam),   gamma = A_dot v + (phi_t)_dot
+"""
+
+import numpy as np
+
+from .algebra import clear, copy, turned_by
+from .entries import apart, inner, run
+
+ROUNDS, PASSES, ROUNDING, STILL, SINGULAR = 3, 100, 1e-15, 1e-9, 1e-12  # as in ``mechanics.lent``
+
+
+@inner
+def times_inverse_mass(mass, J_inv, w):
+    """w (nb, 6) := M^-1 w"""
+    for b in range(len(mass)):
+        t0, t1, t2 = w[b, 3], w[b, 4], w[b, 5]
+        for a in range(3):
+            w[b, a] /= mass[b]
+            w[b, 3 + a] = J_inv[b, a, 0] * t0 + J_inv[b, a, 1] * t1 + J_inv[b, a, 2] * t2
+
+
+@inner
+def add_rates(k, w, sign, x):
+    """x (nrows,) += sign A w"""
+    for j in range(len(k.body)):
+        first, last = k.row[j], k.row[j + 1]
+        for e in range(2):
+            b = k.body[j, e]
+            if b < 0:
+                continue
+            side = 1.0 - 2.0 * e
+            for a in range(first, last):
+                y = k.X[e, a, 0] * w[b, 3] + k.X[e, a, 1] * w[b, 4] + k.X[e, a, 2] * w[b, 5]
+                if k.pins[j]:
+                    if a < first + 3:
+                        y += side * w[b, a - first]
+                else:
+                    y += side * (k.way[a, 0] * w[b, 0] + k.way[a, 1] * w[b, 1] + k.way[a, 2] * w[b, 2])
+                x[a] += sign * y
+
+
+@inner
+def add_loads(k, way, Y, x, w):
+    """w (nb, 6) += M^-1 A^T x with the rows whose f and Y = X J^-1 are given."""
+    for j in range(len(k.body)):
+        first, last = k.row[j], k.row[j + 1]
+        for e in range(2):
+            b = k.body[j, e]
+            if b < 0:
+                continue
+            share = (1.0 - 2.0 * e) / k.mass[b]
+            for a in range(first, last):
+                y = x[a]
+                if k.pins[j]:
+                    if a < first + 3:
+                        w[b, a - first] += share * y
+                else:
+                    for q in range(3):
+                        w[b, q] += share * y * way[a, q]
+                w[b, 3] += Y[e, a, 0] * y
+                w[b, 4] += Y[e, a, 1] * y
+                w[b, 5] += Y[e, a, 2] * y
+
+
+def accelerate(k):
+    """``v_dot`` and ``lam`` at the poses and velocities of ``k``; rows and factor are made anew."""
+    run(k.rows)
+    run(k.factorise)
+    run(k.react)
+
+
+def react(k):
+    """``v_dot`` and ``lam`` with rows and factor at hand."""
+    run(k.forces)
+    copy(k.force, k.v_dot)
+    times_inverse_mass(k.mass, k.J_inv, k.v_dot)
+    for a in range(len(k.rhs)):
+        k.rhs[a] = -k.gamma[a]
+    add_rates(k, k.v_dot, -1.0, k.rhs)
+    run(k.solve)
+    copy(k.rhs, k.lam)
+    add_loads(k, k.way, k.Y, k.lam, k.v_dot)
+    if len(k.coupled):
+        run(k.take_back)
+
+
+def reactions(k):
+    """``accelerate`` with the factor of these poses at hand."""
+    run(k.rows)
+    run(k.react)
+
+
+def project(k):
+    """Poses onto phi = 0, then velocities onto A v + phi_t = 0, along M^-1 A^T, with the factor at hand.
+
+    One pass each: what is left is the square of what there was, as long as ``k.L`` belongs to poses nearby.
+    """
+    for a in range(len(k.rhs)):
+        k.rhs[a] = -k.phi[a]
+    run(k.solve)
+    clear(k.change)
+    add_loads(k, k.way, k.Y, k.rhs, k.change)
+    for b in range(len(k.mass)):
+        for a in range(3):
+            k.r[b, a] += k.change[b, a]
+        turned_by(k.R[b], k.change[b, 3], k.change[b, 4], k.change[b, 5], k.R[b])
+    run(k.rows)
+    run(k.project_rates)
+
+
+def project_rates(k):
+    """Velocities onto A v + phi_t = 0 along M^-1 A^T, with rows and factor at hand; ``k.rhs`` is the impulse."""
+    for a in range(len(k.rhs)):
+        k.rhs[a] = -k.slip[a]
+    add_rates(k, k.v, -1.0, k.rhs)
+    run(k.solve)
+    add_loads(k, k.way, k.Y, k.rhs, k.v)
+
+
+def divide(k):
+    """w := M^-1 w"""
+    times_inverse_mass(k.mass, k.J_inv, k.w)
+
+
+def push(k):
+    """w += M^-1 A^T x"""
+    add_loads(k, k.way, k.Y, k.x, k.w)
+
+
+def push_kept(k):
+    """``push`` with the rows kept."""
+    add_loads(k, k.way0, k.Y0, k.x, k.w)
+
+
+def keep_rows(k):
+    """Keep the rows for ``push_kept``."""
+    copy(k.Y, k.Y0)
+    copy(k.way, k.way0)
+
+
+def slips(k):
+    """x := -(A w + phi_t)"""
+    for a in range(len(k.x)):
+        k.x[a] = -k.slip[a]
+    add_rates(k, k.w, -1.0, k.x)
+
+
+def take_back(k):
+    """``v_dot`` and ``lam`` of M instead of M' = M + P: M' v_dot - A^T lam = f + P v_dot, by conjugate gradients in the
+    product x . P y of angular accelerations; NaN where M is singular (module ``mechanics.lent``).
+    """
+    x, left, p = k.spun, k.left, k.toward
+    for b in range(len(k.mass)):
+        for a in range(3):
+            x[b, a] = k.v_dot[b, 3 + a]
+    for n in range(ROUNDS + 1):
+        _answer(k, x)
+        for b in range(len(k.mass)):
+            for a in range(3):
+                left[b, a] = k.v_dot[b, 3 + a] + k.change[b, 3 + a] - x[b, a]
+        size = _product(k.coupled, left, left)
+        if n == ROUNDS or not size > (STILL if n else ROUNDING) ** 2 * _product(k.coupled, x, x):
+            break
+        copy(left, p)
+        for _ in range(PASSES):
+            _answer(k, p)
+            for b in range(len(k.mass)):
+                for a in range(3):
+                    k.change[b, a] = p[b, a] - k.change[b, 3 + a]
+            along = _product(k.coupled, p, k.change)
+            if not along > SINGULAR * _product(k.coupled, p, p):
+                if size > STILL**2 * _product(k.coupled, x, x):
+                    k.v_dot[0, 0] = np.nan
+                break
+            share = size / along
+            for b in range(len(k.mass)):
+                for a in range(3):
+                    x[b, a] += share * p[b, a]
+                    left[b, a] -= share * k.change[b, a]
+            new = _product(k.coupled, left, left)
+            reached = _product(k.coupled, x, x)
+            if not new > ROUNDING**2 * reached or not (new < size or size > STILL**2 * reached):
+                break
+            for b in range(len(k.mass)):
+                for a in range(3):
+                    p[b, a] = left[b, a] + new / size * p[b, a]
+            size = new
+    for b in range(len(k.mass)):
+        for a in range(6):
+            k.v_dot[b, a] += k.change[b, a]
+    for a in range(len(k.lam)):
+        k.lam[a] += k.rhs[a]
+
+
+@apart
+def _answer(k, x):
+    """``change`` and ``rhs``: what the load P x adds to ``v_dot`` and ``lam``."""
+    for b in range(len(k.mass)):
+        for a in range(3):
+            P = k.coupled[b, a]
+            k.change[b, a], k.change[b, 3 + a] = 0.0, P[0] * x[b, 0] + P[1] * x[b, 1] + P[2] * x[b, 2]
+    times_inverse_mass(k.mass, k.J_inv, k.change)
+    for a in range(len(k.rhs)):
+        k.rhs[a] = 0.0
+    add_rates(k, k.change, -1.0, k.rhs)
+    run(k.solve)
+    add_loads(k, k.way, k.Y, k.rhs, k.change)
+
+
+@apart
+def _product(P, x, y):
+    """x . P y"""
+    out = 0.0
+    for b in range(len(P)):
+        for a in range(3):
+            out += x[b, a] * (P[b, a, 0] * y[b, 0] + P[b, a, 1] * y[b, 1] + P[b, a, 2] * y[b, 2])
+    return out

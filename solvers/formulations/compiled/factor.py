@@ -1,0 +1,183 @@
+"""S = A M^-1 A^T by blocks of joints, its factor, and solutions with it (compiled).
+
+    S = sum over bodies  X_a J^-1 X_c^T + sign_a sign_c f_a . f_c / m,   f the force of a row, X its torque in the body
+
+A pivot below ``DEPENDENT`` of its own diagonal is that of a redundant row: its multiplier is 0 and the other rows are
+exact for right-hand sides that belong to a motion. The rank may change with the configuration.
+"""
+
+import math
+
+from .blocks import WIDTH
+from .entries import fused
+
+DEPENDENT = 1e-9  # of the row's own entry of S; rounding leaves 1e-15, the weakest true pivots of our problems are 1e-4
+
+
+def factorise(k):
+    """S of ``k.X``, ``k.Y``, ``k.way`` and its factor."""
+    _factorise(k, WIDTH)
+
+
+def factorise_points(k):
+    """``factorise`` where joints have three rows at most."""
+    _factorise(k, 3)
+
+
+def solve(k):
+    """``k.rhs`` := S^-1 rhs with the factor in ``k.L``; 0 in redundant rows."""
+    _solve(k, WIDTH)
+
+
+def solve_points(k):
+    """``solve`` where joints have three rows at most."""
+    _solve(k, 3)
+
+
+@fused
+def _factorise(k, W):
+    """S into ``k.L``, then its block Cholesky factor in place; ``k.state.rank`` is the number of rows kept.
+
+    ``k.state.shift`` is added to the diagonal, relative to it: with more than ``DEPENDENT`` no row is dropped.
+    """
+    b, L, nj, rank = k.blocks, k.L, len(k.blocks.joint), 0
+    for p in range(len(b.other)):
+        for a in range(W):
+            for c in range(W):
+                L[p, a, c] = 0.0
+    for col in range(nj):
+        jc, size = b.joint[col], b.size[col]
+        for p in range(b.start[col], b.start[col + 1]):
+            ja, height = b.joint[b.other[p]], b.size[b.other[p]]
+            at, to = b.row[b.other[p]], b.row[col]
+            for t in range(b.shared_start[p], b.shared_start[p + 1]):
+                ea, ec = b.shared[t, 1], b.shared[t, 2]
+                weight = (1.0 - 2.0 * ea) * (1.0 - 2.0 * ec) / k.mass[k.body[jc, ec]]
+                if size == W:
+                    _add_turnings(k.X, k.Y, L, p, at, ea, to, ec, W, height)
+                else:
+                    _add_turnings(k.X, k.Y, L, p, at, ea, to, ec, size, height)
+                if k.pins[ja] and k.pins[jc]:
+                    for a in range(3):
+                        L[p, a, a] += weight
+                else:
+                    _add_translations(k.way, at, to, height, size, weight, L, p)
+        for a in range(size):
+            k.diagonal[b.row[col] + a] = L[b.start[col], a, a]
+            L[b.start[col], a, a] *= 1.0 + k.state.shift
+    for col in range(nj):
+        d, size = b.start[col], b.size[col]
+        rank += _diagonal(L, d, size, k.diagonal, b.row[col])
+        for p in range(d + 1, b.start[col + 1]):  # L_pd = S_pd L_dd^-T
+            height = b.size[b.other[p]]
+            if size == W:  # as a constant it has the loops unrolled: half the time of a full block
+                _divide(L, p, d, W, height)
+            else:
+                _divide(L, p, d, size, height)
+        for t in range(b.update_start[col], b.update_start[col + 1]):
+            target, left, right = b.update[t, 0], b.update[t, 1], b.update[t, 2]
+            for a in range(W):
+                for c in range(W):
+                    x = 0.0
+                    for q in range(W):
+                        x += L[left, a, q] * L[right, c, q]
+                    L[target, a, c] -= x
+    k.state.rank = rank
+
+
+@fused
+def _solve(k, W):
+    b, L, x, nj = k.blocks, k.L, k.rhs, len(k.blocks.joint)
+    for col in range(nj):
+        d, size, row = b.start[col], b.size[col], b.row[col]
+        for a in range(size):
+            y = x[row + a]
+            for q in range(a):
+                y -= L[d, a, q] * x[row + q]
+            x[row + a] = y * L[d, a, a]
+        for p in range(d + 1, b.start[col + 1]):
+            at, height = b.row[b.other[p]], b.size[b.other[p]]
+            if size == W:
+                _subtract(L, p, x, row, W, at, height)
+            else:
+                _subtract(L, p, x, row, size, at, height)
+    for col in range(nj - 1, -1, -1):
+        d, size, row = b.start[col], b.size[col], b.row[col]
+        for p in range(d + 1, b.start[col + 1]):
+            at, height = b.row[b.other[p]], b.size[b.other[p]]
+            if size == W:
+                _subtract_transposed(L, p, x, row, W, at, height)
+            else:
+                _subtract_transposed(L, p, x, row, size, at, height)
+        for a in range(size - 1, -1, -1):
+            y = x[row + a]
+            for q in range(a + 1, size):
+                y -= L[d, q, a] * x[row + q]
+            x[row + a] = y * L[d, a, a]
+
+
+@fused
+def _add_turnings(X, Y, L, p, at, ea, to, ec, size, height):
+    """L_p += X J^-1 X^T of two joints at one body."""
+    for a in range(height):
+        x0, x1, x2 = X[ea, at + a, 0], X[ea, at + a, 1], X[ea, at + a, 2]
+        for c in range(size):
+            L[p, a, c] += x0 * Y[ec, to + c, 0] + x1 * Y[ec, to + c, 1] + x2 * Y[ec, to + c, 2]
+
+
+@fused
+def _add_translations(way, at, to, height, size, weight, L, p):
+    """L_p += weight f_a . f_c: joints with rows that are no point rows."""
+    for a in range(height):
+        f0, f1, f2 = way[at + a, 0], way[at + a, 1], way[at + a, 2]
+        for c in range(size):
+            L[p, a, c] += weight * (f0 * way[to + c, 0] + f1 * way[to + c, 1] + f2 * way[to + c, 2])
+
+
+@fused
+def _divide(L, p, d, size, height):
+    """L_p := L_p L_d^-T"""
+    for a in range(height):
+        for c in range(size):
+            x = L[p, a, c]
+            for q in range(c):
+                x -= L[p, a, q] * L[d, c, q]
+            L[p, a, c] = x * L[d, c, c]
+
+
+@fused
+def _subtract(L, p, x, row, size, at, height):
+    """x[at:] -= L_p x[row:]"""
+    for a in range(height):
+        y = 0.0
+        for q in range(size):
+            y += L[p, a, q] * x[row + q]
+        x[at + a] -= y
+
+
+@fused
+def _subtract_transposed(L, p, x, row, size, at, height):
+    """x[row:] -= L_p^T x[at:]"""
+    for a in range(height):
+        y = x[at + a]
+        for q in range(size):
+            x[row + q] -= L[p, a, q] * y
+
+
+@fused
+def _diagonal(L, d, size, diagonal, row):
+    """Cholesky of one diagonal block, its diagonal inverted."""
+    kept = 0
+    for c in range(size):
+        x = L[d, c, c]
+        for q in range(c):
+            x -= L[d, c, q] * L[d, c, q]
+        inverse = 1.0 / math.sqrt(x) if x > DEPENDENT * diagonal[row + c] else 0.0
+        kept += inverse > 0.0
+        L[d, c, c] = inverse
+        for a in range(c + 1, size):
+            x = L[d, a, c]
+            for q in range(c):
+                x -= L[d, a, q] * L[d, c, q]
+            L[d, a, c] = x * inverse
+    return kept

@@ -1,0 +1,122 @@
+"""From a problem to a trajectory: the kernel, a method, its march in stretches, limits, spooling."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from ....harness.clock import cpu_seconds
+from ....harness.types import Problem, States, Status, StepControl, Trajectory
+from . import marching
+from .entries import Bound
+from .kernel import Kernel, make_kernel, start_at
+from .marching import March, Record, empty_record, march, new_control
+from .mechanism import make_mechanism
+
+FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
+STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
+
+
+@dataclass(frozen=True)
+class Method:
+    """A method as the march needs it: bundles and functions of one step."""
+
+    prepare: Callable[[Kernel, np.ndarray], Any]  # the bundle of a step, with the control and the kernel in it
+    step: Callable[[Any], None]
+    finish: Callable[[Any], None]
+    start: Callable[[Any], None] | None = None  # from the initial state; without: ``accelerate`` of the kernel
+    order: float = 0.0  # of the error estimate in h; 0: fixed steps
+    rate: float = 0.0  # [rad/s] of reversible step control; 0: none
+    counters: tuple[str, ...] = ("rejected",)
+    explicit: bool = False  # whether code of the whole mechanism serves it
+    notes: tuple[str, ...] = field(default=())
+
+
+def integrate(problem: Problem, control: StepControl, method: Method) -> Trajectory:
+    """March to the end or to a failure, which is a status."""
+    began = cpu_seconds()
+    made = (make_mechanism(problem.system) if method.explicit else None) or make_kernel(problem.system)
+    kernel = made.kernel
+    start_at(kernel, problem.initial)
+    state = new_control(
+        t_end=problem.t_end, adaptive=method.order > 0.0, order=method.order, rate=method.rate, last_error=1e-4,
+        rtol=control.rtol or 0.0, max_step=control.max_step or np.inf, dt=control.dt or 0.0,
+        next_step=min(FIRST_STEP, problem.t_end),
+    )  # fmt: skip
+    bundle = method.prepare(kernel, state)
+    step, finish = Bound(method.step, bundle), Bound(method.finish, bundle)
+    start = Bound(method.start, bundle) if method.start else made.entry("accelerate")
+    start()
+
+    def stretch(n: int) -> Record:
+        record = empty_record(n, problem.system.nb, problem.system.nrows)
+        Bound(march, March(state, kernel, record, step.entry, finish.entry))()
+        return Record(*(a[: state["recorded"]] for a in record))
+
+    first = kernel.lam[kernel.order][None]
+    stretch(0)  # compiles, or loads
+    return _march(problem, control, method, stretch, (state, first, kernel.order), cpu_seconds() - began)
+
+
+def _march(
+    problem: Problem,
+    control: StepControl,
+    method: Method,
+    stretch: Callable[[int], Record],
+    at: tuple[np.ndarray, np.ndarray, np.ndarray],
+    set_up: float,
+) -> Trajectory:
+    system, (state, reaction, order) = problem.system, at
+    room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * system.nb + system.nrows)))))
+    began, cpu = time.perf_counter(), cpu_seconds()
+    done: list[Record] = []
+    taken, status, message = 0, Status.SUCCESS, ""
+    while True:
+        record = stretch(min(room, control.max_steps - taken))
+        done.append(record)
+        taken += len(record.t)
+        if control.spool is not None and len(record.t):
+            control.spool.take(record.t, _states(record))
+        outcome, t = int(state["outcome"]), float(state["t"])
+        if outcome == marching.FINISHED:
+            break
+        if outcome != marching.FULL:
+            status, words = ENDS[outcome]
+            message = f"{words} at t = {t:g} s"
+            break
+        limit = None
+        if taken >= control.max_steps:
+            limit = f"max_steps = {control.max_steps}"
+        elif control.wall_limit is not None and time.perf_counter() - began > control.wall_limit:
+            limit = f"wall limit of {control.wall_limit:g} s"
+        if limit:
+            status, message = Status.STALLED, f"{limit} reached at t = {t:g} s"
+            break
+    cpu = cpu_seconds() - cpu
+    whole = Record(*(np.concatenate(a) for a in zip(*done, strict=True)))
+    first, moved = problem.initial, _states(whole)
+    return Trajectory(
+        t=np.concatenate(([0.0], whole.t)),
+        states=States(*(np.concatenate((getattr(first, n)[None], getattr(moved, n))) for n in NAMES)),
+        status=status, message=message, notes=method.notes,
+        counters={"steps": taken, **{name: int(state[name]) for name in method.counters}},
+        reaction=np.concatenate((reaction, whole.lam[:, order])), cpu_time=cpu, setup_time=set_up,
+    )  # fmt: skip
+
+
+NAMES = ("r", "R", "v", "Omega")
+ENDS = {
+    marching.UNDERFLOW: (Status.STEP_UNDERFLOW, "the error test asks for a step below the spacing of times"),
+    marching.NOT_FINITE: (Status.DIVERGED, "the motion is no longer finite"),
+    marching.STUCK: (Status.STEP_UNDERFLOW, "the iteration of a step does not converge with this step"),
+    marching.TURNED: (
+        Status.STEP_UNDERFLOW,
+        "a body turns by more than half a turn in this step, or would: take a shorter one",
+    ),
+}
+
+
+def _states(record: Record) -> States:
+    return States(record.r, record.R, record.v[:, :, :3], record.v[:, :, 3:])

@@ -1,0 +1,172 @@
+"""The one way to march: times of steps, error control, reversible control, recording (compiled).
+
+At ``control.t`` [s] the step of a method tries ``control.h`` and leaves ``status``, and ``error`` where the step size
+is controlled by it; its finish follows an accepted step, and leaves the state and ``lam`` to be recorded.
+
+Reversible step control (Hairer and Soederlind 2005, SIAM J. Sci. Comput. 26)::
+
+    h = dt / z,  z_(n+1/2) = z_(n-1/2) + dt G(y_n),  G = d/dt ln(1/s),  1/s = (1 + sum_b |Omega_b / rate|^4)^(1/4)
+
+so that z follows 1/s, never less than 1, and the way back takes the same steps. G takes the accelerations at y_n.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from .algebra import copy, largest
+from .entries import inner, run
+from .kernel import Kernel
+
+FULL, FINISHED, UNDERFLOW, NOT_FINITE, STUCK, TURNED = range(6)  # outcomes; a step's status is 0 or one of them
+SAFETY, LEAST, MOST = 0.9, 0.2, 5.0  # of the step's change
+SHORTEST = 1e-14  # of the time: below it a step no longer moves the clock
+
+CONTROL = np.dtype(
+    [(name, "f8") for name in ("t", "t_end", "h", "dt", "next_step", "max_step", "rtol", "order", "error", "last_error",
+                               "rate", "pace")]
+    + [(name, "i8") for name in ("adaptive", "paced", "steps", "evaluations", "rejected", "iterations",
+                                 "factorisations", "status", "outcome", "recorded")]
+)  # fmt: skip
+
+
+class Record(NamedTuple):
+    """Accepted steps."""
+
+    t: Any  # (n,)
+    r: Any  # (n, nb, 3)
+    R: Any  # (n, nb, 3, 3)
+    v: Any  # (n, nb, 6)
+    lam: Any  # (n, nrows) in the kernel's order
+
+
+class March(NamedTuple):
+    """What a march reads and writes."""
+
+    control: Any  # record
+    kernel: Kernel
+    record: Record
+    step: int  # entry: a trial step
+    finish: int  # entry: after an accepted one
+
+
+def new_control(**values: float) -> np.ndarray:
+    """A control with these values, the others 0."""
+    control = np.zeros((), dtype=CONTROL)
+    for name, value in values.items():
+        control[name] = value
+    return control
+
+
+def empty_record(n: int, nb: int, nrows: int) -> Record:
+    """Room for ``n`` steps."""
+    return Record(
+        np.zeros(n), np.zeros((n, nb, 3)), np.zeros((n, nb, 3, 3)), np.zeros((n, nb, 6)), np.zeros((n, nrows))
+    )
+
+
+def march(m):
+    """Steps until the record is full or the end is reached: ``outcome``, and ``recorded`` steps."""
+    c, k, done = m.control, m.kernel, 0
+    c.outcome = FULL
+    while done < len(m.record.t):
+        end = _next_end(c, k)
+        if c.outcome != FULL:
+            break
+        c.status = 0
+        run(m.step)
+        if c.status != 0:
+            c.outcome = c.status
+            break
+        if c.adaptive and not _accepted(c):
+            if c.outcome != FULL:
+                break
+            continue
+        run(m.finish)
+        if not np.isfinite(largest(k.v)):
+            c.outcome = NOT_FINITE
+            break
+        if c.adaptive:
+            _grow(c)
+        c.t = end
+        c.steps += 1
+        m.record.t[done] = end
+        copy(k.r, m.record.r[done])
+        copy(k.R, m.record.R[done])
+        copy(k.v, m.record.v[done])
+        copy(k.lam, m.record.lam[done])
+        done += 1
+    c.recorded = done
+
+
+@inner
+def _next_end(c, k):
+    """Set ``h``; the time [s] at which the step ends. Outcomes: the end is reached, or no step moves the clock."""
+    if c.adaptive:
+        t, h, left = c.t, min(c.next_step, c.max_step), c.t_end - c.t
+        if left <= SHORTEST * max(abs(t), 1e-300):
+            c.outcome = FINISHED
+        if h >= left * (1.0 - 1e-12):
+            c.h = left
+            return c.t_end
+        if 2.0 * h > left:
+            h = 0.5 * left  # two even steps instead of one and a sliver
+        if h < SHORTEST * max(abs(t), c.t_end * SHORTEST):
+            c.outcome = UNDERFLOW
+        c.h = h
+        return t + h
+    if c.rate == 0.0:
+        n = c.steps
+        if n >= int(np.ceil(c.t_end / c.dt - 1e-9)):
+            c.outcome = FINISHED
+            return c.t_end
+        c.t = n * c.dt
+        end = min((n + 1) * c.dt, c.t_end)
+    else:
+        end = _paced(c, k)
+        if not end > c.t:
+            c.outcome = FINISHED
+    c.h = end - c.t
+    return end
+
+
+@inner
+def _paced(c, k):
+    fourth, power = c.rate**4, 0.0
+    for b in range(len(k.v)):
+        w0, w1, w2 = k.v[b, 3], k.v[b, 4], k.v[b, 5]
+        square = w0 * w0 + w1 * w1 + w2 * w2
+        power += square * (w0 * k.v_dot[b, 3] + w1 * k.v_dot[b, 4] + w2 * k.v_dot[b, 5])
+        fourth += square * square
+    G = power / fourth
+    if c.paced:
+        c.pace += c.dt * G
+    else:
+        c.paced = 1
+        c.pace = fourth**0.25 / c.rate + 0.5 * c.dt * G
+    if c.t >= c.t_end:
+        return c.t
+    h = c.dt / max(c.pace, 0.1)
+    return c.t_end if c.t + 1.01 * h >= c.t_end else c.t + h  # a hundredth of a step goes with the last one
+
+
+@inner
+def _accepted(c):
+    """Whether the error is small enough; if not, the next step is cut."""
+    if c.error <= 1.0:
+        return True
+    c.rejected += 1
+    finite = math.isfinite(c.error)
+    cut = max(LEAST, SAFETY * c.error ** (-1.0 / c.order)) if finite else LEAST
+    c.next_step = c.h * min(cut, 0.9)
+    if c.next_step < SHORTEST * max(c.t, c.t_end * 1e-6):
+        c.outcome = UNDERFLOW if finite else NOT_FINITE
+    return False
+
+
+@inner
+def _grow(c):
+    grow = SAFETY * max(c.error, 1e-10) ** (-0.7 / c.order) * c.last_error ** (0.4 / c.order)
+    c.next_step = c.h * min(MOST, max(LEAST, grow))
+    c.last_error = max(c.error, 1e-4)

@@ -1,0 +1,150 @@
+"""Numba's part: bundles as numba sees them, ``run``, functions as LLVM IR. Loaded when something compiles."""
+
+import sys
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numba
+import numpy as np
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+from numba.np import arrayobj
+
+from . import entries
+from .entries import PACKAGE, Inner
+
+OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+def print_function(function: Callable[..., None], name: str, bundle: Any) -> str:
+    """LLVM IR of ``name`` (words) -> void."""
+    arm(function.__module__, set())
+    inner = numba.njit(**OPTIONS, forceinline=True)(function)
+    unpack = _unpacker(bundle_type(bundle))
+
+    def entry(words):  # type: ignore[no-untyped-def]
+        inner(unpack(words))
+
+    made = numba.cfunc(types.void(types.CPointer(types.int64)), error_model="numpy", _nrt=False)(entry)
+    text: str = made.inspect_llvm()
+    return text.replace(f"@{made.native_name}(", f'@"{name}"(').replace(f'@"{made.native_name}"(', f'@"{name}"(')
+
+
+def bundle_type(bundle: Any) -> Any:
+    """Numba's type of a bundle."""
+    fields: list[Any] = []
+    for x in bundle:
+        if isinstance(x, np.ndarray):
+            if x.dtype.names:
+                fields.append(numba.from_dtype(x.dtype))
+            else:
+                fields.append(types.Array(numba.from_dtype(x.dtype), x.ndim, "C"))
+        else:
+            fields.append(bundle_type(x) if isinstance(x, tuple) else types.int64)
+    return (
+        types.NamedTuple(fields, type(bundle))
+        if len(set(fields)) > 1
+        else types.NamedUniTuple(fields[0], len(fields), type(bundle))
+    )
+
+
+def _unpacker(of: Any) -> Any:
+    @intrinsic
+    def unpack(typing: Any, words: Any) -> Any:
+        def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+            return _unpacked(context, builder, of, given[0], [0])
+
+        return of(words), generate
+
+    return unpack
+
+
+def _unpacked(context: Any, builder: Any, of: Any, words: Any, at: list[int]) -> Any:
+    """The value of type ``of`` from the words behind ``at``, which it moves."""
+
+    def load() -> Any:
+        value = builder.load(builder.gep(words, [ir.Constant(ir.IntType(64), at[0])]))
+        at[0] += 1
+        return value
+
+    if isinstance(of, types.Array):
+        array = context.make_array(of)(context, builder)
+        data = builder.inttoptr(load(), context.get_data_type(of.dtype).as_pointer())
+        shape = [load() for _ in range(of.ndim)]
+        size = context.get_abi_sizeof(context.get_data_type(of.dtype))
+        strides, step = [], ir.Constant(ir.IntType(64), size)
+        for length in reversed(shape):
+            strides.append(step)
+            step = builder.mul(step, length)
+        arrayobj.populate_array(
+            array, data=data, shape=shape, strides=strides[::-1], itemsize=ir.Constant(ir.IntType(64), size),
+            meminfo=None,
+        )  # fmt: skip
+        return array._getvalue()
+    if isinstance(of, types.Record):
+        return builder.inttoptr(load(), context.get_value_type(of))
+    if isinstance(of, types.BaseTuple):
+        return (
+            cgutils.pack_struct(builder, [_unpacked(context, builder, one, words, at) for one in of])
+            if not isinstance(of, types.UniTuple | types.NamedUniTuple)
+            else cgutils.pack_array(builder, [_unpacked(context, builder, one, words, at) for one in of])
+        )
+    return load()
+
+
+def arm(name: str, seen: set[str]) -> None:
+    """Make numba's functions of all ``Inner`` functions of a module and of those it imports from."""
+    if name in seen or not name.startswith(PACKAGE) or name == entries.__name__:
+        return
+    seen.add(name)
+    space = vars(sys.modules[name])
+    for key, value in list(space.items()):
+        if isinstance(value, Inner):
+            arm(value.function.__module__, seen)
+            space[key] = _made(value)
+        elif value is entries.run:
+            space[key] = run
+        elif value is entries.call_law:
+            space[key] = call_law
+        elif callable(value):
+            of = getattr(getattr(value, "py_func", value), "__module__", None)
+            if isinstance(of, str) and of in sys.modules:
+                arm(of, seen)
+
+
+@cache
+def _made(of: Inner) -> Any:
+    return numba.njit(**OPTIONS, **of.options)(of.function)
+
+
+@intrinsic
+def run(typing: Any, entry: Any) -> Any:
+    """Carry out the calls of a program, by its word."""
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        word = ir.IntType(64)
+        program = builder.inttoptr(given[0], word.as_pointer())
+        function = ir.FunctionType(ir.VoidType(), [word.as_pointer()])
+        runner = builder.inttoptr(builder.load(program), function.as_pointer())
+        builder.call(runner, [builder.gep(program, [ir.Constant(word, 1)])])
+        return context.get_dummy_value()
+
+    return types.void(types.int64), generate
+
+
+@intrinsic
+def call_law(typing: Any, address: Any, t: Any, state: Any, load: Any) -> Any:
+    """law(t, state, load) at the address of its C function."""
+
+    def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        double = ir.DoubleType()
+        law = ir.FunctionType(ir.VoidType(), [double, double.as_pointer(), double.as_pointer()])
+        arrays = zip(signature.args[2:], given[2:], strict=True)
+        data = [context.make_array(kind)(context, builder, value).data for kind, value in arrays]
+        builder.call(builder.inttoptr(given[0], law.as_pointer()), [given[1], *data])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.float64, state, load), generate

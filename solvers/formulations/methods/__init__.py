@@ -1,0 +1,1 @@
+"""Methods as step functions on the kernel of ``compiled``: tableaux and schemes, no joints."""

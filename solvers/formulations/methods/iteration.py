@@ -1,0 +1,19 @@
+"""When the iteration of a step has settled (compiled)."""
+
+import numpy as np
+
+from ..compiled.entries import inner
+
+MOST_ITERATIONS = 60
+GO_ON, SETTLED, FAILED = range(3)
+
+
+@inner
+def settled(size, last, tolerance):
+    """Of residual and correction: below the tolerance and falling no more, or no longer finite.
+
+    Growth is no failure: errors in poses and velocities may turn into each other before both fall.
+    """
+    if not np.isfinite(size):
+        return FAILED
+    return SETTLED if size <= tolerance and (size == 0.0 or size > 0.1 * last) else GO_ON

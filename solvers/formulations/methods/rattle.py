@@ -1,0 +1,148 @@
+"""RATTLE on SO(3) with the free body as drift, and symmetric compositions of it (compiled).
+
+One sub-step of h from (q_0, v_0) with the factor of S at q_0 at hand (McLachlan, Modin, Verdier, Wilkins 2014)::
+
+    p_half = M v_0 + h/2 f(q_0) + A_0^T x         translation and body momentum L = J Omega; f without gyroscopic term
+    q_1 = free motion over h from (q_0, p_half)   x such that phi(q_1) = 0: S_0 dx = -phi / h, repeated
+    v_1 = M^-1 (p_1 + h/2 f(q_1) + A_1^T y)       S_1 y = -A_1 (...): A_1 v_1 = 0
+
+Symplectic and time-reversible; phi and A v at rounding in every step. Dampers enter f(q_1, v_1) by a fixed point.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..compiled.algebra import copy, largest
+from ..compiled.entries import inner, run
+from ..compiled.kernel import Kernel
+from ..compiled.marching import STUCK
+from .free_body import Principal, turn_discretely, turn_freely
+from .iteration import FAILED, MOST_ITERATIONS, SETTLED, settled
+
+DAMPER_PASSES = 6
+SCHEME = np.dtype([("tolerance", "f8"), ("damped", "i8"), ("discrete", "i8")])
+
+
+class Step(NamedTuple):
+    """Scheme and room of one step."""
+
+    control: Any
+    kernel: Kernel
+    scheme: Any  # record: tolerance of phi [m], whether dampers act, whether free bodies turn by discrete equations
+    axes: Principal
+    gamma: Any  # (stages,) sub-steps gamma dt
+    r0: Any  # (nb, 3)
+    R0: Any  # (nb, 3, 3)
+    half: Any  # (nb, 6) M^-1 p without the impulse of the constraints
+    L: Any  # (3,)
+    impulse: Any  # (nrows,) of the first half
+    lam: Any  # (nrows,) reaction at the start of the sub-step
+
+
+def prepare(kernel: Kernel, control: np.ndarray, *, scheme: tuple, axes: Principal, gamma: np.ndarray) -> Step:
+    """Arrays of one step."""
+    nb, nr = len(kernel.mass), len(kernel.lam)
+    return Step(
+        control, kernel, np.array(scheme, dtype=SCHEME), axes, gamma, np.zeros((nb, 3)), np.zeros((nb, 3, 3)),
+        np.zeros((nb, 6)), np.zeros(3), np.zeros(nr), np.zeros(nr),
+    )  # fmt: skip
+
+
+def start(s):
+    """The reaction of index 1; its rows and factor are those of the first step."""
+    run(s.kernel.accelerate)
+    copy(s.kernel.lam, s.lam)
+
+
+def step(s):
+    """All sub-steps of ``control.h``."""
+    c, k = s.control, s.kernel
+    k.t[0] = c.t
+    for i in range(len(s.gamma)):
+        if not _sub_step(s, k, c, s.gamma[i] * c.h):
+            c.status = STUCK
+            break
+
+
+def finish(s):
+    """Reactions of index 1: 2 y / h is one order less exact."""
+    run(s.kernel.reactions)
+
+
+@inner
+def _sub_step(s, k, c, h):
+    """One sub-step, which moves the time of ``k``; returns whether phi came down to the tolerance."""
+    copy(k.r, s.r0)
+    copy(k.R, s.R0)
+    copy(k.v, s.half)
+    _kick(s, k, h)
+    for a in range(len(s.impulse)):
+        s.impulse[a] = 0.5 * h * s.lam[a]
+    run(k.keep_rows)
+    k.t[0] += h
+    last = np.inf
+    for _ in range(MOST_ITERATIONS):
+        copy(s.half, k.w)
+        copy(s.impulse, k.x)
+        run(k.push_kept)
+        _drift(s, k, h)
+        run(k.rows)
+        for a in range(len(k.phi)):
+            k.rhs[a] = -k.phi[a] / h
+        c.iterations += 1
+        size = largest(k.phi)
+        state = settled(size, last, s.scheme.tolerance)
+        if state == FAILED:
+            return False
+        last = size
+        if state == SETTLED:
+            break
+        run(k.solve)
+        for a in range(len(s.impulse)):
+            s.impulse[a] += k.rhs[a]
+    if last > s.scheme.tolerance:
+        return False
+    copy(k.w, k.v)
+    run(k.rows)
+    run(k.factorise)
+    c.factorisations += 1
+    for _ in range(DAMPER_PASSES if s.scheme.damped else 1):
+        copy(k.w, s.half)
+        _kick(s, k, h)
+        copy(s.half, k.v)
+        run(k.project_rates)
+    for a in range(len(k.rhs)):
+        s.lam[a] = 2.0 * k.rhs[a] / h
+    return True
+
+
+@inner
+def _kick(s, k, h):
+    """half += h/2 M^-1 f at the poses and velocities of ``k``."""
+    run(k.applied)
+    for b in range(len(s.half)):
+        t0, t1, t2 = k.force[b, 3], k.force[b, 4], k.force[b, 5]
+        for a in range(3):
+            J = k.J_inv[b, a]
+            s.half[b, a] += 0.5 * h * (k.force[b, a] / k.mass[b])
+            s.half[b, 3 + a] += 0.5 * h * (J[0] * t0 + J[1] * t1 + J[2] * t2)
+
+
+@inner
+def _drift(s, k, h):
+    """Poses of ``k`` from the start of the sub-step at ``w``, whose Omega becomes that at its end."""
+    for b in range(len(k.mass)):
+        w0, w1, w2 = k.w[b, 3], k.w[b, 4], k.w[b, 5]
+        for a in range(3):
+            k.r[b, a] = s.r0[b, a] + h * k.w[b, a]
+            s.L[a] = k.J[b, a, 0] * w0 + k.J[b, a, 1] * w1 + k.J[b, a, 2] * w2
+            for c in range(3):
+                k.R[b, a, c] = s.R0[b, a, c]
+        if s.scheme.discrete:
+            turn_discretely(k.J[b], h, k.R[b], s.L)
+        else:
+            turn_freely(s.axes, b, h, k.R, s.L)
+        l0, l1, l2 = s.L[0], s.L[1], s.L[2]
+        for a in range(3):
+            k.w[b, 3 + a] = k.J_inv[b, a, 0] * l0 + k.J_inv[b, a, 1] * l1 + k.J_inv[b, a, 2] * l2

@@ -1,0 +1,138 @@
+"""Runge-Kutta-Munthe-Kaas steps on index 1, error-controlled, each accepted step projected (compiled).
+
+In a step from (r0, R0): y = (r, theta, v) with R = R0 exp(theta), theta = 0 at the start, and::
+
+    r' = v,   theta' = dexp^-1(theta) Omega,   v' = index-1 acceleration
+
+The inverse differential is exact for each body, so the order is that of the tableau for any pair (Munthe-Kaas 1999).
+The last stage stands at the end of the step and serves as the next one's first, although the projection moves the
+point: that change is of the order of the error, O(h^(p+1)).
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..compiled.algebra import copy, theta_dot, turned_by
+from ..compiled.entries import inner, run
+from ..compiled.kernel import Kernel
+
+
+class Stages(NamedTuple):
+    """Room for one step: columns of ``y`` are r (3), theta (3), v (6)."""
+
+    control: Any
+    kernel: Kernel
+    c: Any  # tableau: (s,)
+    a: Any  # (s, s)
+    b: Any  # (s,)
+    estimate: Any  # (1 or 2, s + 1): one estimate of the error, or two (E5, E3) that DOP853 combines
+    start: Any  # (nb, 12)
+    R: Any  # (nb, 3, 3) at the start
+    y: Any  # (nb, 12)
+    slopes: Any  # (s + 1, nb, 12)
+
+
+def prepare(kernel: Kernel, control: np.ndarray, tableau: Any) -> Stages:
+    """Arrays of one step."""
+    nb, n = len(kernel.mass), len(tableau.b)
+    return Stages(
+        control, kernel, tableau.c, tableau.a, tableau.b, tableau.error, np.zeros((nb, 12)), np.zeros((nb, 3, 3)),
+        np.zeros((nb, 12)), np.zeros((n + 1, nb, 12)),
+    )  # fmt: skip
+
+
+def start(s):
+    """The first slope and the multipliers at the start."""
+    _begin(s)
+    copy(s.start, s.y)
+    _slope(s, s.kernel.t[0], 0)
+
+
+def step(s):
+    """Stages and the error of a step of ``control.h``; the kernel is left at the last stage."""
+    c, n = s.control, len(s.b)
+    for i in range(1, n):
+        _combine(s, s.a[i], i, c.h)
+        _slope(s, c.t + c.h * s.c[i], i)
+    _combine(s, s.b, n, c.h)
+    _slope(s, c.t + c.h, n)
+    c.error = _error(s, c.h, c.rtol)
+
+
+def finish(s):
+    """Project; the last slope becomes the first one, but for its velocities."""
+    k, n = s.kernel, len(s.b)
+    run(k.project)
+    _begin(s)
+    for b in range(len(k.mass)):
+        for a in range(6):
+            s.slopes[0, b, a] = k.v[b, a]
+            s.slopes[0, b, 6 + a] = s.slopes[n, b, 6 + a]
+
+
+@inner
+def _begin(s):
+    for b in range(len(s.y)):
+        for a in range(3):
+            s.start[b, a], s.start[b, 3 + a] = s.kernel.r[b, a], 0.0
+        for a in range(6):
+            s.start[b, 6 + a] = s.kernel.v[b, a]
+    copy(s.kernel.R, s.R)
+
+
+@inner
+def _slope(s, t, out):
+    k = s.kernel
+    k.t[0] = t
+    for b in range(len(s.y)):
+        for a in range(3):
+            k.r[b, a] = s.y[b, a]
+        turned_by(s.R[b], s.y[b, 3], s.y[b, 4], s.y[b, 5], k.R[b])
+        for a in range(6):
+            k.v[b, a] = s.y[b, 6 + a]
+    run(k.accelerate)
+    s.control.evaluations += 1
+    for b in range(len(s.y)):
+        y = s.y[b]
+        x = theta_dot(y[3], y[4], y[5], y[9], y[10], y[11])
+        s.slopes[out, b, 3], s.slopes[out, b, 4], s.slopes[out, b, 5] = x
+        for a in range(3):
+            s.slopes[out, b, a] = y[6 + a]
+        for a in range(6):
+            s.slopes[out, b, 6 + a] = k.v_dot[b, a]
+
+
+@inner
+def _combine(s, weights, n, h):
+    """y = start + h sum weights slopes"""
+    for b in range(len(s.y)):
+        for a in range(12):
+            x = 0.0
+            for i in range(n):
+                x += weights[i] * s.slopes[i, b, a]
+            s.y[b, a] = s.start[b, a] + h * x
+
+
+@inner
+def _error(s, h, rtol):
+    """RMS of the error estimate over ``rtol (1 + |y|)``; angles over ``rtol``."""
+    first = second = 0.0
+    two, n = len(s.estimate) == 2, s.estimate.shape[1]
+    for b in range(len(s.y)):
+        for a in range(12):
+            x = y = 0.0
+            for i in range(n):
+                x += s.estimate[0, i] * s.slopes[i, b, a]
+                if two:
+                    y += s.estimate[1, i] * s.slopes[i, b, a]
+            scale = rtol if 3 <= a < 6 else rtol * (1.0 + max(abs(s.start[b, a]), abs(s.y[b, a])))
+            first += (x / scale) ** 2
+            second += (y / scale) ** 2
+    size = 12.0 * len(s.y)
+    if not two:
+        return h * math.sqrt(first / size)
+    if first == 0.0 and second == 0.0:
+        return 0.0
+    return h * first / math.sqrt((first + 0.01 * second) * size)

@@ -1,0 +1,180 @@
+"""Rows of joints and pushes of forces as CasADi expressions, each kind from its declaration; derivatives follow.
+
+A pose is (r, R by rows), 12 numbers; velocities V = (r_dot [space], Omega [body]); both are given for body i, then for
+body j. A pose moves by d = (dr, dtheta): r + dr, R exp(hat(dtheta)). With lam the multipliers of the rows::
+
+    phi_dot = A V + phi_t,   gamma = A_dot V + (phi_t)_dot,   W = A^T lam, the load of the rows on both bodies
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from types import SimpleNamespace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from ....harness.mechanics import forces, joints
+from ....harness.mechanics.declaring import JointDeclaration, Numbers, Pose, cross
+from ..traced import Symbol
+
+POSE, NUMBERS = 12, 29  # of a body; of a joint: s_i, s_j, u, w, n by rows, length, then the function of time
+
+
+@dataclass(frozen=True)
+class RowExpressions:
+    """Rows of one kind between two bodies, over the symbols ``x`` (24), ``V`` (12), ``t``, ``numbers``, ``lam``."""
+
+    x: ca.SX
+    V: ca.SX
+    t: ca.SX
+    numbers: ca.SX
+    lam: ca.SX
+    phi: ca.SX  # (n,) zero of rows of velocities alone
+    phi_t: ca.SX  # (n,) what is not A V in phi_dot
+    A: ca.SX  # (n, 12)
+    gamma: ca.SX  # (n,)
+
+    @property
+    def phi_dot(self) -> ca.SX:
+        """(n,)"""
+        return self.A @ self.V + self.phi_t
+
+    @property
+    def load_slopes(self) -> ca.SX:
+        """dW/d(pose) (12, 12), exact."""
+        return slopes(self.A.T @ self.lam, self.x)
+
+    @property
+    def rate_slopes(self) -> ca.SX:
+        """d(phi_dot)/d(pose) (n, 12), exact."""
+        return slopes(self.phi_dot, self.x)
+
+
+@dataclass(frozen=True)
+class PushExpressions:
+    """The load of one kind of force on both bodies (12,): forces in space, torques about C in the body."""
+
+    x: ca.SX
+    V: ca.SX
+    t: ca.SX
+    numbers: ca.SX
+    load: ca.SX
+
+    @property
+    def pose_slopes(self) -> ca.SX:
+        """d(load)/d(pose) (12, 12), exact."""
+        return slopes(self.load, self.x)
+
+    @property
+    def velocity_slopes(self) -> ca.SX:
+        """d(load)/dV (12, 12), exact."""
+        return ca.densify(ca.jacobian(self.load, self.V))
+
+
+@cache
+def row_expressions(kind: str, rows: tuple[int, ...] | None = None) -> RowExpressions:
+    """All rows of a kind, or some of them."""
+    declared = joints.DECLARED[kind]
+    x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", NUMBERS)
+    i, j, p = _pose(x, V, 0), _pose(x, V, 1), _joint_numbers(declared, numbers, t)
+    phi, rates = _column(declared.phi(i, j, p)), _column(declared.rates(i, j, p))
+    x_dot = pose_rate(x, V)
+    at, at_dot = ca.vertcat(x, t), ca.vertcat(x_dot, 1)
+    full = ca.vertcat(ca.jtimes(phi, at, at_dot), rates)
+    phi = ca.vertcat(phi, ca.SX(rates.numel(), 1))
+    chosen = list(range(full.numel()) if rows is None else rows)
+    full, phi = full[chosen], phi[chosen]
+    A = ca.jacobian(full, V)  # does not depend on V: rows are linear in velocities
+    rest = ca.substitute(full, V, ca.SX.zeros(12))
+    lam = ca.SX.sym("lam", len(chosen))
+    gamma = ca.jtimes(full, at, at_dot)
+    return RowExpressions(x, V, t, numbers, lam, ca.densify(phi), ca.densify(rest), ca.densify(A), ca.densify(gamma))
+
+
+@cache
+def push_expressions(kind: str) -> PushExpressions:
+    """The load of a kind of force."""
+    declared = forces.DECLARED[kind]
+    x, V, t = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t")
+    size = force_size(kind)
+    numbers = ca.SX.sym("p", size)
+    i, j = _pose(x, V, 0), _pose(x, V, 1)
+    parts: dict[str, Any] = {}
+    at = 0
+    for name, shape in declared.numbers.items():
+        if name == "factor":
+            parts[name] = Symbol(time_function(numbers[at : at + 7], t))
+            at += 7
+            continue
+        n = int(np.prod(shape))
+        a = _symbols(numbers[at : at + n]).reshape(shape)
+        parts[name] = a if shape else a.item()
+        at += n
+    force, torque, point = declared.push(i, j, SimpleNamespace(**parts))
+    load = []
+    for body, sign in ((i, 1.0), (j, -1.0)):
+        moment = body.R.T @ (torque + cross(point - body.r, force))
+        load += [sign * force, sign * moment]
+    return PushExpressions(x, V, t, numbers, ca.densify(_column(np.concatenate(load))))
+
+
+def force_size(kind: str) -> int:
+    """How many numbers a force of a kind has."""
+    return sum(7 if name == "factor" else int(np.prod(shape)) for name, shape in forces.DECLARED[kind].numbers.items())
+
+
+def time_function(numbers: ca.SX, t: ca.SX) -> ca.SX:
+    """c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p)."""
+    c0, c1, c2, c3, a, w, p = (numbers[k] for k in range(7))
+    return c0 + t * (c1 + t * (c2 + t * c3)) + a * ca.sin(w * t + p)
+
+
+def pose_rate(x: ca.SX, V: ca.SX) -> ca.SX:
+    """x_dot = (r_dot, R hat(Omega) by rows) of both bodies."""
+    parts = []
+    for e in range(2):
+        R = ca.reshape(x[12 * e + 3 : 12 * e + 12], 3, 3).T
+        parts += [V[6 * e : 6 * e + 3], ca.vec((R @ ca.skew(V[6 * e + 3 : 6 * e + 6])).T)]
+    return ca.vertcat(*parts)
+
+
+def slopes(g: ca.SX, x: ca.SX) -> ca.SX:
+    """dg/d(pose) (., 12): by (dr, dtheta) of both bodies."""
+    d = ca.SX.sym("d", 12)
+    return ca.densify(ca.jacobian(g, x) @ ca.jacobian(pose_rate(x, d), d))
+
+
+def _pose(x: ca.SX, V: ca.SX, e: int) -> Pose:
+    R = _symbols(x[12 * e + 3 : 12 * e + 12]).reshape(3, 3)
+    Omega = _symbols(V[6 * e + 3 : 6 * e + 6])
+    return Pose(_symbols(x[12 * e : 12 * e + 3]), R, _symbols(V[6 * e : 6 * e + 3]), R @ Omega)
+
+
+def _joint_numbers(declared: JointDeclaration, a: ca.SX, t: ca.SX) -> Numbers:
+    points, n = _symbols(a[:12]).reshape(4, 3), _symbols(a[12:21]).reshape(3, 3)
+    f = Symbol(time_function(a[22:29], t)) if declared.motion else Symbol(ca.SX(0))
+    return Numbers(points[0], points[1], points[2], points[3], n, Symbol(a[21]), f)
+
+
+def _symbols(a: ca.SX) -> np.ndarray:
+    return np.array([Symbol(a[k]) for k in range(a.numel())], dtype=object)
+
+
+def _column(a: Sequence[Any] | np.ndarray) -> ca.SX:
+    return ca.vertcat(*[x.x if isinstance(x, Symbol) else x for x in a]) if len(a) else ca.SX(0, 1)
+
+
+def joint_numbers(system: Any, joint: np.ndarray) -> np.ndarray:
+    """Numbers of joints (m, 29), as expressions have them."""
+    s = system
+    parts = (s.joint_s_i, s.joint_s_j, s.joint_u, s.joint_w, s.joint_n, s.joint_length, s.joint_motion)
+    return np.concatenate([a[joint].reshape(len(joint), -1) for a in parts], axis=1)
+
+
+def force_numbers(system: Any, kind: str) -> np.ndarray:
+    """Numbers of all forces of a kind (m, size)."""
+    arrays = [np.asarray(getattr(system, f"{kind}_{name}"), dtype=float) for name in forces.DECLARED[kind].numbers]
+    m = len(arrays[0])
+    return np.concatenate([a.reshape(m, -1) for a in arrays], axis=1) if m else np.zeros((0, force_size(kind)))
