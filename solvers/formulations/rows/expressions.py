@@ -17,7 +17,7 @@ import numpy as np
 
 from ....harness.mechanics import forces, joints
 from ....harness.mechanics.declaring import JointDeclaration, Numbers, Pose, cross
-from ..traced import Symbol
+from .symbols import Symbol
 
 POSE, NUMBERS = 12, 29  # of a body; of a joint: s_i, s_j, u, w, n by rows, length, then the function of time
 
