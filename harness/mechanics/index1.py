@@ -102,17 +102,18 @@ def _solved_sparsely(
     n = B.shape[1]
     size = float(np.sqrt(np.max(B.multiply(B).sum(axis=1), initial=0.0))) or 1.0
     S = B / size
-    KKT = sparse.block_array([[sparse.eye_array(n), S.T], [S, -REGULAR * sparse.eye_array(S.shape[0])]])
-    factor = splu(KKT.tocsc(), permc_spec="COLAMD")
+    St = S.T.tocsr()
+    KKT = sparse.block_array([[sparse.eye_array(n), St], [S, -REGULAR * sparse.eye_array(S.shape[0])]], format="csc")
+    factor = splu(KKT)
 
     def least(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x, mu = np.zeros(n), np.zeros(len(c))
         for _ in range(PASSES):
-            step = factor.solve(np.append(-(x - S.T @ mu), c - S @ x))
+            step = factor.solve(np.append(-(x - St @ mu), c - S @ x))
             x, mu = x + step[:n], mu - step[n:]
             if not np.linalg.norm(step[:n]) > SETTLED * np.linalg.norm(x):
                 break
-        return S.T @ mu, mu
+        return np.asarray(St @ mu), mu
 
     def solve(load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x = np.einsum("bij,bj->bi", inverse, f + load).ravel()
