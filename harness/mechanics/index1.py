@@ -67,8 +67,8 @@ def _dense(
     except ArithmeticError:  # where a motion went wrong, lent inertia may be all there is
         return
     out.a[good], out.reaction[good] = found
-    rows_found = A[good].reshape(-1, system.nrows, 6 * system.nb)
-    out.load[good] = np.matmul(found[1][:, None], rows_found).reshape(-1, system.nb, 6)
+    rows_found = A[good].reshape(len(found[0]), system.nrows, 6 * system.nb)
+    out.load[good] = np.matmul(found[1][:, None], rows_found).reshape(found[0].shape)
 
 
 def _sparse(

@@ -37,9 +37,13 @@ class Truncation:
 
 
 def truncation(
-    system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States, reaction: Float[np.ndarray, "nt nrows"] | None
+    system: MultibodySystem,
+    t: Float[np.ndarray, " nt"],
+    s: States,
+    reaction: Float[np.ndarray, "nt nrows"] | None,
+    speed: float,
 ) -> Truncation:
-    """Of velocities, accelerations and reactions of a run."""
+    """Of velocities, accelerations and reactions of a run; ``speed`` [m/s]: what the motion reaches, in any frame."""
     k = _steps(system, t, s)
     if len(k) < 3:
         return Truncation()
@@ -51,18 +55,18 @@ def truncation(
     backward, forward = _rates(before, here, h1), _rates(here, after, h2)
     v = np.concatenate((here.v, here.Omega), axis=-1)
     slower, faster = ((_velocities(b) - _velocities(a)) / h for a, b, h in ((before, here, h1), (here, after, h2)))
-    speed = np.max(_size(system, v), initial=0.0)
+    fastest = float(np.max(_size(system, v), initial=0.0))
     spins = [np.zeros_like(v[..., 3:])] * 2, [backward[..., 3:], forward[..., 3:]]
     turns = so3.exp(-0.5 * h1 * backward[..., 3:]), so3.exp(0.5 * h2 * forward[..., 3:])
     out = []
-    for both, told, spin, own, rounded in (
-        ((backward, forward), v, spins[0], spins[0][0], size),
-        ((slower, faster), found.a, spins[1], here.Omega, speed),
-    ):
+    still = np.broadcast_to(np.eye(3), (*v.shape[:2], 3, 3))
+    there = _matter(system, _of_matter(found.a, here.Omega, still))
+    for both, told, spin, counts, rounded in (
+        ((backward, forward), v, spins[0], speed, size), ((slower, faster), found.a, spins[1], there, fastest)
+    ):  # fmt: skip
         middle = (h2 * both[0] + h1 * both[1]) / (h1 + h2)
         first, last = (_of_matter(*x) for x in zip(both, spin, turns, strict=True))
-        there = _of_matter(told, own, np.broadcast_to(np.eye(3), (*told.shape[:2], 3, 3)))
-        left = _matter(system, last - first) + TOLD * _matter(system, there) + rounded * rounding[..., 0]
+        left = _matter(system, last - first) + TOLD * counts + rounded * rounding[..., 0]
         out.append(_ratio(_size(system, middle - told), left))
     out.append(float("nan"))
     if reaction is not None and system.nj:

@@ -10,7 +10,6 @@ from mbsbench.harness.mechanics.motion import energy, kinetic_energy
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.metrics.measure import measure
 from mbsbench.harness.metrics.summary import columns
-from mbsbench.harness.metrics.truncation import truncation
 from mbsbench.harness.metrics.verdict import doubts, inaccuracy
 from mbsbench.harness.types import Law, StepControl
 
@@ -99,7 +98,7 @@ def test_a_steady_spin_at_long_steps_is_explained(solver):
     run = make_solver(solver).solve(problem, StepControl(dt=0.1))
     turn = 0.1 * np.max(np.linalg.norm(run.states.Omega, axis=2))
     assert turn > 0.3
-    found = truncation(problem.system, run.t, run.states, run.reaction)
+    found = measure(problem, run).truncation
     assert 1e-3 < found.velocities < turn
 
 
@@ -119,5 +118,5 @@ def test_sound_solvers_are_far_from_the_limit(solver, name):
     if reason := made.refuses(problem, control):
         pytest.skip(reason)
     run = made.solve(problem, control)
-    found = truncation(problem.system, run.t, run.states, run.reaction)
+    found = measure(problem, run).truncation
     assert found.velocities < 0.5 and found.accelerations < 0.7 and not found.reactions > 0.9, found
