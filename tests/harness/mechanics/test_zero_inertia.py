@@ -10,7 +10,7 @@ from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.consistency import perturbed
 from mbsbench.harness.mechanics.dynamics import accelerations, equations
 from mbsbench.harness.mechanics.joints import JointKind, MovingKind
-from mbsbench.harness.mechanics.motion import energy, power, work
+from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import (
@@ -24,6 +24,7 @@ from mbsbench.harness.mechanics.system import (
     assemble,
 )
 from mbsbench.harness.mechanics.time_functions import TimeFunction
+from mbsbench.harness.mechanics.work import power, work
 from mbsbench.harness.mechanics.zero_inertia import classified
 from mbsbench.harness.types import Problem, Status, StepControl
 
