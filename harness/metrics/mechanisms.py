@@ -64,3 +64,8 @@ def without_common_motion(system: MultibodySystem, s: States) -> States:
     share = system.mass / np.sum(system.mass)
     r, v = (np.einsum("b,tbi->ti", share, a)[:, None] for a in (s.r, s.v))
     return States(s.r - r, s.R, s.v - v, s.Omega, s.t)
+
+
+def without_free_motion(system: MultibodySystem, s: States) -> States:
+    """The same where nothing is joined to the ground; as it is elsewhere."""
+    return without_common_motion(system, s) if is_free(system) else s

@@ -17,7 +17,9 @@ from ..mechanics.index1 import index_1
 from ..mechanics.state import States
 from ..mechanics.system import MultibodySystem
 from ..types import ACCURATE
+from .mechanisms import without_free_motion
 from .reactions import load_on_bodies
+from .scales import REST
 
 SAMPLES = 200  # recorded steps at most that are looked at
 LEAST, PRODUCTS = 4, 2e8  # and at least; nrows^2 6 nb at all of them: large systems are looked at less often
@@ -48,12 +50,12 @@ def truncation(
     rounding = np.finfo(float).eps * ROUNDINGS / np.minimum(h1, h2)
     size = np.max(np.abs(s.r), initial=0.0) + np.max(system.gyration)
     backward, forward = _rates(before, here, h1), _rates(here, after, h2)
-    v = np.concatenate((here.v, here.Omega), axis=-1)
+    v, own = (_velocities(x) for x in (here, without_free_motion(system, here)))
     slower, faster = ((_velocities(b) - _velocities(a)) / h for a, b, h in ((before, here, h1), (here, after, h2)))
-    speed = np.max(_size(system, v), initial=0.0)
+    speed, least = np.max(_size(system, v), initial=0.0), TOLD * np.fmax(_size(system, own), REST * _size(system, v))
     out = [
-        _off(system, backward, forward, h1, h2, v, rounding * size),
-        _off(system, slower, faster, h1, h2, found.a, rounding * speed),
+        _off(system, backward, forward, h1, h2, v, least + (rounding * size)[..., 0]),
+        _off(system, slower, faster, h1, h2, found.a, TOLD * _size(system, found.a) + (rounding * speed)[..., 0]),
         float("nan"),
     ]
     if reaction is not None and system.nj:
@@ -103,9 +105,7 @@ def _off(
     floor: np.ndarray,
 ) -> float:  # fmt: skip
     middle = (h2 * before + h1 * after) / (h1 + h2)
-    return _ratio(
-        _size(system, middle - told), _size(system, after - before) + TOLD * _size(system, told) + floor[..., 0]
-    )
+    return _ratio(_size(system, middle - told), _size(system, after - before) + floor)
 
 
 def _ratio(off: np.ndarray, open_: np.ndarray) -> float:
