@@ -1,9 +1,11 @@
 """The kernel made from declarations against the judge's equations: rows, loads, accelerations, projections."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
-from mbsbench.harness.mechanics import motion
+from mbsbench.harness.mechanics import motion, so3
 from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.state import State, States
@@ -87,3 +89,65 @@ def test_projection_meets_the_constraints(system: MultibodySystem) -> None:
     now = States.one(State(k.r, k.R, k.v[:, :3], k.v[:, 3:], k.t[0]))
     assert np.max(np.abs(motion.constraint(system, now))) < 1e-13
     assert np.max(np.abs(motion.constraint_rate(system, now))) < 1e-12
+
+
+@each_system
+def test_slopes_are_derivatives(system: MultibodySystem) -> None:
+    """Of forces, of A^T lam and of phi_dot, by poses and velocities of all bodies, by central differences."""
+    s = arbitrary(system, 3)
+    made = at(system, State(s.r, s.R, s.v, s.Omega, 0.3))
+    k = made.kernel
+    k.lam[:] = np.cos(1.0 + np.arange(len(k.lam)))
+
+    def values() -> np.ndarray:
+        call(made, "rows")
+        call(made, "forces")
+        A = jacobian(k)
+        rate = np.einsum("rbc,bc->r", A, k.v) + k.slip
+        return np.concatenate((k.force.ravel(), np.einsum("rbc,r->bc", A, k.lam).ravel(), rate))
+
+    call(made, "force_slopes")
+    force, by_rate = k.by_pose.copy(), k.by_rate.copy()
+    call(made, "load_slopes")
+    call(made, "rate_slopes")
+    pulls, n = k.by_pose - force, 6 * system.nb
+    largest = max(np.max(np.abs(a)) for a in (force, by_rate, pulls, k.rate_slope))
+    for b in range(system.nb):
+        for c in range(6):
+            ahead, behind = (displaced(k, b, c, h, values) for h in (STEP, -STEP))
+            found = (ahead - behind) / (2.0 * STEP)
+            assert np.max(np.abs(found[:n] - column(k, force, b, c))) < SLOPES * largest
+            assert np.max(np.abs(found[n : 2 * n] - column(k, pulls, b, c))) < SLOPES * largest
+            rate = sum(k.rate_slope[e, :, c] * (np.repeat(k.body[:, e], np.diff(k.row)) == b) for e in range(2))
+            assert np.max(np.abs(found[2 * n :] - rate)) < SLOPES * largest
+            v = k.v[b, c]
+            k.v[b, c] = v + STEP
+            ahead = values()
+            k.v[b, c] = v - STEP
+            behind = values()
+            k.v[b, c] = v
+            assert np.max(np.abs((ahead - behind)[:n] / (2.0 * STEP) - column(k, by_rate, b, c))) < SLOPES * largest
+
+
+STEP, SLOPES = 1e-5, 1e-8  # of central differences; relative to the largest slope
+
+
+def column(k: Kernel, blocks: np.ndarray, b: int, c: int) -> np.ndarray:
+    """Slopes of all loads by component ``c`` of body ``b``."""
+    out = np.zeros((len(k.mass), 6))
+    for (a, moving), block in zip(k.pair, blocks, strict=True):
+        if moving == b:
+            out[a] = block[:, c]
+    return out.ravel()
+
+
+def displaced(k: Kernel, b: int, c: int, h: float, values: Callable[[], np.ndarray]) -> np.ndarray:
+    """``values`` with body ``b`` moved by ``h`` in its c-th direction."""
+    r, R = k.r[b].copy(), k.R[b].copy()
+    if c < 3:
+        k.r[b, c] += h
+    else:
+        k.R[b] = R @ so3.exp(h * np.eye(3)[c - 3])
+    out = values()
+    k.r[b], k.R[b] = r, R
+    return out
