@@ -112,7 +112,12 @@ def narrowed(bundle: Any, names: frozenset[str]) -> Any:
         if name in names
     }
     kept = {name: x for name, x in found.items() if not isinstance(x, tuple) or len(x)}
-    return namedtuple(type(bundle).__name__, kept)(**kept)  # type: ignore[misc]
+    return _kind(type(bundle).__name__, tuple(kept))(**kept)
+
+
+@cache
+def _kind(name: str, fields: tuple[str, ...]) -> Callable[..., Any]:
+    return namedtuple(name, fields)  # type: ignore[misc]
 
 
 class Program:

@@ -28,7 +28,7 @@ class Method:
     start: Callable[[Any], None] | None = None  # from the initial state; without: ``accelerate`` of the kernel
     order: float = 0.0  # of the error estimate in h; 0: fixed steps
     rate: float = 0.0  # [rad/s] of reversible step control; 0: none
-    counters: tuple[str, ...] = ("rejected",)
+    counters: tuple[str, ...] = ("rejected",)  # fields of the control
     explicit: bool = False  # whether code of the whole mechanism serves it
     notes: tuple[str, ...] = field(default=())
 
@@ -102,12 +102,13 @@ def _march(
         t=np.concatenate(([0.0], whole.t)),
         states=States(*(np.concatenate((getattr(first, n)[None], getattr(moved, n))) for n in NAMES)),
         status=status, message=message, notes=method.notes,
-        counters={"steps": taken, **{name: int(state[name]) for name in method.counters}},
+        counters={"steps": taken, **{WORDS.get(name, name): int(state[name]) for name in method.counters}},
         reaction=np.concatenate((reaction, whole.lam[:, order])), cpu_time=cpu, setup_time=set_up,
     )  # fmt: skip
 
 
 NAMES = ("r", "R", "v", "Omega")
+WORDS = {"iterations": "newton_iterations"}  # of counters in results, where they differ
 ENDS = {
     marching.UNDERFLOW: (Status.STEP_UNDERFLOW, "the error test asks for a step below the spacing of times"),
     marching.NOT_FINITE: (Status.DIVERGED, "the motion is no longer finite"),
