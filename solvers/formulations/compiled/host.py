@@ -15,6 +15,7 @@ from .marching import March, Record, empty_record, march, new_control
 from .mechanism import make_mechanism
 
 FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
+ROUNDINGS = 16.0  # of the largest coordinate in a component of phi
 STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
 
 
@@ -31,6 +32,17 @@ class Method:
     counters: tuple[str, ...] = ("rejected",)  # fields of the control
     explicit: bool = False  # whether code of the whole mechanism serves it
     notes: tuple[str, ...] = field(default=())
+
+
+def tolerance_of(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]]:
+    """``asked`` [m] of phi, or the roundings of phi where a system so large or so far away has more: noted then."""
+    system = problem.system
+    largest = max(np.max(np.abs(a), initial=0.0) for a in (problem.initial.r, system.joint_s_i, system.joint_s_j))
+    rounding = ROUNDINGS * float(np.finfo(float).eps) * float(largest)
+    if rounding <= asked:
+        return asked, ()
+    words = f"tolerance {rounding:.2g} instead of {asked:g}: {ROUNDINGS:g} roundings of the largest coordinate"
+    return rounding, (words,)
 
 
 def integrate(problem: Problem, control: StepControl, method: Method) -> Trajectory:
