@@ -135,9 +135,12 @@ def _bodies(
     length: float, start: State, alpha: Float[np.ndarray, "nt links"], rate: Float[np.ndarray, "nt links"]
 ) -> States:
     """Bars at angles ``alpha`` [rad] turning at ``rate`` [rad/s]; each keeps its start's roll about its axis."""
-    along = length * np.stack((np.cos(alpha), np.sin(alpha), np.zeros_like(alpha)), axis=-1)
-    across = np.cross([0.0, 0.0, 1.0], along) * rate[..., None]
+    c, s, zero = np.cos(alpha), np.sin(alpha), np.zeros_like(alpha)
+    bar = length * np.stack((c, s, zero), axis=-1)
+    across = length * np.stack((-s * rate, c * rate, zero), axis=-1)
     v = np.cumsum(across, axis=1) - 0.5 * across
     first = np.arctan2(start.R[:, 1, 0], start.R[:, 0, 0])
-    R = bar_frames(alpha) @ np.swapaxes(bar_frames(first), -1, -2) @ start.R
-    return States(centres(alpha, length), R, v, rate[..., None] * start.R[:, 2])  # row Z of R is OZ in the body frame
+    rolled = np.swapaxes(bar_frames(first), -1, -2) @ start.R
+    R = np.stack((c, zero, s, s, zero, -c, zero, zero + 1.0, zero), axis=-1).reshape(*c.shape, 3, 3) @ rolled
+    r = np.cumsum(bar, axis=1) - 0.5 * bar
+    return States(r, R, v, rate[..., None] * start.R[:, 2])  # row Z of R is OZ in the body frame

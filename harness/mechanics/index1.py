@@ -3,6 +3,7 @@
 M a = f + A^T reaction, A a = -A_dot v, unique in a and in A^T reaction where rows are redundant, too.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -123,29 +124,40 @@ def _solved_sparsely(
     return taken_back(solve, partial(pushed, P))
 
 
-def pseudo_inverse(B: Float[np.ndarray, "n k m"]) -> Float[np.ndarray, "n m k"]:
-    """Of each; by QR where its rows are far from dependent, by singular values, ten times as slow, elsewhere."""
-    back = np.zeros(np.swapaxes(B, -1, -2).shape)
+def factor_rows(B: Float[np.ndarray, "n k m"]) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """What takes c (n, k) to the least x (n, m) with B x = c, and to mu (n, k) with B^T mu = x.
+
+    By QR where rows are far from dependent, by singular values, ten times as slow, elsewhere.
+    """
     sure = np.zeros(len(B), dtype=bool)
     if 0 < B.shape[1] <= B.shape[2] and len(B):
         Q, R = np.linalg.qr(np.swapaxes(B, -1, -2))
         size = np.abs(np.diagonal(R, axis1=1, axis2=2))
         sure = np.min(size, axis=1) > INDEPENDENT * np.max(size, axis=1)
-        back[sure] = Q[sure] @ np.swapaxes(np.linalg.inv(R[sure]), -1, -2)
-    back[~sure] = np.linalg.pinv(B[~sure], rcond=1e-9)
-    return back
+        Q, R = Q[sure], R[sure]
+    back = np.linalg.pinv(B[~sure], rcond=1e-9)
+
+    def apply(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, mu = np.zeros((len(B), B.shape[2])), np.zeros((len(B), B.shape[1]))
+        if np.any(sure):
+            y = np.linalg.solve(np.swapaxes(R, -1, -2), c[sure][:, :, None])
+            x[sure], mu[sure] = (Q @ y)[:, :, 0], np.linalg.solve(R, y)[:, :, 0]
+        x[~sure] = times(back, c[~sure])
+        mu[~sure] = times(np.swapaxes(back, -1, -2), x[~sure])
+        return x, mu
+
+    return apply
 
 
 def _solved(
     P: np.ndarray, inverse: np.ndarray, B: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """From L^-1 by bodies, B = A L^-T, f and A_dot v; the lent inertia P is taken back."""
-    back = pseudo_inverse(B)
+    least = factor_rows(B)
 
     def solve(load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x = np.einsum("bij,tbj->tbi", inverse, f + load).reshape(len(f), -1)
-        more = times(back, -A_dot_v - times(B, x))
-        a = np.einsum("bji,tbj->tbi", inverse, (x + more).reshape(len(f), -1, 6))
-        return a, times(np.swapaxes(back, -1, -2), more)
+        more, reaction = least(-A_dot_v - times(B, x))
+        return np.einsum("bji,tbj->tbi", inverse, (x + more).reshape(len(f), -1, 6)), reaction
 
     return taken_back(solve, partial(pushed, P))
