@@ -36,10 +36,10 @@ def perturb_tolerance(spec: RunSpec, times: int) -> list[RunSpec]:
 
 
 def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[RunRecord]]) -> Thresholds:
-    """``old`` with bounds around all ``samples`` of a case, where a sample is outside and rounding explains it.
+    """``old`` with bounds around all ``samples`` of a case, where one leaves the bounds, or those around another.
 
-    It explains it if the value that was measured when the threshold was set lies within the new bounds. A sample that
-    did not succeed is no rounding: the bounds of its case stay.
+    Rounding has to explain it: it does if the value that was measured when the threshold was set lies within the new
+    bounds. A sample that did not succeed is no rounding: the bounds of its case stay.
     """
     lawful = {case: tuple(records) for case, records in samples.items() if all(r.status == "success" for r in records)}
     bounds = []
@@ -51,10 +51,11 @@ def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[RunRecord]])
 
 
 def _around(was: Threshold, found: Sequence[Threshold]) -> Threshold | None:
-    """``was`` with the widest of the bounds that it has in ``found``; None if it holds of all of them as it is."""
-    if was.is_equal or all(was.holds(b.value) for b in found):
-        return None
+    """``was`` with the widest of the bounds that it has in ``found``; None where bounds around any one hold of all."""
     values = [b.value for b in found]
+    bounds = (was,) if was.samples > 1 else (was, *found)
+    if was.is_equal or all(b.holds(value) for b in bounds for value in values):
+        return None
     low, high = min(values), max(values)
     reason = f"error control: {len(found)} runs that differ by rounding gave {low:.3g} to {high:.3g}"
     lower = min(b.lower for b in found) if was.lower > -math.inf else was.lower

@@ -228,6 +228,16 @@ def test_bounds_lie_around_what_rounding_gives():
     assert tightened(new, [], [replace(narrow, case=CASE)], loosen=True).bounds == (replace(narrow, case=CASE),)
 
 
+def test_bounds_lie_around_samples_far_apart_though_all_are_within():
+    """The one that was measured when the bound was set may have been at the edge; bounds around many are let be."""
+    old = Thresholds(
+        "t", (threshold(CASE, metric="energy_drift_max_J", value=1e-5, upper=2.5e-5, lower=4e-6, unit="J"),)
+    )
+    new = widen_by_spread(old, samples_of(5e-6, 1e-5, 2e-5))
+    assert (new.bounds[0].lower, new.bounds[0].upper) == pytest.approx((2e-6, 5e-5))
+    assert widen_by_spread(new, samples_of(6e-6, 1e-5, 3e-5)) == new
+
+
 @pytest.mark.parametrize("given", [(1e-5, 2e-5), (1e-3, 2e-3), (1e-7, 1.1e-7)])
 def test_a_change_that_rounding_does_not_explain_stays_a_breach(given):
     """All within the bounds, or all far beside the old value: nothing is widened; nor by a repeat that failed."""
