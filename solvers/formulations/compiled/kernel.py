@@ -44,7 +44,7 @@ class Kernel(NamedTuple):
     pins: Any  # (nj,) 1: the first three rows are point rows, the others have no force
     blocks: Blocks
     users: Users
-    state: Any  # record: shift of S's diagonal (relative), rank found
+    state: Any  # record: shift of S's diagonal (relative), rank found (by loops; straight code leaves 0)
     t: Any  # (1,) [s], to be set before rows and forces are evaluated
     r: Any  # (nb, 3)
     R: Any  # (nb, 3, 3)
