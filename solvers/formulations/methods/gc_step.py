@@ -83,11 +83,13 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, **ch
         *(np.zeros((nb, 6)) for _ in range(3)), *(np.zeros(nr) for _ in range(3)),
     )  # fmt: skip
     loops = make_loops(system, kernel, arrays, int(scheme["direction"]), use_f_bar=bool(scheme["use_f_bar"]))
-    step = Step(
-        control, kernel, scheme, *(loops[name].entry for name in LOOPS), *arrays, np.zeros(nr), np.zeros((nb, 6)),
-        np.zeros((nb, 6)), np.zeros((DEPTH, nb, 6)), np.zeros((DEPTH, nr)), np.zeros(DEPTH),
-        np.zeros(DEPTH),
-    )  # fmt: skip
+    room = {
+        "f_bar0": np.zeros(nr), "v0": np.zeros((nb, 6)), "known": np.zeros((nb, 6)),
+        "acceleration": np.zeros((DEPTH, nb, 6)), "impulse": np.zeros((DEPTH, nr)), "middle": np.zeros(DEPTH),
+        "share": np.zeros(DEPTH),
+    }  # fmt: skip
+    entries = {name: one.entry for name, one in loops.items()}
+    step = Step(control=control, kernel=kernel, scheme=scheme, **entries, **arrays._asdict(), **room)
     return Made(step, tuple(loops.values()))
 
 
@@ -96,18 +98,18 @@ def begin_march(s):
     """Acceleration and multipliers of index 1 at the start stand for a step before the first."""
     run(s.kernel.accelerate)
     s.scheme.rank = s.kernel.state.rank
-    take_past(s, s.kernel.v_dot, s.kernel.lam)
     s.scheme.factored = 0
-    _find_f_bar(s)
+    restart(s, s.kernel.v_dot, s.kernel.lam)
 
 
 @inner
-def take_past(s, v_dot, lam):
-    """One step of the past alone, with these means."""
+def restart(s, v_dot, lam):
+    """From the poses and velocities of ``k``, with these means for the only step of the past."""
     copy(v_dot, s.acceleration[0])
     copy(lam, s.impulse[0])
     s.scheme.known = 1
     s.middle[0] = 0.0
+    _find_f_bar(s)
 
 
 @inner

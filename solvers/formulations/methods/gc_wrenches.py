@@ -71,17 +71,29 @@ def make_loops(
 
         here: tuple[tuple[np.ndarray, int], ...]
         there, here = ((at.r0, 3), (at.R0, 9), (at.u0, 6)), ((k.r, 3), (k.R, 9), (at.u, 6))
-        given, f_bar = (kept0, at.nu[own], at.nu_start[own]), []
+        f_bar: list[np.ndarray] = []
         if use_f_bar:
             here, f_bar = (*here, (at.numbers, 13)), [at.f_bar[own]]
         arrays = {
             "keep": [count, k.t, at.plan, numbers, *ends(*there), kept0],
-            "impulses": [count, k.t, at.plan, numbers, *given, *ends(*here), kept, *f_bar, *ends((k.w, 6))],
+            "impulses": [
+                count,
+                k.t,
+                at.plan,
+                numbers,
+                kept0,
+                at.nu[own],
+                at.nu_start[own],
+                *ends(*here),
+                kept,
+                *f_bar,
+                *ends((k.w, 6)),
+            ],
             "rates": [count, kept, *ends((at.u, 6)), k.rhs[own]],
             "loads": [count, kept, k.rhs[own], *ends((at.load, 6))],
         }
-        for name, given in arrays.items():
-            steps[name].append((made.code.address(name), given))
+        for name, of in arrays.items():
+            steps[name].append((made.code.address(name), of))
         keeps.append(made.code)
         first = last
     return {name: Program(some, keeps=(keeps, k)) for name, some in steps.items()}
