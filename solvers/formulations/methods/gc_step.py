@@ -20,7 +20,7 @@ from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import copy, turned_by
 from ..compiled.entries import inner, run
 from ..compiled.kernel import Kernel
-from .gc_wrenches import LOOPS, Arrays, make_loops
+from .gc_wrenches import Arrays, make_loops
 
 DEPTH = 4  # past steps from which the next one is extrapolated
 MOST = 30  # iterations a step
@@ -29,7 +29,7 @@ SINKING = -0.05  # decades: a determinant that falls so fast may be on its way t
 
 SCHEME = np.dtype(
     [(name, "f8") for name in ("gauge", "b_term", "tolerance", "refresh", "log_det", "fall")]
-    + [(name, "i8") for name in ("direction", "use_f_bar", "keep_nu", "known", "factored", "rank")]
+    + [(name, "i8") for name in ("direction", "use_f_bar", "keep_nu", "known", "factored", "rank", "begun")]
 )
 
 
@@ -39,22 +39,21 @@ class Step(NamedTuple):
     control: Any
     kernel: Kernel
     scheme: Any  # record: the free choices; log10 det S and its last change; steps known of the past, whether there is
-    # a factor, the rank of the rows at the start
-    keep: int  # entries of ``gc_wrenches``
+    # a factor, the rank of the rows at the start, whether ``begin_step`` has been done
+    begin: int  # entries of ``gc_wrenches``
     impulses: int
     rates: int
     loads: int
     plan: Any  # and their arrays
     numbers: Any
-    r0: Any
-    R0: Any
-    u0: Any
     u: Any
     load: Any
     nu_start: Any
     nu: Any
     f_bar: Any
     f_bar0: Any  # (nrows,)
+    r0: Any  # (nb, 3)
+    R0: Any  # (nb, 3, 3)
     v0: Any  # (nb, 6)
     known: Any  # (nb, 6) the part of w that the end does not change
     acceleration: Any  # (DEPTH, nb, 6) means over the last steps, in turn
@@ -78,18 +77,16 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, **ch
         scheme[name] = value
     weight = system.mass[:, None] * system.gravity
     numbers = np.concatenate((weight, system.mass[:, None], kernel.J_inv.reshape(nb, 9)), axis=1)
-    arrays = Arrays(
-        np.array([0.0, 0.0, float(scheme["gauge"])]), numbers, np.zeros((nb, 3)), np.zeros((nb, 3, 3)),
-        *(np.zeros((nb, 6)) for _ in range(3)), *(np.zeros(nr) for _ in range(3)),
-    )  # fmt: skip
+    plan = np.array([0.0, 0.0, float(scheme["gauge"])])
+    arrays = Arrays(plan, numbers, np.zeros((nb, 6)), np.zeros((nb, 6)), *(np.zeros(nr) for _ in range(3)))
     loops = make_loops(system, kernel, arrays, int(scheme["direction"]), use_f_bar=bool(scheme["use_f_bar"]))
-    room = {
-        "f_bar0": np.zeros(nr), "v0": np.zeros((nb, 6)), "known": np.zeros((nb, 6)),
-        "acceleration": np.zeros((DEPTH, nb, 6)), "impulse": np.zeros((DEPTH, nr)), "middle": np.zeros(DEPTH),
-        "share": np.zeros(DEPTH),
-    }  # fmt: skip
-    entries = {name: one.entry for name, one in loops.items()}
-    step = Step(control=control, kernel=kernel, scheme=scheme, **entries, **arrays._asdict(), **room)
+    step = Step(
+        control, kernel, scheme, loops["begin"].entry, loops["impulses"].entry, loops["rates"].entry,
+        loops["loads"].entry, *arrays, f_bar0=np.zeros(nr),
+        r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)), known=np.zeros((nb, 6)),
+        acceleration=np.zeros((DEPTH, nb, 6)), impulse=np.zeros((DEPTH, nr)), middle=np.zeros(DEPTH),
+        share=np.zeros(DEPTH),
+    )  # fmt: skip
     return Made(step, tuple(loops.values()))
 
 
@@ -109,14 +106,6 @@ def restart(s, v_dot, lam):
     copy(lam, s.impulse[0])
     s.scheme.known = 1
     s.middle[0] = 0.0
-    _find_f_bar(s)
-
-
-@inner
-def _find_f_bar(s):
-    """Eq. (30) and the entries of D at the poses of ``k``, beside impulses that nobody reads."""
-    _spin(s.kernel, s.u)
-    run(s.impulses)
 
 
 @inner
@@ -142,13 +131,12 @@ def move_poses(s, h):
 
 
 @inner
-def _begin(s, h):
-    """The start of a step of h from ``k``, whose f_bar and entries of D are at hand."""
+def begin_step(s, h):
+    """The start of a step of h from ``k``, its impulses that the end does not change."""
     k = s.kernel
     copy(k.r, s.r0)
     copy(k.R, s.R0)
     copy(k.v, s.v0)
-    copy(s.f_bar, s.f_bar0)
     for b in range(len(k.mass)):
         v, J = k.v[b], k.J[b]
         l0 = J[0, 0] * v[3] + J[0, 1] * v[4] + J[0, 2] * v[5]
@@ -157,14 +145,11 @@ def _begin(s, h):
         for a in range(3):
             k.w[b, a] = k.mass[b] * v[a] + h * s.numbers[b, a]
             k.w[b, 3 + a] = k.R[b, a, 0] * l0 + k.R[b, a, 1] * l1 + k.R[b, a, 2] * l2
-    for a in range(len(k.rhs)):
-        k.rhs[a] = -0.5 * h * s.f_bar[a]
-    copy(k.w, s.load)
-    run(s.loads)
-    copy(s.load, s.known)
-    copy(s.u, s.u0)
     s.plan[0], s.plan[1] = 0.5 * h, 0.5 * h * s.scheme.b_term
-    run(s.keep)
+    _spin(k, s.u)
+    run(s.begin)
+    copy(s.f_bar, s.f_bar0)
+    copy(k.w, s.known)
 
 
 @inner
@@ -266,7 +251,9 @@ def _take_velocities(s):
 def take_step(s, h, t):
     """One step of h whose middle is at t: the last change of v1 [sqrt(J)], or -1 where it does not converge."""
     k, g = s.kernel, s.scheme
-    _begin(s, h)
+    if not (g.begun and s.plan[0] == 0.5 * h):
+        begin_step(s, h)
+    g.begun = 0
     _estimate(s, h, t)
     before, refreshed, share = np.inf, 0, 1.0 / (1.0 - g.gauge)
     if g.fall < SINKING:  # on its way to a loss of rank: seen step by step
@@ -307,7 +294,6 @@ def accept_step(s, h, t):
     for b in range(len(k.mass)):
         for a in range(6):
             s.acceleration[d, b, a] = (k.v[b, a] - s.v0[b, a]) / h
-    _find_f_bar(s)
     for a in range(len(s.nu)):
         s.impulse[d, a] = ((1.0 - s.scheme.gauge) * s.nu[a] - s.nu_start[a]) / h
         if s.scheme.keep_nu:

@@ -9,7 +9,9 @@ from ..compiled.algebra import clear, turned_by
 from ..compiled.entries import inner, run
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
-from .gc_step import DEPTH, Step, accept_step, begin_march, make_step, move_poses, take_step
+from .gc_step import DEPTH, Step, accept_step, begin_march, begin_step, make_step, move_poses, take_step
+
+SLIVER = 1e-9  # of dt
 
 
 class Plain(NamedTuple):
@@ -33,22 +35,34 @@ def start(m):
 def step(m):
     """One step of ``control.h``; what does not converge leaves the start in ``r0``, ``R0``, ``v0``."""
     s, c = m.step, m.step.control
-    if take_step(s, c.h, c.t + 0.5 * c.h) < 0.0:
+    h = _length(c)
+    if take_step(s, h, c.t + 0.5 * h) < 0.0:
         c.status = STUCK
+
+
+@inner
+def _length(c):
+    """``h``, or ``dt`` where rounding of times is all between them: the next step may begin with what this one ends."""
+    return c.dt if abs(c.h - c.dt) < SLIVER * c.dt else c.h
 
 
 def finish(m):
     """Poses of the end, corrected and closed; the step becomes the past, and ``lam`` its mean reaction."""
     s, c, k = m.step, m.step.control, m.step.kernel
-    move_poses(s, c.h)
+    h = _length(c)
+    move_poses(s, h)
     for _ in range(m.passes):
         _correct_poses(k)
     for b in range(len(k.mass)):
         _close_rotation(k.R[b])
-    accept_step(s, c.h, c.t + 0.5 * c.h)
+    accept_step(s, h, c.t + 0.5 * h)
     d = (s.scheme.known - 1) % DEPTH
     for a in range(len(k.lam)):
-        k.lam[a] = s.impulse[d, a] - 0.5 * (s.f_bar0[a] + s.f_bar[a])
+        k.lam[a] = s.impulse[d, a] - 0.5 * s.f_bar0[a]
+    begin_step(s, h)
+    s.scheme.begun = 1
+    for a in range(len(k.lam)):
+        k.lam[a] -= 0.5 * s.f_bar0[a]
 
 
 @inner

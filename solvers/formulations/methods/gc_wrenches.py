@@ -3,7 +3,7 @@
 With D the wrenches (force, torque about C) of the rows on both bodies, in space, and u = (r_dot, omega), so that
 phi_dot = D^T u, B = dt/2 times the switch of the B term of Eq. (71), f_bar by Eqs. (30), (31) under gravity::
 
-    keep      entries of D0 + B D_dot0, at the start of a step
+    begin     at the start of a step: w -= dt/2 D0 f_bar0; f_bar0, and entries of D0 + B D_dot0 for
     impulses  w += (D1 - B D_dot1) nu1 - (D0 + B D_dot0) nu0 - dt/2 D1 f_bar1; f_bar1, and entries of D1 for
     rates     x := -D^T u
     loads     load += D x
@@ -30,21 +30,18 @@ BODY = (("r", 3), ("R", 9), ("u", 6), ("numbers", 13))  # numbers: m g, m, J^-1
 
 
 class Arrays(NamedTuple):
-    """What the loops read and write; suffix 0: the start of a step."""
+    """What the loops read and write, beside poses, w and x = rhs of the kernel."""
 
     plan: np.ndarray  # (3,) dt/2, B and the gauge: nu0 = gauge nu1 + nu_start
     numbers: np.ndarray  # (nb, 13) m g, m, J^-1
-    r0: np.ndarray  # (nb, 3)
-    R0: np.ndarray  # (nb, 3, 3)
-    u0: np.ndarray  # (nb, 6)
-    u: np.ndarray  # (nb, 6)
+    u: np.ndarray  # (nb, 6) r_dot, omega
     load: np.ndarray  # (nb, 6)
     nu_start: np.ndarray  # (nrows,)
     nu: np.ndarray  # (nrows,)
     f_bar: np.ndarray  # (nrows,)
 
 
-LOOPS = ("keep", "impulses", "rates", "loads")
+LOOPS = ("begin", "impulses", "rates", "loads")
 
 
 def make_loops(
@@ -69,26 +66,12 @@ def make_loops(
                 a for e in range(n) for array, size in arrays for a in (array, np.ascontiguousarray(of[:, e] * size))
             ]
 
-        here: tuple[tuple[np.ndarray, int], ...]
-        there, here = ((at.r0, 3), (at.R0, 9), (at.u0, 6)), ((k.r, 3), (k.R, 9), (at.u, 6))
-        f_bar: list[np.ndarray] = []
-        if use_f_bar:
-            here, f_bar = (*here, (at.numbers, 13)), [at.f_bar[own]]
+        here = [(k.r, 3), (k.R, 9), (at.u, 6), *([(at.numbers, 13)] if use_f_bar else [])]
+        poses, to, f_bar = ends(*here), ends((k.w, 6)), [at.f_bar[own]] if use_f_bar else []
+        nu = at.nu[own], at.nu_start[own]
         arrays = {
-            "keep": [count, k.t, at.plan, numbers, *ends(*there), kept0],
-            "impulses": [
-                count,
-                k.t,
-                at.plan,
-                numbers,
-                kept0,
-                at.nu[own],
-                at.nu_start[own],
-                *ends(*here),
-                kept,
-                *f_bar,
-                *ends((k.w, 6)),
-            ],
+            "begin": [count, k.t, at.plan, numbers, *poses, kept0, *f_bar, *to],
+            "impulses": [count, k.t, at.plan, numbers, kept0, *nu, *poses, kept, *f_bar, *to],
             "rates": [count, kept, *ends((at.u, 6)), k.rhs[own]],
             "loads": [count, kept, k.rhs[own], *ends((at.load, 6))],
         }
@@ -122,21 +105,26 @@ def _compiled(kind: str, rows: tuple[int, ...], ground: bool, direction: int, us
     Z = e.A.T + plan[1] * ca.jacobian(rate, x)
     w = e.A.T @ (x - plan[0] * f_bar) - plan[1] * rate
     others = [part for body in bodies for part in body[3:]]
-    free = ca.Function("free", [e.x, e.V, e.t, e.numbers, plan, x, *others], [Z, e.A.T, w, f_bar])
+    free = ca.Function(
+        "free", [e.x, e.V, e.t, e.numbers, plan, x, *others], [Z, e.A.T, w, f_bar, -plan[0] * (e.A.T @ f_bar)]
+    )
     poses = ca.vertcat(*ends[0][:2], *ends[1][:2]), ca.vertcat(ends[0][2], ends[1][2])
-    Z, D, w, f_bar = (ca.simplify(a) for a in free.call([*poses, e.t, e.numbers, plan, x, *others]))
+    Z, D, w, f_bar, first = (ca.simplify(a) for a in free.call([*poses, e.t, e.numbers, plan, x, *others]))
     entries0, Z_kept = _entries(Z[: 6 * n, :])
     entries, D_kept = _entries(D[: 6 * n, :])
     given = [entries0[0], entries[0]]
     w = w[: 6 * n] - Z_kept @ (plan[2] * x + nu_start)
     u = ca.vertcat(*[ends[b][2] for b in range(n)])
-    blocks = [part for b in range(n) for part in bodies[b][:3]]
-    all_blocks = [part for b in range(n) for part in bodies[b][: 4 if use_f_bar else 3]]
+    blocks = [part for b in range(n) for part in bodies[b][: 4 if use_f_bar else 3]]
+    last = [ca.densify(f_bar)] if use_f_bar else []
     loops = {
-        "keep": Loop(whole=[e.t, plan], rows=[e.numbers], blocks=blocks, stored=[entries0[1]]),
+        "begin": Loop(
+            whole=[e.t, plan], rows=[e.numbers], blocks=blocks, stored=[entries0[1], *last],
+            added_blocks=_by_ends(first[: 6 * n]),
+        ),
         "impulses": Loop(
-            whole=[e.t, plan], rows=[e.numbers, given[0], x, nu_start], blocks=all_blocks,
-            stored=[entries[1], *([ca.densify(f_bar)] if use_f_bar else [])], added_blocks=_by_ends(w),
+            whole=[e.t, plan], rows=[e.numbers, given[0], x, nu_start], blocks=blocks,
+            stored=[entries[1], *last], added_blocks=_by_ends(w),
         ),
         "rates": Loop(rows=[given[1]], blocks=[ends[b][2] for b in range(n)], stored=[ca.densify(-D_kept.T @ u)]),
         "loads": Loop(rows=[given[1], x], added_blocks=_by_ends(D_kept @ x)),
