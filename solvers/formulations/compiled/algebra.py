@@ -76,6 +76,25 @@ def turned_by(R, x, y, z, out):
 
 
 @inner
+def close_rotations(R):
+    """R := R (3 - R^T R) / 2 of all bodies: leaves of a distance e from the rotations 3/4 e^2, that is rounding."""
+    for b in range(len(R)):
+        Q = R[b]
+        x0, x1, x2, y0, y1, y2, z0, z1, z2 = (
+            Q[0, 0], Q[1, 0], Q[2, 0], Q[0, 1], Q[1, 1], Q[2, 1], Q[0, 2], Q[1, 2], Q[2, 2],
+        )  # fmt: skip
+        d0 = 1.5 - 0.5 * (x0 * x0 + x1 * x1 + x2 * x2)
+        d1 = 1.5 - 0.5 * (y0 * y0 + y1 * y1 + y2 * y2)
+        d2 = 1.5 - 0.5 * (z0 * z0 + z1 * z1 + z2 * z2)
+        p = -0.5 * (y0 * z0 + y1 * z1 + y2 * z2)
+        q = -0.5 * (z0 * x0 + z1 * x1 + z2 * x2)
+        r = -0.5 * (x0 * y0 + x1 * y1 + x2 * y2)
+        Q[0, 0], Q[0, 1], Q[0, 2] = d0 * x0 + r * y0 + q * z0, r * x0 + d1 * y0 + p * z0, q * x0 + p * y0 + d2 * z0
+        Q[1, 0], Q[1, 1], Q[1, 2] = d0 * x1 + r * y1 + q * z1, r * x1 + d1 * y1 + p * z1, q * x1 + p * y1 + d2 * z1
+        Q[2, 0], Q[2, 1], Q[2, 2] = d0 * x2 + r * y2 + q * z2, r * x2 + d1 * y2 + p * z2, q * x2 + p * y2 + d2 * z2
+
+
+@inner
 def theta_dot(x, y, z, p, q, r):
     """dexp^-1(theta) Omega of theta = (x, y, z), Omega = (p, q, r); below theta^2 = 1e-2 by a series."""
     s = x * x + y * y + z * z

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .algebra import copy, largest
+from .algebra import close_rotations, copy, largest
 from .entries import inner, run
 from .kernel import Kernel
 
@@ -92,6 +92,7 @@ def march(m):
         c.t = end
         c.steps += 1
         m.record.t[done] = end
+        close_rotations(k.R)
         copy(k.r, m.record.r[done])
         copy(k.R, m.record.R[done])
         copy(k.v, m.record.v[done])
