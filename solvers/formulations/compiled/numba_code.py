@@ -1,7 +1,8 @@
 """Numba's part: bundles as numba sees them, ``run``, functions as LLVM IR. Loaded when something compiles."""
 
+import contextlib
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from typing import Any
 
@@ -10,6 +11,8 @@ import numpy as np
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary, JITCPUCodegen
+from numba.core.compiler_lock import global_compiler_lock
 from numba.extending import intrinsic
 from numba.np import arrayobj
 
@@ -20,7 +23,7 @@ OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "n
 
 
 def print_function(function: Callable[..., None], name: str, bundle: Any) -> str:
-    """LLVM IR of ``name`` (words) -> void."""
+    """LLVM IR of ``name`` (words) -> void, optimised."""
     arm(function.__module__, set())
     inner = numba.njit(**OPTIONS, forceinline=True)(function)
     unpack = _unpacker(bundle_type(bundle))
@@ -28,9 +31,50 @@ def print_function(function: Callable[..., None], name: str, bundle: Any) -> str
     def entry(words):  # type: ignore[no-untyped-def]
         inner(unpack(words))
 
-    made = numba.cfunc(types.void(types.CPointer(types.int64)), error_model="numpy", _nrt=False)(entry)
-    text: str = made.inspect_llvm()
-    return text.replace(f"@{made.native_name}(", f'@"{name}"(').replace(f'@"{made.native_name}"(', f'@"{name}"(')
+    signature = (types.CPointer(types.int64),)
+    with _lowered_only():
+        made = numba.njit(**OPTIONS)(entry)
+        made.compile(signature)
+    found = made.overloads[signature]
+    module = found.library._final_module
+    passes, builder = found.library.codegen._module_pass_manager()
+    passes.run(module, builder)
+    call = f"call i32 @{found.fndesc.llvm_func_name}(ptr %result, ptr %raised, ptr %words)"
+    wrapper = f'define void @"{name}"(ptr %words) {{ %result = alloca ptr %raised = alloca ptr {call} ret void }}'
+    return f"{module}\n{wrapper}\n"
+
+
+@contextlib.contextmanager
+def _lowered_only() -> Iterator[None]:
+    """Numba links functions and neither optimises them nor makes machine code: that is done once for all of an entry.
+
+    Numba 0.6x has no option for it: five of its methods stand aside meanwhile.
+    """
+    aside: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
+        (CPUCodeLibrary, "_optimize_functions", _keep_layout),
+        (CPUCodeLibrary, "_optimize_final_module", lambda library: None),
+        (CPUCodeLibrary, "_finalize_final_module", _close),
+        (JITCodeLibrary, "get_pointer_to_function", lambda library, name: library._ensure_finalized() or 0),
+        (JITCPUCodegen, "set_env", lambda *given: None),
+    )
+    with global_compiler_lock:
+        own = [vars(owner)[name] for owner, name, _ in aside]
+        try:
+            for owner, name, instead in aside:
+                setattr(owner, name, instead)
+            yield
+        finally:
+            for (owner, name, _), method in zip(aside, own, strict=True):
+                setattr(owner, name, method)
+
+
+def _keep_layout(library: Any, module: Any) -> None:
+    module.data_layout = library.codegen._data_layout
+
+
+def _close(library: Any) -> None:
+    library._finalize_dynamic_globals()
+    library._finalized = True
 
 
 def bundle_type(bundle: Any) -> Any:
