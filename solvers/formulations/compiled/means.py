@@ -76,10 +76,10 @@ def make_means(system: MultibodySystem, k: Kernel) -> Means:
             address, given = call(mean_push_loop(kind, ground), times, numbers, bodies)
             added = [a for b in bodies for a in (k.force, np.ascontiguousarray(b * 6))]
             forces.append((address, [*given, *added]))
-    return Means(h, r0, R0, _entry(rows, (keeps, k)), _entry(forces, (keeps, code, k)))
+    return Means(h, r0, R0, make_entry(rows, (keeps, k)), make_entry(forces, (keeps, code, k)))
 
 
-def _entry(steps: Sequence[tuple[int, Sequence[np.ndarray]]], keeps: Any) -> Entry:
+def make_entry(steps: Sequence[tuple[int, Sequence[np.ndarray]]], keeps: Any) -> Entry:
     program = Program(steps, keeps)
     entry = Entry(program.entry)
     entry.program = program

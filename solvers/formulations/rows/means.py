@@ -1,8 +1,8 @@
 """Discrete gradients: rows and forces between two poses, such that joints do no work and springs give it all back.
 
-With q_1 = q_0 moved by Cayley's map, R_m = (R_0 + R_1) / 2 (no rotation) and R_1 - R_0 = R_m hat(h Omega_m), a row whose
-phi is quadratic in the twelve numbers of each pose has phi_1 - phi_0 = d(phi)/dx (x_m) (x_1 - x_0): the mean row is the
-gradient at the mean pose. Its torque T in space is that about R_m, and R_m^-1 T in the body, so that moments of momentum
+With q_1 = q_0 moved by Cayley's map, R_m = (R_0 + R_1) / 2 (no rotation), R_1 - R_0 = R_m hat(h Omega_m), a row whose phi
+is quadratic in the twelve numbers of each pose has phi_1 - phi_0 = d(phi)/dx (x_m) (x_1 - x_0): the mean row is the
+gradient at the mean pose. Its torque T in space is taken at R_m, R_m^-1 T in the body, so that moments of momentum
 balance, too. R_m^-1 y = R_0^T y - (h/2) Omega_m x R_0^T y.
 """
 
