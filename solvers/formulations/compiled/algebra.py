@@ -33,6 +33,22 @@ def largest(a):
 
 
 @inner
+def close_rotations(R):
+    """R := R (3 - R^T R) / 2 of all bodies: leaves of a distance e from the rotations 3/4 e^2, that is rounding."""
+    for b in range(len(R)):
+        Q = R[b]
+        d0 = 1.5 - 0.5 * (Q[0, 0] * Q[0, 0] + Q[1, 0] * Q[1, 0] + Q[2, 0] * Q[2, 0])
+        d1 = 1.5 - 0.5 * (Q[0, 1] * Q[0, 1] + Q[1, 1] * Q[1, 1] + Q[2, 1] * Q[2, 1])
+        d2 = 1.5 - 0.5 * (Q[0, 2] * Q[0, 2] + Q[1, 2] * Q[1, 2] + Q[2, 2] * Q[2, 2])
+        p = -0.5 * (Q[0, 1] * Q[0, 2] + Q[1, 1] * Q[1, 2] + Q[2, 1] * Q[2, 2])
+        q = -0.5 * (Q[0, 2] * Q[0, 0] + Q[1, 2] * Q[1, 0] + Q[2, 2] * Q[2, 0])
+        r = -0.5 * (Q[0, 0] * Q[0, 1] + Q[1, 0] * Q[1, 1] + Q[2, 0] * Q[2, 1])
+        for k in range(3):
+            x, y, z = Q[k, 0], Q[k, 1], Q[k, 2]
+            Q[k, 0], Q[k, 1], Q[k, 2] = d0 * x + r * y + q * z, r * x + d1 * y + p * z, q * x + p * y + d2 * z
+
+
+@inner
 def sines(s):
     """sin(a) / a and (1 - cos a) / a^2 of s = a^2; below s = 1 by series cut at s^9, an error of 1e-17."""
     if s < 1.0:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .algebra import copy, largest
+from .algebra import close_rotations, copy, largest
 from .entries import inner, run
 from .kernel import Kernel
 
@@ -84,6 +84,7 @@ def march(m):
                 break
             continue
         run(m.finish)
+        close_rotations(k.R)
         if not np.isfinite(largest(k.v)):
             c.outcome = NOT_FINITE
             break
