@@ -5,20 +5,21 @@ are read and written by name), of whole numbers and of bundles. Its words, an in
 gets: addresses and lengths. A ``Program`` word leads to a list of calls that ``run`` carries out.
 """
 
-import ast
 import hashlib
-import inspect
 import sys
-from collections.abc import Callable, Sequence
+from collections import namedtuple
+from collections.abc import Callable, Iterator, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any
+from types import CodeType
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..generated import Code
 from ..generated.program import MOST_ARGUMENTS, runner
 
+MAKER = Path(__file__).parent / "numba_code.py"
 PACKAGE = __name__.rsplit(".", 2)[0]  # whose modules count for what a function is
 
 
@@ -48,11 +49,15 @@ def layout_of(bundle: Any) -> str:
     return f"{type(bundle).__name__}({' '.join(parts)})"
 
 
+OPTIONS_OF: dict[Callable[..., Any], str] = {}  # of functions within others
+
+
 class Inner:
     """A function that compiled functions call: numba's own once something compiles, plain Python until then."""
 
     def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
         self.function, self.options = function, options
+        OPTIONS_OF[function] = repr(options)
 
     def __call__(self, *given: Any) -> Any:
         return self.function(*given)
@@ -86,16 +91,28 @@ def call_law(address: int, t: float, state: np.ndarray, load: np.ndarray) -> Non
 class Bound:
     """A compiled function with its bundle: to be called from Python, or from compiled code by ``run(bound.entry)``."""
 
-    def __init__(self, function: Callable[..., None], bundle: Any, words: np.ndarray | None = None) -> None:
-        """With ``words`` that the caller fills later on, where the bundle holds this very entry."""
+    def __init__(self, function: Callable[..., None], bundle: Any) -> None:
+        """Of the bundle, only fields that the function names are handed over."""
         name = f"{function.__module__.rsplit('.', 1)[-1]}.{function.__qualname__}"
-        code = _compiled(function, name, bundle)
-        self.words = np.array(words_of(bundle), dtype=np.int64) if words is None else words
+        part = narrowed(bundle, reach(function).names)
+        code = _compiled(function, name, part)
+        self.words = np.array(words_of(part), dtype=np.int64)
         self.program = Program([(code.address(name), [self.words])], keeps=(code, bundle))
         self.entry = self.program.entry
 
     def __call__(self) -> None:
         Program.run(self.entry)
+
+
+def narrowed(bundle: Any, names: frozenset[str]) -> Any:
+    """The fields of a bundle, and of bundles in it, that are among ``names``."""
+    found = {
+        name: narrowed(x, names) if isinstance(x, tuple) else x
+        for name, x in zip(bundle._fields, bundle, strict=True)
+        if name in names
+    }
+    kept = {name: x for name, x in found.items() if not isinstance(x, tuple) or len(x)}
+    return namedtuple(type(bundle).__name__, kept)(**kept)  # type: ignore[misc]
 
 
 class Program:
@@ -127,7 +144,7 @@ _CODES: dict[str, Code] = {}
 
 
 def _compiled(function: Callable[..., None], name: str, bundle: Any) -> Code:
-    key = f"{_source_of(function)}\0{layout_of(bundle)}"
+    key = f"{name}\0{reach(function).digest}\0{layout_of(bundle)}"
     if key not in _CODES:
 
         def printed() -> str:
@@ -139,19 +156,47 @@ def _compiled(function: Callable[..., None], name: str, bundle: Any) -> Code:
     return _CODES[key]
 
 
-def _source_of(function: Callable[..., None]) -> str:
-    return "\0".join((function.__qualname__, sources(function.__module__)))
+class Reach(NamedTuple):
+    """What a compiled function consists of."""
+
+    digest: str  # of its bytecode and that of all functions that it calls, of constants, and of versions
+    names: frozenset[str]  # of attributes in them
 
 
 @cache
-def sources(module: str) -> str:
-    """A digest of the statements of a module and of those of this package that it imports from, and of numba's version.
+def reach(function: Callable[..., None]) -> Reach:
+    """Of ``function`` and all that it calls; comments and docstrings do not count."""
+    digest = hashlib.sha256(f"{sys.version} {_numba_version()}".encode() + MAKER.read_bytes())
+    names: set[str] = set()
+    seen: list[Callable[..., Any]] = [function]
+    for one in seen:  # grows meanwhile
+        digest.update(f"{one.__module__}.{one.__qualname__} {_options(one)}".encode())
+        for code in _codes(one.__code__):
+            names.update(code.co_names)
+            constants = [x for x in code.co_consts if not isinstance(x, CodeType) and x != one.__doc__]
+            digest.update(code.co_code + repr((constants, code.co_names, code.co_varnames)).encode())
+            for name in code.co_names:
+                value = one.__globals__.get(name)
+                called = value.function if isinstance(value, Inner) else getattr(value, "py_func", None)
+                if called is not None:
+                    if called not in seen:
+                        seen.append(called)
+                elif isinstance(value, np.ndarray):
+                    digest.update(value.tobytes())
+                elif isinstance(value, int | float | tuple):
+                    digest.update(f"{name}={value!r}".encode())
+    return Reach(digest.hexdigest(), frozenset(names))
 
-    Comments and docstrings do not count.
-    """
-    seen: dict[str, str] = {}
-    _collect(module, seen)
-    return hashlib.sha256("\0".join((_numba_version(), *(seen[name] for name in sorted(seen)))).encode()).hexdigest()
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    yield code
+    for one in code.co_consts:
+        if isinstance(one, CodeType):
+            yield from _codes(one)
+
+
+def _options(function: Callable[..., Any]) -> str:
+    return OPTIONS_OF.get(function, "")
 
 
 @cache
@@ -159,29 +204,3 @@ def _numba_version() -> str:
     from importlib.metadata import version
 
     return version("numba")
-
-
-def _collect(name: str, seen: dict[str, str]) -> None:
-    if name in seen or not name.startswith(PACKAGE):
-        return
-    module = sys.modules[name]
-    seen[name] = _statements(Path(inspect.getfile(module)))
-    for value in list(vars(module).values()):
-        of = getattr(getattr(value, "py_func", value), "__module__", "") if callable(value) else ""
-        if isinstance(of, str) and of in sys.modules:
-            _collect(of, seen)
-
-
-@cache
-def _statements(path: Path) -> str:
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if (
-            isinstance(body, list)
-            and body
-            and isinstance(body[0], ast.Expr)
-            and isinstance(body[0].value, ast.Constant)
-        ):
-            body[0].value.value = ""
-    return hashlib.sha256(ast.dump(tree).encode()).hexdigest()

@@ -64,13 +64,6 @@ def add_loads(k, way, Y, x, w):
                 w[b, 5] += Y[e, a, 2] * y
 
 
-def accelerate(k):
-    """``v_dot`` and ``lam`` at the poses and velocities of ``k``; rows and factor are made anew."""
-    run(k.rows)
-    run(k.factorise)
-    run(k.react)
-
-
 def react(k):
     """``v_dot`` and ``lam`` with rows and factor at hand."""
     run(k.forces)
@@ -84,12 +77,6 @@ def react(k):
     add_loads(k, k.way, k.Y, k.lam, k.v_dot)
     if len(k.coupled):
         run(k.take_back)
-
-
-def reactions(k):
-    """``accelerate`` with the factor of these poses at hand."""
-    run(k.rows)
-    run(k.react)
 
 
 def project(k):

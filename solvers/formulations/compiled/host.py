@@ -9,7 +9,7 @@ import numpy as np
 from ....harness.clock import cpu_seconds
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
 from . import marching
-from .entries import Bound
+from .entries import Bound, reach
 from .kernel import Kernel, make_kernel, start_at
 from .marching import March, Record, empty_record, march, new_control
 from .mechanism import make_mechanism
@@ -36,7 +36,9 @@ class Method:
 def integrate(problem: Problem, control: StepControl, method: Method) -> Trajectory:
     """March to the end or to a failure, which is a status."""
     began = cpu_seconds()
-    made = (make_mechanism(problem.system) if method.explicit else None) or make_kernel(problem.system)
+    functions = [method.step, method.finish, *([method.start] if method.start else [])]
+    needed = {"accelerate"}.union(*(reach(function).names for function in functions))
+    made = (make_mechanism(problem.system, needed) if method.explicit else None) or make_kernel(problem.system, needed)
     kernel = made.kernel
     start_at(kernel, problem.initial)
     state = new_control(

@@ -4,7 +4,7 @@ Joints are taken apart into what S has one block for: at most ``WIDTH`` rows, po
 line, axis or moving rows alone. They are sorted by kind, so that each kind is one loop; ``order`` leads back.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -14,12 +14,11 @@ from ....harness.mechanics import joints
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.mechanics.user_forces import NUMBERS as NUMBERS_READ
-from ..generated import compile_functions
-from ..rows.expressions import force_numbers, joint_numbers
-from ..rows.loops import body_loop, push_loop, row_loop
+from ..rows.kept import body_code, push_code, push_slope_code, row_code, row_slope_code
+from ..rows.numbers import force_numbers, joint_numbers
 from . import evaluation, factor, user_forces
 from .blocks import WIDTH, Blocks, analyse
-from .entries import Bound, Program, words_of
+from .entries import Bound, Program, reach
 
 STATE = np.dtype([("shift", "f8"), ("rank", "i8")])
 
@@ -71,6 +70,10 @@ class Kernel(NamedTuple):
     Y0: Any  # Y and way that ``keep_rows`` has kept
     way0: Any
     order: Any  # (nrows,) place of each row of the system in the kernel
+    pair: Any  # (npairs, 2) of each block of slopes: the body of the load, the body that moves; first (b, b) of each b
+    by_pose: Any  # (npairs, 6, 6) slopes by dr [space] and dtheta, R exp(hat(dtheta))
+    by_rate: Any  # (npairs, 6, 6) slopes by velocities
+    rate_slope: Any  # (2, nrows, 6) d(phi_dot)/d(pose) of either end
     rows: int = 0  # X, Y, way, phi, slip, gamma at (t, r, R, v)
     factorise: int = 0  # S of these rows, and its factor
     solve: int = 0  # rhs := S^-1 rhs
@@ -87,6 +90,12 @@ class Kernel(NamedTuple):
     keep_rows: int = 0
     slips: int = 0  # x := -(A w + phi_t)
     take_back: int = 0  # of ``react``: lent inertia
+    force_slopes: int = 0  # by_pose, by_rate := slopes of ``forces``
+    load_slopes: int = 0  # by_pose += slopes of A^T lam, with ``lam`` as it is
+    rate_slopes: int = 0  # rate_slope
+
+
+ENTRIES = tuple(Kernel._field_defaults)
 
 
 class Part(NamedTuple):
@@ -110,31 +119,46 @@ class Made(NamedTuple):
         return partial(Program.run, getattr(self.kernel, name))
 
 
-def make_kernel(system: MultibodySystem) -> Made:
-    """The kernel by loops over joints of one kind, for mechanisms of any size."""
+def make_kernel(system: MultibodySystem, needed: Collection[str] = ENTRIES) -> Made:
+    """The kernel by loops over joints of one kind, for mechanisms of any size, with the entries that are needed."""
+    return finish_kernel(*empty_kernel(system), {}, needed)
+
+
+def empty_kernel(system: MultibodySystem) -> tuple[Kernel, "Loops"]:
+    """Arrays without entries, and what makes them."""
     k, parts = _room(system)
-    keeps: list[Any] = []
-    entries = {"rows": _rows(system, k, parts, keeps)}
-    for name, gyroscopic in (("forces", True), ("applied", False)):
-        entries[name] = _forces(system, k, keeps, gyroscopic=gyroscopic)
-    points = "_points" if k.L.shape[1] == 3 else ""
-    bound = {name: getattr(factor, name + points) for name in ("factorise", "solve")}
-    bound |= {name: getattr(evaluation, name) for name in EVALUATION if name != "take_back" or len(k.coupled)}
-    # words of a kernel have one length, so that entries may hold the address of the array that is filled last
-    words = np.array(words_of(k), dtype=np.int64)
-    for name, function in bound.items():
-        one = Bound(function, k, words)
-        keeps.append(one)
-        entries[name] = one.entry
-    k = Kernel(**{**k._asdict(), **entries})
-    words[:] = words_of(k)
-    return Made(k, [words, *keeps])
+    return k, Loops(system, k, parts)
 
 
-EVALUATION = (
-    "react", "accelerate", "reactions", "project", "project_rates", "take_back", "divide", "push", "push_kept",
-    "keep_rows", "slips",
-)  # fmt: skip
+def finish_kernel(k: Kernel, loops: "Loops", given: dict[str, Program], needed: Collection[str]) -> Made:
+    """The kernel with the entries ``given``, and others that are needed beside them."""
+    made = dict(given)
+
+    def program(name: str) -> Program:
+        if name not in made:
+            made[name] = one(name)
+        return made[name]
+
+    def one(name: str) -> Program:
+        if name in loops.MADE:
+            return Program(getattr(loops, name)(), keeps=loops)
+        if name in JOINED:
+            parts = [program(part) for part in JOINED[name]]
+            return Program([step for part in parts for step in part.steps], keeps=parts)
+        points = "_points" if k.L.shape[1] == 3 else ""
+        function = getattr(factor, name + points) if name in FACTOR else getattr(evaluation, name)
+        return Bound(function, with_entries(reach(function).names)).program
+
+    def with_entries(names: Collection[str]) -> Kernel:
+        words: dict[str, Any] = {x: program(x).entry for x in ENTRIES if x in names and (x != "take_back" or lent)}
+        return k._replace(**words)
+
+    lent = len(k.coupled) > 0
+    return Made(with_entries(needed), [loops, *made.values()])
+
+
+FACTOR = ("factorise", "solve")
+JOINED = {"accelerate": ("rows", "factorise", "react"), "reactions": ("rows", "react")}
 
 
 def start_at(k: Kernel, state: State) -> None:
@@ -163,6 +187,7 @@ def _room(system: MultibodySystem) -> tuple[Kernel, list[Part]]:
         return np.zeros((nb + 1, *shape))[:nb]
 
     taken_back, blocks = system.taken_back, _blocks(body, row, place)
+    pair = _pairs(system)
     width = 3 if np.max(size, initial=0) <= 3 else WIDTH
     return Kernel(
         mass=np.array(system.mass), J=np.array(system.solved_inertia), J_inv=_filled(bodies(3, 3), _inverse(system)),
@@ -176,6 +201,8 @@ def _room(system: MultibodySystem) -> tuple[Kernel, list[Part]]:
         L=np.zeros((len(blocks.other), width, width)),
         change=bodies(6), spun=bodies(3), left=bodies(3), toward=bodies(3),
         x=np.zeros(nr), w=bodies(6), Y0=np.zeros((2, nr, 3)), way0=np.zeros((nr, 3)), order=order,
+        pair=pair, by_pose=np.zeros((len(pair), 6, 6)), by_rate=np.zeros((len(pair), 6, 6)),
+        rate_slope=np.zeros((2, nr, 6)),
     ), parts  # fmt: skip
 
 
@@ -221,67 +248,150 @@ def _blocks(body: np.ndarray, row: np.ndarray, place: list[int]) -> Blocks:
     return found._replace(joint=joint.astype(np.int64), row=row[:-1][joint].astype(np.int64))
 
 
-def _rows(system: MultibodySystem, k: Kernel, parts: list[Part], keeps: list[Any]) -> int:
-    steps: list[tuple[int, list[np.ndarray]]] = []
-    at = 0
-    while at < len(parts):
-        key = parts[at][:4]
-        end = at
-        while end < len(parts) and parts[end][:4] == key:
-            end += 1
-        kind, lo, hi, ground = key
-        name = joints.KINDS[kind]
-        made = row_loop(str(name), tuple(range(lo, hi)), bool(ground))
-        code = compile_functions({"rows": made.loop})
-        rows = slice(int(k.row[at]), int(k.row[end]))
-        if made.way is not None:
-            k.way[rows] = np.tile(np.array(made.way), (end - at, 1))
-        numbers = joint_numbers(system, np.array([part.joint for part in parts[at:end]]))
-        ends = [0] if ground else [0, 1]
-        stored = [k.phi[rows], k.gamma[rows], *(k.X[e, rows] for e in ends), *(k.Y[e, rows] for e in ends)]
-        stored += [] if made.way is not None else [k.way[rows]]
-        stored += [] if made.still else [k.slip[rows]]
-        blocks = [pair for e in ends for pair in _places(k.body[at:end, e], (k.r, 3), (k.R, 9), (k.v, 6), (k.J_inv, 9))]
-        arrays = [np.array([end - at]), k.t, numbers, *[a for pair in blocks for a in pair], *stored]
-        steps.append((code.address("rows"), arrays))
-        keeps.append(code)
-        at = end
-    program = Program(steps, keeps=k)
-    keeps.append(program)
-    return program.entry
+def _pairs(system: MultibodySystem) -> np.ndarray:
+    """Bodies whose poses act on each other's load: each on its own, then those of joints and forces, both ways."""
+    ends = [(getattr(system, f"{name}_i"), getattr(system, f"{name}_j")) for name in ("joint", "spring", "torsion")]
+    ends.append((system.user_i, system.user_j))
+    both = {(int(a), int(b)) for one in ends for a, b in zip(*one, strict=True) if GROUND not in (a, b) and a != b}
+    apart = sorted(both | {(b, a) for a, b in both})
+    return np.array([*((b, b) for b in range(system.nb)), *apart], dtype=np.int64).reshape(-1, 2)
 
 
-def _places(body: np.ndarray, *arrays: tuple[np.ndarray, int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-    """Arrays of bodies with the first places of those asked for."""
-    for array, size in arrays:
-        yield array, np.ascontiguousarray(body * size)
+Step = tuple[int, list[np.ndarray]]
 
 
-def _forces(system: MultibodySystem, k: Kernel, keeps: list[Any], *, gyroscopic: bool) -> int:
-    code = compile_functions({"bodies": body_loop(gyroscopic=gyroscopic)})
-    weight = system.mass[:, None] * system.gravity
-    steps: list[tuple[int, Sequence[np.ndarray]]] = [
-        (code.address("bodies"), [np.array([system.nb]), weight, k.J, k.v, k.force])
-    ]
-    keeps.append(code)
-    for kind in ("spring", "torsion", "load"):
-        i = np.asarray(getattr(system, f"{kind}_i"))
-        j = np.full(len(i), GROUND) if kind == "load" else np.asarray(getattr(system, f"{kind}_j"))
-        for ground in (False, True):
-            own = np.flatnonzero((j == GROUND) == ground)
-            if not len(own):
-                continue
-            made = compile_functions({"push": push_loop(kind, ground)})
-            both = (i[own],) if ground else (i[own], j[own])
-            blocks = [a for b in both for pair in _places(b, (k.r, 3), (k.R, 9), (k.v, 6)) for a in pair]
-            added = [a for b in both for pair in _places(b, (k.force, 6)) for a in pair]
-            numbers = force_numbers(system, kind)[own]
-            steps.append((made.address("push"), [np.array([len(own)]), k.t, numbers, *blocks, *added]))
-            keeps.append(made)
-    if len(k.users.law):
-        users = Bound(user_forces.add_user_forces, k)
-        keeps.append(users)
-        steps += users.program.steps
-    program = Program(steps, keeps=k)
-    keeps.append(program)
-    return program.entry
+class Loops:
+    """Entries that are loops over joints or forces of one kind, as steps of programs."""
+
+    MADE = ("rows", "forces", "applied", "force_slopes", "load_slopes", "rate_slopes")
+
+    def __init__(self, system: MultibodySystem, k: Kernel, parts: list[Part]) -> None:
+        self._system, self._k, self._parts = system, k, parts
+        self._place = {(int(a), int(b)): n for n, (a, b) in enumerate(k.pair)}
+        self._keeps: list[Any] = []
+        self._groups = list(self._grouped())
+        for group in self._groups:
+            way = row_code(*group.key).way
+            if way is not None:
+                k.way[group.rows] = np.tile(way, (len(group.body), 1))
+
+    def rows(self) -> list[Step]:
+        """X, Y, way, phi, slip, gamma."""
+        k, steps = self._k, []
+        for group in self._groups:
+            made, rows, ends = row_code(*group.key), group.rows, group.ends
+            stored = [k.phi[rows], k.gamma[rows], *(k.X[e, rows] for e in ends), *(k.Y[e, rows] for e in ends)]
+            stored += [] if made.way is not None else [k.way[rows]]
+            stored += [] if made.still else [k.slip[rows]]
+            at = _places(group, (k.r, 3), (k.R, 9), (k.v, 6), (k.J_inv, 9))
+            steps.append((made.code.address("rows"), [group.members, k.t, group.numbers, *at, *stored]))
+            self._keeps.append(made)
+        return steps
+
+    def load_slopes(self) -> list[Step]:
+        """Slopes of A^T lam."""
+        k, steps = self._k, []
+        for group in self._groups:
+            code = row_slope_code(*group.key)
+            at = [*_places(group, (k.r, 3), (k.R, 9)), *self._blocks(k.by_pose, group)]
+            steps.append((code.address("load_slopes"), [group.members, k.t, group.numbers, k.lam[group.rows], *at]))
+            self._keeps.append(code)
+        return steps
+
+    def rate_slopes(self) -> list[Step]:
+        """Slopes of phi_dot."""
+        k, steps = self._k, []
+        for group in self._groups:
+            code = row_slope_code(*group.key)
+            at = _places(group, (k.r, 3), (k.R, 9), (k.v, 6))
+            stored = [k.rate_slope[e, group.rows] for e in group.ends]
+            steps.append((code.address("rate_slopes"), [group.members, k.t, group.numbers, *at, *stored]))
+            self._keeps.append(code)
+        return steps
+
+    def forces(self) -> list[Step]:
+        """Applied forces less the gyroscopic torque."""
+        return self._loads("forces")
+
+    def applied(self) -> list[Step]:
+        """Applied forces."""
+        return self._loads("applied")
+
+    def _loads(self, bodies: str) -> list[Step]:
+        s, k, code = self._system, self._k, body_code()
+        weight = s.mass[:, None] * s.gravity
+        steps: list[Step] = [(code.address(bodies), [np.array([s.nb]), weight, k.J, k.v, k.force])]
+        for kind, group in self._pushing():
+            code = push_code(kind, group.ends == [0])
+            at = [*_places(group, (k.r, 3), (k.R, 9), (k.v, 6)), *_places(group, (k.force, 6))]
+            steps.append((code.address("push"), [group.members, k.t, group.numbers, *at]))
+        return [*steps, *self._users(user_forces.add_user_forces)]
+
+    def force_slopes(self) -> list[Step]:
+        """Slopes of ``forces``."""
+        s, k, code = self._system, self._k, body_code()
+        steps: list[Step] = [(code.address("zero"), [np.array([a.size]), a]) for a in (k.by_pose, k.by_rate)]
+        steps.append((code.address("slopes"), [np.array([s.nb]), k.J, k.v, k.by_rate]))
+        for kind, group in self._pushing():
+            code = push_slope_code(kind, group.ends == [0])
+            at = [*_places(group, (k.r, 3), (k.R, 9), (k.v, 6)), *self._blocks(k.by_pose, group),
+                  *self._blocks(k.by_rate, group)]  # fmt: skip
+            steps.append((code.address("slopes"), [group.members, k.t, group.numbers, *at]))
+        return [*steps, *self._users(user_forces.add_user_slopes)]
+
+    def _users(self, function: Callable[[Any], None]) -> list[Step]:
+        k = self._k
+        if not len(k.users.law):
+            return []
+        users = Bound(function, k)
+        self._keeps.append(users)
+        return [(address, list(arrays)) for address, arrays in users.program.steps]
+
+    def _blocks(self, slopes: np.ndarray, group: "Group") -> Iterator[np.ndarray]:
+        for a in group.ends:
+            for b in group.ends:
+                place = [self._place[int(one[a]), int(one[b])] for one in group.body]
+                yield from (slopes, 36 * np.array(place, dtype=np.int64))
+
+    def _grouped(self) -> Iterator["Group"]:
+        k, parts, at = self._k, self._parts, 0
+        while at < len(parts):
+            kind, lo, hi, ground, _ = parts[at]
+            end = at
+            while end < len(parts) and parts[end][:4] == parts[at][:4]:
+                end += 1
+            numbers = joint_numbers(self._system, np.array([part.joint for part in parts[at:end]]))
+            key = str(joints.KINDS[kind]), tuple(range(lo, hi)), bool(ground)
+            ends, rows = [0] if ground else [0, 1], slice(int(k.row[at]), int(k.row[end]))
+            yield Group(key, k.body[at:end], ends, numbers, np.array([end - at]), rows)
+            at = end
+
+    def _pushing(self) -> Iterator[tuple[str, "Group"]]:
+        for kind in ("spring", "torsion", "load"):
+            i = np.asarray(getattr(self._system, f"{kind}_i"), dtype=np.int64)
+            j = np.full(len(i), GROUND) if kind == "load" else np.asarray(getattr(self._system, f"{kind}_j"))
+            for ground in (False, True):
+                own = np.flatnonzero((j == GROUND) == ground)
+                if len(own):
+                    body = np.stack((i[own], j[own]), axis=1)
+                    numbers = force_numbers(self._system, kind)[own]
+                    ends = [0] if ground else [0, 1]
+                    yield kind, Group((kind, (), ground), body, ends, numbers, np.array([len(own)]), slice(0))
+
+
+class Group(NamedTuple):
+    """Joints or forces of one kind: what code is theirs, their bodies, which of these move, numbers, how many, rows."""
+
+    key: tuple[str, tuple[int, ...], bool]
+    body: np.ndarray
+    ends: list[int]
+    numbers: np.ndarray
+    members: np.ndarray
+    rows: slice
+
+
+def _places(group: Group, *arrays: tuple[np.ndarray, int]) -> Iterator[np.ndarray]:
+    """Arrays of bodies with the first places of those that move, end by end."""
+    for e in group.ends:
+        for array, size in arrays:
+            yield from (array, np.ascontiguousarray(group.body[:, e] * size))

@@ -5,49 +5,57 @@ entries are the loops of ``make_kernel``, on the same arrays.
 """
 
 import hashlib
+from collections.abc import Collection
 from dataclasses import fields
+from functools import cache
+from pathlib import Path
 
-import casadi as ca
 import numpy as np
 
 from ....harness.mechanics import joints
 from ....harness.mechanics.system import MultibodySystem
-from ..generated import Code, Loop, Straight
-from ..generated.functions import record_function
-from ..generated.printing import print_module
-from ..rows.mechanism import Mechanism, Part, part_numbers
-from .entries import Program, sources, words_of
-from .kernel import Kernel, Made, make_kernel, parts_of
+from ..generated import Code
+from ..generated.code import print_functions
+from ..rows.kept import texts
+from .entries import Program
+from .kernel import ENTRIES, Kernel, Made, empty_kernel, finish_kernel, parts_of
 
 MOST_OPERATIONS = 30_000
+LEAST_OF_A_ROW = 50  # operations
 
 
-def make_mechanism(system: MultibodySystem) -> Made | None:
-    """The kernel with straight code, or None where it has none: user forces, inertia to be taken back."""
+def make_mechanism(system: MultibodySystem, needed: Collection[str] = ENTRIES) -> Made | None:
+    """The kernel with straight code, or None where it has none: user forces, inertia to be taken back, too large."""
     if len(system.user_i) or np.any(system.taken_back):
         return None
-    made = make_kernel(system)
-    k = made.kernel
-    try:
-        code = Code(lambda: _printed(system, k), f"{sources(__name__)}\0{_digest(system)}")
-    except OverflowError:
-        return None
+    k, loops = empty_kernel(system)
+    code = Code(lambda: _printed(system, k), f"{texts()}\0{_own_text()}\0{_digest(system)}")
     size = np.zeros(1)
     code.function("size", 1)(size.ctypes.data)
+    if size[0] < 0.0:
+        return None
     factor, r, R, v = np.zeros(int(size[0])), np.zeros_like(k.r), np.zeros_like(k.R), np.zeros_like(k.v)
     accelerate = (code.address("accelerate"), [k.t, k.r, k.R, k.v, k.v_dot, k.lam, factor])
     project = (code.address("project"), [k.t, k.r, k.R, k.v, factor, r, R, v])
     back = (code.address("copy"), [r, R, v, k.r, k.R, k.v])
-    programs = {
+    given = {
         "accelerate": Program([accelerate]), "reactions": Program([accelerate]), "project": Program([project, back]),
     }  # fmt: skip
-    k = Kernel(**{**k._asdict(), **{name: program.entry for name, program in programs.items()}})
-    made.keeps[0][:] = words_of(k)
-    return Made(k, [*made.keeps, code, programs, factor, r, R, v])
+    made = finish_kernel(k, loops, given, needed)
+    return Made(made.kernel, [*made.keeps, code])
 
 
 def _printed(system: MultibodySystem, k: Kernel) -> str:
-    """IR of ``accelerate``, ``project``, ``copy`` and ``size``, of the factor; OverflowError where it is too large."""
+    """IR of ``accelerate``, ``project``, ``copy`` and ``size``, of the factor; of ``size`` -1 alone where too large."""
+    import casadi as ca
+
+    from ..generated import Straight
+    from ..generated.functions import record_function
+    from ..rows.mechanism import Mechanism, Part, part_numbers
+
+    refusal = print_functions({"size": ([], [ca.SX(-1)])})
+    if _least_operations(k) > MOST_OPERATIONS:
+        return refusal
     rows = [int(k.blocks.row[c]) + a for c in range(len(k.blocks.joint)) for a in range(int(k.blocks.size[c]))]
     parts = [
         Part(
@@ -58,16 +66,23 @@ def _printed(system: MultibodySystem, k: Kernel) -> str:
     ]  # fmt: skip
     whole = Mechanism(system, parts, rows)
     accelerate, size = whole.accelerate()
-    project = whole.project(size)
-    for function in (accelerate, project):
-        if len(record_function(function).tape.operations) > MOST_OPERATIONS:
-            raise OverflowError(f"more than {MOST_OPERATIONS} operations")
+    if len(record_function(accelerate).tape.operations) > MOST_OPERATIONS:
+        return refusal
     moved = [ca.SX.sym(name, n * system.nb) for name, n in (("r", 3), ("R", 9), ("v", 6))]
-    functions: dict[str, Straight | Loop] = {
-        "accelerate": accelerate, "project": project, "copy": Straight(moved, moved),
+    functions = {
+        "accelerate": accelerate, "project": whole.project(size), "copy": Straight(moved, moved),
         "size": Straight([], [ca.SX(size)]),
     }  # fmt: skip
-    return print_module(functions)
+    return print_functions(functions)
+
+
+def _least_operations(k: Kernel) -> int:
+    """Fewer than code has: known at once, where to write it would take seconds."""
+    size = np.diff(k.row)
+    columns, products = np.repeat(k.blocks.size, np.diff(k.blocks.update_start)), k.blocks.update
+    height = k.blocks.size[k.blocks.other]
+    factor = np.sum(columns * height[products[:, 1]] * height[products[:, 2]]) if len(products) else 0
+    return int(factor + LEAST_OF_A_ROW * np.sum(size))
 
 
 def _digest(system: MultibodySystem) -> str:
@@ -78,3 +93,8 @@ def _digest(system: MultibodySystem) -> str:
         if isinstance(value, np.ndarray) and value.dtype != object:
             digest.update(f"{field.name} {value.shape} {value.dtype}".encode() + value.tobytes())
     return digest.hexdigest()
+
+
+@cache
+def _own_text() -> str:
+    return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()

@@ -1,6 +1,9 @@
 """User forces (``mechanics.user_forces``), called by address (compiled)."""
 
-from .entries import call_law, inner
+from .algebra import turned_by
+from .entries import apart, call_law, inner
+
+DIFFERENCE = 1e-5  # of central differences: rounding and truncation are 1e-10
 
 
 def add_user_forces(k):
@@ -31,3 +34,44 @@ def read_state(k, u, i):
             x[30 + 3 * e + a] = k.v[b, 3 + a] if b >= 0 else 0.0
             for c in range(3):
                 x[6 + 9 * e + 3 * a + c] = k.R[b, a, c] if b >= 0 else 1.0 * (a == c)
+
+
+def add_user_slopes(k):
+    """``k.by_pose``, ``k.by_rate`` += slopes of what the laws, which are the user's code, give: central differences."""
+    u = k.users
+    for i in range(len(u.body)):
+        for p in range(len(k.pair)):
+            for e in range(2):
+                for o in range(2):  # the end that moves
+                    if u.body[i, e] == k.pair[p, 0] and u.body[i, o] == k.pair[p, 1]:
+                        for c in range(6):
+                            for side in range(2):
+                                _add_slope(k, u, i, e, o, c, side, k.by_pose[p], k.by_rate[p])
+
+
+@apart
+def _add_slope(k, u, i, e, o, c, side, by_pose, by_rate):
+    """One half of one column of both: end ``e``'s load, end ``o`` moved."""
+    h = DIFFERENCE * (1.0 - 2.0 * side)
+    read_state(k, u, i)
+    if c < 3:
+        u.state[3 * o + c] += h
+    else:
+        R = u.state[6 + 9 * o : 15 + 9 * o].reshape(3, 3)
+        turned_by(R, h * (c == 3), h * (c == 4), h * (c == 5), R)
+    _add_column(k, u, i, e, o, c, side, by_pose, 0.5 / h)
+    read_state(k, u, i)
+    if c < 3:
+        u.state[24 + 3 * o + c] += h
+    else:
+        u.state[30 + 3 * o + c - 3] += h
+    _add_column(k, u, i, e, o, c, side, by_rate, 0.5 / h)
+
+
+@apart
+def _add_column(k, u, i, e, o, c, side, K, weight):
+    call_law(u.law[i], k.t[0], u.state, u.load)
+    for a in range(3):
+        K[a, c] += weight * u.load[e, a]
+        for q in range(3):
+            K[3 + a, c] += weight * u.state[6 + 9 * e + 3 * q + a] * u.load[2 + e, q]

@@ -2,11 +2,23 @@
 
 ``compile_functions`` takes expressions and returns ``Code``, whose functions take pointers to flat arrays only:
 straight-line functions of whole arrays, and loops over many elements with index tables. ``Program`` runs a list of
-such calls from Python by one call; ``calls.call`` calls an address from numba.
+such calls from Python by one call; ``calls.call`` calls an address from numba. Importing this loads no CasADi.
 """
 
+from typing import TYPE_CHECKING, Any
+
 from .code import Code, compile_functions
-from .functions import Loop, Straight
 from .program import Program
 
+if TYPE_CHECKING:
+    from .functions import Loop, Straight
+
 __all__ = ["Code", "Loop", "Program", "Straight", "compile_functions"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in ("Loop", "Straight"):
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from . import functions
+
+    return getattr(functions, name)

@@ -9,15 +9,16 @@ import ctypes
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-import casadi as ca
 import llvmlite
 import llvmlite.binding as llvm
 
 from ....harness.cache import cache_folder
 from ....harness.places import Place
-from .functions import Loop, Straight
-from .printing import print_module
+
+if TYPE_CHECKING:
+    from .functions import Loop, Straight
 
 FOLDER = cache_folder("generated", Path(__file__).parent / "__pycache__")
 LARGEST = 1 << 28  # bytes of an object
@@ -46,12 +47,20 @@ class Code:
         return ctypes.PYFUNCTYPE(None, *[ctypes.c_void_p] * arguments)(self.address(name))
 
 
-def compile_functions(functions: Mapping[str, Straight | Loop | tuple[Sequence[ca.SX], Sequence[ca.SX]]]) -> Code:
-    """Code with one function for each name; a tuple (inputs, outputs) is a ``Straight``.
+def compile_functions(functions: "Mapping[str, Straight | Loop | tuple[Sequence[Any], Sequence[Any]]]") -> Code:
+    """Code with one function for each name; a tuple (inputs, outputs) of CasADi's SX is a ``Straight``.
 
     Raises ValueError on operations of CasADi without counterpart, and on inputs that are not dense symbols.
     """
-    return Code(print_module({k: f if isinstance(f, Straight | Loop) else Straight(*f) for k, f in functions.items()}))
+    return Code(print_functions(functions))
+
+
+def print_functions(functions: "Mapping[str, Straight | Loop | tuple[Sequence[Any], Sequence[Any]]]") -> str:
+    """The IR of ``compile_functions``."""
+    from .functions import Straight
+    from .printing import print_module
+
+    return print_module({k: Straight(*f) if isinstance(f, tuple) else f for k, f in functions.items()})
 
 
 def _machine() -> llvm.TargetMachine:

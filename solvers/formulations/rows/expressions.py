@@ -18,8 +18,9 @@ import numpy as np
 from ....harness.mechanics import forces, joints
 from ....harness.mechanics.declaring import JointDeclaration, Numbers, Pose, Push, cross
 from ..traced import Symbol
-
-POSE, NUMBERS = 12, 29  # of a body; of a joint: s_i, s_j, u, w, n by rows, length, then the function of time
+from .numbers import NUMBERS, force_size
+from .numbers import force_numbers as force_numbers
+from .numbers import joint_numbers as joint_numbers
 
 
 @dataclass(frozen=True)
@@ -123,11 +124,6 @@ def push_of(kind: str, x: ca.SX, V: ca.SX, t: ca.SX, numbers: ca.SX) -> tuple[Po
     return i, j, declared.push(i, j, SimpleNamespace(**parts))
 
 
-def force_size(kind: str) -> int:
-    """How many numbers a force of a kind has."""
-    return sum(7 if name == "factor" else int(np.prod(shape)) for name, shape in forces.DECLARED[kind].numbers.items())
-
-
 def time_function(numbers: ca.SX, t: ca.SX) -> ca.SX:
     """c_0 + c_1 t + c_2 t^2 + c_3 t^3 + a sin(w t + p)."""
     c0, c1, c2, c3, a, w, p = (numbers[k] for k in range(7))
@@ -167,17 +163,3 @@ def _symbols(a: ca.SX) -> np.ndarray:
 
 def _column(a: Sequence[Any] | np.ndarray) -> ca.SX:
     return ca.vertcat(*[x.x if isinstance(x, Symbol) else x for x in a]) if len(a) else ca.SX(0, 1)
-
-
-def joint_numbers(system: Any, joint: np.ndarray) -> np.ndarray:
-    """Numbers of joints (m, 29), as expressions have them."""
-    s = system
-    parts = (s.joint_s_i, s.joint_s_j, s.joint_u, s.joint_w, s.joint_n, s.joint_length, s.joint_motion)
-    return np.concatenate([a[joint].reshape(len(joint), -1) for a in parts], axis=1)
-
-
-def force_numbers(system: Any, kind: str) -> np.ndarray:
-    """Numbers of all forces of a kind (m, size)."""
-    arrays = [np.asarray(getattr(system, f"{kind}_{name}"), dtype=float) for name in forces.DECLARED[kind].numbers]
-    m = len(arrays[0])
-    return np.concatenate([a.reshape(m, -1) for a in arrays], axis=1) if m else np.zeros((0, force_size(kind)))
