@@ -112,7 +112,13 @@ def narrowed(bundle: Any, names: frozenset[str]) -> Any:
         if name in names
     }
     kept = {name: x for name, x in found.items() if not isinstance(x, tuple) or len(x)}
-    return namedtuple(type(bundle).__name__, kept)(**kept)  # type: ignore[misc]
+    return _named(type(bundle).__name__, tuple(kept))(**kept)
+
+
+@cache
+def _named(name: str, fields: tuple[str, ...]) -> Any:
+    """One class for bundles alike: numba tells types by class."""
+    return namedtuple(name, fields)  # type: ignore[misc]
 
 
 class Program:

@@ -4,19 +4,15 @@
 """
 
 from collections.abc import Sequence
-from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.mechanics import joints
-from ....harness.mechanics.system import GROUND, MultibodySystem
-from ..generated import Loop, compile_functions
-from ..rows.expressions import force_numbers, joint_numbers
-from ..rows.loops import body_loop
-from ..rows.means import BODY, mean_push_loop, mean_row_loop
+from ....harness.mechanics.system import MultibodySystem
+from ..rows.kept import body_code, mean_push_code, mean_row_code, row_code
+from ..rows.means import BODY
 from .entries import Program
-from .kernel import Kernel, parts_of
+from .kernel import Group, Kernel, Loops, Step, parts_of, places_of
 
 
 class Entry(int):
@@ -31,56 +27,54 @@ class Means(NamedTuple):
     h: Any  # (1,) [s]
     r0: Any  # (nb, 3)
     R0: Any  # (nb, 3, 3)
-    rows: int
-    forces: int
+    mean_rows: Entry
+    mean_forces: Entry
+
+
+def make_entry(steps: Sequence[Step], keeps: Any) -> Entry:
+    """An entry of these calls."""
+    program = Program(steps, keeps)
+    entry = Entry(program.entry)
+    entry.program = program
+    return entry
 
 
 def make_means(system: MultibodySystem, k: Kernel) -> Means:
     """Mean-value entries on the arrays of ``k``; ValueError on rows without a discrete gradient."""
     h, r0, R0 = np.zeros(1), np.zeros((system.nb, 3)), np.zeros((system.nb, 3, 3))
-    arrays = {"r0": r0, "R0": R0, "r": k.r, "R": k.R, "v": k.v, "J_inv": k.J_inv}
-
-    def call(
-        loop: Loop, times: Sequence[np.ndarray], numbers: np.ndarray, ends: Sequence[np.ndarray]
-    ) -> tuple[int, list[np.ndarray]]:
-        code = compile_functions({"mean": loop})
-        keeps.append(code)
-        blocks = [a for body in ends for name, size in BODY for a in (arrays[name], np.ascontiguousarray(body * size))]
-        return code.address("mean"), [np.array([len(numbers)]), *times, numbers, *blocks]
-
-    keeps: list[Any] = []
-    rows, parts = [], parts_of(system)
-    for (kind, lo, hi, ground), group in groupby(enumerate(parts), key=lambda at: at[1][:4]):
-        own = [at for at, _ in group]
-        made = mean_row_loop(str(joints.KINDS[kind]), tuple(range(lo, hi)), bool(ground))
-        place = slice(int(k.row[own[0]]), int(k.row[own[-1] + 1]))
-        if made.way is not None:
-            k.way[place] = np.tile(np.array(made.way), (len(own), 1))
-        ends = range(1 if ground else 2)
-        stored = [k.phi[place], *(k.X[e, place] for e in ends), *(k.Y[e, place] for e in ends)]
-        numbers = joint_numbers(system, np.array([parts[at].joint for at in own]))
-        address, given = call(made.loop, [h], numbers, [k.body[own, e] for e in ends])
-        rows.append((address, [*given, *stored, *([] if made.way is not None else [k.way[place]])]))
-    code = compile_functions({"bodies": body_loop(gyroscopic=True)})
-    weight = system.mass[:, None] * system.gravity
-    forces = [(code.address("bodies"), [np.array([system.nb]), weight, k.J, k.v, k.force])]
-    for kind in ("spring", "load"):
-        i = np.asarray(getattr(system, f"{kind}_i"))
-        j = np.asarray(system.spring_j) if kind == "spring" else np.full(len(i), GROUND)
-        for ground in (False, True):
-            chosen = np.flatnonzero((j == GROUND) == ground)
-            if not len(chosen):
-                continue
-            bodies = [b[chosen] for b in ((i,) if ground else (i, j))]
-            times, numbers = [k.t, h], force_numbers(system, kind)[chosen]
-            address, given = call(mean_push_loop(kind, ground), times, numbers, bodies)
-            added = [a for b in bodies for a in (k.force, np.ascontiguousarray(b * 6))]
-            forces.append((address, [*given, *added]))
-    return Means(h, r0, R0, make_entry(rows, (keeps, k)), make_entry(forces, (keeps, code, k)))
+    loops = MeanLoops(system, k, parts_of(system))
+    loops.start = h, r0, R0
+    return Means(h, r0, R0, make_entry(loops.rows(), (loops, k)), make_entry(loops.forces(), (loops, k)))
 
 
-def make_entry(steps: Sequence[tuple[int, Sequence[np.ndarray]]], keeps: Any) -> Entry:
-    program = Program(steps, keeps)
-    entry = Entry(program.entry)
-    entry.program = program
-    return entry
+class MeanLoops(Loops):
+    """``rows`` and ``forces`` of the mean."""
+
+    start: tuple[np.ndarray, np.ndarray, np.ndarray]
+
+    def rows(self) -> list[Step]:
+        """phi at the end; X, Y, way of the mean rows."""
+        k, steps = self._k, []
+        for group in self._groups:
+            code, rows, ends = mean_row_code(*group.key), group.rows, group.ends
+            stored = [k.phi[rows], *(k.X[e, rows] for e in ends), *(k.Y[e, rows] for e in ends)]
+            stored += [] if row_code(*group.key).way is not None else [k.way[rows]]
+            given = [group.members, self.start[0], group.numbers, *self._both(group), *stored]
+            steps.append((code.address("rows"), given))
+            self._keeps.append(code)
+        return steps
+
+    def _loads(self, bodies: str) -> list[Step]:
+        s, k, code = self._system, self._k, body_code()
+        weight = s.mass[:, None] * s.gravity
+        steps: list[Step] = [(code.address(bodies), [np.array([s.nb]), weight, k.J, k.v, k.force])]
+        for kind, group in self._pushing():
+            code = mean_push_code(kind, group.ends == [0])
+            given = [group.members, k.t, self.start[0], group.numbers, *self._both(group)]
+            steps.append((code.address("push"), [*given, *places_of(group, (k.force, 6))]))
+        return steps
+
+    def _both(self, group: Group) -> list[np.ndarray]:
+        k, (_, r0, R0) = self._k, self.start
+        arrays = {"r0": r0, "R0": R0, "r": k.r, "R": k.R, "v": k.v, "J_inv": k.J_inv}
+        return list(places_of(group, *((arrays[name], size) for name, size in BODY)))

@@ -55,10 +55,9 @@ def prepare(kernel: Kernel, control: np.ndarray, *, scheme: dict[str, float]) ->
     nb, nr, record = len(kernel.mass), len(kernel.lam), np.zeros((), dtype=SCHEME)
     for name, value in scheme.items():
         record[name] = value
-    return Step(
-        control, kernel, record, np.zeros((nb, 3)), np.zeros((nb, 3, 3)), *(np.zeros((nb, 6)) for _ in range(5)),
-        np.zeros(nr), np.zeros(nr),
-    )  # fmt: skip
+    v0, a0, vdot0, slack, dq = (np.zeros((nb, 6)) for _ in range(5))
+    lam, eta = np.zeros(nr), np.zeros(nr)
+    return Step(control, kernel, record, np.zeros((nb, 3)), np.zeros((nb, 3, 3)), v0, a0, vdot0, slack, dq, lam, eta)
 
 
 def start(s):

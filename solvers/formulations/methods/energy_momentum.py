@@ -73,7 +73,7 @@ def step(s):
     last, state = np.inf, 0
     for i in range(MOST_ITERATIONS):
         _set_end(s, k, m)
-        run(m.rows)
+        run(m.mean_rows)
         if i == 0:
             run(k.factorise)
             c.factorisations += 1
@@ -122,7 +122,7 @@ def _set_end(s, k, m):
 def _correct(s, k, m):
     """Correct v and F with the mean rows at hand; returns the size of what was off."""
     h = m.h[0]
-    run(m.forces)
+    run(m.mean_forces)
     copy(k.force, k.w)
     run(k.divide)
     copy(s.F, k.x)

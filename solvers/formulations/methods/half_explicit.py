@@ -60,11 +60,11 @@ def prepare(kernel: Kernel, control: np.ndarray, *, tolerance: float) -> Step:
     """Arrays of one step."""
     nb, nr = len(kernel.mass), len(kernel.lam)
     depth = max(1, min(DIRECTIONS, nr, NUMBERS // max(nr, 1)))
-    return Step(
-        control, kernel, np.array((tolerance,), dtype=SCHEME), A, A.sum(axis=1), np.zeros((nb, 3)), np.zeros((nb, 3, 3)),
-        np.zeros((nb, 6)), np.zeros((nb, 6)), np.zeros((STAGES, nb, 6)), np.zeros((STAGES, nb, 6)),
-        np.zeros(nr), np.zeros((depth, nr)), np.zeros((depth, nr)),
-    )  # fmt: skip
+    r0, R0, v0, q = np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6))
+    moves, gains = np.zeros((STAGES, nb, 6)), np.zeros((STAGES, nb, 6))
+    tried, reached = np.zeros((depth, nr)), np.zeros((depth, nr))
+    scheme = np.array((tolerance,), dtype=SCHEME)
+    return Step(control, kernel, scheme, A, A.sum(axis=1), r0, R0, v0, q, moves, gains, np.zeros(nr), tried, reached)
 
 
 def step(s):

@@ -26,7 +26,7 @@ from ..compiled.kernel import Kernel
 from ..compiled.marching import SAFETY
 from ..compiled.soft_rows import make_without_springs
 from .products import add_scaled, move, set_rates
-from .springs import Springs, add_pull, correct, make_springs_of, respond, set_stretch, set_tensions
+from .springs import Springs, Three, add_pull, correct, each, make_springs_of, respond, set_stretch, set_tensions
 
 _S = math.sqrt(6.0)
 A = np.array([
@@ -41,42 +41,12 @@ MOST_ITERATIONS = 25
 SCHEME = np.dtype([("tolerance", "f8"), ("before", "f8")])
 
 
-class Stage(NamedTuple):
-    """What a stage reads and calls of its kernel."""
-
-    t: Any
-    r: Any
-    R: Any
-    v: Any
-    force: Any
-    phi: Any
-    slip: Any
-    rhs: Any
-    x: Any
-    w: Any
-    rows: int
-    factorise: int
-    solve: int
-    forces: int
-    divide: int
-    push: int
-    slips: int
-
-
-class Stages(NamedTuple):
-    """The three."""
-
-    first: Stage
-    second: Stage
-    third: Stage
-
-
 class Step(NamedTuple):
     """Room for one step, which starts where ``kernel`` stands; the first axis is that of the stages."""
 
     control: Any
     kernel: Kernel
-    stages: Stages
+    stages: Three  # kernels without spring-dampers
     springs: Springs
     scheme: Any  # record: tolerance of the iteration [m; without unit], length of the last accepted step [s] or 0
     a: Any  # (3, 3)
@@ -96,8 +66,10 @@ class Step(NamedTuple):
 def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Step:
     """Kernels and arrays of one step."""
     nb, nr = len(kernel.mass), len(kernel.lam)
-    made = [make_without_springs(system) for _ in range(3)]
-    stages = Stages(*(Stage(*(getattr(one.kernel, name) for name in Stage._fields)) for one in made))
+    made = [
+        make_without_springs(system, ("rows", "factorise", "solve", "forces", "divide", "push", "slips")) for _ in C
+    ]
+    stages = Three(*(one.kernel for one in made))
     move, rows = (lambda: np.zeros((3, nb, 6))), (lambda: np.zeros((3, nr)))
     return Step(
         control, kernel, stages, make_springs_of(system, made, A), np.array((tolerance, 0.0), dtype=SCHEME),
@@ -109,7 +81,7 @@ def start(s):
     """vdot and lam of index 1, and the tensions of the springs."""
     k = s.kernel
     run(k.accelerate)
-    set_tensions(s.springs, s.springs.stages[2], k.r, k.R, k.v, 2)
+    set_tensions(s.springs, s.springs.stages.third, k.r, k.R, k.v, 2)
     for i in range(3):
         copy(k.v_dot, s.old_vdot[i])
         copy(k.lam, s.old_lam[i])
@@ -123,7 +95,7 @@ def step(s):
     c.error = (SAFETY / 0.5) ** c.order
     _guess(s, c.h)
     for i in range(3):
-        s.stages[i].t[0] = c.t + s.c[i] * c.h
+        each(s.stages)[i].t[0] = c.t + s.c[i] * c.h
     last = np.inf
     for i in range(MOST_ITERATIONS):
         size = _iterate(s, c.h, i == 0)
@@ -140,7 +112,7 @@ def step(s):
 
 def finish(s):
     """The last stage is the end."""
-    k, end = s.kernel, s.stages[2]
+    k, end = s.kernel, s.stages.third
     copy(end.r, k.r)
     copy(end.R, k.R)
     copy(end.v, k.v)
@@ -178,7 +150,7 @@ def _guess(s, h):
 def _set_poses(s, h, sloped):
     """Velocities and poses of the stages; ``sloped``: the rows of the last iterate stand for those of z."""
     for i in range(3):
-        k = s.stages[i]
+        k = each(s.stages)[i]
         clear(k.w)
         if sloped:
             copy(s.eta[i], k.x)
@@ -199,18 +171,18 @@ def _set_poses(s, h, sloped):
                 for j in range(3):
                     x += h * s.a[i, j] * s.rate[j, b, a]
                 s.y[i, b, a] = x
-        move(s.kernel.r, s.kernel.R, s.y[i], s.stages[i])
+        move(s.kernel.r, s.kernel.R, s.y[i], each(s.stages)[i])
 
 
 @inner
 def _iterate(s, h, first):
     """One correction of vdot, lam, eta and p; returns the size of what was off."""
     _set_poses(s, h, not first)
-    size, centre = 0.0, s.stages[1]
+    size, centre = 0.0, s.stages.second
     for i in range(3):
-        k = s.stages[i]
+        k = each(s.stages)[i]
         run(k.rows)
-        set_tensions(s.springs, s.springs.stages[i], k.r, k.R, k.v, i)
+        set_tensions(s.springs, each(s.springs.stages)[i], k.r, k.R, k.v, i)
         copy(k.v, k.w)
         run(k.slips)
         for a in range(len(k.x)):
@@ -220,7 +192,7 @@ def _iterate(s, h, first):
         run(centre.factorise)
         respond(s.springs, centre, h)
     for i in range(3):
-        k = s.stages[i]
+        k = each(s.stages)[i]
         run(k.forces)
         copy(k.force, k.w)
         run(k.divide)
@@ -228,7 +200,7 @@ def _iterate(s, h, first):
             add_scaled(-1.0, s.vdot[i, b], k.w[b])
         copy(s.lam[i], k.x)
         run(k.push)
-        add_pull(s.springs.stages[i], s.springs.p[i], k.w)
+        add_pull(each(s.springs.stages)[i], s.springs.p[i], k.w)
         set_rates(k)
         for a in range(len(k.x)):
             by_v = 0.0
@@ -242,13 +214,13 @@ def _iterate(s, h, first):
         for a in range(len(k.x)):
             by_q = 0.0
             for j in range(3):
-                by_q += s.inverse[i, j] * s.stages[j].phi[a]
+                by_q += s.inverse[i, j] * each(s.stages)[j].phi[a]
             centre.rhs[a] = s.off[i, a] - by_q / h
         run(centre.solve)
         add_scaled(1.0, centre.rhs, s.eta[i])
         for b in range(len(k.w)):
             add_scaled(1.0, k.w[b], s.vdot[i, b])
-        set_stretch(s.springs, s.springs.stages[i], k.w, i)
+        set_stretch(s.springs, each(s.springs.stages)[i], k.w, i)
         size = max(size, h * h * largest(k.w))
     return max(size, h * h * correct(s, s.springs, h))
 
@@ -256,7 +228,7 @@ def _iterate(s, h, first):
 @inner
 def _error(s, h, rtol):
     """RMS of gamma (h y'_0 + e . (y_i - y_0)) over ``rtol (1 + |y|)``; angles over ``rtol``."""
-    total, start, end = 0.0, s.kernel, s.stages[2]
+    total, start, end = 0.0, s.kernel, s.stages.third
     for b in range(len(start.v)):
         for a in range(12):
             if a < 6:
@@ -267,7 +239,7 @@ def _error(s, h, rtol):
             else:
                 x = h * start.v_dot[b, a - 6]
                 for i in range(3):
-                    x += s.estimate[i] * (s.stages[i].v[b, a - 6] - start.v[b, a - 6])
+                    x += s.estimate[i] * (each(s.stages)[i].v[b, a - 6] - start.v[b, a - 6])
                 size = max(abs(start.v[b, a - 6]), abs(end.v[b, a - 6]))
             total += (GAMMA * x / (rtol * (1.0 + size))) ** 2
     return math.sqrt(total / (12.0 * len(start.v)))

@@ -28,33 +28,24 @@ from ..generated.steps import call_lapack, integer
 from .products import add_scaled, set_rates
 
 
-class Rows(NamedTuple):
-    """What a stage reads and calls of the kernel of its springs."""
+class Three(NamedTuple):
+    """Kernels of the stages."""
 
-    r: Any
-    R: Any
-    v: Any
-    phi: Any  # (ns,) lengths
-    slip: Any
-    x: Any
-    w: Any
-    rows: int
-    push: int
-    slips: int
+    first: Any
+    second: Any
+    third: Any
 
 
-class RowsOfStages(NamedTuple):
-    """The three."""
-
-    first: Rows
-    second: Rows
-    third: Rows
+@inner
+def each(of):
+    """The three as they are indexed."""
+    return of.first, of.second, of.third
 
 
 class Springs(NamedTuple):
     """The springs of a system, and room for their part of an iteration."""
 
-    stages: RowsOfStages
+    stages: Three  # kernels whose joints are the springs
     law: Any  # (3, ns) stiffness, free length, damping
     a: Any  # (3, 3)
     square: Any  # (3, 3) a a
@@ -74,9 +65,9 @@ class Springs(NamedTuple):
 def make_springs_of(system: MultibodySystem, stages: list[Made], a: np.ndarray) -> Springs:
     """Rows of the springs of ``system`` for the kernels of three stages with the tableau ``a``."""
     made = [make_springs(system, one.kernel) for one in stages]
-    rows = RowsOfStages(*(Rows(*(getattr(one.kernel, name) for name in Rows._fields)) for one, _ in made))
+    rows = Three(*(one.kernel for one, _ in made))
     ns, nr = made[0][1].shape[1], len(stages[0].kernel.lam)
-    three = [np.zeros((3, ns)) for _ in range(4)]
+    p, old, tension, stretch = (np.zeros((3, ns)) for _ in range(4))
     matrix, right = np.zeros((3 * ns, 3 * ns)), np.zeros(3 * ns)
     n, lead, one, info, pivots = (
         integer(3 * ns),
@@ -89,7 +80,7 @@ def make_springs_of(system: MultibodySystem, stages: list[Made], a: np.ndarray) 
     transposed = np.frombuffer(b"T", dtype="i1")  # LAPACK reads by columns
     solve = [call_lapack("dgetrs", transposed, n, one, matrix, lead, pivots, right, lead, info)] if ns else []
     return Springs(
-        rows, made[0][1], a, a @ a, *three, np.zeros((ns, nr)), np.zeros((ns, ns)), matrix, right, np.zeros(nr),
+        rows, made[0][1], a, a @ a, p, old, tension, stretch, np.zeros((ns, nr)), np.zeros((ns, ns)), matrix, right, np.zeros(nr),
         factorise, make_entry(solve, (stages, made)),
     )  # fmt: skip
 
@@ -127,7 +118,7 @@ def set_stretch(s, k, w, i):
 @inner
 def respond(s, k, h):
     """W, G and the factors of the matrix with the factor and rows of the second stage, whose kernel is ``k``."""
-    own, ns = s.stages[1], len(s.G)
+    own, ns = s.stages.second, len(s.G)
     for t in range(ns):
         clear(own.w)
         clear(own.x)
@@ -168,7 +159,7 @@ def correct(step, s, h):
             s.right[i * ns + a] = x
     run(s.solve)
     for i in range(3):
-        k, change = step.stages[i], s.right[i * ns : (i + 1) * ns]
+        k, change = each(step.stages)[i], s.right[i * ns : (i + 1) * ns]
         add_scaled(1.0, change, s.p[i])
         clear(k.x)
         for t in range(ns):
@@ -176,7 +167,7 @@ def correct(step, s, h):
         add_scaled(1.0, k.x, step.lam[i])
         clear(k.w)
         run(k.push)
-        add_pull(s.stages[i], change, k.w)
+        add_pull(each(s.stages)[i], change, k.w)
         for b in range(len(k.w)):
             add_scaled(1.0, k.w[b], step.vdot[i, b])
         size = max(size, largest(k.w))

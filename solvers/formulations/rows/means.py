@@ -1,30 +1,23 @@
 """Discrete gradients: rows and forces between two poses, such that joints do no work and springs give it all back.
 
-With q_1 = q_0 moved by Cayley's map, R_m = (R_0 + R_1) / 2 (no rotation), R_1 - R_0 = R_m hat(h Omega_m), a row whose phi
-is quadratic in the twelve numbers of each pose has phi_1 - phi_0 = d(phi)/dx (x_m) (x_1 - x_0): the mean row is the
+With q_1 = q_0 moved by Cayley's map, R_m = (R_0 + R_1) / 2 (no rotation), R_1 - R_0 = R_m hat(h Omega_m), a row whose
+phi is quadratic in the numbers of the poses has phi_1 - phi_0 = d(phi)/dx (x_m) (x_1 - x_0): the mean row is the
 gradient at the mean pose. Its torque T in space is taken at R_m, R_m^-1 T in the body, so that moments of momentum
 balance, too. R_m^-1 y = R_0^T y - (h/2) Omega_m x R_0^T y.
 """
 
-from typing import NamedTuple
-
 import casadi as ca
 
 from ..generated import Loop
-from .expressions import force_size, push_of, row_expressions
+from .expressions import push_of, row_expressions
+from .loops import row_loop
+from .numbers import force_size
 
 BODY = (("r0", 3), ("R0", 9), ("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))  # of the start, of the end; v is the mean
 
 
-class MeanRows(NamedTuple):
-    """A loop, and forces (n, 3) of the rows where they are constant."""
-
-    loop: Loop
-    way: ca.DM | None
-
-
-def mean_row_loop(kind: str, rows: tuple[int, ...], ground: bool) -> MeanRows:
-    """phi at the end; X and Y = X J^-1 of the mean rows on body i and, unless on the ground, on body j; then way.
+def mean_row_loop(kind: str, rows: tuple[int, ...], ground: bool) -> Loop:
+    """phi at the end; X and Y = X J^-1 of the mean rows on body i and, unless on the ground, on j; way where it varies.
 
     Reads h; numbers; blocks of ``BODY`` of i, then of j. ValueError where phi is not quadratic or rows have none.
     """
@@ -46,12 +39,12 @@ def mean_row_loop(kind: str, rows: tuple[int, ...], ground: bool) -> MeanRows:
         ])  # fmt: skip
         X.append(T @ _back(body, h).T)
         Y.append(X[-1] @ _matrix(body[5]))
-    way = ca.simplify(P[:, :3])
-    constant = way.is_constant()
-    stored = [phi, *map(_by_rows, X), *map(_by_rows, Y), *([] if constant else [_by_rows(way)])]
-    blocks = [*i, *([] if ground else j)]
-    loop = Loop(whole=[h], rows=[e.numbers], stored=[ca.densify(ca.simplify(a)) for a in stored], blocks=blocks)
-    return MeanRows(loop, ca.DM(way) if constant else None)
+    way = [] if row_loop(kind, rows, ground).way is not None else [_by_rows(P[:, :3])]
+    stored = [phi, *map(_by_rows, X), *map(_by_rows, Y), *way]
+    return Loop(
+        whole=[h], rows=[e.numbers], stored=[ca.densify(ca.simplify(a)) for a in stored],
+        blocks=[*i, *([] if ground else j)],
+    )  # fmt: skip
 
 
 def mean_push_loop(kind: str, ground: bool) -> Loop:
