@@ -6,16 +6,15 @@ ends of steps. In momentum form these are RATTLE's equations with another free b
 spatial momentum kept, phi and A v at rounding. Redundant rows get a multiplier of zero.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.index1 import rattle
+from .formulations.compiled.host import integrate, tolerance_of
 from .formulations.geometric.index1.compositions import COMPOSITIONS
-from .formulations.geometric.index1.free_body import principal
-from .formulations.geometric.index1.integrate import above_rounding, fixed_steps
+from .formulations.methods.rattle import symplectic_steps
 from .formulations.refusals import without_phi
 
 
@@ -39,7 +38,6 @@ class LieVariational:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        axes, plain = principal(problem.system.solved_inertia), COMPOSITIONS["plain"][0]
-        damped = int(not problem.system.is_conservative)
-        scheme = rattle.Scheme(axes, plain, above_rounding(self.tolerance, problem), damped, discrete=1)
-        return fixed_steps(problem, control, rattle, scheme, self.tolerance)
+        tolerance, notes = tolerance_of(self.tolerance, problem)
+        method = symplectic_steps(problem.system, COMPOSITIONS["plain"][0], tolerance, discrete=True)
+        return integrate(problem, control, replace(method, notes=notes))

@@ -5,16 +5,15 @@ of every body (exact where two principal inertias are equal), half a kick, veloc
 time-reversible; phi and A v at rounding in every step. Compositions: Suzuki (1990), Kahan and Li (1997).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.index1 import rattle
+from .formulations.compiled.host import integrate, tolerance_of
 from .formulations.geometric.index1.compositions import COMPOSITIONS, RATE
-from .formulations.geometric.index1.free_body import principal
-from .formulations.geometric.index1.integrate import above_rounding, fixed_steps
+from .formulations.methods.rattle import symplectic_steps
 from .formulations.refusals import without_phi
 
 HOW = "plain (order 2), or composed: Suzuki's five steps (4), Kahan and Li's nine (6) or seventeen (8)"
@@ -46,9 +45,7 @@ class Rattle:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        system, gamma = problem.system, COMPOSITIONS[self.composition][0]
-        damped = int(not system.is_conservative)
-        scheme = rattle.Scheme(
-            principal(system.solved_inertia), gamma, above_rounding(self.tolerance, problem), damped, rate=self.rate
-        )
-        return fixed_steps(problem, control, rattle, scheme, self.tolerance)
+        gamma = COMPOSITIONS[self.composition][0]
+        tolerance, notes = tolerance_of(self.tolerance, problem)
+        method = symplectic_steps(problem.system, gamma, tolerance, rate=self.rate)
+        return integrate(problem, control, replace(method, notes=notes))

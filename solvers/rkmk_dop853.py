@@ -11,8 +11,9 @@ from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.index1.integrate import runge_kutta
+from .formulations.compiled.host import integrate
 from .formulations.geometric.index1.tableaux import DOPRI853
+from .formulations.methods.rkmk import explicit_pair
 
 
 @solver("rkmk_dop853")
@@ -31,4 +32,4 @@ class RkmkDop853:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with error control at ``control.rtol``."""
-        return runge_kutta(problem, control, DOPRI853)
+        return integrate(problem, control, explicit_pair(DOPRI853))

@@ -11,8 +11,9 @@ from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.index1.integrate import runge_kutta
+from .formulations.compiled.host import integrate
 from .formulations.geometric.index1.tableaux import DOPRI5
+from .formulations.methods.rkmk import explicit_pair
 
 
 @solver("rkmk_dopri5")
@@ -31,4 +32,4 @@ class RkmkDopri5:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with error control at ``control.rtol``."""
-        return runge_kutta(problem, control, DOPRI5)
+        return integrate(problem, control, explicit_pair(DOPRI5))

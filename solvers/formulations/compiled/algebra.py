@@ -33,22 +33,6 @@ def largest(a):
 
 
 @inner
-def close_rotations(R):
-    """R := R (3 - R^T R) / 2 of all bodies: leaves of a distance e from the rotations 3/4 e^2, that is rounding."""
-    for b in range(len(R)):
-        Q = R[b]
-        d0 = 1.5 - 0.5 * (Q[0, 0] * Q[0, 0] + Q[1, 0] * Q[1, 0] + Q[2, 0] * Q[2, 0])
-        d1 = 1.5 - 0.5 * (Q[0, 1] * Q[0, 1] + Q[1, 1] * Q[1, 1] + Q[2, 1] * Q[2, 1])
-        d2 = 1.5 - 0.5 * (Q[0, 2] * Q[0, 2] + Q[1, 2] * Q[1, 2] + Q[2, 2] * Q[2, 2])
-        p = -0.5 * (Q[0, 1] * Q[0, 2] + Q[1, 1] * Q[1, 2] + Q[2, 1] * Q[2, 2])
-        q = -0.5 * (Q[0, 2] * Q[0, 0] + Q[1, 2] * Q[1, 0] + Q[2, 2] * Q[2, 0])
-        r = -0.5 * (Q[0, 0] * Q[0, 1] + Q[1, 0] * Q[1, 1] + Q[2, 0] * Q[2, 1])
-        for k in range(3):
-            x, y, z = Q[k, 0], Q[k, 1], Q[k, 2]
-            Q[k, 0], Q[k, 1], Q[k, 2] = d0 * x + r * y + q * z, r * x + d1 * y + p * z, q * x + p * y + d2 * z
-
-
-@inner
 def sines(s):
     """sin(a) / a and (1 - cos a) / a^2 of s = a^2; below s = 1 by series cut at s^9, an error of 1e-17."""
     if s < 1.0:
@@ -89,6 +73,25 @@ def turned_by(R, x, y, z, out):
         out[k, 0] = r0 * E00 + r1 * E10 + r2 * E20
         out[k, 1] = r0 * E01 + r1 * E11 + r2 * E21
         out[k, 2] = r0 * E02 + r1 * E12 + r2 * E22
+
+
+@inner
+def close_rotations(R):
+    """R := R (3 - R^T R) / 2 of all bodies: leaves of a distance e from the rotations 3/4 e^2, that is rounding."""
+    for b in range(len(R)):
+        Q = R[b]
+        x0, x1, x2, y0, y1, y2, z0, z1, z2 = (
+            Q[0, 0], Q[1, 0], Q[2, 0], Q[0, 1], Q[1, 1], Q[2, 1], Q[0, 2], Q[1, 2], Q[2, 2],
+        )  # fmt: skip
+        d0 = 1.5 - 0.5 * (x0 * x0 + x1 * x1 + x2 * x2)
+        d1 = 1.5 - 0.5 * (y0 * y0 + y1 * y1 + y2 * y2)
+        d2 = 1.5 - 0.5 * (z0 * z0 + z1 * z1 + z2 * z2)
+        p = -0.5 * (y0 * z0 + y1 * z1 + y2 * z2)
+        q = -0.5 * (z0 * x0 + z1 * x1 + z2 * x2)
+        r = -0.5 * (x0 * y0 + x1 * y1 + x2 * y2)
+        Q[0, 0], Q[0, 1], Q[0, 2] = d0 * x0 + r * y0 + q * z0, r * x0 + d1 * y0 + p * z0, q * x0 + p * y0 + d2 * z0
+        Q[1, 0], Q[1, 1], Q[1, 2] = d0 * x1 + r * y1 + q * z1, r * x1 + d1 * y1 + p * z1, q * x1 + p * y1 + d2 * z1
+        Q[2, 0], Q[2, 1], Q[2, 2] = d0 * x2 + r * y2 + q * z2, r * x2 + d1 * y2 + p * z2, q * x2 + p * y2 + d2 * z2
 
 
 @inner

@@ -112,12 +112,11 @@ def narrowed(bundle: Any, names: frozenset[str]) -> Any:
         if name in names
     }
     kept = {name: x for name, x in found.items() if not isinstance(x, tuple) or len(x)}
-    return _named(type(bundle).__name__, tuple(kept))(**kept)
+    return _kind(type(bundle).__name__, tuple(kept))(**kept)
 
 
 @cache
-def _named(name: str, fields: tuple[str, ...]) -> Any:
-    """One class for bundles alike: numba tells types by class."""
+def _kind(name: str, fields: tuple[str, ...]) -> Callable[..., Any]:
     return namedtuple(name, fields)  # type: ignore[misc]
 
 

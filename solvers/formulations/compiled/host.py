@@ -15,6 +15,7 @@ from .marching import March, Record, empty_record, march, new_control
 from .mechanism import make_mechanism
 
 FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
+ROUNDINGS = 16.0  # of the largest coordinate in a component of phi
 STRETCH_BYTES = 8e6  # of recorded steps between two looks at the clock
 
 
@@ -28,9 +29,20 @@ class Method:
     start: Callable[[Any], None] | None = None  # from the initial state; without: ``accelerate`` of the kernel
     order: float = 0.0  # of the error estimate in h; 0: fixed steps
     rate: float = 0.0  # [rad/s] of reversible step control; 0: none
-    counters: tuple[str, ...] = ("rejected",)
+    counters: tuple[str, ...] = ("rejected",)  # fields of the control
     explicit: bool = False  # whether code of the whole mechanism serves it
     notes: tuple[str, ...] = field(default=())
+
+
+def tolerance_of(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]]:
+    """``asked`` [m] of phi, or the roundings of phi where a system so large or so far away has more: noted then."""
+    system = problem.system
+    largest = max(np.max(np.abs(a), initial=0.0) for a in (problem.initial.r, system.joint_s_i, system.joint_s_j))
+    rounding = ROUNDINGS * float(np.finfo(float).eps) * float(largest)
+    if rounding <= asked:
+        return asked, ()
+    words = f"tolerance {rounding:.2g} instead of {asked:g}: {ROUNDINGS:g} roundings of the largest coordinate"
+    return rounding, (words,)
 
 
 def integrate(problem: Problem, control: StepControl, method: Method) -> Trajectory:
@@ -102,12 +114,13 @@ def _march(
         t=np.concatenate(([0.0], whole.t)),
         states=States(*(np.concatenate((getattr(first, n)[None], getattr(moved, n))) for n in NAMES)),
         status=status, message=message, notes=method.notes,
-        counters={"steps": taken, **{name: int(state[name]) for name in method.counters}},
+        counters={"steps": taken, **{WORDS.get(name, name): int(state[name]) for name in method.counters}},
         reaction=np.concatenate((reaction, whole.lam[:, order])), cpu_time=cpu, setup_time=set_up,
     )  # fmt: skip
 
 
 NAMES = ("r", "R", "v", "Omega")
+WORDS = {"iterations": "newton_iterations"}  # of counters in results, where they differ
 ENDS = {
     marching.UNDERFLOW: (Status.STEP_UNDERFLOW, "the error test asks for a step below the spacing of times"),
     marching.NOT_FINITE: (Status.DIVERGED, "the motion is no longer finite"),

@@ -84,7 +84,6 @@ def march(m):
                 break
             continue
         run(m.finish)
-        close_rotations(k.R)
         if not np.isfinite(largest(k.v)):
             c.outcome = NOT_FINITE
             break
@@ -93,6 +92,7 @@ def march(m):
         c.t = end
         c.steps += 1
         m.record.t[done] = end
+        close_rotations(k.R)
         copy(k.r, m.record.r[done])
         copy(k.R, m.record.R[done])
         copy(k.v, m.record.v[done])

@@ -9,15 +9,18 @@ One sub-step of h from (q_0, v_0) with the factor of S at q_0 at hand (McLachlan
 Symplectic and time-reversible; phi and A v at rounding in every step. Dampers enter f(q_1, v_1) by a fixed point.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import copy, largest
 from ..compiled.entries import inner, run
+from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
-from .free_body import Principal, turn_discretely, turn_freely
+from .free_body import Principal, principal, turn_discretely, turn_freely
 from .iteration import FAILED, MOST_ITERATIONS, SETTLED, settled
 
 DAMPER_PASSES = 6
@@ -49,9 +52,22 @@ def prepare(kernel: Kernel, control: np.ndarray, *, scheme: tuple, axes: Princip
     )  # fmt: skip
 
 
+def symplectic_steps(
+    system: MultibodySystem, gamma: np.ndarray, tolerance: float, *, discrete: bool = False, rate: float = 0.0
+) -> Method:
+    """The method with sub-steps ``gamma`` h, phi below ``tolerance`` [m; axis rows without unit].
+
+    Free bodies turn exactly, or by the discrete equations of Moser and Veselov; ``rate`` [rad/s] of reversible steps.
+    """
+    scheme = (tolerance, int(not system.is_conservative), int(discrete))
+    of_system = partial(prepare, scheme=scheme, axes=principal(system.solved_inertia), gamma=gamma)
+    return Method(of_system, step, finish, start, rate=rate, counters=("iterations", "factorisations"))
+
+
 def start(s):
     """The reaction of index 1; its rows and factor are those of the first step."""
     run(s.kernel.accelerate)
+    s.control.factorisations += 1
     copy(s.kernel.lam, s.lam)
 
 

@@ -10,12 +10,14 @@ point: that change is of the order of the error, O(h^(p+1)).
 """
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..compiled.algebra import close_rotations, copy, theta_dot, turned_by
 from ..compiled.entries import inner, run
+from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 
 
@@ -40,6 +42,14 @@ def prepare(kernel: Kernel, control: np.ndarray, tableau: Any) -> Stages:
     return Stages(
         control, kernel, tableau.c, tableau.a, tableau.b, tableau.error, np.zeros((nb, 12)), np.zeros((nb, 3, 3)),
         np.zeros((nb, 12)), np.zeros((n + 1, nb, 12)),
+    )  # fmt: skip
+
+
+def explicit_pair(tableau: Any) -> Method:
+    """The method of an embedded pair, first same as last."""
+    return Method(
+        partial(prepare, tableau=tableau), step, finish, start, order=float(tableau.order),
+        counters=("evaluations", "rejected", "factorisations"), explicit=True,
     )  # fmt: skip
 
 
@@ -95,6 +105,7 @@ def _slope(s, t, out):
             k.v[b, a] = s.y[b, 6 + a]
     run(k.accelerate)
     s.control.evaluations += 1
+    s.control.factorisations += 1
     for b in range(len(s.y)):
         y = s.y[b]
         x = theta_dot(y[3], y[4], y[5], y[9], y[10], y[11])

@@ -1,7 +1,6 @@
 """Methods on the kernel's entries against the solvers of the catalogue: the same motion on every kind of problem."""
 
 import dataclasses
-from functools import partial
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from mbsbench.solvers.formulations.compiled.mechanism import make_mechanism
 from mbsbench.solvers.formulations.geometric.index1.integrate import above_rounding
 from mbsbench.solvers.formulations.geometric.index1.tableaux import DOPRI5, DOPRI853, Tableau
 from mbsbench.solvers.formulations.methods import rattle, rkmk
-from mbsbench.solvers.formulations.methods.free_body import principal
 from mbsbench.solvers.lie_variational import LieVariational
 from mbsbench.solvers.rattle import Rattle
 from mbsbench.solvers.rkmk_dop853 import RkmkDop853
@@ -31,23 +29,20 @@ def problem(name: str) -> Problem:
     return dataclasses.replace(registry.problems()[name].make(), t_end=PROBLEMS[name][0])
 
 
-def explicit(tableau: Tableau, order: float) -> Method:
-    prepare = partial(rkmk.prepare, tableau=tableau)
-    return Method(prepare, rkmk.step, rkmk.finish, rkmk.start, order=order, counters=("evaluations", "rejected"))
+def explicit(tableau: Tableau) -> Method:
+    return dataclasses.replace(rkmk.explicit_pair(tableau), explicit=False)
 
 
 def symplectic(of: Problem, *, discrete: bool = False, rate: float = 0.0) -> Method:
-    system = of.system
-    scheme = (above_rounding(1e-13, of), int(not system.is_conservative), int(discrete))
-    prepare = partial(rattle.prepare, scheme=scheme, axes=principal(system.solved_inertia), gamma=np.array([1.0]))
-    return Method(prepare, rattle.step, rattle.finish, rattle.start, rate=rate)
+    tolerance = above_rounding(1e-13, of)
+    return rattle.symplectic_steps(of.system, np.array([1.0]), tolerance, discrete=discrete, rate=rate)
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_rkmk_is_that_of_the_catalogue(name: str) -> None:
     """DOP853: the same number of steps, the same motion and reactions to rounding."""
     of, control = problem(name), StepControl(rtol=1e-9)
-    new, old = integrate(of, control, explicit(DOPRI853, 8.0)), RkmkDop853().solve(of, control)
+    new, old = integrate(of, control, explicit(DOPRI853)), RkmkDop853().solve(of, control)
     assert new.status is old.status is Status.SUCCESS
     assert len(new.t) == len(old.t)
     assert new.counters["evaluations"] == old.counters["evaluations"]
@@ -59,7 +54,7 @@ def test_rkmk_is_that_of_the_catalogue(name: str) -> None:
 @pytest.mark.parametrize("name", PROBLEMS)
 def test_code_of_a_whole_mechanism_gives_the_same_motion(name: str) -> None:
     """Straight code instead of loops over joints: the same steps, the same motion and reactions to rounding."""
-    of, control, loops = problem(name), StepControl(rtol=1e-9), explicit(DOPRI853, 8.0)
+    of, control, loops = problem(name), StepControl(rtol=1e-9), explicit(DOPRI853)
     assert make_mechanism(of.system) is not None
     new, old = (integrate(of, control, dataclasses.replace(loops, explicit=whole)) for whole in (True, False))
     assert len(new.t) == len(old.t)
@@ -71,7 +66,7 @@ def test_code_of_a_whole_mechanism_gives_the_same_motion(name: str) -> None:
 def test_dopri5_is_that_of_the_catalogue() -> None:
     """The pair 5(4) has one estimate of the error."""
     of, control = problem("heavy_top"), StepControl(rtol=1e-6)
-    new, old = integrate(of, control, explicit(DOPRI5, 5.0)), RkmkDopri5().solve(of, control)
+    new, old = integrate(of, control, explicit(DOPRI5)), RkmkDopri5().solve(of, control)
     assert len(new.t) == len(old.t)
     assert np.max(np.abs(new.states.r - old.states.r)) < SAME
 
