@@ -16,12 +16,14 @@ Simplified Newton with S at the first estimate of q_1, d = M^-1 (f + A^T lam) - 
 The matrix of the iteration is M alone: springs with h^2 k/m of order one and more are out of its reach.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..compiled.algebra import clear, copy, largest
 from ..compiled.entries import inner, run
+from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from .iteration import FAILED, MOST_ITERATIONS, settled
@@ -50,8 +52,13 @@ class Step(NamedTuple):
     eta: Any  # (nrows,)
 
 
+def alpha_steps(**scheme: float) -> Method:
+    """The method with numbers of ``SCHEME``; what is not named is 0."""
+    return Method(partial(prepare, scheme=scheme), step, finish, start, counters=("iterations", "factorisations"))
+
+
 def prepare(kernel: Kernel, control: np.ndarray, *, scheme: dict[str, float]) -> Step:
-    """Arrays of one step; what ``scheme`` does not name is 0."""
+    """Arrays of one step."""
     nb, nr, record = len(kernel.mass), len(kernel.lam), np.zeros((), dtype=SCHEME)
     for name, value in scheme.items():
         record[name] = value
@@ -63,6 +70,7 @@ def prepare(kernel: Kernel, control: np.ndarray, *, scheme: dict[str, float]) ->
 def start(s):
     """vdot and a of index 1. lam grows from 0: redundant rows share it where none is dropped."""
     run(s.kernel.accelerate)
+    s.control.factorisations += 1
     copy(s.kernel.v_dot, s.a0)
     s.kernel.state.shift = s.scheme.shift
 

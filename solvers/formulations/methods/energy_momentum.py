@@ -13,6 +13,7 @@ to step by O(h^2), makes them alternate by O(h). The record has F + (F' - F'') /
 step: alternation cancels, a straight line is continued. The matrix of the iteration knows no springs.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import clear, copy, largest
 from ..compiled.entries import inner, run
+from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from ..compiled.means import Means, make_means
@@ -44,6 +46,12 @@ class Step(NamedTuple):
     F2: Any  # (nrows,) and of the one before that
 
 
+def mean_value_steps(system: MultibodySystem, tolerance: float) -> Method:
+    """The method, ``tolerance`` of phi and of the last correction of poses [m; without unit]."""
+    of_system = partial(prepare, system=system, tolerance=tolerance)
+    return Method(of_system, step, finish, start, counters=("iterations", "factorisations"))
+
+
 def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Step:
     """Arrays and mean-value entries of one step."""
     nb, nr = len(kernel.mass), len(kernel.lam)
@@ -56,6 +64,7 @@ def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tol
 def start(s):
     """The reaction at the start, by index 1, stands for the middles before it."""
     run(s.kernel.accelerate)
+    s.control.factorisations += 1
     for F in (s.F, s.F1, s.F2):
         copy(s.kernel.lam, F)
     clear(s.kernel.slip)

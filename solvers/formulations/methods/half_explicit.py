@@ -12,12 +12,14 @@ nearly singular. lam at the ends of steps, which are recorded, are those of inde
 """
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..compiled.algebra import clear, copy, largest, theta_dot
 from ..compiled.entries import inner, run
+from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import NOT_FINITE, STUCK, TURNED
 from .iteration import MOST_ITERATIONS
@@ -56,6 +58,11 @@ class Step(NamedTuple):
     reached: Any  # (depth, nrows) what they do to what is left of the equations
 
 
+def half_explicit_steps(tolerance: float) -> Method:
+    """The method, ``tolerance`` of the last correction of velocities [m/s, rad/s]."""
+    return Method(partial(prepare, tolerance=tolerance), step, finish, start, counters=("iterations", "factorisations"))
+
+
 def prepare(kernel: Kernel, control: np.ndarray, *, tolerance: float) -> Step:
     """Arrays of one step."""
     nb, nr = len(kernel.mass), len(kernel.lam)
@@ -65,6 +72,12 @@ def prepare(kernel: Kernel, control: np.ndarray, *, tolerance: float) -> Step:
     tried, reached = np.zeros((depth, nr)), np.zeros((depth, nr))
     scheme = np.array((tolerance,), dtype=SCHEME)
     return Step(control, kernel, scheme, A, A.sum(axis=1), r0, R0, v0, q, moves, gains, np.zeros(nr), tried, reached)
+
+
+def start(s):
+    """Rows, factor and multipliers of index 1."""
+    run(s.kernel.accelerate)
+    s.control.factorisations += 1
 
 
 def step(s):

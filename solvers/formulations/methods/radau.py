@@ -15,6 +15,7 @@ that their stiffness does not limit it. The last stage is the end of the step.
 """
 
 import math
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,6 +23,7 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import clear, copy, largest, theta_dot
 from ..compiled.entries import inner, run
+from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import SAFETY
 from ..compiled.soft_rows import make_without_springs
@@ -63,6 +65,13 @@ class Step(NamedTuple):
     old_lam: Any  # (3, nrows)
 
 
+def radau_steps(system: MultibodySystem, rtol: float) -> Method:
+    """The method; its iteration ends at 1e-10, or a thousandth of ``rtol`` if that is less: constraints hold."""
+    of_system = partial(prepare, system=system, tolerance=max(1e-13, min(1e-10, 1e-3 * rtol)))
+    counters = ("rejected", "iterations", "factorisations")
+    return Method(of_system, step, finish, start, order=4.0, counters=counters)
+
+
 def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Step:
     """Kernels and arrays of one step."""
     nb, nr = len(kernel.mass), len(kernel.lam)
@@ -81,6 +90,7 @@ def start(s):
     """vdot and lam of index 1, and the tensions of the springs."""
     k = s.kernel
     run(k.accelerate)
+    s.control.factorisations += 1
     set_tensions(s.springs, s.springs.stages.third, k.r, k.R, k.v, 2)
     for i in range(3):
         copy(k.v_dot, s.old_vdot[i])

@@ -57,7 +57,6 @@ class Springs(NamedTuple):
     G: Any  # (ns, ns) [1/kg]
     matrix: Any  # (3 ns, 3 ns), by ``factorise`` its factors
     right: Any  # (3 ns,) right-hand side, by ``solve`` the solution
-    pull: Any  # (nrows,)
     factorise: Entry
     solve: Entry
 
@@ -79,10 +78,9 @@ def make_springs_of(system: MultibodySystem, stages: list[Made], a: np.ndarray) 
     factorise = make_entry([call_lapack("dgetrf", n, n, matrix, lead, pivots, info)] if ns else [], None)
     transposed = np.frombuffer(b"T", dtype="i1")  # LAPACK reads by columns
     solve = [call_lapack("dgetrs", transposed, n, one, matrix, lead, pivots, right, lead, info)] if ns else []
-    return Springs(
-        rows, made[0][1], a, a @ a, p, old, tension, stretch, np.zeros((ns, nr)), np.zeros((ns, ns)), matrix, right, np.zeros(nr),
-        factorise, make_entry(solve, (stages, made)),
-    )  # fmt: skip
+    W, G = np.zeros((ns, nr)), np.zeros((ns, ns))
+    law, entries = made[0][1], (factorise, make_entry(solve, (stages, made)))
+    return Springs(rows, law, a, a @ a, p, old, tension, stretch, W, G, matrix, right, *entries)
 
 
 @inner
