@@ -1,7 +1,7 @@
-"""Pictures of the joints for docs/joints-and-forces.md: arrows along and about the axes that a joint leaves free.
+"""Tables of docs/joints-and-forces.md, and pictures of joints: arrows along and about the axes that one leaves free.
 
-They are read off the rows: body i stands on the ground at the origin, the axis of the joint is z, ``across`` is x, and
-a motion is free where its column of A is zero. ``make joints`` writes them to docs/images/joints/.
+Both come from the declarations. Pictures are read off the rows: body i stands on the ground at the origin, the axis of
+the joint is z, ``across`` is x, and a motion is free where its column of A is zero. ``make joints`` writes all.
 """
 
 import sys
@@ -9,30 +9,37 @@ from pathlib import Path
 
 import numpy as np
 
-from mbsbench import Joint, JointKind, RigidBody, State, assemble, constraint_jacobian
+from mbsbench import Joint, RigidBody, State, assemble, constraint_jacobian
+from mbsbench.harness.mechanics.declaring import Count, JointDeclaration
+from mbsbench.harness.mechanics.forces import DECLARED as FORCES
+from mbsbench.harness.mechanics.joints import DECLARED
+from mbsbench.harness.mechanics.joints.frames import axis_alone
 
 SIZE = 120  # [px]
 VIEW = np.array([[0.80, -0.80, 0.0], [0.42, 0.42, -0.95]]) * 0.36 * SIZE  # of x, y, z; the picture's y is downwards
 HEAD = 8.0  # [px]
 
 
-def free_motions(kind: JointKind) -> np.ndarray:
+def drawn() -> list[JointDeclaration]:
+    """The kinds with a picture: those of a pair, of which every freedom is one motion along or about an axis."""
+    return [one for one in DECLARED.values() if not one.count.moving]
+
+
+def free_motions(kind: JointDeclaration) -> np.ndarray:
     """Which of the six motions of body i are free: along x, y, z, about x, y, z."""
     x, z, o = np.eye(3)[0], np.eye(3)[2], np.zeros(3)
-    both = {"kind": kind, "across_i": x, "across_j": x}
-    joint = {
-        JointKind.SPHERICAL: Joint(0, o),
-        JointKind.DISTANCE: Joint(0, o, s_j=-z, kind=kind, length=1.0),
-        JointKind.ON_LINE: Joint(0, o, axis_j=z, kind=kind), JointKind.ON_PLANE: Joint(0, o, axis_j=z, kind=kind),
-        JointKind.UNIVERSAL: Joint(0, o, axis_i=x, axis_j=z, kind=kind),
-        JointKind.NORMAL: Joint(0, o, axis_i=x, axis_j=z, kind=kind),
-    }.get(kind, Joint(0, o, axis_i=z, axis_j=z, **both))  # fmt: skip
+    joint = Joint(
+        0, o, s_j=-z if kind.length else o, kind=kind.name, length=1.0 if kind.length else 0.0,
+        axis_i=(x if kind.frame is axis_alone else z) if "i" in kind.axes else None,
+        axis_j=z if "j" in kind.axes else None,
+        across_i=x if kind.across else None, across_j=x if kind.across else None,
+    )  # fmt: skip
     system = assemble([RigidBody(1.0, np.eye(3))], [joint])
     start = State(np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
     return np.all(np.abs(constraint_jacobian(system, start).toarray()) < 1e-12, axis=0)
 
 
-def picture(kind: JointKind) -> str:
+def picture(kind: JointDeclaration) -> str:
     """As SVG."""
     free, e = free_motions(kind), np.eye(3)
     parts = [_path(np.stack((-e[k], e[k])), "#999", 1) for k in range(3)]
@@ -44,7 +51,7 @@ def picture(kind: JointKind) -> str:
             ring = 0.55 * e[k] + 0.3 * (np.cos(turn) * e[(k + 1) % 3] + np.sin(turn) * e[(k + 2) % 3])
             parts += _arrow(ring, "#d62728")
     size = f'width="{SIZE}" height="{SIZE}" viewBox="0 0 {SIZE} {SIZE}"'
-    inside = "\n".join((f"<title>{kind}</title>", *parts))
+    inside = "\n".join((f"<title>{kind.name}</title>", *parts))
     return f'<svg xmlns="http://www.w3.org/2000/svg" {size}>\n{inside}\n</svg>\n'
 
 
@@ -65,11 +72,49 @@ def _path(points: np.ndarray, colour: str, width: int) -> str:
     return f'<path d="M{way}" fill="none" stroke="{colour}" stroke-width="{width}"/>'
 
 
-def name(kind: JointKind) -> str:
+def name(kind: JointDeclaration) -> str:
     """Of the file."""
-    return f"{kind.replace(' ', '-')}.svg"
+    return f"{kind.name.replace(' ', '-')}.svg"
+
+
+def given(kind: JointDeclaration) -> str:
+    """What the user gives, in words."""
+    points = "" if kind.count == Count(axis=kind.count.axis) else "points"
+    axes = {"": "", "i": f"`axis_i`, {kind.note}", "j": "`axis_j`", "ij": "the axis in both bodies"}[kind.axes]
+    if kind.axes == "ij" and kind.frame is axis_alone:
+        axes = "`axis_i`, `axis_j`, normal to each other"
+    across = "`across_i`, `across_j`" if kind.across else ""
+    length = f"`length`, {kind.length}" if kind.length else ""
+    motion = f"{'' if kind.needs_motion else 'perhaps '}`motion` f [{kind.motion}]" if kind.motion else ""
+    return kind.given or ", ".join(part for part in (points, axes, across, length, motion) if part)
+
+
+def tables() -> dict[str, list[str]]:
+    """Lines of each table, by what its first comment in the page says."""
+    joints = ["| | `kind` | rows | given | leaves free |", "|---|---|---|---|---|"]
+    moving = ["| `kind` | rows | given | leaves free |", "|---|---|---|---|"]
+    forces = ["| force | push on body i, its opposite on j | energy |", "|---|---|---|"]
+    for kind in DECLARED.values():
+        words = f"`{kind.name}` | {kind.equation.replace('|', chr(92) + '|')} | {given(kind)} | {kind.leaves} |"
+        if kind.count.moving:
+            moving.append(f"| {words}")
+        else:
+            joints.append(f"| ![{kind.name}](images/joints/{name(kind)}) | {words}")
+    forces += [f"| `{one.part}` | {one.equation} | {one.energy} |" for one in FORCES.values()]
+    return {"joints": joints, "rows beside joints": moving, "forces": forces}
+
+
+def page(text: str) -> str:
+    """``text`` with its tables as the declarations have them."""
+    for what, lines in tables().items():
+        start = f"<!-- {what}: written by make joints -->\n"
+        before, after = text.split(start)
+        text = before + start + "\n" + "\n".join(lines) + "\n\n" + after[after.index("<!-- end -->") :]
+    return text
 
 
 if __name__ == "__main__":
-    for one in JointKind:
+    for one in drawn():
         (Path(sys.argv[1]) / name(one)).write_text(picture(one))
+    manual = Path(__file__).parent / "joints-and-forces.md"
+    manual.write_text(page(manual.read_text(encoding="utf-8")), encoding="utf-8")

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from ..mechanics.joints import JointKind, MovingKind
+from ..mechanics.joints import JointKind
 from ..mechanics.system import MultibodySystem
 from ..types import Problem
 
@@ -63,7 +63,7 @@ def _joint(s: MultibodySystem, k: int) -> dict[str, Any]:
         found |= {"axis_i": s.joint_u[k], "axis_j": np.cross(*s.joint_n[k, :2])}
     elif kind == JointKind.DISTANCE:
         found |= {"length": s.joint_length[k]}
-    elif kind in tuple(MovingKind):
+    elif s.joint_moving[k]:
         found |= {"u": s.joint_u[k], "n": s.joint_n[k], "length": s.joint_length[k], "motion": s.joint_motion[k]}
     elif kind != JointKind.SPHERICAL:  # vectors of its rows
         found |= {"u": s.joint_u[k], "w": s.joint_w[k], "n_1": s.joint_n[k, 0], "n_2": s.joint_n[k, 1]}

@@ -82,7 +82,7 @@ class JointDeclaration:
     length: str = ""  # what the length is, where the user gives one [m]
     motion: str = ""  # unit of the function of time, where the user gives one
     needs_motion: bool = True
-    given: str = ""  # the manual's words for what the user gives
+    given: str = ""  # the manual's words for what the user gives, where its fields do not say it
     note: str = ""  # behind what the user must give, in an error message
     frame: Callable[..., dict[str, np.ndarray]] | None = None
     turning: Sequence[bool] = field(default=())  # which rows have no unit; by default the axis rows
@@ -147,6 +147,8 @@ class ForceDeclaration:
     numbers: dict[str, tuple[int, ...]]
     push: Callable[[Pose, Pose, Any], Push]
     equation: str  # for the manual
+    part: str  # what the user writes
+    energy: str  # for the manual
     pair: bool = True  # whether it acts between two bodies; a load acts on one
     depends_on_velocity: bool = True
     depends_on_time: bool = False

@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy import sparse
+from scipy.sparse.linalg import splu
 
 from . import so3
 from .ends import times
@@ -17,6 +19,10 @@ from .state import States
 from .system import MultibodySystem
 
 CHUNK = 500  # instants whose A is held at once
+DENSE = 3e6  # nrows^2 6 nb, at most, of dense algebra: beyond it sparse factors cost less
+REGULAR = 1e-10  # of the largest square of a row of B: above rounding, and refined away
+PASSES = 30  # of refinement at most
+SETTLED = 1e-13  # of L^T a: the last pass
 INDEPENDENT = 1e-4  # least to largest part of a row that earlier rows leave: rounding is then below 1e-11
 
 
@@ -36,27 +42,85 @@ def index_1(system: MultibodySystem, s: States) -> Index1:
     L[:, range(3), range(3)] = np.sqrt(system.mass)[:, None]
     L[:, 3:, 3:] = np.linalg.cholesky(system.regular_inertia)
     inverse = np.linalg.inv(L)
+    few = 6.0 * nb * nrows**2 <= DENSE
     for k in range(0, n, CHUNK):
         part = s.at(slice(k, k + CHUNK))
-        A = np.zeros((len(part), nrows, nb, 6))
-        for body, rows, translation, rotation in row_parts(system, part):
-            A[:, rows, body] += np.concatenate((translation, rotation), axis=-1)
         f = applied(system, part)
         f[:, :, 3:] -= so3.cross(part.Omega, times(system.inertia, part.Omega))
-        B = np.matmul(A.transpose(0, 2, 1, 3), np.swapaxes(inverse, -1, -2)).transpose(0, 2, 1, 3)
-        B = B.reshape(len(part), nrows, 6 * nb)
         A_dot_v = drift(system, part)
-        good = np.all(np.isfinite(B), axis=(1, 2)) & np.all(np.isfinite(f), axis=(1, 2))
-        good &= np.all(np.isfinite(A_dot_v), axis=1)
-        try:
-            found = _solved(system.taken_back, inverse, B[good], f[good], A_dot_v[good])
-        except ArithmeticError:  # where a motion went wrong, lent inertia may be all there is
-            continue
-        at = k + np.flatnonzero(good)
-        out.a[at], out.reaction[at] = found
-        rows_found = A[good].reshape(len(at), nrows, 6 * nb)
-        out.load[at] = np.matmul(found[1][:, None], rows_found).reshape(len(at), nb, 6)
+        (_dense if few else _sparse)(system, part, inverse, f, A_dot_v, Index1(*(a[k : k + CHUNK] for a in out)))
     return out
+
+
+def _dense(
+    system: MultibodySystem, s: States, inverse: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray, out: Index1
+) -> None:
+    A = np.zeros((len(s), system.nrows, system.nb, 6))
+    for body, rows, translation, rotation in row_parts(system, s):
+        A[:, rows, body] += np.concatenate((translation, rotation), axis=-1)
+    B = np.matmul(A.transpose(0, 2, 1, 3), np.swapaxes(inverse, -1, -2)).transpose(0, 2, 1, 3)
+    B = B.reshape(len(s), system.nrows, 6 * system.nb)
+    good = np.all(np.isfinite(B), axis=(1, 2)) & np.all(np.isfinite(f), axis=(1, 2))
+    good &= np.all(np.isfinite(A_dot_v), axis=1)
+    try:
+        found = _solved(system.taken_back, inverse, B[good], f[good], A_dot_v[good])
+    except ArithmeticError:  # where a motion went wrong, lent inertia may be all there is
+        return
+    out.a[good], out.reaction[good] = found
+    rows_found = A[good].reshape(len(found[0]), system.nrows, 6 * system.nb)
+    out.load[good] = np.matmul(found[1][:, None], rows_found).reshape(found[0].shape)
+
+
+def _sparse(
+    system: MultibodySystem, s: States, inverse: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray, out: Index1
+) -> None:
+    """The same, one instant after the other; costs grow with what sparse factors hold."""
+    parts = list(row_parts(system, s))
+    row = np.concatenate([np.repeat(rows, 6) for _, rows, _, _ in parts])
+    column = np.concatenate([np.ravel(6 * body[:, None] + np.arange(6)) for body, _, _, _ in parts])
+    values = np.concatenate([np.concatenate(p[2:], axis=-1).reshape(len(s), -1) for p in parts], axis=1)
+    spread = sparse.block_diag(np.swapaxes(inverse, -1, -2), format="csr")
+    for k in range(len(s)):
+        if not all(np.all(np.isfinite(x[k])) for x in (values, f, A_dot_v)):
+            continue
+        A = sparse.csr_array((values[k], (row, column)), shape=(system.nrows, 6 * system.nb))
+        try:
+            a, reaction = _solved_sparsely(system.taken_back, inverse, (A @ spread).tocsr(), f[k], A_dot_v[k])
+        except ArithmeticError:
+            continue
+        out.a[k], out.reaction[k], out.load[k] = a, reaction, (A.T @ reaction).reshape(-1, 6)
+
+
+def _solved_sparsely(
+    P: np.ndarray, inverse: np.ndarray, B: sparse.csr_array, f: np.ndarray, A_dot_v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The least x with B x = c as B^T mu, by iterated regularisation: mu += (B B^T + e)^-1 (c - B B^T mu).
+
+    Redundant rows need no choice: what they leave open of mu is no part of B^T mu. The factor is that of
+    [[1, B^T], [B, -e]], which no square of B spoils.
+    """
+    n = B.shape[1]
+    size = float(np.sqrt(np.max(B.multiply(B).sum(axis=1), initial=0.0))) or 1.0
+    S = B / size
+    St = S.T.tocsr()
+    KKT = sparse.block_array([[sparse.eye_array(n), St], [S, -REGULAR * sparse.eye_array(S.shape[0])]], format="csc")
+    factor = splu(KKT)
+
+    def least(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x, mu = np.zeros(n), np.zeros(len(c))
+        for _ in range(PASSES):
+            step = factor.solve(np.append(-(x - St @ mu), c - S @ x))
+            x, mu = x + step[:n], mu - step[n:]
+            if not np.linalg.norm(step[:n]) > SETTLED * np.linalg.norm(x):
+                break
+        return np.asarray(St @ mu), mu
+
+    def solve(load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        x = np.einsum("bij,bj->bi", inverse, f + load).ravel()
+        more, mu = least((-A_dot_v - B @ x) / size)
+        return np.einsum("bji,bj->bi", inverse, (x + more).reshape(-1, 6)), mu / size
+
+    return taken_back(solve, partial(pushed, P))
 
 
 def pseudo_inverse(B: Float[np.ndarray, "n k m"]) -> Float[np.ndarray, "n m k"]:

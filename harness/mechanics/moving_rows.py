@@ -15,6 +15,8 @@ with v_b(x) the velocity of the material point of body b at x. In d = x_i - x_j,
     knife edge        phi_dot = 0 alone              force axis_i at x_i      phi_t = -f
     rolling disc      phi = n . (x_c - x_j), x_c the disc's lowest point      force n at x_c
                       phi_dot = 0 alone, twice       tangents at x_c
+    rack and pinion   phi = r theta - e . d, theta from e = across_j to u = across_i about the axis, the two together
+                      within half a turn             force -e at x_i, torque r (u x (axis x u)) / |axis x u|^2
 
 A reaction of these rows works, for A v = -phi_t: its power -reaction . phi_t enters the energy balance.
 """
@@ -142,6 +144,16 @@ def _rolling(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: f
     return [(_dot(n, x - x_j), 0.0, n, 0.0, x), (0.0, 0.0, t_1, 0.0, x), (0.0, 0.0, t_2, 0.0, x)]
 
 
+def _rack(here: list[np.ndarray], f: np.ndarray, f_dot: np.ndarray, length: float) -> Rows:
+    x_i, x_j, u, n_1, n_2 = here[:5]
+    e, axis = -n_2, so3.cross(n_1, n_2)
+    ahead = so3.cross(axis, u)  # of u: where it goes
+    x = _dot(e, x_i - x_j)
+    slip = np.arctan2(_dot(axis, so3.cross(e, u)), _dot(e, u)) - x / length
+    phi = length * (np.remainder(slip + np.pi, 2.0 * np.pi) - np.pi)
+    return [(phi, 0.0, -e, length * so3.cross(u, ahead) / _dot(ahead, ahead)[:, None], x_i)]
+
+
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     out: np.ndarray = np.sum(a * b, axis=-1)
     return out
@@ -150,4 +162,5 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 ROWS_OF: dict[Kind, Callable[..., Rows]] = {
     MovingKind.DRIVEN_POSITION: _driven_position, MovingKind.DRIVEN_ANGLE: _driven_angle,
     MovingKind.DRIVEN_DISTANCE: _driven_distance, MovingKind.KNIFE_EDGE: _knife_edge, MovingKind.ROLLING: _rolling,
+    "rack and pinion": _rack,
 }  # fmt: skip

@@ -89,7 +89,7 @@ def measure(problem: Problem, trajectory: Trajectory) -> Measured:
             out_of_plane=_out_of_plane(problem, at_home),
             observables={o.name: np.asarray(o.of(at_home), dtype=float) for o in problem.observables},
             invariants={i.name: np.asarray(i.of(at_home), dtype=float) for i in problem.invariants},
-            **_against_reference(problem, reference, trajectory, _shares(whole, each), whole.size.length),
+            **_against_reference(problem, reference, trajectory, _shares(whole, each), whole.size),
         )  # fmt: skip
 
 
@@ -164,7 +164,7 @@ def _out_of_plane(problem: Problem, at_home: States) -> np.ndarray | None:
 
 
 def _against_reference(
-    problem: Problem, reference: Reference | None, trajectory: Trajectory, shares: np.ndarray, length: float
+    problem: Problem, reference: Reference | None, trajectory: Trajectory, shares: np.ndarray, size: Scales
 ) -> dict:
     if reference is None:
         return {}
@@ -187,13 +187,12 @@ def _against_reference(
         for name, values in problem.observe(exact).items():
             theirs[name][rows] = values
     about = {"reference_route": reference.route, "reference_horizon": float(reference.horizon)}
-    off = _between_rows(problem, reference, t, s, length)
+    off = _between_rows(problem, reference, t, s, size.length)
     pull = _reaction_error(problem, reference, t, s, trajectory.reaction)
-    within = predictable(t[:n], series["reference_own_error"][:n] / length) if n else 0
+    within = predictable(t[:n], series["reference_own_error"][:n] / size.length) if n else 0
     away = series["motion_error"][:within] + series["reference_own_error"][:within]
-    speed = float(np.max(speeds(problem.system, s.at(slice(within))), initial=0.0))
-    steps = truncation(problem.system, t, s, trajectory.reaction)
-    more = unexplained(t[:within], s.at(slice(within)), away, series["rate_error"][:within], speed)
+    steps = truncation(problem.system, t, s, trajectory.reaction, size.speed)
+    more = unexplained(t[:within], s.at(slice(within)), away, series["rate_error"][:within], size.speed)
     pull["truncation"] = replace(steps, velocities=float(np.fmax(steps.velocities, more)))
     return {**series, **off, **pull, **about, "reference_observables": theirs}
 

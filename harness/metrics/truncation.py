@@ -1,7 +1,8 @@
 """What a run says of its own rates, against what its poses and the equations of motion say: r' = v, v' = a, A^T lam.
 
 At a recorded step the difference quotients to both sides straddle the rate there, and differ by a step's change of it:
-that much may a method of first order be off, and no method that converges stays farther off over a run. Accelerations
+that much may a method of first order be off, and no method that converges stays farther off over a run. What changes
+is the rate of a body's matter in space, also where a steady spin has constant components in the body. Accelerations
 and loads of the joints are those of index 1 at the recorded poses and velocities. So a false gravity, scaled velocities
 and false reactions show however small they are, as soon as steps are fine enough to tell; where they are not, nothing
 is judged.
@@ -36,9 +37,13 @@ class Truncation:
 
 
 def truncation(
-    system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States, reaction: Float[np.ndarray, "nt nrows"] | None
+    system: MultibodySystem,
+    t: Float[np.ndarray, " nt"],
+    s: States,
+    reaction: Float[np.ndarray, "nt nrows"] | None,
+    speed: float,
 ) -> Truncation:
-    """Of velocities, accelerations and reactions of a run."""
+    """Of velocities, accelerations and reactions of a run; ``speed`` [m/s]: what the motion reaches, in any frame."""
     k = _steps(system, t, s)
     if len(k) < 3:
         return Truncation()
@@ -50,12 +55,20 @@ def truncation(
     backward, forward = _rates(before, here, h1), _rates(here, after, h2)
     v = np.concatenate((here.v, here.Omega), axis=-1)
     slower, faster = ((_velocities(b) - _velocities(a)) / h for a, b, h in ((before, here, h1), (here, after, h2)))
-    speed = np.max(_size(system, v), initial=0.0)
-    out = [
-        _off(system, backward, forward, h1, h2, v, rounding * size),
-        _off(system, slower, faster, h1, h2, found.a, rounding * speed),
-        float("nan"),
-    ]
+    fastest = float(np.max(_size(system, v), initial=0.0))
+    spins = [np.zeros_like(v[..., 3:])] * 2, [backward[..., 3:], forward[..., 3:]]
+    turns = so3.exp(-0.5 * h1 * backward[..., 3:]), so3.exp(0.5 * h2 * forward[..., 3:])
+    out = []
+    still = np.broadcast_to(np.eye(3), (*v.shape[:2], 3, 3))
+    there = _matter(system, _of_matter(found.a, here.Omega, still))
+    for both, told, spin, counts, rounded in (
+        ((backward, forward), v, spins[0], speed, size), ((slower, faster), found.a, spins[1], there, fastest)
+    ):  # fmt: skip
+        middle = (h2 * both[0] + h1 * both[1]) / (h1 + h2)
+        first, last = (_of_matter(*x) for x in zip(both, spin, turns, strict=True))
+        left = _matter(system, last - first) + TOLD * counts + rounded * rounding[..., 0]
+        out.append(_ratio(_size(system, middle - told), left))
+    out.append(float("nan"))
     if reaction is not None and system.nj:
         loads = [load_on_bodies(system, reaction[k + d], s.at(k + d)) for d in (-1, 0, 1)]
         apart = _weight(system, loads[1] - found.load)
@@ -98,14 +111,21 @@ def _velocities(s: States) -> np.ndarray:
     return np.concatenate((s.v, s.Omega), axis=-1)
 
 
-def _off(
-    system: MultibodySystem, before: np.ndarray, after: np.ndarray, h1: np.ndarray, h2: np.ndarray, told: np.ndarray,
-    floor: np.ndarray,
-) -> float:  # fmt: skip
-    middle = (h2 * before + h1 * after) / (h1 + h2)
-    return _ratio(
-        _size(system, middle - told), _size(system, after - before) + TOLD * _size(system, told) + floor[..., 0]
-    )
+def _of_matter(rate: np.ndarray, spin: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    """(nt, nb, 3, 4): that of C, and what the place in a body [body] is multiplied by, seen ``turn`` later.
+
+    Of velocities with ``spin`` zero, of accelerations with the angular velocity.
+    """
+    W = so3.hat(spin)
+    return np.concatenate((rate[..., :3, None], turn @ (so3.hat(rate[..., 3:]) + W @ W)), axis=-1)
+
+
+def _matter(system: MultibodySystem, rate: np.ndarray) -> np.ndarray:
+    """Root mean square over a body's matter."""
+    trace = np.trace(system.inertia, axis1=1, axis2=2)[:, None, None]
+    second = (0.5 * trace * np.eye(3) - system.inertia) / system.mass[:, None, None]
+    G = rate[..., 1:]
+    return np.sqrt(np.maximum(np.sum(rate[..., 0] ** 2, axis=-1) + np.einsum("tbij,bjk,tbik->tb", G, second, G), 0.0))
 
 
 def _ratio(off: np.ndarray, open_: np.ndarray) -> float:

@@ -52,7 +52,8 @@ def doubts(problem: Problem, trajectory: Trajectory, m: Measured, columns: Mappi
                 limit(law, largest(series), one.size.allowed[law], UNITS[law], series)
     limit(Law.KINEMATIC, m.kinematic_defect, KINEMATIC, "", None)
     limit(Law.REACTION, m.reaction_error, REACTION * (m.reaction_size + size.energy / size.length), "N", None)
-    for name, share in vars(m.truncation).items():
+    accurate = not inaccuracy(m, columns)  # else its errors are known, and told
+    for name, share in vars(m.truncation).items() if accurate else ():
         words = f"the error of {name}, beside what steps of this length leave open,"
         limit(Law.TRUNCATION, share, 1.0, "", None, words)
     for name, drift in json.loads(columns["invariant_drifts"]).items():

@@ -33,6 +33,7 @@ ARRANGES = (
 )  # fmt: skip
 SHARED = "harness/catalogue/registry"  # turns, mirrors and perturbs problems: no part of one solver or problem
 MEASURING = ("harness/execution/contract", "harness/execution/measuring", "harness/execution/presented", SHARED)
+LISTED = ("harness/mechanics/joints/kinds",)  # folders whose files are found by listing them, not by an import
 MARKED = {"solver": ("solvers", "solvers/engines"), "problem": ("problems",)}
 LOCKED_AS = {"sksundae": "scikit-sundae", "scipy_dae": "scipy-dae", "yaml": "pyyaml"}  # where the names differ
 LOCKED = re.compile(r"^([A-Za-z0-9_.-]+)==(\S+)", re.MULTILINE)
@@ -92,6 +93,8 @@ class Sources:
             seen[place] = source.digest
             outside.update(source.outside)
             waiting += [f for m in source.imports if (f := self._file(m))]
+            if place.removesuffix("/__init__.py") in LISTED:
+                waiting += [str(p.relative_to(self.root)) for p in sorted((self.root / place).parent.glob("*.py"))]
         versions = sorted(f"{n}=={self._locked[n]}" for m in outside if (n := LOCKED_AS.get(m, m)) in self._locked)
         self._store()
         return _digest([*versions, *itertools.chain(*sorted(seen.items()))])

@@ -24,20 +24,11 @@ from .assembly import Assembly, Batch
 from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import add_products, set_to_zero
 from .layout import Layout
+from .rows.expressions import force_numbers
 from .saddle import InverseMass, Saddle
 from .sparse_pattern import FixedPattern
 from .symbolic import ELEMENTS, free_spring_element, strong_row_element
-from .system_elements import (
-    body_batch,
-    joint_rows,
-    kinds_of,
-    load_batches,
-    pair_ends,
-    row_parameters,
-    spring_batch,
-    spring_parameters,
-    time_of,
-)
+from .system_elements import body_batch, force_batches, pair_ends, rows_by_kind
 
 
 class StrongRates(NamedTuple):
@@ -81,12 +72,11 @@ class StrongForm:
         self._bare = Layout(layout.system, layout.chart, np.zeros(0, dtype=np.int64))  # z has no lam here
         self._choice = choice
         row, column = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
-        for kind in kinds_of(layout):
-            joints, rows = joint_rows(layout, kind)
-            ends = pair_ends(layout, layout.system.joint_i[joints], layout.system.joint_j[joints])
-            place = np.broadcast_to(layout.row(rows)[:, None, :], (*ends.w.shape, rows.shape[1]))  # by columns of A
+        for of in rows_by_kind(self._bare):
+            w, kept = of.ends.w, layout.row(of.rows)
+            place = np.broadcast_to(kept[:, None, :], (*w.shape, kept.shape[1]))  # by columns of A
             row.append(place.ravel())
-            column.append(np.broadcast_to(ends.w[:, :, None], place.shape).ravel())
+            column.append(np.broadcast_to(w[:, :, None], place.shape).ravel())
         rows_of_A, columns_of_A = np.concatenate(row), np.concatenate(column)
         used = (rows_of_A >= 0) & (columns_of_A < layout.n_u)
         self.pattern = FixedPattern(rows_of_A[used], columns_of_A[used], (layout.k, layout.n_u))
@@ -98,7 +88,7 @@ class StrongForm:
         s = layout.system
         self._gravity = np.concatenate((s.mass[:, None] * s.gravity, np.zeros((s.nb, 3))), axis=1).ravel()
         self._springs = _Springs(self._bare) if len(s.spring_k) else None
-        loads = load_batches(self._bare, chosen=False)
+        loads = force_batches(self._bare, chosen=False)
         loaded = any(len(b.z) for b in loads)
         self._loads = Assembly(self._bare, loads, layout.n_u, differentiable=False) if loaded else None
         *of_motion, self._of_c = (self._motion.out[part] for part in self._slices)
@@ -145,34 +135,28 @@ class StrongForm:
         if self._loads is not None:
             np.add(self._gravity, self._loads.values(pu, self._at_rest, t), out=self._f)
         if self._springs is not None:
-            f, *slopes = self._springs.at(pu)
-            self._f[:] = f + (self._gravity if self._loads is None else self._f)
             c = self.pattern.matrix(self._of_c)
             given = self._choice.c_bar, self._choice.k_bar
-            for to, least, slope in zip((self._at.C_bar, self._at.K_bar), given, slopes, strict=True):
+            for to, least, slope in zip((self._at.C_bar, self._at.K_bar), given, self._springs.at(pu), strict=True):
                 to[:] = least + np.asarray((c @ slope).multiply(c).sum(axis=1)).ravel()
             np.maximum(self._at.K_bar, 0.0, out=self._at.K_bar)  # a negative one drives phi away exponentially
         self._before.run()
 
     def _batches(self, layout: Layout, place: np.ndarray) -> list[Batch]:
-        bare, system = self._bare, layout.system
+        bare = self._bare
         A, gamma, phi_dot, phi, M_bar, M_bar_dot, c = (part.start for part in self._slices[2:])
-        batches, used = [body_batch(bare), spring_batch(bare), *load_batches(bare)], 0
-        for kind in kinds_of(layout):
-            joints, rows = joint_rows(layout, kind)
-            ends = pair_ends(bare, system.joint_i[joints], system.joint_j[joints])
-            own = row_parameters(layout, kind)
-            inertia = _inertia(layout, system.joint_i[joints]), _inertia(layout, system.joint_j[joints])
-            moves = (system.joint_j[joints] != GROUND)[:, None].astype(float)
-            entries = place[used : used + 12 * rows.size].reshape(len(joints), 12 * rows.shape[1])
+        batches, used = [body_batch(bare), *force_batches(bare)], 0
+        for of in rows_by_kind(bare):
+            inertia, moves = (_inertia(layout, b) for b in (of.i, of.j)), (of.j != GROUND)[:, None].astype(float)
+            row = layout.row(of.rows)
+            entries = place[used : used + 12 * row.size].reshape(len(row), 12 * row.shape[1])
             used += entries.size
-            row = layout.row(rows)
             parts = [(A, entries), *((start, row) for start in (gamma, phi_dot, phi, M_bar, M_bar_dot)), (c, entries)]
             out = np.concatenate([np.where(index < 0, -1, start + index) for start, index in parts], axis=1)
-            parameters = np.concatenate((own, *inertia, moves), axis=1)
-            z = np.concatenate([ends.z, *time_of(bare, kind, len(joints))], axis=1)
-            element = strong_row_element(kind, layout.chart, self._choice.direction)
-            batches.append(Batch(element, parameters, z, ends.w, out))
+            parameters = np.concatenate((of.numbers, *inertia, moves), axis=1)
+            z = np.concatenate((of.ends.z, of.ends.t), axis=1)
+            element = strong_row_element(of.kind, layout.chart, self._choice.direction)
+            batches.append(Batch(element, parameters, z, of.ends.w, out))
         return batches
 
 
@@ -194,27 +178,24 @@ def _compiled_rows(alpha: float, beta: float) -> Code:
 
 
 class _Springs:
-    """f and its slopes of all springs, in V."""
+    """Slopes of the forces of all springs, in V."""
 
     def __init__(self, bare: Layout) -> None:
         s, n = bare.system, bare.n_u
         ends = pair_ends(bare, s.spring_i, s.spring_j)
-        at = np.where(ends.w < n, ends.w, -1)
+        at, z = ends.free, np.concatenate((ends.z, ends.t), axis=1)
         row = np.broadcast_to(at[:, None, :], (len(at), 12, 12)).reshape(len(at), -1)  # by columns
         column = np.broadcast_to(at[:, :, None], (len(at), 12, 12)).reshape(len(at), -1)
         keep = ((row >= 0) & (column >= 0)).ravel()
         self._pattern = FixedPattern(row.ravel()[keep], column.ravel()[keep], (n, n))
-        entry = np.where(keep, np.cumsum(keep) - 1, -1).reshape(len(at), -1)
-        m = int(keep.sum())
-        out = np.concatenate((at, np.where(entry < 0, -1, n + entry), np.where(entry < 0, -1, n + m + entry)), axis=1)
-        batch = Batch(free_spring_element(bare.chart), spring_parameters(bare), ends.z, ends.w, out)
-        self._forces = Assembly(bare, [batch], n + 2 * m, differentiable=False)
-        self._parts, self._at_rest = np.cumsum((n, m)), np.zeros(n)
+        entry, self._m = np.where(keep, np.cumsum(keep) - 1, -1).reshape(len(at), -1), int(keep.sum())
+        out = np.concatenate((entry, np.where(entry < 0, -1, self._m + entry)), axis=1)
+        batch = Batch(free_spring_element(bare.chart), force_numbers(s, "spring"), z, ends.w, out)
+        self._slopes, self._at_rest = Assembly(bare, [batch], 2 * self._m, differentiable=False), np.zeros(n)
 
-    def at(self, pu: np.ndarray) -> tuple[np.ndarray, sp.csr_array, sp.csr_array]:
-        f, damping, stiffness = np.split(self._forces.values(pu, self._at_rest), self._parts)
-        of = self._pattern
-        return f, of.matrix(of.data(damping)), of.matrix(of.data(stiffness))
+    def at(self, pu: np.ndarray) -> tuple[sp.csr_array, sp.csr_array]:
+        found, of = self._slopes.values(pu, self._at_rest), self._pattern
+        return of.matrix(of.data(found[: self._m])), of.matrix(of.data(found[self._m :]))
 
 
 def _slices(layout: Layout, nnz: int) -> tuple[list[slice], int]:

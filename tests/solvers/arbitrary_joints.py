@@ -6,13 +6,14 @@ import numpy as np
 
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.consistency import project
-from mbsbench.harness.mechanics.joints import Joint, JointKind, MovingKind
+from mbsbench.harness.mechanics.joints import DECLARED, Joint, JointKind, MovingKind
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import GROUND, Load, MultibodySystem, SpringDamper, TorsionSpring, assemble
 from mbsbench.harness.mechanics.time_functions import TimeFunction
 from mbsbench.problems.random_mechanism import arbitrary_body, closed_joint
 
 KINDS = tuple(JointKind)
+MOVING = (*MovingKind, *(name for name, one in DECLARED.items() if one.count.moving and name not in set(MovingKind)))
 SPRING = SpringDamper(0, (0.1, 0.2, 0.3), GROUND, (2.0, 2.0, 1.0), 20.0, 1.0, 0.3)
 LOADS = (
     Load(0, (1.0, 2.0, -1.0), (0.3, 0.1, -0.2), (0.1, -0.2, 0.3)),
@@ -47,32 +48,29 @@ def all_joints() -> MultibodySystem:
 SWAY = TimeFunction((0.3, 0.4, -0.2, 0.1), 0.2, 5.0, 0.7)
 
 
-def moving_row(kind: MovingKind, i: int, j: int, random: np.random.Generator) -> Joint:
-    """A drive, a knife edge or a disc between two bodies, at arbitrary points and in arbitrary directions."""
+def moving_row(kind: str, i: int, j: int, random: np.random.Generator) -> Joint:
+    """Moving rows of a kind between two bodies, at arbitrary points and in arbitrary directions."""
     s_i, s_j = 0.3 * random.standard_normal((2, 3))
     axis_i, axis_j, across_i, across_j = random.standard_normal((4, 3))
-    if kind == MovingKind.DRIVEN_POSITION:
-        return Joint(i, s_i, j, s_j, None, axis_j, kind=kind, motion=SWAY)
-    if kind == MovingKind.DRIVEN_ANGLE:
-        return Joint(i, s_i, j, s_j, axis_i, axis_j, "", kind, across_i, across_j, motion=SWAY)
-    if kind == MovingKind.KNIFE_EDGE:
-        return Joint(i, s_i, j, s_j, axis_i, kind=kind, motion=SWAY)
-    if kind == MovingKind.DRIVEN_DISTANCE:
-        return Joint(i, s_i, j, s_j, kind=kind, motion=SWAY)
-    return Joint(i, s_i, j, s_j, axis_i, axis_j, kind=kind, length=0.4)
+    given = DECLARED[kind]
+    return Joint(
+        i, s_i, j, s_j, axis_i if "i" in given.axes else None, axis_j if "j" in given.axes else None, "", kind,
+        across_i if given.across else None, across_j if given.across else None, 0.4 if given.length else 0.0,
+        SWAY if given.motion else None,
+    )  # fmt: skip
 
 
-def moving_rows(kind: MovingKind | None, *, ground: bool = False, seed: int = 5) -> MultibodySystem:
+def moving_rows(kind: str | None, *, ground: bool = False, seed: int = 5) -> MultibodySystem:
     """One kind, or all, between neighbours of a row of bodies, with springs, dampers, timed loads and gravity.
 
     The driven pairs also have the joint along whose freedom they are driven.
     """
     random = np.random.default_rng(seed)
-    kinds = tuple(MovingKind) if kind is None else (kind,)
+    kinds = MOVING if kind is None else (kind,)
     joints = []
     for k, one in enumerate(kinds):
         row = moving_row(one, k, k - 1 if kind is None or ground else k + 1, random)
-        guide = {MovingKind.DRIVEN_POSITION: JointKind.PRISMATIC, MovingKind.DRIVEN_ANGLE: JointKind.REVOLUTE}.get(one)
+        guide = {"driven position": JointKind.PRISMATIC, "driven angle": JointKind.REVOLUTE}.get(one)
         if guide == JointKind.REVOLUTE:
             joints.append(Joint(row.i, row.s_i, row.j, row.s_j, row.axis_i, row.axis_j, kind=guide))
         elif guide is not None:

@@ -83,14 +83,14 @@ def test_a_wall_limit_is_kept(solver):
 
 @pytest.mark.parametrize("solver", ALL)
 def test_the_clock_is_looked_at_at_every_evaluation(solver, monkeypatch):
-    """A step near a singular pose may take any number of evaluations: the wall limit ends it inside."""
+    """A step near a singular pose may take any number of evaluations: the CPU limit ends it inside."""
     looks = 0
 
     def check(clock: Clock) -> None:
         nonlocal looks
         looks += 1
         if looks > 400:
-            raise StepFailure(Status.STALLED, "the wall limit was reached")
+            raise StepFailure(Status.STALLED, "the CPU limit was reached")
 
     monkeypatch.setattr(Clock, "check", check)
     problem = make_problem("n_four_bar", {"windows": 2, "t_end": 10.0})

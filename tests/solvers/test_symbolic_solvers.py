@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.mechanics import motion
+from mbsbench.harness.mechanics import motion, work
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import RigidBody, assemble
@@ -131,7 +131,7 @@ def test_springs_and_dampers_lose_what_the_dampers_take(solver):
     p = Problem("linkage", system, consistent(system, 3), t_end=0.5, dt=1e-3, section="", source="")
     t = solve(solver, p, 1e-8, max_step=1e-3)
     assert t.status is Status.SUCCESS, t.message
-    E, power = motion.energy(system, t.states), motion.power(system, t.states)
+    E, power = motion.energy(system, t.states), work.power(system, t.states)
     lost = np.sum(0.5 * (power[1:] + power[:-1]) * np.diff(t.t))
     assert E[-1] - E[0] == pytest.approx(lost, abs=1e-5 * abs(E[0]))
     assert lost < -1e-2

@@ -30,5 +30,6 @@ def push(i, j, p):  # type: ignore[no-untyped-def]
 
 KIND = ForceDeclaration(
     "load", {"p": (3,), "force": (3,), "torque": (3,), "follows": (), "factor": ()}, push,
-    "f(t) F at a point, and f(t) T", pair=False, depends_on_velocity=False, depends_on_time=True,
+    "f(t) F at a point, and f(t) T, fixed in space or (`follows`) in the body; f is `factor`",
+    "Load", "its work enters the balance", pair=False, depends_on_velocity=False, depends_on_time=True,
 )  # fmt: skip

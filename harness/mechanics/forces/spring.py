@@ -29,5 +29,10 @@ def push(i, j, p):  # type: ignore[no-untyped-def]
 
 
 KIND = ForceDeclaration(
-    "spring", {"p_i": (3,), "p_j": (3,), "k": (), "d0": (), "c": ()}, push, "-(k (d - d_0) + c d_dot) along the line"
+    "spring",
+    {"p_i": (3,), "p_j": (3,), "k": (), "d0": (), "c": ()},
+    push,
+    "-(k (d - d_0) + c d_dot) along the line of two points",
+    "SpringDamper",
+    "potential of k; the work of c enters the balance",
 )

@@ -43,5 +43,6 @@ def push(i, j, p):  # type: ignore[no-untyped-def]
 
 KIND = ForceDeclaration(
     "torsion", {"u": (3,), "n": (2, 3), "k": (), "rest": (), "c": ()}, push,
-    "-(k (theta - theta_0) + c theta_dot) about the axis",
+    "-(k (theta - theta_0) + c theta_dot) about an axis of j; theta from `across_j` to `across_i`, within half a turn",
+    "TorsionSpring", "potential of k; the work of c enters the balance",
 )  # fmt: skip

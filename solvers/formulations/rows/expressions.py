@@ -17,10 +17,10 @@ import numpy as np
 
 from ....harness.mechanics import forces, joints
 from ....harness.mechanics.declaring import JointDeclaration, Numbers, Pose, Push, cross
-from ..traced import Symbol
 from .numbers import NUMBERS, force_size
 from .numbers import force_numbers as force_numbers
 from .numbers import joint_numbers as joint_numbers
+from .symbols import Symbol
 
 
 @dataclass(frozen=True)

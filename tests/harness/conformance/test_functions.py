@@ -9,7 +9,7 @@ import pytest
 import mbsbench
 from mbsbench import Parameter, State, States, accelerations, equations, make_problem, moved, project, rhs, solve, step
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.mechanics import motion
+from mbsbench.harness.mechanics import motion, work
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.work import index_1_evaluations
@@ -67,7 +67,7 @@ def test_springs_and_dampers_do_their_work():
     s = State(r, mbsbench.so3.exp(random.standard_normal((2, 3))), v, Omega)
     a, h = accelerations(system, s), 1e-5
     ahead, behind = (motion.energy(system, States.one(moved(s, a, sign * h)))[0] for sign in (1.0, -1.0))
-    assert (ahead - behind) / (2.0 * h) == pytest.approx(motion.power(system, States.one(s))[0], rel=1e-6)
+    assert (ahead - behind) / (2.0 * h) == pytest.approx(work.power(system, States.one(s))[0], rel=1e-6)
 
 
 def test_equations_are_those_that_accelerations_solve():

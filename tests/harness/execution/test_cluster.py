@@ -17,7 +17,7 @@ from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.words import words_of_ending
 from mbsbench.harness.suites.suite import parse_suite
 
-from ..conftest import PLUGIN, Silent
+from ..conftest import PLUGIN, TIMED, Silent
 
 distributed = pytest.importorskip("distributed", reason="needs the extra 'cluster'")
 from mbsbench.harness.execution import cluster as cluster_module  # noqa: E402
@@ -34,10 +34,6 @@ problem = "free_fall"
 solver = ["segfaults", "gives_up", "refuses", "spins"]
 cpu_limit = 1.0
 """
-TIMED = [
-    "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB",
-    "finished",
-]  # fmt: skip
 
 
 @pytest.fixture

@@ -15,12 +15,8 @@ from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.provisional import is_provisional
 from mbsbench.harness.suites.suite import load_suite
 
-from ..conftest import PLUGIN, Silent
+from ..conftest import PLUGIN, TIMED, Silent
 
-TIMED = [
-    "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB",
-    "finished", "commit",  # somebody may commit meanwhile
-]  # fmt: skip
 SEED = 20
 
 

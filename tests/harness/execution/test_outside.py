@@ -100,7 +100,7 @@ def test_a_record_that_changes_behind_the_runner_is_noticed(tmp_path, monkeypatc
     told = Silent.ended
 
     def changing(self, job, record):
-        path = store.path_of(job.folder, job.id)
+        path = store.path_of(job.folder, job.id).path
         path.write_bytes(path.read_bytes().replace(b"success", b"crashed"))
         told(self, job, record)
 

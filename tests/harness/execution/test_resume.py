@@ -161,7 +161,7 @@ def test_a_run_that_was_beside_a_death_runs_alone_and_again_on_resume(run_text, 
     assert {r.status for r in second.records} == {"success"} and watcher.ran == [crashed.case]
     aside = tmp_path / "run" / "set_aside"
     assert store.read_record(aside / f"{crashed.run_id}.json").ended_by == crashed.ended_by
-    assert "supervisor_lost" in (aside / f"{crashed.run_id}.json.why").read_text()
+    assert "supervisor_lost" in (aside / "why.txt").read_text()
 
 
 def test_a_success_whose_news_is_lost_is_never_replaced_by_less(run_text, monkeypatch):

@@ -11,7 +11,7 @@ import pytest
 from mbsbench.harness.catalogue.registry import in_frame
 from mbsbench.harness.mechanics import motion, so3, work
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
-from mbsbench.harness.mechanics.joints import ROWS, Joint, JointKind
+from mbsbench.harness.mechanics.joints import Joint, JointKind
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import GROUND, Load, RigidBody, assemble
@@ -237,16 +237,27 @@ def test_all_rows_of_a_joint_one_by_one_are_the_joint(kind: JointKind) -> None:
         assert np.array_equal(constraint_jacobian(fewer, state).toarray(), B[1:])
 
 
-@each_joint
-def test_pictures_are_those_of_the_rows(kind: JointKind) -> None:
-    """As ``make joints`` draws them: an arrow for each freedom."""
+def drawing() -> Any:
     found = importlib.util.spec_from_file_location("draw_joints", ROOT / "docs" / "draw_joints.py")
     assert found is not None and found.loader is not None
-    drawing = importlib.util.module_from_spec(found)
-    found.loader.exec_module(drawing)
-    drawn = drawing.picture(kind)
-    assert drawn.count('stroke-width="2"') == 6 - sum(ROWS[kind])
-    assert (ROOT / "docs" / "images" / "joints" / drawing.name(kind)).read_text(encoding="utf-8") == drawn
+    made = importlib.util.module_from_spec(found)
+    found.loader.exec_module(made)
+    return made
+
+
+def test_pictures_are_those_of_the_rows() -> None:
+    """As ``make joints`` draws them: an arrow for each freedom."""
+    draws = drawing()
+    for kind in draws.drawn():
+        drawn = draws.picture(kind)
+        assert drawn.count('stroke-width="2"') == 6 - sum(kind.count)
+        assert (ROOT / "docs" / "images" / "joints" / draws.name(kind)).read_text(encoding="utf-8") == drawn
+
+
+def test_the_tables_of_the_manual_are_those_of_the_declarations() -> None:
+    """As ``make joints`` writes them."""
+    text = (ROOT / "docs" / "joints-and-forces.md").read_text(encoding="utf-8")
+    assert drawing().page(text) == text
 
 
 def test_a_load_on_the_ground_is_refused() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from mbsbench.harness.mechanics import motion
+from mbsbench.harness.mechanics import motion, work
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.solvers.formulations.assembly import Assembly
@@ -137,7 +137,7 @@ def test_power_of_the_unbalanced_load_is_the_rate_of_energy(coordinates, seed):
     y, u_dot = unknowns(at, state), np.random.default_rng(seed).standard_normal(at.n_u)
     e = equations(coordinates).values(y, u_dot)[at.u]
     ahead, behind = (motion.energy(SYSTEM, states(at, along(at, y, u_dot, h)))[0] for h in (STEP, -STEP))
-    rate = (ahead - behind) / (2.0 * STEP) - motion.power(SYSTEM, States.one(state))[0]
+    rate = (ahead - behind) / (2.0 * STEP) - work.power(SYSTEM, States.one(state))[0]
     sharp = DIFFERENCES * (1.0 + abs(rate)) / margin(at, y) ** 2
     assert y[at.u] @ e == pytest.approx(rate, abs=sharp)
 

@@ -96,7 +96,7 @@ def test_what_is_applied_is_the_law(seed: int) -> None:
     assert np.max(np.abs(found[:, :3] - F - system().mass[:, None] * system().gravity)) < 1e-12
     assert np.max(np.abs(found[:, 3:] - np.einsum("bij,bi->bj", state.R, T))) < 1e-12
     omega = np.einsum("bij,bj->bi", state.R, state.Omega)
-    assert motion.power(system(), States.one(state))[0] == pytest.approx(np.sum(F * state.v + T * omega), rel=1e-12)
+    assert work.power(system(), States.one(state))[0] == pytest.approx(np.sum(F * state.v + T * omega), rel=1e-12)
 
 
 @pytest.mark.parametrize("coordinates", CHARTS)
@@ -133,8 +133,8 @@ def test_a_presentation_changes_no_power(given: dict) -> None:
     asked, state = Presentation(**given), at(4)
     shown, there = asked.system(system()), asked.state(system(), state)
     unit = asked.force * asked.unit_length / asked.unit_time
-    P = motion.power(system(), States.one(state))[0]
-    assert motion.power(shown, States.one(there))[0] == pytest.approx(P * unit, rel=1e-11)
+    P = work.power(system(), States.one(state))[0]
+    assert work.power(shown, States.one(there))[0] == pytest.approx(P * unit, rel=1e-11)
 
 
 def test_a_turned_frame_turns_the_law() -> None:
@@ -143,8 +143,8 @@ def test_a_turned_frame_turns_the_law() -> None:
     p = Problem("user forces", system(), state, 1.0, 1e-3, "", "made up")
     q = in_frame(p, so3.exp(np.array([0.3, -0.2, 0.5])))
     turned = States(*(getattr(States.one(q.initial), n) for n in ("r", "R", "v", "Omega")), np.array([state.t]))
-    P = motion.power(system(), States.one(state))[0]
-    assert motion.power(q.system, turned)[0] == pytest.approx(P, rel=1e-12)
+    P = work.power(system(), States.one(state))[0]
+    assert work.power(q.system, turned)[0] == pytest.approx(P, rel=1e-12)
 
 
 @cache

@@ -10,8 +10,7 @@ from mbsbench.harness.mechanics.motion import energy, kinetic_energy
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.metrics.measure import measure
 from mbsbench.harness.metrics.summary import columns
-from mbsbench.harness.metrics.truncation import truncation
-from mbsbench.harness.metrics.verdict import doubts
+from mbsbench.harness.metrics.verdict import doubts, inaccuracy
 from mbsbench.harness.types import Law, StepControl
 
 SOUND = ("rattle", "gc_weak_form", "generalized_alpha", "energy_momentum", "half_explicit", "al_index3")
@@ -52,17 +51,55 @@ def test_velocities_two_per_cent_off_are_found(top, factor):
     assert "velocities" in verdict(problem, faster(run, factor))[Law.TRUNCATION]
 
 
-def test_velocities_that_hide_an_energy_error_are_found(top):
-    """A run of a top 9 % too heavy, its velocities rescaled so that T + V stays: poses do not follow them."""
-    problem, _ = top
-    system = dataclasses.replace(problem.system, gravity=1.09 * problem.system.gravity)
+def heavier(problem, factor, step):
+    """The run of one whose gravity is false."""
+    system = dataclasses.replace(problem.system, gravity=factor * problem.system.gravity)
     heavy = dataclasses.replace(problem, system=system)
-    run = make_solver("rkmk_dop853").solve(heavy, StepControl(rtol=1e-10, max_step=5e-4))
+    return make_solver("rkmk_dop853").solve(heavy, StepControl(rtol=1e-10, max_step=step))
+
+
+def hide(problem, run):
+    """Its velocities rescaled so that T + V stays."""
     E, T = energy(problem.system, run.states), kinetic_energy(problem.system, run.states)
     hidden = faster(run, np.sqrt(np.maximum(1.0 + (E[0] - E) / T, 0.0)))
     assert np.ptp(energy(problem.system, hidden.states)) < 1e-9 * E[0]
-    assert Law.TRUNCATION in verdict(problem, hidden)
+    return hidden
+
+
+def test_velocities_that_hide_an_energy_error_are_found(top):
+    """A run of a top 5 % too heavy, its velocities rescaled: reactions tell."""
+    problem, _ = top
+    run = heavier(problem, 1.05, 5e-4)
+    assert Law.TRUNCATION in verdict(problem, hide(problem, run))
     assert "reactions" in verdict(problem, run)[Law.TRUNCATION]
+
+
+def test_a_false_gravity_is_found_without_reactions():
+    """A pendulum's accelerations, where no fast spin makes others."""
+    problem = make_problem("simple_pendulum", {"t_end": 1.0})
+    run = dataclasses.replace(heavier(problem, 1.05, 5e-4), reaction=None)
+    assert "accelerations" in verdict(problem, run)[Law.TRUNCATION]
+
+
+def test_an_inaccurate_run_stays_inaccurate(top):
+    """What is known to be off is told as that."""
+    problem, _ = top
+    run = hide(problem, heavier(problem, 1.09, 5e-4))
+    m = measure(problem, run)
+    c = columns(problem, run, m)
+    assert m.truncation.reactions > 1.0 and Law.TRUNCATION not in verdict(problem, run)
+    assert [r.law for r in inaccuracy(m, c)] == [Law.MOTION]
+
+
+@pytest.mark.parametrize("solver", ["energy_momentum", "lie_variational"])
+def test_a_steady_spin_at_long_steps_is_explained(solver):
+    """Of constant components in the body: its matter moves, and the phase is off by (h Omega)^2 / 12 a step."""
+    problem = make_problem("torque_free_body", {"t_end": 10.0})
+    run = make_solver(solver).solve(problem, StepControl(dt=0.1))
+    turn = 0.1 * np.max(np.linalg.norm(run.states.Omega, axis=2))
+    assert turn > 0.3
+    found = measure(problem, run).truncation
+    assert 1e-3 < found.velocities < turn
 
 
 @pytest.mark.parametrize("factor", [9.0, 0.9, -1.0])
@@ -81,5 +118,5 @@ def test_sound_solvers_are_far_from_the_limit(solver, name):
     if reason := made.refuses(problem, control):
         pytest.skip(reason)
     run = made.solve(problem, control)
-    found = truncation(problem.system, run.t, run.states, run.reaction)
+    found = measure(problem, run).truncation
     assert found.velocities < 0.5 and found.accelerations < 0.7 and not found.reactions > 0.9, found

@@ -96,6 +96,12 @@ def test_an_edit_of_a_joint_row_asks_for_all_compiled_solvers(whole, edited):
     assert not found & {"ida_index1", "ida_index3", "ndf_index1", "rk45_strong_form"}
 
 
+def test_an_edit_of_a_declared_joint_asks_for_every_problem(whole, edited):
+    """Kinds of joints are found by listing their folder, not by an import."""
+    after = edited("harness/mechanics/joints/kinds/distance.py", "d @ d - p.length", "d @ d + p.length")
+    assert changed(whole.problems, after.problems) == set(whole.problems)
+
+
 def test_an_edit_of_a_problem_or_of_measuring_asks_for_theirs(whole, edited):
     after = edited("problems/exact/lagrange_top.py", operator)
     assert not changed(whole.solvers, after.solvers)

@@ -11,13 +11,9 @@ from mbsbench.harness.results import environment, store
 from mbsbench.harness.results.merging import merge
 from mbsbench.harness.suites.suite import parse_suite
 
-from ..conftest import PLUGIN, Silent
+from ..conftest import PLUGIN, TIMED, Silent
 
 TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "raises"]\ndt = [0.1, 0.25, 0.5]'
-TIMED = [
-    "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setup_s", "wall_s", "measure_s", "peak_memory_MB",
-    "finished",
-]  # fmt: skip
 
 
 def run(folder, shard=(1, 1)):

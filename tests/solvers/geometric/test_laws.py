@@ -8,9 +8,10 @@ from scipy.optimize import root
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import so3
-from mbsbench.harness.mechanics.motion import angular_momentum, constraint, energy, power
+from mbsbench.harness.mechanics.motion import angular_momentum, constraint, energy
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
+from mbsbench.harness.mechanics.work import power
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 
 from ..arbitrary_systems import consistent, linkage

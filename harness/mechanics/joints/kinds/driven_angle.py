@@ -13,5 +13,6 @@ def phi(i, j, p):  # type: ignore[no-untyped-def]
 
 KIND = JointDeclaration(
     "driven angle", 10, Count(moving=1), leaves="all but the angle of across_i from across_j, about the axis",
-    equation="sin(theta - f(t)) = 0", axes="ij", across=True, motion="rad", frame=ahead, phi=phi, turning=(True,),
+    equation="sin(theta - f(t)) = 0", axes="ij", across=True, motion="rad",
+    given="the axis in both bodies, `across_i`, `across_j`, `motion` f [rad]", frame=ahead, phi=phi, turning=(True,),
 )  # fmt: skip

@@ -26,5 +26,6 @@ def rates(i, j, p):  # type: ignore[no-untyped-def]
 KIND = JointDeclaration(
     "rolling disc", 12, Count(moving=3), leaves="tilting, rolling and spinning, with the lowest point at rest",
     equation="n_1 . (x - x_j) = 0, n_2 . v = n_3 . v = 0 at the lowest point x", axes="ij", length="radius of the disc",
+    given="centre `s_i`, `axis_i`, a point and the normal `axis_j` of the plane, `length`, the radius",
     frame=tangents, phi=phi, rates=rates,
 )  # fmt: skip

@@ -1,0 +1,48 @@
+"""Symmetric compositions of ODE-GC's step in the symmetric gauge, whose mu starts anew in each sub-step (compiled)."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....harness.mechanics.system import MultibodySystem
+from ..compiled.entries import run
+from ..compiled.kernel import Kernel
+from ..compiled.marching import STUCK
+from .gc_step import Step, accept_step, begin_march, make_step, move_poses, take_step
+
+
+class Composed(NamedTuple):
+    """A step and its sub-steps ``gamma dt``."""
+
+    step: Step
+    gamma: Any
+
+
+def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, gamma: np.ndarray, choices: dict) -> Any:
+    """The bundle of a step, and what keeps its entries alive."""
+    made = make_step(system, kernel, control, **choices)
+    return Composed(made.step, gamma), made.keeps
+
+
+def start(m):
+    """Acceleration and multipliers of index 1."""
+    begin_march(m.step)
+
+
+def step(m):
+    """All sub-steps of ``control.h``."""
+    s = m.step
+    t = s.control.t
+    for i in range(len(m.gamma)):
+        h = m.gamma[i] * s.control.h
+        if take_step(s, h, t + 0.5 * h) < 0.0:
+            s.control.status = STUCK
+            break
+        move_poses(s, h)
+        accept_step(s, h, t + 0.5 * h)
+        t += h
+
+
+def finish(m):
+    """Reactions of index 1, and the factor for the next step."""
+    run(m.step.kernel.accelerate)
