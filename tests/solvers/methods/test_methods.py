@@ -52,11 +52,14 @@ def test_rkmk_is_that_of_the_catalogue(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", PROBLEMS)
-def test_code_of_a_whole_mechanism_gives_the_same_motion(name: str) -> None:
+@pytest.mark.parametrize("steps", ["adaptive", "fixed"])
+def test_code_of_a_whole_mechanism_gives_the_same_motion(name: str, steps: str) -> None:
     """Straight code instead of loops over joints: the same steps, the same motion and reactions to rounding."""
-    of, control, loops = problem(name), StepControl(rtol=1e-9), explicit(DOPRI853)
+    of = problem(name)
+    control = StepControl(rtol=1e-9) if steps == "adaptive" else StepControl(dt=PROBLEMS[name][1])
+    method = explicit(DOPRI853) if steps == "adaptive" else symplectic(of)
     assert make_mechanism(of.system) is not None
-    new, old = (integrate(of, control, dataclasses.replace(loops, explicit=whole)) for whole in (True, False))
+    new, old = (integrate(of, control, dataclasses.replace(method, explicit=whole)) for whole in (True, False))
     assert len(new.t) == len(old.t)
     assert np.max(np.abs(new.states.r[-1] - old.states.r[-1])) < SAME
     assert np.max(np.abs(new.states.R[-1] - old.states.R[-1])) < SAME
