@@ -130,7 +130,7 @@ def _predict(s, k, h):
             v0, a0, a1 = s.v0[b, a], s.a0[b, a], _scheme_acceleration(s, b, a)
             k.v[b, a] = v0 + h * ((1.0 - c.gamma) * a0 + c.gamma * a1)
             s.dq[b, a] = h * (v0 + h * ((0.5 - c.beta) * a0 + c.beta * a1)) + s.slack[b, a]
-    move(s.r0, s.R0, s.dq, k)
+    move(s.r0, s.R0, s.dq, k.r, k.R)
 
 
 @inner

@@ -134,7 +134,7 @@ def _next_stage(s, k, c, i):
             return NOT_FINITE
         if turn > math.pi**2:
             return TURNED
-    move(s.r0, s.R0, s.q, k)
+    move(s.r0, s.R0, s.q, k.r, k.R)
     k.t[0] = c.t + c.h * s.c[i + 1]
     run(k.rows)
     return _hold(s, k, c.h * s.a[i + 1, i], i)

@@ -20,9 +20,9 @@ def add_scaled(share, x, y):
 
 
 @inner
-def move(r0, R0, change, k):
-    """Poses of ``k``: r0 + change_r, R0 exp(change_theta), change (nb, 6)."""
+def move(r0, R0, change, r, R):
+    """r, R := r0 + change_r, R0 exp(change_theta), change (nb, 6)."""
     for b in range(len(change)):
         for a in range(3):
-            k.r[b, a] = r0[b, a] + change[b, a]
-        turned_by(R0[b], change[b, 3], change[b, 4], change[b, 5], k.R[b])
+            r[b, a] = r0[b, a] + change[b, a]
+        turned_by(R0[b], change[b, 3], change[b, 4], change[b, 5], R[b])

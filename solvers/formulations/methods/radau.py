@@ -26,9 +26,9 @@ from ..compiled.entries import inner, run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import SAFETY
-from ..compiled.soft_rows import make_without_springs
-from .products import add_scaled, move, set_rates
-from .springs import Springs, Three, add_pull, correct, each, make_springs_of, respond, set_stretch, set_tensions
+from ..compiled.soft_rows import Stages, stack_kernels, without_springs
+from .products import add_scaled, move
+from .springs import Springs, add_pull, correct, make_soft_rows, respond, set_rates, set_stretch, set_tensions
 
 _S = math.sqrt(6.0)
 A = np.array([
@@ -40,6 +40,7 @@ C = np.array([(4.0 - _S) / 10.0, (4.0 + _S) / 10.0, 1.0])
 ERROR = np.array([-13.0 - 7.0 * _S, -13.0 + 7.0 * _S, -1.0]) / 3.0
 GAMMA = 1.0 / (3.0 + 3.0 ** (2.0 / 3.0) - 3.0 ** (1.0 / 3.0))  # the real eigenvalue of A
 MOST_ITERATIONS = 25
+NEEDED = ("rows", "factorise", "solve", "forces", "divide", "push", "slips")
 SCHEME = np.dtype([("tolerance", "f8"), ("before", "f8")])
 
 
@@ -48,7 +49,7 @@ class Step(NamedTuple):
 
     control: Any
     kernel: Kernel
-    stages: Three  # kernels without spring-dampers
+    stages: Stages  # kernels without spring-dampers
     springs: Springs
     scheme: Any  # record: tolerance of the iteration [m; without unit], length of the last accepted step [s] or 0
     a: Any  # (3, 3)
@@ -75,13 +76,11 @@ def radau_steps(system: MultibodySystem, rtol: float) -> Method:
 def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Step:
     """Kernels and arrays of one step."""
     nb, nr = len(kernel.mass), len(kernel.lam)
-    made = [
-        make_without_springs(system, ("rows", "factorise", "solve", "forces", "divide", "push", "slips")) for _ in C
-    ]
-    stages = Three(*(one.kernel for one in made))
+    stages, made = stack_kernels(without_springs(system), 3, NEEDED)
+    springs = make_soft_rows(system, nr, A, made)
     move, rows = (lambda: np.zeros((3, nb, 6))), (lambda: np.zeros((3, nr)))
     return Step(
-        control, kernel, stages, make_springs_of(system, made, A), np.array((tolerance, 0.0), dtype=SCHEME),
+        control, kernel, stages, springs, np.array((tolerance, 0.0), dtype=SCHEME),
         A, C, np.linalg.inv(A).copy(), ERROR, move(), rows(), rows(), move(), move(), rows(), move(), rows(),
     )  # fmt: skip
 
@@ -91,7 +90,7 @@ def start(s):
     k = s.kernel
     run(k.accelerate)
     s.control.factorisations += 1
-    set_tensions(s.springs, s.springs.stages.third, k.r, k.R, k.v, 2)
+    set_tensions(s.springs, k.r, k.R, k.v, 2)
     for i in range(3):
         copy(k.v_dot, s.old_vdot[i])
         copy(k.lam, s.old_lam[i])
@@ -105,7 +104,7 @@ def step(s):
     c.error = (SAFETY / 0.5) ** c.order
     _guess(s, c.h)
     for i in range(3):
-        each(s.stages)[i].t[0] = c.t + s.c[i] * c.h
+        s.stages.t[i, 0] = c.t + s.c[i] * c.h
     last = np.inf
     for i in range(MOST_ITERATIONS):
         size = _iterate(s, c.h, i == 0)
@@ -122,10 +121,10 @@ def step(s):
 
 def finish(s):
     """The last stage is the end."""
-    k, end = s.kernel, s.stages.third
-    copy(end.r, k.r)
-    copy(end.R, k.R)
-    copy(end.v, k.v)
+    k, g = s.kernel, s.stages
+    copy(g.r[2], k.r)
+    copy(g.R[2], k.R)
+    copy(g.v[2], k.v)
     copy(s.vdot[2], k.v_dot)
     copy(s.lam[2], k.lam)
     copy(s.vdot, s.old_vdot)
@@ -159,19 +158,19 @@ def _guess(s, h):
 @inner
 def _set_poses(s, h, sloped):
     """Velocities and poses of the stages; ``sloped``: the rows of the last iterate stand for those of z."""
+    g = s.stages
     for i in range(3):
-        k = each(s.stages)[i]
-        clear(k.w)
+        clear(g.w[i])
         if sloped:
-            copy(s.eta[i], k.x)
-            run(k.push)
-        for b in range(len(k.v)):
+            copy(s.eta[i], g.x[i])
+            run(g.push[i])
+        for b in range(len(s.kernel.v)):
             for a in range(6):
                 x = s.kernel.v[b, a]
                 for j in range(3):
                     x += h * s.a[i, j] * s.vdot[j, b, a]
-                k.v[b, a] = x
-            y, v, d, rate = s.y[i, b], k.v[b], k.w[b], s.rate[i, b]
+                g.v[i, b, a] = x
+            y, v, d, rate = s.y[i, b], g.v[i, b], g.w[i, b], s.rate[i, b]
             rate[0], rate[1], rate[2] = v[0] + d[0], v[1] + d[1], v[2] + d[2]
             rate[3], rate[4], rate[5] = theta_dot(y[3], y[4], y[5], v[3] + d[3], v[4] + d[4], v[5] + d[5])
     for i in range(3):
@@ -181,75 +180,80 @@ def _set_poses(s, h, sloped):
                 for j in range(3):
                     x += h * s.a[i, j] * s.rate[j, b, a]
                 s.y[i, b, a] = x
-        move(s.kernel.r, s.kernel.R, s.y[i], each(s.stages)[i])
+        move(s.kernel.r, s.kernel.R, s.y[i], g.r[i], g.R[i])
 
 
 @inner
 def _iterate(s, h, first):
     """One correction of vdot, lam, eta and p; returns the size of what was off."""
     _set_poses(s, h, not first)
-    size, centre = 0.0, s.stages.second
+    g, size = s.stages, 0.0
     for i in range(3):
-        k = each(s.stages)[i]
-        run(k.rows)
-        set_tensions(s.springs, each(s.springs.stages)[i], k.r, k.R, k.v, i)
-        copy(k.v, k.w)
-        run(k.slips)
-        for a in range(len(k.x)):
-            s.off[i, a] = -k.x[a]
-        size = max(size, largest(k.phi), h * largest(s.off[i]))
+        run(g.rows[i])
+        set_tensions(s.springs, g.r[i], g.R[i], g.v[i], i)
+        copy(g.v[i], g.w[i])
+        run(g.slips[i])
+        for a in range(s.off.shape[1]):
+            s.off[i, a] = -g.x[i, a]
+        size = max(size, largest(g.phi[i]), h * largest(s.off[i]))
     if first:
-        run(centre.factorise)
-        respond(s.springs, centre, h)
+        run(g.factorise[1])
+        respond(s.springs, g, h)
     for i in range(3):
-        k = each(s.stages)[i]
-        run(k.forces)
-        copy(k.force, k.w)
-        run(k.divide)
-        for b in range(len(k.w)):
-            add_scaled(-1.0, s.vdot[i, b], k.w[b])
-        copy(s.lam[i], k.x)
-        run(k.push)
-        add_pull(each(s.springs.stages)[i], s.springs.p[i], k.w)
-        set_rates(k)
-        for a in range(len(k.x)):
-            by_v = 0.0
-            for j in range(3):
-                by_v += s.inverse[i, j] * s.off[j, a]
-            centre.rhs[a] = -by_v / h - k.x[a]
-        run(centre.solve)
-        copy(centre.rhs, k.x)
-        add_scaled(1.0, k.x, s.lam[i])
-        run(k.push)
-        for a in range(len(k.x)):
-            by_q = 0.0
-            for j in range(3):
-                by_q += s.inverse[i, j] * each(s.stages)[j].phi[a]
-            centre.rhs[a] = s.off[i, a] - by_q / h
-        run(centre.solve)
-        add_scaled(1.0, centre.rhs, s.eta[i])
-        for b in range(len(k.w)):
-            add_scaled(1.0, k.w[b], s.vdot[i, b])
-        set_stretch(s.springs, each(s.springs.stages)[i], k.w, i)
-        size = max(size, h * h * largest(k.w))
+        size = max(size, h * h * _correct_stage(s, g, h, i))
     return max(size, h * h * correct(s, s.springs, h))
+
+
+@inner
+def _correct_stage(s, g, h, i):
+    """Correct vdot, lam and eta of stage i, springs aside; returns the largest change of vdot."""
+    right = g.rhs[1]
+    run(g.forces[i])
+    copy(g.force[i], g.w[i])
+    run(g.divide[i])
+    for b in range(len(s.kernel.v)):
+        add_scaled(-1.0, s.vdot[i, b], g.w[i, b])
+    copy(s.lam[i], g.x[i])
+    run(g.push[i])
+    add_pull(s.springs.stages, i, s.springs.p[i], g.w[i])
+    set_rates(g, i)
+    for a in range(len(right)):
+        by_v = 0.0
+        for j in range(3):
+            by_v += s.inverse[i, j] * s.off[j, a]
+        right[a] = -by_v / h - g.x[i, a]
+    run(g.solve[1])
+    copy(right, g.x[i])
+    add_scaled(1.0, g.x[i], s.lam[i])
+    run(g.push[i])
+    for a in range(len(right)):
+        by_q = 0.0
+        for j in range(3):
+            by_q += s.inverse[i, j] * g.phi[j, a]
+        right[a] = s.off[i, a] - by_q / h
+    run(g.solve[1])
+    add_scaled(1.0, right, s.eta[i])
+    for b in range(len(s.kernel.v)):
+        add_scaled(1.0, g.w[i, b], s.vdot[i, b])
+    set_stretch(s.springs, g.w[i], i)
+    return largest(g.w[i])
 
 
 @inner
 def _error(s, h, rtol):
     """RMS of gamma (h y'_0 + e . (y_i - y_0)) over ``rtol (1 + |y|)``; angles over ``rtol``."""
-    total, start, end = 0.0, s.kernel, s.stages.third
+    total, start, g = 0.0, s.kernel, s.stages
     for b in range(len(start.v)):
         for a in range(12):
             if a < 6:
                 x = h * start.v[b, a]
                 for i in range(3):
                     x += s.estimate[i] * s.y[i, b, a]
-                size = max(abs(start.r[b, a]), abs(end.r[b, a])) if a < 3 else 0.0
+                size = max(abs(start.r[b, a]), abs(g.r[2, b, a])) if a < 3 else 0.0
             else:
                 x = h * start.v_dot[b, a - 6]
                 for i in range(3):
-                    x += s.estimate[i] * (each(s.stages)[i].v[b, a - 6] - start.v[b, a - 6])
-                size = max(abs(start.v[b, a - 6]), abs(end.v[b, a - 6]))
+                    x += s.estimate[i] * (g.v[i, b, a - 6] - start.v[b, a - 6])
+                size = max(abs(start.v[b, a - 6]), abs(g.v[2, b, a - 6]))
             total += (GAMMA * x / (rtol * (1.0 + size))) ** 2
     return math.sqrt(total / (12.0 * len(start.v)))

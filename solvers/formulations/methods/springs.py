@@ -21,31 +21,16 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import clear, copy, largest
 from ..compiled.entries import inner, run
-from ..compiled.kernel import Made
 from ..compiled.means import Entry, make_entry
-from ..compiled.soft_rows import make_springs
+from ..compiled.soft_rows import Stages, make_springs
 from ..generated.steps import call_lapack, integer
-from .products import add_scaled, set_rates
-
-
-class Three(NamedTuple):
-    """Kernels of the stages."""
-
-    first: Any
-    second: Any
-    third: Any
-
-
-@inner
-def each(of):
-    """The three as they are indexed."""
-    return of.first, of.second, of.third
+from .products import add_scaled
 
 
 class Springs(NamedTuple):
     """The springs of a system, and room for their part of an iteration."""
 
-    stages: Three  # kernels whose joints are the springs
+    stages: Stages  # kernels whose joints are the springs
     law: Any  # (3, ns) stiffness, free length, damping
     a: Any  # (3, 3)
     square: Any  # (3, 3) a a
@@ -56,16 +41,16 @@ class Springs(NamedTuple):
     W: Any  # (ns, nrows) change of lam by each p
     G: Any  # (ns, ns) [1/kg]
     matrix: Any  # (3 ns, 3 ns), by ``factorise`` its factors
+    change: Any  # (ns,) of p
     right: Any  # (3 ns,) right-hand side, by ``solve`` the solution
     factorise: Entry
     solve: Entry
 
 
-def make_springs_of(system: MultibodySystem, stages: list[Made], a: np.ndarray) -> Springs:
-    """Rows of the springs of ``system`` for the kernels of three stages with the tableau ``a``."""
-    made = [make_springs(system, one.kernel) for one in stages]
-    rows = Three(*(one.kernel for one, _ in made))
-    ns, nr = made[0][1].shape[1], len(stages[0].kernel.lam)
+def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: Any) -> Springs:
+    """Rows of the springs of ``system`` for three stages with the tableau ``a``; keeps alive ``keeps``, too."""
+    stages, made, law = make_springs(system, 3)
+    ns = law.shape[1]
     p, old, tension, stretch = (np.zeros((3, ns)) for _ in range(4))
     matrix, right = np.zeros((3 * ns, 3 * ns)), np.zeros(3 * ns)
     n, lead, one, info, pivots = (
@@ -78,61 +63,69 @@ def make_springs_of(system: MultibodySystem, stages: list[Made], a: np.ndarray) 
     factorise = make_entry([call_lapack("dgetrf", n, n, matrix, lead, pivots, info)] if ns else [], None)
     transposed = np.frombuffer(b"T", dtype="i1")  # LAPACK reads by columns
     solve = [call_lapack("dgetrs", transposed, n, one, matrix, lead, pivots, right, lead, info)] if ns else []
-    W, G = np.zeros((ns, nr)), np.zeros((ns, ns))
-    law, entries = made[0][1], (factorise, make_entry(solve, (stages, made)))
-    return Springs(rows, law, a, a @ a, p, old, tension, stretch, W, G, matrix, right, *entries)
+    W, G = np.zeros((ns, nrows)), np.zeros((ns, ns))
+    entries = factorise, make_entry(solve, (keeps, made))
+    return Springs(stages, law, a, a @ a, p, old, tension, stretch, W, G, matrix, np.zeros(ns), right, *entries)
 
 
 @inner
-def set_tensions(s, k, r, R, v, i):
+def set_rates(g, i):
+    """x := A w of stage ``i``."""
+    run(g.slips[i])
+    for a in range(g.x.shape[1]):
+        g.x[i, a] = -g.x[i, a] - g.slip[i, a]
+
+
+@inner
+def set_tensions(s, r, R, v, i):
     """Rows of the springs at poses and velocities of stage ``i``, and the tensions of their law."""
-    copy(r, k.r)
-    copy(R, k.R)
-    copy(v, k.v)
-    run(k.rows)
-    copy(v, k.w)
-    run(k.slips)
-    for a in range(len(k.phi)):
-        s.tension[i, a] = s.law[0, a] * (k.phi[a] - s.law[1, a]) - s.law[2, a] * k.x[a]
+    k = s.stages
+    copy(r, k.r[i])
+    copy(R, k.R[i])
+    copy(v, k.v[i])
+    run(k.rows[i])
+    copy(v, k.w[i])
+    run(k.slips[i])
+    for a in range(s.law.shape[1]):
+        s.tension[i, a] = s.law[0, a] * (k.phi[i, a] - s.law[1, a]) - s.law[2, a] * k.x[i, a]
 
 
 @inner
-def add_pull(k, p, w):
-    """w += M^-1 A_s^T p"""
-    copy(w, k.w)
-    copy(p, k.x)
-    run(k.push)
-    copy(k.w, w)
+def add_pull(k, i, p, w):
+    """w += M^-1 A_s^T p with the rows of stage ``i``."""
+    copy(w, k.w[i])
+    copy(p, k.x[i])
+    run(k.push[i])
+    copy(k.w[i], w)
 
 
 @inner
-def set_stretch(s, k, w, i):
+def set_stretch(s, w, i):
     """A_s w of stage ``i``."""
-    copy(w, k.w)
-    set_rates(k)
-    copy(k.x, s.stretch[i])
+    copy(w, s.stages.w[i])
+    set_rates(s.stages, i)
+    copy(s.stages.x[i], s.stretch[i])
 
 
 @inner
-def respond(s, k, h):
-    """W, G and the factors of the matrix with the factor and rows of the second stage, whose kernel is ``k``."""
-    own, ns = s.stages.second, len(s.G)
+def respond(s, g, h):
+    """W, G and the factors of the matrix with the factor and rows of the second stage of ``g``."""
+    k, ns = s.stages, len(s.G)
     for t in range(ns):
-        clear(own.w)
-        clear(own.x)
-        own.x[t] = 1.0
-        run(own.push)
-        copy(own.w, k.w)
-        set_rates(k)
-        for a in range(len(k.rhs)):
-            k.rhs[a] = -k.x[a]
-        run(k.solve)
-        copy(k.rhs, s.W[t])
-        copy(k.rhs, k.x)
-        run(k.push)
-        copy(k.w, own.w)
-        set_rates(own)
-        copy(own.x, s.G[t])
+        clear(g.w[1])
+        clear(s.change)
+        s.change[t] = 1.0
+        add_pull(k, 1, s.change, g.w[1])
+        set_rates(g, 1)
+        for a in range(g.x.shape[1]):
+            g.rhs[1, a] = -g.x[1, a]
+        run(g.solve[1])
+        copy(g.rhs[1], s.W[t])
+        copy(g.rhs[1], g.x[1])
+        run(g.push[1])
+        copy(g.w[1], k.w[1])
+        set_rates(k, 1)
+        copy(k.x[1], s.G[t])
     for i in range(3):
         for a in range(ns):
             for j in range(3):
@@ -146,7 +139,7 @@ def respond(s, k, h):
 @inner
 def correct(step, s, h):
     """Correct p, lam and vdot of all stages; returns the largest change of vdot."""
-    ns, size = len(s.G), 0.0
+    g, ns, size = step.stages, len(s.G), 0.0
     if ns == 0:
         return size
     for i in range(3):
@@ -157,16 +150,16 @@ def correct(step, s, h):
             s.right[i * ns + a] = x
     run(s.solve)
     for i in range(3):
-        k, change = each(step.stages)[i], s.right[i * ns : (i + 1) * ns]
-        add_scaled(1.0, change, s.p[i])
-        clear(k.x)
+        clear(g.x[i])
         for t in range(ns):
-            add_scaled(change[t], s.W[t], k.x)
-        add_scaled(1.0, k.x, step.lam[i])
-        clear(k.w)
-        run(k.push)
-        add_pull(each(s.stages)[i], change, k.w)
-        for b in range(len(k.w)):
-            add_scaled(1.0, k.w[b], step.vdot[i, b])
-        size = max(size, largest(k.w))
+            s.change[t] = s.right[i * ns + t]
+            add_scaled(s.change[t], s.W[t], g.x[i])
+        add_scaled(1.0, s.change, s.p[i])
+        add_scaled(1.0, g.x[i], step.lam[i])
+        clear(g.w[i])
+        run(g.push[i])
+        add_pull(s.stages, i, s.change, g.w[i])
+        for b in range(g.w.shape[1]):
+            add_scaled(1.0, g.w[i, b], step.vdot[i, b])
+        size = max(size, largest(g.w[i]))
     return size
