@@ -105,7 +105,10 @@ class Bound:
 
 
 def narrowed(bundle: Any, names: frozenset[str]) -> Any:
-    """The fields of a bundle, and of bundles in it, that are among ``names``."""
+    """The fields of a bundle, and of bundles in it, that are among ``names``; ValueError where one has its default."""
+    for name, none in getattr(bundle, "_field_defaults", {}).items():
+        if name in names and getattr(bundle, name) == none:
+            raise ValueError(f"a function names {name!r}, which its {type(bundle).__name__} does not have")
     found = {
         name: narrowed(x, names) if isinstance(x, tuple) else x
         for name, x in zip(bundle._fields, bundle, strict=True)

@@ -44,7 +44,7 @@ class Kernel(NamedTuple):
     pins: Any  # (nj,) 1: the first three rows are point rows, the others have no force
     blocks: Blocks
     users: Users
-    state: Any  # record: shift of S's diagonal (relative), rank found
+    state: Any  # record: shift of S's diagonal (relative), rank found (by loops; straight code leaves 0)
     t: Any  # (1,) [s], to be set before rows and forces are evaluated
     r: Any  # (nb, 3)
     R: Any  # (nb, 3, 3)
@@ -140,6 +140,8 @@ def finish_kernel(k: Kernel, loops: "Loops", given: dict[str, Program], needed: 
         return made[name]
 
     def one(name: str) -> Program:
+        if name == "take_back" and not len(k.coupled):
+            return Program([])
         if name in loops.MADE:
             return Program(getattr(loops, name)(), keeps=loops)
         if name in JOINED:
@@ -150,10 +152,9 @@ def finish_kernel(k: Kernel, loops: "Loops", given: dict[str, Program], needed: 
         return Bound(function, with_entries(reach(function).names)).program
 
     def with_entries(names: Collection[str]) -> Kernel:
-        words: dict[str, Any] = {x: program(x).entry for x in ENTRIES if x in names and (x != "take_back" or lent)}
+        words: dict[str, Any] = {x: program(x).entry for x in ENTRIES if x in names}
         return k._replace(**words)
 
-    lent = len(k.coupled) > 0
     return Made(with_entries(needed), [loops, *made.values()])
 
 

@@ -115,7 +115,7 @@ def texts() -> str:
     here = Path(__file__).resolve().parent
     folders = (here, here.parent / "generated", Path(joints.__file__).parent / "kinds", Path(forces.__file__).parent)
     paths = [path for folder in folders for path in sorted(folder.glob("*.py"))]
-    return _text((*map(str, paths), str(here.parent / "traced.py"), str(declaring.__file__))) + version("casadi")
+    return _text((*map(str, paths), str(declaring.__file__))) + version("casadi")
 
 
 @cache
