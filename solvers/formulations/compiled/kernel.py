@@ -284,7 +284,7 @@ class Loops:
             stored = [k.phi[rows], k.gamma[rows], *(k.X[e, rows] for e in ends), *(k.Y[e, rows] for e in ends)]
             stored += [] if made.way is not None else [k.way[rows]]
             stored += [] if made.still else [k.slip[rows]]
-            at = _places(group, (k.r, 3), (k.R, 9), (k.v, 6), (k.J_inv, 9))
+            at = places_of(group, (k.r, 3), (k.R, 9), (k.v, 6), (k.J_inv, 9))
             steps.append((made.code.address("rows"), [group.members, k.t, group.numbers, *at, *stored]))
             self._keeps.append(made)
         return steps
@@ -294,7 +294,7 @@ class Loops:
         k, steps = self._k, []
         for group in self._groups:
             code = row_slope_code(*group.key)
-            at = [*_places(group, (k.r, 3), (k.R, 9)), *self._blocks(k.by_pose, group)]
+            at = [*places_of(group, (k.r, 3), (k.R, 9)), *self._blocks(k.by_pose, group)]
             steps.append((code.address("load_slopes"), [group.members, k.t, group.numbers, k.lam[group.rows], *at]))
             self._keeps.append(code)
         return steps
@@ -304,7 +304,7 @@ class Loops:
         k, steps = self._k, []
         for group in self._groups:
             code = row_slope_code(*group.key)
-            at = _places(group, (k.r, 3), (k.R, 9), (k.v, 6))
+            at = places_of(group, (k.r, 3), (k.R, 9), (k.v, 6))
             stored = [k.rate_slope[e, group.rows] for e in group.ends]
             steps.append((code.address("rate_slopes"), [group.members, k.t, group.numbers, *at, *stored]))
             self._keeps.append(code)
@@ -324,7 +324,7 @@ class Loops:
         steps: list[Step] = [(code.address(bodies), [np.array([s.nb]), weight, k.J, k.v, k.force])]
         for kind, group in self._pushing():
             code = push_code(kind, group.ends == [0])
-            at = [*_places(group, (k.r, 3), (k.R, 9), (k.v, 6)), *_places(group, (k.force, 6))]
+            at = [*places_of(group, (k.r, 3), (k.R, 9), (k.v, 6)), *places_of(group, (k.force, 6))]
             steps.append((code.address("push"), [group.members, k.t, group.numbers, *at]))
         return [*steps, *self._users(user_forces.add_user_forces)]
 
@@ -335,7 +335,7 @@ class Loops:
         steps.append((code.address("slopes"), [np.array([s.nb]), k.J, k.v, k.by_rate]))
         for kind, group in self._pushing():
             code = push_slope_code(kind, group.ends == [0])
-            at = [*_places(group, (k.r, 3), (k.R, 9), (k.v, 6)), *self._blocks(k.by_pose, group),
+            at = [*places_of(group, (k.r, 3), (k.R, 9), (k.v, 6)), *self._blocks(k.by_pose, group),
                   *self._blocks(k.by_rate, group)]  # fmt: skip
             steps.append((code.address("slopes"), [group.members, k.t, group.numbers, *at]))
         return [*steps, *self._users(user_forces.add_user_slopes)]
@@ -391,7 +391,7 @@ class Group(NamedTuple):
     rows: slice
 
 
-def _places(group: Group, *arrays: tuple[np.ndarray, int]) -> Iterator[np.ndarray]:
+def places_of(group: Group, *arrays: tuple[np.ndarray, int]) -> Iterator[np.ndarray]:
     """Arrays of bodies with the first places of those that move, end by end."""
     for e in group.ends:
         for array, size in arrays:
