@@ -29,6 +29,7 @@ from ..compiled.marching import STUCK
 from .iteration import FAILED, MOST_ITERATIONS, settled
 from .products import add_scaled, move, set_rates
 
+COUNTERS = ("iterations", "factorisations")
 SCHEME = np.dtype(
     [(name, "f8") for name in ("alpha_m", "alpha_f", "beta", "gamma", "tolerance", "shift")]
     + [("stabilised", "i8"), ("projected", "i8")]
@@ -54,7 +55,7 @@ class Step(NamedTuple):
 
 def alpha_steps(**scheme: float) -> Method:
     """The method with numbers of ``SCHEME``; what is not named is 0."""
-    return Method(partial(prepare, scheme=scheme), step, finish, start, counters=("iterations", "factorisations"))
+    return Method(partial(prepare, scheme=scheme), step, finish, start, counters=COUNTERS, explicit=True)
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, scheme: dict[str, float]) -> Step:

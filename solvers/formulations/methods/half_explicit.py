@@ -36,6 +36,7 @@ A = np.array([
     [(14.0 + 5.0 * _S) / 6.0, (-8.0 + 7.0 * _S) / 6.0, (-9.0 - 7.0 * _S) / 4.0, (9.0 - _S) / 4.0, 0.0],
     [0.0, 0.0, (16.0 - _S) / 36.0, (16.0 + _S) / 36.0, 1.0 / 9.0],
 ])  # fmt: skip
+COUNTERS = ("iterations", "factorisations")
 SCHEME = np.dtype([("tolerance", "f8")])
 
 
@@ -60,7 +61,7 @@ class Step(NamedTuple):
 
 def half_explicit_steps(tolerance: float) -> Method:
     """The method, ``tolerance`` of the last correction of velocities [m/s, rad/s]."""
-    return Method(partial(prepare, tolerance=tolerance), step, finish, start, counters=("iterations", "factorisations"))
+    return Method(partial(prepare, tolerance=tolerance), step, finish, start, counters=COUNTERS, explicit=True)
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, tolerance: float) -> Step:
