@@ -21,10 +21,8 @@ if TYPE_CHECKING:
     from .harness.catalogue.registry import problem as problem
     from .harness.catalogue.registry import solver as solver
     from .harness.mechanics import so3 as so3
-    from .harness.mechanics.consistency import project as project
     from .harness.mechanics.dynamics import Equations as Equations
     from .harness.mechanics.dynamics import Rates as Rates
-    from .harness.mechanics.dynamics import accelerations as accelerations
     from .harness.mechanics.dynamics import equations as equations
     from .harness.mechanics.dynamics import moved as moved
     from .harness.mechanics.jacobian import constraint_jacobian as constraint_jacobian
@@ -55,6 +53,8 @@ if TYPE_CHECKING:
     from .harness.types import StepControl as StepControl
     from .harness.types import Trait as Trait
     from .harness.types import Trajectory as Trajectory
+    from .solvers.formulations.compiled.public import accelerations as accelerations
+    from .solvers.formulations.compiled.public import project as project
 
 _HOMES = {  # the same list for the interpreter, which loads none before it is asked for
     "api": ("Results", "Run", "load", "scipy", "solve"),
@@ -62,8 +62,7 @@ _HOMES = {  # the same list for the interpreter, which loads none before it is a
     "catalogue.options": ("Parameter", "option"),
     "catalogue.registry": ("make_problem", "problem", "solver"),
     "mechanics": ("so3",),
-    "mechanics.consistency": ("project",),
-    "mechanics.dynamics": ("Equations", "Rates", "accelerations", "equations", "moved"),
+    "mechanics.dynamics": ("Equations", "Rates", "equations", "moved"),
     "mechanics.jacobian": ("constraint_jacobian", "independent_rows"),
     "mechanics.motion": ("angular_momentum", "constraint", "constraint_rate", "kinetic_energy", "potential_energy"),
     "mechanics.state": ("State", "States"),
@@ -72,6 +71,7 @@ _HOMES = {  # the same list for the interpreter, which loads none before it is a
     "mechanics.user_forces": ("UserForce",),
     "mechanics.time_functions": ("TimeFunction",),
     "types": ("Invariant", "Observable", "Problem", "Reference", "Status", "StepControl", "Trait", "Trajectory"),
+    "solvers.formulations.compiled.public": ("accelerations", "project"),
 }
 _HOME = {name: module for module, names in _HOMES.items() for name in names}
 __all__ = sorted(_HOME)  # noqa: PLE0605
@@ -81,8 +81,9 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = _HOME[name]
-    found = import_module(f".harness.{home}", __name__)
-    value = import_module(f".harness.{home}.{name}", __name__) if home == "mechanics" else getattr(found, name)
+    path = f".{home}" if home.startswith("solvers.") else f".harness.{home}"
+    found = import_module(path, __name__)
+    value = import_module(f"{path}.{name}", __name__) if home == "mechanics" else getattr(found, name)
     globals()[name] = value
     return value
 

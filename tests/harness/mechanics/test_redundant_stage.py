@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
+import mbsbench
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.consistency import project
 from mbsbench.harness.mechanics.dynamics import accelerations, equations, moved
 
 
-def test_redundant_rows_stay_redundant_in_a_stage_off_the_constraints():
+@pytest.mark.parametrize("accelerations", [accelerations, mbsbench.accelerations], ids=["numpy", "public"])
+def test_redundant_rows_stay_redundant_in_a_stage_off_the_constraints(accelerations):
     """Bricard's redundant row is one where phi = 0; in a stage phi is O(h^2), and so is what its accelerations are off.
 
     Counted as independent there, it asks for a load of any size.
@@ -29,7 +31,8 @@ def test_redundant_rows_stay_redundant_in_a_stage_off_the_constraints():
     "drawn", [{"size": 1e5, "mechanism_seed": 31}, {"size": 1e5, "mechanism_seed": 5},
               {"size": 1e-5, "contrast": 10.0, "mechanism_seed": 31}],
 )  # fmt: skip
-def test_rows_of_small_or_heavy_bodies_are_no_redundant_ones(drawn):
+@pytest.mark.parametrize("accelerations", [accelerations, mbsbench.accelerations], ids=["numpy", "public"])
+def test_rows_of_small_or_heavy_bodies_are_no_redundant_ones(drawn, accelerations):
     """A a + A_dot v = 0 in every row, whatever the sizes and masses: none is taken for redundant."""
     problem = make_problem("random_mechanism", drawn)
     e, rates = equations(problem.system, problem.initial), accelerations(problem.system, problem.initial)

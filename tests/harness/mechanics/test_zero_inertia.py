@@ -1,14 +1,16 @@
 """Slender rods and point masses: what joints do about an axis without inertia, and accelerations with the true M."""
 
 import dataclasses
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 
+import mbsbench
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.consistency import perturbed
-from mbsbench.harness.mechanics.dynamics import accelerations, equations
+from mbsbench.harness.mechanics.dynamics import Rates, accelerations, equations
 from mbsbench.harness.mechanics.joints import JointKind, MovingKind
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.mechanics.presentation import Presentation
@@ -142,7 +144,8 @@ def test_one_that_no_problem_has_looked_at_has_the_same_accelerations() -> None:
     assert np.max(np.abs(known - anew)) < 1e-10 * np.max(np.abs(known))
 
 
-def test_bare_axes_without_a_motion_are_found_out() -> None:
+@pytest.mark.parametrize("accelerations", [accelerations, mbsbench.accelerations], ids=["numpy", "public"])
+def test_bare_axes_without_a_motion_are_found_out(accelerations: Callable[..., Rates]) -> None:
     """``accelerations`` of a system that no problem has looked at."""
     system, *_ = UNDEFINED["a spring beside the axis"]
     with pytest.raises(ValueError, match="M is singular"):

@@ -1,0 +1,129 @@
+"""``accelerations`` and ``project`` of the public interface on the compiled kernel, one of each system and thread.
+
+Whatever the kernel leaves not finite goes to the harness's own functions in NumPy, which say what is wrong.
+"""
+
+import threading
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from ....harness.mechanics import consistency, dynamics
+from ....harness.mechanics.counting import counted
+from ....harness.mechanics.dynamics import Rates
+from ....harness.mechanics.state import State
+from ....harness.mechanics.system import MultibodySystem
+from .kernel import Kernel, Made, make_kernel, start_at
+
+SHIFT = 1e-6  # of S's diagonal: what redundant rows carry is then good to 1e-10, and weak rows settle in a few passes
+PASSES = 30  # of refinement at most
+SETTLED = 1e-13  # of the reaction: the last pass
+KEPT = 32  # kernels
+ITERATIONS, CLOSED = 20, 1e-14  # of Gauss-Newton, [m] of phi: as in ``mechanics.consistency``
+
+
+class Entries(NamedTuple):
+    """A kernel and its entries, of one thread."""
+
+    system: MultibodySystem  # alive, and its id its own, as long as this is kept
+    made: Made  # what keeps the entries alive
+    run: dict[str, Callable[[], None]]
+
+
+class _Kept(threading.local):
+    """By id of the system, the last ``KEPT`` of each thread, whose entries work on arrays of their own."""
+
+    def __init__(self) -> None:
+        self.entries: dict[tuple[int, str], Entries] = {}
+
+
+_kept = _Kept()
+
+
+@counted(factorises=True)
+def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray, " nrows"] | float = 0.0) -> Rates:
+    """Rates (nb, 3) of v [m/s2, space] and Omega [rad/s2, body], and reactions (nrows,) of index 1 at a state.
+
+    M a = f + A^T reaction with A a + A_dot v = ``phi_ddot``. Redundant rows share their load: of all reactions with
+    this load the sum of squares is least, rows scaled to length one in the metric of M^-1. Off the constraints, where
+    redundant rows contradict each other, the others hold. ValueError where joints do not make M regular.
+    """
+    _, made, run = _entries(system, "accelerations")
+    k = made.kernel
+    start_at(k, s)
+    run["rows"]()
+    if np.any(phi_ddot):
+        k.gamma[k.order] -= phi_ddot
+    run["factorise"]()
+    redundant = k.state["rank"] < system.nrows
+    run["react"]()
+    if redundant:
+        _share(k, run)
+    if not (np.isfinite(k.v_dot).all() and np.isfinite(k.lam).all()):
+        return dynamics.accelerations(system, s, phi_ddot)
+    return Rates(s.v, s.Omega, k.v_dot[:, :3].copy(), k.v_dot[:, 3:].copy(), k.lam[k.order])
+
+
+def project(system: MultibodySystem, state: State, iterations: int = ITERATIONS) -> State:
+    """The nearest consistent state: Gauss-Newton on phi, then velocities, both least change in the mass metric.
+
+    A body's inertia counts as the same about all axes, the mean. InconsistentStart where no pose is found.
+    """
+    _, made, run = _entries(system, "project")
+    k = made.kernel
+    start_at(k, state)
+    v = k.v.copy()
+    run["rows"]()
+    for _ in range(iterations):
+        if np.max(np.abs(k.phi), initial=0.0) < CLOSED:
+            break
+        run["factorise"]()
+        run["project"]()
+        k.v[:] = v
+    run["factorise"]()
+    run["project_rates"]()
+    if not all(np.isfinite(a).all() for a in (k.r, k.R, k.v)):
+        return consistency.project(system, state, iterations)
+    out = State(k.r.copy(), k.R.copy(), k.v[:, :3].copy(), k.v[:, 3:].copy(), state.t)
+    consistency.check_start(system, out, what="the projected state", any_root=True)
+    return out
+
+
+NEEDED = {
+    "accelerations": ("rows", "factorise", "react", "solve", "push", "slips"),
+    "project": ("rows", "factorise", "project", "project_rates"),
+}
+
+
+def _entries(system: MultibodySystem, what: str) -> Entries:
+    key, kept = (id(system), what), _kept.entries
+    if key not in kept:
+        made = make_kernel(system, NEEDED[what])
+        if what == "project":
+            size = np.trace(system.regular_inertia, axis1=1, axis2=2) / 3.0
+            made.kernel.J_inv[:] = np.eye(3) / size[:, None, None]
+        if len(kept) >= KEPT:
+            del kept[next(iter(kept))]
+        kept[key] = Entries(system, made, {name: made.entry(name) for name in NEEDED[what]})
+    return kept[key]
+
+
+def _share(k: Kernel, run: dict[str, Callable[[], None]]) -> None:
+    """Take from ``lam`` what carries no load, its part n with S n = 0: n -= (S + e D)^-1 S n, from n = ``lam``."""
+    k.state["shift"] = SHIFT
+    run["factorise"]()
+    k.state["shift"] = 0.0
+    idle, length = k.lam.copy(), np.sqrt(k.diagonal)
+    size = np.linalg.norm(length * k.lam)
+    for _ in range(PASSES):
+        k.x[:], k.w[:] = idle, 0.0
+        run["push"]()
+        run["slips"]()
+        k.rhs[:] = -(k.x + k.slip)
+        run["solve"]()
+        idle -= k.rhs
+        if not np.linalg.norm(length * k.rhs) > SETTLED * size:
+            break
+    k.lam[:] -= idle
