@@ -15,7 +15,7 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1 import alpha
 from .formulations.geometric.index1.integrate import above_rounding, fixed_steps
-from .formulations.refusals import without_phi
+from .formulations.refusals import unknown_to_kernels, without_phi
 
 
 @solver("al_index3")
@@ -37,7 +37,7 @@ class AlIndex3:
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Rows without phi; redundant rows share the reaction."""
-        return without_phi(problem.system)
+        return unknown_to_kernels(problem.system) or without_phi(problem.system)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""

@@ -16,7 +16,7 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1 import alpha
 from .formulations.geometric.index1.integrate import above_rounding, fixed_steps
-from .formulations.refusals import without_phi
+from .formulations.refusals import unknown_to_kernels, without_phi
 
 
 @solver("generalized_alpha")
@@ -39,7 +39,7 @@ class GeneralizedAlpha:
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Rows without phi; redundant rows are dropped as they appear."""
-        return without_phi(problem.system)
+        return unknown_to_kernels(problem.system) or without_phi(problem.system)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""

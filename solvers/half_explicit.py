@@ -15,6 +15,7 @@ from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1 import half_explicit
 from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.refusals import unknown_to_kernels
 
 
 @solver("half_explicit")
@@ -31,7 +32,7 @@ class HalfExplicit:
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Takes every problem: redundant rows are dropped as they appear."""
-        return None
+        return unknown_to_kernels(problem.system)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""

@@ -14,7 +14,7 @@ from typing import ClassVar
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.index1.integrate import radau_steps
-from .formulations.refusals import without_phi
+from .formulations.refusals import unknown_to_kernels, without_phi
 
 
 @solver("radau_ggl")
@@ -28,7 +28,7 @@ class RadauGgl:
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Rows without phi; redundant rows are dropped as they appear."""
-        return without_phi(problem.system)
+        return unknown_to_kernels(problem.system) or without_phi(problem.system)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with error control at ``control.rtol``."""

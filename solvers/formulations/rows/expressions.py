@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from ....harness.mechanics import forces, joints
-from ....harness.mechanics.declaring import JointDeclaration, Numbers, Pose, cross
+from ....harness.mechanics.declaring import JointDeclaration, Numbers, Pose, Push, cross
 from .numbers import NUMBERS, force_size
 from .numbers import force_numbers as force_numbers
 from .numbers import joint_numbers as joint_numbers
@@ -97,10 +97,18 @@ def row_expressions(kind: str, rows: tuple[int, ...] | None = None, *, space: bo
 @cache
 def push_expressions(kind: str) -> PushExpressions:
     """The load of a kind of force."""
+    x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", force_size(kind))
+    i, j, (force, torque, point) = push_of(kind, x, V, t, numbers)
+    load = []
+    for body, sign in ((i, 1.0), (j, -1.0)):
+        moment = body.R.T @ (torque + cross(point - body.r, force))
+        load += [sign * force, sign * moment]
+    return PushExpressions(x, V, t, numbers, ca.densify(_column(np.concatenate(load))))
+
+
+def push_of(kind: str, x: ca.SX, V: ca.SX, t: ca.SX, numbers: ca.SX) -> tuple[Pose, Pose, Push]:
+    """Both bodies and the push of a kind of force on them."""
     declared = forces.DECLARED[kind]
-    x, V, t = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t")
-    size = force_size(kind)
-    numbers = ca.SX.sym("p", size)
     i, j = _pose(x, V, 0), _pose(x, V, 1)
     parts: dict[str, Any] = {}
     at = 0
@@ -113,12 +121,7 @@ def push_expressions(kind: str) -> PushExpressions:
         a = _symbols(numbers[at : at + n]).reshape(shape)
         parts[name] = a if shape else a.item()
         at += n
-    force, torque, point = declared.push(i, j, SimpleNamespace(**parts))
-    load = []
-    for body, sign in ((i, 1.0), (j, -1.0)):
-        moment = body.R.T @ (torque + cross(point - body.r, force))
-        load += [sign * force, sign * moment]
-    return PushExpressions(x, V, t, numbers, ca.densify(_column(np.concatenate(load))))
+    return i, j, declared.push(i, j, SimpleNamespace(**parts))
 
 
 def time_function(numbers: ca.SX, t: ca.SX) -> ca.SX:
