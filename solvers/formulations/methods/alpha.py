@@ -55,7 +55,7 @@ class Step(NamedTuple):
 
 def alpha_steps(**scheme: float) -> Method:
     """The method with numbers of ``SCHEME``; what is not named is 0."""
-    return Method(partial(prepare, scheme=scheme), step, finish, start, counters=COUNTERS, explicit=True)
+    return Method(partial(prepare, scheme=scheme), step, finish, start, counters=COUNTERS)
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, scheme: dict[str, float]) -> Step:

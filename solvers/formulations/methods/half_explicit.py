@@ -61,7 +61,7 @@ class Step(NamedTuple):
 
 def half_explicit_steps(tolerance: float) -> Method:
     """The method, ``tolerance`` of the last correction of velocities [m/s, rad/s]."""
-    return Method(partial(prepare, tolerance=tolerance), step, finish, start, counters=COUNTERS, explicit=True)
+    return Method(partial(prepare, tolerance=tolerance), step, finish, start, counters=COUNTERS)
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, tolerance: float) -> Step:

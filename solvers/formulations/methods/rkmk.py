@@ -49,7 +49,7 @@ def explicit_pair(tableau: Any) -> Method:
     """The method of an embedded pair, first same as last."""
     return Method(
         partial(prepare, tableau=tableau), step, finish, start, order=float(tableau.order),
-        counters=("evaluations", "rejected", "factorisations"), explicit=True,
+        counters=("evaluations", "rejected", "factorisations"),
     )  # fmt: skip
 
 
