@@ -32,6 +32,7 @@ from .results import environment, store
 from .results.codes import code_of
 from .results.records import RunRecord
 from .results.series import Series, write_series
+from .results.words import error_words
 from .suites.spec import RunSpec, step_control
 from .types import Problem, Solver, Status, Trajectory
 
@@ -86,8 +87,9 @@ class Run:
 
     def __repr__(self) -> str:
         r = self.record
-        numbers = [f"energy drift {r.energy_drift_max_J:.2e} J", f"position error {r.position_error_max_m:.2e} m"]
-        words = [f"{r.steps} steps to {r.t_reached_s:g} s", *(n for n in numbers if "nan" not in n)]
+        drift = "" if math.isnan(r.energy_drift_max_J) else f"energy drift {r.energy_drift_max_J:.2e} J"
+        error = f"error {said}" if (said := error_words(r)) else ""
+        words = [f"{r.steps} steps to {r.t_reached_s:g} s", *(n for n in (drift, error) if n)]
         return f"<Run {r.case}: {', '.join([r.status, *(words if r.steps else [r.message])])}>"
 
 

@@ -7,14 +7,14 @@ becomes A M^-1 A^T + 1/alpha; here 1/alpha is ``regularisation`` times its diago
 share the reaction. The projections take energy away. Stiff springs: as in ``generalized_alpha``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.index1 import alpha
-from .formulations.geometric.index1.integrate import above_rounding, fixed_steps
+from .formulations.compiled.host import integrate, tolerance_of
+from .formulations.methods.alpha import alpha_steps
 from .formulations.refusals import without_phi
 
 
@@ -41,7 +41,6 @@ class AlIndex3:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        scheme = alpha.Scheme(
-            0.0, 0.0, 0.25, 0.5, above_rounding(self.tolerance, problem), shift=self.regularisation, projected=1
-        )
-        return fixed_steps(problem, control, alpha, scheme, self.tolerance)
+        tolerance, notes = tolerance_of(self.tolerance, problem)
+        method = alpha_steps(beta=0.25, gamma=0.5, tolerance=tolerance, shift=self.regularisation, projected=True)
+        return integrate(problem, control, replace(method, notes=notes))

@@ -8,14 +8,14 @@ of the order of dt^2. Redundant rows get a multiplier of zero. The iteration of 
 matrix: stiff ones need steps below their own period, or the iteration fails.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.index1 import energy_momentum
-from .formulations.geometric.index1.integrate import above_rounding, fixed_steps
+from .formulations.compiled.host import integrate, tolerance_of
+from .formulations.methods.energy_momentum import mean_value_steps
 from .formulations.refusals import without_gradient
 
 
@@ -39,5 +39,5 @@ class EnergyMomentum:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        scheme = energy_momentum.Scheme(above_rounding(self.tolerance, problem))
-        return fixed_steps(problem, control, energy_momentum, scheme, self.tolerance)
+        tolerance, notes = tolerance_of(self.tolerance, problem)
+        return integrate(problem, control, replace(mean_value_steps(problem.system, tolerance), notes=notes))

@@ -20,6 +20,7 @@ from .formulations.geometric.choices import GaugeChoices, Penalty
 from .formulations.geometric.driver import integrate, prepare
 from .formulations.geometric.passages import passages
 from .formulations.rank import rows_to_keep
+from .formulations.refusals import unknown_to_kernels
 
 
 @solver("gc_augmented_lagrangian")
@@ -65,7 +66,7 @@ class GcAugmentedLagrangian(GaugeChoices):
         """Only incompatible options."""
         if self.loop != "nested" and (self.lambda_bar or self.penalty_growth > 1.0):
             return "lambda_bar and penalty_growth belong to the nested loop: set loop = nested"
-        return self.refuses_choice(problem, control)
+        return unknown_to_kernels(problem.system) or self.refuses_choice(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``; singular passages are in ``events``."""

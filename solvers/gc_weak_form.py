@@ -16,6 +16,7 @@ from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.choices import GaugeChoices
 from .formulations.geometric.driver import integrate, prepare
 from .formulations.rank import rows_to_keep
+from .formulations.refusals import unknown_to_kernels
 
 
 @solver("gc_weak_form")
@@ -31,7 +32,7 @@ class GcWeakForm(GaugeChoices):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Redundant rows, which make the Newton matrix singular, and incompatible options."""
-        reason = self.refuses_choice(problem, control)
+        reason = unknown_to_kernels(problem.system) or self.refuses_choice(problem, control)
         if reason is not None:
             return reason
         rows = problem.system.nrows

@@ -8,14 +8,14 @@ of zero. The iteration of a step has M, not springs and dampers, in its matrix: 
 period, or the iteration fails.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.index1 import alpha
-from .formulations.geometric.index1.integrate import above_rounding, fixed_steps
+from .formulations.compiled.host import integrate, tolerance_of
+from .formulations.methods.alpha import alpha_steps
 from .formulations.refusals import without_phi
 
 
@@ -47,12 +47,9 @@ class GeneralizedAlpha:
         alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
         gamma = 0.5 + alpha_f - alpha_m
         beta = 0.25 * (gamma + 0.5) ** 2
-        scheme = alpha.Scheme(
-            alpha_m,
-            alpha_f,
-            beta,
-            gamma,
-            above_rounding(self.tolerance, problem),
-            stabilised=int(self.form == "stabilised"),
-        )
-        return fixed_steps(problem, control, alpha, scheme, self.tolerance)
+        tolerance, notes = tolerance_of(self.tolerance, problem)
+        method = alpha_steps(
+            alpha_m=alpha_m, alpha_f=alpha_f, beta=beta, gamma=gamma, tolerance=tolerance,
+            stabilised=self.form == "stabilised",
+        )  # fmt: skip
+        return integrate(problem, control, replace(method, notes=notes))

@@ -13,8 +13,8 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.index1 import half_explicit
-from .formulations.geometric.index1.integrate import fixed_steps
+from .formulations.compiled.host import integrate
+from .formulations.methods.half_explicit import half_explicit_steps
 
 
 @solver("half_explicit")
@@ -35,5 +35,4 @@ class HalfExplicit:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        scheme = half_explicit.Scheme(half_explicit.A, half_explicit.C, self.tolerance)
-        return fixed_steps(problem, control, half_explicit, scheme)
+        return integrate(problem, control, half_explicit_steps(self.tolerance))

@@ -2,7 +2,9 @@
 
 import argparse
 import contextlib
+import dataclasses
 import difflib
+import itertools
 import math
 import re
 import tempfile
@@ -17,6 +19,7 @@ from ..execution.runner import Request, new_folder, run_suite
 from ..files import write_text
 from ..gate.files import as_plain, junit, markdown
 from ..gate.judging import Judged, State, judge, judged_of, tightened
+from ..gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
 from ..gate.thresholds import FOLDER, Thresholds, parse_thresholds, proposed, read_thresholds, write_thresholds
 from ..results import codes, store
 from ..results.history import GATES, rows_of, write_rows
@@ -49,6 +52,9 @@ def add(commands: Any) -> None:
     p.add_argument("--any-code", action="store_true", help="with --results: accept results of other code too")
     p.add_argument("--update", action="store_true", help="print a diff that tightens thresholds and adds missing ones")
     p.add_argument("--loosen", action="store_true", help="with --update: also propose wider bounds")
+    p.add_argument(
+        "--spread", type=int, metavar="N", help="with --update: bounds around N repeats that differ by rounding"
+    )
     p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
     p.add_argument("--all", action="store_true", help="show every threshold, not only those that failed or moved")
     p.add_argument("--junit", metavar="FILE", help="write the result as JUnit XML")
@@ -64,10 +70,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError("--any-code needs --results; a suite that is run now is of this code")
     suite = _files(arguments) or load_suite(arguments.suite or "ci", load_plugins(arguments.plugin))
     path = Path(arguments.thresholds) if arguments.thresholds else FOLDER / f"{suite.name}.toml"
-    for name in ("junit", "markdown", "json", "loosen", "write"):
-        needs = name in ("loosen", "write")
-        if getattr(arguments, name) and arguments.update is not needs:
+    for name in ("junit", "markdown", "json", "loosen", "write", "spread"):
+        needs = name in ("loosen", "write", "spread")
+        if getattr(arguments, name) not in (None, False) and arguments.update is not needs:
             raise UsageError(f"--{name} {'needs' if needs else 'cannot be combined with'} --update")
+    if arguments.spread is not None and (arguments.spread < 1 or arguments.loosen or suite.name == REFEREED):
+        raise UsageError("--spread takes a number of repeats from 1, of runs of a suite, without --loosen")
     if arguments.update:
         check_ours(path, "--thresholds FILE")
     is_new = arguments.update and not path.exists()
@@ -82,7 +90,12 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.update:
         if arguments.write and not judged:
             raise UsageError(f"no result of this code to take thresholds of {suite.name!r} from; nothing was written")
-        return _update(path, thresholds, judged, loosen=arguments.loosen, write=arguments.write)
+        if arguments.spread:
+            repeated = runs_to_repeat(suite.specs, judge(suite.specs, records, thresholds, code))
+            new = widen_by_spread(thresholds, _samples(arguments, suite, repeated, judged))
+        else:
+            new = tightened(thresholds, judged, proposed(judged), loosen=arguments.loosen)
+        return _update(path, new, write=arguments.write)
     result = judge(specs, records, thresholds, code)
     if arguments.json:
         print_json(as_plain(result, suite.name))
@@ -147,8 +160,26 @@ def _moved(measured: float, value: float) -> str:
     return f"x {measured / value:.3g}" if value else f"{measured:+.3g}"
 
 
-def _update(path: Path, old: Thresholds, judged: Sequence[RunRecord], *, loosen: bool, write: bool) -> int:
-    new = write_thresholds(tightened(old, judged, proposed(judged), loosen=loosen))
+def _samples(
+    arguments: argparse.Namespace, suite: Suite, repeated: Sequence[RunSpec], judged: Sequence[RunRecord]
+) -> dict[str, list[RunRecord]]:
+    """The records of each of the ``repeated`` runs and of its repeats, by its case."""
+    repeats = {s.case: perturb_tolerance(s, arguments.spread) for s in repeated}
+    cases = {c.settings_id: s.case for s in repeated for c in (s, *repeats[s.case])}
+    if not cases:
+        return {}
+    extra = dataclasses.replace(suite, specs=tuple(itertools.chain(*repeats.values())), total_limit=None)
+    with tempfile.TemporaryDirectory() as place, progress(quiet=False, size=jobs(arguments.jobs)) as watcher:
+        found = run_suite(Request(extra, Path(place) / "spread", jobs(arguments.jobs)), watcher).records
+    samples: dict[str, list[RunRecord]] = {s.case: [] for s in repeated}
+    for record in (*judged, *found):
+        if record.settings_id in cases:
+            samples[cases[record.settings_id]].append(record)
+    return samples
+
+
+def _update(path: Path, thresholds: Thresholds, *, write: bool) -> int:
+    new = write_thresholds(thresholds)
     parse_thresholds(new, path)  # nothing is written that the gate could not read
     before = path.read_text(encoding="utf-8") if path.exists() else ""
     out = lines()

@@ -14,7 +14,7 @@ from ..foreign.judge import Given, files_of, refereed, results_folder
 from ..foreign.reading import CHOICES, Reading
 from ..results import store
 from ..results.records import RunRecord
-from ..results.words import why
+from ..results.words import judged_error, why
 from ..sandbox.trial import made
 from ..types import Status, StepControl
 from .screen import Column, lines, number, print_json, print_table, status_style
@@ -126,6 +126,6 @@ def _print(paths: list[Path], judged: list[RunRecord | FileError], folder: Path 
         below += [f"{r.case}: {'; '.join(why(r))}"] if r.status != Status.SUCCESS else []
         below += [f"{r.case}: {printable(n)}" for n in json.loads(r.notes)]
         until = number(r.accurate_until_s) if not math.isnan(r.accurate_until_s) else "-"
-        numbers = (number(r.position_error_max_m), number(r.energy_drift_max_J), until)
+        numbers = (number(judged_error(r, "position_error", "m")), number(r.energy_drift_max_J), until)
         rows.append((r.case, Text(r.status, status_style(r.status)), *numbers))
     print_table(COLUMNS, rows, *below)

@@ -3,7 +3,7 @@
 import argparse
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from ..results.records import COLUMNS, RunRecord, reasons_of
 from ..results.reproduce import command
 from ..results.series import BadSeries
 from ..results.store import Unreadable
-from ..results.words import why, words_of, words_of_ending
+from ..results.words import error_until, error_words, judged_error, why, words_of, words_of_ending
 from ..types import Status
 from .screen import (
     Column,
@@ -47,11 +47,16 @@ SPARK = 12  # characters of the energy error over time
 PREFIX = 7  # characters of the run_id in the table
 FILTERS = ("problem", "solver", "status", "label")
 SHOWN = {
-    "energy_drift_max_J": Column("|dE| [J]"), "position_error_max_m": Column("error [m]", rank=2),
-    "orientation_error_max_rad": Column("error [rad]", rank=4), "phi_max": Column("|phi| [m]", rank=5),
+    "energy_drift_max_J": Column("|dE| [J]"), "position_error": Column("error [m]", rank=2),
+    "error_until": Column("error to [s]", rank=2), "orientation_error": Column("error [rad]", rank=4),
+    "phi_max": Column("|phi| [m]", rank=5),
     "phi_dot_max": Column("|phi'| [m/s]", rank=6), "cpu_min_s": Column("CPU [s]", rank=3),
 }  # fmt: skip
-SORTS = {"drift": "energy_drift_max_J", "error": "position_error_max_m", "phi": "phi_max", "cpu": "cpu_min_s"}
+ERRORS: dict[str, Callable[[RunRecord], float]] = {  # as in the reports
+    "position_error": lambda r: judged_error(r, "position_error", "m"), "error_until": error_until,
+    "orientation_error": lambda r: judged_error(r, "orientation_error", "rad"),
+}  # fmt: skip
+SORTS = {"drift": "energy_drift_max_J", "error": "position_error", "phi": "phi_max", "cpu": "cpu_min_s"}
 
 
 def show_run(folder: Path, record: RunRecord, command: str) -> None:
@@ -62,6 +67,8 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
     out.print(Text.assemble((record.status, status_style(record.status)), f": {ending}" if ending else ""))
     for reason in reasons_of(record.wrong_because):
         out.print(Text(f"  because: {words_of(reason)}"))
+    if error := error_words(record):
+        out.print(Text(f"error {error}"))
     for words in json.loads(record.notes):
         out.print(Text(f"  note: {printable(words)}"))
     _heading(out, "Settings")
@@ -182,9 +189,9 @@ def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[R
     if arguments.sort is not None:
         key = SORTS.get(arguments.sort, arguments.sort)
         numeric = [c.name for c in records.COLUMNS if c.type in (float, int)]
-        if key not in numeric:
+        if key not in numeric and key not in ERRORS:
             raise UsageError(f"--sort: unknown column {key!r}{nearest(key, [*SORTS, *numeric])}")
-        size = {r.run_id: abs(getattr(r, key)) for r in chosen}
+        size = {r.run_id: abs(_shown(r, key)) for r in chosen}
         chosen.sort(key=lambda r: math.inf if math.isnan(size[r.run_id]) else -size[r.run_id])
     return chosen[: whole(arguments.limit, "--limit")] if arguments.limit is not None else chosen
 
@@ -210,6 +217,10 @@ def _spark(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> str
     return "" if series is None else timeline(series["t"], series["energy_error"], record.t_end_s, SPARK)
 
 
+def _shown(r: RunRecord, name: str) -> float:
+    return ERRORS[name](r) if name in ERRORS else float(getattr(r, name))
+
+
 def _table(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
     columns = [
         Column("run", rank=1, right=False), Column("case", fold=True), Column("status", right=False),
@@ -218,7 +229,7 @@ def _table(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
     ]  # fmt: skip
     rows: list[tuple[Text | str, ...]] = []
     for r, spark in zip(chosen, sparks, strict=True):
-        first, *rest = [number(getattr(r, name)) for name in SHOWN]
+        first, *rest = [number(_shown(r, name)) for name in SHOWN]
         status = Text(r.status, status_style(r.status))
         rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, spark, *rest))
     failed = [r for r in chosen if r.status != Status.SUCCESS]

@@ -10,7 +10,7 @@ from typing import Any
 from ..catalogue import registry
 from ..files import printable
 from ..results.records import RunRecord
-from ..results.words import accurate_until, why, words_of_ending
+from ..results.words import accurate_until, error_words, why, words_of_ending
 from ..sandbox.trial import made
 from ..suites.shape import LONGEST
 from ..suites.spec import make_spec
@@ -113,11 +113,8 @@ def summary(r: RunRecord) -> list[str]:
         out.append(f"energy drift       {r.energy_drift_max_J:.3e} J (scale {r.energy_scale_J:.3g} J)")
     if not math.isnan(r.phi_max):
         out.append(f"|phi|, |phi_dot|   {r.phi_max:.3e} m, {r.phi_dot_max:.3e} m/s")
-    if not math.isnan(r.position_error_max_m):
-        compared = min(r.reference_horizon_s, r.t_reached_s)
-        turned = "" if math.isnan(r.orientation_error_max_rad) else f", {r.orientation_error_max_rad:.3e} rad"
-        worst = f"{r.position_error_max_m:.3e} m{turned}"
-        out.append(f"error              {worst} (to {compared:g} s)")
+    if error := error_words(r):
+        out.append(f"error              {error}")
         out.append(f"accurate until     {', '.join(accurate_until(r))} of the reach of {r.length_scale_m:.3g} m")
     if r.cpu_min_s > 0.0 or (r.steps and not math.isnan(r.cpu_min_s)):
         set_up = "" if math.isnan(r.setup_s) else f" (set-up {r.setup_s:.3g} s)"

@@ -82,8 +82,9 @@ def determined_by(problem: Problem, start: States, missing: Sequence[str]) -> De
         at_home = problem.home(s)
         scalars = {x.name: np.asarray(x.of(at_home)) for x in problem.observables}
         scalars |= {x.name: np.asarray(x.of(at_home)) for x in problem.invariants}
+    open_laws = {k for k, a in values.items() if not np.all(np.isfinite(a))}
     return Determined(
-        tuple(missing), frozenset(k for k, a in values.items() if not np.all(np.isfinite(a))),
+        tuple(missing), frozenset({*open_laws, Law.TRUNCATION}),  # of differences over a step, which digits drown
         frozenset(k for k, a in scalars.items() if not np.all(np.isfinite(a))),
     )  # fmt: skip
 

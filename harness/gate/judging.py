@@ -143,6 +143,9 @@ def tightened(
         elif new.is_equal or was.is_equal:  # another value is neither better nor worse: it must be asked for
             if loosen:
                 bounds[new.case, new.metric] = replace(new, reason=was.reason, expect=was.expect)
+        elif was.samples > 1:  # bounds around many runs, which one alone does not move unless asked for
+            if loosen:
+                bounds[new.case, new.metric] = replace(new, expect=was.expect)
         elif (changed := _narrowed(was, new, loosen=loosen)) is not None:
             bounds[new.case, new.metric] = changed
     return replace(old, bounds=tuple(bounds[k] for k in sorted(bounds)))

@@ -13,6 +13,7 @@
     reason = "deterministic, second order: doubling dt gives 4 times the value"
     expect = "pass"                     # "fail": a known breach; when it passes, that is news (XPASS)
     direction = "smaller"               # is better; said by the bounds: upper, or lower for "larger", or both
+    samples = 21                        # the bounds lie around as many runs (gate --spread): one does not move them
 
 What is the same on every machine is compared exactly: ``direction = "equal"`` with ``value`` and no bounds (steps of
 a fixed size). What may differ between machines only by rounding gets ``tolerance``, relative to ``value``, as well.
@@ -26,6 +27,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -79,6 +81,7 @@ ROUNDING = Width(10.0, "rounding only, which differs between machines; anything 
 SAME_PROBLEM = "the problem's numbers, the same on every machine but for rounding: another one is another problem"
 IDENTITY = 1e-9  # of the fingerprint: a number that changes by 1e-4 of itself changes it by more
 SAME_STEPS = "a fixed step that is never cut: the number of steps is t_end / dt on every machine"
+OUTWARDS = {"upper": ROUND_CEILING, "lower": ROUND_FLOOR}  # of a bound: the value it was made for stays within
 STOP_TEST = 1e-6  # of the size: below it, a fixed-step solver's |phi_dot| is what its Newton iteration leaves over
 
 
@@ -100,6 +103,7 @@ class Threshold(Shape, frozen=True, kw_only=True):
     expect: Literal["pass", "fail"] = "pass"
     direction: Literal["smaller", "larger", "between", "equal"] | None = None
     tolerance: Annotated[float, Meta(ge=0.0, lt=1.0, description="a number from 0 to 1")] = 0.0
+    samples: Annotated[int, Meta(ge=1, description="a whole number from 1")] = 1
 
     def __post_init__(self) -> None:
         high, low = self.upper < math.inf, self.lower > -math.inf
@@ -171,7 +175,7 @@ def parse_thresholds(text: str, path: Path) -> Thresholds:
 
 
 def write_thresholds(thresholds: Thresholds) -> str:
-    """The text of a thresholds file; bounds are rounded to four digits, what must be equal is not."""
+    """The text of a thresholds file; bounds are rounded outwards to four digits, what must be equal is not."""
     out = ["schema = 1", f"suite = {_toml(thresholds.suite)}"]
     for entry in (*thresholds.statuses, *thresholds.bounds):
         out += ["", "[[status]]" if isinstance(entry, Expectation) else "[[threshold]]"]
@@ -179,14 +183,15 @@ def write_thresholds(thresholds: Thresholds) -> str:
         for f in msgspec.structs.fields(entry):
             value = getattr(entry, f.name)
             if value != f.default and value == value:
-                out.append(f"{f.name} = {_toml(value, exact=exact)}")
+                out.append(f"{f.name} = {_toml(value, exact=exact, towards=OUTWARDS.get(f.name))}")
     return "\n".join(out) + "\n"
 
 
-def _toml(value: Any, *, exact: bool = False) -> str:
-    """A float, or a basic string: as in JSON, but without pairs of surrogates, and with DEL escaped."""
+def _toml(value: Any, *, exact: bool = False, towards: str | None = None) -> str:
+    """A number, or a basic string: as in JSON, but without pairs of surrogates, and with DEL escaped."""
     if isinstance(value, float):
-        return repr(value) if exact else f"{value:.4g}"
+        digits = Context(prec=4, rounding=towards).create_decimal(repr(value))
+        return repr(value) if exact else f"{float(digits):.4g}"
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 

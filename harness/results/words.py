@@ -35,6 +35,34 @@ def accurate_until(record: RunRecord) -> list[str]:
     ]
 
 
+def judged_error(record: RunRecord, name: str, unit: str) -> float:
+    """An error of all tables, pages and terminals: up to ``judged_to_s``; over all time where that is not known.
+
+    ``name`` and ``unit`` are those of its columns: ``position_error`` and ``m``.
+    """
+    value, whole = (float(getattr(record, f"{name}_{kind}_{unit}")) for kind in ("judged", "max"))
+    return whole if math.isnan(value) else value
+
+
+def error_until(record: RunRecord) -> float:
+    """[s] the end of the interval of ``judged_error``; NaN without a reference."""
+    if math.isnan(record.position_error_judged_m):
+        return min(record.reference_horizon_s, record.t_reached_s)
+    return min(record.judged_to_s, record.t_reached_s)
+
+
+def error_words(record: RunRecord) -> str:
+    """``0.0159 m, 0.0433 rad (to 1.62 s)``; empty without a reference."""
+    position, orientation = (
+        judged_error(record, "position_error", "m"),
+        judged_error(record, "orientation_error", "rad"),
+    )
+    if math.isnan(position):
+        return ""
+    turned = "" if math.isnan(orientation) else f", {orientation:.3e} rad"
+    return f"{position:.3e} m{turned} (to {error_until(record):.4g} s)"
+
+
 def at_least(record: RunRecord, accurate_until: float) -> bool:
     """Whether the reference ended before the motion left it: how long it would have stayed is not known."""
     return record.t_reached_s > record.compared_to_s <= accurate_until

@@ -37,6 +37,7 @@
   const mark = () => {
     const said = [];
     players.forEach((own, p) => {
+      if (state.shown[p] && unknown(p)) said.push(`${own.solver}: its motion between these two stored poses is not known`);
       if (!own.stopped) return;
       const over = state.shown[p] && state.t >= own.last;
       names[p].firstChild.hidden = !over;
@@ -56,6 +57,9 @@
       if (own) Object.assign(e.style, { left: `${own.x}px`, top: `${own.y - LABEL}px`, width: `${own.w}px` });
     });
   };
+
+  // between two stored poses of a run, where its motion is not known
+  const unknown = (p) => players[p].unknown.some(([from, to]) => state.t > from && state.t < to);
 
   // one frame
   const known = () => Boolean(exact) && state.t <= until * (1 + 1e-9);
@@ -88,7 +92,8 @@
       exact.point(play.trail.body, play.trail.at, heads[players.length], 0);
     }
     const trails = [...motions, ...(exact ? [exact] : [])].map(trailOf);
-    stage.draw({ motions, exact: known() ? exact : null, cells: grid, solid: state.solid, trails });
+    const cells = grid.map((cell) => ({ ...cell, players: cell.players.filter((p) => !unknown(p)) }));
+    stage.draw({ motions, exact: known() ? exact : null, cells, solid: state.solid, trails });
     view.point(find("compass"));
     mark();
     if (strips.left(state.t)) {

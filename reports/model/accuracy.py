@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from ...harness.results.records import judged_own
+from ...harness.results.words import judged_error
 from .results import Run
 
 EXACT = 1e-12  # of the mechanism's size: position errors below it are rounding
@@ -22,13 +23,7 @@ class Measure:
 
     def of(self, run: Run) -> float:
         """The error of a run; NaN where it has none."""
-        return judged(run, self.name, self.unit)
-
-
-def judged(run: Run, name: str, unit: str) -> float:
-    """An error up to ``judged_to_s``, the number of every table and page; over all time where that is not known."""
-    value, whole = (float(getattr(run.record, f"{name}_{kind}_{unit}")) for kind in ("judged", "max"))
-    return whole if math.isnan(value) else value
+        return judged_error(run.record, self.name, self.unit)
 
 
 def measure_for(runs: Sequence[Run]) -> Measure | None:

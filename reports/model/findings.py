@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from ...harness.types import ACCURATE as ACCURATE_WITHIN
 from .accuracy import Measure, measure_for
 from .results import Results, Run, Variant, by_solver, grouped
 from .scores import score
@@ -125,13 +126,24 @@ def _response(variant: Variant, measure: Measure) -> Iterator[Finding]:
             continue
         gain = measure.of(coarse) / measure.of(fine)
         if coarse.record.control == "dt":
-            order = math.log(gain) / math.log(coarse.step_or_tolerance / fine.step_or_tolerance)
-            yield Finding(f"{coarse.method}: from {coarse.step_words} to {fine.step_words} the {measure.what} falls by "
-                          f"{number(gain)}: observed order {order:.2f}.")  # fmt: skip
+            yield Finding(_fixed_steps(coarse, fine, measure))
         elif gain < 1.0:
             yield Finding(f"{coarse.method}: tightening from {coarse.step_words} to {fine.step_words} makes the "
                           f"{measure.what} larger, from {number(measure.of(coarse))} to {number(measure.of(fine))} "
                           f"{measure.unit}.", "failed")  # fmt: skip
+
+
+def _fixed_steps(coarse: Run, fine: Run, measure: Measure) -> str:
+    """How an error follows the step; never an order: that needs the ladders of the certificates."""
+    large, small = measure.of(coarse), measure.of(fine)
+    length = coarse.record.length_scale_m if measure.unit == "m" else 1.0
+    words = f"{coarse.method}: from {coarse.step_words} to {fine.step_words} the {measure.what}"
+    values = f"from {number(large)} to {number(small)} {measure.unit}"
+    if small >= large:
+        return f"{words} does not fall, {values}: it is not that of the scheme (rounding, or a limit of the iteration)."
+    if large > ACCURATE_WITHIN["accurate_until_s"] * length:
+        return f"{words} falls {values}: at the larger step it is saturated, and the ratio tells no order."
+    return f"{words} falls by {number(large / small)}, {values}."
 
 
 def _energy(variant: Variant) -> Iterator[Finding]:

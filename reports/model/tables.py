@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from ...harness.places import Place
-from .accuracy import energy_kind, judged, measure_for
+from ...harness.results.words import judged_error
+from .accuracy import energy_kind, measure_for
 from .results import Run, Variant, by_solver
 from .words import BELOW_CLOCK, NONE, clocked, mark, number, signed, time, whole
 
@@ -52,7 +53,7 @@ def _of(name: str) -> Callable[[Run], Value]:
 
 
 def _judged(name: str, unit: str) -> Callable[[Run], Value]:
-    return lambda c: judged(c, name, unit)
+    return lambda c: judged_error(c.record, name, unit)
 
 
 def _spread(c: Run) -> Value:

@@ -43,11 +43,26 @@ def test_a_wrong_run_wins_nothing(tmp_path):
     assert "Least CPU time with a position error within 0.00100 m (single timings): beta" in text
 
 
-def test_order_is_observed_not_declared(tmp_path):
-    """Halving dt quarters the error: order 2."""
+def test_two_steps_tell_a_ratio_and_no_order(tmp_path):
+    """Orders are fitted to ladders, on the page of certificates."""
     put(tmp_path, record("aa01", dt_s=0.02, position_error_max_m=4e-3))
     put(tmp_path, record("aa02", dt_s=0.01, position_error_max_m=1e-3))
-    assert "observed order 2.00" in said(tmp_path)
+    text = said(tmp_path)
+    assert "falls by 4.00, from 0.00400 to 0.00100 m" in text and "observed order" not in text
+
+
+def test_a_saturated_error_and_one_of_rounding_are_called_so(tmp_path):
+    """A body that is half a turn off cannot be further off; what grows with a finer step is not the scheme's."""
+    turned = {"position_error_max_m": 0.0, "control": "dt"}
+    for run, solver, dt, error in (("aa01", "alpha", 0.1, 3.14), ("aa02", "alpha", 0.01, 0.131),
+                                   ("bb01", "beta", 0.1, 2e-10), ("bb02", "beta", 0.01, 1e-8)):  # fmt: skip
+        put(tmp_path, record(run, solver, dt_s=dt, orientation_error_max_rad=error, **turned))
+    text = said(tmp_path)
+    assert (
+        "alpha: from dt = 0.1 s to dt = 0.01 s the orientation error falls from 3.14 to 0.131 rad: at the larger"
+        in text
+    )
+    assert "beta: from dt = 0.1 s to dt = 0.01 s the orientation error does not fall" in text and "order -" not in text
 
 
 def test_tighter_tolerance_that_hurts_is_said(tmp_path):

@@ -190,6 +190,10 @@ ELSEWHERE = {
     "harness/execution/runner.py": ("exists glob is_symlink", "lists results/local, and looks for a name that is free"),
     "harness/execution/single.py": ("unlink", "the file that the user named, half-written"),
     "harness/referee/claims/register.py": ("read_text", "the register, or the file that the user named"),
+    "harness/results/codes.py": (
+        "glob is_file mkdir read_bytes read_text stat write_text",
+        "our own code and plugins, and what is kept of them in our cache",
+    ),
     "harness/results/environment.py": ("exists is_file read_bytes read_text rglob", "our own code, /proc/cpuinfo"),
     "harness/results/history.py": ("glob is_symlink mkdir read_text write_text", "lists results/local; files of rows"),
     "harness/results/judgements/files.py": ("read_text", "that of harness/files.py, of a place"),

@@ -11,6 +11,7 @@ DIGITS = 9  # bits of mantissa that a strip keeps: 1/1024 of the value at most, 
 FIRST = 48  # poses tried at first
 NEAR = 0.01  # [of a body] drawn poses may be so far off stored ones where there is room for more
 TURNED = 0.03  # [rad]
+ALIKE = 0.5  # [rad, of a body] a run this near to the exact motion errs evenly between two stored poses
 AT_ONCE = 0.25  # of the worst distance: so much further off a chord half as long is not
 
 
@@ -154,6 +155,50 @@ def between(poses: Poses, t: Float[np.ndarray, " n"]) -> Poses:
     return Poses(t, (1.0 - u) * poses.r[k] + u * poses.r[j], q)
 
 
+@dataclass(frozen=True)
+class Filled:
+    """A run's poses without long gaps, how many of them it did not store, and the spans [s] in which none is known."""
+
+    poses: Poses
+    added: int = 0
+    unknown: tuple[tuple[float, float], ...] = ()
+
+
+def fill(poses: Poses, exact: Poses, size: float) -> Filled:
+    """Poses between stored ones where what ``between`` draws is off: the exact motion with the run's own error.
+
+    The error is that of the stored poses at both ends, interpolated; ``size`` [m] is that of a body. A gap in which
+    the exact motion turns by more than pi, with an end that is not near it, cannot be filled: it is unknown.
+    """
+    inside = (exact.t > poses.t[0]) & (exact.t < poses.t[-1]) & ~np.isin(exact.t, poses.t)
+    here, there = exact.at(np.flatnonzero(inside)), between(exact, poses.t)
+    error = Poses(poses.t, poses.r - there.r, _product(there.q * [-1.0, -1.0, -1.0, 1.0], poses.q))
+    angle = 2.0 * np.arccos(np.clip(np.abs(error.q[..., 3]), 0.0, 1.0))
+    far = np.maximum(np.linalg.norm(error.r, axis=-1) / size, angle).max(axis=1) > ALIKE
+    far |= poses.t > exact.t[-1] * (1.0 + 1e-12)
+    far = far[1:] | far[:-1]
+    turned = np.interp(poses.t, exact.t, np.append(0.0, np.cumsum(np.max(turns(exact.q), axis=1))))
+    unknown = np.flatnonzero(far & (np.diff(turned) > np.pi))
+    spans = tuple((float(poses.t[k]), float(poses.t[k + 1])) for k in unknown)
+    if not len(here):
+        return Filled(poses, unknown=spans)
+    own = between(error, here.t)
+    made = Poses(here.t, here.r + own.r, _product(here.q, own.q))
+    distance, angle = _apart(between(poses, here.t), made)
+    wanted = (distance > NEAR * size) | (angle > TURNED)
+    wanted &= ~far[np.searchsorted(poses.t, here.t, side="right") - 1]
+    made = made.at(np.flatnonzero(wanted))
+    order = np.argsort(np.concatenate((poses.t, made.t)), kind="stable")
+    both = (np.concatenate(pair) for pair in ((poses.t, made.t), (poses.r, made.r), (poses.q, made.q)))
+    return Filled(Poses(*both).at(order), len(made), spans)
+
+
+def _product(a: Float[np.ndarray, "nf nb 4"], b: Float[np.ndarray, "nf nb 4"]) -> Float[np.ndarray, "nf nb 4"]:
+    """The rotations a after b, as quaternions."""
+    both = Rotation.from_quat(a.reshape(-1, 4)) * Rotation.from_quat(b.reshape(-1, 4))
+    return both.as_quat().reshape(a.shape)
+
+
 def off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[float, float]:
     """The worst body's distance [m] and angle [rad] between the stored poses and what is drawn in their place."""
     distance, angle = each_off(poses, kept)
@@ -162,7 +207,11 @@ def off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[float, float]:
 
 def each_off(poses: Poses, kept: Int[np.ndarray, " n"]) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
     """The same of each stored pose."""
-    drawn = between(poses.at(kept), poses.t)
-    distance = np.max(np.linalg.norm(drawn.r - poses.r, axis=-1), axis=-1)
-    half = np.linalg.norm(drawn.q - np.sign(np.sum(drawn.q * poses.q, axis=-1, keepdims=True)) * poses.q, axis=-1)
+    return _apart(between(poses.at(kept), poses.t), poses)
+
+
+def _apart(a: Poses, b: Poses) -> tuple[Float[np.ndarray, " nf"], Float[np.ndarray, " nf"]]:
+    """The worst body's distance [m] and angle [rad] between poses of the same times."""
+    distance = np.max(np.linalg.norm(a.r - b.r, axis=-1), axis=-1)
+    half = np.linalg.norm(a.q - np.sign(np.sum(a.q * b.q, axis=-1, keepdims=True)) * b.q, axis=-1)
     return distance, np.max(4.0 * np.arcsin(np.clip(0.5 * half, 0.0, 1.0)), axis=-1)

@@ -12,7 +12,7 @@ from ....harness.results.series import Series
 from ...model.results import Results, Run, Variant, by_solver
 from ...plots.palette import Look
 from .cast import cast
-from .poses import Box, Poses, box_of, columns, enough, finite, off, positions, quaternions, rounded, thinned
+from .poses import Box, Poses, box_of, columns, enough, fill, finite, off, positions, quaternions, rounded, thinned
 from .shapes import Shape, ends, ground_points, shapes_of
 from .strips import EVENTS, SPANS, Strip, known, marks_of, strips_of
 
@@ -32,6 +32,8 @@ class Player:
     run: Run
     series: Series
     poses: Poses
+    added: int = 0  # of the poses: not stored by the run, see ``fill``
+    unknown: tuple[tuple[float, float], ...] = ()  # [s] spans between stored poses in which nothing is drawn
 
 
 def players(results: Results, variant: Variant) -> tuple[list[Player], tuple[Run, ...]]:
@@ -44,10 +46,26 @@ def players(results: Results, variant: Variant) -> tuple[list[Player], tuple[Run
             poses = finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
             same = not found or poses.r.shape[1:] == found[0].poses.r.shape[1:]
             if len(poses) and len(series["t"]) and same:
-                found.append(Player(run, series, poses))
+                found.append(_player_of(run, series, poses))
                 continue
         left_out = (*left_out, run)
     return found, left_out
+
+
+def _player_of(run: Run, series: Series, poses: Poses) -> Player:
+    """With poses in the gaps of long steps, where the exact motion is stored beside them."""
+    exact = _stored_exact(series)
+    if len(poses) < 2 or exact is None or len(exact) < 2 or exact.r.shape[1:] != poses.r.shape[1:]:
+        return Player(run, series, poses)
+    whole = fill(poses, exact, run.record.length_scale_m if run.record.length_scale_m > 0.0 else 1.0)
+    return Player(run, series, whole.poses, whole.added, whole.unknown)
+
+
+def _stored_exact(series: Series) -> Poses | None:
+    """The exact motion of a series file; None where there is none."""
+    if "exact_t" not in series:
+        return None
+    return finite(Poses(series["exact_t"], series["exact_r"], series["exact_q"]))
 
 
 def scene(
@@ -86,9 +104,8 @@ def scene(
 
 def exact_of(cast_: Sequence[Player]) -> Poses | None:
     """The exact motion, of the run beside which it is known for the longest time."""
-    found = [p.series for p in cast_ if "exact_t" in p.series]
-    known = [finite(Poses(s["exact_t"], s["exact_r"], s["exact_q"])) for s in found]
-    alike = [e for e in known if len(e) and e.r.shape[1:] == cast_[0].poses.r.shape[1:]]
+    known = [_stored_exact(p.series) for p in cast_]
+    alike = [e for e in known if e is not None and len(e) and e.r.shape[1:] == cast_[0].poses.r.shape[1:]]
     return max(alike, key=lambda e: float(e.t[-1]), default=None)
 
 
@@ -119,7 +136,8 @@ def _player(
         "status": p.run.status, "because": "; ".join(p.run.reasons)[:400],
         "run": p.run.record.run_id, "colour": looks[p.run.record.solver].colour, "rank": rank[p.run.record.run_id],
         "stopped": p.run.stopped, "last": float(p.series["t"][-1]),
-        **kept, "stored": len(p.poses), "off_m": distance, "off_rad": angle,
+        **kept, "stored": len(p.poses) - p.added, "added": p.added, "unknown": p.unknown,
+        "off_m": distance, "off_rad": angle,
         "strips": strips.ravel(),
     }  # fmt: skip
 

@@ -6,12 +6,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ....harness.places import Place
-from ....harness.results.comparison import Comparison, Likeness, compare
+from ....harness.results.comparison import Comparison, Likeness, compare, is_repeatable
 from ....harness.results.judgements.files import CLAIMS
 from ....harness.results.provenance import differences, stamp_of
+from ....harness.results.records import RunRecord
 from ...model.curves import upper
 from ...model.provenance import facts
 from ...model.results import Results, Run, read_results, slug
+from ...model.words import listed, plural
 from ...plots.spec import Axis, Plot, Trace
 from ..base import Page, Site, copy_assets
 from ..judgement import judged, links_of, page_of
@@ -64,6 +66,7 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
         plots=overlays(a, b, parts), parts=parts, found=found, alike=alike(found, set.union(*unknown)),
         unmeasured=[sorted(u) for u in unknown],
         inputs=differences(stamp_of(a.folder), stamp_of(b.folder)), shown=OVERLAYS,
+        unexplained=unexplained(before, after, found, set.union(*unknown)),
         names=[r.environment.get("results_folder") or r.folder.name for r in (a, b)],
         both=list(zip(facts(a), facts(b), strict=True)), beside=(site.folder / "index.html").is_own_file(),
         pages=_addresses(a, changed, site.folder) | _addresses(b, changed, site.folder),
@@ -86,6 +89,19 @@ def alike(found: Comparison, unknown: set[str]) -> tuple[int, int]:
     touched = {c.case for c in known}
     changed = {c.case for c in known if c.likeness is Likeness.CHANGED}
     return found.compared - len(touched), len(touched) - len(changed)
+
+
+def unexplained(before: Sequence[RunRecord], after: Sequence[RunRecord], found: Comparison, unknown: set[str]) -> str:
+    """What may have changed the runs where no input did; names no cause where no run changed."""
+    touched = {c.case for c in found.changes if c.metric not in unknown}
+    if not touched:
+        alone = ", but each has runs that the other lacks" if found.only_before or found.only_after else ""
+        return f"No input differs, and no result of a run in both does{alone}."
+    limited = {r.case for r in (*before, *after) if not is_repeatable(r)} & touched
+    parts = [(limited, "a limit on time or memory ended {them}"), (touched - limited, "a solver is not deterministic")]
+    words = [f"{plural(len(own), 'run')}: {cause.format(them='it' if len(own) == 1 else 'them')} "
+             f"({listed(sorted(own), 3)})" for own, cause in parts if own]  # fmt: skip
+    return f"No input differs, but results do. {'; '.join(words)}."
 
 
 def overlays(a: Results, b: Results, parts: Sequence[Part]) -> list[Plot]:

@@ -166,6 +166,21 @@ def lacks_runs(claim: Claim) -> bool:
     return any(m.gap is Gap.RUNS for m in claim.missing)
 
 
+def judged_here(claims: Iterable[Claim]) -> int:
+    """How many have a verdict from runs; one that no run can test has none."""
+    return sum(c.verdict is not Verdict.UNTESTABLE for c in claims if not lacks_runs(c))
+
+
+def origins(claims: Sequence[Claim], published: int) -> str:
+    """Whose verdicts the page shows, counted so that the parts add up to all claims."""
+    lacking = sum(map(lacks_runs, claims))
+    here = judged_here(claims)
+    parts = [f"{here or 'None'} of {len(claims)} claims {'is' if here in (0, 1) else 'are'} judged from these runs",
+             f"for {lacking} they lack runs: {published} of these show the published verdict, marked so",
+             f"{len(claims) - lacking - here} can be tested by no run, for the reason given there"]  # fmt: skip
+    return "; ".join(parts) + "."
+
+
 def counts(claims: Iterable[Shown]) -> list[tuple[Mark, int]]:
     """How many of each verdict among the results, the first of each claim, also those of which there is none."""
     found = Counter(c.of.verdict for c in claims if not c.presentation)
@@ -229,14 +244,12 @@ def write(results: Results, site: Site) -> Page | None:
     lacking = sum(c.published for c in claims)
     own = () if found.published else [c for c in found.found or () if not lacks_runs(c)]
     here = {c.id for c in own}
-    kept = found.published or (
-        f"{len(own)} of {len(claims)} claims are judged from these runs, which the others lack: {lacking} of them have "
-        "the published verdict, marked so." if lacking else "")  # fmt: skip
+    kept = found.published or (origins(found.found or (), lacking) if lacking else "")
     page = Page("Claims", "claims.html", nav=bool(claims), order=20)
     before = [c for c in published.found or () if c.id in here or not lacking] if own else []
     return site.write(
         page, "claims.html", scripts=["assets/judgement.js"], why=found.why, kept=kept, claims=claims,
         counts=counts(claims), checks=[c for c in claims if c.presentation], say=claim_words,
         sections=grouped(claims, lambda c: c.section), solvers=sorted({s for c in claims for s in c.solvers}),
-        differences=differences(own, before, claims), published_why=published.why, judged_here=len(own),
+        differences=differences(own, before, claims), published_why=published.why, judged_here=judged_here(own),
     )  # fmt: skip

@@ -9,7 +9,7 @@ import numpy as np
 
 from ...model.motion import bodies_in
 from ...model.results import Results, Run, grouped
-from ...model.words import seconds
+from ...model.words import seconds, time
 from ...plots.spec import Axis, Plot, Trace
 from ..base import Page, Site
 
@@ -24,6 +24,7 @@ class Growth:
     method: str
     solver: str
     step: str
+    t_end: float  # [s] simulated: a longer motion has other steps
     bodies: tuple[int, ...]
     cpu_per_step: tuple[float, ...]
     runs: tuple[Run, ...]  # one a size
@@ -48,7 +49,7 @@ def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
     """All there are; ``bodies`` by run. Only runs that reached the end with a CPU time count."""
     timed = [c for c in runs if c.succeeded and c.record.steps > 0 and c.record.cpu_median_s > 0.0]
     sized = [c for c in timed if bodies.get(c.record.run_id, 0) > 0]
-    found = grouped(sized, lambda c: (c.record.problem, c.method, c.record.solver, c.step_words))
+    found = grouped(sized, lambda c: (c.record.problem, c.method, c.record.solver, c.step_words, c.record.t_end_s))
     out = []
     for key, own in sorted(found.items()):
         sizes = dict(sorted(grouped(own, lambda c: bodies[c.record.run_id]).items()))
@@ -64,7 +65,7 @@ def growth(problem: str, found: Sequence[Growth], url: Callable[[Run], str]) -> 
     traces = []
     for g in (g for g in found if g.problem == problem):
         dash = seen[g.solver] = seen.get(g.solver, -1) + 1
-        name = f"{g.method}, {g.step}: slope {g.slope:.2f}"
+        name = f"{g.method}, {g.step}, {time(g.t_end)} s simulated: slope {g.slope:.2f}"
         ends = np.array([g.bodies[0], g.bodies[-1]], dtype=float)
         traces.append(Trace(f"{name}, fitted", ends, 1e3 * g.fitted(ends), solver=g.solver, dash=dash))
         traces.append(Trace(

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..generated import Code
-from ..generated.program import runner
+from ..generated.program import MOST_ARGUMENTS, runner
 
 MAKER = Path(__file__).parent / "numba_code.py"
 PACKAGE = __name__.rsplit(".", 2)[0]  # whose modules count for what a function is
@@ -105,7 +105,10 @@ class Bound:
 
 
 def narrowed(bundle: Any, names: frozenset[str]) -> Any:
-    """The fields of a bundle, and of bundles in it, that are among ``names``."""
+    """The fields of a bundle, and of bundles in it, that are among ``names``; ValueError where one has its default."""
+    for name, none in getattr(bundle, "_field_defaults", {}).items():
+        if name in names and getattr(bundle, name) == none:
+            raise ValueError(f"a function names {name!r}, which its {type(bundle).__name__} does not have")
     found = {
         name: narrowed(x, names) if isinstance(x, tuple) else x
         for name, x in zip(bundle._fields, bundle, strict=True)
@@ -125,6 +128,8 @@ class Program:
 
     def __init__(self, steps: Sequence[tuple[int, Sequence[np.ndarray]]], keeps: Any = None) -> None:
         self.steps = list(steps)
+        if any(len(arrays) > MOST_ARGUMENTS for _, arrays in steps):
+            raise ValueError(f"a call takes at most {MOST_ARGUMENTS} arrays")
         words = [runner().address("run"), len(steps)]
         for address, arrays in steps:
             words += [address, len(arrays), *(a.ctypes.data for a in arrays)]

@@ -22,38 +22,38 @@ def times_inverse_mass(mass, J_inv, w):
 
 
 @inner
-def add_rates(k, w, sign, x):
+def add_rates(body, row, pins, X, way, w, sign, x):
     """x (nrows,) += sign A w"""
-    for j in range(len(k.body)):
-        first, last = k.row[j], k.row[j + 1]
+    for j in range(len(body)):
+        first, last = row[j], row[j + 1]
         for e in range(2):
-            b = k.body[j, e]
+            b = body[j, e]
             if b < 0:
                 continue
             side = 1.0 - 2.0 * e
             for a in range(first, last):
-                y = k.X[e, a, 0] * w[b, 3] + k.X[e, a, 1] * w[b, 4] + k.X[e, a, 2] * w[b, 5]
-                if k.pins[j]:
+                y = X[e, a, 0] * w[b, 3] + X[e, a, 1] * w[b, 4] + X[e, a, 2] * w[b, 5]
+                if pins[j]:
                     if a < first + 3:
                         y += side * w[b, a - first]
                 else:
-                    y += side * (k.way[a, 0] * w[b, 0] + k.way[a, 1] * w[b, 1] + k.way[a, 2] * w[b, 2])
+                    y += side * (way[a, 0] * w[b, 0] + way[a, 1] * w[b, 1] + way[a, 2] * w[b, 2])
                 x[a] += sign * y
 
 
 @inner
-def add_loads(k, way, Y, x, w):
+def add_loads(body, row, pins, mass, way, Y, x, w):
     """w (nb, 6) += M^-1 A^T x with the rows whose f and Y = X J^-1 are given."""
-    for j in range(len(k.body)):
-        first, last = k.row[j], k.row[j + 1]
+    for j in range(len(body)):
+        first, last = row[j], row[j + 1]
         for e in range(2):
-            b = k.body[j, e]
+            b = body[j, e]
             if b < 0:
                 continue
-            share = (1.0 - 2.0 * e) / k.mass[b]
+            share = (1.0 - 2.0 * e) / mass[b]
             for a in range(first, last):
                 y = x[a]
-                if k.pins[j]:
+                if pins[j]:
                     if a < first + 3:
                         w[b, a - first] += share * y
                 else:
@@ -71,10 +71,10 @@ def react(k):
     times_inverse_mass(k.mass, k.J_inv, k.v_dot)
     for a in range(len(k.rhs)):
         k.rhs[a] = -k.gamma[a]
-    add_rates(k, k.v_dot, -1.0, k.rhs)
+    add_rates(k.body, k.row, k.pins, k.X, k.way, k.v_dot, -1.0, k.rhs)
     run(k.solve)
     copy(k.rhs, k.lam)
-    add_loads(k, k.way, k.Y, k.lam, k.v_dot)
+    add_loads(k.body, k.row, k.pins, k.mass, k.way, k.Y, k.lam, k.v_dot)
     if len(k.coupled):
         run(k.take_back)
 
@@ -88,7 +88,7 @@ def project(k):
         k.rhs[a] = -k.phi[a]
     run(k.solve)
     clear(k.change)
-    add_loads(k, k.way, k.Y, k.rhs, k.change)
+    add_loads(k.body, k.row, k.pins, k.mass, k.way, k.Y, k.rhs, k.change)
     for b in range(len(k.mass)):
         for a in range(3):
             k.r[b, a] += k.change[b, a]
@@ -101,9 +101,9 @@ def project_rates(k):
     """Velocities onto A v + phi_t = 0 along M^-1 A^T, with rows and factor at hand; ``k.rhs`` is the impulse."""
     for a in range(len(k.rhs)):
         k.rhs[a] = -k.slip[a]
-    add_rates(k, k.v, -1.0, k.rhs)
+    add_rates(k.body, k.row, k.pins, k.X, k.way, k.v, -1.0, k.rhs)
     run(k.solve)
-    add_loads(k, k.way, k.Y, k.rhs, k.v)
+    add_loads(k.body, k.row, k.pins, k.mass, k.way, k.Y, k.rhs, k.v)
 
 
 def divide(k):
@@ -113,12 +113,12 @@ def divide(k):
 
 def push(k):
     """w += M^-1 A^T x"""
-    add_loads(k, k.way, k.Y, k.x, k.w)
+    add_loads(k.body, k.row, k.pins, k.mass, k.way, k.Y, k.x, k.w)
 
 
 def push_kept(k):
     """``push`` with the rows kept."""
-    add_loads(k, k.way0, k.Y0, k.x, k.w)
+    add_loads(k.body, k.row, k.pins, k.mass, k.way0, k.Y0, k.x, k.w)
 
 
 def keep_rows(k):
@@ -131,7 +131,7 @@ def slips(k):
     """x := -(A w + phi_t)"""
     for a in range(len(k.x)):
         k.x[a] = -k.slip[a]
-    add_rates(k, k.w, -1.0, k.x)
+    add_rates(k.body, k.row, k.pins, k.X, k.way, k.w, -1.0, k.x)
 
 
 def take_back(k):
@@ -191,9 +191,9 @@ def _answer(k, x):
     times_inverse_mass(k.mass, k.J_inv, k.change)
     for a in range(len(k.rhs)):
         k.rhs[a] = 0.0
-    add_rates(k, k.change, -1.0, k.rhs)
+    add_rates(k.body, k.row, k.pins, k.X, k.way, k.change, -1.0, k.rhs)
     run(k.solve)
-    add_loads(k, k.way, k.Y, k.rhs, k.change)
+    add_loads(k.body, k.row, k.pins, k.mass, k.way, k.Y, k.rhs, k.change)
 
 
 @apart

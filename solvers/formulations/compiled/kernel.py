@@ -44,7 +44,7 @@ class Kernel(NamedTuple):
     pins: Any  # (nj,) 1: the first three rows are point rows, the others have no force
     blocks: Blocks
     users: Users
-    state: Any  # record: shift of S's diagonal (relative), rank found
+    state: Any  # record: shift of S's diagonal (relative), rank found (by loops; straight code leaves 0)
     t: Any  # (1,) [s], to be set before rows and forces are evaluated
     r: Any  # (nb, 3)
     R: Any  # (nb, 3, 3)
@@ -140,6 +140,8 @@ def finish_kernel(k: Kernel, loops: "Loops", given: dict[str, Program], needed: 
         return made[name]
 
     def one(name: str) -> Program:
+        if name == "take_back" and not len(k.coupled):
+            return Program([])
         if name in loops.MADE:
             return Program(getattr(loops, name)(), keeps=loops)
         if name in JOINED:
@@ -150,10 +152,9 @@ def finish_kernel(k: Kernel, loops: "Loops", given: dict[str, Program], needed: 
         return Bound(function, with_entries(reach(function).names)).program
 
     def with_entries(names: Collection[str]) -> Kernel:
-        words: dict[str, Any] = {x: program(x).entry for x in ENTRIES if x in names and (x != "take_back" or lent)}
+        words: dict[str, Any] = {x: program(x).entry for x in ENTRIES if x in names}
         return k._replace(**words)
 
-    lent = len(k.coupled) > 0
     return Made(with_entries(needed), [loops, *made.values()])
 
 
@@ -283,7 +284,7 @@ class Loops:
             stored = [k.phi[rows], k.gamma[rows], *(k.X[e, rows] for e in ends), *(k.Y[e, rows] for e in ends)]
             stored += [] if made.way is not None else [k.way[rows]]
             stored += [] if made.still else [k.slip[rows]]
-            at = _places(group, (k.r, 3), (k.R, 9), (k.v, 6), (k.J_inv, 9))
+            at = places_of(group, (k.r, 3), (k.R, 9), (k.v, 6), (k.J_inv, 9))
             steps.append((made.code.address("rows"), [group.members, k.t, group.numbers, *at, *stored]))
             self._keeps.append(made)
         return steps
@@ -293,7 +294,7 @@ class Loops:
         k, steps = self._k, []
         for group in self._groups:
             code = row_slope_code(*group.key)
-            at = [*_places(group, (k.r, 3), (k.R, 9)), *self._blocks(k.by_pose, group)]
+            at = [*places_of(group, (k.r, 3), (k.R, 9)), *self._blocks(k.by_pose, group)]
             steps.append((code.address("load_slopes"), [group.members, k.t, group.numbers, k.lam[group.rows], *at]))
             self._keeps.append(code)
         return steps
@@ -303,7 +304,7 @@ class Loops:
         k, steps = self._k, []
         for group in self._groups:
             code = row_slope_code(*group.key)
-            at = _places(group, (k.r, 3), (k.R, 9), (k.v, 6))
+            at = places_of(group, (k.r, 3), (k.R, 9), (k.v, 6))
             stored = [k.rate_slope[e, group.rows] for e in group.ends]
             steps.append((code.address("rate_slopes"), [group.members, k.t, group.numbers, *at, *stored]))
             self._keeps.append(code)
@@ -323,7 +324,7 @@ class Loops:
         steps: list[Step] = [(code.address(bodies), [np.array([s.nb]), weight, k.J, k.v, k.force])]
         for kind, group in self._pushing():
             code = push_code(kind, group.ends == [0])
-            at = [*_places(group, (k.r, 3), (k.R, 9), (k.v, 6)), *_places(group, (k.force, 6))]
+            at = [*places_of(group, (k.r, 3), (k.R, 9), (k.v, 6)), *places_of(group, (k.force, 6))]
             steps.append((code.address("push"), [group.members, k.t, group.numbers, *at]))
         return [*steps, *self._users(user_forces.add_user_forces)]
 
@@ -334,7 +335,7 @@ class Loops:
         steps.append((code.address("slopes"), [np.array([s.nb]), k.J, k.v, k.by_rate]))
         for kind, group in self._pushing():
             code = push_slope_code(kind, group.ends == [0])
-            at = [*_places(group, (k.r, 3), (k.R, 9), (k.v, 6)), *self._blocks(k.by_pose, group),
+            at = [*places_of(group, (k.r, 3), (k.R, 9), (k.v, 6)), *self._blocks(k.by_pose, group),
                   *self._blocks(k.by_rate, group)]  # fmt: skip
             steps.append((code.address("slopes"), [group.members, k.t, group.numbers, *at]))
         return [*steps, *self._users(user_forces.add_user_slopes)]
@@ -390,7 +391,7 @@ class Group(NamedTuple):
     rows: slice
 
 
-def _places(group: Group, *arrays: tuple[np.ndarray, int]) -> Iterator[np.ndarray]:
+def places_of(group: Group, *arrays: tuple[np.ndarray, int]) -> Iterator[np.ndarray]:
     """Arrays of bodies with the first places of those that move, end by end."""
     for e in group.ends:
         for array, size in arrays:

@@ -1,14 +1,15 @@
-"""A kernel whose explicit entries are straight code of the whole mechanism (compiled): the same motion to rounding.
+"""A kernel whose entries are straight code of the whole mechanism (compiled): the same motion to rounding.
 
 Its size is bounded: code grows with the mechanism, leaves the caches and takes 0.2 ms an operation to make. The other
 entries are the loops of ``make_kernel``, on the same arrays.
 """
 
 import hashlib
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import fields
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,36 +21,58 @@ from ..rows.kept import texts
 from .entries import Program
 from .kernel import ENTRIES, Kernel, Made, empty_kernel, finish_kernel, parts_of
 
+if TYPE_CHECKING:
+    from ..generated import Straight
+    from ..rows.mechanism import Mechanism
+
+EXPLICIT = ("accelerate", "reactions", "project")
 MOST_OPERATIONS = 30_000
 LEAST_OF_A_ROW = 50  # operations
 
 
-def make_mechanism(system: MultibodySystem, needed: Collection[str] = ENTRIES) -> Made | None:
-    """The kernel with straight code, or None where it has none: user forces, inertia to be taken back, too large."""
+def make_mechanism(system: MultibodySystem, needed: Collection[str] = EXPLICIT) -> Made | None:
+    """The kernel with straight code, or None where it has none: user forces, inertia to be taken back, too large.
+
+    ``EXPLICIT`` entries are one list of operations each; where others are needed, rows, forces and the factor are.
+    """
     if len(system.user_i) or np.any(system.taken_back):
         return None
     k, loops = empty_kernel(system)
-    code = Code(lambda: _printed(system, k), f"{texts()}\0{_own_text()}\0{_digest(system)}")
+    make = _explicit if set(needed).intersection(ENTRIES) <= set(EXPLICIT) else _pieces
+    code = Code(lambda: _printed(system, k, make), f"{texts()}\0{_own_text()}\0{make.__name__}\0{_digest(system)}")
     size = np.zeros(1)
     code.function("size", 1)(size.ctypes.data)
     if size[0] < 0.0:
         return None
-    factor, r, R, v = np.zeros(int(size[0])), np.zeros_like(k.r), np.zeros_like(k.R), np.zeros_like(k.v)
-    accelerate = (code.address("accelerate"), [k.t, k.r, k.R, k.v, k.v_dot, k.lam, factor])
-    project = (code.address("project"), [k.t, k.r, k.R, k.v, factor, r, R, v])
-    back = (code.address("copy"), [r, R, v, k.r, k.R, k.v])
-    given = {
-        "accelerate": Program([accelerate]), "reactions": Program([accelerate]), "project": Program([project, back]),
-    }  # fmt: skip
-    made = finish_kernel(k, loops, given, needed)
+    made = finish_kernel(k, loops, _programs(k, code, int(size[0]), explicit=make is _explicit), needed)
     return Made(made.kernel, [*made.keeps, code])
 
 
-def _printed(system: MultibodySystem, k: Kernel) -> str:
-    """IR of ``accelerate``, ``project``, ``copy`` and ``size``, of the factor; of ``size`` -1 alone where too large."""
+def _programs(k: Kernel, code: Code, size: int, *, explicit: bool) -> dict[str, Program]:
+    """Entries of the code, with the factor that they share."""
+    factor, at = np.zeros(size), [k.t, k.r, k.R, k.v]
+    if explicit:
+        moved = [np.zeros_like(k.r), np.zeros_like(k.R), np.zeros_like(k.v)]
+        accelerate = Program([(code.address("accelerate"), [*at, k.v_dot, k.lam, factor])])
+        project = (code.address("project"), [*at, factor, *moved])
+        back = (code.address("copy"), [*moved, k.r, k.R, k.v])
+        return {"accelerate": accelerate, "reactions": accelerate, "project": Program([project, back])}
+    x = np.zeros_like(k.rhs)
+    return {
+        "rows": Program([(code.address("rows"), [*at, k.X, k.Y, k.way, k.phi, k.slip, k.gamma])]),
+        "factorise": Program([(code.address("factorise"), [k.state, k.X, k.way, factor])]),
+        "solve": Program([
+            (code.address("solve"), [factor, k.rhs, x]), (code.address("keep"), [x, k.rhs]),
+        ]),
+        "forces": Program([(code.address("forces"), [*at, k.force])]),
+        "applied": Program([(code.address("applied"), [*at, k.force])]),
+    }  # fmt: skip
+
+
+def _printed(system: MultibodySystem, k: Kernel, make: "Callable[[Mechanism], tuple[dict[str, Any], int]]") -> str:
+    """IR of the functions that ``make`` lists, and of ``size``, of the factor; -1, alone, where they are too large."""
     import casadi as ca
 
-    from ..generated import Straight
     from ..generated.functions import record_function
     from ..rows.mechanism import Mechanism, Part, part_numbers
 
@@ -64,16 +87,23 @@ def _printed(system: MultibodySystem, k: Kernel) -> str:
         )
         for part, ends, first in zip(parts_of(system), k.body, k.row, strict=False)
     ]  # fmt: skip
-    whole = Mechanism(system, parts, rows)
-    accelerate, size = whole.accelerate()
-    if len(record_function(accelerate).tape.operations) > MOST_OPERATIONS:
+    functions, size = make(Mechanism(system, parts, rows))
+    if max(len(record_function(f).tape.operations) for f in functions.values()) > MOST_OPERATIONS:
         return refusal
-    moved = [ca.SX.sym(name, n * system.nb) for name, n in (("r", 3), ("R", 9), ("v", 6))]
-    functions = {
-        "accelerate": accelerate, "project": whole.project(size), "copy": Straight(moved, moved),
-        "size": Straight([], [ca.SX(size)]),
-    }  # fmt: skip
-    return print_functions(functions)
+    return print_functions({**functions, "size": ([], [ca.SX(size)])})
+
+
+def _explicit(whole: "Mechanism") -> "tuple[dict[str, Straight], int]":
+    accelerate, size = whole.accelerate()
+    return {"accelerate": accelerate, "project": whole.project(size), "copy": whole.copy()}, size
+
+
+def _pieces(whole: "Mechanism") -> "tuple[dict[str, Straight], int]":
+    factorise, size = whole.factorise()
+    return {
+        "rows": whole.rows(), "factorise": factorise, "solve": whole.solve(size), "keep": whole.keep(),
+        "forces": whole.forces(gyroscopic=True), "applied": whole.forces(gyroscopic=False),
+    }, size  # fmt: skip
 
 
 def _least_operations(k: Kernel) -> int:

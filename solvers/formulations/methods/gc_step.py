@@ -19,19 +19,17 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import copy, turned_by
 from ..compiled.entries import inner, run
-from ..compiled.evaluation import times_inverse_mass
 from ..compiled.kernel import Kernel
-from .gc_wrenches import make_wrenches
+from .gc_wrenches import Arrays, make_loops
 
 DEPTH = 4  # past steps from which the next one is extrapolated
 MOST = 30  # iterations a step
 REFRESHES = 2  # factors of S in a step
 SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
-ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
 
 SCHEME = np.dtype(
     [(name, "f8") for name in ("gauge", "b_term", "tolerance", "refresh", "log_det", "fall")]
-    + [(name, "i8") for name in ("direction", "use_f_bar", "keep_nu", "known", "factored", "rank")]
+    + [(name, "i8") for name in ("direction", "use_f_bar", "keep_nu", "known", "factored", "rank", "begun")]
 )
 
 
@@ -41,22 +39,23 @@ class Step(NamedTuple):
     control: Any
     kernel: Kernel
     scheme: Any  # record: the free choices; log10 det S and its last change; steps known of the past, whether there is
-    # a factor, the rank of the rows at the start
-    wrenches0: int  # entry: w += D0 x0 + D_dot0 y0
-    wrenches1: int  # entry: w += D1 x1 + D_dot1 y1
-    weight: Any  # (nb, 3) m g
+    # a factor, the rank of the rows at the start, whether ``begin_step`` has been done
+    begin: int  # entries of ``gc_wrenches``
+    impulses: int
+    rates: int
+    loads: int
+    plan: Any  # and their arrays
+    numbers: Any
+    u: Any
+    load: Any
+    nu_start: Any
+    nu: Any
+    f_bar: Any
+    f_bar0: Any  # (nrows,)
     r0: Any  # (nb, 3)
     R0: Any  # (nb, 3, 3)
     v0: Any  # (nb, 6)
     known: Any  # (nb, 6) the part of w that the end does not change
-    x0: Any  # (nrows,)
-    y0: Any
-    x1: Any
-    y1: Any
-    f_bar0: Any  # (nrows,) Eq. (30)
-    f_bar: Any
-    nu: Any
-    nu_start: Any
     acceleration: Any  # (DEPTH, nb, 6) means over the last steps, in turn
     impulse: Any  # (DEPTH, nrows) (nu1 - nu0) / dt of these steps
     middle: Any  # (DEPTH,) [s] their middles
@@ -76,16 +75,19 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, **ch
     scheme = np.zeros((), dtype=SCHEME)
     for name, value in choices.items():
         scheme[name] = value
-    r0, R0, v0 = np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6))
-    x0, y0, x1, y1 = (np.zeros(nr) for _ in range(4))
-    start = make_wrenches(system, kernel, (r0, R0, v0), x0, y0, kernel.w)
-    end = make_wrenches(system, kernel, (kernel.r, kernel.R, kernel.v), x1, y1, kernel.w)
+    weight = system.mass[:, None] * system.gravity
+    numbers = np.concatenate((weight, system.mass[:, None], kernel.J_inv.reshape(nb, 9)), axis=1)
+    plan = np.array([0.0, 0.0, float(scheme["gauge"])])
+    arrays = Arrays(plan, numbers, np.zeros((nb, 6)), np.zeros((nb, 6)), *(np.zeros(nr) for _ in range(3)))
+    loops = make_loops(system, kernel, arrays, int(scheme["direction"]), use_f_bar=bool(scheme["use_f_bar"]))
     step = Step(
-        control, kernel, scheme, start.entry, end.entry, system.mass[:, None] * system.gravity, r0, R0, v0,
-        np.zeros((nb, 6)), x0, y0, x1, y1, *(np.zeros(nr) for _ in range(4)), np.zeros((DEPTH, nb, 6)),
-        np.zeros((DEPTH, nr)), np.zeros(DEPTH), np.zeros(DEPTH),
+        control, kernel, scheme, loops["begin"].entry, loops["impulses"].entry, loops["rates"].entry,
+        loops["loads"].entry, *arrays, f_bar0=np.zeros(nr),
+        r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)), known=np.zeros((nb, 6)),
+        acceleration=np.zeros((DEPTH, nb, 6)), impulse=np.zeros((DEPTH, nr)), middle=np.zeros(DEPTH),
+        share=np.zeros(DEPTH),
     )  # fmt: skip
-    return Made(step, (start, end))
+    return Made(step, tuple(loops.values()))
 
 
 @inner
@@ -93,14 +95,13 @@ def begin_march(s):
     """Acceleration and multipliers of index 1 at the start stand for a step before the first."""
     run(s.kernel.accelerate)
     s.scheme.rank = s.kernel.state.rank
-    take_past(s, s.kernel.v_dot, s.kernel.lam)
     s.scheme.factored = 0
-    find_f_bar(s)
+    restart(s, s.kernel.v_dot, s.kernel.lam)
 
 
 @inner
-def take_past(s, v_dot, lam):
-    """One step of the past alone, with these means."""
+def restart(s, v_dot, lam):
+    """From the poses and velocities of ``k``, with these means for the only step of the past."""
     copy(v_dot, s.acceleration[0])
     copy(lam, s.impulse[0])
     s.scheme.known = 1
@@ -108,30 +109,12 @@ def take_past(s, v_dot, lam):
 
 
 @inner
-def find_f_bar(s):
-    """Eq. (30) with gravity, at the rows of ``k``."""
-    if not s.scheme.use_f_bar:
-        return
-    k = s.kernel
-    for j in range(len(k.body)):
-        for a in range(k.row[j], k.row[j + 1]):
-            size = force = 0.0
-            for e in range(2):
-                b, sign = k.body[j, e], 1.0 - 2.0 * e
-                if b < 0 or (s.scheme.direction == TRANSLATION and e == 1):
-                    continue
-                f, x, y = k.way[a], k.X[e, a], k.Y[e, a]
-                square = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
-                pull = sign * (f[0] * s.weight[b, 0] + f[1] * s.weight[b, 1] + f[2] * s.weight[b, 2])
-                if s.scheme.direction == ALONG_A:
-                    size += square + x[0] * x[0] + x[1] * x[1] + x[2] * x[2]
-                    force += pull
-                elif s.scheme.direction == ALONG_MASS:
-                    size += square / k.mass[b] + x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
-                    force += pull / k.mass[b]
-                else:
-                    size, force = 1.0, pull
-            s.f_bar[a] = force / size
+def _spin(k, u):
+    """u := (r_dot, R Omega) of the velocities of ``k``."""
+    for b in range(len(k.mass)):
+        R, x, y, z = k.R[b], k.v[b, 3], k.v[b, 4], k.v[b, 5]
+        for a in range(3):
+            u[b, a], u[b, 3 + a] = k.v[b, a], R[a, 0] * x + R[a, 1] * y + R[a, 2] * z
 
 
 @inner
@@ -148,24 +131,24 @@ def move_poses(s, h):
 
 
 @inner
-def _begin(s, h):
-    """The start of a step of h from ``k``, whose f_bar is at hand."""
+def begin_step(s, h):
+    """The start of a step of h from ``k``, its impulses that the end does not change."""
     k = s.kernel
     copy(k.r, s.r0)
     copy(k.R, s.R0)
     copy(k.v, s.v0)
-    copy(s.f_bar, s.f_bar0)
     for b in range(len(k.mass)):
         v, J = k.v[b], k.J[b]
         l0 = J[0, 0] * v[3] + J[0, 1] * v[4] + J[0, 2] * v[5]
         l1 = J[1, 0] * v[3] + J[1, 1] * v[4] + J[1, 2] * v[5]
         l2 = J[2, 0] * v[3] + J[2, 1] * v[4] + J[2, 2] * v[5]
         for a in range(3):
-            k.w[b, a] = k.mass[b] * v[a] + h * s.weight[b, a]
+            k.w[b, a] = k.mass[b] * v[a] + h * s.numbers[b, a]
             k.w[b, 3 + a] = k.R[b, a, 0] * l0 + k.R[b, a, 1] * l1 + k.R[b, a, 2] * l2
-    for a in range(len(s.x0)):
-        s.x0[a], s.y0[a] = -0.5 * h * s.f_bar[a], 0.0
-    run(s.wrenches0)
+    s.plan[0], s.plan[1] = 0.5 * h, 0.5 * h * s.scheme.b_term
+    _spin(k, s.u)
+    run(s.begin)
+    copy(s.f_bar, s.f_bar0)
     copy(k.w, s.known)
 
 
@@ -193,34 +176,38 @@ def _estimate(s, h, t):
 
 @inner
 def _find_impulses(s, h):
-    """w of the present estimate, then velocities v_n; rows are those of its poses."""
-    k, B = s.kernel, 0.5 * h * s.scheme.b_term
+    """w of the present estimate."""
     move_poses(s, h)
-    run(k.rows)
-    find_f_bar(s)
-    for a in range(len(s.nu)):
-        nu0 = s.scheme.gauge * s.nu[a] + s.nu_start[a]
-        s.x0[a], s.y0[a] = -nu0, -B * nu0
-        s.x1[a], s.y1[a] = s.nu[a] - 0.5 * h * s.f_bar[a], -B * s.nu[a]
-    copy(s.known, k.w)
-    run(s.wrenches0)
-    run(s.wrenches1)
+    _spin(s.kernel, s.u)
+    copy(s.known, s.kernel.w)
+    run(s.impulses)
 
 
 @inner
-def _to_velocities(k):
-    """w := M^-1 R^T w"""
+def _to_velocities(s):
+    """w := M^-1 R^T w; ``u`` those velocities in space; load := 0."""
+    k = s.kernel
     for b in range(len(k.mass)):
         R, x, y, z = k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5]
+        t0 = R[0, 0] * x + R[1, 0] * y + R[2, 0] * z
+        t1 = R[0, 1] * x + R[1, 1] * y + R[2, 1] * z
+        t2 = R[0, 2] * x + R[1, 2] * y + R[2, 2] * z
+        J = k.J_inv[b]
+        x = J[0, 0] * t0 + J[0, 1] * t1 + J[0, 2] * t2
+        y = J[1, 0] * t0 + J[1, 1] * t1 + J[1, 2] * t2
+        z = J[2, 0] * t0 + J[2, 1] * t1 + J[2, 2] * t2
+        k.w[b, 3], k.w[b, 4], k.w[b, 5] = x, y, z
         for a in range(3):
-            k.w[b, 3 + a] = R[0, a] * x + R[1, a] * y + R[2, a] * z
-    times_inverse_mass(k.mass, k.J_inv, k.w)
+            k.w[b, a] /= k.mass[b]
+            s.load[b, a] = s.load[b, 3 + a] = 0.0
+            s.u[b, a], s.u[b, 3 + a] = k.w[b, a], R[a, 0] * x + R[a, 1] * y + R[a, 2] * z
 
 
 @inner
 def _factor(s):
-    """S at the poses of ``k``, whose rows are at hand; returns whether it has the rank of the start."""
+    """S at the poses of ``k``; returns whether it has the rank of the start."""
     k, total = s.kernel, 0.0
+    run(k.rows)
     run(k.factorise)
     s.control.factorisations += 1
     s.scheme.factored = 1
@@ -235,18 +222,28 @@ def _factor(s):
 
 
 @inner
-def _take_velocities(k):
-    """v := w; the square of the change in the norm of M [J]."""
-    total = 0.0
+def _take_velocities(s):
+    """v := w + M^-1 R^T load; the square of the change in the norm of M [J]."""
+    k, total = s.kernel, 0.0
     for b in range(len(k.mass)):
-        d0, d1, d2 = k.w[b, 0] - k.v[b, 0], k.w[b, 1] - k.v[b, 1], k.w[b, 2] - k.v[b, 2]
-        total += k.mass[b] * (d0 * d0 + d1 * d1 + d2 * d2)
-        d0, d1, d2 = k.w[b, 3] - k.v[b, 3], k.w[b, 4] - k.v[b, 4], k.w[b, 5] - k.v[b, 5]
+        R, J, m = k.R[b], k.J_inv[b], s.load[b]
+        t0 = R[0, 0] * m[3] + R[1, 0] * m[4] + R[2, 0] * m[5]
+        t1 = R[0, 1] * m[3] + R[1, 1] * m[4] + R[2, 1] * m[5]
+        t2 = R[0, 2] * m[3] + R[1, 2] * m[4] + R[2, 2] * m[5]
+        for a in range(3):
+            x = k.w[b, a] + m[a] / k.mass[b]
+            d = x - k.v[b, a]
+            total += k.mass[b] * d * d
+            k.v[b, a] = x
+        d0 = k.w[b, 3] + J[0, 0] * t0 + J[0, 1] * t1 + J[0, 2] * t2
+        d1 = k.w[b, 4] + J[1, 0] * t0 + J[1, 1] * t1 + J[1, 2] * t2
+        d2 = k.w[b, 5] + J[2, 0] * t0 + J[2, 1] * t1 + J[2, 2] * t2
+        x, y, z = d0 - k.v[b, 3], d1 - k.v[b, 4], d2 - k.v[b, 5]
+        k.v[b, 3], k.v[b, 4], k.v[b, 5] = d0, d1, d2
         J = k.J[b]
-        total += d0 * (J[0, 0] * d0 + J[0, 1] * d1 + J[0, 2] * d2)
-        total += d1 * (J[1, 0] * d0 + J[1, 1] * d1 + J[1, 2] * d2)
-        total += d2 * (J[2, 0] * d0 + J[2, 1] * d1 + J[2, 2] * d2)
-    copy(k.w, k.v)
+        total += x * (J[0, 0] * x + J[0, 1] * y + J[0, 2] * z)
+        total += y * (J[1, 0] * x + J[1, 1] * y + J[1, 2] * z)
+        total += z * (J[2, 0] * x + J[2, 1] * y + J[2, 2] * z)
     return total
 
 
@@ -254,9 +251,11 @@ def _take_velocities(k):
 def take_step(s, h, t):
     """One step of h whose middle is at t: the last change of v1 [sqrt(J)], or -1 where it does not converge."""
     k, g = s.kernel, s.scheme
-    _begin(s, h)
+    if not (g.begun and s.plan[0] == 0.5 * h):
+        begin_step(s, h)
+    g.begun = 0
     _estimate(s, h, t)
-    before, refreshed = np.inf, 0
+    before, refreshed, share = np.inf, 0, 1.0 / (1.0 - g.gauge)
     if g.fall < SINKING:  # on its way to a loss of rank: seen step by step
         g.factored = 0
     for _ in range(MOST):
@@ -265,15 +264,13 @@ def take_step(s, h, t):
             refreshed += 1
             if not _factor(s):
                 return -1.0
-        _to_velocities(k)
-        run(k.slips)
-        copy(k.x, k.rhs)
+        _to_velocities(s)
+        run(s.rates)
         run(k.solve)
         for a in range(len(s.nu)):
-            s.nu[a] += k.rhs[a] / (1.0 - g.gauge)
-        copy(k.rhs, k.x)
-        run(k.push)
-        change = math.sqrt(_take_velocities(k))
+            s.nu[a] += share * k.rhs[a]
+        run(s.loads)
+        change = math.sqrt(_take_velocities(s))
         s.control.iterations += 1
         if not np.isfinite(change):
             return -1.0
@@ -297,8 +294,6 @@ def accept_step(s, h, t):
     for b in range(len(k.mass)):
         for a in range(6):
             s.acceleration[d, b, a] = (k.v[b, a] - s.v0[b, a]) / h
-    run(k.rows)
-    find_f_bar(s)
     for a in range(len(s.nu)):
         s.impulse[d, a] = ((1.0 - s.scheme.gauge) * s.nu[a] - s.nu_start[a]) / h
         if s.scheme.keep_nu:

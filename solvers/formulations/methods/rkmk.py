@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..compiled.algebra import copy, theta_dot, turned_by
+from ..compiled.algebra import close_rotations, copy, theta_dot, turned_by
 from ..compiled.entries import inner, run
 from ..compiled.host import Method
 from ..compiled.kernel import Kernel
@@ -49,7 +49,7 @@ def explicit_pair(tableau: Any) -> Method:
     """The method of an embedded pair, first same as last."""
     return Method(
         partial(prepare, tableau=tableau), step, finish, start, order=float(tableau.order),
-        counters=("evaluations", "rejected", "factorisations"), explicit=True,
+        counters=("evaluations", "rejected", "factorisations"),
     )  # fmt: skip
 
 
@@ -75,6 +75,7 @@ def finish(s):
     """Project; the last slope becomes the first one, but for its velocities."""
     k, n = s.kernel, len(s.b)
     run(k.project)
+    close_rotations(k.R)  # before they are the start of the next step
     _begin(s)
     for b in range(len(k.mass)):
         for a in range(6):

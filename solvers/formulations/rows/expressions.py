@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from ....harness.mechanics import forces, joints
-from ....harness.mechanics.declaring import JointDeclaration, Numbers, Pose, cross
+from ....harness.mechanics.declaring import JointDeclaration, Numbers, Pose, Push, cross
 from .numbers import NUMBERS, force_size
 from .numbers import force_numbers as force_numbers
 from .numbers import joint_numbers as joint_numbers
@@ -75,13 +75,13 @@ class PushExpressions:
 
 
 @cache
-def row_expressions(kind: str, rows: tuple[int, ...] | None = None) -> RowExpressions:
-    """All rows of a kind, or some of them."""
+def row_expressions(kind: str, rows: tuple[int, ...] | None = None, *, space: bool = False) -> RowExpressions:
+    """All rows of a kind, or some of them; in ``space``, V is (r_dot, omega = R Omega)."""
     declared = joints.DECLARED[kind]
     x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", NUMBERS)
-    i, j, p = _pose(x, V, 0), _pose(x, V, 1), _joint_numbers(declared, numbers, t)
+    i, j, p = _pose(x, V, 0, space), _pose(x, V, 1, space), _joint_numbers(declared, numbers, t)
     phi, rates = _column(declared.phi(i, j, p)), _column(declared.rates(i, j, p))
-    x_dot = pose_rate(x, V)
+    x_dot = pose_rate(x, V, space=space)
     at, at_dot = ca.vertcat(x, t), ca.vertcat(x_dot, 1)
     full = ca.vertcat(ca.jtimes(phi, at, at_dot), rates)
     phi = ca.vertcat(phi, ca.SX(rates.numel(), 1))
@@ -97,10 +97,18 @@ def row_expressions(kind: str, rows: tuple[int, ...] | None = None) -> RowExpres
 @cache
 def push_expressions(kind: str) -> PushExpressions:
     """The load of a kind of force."""
+    x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", force_size(kind))
+    i, j, (force, torque, point) = push_of(kind, x, V, t, numbers)
+    load = []
+    for body, sign in ((i, 1.0), (j, -1.0)):
+        moment = body.R.T @ (torque + cross(point - body.r, force))
+        load += [sign * force, sign * moment]
+    return PushExpressions(x, V, t, numbers, ca.densify(_column(np.concatenate(load))))
+
+
+def push_of(kind: str, x: ca.SX, V: ca.SX, t: ca.SX, numbers: ca.SX) -> tuple[Pose, Pose, Push]:
+    """Both bodies and the push of a kind of force on them."""
     declared = forces.DECLARED[kind]
-    x, V, t = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t")
-    size = force_size(kind)
-    numbers = ca.SX.sym("p", size)
     i, j = _pose(x, V, 0), _pose(x, V, 1)
     parts: dict[str, Any] = {}
     at = 0
@@ -113,12 +121,7 @@ def push_expressions(kind: str) -> PushExpressions:
         a = _symbols(numbers[at : at + n]).reshape(shape)
         parts[name] = a if shape else a.item()
         at += n
-    force, torque, point = declared.push(i, j, SimpleNamespace(**parts))
-    load = []
-    for body, sign in ((i, 1.0), (j, -1.0)):
-        moment = body.R.T @ (torque + cross(point - body.r, force))
-        load += [sign * force, sign * moment]
-    return PushExpressions(x, V, t, numbers, ca.densify(_column(np.concatenate(load))))
+    return i, j, declared.push(i, j, SimpleNamespace(**parts))
 
 
 def time_function(numbers: ca.SX, t: ca.SX) -> ca.SX:
@@ -127,12 +130,13 @@ def time_function(numbers: ca.SX, t: ca.SX) -> ca.SX:
     return c0 + t * (c1 + t * (c2 + t * c3)) + a * ca.sin(w * t + p)
 
 
-def pose_rate(x: ca.SX, V: ca.SX) -> ca.SX:
-    """x_dot = (r_dot, R hat(Omega) by rows) of both bodies."""
+def pose_rate(x: ca.SX, V: ca.SX, *, space: bool = False) -> ca.SX:
+    """x_dot = (r_dot, R hat(Omega) by rows) of both bodies; R_dot = hat(omega) R in ``space``."""
     parts = []
     for e in range(2):
         R = ca.reshape(x[12 * e + 3 : 12 * e + 12], 3, 3).T
-        parts += [V[6 * e : 6 * e + 3], ca.vec((R @ ca.skew(V[6 * e + 3 : 6 * e + 6])).T)]
+        hat = ca.skew(V[6 * e + 3 : 6 * e + 6])
+        parts += [V[6 * e : 6 * e + 3], ca.vec((hat @ R if space else R @ hat).T)]
     return ca.vertcat(*parts)
 
 
@@ -142,10 +146,10 @@ def slopes(g: ca.SX, x: ca.SX) -> ca.SX:
     return ca.densify(ca.jacobian(g, x) @ ca.jacobian(pose_rate(x, d), d))
 
 
-def _pose(x: ca.SX, V: ca.SX, e: int) -> Pose:
+def _pose(x: ca.SX, V: ca.SX, e: int, space: bool = False) -> Pose:
     R = _symbols(x[12 * e + 3 : 12 * e + 12]).reshape(3, 3)
     Omega = _symbols(V[6 * e + 3 : 6 * e + 6])
-    return Pose(_symbols(x[12 * e : 12 * e + 3]), R, _symbols(V[6 * e : 6 * e + 3]), R @ Omega)
+    return Pose(_symbols(x[12 * e : 12 * e + 3]), R, _symbols(V[6 * e : 6 * e + 3]), Omega if space else R @ Omega)
 
 
 def _joint_numbers(declared: JointDeclaration, a: ca.SX, t: ca.SX) -> Numbers:

@@ -65,6 +65,28 @@ def push_slope_code(kind: str, ground: bool) -> Code:
 
 
 @cache
+def mean_row_code(kind: str, rows: tuple[int, ...], ground: bool) -> Code:
+    """Function ``rows`` of ``means.mean_row_loop``."""
+    return _code(
+        f"mean rows {kind} {rows} {ground}", lambda loops: {"rows": _means().mean_row_loop(kind, rows, ground)},
+        joints.DECLARED[kind],
+    )  # fmt: skip
+
+
+@cache
+def mean_push_code(kind: str, ground: bool) -> Code:
+    """Function ``push`` of ``means.mean_push_loop``."""
+    of = forces.DECLARED[kind]
+    return _code(f"mean push {kind} {ground}", lambda loops: {"push": _means().mean_push_loop(kind, ground)}, of)
+
+
+def _means() -> ModuleType:
+    from . import means  # and CasADi
+
+    return means
+
+
+@cache
 def body_code() -> Code:
     """Functions ``forces``, ``applied``, ``slopes`` and ``zero``."""
 
@@ -93,7 +115,7 @@ def texts() -> str:
     here = Path(__file__).resolve().parent
     folders = (here, here.parent / "generated", Path(joints.__file__).parent / "kinds", Path(forces.__file__).parent)
     paths = [path for folder in folders for path in sorted(folder.glob("*.py"))]
-    return _text((*map(str, paths), str(here.parent / "traced.py"), str(declaring.__file__))) + version("casadi")
+    return _text((*map(str, paths), str(declaring.__file__))) + version("casadi")
 
 
 @cache

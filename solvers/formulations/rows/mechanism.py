@@ -92,6 +92,57 @@ class Mechanism:
         self._add_loads(rows, self._solve(factor, rhs), v)
         return Straight([*at, kept], [moved.r, moved.R, ca.vertcat(*v)])
 
+    def rows(self) -> Straight:
+        """(t, r, R, v) -> (X, Y, way, phi, phi_t, gamma), as the kernel stores them."""
+        rows, n = self._rows(self.at, self.at.R), len(self.order)
+        X, Y, way = [ca.SX(n, 3), ca.SX(n, 3)], [ca.SX(n, 3), ca.SX(n, 3)], ca.SX(n, 3)
+        for part, A in zip(self.parts, rows.A, strict=True):
+            own = slice(part.first, part.first + len(part.rows))
+            for e, (b, A_b) in enumerate(zip(part.body, A, strict=True)):
+                if A_b is not None:
+                    X[e][own, :], Y[e][own, :] = A_b[:, 3:], A_b[:, 3:] @ ca.sparsify(ca.DM(self.J_inv[b]))
+                    if e == 0:
+                        way[own, :] = A_b[:, :3]
+        stored = [ca.vec(ca.densify(ca.vertcat(*a)).T) for a in (X, Y, [way])]
+        return Straight([*self.at], [*stored, *map(_column, (rows.phi, rows.phi_t, rows.gamma))])
+
+    def factorise(self) -> tuple[Straight, int]:
+        """(shift, X, way) -> factor, of rows that the kernel stores; and its size. Zeros in all poses are left out."""
+        n, rows = len(self.order), self._rows(self.at, self.at.R)
+        shift, X, way = ca.SX.sym("shift"), ca.SX.sym("X", 6 * n), ca.SX.sym("way", 3 * n)
+        for part, A in zip(self.parts, rows.A, strict=True):
+            for e, A_b in enumerate(A):
+                if A_b is None:
+                    continue
+                for a in range(len(part.rows)):
+                    row = part.first + a
+                    for c in range(6):
+                        if not A_b[a, c].is_constant():
+                            stored = X[3 * (n * e + row) + c - 3] if c > 2 else (1 - 2 * e) * way[3 * row + c]
+                            A_b[a, c] = stored
+        numbers = self._numbers(self._factor(rows, shift))
+        return Straight([shift, X, way], [_column(numbers)]), len(numbers)
+
+    def solve(self, size: int) -> Straight:
+        """(factor, rhs) -> S^-1 rhs"""
+        n, kept = len(self.order), ca.SX.sym("factor", size)
+        rhs = ca.SX.sym("rhs", n)
+        factor = self._with(self._factor(self._rows(self.at, self.at.R)), kept)
+        return Straight([kept, rhs], [_column(self._solve(factor, [rhs[k] for k in range(n)]))])
+
+    def copy(self) -> Straight:
+        """(r, R, v) -> (r, R, v)"""
+        return Straight([*self.at[1:]], [*self.at[1:]])
+
+    def keep(self) -> Straight:
+        """rows -> rows"""
+        x = ca.SX.sym("x", len(self.order))
+        return Straight([x], [x])
+
+    def forces(self, *, gyroscopic: bool) -> Straight:
+        """(t, r, R, v) -> the load on all bodies, less Omega x J Omega where asked for."""
+        return Straight([*self.at], [ca.densify(ca.vertcat(*self._loads(gyroscopic=gyroscopic)))])
+
     def _rows(self, at: State, R: ca.SX) -> Rows:
         out = Rows([], *([ca.SX(0)] * len(self.order) for _ in range(3)))
         for part in self.parts:
@@ -116,12 +167,13 @@ class Mechanism:
                 V.append(at.v[6 * b : 6 * b + 6])
         return ca.vertcat(*x), ca.vertcat(*V)
 
-    def _loads(self) -> list[ca.SX]:
+    def _loads(self, *, gyroscopic: bool = True) -> list[ca.SX]:
         s, at = self.system, self.at
         out = []
         for b in range(s.nb):
             Omega, J = at.v[6 * b + 3 : 6 * b + 6], ca.DM(_snapped(s.solved_inertia[b]))
-            out.append(ca.vertcat(ca.SX(ca.DM(s.mass[b] * s.gravity)), -ca.cross(Omega, ca.sparsify(J) @ Omega)))
+            torque = -ca.cross(Omega, ca.sparsify(J) @ Omega) if gyroscopic else ca.SX.zeros(3)
+            out.append(ca.vertcat(ca.SX(ca.DM(s.mass[b] * s.gravity)), torque))
         for kind in ("spring", "torsion", "load"):
             e = push_expressions(kind)
             free = ca.Function("free", [e.x, e.V, e.t, e.numbers], [e.load])
@@ -137,7 +189,7 @@ class Mechanism:
     def _inverse_mass(self, b: int, load: ca.SX) -> ca.SX:
         return ca.vertcat(load[:3] / self.system.mass[b], ca.sparsify(ca.DM(self.J_inv[b])) @ load[3:])
 
-    def _factor(self, rows: Rows) -> Factor:
+    def _factor(self, rows: Rows, shift: Any = 0) -> Factor:
         S: dict[int, dict[int, ca.SX]] = {k: {} for k in self.order}  # by columns, at and below the diagonal
         place = {k: n for n, k in enumerate(self.order)}
         held: dict[int, list[tuple[int, int]]] = {}
@@ -159,6 +211,8 @@ class Mechanism:
                             if place[row] >= place[left] and not block[a, c].is_zero():
                                 S[left][row] = S[left].get(row, 0) + block[a, c]
         diagonal = {k: S[k].get(k, ca.SX(0)) for k in self.order}
+        for k in self.order:
+            S[k][k] = diagonal[k] * (1 + shift)
         L: dict[int, dict[int, ca.SX]] = {}
         inverse: dict[int, ca.SX] = {}
         for k in self.order:

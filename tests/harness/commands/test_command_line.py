@@ -118,7 +118,6 @@ BAD = [
     (("gate", "--json", "--update"), "cannot be combined with --update"),
     (("run", "ci", "--limt", "3"), "did you mean '--limit'?"),
     (("dance",), "invalid choice"),
-    ((), "required"),
 ]
 
 

@@ -62,7 +62,7 @@ def test_filters_and_sort(folder, capsys, monkeypatch):
     assert "2 runs" in out and "segfaults" not in out
     _, out, _ = shown(capsys, monkeypatch, folder, "--status", "crashed")
     assert "raises" in out and "refuses" not in out
-    _, out, _ = shown(capsys, monkeypatch, folder, "--sort", "drift", "--limit", "2")
+    _, out, _ = shown(capsys, monkeypatch, folder, "--sort", "drift", "--limit", "2", width=200)
     first, second = out.splitlines()[1:3]
     assert "lift=10" in first and "lift=0.001" in second and "2 runs" in out
     records = [json.loads(x) for x in shown(capsys, monkeypatch, folder, "--sort", "steps", "--json")[1].splitlines()]

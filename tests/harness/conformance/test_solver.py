@@ -64,7 +64,11 @@ def test_the_worked_example_runs(example, command, tmp_path):
 
 @pytest.mark.slow
 def test_each_requirement_not_met_is_explained(example, command, tmp_path):
-    """Wrong gravity, a refusal in one word, no limits, noise: six fail, each with a reason and a remedy."""
+    """Wrong gravity, a refusal in one word, no limits, noise: nine fail, each with a reason and a remedy.
+
+    Gravity alone makes four of them fail: its motions and reactions keep their errors at any step, and a mechanism
+    whose accelerations and moments of reactions are known is judged wrong.
+    """
     path = tmp_path / "broken.py"
     path.write_text(EXAMPLE[0].replace('@solver("midpoint")\n', "") + BROKEN, encoding="utf-8")
     done = command("check", str(path), "--json", timeout=180.0)
@@ -72,9 +76,10 @@ def test_each_requirement_not_met_is_explained(example, command, tmp_path):
     assert done.returncode == 1 and all(f["remedy"] and f["why"] for f in findings)
     failed = {f["requirement"] for f in findings if not f["holds"]}
     assert failed == {
-        "a refusal has a reason",
-        "errors fall with the declared order, or with rtol", "the same run gives the same numbers",
-        "max_steps stops it", "it stops itself at the limit on CPU time", "steps are kept when it is stopped",
+        "it succeeds or refuses", "a refusal has a reason", "moments of its reactions are those of the exact motion",
+        "errors fall with the declared order, or with rtol", "errors of reactions fall with the steps, or with rtol",
+        "the same run gives the same numbers", "max_steps stops it", "it stops itself at the limit on CPU time",
+        "steps are kept when it is stopped",
     }  # fmt: skip
 
 

@@ -15,12 +15,13 @@ from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.gate.judging import State, judge
 from mbsbench.harness.gate.thresholds import FOLDER, Thresholds, read_thresholds
+from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.results import store
 from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.formulations import symbolic, system_elements
+from mbsbench.solvers.formulations.compiled import host, kernel, soft_rows
 from mbsbench.solvers.formulations.geometric.choices import GaugeChoices
-from mbsbench.solvers.formulations.geometric.index1 import integrate
 
 SUITE = load_suite("ci")
 THRESHOLDS = read_thresholds(FOLDER / "ci.toml")
@@ -93,24 +94,32 @@ def geometric_with(monkeypatch, **change: float) -> None:
     monkeypatch.setattr(GaugeChoices, "settings", lambda self, problem: sound(self, problem)._replace(**change))
 
 
-ON_INDEX_1 = (
+ON_KERNEL = (
     "al_index3", "energy_momentum", "generalized_alpha", "half_explicit", "lie_variational", "radau_ggl", "rattle",
     "rkmk_dop853", "rkmk_dopri5",
 )  # fmt: skip
 
 
-def index_1_with(monkeypatch, factor: float) -> None:
-    """The index-1 kernel with J Omega times ``factor`` where the spin enters: its inverse stays as it is."""
-    sound = integrate.model_of
-    monkeypatch.setattr(integrate, "model_of", lambda system: (m := sound(system))._replace(J=factor * m.J))
+def kernel_with(monkeypatch, factor: float) -> None:
+    """The kernel by loops with J Omega times ``factor``, its inverse as it is."""
+    sound = kernel.empty_kernel
+
+    def broken(system: MultibodySystem) -> tuple[kernel.Kernel, kernel.Loops]:
+        arrays, loops = sound(system)
+        arrays.J[:] *= factor
+        return arrays, loops
+
+    for module in (kernel, soft_rows):
+        monkeypatch.setattr(module, "empty_kernel", broken)
+    monkeypatch.setattr(host, "make_mechanism", lambda *given: None)
 
 
 @pytest.mark.parametrize("solver", sorted({c.solver for c in SUITE.specs}))
 @pytest.mark.parametrize("planted", ["sign", "dropped"])
 def test_a_changed_line_closes_the_gate(solver, planted, monkeypatch, tmp_path):
     """A sign turned or a term dropped in the source of each solver."""
-    if solver in ON_INDEX_1:
-        index_1_with(monkeypatch, {"sign": -1.0, "dropped": 0.0}[planted])
+    if solver in ON_KERNEL:
+        kernel_with(monkeypatch, {"sign": -1.0, "dropped": 0.0}[planted])
         spec = run_of(solver, TOP)
     elif solver.startswith("gc_"):
         broken = {"sign": {"b_term": -1.0}, "dropped": {"b_term": 0.0}}[planted]

@@ -10,6 +10,7 @@ import pytest
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.worker import run
+from mbsbench.harness.places import Place
 from mbsbench.harness.referee.certificates.fitting import ladder, scattered
 from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify, of_motion
 from mbsbench.harness.results.judgements.files import ORDERS, as_text, read
@@ -308,7 +309,7 @@ def test_certificates_survive_their_file(ran, tmp_path):
     runs = ran("spherical_pendulum", "gc_weak_form", [0.04 / 2**k for k in range(6)], {"t_end": 2.0}, SHARP)
     found = certify(NOWHERE, runs)
     (tmp_path / "certificates.json").write_text(as_text(found))
-    assert repr(read(ORDERS, tmp_path)) == repr(found)
+    assert repr(read(ORDERS, Place(tmp_path))) == repr(found)
     assert found[0].settings_ids == tuple(r.settings_id for r in runs)
 
 

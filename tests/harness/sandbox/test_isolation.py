@@ -60,18 +60,30 @@ EXPECTED = {
 }
 
 
-@pytest.fixture(scope="module")
-def outcome(tmp_path_factory):
-    """All kinds in one run, shared by the tests below."""
+def run(text, folder):
     from mbsbench.harness.execution.pool import LocalPool
     from mbsbench.harness.execution.runner import Request, run_suite
     from mbsbench.harness.suites.suite import parse_suite
 
     from ..conftest import PLUGIN, Silent
 
+    suite = parse_suite(text, "bad", "bad", plugins=(str(PLUGIN),))
+    return run_suite(Request(suite, folder, 2), Silent(), LocalPool)
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory):
+    """All kinds in one run, shared by the tests below."""
     folder = tmp_path_factory.mktemp("bad") / "run"
-    suite = parse_suite(SUITE, "bad", "bad", plugins=(str(PLUGIN),))
-    return folder, run_suite(Request(suite, folder, 2), Silent(), LocalPool)
+    return folder, run(SUITE, folder)
+
+
+@pytest.mark.slow
+def test_a_run_that_waits_without_end_is_ended(tmp_path):
+    """It uses no CPU time, so the limit on that never ends it: the net of wall time does."""
+    text = '[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\noptions = { seconds = 600.0 }\ncpu_limit = 0.1\n'
+    (record,) = run(text, tmp_path / "run").records
+    assert record.status == Status.UNFINISHED and record.ended_by == EndedBy.WALL_LIMIT, record
 
 
 @pytest.mark.parametrize("solver", EXPECTED)

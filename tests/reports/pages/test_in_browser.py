@@ -56,10 +56,10 @@ def test_all_published_claims_fit_a_phone_and_are_searched(browser, tmp_path):
 def test_claims_filter_and_their_map_obeys_the_arrow_keys(browser, folder):
     tab = browser.open(folder / "claims.html")
     shown = "[...document.querySelectorAll('[data-item]')].filter((e) => !e.hidden).length"
-    assert tab.evaluate(shown) == 6
+    assert tab.evaluate(shown) == 7
     tab.evaluate(CHOOSE % "conditional")
     assert tab.evaluate(shown) == 1
-    assert tab.evaluate("document.querySelector('.filters [role=status]').textContent") == "1 of 6 shown"
+    assert tab.evaluate("document.querySelector('.filters [role=status]').textContent") == "1 of 7 shown"
     boxes = "document.querySelectorAll('[data-grid] .box')"
     assert tab.evaluate(f"[...{boxes}].filter((b) => b.tabIndex === 0).length") == tab.evaluate(
         "document.querySelectorAll('[data-grid]').length"

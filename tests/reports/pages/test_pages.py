@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from mbsbench.harness.results.judgements.files import ORDERS, as_text
+from mbsbench.harness.results.judgements.files import ORDERS, as_text, with_code
 from mbsbench.reports.model.results import read_results
 
 from ..conftest import HOSTILE, put, record, series
@@ -87,7 +87,8 @@ def test_no_page_is_empty_after_a_bench(tmp_path, judged):
     if judged == "of nothing":
         (tmp_path / "judgement").mkdir()
         for file in FILES:
-            (tmp_path / "judgement" / f"{file}.json").write_text('{"points": []}' if file == "work" else "[]")
+            nothing = {"work": '{"points": []}', "claims": as_text(with_code((), synthetic.CODE))}
+            (tmp_path / "judgement" / f"{file}.json").write_text(nothing.get(file, "[]"))
     pages = render(read_results(tmp_path), [PAGES[n] for n in ("claims.html", "certificates.html")])
     for name, html in pages.items():
         assert "As published, from other results." in Outline(html).text and "Not judged" not in Outline(html).text

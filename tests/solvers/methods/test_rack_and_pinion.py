@@ -71,3 +71,12 @@ def test_teeth_hold_over_many_turns(made, solved) -> None:  # type: ignore[no-un
     assert np.max(np.abs(s.R[:, 0, 1, 0] - np.sin(turned))) < 1e-7
     sign = -1.0 if nb == 1 else 1.0  # phi = r theta - x pushes the pinion with -lam along the rack
     assert np.max(np.abs(sign * out.reaction[1:, -1] - force)) < 1e-6
+
+
+@pytest.mark.parametrize("name", ["gc_weak_form", "gc_augmented_lagrangian", "al_index3", "generalized_alpha"])
+def test_kernels_by_hand_refuse_what_they_do_not_know(name: str) -> None:
+    """They would take its row for another."""
+    system, _, _ = rolling()
+    start = State(np.zeros((1, 3)), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
+    said = make_solver(name).refuses(Problem("teeth", system, start, 1.0, 1e-3, "", ""), StepControl(dt=1e-3))
+    assert "do not know rack and pinion" in (said or "")

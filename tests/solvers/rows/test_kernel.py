@@ -14,7 +14,8 @@ from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import Joint, MultibodySystem, RigidBody, assemble
 from mbsbench.harness.mechanics.user_forces import UserForce
 from mbsbench.solvers.formulations.compiled.entries import Program
-from mbsbench.solvers.formulations.compiled.kernel import Kernel, Made, make_kernel, start_at
+from mbsbench.solvers.formulations.compiled.kernel import ENTRIES, Kernel, Made, make_kernel, start_at
+from mbsbench.solvers.formulations.compiled.mechanism import make_mechanism
 
 from ..arbitrary_joints import all_joints, moving_rows
 from ..arbitrary_systems import arbitrary, consistent, linkage
@@ -44,11 +45,15 @@ SYSTEMS = {
     "user forces": pushed(), "lent inertia": make_problem("simple_pendulum", {"gyration": 0.0, "yaw": 0.4}).system,
 }  # fmt: skip
 each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
+Maker = Callable[[MultibodySystem, tuple[str, ...]], Made | None]
+each_maker = pytest.mark.parametrize("maker", [make_kernel, make_mechanism])
 ROUNDING = 1e-12  # relative
 
 
-def at(system: MultibodySystem, state: State) -> Made:
-    made = make_kernel(system)
+def at(system: MultibodySystem, state: State, maker: Maker = make_kernel) -> Made:
+    made = maker(system, ENTRIES)
+    if made is None:
+        pytest.skip("no code of the whole mechanism: user forces, lent inertia")
     start_at(made.kernel, state)
     return made
 
@@ -70,11 +75,12 @@ def jacobian(k: Kernel) -> np.ndarray:
 
 
 @each_system
-def test_rows_and_loads_are_the_judges(system: MultibodySystem) -> None:
+@each_maker
+def test_rows_and_loads_are_the_judges(system: MultibodySystem, maker: Maker) -> None:
     """phi, A, phi_t, gamma, and the applied loads, at an arbitrary state."""
     s = arbitrary(system, 1)
     s = State(s.r, s.R, s.v, s.Omega, 0.4)
-    made = at(system, s)
+    made = at(system, s, maker)
     call(made, "rows")
     k, one = made.kernel, States.one(s)
     A = constraint_jacobian(system, s).toarray()
@@ -90,26 +96,28 @@ def test_rows_and_loads_are_the_judges(system: MultibodySystem) -> None:
 
 
 @each_system
-def test_accelerations_are_the_judges(system: MultibodySystem) -> None:
+@each_maker
+def test_accelerations_are_the_judges(system: MultibodySystem, maker: Maker) -> None:
     """Index 1 on S against the singular values of A M^-1/2; the judge's A_dot v is a difference, good to 1e-8.
 
     Lent inertia changes nothing where velocities are consistent.
     """
     s = consistent(system, 2)
-    made = at(system, s)
+    made = at(system, s, maker)
     call(made, "accelerate")
     k, judged = made.kernel, accelerations(system, s)
     found = np.concatenate((judged.v_dot, judged.Omega_dot), axis=1)
-    assert k.state["rank"] == system.nrows
+    assert k.state["rank"] == (system.nrows if maker is make_kernel else 0)
     assert np.max(np.abs(k.v_dot - found)) < 1e-7 * np.max(np.abs(found))
     assert np.max(np.abs(k.lam[k.order] - judged.reaction)) < 1e-7 * np.max(np.abs(judged.reaction))
 
 
 @each_system
-def test_projection_meets_the_constraints(system: MultibodySystem) -> None:
+@each_maker
+def test_projection_meets_the_constraints(system: MultibodySystem, maker: Maker) -> None:
     """A few passes bring phi and phi_dot to rounding, since each leaves the square of what there was."""
     s = consistent(system, 1)
-    made = at(system, State(s.r + 1e-4, s.R, s.v + 1e-4, s.Omega, s.t))
+    made = at(system, State(s.r + 1e-4, s.R, s.v + 1e-4, s.Omega, s.t), maker)
     for _ in range(4):
         call(made, "rows")
         call(made, "factorise")

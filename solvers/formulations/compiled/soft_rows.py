@@ -1,0 +1,82 @@
+"""Kernels of several stages in stacked arrays; springs as rows of such kernels: links of driven length (compiled).
+
+The row of a spring is the rate of its length, A_s = d(length_dot)/dv, that of a driven distance; its phi is the length.
+"""
+
+from collections.abc import Collection
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....harness.mechanics import joints
+from ....harness.mechanics.system import MultibodySystem
+from .kernel import Loops, Made, empty_kernel, finish_kernel, parts_of
+
+ROW = list(joints.KINDS).index("driven distance")
+
+
+class Stages(NamedTuple):
+    """Arrays and entries of ``Kernel``, one of each stage; 0 for entries that are not needed."""
+
+    t: Any
+    r: Any
+    R: Any
+    v: Any
+    force: Any
+    phi: Any
+    slip: Any
+    rhs: Any
+    x: Any
+    w: Any
+    rows: Any  # (n,) words
+    factorise: Any
+    solve: Any
+    forces: Any
+    divide: Any
+    push: Any
+    slips: Any
+
+
+ARRAYS = Stages._fields[: Stages._fields.index("rows")]
+
+
+def stack_kernels(system: MultibodySystem, n: int, needed: Collection[str]) -> tuple[Stages, list[Made]]:
+    """``n`` kernels of a system, and what keeps their entries alive."""
+    one, _ = empty_kernel(system)
+    stacked = {name: np.zeros((n, *getattr(one, name).shape)) for name in ARRAYS}
+    made = []
+    for i in range(n):
+        k, _ = empty_kernel(system)
+        k = k._replace(**{name: a[i] for name, a in stacked.items()})
+        made.append(finish_kernel(k, Loops(system, k, parts_of(system)), {}, needed))
+    words = [np.array([getattr(k, name) for k, _ in made]) for name in Stages._fields[len(ARRAYS) :]]
+    return Stages(*stacked.values(), *words), made
+
+
+def make_springs(system: MultibodySystem, n: int) -> tuple[Stages, list[Made], np.ndarray]:
+    """``n`` kernels whose joints are the springs of a system; stiffness, free length and damping (3, ns)."""
+    s, m = system, len(system.spring_k)
+    none, some, of_time = np.zeros(m, dtype=np.int64), np.zeros((m, 3)), np.zeros((m, 7))
+    as_joints = replace(
+        s, joint_i=s.spring_i, joint_j=s.spring_j, joint_s_i=s.spring_p_i, joint_s_j=s.spring_p_j,
+        joint_sort=none + ROW, joint_points=none, joint_lines=none, joint_axes=none, joint_moving=none + 1,
+        joint_u=some, joint_w=some, joint_n=np.zeros((m, 3, 3)), joint_length=np.zeros(m), joint_motion=of_time,
+        coupled=s.taken_back, **_none(s, "spring", "torsion", "load", "user"),
+    )  # fmt: skip
+    stages, made = stack_kernels(as_joints, n, ("rows", "push", "slips"))
+    for k, _ in made:
+        k.J_inv[:] = np.linalg.inv(s.regular_inertia)  # what is lent depends on joints
+    law = np.zeros((3, m))
+    law[:, made[0].kernel.order] = s.spring_k, s.spring_d0, s.spring_c
+    return stages, made, law
+
+
+def without_springs(system: MultibodySystem) -> MultibodySystem:
+    """A system less its spring-dampers; torsional ones and user forces stay."""
+    return replace(system, **_none(system, "spring"))
+
+
+def _none(system: MultibodySystem, *kinds: str) -> dict[str, Any]:
+    names = [name for name in vars(system) if name.split("_")[0] in kinds]
+    return {name: getattr(system, name)[:0] for name in names}

@@ -1,0 +1,157 @@
+"""Energy and momentum kept by a mean-value step: Cayley's map, discrete gradients of rows and springs (compiled).
+
+Simo and Wong 1991, Int. J. Numer. Meth. Eng. 31; discrete gradients: Gonzalez 1996, J. Nonlinear Sci. 6::
+
+    r_1 = r_0 + h v_m,  R_1 = R_0 cay(h Omega_m),  v_m = (v_0 + v_1) / 2,  R_m = (R_0 + R_1) / 2 (no rotation)
+    m (v_1 - v_0) = h (m g + sum F),   J (Omega_1 - Omega_0) + h Omega_m x J Omega_m = h R_m^-1 T,   phi(q_1) = 0
+
+Rows A_m and forces of the mean are entries (modules ``rows.means``, ``compiled.means``): A_m v_m = (phi_1 - phi_0) / h.
+
+Simplified Newton: S of the first estimate's A_m, P = h F, dv = v_0 + h M^-1 f + M^-1 A_m^T P - v_1,
+S dP = -A_m dv - 2 phi / h. The multipliers F are those of the middle, and A v of the ends, free to alternate from step
+to step by O(h^2), makes them alternate by O(h). The record has F + (F' - F'') / 2 of the last three at the end of the
+step: alternation cancels, a straight line is continued. The matrix of the iteration knows no springs.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....harness.mechanics.system import MultibodySystem
+from ..compiled.algebra import clear, copy, largest
+from ..compiled.entries import inner, run
+from ..compiled.host import Method
+from ..compiled.kernel import Kernel
+from ..compiled.marching import STUCK
+from ..compiled.means import Means, make_means
+from .iteration import FAILED, MOST_ITERATIONS, settled
+from .products import add_scaled, set_rates
+
+SCHEME = np.dtype([("tolerance", "f8")])
+
+
+class Step(NamedTuple):
+    """Room for one step."""
+
+    control: Any
+    kernel: Kernel
+    means: Means
+    scheme: Any  # record: tolerance of phi and of the last correction of poses [m; axis rows and angles without unit]
+    v0: Any  # (nb, 6)
+    v: Any  # (nb, 6) at the end
+    gain: Any  # (nb, 6) v_1 - v_0, the estimate of the next step's
+    F: Any  # (nrows,) multipliers of the middle
+    F1: Any  # (nrows,) of the middle of the step before
+    F2: Any  # (nrows,) and of the one before that
+
+
+def mean_value_steps(system: MultibodySystem, tolerance: float) -> Method:
+    """The method, ``tolerance`` of phi and of the last correction of poses [m; without unit]."""
+    of_system = partial(prepare, system=system, tolerance=tolerance)
+    return Method(of_system, step, finish, start, counters=("iterations", "factorisations"))
+
+
+def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Step:
+    """Arrays and mean-value entries of one step."""
+    nb, nr = len(kernel.mass), len(kernel.lam)
+    return Step(
+        control, kernel, make_means(system, kernel), np.array((tolerance,), dtype=SCHEME),
+        *(np.zeros((nb, 6)) for _ in range(3)), *(np.zeros(nr) for _ in range(3)),
+    )  # fmt: skip
+
+
+def start(s):
+    """The reaction at the start, by index 1, stands for the middles before it."""
+    run(s.kernel.accelerate)
+    s.control.factorisations += 1
+    for F in (s.F, s.F1, s.F2):
+        copy(s.kernel.lam, F)
+    clear(s.kernel.slip)
+
+
+def step(s):
+    """One step of ``control.h``."""
+    c, k, m = s.control, s.kernel, s.means
+    k.t[0], m.h[0] = c.t + c.h, c.h
+    copy(k.r, m.r0)
+    copy(k.R, m.R0)
+    copy(k.v, s.v0)
+    copy(k.v, s.v)
+    _add(1.0, s.gain, s.v)
+    last, state = np.inf, 0
+    for i in range(MOST_ITERATIONS):
+        _set_end(s, k, m)
+        run(m.mean_rows)
+        if i == 0:
+            run(k.factorise)
+            c.factorisations += 1
+        size = _correct(s, k, m)
+        c.iterations += 1
+        state = settled(size, last, s.scheme.tolerance)
+        last = size
+        if state != 0:
+            break
+    if state == FAILED or not last <= s.scheme.tolerance:
+        c.status = STUCK
+
+
+def finish(s):
+    """Poses, velocities and multipliers at the end."""
+    k = s.kernel
+    _set_end(s, k, s.means)
+    copy(s.v, k.v)
+    copy(s.v, s.gain)
+    _add(-1.0, s.v0, s.gain)
+    for a in range(len(s.F)):
+        k.lam[a] = s.F[a] + 0.5 * (s.F1[a] - s.F2[a])
+    copy(s.F1, s.F2)
+    copy(s.F, s.F1)
+
+
+@inner
+def _set_end(s, k, m):
+    """q_1 by the mean velocities, which ``k.v`` gets."""
+    h = m.h[0]
+    for b in range(len(k.v)):
+        for a in range(6):
+            k.v[b, a] = 0.5 * (s.v0[b, a] + s.v[b, a])
+        x, y, z = 0.5 * h * k.v[b, 3], 0.5 * h * k.v[b, 4], 0.5 * h * k.v[b, 5]
+        f = 2.0 / (1.0 + x * x + y * y + z * z)
+        for a in range(3):
+            k.r[b, a] = m.r0[b, a] + h * k.v[b, a]
+            p, q, o = m.R0[b, a, 0], m.R0[b, a, 1], m.R0[b, a, 2]
+            i, j, l = q * z - o * y, o * x - p * z, p * y - q * x  # row of R_0 hat(h Omega_m / 2)
+            k.R[b, a, 0] = p + f * (i + j * z - l * y)
+            k.R[b, a, 1] = q + f * (j + l * x - i * z)
+            k.R[b, a, 2] = o + f * (l + i * y - j * x)
+
+
+@inner
+def _correct(s, k, m):
+    """Correct v and F with the mean rows at hand; returns the size of what was off."""
+    h = m.h[0]
+    run(m.mean_forces)
+    copy(k.force, k.w)
+    run(k.divide)
+    copy(s.F, k.x)
+    run(k.push)
+    for b in range(len(k.w)):
+        for a in range(6):
+            k.w[b, a] = s.v0[b, a] + h * k.w[b, a] - s.v[b, a]
+    set_rates(k)
+    for a in range(len(k.rhs)):
+        k.rhs[a] = -2.0 / h * k.phi[a] - k.x[a]
+    run(k.solve)
+    copy(k.rhs, k.x)
+    run(k.push)
+    add_scaled(1.0 / h, k.x, s.F)
+    _add(1.0, k.w, s.v)
+    return max(largest(k.phi), h * largest(k.w))
+
+
+@inner
+def _add(share, x, y):
+    """y += share x, arrays (nb, 6)."""
+    for b in range(len(x)):
+        add_scaled(share, x[b], y[b])

@@ -1,0 +1,165 @@
+"""Extrapolation of ODE-GC's reversible step in even powers of h, error-controlled (compiled).
+
+From one start, n = 1, 2, ..., K steps of H/n; changes y_n = (r - r0, log(R0^T R), v) of the end in Aitken and Neville's
+scheme in H^2 (Hairer, Norsett, Wanner, Solving ODEs I, II.9): order 2 K, estimate T_KK - T_K,K-1 of order 2 K - 1. Each
+accepted step is projected onto phi = 0 and A v = 0.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....harness.mechanics.system import MultibodySystem
+from ..compiled.algebra import copy, turned_by
+from ..compiled.entries import inner, run
+from ..compiled.kernel import Kernel
+from .gc_step import Step, accept_step, begin_march, make_step, move_poses, restart, take_step
+
+WIDEST = 2.5  # [rad] of a turn in one step: its logarithm is unique below pi
+NEAR, FORGET = 0.7, 1.05  # of a step that did not converge: how close the next ones come, and its growth a step
+
+MEMORY = np.dtype([("failed", "f8"), ("max_step", "f8")])  # [s] shortest step that lately did not converge; as asked
+
+
+class Extrapolated(NamedTuple):
+    """A step, the start of the whole step, and the scheme."""
+
+    step: Step
+    memory: Any  # record
+    r: Any  # (nb, 3)
+    R: Any  # (nb, 3, 3)
+    v: Any  # (nb, 6)
+    v_dot: Any  # (nb, 6) of index 1
+    lam: Any  # (nrows,)
+    table: Any  # (K, nb, 12) last row of the scheme
+    new: Any  # (12,)
+    old: Any  # (12,)
+
+
+def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, choices: dict, columns: int) -> Any:
+    """The bundle of a step, and what keeps its entries alive."""
+    made, nb = make_step(system, kernel, control, **choices), len(kernel.mass)
+    memory = np.array((np.inf, control["max_step"]), dtype=MEMORY)
+    bundle = Extrapolated(
+        made.step, memory, np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6)),
+        np.zeros(len(kernel.lam)), np.zeros((columns, nb, 12)), np.zeros(12), np.zeros(12),
+    )  # fmt: skip
+    return bundle, made.keeps
+
+
+def start(m):
+    """Acceleration and multipliers of index 1."""
+    begin_march(m.step)
+    _remember(m)
+
+
+def step(m):
+    """The scheme's last row over ``control.h``, and its error: infinite where an iteration does not converge."""
+    c = m.step.control
+    c.error = _error(m, c.rtol) if _extrapolate(m, c.h) else np.inf
+    if not math.isfinite(c.error):
+        m.memory.failed = c.h
+
+
+def finish(m):
+    """The end, projected; steps keep away from what did not converge lately."""
+    k, c, best = m.step.kernel, m.step.control, m.table[len(m.table) - 1]
+    for b in range(len(m.r)):
+        for a in range(3):
+            k.r[b, a] = m.r[b, a] + best[b, a]
+        turned_by(m.R[b], best[b, 3], best[b, 4], best[b, 5], k.R[b])
+        for a in range(6):
+            k.v[b, a] = best[b, 6 + a]
+    run(k.accelerate)
+    run(k.project)
+    run(k.accelerate)
+    m.step.scheme.rank = k.state.rank
+    m.step.scheme.factored = 1
+    _remember(m)
+    c.max_step = min(m.memory.max_step, max(0.5 * c.h, NEAR * m.memory.failed))
+    m.memory.failed *= FORGET
+
+
+@inner
+def _remember(m):
+    k = m.step.kernel
+    copy(k.r, m.r)
+    copy(k.R, m.R)
+    copy(k.v, m.v)
+    copy(k.v_dot, m.v_dot)
+    copy(k.lam, m.lam)
+
+
+@inner
+def _attempt(m, H, n):
+    """n steps of H / n from the start; whether all converge."""
+    s, k, h = m.step, m.step.kernel, H / n
+    copy(m.r, k.r)
+    copy(m.R, k.R)
+    copy(m.v, k.v)
+    restart(s, m.v_dot, m.lam)
+    for i in range(n):
+        middle = (i + 0.5) * h
+        if take_step(s, h, middle) < 0.0:
+            return False
+        move_poses(s, h)
+        accept_step(s, h, middle)
+    return True
+
+
+@inner
+def _find_change(m, b, out):
+    """out (12,) := (r - r0, log(R0^T R), v) of body b; whether the turn is below ``WIDEST``."""
+    k, R, cosine = m.step.kernel, m.R[b], -1.0
+    for a in range(3):
+        out[a] = k.r[b, a] - m.r[b, a]
+        i, j = (a + 1) % 3, (a + 2) % 3
+        x = 0.0  # entry (j, i) of R0^T R less entry (i, j): twice the sine times the axis
+        for c in range(3):
+            x += R[c, j] * k.R[b, c, i] - R[c, i] * k.R[b, c, j]
+            cosine += R[c, a] * k.R[b, c, a]
+        out[3 + a] = 0.5 * x
+    sine = math.sqrt(out[3] ** 2 + out[4] ** 2 + out[5] ** 2)
+    angle = math.atan2(sine, 0.5 * cosine)
+    scale = angle / sine if sine > 1e-8 else 1.0
+    for a in range(3):
+        out[3 + a] *= scale
+    for a in range(6):
+        out[6 + a] = k.v[b, a]
+    return angle < WIDEST
+
+
+@inner
+def _extrapolate(m, H):
+    """The scheme's last row T_K,1 .. T_K,K into ``table``; whether all steps converge."""
+    for j in range(len(m.table)):
+        if not _attempt(m, H, j + 1):
+            return False
+        for b in range(len(m.r)):
+            if not _find_change(m, b, m.new):
+                return False
+            for q in range(j + 1):  # ``new`` is T_j,q, and ``table`` has T_j-1,q still
+                copy(m.table[q, b], m.old)
+                copy(m.new, m.table[q, b])
+                if q < j:
+                    ratio = (j + 1.0) / (j - q)
+                    for a in range(12):
+                        m.new[a] += (m.new[a] - m.old[a]) / (ratio * ratio - 1.0)
+    return True
+
+
+@inner
+def _error(m, rtol):
+    """RMS of the last correction over ``rtol (1 + |y|)``; angles over ``rtol``."""
+    total, K = 0.0, len(m.table)
+    for b in range(len(m.r)):
+        for a in range(12):
+            best = m.table[K - 1, b, a]
+            size = 1.0
+            if a < 3:
+                size += abs(m.r[b, a] + best)
+            elif a >= 6:
+                size += abs(best)
+            total += ((best - m.table[K - 2, b, a]) / (rtol * size)) ** 2
+    return math.sqrt(total / (12.0 * len(m.r)))

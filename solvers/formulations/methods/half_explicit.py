@@ -1,0 +1,204 @@
+"""Half-explicit Runge-Kutta steps of order 4 on index 2, each step's end projected onto phi = 0 (compiled).
+
+Brasey and Hairer 1993, SIAM J. Numer. Anal. 30, five stages (HEM4); with R = R_0 exp(theta) as in ``rkmk``::
+
+    Q_i = q_0 + h sum_{j<i} a_ij q'_j,   V_i = v_0 + h sum_{j<i} a_ij V'_j,   M V'_i = f(Q_i, V_i) + A(Q_i)^T lam_i
+    lam_i such that A(Q_{i+1}) V_{i+1} = 0, the sixth being the end of the step
+
+Q_{i+1} does not depend on lam_i, so each lam_i is found from linear equations, A(Q_{i+1}) M^-1 A(Q_i)^T dlam = what is
+left of A V: by generalised conjugate residuals (Eisenstat, Elman, Schultz 1983, SIAM J. Numer. Anal. 20) with the S of
+the step's start as preconditioner. Repetition with S alone does not converge where light bodies turn, nor where S is
+nearly singular. lam at the ends of steps, which are recorded, are those of index 1.
+"""
+
+import math
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..compiled.algebra import clear, copy, largest, theta_dot
+from ..compiled.entries import inner, run
+from ..compiled.host import Method
+from ..compiled.kernel import Kernel
+from ..compiled.marching import NOT_FINITE, STUCK, TURNED
+from .iteration import MOST_ITERATIONS
+from .products import add_scaled, move, set_rates
+
+STAGES = 5
+DIRECTIONS, NUMBERS = 200, 4_000_000  # kept at most, and what they may hold
+_S = math.sqrt(6.0)
+A = np.array([
+    [0.0, 0.0, 0.0, 0.0, 0.0],
+    [0.3, 0.0, 0.0, 0.0, 0.0],
+    [(1.0 + _S) / 30.0, (11.0 - 4.0 * _S) / 30.0, 0.0, 0.0, 0.0],
+    [(-79.0 - 31.0 * _S) / 150.0, (-1.0 - 4.0 * _S) / 30.0, (24.0 + 11.0 * _S) / 25.0, 0.0, 0.0],
+    [(14.0 + 5.0 * _S) / 6.0, (-8.0 + 7.0 * _S) / 6.0, (-9.0 - 7.0 * _S) / 4.0, (9.0 - _S) / 4.0, 0.0],
+    [0.0, 0.0, (16.0 - _S) / 36.0, (16.0 + _S) / 36.0, 1.0 / 9.0],
+])  # fmt: skip
+COUNTERS = ("iterations", "factorisations")
+SCHEME = np.dtype([("tolerance", "f8")])
+
+
+class Step(NamedTuple):
+    """Room for one step: columns of ``q``, ``moves`` are r (3), theta (3)."""
+
+    control: Any
+    kernel: Kernel
+    scheme: Any  # record: tolerance of the last correction of velocities [m/s, rad/s]
+    a: Any  # (6, 5) coefficients, the end of the step last
+    c: Any  # (6,) places of the stages and the end
+    r0: Any  # (nb, 3)
+    R0: Any  # (nb, 3, 3)
+    v0: Any  # (nb, 6)
+    q: Any  # (nb, 6) from the start of the step
+    moves: Any  # (5, nb, 6) q'
+    gains: Any  # (5, nb, 6) V'
+    left: Any  # (nrows,) of the equations of the multipliers
+    tried: Any  # (depth, nrows) multipliers
+    reached: Any  # (depth, nrows) what they do to what is left of the equations
+
+
+def half_explicit_steps(tolerance: float) -> Method:
+    """The method, ``tolerance`` of the last correction of velocities [m/s, rad/s]."""
+    return Method(partial(prepare, tolerance=tolerance), step, finish, start, counters=COUNTERS)
+
+
+def prepare(kernel: Kernel, control: np.ndarray, *, tolerance: float) -> Step:
+    """Arrays of one step."""
+    nb, nr = len(kernel.mass), len(kernel.lam)
+    depth = max(1, min(DIRECTIONS, nr, NUMBERS // max(nr, 1)))
+    r0, R0, v0, q = np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6))
+    moves, gains = np.zeros((STAGES, nb, 6)), np.zeros((STAGES, nb, 6))
+    tried, reached = np.zeros((depth, nr)), np.zeros((depth, nr))
+    scheme = np.array((tolerance,), dtype=SCHEME)
+    return Step(control, kernel, scheme, A, A.sum(axis=1), r0, R0, v0, q, moves, gains, np.zeros(nr), tried, reached)
+
+
+def start(s):
+    """Rows, factor and multipliers of index 1."""
+    run(s.kernel.accelerate)
+    s.control.factorisations += 1
+
+
+def step(s):
+    """Stages of ``control.h``, with the factor of the start at hand."""
+    c, k = s.control, s.kernel
+    copy(k.r, s.r0)
+    copy(k.R, s.R0)
+    copy(k.v, s.v0)
+    clear(s.q)
+    k.t[0] = c.t
+    run(k.rows)
+    for i in range(STAGES):
+        _slope(s, k, i)
+        c.status = _next_stage(s, k, c, i)
+        if c.status != 0:
+            break
+
+
+def finish(s):
+    """Multipliers of index 1 at the end, which is projected with the factor there."""
+    run(s.kernel.accelerate)
+    run(s.kernel.project)
+    s.control.factorisations += 1
+
+
+@inner
+def _slope(s, k, i):
+    """q' and V' of stage i with the multipliers of the last one, and its rows kept."""
+    run(k.forces)
+    copy(k.force, k.w)
+    run(k.divide)
+    copy(k.lam, k.x)
+    run(k.push)
+    copy(k.w, s.gains[i])
+    run(k.keep_rows)
+    for b in range(len(k.v)):
+        q, v, out = s.q[b], k.v[b], s.moves[i, b]
+        out[0], out[1], out[2] = v[0], v[1], v[2]
+        out[3], out[4], out[5] = theta_dot(q[3], q[4], q[5], v[3], v[4], v[5])
+
+
+@inner
+def _next_stage(s, k, c, i):
+    """Poses and velocities of stage i + 1, and the multipliers of stage i; returns the status."""
+    for b in range(len(k.v)):
+        for a in range(6):
+            x = y = 0.0
+            for j in range(i + 1):
+                x += s.a[i + 1, j] * s.moves[j, b, a]
+                y += s.a[i + 1, j] * s.gains[j, b, a]
+            s.q[b, a], k.v[b, a] = c.h * x, s.v0[b, a] + c.h * y
+        turn = s.q[b, 3] ** 2 + s.q[b, 4] ** 2 + s.q[b, 5] ** 2
+        if not math.isfinite(turn):
+            return NOT_FINITE
+        if turn > math.pi**2:
+            return TURNED
+    move(s.r0, s.R0, s.q, k.r, k.R)
+    k.t[0] = c.t + c.h * s.c[i + 1]
+    run(k.rows)
+    return _hold(s, k, c.h * s.a[i + 1, i], i)
+
+
+@inner
+def _hold(s, k, weight, i):
+    """Add to lam of stage i what makes A V + phi_t = 0 at the poses of ``k``; returns the status."""
+    depth = len(s.tried)
+    copy(k.v, k.w)
+    run(k.slips)
+    _solve(k, s.left)
+    for n in range(depth + MOST_ITERATIONS):
+        p, q, share = s.tried[n % depth], s.reached[n % depth], 1.0
+        copy(s.left, p)
+        s.control.iterations += 1
+        last = _push(k, p) <= s.scheme.tolerance
+        if not last:  # q = S^-1 A M^-1 A_i^T p, made orthogonal to those of the tries before
+            set_rates(k)
+            _solve(k, q)
+            for j in range(min(n, depth)):
+                if j != n % depth:
+                    shared = _product(q, s.reached[j])
+                    add_scaled(-shared, s.reached[j], q)
+                    add_scaled(-shared, s.tried[j], p)
+            size = math.sqrt(_product(q, q))
+            if not size > 0.0:
+                return STUCK
+            for a in range(len(q)):
+                p[a], q[a] = p[a] / size, q[a] / size
+            share = _product(q, s.left)
+            add_scaled(-share, q, s.left)
+            _push(k, p)
+        for b in range(len(k.v)):
+            add_scaled(share, k.w[b], k.v[b])
+            add_scaled(share / weight, k.w[b], s.gains[i, b])
+        add_scaled(share / weight, p, k.lam)
+        if last:
+            return 0
+    return STUCK
+
+
+@inner
+def _solve(k, out):
+    """out := S^-1 x"""
+    copy(k.x, k.rhs)
+    run(k.solve)
+    copy(k.rhs, out)
+
+
+@inner
+def _push(k, x):
+    """w := M^-1 A_i^T x; returns its largest entry."""
+    clear(k.w)
+    copy(x, k.x)
+    run(k.push_kept)
+    return largest(k.w)
+
+
+@inner
+def _product(x, y):
+    """x . y"""
+    out = 0.0
+    for a in range(len(x)):
+        out += x[a] * y[a]
+    return out

@@ -1,0 +1,259 @@
+"""Radau IIA with three stages on stabilised index 2, error-controlled, in rotation vectors of the step (compiled).
+
+Hairer and Wanner 1996, Solving Ordinary Differential Equations II, IV.8 and VII.4; stabilised: Gear, Gupta, Leimkuhler
+1985, J. Comput. Appl. Math. 12. Stages i, with R_i = R_0 exp(theta_i) and the slack z_i = M^-1 A_i^T eta_i::
+
+    v_i = v_0 + h sum a_ij vdot_j,   M vdot_i = f_i + A_i^T lam_i + A_s^T p_i,   phi(q_i) = 0,   A_i v_i = 0
+    r_i = r_0 + h sum a_ij (v_j + z_j),   theta_i = h sum a_ij dexp^-1(theta_j) (Omega_j + z_j)
+
+Simplified Newton with one S, that of the second stage's first estimate; d_i = M^-1 (f_i + A_i^T lam_i) - vdot_i::
+
+    S dlam_i = -A_i d_i - sum_j (a^-1)_ij (A v)_j / h,   S deta_i = (A v)_i - sum_j (a^-1)_ij phi_j / h
+
+so that stages decouple without complex systems. Spring-dampers are soft rows of the same step (module ``springs``), so
+that their stiffness does not limit it. The last stage is the end of the step.
+"""
+
+import math
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....harness.mechanics.system import MultibodySystem
+from ..compiled.algebra import clear, copy, largest, theta_dot
+from ..compiled.entries import inner, run
+from ..compiled.host import Method
+from ..compiled.kernel import Kernel
+from ..compiled.marching import SAFETY
+from ..compiled.soft_rows import Stages, stack_kernels, without_springs
+from .products import add_scaled, move
+from .springs import Springs, add_pull, correct, make_soft_rows, respond, set_rates, set_stretch, set_tensions
+
+_S = math.sqrt(6.0)
+A = np.array([
+    [(88.0 - 7.0 * _S) / 360.0, (296.0 - 169.0 * _S) / 1800.0, (-2.0 + 3.0 * _S) / 225.0],
+    [(296.0 + 169.0 * _S) / 1800.0, (88.0 + 7.0 * _S) / 360.0, (-2.0 - 3.0 * _S) / 225.0],
+    [(16.0 - _S) / 36.0, (16.0 + _S) / 36.0, 1.0 / 9.0],
+])  # fmt: skip
+C = np.array([(4.0 - _S) / 10.0, (4.0 + _S) / 10.0, 1.0])
+ERROR = np.array([-13.0 - 7.0 * _S, -13.0 + 7.0 * _S, -1.0]) / 3.0
+GAMMA = 1.0 / (3.0 + 3.0 ** (2.0 / 3.0) - 3.0 ** (1.0 / 3.0))  # the real eigenvalue of A
+MOST_ITERATIONS = 25
+NEEDED = ("rows", "factorise", "solve", "forces", "divide", "push", "slips")
+SCHEME = np.dtype([("tolerance", "f8"), ("before", "f8")])
+
+
+class Step(NamedTuple):
+    """Room for one step, which starts where ``kernel`` stands; the first axis is that of the stages."""
+
+    control: Any
+    kernel: Kernel
+    stages: Stages  # kernels without spring-dampers
+    springs: Springs
+    scheme: Any  # record: tolerance of the iteration [m; without unit], length of the last accepted step [s] or 0
+    a: Any  # (3, 3)
+    c: Any  # (3,)
+    inverse: Any  # (3, 3) of a
+    estimate: Any  # (3,) of the error
+    vdot: Any  # (3, nb, 6)
+    lam: Any  # (3, nrows)
+    eta: Any  # (3, nrows)
+    y: Any  # (3, nb, 6) r_i - r_0 and theta_i
+    rate: Any  # (3, nb, 6)
+    off: Any  # (3, nrows) A v + phi_t
+    old_vdot: Any  # (3, nb, 6) of the last accepted step
+    old_lam: Any  # (3, nrows)
+
+
+def radau_steps(system: MultibodySystem, rtol: float) -> Method:
+    """The method; its iteration ends at 1e-10, or a thousandth of ``rtol`` if that is less: constraints hold."""
+    of_system = partial(prepare, system=system, tolerance=max(1e-13, min(1e-10, 1e-3 * rtol)))
+    counters = ("rejected", "iterations", "factorisations")
+    return Method(of_system, step, finish, start, order=4.0, counters=counters)
+
+
+def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Step:
+    """Kernels and arrays of one step."""
+    nb, nr = len(kernel.mass), len(kernel.lam)
+    stages, made = stack_kernels(without_springs(system), 3, NEEDED)
+    springs = make_soft_rows(system, nr, A, made)
+    move, rows = (lambda: np.zeros((3, nb, 6))), (lambda: np.zeros((3, nr)))
+    return Step(
+        control, kernel, stages, springs, np.array((tolerance, 0.0), dtype=SCHEME),
+        A, C, np.linalg.inv(A).copy(), ERROR, move(), rows(), rows(), move(), move(), rows(), move(), rows(),
+    )  # fmt: skip
+
+
+def start(s):
+    """vdot and lam of index 1, and the tensions of the springs."""
+    k = s.kernel
+    run(k.accelerate)
+    s.control.factorisations += 1
+    set_tensions(s.springs, k.r, k.R, k.v, 2)
+    for i in range(3):
+        copy(k.v_dot, s.old_vdot[i])
+        copy(k.lam, s.old_lam[i])
+        clear(s.springs.old[i])
+        add_scaled(-1.0, s.springs.tension[2], s.springs.old[i])
+
+
+def step(s):
+    """Stages and the error of a step of ``control.h``; an iteration that does not converge halves the step."""
+    c = s.control
+    c.error = (SAFETY / 0.5) ** c.order
+    _guess(s, c.h)
+    for i in range(3):
+        s.stages.t[i, 0] = c.t + s.c[i] * c.h
+    last = np.inf
+    for i in range(MOST_ITERATIONS):
+        size = _iterate(s, c.h, i == 0)
+        c.iterations += 1
+        c.factorisations += i == 0
+        if not np.isfinite(size) or (i > 1 and size > 2.0 * last):
+            break
+        last = size
+        if size <= s.scheme.tolerance:
+            _set_poses(s, c.h, True)
+            c.error = _error(s, c.h, c.rtol)
+            break
+
+
+def finish(s):
+    """The last stage is the end."""
+    k, g = s.kernel, s.stages
+    copy(g.r[2], k.r)
+    copy(g.R[2], k.R)
+    copy(g.v[2], k.v)
+    copy(s.vdot[2], k.v_dot)
+    copy(s.lam[2], k.lam)
+    copy(s.vdot, s.old_vdot)
+    copy(s.lam, s.old_lam)
+    copy(s.springs.p, s.springs.old)
+    s.scheme.before = s.control.h
+
+
+@inner
+def _guess(s, h):
+    """vdot, lam and p of the stages on the parabola through those of the last step; eta = 0, theta = c h Omega_0."""
+    last = s.scheme.before
+    clear(s.vdot)
+    clear(s.lam)
+    clear(s.eta)
+    clear(s.springs.p)
+    for i in range(3):
+        x = 1.0 + s.c[i] * h / last if last > 0.0 else s.c[i]
+        for j in range(3):
+            m, n = (j + 1) % 3, (j + 2) % 3
+            w = (x - s.c[m]) * (x - s.c[n]) / ((s.c[j] - s.c[m]) * (s.c[j] - s.c[n]))
+            for b in range(len(s.kernel.v)):
+                add_scaled(w, s.old_vdot[j, b], s.vdot[i, b])
+            add_scaled(w, s.old_lam[j], s.lam[i])
+            add_scaled(w, s.springs.old[j], s.springs.p[i])
+        for b in range(len(s.kernel.v)):
+            for a in range(6):
+                s.y[i, b, a] = s.c[i] * h * s.kernel.v[b, a]
+
+
+@inner
+def _set_poses(s, h, sloped):
+    """Velocities and poses of the stages; ``sloped``: the rows of the last iterate stand for those of z."""
+    g = s.stages
+    for i in range(3):
+        clear(g.w[i])
+        if sloped:
+            copy(s.eta[i], g.x[i])
+            run(g.push[i])
+        for b in range(len(s.kernel.v)):
+            for a in range(6):
+                x = s.kernel.v[b, a]
+                for j in range(3):
+                    x += h * s.a[i, j] * s.vdot[j, b, a]
+                g.v[i, b, a] = x
+            y, v, d, rate = s.y[i, b], g.v[i, b], g.w[i, b], s.rate[i, b]
+            rate[0], rate[1], rate[2] = v[0] + d[0], v[1] + d[1], v[2] + d[2]
+            rate[3], rate[4], rate[5] = theta_dot(y[3], y[4], y[5], v[3] + d[3], v[4] + d[4], v[5] + d[5])
+    for i in range(3):
+        for b in range(len(s.kernel.v)):
+            for a in range(6):
+                x = 0.0
+                for j in range(3):
+                    x += h * s.a[i, j] * s.rate[j, b, a]
+                s.y[i, b, a] = x
+        move(s.kernel.r, s.kernel.R, s.y[i], g.r[i], g.R[i])
+
+
+@inner
+def _iterate(s, h, first):
+    """One correction of vdot, lam, eta and p; returns the size of what was off."""
+    _set_poses(s, h, not first)
+    g, size = s.stages, 0.0
+    for i in range(3):
+        run(g.rows[i])
+        set_tensions(s.springs, g.r[i], g.R[i], g.v[i], i)
+        copy(g.v[i], g.w[i])
+        run(g.slips[i])
+        for a in range(s.off.shape[1]):
+            s.off[i, a] = -g.x[i, a]
+        size = max(size, largest(g.phi[i]), h * largest(s.off[i]))
+    if first:
+        run(g.factorise[1])
+        respond(s.springs, g, h)
+    for i in range(3):
+        size = max(size, h * h * _correct_stage(s, g, h, i))
+    return max(size, h * h * correct(s, s.springs, h))
+
+
+@inner
+def _correct_stage(s, g, h, i):
+    """Correct vdot, lam and eta of stage i, springs aside; returns the largest change of vdot."""
+    right = g.rhs[1]
+    run(g.forces[i])
+    copy(g.force[i], g.w[i])
+    run(g.divide[i])
+    for b in range(len(s.kernel.v)):
+        add_scaled(-1.0, s.vdot[i, b], g.w[i, b])
+    copy(s.lam[i], g.x[i])
+    run(g.push[i])
+    add_pull(s.springs.stages, i, s.springs.p[i], g.w[i])
+    set_rates(g, i)
+    for a in range(len(right)):
+        by_v = 0.0
+        for j in range(3):
+            by_v += s.inverse[i, j] * s.off[j, a]
+        right[a] = -by_v / h - g.x[i, a]
+    run(g.solve[1])
+    copy(right, g.x[i])
+    add_scaled(1.0, g.x[i], s.lam[i])
+    run(g.push[i])
+    for a in range(len(right)):
+        by_q = 0.0
+        for j in range(3):
+            by_q += s.inverse[i, j] * g.phi[j, a]
+        right[a] = s.off[i, a] - by_q / h
+    run(g.solve[1])
+    add_scaled(1.0, right, s.eta[i])
+    for b in range(len(s.kernel.v)):
+        add_scaled(1.0, g.w[i, b], s.vdot[i, b])
+    set_stretch(s.springs, g.w[i], i)
+    return largest(g.w[i])
+
+
+@inner
+def _error(s, h, rtol):
+    """RMS of gamma (h y'_0 + e . (y_i - y_0)) over ``rtol (1 + |y|)``; angles over ``rtol``."""
+    total, start, g = 0.0, s.kernel, s.stages
+    for b in range(len(start.v)):
+        for a in range(12):
+            if a < 6:
+                x = h * start.v[b, a]
+                for i in range(3):
+                    x += s.estimate[i] * s.y[i, b, a]
+                size = max(abs(start.r[b, a]), abs(g.r[2, b, a])) if a < 3 else 0.0
+            else:
+                x = h * start.v_dot[b, a - 6]
+                for i in range(3):
+                    x += s.estimate[i] * (g.v[i, b, a - 6] - start.v[b, a - 6])
+                size = max(abs(start.v[b, a - 6]), abs(g.v[2, b, a - 6]))
+            total += (GAMMA * x / (rtol * (1.0 + size))) ** 2
+    return math.sqrt(total / (12.0 * len(start.v)))

@@ -1,0 +1,165 @@
+"""Spring-dampers as soft rows of a collocation step: stiffness and damping in the matrix of its iteration (compiled).
+
+A row is the rate of a spring's length, A_s = d(length_dot)/dv; its multiplier p = -tension is an unknown of stage i::
+
+    M vdot_i = f_i + A_i^T lam_i + A_s^T p_i,   p_i = -k (length_i - free length) - c length_dot_i
+
+A change dp changes vdot by Z dp, Z = M^-1 A_s^T - M^-1 A^T S^-1 A M^-1 A_s^T. So with G = A_s Z, the tableau a and the
+other changes d of vdot Newton's equations are::
+
+    dp_i + sum_j K_ij (A_s d_j + G dp_j) = -p_i - tension_i,   K = h c a + h^2 k a^2,
+
+dense in 3 ns unknowns, the Schur complement of M + h a D + h^2 a^2 K. Its rate does not depend on k and c, for G alone
+is frozen over the step, while forces act along the rows of each iterate. Left out: the turning of a spring under
+tension (tension / length across it).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ....harness.mechanics.system import MultibodySystem
+from ..compiled.algebra import clear, copy, largest
+from ..compiled.entries import inner, run
+from ..compiled.means import Entry, make_entry
+from ..compiled.soft_rows import Stages, make_springs
+from ..generated.steps import call_lapack, integer
+from .products import add_scaled
+
+
+class Springs(NamedTuple):
+    """The springs of a system, and room for their part of an iteration."""
+
+    stages: Stages  # kernels whose joints are the springs
+    law: Any  # (3, ns) stiffness, free length, damping
+    a: Any  # (3, 3)
+    square: Any  # (3, 3) a a
+    p: Any  # (3, ns)
+    old: Any  # (3, ns) of the last accepted step
+    tension: Any  # (3, ns) of the law
+    stretch: Any  # (3, ns) A_s d
+    W: Any  # (ns, nrows) change of lam by each p
+    G: Any  # (ns, ns) [1/kg]
+    matrix: Any  # (3 ns, 3 ns), by ``factorise`` its factors
+    change: Any  # (ns,) of p
+    right: Any  # (3 ns,) right-hand side, by ``solve`` the solution
+    factorise: Entry
+    solve: Entry
+
+
+def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: Any) -> Springs:
+    """Rows of the springs of ``system`` for three stages with the tableau ``a``; keeps alive ``keeps``, too."""
+    stages, made, law = make_springs(system, 3)
+    ns = law.shape[1]
+    p, old, tension, stretch = (np.zeros((3, ns)) for _ in range(4))
+    matrix, right = np.zeros((3 * ns, 3 * ns)), np.zeros(3 * ns)
+    n, lead, one, info, pivots = (
+        integer(3 * ns),
+        integer(max(1, 3 * ns)),
+        integer(1),
+        integer(0),
+        np.zeros(3 * ns, "i4"),
+    )
+    factorise = make_entry([call_lapack("dgetrf", n, n, matrix, lead, pivots, info)] if ns else [], None)
+    transposed = np.frombuffer(b"T", dtype="i1")  # LAPACK reads by columns
+    solve = [call_lapack("dgetrs", transposed, n, one, matrix, lead, pivots, right, lead, info)] if ns else []
+    W, G = np.zeros((ns, nrows)), np.zeros((ns, ns))
+    entries = factorise, make_entry(solve, (keeps, made))
+    return Springs(stages, law, a, a @ a, p, old, tension, stretch, W, G, matrix, np.zeros(ns), right, *entries)
+
+
+@inner
+def set_rates(g, i):
+    """x := A w of stage ``i``."""
+    run(g.slips[i])
+    for a in range(g.x.shape[1]):
+        g.x[i, a] = -g.x[i, a] - g.slip[i, a]
+
+
+@inner
+def set_tensions(s, r, R, v, i):
+    """Rows of the springs at poses and velocities of stage ``i``, and the tensions of their law."""
+    k = s.stages
+    copy(r, k.r[i])
+    copy(R, k.R[i])
+    copy(v, k.v[i])
+    run(k.rows[i])
+    copy(v, k.w[i])
+    run(k.slips[i])
+    for a in range(s.law.shape[1]):
+        s.tension[i, a] = s.law[0, a] * (k.phi[i, a] - s.law[1, a]) - s.law[2, a] * k.x[i, a]
+
+
+@inner
+def add_pull(k, i, p, w):
+    """w += M^-1 A_s^T p with the rows of stage ``i``."""
+    copy(w, k.w[i])
+    copy(p, k.x[i])
+    run(k.push[i])
+    copy(k.w[i], w)
+
+
+@inner
+def set_stretch(s, w, i):
+    """A_s w of stage ``i``."""
+    copy(w, s.stages.w[i])
+    set_rates(s.stages, i)
+    copy(s.stages.x[i], s.stretch[i])
+
+
+@inner
+def respond(s, g, h):
+    """W, G and the factors of the matrix with the factor and rows of the second stage of ``g``."""
+    k, ns = s.stages, len(s.G)
+    for t in range(ns):
+        clear(g.w[1])
+        clear(s.change)
+        s.change[t] = 1.0
+        add_pull(k, 1, s.change, g.w[1])
+        set_rates(g, 1)
+        for a in range(g.x.shape[1]):
+            g.rhs[1, a] = -g.x[1, a]
+        run(g.solve[1])
+        copy(g.rhs[1], s.W[t])
+        copy(g.rhs[1], g.x[1])
+        run(g.push[1])
+        copy(g.w[1], k.w[1])
+        set_rates(k, 1)
+        copy(k.x[1], s.G[t])
+    for i in range(3):
+        for a in range(ns):
+            for j in range(3):
+                K = h * (s.law[2, a] * s.a[i, j] + h * s.law[0, a] * s.square[i, j])
+                for t in range(ns):
+                    s.matrix[i * ns + a, j * ns + t] = K * s.G[t, a]
+            s.matrix[i * ns + a, i * ns + a] += 1.0
+    run(s.factorise)
+
+
+@inner
+def correct(step, s, h):
+    """Correct p, lam and vdot of all stages; returns the largest change of vdot."""
+    g, ns, size = step.stages, len(s.G), 0.0
+    if ns == 0:
+        return size
+    for i in range(3):
+        for a in range(ns):
+            x = -s.p[i, a] - s.tension[i, a]
+            for j in range(3):
+                x -= h * (s.law[2, a] * s.a[i, j] + h * s.law[0, a] * s.square[i, j]) * s.stretch[j, a]
+            s.right[i * ns + a] = x
+    run(s.solve)
+    for i in range(3):
+        clear(g.x[i])
+        for t in range(ns):
+            s.change[t] = s.right[i * ns + t]
+            add_scaled(s.change[t], s.W[t], g.x[i])
+        add_scaled(1.0, s.change, s.p[i])
+        add_scaled(1.0, g.x[i], step.lam[i])
+        clear(g.w[i])
+        run(g.push[i])
+        add_pull(s.stages, i, s.change, g.w[i])
+        for b in range(g.w.shape[1]):
+            add_scaled(1.0, g.w[i, b], step.vdot[i, b])
+        size = max(size, largest(g.w[i]))
+    return size
