@@ -185,9 +185,10 @@ def fill(poses: Poses, exact: Poses, size: float) -> Filled:
     own = between(error, here.t)
     made = Poses(here.t, here.r + own.r, _product(here.q, own.q))
     distance, angle = _apart(between(poses, here.t), made)
-    wanted = (distance > NEAR * size) | (angle > TURNED)
-    wanted &= ~far[np.searchsorted(poses.t, here.t, side="right") - 1]
-    made = made.at(np.flatnonzero(wanted))
+    gap = np.searchsorted(poses.t, here.t, side="right") - 1
+    off_in = np.zeros(len(far), dtype=bool)
+    off_in[gap[(distance > NEAR * size) | (angle > TURNED)]] = True  # all of a gap: after whole turns one may fit
+    made = made.at(np.flatnonzero((off_in & ~far)[gap]))
     order = np.argsort(np.concatenate((poses.t, made.t)), kind="stable")
     both = (np.concatenate(pair) for pair in ((poses.t, made.t), (poses.r, made.r), (poses.q, made.q)))
     return Filled(Poses(*both).at(order), len(made), spans)
