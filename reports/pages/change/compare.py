@@ -95,8 +95,8 @@ def unexplained(before: Sequence[RunRecord], after: Sequence[RunRecord], found: 
     """What may have changed the runs where no input did; names no cause where no run changed."""
     touched = {c.case for c in found.changes if c.metric not in unknown}
     if not touched:
-        alone = ", but each has runs that the other lacks" if found.only_before or found.only_after else ""
-        return f"No input differs, and no result of a run in both does{alone}."
+        alone = ", but there are runs in one of them only" if found.only_before or found.only_after else ""
+        return f"No input differs, and no result does{alone}."
     limited = {r.case for r in (*before, *after) if not is_repeatable(r)} & touched
     parts = [(limited, "a limit on time or memory ended {them}"), (touched - limited, "a solver is not deterministic")]
     words = [f"{plural(len(own), 'run')}: {cause.format(them='it' if len(own) == 1 else 'them')} "
