@@ -45,7 +45,7 @@ def truncation(
 ) -> Truncation:
     """Of velocities, accelerations and reactions of a run; ``speed`` [m/s]: what the motion reaches, in any frame."""
     k = _steps(system, t, s)
-    if len(k) < 3:
+    if len(k) < 3 or not speed > 0.0:
         return Truncation()
     before, here, after = (s.at(k + d) for d in (-1, 0, 1))
     h1, h2 = ((t[k + d] - t[k + d - 1])[:, None, None] for d in (0, 1))
@@ -61,6 +61,8 @@ def truncation(
     out = []
     still = np.broadcast_to(np.eye(3), (*v.shape[:2], 3, 3))
     there = _matter(system, _of_matter(found.a, here.Omega, still))
+    slow = speed / float(t[-1] - t[0])  # [m/s2] what changes the speed by as much as itself over the run
+    there = np.maximum(np.max(there, axis=1, keepdims=True), slow)  # a body at rest has no size of its own
     for both, told, spin, counts, rounded in (
         ((backward, forward), v, spins[0], speed, size), ((slower, faster), found.a, spins[1], there, fastest)
     ):  # fmt: skip
@@ -73,7 +75,8 @@ def truncation(
         loads = [load_on_bodies(system, reaction[k + d], s.at(k + d)) for d in (-1, 0, 1)]
         apart = _weight(system, loads[1] - found.load)
         steps = _weight(system, loads[1] - loads[0]) + _weight(system, loads[2] - loads[1])
-        floor = TOLD * _weight(system, found.load)
+        pull = np.max(_weight(system, found.load), axis=1, keepdims=True)
+        floor = TOLD * np.maximum(pull, system.mass * slow)
         out[2] = _ratio(apart, steps + floor)
     return Truncation(*out)
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from ..clock import cpu_by_process
+from ..clock import cpu_by_process, cpu_seconds_below
 from ..places import Place
 from .isolation import PATIENCE, Target, fork, kill_group
 
@@ -99,7 +99,8 @@ class Apart:
             self._next = now + EVERY
             self.used |= cpu_by_process(self.pid)
         if not self.killed:
-            self.over = "wall" if now > self.deadline else "cpu" if sum(self.used.values()) > self.limit + 1.0 else ""
+            used = max(sum(self.used.values()), cpu_seconds_below(self.pid))  # short children are known to who waited
+            self.over = "wall" if now > self.deadline else "cpu" if used > self.limit + 1.0 else ""
             if self.over:
                 self.kill()
         elif now > self._killed_at + 2.0 * PATIENCE:

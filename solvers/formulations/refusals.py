@@ -1,6 +1,6 @@
-"""Why a method cannot take rows that only restrict velocities, or that depend on time, or torsional springs."""
+"""Why a method cannot take some kinds of joints or forces."""
 
-from ...harness.mechanics.joints import DECLARED, KINDS, NAMED
+from ...harness.mechanics.joints import KINDS, NAMED
 from ...harness.mechanics.system import MultibodySystem
 
 VELOCITIES_ALONE = (
@@ -15,9 +15,7 @@ GRADIENTS = (
 
 def unknown_to_kernels(system: MultibodySystem) -> str | None:
     """The refusal of a method on kernels written by hand, which take a kind that they do not know for another."""
-    found = next(
-        (KINDS[k] for k in system.joint_sort if KINDS[k] not in NAMED and DECLARED[KINDS[k]].count.moving), None
-    )
+    found = next((KINDS[k] for k in system.joint_sort if KINDS[k] not in NAMED), None)
     return None if found is None else f"its kernels do not know {found}: use rkmk_dop853, rattle or ida_index1"
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ..generated import Code
 from ..generated.program import MOST_ARGUMENTS, runner
 
-MAKER = Path(__file__).parent / "numba_code.py"
+MAKERS = (Path(__file__), Path(__file__).parent / "numba_code.py")  # the layout of words, and the code around them
 PACKAGE = __name__.rsplit(".", 2)[0]  # whose modules count for what a function is
 
 
@@ -174,7 +174,7 @@ class Reach(NamedTuple):
 @cache
 def reach(function: Callable[..., None]) -> Reach:
     """Of ``function`` and all that it calls; comments and docstrings do not count."""
-    digest = hashlib.sha256(f"{sys.version} {_numba_version()}".encode() + MAKER.read_bytes())
+    digest = hashlib.sha256(f"{sys.version} {_numba_version()}".encode() + b"".join(f.read_bytes() for f in MAKERS))
     names: set[str] = set()
     seen: list[Callable[..., Any]] = [function]
     for one in seen:  # grows meanwhile

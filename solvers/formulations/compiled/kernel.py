@@ -230,6 +230,8 @@ def _parts(system: MultibodySystem) -> Iterator[Part]:
     for j, sort in enumerate(system.joint_sort):
         c, ground = joints.DECLARED[joints.KINDS[sort]].count, bool(system.joint_j[j] == GROUND)
         ahead = c.point + c.line + c.moving
+        if max(ahead, c.axis, ahead + c.axis if c.point and c.axis in (0, 2) else 0) > WIDTH:
+            raise ValueError(f"{joints.KINDS[sort]} has more rows than the {WIDTH} of a block of S (got {sum(c)})")
         if c.point and c.axis in (0, 2):
             yield Part(int(sort), 0, ahead + c.axis, ground, j)
             continue

@@ -5,11 +5,14 @@ import dataclasses
 import numpy as np
 import pytest
 
+from mbsbench import Joint, RigidBody, assemble
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
+from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.motion import energy, kinetic_energy
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.metrics.measure import measure
 from mbsbench.harness.metrics.summary import columns
+from mbsbench.harness.metrics.truncation import truncation
 from mbsbench.harness.metrics.verdict import doubts, inaccuracy
 from mbsbench.harness.types import Law, StepControl
 
@@ -120,3 +123,20 @@ def test_sound_solvers_are_far_from_the_limit(solver, name):
     run = made.solve(problem, control)
     found = measure(problem, run).truncation
     assert found.velocities < 0.5 and found.accelerations < 0.7 and not found.reactions > 0.9, found
+
+
+def test_a_body_at_rest_and_reactions_of_nothing_have_no_size_of_their_own():
+    """Rounding of a body without acceleration, or of a joint without load, is measured by the motion beside it."""
+    still, t = np.eye(3), np.linspace(0.0, 1.0, 201)
+    two = assemble([RigidBody(1.0, still)] * 2)
+    r = np.zeros((201, 2, 3))
+    r[:, 0, 0], r[:, 1, 0] = 3.0 * t, 5e-10 * t**2
+    v = np.gradient(r, t, axis=0, edge_order=2)
+    s = States(r, np.broadcast_to(still, (201, 2, 3, 3)), v, np.zeros((201, 2, 3)), t)
+    assert max(vars(truncation(two, t, s, None, 3.0)).values(), key=lambda x: -1.0 if np.isnan(x) else x) < 0.1
+    wheel = assemble([RigidBody(1.0, still)], [Joint(0, np.zeros(3), -1, np.zeros(3), still[2], still[2])])
+    spin = np.zeros((201, 1, 3))
+    spin[..., 2] = 5.0
+    R = np.stack([so3.exp(np.array([0.0, 0.0, 5.0 * x])) for x in t])[:, None]
+    s = States(np.zeros((201, 1, 3)), R, np.zeros((201, 1, 3)), spin, t)
+    assert truncation(wheel, t, s, np.full((201, 5), 1e-18), 5.0).reactions < 1e-6

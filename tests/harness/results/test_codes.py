@@ -8,7 +8,7 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.results.codes import Sources
 from mbsbench.harness.results.environment import ROOT
 
-COMPILED = ("solvers/formulations/geometric/index1/kernel/rows.py", "mu")
+COMPILED = ("solvers/formulations/compiled/evaluation.py",)
 
 
 @pytest.fixture(scope="module")
@@ -82,17 +82,17 @@ def test_comments_docstrings_and_layout_change_nothing(whole, edited):
 
 
 def test_an_edit_of_one_solver_asks_for_it_alone(whole, edited):
-    after = edited("solvers/rattle.py", "int(not system.is_conservative)", "int(system.is_conservative)")
+    after = edited("solvers/rattle.py", "rate=self.rate", "rate=2.0 * self.rate")
     assert changed(whole.solvers, after.solvers) == {"rattle"}
     assert not changed(whole.problems, after.problems) and after.measuring == whole.measuring
     assert after.code_of("chain", "rattle") != whole.code_of("chain", "rattle")
     assert after.code_of("chain", "gc_weak_form") == whole.code_of("chain", "gc_weak_form")
 
 
-def test_an_edit_of_a_joint_row_asks_for_all_compiled_solvers(whole, edited):
-    """Those that evaluate rows in compiled code, and not the ones on casadi's graphs."""
+def test_an_edit_of_the_kernel_asks_for_all_solvers_that_march_on_it(whole, edited):
+    """Not the ones on casadi's graphs."""
     found = changed(whole.solvers, edited(COMPILED[0], operator).solvers)
-    assert found >= {"rattle", "gc_weak_form", "gc_augmented_lagrangian", "lie_variational", "energy_momentum"}
+    assert found >= {"rattle", "rkmk_dop853", "lie_variational", "energy_momentum"}
     assert not found & {"ida_index1", "ida_index3", "ndf_index1", "rk45_strong_form"}
 
 
@@ -121,10 +121,9 @@ def test_what_only_arranges_asks_for_nothing(whole, edited):
 
 
 def test_another_version_of_a_package_asks_for_those_that_use_it(whole, edited):
-    after = edited("requirements.lock", lambda text: text.replace("casadi==", "casadi==9"))
-    assert "ida_index1" in changed(whole.solvers, after.solvers) and "rattle" not in changed(
-        whole.solvers, after.solvers
-    )
+    after = edited("requirements.lock", lambda text: text.replace("scipy-dae==", "scipy-dae==9"))
+    found = changed(whole.solvers, after.solvers)
+    assert "ndf_index1" in found and not found & {"rattle", "gc_weak_form"}
 
 
 def test_what_was_parsed_is_kept_and_a_damaged_file_costs_only_time(tmp_path, whole):
