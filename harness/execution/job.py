@@ -78,7 +78,8 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
         control="rtol" if control.dt is None else "dt", dt_s=_or_nan(control.dt), rtol=_or_nan(control.rtol),
         max_step_s=_or_nan(control.max_step), max_steps=control.max_steps,
         cpu_limit_s=spec.cpu_limit, wall_limit_s=SLACK * (spec.cpu_limit + GRACE), memory_limit_MB=spec.memory,
-        status=str(status), code=job.code, commit=job.commit, environment=job.environment, finished=environment.now(),
+        status=str(status), code=job.code, commit=job.commit, environment=job.environment,
+        finished=environment.now(fine=True),
         **{"t_end_s": spec.parameters.get("t_end", math.nan), **about, **files, **columns},
     )  # fmt: skip
 

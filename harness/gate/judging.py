@@ -189,6 +189,9 @@ def _bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
     if record is None:
         return Finding(State.FAIL, b.case, b.metric, math.nan, b.value, _range(b), b.unit, missing)
     measured = float(getattr(record, b.metric))
+    if math.isnan(measured):
+        words = f"not measured: the run was {record.status}"
+        return Finding(State.FAIL, b.case, b.metric, measured, b.value, _range(b), b.unit, words)
     if b.expect == "pass":
         state = State.PASS if b.holds(measured) else State.FAIL
     else:

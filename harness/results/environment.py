@@ -87,9 +87,9 @@ def files_between(before: str, after: str) -> list[str]:
     return _git("diff", "--name-only", before, after, "--", LOCK.name, *SHAPING).splitlines()
 
 
-def now() -> str:
-    """UTC, ISO 8601."""
-    return datetime.datetime.now(datetime.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+def now(*, fine: bool = False) -> str:
+    """UTC, ISO 8601, to the second or, where the order of two is asked for, to the microsecond."""
+    return datetime.datetime.now(datetime.UTC).strftime(f"%Y-%m-%dT%H:%M:%S{'.%f' if fine else ''}Z")
 
 
 def _content(path: Path) -> bytes:

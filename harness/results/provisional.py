@@ -8,7 +8,7 @@ from pathlib import Path
 from ..places import Place
 from ..types import EndedBy, Status
 from .records import RunRecord
-from .store import Unreadable
+from .store import Unreadable, ending
 
 PROVISIONAL = (
     EndedBy.TOTAL_LIMIT, EndedBy.SUPERVISOR_LOST, EndedBy.WORKERS_LOST, EndedBy.KILLED, EndedBy.SUSPENDED
@@ -23,7 +23,7 @@ def is_provisional(record: RunRecord) -> bool:
 def one_per_run(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
     """Of records with the same settings the latest; beside a success those cut short or crashed do not count."""
     found: dict[str, list[RunRecord]] = {}
-    for r in sorted(records, key=lambda r: (r.finished, r.run_id)):
+    for r in sorted(records, key=lambda r: (ending(r), r.run_id)):
         found.setdefault(r.settings_id, []).append(r)
     return tuple(map(_shown, found.values()))
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 from .. import files
 from ..places import PARTIAL, NotOwn, Place, place_of
 from ..shapes import Shape, shaped
+from ..types import Status
 from .records import COLUMNS, SCHEMA, BadRecord, RunRecord, from_json, to_json
 from .series import BadSeries, Series, read_series
 
@@ -212,9 +213,14 @@ def newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
     """Of records with the same settings the one that ended last: a resumed folder may hold those of older code."""
     found: dict[str, RunRecord] = {}
     for r in records:
-        if r.settings_id not in found or r.finished > found[r.settings_id].finished:
+        if r.settings_id not in found or ending(r) > ending(found[r.settings_id]):
             found[r.settings_id] = r
     return tuple(found.values())
+
+
+def ending(record: RunRecord) -> tuple[str, bool]:
+    """When a run ended, to sort by; of two at the same time a success is the earlier and cannot hide the other."""
+    return record.finished, record.status != Status.SUCCESS
 
 
 def set_aside(folder: Path, unreadable: Iterable[Unreadable]) -> None:

@@ -130,10 +130,10 @@ def test_a_signal_to_all_ends_all(tmp_path, number, code):
     )  # fmt: skip
     until = time.monotonic() + 60.0
     started: list[psutil.Process] = []
-    while time.monotonic() < until and len(started) < 3:  # supervisor, run, and the solver's own child
+    while time.monotonic() < until and len(started) != 4:  # supervisor, keeper, solver and the solver's own child
         time.sleep(0.05)
         started = psutil.Process(process.pid).children(recursive=True)
-    assert len(started) == 3
+    assert len(started) == 4
     os.killpg(process.pid, number)
     process.communicate(timeout=30)
     assert process.returncode == code

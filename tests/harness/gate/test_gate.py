@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from xml.etree import ElementTree
 
 import numpy as np
@@ -11,7 +12,7 @@ from msgspec.structs import replace
 from mbsbench.harness.__main__ import main
 from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.files import junit, markdown
-from mbsbench.harness.gate.judging import State, judge, tightened
+from mbsbench.harness.gate.judging import State, judge, judged_of, tightened
 from mbsbench.harness.gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
 from mbsbench.harness.gate.thresholds import (
     Expectation,
@@ -24,6 +25,8 @@ from mbsbench.harness.gate.thresholds import (
 from mbsbench.harness.mechanics.state import State as Pose
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.metrics.identity import fingerprint
+from mbsbench.harness.results import environment
+from mbsbench.harness.results.provisional import one_per_run
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import RunSpec
 from mbsbench.harness.types import Problem, Status, StepControl
@@ -145,6 +148,40 @@ def test_a_result_of_other_code_counts_as_missing():
     closed = judge(RUNS, [old, here], BOUNDS, lambda *_: "now")
     assert not closed.is_open and all("other code" in f.why for f in closed.findings if f.case == CASE)
     assert not judge(RUNS, [old, here], BOUNDS, lambda *_: "later").is_open
+
+
+@pytest.mark.parametrize("status", ["diverged", "wrong", "crashed"])
+def test_a_success_does_not_hide_a_failure(status):
+    """The newest counts whatever its status; of two of one time the failure, in whatever order they are read."""
+    early, late = "2026-01-01T00:00:00.000001Z", "2026-01-01T00:00:00.000002Z"
+    for was, now in ((early, late), (early, early)):
+        good = dataclasses.replace(RECORDS[0], run_id="a", finished=was)
+        bad = dataclasses.replace(RECORDS[0], run_id="0", finished=now, status=status)
+        for records in ([good, bad, RECORDS[1]], [RECORDS[1], bad, good]):
+            assert state(records).state is State.FAIL
+            assert status in {r.status for r in judged_of(records, None)}
+    mended = dataclasses.replace(good, finished=late)
+    assert state([mended, bad, RECORDS[1]]).is_open and state([bad, mended, RECORDS[1]]).is_open
+
+
+def test_of_two_results_of_one_time_all_readers_take_the_failure():
+    """Certificates and pictures as well."""
+    good, bad = RECORDS[0], dataclasses.replace(RECORDS[0], run_id="0", status="diverged")
+    for records in ([good, bad], [bad, good]):
+        assert one_per_run(records) == (bad,)
+
+
+def test_a_missing_figure_closes_the_gate():
+    """Whatever was expected of it, and also where the status is a success."""
+    for expect in ("pass", "fail"):
+        found = state(changed(phi_max=math.nan), with_bound(expect=expect))
+        assert [f.metric for f in found.findings if f.state is State.FAIL] == ["phi_max"]
+        assert "not measured" in found.findings[0].why
+
+
+def test_the_end_of_a_run_is_known_to_the_microsecond():
+    """Two files judged within a second are told apart."""
+    assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z", environment.now(fine=True))
 
 
 def test_expected_failures_are_distinguished():
