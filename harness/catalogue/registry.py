@@ -160,6 +160,12 @@ def is_own_solver(name: str) -> bool:
     return name in _own_solvers()
 
 
+def is_own_class(cls: type) -> bool:
+    """Whether ``cls`` makes a solver of ``solvers/``; what it says of itself (``__module__``) may be forged."""
+    name = vars(cls).get(_MARK, "")
+    return is_own_solver(name) and _own_solvers()[name].make is cls
+
+
 def solver_entry(cls: type) -> SolverEntry:
     """The entry of a class marked ``@solver`` that need not be in the catalogue, or ValueError."""
     if _MARK not in vars(cls):
