@@ -182,8 +182,8 @@ def preload() -> None:
     """Import what runs need, so that forks have it; freeze it, so that the collector does not copy its pages."""
     import gc
 
-    registry.problems()
-    registry.solvers()
+    for catalogue in (registry.problems(), registry.solvers()):
+        tuple(catalogue.values())
     gc.collect()
     gc.freeze()
 
