@@ -28,9 +28,7 @@ if TYPE_CHECKING:
 EXPLICIT = ("accelerate", "reactions", "project")
 MOST_OPERATIONS = 30_000
 LEAST_OF_A_ROW = 50  # operations
-MAKERS = tuple(
-    Path(__file__).with_name(f"{name}.py") for name in ("mechanism", "kernel", "blocks")
-)  # rows, their order
+MAKERS = tuple(Path(__file__).with_name(f"{name}.py") for name in ("mechanism", "kernel", "blocks"))  # of rows
 
 
 def make_mechanism(system: MultibodySystem, needed: Collection[str] = EXPLICIT) -> Made | None:
