@@ -6,13 +6,15 @@ Nobody gives the motion between two recorded steps. It is taken in two ways, and
     flow    from the recorded state on, by index 1 and the symmetric midpoint rule in n parts (Gragg), extrapolated in
             1/n^2; its error is what the last doubling of n changed
 
-The second is as exact as the recorded states, whatever the order of the method and the length of its steps.
+The second is as exact as the recorded states, whatever the order of the method and the length of its steps. Where
+neither can tell, the step is unknown: its work counts as what the energy changed by, so that energy is judged anew from
+its end.
 """
 
 import math
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from . import so3
 from .index1 import index_1
@@ -33,10 +35,13 @@ STATES = 60_000  # evaluations of index 1 at most, the uncertain steps first
 
 def work(
     system: MultibodySystem, t: Float[np.ndarray, " nt"], s: States, energy: Float[np.ndarray, " nt"]
-) -> tuple[Float[np.ndarray, " nt"], Float[np.ndarray, " nt"]]:
-    """Work since the start [J] and its error, as exact as the drift of ``energy`` (T + V [J]) less work asks for."""
+) -> tuple[Float[np.ndarray, " nt"], Float[np.ndarray, " nt"], Bool[np.ndarray, " steps"]]:
+    """Work since the start [J] and its error, as exact as the drift of ``energy`` (T + V [J]) less work asks for.
+
+    Third: which steps are unknown.
+    """
     if system.is_conservative or len(t) < 2:
-        return np.zeros(len(t)), np.zeros(len(t))
+        return np.zeros(len(t)), np.zeros(len(t)), np.zeros(max(len(t) - 1, 0), dtype=bool)
     h = np.diff(t)
     share = h / np.sum(h)
     angle = _fastest(system, s) * h
@@ -61,8 +66,10 @@ def work(
             surer = change < error[steps]
             gained[steps[surer]], error[steps[surer]] = found[surer], change[surer]
             doubled[steps] += 1
+    unknown = ~np.isfinite(error)
+    gained, error = np.where(unknown, np.diff(energy), gained), np.where(unknown, 0.0, error)
     total, unsure = (np.concatenate(([0.0], np.cumsum(a))) for a in (gained, error))
-    return total, unsure
+    return total, unsure, unknown
 
 
 def _wanted(energy: np.ndarray, gained: np.ndarray) -> float:

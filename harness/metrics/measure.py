@@ -46,11 +46,12 @@ class Measured:
     size: Scales
     mechanisms: tuple["Judged", ...]  # each with its own sizes; one is the whole system
     energy: Float[np.ndarray, " nt"]
-    energy_error: Float[np.ndarray, " nt"]
+    energy_error: Float[np.ndarray, " nt"]  # T + V less its start and the work, as far as that is certain
     phi_norm: Float[np.ndarray, " nt"]
     phi_dot_norm: Float[np.ndarray, " nt"]
     eq81_norm: Float[np.ndarray, " nt"]
     orthogonality: Float[np.ndarray, " nt"]
+    steps_of_unknown_work: int = 0  # over which energy is not judged
     out_of_plane: Float[np.ndarray, " nt"] | None = None
     position_error: Float[np.ndarray, " nt"] | None = None
     orientation_error: Float[np.ndarray, " nt"] | None = None
@@ -79,12 +80,12 @@ def measure(problem: Problem, trajectory: Trajectory) -> Measured:
     if reference is not None:
         _check_horizon(problem, reference)
     with np.errstate(all="ignore"):  # a motion may have blown up: its infinities are the result
-        whole, E, drift, eq81, phi, phi_dot = _judged(problem, reference, t, s, np.arange(problem.system.nb))
+        whole, E, drift, eq81, phi, phi_dot, unknown = _judged(problem, reference, t, s, np.arange(problem.system.nb))
         found = mechanisms(problem.system)
         each = (whole,) if len(found) == 1 else tuple(_judged(problem, reference, t, s, b)[0] for b in found)
         at_home = problem.home(s)
         return Measured(
-            t, whole.size, each, E, drift, phi, phi_dot, eq81, whole.laws[Law.ORTHOGONALITY],
+            t, whole.size, each, E, drift, phi, phi_dot, eq81, whole.laws[Law.ORTHOGONALITY], unknown,
             kinematic_defect=largest(kinematic_defect(problem.system, t, s, PATH * whole.size.length)),
             out_of_plane=_out_of_plane(problem, at_home),
             observables={o.name: np.asarray(o.of(at_home), dtype=float) for o in problem.observables},
@@ -102,24 +103,25 @@ def largest(a: Float[np.ndarray, " n"]) -> float:
 
 def _judged(
     problem: Problem, reference: Reference | None, t: np.ndarray, s: States, bodies: np.ndarray
-) -> tuple[Judged, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """With T + V, its drift, the norm of Eq. (81), |phi| and |phi_dot|."""
+) -> tuple[Judged, np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, int]:
+    """With T + V, its drift, the norm of Eq. (81), |phi|, |phi_dot|, and how many steps have unknown work."""
     system, start = part(problem.system, bodies), state_of(problem.initial, bodies)
     some = (states_of(s.at(k), bodies) for k in blocks(len(t), len(bodies)))
     parts = [(*_laws(system, b), reached(system, start, b)) for b in some]
     E, phi, phi_dot, gap, gap_rate, eq81, defect, rows = (np.concatenate(p) for p in zip(*parts, strict=True))
-    done, unsure = work(system, t, states_of(s, bodies), E)
+    done, unsure, unknown = work(system, t, states_of(s, bodies), E)
     drift = E - E[0] - done
+    drift = np.sign(drift) * np.maximum(np.abs(drift) - unsure, 0.0)  # what is certain of it
     rows[:, KINETIC] -= np.maximum(drift, 0.0)  # what was gained was not there to be exchanged
     laws = {
-        Law.ENERGY: np.sign(drift) * np.maximum(np.abs(drift) - unsure, 0.0),
+        Law.ENERGY: drift,
         Law.CONSTRAINT: gap,
         Law.CONSTRAINT_RATE: gap_rate,
         Law.ORTHOGONALITY: defect,
     }
     binding = {k: a for k, a in laws.items() if not (problem.literal_start and k in JOINTS)}
     size = scales(problem, reference, Run(rows, binding, covered(reference, t)), bodies)
-    return Judged(bodies, size, laws), E, drift, eq81, phi, phi_dot
+    return Judged(bodies, size, laws), E, drift, eq81, phi, phi_dot, int(np.sum(unknown))
 
 
 def _shares(whole: Judged, each: tuple[Judged, ...]) -> np.ndarray:

@@ -50,7 +50,7 @@ def columns(problem: Problem, trajectory: Trajectory, m: Measured) -> dict[str, 
             "invariant_drifts": json.dumps({i.name: _drift(m.invariants[i.name], i.unit) for i in problem.invariants}),
             **_steps(m.t),
             **_counted(trajectory.counters),
-            "notes": json.dumps(list(trajectory.notes)),
+            "notes": json.dumps([*trajectory.notes, *_unjudged(m)]),
             "events": len(trajectory.events),
         }
 
@@ -90,6 +90,12 @@ def _energy(problem: Problem, m: Measured, size: Scales) -> dict[str, float]:
         "energy_mean_last_quarter_J": time_mean(m.t, m.energy_error, end - quarter, end),
         "energy_allowed_J": math.nan if problem.energy_allowed is None else problem.energy_allowed,
     }
+
+
+def _unjudged(m: Measured) -> list[str]:
+    """Of the energy: steps over which the work of forces or drives is not known."""
+    n, steps = m.steps_of_unknown_work, len(m.t) - 1
+    return [f"energy not judged over {n} of {steps} steps: the work done in them is not known"] if n else []
 
 
 def _limits(problem: Problem, m: Measured, size: Scales) -> dict[str, float]:

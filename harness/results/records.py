@@ -78,7 +78,7 @@ class RunRecord:
     energy_scale_J: float = column(
         "what the motion exchanges: its largest T, or span of V; drifts are compared with it"
     )
-    energy_drift_max_J: float = column("max |energy error| over all accepted steps")
+    energy_drift_max_J: float = column("max |energy error| over all accepted steps, less what the work leaves open")
     energy_drift_end_J: float = column("energy error at the last step, signed")
     energy_trend_W: float = column("slope of the line of least squares through the energy error [J/s]")
     energy_mean_first_quarter_J: float = column("time mean of the energy error over the first quarter of the time")
