@@ -142,7 +142,9 @@ def _next_end(c, k):
         whole = left if left < (1.0 + 1e-9) * c.dt else c.dt  # no sliver of a last step
         part = whole / 2.0**c.level
         c.t, c.h = base + c.place * part, part
-        return base + whole if c.place + 1 == 2**c.level else base + (c.place + 1) * part
+        if c.place + 1 < 2**c.level:
+            return base + (c.place + 1) * part
+        return c.t_end if whole == left else (c.grid + 1) * c.dt
     end = _paced(c, k)
     if not end > c.t:
         c.outcome = FINISHED
