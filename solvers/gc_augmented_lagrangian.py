@@ -19,6 +19,8 @@ from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.geometric.choices import GaugeChoices, Penalty
 from .formulations.geometric.driver import integrate, prepare
 from .formulations.geometric.passages import passages
+from .formulations.methods.gc_newton_arrays import integrate_newton, newton_steps
+from .formulations.methods.gc_step import applies
 from .formulations.rank import rows_to_keep
 from .formulations.refusals import unknown_to_kernels
 
@@ -82,9 +84,15 @@ class GcAugmentedLagrangian(GaugeChoices):
             growth=self.penalty_growth,
             singular_turn=self.singular_turn or float("inf"), redundant=int(redundant > 0),
         )  # fmt: skip
-        run, step = prepare(problem, self.settings(problem)._replace(penalty=penalty), self.mu0)
-        set_up = cpu_seconds() - began
-        out = integrate(problem, control, run, step, self.max_cuts, self.max_turn)
+        settings = self.settings(problem)._replace(penalty=penalty)
+        if self.max_turn or not applies(settings, problem.system):
+            set_up = cpu_seconds() - began
+            method = newton_steps(problem.system, settings, self.max_cuts, self.max_turn, self.mu0)
+            out = integrate_newton(problem, control, method)
+        else:
+            run, step = prepare(problem, settings, self.mu0)
+            set_up = cpu_seconds() - began
+            out = integrate(problem, control, run, step, self.max_cuts, self.max_turn)
         rank = f"{problem.system.nrows} constraint rows of rank {problem.system.nrows - redundant} at the start"
         crossed = passages(problem.system, out)
         notes = [rank, *self.notes(problem)]

@@ -1,14 +1,16 @@
-"""Arrays and entries of ODE-GC's full Newton method for one mechanism."""
+"""ODE-GC with fixed steps by the full Newton method: its arrays and entries for one mechanism, and its runs."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
+from ....harness.types import Problem, StepControl, Trajectory
 from ..compiled.block_lu import factor, solve
 from ..compiled.entries import Bound
-from ..compiled.host import Method
+from ..compiled.host import Method, integrate
 from ..compiled.kernel import Kernel, Loops, parts_of, places_of
 from ..compiled.kernel import Step as Call
 from ..compiled.marching import NOT_FINITE
@@ -20,6 +22,26 @@ from . import gc_newton
 from .gc_newton import PARTS, SCHEME, TOLD, Step, Terms
 
 COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augmentations", "loose_steps")
+
+
+def integrate_newton(problem: Problem, control: StepControl, method: Method) -> Trajectory:
+    """March with ``newton_steps``; reactions are those of the nodes, from means over steps."""
+    out = integrate(problem, control, method)
+    return replace(out, reaction=at_nodes(np.diff(out.t), out.reaction[1:]))
+
+
+def at_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """Values at the nodes from means over the steps between (second order), linear at the ends."""
+    n = len(dt)
+    if n == 0:
+        return np.full((1, mean.shape[1]), np.nan)
+    if n == 1:
+        return np.repeat(mean, 2, axis=0)
+    w = (dt[1:] / (dt[:-1] + dt[1:]))[:, None]
+    inner = w * mean[:-1] + (1.0 - w) * mean[1:]
+    slope_first = (mean[1] - mean[0]) / (dt[0] + dt[1])
+    slope_last = (mean[-1] - mean[-2]) / (dt[-1] + dt[-2])
+    return np.concatenate(((mean[0] - dt[0] * slope_first)[None], inner, (mean[-1] + dt[-1] * slope_last)[None]))
 
 
 def newton_steps(system: MultibodySystem, settings: Settings, max_cuts: int, max_turn: float, mu0: str) -> Method:

@@ -33,6 +33,13 @@ SCHEME = np.dtype(
 )
 
 
+def applies(settings: Any, system: MultibodySystem) -> bool:
+    """Whether this method solves the step that ``settings`` describe."""
+    plain = not (settings.corrective or settings.carry_sigma or settings.penalty.nested)
+    forces = sum(len(a) for a in (system.spring_k, system.torsion_k, system.load_i, system.user_i))
+    return plain and settings.simplified == 1 and not forces and system.is_pinned
+
+
 class Step(NamedTuple):
     """Scheme and room of one step; suffix 0: its start."""
 
