@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -33,6 +34,12 @@ class Method:
     explicit: bool = False  # with code of the whole mechanism: 0.03 to 1.1 CPU-s to make, for half the time of a run
     needs: tuple[str, ...] = ()  # entries of the kernel beside those that these functions name
     notes: tuple[str, ...] = field(default=())
+    most_cuts: int = 0  # halvings of a fixed step that fails
+    tells: tuple[str, ...] = ()  # diagnostics of each step: what ``told`` of its bundle holds
+    explain: Callable[[Any, int], str] | None = None  # words for an outcome of the march
+
+
+UNTOLD = np.zeros(0)
 
 
 def tolerance_of(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]]:
@@ -50,28 +57,33 @@ def integrate(problem: Problem, control: StepControl, method: Method) -> Traject
     """March to the end or to a failure, which is a status."""
     began = cpu_seconds()
     functions = [method.step, method.finish, *([method.start] if method.start else [])]
-    needed = {"accelerate", *method.needs}.union(*(reach(function).names for function in functions))
+    needed = {*([] if method.start else ["accelerate"]), *method.needs}.union(
+        *(reach(function).names for function in functions)
+    )
     made = (make_mechanism(problem.system, needed) if method.explicit else None) or make_kernel(problem.system, needed)
     kernel = made.kernel
     start_at(kernel, problem.initial)
     state = new_control(
         t_end=problem.t_end, adaptive=method.order > 0.0, order=method.order, rate=method.rate, last_error=1e-4,
         rtol=control.rtol or 0.0, max_step=control.max_step or np.inf, dt=control.dt or 0.0,
-        next_step=min(FIRST_STEP, problem.t_end),
+        next_step=min(FIRST_STEP, problem.t_end), most_cuts=method.most_cuts,
     )  # fmt: skip
     bundle = method.prepare(kernel, state)
     step, finish = Bound(method.step, bundle), Bound(method.finish, bundle)
     start = Bound(method.start, bundle) if method.start else made.entry("accelerate")
     start()
 
+    told = bundle.told if method.tells else UNTOLD
+
     def stretch(n: int) -> Record:
-        record = empty_record(n, problem.system.nb, problem.system.nrows)
-        Bound(march, March(state, kernel, record, step.entry, finish.entry))()
+        record = empty_record(n, problem.system.nb, problem.system.nrows, len(told))
+        Bound(march, March(state, kernel, record, told, step.entry, finish.entry))()
         return Record(*(a[: state["recorded"]] for a in record))
 
     first = kernel.lam[kernel.order][None]
     stretch(0)  # compiles, or loads
-    return _march(problem, control, method, stretch, (state, first, kernel.order), cpu_seconds() - began)
+    explain = partial(method.explain, bundle) if method.explain else None
+    return _march(problem, control, method, stretch, explain, (state, first, kernel.order), cpu_seconds() - began)
 
 
 def _march(
@@ -79,6 +91,7 @@ def _march(
     control: StepControl,
     method: Method,
     stretch: Callable[[int], Record],
+    explain: Callable[[int], str] | None,
     at: tuple[np.ndarray, np.ndarray, np.ndarray],
     set_up: float,
 ) -> Trajectory:
@@ -98,6 +111,7 @@ def _march(
             break
         if outcome != marching.FULL:
             status, words = ENDS[outcome]
+            words = explain(outcome) if explain else words
             message = f"{words} at t = {t:g} s"
             break
         limit = None
@@ -117,11 +131,12 @@ def _march(
         status=status, message=message, notes=method.notes,
         counters={"steps": taken, **{WORDS.get(name, name): int(state[name]) for name in method.counters}},
         reaction=np.concatenate((reaction, whole.lam[:, order])), cpu_time=cpu, setup_time=set_up,
+        diagnostics={n: np.concatenate(([np.nan], a)) for n, a in zip(method.tells, whole.told.T, strict=True)},
     )  # fmt: skip
 
 
 NAMES = ("r", "R", "v", "Omega")
-WORDS = {"iterations": "newton_iterations"}  # of counters in results, where they differ
+WORDS = {"iterations": "newton_iterations", "cuts": "step_cuts"}  # of counters in results, where they differ
 ENDS = {
     marching.UNDERFLOW: (Status.STEP_UNDERFLOW, "the error test asks for a step below the spacing of times"),
     marching.NOT_FINITE: (Status.DIVERGED, "the motion is no longer finite"),

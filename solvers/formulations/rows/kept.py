@@ -80,6 +80,18 @@ def mean_push_code(kind: str, ground: bool) -> Code:
     return _code(f"mean push {kind} {ground}", lambda loops: {"push": _means().mean_push_loop(kind, ground)}, of)
 
 
+@cache
+def newton_code(kind: str, rows: tuple[int, ...], ground: bool, direction: int, **choices: bool) -> Code:
+    """Functions of ``newton.newton_loops``."""
+
+    def functions(_: ModuleType) -> dict[str, Any]:
+        from . import newton  # and CasADi
+
+        return dict(newton.newton_loops(kind, rows, ground, direction, **choices))
+
+    return _code(f"newton {kind} {rows} {ground} {direction} {choices}", functions, joints.DECLARED[kind])
+
+
 def _means() -> ModuleType:
     from . import means  # and CasADi
 
