@@ -13,8 +13,8 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.mechanics.system import MultibodySystem
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.directions import CHOICES
-from .formulations.geometric.index1.compositions import COMPOSITIONS, RATE
+from .formulations.methods.choices import CHOICES
+from .formulations.methods.compositions import COMPOSITIONS, RATE
 from .formulations.geometric.index1.integrate import fixed_steps
 from .formulations.geometric.simplified import composed
 from .gc_weak_form import GcWeakForm

@@ -11,7 +11,7 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.directions import CHOICES
+from .formulations.methods.choices import CHOICES
 from .formulations.geometric.index1.integrate import extrapolated_steps
 from .formulations.geometric.simplified import extrapolated
 from .gc_composed import refusal

@@ -13,7 +13,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.clock import cpu_seconds
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.choices import GaugeChoices
+from .formulations.methods.choices import GaugeChoices
 from .formulations.geometric.driver import integrate, prepare
 from .formulations.rank import rows_to_keep
 from .formulations.refusals import unknown_to_kernels

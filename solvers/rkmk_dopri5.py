@@ -12,7 +12,7 @@ from typing import ClassVar
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import integrate
-from .formulations.geometric.index1.tableaux import DOPRI5
+from .formulations.methods.tableaux import DOPRI5
 from .formulations.methods.rkmk import explicit_pair
 
 

@@ -7,7 +7,7 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.solvers.formulations.geometric import march as marching
 from mbsbench.solvers.formulations.geometric.arrays import Step
 from mbsbench.solvers.formulations.geometric.block_lu import factor, solve
-from mbsbench.solvers.formulations.geometric.choices import Penalty
+from mbsbench.solvers.formulations.methods.choices import Penalty
 from mbsbench.solvers.formulations.geometric.driver import advance, prepare
 from mbsbench.solvers.formulations.geometric.jacobian import assemble
 from mbsbench.solvers.formulations.geometric.newton import Run, evaluate, refresh

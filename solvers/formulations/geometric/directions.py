@@ -11,8 +11,7 @@ from numba import njit
 
 from .vectors import INNER, cross, dot, plus, put, times, turn, turn_back
 
-CHOICES = ("a", "mass", "translation")
-ALONG_A, ALONG_MASS, TRANSLATION = range(3)
+from ..methods.choices import ALONG_A, TRANSLATION  # noqa: F401
 
 
 @njit(**INNER)

@@ -12,7 +12,7 @@ from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
 from mbsbench.harness.types import Problem
 from mbsbench.solvers.formulations.geometric.arrays import Step
 from mbsbench.solvers.formulations.geometric.block_lu import factor, solve
-from mbsbench.solvers.formulations.geometric.choices import Settings
+from mbsbench.solvers.formulations.methods.choices import Settings
 from mbsbench.solvers.formulations.geometric.driver import load, prepare
 from mbsbench.solvers.formulations.geometric.jacobian import assemble as fill_blocks
 from mbsbench.solvers.formulations.geometric.newton import Run, evaluate

@@ -10,7 +10,7 @@ from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.types import Status, Trajectory
 from mbsbench.solvers.formulations.compiled.host import Method, integrate
-from mbsbench.solvers.formulations.geometric.index1.tableaux import DOPRI853
+from mbsbench.solvers.formulations.methods.tableaux import DOPRI853
 from mbsbench.solvers.formulations.methods import rkmk
 
 X, Y, Z, O = (*np.eye(3), np.zeros(3))
