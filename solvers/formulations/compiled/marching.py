@@ -9,9 +9,9 @@ Reversible step control (Hairer and Soederlind 2005, SIAM J. Sci. Comput. 26)::
 
 so that z follows 1/s, never less than 1, and the way back takes the same steps. G takes the accelerations at y_n.
 
-A fixed step that fails is halved, up to ``most_cuts`` times, and grown back: a step of the grid 0, dt, 2 dt, ... is split
-in 2^level parts, of which ``place`` are done; the level falls by one after a success at an even place, so that the grid
-is met again exactly. A step that fails leaves the kernel at its start.
+A fixed step that fails is halved, up to ``most_cuts`` times, and grown back: a step of the grid 0, dt, 2 dt, ... is
+split in 2^level parts, of which ``place`` are done; the level falls by one after a success at an even place, so that
+the grid is met again exactly. A step that fails leaves the kernel at its start.
 """
 
 import math

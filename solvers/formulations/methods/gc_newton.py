@@ -25,25 +25,24 @@ CONVERGED, LOOSE, SLOW, INFINITE, SINGULAR_MATRIX = range(5)
 NEAR = 3.0  # decades of the determinant below its largest, where rows that lose rank look like redundant ones
 SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
 ENOUGH = 0.25  # an augmentation that leaves more of phi_dot raises xi (Powell; Bertsekas)
-TOLD = ("newton_iterations", "cut_level", "residual_norm", "constraint_norm", "penalty", "log_determinant")
 
 SCHEME = np.dtype(
     [(name, "f8") for name in (
-        "gauge", "b_term", "tolerance", "refresh", "extrapolate", "c_bar", "k_bar", "penalty", "accept", "soft", "growth",
-        "singular_turn", "max_turn",
+        "gauge", "b_term", "tolerance", "refresh", "extrapolate", "c_bar", "k_bar", "penalty", "accept", "soft",
+        "growth", "singular_turn", "max_turn",
         # of the present step: its length, penalty, length of the factor's step (0: none), norms (80) and (81), log10 of
         # the determinant, its change, its largest; length of the last step (0: none)
         "h", "xi", "factored", "norm", "slip", "log_det", "fall", "highest", "last",
     )]
     + [(name, "i8") for name in (
         "use_f_bar", "keep_nu", "corrective", "by_forces", "carry_sigma", "velocity", "pushed", "max_newton",
-        "active", "always_nested", "lambda_bar", "correct_pose", "redundant", "max_augmentations",
+        "active", "always_nested", "lambda_bar", "closes_pose", "redundant", "max_augmentations",
         "nested", "outcome", "corrections",  # inside the nested loop; of the last try: outcome, corrections before it
     )]
 )  # fmt: skip
 
 
-class Rows(NamedTuple):
+class Terms(NamedTuple):
     """Of all rows, in the kernel's order; suffix 0: at the start of the step, 1: at its end."""
 
     nu: Any
@@ -86,7 +85,7 @@ class Step(NamedTuple):
     scheme: Any
     told: Any  # (6,) ``TOLD``
     plan: Any  # (3,) dt/2, B, gauge
-    rows: Rows
+    terms: Terms
     c: Any  # (2, nrows, 6) c_R on both ends, of the ground 0
     couple: Any  # (nj, 2, 2) pair of the kernel: load of end e by the motion of end o
     saddle: Saddle
@@ -105,16 +104,31 @@ class Step(NamedTuple):
     begin: int = 0
     balance: int = 0
     slopes: int = 0
-    assemble: int = 0  # the saddle
-    factor: int = 0
-    solve: int = 0
+    factor_saddle: int = 0
+    solve_saddle: int = 0
+    complete: int = 0  # entries of functions here
+    evaluate: int = 0
+    assemble: int = 0
+    begin_step: int = 0
+    estimate: int = 0
+    refresh: int = 0
+    correct: int = 0
+    leave_redundant: int = 0
+    correct_pose: int = 0
+    keep_end: int = 0
+
+
+PARTS = (  # in which order they are made: each calls those before it
+    "complete", "evaluate", "assemble", "begin_step", "estimate", "refresh", "leave_redundant", "correct",
+    "correct_pose", "keep_end",
+)  # fmt: skip
 
 
 def start(s):
     """The start complete, and its mu."""
-    k, g, o = s.kernel, s.scheme, s.rows
+    k, g, o = s.kernel, s.scheme, s.terms
     clear(o.nu)
-    _complete(s)
+    run(s.complete)
     if g.velocity:  # mu0 = c . M v / M_bar: the velocity along c_R
         run(s.direction)
         for j in range(len(k.body)):
@@ -129,7 +143,7 @@ def start(s):
                             total += c[3 + q] * (J[q, 0] * v[3] + J[q, 1] * v[4] + J[q, 2] * v[5])
                 o.mu0[a] = total / o.m_bar[a]
                 o.nu_start[a] = total
-    _keep_end(s)
+    run(s.keep_end)
 
 
 def step(s):
@@ -155,14 +169,14 @@ def step(s):
 
 def finish(s):
     """The end is accepted; ``lam`` becomes the mean row force of the step."""
-    c, g, k, o = s.control, s.scheme, s.kernel, s.rows
+    c, g, k, o = s.control, s.scheme, s.kernel, s.terms
     if g.outcome == LOOSE:
         c.loose_steps += 1
         g.factored = 0.0
         if not g.always_nested:  # a step of the nested loop is loose when it runs out of augmentations, too
             g.max_turn = min(g.max_turn, g.singular_turn)
-    if g.factored != 0.0 and g.correct_pose:
-        _correct_pose(s)
+    if g.factored != 0.0 and g.closes_pose:
+        run(s.correct_pose)
     same = g.last == g.h
     for a in range(len(o.nu)):
         nu0 = g.gauge * o.nu[a] + o.nu_start[a]
@@ -181,16 +195,15 @@ def finish(s):
             o.sigma0[a] = o.m_bar[a] * o.phi_dot1[a]  # (62)
     copy(s.v0, s.old_v)
     g.last = g.h
-    _keep_end(s)
+    run(s.keep_end)
     s.told[0], s.told[1], s.told[2], s.told[3] = c.iterations - g.corrections, c.level, g.norm, g.slip
     if g.active:
         s.told[4], s.told[5] = g.xi, g.log_det
 
 
-@inner
-def _keep_end(s):
+def keep_end(s):
     """The end becomes the next start."""
-    o = s.rows
+    o = s.terms
     copy(s.kernel.force, s.force0)
     copy(o.phi1, o.phi0)
     copy(o.phi_dot1, o.phi_dot0)
@@ -219,8 +232,8 @@ def _attempt(s):
     """
     g, k = s.scheme, s.kernel
     omega2 = _fastest_square(k)
-    _begin(s)
-    _estimate(s)
+    run(s.begin_step)
+    run(s.estimate)
     if g.xi != g.penalty:  # the last step was a soft one: its factor is not that of this step
         g.factored = 0.0
     g.xi = g.penalty
@@ -228,10 +241,9 @@ def _attempt(s):
     if not nested:
         g.nested = 0
         _newton(s)
-        g.slip = _constraint_norm(s)
         if g.outcome != CONVERGED and g.active:
             nested = 1
-            _estimate(s)
+            run(s.estimate)
             g.factored = 0.0
             if omega2 > 0.0:  # above about 0.3 of xi (omega dt)^2 the penalised matrix turns indefinite
                 g.xi = min(g.penalty, g.soft / (omega2 * g.h * g.h))
@@ -242,12 +254,11 @@ def _attempt(s):
 @inner
 def _nested_loop(s):
     """The paper's loop: Newton to convergence at a fixed multiplier, then (85), until phi_dot is small enough."""
-    g, o, before = s.scheme, s.rows, np.inf
+    g, o, before = s.scheme, s.terms, np.inf
     copy(o.nu, o.nu_kept)
     g.nested = 1
     for _ in range(g.max_augmentations):
         _newton(s)
-        g.slip = _constraint_norm(s)
         if g.outcome != CONVERGED:
             return
         copy(o.nu, o.nu_kept)  # (85): mu - xi psi
@@ -264,38 +275,37 @@ def _nested_loop(s):
 @apart
 def _newton(s):
     """Drive the residual below the tolerance. A kept factorisation is renewed when it no longer contracts."""
-    g, o, before = s.scheme, s.rows, np.inf
+    g, o, before = s.scheme, s.terms, np.inf
     # without sigma (80) implies (81), with C_bar or K_bar (81) cannot hold, and Sect. 4.3 asks (81) after (85)
     both = g.carry_sigma and not g.corrective and not g.nested
     redundant = g.redundant and not g.nested
     clear(o.left)
     g.outcome = SLOW
     for iteration in range(g.max_newton + 1):
-        _evaluate(s)
+        run(s.evaluate)
         if not np.isfinite(g.norm):
             g.outcome = INFINITE
             return
-        if g.norm < g.tolerance and (not both or _constraint_norm(s) < g.tolerance):
-            g.outcome = SLOW if redundant and not _constraint_norm(s) < g.accept else CONVERGED
+        if g.norm < g.tolerance and (not both or g.slip < g.tolerance):
+            g.outcome = SLOW if redundant and not g.slip < g.accept else CONVERGED
             return
         if iteration == g.max_newton:
             break
         stale = g.factored != g.h or g.refresh <= 0.0 or g.norm > g.refresh * before
         stale = stale or (iteration == 0 and g.fall < SINKING)
         if stale:
-            _refresh(s)
+            run(s.refresh)
             if s.lu.state.singular:
                 g.outcome = SINGULAR_MATRIX
                 return
         before = g.norm
-        _correct(s)
+        run(s.correct)
     g.factored = 0.0
 
 
-@inner
-def _begin(s):
+def begin_step(s):
     """G0, and the part of (74) that the end does not change."""
-    g, k, o = s.scheme, s.kernel, s.rows
+    g, k, o = s.scheme, s.kernel, s.terms
     half = 0.5 * g.h
     s.plan[0], s.plan[1], s.plan[2] = half, half * g.b_term, g.gauge
     for a in range(len(o.nu)):
@@ -315,10 +325,9 @@ def _begin(s):
     run(s.begin)
 
 
-@inner
-def _estimate(s):
+def estimate(s):
     """Velocities and nu of the end, extrapolated from the last two steps or those of the start."""
-    g, k, o = s.scheme, s.kernel, s.rows
+    g, k, o = s.scheme, s.kernel, s.terms
     ratio = g.extrapolate * g.h / g.last if g.last > 0.0 else 0.0
     for b in range(len(k.mass)):
         for q in range(6):
@@ -330,10 +339,9 @@ def _estimate(s):
             o.nu[a] = ratio * (o.old[a] + ratio * o.increment[a])
 
 
-@apart
-def _complete(s):
+def complete(s):
     """Everything that follows from poses and velocities of ``kernel``."""
-    k, g, o = s.kernel, s.scheme, s.rows
+    k, g, o = s.kernel, s.scheme, s.terms
     run(k.applied)
     run(s.measure)
     if g.by_forces:
@@ -360,10 +368,12 @@ def _complete(s):
             o.k_bar1[a] = g.k_bar * o.m_bar[a]
 
 
-@inner
-def _evaluate(s):
-    """Residual of the present estimate; its norm (80): sqrt(R_v . M^-1 R_v + R_mu . M_bar R_mu) [sqrt(J)]."""
-    g, k, o, half = s.scheme, s.kernel, s.rows, 0.5 * s.scheme.h
+def evaluate(s):
+    """Residual of the present estimate; norms [sqrt(J)].
+
+    (80): sqrt(R_v . M^-1 R_v + R_mu . M_bar R_mu), R_mu being (75) over M_bar; (81): sqrt(phi_dot . M_bar phi_dot).
+    """
+    g, k, o, half = s.scheme, s.kernel, s.terms, 0.5 * s.scheme.h
     k.t[0] = s.control.t + g.h
     for b in range(len(k.mass)):
         for q in range(3):
@@ -372,11 +382,12 @@ def _evaluate(s):
             s.R0[b], half * (s.v0[b, 3] + k.v[b, 3]), half * (s.v0[b, 4] + k.v[b, 4]), half * (s.v0[b, 5] + k.v[b, 5]),
             k.R[b],
         )  # fmt: skip
-    _complete(s)
+    run(s.complete)
     xi, by_lam = (g.penalty, 2.0) if g.lambda_bar else (0.0, 1.0)  # the nested loop has -xi dphi1 = dt/2 dmu1, too
-    total = 0.0
+    total, slip = 0.0, 0.0
     for a in range(len(o.nu)):
         m = o.m_bar[a]
+        slip += m * o.phi_dot1[a] * o.phi_dot1[a]
         if g.nested:  # (84): mu - xi psi in place of mu
             o.nu[a] = o.nu_kept[a] - g.xi * m * o.phi_dot1[a]
         o.G1[a] = -g.use_f_bar * o.f_bar1[a]
@@ -411,22 +422,13 @@ def _evaluate(s):
         for q in range(3):
             total += out[q] * out[q] / k.mass[b]
             total += out[3 + q] * (J[q, 0] * out[3] + J[q, 1] * out[4] + J[q, 2] * out[5])
-    g.norm = math.sqrt(total)
+    g.norm, g.slip = math.sqrt(total), math.sqrt(slip)
     s.control.residuals += 1
-
-
-@inner
-def _constraint_norm(s):
-    """Eq. (81): sqrt(phi_dot . M_bar phi_dot) [sqrt(J)]."""
-    o, total = s.rows, 0.0
-    for a in range(len(o.nu)):
-        total += o.m_bar[a] * o.phi_dot1[a] * o.phi_dot1[a]
-    return math.sqrt(total)
 
 
 def assemble(s):
     """Eq. (79) at the present estimate."""
-    k, g, o, half = s.kernel, s.scheme, s.rows, 0.5 * s.scheme.h
+    k, g, o, half = s.kernel, s.scheme, s.terms, 0.5 * s.scheme.h
     K = s.saddle.bodies
     clear(K)
     for b in range(len(k.mass)):
@@ -488,13 +490,12 @@ def _set_differential(x, y, z, scale, out):
     out[6], out[7], out[8] = h * x * z + g * y, h * y * z - g * x, d + h * z * z
 
 
-@inner
-def _refresh(s):
+def refresh(s):
     """Assemble and factor the saddle at the present estimate."""
     g = s.scheme
     run(s.assemble)
     s.control.factorisations += 1
-    run(s.factor)
+    run(s.factor_saddle)
     g.factored = 0.0 if s.lu.state.singular else g.h
     if g.active and g.xi == g.penalty:  # soft steps weigh the redundant rows otherwise
         total = _log_determinant(s)
@@ -513,7 +514,7 @@ def _log_determinant(s):
     k, total = s.kernel, 0.0
     for j in range(len(k.body)):
         for a in range(k.row[j + 1] - k.row[j]):
-            total += math.log10(s.lu.pivot[s.lu.joint_at[j] + a] * s.rows.m_bar[k.row[j] + a])
+            total += math.log10(s.lu.pivot[s.lu.joint_at[j] + a] * s.terms.m_bar[k.row[j] + a])
     return total
 
 
@@ -526,29 +527,27 @@ def _put_rows(s, right):
             lu.x[lu.joint_at[j] + a] = -right[k.row[j] + a]
 
 
-@inner
-def _correct(s):
+def correct(s):
     """Newton correction (78) with the kept factorisation."""
     g, k, lu, x = s.scheme, s.kernel, s.lu, s.lu.x
     for b in range(len(k.mass)):
         for q in range(6):
             x[lu.body_at[b] + q] = -s.off[b, q]
-    _put_rows(s, s.rows.off)
-    run(s.solve)
+    _put_rows(s, s.terms.off)
+    run(s.solve_saddle)
     s.control.solves += 1
     if g.redundant and not g.nested and g.log_det > g.highest - NEAR:
-        _leave_redundant(s)
+        run(s.leave_redundant)
     for b in range(len(k.mass)):
         for q in range(6):
             k.v[b, q] += x[lu.body_at[b] + q]
     for j in range(len(k.body)):
         for a in range(k.row[j + 1] - k.row[j]):
-            s.rows.nu[k.row[j] + a] += x[lu.joint_at[j] + a]
+            s.terms.nu[k.row[j] + a] += x[lu.joint_at[j] + a]
     s.control.iterations += 1
 
 
-@inner
-def _leave_redundant(s):
+def leave_redundant(s):
     """Take out of a correction the nu of redundant rows, which A^T sends to zero; what they ask for is ``left``.
 
     Such rows agree on the constraint manifold only: off it, by phi = O(dt^3) within a step, they ask for velocities
@@ -556,13 +555,13 @@ def _leave_redundant(s):
     = O(dt) nu, a spurious force that brakes the motion. The saddle itself tells that part: with
     (Xi M_bar)^-1 dnu as the only right side it returns dnu where A^T dnu = 0, and next to nothing elsewhere.
     """
-    k, lu, o = s.kernel, s.lu, s.rows
+    k, lu, o = s.kernel, s.lu, s.terms
     copy(lu.x, s.y)
     clear(lu.x)
     for j in range(len(k.body)):
         for a in range(k.row[j + 1] - k.row[j]):
             lu.x[lu.joint_at[j] + a] = o.softness[k.row[j] + a] * s.y[lu.joint_at[j] + a]
-    run(s.solve)
+    run(s.solve_saddle)
     for j in range(len(k.body)):
         for a in range(k.row[j + 1] - k.row[j]):
             o.left[k.row[j] + a] -= o.softness[k.row[j] + a] * lu.x[lu.joint_at[j] + a]
@@ -571,8 +570,7 @@ def _leave_redundant(s):
     s.control.solves += 1
 
 
-@inner
-def _correct_pose(s):
+def correct_pose(s):
     """Least change of the poses that takes phi to zero (one correction with the kept factorisation).
 
     At a singular configuration phi = O(dt^2) is not harmless: with phi along the lost direction the mechanism cannot
@@ -580,12 +578,12 @@ def _correct_pose(s):
     """
     k, lu = s.kernel, s.lu
     clear(lu.x)
-    _put_rows(s, s.rows.phi1)
-    run(s.solve)
+    _put_rows(s, s.terms.phi1)
+    run(s.solve_saddle)
     for b in range(len(k.mass)):
         x = lu.x[lu.body_at[b] : lu.body_at[b] + 6]
         for q in range(3):
             k.r[b, q] += x[q]
         turned_by(k.R[b], x[3], x[4], x[5], k.R[b])
     s.control.solves += 1
-    _complete(s)
+    run(s.complete)

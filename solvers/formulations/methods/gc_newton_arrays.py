@@ -1,14 +1,16 @@
-"""Arrays and entries of ODE-GC's full Newton method for one mechanism."""
+"""ODE-GC with fixed steps by the full Newton method: its arrays and entries for one mechanism, and its runs."""
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
+from ....harness.types import Problem, StepControl, Trajectory
 from ..compiled.block_lu import factor, solve
 from ..compiled.entries import Bound
-from ..compiled.host import Method
+from ..compiled.host import Method, integrate
 from ..compiled.kernel import Kernel, Loops, parts_of, places_of
 from ..compiled.kernel import Step as Call
 from ..compiled.marching import NOT_FINITE
@@ -16,18 +18,49 @@ from ..compiled.means import Entry, make_entry
 from ..compiled.saddle_pattern import analyse
 from ..rows.kept import newton_code
 from . import gc_newton
-from .gc_newton import SCHEME, TOLD, Rows, Step
+from .choices import TOLD, Settings
+from .gc_newton import PARTS, SCHEME, Step, Terms
 
 COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augmentations", "loose_steps")
 
 
-def newton_steps(system: MultibodySystem, most_cuts: int, direction: int, *, couple: bool, **choices: float) -> Method:
-    """The method; ``choices`` are fields of ``SCHEME``, ``couple`` keeps body-to-body blocks that joints cause."""
-    of_system = partial(make_step, system=system, direction=direction, couple=couple, choices=choices)
-    tells = TOLD if choices["active"] else TOLD[:4]
+def integrate_newton(problem: Problem, control: StepControl, method: Method) -> Trajectory:
+    """March with ``newton_steps``; reactions are those of the nodes, from means over steps."""
+    out = integrate(problem, control, method)
+    return replace(out, reaction=at_nodes(np.diff(out.t), out.reaction[1:]))
+
+
+def at_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """Values at the nodes from means over the steps between (second order), linear at the ends."""
+    n = len(dt)
+    if n == 0:
+        return np.full((1, mean.shape[1]), np.nan)
+    if n == 1:
+        return np.repeat(mean, 2, axis=0)
+    w = (dt[1:] / (dt[:-1] + dt[1:]))[:, None]
+    inner = w * mean[:-1] + (1.0 - w) * mean[1:]
+    slope_first = (mean[1] - mean[0]) / (dt[0] + dt[1])
+    slope_last = (mean[-1] - mean[-2]) / (dt[-1] + dt[-2])
+    return np.concatenate(((mean[0] - dt[0] * slope_first)[None], inner, (mean[-1] + dt[-1] * slope_last)[None]))
+
+
+def newton_steps(system: MultibodySystem, settings: Settings, max_cuts: int, max_turn: float, mu0: str) -> Method:
+    """The method with these choices."""
+    names = {"refresh", "extrapolate", "b_term", "gauge", "tolerance", "c_bar", "k_bar", "use_f_bar", "keep_nu",
+             "corrective", "by_forces", "carry_sigma", "max_newton"}  # fmt: skip
+    p = settings.penalty
+    choices = {name: float(getattr(settings, name)) for name in names} | {
+        "penalty": p.xi, "active": p.active, "always_nested": p.nested, "closes_pose": p.correct_pose,
+        "max_augmentations": p.max_augmentations, "accept": p.accept, "soft": p.soft, "lambda_bar": p.lambda_bar,
+        "growth": p.growth, "singular_turn": p.singular_turn, "redundant": p.redundant,
+        "max_turn": max_turn or np.inf, "velocity": mu0 == "velocity",
+    }  # fmt: skip
+    of_system = partial(
+        make_step, system=system, direction=settings.direction, couple=bool(settings.couple), choices=choices
+    )
     return Method(
-        of_system, gc_newton.step, gc_newton.finish, gc_newton.start, counters=COUNTERS, most_cuts=most_cuts,
-        tells=tells, explain=partial(explain, most_cuts=most_cuts), needs=NEEDED,
+        of_system, gc_newton.step, gc_newton.finish, gc_newton.start, counters=COUNTERS, most_cuts=max_cuts,
+        tells=TOLD if p.active else TOLD[:4], explain=partial(explain, most_cuts=max_cuts), needs=NEEDED,
     )  # fmt: skip
 
 
@@ -53,7 +86,7 @@ def make_step(
     couples = [[[pair_at.get((int(a), int(b)), -1) for b in ends] for a in ends] for ends in k.body]
     step = Step(
         control, k, scheme, told=np.zeros(len(TOLD) if scheme["active"] else 4), plan=np.zeros(3),
-        rows=Rows(*(np.zeros(nr) for _ in Rows._fields)), c=np.zeros((2, nr, 6)),
+        terms=Terms(*(np.zeros(nr) for _ in Terms._fields)), c=np.zeros((2, nr, 6)),
         couple=np.array(couples, dtype=np.int64).reshape(-1, 2, 2), saddle=saddle, lu=lu, y=np.zeros(len(lu.x)),
         T=np.zeros((nb, 9)), r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)),
         force0=np.zeros((nb, 6)), known=np.zeros((nb, 6)), off=np.zeros((nb, 6)), old_v=np.zeros((nb, 6)),
@@ -61,8 +94,10 @@ def make_step(
     loops = NewtonLoops(system, k, parts_of(system))
     loops.at, loops.couple, loops.choice = step, couple, direction
     entries = loops.entries()
-    step = step._replace(factor=bound(factor, lu), solve=bound(solve, lu), **entries)
-    return step._replace(assemble=bound(gc_newton.assemble, step))
+    step = step._replace(factor_saddle=bound(factor, lu), solve_saddle=bound(solve, lu), **entries)
+    for name in PARTS:
+        step = step._replace(**{name: bound(getattr(gc_newton, name), step)})
+    return step
 
 
 def bound(function: Any, bundle: Any) -> Entry:
@@ -93,7 +128,7 @@ class NewtonLoops(Loops):
     def entries(self) -> dict[str, Entry]:
         """All of them."""
         s, k = self.at, self._k
-        o, system, symmetric = s.rows, self._system, bool(s.scheme["gauge"] != 0.0)
+        o, system, symmetric = s.terms, self._system, bool(s.scheme["gauge"] != 0.0)
         inertia = np.concatenate(
             (system.mass[:, None], k.J.reshape(-1, 9), k.J_inv.reshape(-1, 9)), axis=1
         )  # fmt: skip

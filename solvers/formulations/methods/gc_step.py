@@ -34,6 +34,13 @@ SCHEME = np.dtype(
 )
 
 
+def applies(settings: Settings, system: MultibodySystem) -> bool:
+    """Whether this method solves the step that ``settings`` describe."""
+    plain = not (settings.corrective or settings.carry_sigma or settings.penalty.nested)
+    forces = sum(len(a) for a in (system.spring_k, system.torsion_k, system.load_i, system.user_i))
+    return plain and settings.simplified == 1 and not forces and system.is_pinned
+
+
 class Step(NamedTuple):
     """Scheme and room of one step; suffix 0: its start."""
 
@@ -275,6 +282,8 @@ def take_step(s, h, t):
         run(s.loads)
         change = math.sqrt(_take_velocities(s))
         s.control.iterations += 1
+        s.control.residuals += 1
+        s.control.solves += 1
         if not np.isfinite(change):
             return -1.0
         if change < g.tolerance:

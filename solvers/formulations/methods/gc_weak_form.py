@@ -39,7 +39,7 @@ def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -
     def prepare(kernel: Kernel, control: np.ndarray) -> Plain:
         one = make_step(system, kernel, control, choices)
         passes = PASSES if choices.penalty.correct_pose else 0
-        return Plain(one, one.told, passes, np.array([choices.penalty.xi]))
+        return Plain(one, one.told if choices.penalty.active else one.told[:4], passes, np.array([choices.penalty.xi]))
 
     def relieve(problem: Problem, marcher: Marcher) -> Any:
         return Relieved(problem, marcher, full, bool(choices.penalty.active))
@@ -84,8 +84,7 @@ class Relieved:
         """Up to ``n`` steps; those of the full method begin and end anywhere, those of the simplified on the grid."""
         c = self.state
         if self._never or self._stuck or c["place"] or c["level"] or self._is_turn_limited:
-            record = self._marcher_stretch(n)
-            return record
+            return self._marcher_stretch(n)
         c["most_cuts"] = 0
         record = self._simple.stretch(n)
         done = len(record.t)
@@ -95,6 +94,7 @@ class Relieved:
                 self._unlevelled.append(record.told[:, 5])
         if c["outcome"] == STUCK:
             c["outcome"], self._stuck = FULL, True
+            c["cuts"] -= 1
             self._hand_over()
         if done > PATIENCE:
             self._patience = PATIENCE
@@ -135,41 +135,27 @@ class Relieved:
         if self._stuck:
             k.r[:], k.R[:], k.v[:], k.t[0] = s.r0, s.R0, s.v0, c["t"]
             other.start()
-            f.rows.nu_start[:] = s.nu_start
+            f.terms.nu_start[:] = s.nu_start
             f.scheme["factored"], f.scheme["last"] = 0.0, h
             last, before = ((int(s.scheme["known"]) - a) % DEPTH for a in (1, 2))
             f.old_v[:] = s.v0 - h * s.acceleration[last]
             if s.scheme["keep_nu"]:
-                f.rows.increment[:] = h * s.impulse[last]
+                f.terms.increment[:] = h * s.impulse[last]
             else:
                 scale = h / (1.0 - float(s.scheme["gauge"]))
-                f.rows.old[:] = scale * s.impulse[last]
-                f.rows.increment[:] = f.rows.old - scale * s.impulse[before] if s.scheme["known"] > 1 else 0.0
+                f.terms.old[:] = scale * s.impulse[last]
+                f.terms.increment[:] = f.terms.old - scale * s.impulse[before] if s.scheme["known"] > 1 else 0.0
 
     def _take_back(self) -> None:
         """Where the full method stands, and its last step as the past of the simplified one."""
         s, f, c = self._simple.bundle.step, self._marcher.bundle, self.state
         k, o, h, g = s.kernel, f.kernel, float(f.scheme["last"]), s.scheme
         k.r[:], k.R[:], k.v[:], k.t[0] = o.r, o.R, o.v, o.t[0]
-        s.nu_start[:] = f.rows.nu_start
+        s.nu_start[:] = f.terms.nu_start
         g["known"], g["factored"], g["begun"] = 1, 0, 0
         s.acceleration[0] = (k.v - f.old_v) / h
         s.middle[0] = c["t"] - 0.5 * h
-        s.impulse[0] = f.rows.increment / h if g["keep_nu"] else (1.0 - float(g["gauge"])) * f.rows.old / h
-
-
-def means_at_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
-    """Values at the nodes from means over the steps between (second order), linear at the ends."""
-    n = len(dt)
-    if n == 0:
-        return np.full((1, mean.shape[1]), np.nan)
-    if n == 1:
-        return np.repeat(mean, 2, axis=0)
-    w = (dt[1:] / (dt[:-1] + dt[1:]))[:, None]
-    between = w * mean[:-1] + (1.0 - w) * mean[1:]
-    slope_first = (mean[1] - mean[0]) / (dt[0] + dt[1])
-    slope_last = (mean[-1] - mean[-2]) / (dt[-1] + dt[-2])
-    return np.concatenate(((mean[0] - dt[0] * slope_first)[None], between, (mean[-1] + dt[-1] * slope_last)[None]))
+        s.impulse[0] = f.terms.increment / h if g["keep_nu"] else (1.0 - float(g["gauge"])) * f.terms.old / h
 
 
 def start(m):

@@ -83,7 +83,9 @@ def newton_loops(
         "measure": Loop(
             whole=[e.t], rows=[e.numbers], blocks=[x for b in moving for x in b[:5]], stored=[phi, rate, m_bar, f_bar]
         ),
-        "direction": Loop(whole=[e.t], rows=[e.numbers], blocks=[x for b in moving for x in b[:5]], stored=[_by_rows(x) for x in c]),
+        "direction": Loop(
+            whole=[e.t], rows=[e.numbers], blocks=[x for b in moving for x in b[:5]], stored=[_by_rows(x) for x in c]
+        ),
         "begin": Loop(
             whole=[e.t, plan], rows=[e.numbers, start, G0], blocks=poses,
             stored=[values] if symmetric else [], added_blocks=_ends(Z0 @ start + first, ends),
