@@ -41,7 +41,9 @@ class GcExtrapolated:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with error control."""
-        return integrate(problem, control, extrapolated_steps(problem.system, self._step.settings(problem), self.columns))
+        return integrate(
+            problem, control, extrapolated_steps(problem.system, self._step.settings(problem), self.columns)
+        )
 
     @property
     def _step(self) -> GcWeakForm:

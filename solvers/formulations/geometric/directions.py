@@ -9,9 +9,8 @@
 
 from numba import njit
 
+from ..methods.choices import ALONG_A, TRANSLATION
 from .vectors import INNER, cross, dot, plus, put, times, turn, turn_back
-
-from ..methods.choices import ALONG_A, TRANSLATION  # noqa: F401
 
 
 @njit(**INNER)

@@ -55,7 +55,14 @@ class Settings(NamedTuple):
     penalty: Penalty = Penalty()
 
 
-TOLD = ("newton_iterations", "cut_level", "residual_norm", "constraint_norm", "penalty", "log_determinant")  # of each step
+TOLD = (
+    "newton_iterations",
+    "cut_level",
+    "residual_norm",
+    "constraint_norm",
+    "penalty",
+    "log_determinant",
+)  # of each step
 HUGE = 1e6  # [sqrt(J)] root of the energy of which the default tolerance is 45 roundings; a residual has a few
 GAUGES = {"symmetric": "symmetric", "zero": "zero gauge", "accumulate": "accumulating"}
 

@@ -17,10 +17,19 @@ from ..compiled.kernel import Kernel
 from ..compiled.marching import FULL, STUCK, Record
 from .choices import TOLD, Settings
 from .gc_step import (
-    DEPTH, Step, accept_step, begin_march, begin_step, make_step, measure_determinant, move_poses, take_step,
+    DEPTH,
+    Step,
+    accept_step,
+    begin_march,
+    begin_step,
+    make_step,
+    measure_determinant,
+    move_poses,
+    take_step,
 )  # fmt: skip
 
 PASSES = 2  # of the pose correction: the factor is that of the step's first estimate
+ROUNDING = 1e-14  # of the square of the largest velocity, in any units: what is no acceleration and no load
 PATIENCE, MOST_PATIENCE = 8, 1024  # steps of the full method after one that the simplified method does not solve
 
 
@@ -64,7 +73,9 @@ class Relieved:
         # accelerates and no row bears a load (a body in uniform rotation), the full method takes no correction and adds
         # no rounding.
         dropped = not saddle and int(k.state["rank"]) < len(k.lam)
-        self._never = dropped or not (np.any(k.lam) or np.any(k.v_dot))
+        rounding = ROUNDING * np.max(k.v**2, initial=0.0)
+        loads = np.max(np.abs(k.v_dot), initial=0.0) > rounding or np.max(np.abs(k.lam), initial=0.0) > rounding
+        self._never = dropped or not loads
         if self._never:
             self._hand_over()
             self.reaction = self._marcher.reaction
