@@ -7,18 +7,46 @@ import pytest
 
 from mbsbench.harness.mechanics.motion import applied, constraint, constraint_rate, scaling_masses
 from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.mechanics.system import Joint, MultibodySystem, RigidBody, assemble
+from mbsbench.harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, TorsionSpring, assemble
+from mbsbench.harness.mechanics.user_forces import UserForce
+from mbsbench.problems.random_mechanism import arbitrary_body
 from mbsbench.solvers.formulations.compiled.entries import Program
 from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
 from mbsbench.solvers.formulations.compiled.marching import new_control
 from mbsbench.solvers.formulations.methods.gc_newton import Step
 from mbsbench.solvers.formulations.methods.gc_newton_arrays import NEEDED, make_step
 
-from ..arbitrary_joints import all_joints
+from ..arbitrary_joints import LOADS, MOVING, SPRING, all_joints, moving_row
 from ..arbitrary_systems import arbitrary, linkage
 
 DT = 0.05
-SYSTEMS = {"pins": linkage(springs=False), "springs": linkage(springs=True), "all joints": all_joints()}
+
+
+def wind(t, r, R, v, Omega, F, T):
+    """A user's law that takes everything it may."""
+    F[0, 0] = 0.3 * (v[1, 0] - v[0, 0]) + 0.1 * r[0, 1] * t
+    F[1, 2] = R[0, 0, 1] * Omega[1, 2]
+    T[0, 1] = -0.2 * Omega[0, 1] * R[1, 2, 0]
+
+
+def all_moving() -> MultibodySystem:
+    """A row of bodies with moving rows of each kind between two neighbours, torsional springs and user forces."""
+    random, nb = np.random.default_rng(7), len(MOVING)
+    pins = [moving_row(kind, k, k - 1, random) for k, kind in enumerate(MOVING)]
+    twist = [
+        TorsionSpring(0, (0.3, -0.5, 0.8), GROUND, stiffness=3.0, rest_angle=0.4, damping=0.2),
+        TorsionSpring(2, (0.3, 0.5, 0.8), 1, stiffness=2.0, rest_angle=0.1, damping=0.3),
+    ]
+    bodies = [arbitrary_body(random) for _ in range(nb)]
+    return assemble(
+        bodies, pins, (1.1, -2.3, -9.5), [SPRING], LOADS, twist, [UserForce(wind, 2, 0), UserForce(wind, 1)]
+    )
+
+
+SYSTEMS = {
+    "pins": linkage(springs=False), "springs": linkage(springs=True), "all joints": all_joints(),
+    "all moving rows": all_moving(),
+}  # fmt: skip
 each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
 USUAL = {
     "gauge": -1.0, "b_term": 1.0, "tolerance": 1e-8, "use_f_bar": 1, "max_newton": 20, "penalty": 1.0,
@@ -142,3 +170,18 @@ def test_block_factors_solve_the_assembled_matrix(system):
     s.lu.x[at] = matrix @ wanted
     Program.run(s.solve_saddle)
     assert np.allclose(s.lu.x[at], wanted, atol=1e-10)
+
+
+def test_lambda_bar_is_lam_minus_xi_phi():
+    """Eq. (84): what lambda_bar adds to the row forces of Eq. (71) is -K_bar xi phi."""
+    forces = []
+    for on in (0, 1):
+        s = arbitrary_step(
+            SYSTEMS["springs"], gauge=0.0, corrective=1, by_forces=1, k_bar=30.0, active=1, nested=1, penalty=1e3,
+            lambda_bar=on,
+        )  # fmt: skip
+        Program.run(s.evaluate)
+        forces.append(s.terms.G1.copy())
+    added = -1e3 * s.terms.k_bar1 * s.terms.phi1
+    assert np.max(np.abs(added)) > 1.0
+    assert np.allclose(forces[1] - forces[0], added, rtol=1e-12, atol=1e-9)
