@@ -1,5 +1,6 @@
 """``mbsbench``, the command line. Exit code 0: done, 1: a run or gate failed, 2: wrong call (one line)."""
 
+import contextlib
 import importlib
 import io
 import os
@@ -8,7 +9,7 @@ import sys
 from types import ModuleType
 from typing import NoReturn
 
-from .commands.parser import UsageError, summaries, top_parser
+from .commands.parser import UsageError, add_for_help, summaries, top_parser
 from .results.environment import THREADS
 
 INTERRUPTED = {
@@ -29,6 +30,11 @@ def main(arguments: list[str] | None = None) -> int:
             sys.stdout.write(f"mbsbench {_version()}\n" if given[:1] == ["--version"] else _overview())
             return 0
         parser, commands = top_parser()
+        if {"-h", "--help"}.intersection(given) and given[0] in summaries():
+            add_for_help(commands, summaries()[given[0]][0])
+            with contextlib.suppress(UsageError):  # said below, by the whole command
+                parser.parse_args(given)  # ends here
+            parser, commands = top_parser()
         for command in _commands(given[0]):
             command.add(commands)
         parsed = parser.parse_args(given)

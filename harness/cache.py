@@ -26,9 +26,12 @@ def cache_folder(name: str, in_checkout: Path) -> Path:
 
 
 def _is_ours(folder: Path) -> bool:
-    """Whether it is there, or can be made, and only we write to it: machine code is loaded from it."""
+    """Whether it and the folder above are there, or can be made, and only we write to them: machine code is loaded."""
     try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        return folder.parent.stat().st_uid == os.getuid() and os.access(folder, os.W_OK)
+        folder.parent.parent.mkdir(parents=True, exist_ok=True)
+        folder.parent.mkdir(mode=0o700, exist_ok=True)
+        folder.mkdir(mode=0o700, exist_ok=True)
+        about = [place.stat() for place in (folder.parent, folder)]
+        return all(a.st_uid == os.getuid() and not a.st_mode & 0o022 for a in about) and os.access(folder, os.W_OK)
     except OSError:
         return False

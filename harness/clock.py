@@ -1,7 +1,9 @@
 """CPU time of this process and of process trees, as fine under the sandbox's limits as without them."""
 
+import contextlib
 import os
 import resource
+from collections.abc import Iterator
 from pathlib import Path
 
 TICK = os.sysconf("SC_CLK_TCK")  # [1/s] unit of the times in /proc
@@ -53,14 +55,18 @@ def descendants(root: int) -> list[int]:
     found, new = list[int](), [root]
     while new:
         pid = new.pop()
-        for task in Path(f"/proc/{pid}/task").glob("*/children"):
-            try:
-                children = [int(word) for word in task.read_text(encoding="ascii").split()]
-            except OSError:  # it has ended
-                continue
-            found += children
-            new += children
+        for child in _children(pid):
+            found.append(child)
+            new.append(child)
     return found
+
+
+def _children(pid: int) -> Iterator[int]:
+    """Of all threads of a process; what ends meanwhile has none."""
+    with contextlib.suppress(OSError):
+        for task in os.listdir(f"/proc/{pid}/task"):
+            with contextlib.suppress(OSError):
+                yield from map(int, Path(f"/proc/{pid}/task/{task}/children").read_text(encoding="ascii").split())
 
 
 def _times(pid: int) -> tuple[float, float]:

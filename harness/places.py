@@ -180,10 +180,13 @@ class Place:
             return self._made(self.name, above, os.O_APPEND)
 
     def remove_file(self, *, missing_ok: bool = False) -> None:
-        """Remove the file, or whatever has its name; a link goes, not what it leads to."""
+        """Remove the file, or whatever has its name, a folder with all in it; a link goes, not what it leads to."""
         try:
             with self.parent._opened() as above:
-                os.unlink(self.name, dir_fd=above)
+                if _kind(above, self.name) == "a folder":
+                    shutil.rmtree(self.name, dir_fd=above)
+                else:
+                    os.unlink(self.name, dir_fd=above)
         except FileNotFoundError:
             if not missing_ok:
                 raise

@@ -65,7 +65,7 @@ def command(folder: Path, only: Sequence[str], tell: Callable[[str], None]) -> l
     out, captions, files = Place(Path(folder)) / FOLDER, [], []
     if picture := heat(results):
         files += save(partial(heat_figure, picture), out, OVERVIEW, SUFFIXES)
-        captions.append({"name": OVERVIEW, "caption": f"{HEAT} {picture.constraints_left_out}".strip(),
+        captions.append({"name": OVERVIEW, "caption": HEAT,
                          "problem": "", "width_mm": round(DOUBLE * 25.4, 1),
                          "files": [f"{OVERVIEW}.{suffix}" for suffix in SUFFIXES]})  # fmt: skip
     for variant in variants:

@@ -16,11 +16,11 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.clock import cpu_seconds
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.choices import GaugeChoices, Penalty
-from .formulations.geometric.driver import integrate, prepare
-from .formulations.geometric.passages import passages
+from .formulations.methods.choices import GaugeChoices, Penalty
 from .formulations.methods.gc_newton_arrays import integrate_newton, newton_steps
 from .formulations.methods.gc_step import applies
+from .formulations.methods.gc_weak_form import simplified_steps
+from .formulations.methods.passages import passages
 from .formulations.rank import rows_to_keep
 from .formulations.refusals import unknown_to_kernels
 
@@ -85,14 +85,11 @@ class GcAugmentedLagrangian(GaugeChoices):
             singular_turn=self.singular_turn or float("inf"), redundant=int(redundant > 0),
         )  # fmt: skip
         settings = self.settings(problem)._replace(penalty=penalty)
-        if self.max_turn or not applies(settings, problem.system):
-            set_up = cpu_seconds() - began
-            method = newton_steps(problem.system, settings, self.max_cuts, self.max_turn, self.mu0)
-            out = integrate_newton(problem, control, method)
-        else:
-            run, step = prepare(problem, settings, self.mu0)
-            set_up = cpu_seconds() - began
-            out = integrate(problem, control, run, step, self.max_cuts, self.max_turn)
+        set_up = cpu_seconds() - began
+        method = newton_steps(problem.system, settings, self.max_cuts, self.max_turn, self.mu0)
+        if applies(settings, problem.system) and not self.max_turn:
+            method = simplified_steps(problem.system, settings, method)
+        out = integrate_newton(problem, control, method)
         rank = f"{problem.system.nrows} constraint rows of rank {problem.system.nrows - redundant} at the start"
         crossed = passages(problem.system, out)
         notes = [rank, *self.notes(problem)]

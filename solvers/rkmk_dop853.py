@@ -12,8 +12,8 @@ from typing import ClassVar
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import integrate
-from .formulations.geometric.index1.tableaux import DOPRI853
 from .formulations.methods.rkmk import explicit_pair
+from .formulations.methods.tableaux import DOPRI853
 
 
 @solver("rkmk_dop853")

@@ -8,7 +8,7 @@ import importlib
 import inspect
 import math
 import pkgutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, wraps
 from pathlib import Path
@@ -32,6 +32,7 @@ from .mechanism import Mechanism
 from .options import Parameter, nearest, read_value
 
 T = TypeVar("T")
+PROBLEMS, SOLVERS = ("problems",), ("solvers", "solvers/engines")
 _MARK, _TESTS = "__mbsbench_name__", "__mbsbench_tests__"
 MIRRORS = tuple(SPACE_AXES)
 
@@ -128,19 +129,40 @@ def solver(name: str) -> Callable[[type], type]:
     return mark
 
 
+class _Catalogue(Mapping[str, T]):
+    """Entries by name. Our own are imported when they are asked for: all together take a second."""
+
+    def __init__(self, folders: Sequence[str], entry: Callable[[str, Any], T], of_plugins: Mapping[str, T]) -> None:
+        self._folders, self._entry, self._of_plugins = folders, entry, of_plugins
+
+    def __getitem__(self, name: str) -> T:
+        if name in self._of_plugins:
+            return self._of_plugins[name]
+        return _own_entry(self._entry, _homes(*self._folders)[name], name)
+
+    def __contains__(self, name: object) -> bool:
+        return name in self._of_plugins or name in _homes(*self._folders)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter({**_homes(*self._folders), **self._of_plugins})
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+
 def problems() -> Mapping[str, ProblemEntry]:
     """All problems by name, those of loaded plugins included."""
-    return {**_own_problems(), **_plugin_problems}
+    return _Catalogue(PROBLEMS, _problem_entry, _plugin_problems)
 
 
 def solvers() -> Mapping[str, SolverEntry]:
     """All solvers by name, those of loaded plugins included."""
-    return {**_own_solvers(), **_plugin_solvers}
+    return _Catalogue(SOLVERS, _solver_entry, _plugin_solvers)
 
 
 def engines() -> Mapping[str, SolverEntry]:
     """Other people's solvers, of ``solvers/engines/``."""
-    return {name: e for name, e in _own_solvers().items() if ".engines." in e.make.__module__}
+    return {name: solvers()[name] for name in _homes(SOLVERS[1])}
 
 
 def entry_of(kind: str, name: str, known: Mapping[str, T]) -> T:
@@ -152,12 +174,18 @@ def entry_of(kind: str, name: str, known: Mapping[str, T]) -> T:
 
 def is_own_problem(name: str) -> bool:
     """Whether ``name`` is of ``problems/``, not of a plugin."""
-    return name in _own_problems()
+    return name in _homes(*PROBLEMS)
 
 
 def is_own_solver(name: str) -> bool:
     """Whether ``name`` is of ``solvers/``, not of a plugin."""
-    return name in _own_solvers()
+    return name in _homes(*SOLVERS)
+
+
+def is_own_class(cls: type) -> bool:
+    """Whether ``cls`` makes a solver of ``solvers/``; what it says of itself (``__module__``) may be forged."""
+    name = vars(cls).get(_MARK, "")
+    return is_own_solver(name) and solvers()[name].make is cls
 
 
 def solver_entry(cls: type) -> SolverEntry:
@@ -216,13 +244,21 @@ _plugin_solvers: dict[str, SolverEntry] = {}
 
 
 @cache
-def _own_problems() -> Mapping[str, ProblemEntry]:
-    return {name: _problem_entry(name, f) for name, f in _marked("problems")}
+def _homes(*folders: str) -> Mapping[str, str]:
+    """The folder of each entry of ours; files bear the names of their entries."""
+    root = Path(__file__).resolve().parents[2]
+    found = {m.name: folder for folder in folders for m in pkgutil.iter_modules([str(root / folder)])
+             if not m.ispkg and not m.name.startswith("_")}  # fmt: skip
+    return dict(sorted(found.items()))
 
 
 @cache
-def _own_solvers() -> Mapping[str, SolverEntry]:
-    return {name: _solver_entry(name, c) for name, c in sorted(_marked("solvers") + _marked("solvers.engines"))}
+def _own_entry(entry: Callable[[str, Any], T], folder: str, name: str) -> T:
+    loaded = importlib.import_module(f"...{folder.replace('/', '.')}.{name}", __package__)
+    marked = _entries_of(loaded)
+    if [n for n, _ in marked] != [name]:
+        raise TypeError(f"{folder}/{name}.py must mark one entry, {name!r} (found {[n for n, _ in marked]})")
+    return entry(*marked[0])
 
 
 def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:
@@ -296,19 +332,6 @@ def _read(what: str, of: str, known: Mapping[str, tuple[Any, Parameter]], given:
         if key not in known:
             raise ValueError(f"{of} has no {what} {key!r}{nearest(key, list(known))}")
     return {k: read_value(k, given[k], default, p) if k in given else default for k, (default, p) in known.items()}
-
-
-def _marked(package: str) -> list[tuple[str, Any]]:
-    found = []
-    for module in pkgutil.iter_modules(importlib.import_module(f"...{package}", __package__).__path__):
-        if module.ispkg or module.name.startswith("_"):
-            continue
-        loaded = importlib.import_module(f"...{package}.{module.name}", __package__)
-        entries = _entries_of(loaded)
-        if len(entries) != 1:
-            raise TypeError(f"{package}/{module.name}.py must mark exactly one entry (found {len(entries)})")
-        found += entries
-    return sorted(found)
 
 
 def _entries_of(module: ModuleType) -> list[tuple[str, Any]]:

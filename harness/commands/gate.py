@@ -29,9 +29,18 @@ from ..results.reproduce import REFEREED
 from ..suites.spec import RunSpec
 from ..suites.suite import Suite, load_suite
 from .progress import progress
-from .run import add_running
 from .screen import Column, lines, print_json, print_table
-from .terms import RESULTS, UsageError, check_ours, check_writable, existing, jobs, load_plugins, subcommand
+from .terms import (
+    RESULTS,
+    UsageError,
+    add_running,
+    check_ours,
+    check_writable,
+    existing,
+    jobs,
+    load_plugins,
+    subcommand,
+)
 
 COLUMNS = (
     Column("state", right=False), Column("case", fold=True), Column("metric", fold=True, least=12),

@@ -1,4 +1,4 @@
-"""The parser of the command line, and the list of commands, read from their files without importing them."""
+"""The parser of the command line; the commands, and the help of each, read from their files without importing them."""
 
 import argparse
 import ast
@@ -67,6 +67,39 @@ def summaries() -> Mapping[str, tuple[str, str]]:
                 name, summary = _declared(function)
                 found[name] = path.stem, summary
     return dict(sorted(found.items(), key=lambda k: (FIRST.index(k[0]) if k[0] in FIRST else len(FIRST), k[0])))
+
+
+def add_for_help(commands: Any, module: str) -> None:
+    """Add the parser of a command for its help alone.
+
+    Of the module only ``add`` is executed, the functions that it calls, and imports and constants that these name.
+    """
+    space: dict[str, Any] = {"__name__": module, "__package__": __package__}
+    body = ast.parse((Path(__file__).parent / f"{module}.py").read_bytes()).body
+    defined = {s.name: s for s in body if isinstance(s, ast.FunctionDef)}
+    used: dict[str, ast.FunctionDef] = {}
+    waiting = ["add"]
+    while waiting:
+        if (name := waiting.pop()) in defined and name not in used:
+            used[name] = defined[name]
+            waiting += [
+                n.func.id for n in ast.walk(defined[name]) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)
+            ]
+    names = {n.id for f in used.values() for n in ast.walk(f) if isinstance(n, ast.Name)}
+    space |= dict.fromkeys(names & defined.keys())  # what is called after parsing
+    needed: list[ast.stmt] = []
+    for statement in body:
+        if isinstance(statement, ast.Import | ast.ImportFrom):
+            statement.names = [a for a in statement.names if (a.asname or a.name.partition(".")[0]) in names]
+            needed += [statement] * bool(statement.names)
+        elif isinstance(statement, ast.FunctionDef):
+            needed += [statement] * (statement.name in used)
+        elif isinstance(statement, ast.Assign | ast.AnnAssign) and names & {
+            n.id for n in ast.walk(statement) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+        }:
+            needed.append(statement)
+    exec(compile(ast.Module(needed, []), f"{module}.py", "exec"), space)
+    space["add"](commands)
 
 
 def _declared(function: ast.FunctionDef) -> tuple[str, str]:

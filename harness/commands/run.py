@@ -11,7 +11,7 @@ from ..execution.runner import Executor, Request, last_folder, new_folder, run_s
 from ..suites.suite import load_suite
 from .progress import progress
 from .screen import print_json
-from .terms import UsageError, add_jobs, add_plugin, jobs, load_plugins, subcommand, whole
+from .terms import UsageError, add_running, jobs, load_plugins, subcommand, whole
 
 
 def add(commands: Any) -> None:
@@ -23,13 +23,6 @@ def add(commands: Any) -> None:
     p.add_argument("--limit", metavar="N", help="only the first N runs")
     p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
     p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
-
-
-def add_running(p: argparse.ArgumentParser) -> None:
-    """Options of the commands that run a suite."""
-    add_jobs(p)
-    p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/<suite>-<time>)")
-    add_plugin(p)
 
 
 def run(arguments: argparse.Namespace) -> int:

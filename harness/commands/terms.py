@@ -92,6 +92,13 @@ def check_ours(path: Path, option: str) -> None:
         raise UsageError(f"{path.name} is part of the installed package; give another place with {option}")
 
 
+def add_running(p: argparse.ArgumentParser) -> None:
+    """Options of the commands that run a suite."""
+    add_jobs(p)
+    p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/<suite>-<time>)")
+    add_plugin(p)
+
+
 def existing(name: str) -> Path:
     """The results folder at a path, or of that name in results/local/."""
     from ..results import store

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import CodeType
 
+from ..catalogue import registry
 from ..catalogue.options import shown
 from ..types import Problem, Solver, Status, StepControl, Trajectory
 from .presented import Presented
@@ -78,7 +79,7 @@ def repeated_cost(times: Sequence[float]) -> Sequence[float]:
 
 def _is_ours(solver: object) -> bool:
     made = solver.solver if isinstance(solver, Presented) else solver
-    return type(made).__module__.partition(".solvers.")[0] == __name__.partition(".harness.")[0]
+    return registry.is_own_class(type(made))
 
 
 def raised_at(error: BaseException, solver: object) -> str:

@@ -1,5 +1,6 @@
 """A job: a run, its address, and the results folder its result belongs to. What a worker is handed, as JSON."""
 
+import contextlib
 import json
 import math
 import signal
@@ -69,8 +70,9 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
     label, order = registry.declared(entry.made(spec.options)) if entry else ("", math.nan)
     about = {"paper_label": label, "declared_order": order}
     files: Mapping[str, Any] = {}
-    if job.stderr.is_own_file() and job.stderr.size() > 0:
-        files = {"stderr": f"stderr/{job.stderr.name}"}
+    with contextlib.suppress(OSError):  # a solver's process may have left anything there
+        if job.stderr.is_own_file() and job.stderr.size() > 0:
+            files = {"stderr": f"stderr/{job.stderr.name}"}
     return RunRecord(
         run_id=job.id, settings_id=spec.settings_id, case=spec.case, suite=job.suite, label=spec.label,
         problem=spec.problem, problem_parameters=_json(spec.parameters),

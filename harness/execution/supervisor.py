@@ -21,7 +21,7 @@ from ..sandbox.apart import SLACK, Apart, Ended
 from ..sandbox.isolation import CANNOT_WRITE, trim
 from ..types import EndedBy
 from . import worker
-from .job import GRACE, Job, unfinished
+from .job import GRACE, Job, cut_short, unfinished
 from .protocol import Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
 from .warmup import references_apart, warm_apart_then_here
 
@@ -89,12 +89,16 @@ class Supervisor:
     def _solved(self, run: Running, ended: Ended) -> Iterator[Done]:
         """The solver's process is gone; what it handed over or kept is measured by another that knows nothing of it."""
         job, wall = run.job, time.monotonic() - run.began
-        trim(job.stderr)
         if ended.code == CANNOT_WRITE:
             yield Done(job.id, f"cannot write to {job.folder}: no space left")
             return
-        bare = unfinished(job, ended, wall, run.by, run.limit)
-        store.path_of(job.folder, job.id).remove_file(missing_ok=True)  # it was not for the solver's process to write
+        try:
+            trim(job.stderr)
+            store.path_of(job.folder, job.id).remove_file(missing_ok=True)  # not for the solver's process to write
+            bare = unfinished(job, ended, wall, run.by, run.limit)
+        except OSError as error:  # the run left what cannot be removed: it alone fails
+            yield Done(job.id, _store_failure(job, wall, error))
+            return
         limit = STOPPED_MEASURE_LIMIT if self.stopped else MEASURE_LIMIT
         process = Apart(
             lambda send: worker.store_measured(job, bare, wall, ended.cpu), limit=limit, memory=job.spec.memory,
@@ -115,6 +119,19 @@ class Supervisor:
             except OSError as error:
                 failed = str(error.strerror or error)
         yield Done(job.id, f"cannot write to {job.folder}: {failed}" if failed else "")
+
+
+def _store_failure(job: Job, wall: float, error: OSError) -> str:
+    """Store that the run ended with ``error``; why this is impossible, else empty."""
+    try:
+        store.write_record(job.folder, cut_short(job, EndedBy.EXCEPTION, message=_words(error), wall_s=wall))
+    except OSError as another:
+        return f"cannot write to {job.folder}: {_words(another)}"
+    return ""
+
+
+def _words(error: OSError) -> str:
+    return f"{error.filename}: {error.strerror}" if error.filename else str(error)
 
 
 def serve(orders: int, news: int) -> None:
@@ -144,7 +161,12 @@ def serve(orders: int, news: int) -> None:
                     case Stop(limit):
                         supervisor.stop(limit)
                     case Start(job):
-                        supervisor.start(job)
+                        try:
+                            job.stderr.parent.make()  # where something stands in its place, no run can be judged
+                        except OSError as error:
+                            os.write(news, line_of(Done(job.id, f"cannot write to {job.folder}: {_words(error)}")))
+                        else:
+                            supervisor.start(job)
     finally:
         supervisor.kill_all()
 
@@ -160,8 +182,8 @@ def preload() -> None:
     """Import what runs need, so that forks have it; freeze it, so that the collector does not copy its pages."""
     import gc
 
-    registry.problems()
-    registry.solvers()
+    for catalogue in (registry.problems(), registry.solvers()):
+        tuple(catalogue.values())
     gc.collect()
     gc.freeze()
 

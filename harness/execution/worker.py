@@ -11,6 +11,9 @@ import traceback
 from typing import Any
 
 import numpy as np
+import scipy.linalg  # here what mechanics imports late: no run pays for it
+import scipy.sparse.linalg
+import scipy.spatial.transform  # noqa: F401
 
 from ..catalogue import registry
 from ..clock import cpu_seconds_of_tree

@@ -23,8 +23,8 @@ from ..types import Law, Problem, Reason, Status, Trajectory
 
 ROUNDINGS = 3.0  # one draw of roundings against the largest there is: three standard deviations
 OF_LAW = {  # columns of a record, by how they begin
-    Law.ENERGY: ("energy_",), Law.CONSTRAINT: ("phi_max", "phi_end", "phi_limit"),
-    Law.CONSTRAINT_RATE: ("phi_dot", "eq81"), Law.ORTHOGONALITY: ("orthogonality",),
+    Law.ENERGY: ("energy_",), Law.CONSTRAINT: ("phi_max", "phi_end", "phi_limit", "gap_share"),
+    Law.CONSTRAINT_RATE: ("phi_dot", "eq81", "gap_rate"), Law.ORTHOGONALITY: ("orthogonality",),
     Law.KINEMATIC: ("kinematic_defect",), Law.VELOCITY: ("velocity_error", "rate_error"),
 }  # fmt: skip
 OF_QUANTITY = {"R": ("orientation_",), "v": ("velocity_error",), "Omega": ("angular_velocity",)}

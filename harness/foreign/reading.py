@@ -7,8 +7,6 @@ from enum import StrEnum
 
 import numpy as np
 from jaxtyping import Float
-from scipy.interpolate import make_interp_spline
-from scipy.spatial.transform import Rotation
 
 from .columns import Found
 
@@ -84,6 +82,8 @@ def positions(found: Found, how: Reading) -> Float[np.ndarray, "nt nb 3"]:
 
 def rotations(found: Found, how: Reading) -> Float[np.ndarray, "nt nb 3 3"] | None:
     """R, body to space; quaternions are normalised."""
+    from scipy.spatial.transform import Rotation  # here: --help shows the choices above
+
     if "q" in found.quantities:
         q = found.quantities["q"]
         first = how.quaternion == "wxyz" or not found.numbered
@@ -116,6 +116,8 @@ def angular_velocities(found: Found, how: Reading, R: np.ndarray | None) -> Floa
 
 def derivative(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, "nt *more"], degree: int = 5) -> np.ndarray | None:
     """da/dt by splines of ``degree``; None where those of 5 and 3 disagree: the rows are too far apart."""
+    from scipy.interpolate import make_interp_spline
+
     if len(t) < FEWEST or not np.all(np.isfinite(a)):
         return None
     fine, coarse = (make_interp_spline(t, a, k=k).derivative()(t) for k in (5, 3))

@@ -1,11 +1,8 @@
 """Starts that satisfy the constraints: checked, and reached by projection."""
 
 import numpy as np
-import scipy.sparse as sp
-import scipy.sparse.linalg as spl
 
 from . import so3
-from .jacobian import constraint_jacobian
 from .lent import principal
 from .motion import constraint, constraint_rate, opened
 from .state import State, States
@@ -100,6 +97,11 @@ def _with_inertia(system: MultibodySystem, Omega: np.ndarray) -> np.ndarray:
 
 def _least_change(system: MultibodySystem, state: State, wanted: np.ndarray) -> np.ndarray:
     """x (nb, 6) of least mass norm with A x = ``wanted``, redundant rows allowed: LSQR on the scaled A."""
+    import scipy.sparse as sp
+    import scipy.sparse.linalg as spl
+
+    from .jacobian import constraint_jacobian
+
     if system.nrows == 0:
         return np.zeros((system.nb, 6))
     scale = np.stack(

@@ -2,11 +2,11 @@
 
 ``R`` takes body to space, so ``R_dot = R hat(Omega)`` with ``Omega`` in the body frame (Sect. 4.2; Eq. 66 uses
 the exponential because autoparallels of the SO(3) connection are rotations about a fixed axis).
+SciPy is imported in functions, here and in this folder: commands that integrate nothing are spared a third of a second.
 """
 
 import numpy as np
 from jaxtyping import Float
-from scipy.spatial.transform import Rotation
 
 NEXT, LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of axes, in their cycle
 
@@ -27,12 +27,16 @@ def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def exp(rotation_vector: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3 3"]:
     """Rotation by ``|a|`` [rad] about ``a`` (Rodrigues; scipy's series is exact at zero)."""
+    from scipy.spatial.transform import Rotation
+
     a = np.asarray(rotation_vector, dtype=float)
     return Rotation.from_rotvec(a.reshape(-1, 3)).as_matrix().reshape(*a.shape, 3)
 
 
 def log(R: Float[np.ndarray, "*batch 3 3"]) -> Float[np.ndarray, "*batch 3"]:
     """Rotation vector [rad] of ``R``, length in [0, pi]."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_matrix(R.reshape(-1, 3, 3)).as_rotvec().reshape(*R.shape[:-2], 3)
 
 
@@ -68,6 +72,8 @@ def dexpinv(a: Float[np.ndarray, "*batch 3"], Omega: Float[np.ndarray, "*batch 3
 
 def euler313(phi: float, theta: float, psi: float) -> Float[np.ndarray, "3 3"]:
     """``R = R_Z(phi) R_X(theta) R_Z(psi)``: precession, nutation, spin [rad] (Sect. 5.1)."""
+    from scipy.spatial.transform import Rotation
+
     return Rotation.from_euler("ZXZ", [phi, theta, psi]).as_matrix()
 
 

@@ -13,12 +13,9 @@ reaction. In the third it would, and is taken back.
 import dataclasses
 
 import numpy as np
-import scipy.linalg as sl
 from jaxtyping import Float
 
 from .consistency import START_TOLERANCE, InconsistentStart, perturbed
-from .dynamics import RANK
-from .jacobian import constraint_jacobian
 from .lent import principal
 from .motion import applied
 from .state import State, States
@@ -105,6 +102,8 @@ class _Allowed:
     """Velocities that A allows at a state, x in coordinates in which M' is the identity."""
 
     def __init__(self, system: MultibodySystem, s: State, axes: np.ndarray, none: np.ndarray, t_end: float) -> None:
+        from .jacobian import constraint_jacobian
+
         nb = system.nb
         self._system, self._axes, self._none = system, axes, none
         inertia = np.einsum("bji,bjk,bki->bi", axes, system.regular_inertia, axes)
@@ -154,6 +153,10 @@ class _Allowed:
 
 
 def _null_space(B: Float[np.ndarray, "nrows n"]) -> Float[np.ndarray, "n d"]:
+    import scipy.linalg as sl
+
+    from .dynamics import RANK
+
     if not len(B):
         return np.eye(B.shape[1])
     Q, pivots, _ = sl.qr(B.T, pivoting=True)

@@ -35,6 +35,7 @@ def columns(problem: Problem, trajectory: Trajectory, m: Measured) -> dict[str, 
             "length_scale_m": size.length,
             "speed_scale_m_per_s": size.speed,
             **_limits(problem, m, size),
+            **_shares(problem, m),
             "phi_max": largest(m.phi_norm),
             "phi_end": float(m.phi_norm[-1]),
             "phi_dot_max": largest(m.phi_dot_norm),
@@ -97,6 +98,14 @@ def _limits(problem: Problem, m: Measured, size: Scales) -> dict[str, float]:
         return {}
     allowed = size.allowed
     return {"phi_limit_m": allowed[Law.CONSTRAINT], "phi_dot_limit_m_per_s": allowed[Law.CONSTRAINT_RATE]}
+
+
+def _shares(problem: Problem, m: Measured) -> dict[str, float]:
+    """What is judged of constraints, over its limit: of the mechanism that comes nearest to it."""
+    if problem.literal_start or problem.system.nrows == 0:
+        return {}
+    names = {"gap_share_max": Law.CONSTRAINT, "gap_rate_share_max": Law.CONSTRAINT_RATE}
+    return {k: max(largest(one.laws[a]) / one.size.allowed[a] for one in m.mechanisms) for k, a in names.items()}
 
 
 def _errors(problem: Problem, m: Measured, size: Scales) -> dict[str, Any]:

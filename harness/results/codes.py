@@ -3,7 +3,8 @@
 The digest of a solver covers its file and every module of the package that this imports, directly or through others;
 so does that of a problem, and of what calls solvers and measures their motions. It is taken of the syntax tree without
 docstrings, so that comments and formatting do not count. Of packages from outside the locked version counts.
-What only looks up, checks, stores or shows is no part of it (``ARRANGES``): no number of a motion passes through.
+What only looks up, checks, stores or shows is no part of it (``ARRANGES``): no number of a run passes through. What
+counts CPU time (``COSTS``) is part of measuring: a cost is a number of each run and can only be had by running again.
 """
 
 import ast
@@ -26,13 +27,14 @@ VERSION = 1  # of the digest of one file; raise it when ``_tree`` writes somethi
 LARGE = 2**20  # [bytes] of what is kept between processes; more is begun anew
 ARRANGES = (
     "harness/api", "harness/cache", "harness/catalogue/functions", "harness/catalogue/mechanism",
-    "harness/catalogue/mechanism_files", "harness/catalogue/options", "harness/catalogue/plugins", "harness/clock",
+    "harness/catalogue/mechanism_files", "harness/catalogue/options", "harness/catalogue/plugins",
     "harness/commands", "harness/execution/handed", "harness/execution/job", "harness/files", "harness/places",
     "harness/results",
-    "harness/sandbox", "harness/shapes", "harness/suites",
+    "harness/sandbox/trial", "harness/shapes", "harness/suites",
 )  # fmt: skip
 SHARED = "harness/catalogue/registry"  # turns, mirrors and perturbs problems: no part of one solver or problem
-MEASURING = ("harness/execution/contract", "harness/execution/measuring", "harness/execution/presented", SHARED)
+COSTS = ("harness/clock", "harness/execution/worker", "harness/sandbox/apart", "harness/sandbox/isolation")
+MEASURING = ("harness/execution/contract", "harness/execution/measuring", "harness/execution/presented", *COSTS, SHARED)
 LISTED = ("harness/mechanics/joints/kinds",)  # folders whose files are found by listing them, not by an import
 MARKED = {"solver": ("solvers", "solvers/engines"), "problem": ("problems",)}
 LOCKED_AS = {"sksundae": "scikit-sundae", "scipy_dae": "scipy-dae", "yaml": "pyyaml"}  # where the names differ
@@ -78,7 +80,7 @@ class Sources:
 
     @cached_property
     def measuring(self) -> str:
-        """The digest of what hands a problem to a solver, checks what it returns, and measures it."""
+        """The digest of what hands a problem to a solver, checks what it returns, and measures it and its cost."""
         return self.of(*MEASURING)
 
     def of(self, *modules: str) -> str:

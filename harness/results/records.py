@@ -98,6 +98,8 @@ class RunRecord:
     phi_dot_max: float = column("max |phi_dot|: m/s, axis rows 1/s")
     phi_dot_limit_m_per_s: float = column("limit of |phi_dot|; NaN where that of |phi| is")
     phi_dot_end: float = column("|phi_dot| at the last step")
+    gap_share_max: float = column("max |phi| as judged (axis rows in metres) over its limit, worst mechanism")
+    gap_rate_share_max: float = column("the same of |phi_dot|")
     eq81_max_sqrtJ: float = column("max sqrt(phi_dot^T M_bar phi_dot), the norm of Eq. (81)")
     eq81_end_sqrtJ: float = column("the same at the last step")
     orthogonality_max: float = column("max |R^T R - 1|")

@@ -9,7 +9,7 @@ from .margin import Margin, margin
 from .results import Results, Run, Variant, by_solver
 from .scores import finest
 from .variants import broadest, plain_runs, themselves
-from .words import Mark, listed, mark, number, plural
+from .words import Mark, mark, number, plural
 
 FEW = 0.5  # of the solvers: a variant that fewer ran is no column, or their counts would not compare
 RANKS = (
@@ -118,13 +118,6 @@ class Heat:
         return extremes(self.column(self.hardest))
 
     @property
-    def constraints_left_out(self) -> str:
-        """On which problems no cell counts |phi|, which has no limit in their records; empty where all do."""
-        names = [p.title for k, p in enumerate(self.problems) if any(map(_constraints_uncounted, self.column(k)))]
-        words = "the numbers leave out |φ| and |φ̇|, whose limits the records do not hold; a run that broke one is wrong"
-        return f"On {listed(names)} {words}." if names else ""
-
-    @property
     def title(self) -> str:
         """Who stays within all limits, of those that ran every problem to their own end; of all where none did."""
         complete = [row for row in self.rows if row.counted == len(self.problems)] or self.rows
@@ -140,11 +133,6 @@ class Heat:
         """Who is best and who is worst on the problem that parts them most, and why."""
         name = self.problems[self.hardest].title
         return f"The hardest problem is {name}. {best_and_worst(self.column(self.hardest))}"
-
-
-def _constraints_uncounted(b: Box) -> bool:
-    """The run has joints that open, and no limit to compare them with."""
-    return b.run.record.phi_max > 0.0 and math.isnan(b.run.record.phi_limit_m)
 
 
 def extremes(boxes: Sequence[Box]) -> list[Box]:

@@ -10,6 +10,7 @@ from .results import Run
 from .words import number
 
 LEVELS = (1e-4, 1e-3, 1e-2, 1e-1, 1.0, 1.5, 4.0)  # a class of colour up to each of these margins, and one above
+SHARE = "of its limit"  # the unit of what a record holds as that alone
 UNSIZED = (Law.FINITE, Law.START, Law.END)  # broken or not, whatever the numbers
 
 
@@ -36,6 +37,8 @@ class Margin:
         e = self.error
         if self.part > 1.0:
             return words_of(e)
+        if e.unit == SHARE:
+            return f"{law_of(e)} is {number(e.value)} of its limit"
         return f"{law_of(e)} is {number(e.value)} of {number(e.limit)} {e.unit}".strip() + " allowed"
 
 
@@ -54,10 +57,15 @@ def _measured(run: Run) -> list[Reason]:
     r, own = run.record, judged_own(run.record)
     rows = (
         Reason(Law.ENERGY, r.energy_drift_max_J, ALLOWED[Law.ENERGY] * r.energy_scale_J, "J"),
-        Reason(Law.CONSTRAINT, r.phi_max, r.phi_limit_m, "m"),
-        Reason(Law.CONSTRAINT_RATE, r.phi_dot_max, r.phi_dot_limit_m_per_s, "m/s"),
+        _of_constraints(Law.CONSTRAINT, r.gap_share_max, r.phi_max, r.phi_limit_m, "m"),
+        _of_constraints(Law.CONSTRAINT_RATE, r.gap_rate_share_max, r.phi_dot_max, r.phi_dot_limit_m_per_s, "m/s"),
         Reason(Law.ORTHOGONALITY, r.orthogonality_max, ALLOWED[Law.ORTHOGONALITY]),
         Reason(Law.MOTION, r.motion_error_judged_m,
                ACCURATE["accurate_until_s"] * r.length_scale_m + (0.0 if math.isnan(own) else own), "m"),
     )  # fmt: skip
     return [e for e in rows if e.value >= 0.0 and e.limit > 0.0 and (run.stopped or e.value <= e.limit)]
+
+
+def _of_constraints(law: Law, share: float, value: float, limit: float, unit: str) -> Reason:
+    """In metres where what is recorded is what is judged, else (axis rows, several mechanisms) as the share judged."""
+    return Reason(law, share, 1.0, SHARE) if math.isnan(limit) else Reason(law, value, limit, unit)

@@ -111,6 +111,29 @@ class Forges(_Base):
         return dataclasses.replace(done, states=dataclasses.replace(done.states, r=1e3 + done.states.r))
 
 
+@solver("obstructs")
+@dataclass(frozen=True)
+class Obstructs(_Base):
+    """Puts a folder where a file of its run goes, or a file where the folder of a part goes."""
+
+    what: str = option("stderr", "whose place", choices=("stderr", "handed", "spool", "record", "errors"))
+
+    def solve(self, p: Problem, control: StepControl) -> Trajectory:
+        """The exact motion."""
+        folder, own = folder_of(control), control.spool.path.stem  # type: ignore[union-attr]
+        if self.what == "errors":
+            (folder / "stderr").rename(folder / "stderr_before")
+            (folder / "stderr").write_text("")
+            return super().solve(p, control)
+        place = folder / {
+            "stderr": f"stderr/{own}.txt", "handed": f".spool/{own}.npz", "spool": f".spool/{own}.rows",
+            "record": f"runs/{own}.json",
+        }[self.what]  # fmt: skip
+        place.unlink(missing_ok=True)
+        (place / "in_the_way").mkdir(parents=True)
+        return super().solve(p, control)
+
+
 @solver("breaks_the_contract")
 @dataclass(frozen=True)
 class BreaksTheContract(_Base):

@@ -30,6 +30,25 @@ def test_installed_it_is_the_users_cache(installed):
     assert found.stat().st_mode & 0o077 == 0
 
 
+def test_the_folder_above_is_for_this_user_alone(installed):
+    """Who may write to it may put another folder in place of the one that machine code is loaded from."""
+    before = os.umask(0)
+    try:
+        above = cache.cache_folder("kernels", Path()).parent
+    finally:
+        os.umask(before)
+    assert above.stat().st_mode & 0o777 == 0o700
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o707, 0o777])
+@pytest.mark.parametrize("which", ["mbsbench", "mbsbench/kernels"])
+def test_a_folder_that_others_may_write_to_is_not_used(installed, mode, which):
+    place = installed / "cache" / which
+    place.mkdir(parents=True)
+    place.chmod(mode)
+    assert not cache.cache_folder("kernels", Path()).is_relative_to(installed / "cache")
+
+
 def test_without_a_cache_folder_it_is_a_temporary_one(installed, monkeypatch):
     """No home, or one that cannot be written to: a file stands where the folder would be."""
     (installed / "cache").write_text("")

@@ -46,8 +46,10 @@ def test_a_marginal_error_looks_marginal_and_a_large_one_does_not():
     assert (near.level, far.level) == (LEVELS.index(1.5), len(LEVELS)) and math.isinf(other.part)
 
 
-def test_constraints_count_where_the_record_has_their_limit():
+def test_constraints_count_by_their_limit_or_by_the_share_that_was_judged():
     """Hinges are judged in metres, and recorded with axis rows that have no unit: the length says nothing of them."""
+    shared = margin(Run(record("aa03", phi_max=9e-3, gap_share_max=0.6)))
+    assert shared is not None and shared.words == "|phi| is 0.600 of its limit" and shared.part == pytest.approx(0.6)
     found = margin(Run(record("aa01", phi_max=9e-3, phi_dot_max=0.04, speed_scale_m_per_s=1.0)))
     assert found is not None and found.error.law is Law.ENERGY
     fast = margin(Run(record("aa02", phi_dot_max=0.04, phi_dot_limit_m_per_s=0.05)))

@@ -1,5 +1,6 @@
 """Machine code from expressions, against CasADi's own evaluation; kept objects; calls by address."""
 
+import os
 import subprocess
 import sys
 
@@ -141,6 +142,17 @@ def test_a_kept_object_is_loaded_and_a_damaged_one_made_again(monkeypatch, tmp_p
     monkeypatch.setattr(code, "_processor", lambda: ("x86-64" if cpu != "x86-64" else "core2", features))
     before = len(compiled)
     assert value() == 12.0 and len(compiled) == before + 1
+
+
+def test_the_objects_unused_for_longest_are_removed(tmp_path):
+    """Of ten of 1 kB, with room for eight, the last four used stay; one that is gone meanwhile harms nobody."""
+    for k in range(10):
+        (tmp_path / f"{k}.o").write_bytes(bytes(1000))
+        os.utime(tmp_path / f"{k}.o", (k, k))
+    code._remove_oldest(tmp_path, 10_000)
+    assert len(list(tmp_path.iterdir())) == 10
+    code._remove_oldest(tmp_path, 8_000)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["6.o", "7.o", "8.o", "9.o"]
 
 
 def test_another_process_finds_the_object(tmp_path):

@@ -130,6 +130,8 @@ class Program:
         self.steps = list(steps)
         if any(len(arrays) > MOST_ARGUMENTS for _, arrays in steps):
             raise ValueError(f"a call takes at most {MOST_ARGUMENTS} arrays")
+        if not all(a.flags.c_contiguous for _, arrays in steps for a in arrays):
+            raise ValueError("arrays of a program are C-contiguous: compiled code knows their addresses alone")
         words = [runner().address("run"), len(steps)]
         for address, arrays in steps:
             words += [address, len(arrays), *(a.ctypes.data for a in arrays)]

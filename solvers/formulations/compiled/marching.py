@@ -140,9 +140,10 @@ def _next_end(c, k):
             c.outcome = FINISHED
             return c.t_end
         whole = left if left < (1.0 + 1e-9) * c.dt else c.dt  # no sliver of a last step
-        part = whole / 2.0**c.level
+        parts = 1 << c.level
+        part = whole / parts
         c.t, c.h = base + c.place * part, part
-        if c.place + 1 < 2**c.level:
+        if c.place + 1 < parts:
             return base + (c.place + 1) * part
         return c.t_end if whole == left else (c.grid + 1) * c.dt
     end = _paced(c, k)

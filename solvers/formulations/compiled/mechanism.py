@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 EXPLICIT = ("accelerate", "reactions", "project")
 MOST_OPERATIONS = 30_000
 LEAST_OF_A_ROW = 50  # operations
+MAKERS = tuple(Path(__file__).with_name(f"{name}.py") for name in ("mechanism", "kernel", "blocks"))  # of rows
 
 
 def make_mechanism(system: MultibodySystem, needed: Collection[str] = EXPLICIT) -> Made | None:
@@ -127,4 +128,4 @@ def _digest(system: MultibodySystem) -> str:
 
 @cache
 def _own_text() -> str:
-    return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    return hashlib.sha256(b"".join(path.read_bytes() for path in MAKERS)).hexdigest()

@@ -19,6 +19,7 @@ from numba.np import arrayobj
 from . import entries
 from .entries import PACKAGE, Inner
 
+KNOWN = "0.68."  # the version whose private methods do what ``_lowered_only`` needs
 OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
@@ -39,17 +40,43 @@ def print_function(function: Callable[..., None], name: str, bundle: Any) -> str
     module = found.library._final_module
     passes, builder = found.library.codegen._module_pass_manager()
     passes.run(module, builder)
-    call = f"call i32 @{found.fndesc.llvm_func_name}(ptr %result, ptr %raised, ptr %words)"
-    wrapper = f'define void @"{name}"(ptr %words) {{ %result = alloca ptr %raised = alloca ptr {call} ret void }}'
-    return f"{module}\n{wrapper}\n"
+    return f"{module}\n{_wrapper(name, found.fndesc.llvm_func_name)}\n"
+
+
+def _wrapper(name: str, function: str) -> str:
+    """IR of ``name`` (words) -> void, which calls ``function``; where that raises, Python does when it is back.
+
+    All calls from Python hold its lock (``PYFUNCTYPE``), which looks for an exception once they have returned.
+    """
+    text = f"an exception was raised in compiled code ({name})"
+    return f'''
+@mbsbench.raised = private constant [{len(text) + 1} x i8] c"{text}\\00"
+@mbsbench_error = external global ptr
+declare void @PyErr_SetString(ptr, ptr)
+define void @"{name}"(ptr %words) {{
+  %result = alloca ptr
+  %raised = alloca ptr
+  %status = call i32 @{function}(ptr %result, ptr %raised, ptr %words)
+  %failed = icmp sgt i32 %status, 0
+  br i1 %failed, label %raise, label %done
+raise:
+  call void @PyErr_SetString(ptr @mbsbench_error, ptr @mbsbench.raised)
+  br label %done
+done:
+  ret void
+}}'''
 
 
 @contextlib.contextmanager
 def _lowered_only() -> Iterator[None]:
     """Numba links functions and neither optimises them nor makes machine code: that is done once for all of an entry.
 
-    Numba 0.6x has no option for it: five of its methods stand aside meanwhile.
+    Numba has no option for it: five methods of the version ``KNOWN`` stand aside meanwhile. Another version makes
+    machine code beside it, at two or three times the price.
     """
+    if not numba.__version__.startswith(KNOWN):
+        yield
+        return
     aside: tuple[tuple[Any, str, Callable[..., Any]], ...] = (
         (CPUCodeLibrary, "_optimize_functions", _keep_layout),
         (CPUCodeLibrary, "_optimize_final_module", lambda library: None),

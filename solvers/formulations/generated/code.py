@@ -7,6 +7,7 @@ begins with the digest of its content: one that is damaged or cut short is made 
 import contextlib
 import ctypes
 import hashlib
+import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 FOLDER = cache_folder("generated", Path(__file__).parent / "__pycache__")
 LARGEST = 1 << 28  # bytes of an object
+MOST = 1 << 29  # bytes of all that are kept: some thousand kernels
 LEVEL = 1  # of optimisation: machine code alone; LLVM's passes gain nothing on tapes
 
 
@@ -66,6 +68,7 @@ def print_functions(functions: "Mapping[str, Straight | Loop | tuple[Sequence[An
 def _machine() -> llvm.TargetMachine:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+    llvm.add_symbol("mbsbench_error", id(ArithmeticError))  # of code that raises; numba takes the name PyExc_...
     target = llvm.Target.from_triple(llvm.get_process_triple())
     cpu, features = _processor()
     return target.create_target_machine(cpu=cpu, features=features, opt=LEVEL, reloc="pic", codemodel="jitdefault")
@@ -85,12 +88,33 @@ def _object(ir: str | Callable[[], str], key: str, machine: llvm.TargetMachine) 
         kept = place.read(LARGEST)
         digest, content = kept[:32], kept[32:]
         if hashlib.sha256(content).digest() == digest:
+            os.utime(place.path)  # used: the last to be removed
             return content
     content = _compile(ir if isinstance(ir, str) else ir(), machine)
     with contextlib.suppress(OSError):  # nowhere to write
         FOLDER.mkdir(parents=True, exist_ok=True)
         place.write(hashlib.sha256(content).digest() + content, durable=False)
+        _remove_oldest(FOLDER, MOST)
     return content
+
+
+def _remove_oldest(folder: Path, most: int) -> None:
+    """Remove objects, those unused for longest first, until all take half of ``most`` bytes, if they take more.
+
+    Another process may remove them too, or read one meanwhile: what it has opened stays readable.
+    """
+    found = list[tuple[float, int, Path]]()
+    for path in folder.glob("*.o"):
+        with contextlib.suppress(FileNotFoundError):
+            about = path.lstat()
+            found.append((about.st_mtime, about.st_size, path))
+    total = sum(size for _, size, _ in found)
+    if total > most:
+        for _, size, path in sorted(found):
+            path.unlink(missing_ok=True)
+            total -= size
+            if total <= most // 2:
+                return
 
 
 def _compile(ir: str, machine: llvm.TargetMachine) -> bytes:

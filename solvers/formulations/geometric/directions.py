@@ -9,10 +9,8 @@
 
 from numba import njit
 
+from ..methods.choices import ALONG_A, TRANSLATION
 from .vectors import INNER, cross, dot, plus, put, times, turn, turn_back
-
-CHOICES = ("a", "mass", "translation")
-ALONG_A, ALONG_MASS, TRANSLATION = range(3)
 
 
 @njit(**INNER)

@@ -25,7 +25,6 @@ CONVERGED, LOOSE, SLOW, INFINITE, SINGULAR_MATRIX = range(5)
 NEAR = 3.0  # decades of the determinant below its largest, where rows that lose rank look like redundant ones
 SINKING = -0.05  # decades: a determinant that falls so fast may be on its way to zero, and is watched step by step
 ENOUGH = 0.25  # an augmentation that leaves more of phi_dot raises xi (Powell; Bertsekas)
-TOLD = ("newton_iterations", "cut_level", "residual_norm", "constraint_norm", "penalty", "log_determinant")
 
 SCHEME = np.dtype(
     [(name, "f8") for name in (

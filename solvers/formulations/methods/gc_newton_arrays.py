@@ -16,10 +16,10 @@ from ..compiled.kernel import Step as Call
 from ..compiled.marching import NOT_FINITE
 from ..compiled.means import Entry, make_entry
 from ..compiled.saddle_pattern import analyse
-from ..geometric.choices import Settings
 from ..rows.kept import newton_code
 from . import gc_newton
-from .gc_newton import PARTS, SCHEME, TOLD, Step, Terms
+from .choices import TOLD, Settings
+from .gc_newton import PARTS, SCHEME, Step, Terms
 
 COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augmentations", "loose_steps")
 

@@ -180,7 +180,7 @@ class Mechanism:
             for m, numbers in enumerate(force_numbers(s, kind)):
                 j = GROUND if kind == "load" else int(getattr(s, f"{kind}_j")[m])
                 ends = (int(getattr(s, f"{kind}_i")[m]), j)
-                load = free(*self._ends(at, at.R, ends), at.t, _snapped(numbers))
+                load = free(*self._ends(at, at.R, ends), at.t, numbers)  # of several units: none is small beside others
                 for k, b in enumerate(ends):
                     if b != GROUND:
                         out[b] = out[b] + load[6 * k : 6 * k + 6]

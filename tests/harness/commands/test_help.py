@@ -109,3 +109,14 @@ def test_waiting_is_said_in_one_wording():
         assert waiting(doing, 3.0).startswith(f"{doing}: about ") and "left" in waiting(doing, 3.0)
         assert "longer than usual" in waiting(doing, 1e4)
     assert waiting(MEASURING, 12.0) == "measuring: 12 s so far"
+
+
+@pytest.mark.parametrize("name", summaries())
+def test_help_of_a_command_is_that_of_its_parser(name, capsys):
+    """It is read from a part of its file; the whole file says the same."""
+    _, commands = top_parser()
+    for module in _commands(name):
+        module.add(commands)
+    with pytest.raises(SystemExit):
+        main([name, "--help"])
+    assert capsys.readouterr().out == commands.choices[name].format_help()

@@ -149,7 +149,7 @@ FAULTS = (
         "DEPENDENT = 1e-1",
         of("four_bar_grid[t_end=1]", "rkmk_dopri5"),
     ),
-    Fault(INDEX_1 + "tableaux.py", "RK45.B.copy()", "0.999 * RK45.B", of(PENDULUM, "rkmk_dopri5")),
+    Fault(METHODS + "tableaux.py", "RK45.B.copy()", "0.999 * RK45.B", of(PENDULUM, "rkmk_dopri5")),
     Fault(
         GC + "residual.py",
         "half * (start.v[b, k] + end.v[b, k])",

@@ -50,8 +50,22 @@ def test_the_recorded_limits_are_those_that_are_judged():
     for part, broken in ((0.9, False), (1.1, True)):
         s = exact.states
         away = np.where(np.arange(len(t)) == 5, part * limit, 0.0)[:, None, None] * [1.0, 0.0, 0.0]
-        laws, _ = laws_and_sizes(problem, dataclasses.replace(exact, states=States(s.r + away, s.R, s.v, s.Omega)))
+        pulled = dataclasses.replace(exact, states=States(s.r + away, s.R, s.v, s.Omega))
+        laws, _ = laws_and_sizes(problem, pulled)
         assert (Law.CONSTRAINT in laws) is broken
+        assert columns(problem, pulled, measure(problem, pulled))["gap_share_max"] == pytest.approx(part, rel=1e-9)
+
+
+def test_of_hinges_the_share_of_the_limit_is_recorded():
+    """A crank pulled out of its hinge: 1 is where the verdict changes."""
+    problem = slider_crank()
+    exact = api.solve(problem, SOUND[0], **SOUND[1]).trajectory
+    for size in (1e-4, 1e-2, 1.0):
+        away = size * np.array([1.0, 0.0, 0.0]) * (np.arange(len(exact.t)) == 5)[:, None, None]
+        pulled = dataclasses.replace(exact, states=dataclasses.replace(exact.states, r=exact.states.r + away))
+        laws, _ = laws_and_sizes(problem, pulled)
+        share = columns(problem, pulled, measure(problem, pulled))["gap_share_max"]
+        assert (Law.CONSTRAINT in laws) is (share > 1.0)
 
 
 def test_a_long_rocker_hides_no_lost_energy():

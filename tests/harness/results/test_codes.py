@@ -113,6 +113,20 @@ def test_an_edit_of_a_problem_or_of_measuring_asks_for_theirs(whole, edited):
     assert after.code_of("chain", "rattle") != whole.code_of("chain", "rattle")
 
 
+@pytest.mark.parametrize(
+    ("place", "before", "after"),
+    [
+        ("harness/execution/worker.py", "min(counted)", "0.5 * min(counted)"),
+        ("harness/clock.py", "used.ru_utime + used.ru_stime", "used.ru_utime"),
+        ("harness/sandbox/apart.py", "usage.ru_utime + usage.ru_stime", "usage.ru_utime"),
+        ("harness/sandbox/isolation.py", "set_keeper(own)", "set_keeper(parent)"),
+    ],
+)
+def test_another_count_of_cpu_time_is_another_measurement(whole, edited, place, before, after):
+    """Costs are published, too: those counted in another way are out of date."""
+    assert edited(place, before, after).measuring != whole.measuring
+
+
 def test_what_only_arranges_asks_for_nothing(whole, edited):
     """How records are stored, processes are run and commands are worded."""
     for place in ("harness/results/store.py", "harness/execution/pool.py", "harness/commands/judge.py"):

@@ -1,5 +1,8 @@
 """Times of runs are as fine in the sandbox as outside it."""
 
+import os
+
+from mbsbench.harness import clock
 from mbsbench.harness.clock import cpu_seconds
 from mbsbench.harness.sandbox.apart import Apart
 
@@ -21,3 +24,12 @@ def test_cpu_time_has_no_ticks_under_a_limit_on_it():
 
     ended = Apart(target, limit=50.0, memory=500.0).wait()
     assert ended.code == 0 and int(ended.sent) > READINGS
+
+
+def test_a_process_that_ends_while_it_is_looked_at_has_no_children(monkeypatch):
+    """Its folder is listed, and gone when it is opened."""
+    own = os.listdir(f"/proc/{os.getpid()}/task")
+    monkeypatch.setattr(os, "listdir", lambda folder: [*own, "0"])
+    assert clock.descendants(os.getpid()) == []
+    monkeypatch.undo()
+    assert clock.descendants(2**22 + 1) == []

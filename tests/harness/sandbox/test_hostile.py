@@ -12,6 +12,7 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import single
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.results import store
 from mbsbench.harness.results.words import why
 from mbsbench.harness.suites.suite import parse_suite
 
@@ -26,6 +27,9 @@ solver = ["exact", "raises"]
 [[runs]]
 solver = "forges"
 options = { how = ["record", "verdict", "less_time", "more_time"] }
+[[runs]]
+solver = "obstructs"
+options = { what = ["stderr", "handed", "spool", "record"] }
 [[runs]]
 solver = "breaks_the_contract"
 options = { what = ["refuses", "counters", "status", "reaction", "notes"] }
@@ -78,6 +82,23 @@ def test_a_breach_of_the_contract_costs_one_run_and_names_its_line(outcome):
     for r in (*broken, *of(outcome, "raises")):
         assert r.status == "crashed" and r.ended_by == "exception"
         assert "hostile.py:" in why(r)[0] or "misbehaving.py:" in why(r)[0]
+
+
+def test_a_folder_in_place_of_a_file_costs_its_run_at_most(outcome):
+    """Standard error, what is handed over, kept steps and record: the supervisor goes on."""
+    found = {json.loads(r.solver_options).get("what", "stderr"): r for r in of(outcome, "obstructs")}
+    assert len(found) == 4 and {r.status for r in found.values()} <= {"success", "crashed"}
+    assert found["stderr"].status == found["record"].status == "success"
+
+
+def test_a_file_in_place_of_the_folder_of_errors_ends_the_suite_in_a_line(tmp_path):
+    """The run that put it there fails; no later one can be started, and none is blamed."""
+    text = '[[runs]]\nproblem = "free_fall"\nsolver = "obstructs"\noptions = { what = ["errors", "record"] }'
+    suite = parse_suite(text, "s", "s", plugins=(str(PLUGIN), str(HOSTILE)))
+    with pytest.raises(Exception, match=r"stderr: it is a file"):
+        run_suite(Request(suite, tmp_path / "run", 1), Silent(), LocalPool)
+    (record,) = store.load(tmp_path / "run").records
+    assert record.status == "crashed" and "stderr" in record.message
 
 
 def test_a_claimed_time_has_to_fit_the_clock(outcome):

@@ -150,3 +150,11 @@ def test_an_order_is_positive(x):
     """Certificates hold a method to what it declares: minus five would be met by anything."""
     with pytest.raises(TypeError, match="order must be"):
         declared(type("Odd", (Exact,), {"order": x, "name": "odd"})())
+
+
+def test_a_solver_that_says_it_is_ours_pays_for_its_whole_call():
+    """``__module__`` and the name in the catalogue are the plugin's to choose; what the catalogue made is not."""
+    motion = dataclasses.replace(falls([0.0] * 3, free_fall()), cpu_time=0.6, setup_time=0.0)
+    forged = type("Forged", (Exact,), {"__module__": "mbsbench.solvers.rattle", "__mbsbench_name__": "rattle"})
+    assert split_cost(motion, 1.0, 1.0, forged()) == (1.0, 0.0)
+    assert split_cost(motion, 1.0, 1.0, registry.make_solver("rattle")) == (0.6, 0.4)

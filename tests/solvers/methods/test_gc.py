@@ -11,9 +11,9 @@ import pytest
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations.compiled.host import Method, integrate
-from mbsbench.solvers.formulations.geometric.choices import Settings
+from mbsbench.solvers.formulations.methods.choices import Settings
 from mbsbench.solvers.formulations.geometric.driver import at_nodes
-from mbsbench.solvers.formulations.geometric.index1.compositions import COMPOSITIONS
+from mbsbench.solvers.formulations.methods.compositions import COMPOSITIONS
 from mbsbench.solvers.formulations.methods import gc_composed, gc_extrapolated, gc_weak_form
 from mbsbench.solvers.gc_composed import GcComposed
 from mbsbench.solvers.gc_extrapolated import GcExtrapolated

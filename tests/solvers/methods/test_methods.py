@@ -12,8 +12,8 @@ from mbsbench.solvers.formulations.compiled.mechanism import make_mechanism
 from mbsbench.solvers.formulations.geometric.index1 import free_body
 from mbsbench.solvers.formulations.geometric.index1 import rattle as by_hand
 from mbsbench.solvers.formulations.geometric.index1.integrate import above_rounding, fixed_steps, runge_kutta
-from mbsbench.solvers.formulations.geometric.index1.tableaux import DOPRI5, DOPRI853, Tableau
 from mbsbench.solvers.formulations.methods import rattle, rkmk
+from mbsbench.solvers.formulations.methods.tableaux import DOPRI5, DOPRI853, Tableau
 
 PROBLEMS = {  # name: (t_end [s], dt [s]); pins, springs and dampers, line rows, drives, rows of velocities alone
     "heavy_top": (0.3, 1e-3), "chain": (0.1, 1e-3), "flyball_governor": (0.05, 1e-4), "damped_linkage": (0.3, 1e-3),

@@ -10,8 +10,8 @@ from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.types import Status, Trajectory
 from mbsbench.solvers.formulations.compiled.host import Method, integrate
-from mbsbench.solvers.formulations.geometric.index1.tableaux import DOPRI853
 from mbsbench.solvers.formulations.methods import rkmk
+from mbsbench.solvers.formulations.methods.tableaux import DOPRI853
 
 X, Y, Z, O = (*np.eye(3), np.zeros(3))
 MASS, J, RADIUS, G, SLOPE, T_END = 1.3, 0.04, 0.1, 9.81, 1.2, 1.0

@@ -9,12 +9,12 @@ import numpy as np
 
 from .....harness.clock import cpu_seconds
 from .....harness.types import Problem, States, Status, StepControl, Trajectory
+from ...methods.tableaux import Tableau
 from ..arrays import Model, model_of
 from . import rkmk
 from .blocks import Blocks
 from .fixed_step import STUCK, TURNED
 from .kernel import Kernel, empty_kernel, evaluate
-from .tableaux import Tableau
 
 FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
 ROUNDINGS = 16.0  # of the largest coordinate in a component of phi

@@ -1,0 +1,77 @@
+"""Compiled functions of bundles: what they raise, what they are given, what a kept mechanism is named by."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.mechanics.system import GROUND, RigidBody, SpringDamper, assemble
+from mbsbench.solvers.formulations.compiled import entries, mechanism, numba_code
+from mbsbench.solvers.formulations.compiled.entries import Bound, Program
+from mbsbench.solvers.formulations.generated import code
+
+
+class Pair(NamedTuple):
+    """One number in, one out."""
+
+    x: Any
+    y: Any
+
+
+def take_root(p: Any) -> None:
+    """y = sqrt(x), not of a negative number."""
+    if p.x[0] < 0.0:
+        raise ValueError("negative")
+    p.y[0] = np.sqrt(p.x[0])
+
+
+def test_what_compiled_code_raises_reaches_its_caller():
+    """Else it would go on with what was there before."""
+    pair = Pair(np.array([4.0]), np.zeros(1))
+    bound = Bound(take_root, pair)
+    bound()
+    assert pair.y[0] == 2.0
+    pair.x[0] = -1.0
+    with pytest.raises(ArithmeticError, match="take_root"):
+        bound()
+    pair.x[0] = 9.0
+    bound()
+    assert pair.y[0] == 3.0
+
+
+def test_another_version_of_numba_compiles_the_same(monkeypatch, tmp_path):
+    """Its private methods stay as they are."""
+    monkeypatch.setattr(code, "FOLDER", tmp_path)
+    monkeypatch.setattr(entries, "_CODES", {})
+    monkeypatch.setattr(numba_code.numba, "__version__", "9.0.0")
+    own = numba_code.CPUCodeLibrary._optimize_final_module
+    seen = []
+    monkeypatch.setattr(numba_code, "_close", lambda library: seen.append(library))
+    pair = Pair(np.array([4.0]), np.zeros(1))
+    Bound(take_root, pair)()
+    assert pair.y[0] == 2.0 and not seen and numba_code.CPUCodeLibrary._optimize_final_module is own
+
+
+def test_a_program_takes_contiguous_arrays_alone():
+    """A column of a matrix is refused: its neighbours would be read."""
+    with pytest.raises(ValueError, match="C-contiguous"):
+        Program([(0, [np.zeros((3, 3))[:, 0]])])
+
+
+@pytest.mark.parametrize("name", ["kernel.py", "blocks.py", "mechanism.py"])
+def test_a_kept_mechanism_is_named_by_what_orders_its_rows(name):
+    """An edit of any of them is another object."""
+    assert name in {path.name for path in mechanism.MAKERS}
+
+
+def test_a_short_lever_of_a_stiff_spring_counts():
+    """1e-8 m beside 1e9 N/m is no rounding: they have different units. The torque is k e x s."""
+    lever = 1e-8
+    spring = SpringDamper(0, (0.0, lever, 0.0), GROUND, (1.0, 0.0, 0.0), 1e9, 0.5)
+    system = assemble([RigidBody(1.0, np.diag([1.0, 1.0, 1.0]))], (), (0.0, 0.0, 0.0), [spring])
+    made = mechanism.make_mechanism(system, ("forces",))
+    assert made is not None
+    k = made.kernel
+    k.R[:] = np.eye(3)
+    made.entry("forces")()
+    assert k.force[0, 5] == pytest.approx(-lever * k.force[0, 0], rel=1e-9) and k.force[0, 5] != 0.0
