@@ -27,6 +27,7 @@ COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augm
 def integrate_newton(problem: Problem, control: StepControl, method: Method) -> Trajectory:
     """March with ``newton_steps``; reactions are those of the nodes, from means over steps."""
     out = integrate(problem, control, method)
+    assert out.reaction is not None
     return replace(out, reaction=at_nodes(np.diff(out.t), out.reaction[1:]))
 
 
@@ -93,17 +94,18 @@ def make_step(
     )  # fmt: skip
     loops = NewtonLoops(system, k, parts_of(system))
     loops.at, loops.couple, loops.choice = step, couple, direction
-    entries = loops.entries()
+    entries: dict[str, Any] = dict(loops.entries())
     step = step._replace(factor_saddle=bound(factor, lu), solve_saddle=bound(solve, lu), **entries)
     for name in PARTS:
-        step = step._replace(**{name: bound(getattr(gc_newton, name), step)})
+        made: dict[str, Any] = {name: bound(getattr(gc_newton, name), step)}
+        step = step._replace(**made)
     return step
 
 
 def bound(function: Any, bundle: Any) -> Entry:
     """An entry that keeps alive what it calls."""
     made = Bound(function, bundle)
-    return make_entry(made.program.steps, made)
+    return make_entry([(address, list(arrays)) for address, arrays in made.program.steps], made)
 
 
 def explain(s: Step, outcome: int, *, most_cuts: int) -> str:
