@@ -22,7 +22,6 @@ from .formulations.methods.gc_step import applies
 from .formulations.methods.gc_weak_form import simplified_steps
 from .formulations.methods.passages import passages
 from .formulations.rank import rows_to_keep
-from .formulations.refusals import unknown_to_kernels
 
 
 @solver("gc_augmented_lagrangian")
@@ -68,7 +67,7 @@ class GcAugmentedLagrangian(GaugeChoices):
         """Only incompatible options."""
         if self.loop != "nested" and (self.lambda_bar or self.penalty_growth > 1.0):
             return "lambda_bar and penalty_growth belong to the nested loop: set loop = nested"
-        return unknown_to_kernels(problem.system) or self.refuses_choice(problem, control)
+        return self.refuses_choice(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``; singular passages are in ``events``."""

@@ -17,7 +17,6 @@ from .formulations.methods.gc_newton_arrays import integrate_newton, newton_step
 from .formulations.methods.gc_step import applies
 from .formulations.methods.gc_weak_form import simplified_steps
 from .formulations.rank import rows_to_keep
-from .formulations.refusals import unknown_to_kernels
 
 
 @solver("gc_weak_form")
@@ -33,7 +32,7 @@ class GcWeakForm(GaugeChoices):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Redundant rows, which make the Newton matrix singular, and incompatible options."""
-        reason = unknown_to_kernels(problem.system) or self.refuses_choice(problem, control)
+        reason = self.refuses_choice(problem, control)
         if reason is not None:
             return reason
         rows = problem.system.nrows
