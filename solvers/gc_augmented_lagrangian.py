@@ -16,11 +16,12 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.clock import cpu_seconds
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.choices import GaugeChoices, Penalty
-from .formulations.geometric.driver import integrate, prepare
-from .formulations.geometric.passages import passages
+from .formulations.methods.choices import GaugeChoices, Penalty
+from .formulations.methods.gc_newton_arrays import integrate_newton, newton_steps
+from .formulations.methods.gc_step import applies
+from .formulations.methods.gc_weak_form import simplified_steps
+from .formulations.methods.passages import passages
 from .formulations.rank import rows_to_keep
-from .formulations.refusals import unknown_to_kernels
 
 
 @solver("gc_augmented_lagrangian")
@@ -66,7 +67,7 @@ class GcAugmentedLagrangian(GaugeChoices):
         """Only incompatible options."""
         if self.loop != "nested" and (self.lambda_bar or self.penalty_growth > 1.0):
             return "lambda_bar and penalty_growth belong to the nested loop: set loop = nested"
-        return unknown_to_kernels(problem.system) or self.refuses_choice(problem, control)
+        return self.refuses_choice(problem, control)
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``; singular passages are in ``events``."""
@@ -82,9 +83,12 @@ class GcAugmentedLagrangian(GaugeChoices):
             growth=self.penalty_growth,
             singular_turn=self.singular_turn or float("inf"), redundant=int(redundant > 0),
         )  # fmt: skip
-        run, step = prepare(problem, self.settings(problem)._replace(penalty=penalty), self.mu0)
+        settings = self.settings(problem)._replace(penalty=penalty)
         set_up = cpu_seconds() - began
-        out = integrate(problem, control, run, step, self.max_cuts, self.max_turn)
+        method = newton_steps(problem.system, settings, self.max_cuts, self.max_turn, self.mu0)
+        if applies(settings, problem.system) and not self.max_turn:
+            method = simplified_steps(problem.system, settings, method)
+        out = integrate_newton(problem, control, method)
         rank = f"{problem.system.nrows} constraint rows of rank {problem.system.nrows - redundant} at the start"
         crossed = passages(problem.system, out)
         notes = [rank, *self.notes(problem)]

@@ -13,10 +13,10 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.mechanics.system import MultibodySystem
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.directions import CHOICES
-from .formulations.geometric.index1.compositions import COMPOSITIONS, RATE
-from .formulations.geometric.index1.integrate import fixed_steps
-from .formulations.geometric.simplified import composed
+from .formulations.compiled.host import integrate
+from .formulations.methods.choices import CHOICES
+from .formulations.methods.compositions import COMPOSITIONS, RATE
+from .formulations.methods.gc_composed import composed_steps
 from .gc_weak_form import GcWeakForm
 
 SPRINGS = "takes gravity as the only applied force: springs and dampers carry mu from step to step; use gc_weak_form"
@@ -55,8 +55,8 @@ class GcComposed:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with the fixed step ``control.dt``."""
-        scheme = composed.Scheme(self._step.settings(problem), COMPOSITIONS[self.composition][0], self.rate)
-        return fixed_steps(problem, control, composed, scheme)
+        settings, gamma = self._step.settings(problem), COMPOSITIONS[self.composition][0]
+        return integrate(problem, control, composed_steps(problem.system, settings, gamma, self.rate))
 
     @property
     def _step(self) -> GcWeakForm:

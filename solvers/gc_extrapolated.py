@@ -11,9 +11,9 @@ from typing import ClassVar
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.directions import CHOICES
-from .formulations.geometric.index1.integrate import extrapolated_steps
-from .formulations.geometric.simplified import extrapolated
+from .formulations.compiled.host import integrate
+from .formulations.methods.choices import CHOICES
+from .formulations.methods.gc_extrapolated import extrapolated_steps
 from .gc_composed import refusal
 from .gc_weak_form import GcWeakForm
 
@@ -41,8 +41,9 @@ class GcExtrapolated:
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """March with error control."""
-        scheme = extrapolated.Scheme(self._step.settings(problem), self.columns)
-        return extrapolated_steps(problem, control, extrapolated, scheme, self.columns)
+        return integrate(
+            problem, control, extrapolated_steps(problem.system, self._step.settings(problem), self.columns)
+        )
 
     @property
     def _step(self) -> GcWeakForm:

@@ -11,12 +11,12 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.clock import cpu_seconds
 from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.geometric.choices import GaugeChoices
-from .formulations.geometric.driver import integrate, prepare
+from .formulations.methods.choices import GaugeChoices
+from .formulations.methods.gc_newton_arrays import integrate_newton, newton_steps
+from .formulations.methods.gc_step import applies
+from .formulations.methods.gc_weak_form import simplified_steps
 from .formulations.rank import rows_to_keep
-from .formulations.refusals import unknown_to_kernels
 
 
 @solver("gc_weak_form")
@@ -32,7 +32,7 @@ class GcWeakForm(GaugeChoices):
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Redundant rows, which make the Newton matrix singular, and incompatible options."""
-        reason = unknown_to_kernels(problem.system) or self.refuses_choice(problem, control)
+        reason = self.refuses_choice(problem, control)
         if reason is not None:
             return reason
         rows = problem.system.nrows
@@ -46,8 +46,9 @@ class GcWeakForm(GaugeChoices):
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``."""
-        began = cpu_seconds()
-        run, step = prepare(problem, self.settings(problem), self.mu0)
-        set_up = cpu_seconds() - began
-        out = integrate(problem, control, run, step, self.max_cuts, self.max_turn)
-        return replace(out, setup_time=set_up + out.setup_time, notes=(*out.notes, *self.notes(problem)))
+        settings = self.settings(problem)
+        method = newton_steps(problem.system, settings, self.max_cuts, self.max_turn, self.mu0)
+        if applies(settings, problem.system) and not self.max_turn:
+            method = simplified_steps(problem.system, settings, method)
+        out = integrate_newton(problem, control, method)
+        return replace(out, notes=(*out.notes, *self.notes(problem)))

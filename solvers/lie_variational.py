@@ -13,7 +13,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import integrate, tolerance_of
-from .formulations.geometric.index1.compositions import COMPOSITIONS
+from .formulations.methods.compositions import COMPOSITIONS
 from .formulations.methods.rattle import symplectic_steps
 from .formulations.refusals import without_phi
 

@@ -12,7 +12,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.compiled.host import integrate, tolerance_of
-from .formulations.geometric.index1.compositions import COMPOSITIONS, RATE
+from .formulations.methods.compositions import COMPOSITIONS, RATE
 from .formulations.methods.rattle import symplectic_steps
 from .formulations.refusals import without_phi
 

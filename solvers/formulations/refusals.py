@@ -1,6 +1,5 @@
 """Why a method cannot take some kinds of joints or forces."""
 
-from ...harness.mechanics.joints import KINDS, NAMED
 from ...harness.mechanics.system import MultibodySystem
 
 VELOCITIES_ALONE = (
@@ -11,12 +10,6 @@ GRADIENTS = (
     "has discrete gradients of joints and springs between points only, not of drives, knife edges, discs, torsional "
     "springs and user forces: use gc_weak_form or rkmk_dop853"
 )
-
-
-def unknown_to_kernels(system: MultibodySystem) -> str | None:
-    """The refusal of a method on kernels written by hand, which take a kind that they do not know for another."""
-    found = next((KINDS[k] for k in system.joint_sort if KINDS[k] not in NAMED), None)
-    return None if found is None else f"its kernels do not know {found}: use rkmk_dop853, rattle or ida_index1"
 
 
 def without_phi(system: MultibodySystem) -> str | None:

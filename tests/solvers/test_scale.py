@@ -9,9 +9,8 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.metrics import scales
 from mbsbench.harness.metrics.measure import measure
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
-from mbsbench.solvers.formulations.geometric.arrays import model_of
-from mbsbench.solvers.formulations.geometric.index1.kernel import empty_kernel
-from mbsbench.solvers.formulations.geometric.pattern import analyse
+from mbsbench.solvers.formulations.compiled.kernel import empty_kernel
+from mbsbench.solvers.formulations.compiled.saddle_pattern import analyse
 
 SOLVERS = ("gc_augmented_lagrangian", "rkmk_dopri5", "rattle")
 STEP = 1e-3  # [s]
@@ -34,11 +33,10 @@ def test_factors_grow_in_proportion() -> None:
     """Numbers of both factors and of their products, by cell: cells of a row fill in no more than their neighbours."""
     each = []
     for windows in (100, 200, 400):
-        model = model_of(row_of_cells(windows).system)
-        saddle, lu = analyse(model, couple=True)
-        kernel, blocks = empty_kernel(model)
-        numbers = [a.size for part in (saddle, lu, kernel, blocks) for a in part if isinstance(a, np.ndarray)]
-        each.append(np.array([sum(numbers), len(blocks.update), len(lu.low), len(saddle.blocks)]) / windows)
+        k, _ = empty_kernel(row_of_cells(windows).system)
+        _, lu = analyse(k.body, k.row, k.pair, np.arange(len(k.mass), len(k.pair)))
+        numbers = [a.size for part in (lu, k, k.blocks) for a in part if isinstance(a, np.ndarray)]
+        each.append(np.array([sum(numbers), len(k.blocks.update), len(lu.low), len(lu.blocks)]) / windows)
     assert np.all(np.abs(each[2] / each[0] - 1.0) < 0.02), each
 
 

@@ -7,18 +7,17 @@ An engine has its own velocities u; (r_dot, Omega) = T u. With the joints of its
 Each difference is relative to the largest entry. No engine starts on a model that differs by more than ``SAME``.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg as sl
 from jaxtyping import Float
 
+from ....harness.mechanics.dynamics import accelerations
 from ....harness.mechanics.jacobian import independent_rows
-from ....harness.mechanics.motion import kinetic_energy, potential_energy
+from ....harness.mechanics.motion import applied, kinetic_energy, potential_energy
 from ....harness.mechanics.state import States
 from ....harness.types import Problem
-from ...formulations.geometric.index1.integrate import start_of
-from ...formulations.geometric.index1.kernel import evaluate
 
 SAME = 1e-10  # rounding of the sums on the way is 1e-13 with 55 bodies
 DEPENDENT = 1e-9  # singular values of constraint rows, of the largest
@@ -44,26 +43,24 @@ def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     system, start, T = problem.system, problem.initial, model.T
     one, blocks = States.one(start), [b for m, J in zip(system.mass, system.solved_inertia, strict=True)
                                       for b in (m * np.eye(3), J)]  # fmt: skip
-    arrays, analysis, kernel = start_of(problem)
-    evaluate(arrays, analysis, kernel)
-    exact = kernel.v_dot.copy()
-    accelerations = model.bias + (T @ _rigid(model, exact)).reshape(-1, 6)
-    kernel.v[:] = 0.0
-    evaluate(arrays, analysis, kernel)
-    rest_forces = T.T @ kernel.force.ravel()
+    rates = accelerations(system, start)
+    exact = np.concatenate((rates.v_dot, rates.Omega_dot), axis=1)
+    theirs = model.bias + (T @ _rigid(model, exact)).reshape(-1, 6)
+    load = applied(system, States.one(replace(start, v=0.0 * start.v, Omega=0.0 * start.Omega)))[0]
+    rest_forces = T.T @ load.ravel()
     kinetic, potential = float(kinetic_energy(system, one)[0]), float(potential_energy(system, one)[0])
     lift = float(system.mass @ np.linalg.norm(start.r, axis=1)) * float(np.linalg.norm(system.gravity))
     joules = kinetic + abs(potential) + lift
     freedom = 6 * system.nb - len(independent_rows(system, start))
-    theirs = T.shape[1] - rank(model.constraints)
+    left = T.shape[1] - rank(model.constraints)
     return {
         "mass matrix": _apart(model.mass_matrix, T.T @ sl.block_diag(*blocks) @ T),
-        "forces at rest": _apart(model.rest_forces, rest_forces, float(np.max(np.abs(kernel.force), initial=0.0))),
+        "forces at rest": _apart(model.rest_forces, rest_forces, float(np.max(np.abs(load), initial=0.0))),
         "kinetic energy": abs(model.kinetic - kinetic) / (joules or 1.0),
         "potential energy": 0.0 if model.potential is None else abs(model.potential - potential) / (joules or 1.0),
-        "acceleration of C": _apart(accelerations[:, :3], exact[:, :3], _rates(one, exact)),
-        "angular acceleration": _apart(accelerations[:, 3:], exact[:, 3:], _rates(one, exact)),
-        "degrees of freedom": abs(theirs - freedom) / freedom if freedom else float(theirs != 0),
+        "acceleration of C": _apart(theirs[:, :3], exact[:, :3], _rates(one, exact)),
+        "angular acceleration": _apart(theirs[:, 3:], exact[:, 3:], _rates(one, exact)),
+        "degrees of freedom": abs(left - freedom) / freedom if freedom else float(left != 0),
     }
 
 

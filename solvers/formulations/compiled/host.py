@@ -33,6 +33,13 @@ class Method:
     explicit: bool = False  # with code of the whole mechanism: 0.03 to 1.1 CPU-s to make, for half the time of a run
     needs: tuple[str, ...] = ()  # entries of the kernel beside those that these functions name
     notes: tuple[str, ...] = field(default=())
+    most_cuts: int = 0  # halvings of a fixed step that fails
+    tells: tuple[str, ...] = ()  # diagnostics of each step: what ``told`` of its bundle holds
+    explain: Callable[[Any, int], str] | None = None  # words for an outcome of the march
+    relieve: Callable[[Problem, Any], Any] | None = None  # another marcher that takes turns with this method's
+
+
+UNTOLD = np.zeros(0)
 
 
 def tolerance_of(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]]:
@@ -46,49 +53,59 @@ def tolerance_of(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]
     return rounding, (words,)
 
 
+class Marcher:
+    """A method at work: its kernel, and bundles of its step and of its march, at the start of a problem."""
+
+    def __init__(self, problem: Problem, method: Method, state: np.ndarray) -> None:
+        functions = [method.step, method.finish, *([method.start] if method.start else [])]
+        needed = {*([] if method.start else ["accelerate"]), *method.needs}.union(
+            *(reach(function).names for function in functions)
+        )
+        make = make_mechanism(problem.system, needed) if method.explicit else None
+        self._made = make or make_kernel(problem.system, needed)
+        self.method, self.state, self.kernel = method, state, self._made.kernel
+        start_at(self.kernel, problem.initial)
+        self.bundle = method.prepare(self.kernel, state)
+        self._entries = Bound(method.step, self.bundle), Bound(method.finish, self.bundle)
+        self._told = self.bundle.told if method.tells else UNTOLD
+        self.start = Bound(method.start, self.bundle) if method.start else self._made.entry("accelerate")
+        self.start()
+        self.reaction = self.kernel.lam[self.kernel.order][None]
+        self.stretch(0)  # compiles, or loads
+
+    def stretch(self, n: int) -> Record:
+        """Up to ``n`` steps from where it stands; ``state`` says why it has ended."""
+        record = empty_record(n, len(self.kernel.mass), len(self.kernel.lam), len(self._told))
+        Bound(march, March(self.state, self.kernel, record, self._told, *(e.entry for e in self._entries)))()
+        return Record(*(a[: self.state["recorded"]] for a in record))
+
+    def explain(self, outcome: int) -> str:
+        """Why the march has ended."""
+        return self.method.explain(self.bundle, outcome) if self.method.explain else ENDS[outcome][1]
+
+
 def integrate(problem: Problem, control: StepControl, method: Method) -> Trajectory:
     """March to the end or to a failure, which is a status."""
     began = cpu_seconds()
-    functions = [method.step, method.finish, *([method.start] if method.start else [])]
-    needed = {"accelerate", *method.needs}.union(*(reach(function).names for function in functions))
-    made = (make_mechanism(problem.system, needed) if method.explicit else None) or make_kernel(problem.system, needed)
-    kernel = made.kernel
-    start_at(kernel, problem.initial)
     state = new_control(
         t_end=problem.t_end, adaptive=method.order > 0.0, order=method.order, rate=method.rate, last_error=1e-4,
         rtol=control.rtol or 0.0, max_step=control.max_step or np.inf, dt=control.dt or 0.0,
-        next_step=min(FIRST_STEP, problem.t_end),
+        next_step=min(FIRST_STEP, problem.t_end), most_cuts=method.most_cuts,
     )  # fmt: skip
-    bundle = method.prepare(kernel, state)
-    step, finish = Bound(method.step, bundle), Bound(method.finish, bundle)
-    start = Bound(method.start, bundle) if method.start else made.entry("accelerate")
-    start()
-
-    def stretch(n: int) -> Record:
-        record = empty_record(n, problem.system.nb, problem.system.nrows)
-        Bound(march, March(state, kernel, record, step.entry, finish.entry))()
-        return Record(*(a[: state["recorded"]] for a in record))
-
-    first = kernel.lam[kernel.order][None]
-    stretch(0)  # compiles, or loads
-    return _march(problem, control, method, stretch, (state, first, kernel.order), cpu_seconds() - began)
+    marcher = Marcher(problem, method, state)
+    if method.relieve:
+        marcher = method.relieve(problem, marcher)
+    return _march(problem, control, method, marcher, cpu_seconds() - began)
 
 
-def _march(
-    problem: Problem,
-    control: StepControl,
-    method: Method,
-    stretch: Callable[[int], Record],
-    at: tuple[np.ndarray, np.ndarray, np.ndarray],
-    set_up: float,
-) -> Trajectory:
-    system, (state, reaction, order) = problem.system, at
+def _march(problem: Problem, control: StepControl, method: Method, marcher: Any, set_up: float) -> Trajectory:
+    system, state, order = problem.system, marcher.state, marcher.kernel.order
     room = int(max(16, min(5000, STRETCH_BYTES / (8 * (1 + 18 * system.nb + system.nrows)))))
     cpu = cpu_seconds()
     done: list[Record] = []
     taken, status, message = 0, Status.SUCCESS, ""
     while True:
-        record = stretch(min(room, control.max_steps - taken))
+        record = marcher.stretch(min(room, control.max_steps - taken))
         done.append(record)
         taken += len(record.t)
         if control.spool is not None and len(record.t):
@@ -97,8 +114,7 @@ def _march(
         if outcome == marching.FINISHED:
             break
         if outcome != marching.FULL:
-            status, words = ENDS[outcome]
-            message = f"{words} at t = {t:g} s"
+            status, message = ENDS[outcome][0], f"{marcher.explain(outcome)} at t = {t:g} s"
             break
         limit = None
         if taken >= control.max_steps:
@@ -111,17 +127,19 @@ def _march(
     cpu = cpu_seconds() - cpu
     whole = Record(*(np.concatenate(a) for a in zip(*done, strict=True)))
     first, moved = problem.initial, _states(whole)
+    reaction = np.concatenate((marcher.reaction, whole.lam[:, order]))
     return Trajectory(
         t=np.concatenate(([0.0], whole.t)),
         states=States(*(np.concatenate((getattr(first, n)[None], getattr(moved, n))) for n in NAMES)),
         status=status, message=message, notes=method.notes,
         counters={"steps": taken, **{WORDS.get(name, name): int(state[name]) for name in method.counters}},
-        reaction=np.concatenate((reaction, whole.lam[:, order])), cpu_time=cpu, setup_time=set_up,
+        reaction=reaction, cpu_time=cpu, setup_time=set_up,
+        diagnostics={n: np.concatenate(([np.nan], a)) for n, a in zip(method.tells, whole.told.T, strict=True)},
     )  # fmt: skip
 
 
 NAMES = ("r", "R", "v", "Omega")
-WORDS = {"iterations": "newton_iterations"}  # of counters in results, where they differ
+WORDS = {"iterations": "newton_iterations", "cuts": "step_cuts"}  # of counters in results, where they differ
 ENDS = {
     marching.UNDERFLOW: (Status.STEP_UNDERFLOW, "the error test asks for a step below the spacing of times"),
     marching.NOT_FINITE: (Status.DIVERGED, "the motion is no longer finite"),

@@ -91,6 +91,8 @@ class Kernel(NamedTuple):
     slips: int = 0  # x := -(A w + phi_t)
     take_back: int = 0  # of ``react``: lent inertia
     force_slopes: int = 0  # by_pose, by_rate := slopes of ``forces``
+    applied_slopes: int = 0  # the same of ``applied``
+    spring_slopes: int = 0  # of spring-dampers alone
     load_slopes: int = 0  # by_pose += slopes of A^T lam, with ``lam`` as it is
     rate_slopes: int = 0  # rate_slope
 
@@ -266,7 +268,16 @@ Step = tuple[int, list[np.ndarray]]
 class Loops:
     """Entries that are loops over joints or forces of one kind, as steps of programs."""
 
-    MADE = ("rows", "forces", "applied", "force_slopes", "load_slopes", "rate_slopes")
+    MADE = (
+        "rows",
+        "forces",
+        "applied",
+        "force_slopes",
+        "applied_slopes",
+        "spring_slopes",
+        "load_slopes",
+        "rate_slopes",
+    )
 
     def __init__(self, system: MultibodySystem, k: Kernel, parts: list[Part]) -> None:
         self._system, self._k, self._parts = system, k, parts
@@ -332,15 +343,29 @@ class Loops:
 
     def force_slopes(self) -> list[Step]:
         """Slopes of ``forces``."""
-        s, k, code = self._system, self._k, body_code()
+        turning = body_code().address("slopes"), [np.array([self._system.nb]), self._k.J, self._k.v, self._k.by_rate]
+        zero, *pushes = self.applied_slopes()
+        return [zero, pushes[0], turning, *pushes[1:]]
+
+    def applied_slopes(self) -> list[Step]:
+        """Slopes of ``applied``."""
+        return [*self._push_slopes("spring", "torsion", "load"), *self._users(user_forces.add_user_slopes)]
+
+    def spring_slopes(self) -> list[Step]:
+        """Slopes of spring-dampers."""
+        return self._push_slopes("spring")
+
+    def _push_slopes(self, *kinds: str) -> list[Step]:
+        k, code = self._k, body_code()
         steps: list[Step] = [(code.address("zero"), [np.array([a.size]), a]) for a in (k.by_pose, k.by_rate)]
-        steps.append((code.address("slopes"), [np.array([s.nb]), k.J, k.v, k.by_rate]))
         for kind, group in self._pushing():
+            if kind not in kinds:
+                continue
             code = push_slope_code(kind, group.ends == [0])
             at = [*places_of(group, (k.r, 3), (k.R, 9), (k.v, 6)), *self._blocks(k.by_pose, group),
                   *self._blocks(k.by_rate, group)]  # fmt: skip
             steps.append((code.address("slopes"), [group.members, k.t, group.numbers, *at]))
-        return [*steps, *self._users(user_forces.add_user_slopes)]
+        return steps
 
     def _users(self, function: Callable[[Any], None]) -> list[Step]:
         k = self._k

@@ -8,6 +8,10 @@ Reversible step control (Hairer and Soederlind 2005, SIAM J. Sci. Comput. 26)::
     h = dt / z,  z_(n+1/2) = z_(n-1/2) + dt G(y_n),  G = d/dt ln(1/s),  1/s = (1 + sum_b |Omega_b / rate|^4)^(1/4)
 
 so that z follows 1/s, never less than 1, and the way back takes the same steps. G takes the accelerations at y_n.
+
+A fixed step that fails is halved, up to ``most_cuts`` times, and grown back: a step of the grid 0, dt, 2 dt, ... is
+split in 2^level parts, of which ``place`` are done; the level falls by one after a success at an even place, so that
+the grid is met again exactly. A step that fails leaves the kernel at its start.
 """
 
 import math
@@ -27,7 +31,8 @@ CONTROL = np.dtype(
     [(name, "f8") for name in ("t", "t_end", "h", "dt", "next_step", "max_step", "rtol", "order", "error", "last_error",
                                "rate", "pace")]
     + [(name, "i8") for name in ("adaptive", "paced", "steps", "evaluations", "rejected", "iterations",
-                                 "factorisations", "status", "outcome", "recorded")]
+                                 "factorisations", "status", "outcome", "recorded", "grid", "place", "level",
+                                 "most_cuts", "cuts", "residuals", "solves", "augmentations", "loose_steps")]
 )  # fmt: skip
 
 
@@ -39,6 +44,7 @@ class Record(NamedTuple):
     R: Any  # (n, nb, 3, 3)
     v: Any  # (n, nb, 6)
     lam: Any  # (n, nrows) in the kernel's order
+    told: Any  # (n, ntold) what the method tells of each
 
 
 class March(NamedTuple):
@@ -47,6 +53,7 @@ class March(NamedTuple):
     control: Any  # record
     kernel: Kernel
     record: Record
+    told: Any  # (ntold,) of the last step
     step: int  # entry: a trial step
     finish: int  # entry: after an accepted one
 
@@ -59,11 +66,12 @@ def new_control(**values: float) -> np.ndarray:
     return control
 
 
-def empty_record(n: int, nb: int, nrows: int) -> Record:
+def empty_record(n: int, nb: int, nrows: int, ntold: int = 0) -> Record:
     """Room for ``n`` steps."""
     return Record(
-        np.zeros(n), np.zeros((n, nb, 3)), np.zeros((n, nb, 3, 3)), np.zeros((n, nb, 6)), np.zeros((n, nrows))
-    )
+        np.zeros(n), np.zeros((n, nb, 3)), np.zeros((n, nb, 3, 3)), np.zeros((n, nb, 6)), np.zeros((n, nrows)),
+        np.zeros((n, ntold)),
+    )  # fmt: skip
 
 
 def march(m):
@@ -77,6 +85,11 @@ def march(m):
         c.status = 0
         run(m.step)
         if c.status != 0:
+            c.cuts += 1
+            if c.level < c.most_cuts:
+                c.place *= 2
+                c.level += 1
+                continue
             c.outcome = c.status
             break
         if c.adaptive and not _accepted(c):
@@ -89,6 +102,8 @@ def march(m):
             break
         if c.adaptive:
             _grow(c)
+        else:
+            _advance(c)
         c.t = end
         c.steps += 1
         m.record.t[done] = end
@@ -97,6 +112,7 @@ def march(m):
         copy(k.R, m.record.R[done])
         copy(k.v, m.record.v[done])
         copy(k.lam, m.record.lam[done])
+        copy(m.told, m.record.told[done])
         done += 1
     c.recorded = done
 
@@ -118,18 +134,35 @@ def _next_end(c, k):
         c.h = h
         return t + h
     if c.rate == 0.0:
-        n = c.steps
-        if n >= int(np.ceil(c.t_end / c.dt - 1e-9)):
+        base = c.grid * c.dt
+        left = c.t_end - base
+        if left <= 1e-9 * c.dt:
             c.outcome = FINISHED
             return c.t_end
-        c.t = n * c.dt
-        end = min((n + 1) * c.dt, c.t_end)
-    else:
-        end = _paced(c, k)
-        if not end > c.t:
-            c.outcome = FINISHED
+        whole = left if left < (1.0 + 1e-9) * c.dt else c.dt  # no sliver of a last step
+        parts = 1 << c.level
+        part = whole / parts
+        c.t, c.h = base + c.place * part, part
+        if c.place + 1 < parts:
+            return base + (c.place + 1) * part
+        return c.t_end if whole == left else (c.grid + 1) * c.dt
+    end = _paced(c, k)
+    if not end > c.t:
+        c.outcome = FINISHED
     c.h = end - c.t
     return end
+
+
+@inner
+def _advance(c):
+    """One part of a step of the grid is done; at an even place the parts grow."""
+    c.place += 1
+    while c.level > 0 and c.place % 2 == 0:
+        c.place //= 2
+        c.level -= 1
+    if c.place == 1 and c.level == 0:
+        c.grid += 1
+        c.place = 0
 
 
 @inner

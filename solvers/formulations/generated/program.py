@@ -11,7 +11,7 @@ import numpy as np
 
 from .code import Code
 
-MOST_ARGUMENTS = 40
+MOST_ARGUMENTS = 56
 
 
 class Program:

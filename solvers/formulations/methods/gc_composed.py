@@ -6,8 +6,10 @@ import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.entries import run
+from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
+from .choices import Settings
 from .gc_step import Step, accept_step, begin_march, make_step, move_poses, take_step
 
 
@@ -18,10 +20,13 @@ class Composed(NamedTuple):
     gamma: Any
 
 
-def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, gamma: np.ndarray, choices: dict) -> Any:
-    """The bundle of a step, and what keeps its entries alive."""
-    made = make_step(system, kernel, control, **choices)
-    return Composed(made.step, gamma), made.keeps
+def composed_steps(system: MultibodySystem, choices: Settings, gamma: np.ndarray, rate: float) -> Method:
+    """The method; ``rate`` [rad/s] of reversible steps."""
+
+    def prepare(kernel: Kernel, control: np.ndarray) -> Composed:
+        return Composed(make_step(system, kernel, control, choices), gamma)
+
+    return Method(prepare, step, finish, start, rate=rate, counters=("iterations", "factorisations"))
 
 
 def start(m):

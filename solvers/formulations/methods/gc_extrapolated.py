@@ -13,7 +13,9 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import copy, turned_by
 from ..compiled.entries import inner, run
+from ..compiled.host import Method
 from ..compiled.kernel import Kernel
+from .choices import Settings
 from .gc_step import Step, accept_step, begin_march, make_step, move_poses, restart, take_step
 
 WIDEST = 2.5  # [rad] of a turn in one step: its logarithm is unique below pi
@@ -37,15 +39,19 @@ class Extrapolated(NamedTuple):
     old: Any  # (12,)
 
 
-def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, choices: dict, columns: int) -> Any:
-    """The bundle of a step, and what keeps its entries alive."""
-    made, nb = make_step(system, kernel, control, **choices), len(kernel.mass)
-    memory = np.array((np.inf, control["max_step"]), dtype=MEMORY)
-    bundle = Extrapolated(
-        made.step, memory, np.zeros((nb, 3)), np.zeros((nb, 3, 3)), np.zeros((nb, 6)), np.zeros((nb, 6)),
-        np.zeros(len(kernel.lam)), np.zeros((columns, nb, 12)), np.zeros(12), np.zeros(12),
-    )  # fmt: skip
-    return bundle, made.keeps
+def extrapolated_steps(system: MultibodySystem, choices: Settings, columns: int) -> Method:
+    """The method of order 2 ``columns``."""
+
+    def prepare(kernel: Kernel, control: np.ndarray) -> Extrapolated:
+        nb, memory = len(kernel.mass), np.array((np.inf, control["max_step"]), dtype=MEMORY)
+        return Extrapolated(
+            make_step(system, kernel, control, choices), memory, np.zeros((nb, 3)), np.zeros((nb, 3, 3)),
+            np.zeros((nb, 6)), np.zeros((nb, 6)), np.zeros(len(kernel.lam)), np.zeros((columns, nb, 12)), np.zeros(12),
+            np.zeros(12),
+        )  # fmt: skip
+
+    counters = ("rejected", "iterations", "factorisations")
+    return Method(prepare, step, finish, start, order=2.0 * columns - 1.0, counters=counters)
 
 
 def start(m):

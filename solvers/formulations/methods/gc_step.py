@@ -19,8 +19,9 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import copy, turned_by
 from ..compiled.entries import inner, run
-from ..compiled.kernel import Kernel
-from .gc_wrenches import Arrays, make_loops
+from ..compiled.kernel import Kernel, parts_of
+from .choices import TOLD, Settings
+from .gc_wrenches import Arrays, WrenchLoops
 
 DEPTH = 4  # past steps from which the next one is extrapolated
 MOST = 30  # iterations a step
@@ -33,6 +34,13 @@ SCHEME = np.dtype(
 )
 
 
+def applies(settings: Settings, system: MultibodySystem) -> bool:
+    """Whether this method solves the step that ``settings`` describe."""
+    plain = not (settings.corrective or settings.carry_sigma or settings.penalty.nested)
+    forces = sum(len(a) for a in (system.spring_k, system.torsion_k, system.load_i, system.user_i))
+    return plain and settings.simplified == 1 and not forces and system.is_pinned
+
+
 class Step(NamedTuple):
     """Scheme and room of one step; suffix 0: its start."""
 
@@ -40,6 +48,7 @@ class Step(NamedTuple):
     kernel: Kernel
     scheme: Any  # record: the free choices; log10 det S and its last change; steps known of the past, whether there is
     # a factor, the rank of the rows at the start, whether ``begin_step`` has been done
+    told: Any  # (6,) ``TOLD``
     begin: int  # entries of ``gc_wrenches``
     impulses: int
     rates: int
@@ -51,6 +60,7 @@ class Step(NamedTuple):
     nu_start: Any
     nu: Any
     f_bar: Any
+    slip: Any
     f_bar0: Any  # (nrows,)
     r0: Any  # (nb, 3)
     R0: Any  # (nb, 3, 3)
@@ -62,32 +72,27 @@ class Step(NamedTuple):
     share: Any  # (DEPTH,) theirs in the estimate of the next step
 
 
-class Made(NamedTuple):
-    """A step's bundle, and what keeps its entries alive."""
-
-    step: Step
-    keeps: tuple[Any, ...]
-
-
-def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, **choices: float) -> Made:
-    """Arrays of one step; ``choices`` are fields of ``SCHEME``."""
+def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choices: Settings) -> Step:
+    """Arrays of one step."""
     nb, nr = len(kernel.mass), len(kernel.lam)
     scheme = np.zeros((), dtype=SCHEME)
-    for name, value in choices.items():
-        scheme[name] = value
+    for name in ("gauge", "b_term", "tolerance", "refresh", "direction", "use_f_bar", "keep_nu"):
+        scheme[name] = getattr(choices, name)
     weight = system.mass[:, None] * system.gravity
-    numbers = np.concatenate((weight, system.mass[:, None], kernel.J_inv.reshape(nb, 9)), axis=1)
+    numbers = np.concatenate(
+        (weight, system.mass[:, None], kernel.J_inv.reshape(nb, 9), kernel.J.reshape(nb, 9)), axis=1
+    )
     plan = np.array([0.0, 0.0, float(scheme["gauge"])])
-    arrays = Arrays(plan, numbers, np.zeros((nb, 6)), np.zeros((nb, 6)), *(np.zeros(nr) for _ in range(3)))
-    loops = make_loops(system, kernel, arrays, int(scheme["direction"]), use_f_bar=bool(scheme["use_f_bar"]))
-    step = Step(
-        control, kernel, scheme, loops["begin"].entry, loops["impulses"].entry, loops["rates"].entry,
-        loops["loads"].entry, *arrays, f_bar0=np.zeros(nr),
+    arrays = Arrays(plan, numbers, np.zeros((nb, 6)), np.zeros((nb, 6)), *(np.zeros(nr) for _ in range(4)))
+    loops = WrenchLoops(system, kernel, parts_of(system))
+    loops.at = arrays
+    entries = loops.entries(int(scheme["direction"]), use_f_bar=bool(scheme["use_f_bar"]))
+    return Step(
+        control, kernel, scheme, np.zeros(len(TOLD)), **entries, **arrays._asdict(), f_bar0=np.zeros(nr),
         r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)), known=np.zeros((nb, 6)),
         acceleration=np.zeros((DEPTH, nb, 6)), impulse=np.zeros((DEPTH, nr)), middle=np.zeros(DEPTH),
         share=np.zeros(DEPTH),
     )  # fmt: skip
-    return Made(step, tuple(loops.values()))
 
 
 @inner
@@ -203,6 +208,11 @@ def _to_velocities(s):
             s.u[b, a], s.u[b, 3 + a] = k.w[b, a], R[a, 0] * x + R[a, 1] * y + R[a, 2] * z
 
 
+def measure_determinant(s):
+    """log10 of the determinant of S where the kernel stands into ``log_det``."""
+    _factor(s)
+
+
 @inner
 def _factor(s):
     """S at the poses of ``k``; returns whether it has the rank of the start."""
@@ -272,6 +282,8 @@ def take_step(s, h, t):
         run(s.loads)
         change = math.sqrt(_take_velocities(s))
         s.control.iterations += 1
+        s.control.residuals += 1
+        s.control.solves += 1
         if not np.isfinite(change):
             return -1.0
         if change < g.tolerance:

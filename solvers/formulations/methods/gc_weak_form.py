@@ -1,30 +1,172 @@
-"""ODE-GC with fixed steps by the simplified method (compiled); reactions are means over the steps."""
+"""ODE-GC with fixed steps by the simplified method, and by the full one where that does not converge.
 
+Reactions are means over the steps.
+"""
+
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
+from ....harness.types import Problem
 from ..compiled.algebra import clear, turned_by
-from ..compiled.entries import inner, run
+from ..compiled.entries import Bound, inner, run
+from ..compiled.host import Marcher, Method
 from ..compiled.kernel import Kernel
-from ..compiled.marching import STUCK
-from .gc_step import DEPTH, Step, accept_step, begin_march, begin_step, make_step, move_poses, take_step
+from ..compiled.marching import FULL, STUCK, Record
+from .choices import TOLD, Settings
+from .gc_step import (
+    DEPTH,
+    Step,
+    accept_step,
+    begin_march,
+    begin_step,
+    make_step,
+    measure_determinant,
+    move_poses,
+    take_step,
+)  # fmt: skip
 
-SLIVER = 1e-9  # of dt
+PASSES = 2  # of the pose correction: the factor is that of the step's first estimate
+ROUNDING = 1e-14  # of the square of the largest velocity, in any units: what is no acceleration and no load
+PATIENCE, MOST_PATIENCE = 8, 1024  # steps of the full method after one that the simplified method does not solve
 
 
 class Plain(NamedTuple):
     """A step, and what follows it."""
 
     step: Step
+    told: Any  # its
     passes: int  # of the correction of poses to phi = 0; 0: none
+    penalty: Any  # (1,) told
 
 
-def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, choices: dict, passes: int = 0) -> Any:
-    """The bundle of a step, and what keeps its entries alive."""
-    made = make_step(system, kernel, control, **choices)
-    return Plain(made.step, passes), made.keeps
+def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -> Method:
+    """The method, with the full one for stretches in which it does not converge."""
+
+    def prepare(kernel: Kernel, control: np.ndarray) -> Plain:
+        one = make_step(system, kernel, control, choices)
+        passes = PASSES if choices.penalty.correct_pose else 0
+        return Plain(one, one.told if choices.penalty.active else one.told[:4], passes, np.array([choices.penalty.xi]))
+
+    def relieve(problem: Problem, marcher: Marcher) -> Any:
+        return Relieved(problem, marcher, full, bool(choices.penalty.active))
+
+    return Method(
+        prepare, step, finish, start, counters=full.counters, tells=TOLD if choices.penalty.active else TOLD[:4],
+        needs=("factorise", "rows"), relieve=relieve,
+    )  # fmt: skip
+
+
+class Relieved:
+    """The simplified method's march, and the full one's for stretches in which that does not converge."""
+
+    def __init__(self, problem: Problem, simple: Marcher, full: Method, saddle: bool) -> None:
+        self._simple, self._full, self._problem, self._saddle = simple, full, problem, saddle
+        self.state, self.kernel, self.reaction = simple.state, simple.kernel, simple.reaction
+        self._other: Marcher | None = None
+        self._patience, self._stuck = PATIENCE, False
+        self._offset, self._unlevelled = 0.0, list[np.ndarray]()
+        k = simple.kernel
+        # Dropped pivots are the proximal saddle's motion; the plain weak form has none to offer. Where nothing
+        # accelerates and no row bears a load (a body in uniform rotation), the full method takes no correction and adds
+        # no rounding.
+        dropped = not saddle and int(k.state["rank"]) < len(k.lam)
+        rounding = ROUNDING * np.max(k.v**2, initial=0.0)
+        loads = np.max(np.abs(k.v_dot), initial=0.0) > rounding or np.max(np.abs(k.lam), initial=0.0) > rounding
+        self._never = dropped or not loads
+        if self._never:
+            self._hand_over()
+            self.reaction = self._marcher.reaction
+
+    @property
+    def _marcher(self) -> Marcher:
+        """The full method's, made when it is needed."""
+        if self._other is None:
+            self._other = Marcher(self._problem, self._full, self.state)
+        return self._other
+
+    def explain(self, outcome: int) -> str:
+        """Why the march has ended."""
+        return self._marcher.explain(outcome)
+
+    def stretch(self, n: int) -> Record:
+        """Up to ``n`` steps; those of the full method begin and end anywhere, those of the simplified on the grid."""
+        c = self.state
+        if self._never or self._stuck or c["place"] or c["level"] or self._is_turn_limited:
+            return self._marcher_stretch(n)
+        c["most_cuts"] = 0
+        record = self._simple.stretch(n)
+        done = len(record.t)
+        if self._saddle:
+            record.told[:, 5] += self._offset
+            if self._offset == 0.0:
+                self._unlevelled.append(record.told[:, 5])
+        if c["outcome"] == STUCK:
+            c["outcome"], self._stuck = FULL, True
+            c["cuts"] -= 1
+            self._hand_over()
+        if done > PATIENCE:
+            self._patience = PATIENCE
+        return record
+
+    @property
+    def _is_turn_limited(self) -> bool:
+        return self._other is not None and bool(np.isfinite(self._other.bundle.scheme["max_turn"]))
+
+    def _marcher_stretch(self, n: int) -> Record:
+        c, other = self.state, self._marcher
+        c["most_cuts"] = self._full.most_cuts
+        record = other.stretch(n if self._never else min(n, self._patience))
+        self._patience, self._stuck = min(2 * self._patience, MOST_PATIENCE), False
+        if not self._never:
+            self._take_back()
+            if self._saddle and self._offset == 0.0:
+                self._level(float(other.bundle.scheme["log_det"]))
+        return record
+
+    def _level(self, full: float) -> None:
+        """Bring both methods' determinants to one constant, that of the full method, at the pose where it stands."""
+        scheme = self._simple.bundle.step.scheme
+        before = scheme["log_det"], scheme["fall"]
+        Bound(measure_determinant, self._simple.bundle.step)()
+        if self._simple.kernel.state["rank"] == scheme["rank"]:
+            self._offset = full - float(scheme["log_det"])
+            for series in self._unlevelled:
+                series += self._offset
+            self._unlevelled.clear()
+        scheme["log_det"], scheme["fall"] = before
+        scheme["factored"] = 0
+
+    def _hand_over(self) -> None:
+        """Where the simplified method stands, and its last steps as the past of the full one."""
+        s, other, c = self._simple.bundle.step, self._marcher, self.state
+        k, f, h = other.kernel, other.bundle, float(c["dt"])
+        if self._stuck:
+            k.r[:], k.R[:], k.v[:], k.t[0] = s.r0, s.R0, s.v0, c["t"]
+            other.start()
+            f.terms.nu_start[:] = s.nu_start
+            f.scheme["factored"], f.scheme["last"] = 0.0, h
+            last, before = ((int(s.scheme["known"]) - a) % DEPTH for a in (1, 2))
+            f.old_v[:] = s.v0 - h * s.acceleration[last]
+            if s.scheme["keep_nu"]:
+                f.terms.increment[:] = h * s.impulse[last]
+            else:
+                scale = h / (1.0 - float(s.scheme["gauge"]))
+                f.terms.old[:] = scale * s.impulse[last]
+                f.terms.increment[:] = f.terms.old - scale * s.impulse[before] if s.scheme["known"] > 1 else 0.0
+
+    def _take_back(self) -> None:
+        """Where the full method stands, and its last step as the past of the simplified one."""
+        s, f, c = self._simple.bundle.step, self._marcher.bundle, self.state
+        k, o, h, g = s.kernel, f.kernel, float(f.scheme["last"]), s.scheme
+        k.r[:], k.R[:], k.v[:], k.t[0] = o.r, o.R, o.v, o.t[0]
+        s.nu_start[:] = f.terms.nu_start
+        g["known"], g["factored"], g["begun"] = 1, 0, 0
+        s.acceleration[0] = (k.v - f.old_v) / h
+        s.middle[0] = c["t"] - 0.5 * h
+        s.impulse[0] = f.terms.increment / h if g["keep_nu"] else (1.0 - float(g["gauge"])) * f.terms.old / h
 
 
 def start(m):
@@ -35,34 +177,35 @@ def start(m):
 def step(m):
     """One step of ``control.h``; what does not converge leaves the start in ``r0``, ``R0``, ``v0``."""
     s, c = m.step, m.step.control
-    h = _length(c)
-    if take_step(s, h, c.t + 0.5 * h) < 0.0:
+    s.told[0] = c.iterations
+    s.told[2] = take_step(s, c.h, c.t + 0.5 * c.h)
+    if s.told[2] < 0.0:
         c.status = STUCK
-
-
-@inner
-def _length(c):
-    """``h``, or ``dt`` where rounding of times is all between them: the next step may begin with what this one ends."""
-    return c.dt if abs(c.h - c.dt) < SLIVER * c.dt else c.h
 
 
 def finish(m):
     """Poses of the end, corrected and closed; the step becomes the past, and ``lam`` its mean reaction."""
     s, c, k = m.step, m.step.control, m.step.kernel
-    h = _length(c)
-    move_poses(s, h)
+    move_poses(s, c.h)
     for _ in range(m.passes):
         _correct_poses(k)
     for b in range(len(k.mass)):
         _close_rotation(k.R[b])
-    accept_step(s, h, c.t + 0.5 * h)
+    accept_step(s, c.h, c.t + 0.5 * c.h)
     d = (s.scheme.known - 1) % DEPTH
     for a in range(len(k.lam)):
         k.lam[a] = s.impulse[d, a] - 0.5 * s.f_bar0[a]
-    begin_step(s, h)
+    k.t[0] = c.t + c.h
+    begin_step(s, c.h)
     s.scheme.begun = 1
+    total = 0.0
     for a in range(len(k.lam)):
         k.lam[a] -= 0.5 * s.f_bar0[a]
+        total += s.slip[a]
+    s.told[0] = c.iterations - s.told[0]
+    s.told[3] = math.sqrt(total)
+    s.told[4] = m.penalty[0]
+    s.told[5] = s.scheme.log_det
 
 
 @inner

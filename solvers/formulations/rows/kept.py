@@ -80,6 +80,35 @@ def mean_push_code(kind: str, ground: bool) -> Code:
     return _code(f"mean push {kind} {ground}", lambda loops: {"push": _means().mean_push_loop(kind, ground)}, of)
 
 
+@cache
+def newton_code(kind: str, rows: tuple[int, ...], ground: bool, direction: int, **choices: bool) -> Code:
+    """Functions of ``newton.newton_loops``."""
+
+    def functions(_: ModuleType) -> dict[str, Any]:
+        from . import newton  # and CasADi
+
+        return dict(newton.newton_loops(kind, rows, ground, direction, **choices))
+
+    return _code(f"newton {kind} {rows} {ground} {direction} {choices}", functions, joints.DECLARED[kind])
+
+
+@cache
+def wrench_code(
+    kind: str, rows: tuple[int, ...], ground: bool, direction: int, *, use_f_bar: bool
+) -> tuple[Code, int, int]:
+    """Functions of ``wrenches.wrench_loops``, and how many entries of the start and of the end are kept."""
+
+    def functions(_: ModuleType) -> dict[str, Any]:
+        from . import wrenches  # and CasADi
+
+        return wrenches.wrench_loops(kind, rows, ground, direction, use_f_bar=use_f_bar)
+
+    code = _code(f"wrenches {kind} {rows} {ground} {direction} {use_f_bar}", functions, joints.DECLARED[kind])
+    sizes = np.zeros(2)
+    code.function("sizes", 1)(sizes.ctypes.data)
+    return code, int(sizes[0]), int(sizes[1])
+
+
 def _means() -> ModuleType:
     from . import means  # and CasADi
 

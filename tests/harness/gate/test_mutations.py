@@ -1,6 +1,6 @@
 """The gate alone finds a planted fault: in a copy of the code one line is changed, and the runs it meets are judged.
 
-In parts: ``pytest tests/harness/gate/test_mutations.py -k measure``. One in ``geometric/`` compiles its kernels anew.
+In parts: ``pytest tests/harness/gate/test_mutations.py -k measure``.
 """
 
 import json

@@ -21,7 +21,7 @@ from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.formulations import symbolic, system_elements
 from mbsbench.solvers.formulations.compiled import host, kernel, soft_rows
-from mbsbench.solvers.formulations.geometric.choices import GaugeChoices
+from mbsbench.solvers.formulations.methods.choices import GaugeChoices
 
 SUITE = load_suite("ci")
 THRESHOLDS = read_thresholds(FOLDER / "ci.toml")

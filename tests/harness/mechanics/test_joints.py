@@ -21,8 +21,7 @@ from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.types import Problem
 from mbsbench.problems.random_mechanism import closed_joint
 from mbsbench.solvers.formulations.charts import CHARTS
-from mbsbench.solvers.formulations.geometric.arrays import model_of
-from mbsbench.solvers.formulations.geometric.index1.kernel import empty_kernel, evaluate
+from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
 from mbsbench.solvers.formulations.layout import Layout
 from mbsbench.solvers.formulations.start import Accelerations, coordinates_and_velocities
 from mbsbench.solvers.formulations.strong_form import StrongForm
@@ -82,11 +81,11 @@ def test_four_routes_give_one_acceleration(kind: JointKind, ground: bool) -> Non
     layout = Layout(system, CHARTS["quaternion"], np.arange(system.nrows))
     u_dot, lam = Accelerations(layout).at(coordinates_and_velocities(layout, problem))
     assert np.max(np.abs(u_dot - np.concatenate((v_dot, Omega_dot), axis=1).ravel())) < 1e-9
-    k, blocks = empty_kernel(model_of(system))
-    k.r[:], k.R[:], k.v[:, :3], k.v[:, 3:] = state.r, state.R, state.v, state.Omega
-    evaluate(model_of(system), blocks, k)
-    assert np.max(np.abs(k.v_dot.ravel() - u_dot)) < 1e-9
-    assert np.max(np.abs(k.lam - lam)) < 1e-9
+    made = make_kernel(system, ("accelerate",))
+    start_at(made.kernel, state)
+    made.entry("accelerate")()
+    assert np.max(np.abs(made.kernel.v_dot.ravel() - u_dot)) < 1e-9
+    assert np.max(np.abs(made.kernel.lam[made.kernel.order] - lam)) < 1e-9
 
 
 @cache

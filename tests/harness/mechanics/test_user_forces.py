@@ -3,7 +3,6 @@
 import math
 from functools import cache
 
-import numba
 import numpy as np
 import pytest
 from jaxtyping import Float
@@ -19,12 +18,11 @@ from mbsbench.harness.mechanics.user_forces import UserForce
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.problems.random_mechanism import arbitrary_body
 from mbsbench.solvers.formulations.charts import CHARTS
-from mbsbench.solvers.formulations.geometric.arrays import model_of
-from mbsbench.solvers.formulations.geometric.index1.kernel import empty_kernel, evaluate
+from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
 from mbsbench.solvers.formulations.layout import Layout
 from mbsbench.solvers.formulations.start import Accelerations, coordinates_and_velocities
 
-from ...solvers.arbitrary_systems import arbitrary, linkage
+from ...solvers.arbitrary_systems import arbitrary
 
 Rows = Float[np.ndarray, "2 3"]
 T_END = 0.2  # [s]
@@ -109,12 +107,12 @@ def test_both_routes_give_one_acceleration(coordinates: str, seed: int) -> None:
     y = coordinates_and_velocities(layout, p)
     accelerations = Accelerations(layout)
     u_dot, _ = accelerations.at(y, state.t)
-    model = model_of(system())
-    k, blocks = empty_kernel(model)
-    k.r[:], k.R[:], k.v[:, :3], k.v[:, 3:], k.t[0] = state.r, state.R, state.v, state.Omega, state.t
-    evaluate(model, blocks, k)
+    made = make_kernel(system(), ("accelerate",))
+    start_at(made.kernel, state)
+    made.entry("accelerate")()
+    exact = made.kernel.v_dot
     if coordinates == "quaternion":  # there u is V
-        assert np.max(np.abs(u_dot.reshape(2, 6) - k.v_dot)) < 1e-9 * np.max(np.abs(u_dot))
+        assert np.max(np.abs(u_dot.reshape(2, 6) - exact)) < 1e-9 * np.max(np.abs(u_dot))
     ahead, behind = (y[layout.u] + h * u_dot for h in (1e-6, -1e-6))
     rates = [(layout.p, accelerations.rate(y))]
     V = [
@@ -122,7 +120,7 @@ def test_both_routes_give_one_acceleration(coordinates: str, seed: int) -> None:
         for h, u in ((1e-6, ahead), (-1e-6, behind))
     ]
     v_dot = np.concatenate([(V[0].v - V[1].v)[0], (V[0].Omega - V[1].Omega)[0]], axis=1) / 2e-6
-    assert np.max(np.abs(v_dot - k.v_dot)) < 1e-6 * np.max(np.abs(k.v_dot))
+    assert np.max(np.abs(v_dot - exact)) < 1e-6 * np.max(np.abs(exact))
 
 
 @pytest.mark.parametrize(
@@ -202,11 +200,6 @@ def test_a_law_that_is_no_expression_is_refused_by_symbols_and_taken_by_kernels(
     assert out.status == Status.SUCCESS
     if own is branched:  # half a period of 0.63 s on the floor, then up at the speed of the fall
         assert out.states.v[-1, 0, 2] == pytest.approx(1.0, abs=1e-5)
-
-
-def test_kernels_compiled_for_other_systems_serve() -> None:
-    """Their arrays have one type with a law and without: what is compiled goes by types alone."""
-    assert numba.typeof(model_of(system())) == numba.typeof(model_of(linkage(springs=True)))
 
 
 def divided(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: Rows, F: Rows, T: Rows) -> None:

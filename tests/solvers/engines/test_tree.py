@@ -1,6 +1,7 @@
 """Systems as trees with cut joints: the same bodies, motions and equations as in absolute coordinates."""
 
 import dataclasses
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,13 +9,11 @@ import scipy.linalg as sl
 
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.jacobian import independent_rows
-from mbsbench.harness.mechanics.motion import constraint, constraint_rate, kinetic_energy, potential_energy
+from mbsbench.harness.mechanics.motion import applied, constraint, constraint_rate, kinetic_energy, potential_energy
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.mechanics.system import GROUND
 from mbsbench.solvers.engines.export.model_check import EngineModel, differences, model_refusal, rank
 from mbsbench.solvers.engines.export.tree import Kind, Tree, spanning_tree
-from mbsbench.solvers.formulations.geometric.index1.integrate import start_of
-from mbsbench.solvers.formulations.geometric.index1.kernel import evaluate
 
 from .systems import PROBLEMS
 
@@ -119,14 +118,13 @@ def own_model(problem) -> EngineModel:
     tree, system, one = tree_of(problem), problem.system, States.one(problem.initial)
     T = tree.jacobian()
     M = sl.block_diag(*[b for m, J in zip(system.mass, system.inertia, strict=True) for b in (m * np.eye(3), J)])
-    arrays, analysis, kernel = start_of(problem)
-    evaluate(arrays, analysis, kernel)
-    bias = tree.bias(problem.initial)
-    forces = T.T @ (kernel.force.ravel() - M @ bias.ravel())
-    kernel.v[:] = 0.0
-    evaluate(arrays, analysis, kernel)
+    rest = replace(problem.initial, v=0.0 * problem.initial.v, Omega=0.0 * problem.initial.Omega)
+    load, bias = applied(system, one)[0], tree.bias(problem.initial)
+    Omega = problem.initial.Omega
+    load[:, 3:] -= np.cross(Omega, np.einsum("bij,bj->bi", system.inertia, Omega))
+    forces = T.T @ (load.ravel() - M @ bias.ravel())
     return EngineModel(
-        T, T.T @ M @ T, T.T @ kernel.force.ravel(), float(kinetic_energy(system, one)[0]),
+        T, T.T @ M @ T, T.T @ applied(system, States.one(rest))[0].ravel(), float(kinetic_energy(system, one)[0]),
         float(potential_energy(system, one)[0]), bias, forces, tree.loop_jacobian(),
     )  # fmt: skip
 

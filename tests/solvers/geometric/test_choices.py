@@ -1,7 +1,6 @@
 """Options of ODE-GC: labels, given C_bar and K_bar, Eq. (84) in full, raised penalties, the rank check."""
 
 import math
-import sys
 import time
 
 import numpy as np
@@ -12,8 +11,8 @@ from mbsbench.harness.catalogue.registry import declared, make_problem, make_sol
 from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.mechanics.system import Joint, RigidBody, SpringDamper, assemble
 from mbsbench.harness.types import Problem, StepControl
-from mbsbench.solvers.formulations.geometric.driver import prepare
-from mbsbench.solvers.formulations.geometric.residual import complete, end_forces
+from mbsbench.solvers.formulations.compiled import host
+from mbsbench.solvers.formulations.compiled.kernel import Made
 
 from ..arbitrary_systems import consistent
 from .test_laws import orders, run, spring_problem
@@ -56,19 +55,20 @@ def test_a_record_has_the_label_of_its_options():
     assert solvers()["gc_weak_form"].paper_label == "ODE-GC (symmetric)"
 
 
+@pytest.mark.parametrize("newton", ["simplified", "kept"])
 @pytest.mark.parametrize("solver", ["gc_weak_form", "gc_augmented_lagrangian"])
-def test_what_is_prepared_is_set_up(solver, monkeypatch):
+def test_what_is_prepared_is_set_up(solver, newton, monkeypatch):
     """A cold compiler takes its time before the first step: the record has it as set-up, not as CPU time of the run."""
-    module = sys.modules[type(make_solver(solver)).__module__]
+    sound = host.make_kernel
 
-    def slow(*given: object) -> tuple:
+    def slow(*given: object) -> Made:
         began = time.process_time()
         while time.process_time() - began < 0.5:
             pass
-        return prepare(*given)
+        return sound(*given)
 
-    monkeypatch.setattr(module, "prepare", slow)
-    record = solve("heavy_top", solver, t_end=0.01).record
+    monkeypatch.setattr(host, "make_kernel", slow)
+    record = solve("heavy_top", solver, t_end=0.01, newton=newton).record
     assert record.setup_s >= 0.5 and record.cpu_min_s < 0.25
 
 
@@ -116,25 +116,6 @@ def test_a_gauge_without_effect_is_noted(solver):
     assert "gauge = symmetric has no effect" in one.notes[-1]
     assert "gauge = zero has no effect" in other.notes[-1]
     assert not any("gauge" in note for note in run(make_problem("heavy_top", {"t_end": 0.01}), 1e-3, solver).notes)
-
-
-def test_lambda_bar_is_lam_minus_xi_phi():
-    """Eq. (84): what lambda_bar adds to the row forces of Eq. (71) is -K_bar xi phi."""
-    problem = spring_problem(0.3)
-    forces = []
-    for on in (False, True):
-        made = make_solver("gc_augmented_lagrangian", NESTED | {"lambda_bar": on, "k_bar": 30.0})
-        settings = made.settings(problem)
-        settings = settings._replace(penalty=settings.penalty._replace(active=1, nested=1, xi=1e3, lambda_bar=int(on)))
-        model_run, step = prepare(problem, settings)
-        step.end.r[:], step.end.R[:], step.end.v[:] = step.start.r + 1e-3, step.start.R, step.start.v
-        step = step._replace(dt=1e-3)
-        complete(model_run.model, step.end, settings)
-        end_forces(step, settings)
-        forces.append(step.rows.G1.copy())
-        added = -1e3 * step.end.k_bar * step.end.phi
-    assert np.max(np.abs(added)) > 1.0
-    assert np.allclose(forces[1] - forces[0], added, rtol=1e-12, atol=1e-9)
 
 
 def test_lambda_bar_leaves_the_motion_alone():

@@ -6,8 +6,7 @@ import pytest
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.types import Problem, StepControl
-from mbsbench.solvers.formulations.geometric.arrays import model_of
-from mbsbench.solvers.formulations.geometric.simplified.state import applies
+from mbsbench.solvers.formulations.methods.gc_step import applies
 
 from ..arbitrary_systems import consistent, linkage
 from .test_laws import run, spring_problem
@@ -77,14 +76,14 @@ def test_springs_carried_sigma_and_the_nested_loop_are_not_its_own():
     problem = spring_problem(0.05)
     one, two = (run(problem, 1e-3, newton=n) for n in ("simplified", "kept"))
     assert np.array_equal(one.states.r, two.states.r)
-    free, model = make_problem("chain"), model_of(make_problem("chain").system)
+    free = make_problem("chain")
     for options, own in (
         ({}, True),
         ({"sigma0": "carried"}, False),
         ({"c_bar": 1.0}, False),
         ({"newton": "kept"}, False),
     ):
-        assert applies(make_solver("gc_weak_form", options).settings(free), model) == own
+        assert applies(make_solver("gc_weak_form", options).settings(free), free.system) == own
 
 
 def test_recorded_norms_are_below_the_tolerance():

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from numba import njit
 
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics import so3
@@ -11,30 +10,21 @@ from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import RigidBody, SpringDamper, assemble
 from mbsbench.solvers.formulations.charts import CHARTS
-from mbsbench.solvers.formulations.geometric.arrays import model_of
-from mbsbench.solvers.formulations.geometric.index1 import kernel as index1
+from mbsbench.solvers.formulations.compiled.kernel import Kernel, Made, make_kernel, start_at
 from mbsbench.solvers.formulations.layout import Layout
 from mbsbench.solvers.formulations.start import Accelerations
 
 from ...arbitrary_systems import arbitrary, consistent, linkage
 
 
-@njit(error_model="numpy")
-def accelerate(model, blocks, kernel):
-    return index1.accelerate(model, blocks, kernel)
-
-
-@njit(error_model="numpy")
-def project(model, blocks, kernel, work):
-    index1.project(model, blocks, kernel, work)
-
-
-def at(system, state: State):
-    """The kernel at ``state``, evaluated, and the rank it found."""
-    model = model_of(system)
-    kernel, blocks = index1.empty_kernel(model)
-    kernel.r[:], kernel.R[:], kernel.v[:, :3], kernel.v[:, 3:] = state.r, state.R, state.v, state.Omega
-    return model, blocks, kernel, accelerate(model, blocks, kernel)
+def at(system, state: State) -> tuple[Made, Kernel, int]:
+    """The kernel at ``state``, evaluated, a copy with rows in the system's order, and the rank it found."""
+    made = make_kernel(system)
+    start_at(made.kernel, state)
+    made.entry("accelerate")()
+    k = made.kernel
+    in_order = {name: getattr(k, name)[k.order] for name in ("lam", "gamma", "phi")}
+    return made, k._replace(**in_order), int(k.state["rank"])
 
 
 def mass_matrix(system) -> np.ndarray:
@@ -51,7 +41,7 @@ def test_accelerations_are_those_of_the_symbolic_route(seed, springs):
     """Two independent routes to v_dot and the reaction, springs and dampers with them, off the constraints too."""
     system = linkage(springs=springs)
     state = arbitrary(system, seed)
-    _, _, kernel, rank = at(system, state)
+    _, kernel, rank = at(system, state)
     layout = Layout(system, CHARTS["quaternion"], np.arange(system.nrows))
     pu = np.concatenate([part.ravel() for part in layout.chart.coordinates(state)])
     v_dot, reaction = Accelerations(layout).at(np.concatenate((pu, np.zeros(layout.k))))
@@ -66,7 +56,7 @@ def test_equations_of_motion_hold_row_by_row(name):
     """M v_dot = f + A^T lam and A v_dot = -gamma to rounding, on the grid with 75 redundant rows among 400."""
     problem = make_problem(name)
     system, start = problem.system, problem.initial
-    _, _, kernel, rank = at(system, start)
+    _, kernel, rank = at(system, start)
     A = constraint_jacobian(system, start).toarray()
     assert rank == np.linalg.matrix_rank(A, tol=1e-9)
     v_dot = kernel.v_dot.ravel()
@@ -83,7 +73,7 @@ def test_gamma_is_the_derivative_of_the_rows_along_the_motion():
         moved = State(state.r + dt * state.v, state.R @ so3.exp(dt * state.Omega), state.v, state.Omega)
         return constraint_rate(system, States.one(moved))[0]
 
-    _, _, kernel, _ = at(system, state)
+    _, kernel, _ = at(system, state)
     np.testing.assert_allclose(kernel.gamma, (rate(h) - rate(-h)) / (2.0 * h), atol=1e-8)
     np.testing.assert_allclose(kernel.phi, constraint(system, States.one(state))[0], atol=1e-14)
 
@@ -98,10 +88,11 @@ def test_projection_returns_to_the_constraints():
         good.R @ so3.exp(1e-5 * random.standard_normal(good.Omega.shape)),
         good.v, good.Omega,
     )  # fmt: skip
-    model, blocks, kernel, _ = at(system, off)
+    made, kernel, _ = at(system, off)
     sizes = []
     for _ in range(2):
-        project(model, blocks, kernel, np.zeros((system.nb, 6)))
+        made.entry("accelerate")()
+        made.entry("project")()
         now = States.one(State(kernel.r, kernel.R, kernel.v[:, :3], kernel.v[:, 3:]))
         sizes.append(np.max(np.abs(constraint(system, now))))
         assert np.max(np.abs(constraint_rate(system, now))) < 1e-4 * sizes[-1] + 1e-8
@@ -113,6 +104,6 @@ def test_systems_without_joints_fall_freely():
     body = RigidBody(2.0, np.diag([0.1, 0.2, 0.25]))
     system = assemble([body], gravity=(0.0, 0.0, -9.81), springs=[SpringDamper(0, (0.0, 0.0, 0.0), stiffness=8.0)])
     state = State(np.array([[1.0, 0.0, 0.0]]), np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, 3)))
-    _, _, kernel, rank = at(system, state)
+    _, kernel, rank = at(system, state)
     assert rank == 0
     np.testing.assert_allclose(kernel.v_dot[0], [-4.0, 0.0, -9.81, 0.0, 0.0, 0.0], atol=1e-15)

@@ -9,7 +9,7 @@ from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
-from mbsbench.solvers.formulations.geometric.index1.compositions import COMPOSITIONS
+from mbsbench.solvers.formulations.methods.compositions import COMPOSITIONS
 
 from ...arbitrary_systems import consistent, linkage
 

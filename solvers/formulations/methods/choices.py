@@ -12,7 +12,9 @@ from ....harness.mechanics.motion import applied, kinetic_energy
 from ....harness.mechanics.state import States
 from ....harness.mechanics.system import GROUND
 from ....harness.types import Problem, StepControl
-from .directions import CHOICES
+
+CHOICES = ("a", "mass", "translation")  # of c_R
+ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
 
 
 class Penalty(NamedTuple):
@@ -53,6 +55,14 @@ class Settings(NamedTuple):
     penalty: Penalty = Penalty()
 
 
+TOLD = (
+    "newton_iterations",
+    "cut_level",
+    "residual_norm",
+    "constraint_norm",
+    "penalty",
+    "log_determinant",
+)  # of each step
 HUGE = 1e6  # [sqrt(J)] root of the energy of which the default tolerance is 45 roundings; a residual has a few
 GAUGES = {"symmetric": "symmetric", "zero": "zero gauge", "accumulate": "accumulating"}
 

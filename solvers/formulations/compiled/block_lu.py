@@ -5,25 +5,34 @@ contiguous in the columns of q), inverts its pivot block and leaves its panel of
 docs/decisions/block-lu.md.
 """
 
-from numba import njit
-
-from .vectors import INNER, JIT
+from .entries import fused
 
 
-@njit(**JIT)
-def factor(blocks, lu):
-    """Numbers of the factors; returns 0, or 1 + p where node p has a singular pivot."""
+def factor(lu):
+    """Numbers of the factors; ``state.singular`` is 0, or 1 + p where node p has a singular pivot."""
+    _factor(lu)
+
+
+def solve(lu):
+    """x := A^-1 x, in elimination order."""
+    _solve(lu, lu.x)
+
+
+@fused
+def _factor(lu):
+    blocks, state = lu.blocks, lu.state
     W, panel, inverse, low, strip = lu.dense, lu.panel, lu.pivot_inverse, lu.low, lu.strip
     size, start, up, up_start = lu.size, lu.start, lu.up, lu.up_start
     panel_start, low_start, low_node = lu.panel_start, lu.low_start, lu.low_node
-    pair_start, pair_column, pair_width = lu.pair_start, lu.pair_column, lu.pair_width
+    pair_start, pair_column, pair_width, pair_place = lu.pair_start, lu.pair_column, lu.pair_width, lu.pair_place
+    state.singular = 0
     for p in range(len(size)):
         m, own = size[p], start[p]
         for pair in range(pair_start[p], pair_start[p + 1]):
-            at = pair_column[pair]
+            at, width, place = pair_column[pair], pair_width[pair], pair_place[pair]
             for a in range(m):
-                for c in range(pair_width[pair]):
-                    W[a, at + c] += blocks[pair, a, c]
+                for c in range(width):
+                    W[a, at + c] += blocks[place + a * width + c]
         for k in range(low_start[p], low_start[p + 1]):
             # row p -= (its block over node q) U_qq^-1 times the panel of q
             q = low_node[k]
@@ -52,11 +61,11 @@ def factor(blocks, lu):
                 panel[offset + a * width + c] = W[a, up[first + c]]
                 W[a, up[first + c]] = 0.0
         if not smallest > 0.0:
-            return 1 + p
-    return 0
+            state.singular = 1 + p
+            break
 
 
-@njit(**INNER)
+@fused
 def _combine(low, k, a, panel, o, inner, w, strip):
     """strip = low[k, a, :inner] @ panel, unrolled for the usual node sizes (rows of the panel are w long, from o)."""
     if inner < 3 or inner == 4:
@@ -84,9 +93,8 @@ def _combine(low, k, a, panel, o, inner, w, strip):
             strip[c] += x5 * panel[o + 5 * w + c]
 
 
-@njit(**JIT)
-def solve(lu, x):
-    """x := A^-1 x, in elimination order."""
+@fused
+def _solve(lu, x):
     size, start, up, up_start = lu.size, lu.start, lu.up, lu.up_start
     panel_start, low_start, low_node = lu.panel_start, lu.low_start, lu.low_node
     low, panel, inverse, y = lu.low, lu.panel, lu.pivot_inverse, lu.strip
@@ -117,7 +125,7 @@ def solve(lu, x):
             x[own + a] = total
 
 
-@njit(**INNER)
+@fused
 def invert(A, m, pivots, swapped):
     """A := A^-1 (m x m) by Gauss-Jordan with row pivoting, |pivots| kept; returns the smallest, 0 when singular."""
     smallest = 1e300

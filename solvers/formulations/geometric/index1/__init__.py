@@ -1,1 +1,0 @@
-"""Index 1 without the saddle: S = A M^-1 A^T joint by joint, its Cholesky factor, accelerations, projections."""

@@ -1,0 +1,166 @@
+"""ODE-GC with fixed steps by the full Newton method: its arrays and entries for one mechanism, and its runs."""
+
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ....harness.mechanics.system import MultibodySystem
+from ....harness.types import Problem, StepControl, Trajectory
+from ..compiled.block_lu import factor, solve
+from ..compiled.entries import Bound
+from ..compiled.host import Method, integrate
+from ..compiled.kernel import Kernel, Loops, parts_of, places_of
+from ..compiled.kernel import Step as Call
+from ..compiled.marching import NOT_FINITE
+from ..compiled.means import Entry, make_entry
+from ..compiled.saddle_pattern import analyse
+from ..rows.kept import newton_code
+from . import gc_newton
+from .choices import TOLD, Settings
+from .gc_newton import PARTS, SCHEME, Step, Terms
+
+COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augmentations", "loose_steps")
+
+
+def integrate_newton(problem: Problem, control: StepControl, method: Method) -> Trajectory:
+    """March with ``newton_steps``; reactions are those of the nodes, from means over steps."""
+    out = integrate(problem, control, method)
+    assert out.reaction is not None
+    return replace(out, reaction=at_nodes(np.diff(out.t), out.reaction[1:]))
+
+
+def at_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
+    """Values at the nodes from means over the steps between (second order), linear at the ends."""
+    n = len(dt)
+    if n == 0:
+        return np.full((1, mean.shape[1]), np.nan)
+    if n == 1:
+        return np.repeat(mean, 2, axis=0)
+    w = (dt[1:] / (dt[:-1] + dt[1:]))[:, None]
+    inner = w * mean[:-1] + (1.0 - w) * mean[1:]
+    slope_first = (mean[1] - mean[0]) / (dt[0] + dt[1])
+    slope_last = (mean[-1] - mean[-2]) / (dt[-1] + dt[-2])
+    return np.concatenate(((mean[0] - dt[0] * slope_first)[None], inner, (mean[-1] + dt[-1] * slope_last)[None]))
+
+
+def newton_steps(system: MultibodySystem, settings: Settings, max_cuts: int, max_turn: float, mu0: str) -> Method:
+    """The method with these choices."""
+    names = {"refresh", "extrapolate", "b_term", "gauge", "tolerance", "c_bar", "k_bar", "use_f_bar", "keep_nu",
+             "corrective", "by_forces", "carry_sigma", "max_newton"}  # fmt: skip
+    p = settings.penalty
+    choices = {name: float(getattr(settings, name)) for name in names} | {
+        "penalty": p.xi, "active": p.active, "always_nested": p.nested, "closes_pose": p.correct_pose,
+        "max_augmentations": p.max_augmentations, "accept": p.accept, "soft": p.soft, "lambda_bar": p.lambda_bar,
+        "growth": p.growth, "singular_turn": p.singular_turn, "redundant": p.redundant,
+        "max_turn": max_turn or np.inf, "velocity": mu0 == "velocity",
+    }  # fmt: skip
+    of_system = partial(
+        make_step, system=system, direction=settings.direction, couple=bool(settings.couple), choices=choices
+    )
+    return Method(
+        of_system, gc_newton.step, gc_newton.finish, gc_newton.start, counters=COUNTERS, most_cuts=max_cuts,
+        tells=TOLD if p.active else TOLD[:4], explain=partial(explain, most_cuts=max_cuts), needs=NEEDED,
+    )  # fmt: skip
+
+
+NEEDED = ("applied", "applied_slopes", "spring_slopes")
+
+
+def make_step(
+    k: Kernel, control: np.ndarray, *, system: MultibodySystem, direction: int, couple: bool, choices: dict[str, float]
+) -> Step:
+    """Arrays of one step."""
+    nb, nr = len(k.mass), len(k.lam)
+    scheme = np.zeros((), dtype=SCHEME)
+    for name, value in choices.items():
+        scheme[name] = value
+    scheme["xi"], scheme["highest"] = scheme["penalty"], -np.inf
+    scheme["pushed"] = any(len(getattr(system, f"{kind}_i")) for kind in ("spring", "torsion", "load", "user"))
+    pair_at = {(int(a), int(b)): n for n, (a, b) in enumerate(k.pair)}
+    pushed = {(int(a), int(b)) for kind in ("spring", "torsion", "user")
+              for one in zip(getattr(system, f"{kind}_i"), getattr(system, f"{kind}_j"), strict=True)
+              for a, b in (one, one[::-1]) if a != b and min(a, b) >= 0}  # fmt: skip
+    apart = np.arange(nb, len(k.pair)) if couple else np.array(sorted(pair_at[p] for p in pushed), dtype=np.int64)
+    saddle, lu = analyse(k.body, k.row, k.pair, apart)
+    couples = [[[pair_at.get((int(a), int(b)), -1) for b in ends] for a in ends] for ends in k.body]
+    step = Step(
+        control, k, scheme, told=np.zeros(len(TOLD) if scheme["active"] else 4), plan=np.zeros(3),
+        terms=Terms(*(np.zeros(nr) for _ in Terms._fields)), c=np.zeros((2, nr, 6)),
+        couple=np.array(couples, dtype=np.int64).reshape(-1, 2, 2), saddle=saddle, lu=lu, y=np.zeros(len(lu.x)),
+        T=np.zeros((nb, 9)), r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)),
+        force0=np.zeros((nb, 6)), known=np.zeros((nb, 6)), off=np.zeros((nb, 6)), old_v=np.zeros((nb, 6)),
+    )  # fmt: skip
+    loops = NewtonLoops(system, k, parts_of(system))
+    loops.at, loops.couple, loops.choice = step, couple, direction
+    entries: dict[str, Any] = dict(loops.entries())
+    step = step._replace(factor_saddle=bound(factor, lu), solve_saddle=bound(solve, lu), **entries)
+    for name in PARTS:
+        made: dict[str, Any] = {name: bound(getattr(gc_newton, name), step)}
+        step = step._replace(**made)
+    return step
+
+
+def bound(function: Any, bundle: Any) -> Entry:
+    """An entry that keeps alive what it calls."""
+    made = Bound(function, bundle)
+    return make_entry([(address, list(arrays)) for address, arrays in made.program.steps], made)
+
+
+def explain(s: Step, outcome: int, *, most_cuts: int) -> str:
+    """Why a march has ended."""
+    cut = f"with the step cut {most_cuts} times"
+    if outcome == NOT_FINITE:
+        return f"not a finite number {cut}"
+    tolerance, residual, phi_dot = (float(s.scheme[name]) for name in ("tolerance", "norm", "slip"))
+    return (
+        f"Newton's method does not reach {tolerance:g} sqrt(J) {cut} "
+        f"(residual {residual:.3g}, constraint norm {phi_dot:.3g})"
+    )
+
+
+class NewtonLoops(Loops):
+    """Entries of ``rows.newton``."""
+
+    at: Step
+    couple: bool
+    choice: int  # of c in Eq. (31)
+
+    def entries(self) -> dict[str, Entry]:
+        """All of them."""
+        s, k = self.at, self._k
+        o, system, symmetric = s.terms, self._system, bool(s.scheme["gauge"] != 0.0)
+        inertia = np.concatenate(
+            (system.mass[:, None], k.J.reshape(-1, 9), k.J_inv.reshape(-1, 9)), axis=1
+        )  # fmt: skip
+        use_f_bar = bool(s.scheme["use_f_bar"])
+        calls: dict[str, list[Call]] = {name: [] for name in ("measure", "direction", "begin", "balance", "slopes")}
+        for group in self._groups:
+            own, ends, n = group.rows, group.ends, int(group.members[0])
+            six = slice(6 * own.start, 6 * own.stop)
+            code = newton_code(*group.key, self.choice, symmetric=symmetric, use_f_bar=use_f_bar, couple=self.couple)
+            pose, more = ((k.r, 3), (k.R, 9), (k.v, 6)), ((k.force, 6), (inertia, 19))
+            kept = np.zeros((n, 6 * len(ends) * (own.stop - own.start) // max(n, 1)))
+            room = [kept] if symmetric else []
+            blocks = [(a, b) for a in ends for b in ends if self.couple or a == b]
+            to: list[np.ndarray] = []
+            for a, b in blocks:
+                to += [s.saddle.bodies, 36 * np.array([self._place[int(x[a]), int(x[b])] for x in group.body])]
+            sloped = (*pose, *more, (s.T, 9)) if self.couple and use_f_bar else (*pose, (s.T, 9))
+            given = {
+                "measure": [k.t, group.numbers, *places_of(group, *pose, *more),
+                            o.phi1[own], o.phi_dot1[own], o.m_bar[own], o.f_bar1[own]],
+                "direction": [k.t, group.numbers, *places_of(group, *pose, *more), *(s.c[e, own] for e in ends)],
+                "begin": [k.t, s.plan, group.numbers, o.nu_start[own], o.G0[own], *places_of(group, *pose), *room,
+                          *places_of(group, (s.known, 6))],
+                "balance": [k.t, s.plan, group.numbers, *room, o.nu[own], o.p[own], o.z[own],
+                            *places_of(group, *pose), *places_of(group, (s.off, 6))],
+                "slopes": [k.t, s.plan, group.numbers, *room, o.nu[own], o.p[own], o.z[own], o.stiff[own],
+                           o.on_rate[own], o.on_phi[own], *places_of(group, *sloped),
+                           *(s.saddle.column[e, six] for e in ends), *(s.saddle.row[e, six] for e in ends), *to],
+            }  # fmt: skip
+            for name, arrays in given.items():
+                calls[name].append((code.address(name), [group.members, *arrays]))
+            self._keeps.append(code)
+        return {name: make_entry(some, (self._keeps, inertia)) for name, some in calls.items()}

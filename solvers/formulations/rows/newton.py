@@ -1,0 +1,168 @@
+"""Loops of ODE-GC's full Newton method over joints of one kind, from their expressions.
+
+With A the rows, loads A^T nu in the body (torques) and D nu in space, D_dot their rate along the motion, B = dt/2 times
+the switch of the B term of Eq. (71), Z0 = D0 + B D_dot0, the motion at the end of a step turns by theta = T dOmega1::
+
+    measure    phi, phi_dot, M_bar and f_bar by Eqs. (30), (31)
+    direction  c_R on both ends
+    begin      known += Z0 nu_start - dt/2 D0 G0 (space), and entries of Z0
+    balance    R_v += gauge Z0 nu1 + D1 p + D_dot1 z, p = -nu1 - dt/2 G1, z = B nu1; torques in the body of the end
+    slopes     Eq. (79): columns of nu1, rows of (75), blocks of bodies
+
+Of M_bar and C_bar, K_bar slopes are left out, of f_bar what comes by the forces: of order dt^2.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+
+from ..generated import Loop
+from .expressions import RowExpressions, pose_rate, row_expressions, slopes
+
+ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
+BODY = (("r", 3), ("R", 9), ("v", 6), ("force", 6), ("inertia", 19), ("T", 9))  # inertia: m, J, J^-1
+
+
+def newton_loops(
+    kind: str, rows: tuple[int, ...], ground: bool, direction: int, *, symmetric: bool, use_f_bar: bool, couple: bool
+) -> dict[str, Loop]:
+    """All loops; ``couple``: with slopes of each body's load by the other body, and of f_bar."""
+    e, n, ends = row_expressions(kind, rows), len(rows), 1 if ground else 2
+    i, j = ([ca.SX.sym(f"{part}_{end}", size) for part, size in BODY] for end in "ij")
+    still = [ca.SX.zeros(3), ca.vec(ca.SX.eye(3)), ca.SX.zeros(6), *(ca.SX.zeros(size) for _, size in BODY[3:])]
+    both = i, still if ground else j
+    moving = [i, j][:ends]
+    plan = ca.SX.sym("plan", 3)  # dt/2, B, gauge
+    half, B, gauge = plan[0], plan[1], plan[2]
+    nu, p, z, start, G0, stiff, on_rate, on_phi = (
+        ca.SX.sym(name, n) for name in ("nu", "p", "z", "start", "G0", "stiff", "on_rate", "on_phi")
+    )
+    m_bar, f_bar, c = _measures(e, moving, direction)
+    D = e.A.T  # torques in the body
+    along = ca.vertcat(e.x, e.t), ca.vertcat(pose_rate(e.x, e.V), 1)
+    D_dot = ca.jtimes(D, *along)
+    D_dot = ca.vertcat(*[
+        ca.vertcat(D_dot[at : at + 3, :], D_dot[at + 3 : at + 6, :] + ca.skew(Omega) @ D[at + 3 : at + 6, :])
+        for at, Omega in ((0, e.V[3:6]), (6, e.V[9:12]))
+    ])  # fmt: skip
+    load = D @ p + D_dot @ z
+    by_pose, by_rate = slopes(load, e.x), ca.jacobian(load, e.V)
+    if couple and use_f_bar and direction != TRANSLATION:
+        by_pose = by_pose + D @ (half * slopes(f_bar, e.x))
+    K = _by_end_velocities(by_pose, by_rate, both, half)
+    for b in range(2):  # turned back after differentiation: R^T d(R torque) = d torque - torque x theta
+        turned = slice(6 * b + 3, 6 * b + 6)
+        K[turned, turned] += -ca.skew(load[turned]) @ _matrix(both[b][5])
+    phi_dot = e.phi_dot
+    row = ca.diag(on_rate) @ _by_end_velocities(slopes(phi_dot, e.x), ca.jacobian(phi_dot, e.V), both, half)
+    row += ca.diag(on_phi) @ _by_end_velocities(slopes(e.phi, e.x), ca.SX(n, 12), both, half)
+    in_space = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), _matrix(b[1])) for b in both])
+    Z0 = (in_space @ (D + B * D_dot))[: 6 * ends, :]
+    first = (in_space @ D)[: 6 * ends, :] @ (-half * G0)
+    rest = [part for body in moving for part in body[3:]]
+
+    def at(*of: ca.SX) -> list[ca.SX]:
+        given = [e.x, e.V, e.t, e.numbers]
+        free = [*rest, *(b[1] for b in moving), plan, nu, p, z, start, G0, stiff, on_rate, on_phi]
+        made = ca.Function("at", [*given, *free], [ca.densify(x) for x in of])
+        x = ca.vertcat(both[0][0], both[0][1], both[1][0], both[1][1])
+        out = made.call([x, ca.vertcat(both[0][2], both[1][2]), e.t, e.numbers, *free])
+        return [ca.simplify(x) for x in out]
+
+    (Z0,) = at(Z0)
+    kept, values, Z0_kept = _varying(Z0)
+    (first,) = at(first)
+    phi, rate, m_bar, f_bar = at(e.phi, phi_dot, m_bar, f_bar)
+    c = at(*c)
+    (pushed,) = at(load[: 6 * ends])
+    column = -D @ ca.diag(stiff) + B * D_dot
+    column, row, K = at(column[: 6 * ends, :], row, K)
+    poses = [part for body in moving for part in body[:3]]
+    loops = {
+        "measure": Loop(
+            whole=[e.t], rows=[e.numbers], blocks=[x for b in moving for x in b[:5]], stored=[phi, rate, m_bar, f_bar]
+        ),
+        "direction": Loop(
+            whole=[e.t], rows=[e.numbers], blocks=[x for b in moving for x in b[:5]], stored=[_by_rows(x) for x in c]
+        ),
+        "begin": Loop(
+            whole=[e.t, plan], rows=[e.numbers, start, G0], blocks=poses,
+            stored=[values] if symmetric else [], added_blocks=_ends(Z0 @ start + first, ends),
+        ),
+    }  # fmt: skip
+    given = [e.numbers]
+    if symmetric:
+        given = [e.numbers, kept]
+        turned_back = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), _matrix(b[1]).T) for b in moving])
+        pushed = pushed + turned_back @ (Z0_kept @ (gauge * nu))
+        column = column + gauge * (turned_back @ Z0_kept)
+    loops["balance"] = Loop(whole=[e.t, plan], rows=[*given, nu, p, z], blocks=poses, added_blocks=_ends(pushed, ends))
+    blocks = [(a, b) for a in range(ends) for b in range(ends) if couple or a == b]
+    loops["slopes"] = Loop(
+        whole=[e.t, plan], rows=[*given, nu, p, z, stiff, on_rate, on_phi],
+        blocks=[x for b in moving for x in (b if couple and use_f_bar else [*b[:3], b[5]])],
+        stored=[
+            *(_by_rows(column[6 * b : 6 * b + 6, :]) for b in range(ends)),
+            *(_by_rows(row[:, 6 * b : 6 * b + 6]) for b in range(ends)),
+        ],
+        added_blocks=[_by_rows(K[6 * a : 6 * a + 6, 6 * b : 6 * b + 6]) for a, b in blocks],
+    )  # fmt: skip
+    return loops
+
+
+def _measures(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX, list[ca.SX]]:
+    """M_bar = c . M c and f_bar = c . f of each row, and c on each end (n, 6)."""
+    A, n = e.A, e.A.shape[0]
+    if direction == TRANSLATION:
+        i = bodies[0]
+        c = [ca.horzcat(A[:, :3], ca.SX(n, 3)), ca.SX(n, 6)][: len(bodies)]
+        return ca.SX.ones(n) * i[4][0], A[:, :3] @ i[3][:3], c
+    size: Any = 0
+    inertia: Any = 0
+    force: Any = 0
+    c = []
+    for end, body in enumerate(bodies):
+        way, X = A[:, 6 * end : 6 * end + 3], A[:, 6 * end + 3 : 6 * end + 6]
+        mass, J, J_inv = body[4][0], _matrix(body[4][1:10]), _matrix(body[4][10:19])
+        z, y = (way, X) if direction == ALONG_A else (way / mass, X @ J_inv)
+        size += ca.sum2(way * z) + ca.sum2(X * y)
+        inertia += mass * ca.sum2(z * z) + ca.sum2((y @ J) * y)
+        force += z @ body[3][:3] + y @ body[3][3:]
+        c.append(ca.horzcat(z, y))
+    m_bar = inertia / (size * size) if direction == ALONG_A else 1 / size
+    return m_bar, force / size, [x / ca.repmat(size, 1, 6) for x in c]
+
+
+def _by_end_velocities(by_pose: ca.SX, by_rate: ca.SX, both: Sequence[list[ca.SX]], half: ca.SX) -> ca.SX:
+    """Slopes by the velocities of the end of both bodies: dr = dt/2 dr_dot, theta = T dOmega."""
+    parts = []
+    for b in range(2):
+        at = 6 * b
+        parts += [
+            half * by_pose[:, at : at + 3] + by_rate[:, at : at + 3],
+            by_pose[:, at + 3 : at + 6] @ _matrix(both[b][5]) + by_rate[:, at + 3 : at + 6],
+        ]
+    return ca.horzcat(*parts)
+
+
+def _varying(Z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Symbols and values of the entries of a matrix, and the matrix in these symbols, constants aside."""
+    Z = ca.densify(Z)
+    kept, inside = ca.SX.sym("kept", Z.numel()), ca.SX(Z)
+    for c in range(Z.numel()):
+        if not Z[c].is_constant():
+            inside[c] = kept[c]
+    return kept, ca.vec(Z), inside
+
+
+def _ends(w: ca.SX, ends: int) -> list[ca.SX]:
+    return [ca.densify(w[6 * b : 6 * b + 6]) for b in range(ends)]
+
+
+def _matrix(a: ca.SX) -> ca.SX:
+    return ca.reshape(a, 3, 3).T
+
+
+def _by_rows(a: ca.SX) -> ca.SX:
+    return ca.vec(ca.densify(a).T)

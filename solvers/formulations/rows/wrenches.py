@@ -1,0 +1,121 @@
+"""Loops of ODE-GC's simplified method over joints of one kind: wrenches of rows in space, their rates along the motion.
+
+With D the wrenches (force, torque about C) of the rows on both bodies, in space, and u = (r_dot, omega), so that
+phi_dot = D^T u, B = dt/2 times the switch of the B term of Eq. (71), f_bar and M_bar by Eqs. (30), (31) under gravity::
+
+    begin     at the start of a step: w -= dt/2 D0 f_bar0; M_bar phi_dot^2, f_bar0, and entries of D0 + B D_dot0 for
+    impulses  w += (D1 - B D_dot1) nu1 - (D0 + B D_dot0) nu0 - dt/2 D1 f_bar1; f_bar1, and entries of D1 for
+    rates     x := -D^T u
+    loads     load += D x
+
+Entries of a matrix are kept once where they are equal or opposite: of a point row's torque three.
+"""
+
+from collections.abc import Sequence
+
+import casadi as ca
+import numpy as np
+
+from ..generated import Loop, Straight
+from .expressions import RowExpressions, pose_rate, row_expressions
+
+ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
+BODY = (("r", 3), ("R", 9), ("u", 6), ("numbers", 22))  # numbers: m g, m, J^-1, J
+
+
+def wrench_loops(
+    kind: str, rows: tuple[int, ...], ground: bool, direction: int, *, use_f_bar: bool
+) -> dict[str, Loop | Straight]:
+    """All loops, and ``sizes``: how many entries of the start and of the end are kept."""
+    e, n = row_expressions(kind, rows, space=True), 1 if ground else 2
+    x, nu_start = (ca.SX.sym(name, len(rows)) for name in ("x", "nu_start"))
+    plan = ca.SX.sym("plan", 3)
+    bodies = [[ca.SX.sym(f"{part}_{end}", size) for part, size in BODY] for end in "ij"]
+    still = [ca.SX.zeros(3), ca.vec(ca.densify(ca.SX.eye(3))), ca.SX.zeros(6)]
+    ends = [bodies[0][:3], still if ground else bodies[1][:3]]
+    moved = ca.vertcat(e.x, e.t), ca.vertcat(pose_rate(e.x, e.V, space=True), 1)
+    rate = ca.jtimes(e.A.T @ x, *moved)
+    m_bar, f_bar = _measures(e, bodies[:n], direction)
+    f_bar = f_bar if use_f_bar else ca.SX.zeros(len(rows))
+    slip = m_bar * e.phi_dot**2
+    Z = e.A.T + plan[1] * ca.jacobian(rate, x)
+    w = e.A.T @ (x - plan[0] * f_bar) - plan[1] * rate
+    others = [part for body in bodies for part in body[3:]]
+    free = ca.Function(
+        "free", [e.x, e.V, e.t, e.numbers, plan, x, *others], [Z, e.A.T, w, f_bar, -plan[0] * (e.A.T @ f_bar), slip]
+    )
+    poses = ca.vertcat(*ends[0][:2], *ends[1][:2]), ca.vertcat(ends[0][2], ends[1][2])
+    Z, D, w, f_bar, first, slip = (ca.simplify(a) for a in free.call([*poses, e.t, e.numbers, plan, x, *others]))
+    entries0, Z_kept = _entries(Z[: 6 * n, :])
+    entries, D_kept = _entries(D[: 6 * n, :])
+    given = [entries0[0], entries[0]]
+    w = w[: 6 * n] - Z_kept @ (plan[2] * x + nu_start)
+    u = ca.vertcat(*[ends[b][2] for b in range(n)])
+    blocks = [part for b in range(n) for part in bodies[b][: 4 if use_f_bar else 3]]
+    last = [ca.densify(f_bar)] if use_f_bar else []
+    return {
+        "begin": Loop(
+            whole=[e.t, plan], rows=[e.numbers], blocks=[part for b in bodies[:n] for part in b],
+            stored=[entries0[1], ca.densify(slip), *last], added_blocks=_by_ends(first[: 6 * n]),
+        ),
+        "impulses": Loop(
+            whole=[e.t, plan], rows=[e.numbers, given[0], x, nu_start], blocks=blocks,
+            stored=[entries[1], *last], added_blocks=_by_ends(w),
+        ),
+        "rates": Loop(rows=[given[1]], blocks=[ends[b][2] for b in range(n)], stored=[ca.densify(-D_kept.T @ u)]),
+        "loads": Loop(rows=[given[1], x], added_blocks=_by_ends(D_kept @ x)),
+        "sizes": Straight([], [ca.DM([entries0[0].numel(), entries[0].numel()])]),
+    }  # fmt: skip
+
+
+def _by_ends(w: ca.SX) -> list[ca.SX]:
+    return [ca.densify(w[at : at + 6]) for at in range(0, w.numel(), 6)]
+
+
+def _entries(Z: ca.SX) -> tuple[tuple[ca.SX, ca.SX], ca.SX]:
+    """Symbols and values of the entries of a matrix that vary, and the matrix in these symbols.
+
+    Two are one where they are equal, or opposite, at random numbers.
+    """
+    Z = ca.densify(Z)
+    symbols = ca.symvar(Z)
+    random = np.random.default_rng(1)
+    probe = ca.Function("probe", symbols, [Z])
+    at = np.stack([np.array(probe(*random.standard_normal(len(symbols)))).reshape(-1, order="F") for _ in range(3)])
+    found: list[np.ndarray] = []
+    values: list[ca.SX] = []
+    which = []
+    for c in range(Z.numel()):
+        if Z[c].is_constant():
+            which.append((0, -1))
+            continue
+        size = 1e-12 * np.max(np.abs(at[:, c]))
+        for known, other in enumerate(found):
+            sign = next((g for g in (1, -1) if np.max(np.abs(at[:, c] - g * other)) <= size), 0)
+            if sign:
+                which.append((sign, known))
+                break
+        else:
+            which.append((1, len(found)))
+            found.append(at[:, c])
+            values.append(Z[c])
+    kept = ca.SX.sym("kept", len(values))
+    inside = [sign * kept[known] if sign else Z[c] for c, (sign, known) in enumerate(which)]
+    return (kept, ca.vertcat(*values)), ca.reshape(ca.vertcat(*inside), *Z.shape)
+
+
+def _measures(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) -> tuple[ca.SX, ca.SX]:
+    """c . M c and c . (m g, 0) of each row."""
+    A = e.A
+    if direction == TRANSLATION:
+        return ca.SX.ones(A.shape[0]) * bodies[0][3][3], A[:, :3] @ bodies[0][3][:3]
+    size, inertia, force = 0, 0, 0
+    for end, body in enumerate(bodies):
+        R, weight, mass = ca.reshape(e.x[12 * end + 3 : 12 * end + 12], 3, 3).T, body[3][:3], body[3][3]
+        J_inv, J = (ca.reshape(body[3][at : at + 9], 3, 3).T for at in (4, 13))
+        way, torque = A[:, 6 * end : 6 * end + 3], A[:, 6 * end + 3 : 6 * end + 6] @ R
+        z, y = (way, torque) if direction == ALONG_A else (way / mass, torque @ J_inv)
+        size += ca.sum2(way * z) + ca.sum2(torque * y)
+        inertia += mass * ca.sum2(z * z) + ca.sum2((y @ J) * y)
+        force += z @ weight
+    return inertia / (size * size) if direction == ALONG_A else 1 / size, force / size

@@ -1,0 +1,187 @@
+"""ODE-GC's full Newton step against other routes: mechanics in NumPy, central differences, dense linear algebra."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from mbsbench.harness.mechanics.motion import applied, constraint, constraint_rate, scaling_masses
+from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, TorsionSpring, assemble
+from mbsbench.harness.mechanics.user_forces import UserForce
+from mbsbench.problems.random_mechanism import arbitrary_body
+from mbsbench.solvers.formulations.compiled.entries import Program
+from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
+from mbsbench.solvers.formulations.compiled.marching import new_control
+from mbsbench.solvers.formulations.methods.gc_newton import Step
+from mbsbench.solvers.formulations.methods.gc_newton_arrays import NEEDED, make_step
+
+from ..arbitrary_joints import LOADS, MOVING, SPRING, all_joints, moving_row
+from ..arbitrary_systems import arbitrary, linkage
+
+DT = 0.05
+
+
+def wind(t, r, R, v, Omega, F, T):
+    """A user's law that takes everything it may."""
+    F[0, 0] = 0.3 * (v[1, 0] - v[0, 0]) + 0.1 * r[0, 1] * t
+    F[1, 2] = R[0, 0, 1] * Omega[1, 2]
+    T[0, 1] = -0.2 * Omega[0, 1] * R[1, 2, 0]
+
+
+def all_moving() -> MultibodySystem:
+    """A row of bodies with moving rows of each kind between two neighbours, torsional springs and user forces."""
+    random, nb = np.random.default_rng(7), len(MOVING)
+    pins = [moving_row(kind, k, k - 1, random) for k, kind in enumerate(MOVING)]
+    twist = [
+        TorsionSpring(0, (0.3, -0.5, 0.8), GROUND, stiffness=3.0, rest_angle=0.4, damping=0.2),
+        TorsionSpring(2, (0.3, 0.5, 0.8), 1, stiffness=2.0, rest_angle=0.1, damping=0.3),
+    ]
+    bodies = [arbitrary_body(random) for _ in range(nb)]
+    return assemble(
+        bodies, pins, (1.1, -2.3, -9.5), [SPRING], LOADS, twist, [UserForce(wind, 2, 0), UserForce(wind, 1)]
+    )
+
+
+SYSTEMS = {
+    "pins": linkage(springs=False), "springs": linkage(springs=True), "all joints": all_joints(),
+    "all moving rows": all_moving(),
+}  # fmt: skip
+each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
+USUAL = {
+    "gauge": -1.0, "b_term": 1.0, "tolerance": 1e-8, "use_f_bar": 1, "max_newton": 20, "penalty": 1.0,
+}  # fmt: skip
+alive = []
+
+
+def arbitrary_step(system: MultibodySystem, direction: int = 0, **choices: float) -> Step:
+    """A step from an arbitrary state, with an arbitrary estimate of its end."""
+    random = np.random.default_rng(3)
+    made = make_kernel(system, NEEDED)
+    alive.append(made)
+    k = made.kernel
+    control = new_control(h=DT, dt=DT, t_end=1.0)
+    s = make_step(k, control, system=system, direction=direction, couple=True, choices=USUAL | choices)
+    start_at(k, arbitrary(system, 5))
+    s.scheme["h"] = DT
+    Program.run(s.complete)
+    Program.run(s.keep_end)
+    s.r0[:], s.R0[:], s.v0[:] = k.r, k.R, k.v
+    s.terms.lam0[:], s.terms.mu0[:] = random.standard_normal((2, system.nrows))
+    if s.scheme["gauge"] == 0.0:
+        s.terms.nu_start[:] = random.standard_normal(system.nrows)
+    Program.run(s.begin_step)
+    k.v[:] += 0.3 * random.standard_normal(k.v.shape)
+    s.terms.nu[:] = random.standard_normal(system.nrows)
+    return s
+
+
+def unknown(s: Step) -> np.ndarray:
+    """x = (v1, nu1), Eq. (77)."""
+    return np.concatenate((s.kernel.v.ravel(), s.terms.nu))
+
+
+def residual(s: Step, x: np.ndarray) -> np.ndarray:
+    """(74), rotational rows turned back to space so that the turning itself is not differentiated, and (75)."""
+    nv = s.kernel.v.size
+    s.kernel.v[:] = x[:nv].reshape(s.kernel.v.shape)
+    s.terms.nu[:] = x[nv:]
+    Program.run(s.evaluate)
+    R_v = s.off.copy()
+    R_v[:, 3:] = np.einsum("bij,bj->bi", s.kernel.R, R_v[:, 3:])
+    return np.concatenate((R_v.ravel(), s.terms.off))
+
+
+def slopes(s: Step, of: Callable[[Step, np.ndarray], np.ndarray] = residual) -> np.ndarray:
+    """Central differences of the residual, rotational rows in the body frame; leaves the residual of the step."""
+    x, h = unknown(s), 1e-6
+    out = np.stack([(of(s, x + d) - of(s, x - d)) / (2 * h) for d in h * np.eye(len(x))], axis=1)
+    of(s, x)
+    for b, R in enumerate(s.kernel.R):
+        out[6 * b + 3 : 6 * b + 6] = R.T @ out[6 * b + 3 : 6 * b + 6]
+    return out
+
+
+def places(s: Step) -> np.ndarray:
+    """Where the unknowns, bodies first, stand in elimination order."""
+    nodes = [np.arange(a, a + 6) for a in s.lu.body_at]
+    nodes += [np.arange(a, a + n) for a, n in zip(s.lu.joint_at, np.diff(s.kernel.row), strict=True)]
+    return np.concatenate(nodes)
+
+
+def dense(s: Step) -> np.ndarray:
+    """The block matrix, bodies first."""
+    Program.run(s.assemble)
+    lu = s.lu
+    out = np.zeros((lu.start[-1],) * 2)
+    for node in range(len(lu.size)):
+        m = lu.size[node]
+        for k in range(lu.pair_start[node], lu.pair_start[node + 1]):
+            at, width, place = lu.pair_column[k], lu.pair_width[k], lu.pair_place[k]
+            rows = slice(lu.start[node], lu.start[node + 1])
+            out[rows, at : at + width] += lu.blocks[place : place + m * width].reshape(m, width)
+    return out[np.ix_(places(s), places(s))]
+
+
+@each_system
+def test_kinematics_agree_with_the_batched_mechanics(system):
+    """phi, phi_dot, M_bar and the applied load are computed twice, from the same definitions by different code."""
+    s = arbitrary_step(system)
+    start_at(s.kernel, arbitrary(system, 5))
+    Program.run(s.complete)
+    one, order = States.one(arbitrary(system, 5)), s.kernel.order
+    assert np.allclose(s.terms.phi1[order], constraint(system, one)[0], atol=1e-13)
+    assert np.allclose(s.terms.phi_dot1[order], constraint_rate(system, one)[0], atol=1e-13)
+    assert np.allclose(s.terms.m_bar[order], scaling_masses(system, one)[0], rtol=1e-12)
+    assert np.allclose(s.kernel.force, applied(system, one)[0], rtol=1e-12, atol=1e-11)
+
+
+@pytest.mark.parametrize(
+    "choices",
+    [{}, {"gauge": 0.0, "keep_nu": 1}, {"gauge": 0.0, "direction": 1}, {"use_f_bar": 0}, {"b_term": 0.0}],
+    ids=str,
+)
+@each_system
+def test_newton_matrix_is_the_derivative_of_the_residual(choices, system):
+    """Central differences of step 1e-6 leave about 1e-9; how forces change f_bar is left out by design."""
+    s = arbitrary_step(system, **(choices if not len(system.spring_k) else choices | {"use_f_bar": 0}))
+    wanted = slopes(s)
+    assert np.max(np.abs(dense(s) - wanted)) < 2e-8
+
+
+def test_translation_direction_has_its_derivative_too():
+    """c = (e_k, 0) for spherical joints: f_bar is constant."""
+    bodies = [RigidBody(1.0, np.diag([0.1, 0.2, 0.25])), RigidBody(2.0, np.diag([0.3, 0.2, 0.25]))]
+    pins = [Joint(0, (0.1, 0.2, 0.3)), Joint(1, (0.0, 0.3, 0.1), 0, (-0.2, 0.0, 0.1))]
+    s = arbitrary_step(assemble(bodies, pins, (0, 0, -9.81)), direction=2)
+    wanted = slopes(s)
+    assert np.max(np.abs(dense(s) - wanted)) < 2e-8
+
+
+@each_system
+def test_block_factors_solve_the_assembled_matrix(system):
+    """Against dense LU, to rounding times the condition number (about 1e3)."""
+    s = arbitrary_step(system)
+    residual(s, unknown(s))
+    matrix, at = dense(s), places(s)
+    Program.run(s.factor_saddle)
+    assert s.lu.state["singular"] == 0
+    wanted = np.random.default_rng(1).standard_normal(len(matrix))
+    s.lu.x[at] = matrix @ wanted
+    Program.run(s.solve_saddle)
+    assert np.allclose(s.lu.x[at], wanted, atol=1e-10)
+
+
+def test_lambda_bar_is_lam_minus_xi_phi():
+    """Eq. (84): what lambda_bar adds to the row forces of Eq. (71) is -K_bar xi phi."""
+    forces = []
+    for on in (0, 1):
+        s = arbitrary_step(
+            SYSTEMS["springs"], gauge=0.0, corrective=1, by_forces=1, k_bar=30.0, active=1, nested=1, penalty=1e3,
+            lambda_bar=on,
+        )  # fmt: skip
+        Program.run(s.evaluate)
+        forces.append(s.terms.G1.copy())
+    added = -1e3 * s.terms.k_bar1 * s.terms.phi1
+    assert np.max(np.abs(added)) > 1.0
+    assert np.allclose(forces[1] - forces[0], added, rtol=1e-12, atol=1e-9)
