@@ -51,7 +51,9 @@ def states_of(s: States, bodies: Int[np.ndarray, " n"]) -> States:
     """The motion of these bodies."""
     if len(bodies) == s.nb:
         return s
-    return States(s.r[:, bodies], s.R[:, bodies], s.v[:, bodies], s.Omega[:, bodies], s.t)
+    # contiguous, as compiled laws take them: else they would compile once more
+    r, R, v, Omega = (np.ascontiguousarray(a[:, bodies]) for a in (s.r, s.R, s.v, s.Omega))
+    return States(r, R, v, Omega, s.t)
 
 
 def state_of(s: State, bodies: Int[np.ndarray, " n"]) -> State:
