@@ -1,6 +1,8 @@
-"""What pyproject.toml cannot say: the repository's root is the package mbsbench, its folders are found."""
+"""What pyproject.toml cannot say: the repository's root is the package mbsbench; the packages below it are found."""
 
 from setuptools import find_packages, setup
 
-FOLDERS = find_packages(".", include=[f"{top}{below}" for top in ("harness", "problems", "reports", "solvers") for below in ("", ".*")])
-setup(package_dir={"mbsbench": "."}, packages=["mbsbench", *(f"mbsbench.{folder}" for folder in FOLDERS)])
+PARTS = ("harness", "problems", "reports", "solvers")
+folders = find_packages(include=[*PARTS, *(f"{part}.*" for part in PARTS)])
+packages = ["mbsbench", *(f"mbsbench.{folder}" for folder in folders)]
+setup(package_dir={"mbsbench": "."}, packages=packages, script_name="setup.py")  # so named, it is no module of ours
