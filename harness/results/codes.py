@@ -2,7 +2,7 @@
 
 The digest of a solver covers its file and every module of the package that this imports, directly or through others;
 so does that of a problem, and of what calls solvers and measures their motions. It is taken of the syntax tree without
-docstrings, so that comments and formatting do not count. Of packages from outside the locked version counts.
+docstrings and the shapes of arrays, so that neither they nor comments and formatting count. Of packages from outside the locked version counts.
 What only looks up, checks, stores or shows is no part of it (``ARRANGES``): no number of a run passes through. What
 counts CPU time (``COSTS``) is part of measuring: a cost is a number of each run and can only be had by running again.
 """
@@ -23,7 +23,7 @@ from ..cache import ROOT, cache_folder
 from ..catalogue.plugins import sources_of
 from ..files import write_text
 
-VERSION = 1  # of the digest of one file; raise it when ``_tree`` writes something else
+VERSION = 2  # of the digest of one file; raise it when ``_tree`` writes something else
 LARGE = 2**20  # [bytes] of what is kept between processes; more is begun anew
 ARRANGES = (
     "harness/api", "harness/cache", "harness/catalogue/functions", "harness/catalogue/mechanism",
@@ -40,6 +40,7 @@ MARKED = {"solver": ("solvers", "solvers/engines"), "problem": ("problems",)}
 LOCKED_AS = {"sksundae": "scikit-sundae", "scipy_dae": "scipy-dae", "yaml": "pyyaml"}  # where the names differ
 LOCKED = re.compile(r"^([A-Za-z0-9_.-]+)==(\S+)", re.MULTILINE)
 WITHOUT = frozenset(("ctx", "kind", "type_comment", "type_params", "type_ignores"))  # same code, other versions
+SHAPED = ("Bool", "Complex", "Float", "Inexact", "Int", "Num", "Shaped")  # arrays, as annotations call them
 
 
 @dataclass(frozen=True)
@@ -217,9 +218,11 @@ def _marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
 
 
 def _tree(node: object) -> Iterator[str]:
-    """The syntax tree as words, the same in every version of Python: without docstrings and what is empty."""
+    """The syntax tree as words, the same in every version of Python: without docstrings, shapes and what is empty."""
     if isinstance(node, ast.AST):
         yield type(node).__name__
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id in SHAPED:
+            return
         for name, value in ast.iter_fields(node):
             if value is None or value == [] or name in WITHOUT:
                 continue

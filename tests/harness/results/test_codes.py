@@ -81,6 +81,11 @@ def test_comments_docstrings_and_layout_change_nothing(whole, edited):
     assert after.measuring == whole.measuring
 
 
+def test_another_shape_in_an_annotation_changes_nothing(whole, edited):
+    after = edited("harness/metrics/compiled.py", 'Float[np.ndarray, "nt nb"]', 'Float[np.ndarray, "nt nb 3"]')
+    assert after.measuring == whole.measuring
+
+
 def test_an_edit_of_one_solver_asks_for_it_alone(whole, edited):
     after = edited("solvers/rattle.py", "rate=self.rate", "rate=2.0 * self.rate")
     assert changed(whole.solvers, after.solvers) == {"rattle"}
