@@ -64,7 +64,7 @@ $(ENGINES): requirements-engines.lock $(READY)
 engines: $(ENGINES) ## install other people's engines (requirements-engines.lock)
 
 test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from files (installs them)
-	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/peers
+	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/races
 
 check: $(READY) ## check lint, format, types and import layers
 	$(BIN)/ruff check .

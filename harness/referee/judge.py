@@ -9,7 +9,7 @@ from ..places import Place
 from ..results import store
 from ..results.judgements import files
 from ..results.judgements.claims import Claim, Code
-from ..results.judgements.files import FOLDER, PUBLISHED, as_text
+from ..results.judgements.files import as_text
 from ..results.provisional import one_per_run
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec
@@ -24,8 +24,6 @@ from .claims.verdicts import judge
 from .code import since
 from .wrong import wrong
 
-__all__ = ["FOLDER", "PUBLISHED", "Change", "absent", "as_text", "changes", "judgements", "needed",
-           "outdated", "read_claims", "tried_on", "whole_run", "write"]  # fmt: skip
 WHOLE = "referee"  # the suite that everything is judged on
 SUITES = ("paper", "claims", "work")  # claims are tried on their runs; all are in the suite ``referee``
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
@@ -86,16 +84,6 @@ def write(folder: Place, judged: dict[str, Any], code: Code) -> list[Path]:
     for file, found in zip(files_of, judged.values(), strict=True):
         file.write(as_text(found))
     return [file.path for file in files_of]
-
-
-def read_claims(folder: Place) -> tuple[Claim, ...] | None:
-    """The claims judged in ``folder``; None where there are none."""
-    try:
-        return files.read(files.CLAIMS, folder)
-    except FileNotFoundError:
-        return None
-    except files.JudgementError as error:
-        raise store.StoreError(f"{error}; --publish writes it anew") from None
 
 
 def outdated(folder: Place, now: Code) -> str:

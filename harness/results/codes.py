@@ -2,7 +2,8 @@
 
 The digest of a solver covers its file and every module of the package that this imports, directly or through others;
 so does that of a problem, and of what calls solvers and measures their motions. It is taken of the syntax tree without
-docstrings and the shapes of arrays, so that neither they nor comments and formatting count. Of packages from outside the locked version counts.
+docstrings and the shapes of arrays, so that neither they nor comments and formatting count. Of packages from outside
+the locked version counts.
 What only looks up, checks, stores or shows is no part of it (``ARRANGES``): no number of a run passes through. What
 counts CPU time (``COSTS``) is part of measuring: a cost is a number of each run and can only be had by running again.
 """
@@ -26,9 +27,9 @@ from ..files import write_text
 VERSION = 2  # of the digest of one file; raise it when ``_tree`` writes something else
 LARGE = 2**20  # [bytes] of what is kept between processes; more is begun anew
 ARRANGES = (
-    "harness/api", "harness/cache", "harness/catalogue/functions", "harness/catalogue/mechanism",
+    "harness/cache", "harness/catalogue/functions", "harness/catalogue/mechanism",
     "harness/catalogue/mechanism_files", "harness/catalogue/options", "harness/catalogue/plugins",
-    "harness/commands", "harness/execution/handed", "harness/execution/job", "harness/files", "harness/places",
+    "harness/execution/handed", "harness/execution/job", "harness/files", "harness/places",
     "harness/results",
     "harness/sandbox/trial", "harness/shapes", "harness/suites",
 )  # fmt: skip

@@ -5,7 +5,7 @@ import tomllib
 
 import pytest
 
-from mbsbench.harness.__main__ import _commands
+from mbsbench.cli.__main__ import _commands
 from mbsbench.harness.results.environment import ROOT
 
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])

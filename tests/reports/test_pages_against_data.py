@@ -9,9 +9,9 @@ import pandas as pd
 import pytest
 from msgspec.structs import replace
 
-from mbsbench.harness.__main__ import main
-from mbsbench.harness.api import Run as ApiRun
-from mbsbench.harness.commands.solve import summary
+from mbsbench.api import Run as ApiRun
+from mbsbench.cli.__main__ import main
+from mbsbench.cli.solve import summary
 from mbsbench.harness.places import Place
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements.claims import Finding, Gap, Missing, Verdict

@@ -13,6 +13,7 @@ import msgspec
 from ...files import parse_json, read_text, to_json
 from ...places import Place
 from ...shapes import shaped
+from ..store import StoreError
 from .claims import SCHEMA, Claim, Code, Published
 from .runs import Drift, FalseSuccess, Order, Symmetry, Work
 
@@ -47,6 +48,16 @@ def read(file: File[T], folder: Place) -> T:
     if not file.schema:
         return _read(folder, file.name, file.kind)  # type: ignore[no-any-return]
     return getattr(_read(folder, file.name, Published), file.name)  # type: ignore[no-any-return]
+
+
+def read_claims(folder: Place) -> tuple[Claim, ...] | None:
+    """The claims judged in ``folder``; None where there are none."""
+    try:
+        return read(CLAIMS, folder)
+    except FileNotFoundError:
+        return None
+    except JudgementError as error:
+        raise StoreError(f"{error}; --publish writes it anew") from None
 
 
 def code_of_claims(folder: Place) -> Code:

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mbsbench.harness.api import solve
+from mbsbench.api import solve
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.conformance.laws import Subject, agrees, keeps_invariants
 from mbsbench.harness.conformance.solver import EASY

@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import plugins, registry
 from mbsbench.harness.execution.warmup import runs_to_warm
 from mbsbench.harness.results.environment import ROOT

@@ -18,7 +18,7 @@ def started(tmp_path, *more):
     line = (
         sys.executable,
         "-m",
-        "mbsbench.harness",
+        "mbsbench.cli",
         "solve",
         "free_fall",
         "sleeps",

@@ -9,7 +9,7 @@ import time
 import psutil
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.protocol import Done, Lost, Supervised
 from mbsbench.harness.execution.runner import Request, last_folder, run_suite
@@ -30,7 +30,7 @@ options = {{ seconds = [{", ".join(f"0.{k:02d}" for k in range(10, 34))}] }}
 
 
 def start(folder, suite, *more):
-    line = (sys.executable, "-m", "mbsbench.harness", "run", str(suite), "--out", str(folder), "--jobs", "2", *more)
+    line = (sys.executable, "-m", "mbsbench.cli", "run", str(suite), "--out", str(folder), "--jobs", "2", *more)
     out = subprocess.PIPE
     return subprocess.Popen(line, cwd=environment.ROOT, stdout=out, stderr=out, text=True)
 
@@ -123,7 +123,7 @@ def test_a_signal_to_all_ends_all(tmp_path, number, code):
     """To the whole group, as Ctrl-C or a batch system send it: what a solver has started goes too."""
     suite = tmp_path / "s.toml"
     suite.write_text(f'plugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = "spins"\n')
-    line = (sys.executable, "-m", "mbsbench.harness", "run", str(suite), "--out", str(tmp_path / "run"))
+    line = (sys.executable, "-m", "mbsbench.cli", "run", str(suite), "--out", str(tmp_path / "run"))
     process = subprocess.Popen(
         line, cwd=environment.ROOT, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 a background shell has it ignored
@@ -142,10 +142,8 @@ def test_a_signal_to_all_ends_all(tmp_path, number, code):
 
 def test_output_to_a_closed_pipe_is_no_success(tmp_path, monkeypatch):
     """As after SIGPIPE: 141."""
-    monkeypatch.setattr(
-        "mbsbench.harness.commands.gate.load_suite", lambda *_: (_ for _ in ()).throw(BrokenPipeError())
-    )
-    monkeypatch.setattr("mbsbench.harness.__main__.os.dup2", lambda *_: None)
+    monkeypatch.setattr("mbsbench.cli.gate.load_suite", lambda *_: (_ for _ in ()).throw(BrokenPipeError()))
+    monkeypatch.setattr("mbsbench.cli.__main__.os.dup2", lambda *_: None)
     assert main(["gate"]) == 141
 
 

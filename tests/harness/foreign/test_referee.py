@@ -14,7 +14,7 @@ from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from mbsbench import load, make_problem, solve
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError
 from mbsbench.harness.foreign.judge import Given, refereed, results_folder
 from mbsbench.harness.foreign.reading import Reading

@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.gate.kernels import TimingError, compared
 
 
@@ -33,7 +33,7 @@ def test_a_slower_machine_is_no_regression_but_a_slower_kernel_is(tmp_path, caps
 
 def test_a_file_is_kept_trimmed_and_is_then_what_newer_ones_are_compared_with(tmp_path, capsys, monkeypatch):
     """Times and where they come from, nothing else; the newest of the folder is the other side."""
-    from mbsbench.harness.commands import kernels as command
+    from mbsbench.cli import kernels as command
     from mbsbench.harness.gate import kernels
 
     long = {"min": 1e-3, "rounds": 5, "data": [1.0] * 1000}

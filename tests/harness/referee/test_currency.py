@@ -10,6 +10,7 @@ from mbsbench.harness.referee import judge as judging
 from mbsbench.harness.referee.claims.register import parse_register, read_register
 from mbsbench.harness.referee.code import code_now, older_runs, said, since
 from mbsbench.harness.results.codes import code_of
+from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.judgements.claims import Code
 from mbsbench.harness.results.judgements.files import CLAIMS, JudgementError, read
 
@@ -22,7 +23,7 @@ NOW = Code({"alpha": "1", "beta": "2"}, {"chain": "3"}, "4", "5", "6")
 @pytest.mark.xfail(strict=True, reason="the suite is to be run anew once all solvers march on the declared joints")
 def test_published_verdicts_are_of_this_code():
     """The remedy is in the words: make the runs concerned anew, or judge again, and publish."""
-    assert not judging.outdated(judging.PUBLISHED, code_now(read_register(), judging.whole_run()))
+    assert not judging.outdated(files.PUBLISHED, code_now(read_register(), judging.whole_run()))
 
 
 @pytest.mark.parametrize(("changed", "words"), [

@@ -8,8 +8,8 @@ from functools import partial
 import pytest
 from msgspec.structs import replace
 
-from mbsbench.harness.__main__ import main
-from mbsbench.harness.commands import judge as command
+from mbsbench.cli import judge as command
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.places import Place
@@ -18,6 +18,7 @@ from mbsbench.harness.referee.claims.maps import place, select
 from mbsbench.harness.referee.claims.register import read_register
 from mbsbench.harness.referee.claims.verdicts import judge
 from mbsbench.harness.results import store
+from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.judgements.claims import Verdict
 from mbsbench.harness.results.provisional import one_per_run
 from mbsbench.harness.results.records import reasons_json
@@ -254,7 +255,7 @@ def twice(tmp_path_factory):
 @pytest.mark.slow
 def test_verdicts_are_the_same_with_one_and_two_processes(twice):
     """Two runs, each of its own processes: the same judgement, byte for byte."""
-    first, second = map(judging.as_text, twice)
+    first, second = map(files.as_text, twice)
     assert first == second
     assert {c.id for c in twice[0]} == set(CHEAP)
     assert len({c.verdict for c in twice[0]}) > 2
@@ -263,7 +264,7 @@ def test_verdicts_are_the_same_with_one_and_two_processes(twice):
 @pytest.mark.slow
 def test_verdicts_are_those_published(twice):
     """A verdict that changes against results/published is a change of the result, to be published or mended."""
-    published = judging.read_claims(judging.PUBLISHED)
+    published = files.read_claims(files.PUBLISHED)
     if published is None:
         pytest.skip("nothing is published: mbsbench judge --publish")
     known = {c.id: c.verdicts for c in published}
@@ -272,7 +273,7 @@ def test_verdicts_are_those_published(twice):
 
 def test_no_published_verdict_hangs_on_one_run_that_failed():
     """Where such a run stops is decided by rounding, so another machine would give another verdict."""
-    for claim in judging.read_claims(judging.PUBLISHED) or ():
+    for claim in files.read_claims(files.PUBLISHED) or ():
         for side in (True, False):
             alone = [row for row in claim.map if row.holds is side]
             if len(alone) == 1 and any(f.verdict in (Verdict.CONDITIONAL, Verdict.MIXED) for f in claim.findings):
@@ -304,7 +305,7 @@ def test_an_unfinished_run_is_passed_over(tmp_path):
 @pytest.mark.slow
 def test_the_newest_whole_run_is_judged_as_published():
     """Where a whole run of the suite is at hand, every claim of it is as published."""
-    published, specs = judging.read_claims(judging.PUBLISHED), judging.tried_on()
+    published, specs = files.read_claims(files.PUBLISHED), judging.tried_on()
     if published is None:
         pytest.skip("nothing is published: mbsbench judge --publish")
     found = newest_whole(store.LOCAL.glob("referee-*"), specs)

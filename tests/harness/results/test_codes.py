@@ -134,7 +134,7 @@ def test_another_count_of_cpu_time_is_another_measurement(whole, edited, place, 
 
 def test_what_only_arranges_asks_for_nothing(whole, edited):
     """How records are stored, processes are run and commands are worded."""
-    for place in ("harness/results/store.py", "harness/execution/pool.py", "harness/commands/judge.py"):
+    for place in ("harness/results/store.py", "harness/execution/pool.py", "cli/judge.py"):
         after = edited(place, lambda text: text + "\nADDED = 1\n")
     assert (after.solvers, after.problems, after.measuring) == (whole.solvers, whole.problems, whole.measuring)
 

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.results import store
 from mbsbench.harness.results.comparison import Likeness, compare, is_repeatable
 from mbsbench.harness.results.provenance import differences, same_platform, why

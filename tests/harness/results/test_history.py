@@ -7,7 +7,7 @@ import math
 import pytest
 from msgspec.structs import fields
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError, to_json, write_text
 from mbsbench.harness.results import store
 from mbsbench.harness.results.history import (

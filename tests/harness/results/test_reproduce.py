@@ -5,7 +5,7 @@ import shlex
 
 import pytest
 
-from mbsbench.harness.commands.terms import Parser, assignments
+from mbsbench.cli.terms import Parser, assignments
 from mbsbench.harness.execution.job import Job, record_of
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.reproduce import command
@@ -33,8 +33,8 @@ cpu_limit = 7.5
 
 def run_of(line: str):
     """The run that ``solve`` would make of the line, without running it."""
+    from mbsbench.cli import solve
     from mbsbench.harness.catalogue import registry
-    from mbsbench.harness.commands import solve
     from mbsbench.harness.suites.spec import make_spec
 
     words = shlex.split(line)
@@ -88,7 +88,7 @@ def command_line_run(tmp_path):
     import sys
 
     def run(line: str):
-        program = f"{shlex.quote(sys.executable)} -m mbsbench.harness"
+        program = f"{shlex.quote(sys.executable)} -m mbsbench.cli"
         return subprocess.run(
             line.replace("mbsbench", program, 1), shell=True, cwd=tmp_path, env=dict(os.environ),
             capture_output=True, text=True, timeout=120, check=False,

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.results import environment, records, store
 from mbsbench.harness.results.records import COLUMNS, BadRecord, RunRecord, from_json, to_json
 from mbsbench.harness.results.series import BadSeries, Series, read_series, write_series

@@ -6,11 +6,11 @@ import json
 import pytest
 from msgspec.structs import replace
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.places import Place
-from mbsbench.harness.referee.judge import read_claims, write
+from mbsbench.harness.referee.judge import write
 from mbsbench.harness.results.judgements.claims import Code, Finding, Verdict
-from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED
+from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED, read_claims
 from mbsbench.reports import site
 from mbsbench.reports.model.claim_words import band
 from mbsbench.reports.model.results import Run, read_results

@@ -1,0 +1,66 @@
+"""``run``: a suite into a results folder, with progress."""
+
+import argparse
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from ..harness.execution.pool import LocalPool
+from ..harness.execution.runner import Executor, Request, last_folder, new_folder, run_suite
+from ..harness.suites.suite import load_suite
+from .progress import progress
+from .screen import print_json
+from .terms import UsageError, add_running, jobs, load_plugins, subcommand, whole
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    p = subcommand(commands, "run", run, "run a suite and write a results folder", "one object at the end")
+    p.add_argument("suite", metavar="SUITE", help="name of a suite (see mbsbench list), or a TOML file")
+    add_running(p)
+    p.add_argument("--resume", action="store_true", help="continue --out, or the newest results of the suite")
+    p.add_argument("--limit", metavar="N", help="only the first N runs")
+    p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
+    p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run; 0 whatever the statuses are (failures are results), 1 if a limit left runs out."""
+    suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
+    folder = Path(arguments.out) if arguments.out else None
+    if folder is None and arguments.resume:
+        folder = last_folder(suite.name)
+    limit = whole(arguments.limit, "--limit") if arguments.limit is not None else None
+    if arguments.cluster is not None and arguments.jobs is not None:
+        raise UsageError("--jobs is for this machine; with --cluster the number of workers is that of the cluster")
+    target, part = folder or new_folder(suite.name), shard(arguments.shard)
+    request = Request(suite, target, jobs(arguments.jobs), arguments.resume, limit, part)
+    with progress(size=request.jobs, quiet=arguments.json) as watcher:
+        loaded = run_suite(request, watcher, executor(arguments.cluster))
+    watcher.finish(request.folder, loaded)
+    if arguments.json:
+        counted = Counter(r.status for r in loaded.records)
+        drift = dict(zip(("relative", "case"), watcher.worst, strict=True)) if watcher.worst[1] else None
+        plain = {"folder": str(request.folder), "runs": len(loaded.records), "statuses": dict(counted)}
+        print_json({**plain, "not_begun": watcher.left, "worst_drift": drift})
+    return 1 if watcher.left else 0
+
+
+def executor(address: str | None) -> Callable[..., Executor]:
+    """Local processes, or the cluster at ``address``."""
+    if address is None:
+        return LocalPool
+    from ..harness.execution.cluster import DaskPool
+
+    return lambda size, *watching: DaskPool(address, *watching)
+
+
+def shard(given: str | None) -> tuple[int, int]:
+    """``"2/5"`` as (2, 5)."""
+    if given is None:
+        return 1, 1
+    k, _, n = given.partition("/")
+    if not (k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
+        raise UsageError(f"--shard must be K/N with K from 1 to N (got {given!r})")
+    return int(k), int(n)
