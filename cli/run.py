@@ -2,15 +2,17 @@
 
 import argparse
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from ..harness.execution.pool import LocalPool
 from ..harness.execution.runner import Executor, Request, last_folder, new_folder, run_suite
+from ..harness.results import store
+from ..harness.results.records import RunRecord
 from ..harness.suites.suite import load_suite
 from .progress import progress
-from .screen import print_json
+from .screen import errors, print_json
 from .terms import UsageError, add_running, jobs, load_plugins, subcommand, whole
 
 
@@ -22,6 +24,8 @@ def add(commands: Any) -> None:
     p.add_argument("--resume", action="store_true", help="continue --out, or the newest results of the suite")
     p.add_argument("--limit", metavar="N", help="only the first N runs")
     p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
+    turns = "then time the runs of each problem N times in turns, in one process: for ratios of CPU times"
+    p.add_argument("--in-turns", metavar="N", help=turns)
     p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
 
 
@@ -34,17 +38,33 @@ def run(arguments: argparse.Namespace) -> int:
     limit = whole(arguments.limit, "--limit") if arguments.limit is not None else None
     if arguments.cluster is not None and arguments.jobs is not None:
         raise UsageError("--jobs is for this machine; with --cluster the number of workers is that of the cluster")
+    turns = 0 if arguments.in_turns is None else whole(arguments.in_turns, "--in-turns")
+    if turns and arguments.cluster is not None:
+        raise UsageError("--in-turns times runs on this machine, so it cannot be combined with --cluster")
     target, part = folder or new_folder(suite.name), shard(arguments.shard)
     request = Request(suite, target, jobs(arguments.jobs), arguments.resume, limit, part)
     with progress(size=request.jobs, quiet=arguments.json) as watcher:
         loaded = run_suite(request, watcher, executor(arguments.cluster))
     watcher.finish(request.folder, loaded)
+    failures = _time(request.folder, loaded.records, turns, suite.plugins) if turns else []
     if arguments.json:
         counted = Counter(r.status for r in loaded.records)
         drift = dict(zip(("relative", "case"), watcher.worst, strict=True)) if watcher.worst[1] else None
         plain = {"folder": str(request.folder), "runs": len(loaded.records), "statuses": dict(counted)}
         print_json({**plain, "not_begun": watcher.left, "worst_drift": drift})
-    return 1 if watcher.left else 0
+    return 1 if watcher.left or failures else 0
+
+
+def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple[str, ...]) -> list[str]:
+    """Replace CPU times by those of turns; what could not be timed, also printed."""
+    from ..harness.races.in_turns import time_in_turns
+
+    errors().print(f"timing in turns, {turns} times each")
+    _, failures = time_in_turns(folder, records, turns, plugins)
+    store.write_table(folder, store.load(folder, check_series=False).records)
+    for line in failures:
+        errors().print(f"not timed: {line}")
+    return failures
 
 
 def executor(address: str | None) -> Callable[..., Executor]:

@@ -1,1 +1,1 @@
-"""Solvers side by side in one process: other people's engines beside ours."""
+"""Who is faster: the runs of a problem timed in turns, and the search for the cheapest setting that meets an error."""

@@ -8,7 +8,7 @@ import pytest
 
 from mbsbench import make_problem
 from mbsbench.cli.__main__ import main
-from mbsbench.cli.advise import Candidate
+from mbsbench.harness.races.cheapest import Candidate
 from mbsbench.harness.results.records import RunRecord
 
 SWING = make_problem("spherical_pendulum", {"t_end": 1.0})
@@ -18,15 +18,15 @@ def searched(solver: str, error: float, law, rounds: int = 6) -> Candidate:
     """The search on runs whose error follows ``law`` of the setting."""
     c = Candidate(solver, SWING, error, 10.0)
     for _ in range(rounds):
-        spec = c.next()
+        spec = c.next_spec()
         if spec is None:
             break
         setting = spec.control.dt or spec.control.rtol
         status, off = law(setting)
         dt, rtol = spec.control.dt or math.nan, spec.control.rtol or math.nan
         c.runs.append(RunRecord(
-            status=status, claimed=status, dt_s=dt, rtol=rtol, motion_error_judged_m=off, cpu_median_s=1.0 / setting,
-            declared_order=2.0,
+            status=status, claimed=status, control=c.control, dt_s=dt, rtol=rtol, motion_error_judged_m=off,
+            cpu_median_s=1.0 / setting, declared_order=2.0,
         ))  # fmt: skip
     return c
 
@@ -76,6 +76,17 @@ def test_it_advises_on_a_pendulum(capsys, tmp_path, monkeypatch):
     found = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     assert {f["solver"] for f in found} == {"rk45_strong_form", "ida_index1"}
     assert all(f["motion_error_m"] <= 1e-5 for f in found if f["meets"]) and found[0]["meets"]
+    (tmp_path / "two.toml").write_text(
+        'name = "two"\n[[runs]]\nproblem = "spherical_pendulum"\nparameters = { t_end = 0.3 }\n'
+        'solver = ["rk45_strong_form", "ida_index1"]\nrtol = [1e-5, 1e-7]\n'
+    )
+    assert main(["run", str(tmp_path / "two.toml"), "--out", str(tmp_path / "two"), "--jobs", "1", "--json"]) == 0
+    capsys.readouterr()
+    assert main([*arguments, "--error", "1e-5", "--from", str(tmp_path / "two"), "--json"]) == 0
+    read = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert {f["solver"] for f in read} == {"rk45_strong_form", "ida_index1"} and read[0]["meets"]
+    assert main(["advise", "chain", "--error", "1e-3", "--from", str(tmp_path / "two")]) == 2
+    capsys.readouterr()
     assert main([*arguments, "--error", "1e-15"]) == 2
     said = capsys.readouterr()
     assert "the reference's own" in said.err and "[1/2]" in said.out

@@ -181,8 +181,6 @@ ELSEWHERE = {
     "cli/export.py": ("write_text", "a file that the user named"),
     "cli/gate.py": ("exists is_file is_symlink read_text unlink write_text", "files that the user named"),
     "cli/judge.py": ("mkdir", "the folder of published verdicts, that the user named"),
-    "cli/kernels.py": ("write_text", "a file that the user named"),
-    "cli/peers.py": ("read_text", "a file in a temporary folder"),
     "cli/report.py": ("mkdir", "the folder of a comparison, that the user named"),
     "cli/terms.py": ("is_dir open unlink", "the folder of a file that the user named"),
     "harness/execution/cluster.py": ("is_file", "a scheduler file that the user named"),

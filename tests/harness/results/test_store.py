@@ -140,7 +140,7 @@ def test_unwritable_folder_is_said_in_a_line():
 
 @pytest.mark.parametrize(
     "line", ["report", "show", "verify", "judge", "figures", "diff {0}", "merge out", "gate --results", "history",
-             "animate --problem p --out x.gif", "run ci --resume --out"],
+             "run ci --resume --out"],
 )  # fmt: skip
 @pytest.mark.parametrize("schema", [1, 2])
 def test_a_folder_of_an_older_version_is_refused_with_what_to_do(tmp_path, line, schema, capsys):
