@@ -1,7 +1,6 @@
 """``check``: solver and problem requirements, tested on a plugin or on an entry of the catalogue."""
 
 import argparse
-import math
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -10,17 +9,14 @@ from rich.text import Text
 
 from ..harness.catalogue import plugins, registry
 from ..harness.catalogue.options import nearest
-from ..harness.conformance import problem, solver
-from ..harness.conformance.requirements import Finding, Measured
+from ..harness.conformance.problem import check_problem
+from ..harness.conformance.solver import check_solver, suite_of
 from ..harness.execution.runner import Request, run_suite
+from ..harness.results.findings import Finding
+from .findings import print_findings
 from .progress import progress
-from .screen import Column, lines, print_json, print_table
+from .screen import lines
 from .terms import UsageError, add_jobs, jobs, load_plugins, subcommand
-
-COLUMNS = (
-    Column("", right=False), Column("requirement", right=False), Column("measured", right=False),
-    Column("expected", right=False), Column("found", fold=True),
-)  # fmt: skip
 
 
 def add(commands: Any) -> None:
@@ -34,52 +30,33 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """0 if every requirement is met, else 1."""
     size = jobs(arguments.jobs)
-    loaded, names = named(arguments.plugin)
+    loaded, names = resolve_entries(arguments.plugin)
     findings: list[Finding] = []
     for name in names:
-        if name in registry.problems():
-            findings += problem.findings(name, loaded)
+        of_problem = name in registry.problems()
+        own = check_problem(name, loaded) if of_problem else _check_solver(name, loaded, size, quiet=arguments.json)
+        findings += own
+        if arguments.json:
+            print_findings(own, json=True)
         else:
-            findings += _findings(name, loaded, size, quiet=arguments.json)
-    if arguments.json:
-        for f in findings:
-            print_json(f.plain())
-    else:
-        for name in names:
-            _print([f for f in findings if f.entry == name], name)
-    return 0 if all(f.measured.holds for f in findings) else 1
+            _print(own, name)
+    return 0 if all(f.holds for f in findings) else 1
 
 
 def _print(findings: list[Finding], name: str) -> None:
     out = lines()
     out.print(Text(name, "bold"))
-    print_table(COLUMNS, [_row(f.requirement.name, f.measured) for f in findings])
-    broken = [f for f in findings if not f.measured.holds]
+    print_findings(findings)
+    broken = [f for f in findings if not f.holds]
     for f in broken:
-        out.print(Text(f"FAIL  {f.requirement.name}", "bold red"))
-        out.print(f"      why:    {f.requirement.why}\n      remedy: {f.measured.remedy or f.requirement.remedy}")
-    untested = sum(not f.measured.tested for f in findings)
+        out.print(Text(f"FAIL  {f.measured.quantity}", "bold red"))
+        out.print(f"      why:    {f.required.why}\n      remedy: {f.required.remedy}")
+    untested = sum(not f.is_tested for f in findings)
     met = f"{len(findings) - len(broken) - untested} of {len(findings)} requirements met"
     out.print(met + (f", {untested} not tested" if untested else ""))
 
 
-def _row(name: str, m: Measured) -> list[Text | str]:
-    mark = Text("-") if not m.tested else Text("ok") if m.holds else Text("FAIL", "bold red")
-    measured = "not tested" if not m.tested else "-" if math.isnan(m.value) else f"{m.value:.4g} {m.unit}"
-    return [mark, name, measured, _expected(m) if m.tested else "", m.words]
-
-
-def _expected(m: Measured) -> str:
-    """The limits: a number, a range, or one side."""
-    least, most = f"{m.least:.3g}", f"{m.most:.3g}"
-    if not math.isfinite(m.least):
-        return f"at most {most}" if math.isfinite(m.most) else ""
-    if not math.isfinite(m.most):
-        return f"at least {least}"
-    return least if m.least == m.most else f"{least} to {most}"
-
-
-def named(given: str) -> tuple[tuple[str, ...], list[str]]:
+def resolve_entries(given: str) -> tuple[tuple[str, ...], list[str]]:
     """The plugin and the problems and solvers it adds, problems first; or the catalogue's entry of that name."""
     before = {*registry.problems(), *registry.solvers()}
     if given in before:
@@ -94,8 +71,8 @@ def named(given: str) -> tuple[tuple[str, ...], list[str]]:
     return loaded, names
 
 
-def _findings(name: str, plugins: tuple[str, ...], size: int, *, quiet: bool) -> list[Finding]:
+def _check_solver(name: str, plugins: tuple[str, ...], size: int, *, quiet: bool) -> list[Finding]:
     with tempfile.TemporaryDirectory() as place, progress(quiet=quiet, size=size, resumable=False) as watcher:
         folder = Path(place) / "run"
-        loaded = run_suite(Request(solver.suite_of(name, plugins), folder, size), watcher)
-        return solver.judged(name, folder, loaded.records)
+        loaded = run_suite(Request(suite_of(name, plugins), folder, size), watcher)
+        return check_solver(name, folder, loaded.records)

@@ -5,31 +5,27 @@ import os
 from pathlib import Path
 from typing import Any
 
-from rich.text import Text
-
 from ..harness.catalogue import registry
 from ..harness.conformance import assessment
 from ..harness.execution.runner import Request, new_folder, run_suite
 from ..harness.results import store
+from ..harness.results.findings import Finding, state
 from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite
 from ..harness.types import EndedBy
-from .check import named
+from .check import resolve_entries
+from .findings import print_findings
 from .progress import progress
-from .screen import Column, lines, print_json, print_table
+from .screen import lines
 from .terms import UsageError, above, add_jobs, add_plugin, check_writable, jobs, load_plugins, subcommand
 
 NET = 10.0  # times the CPU time that is left: a stage that takes longer on the wall is ended
-COLUMNS = (
-    Column("", right=False), Column("", right=False, fold=True, least=20), Column("measured", fold=True),
-    Column("expected", fold=True, least=12, rank=1),
-)  # fmt: skip
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
     words = "run a solver on problems, ladders, loops and chains; exit code 1 where it falls short or runs are left out"
-    p = subcommand(commands, "try", run, words, "one object a line")
+    p = subcommand(commands, "try", run, words, "one object a finding")
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
     p.add_argument(
         "--budget", default="180", metavar="S", help="CPU time of everything, compilation too [s] (default: 180)"
@@ -44,7 +40,7 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """0 if nothing falls short and nothing is left out."""
     budget = above(arguments.budget, "--budget", unit=" [s]")
-    plugins, names = named(arguments.file)
+    plugins, names = resolve_entries(arguments.file)
     own = [n for n in names if n in registry.solvers()]
     if len(own) != 1:
         raise UsageError(f"try takes a file with one solver (got {', '.join(own) or 'none'} in {arguments.file})")
@@ -83,12 +79,8 @@ def run(arguments: argparse.Namespace) -> int:
         share = f"{len(left)} of {len(specs)} runs"
         summary += f"; incomplete: {share} are left out by the budget"
         words = f"{share} ended or left out when {budget:g} s of CPU time were over"
-        found.insert(0, assessment.Line("budget", words, "all runs; a longer --budget"))
-    if arguments.json:
-        for line in found:
-            print_json(vars(line))
-    else:
-        print_table(COLUMNS, [_row(line) for line in found], summary)
+        found.insert(0, state("budget", words, "all runs; a longer --budget"))
+    print_findings(found, *([] if arguments.json else [summary]), json=arguments.json)
     if arguments.html:
         from ..reports.tried import Tried, write_page
 
@@ -102,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
         place = f"report: {build(folder)}"
     if not arguments.json:
         lines().print(place)
-    return 1 if left or any(line.good is False for line in found) else 0
+    return 1 if left or not all(f.holds for f in found) else 0
 
 
 def _cpu() -> float:
@@ -110,11 +102,6 @@ def _cpu() -> float:
     return sum(os.times()[:4])
 
 
-def _row(line: assessment.Line) -> list[Text | str]:
-    mark = Text("-") if line.good is None else Text("ok", "green") if line.good else Text("FAIL", "bold red")
-    return [mark, line.what, line.measured, line.expected]
-
-
-def _summary(solver: str, found: list[assessment.Line]) -> str:
-    judged = [line for line in found if line.good is not None]
-    return f"{solver}: {sum(bool(line.good) for line in judged)} of {len(judged)} as expected"
+def _summary(solver: str, found: list[Finding]) -> str:
+    judged = [f for f in found if f.is_tested]
+    return f"{solver}: {sum(f.holds for f in judged)} of {len(judged)} as expected"

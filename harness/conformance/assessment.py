@@ -4,7 +4,6 @@ import json
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,6 +13,7 @@ from ..catalogue import registry
 from ..referee.certificates.drift import PERIODS, anatomy
 from ..referee.certificates.orders import certify
 from ..referee.certificates.symmetries import scorecard
+from ..results.findings import Finding, state
 from ..results.judgements.runs import Order
 from ..results.records import RunRecord
 from ..results.words import accurate_until, why
@@ -48,16 +48,6 @@ LONGEST = 300.0 * PERIOD
 LONG = {"dt": 0.01, "rtol": 1e-6}
 CLOCK = 5e-3  # [s] shorter runs say nothing about cost
 LINEAR = 1.5  # exponent of cost a step in bodies: more, and a chain of a hundred is out of reach
-
-
-@dataclass(frozen=True)
-class Line:
-    """One finding; ``good`` is None where nothing is expected."""
-
-    what: str
-    measured: str
-    expected: str = ""
-    good: bool | None = None
 
 
 Run = TypeVar("Run", RunRecord, RunSpec)
@@ -123,7 +113,7 @@ def orders(solver: str, folder: Path, records: Sequence[RunRecord]) -> Sequence[
 
 def findings(
     solver: str, folder: Path, records: Sequence[RunRecord], found: Sequence[Order], left: Sequence[RunSpec] = ()
-) -> Iterator[Line]:
+) -> Iterator[Finding]:
     """All lines, in the order of the page; ``found`` are its ``orders``, ``left`` what the budget left out."""
     ladder, rest = _mine(solver, records, "ladder"), _mine(solver, left, "ladder")
     yield from _problems(_mine(solver, records, "problems"))
@@ -152,7 +142,7 @@ def _cut(left: int, run: int) -> str:
     return f"not determined: {left} of {left + run} runs of it are left out by the budget"
 
 
-def _problems(runs: Sequence[RunRecord]) -> Iterator[Line]:
+def _problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
     for r in sorted(runs, key=lambda r: r.problem):
         open_ = r.status in (Status.REFUSED, Status.STALLED, Status.UNFINISHED)  # said no, or is slow: neither is wrong
         if Trait.STIFF in registry.problems()[r.problem].tests:  # a warning for any method: the step may be too long
@@ -160,10 +150,10 @@ def _problems(runs: Sequence[RunRecord]) -> Iterator[Line]:
         good = None if open_ else r.status == Status.SUCCESS
         said = "" if r.status == Status.SUCCESS else f": {'; '.join(why(r))}"
         until = f", followed to {accurate_until(r)[0].split(' (')[0]}" if accurate_until(r) and r.steps else ""
-        yield Line(f"{r.problem}, {r.t_end_s:g} s", f"{r.status}{said}{until}", "success, or a reason", good)
+        yield state(f"{r.problem}, {r.t_end_s:g} s", f"{r.status}{said}{until}", "success, or a reason", good)
 
 
-def _orders(found: Sequence[Order], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Line]:
+def _orders(found: Sequence[Order], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Finding]:
     for name in LADDERS:
         yield from _order([o for o in found if o.problem == name])
         if not any(o.problem == name for o in found):
@@ -171,7 +161,7 @@ def _orders(found: Sequence[Order], ladder: Sequence[RunRecord], left: Sequence[
             yield _no_order(f"order, {name}", rungs, sum(s.problem == name for s in left))
 
 
-def _order(found: Sequence[Order]) -> Iterator[Line]:
+def _order(found: Sequence[Order]) -> Iterator[Finding]:
     """Of one problem."""
     for o in found:
         if o.quantity not in ("position", "orientation", "energy", "reaction"):
@@ -179,21 +169,21 @@ def _order(found: Sequence[Order]) -> Iterator[Line]:
         interval = f"{o.order:.2f} [{o.low:.2f}, {o.high:.2f}]" if o.fit == "power" else o.verdict
         if math.isnan(o.declared):
             rate = "" if math.isnan(o.exponent) else f", errors as rtol^{o.exponent:.2f}"
-            yield Line(f"order, {o.problem}, {o.quantity}", f"{interval} in the {o.against}{rate}")
+            yield state(f"order, {o.problem}, {o.quantity}", f"{interval} in the {o.against}{rate}")
         else:
-            yield Line(f"order, {o.problem}, {o.quantity}", interval, f"{o.declared:g} declared", _kept(o))
+            yield state(f"order, {o.problem}, {o.quantity}", interval, f"{o.declared:g} declared", _kept(o))
 
 
-def _no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Line:
+def _no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Finding:
     """Too slow only where every rung that did not end was; else the rungs that failed say why."""
     ends = Counter(str(r.status or "unknown") for r in ladder if r.status not in ENDED)
     if not ladder or (left and not ends):
-        return Line(what, _cut(left, len(ladder)), "a ladder")
+        return state(what, _cut(left, len(ladder)), "a ladder")
     if ends and set(ends) <= {Status.STALLED, Status.UNFINISHED}:
-        return Line(what, "not determined: the runs were too slow for the budget", "a ladder")
+        return state(what, "not determined: the runs were too slow for the budget", "a ladder")
     words = ", ".join(f"{n} {status}" for status, n in sorted(ends.items()))
     said = f"no ladder of steps or tolerances came to its end{': ' if words else ''}{words}"
-    return Line(what, said, "a ladder", good=False)
+    return state(what, said, "a ladder", good=False)
 
 
 def _kept(o: Order) -> bool | None:
@@ -203,38 +193,38 @@ def _kept(o: Order) -> bool | None:
     return o.verdict not in ("below declared",)
 
 
-def _energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec]) -> Line:
+def _energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec]) -> Finding:
     runs = _mine(solver, records, "long")
     if not runs:
         words = _cut(1, 0) if left else f"not said: {PERIODS} periods would take longer than the budget"
-        return Line("energy over many periods", words)
+        return state("energy over many periods", words)
     (d,) = anatomy(folder, runs)[:1]
     if not d.periods:
-        return Line("energy over many periods", f"{d.verdict}: {'; '.join(why(runs[0])) or 'no periods'}", good=None)
+        return state("energy over many periods", f"{d.verdict}: {'; '.join(why(runs[0])) or 'no periods'}", good=None)
     words = f"{d.verdict} over {d.periods} periods: oscillation {d.oscillation_J:.2g} J"
     trend = f", trend {d.trend_W:.2g} [{d.trend_low_W:.2g}, {d.trend_high_W:.2g}] W"
-    return Line("energy over many periods", words + trend)
+    return state("energy over many periods", words + trend)
 
 
-def _laws(runs: Sequence[RunRecord], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Line]:
+def _laws(runs: Sequence[RunRecord], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Finding]:
     moved = [r for r in runs if r.steps and r.gap_share_max >= 0.0]
     if moved:
         worst = max(moved, key=lambda r: r.gap_share_max)
         words = f"{worst.gap_share_max:.2g} and {worst.gap_rate_share_max:.2g} of the limits ({worst.problem})"
-        yield Line("largest |phi|, |phi_dot|", words, "|phi| within its limit", worst.gap_share_max <= 1.0)
+        yield state("largest |phi|, |phi_dot|", words, "|phi| within its limit", worst.gap_share_max <= 1.0)
     done = [r for r in ladder if r.claimed == Status.SUCCESS]
     known = [r for r in done if math.isfinite(r.reaction_size_N)]
     if not known:
         none = "none returned: not judged" if done else "not determined: no run of the ladders succeeded"
-        yield Line("reactions", none if ladder else _cut(len(left), 0))
+        yield state("reactions", none if ladder else _cut(len(left), 0))
         return
     r = min(known, key=lambda r: r.reaction_error_max_N / r.reaction_size_N)
     share = r.reaction_error_max_N / r.reaction_size_N
     good = True if share <= 0.05 else None if left else False  # a finer setting may have been left out
-    yield Line("reactions at the finest setting", f"off by {100.0 * share:.2g} %", "5 %", good)
+    yield state("reactions at the finest setting", f"off by {100.0 * share:.2g} %", "5 %", good)
 
 
-def _work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Line]:
+def _work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Finding]:
     for name in LADDERS:
         sound = [r for r in records if r.label == "ladder" and r.problem == name and r.status == Status.SUCCESS]
         mine = [r for r in sound if r.solver == solver]
@@ -252,7 +242,7 @@ def _work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = (
             cut = {s.solver for s in left if s.label == "ladder" and s.problem == name}  # they might have come nearer
             whole = [who for who in FIELD if who != solver and who not in cut]
             words += f"; none of {', '.join(whole)} comes as near" if whole else ""
-        yield Line(f"work, {name}", words)
+        yield state(f"work, {name}", words)
 
 
 def _time(r: RunRecord) -> str:
@@ -261,30 +251,30 @@ def _time(r: RunRecord) -> str:
 
 def _symmetries(
     solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec] = ()
-) -> Iterator[Line]:
+) -> Iterator[Finding]:
     runs, rest = _mine(solver, records, "symmetries"), len(_mine(solver, left, "symmetries"))
     found, expected = scorecard(folder, runs), "frames, mirror, units, numbering, time"
     if not found:
-        yield Line("symmetries", _cut(rest, len(runs)), expected)
+        yield state("symmetries", _cut(rest, len(runs)), expected)
         return
     for s in found:
         if s.verdict in ("broken", "failed"):
             off = "" if math.isnan(s.deviation) else f", {s.deviation:.2g} m"
-            yield Line(f"symmetry: {s.title}", f"{s.verdict}{off} {s.message}", f"at most {s.bound:.2g} m", good=False)
+            yield state(f"symmetry: {s.title}", f"{s.verdict}{off} {s.message}", f"at most {s.bound:.2g} m", good=False)
     kept = sum(s.verdict == "holds" for s in found)
-    yield Line("symmetries", f"{kept} of {len(found)} hold", expected, good=True)
+    yield state("symmetries", f"{kept} of {len(found)} hold", expected, good=True)
 
 
-def _growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Line:
+def _growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Finding:
     done = sorted(
         (json.loads(r.problem_parameters).get("links", 15), r.cpu_median_s / r.steps) for r in runs if r.steps
     )
     if len(done) < 3 and left:
-        return Line("cost of a step in bodies", _cut(len(left), len(runs)))
+        return state("cost of a step in bodies", _cut(len(left), len(runs)))
     if len(done) < 3:
-        return Line("cost of a step in bodies", "not said: too few chains came to their end, or all in no time")
+        return state("cost of a step in bodies", "not said: too few chains came to their end, or all in no time")
     x, y = np.log(np.maximum(np.array(done[-3:], dtype=float), 1e-9)).T
     power = float(np.polyfit(x, y, 1)[0])
     each = ", ".join(f"{1e3 * seconds:.2g} ms at {n}" for n, seconds in done)
     linear = True if power <= LINEAR else None  # a property of the solver, not a fault
-    return Line("cost of a step in bodies", f"{each}: n^{power:.1f}", f"n^{LINEAR:g} or less", linear)
+    return state("cost of a step in bodies", f"{each}: n^{power:.1f}", f"n^{LINEAR:g} or less", linear)

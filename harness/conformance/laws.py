@@ -19,8 +19,8 @@ from ..mechanics.jacobian import constraint_jacobian
 from ..mechanics.state import States
 from ..metrics.scales import Scales, scales
 from ..reference.computed import computed, is_computable
+from ..results.findings import Finding, compare, fail, leave_open
 from ..types import Invariant, Observable, Problem, Reference
-from .requirements import Measured
 
 FIELDS = ("r", "R", "v", "Omega")  # of a state
 SAMPLES = 21  # times along the reference
@@ -103,7 +103,7 @@ class Subject:
         return DIFFERENCED + (ROUNDED + 100.0 * self.slack / self.size.length) / (step * self.rate)
 
 
-def documented(s: Subject) -> Measured:
+def documented(s: Subject) -> Finding:
     """Docstring, a meaning for each parameter of its own, source and name."""
     entry = registry.problems()[s.name]
     own = {k: p for k, (_, p) in entry.parameters.items() if k not in registry.COMMON_PARAMETERS}
@@ -112,10 +112,10 @@ def documented(s: Subject) -> Measured:
     missing += [what for what in ("source", "name") if not getattr(s.problem, what).strip()]
     named = s.problem.name == s.name
     words = ", ".join(missing) if missing or named else f"it calls itself {s.problem.name!r}"
-    return Measured(len(missing), "texts missing", most=0, words=words, good=named)
+    return compare(len(missing), "texts missing", most=0, words=words, good=named)
 
 
-def starts_well(s: Subject) -> Measured:
+def starts_well(s: Subject) -> Finding:
     """phi and phi_dot of the start vanish, as every solver checks before its first step."""
     made = registry.problems()[s.name].make()
     try:
@@ -126,7 +126,7 @@ def starts_well(s: Subject) -> Measured:
     one = States.one(made.initial)
     off = [motion.constraint(made.system, one), motion.constraint_rate(made.system, one)]
     gap = max(float(np.max(np.abs(a), initial=0.0)) for a in off)
-    return Measured(gap, "m or m/s", most=START_TOLERANCE, words=words, good=good)
+    return compare(gap, "m or m/s", most=START_TOLERANCE, words=words, good=good)
 
 
 def _freedom(made: Problem) -> str:
@@ -139,47 +139,45 @@ def _freedom(made: Problem) -> str:
     return f"{system.nrows} rows of rank {rank}: {6 * system.nb - rank} degrees of freedom at the start"
 
 
-def times(s: Subject) -> Measured:
+def times(s: Subject) -> Finding:
     """0 < dt <= t_end [s], finite."""
     p = s.problem
     good = all(math.isfinite(x) and x > 0.0 for x in (p.t_end, p.dt))
-    return Measured(p.t_end / p.dt if good else math.nan, "steps", 1.0, words=f"t_end = {p.t_end}, dt = {p.dt}")
+    return compare(p.t_end / p.dt if good else math.nan, "steps", 1.0, words=f"t_end = {p.t_end}, dt = {p.dt}")
 
 
-def energy(s: Subject) -> Measured:
+def energy(s: Subject) -> Finding:
     """T + V of the start and the scale of energy [J] are finite, the scale above zero."""
     E = float(motion.energy(s.problem.system, States.one(s.problem.initial))[0])
     good = math.isfinite(E) and math.isfinite(s.size.energy) and s.size.energy > 0.0
-    return Measured(s.size.energy, "J", words=f"T + V = {E:.6g} J at the start", good=good)
+    return compare(s.size.energy, "J", words=f"T + V = {E:.6g} J at the start", good=good)
 
 
-def measures(s: Subject) -> Measured:
+def measures(s: Subject) -> Finding:
     """Observables and invariants take states (nt,) at home to (nt,) finite numbers, equal for equal states."""
     p = s.problem
     scalars: list[Observable | Invariant] = [*p.observables, *p.invariants]
     for names in ([m.name for m in p.observables], [m.name for m in p.invariants]):
         if len(set(names)) < len(names) or not all(n.isidentifier() for n in names):
-            return Measured(
-                words=f"names must be different words of letters, digits and _ (got {', '.join(map(repr, names))})"
-            )
+            return fail(f"names must be different words of letters, digits and _ (got {', '.join(map(repr, names))})")
     one = p.home(States.one(p.initial))
     many = States(*(np.repeat(getattr(one, f), 3, axis=0) for f in FIELDS))
     for m in scalars:
         if not isinstance(m.unit, str):
-            return Measured(words=f"{m.name}: unit must be text (got {m.unit!r})")
+            return fail(f"{m.name}: unit must be text (got {m.unit!r})")
         values = np.asarray(m.of(many))
         if values.shape != (3,) or not np.all(np.isfinite(values)) or np.ptp(values) > 0.0:
             expected = "of three equal states expected three equal finite numbers"
-            return Measured(words=f"{m.name}: {expected} (got {values.tolist()})")
-    return Measured(len(scalars), "tried")
+            return fail(f"{m.name}: {expected} (got {values.tolist()})")
+    return compare(len(scalars), "tried")
 
 
-def repeats(s: Subject) -> Measured:
+def repeats(s: Subject) -> Finding:
     """Made twice, start, masses and reference agree bit for bit."""
     again = registry.make_problem(s.name)
     reference = again.reference()
     if (reference is None) != (s.reference is None):
-        return Measured(words="the reference comes and goes")
+        return fail("the reference comes and goes")
     pairs = {f"initial {f}": (getattr(s.problem.initial, f), getattr(again.initial, f)) for f in FIELDS}
     pairs["masses"] = s.problem.system.mass, again.system.mass
     if reference is not None:
@@ -187,7 +185,7 @@ def repeats(s: Subject) -> Measured:
     return _worst({name: (float(np.max(np.abs(a - b), initial=0.0)), "") for name, (a, b) in pairs.items()}, 0.0)
 
 
-def turns(s: Subject) -> Measured:
+def turns(s: Subject) -> Finding:
     """In a frame turned by exp(0.3, -0.2, 0.5) observables of the start, seen from home, stay to 1e-9."""
     turned = registry.make_problem(s.name, {"rotation": (0.3, -0.2, 0.5)})  # checks the turned start
     here = s.problem.observe(States.one(s.problem.initial))
@@ -200,20 +198,18 @@ def turns(s: Subject) -> Measured:
     return _worst(found, 1e-9)
 
 
-def own_error(s: Subject) -> Measured:
+def own_error(s: Subject) -> Finding:
     """The reference's error(t) [m] is finite, >= 0 and below a thousandth of the size; route and horizon are given."""
     assert s.reference is not None
     own = s.stated
     if own.shape != s.t.shape or not np.all(np.isfinite(own)) or np.any(own < 0.0):
-        return Measured(
-            words=f"error(t) must be {len(s.t)} finite numbers >= 0 for as many times (got {own.tolist()[:3]} ...)"
-        )
+        return fail(f"error(t) must be {len(s.t)} finite numbers >= 0 for as many times (got {own.tolist()[:3]} ...)")
     good = bool(s.reference.route.strip()) and s.reference.horizon > 0.0
     words = f"route {s.reference.route!r}, horizon {s.reference.horizon:g} s"
-    return Measured(float(own.max()), "m", most=1e-3 * s.size.length, words=words, good=good)
+    return compare(float(own.max()), "m", most=1e-3 * s.size.length, words=words, good=good)
 
 
-def begins(s: Subject) -> Measured:
+def begins(s: Subject) -> Finding:
     """At t = 0 the reference has r, R, v (space) and Omega (body) of the start."""
     p, rate, found = s.problem, s.rate, {}
     units = {"r": s.size.length, "R": 1.0, "v": s.size.length * rate, "Omega": rate}
@@ -223,10 +219,10 @@ def begins(s: Subject) -> Measured:
     return _worst(found, s.off)
 
 
-def agrees(s: Subject) -> Measured:
+def agrees(s: Subject) -> Finding:
     """Positions and angles (times radii of gyration) of the two motions differ by their stated errors at most."""
     if s.independent is None:
-        return Measured(words="none can be computed for this system", tested=False)
+        return leave_open("none can be computed for this system")
     t = s.t[s.t <= s.independent.horizon]
     here, there, radius = s.exact.at(slice(len(t))), s.independent.states(t), s.problem.system.gyration
     turned = radius * np.linalg.norm(here.R - there.R, axis=(-2, -1)) / np.sqrt(2.0)
@@ -236,7 +232,7 @@ def agrees(s: Subject) -> Measured:
     return _worst({"": (float(np.max(beyond)) / s.size.length, words)}, SMALL)
 
 
-def keeps_joints(s: Subject) -> Measured:
+def keeps_joints(s: Subject) -> Finding:
     """phi [m] and R^T R - 1 vanish along the reference, to its stated error."""
     phi = float(np.max(np.abs(motion.constraint(s.problem.system, s.exact)), initial=0.0))
     defect = float(np.max(so3.orthogonality_defect(s.exact.R)))
@@ -244,18 +240,18 @@ def keeps_joints(s: Subject) -> Measured:
     return _worst({"|phi|": joints, "|R^T R - 1|": (defect, f"reaches {defect:.3g}")}, s.off)
 
 
-def keeps_energy(s: Subject) -> Measured:
+def keeps_energy(s: Subject) -> Finding:
     """T + V [J] is constant along the reference, where no damper, no load and no drive acts."""
     if not s.problem.system.is_conservative:
-        return Measured(words="a damper, a load or a drive acts", tested=False)
+        return leave_open("a damper, a load or a drive acts")
     spread = float(np.ptp(motion.energy(s.problem.system, s.exact)))
     return _worst({"T + V": (spread / s.size.energy, f"changes by {spread:.3g} J, of {s.size.energy:.3g} J")}, s.off)
 
 
-def keeps_invariants(s: Subject) -> Measured:
+def keeps_invariants(s: Subject) -> Finding:
     """Each invariant is constant along the motion, compared with the scale of its unit."""
     if s.known is None:
-        return Measured(words="no reference, and none can be computed", tested=False)
+        return leave_open("no reference, and none can be computed")
     at_home, found = s.problem.home(s.exact), {}
     for kept in s.problem.invariants:
         values = np.asarray(kept.of(at_home))
@@ -266,13 +262,13 @@ def keeps_invariants(s: Subject) -> Measured:
     return _worst(found, 10.0 * s.off)
 
 
-def _worst(found: Mapping[str, tuple[float, str]], most: float) -> Measured:
+def _worst(found: Mapping[str, tuple[float, str]], most: float) -> Finding:
     """The largest of some shares of their scales, by what they are of; NaN is the largest."""
     if not found:
-        return Measured(words="there are none", tested=False)
+        return leave_open("there are none")
     name = max(found, key=lambda k: (math.isnan(found[k][0]), found[k][0]))
     share, words = found[name]
-    return Measured(share, "of its scale", most=most, words=f"{name} {words}".rstrip())
+    return compare(share, "of its scale", most=most, words=f"{name} {words}".rstrip())
 
 
 def _near(s: Subject) -> tuple[list[States], float]:
@@ -283,7 +279,7 @@ def _near(s: Subject) -> tuple[list[States], float]:
     return [s.reference.states(t + k * step) for k in range(-3, 4)], step
 
 
-def rates(s: Subject) -> Measured:
+def rates(s: Subject) -> Finding:
     """dr/dt = v (space) and dR/dt = R hat(Omega) (body), from differences of sixth order."""
     near, step = _near(s)
     r_dot, R_dot = (np.tensordot(DIFFERENCE, [getattr(x, f) for x in near], 1) / step for f in ("r", "R"))
@@ -297,7 +293,7 @@ def rates(s: Subject) -> Measured:
     return _worst(found, s.differenced(step))
 
 
-def obeys(s: Subject) -> Measured:
+def obeys(s: Subject) -> Finding:
     """Newton and Euler: m dv/dt and J dOmega/dt + Omega x J Omega less what is applied are in the range of A^T."""
     system = s.problem.system
     near, step = _near(s)

@@ -6,64 +6,75 @@ Everything that calls the problem's code runs in a process of its own: one that 
 import json
 import traceback
 from collections.abc import Callable, Sequence
+from dataclasses import asdict
 from pathlib import Path
+
+import msgspec
 
 from ..catalogue import registry
 from ..mechanics.consistency import InconsistentStart
+from ..results.findings import Finding, fail, leave_open
 from ..sandbox.apart import Apart
 from . import laws
 from .laws import Subject
-from .requirements import Finding, Measured, Requirement, said_once
+from .requirements import Requirement, assign_findings
 
 LIMIT = 400.0  # [s] for all requirements on a problem; to compute a reference takes 60 s and more
 MEMORY = 2000.0  # [MB]
 
 
-def findings(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
+def check_problem(name: str, plugins: Sequence[str] = ()) -> list[Finding]:
     """Every requirement on the problem ``name``; its code runs elsewhere."""
-    ended = Apart(lambda send: _judge(name, plugins, send), limit=LIMIT, memory=MEMORY).wait()
-    sent = [Measured(**json.loads(line)) for line in ended.sent.splitlines()]
+    ended = Apart(lambda send: _measure(name, plugins, send), limit=LIMIT, memory=MEMORY).wait()
+    found = [msgspec.convert(json.loads(line), Finding) for line in ended.sent.splitlines()]
     words = f"timed out after {LIMIT:g} s" if ended.killed else f"its process {ended.words} here"
-    for _ in REQUIREMENTS[len(sent) :]:
-        sent.append(Measured(words=words))
+    for _ in REQUIREMENTS[len(found) :]:
+        found.append(fail(words))
         words = "not reached: an earlier test ended the process"
-    return [Finding(name, *pair) for pair in zip(REQUIREMENTS, said_once(sent), strict=True)]
+    return assign_findings(name, REQUIREMENTS, found)
 
 
-def raised_in(error: BaseException, plugins: Sequence[str]) -> str:
+def locate_error(error: BaseException, plugins: Sequence[str]) -> str:
     """`` (fourbar.py:31)``: the last line of a plugin's file that the exception passed through."""
     own = {str(Path(p).resolve()) for p in plugins}
     frames = [f for f in traceback.extract_tb(error.__traceback__) if str(Path(f.filename).resolve()) in own]
     return f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})" if frames else ""
 
 
-def _judge(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> None:
+def _measure(name: str, plugins: Sequence[str], send: Callable[[str], None]) -> None:
+    """Send a finding for each requirement, a line each."""
     for plugin in plugins:
         registry.load_plugin(plugin)
-    subject = Subject(name)
+    subject, complaint = Subject(name), ""
     try:
         subject.problem  # noqa: B018 - made once, here: what it raises is one error, not one of each requirement
     except InconsistentStart:
-        pass  # what the requirement on the start measures
-    except Exception as error:  # of the problem's own code
-        words = f"{type(error).__name__}: {' '.join(str(error).split())}{raised_in(error, plugins)}"
-        send(
-            json.dumps(vars(Measured(words=words, remedy="correct what raised it; nothing else can be tested before")))
-        )
-        for _ in REQUIREMENTS[1:]:
-            send(json.dumps(vars(Measured(words="not tested: it cannot be made", tested=False))))
-        return
-    for requirement in REQUIREMENTS:
-        try:
-            silent = requirement.of_reference and subject.reference is None
-            measured = Measured(words="no reference", tested=False) if silent else requirement.measure(subject)
-        except InconsistentStart as error:  # said once, by the requirement on the start
-            untested = not laws.starts_well(subject).holds
-            measured = Measured(words="its start is inconsistent" if untested else str(error), tested=not untested)
-        except Exception as error:  # the problem's own code: what it raises is what was found
-            words = f"{type(error).__name__}: {' '.join(str(error).split())}{raised_in(error, plugins)}"
-            measured = Measured(words=words, cause=words)
-        send(json.dumps(vars(measured)))
+        pass  # measured by the requirement on the start
+    except Exception as error:  # raised by the problem's own code
+        complaint = _describe_error(error, plugins)
+    for k, requirement in enumerate(REQUIREMENTS):
+        if complaint:
+            remedy = "correct what raised it; nothing else can be tested before"
+            found = leave_open("not tested: it cannot be made") if k else fail(complaint, remedy=remedy)
+        else:
+            found = _measure_one(requirement, subject, plugins)
+        send(json.dumps(asdict(found)))
+
+
+def _measure_one(requirement: Requirement, subject: Subject, plugins: Sequence[str]) -> Finding:
+    try:
+        if requirement.of_reference and subject.reference is None:
+            return leave_open("no reference")
+        return requirement.measure(subject)
+    except InconsistentStart as error:  # reported once, by the requirement on the start
+        return fail(str(error)) if laws.starts_well(subject).holds else leave_open("its start is inconsistent")
+    except Exception as error:  # raised by the problem's own code
+        words = _describe_error(error, plugins)
+        return fail(words, cause=words)
+
+
+def _describe_error(error: Exception, plugins: Sequence[str]) -> str:
+    return f"{type(error).__name__}: {' '.join(str(error).split())}{locate_error(error, plugins)}"
 
 
 REQUIREMENTS = (

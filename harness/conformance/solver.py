@@ -10,11 +10,12 @@ from typing import Any
 
 from ..catalogue import registry
 from ..results import store
+from ..results.findings import Finding
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec, make_spec
 from ..suites.suite import Suite
 from . import trials
-from .requirements import Finding, Requirement, said_once
+from .requirements import Requirement, assign_findings
 
 BASE = "spherical_pendulum"
 MOVING = {"omega_x": 5.0, "omega_z": 3.0, "t_end": 1.0}  # spatial, loaded and spinning: every term counts
@@ -59,15 +60,14 @@ def suite_of(solver: str, plugins: tuple[str, ...]) -> Suite:
     return Suite(f"check-{solver}", "solver requirements", tuple(runs_of(solver).values()), "", plugins)
 
 
-def judged(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> list[Finding]:
-    """Every requirement, with what was measured."""
+def check_solver(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> list[Finding]:
+    """The findings on every requirement, from the records of its runs."""
     by_settings = {r.settings_id: r for r in records}
     mine = {role: by_settings[spec.settings_id] for role, spec in runs_of(solver).items()}
     series = {role: store.series_of(folder, r) for role, r in mine.items()}
     entry = registry.solvers()[solver]
     evidence = trials.Evidence(entry.control, float(getattr(entry.made(), "order", math.nan)), mine, series)
-    found = said_once(requirement.measure(evidence) for requirement in REQUIREMENTS)
-    return [Finding(solver, *pair) for pair in zip(REQUIREMENTS, found, strict=True)]
+    return assign_findings(solver, REQUIREMENTS, (requirement.measure(evidence) for requirement in REQUIREMENTS))
 
 
 def _run(

@@ -13,13 +13,13 @@ from markupsafe import escape
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.conformance import assessment
-from mbsbench.harness.conformance.assessment import Line
 from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import run_suite
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.results.findings import Finding, Verdict
 from mbsbench.harness.results.judgements.runs import Order
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import make_spec
@@ -54,8 +54,8 @@ def laddered(tmp_path):
         yield laddered
 
 
-def order_of_position(found: Tried) -> Line:
-    (line,) = (line for line in found.lines if line.what == "order, spherical_pendulum, position")
+def order_of_position(found: Tried) -> Finding:
+    (line,) = (line for line in found.findings if line.measured.quantity == "order, spherical_pendulum, position")
     return line
 
 
@@ -63,10 +63,14 @@ def test_ten_lines_have_a_certificate_of_their_order_and_a_page(laddered, tmp_pa
     """Second order, as declared; the page has every line, and draws what was observed beside what is declared."""
     found = laddered(SOLVER)
     line = order_of_position(found)
-    assert line.good is True and 1.8 < float(line.measured.split()[0]) < 2.3 and line.expected == "2 declared"
+    assert (
+        line.verdict is Verdict.MET
+        and 1.8 < float(line.measured.text.split()[0]) < 2.3
+        and line.required.text == "2 declared"
+    )
     write_page(tmp_path / "page.html", tmp_path / "results", found)
     text = (tmp_path / "page.html").read_text(encoding="utf-8")
-    assert all(escape(line.what) in text and escape(line.measured) in text for line in found.lines)
+    assert all(escape(line.measured.quantity) in text and escape(line.measured.text) in text for line in found.findings)
     charts = [base64.b64decode(image).decode() for image in re.findall(r"base64,([^\"]+)", text)]
     assert "declared: order 2" in charts[0] and "position error" in charts[-1]
 
@@ -75,7 +79,7 @@ def test_a_fault_falls_short_of_the_declared_order(laddered):
     """A stage at a third of the step is of first order."""
     assert SOLVER.count("dt / 2") == 1
     line = order_of_position(laddered(SOLVER.replace("dt / 2", "dt / 3")))
-    assert line.good is False and float(line.measured.split()[0]) < 1.3
+    assert line.verdict is Verdict.FAILED and float(line.measured.text.split()[0]) < 1.3
 
 
 @pytest.mark.slow
@@ -84,12 +88,12 @@ def test_the_example_passes_with_all_it_is_tried_on(command, tmp_path):
     (tmp_path / "midpoint.py").write_text(SOLVER, encoding="utf-8")
     done = command("try", "midpoint.py", "--json", "--no-report", "--html", "page.html", timeout=900.0)
     assert done.returncode == 0, done.stdout + done.stderr
-    found = {line["what"]: line for line in map(json.loads, done.stdout.splitlines())}
+    found = {line["quantity"]: line for line in map(json.loads, done.stdout.splitlines())}
     for name in assessment.LADDERS:
         for quantity in ("position", "orientation"):
-            assert found[f"order, {name}, {quantity}"]["good"] is True
-    assert found["symmetries"]["good"] is True and (tmp_path / "page.html").exists()
-    assert any(what.startswith("work, ") for what in found) and found["energy over many periods"]["measured"]
+            assert found[f"order, {name}, {quantity}"]["verdict"] == "met"
+    assert found["symmetries"]["verdict"] == "met" and (tmp_path / "page.html").exists()
+    assert any(what.startswith("work, ") for what in found) and found["energy over many periods"]["words"]
 
 
 @pytest.mark.parametrize("solver", ["rattle", "rk45_strong_form"])
@@ -117,11 +121,11 @@ def test_a_long_run_is_made_only_if_it_is_long():
     assert fast.label == "long"
 
 
-def said(label: str, problem: str, *statuses: str) -> list[Line]:
+def said(label: str, problem: str, *statuses: str) -> list[Finding]:
     """The lines on runs of ``rattle`` that ended so."""
     runs = [RunRecord(solver="rattle", label=label, problem=problem, status=s, message="so it ended") for s in statuses]
     lines = assessment._problems(runs) if label == "problems" else assessment._orders([], runs)
-    return [line for line in lines if problem in line.what]
+    return [line for line in lines if problem in line.measured.quantity]
 
 
 def test_divergence_is_a_failure_but_on_a_stiff_problem_a_warning():
@@ -130,16 +134,18 @@ def test_divergence_is_a_failure_but_on_a_stiff_problem_a_warning():
     other = next(name for name, p in registry.problems().items() if Trait.STIFF not in p.tests)
     on_stiff, crashed = said("problems", stiff, "diverged", "crashed")
     (on_other,) = said("problems", other, "diverged")
-    assert (on_stiff.good, crashed.good, on_other.good) == (None, False, False)
-    assert "diverged" in on_stiff.measured
+    assert [f.verdict for f in (on_stiff, crashed, on_other)] == [Verdict.OPEN, Verdict.FAILED, Verdict.FAILED]
+    assert "diverged" in on_stiff.measured.text
 
 
 def test_a_slow_rung_hides_no_rungs_that_failed():
     """Too slow is said only where all that did not end were; else the statuses are named, and it is a failure."""
     (slow,) = said("ladder", "heavy_top", "success", "stalled", "stalled")
-    assert slow.good is None and slow.measured == "not determined: the runs were too slow for the budget"
+    assert (
+        slow.verdict is Verdict.OPEN and slow.measured.text == "not determined: the runs were too slow for the budget"
+    )
     (failed,) = said("ladder", "heavy_top", "stalled", "crashed", "diverged", "crashed")
-    assert failed.good is False and failed.measured.endswith(": 2 crashed, 1 diverged, 1 stalled")
+    assert failed.verdict is Verdict.FAILED and failed.measured.text.endswith(": 2 crashed, 1 diverged, 1 stalled")
 
 
 def test_a_ladder_without_an_order_is_shown_beside_one_that_has_it():
@@ -153,9 +159,11 @@ def test_a_ladder_without_an_order_is_shown_beside_one_that_has_it():
     ladder = [
         RunRecord(problem=name, status=s) for name, s in (("spherical_pendulum", "success"), ("heavy_top", "crashed"))
     ]
-    found = {line.what: line for line in assessment._orders([order], ladder)}
-    assert found["order, spherical_pendulum, position"].good is True
-    assert found["order, heavy_top"].good is False and found["order, heavy_top"].measured.endswith(": 1 crashed")
+    found = {line.measured.quantity: line for line in assessment._orders([order], ladder)}
+    assert found["order, spherical_pendulum, position"].verdict is Verdict.MET
+    assert found["order, heavy_top"].verdict is Verdict.FAILED and found["order, heavy_top"].measured.text.endswith(
+        ": 1 crashed"
+    )
 
 
 def test_a_ladder_cut_by_the_budget_is_neither_met_nor_failed():
@@ -163,15 +171,15 @@ def test_a_ladder_cut_by_the_budget_is_neither_met_nor_failed():
     left = [s for s in assessment.first_runs("rattle", 10.0) if s.solver == "rattle" and s.problem == "heavy_top"]
     left = [s for s in left if s.label == "ladder"]
 
-    def top(*statuses: str) -> Line:
+    def top(*statuses: str) -> Finding:
         runs = [RunRecord(solver="rattle", label="ladder", problem="heavy_top", status=s) for s in statuses]
-        (line,) = (x for x in assessment._orders([], runs, left[len(runs) :]) if "heavy_top" in x.what)
+        (line,) = (x for x in assessment._orders([], runs, left[len(runs) :]) if "heavy_top" in x.measured.quantity)
         return line
 
-    assert (top().good, top().measured) == (None, "not determined: no run of it within the budget")
+    assert (top().verdict, top().measured.text) == (Verdict.OPEN, "not determined: no run of it within the budget")
     words = f"not determined: {len(left) - 2} of {len(left)} runs of it are left out by the budget"
-    assert (top("success", "success").good, top("success", "success").measured) == (None, words)
-    assert top("success", "crashed").good is False
+    assert (top("success", "success").verdict, top("success", "success").measured.text) == (Verdict.OPEN, words)
+    assert top("success", "crashed").verdict is Verdict.FAILED
 
 
 def test_reactions_are_none_only_where_a_run_could_return_them():
@@ -179,7 +187,7 @@ def test_reactions_are_none_only_where_a_run_could_return_them():
 
     def reactions(*statuses: str) -> str:
         (line,) = assessment._laws([], [RunRecord(claimed=s, reaction_size_N=math.nan) for s in statuses])
-        return line.measured
+        return line.measured.text
 
     assert reactions() == "not determined: no run of it within the budget"
     assert reactions("crashed") == "not determined: no run of the ladders succeeded"
@@ -192,8 +200,8 @@ def test_rivals_that_the_budget_left_out_are_not_said_to_be_worse():
     specs = assessment.first_runs("rattle", 10.0)
     left = [s for s in specs if s.label == "ladder" and s.problem == "heavy_top" and s.solver != "ida_index1"]
     (some,), (none,), (all_,) = (list(assessment._work("rattle", [own], x)) for x in (left, specs, []))
-    assert some.measured.endswith("; none of ida_index1 comes as near")
-    assert "none of" not in none.measured and all_.measured.count(",") == 2
+    assert some.measured.text.endswith("; none of ida_index1 comes as near")
+    assert "none of" not in none.measured.text and all_.measured.text.count(",") == 2
 
 
 class Over(LocalPool):
@@ -214,10 +222,10 @@ def test_what_a_budget_cut_short_is_counted_and_not_passed(tmp_path, capsys, mon
     line = ["try", "sleeps", "--plugin", str(PLUGIN), "--no-report", "--jobs", "1", "--budget", "50"]
     assert main([*line, "--out", str(tmp_path / "out"), "--json"]) == 1
     found = [json.loads(x) for x in capsys.readouterr().out.splitlines()]
-    assert found[0]["what"] == "budget" and found[0]["measured"].startswith("2 of 3 runs ended or left out when 50 s")
-    assert [x["good"] for x in found if x["what"].startswith("free_fall")] == [True]
-    assert not any(x["good"] is False for x in found)
-    cut = {x["what"] for x in found if x["measured"] == "not determined: no run of it within the budget"}
+    assert found[0]["quantity"] == "budget" and found[0]["words"].startswith("2 of 3 runs ended or left out when 50 s")
+    assert [x["verdict"] for x in found if x["quantity"].startswith("free_fall")] == ["met"]
+    assert not any(x["verdict"] == "failed" for x in found)
+    cut = {x["quantity"] for x in found if x["words"] == "not determined: no run of it within the budget"}
     ladders = {f"order, {name}" for name in assessment.LADDERS}
     assert cut == {*ladders, "energy over many periods", "reactions", "symmetries"}
     assert main([*line, "--out", str(tmp_path / "again")]) == 1
@@ -231,5 +239,5 @@ def test_a_planted_fault_ends_with_exit_code_1(command, tmp_path):
     (tmp_path / "faulty.py").write_text(SOLVER.replace("dt / 2", "dt / 3"), encoding="utf-8")
     done = command("try", "faulty.py", "--json", "--no-report", timeout=900.0)
     assert done.returncode == 1, done.stdout + done.stderr
-    found = {line["what"]: line for line in map(json.loads, done.stdout.splitlines())}
-    assert found["order, spherical_pendulum, position"]["good"] is False
+    found = {line["quantity"]: line for line in map(json.loads, done.stdout.splitlines())}
+    assert found["order, spherical_pendulum, position"]["verdict"] == "failed"

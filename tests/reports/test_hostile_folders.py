@@ -172,6 +172,7 @@ WAYS = {  # calls that open, look for or change files by their path; a Place has
 }  # fmt: skip
 WATCHED = ("harness/results", "harness/execution", "harness/sandbox", "cli", "harness/referee", "reports")
 ELSEWHERE = {
+    "cli/__main__.py": ("open", "the null device"),
     "cli/catalogue.py": (
         "glob mkdir read_bytes read_text rglob unlink write_text",
         "our own code, and the catalogue kept in our cache",

@@ -32,7 +32,7 @@ def test_a_turned_sign_of_axis_rows_is_found(rows):
     factor = np.ones(5)
     factor[rows] = -1.0
     found = moments(factor)
-    assert found.tested and found.holds == (rows == slice(0, 0)), found
+    assert found.is_tested and found.holds == (rows == slice(0, 0)), found
 
 
 @pytest.mark.parametrize(("share", "holds"), [(1.0, True), (1.0 + 1e-6, False)])
@@ -43,7 +43,7 @@ def test_a_reference_of_another_system_is_found(share, holds):
     vars(subject)["problem"] = dataclasses.replace(right, system=gravity)
     vars(subject)["reference"] = right.reference()
     found = agrees(subject)
-    assert found.tested and found.holds == holds, found
+    assert found.is_tested and found.holds == holds, found
 
 
 def test_invariants_are_tested_without_a_reference_of_the_problem_s_own():

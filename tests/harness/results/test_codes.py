@@ -30,7 +30,7 @@ def edited(tmp_path, kept):
     def make(place, *pair):
         root = tmp_path / "copy"
         if not root.exists():
-            for name in ("harness", "problems", "solvers"):
+            for name in ("cli", "harness", "problems", "solvers"):
                 shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__", "*.nb*"))
             shutil.copy(ROOT / "requirements.lock", root)
         text = (ROOT / place).read_text(encoding="utf-8")
