@@ -26,10 +26,10 @@ from ..results.series import write_series
 from ..results.words import LAWS
 from ..suites.spec import RunSpec
 from ..types import Law, Problem, Status, StepControl, Trajectory
-from .checks import check, check_times
+from .checks import check_motion, check_times
 from .columns import Found, found_in
 from .determined import Determined, determined_by, judged_again, uncertainty
-from .reading import Motion, Origin, Reading, read_motion, rounded_elsewhere
+from .reading import TIMES, Motion, Origin, Reading, perturb_roundings, read_motion
 from .tables import READERS, Table, read_table
 
 NAME = re.compile(r"[A-Za-z][\w.+-]*")
@@ -68,9 +68,9 @@ def refereed(problem: Problem, path: Path, given: Given, folder: Path | None, *,
     }
     table = read_table(path, positional, renamed)
     found = found_in(table, problem.system.body_names, renamed)
-    check_times(problem, found, given.reading, path)
+    check_times(found, TIMES[given.reading.time], path)
     motion = read_motion(found, given.reading)
-    notes = check(problem, found, given.reading, motion, path, given.tolerance)
+    notes = check_motion(problem, found, given.reading, motion, path, given.tolerance)
     missing = [k for k in ("R", "v", "Omega") if motion.origin[k] is Origin.NONE]
     trajectory = _trajectory(problem, motion, path, missing)
     known = determined_by(problem, trajectory.states.at(slice(1)), missing)
@@ -141,7 +141,7 @@ def _trajectory(problem: Problem, motion: Motion, path: Path, missing: list[str]
     elif t[rows - 1] < problem.t_end - slack:
         raise FileError(
             f"{path}: no row at the end of {problem.name}, t = {problem.t_end:g} s: the last before it is at "
-            f"{t[rows - 1]:.9g} s; give --t-end {t[rows - 1]:.9g} to judge it up to there"
+            f"{t[rows - 1]:.9g} s; give --t-end {t[rows - 1]:.9g} to judge it up to there, or --time for other units"
         )
     t = np.array(t[:rows])
     if status is Status.SUCCESS:
@@ -168,7 +168,7 @@ def _uncertainty(
 
     spacing = read(found, 3) if Origin.DIFFERENCED in motion.origin.values() else []
     printed = any(np.any(a > 0.0) for a in found.resolution.values())
-    digits = read(rounded_elsewhere(found), 5) if printed else []
+    digits = read(perturb_roundings(found), 5) if printed else []
     return uncertainty(problem, given, spacing, digits) if spacing or digits else {}
 
 
