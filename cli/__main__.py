@@ -1,6 +1,5 @@
 """``mbsbench``, the command line. Exit code 0: done, 1: a run or gate failed, 2: wrong call (one line)."""
 
-import contextlib
 import importlib
 import io
 import os
@@ -10,7 +9,7 @@ from types import ModuleType
 from typing import NoReturn
 
 from ..harness.results.environment import THREADS
-from .parser import UsageError, add_for_help, summaries, top_parser
+from .parser import UsageError, read_summaries, top_parser
 
 INTERRUPTED = {
     "run": "interrupted; finished runs are kept (--resume continues)",
@@ -27,21 +26,13 @@ def main(arguments: list[str] | None = None) -> int:
     parsed = None
     try:
         if not given or given[0] in ("-h", "--help", "--version"):
-            sys.stdout.write(f"mbsbench {_version()}\n" if given[:1] == ["--version"] else _overview())
+            sys.stdout.write(f"mbsbench {_read_version()}\n" if given[:1] == ["--version"] else _format_overview())
             return 0
         parser, commands = top_parser()
-        if {"-h", "--help"}.intersection(given) and given[0] in summaries():
-            add_for_help(commands, summaries()[given[0]][0])
-            with contextlib.suppress(UsageError):  # said below, by the whole command
-                parser.parse_args(given)  # ends here
-            parser, commands = top_parser()
-        for command in _commands(given[0]):
+        for command in import_commands(given[0]):
             command.add(commands)
         parsed = parser.parse_args(given)
         return int(parsed.run(parsed))
-    except ValueError as error:  # UsageError, SuiteError, StoreError, and what the registry says
-        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
-        return 2
     except KeyboardInterrupt:
         asked = str(parsed.run.__module__).rpartition(".")[2] if parsed is not None else ""
         if asked not in OWN_MESSAGE:
@@ -50,40 +41,46 @@ def main(arguments: list[str] | None = None) -> int:
     except BrokenPipeError:  # the output pipe is closed (head, less): part of the output is lost, so no success
         os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
         return 128 + signal.SIGPIPE
-    except OSError as error:  # a full disk, a folder that may only be read, a name too long, a link in results
+    except (ValueError, OSError, RuntimeError) as error:
+        code, words = _explain(error)
+        sys.stderr.write(f"error: {' '.join(words.split())}\n")
+        return code
+
+
+def _explain(error: Exception) -> tuple[int, str]:
+    """Exit code and words of an error that is the user's, or the machine's; any other is raised."""
+    if isinstance(error, ValueError):  # UsageError, SuiteError, StoreError, and those of the registry
+        return 2, str(error)
+    if isinstance(error, OSError):  # a full disk, a folder that may only be read, a name too long, a link in results
         where = f"{error.filename}: " if error.filename is not None else ""
-        sys.stderr.write(f"error: {where}{' '.join(str(error.strerror or error).split())}\n")
-        return 2
-    except RecursionError:
-        sys.stderr.write("error: a file is nested too deeply to be read\n")
-        return 2
-    except RuntimeError as error:
-        from ..harness.execution.pool import PoolError  # here: it takes half a second, which --help does not need
+        return 2, f"{where}{error.strerror or error}"
+    if isinstance(error, RecursionError):
+        return 2, "a file is nested too deeply to be read"
+    from ..harness.execution.pool import PoolError  # here: it takes half a second, which --help does not need
 
-        if not isinstance(error, PoolError):
-            raise
-        sys.stderr.write(f"error: {' '.join(str(error).split())}\n")
-        return 1
+    if isinstance(error, PoolError):
+        return 1, str(error)
+    raise error
 
 
-def _overview() -> str:
+def _format_overview() -> str:
     """What --help prints; no command is imported for it."""
     parser, commands = top_parser()
-    for name, (_, summary) in summaries().items():
+    for name, (_, summary) in read_summaries().items():
         commands.add_parser(name, help=summary)
     return parser.format_help()
 
 
-def _version() -> str:
-    """Of the installed package."""
+def _read_version() -> str:
+    """Version of the installed package."""
     from importlib.metadata import version
 
     return version("mbsbench")
 
 
-def _commands(asked: str = "") -> list[ModuleType]:
+def import_commands(asked: str = "") -> list[ModuleType]:
     """The modules of all commands, or that of the one asked for."""
-    known = summaries()
+    known = read_summaries()
     if asked and asked not in known:
         names = ", ".join(known)
         raise UsageError(f"argument COMMAND: invalid choice: {asked!r} (choose from {names}; see mbsbench --help)")
@@ -91,17 +88,17 @@ def _commands(asked: str = "") -> list[ModuleType]:
     return [importlib.import_module(f".{module}", __package__) for module in modules]
 
 
-def _terminated(number: int, frame: object) -> NoReturn:
+def _exit_on_signal(number: int, frame: object) -> NoReturn:
     raise SystemExit(128 + number)  # through every ``finally``: child processes end, no file is left half-written
 
 
 def command_line() -> NoReturn:
     """The command ``mbsbench``."""
-    signal.signal(signal.SIGTERM, _terminated)
+    signal.signal(signal.SIGTERM, _exit_on_signal)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # sparklines in the C locale of a batch system
             stream.reconfigure(encoding="utf-8", errors="backslashreplace")
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # a parent that ignores it would have us wait for nobody
+    signal.signal(signal.SIGCHLD, signal.SIG_DFL)  # an inherited SIG_IGN would make waitpid fail
     sys.exit(main())
 
 

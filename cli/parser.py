@@ -1,4 +1,4 @@
-"""The parser of the command line; the commands, and the help of each, read from their files without importing them."""
+"""The parser of the command line; names and summaries of the commands are read from their files, without importing."""
 
 import argparse
 import ast
@@ -45,7 +45,7 @@ def subcommand(
 ) -> argparse.ArgumentParser:
     """A parser that shows ``summary`` in the list of commands and in its own help; ``json``: what --json prints.
 
-    ``name`` and ``summary`` are text, or a variable of the same function: ``summaries`` reads them from the source.
+    ``name`` and ``summary`` are text or a variable of the same function: ``read_summaries`` reads the source.
     """
     description = f"{summary[0].upper()}{summary[1:]}."
     p: argparse.ArgumentParser = commands.add_parser(name, help=summary, description=description)
@@ -55,7 +55,7 @@ def subcommand(
     return p
 
 
-def summaries() -> Mapping[str, tuple[str, str]]:
+def read_summaries() -> Mapping[str, tuple[str, str]]:
     """By command: its module in this folder and its summary, in the order of ``FIRST``, then by name."""
     found: dict[str, tuple[str, str]] = {}
     for path in Path(__file__).parent.glob("*.py"):
@@ -64,45 +64,12 @@ def summaries() -> Mapping[str, tuple[str, str]]:
             continue
         for function in ast.parse(source).body:
             if isinstance(function, ast.FunctionDef) and function.name == "add":
-                name, summary = _declared(function)
+                name, summary = _read_declaration(function)
                 found[name] = path.stem, summary
     return dict(sorted(found.items(), key=lambda k: (FIRST.index(k[0]) if k[0] in FIRST else len(FIRST), k[0])))
 
 
-def add_for_help(commands: Any, module: str) -> None:
-    """Add the parser of a command for its help alone.
-
-    Of the module only ``add`` is executed, the functions that it calls, and imports and constants that these name.
-    """
-    space: dict[str, Any] = {"__name__": module, "__package__": __package__}
-    body = ast.parse((Path(__file__).parent / f"{module}.py").read_bytes()).body
-    defined = {s.name: s for s in body if isinstance(s, ast.FunctionDef)}
-    used: dict[str, ast.FunctionDef] = {}
-    waiting = ["add"]
-    while waiting:
-        if (name := waiting.pop()) in defined and name not in used:
-            used[name] = defined[name]
-            waiting += [
-                n.func.id for n in ast.walk(defined[name]) if isinstance(n, ast.Call) and isinstance(n.func, ast.Name)
-            ]
-    names = {n.id for f in used.values() for n in ast.walk(f) if isinstance(n, ast.Name)}
-    space |= dict.fromkeys(names & defined.keys())  # what is called after parsing
-    needed: list[ast.stmt] = []
-    for statement in body:
-        if isinstance(statement, ast.Import | ast.ImportFrom):
-            statement.names = [a for a in statement.names if (a.asname or a.name.partition(".")[0]) in names]
-            needed += [statement] * bool(statement.names)
-        elif isinstance(statement, ast.FunctionDef):
-            needed += [statement] * (statement.name in used)
-        elif isinstance(statement, ast.Assign | ast.AnnAssign) and names & {
-            n.id for n in ast.walk(statement) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
-        }:
-            needed.append(statement)
-    exec(compile(ast.Module(needed, []), f"{module}.py", "exec"), space)
-    space["add"](commands)
-
-
-def _declared(function: ast.FunctionDef) -> tuple[str, str]:
+def _read_declaration(function: ast.FunctionDef) -> tuple[str, str]:
     """Name and summary in the call of ``subcommand``."""
     texts: dict[str, str] = {}
     for statement in function.body:

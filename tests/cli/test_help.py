@@ -6,9 +6,9 @@ import sys
 
 import pytest
 
-from mbsbench.cli import catalogue
-from mbsbench.cli.__main__ import _commands, main
-from mbsbench.cli.parser import summaries, top_parser
+from mbsbench.cli import list as catalogue
+from mbsbench.cli.__main__ import import_commands, main
+from mbsbench.cli.parser import read_summaries, top_parser
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution.eta import COMPILING, MEASURING, PREPARING, REFERENCES, waiting
 from mbsbench.harness.files import to_json
@@ -23,17 +23,17 @@ def test_help_lists_the_commands(capsys, arguments):
     assert main(list(arguments)) == 0
     out, err = capsys.readouterr()
     assert not err and out.startswith("usage: mbsbench") and "docs/glossary.md" in out
-    for name, (_, summary) in summaries().items():
+    for name, (_, summary) in read_summaries().items():
         assert f"\n    {name} " in out and summary.split()[0] in out
 
 
-def test_summaries_are_those_of_the_commands():
+def test_summaries_are_those_of_theimport_commands():
     """They are read from the files; each command, imported, declares the same."""
     _, commands = top_parser()
-    for module in _commands():
+    for module in import_commands():
         module.add(commands)
     declared = {a.dest: a.help for a in commands._choices_actions}
-    assert declared == {name: summary for name, (_, summary) in summaries().items()}
+    assert declared == {name: summary for name, (_, summary) in read_summaries().items()}
 
 
 def test_version(capsys):
@@ -109,14 +109,3 @@ def test_waiting_is_said_in_one_wording():
         assert waiting(doing, 3.0).startswith(f"{doing}: about ") and "left" in waiting(doing, 3.0)
         assert "longer than usual" in waiting(doing, 1e4)
     assert waiting(MEASURING, 12.0) == "measuring: 12 s so far"
-
-
-@pytest.mark.parametrize("name", summaries())
-def test_help_of_a_command_is_that_of_its_parser(name, capsys):
-    """It is read from a part of its file; the whole file says the same."""
-    _, commands = top_parser()
-    for module in _commands(name):
-        module.add(commands)
-    with pytest.raises(SystemExit):
-        main([name, "--help"])
-    assert capsys.readouterr().out == commands.choices[name].format_help()

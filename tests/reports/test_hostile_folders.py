@@ -173,7 +173,7 @@ WAYS = {  # calls that open, look for or change files by their path; a Place has
 WATCHED = ("harness/results", "harness/execution", "harness/sandbox", "cli", "harness/referee", "reports")
 ELSEWHERE = {
     "cli/__main__.py": ("open", "the null device"),
-    "cli/catalogue.py": (
+    "cli/list.py": (
         "glob mkdir read_bytes read_text rglob unlink write_text",
         "our own code, and the catalogue kept in our cache",
     ),
