@@ -74,7 +74,7 @@ class Run:
     def save(self, path: str | Path) -> None:
         """Write the file that ``mbsbench solve`` writes; ``load`` reads it."""
         if self.trajectory is None:
-            raise ValueError(f"{self.record.case} has no trajectory to save: {_why_none(self.record)}")
+            raise ValueError(f"{self.record.case} has no trajectory to save: {_explain_missing(self.record)}")
         if Path(path).suffix != ".npz":
             raise ValueError(f"the name of the file must end in .npz (got {str(path)!r})")
         in_file(Path(path))(self.problem, self.trajectory, measure(self.problem, self.trajectory), self.record)
@@ -82,8 +82,8 @@ class Run:
     def plot(self) -> "Figure":
         """Energy error, constraint norms, position error (where the exact motion is known) and step over time."""
         if self.series is None:
-            raise ValueError(f"{self.record.case} has no series to plot: {_why_none(self.record)}")
-        return _figure(self.record, self.series)
+            raise ValueError(f"{self.record.case} has no series to plot: {_explain_missing(self.record)}")
+        return _draw_figure(self.record, self.series)
 
     def __repr__(self) -> str:
         r = self.record
@@ -127,9 +127,9 @@ def solve(
 
     Without ``dt`` [s] or ``rtol`` the problem's step or 1e-8. The solver stops itself at ``cpu_limit`` [s].
     """
-    variant = _problem(problem, t_end)
+    variant = _resolve_problem(problem, t_end)
     given = {"dt": dt, "rtol": rtol, "max_step": max_step, "max_steps": max_steps}
-    entry, made = _solver(solver, options, variant, list(given))
+    entry, made = _resolve_solver(solver, options, variant, list(given))
     steps = step_control(entry.name, entry.control, variant, {k: v for k, v in given.items() if v is not None})
     control = dataclasses.replace(steps, cpu_limit=cpu_limit)
     limits: dict[str, Any] = {"cpu_limit": cpu_limit or math.inf, "memory": math.inf}
@@ -170,20 +170,20 @@ def scipy(method: str, **options: Any) -> Solver:
     return registry.make_solver("scipy_strong_form", {"method": method, **options})
 
 
-def _problem(given: str | Problem, t_end: float | None) -> Problem:
+def _resolve_problem(given: str | Problem, t_end: float | None) -> Problem:
     if t_end is not None and not 0.0 < t_end < math.inf:
         raise ValueError(f"t_end must be a finite number > 0 [s] (got {t_end!r})")
     changes: dict[str, Any] = {} if t_end is None else {"t_end": float(t_end)}
     if isinstance(given, str):
         return registry.make_problem(given, changes)
     if not isinstance(given, Problem):
-        raise ValueError(f"problem must be a name or a Problem (got {_kind(given)})")
+        raise ValueError(f"problem must be a name or a Problem (got {_describe_kind(given)})")
     check_start(given.system, given.initial, literal=given.literal_start)
     check_lengths(given.system, t_end or given.t_end)
     return dataclasses.replace(given, parameters={**given.parameters, **changes}, **changes)
 
 
-def _solver(
+def _resolve_solver(
     given: "str | Solver | type[Solver]", options: Mapping[str, Any], variant: Problem, controls: list[str]
 ) -> tuple[registry.SolverEntry, Solver]:
     """The solver, with its entry: a class or an instance need not be in the catalogue."""
@@ -204,7 +204,7 @@ def _solver(
     return entry, entry.made(options)
 
 
-def _figure(record: RunRecord, series: Series) -> "Figure":
+def _draw_figure(record: RunRecord, series: Series) -> "Figure":
     """Drawn by the reports, from a results folder with this run alone."""
     from .reports.model.motion import motion_of
     from .reports.model.results import read_results
@@ -228,11 +228,11 @@ def _figure(record: RunRecord, series: Series) -> "Figure":
         return figure([p for c in chapters for p in c.plots if p.name in PLOTTED], looks([record.solver]))
 
 
-def _why_none(record: RunRecord) -> str:
+def _explain_missing(record: RunRecord) -> str:
     if record.status == Status.REFUSED:
         return f"refused, {record.message}"
     return "it is a run of a results folder" if record.series else f"{record.status}, {record.message}"
 
 
-def _kind(given: object) -> str:
+def _describe_kind(given: object) -> str:
     return "a function: call it" if callable(given) else type(given).__name__

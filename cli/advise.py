@@ -10,7 +10,7 @@ from typing import Any
 from rich.text import Text
 
 from ..harness.catalogue import registry
-from ..harness.execution.runner import Request, run_suite
+from ..harness.execution.runner import Request
 from ..harness.races.cheapest import Candidate, cost_of, rank
 from ..harness.reference.computed import Source, is_computable, source_of
 from ..harness.results import store
@@ -18,20 +18,20 @@ from ..harness.results.records import RunRecord
 from ..harness.sandbox.trial import made
 from ..harness.suites.suite import Suite
 from ..harness.types import Problem
-from .progress import progress
-from .screen import Column, number, print_json, print_table, status_style
-from .terms import (
+from .arguments import (
     RESULTS,
     UsageError,
-    above,
     add_jobs,
     add_plugin,
     add_problem,
-    existing,
-    jobs,
+    count_jobs,
+    find_results,
     load_problem,
+    positive_float,
     subcommand,
 )
+from .progress import run_watched
+from .screen import Column, number, print_json, print_table, status_style
 
 ROUNDS = 6
 OWN = 3.0  # times the stated error of the reference: nothing is judged below
@@ -46,11 +46,17 @@ def add(commands: Any) -> None:
     words = "find the cheapest solver and setting that meet an error on a problem; exit code 1 if none does"
     p = subcommand(commands, "advise", run, words, "one object a solver, the cheapest first")
     add_problem(p)
-    p.add_argument("--error", required=True, metavar="X", help="largest motion error allowed [m]")
+    p.add_argument("--error", required=True, type=positive_float, metavar="X", help="largest motion error allowed [m]")
     budget = "CPU time for all runs, checked after each round of runs, about [s] (default: 120)"
-    p.add_argument("--budget", default="120", metavar="S", help=budget)
+    p.add_argument("--budget", type=positive_float, default=120.0, metavar="S", help=budget)
     p.add_argument("--solver", action="append", default=[], metavar="NAME", help="only this one; may be repeated")
-    p.add_argument("--from", dest="results", metavar="RESULTS", help=f"read the runs of this {RESULTS}; run nothing")
+    p.add_argument(
+        "--from",
+        dest="results",
+        type=find_results,
+        metavar="RESULTS",
+        help=f"read the runs of this {RESULTS}; run nothing",
+    )
     add_plugin(p)
     add_jobs(p)
 
@@ -58,17 +64,16 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """0 if a solver meets the error."""
     name, parameters, plugins = load_problem(arguments)
-    error = above(arguments.error, "--error", unit=" [m]")
-    budget = above(arguments.budget, "--budget", unit=" [s]")
+    error, budget = arguments.error, arguments.budget
     problem = made(name, parameters)
     for solver in arguments.solver:
         registry.entry_of("solver", solver, registry.solvers())
     if arguments.results:
-        candidates = _read_candidates(existing(arguments.results), problem, error, arguments.solver)
+        candidates = _read_candidates(arguments.results, problem, error, arguments.solver)
     else:
         names = arguments.solver or list(registry.solvers())
         candidates = [Candidate(n, problem, error, min(max(budget / 6.0, 1.0), 60.0)) for n in names]
-        _search(candidates, plugins, budget, jobs(arguments.jobs), quiet=arguments.json)
+        _search(candidates, plugins, budget, count_jobs(arguments.jobs), quiet=arguments.json)
     return _report(rank(candidates), error, as_json=arguments.json)
 
 
@@ -86,9 +91,8 @@ def _search(candidates: list[Candidate], plugins: tuple[str, ...], budget: float
             if not asked:
                 break
             suite = Suite("advise", "", tuple(s for _, s in asked.values()), "", plugins)
-            with progress(quiet=quiet, size=size, resumable=False) as watcher:
-                records = run_suite(Request(suite, Path(place) / f"round{k}", size), watcher).records
-            for r in records:
+            loaded, _ = run_watched(Request(suite, Path(place) / f"round{k}", size), quiet=quiet, resumable=False)
+            for r in loaded.records:
                 asked[r.settings_id][0].runs.append(r)
             if sum(r.cpu_process_s for c in candidates for r in c.runs) / size > budget:
                 break
@@ -122,7 +126,14 @@ def _report(candidates: list[Candidate], error: float, *, as_json: bool) -> int:
             print_json(plain)
         setting = f"{c.control}={c.setting(r):g}"
         factor = number(cost_of(r)[0] / cost_of(best)[0], 2) if c.best and best else ""
-        cells = (setting, number(r.motion_error_judged_m), number(r.cpu_median_s, 2), factor, str(r.steps), c.why_not)
+        cells = (
+            setting,
+            number(r.motion_error_judged_m),
+            number(r.cpu_median_s, 2),
+            factor,
+            str(r.steps),
+            c.why_not,
+        )
         rows.append((Text(c.solver, "" if c.best else status_style(r.status)), *cells))
     if not as_json:
         below = f"cheapest: {best.case}" if best else "no solver meets it"

@@ -11,12 +11,12 @@ from ..harness.catalogue import plugins, registry
 from ..harness.catalogue.options import nearest
 from ..harness.conformance.problem import check_problem
 from ..harness.conformance.solver import check_solver, suite_of
-from ..harness.execution.runner import Request, run_suite
+from ..harness.execution.runner import Request
 from ..harness.results.findings import Finding
+from .arguments import UsageError, add_jobs, count_jobs, load_plugins, subcommand
 from .findings import print_findings
-from .progress import progress
+from .progress import run_watched
 from .screen import lines
-from .terms import UsageError, add_jobs, jobs, load_plugins, subcommand
 
 
 def add(commands: Any) -> None:
@@ -29,7 +29,7 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """0 if every requirement is met, else 1."""
-    size = jobs(arguments.jobs)
+    size = count_jobs(arguments.jobs)
     loaded, names = resolve_entries(arguments.plugin)
     findings: list[Finding] = []
     for name in names:
@@ -72,7 +72,7 @@ def resolve_entries(given: str) -> tuple[tuple[str, ...], list[str]]:
 
 
 def _check_solver(name: str, plugins: tuple[str, ...], size: int, *, quiet: bool) -> list[Finding]:
-    with tempfile.TemporaryDirectory() as place, progress(quiet=quiet, size=size, resumable=False) as watcher:
+    with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "run"
-        loaded = run_suite(Request(suite_of(name, plugins), folder, size), watcher)
+        loaded, _ = run_watched(Request(suite_of(name, plugins), folder, size), quiet=quiet, resumable=False)
         return check_solver(name, folder, loaded.records)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ..harness.catalogue.options import nearest
-from ..harness.execution.runner import Request, last_folder, new_folder, run_suite
+from ..harness.execution.runner import Request, last_folder, new_folder
 from ..harness.places import Place
 from ..harness.referee import judge as judging
 from ..harness.referee.claims.register import Register, read_register
@@ -19,9 +19,9 @@ from ..harness.results.judgements.claims import Claim
 from ..harness.results.judgements.files import FOLDER, PUBLISHED, as_text, read_claims
 from ..harness.suites.suite import Suite
 from ..reports.model import claim_words
-from .progress import progress
+from .arguments import RESULTS, UsageError, add_jobs, count_jobs, find_results, subcommand
+from .progress import run_watched
 from .screen import errors, lines
-from .terms import RESULTS, UsageError, add_jobs, existing, jobs, subcommand
 
 
 def add(commands: Any) -> None:
@@ -29,7 +29,9 @@ def add(commands: Any) -> None:
     words = "show a claim of the paper with its verdicts, why and where it was tried, or make its runs and judge it"
     p = subcommand(commands, "claim", run, words, "the claim")
     p.add_argument("claim", metavar="ID", help="its id (results/claims.toml; mbsbench judge lists them)")
-    p.add_argument("results", nargs="?", metavar="RESULTS", help=f"{RESULTS}, judged (default: as published)")
+    p.add_argument(
+        "results", nargs="?", type=find_results, metavar="RESULTS", help=f"{RESULTS}, judged (default: as published)"
+    )
     p.add_argument("--run", dest="make", action="store_true", help="make the runs of its map alone, and judge these")
     p.add_argument("--out", metavar="DIR", help="with --run: results folder (default: results/local/claim-ID-<time>)")
     add_jobs(p)
@@ -50,35 +52,35 @@ def run(arguments: argparse.Namespace) -> int:
     published = {c.id: c for c in read_claims(PUBLISHED) or ()}.get(arguments.claim)
     changed = False
     if arguments.make:
-        found = _made(arguments, alone)
+        found = _run_claim(arguments, alone)
         changed = published is not None and published.verdicts != found.verdicts
     else:
-        found = _judged(arguments, published)
+        found = _read_claim(arguments, published)
     if arguments.json:
         lines().print(as_text(found), end="")
         return int(changed)
-    for line in _said(found, len(judging.needed(alone))):
+    for line in _describe_claim(found, len(judging.needed(alone))):
         lines().print(line, markup=False, highlight=False)
     if arguments.make and published:
         lines().print(f"published: {published.verdicts}" if changed else "as published")
     elif not (arguments.make or arguments.results):
-        _tell(judging.outdated(PUBLISHED, code_now(register, judging.whole_run())))
+        _warn(judging.outdated(PUBLISHED, code_now(register, judging.whole_run())))
     return int(changed)
 
 
-def _tell(words: str) -> None:
+def _warn(words: str) -> None:
     if words:
         errors().print(words, highlight=False)
 
 
-def _judged(arguments: argparse.Namespace, published: Claim | None) -> Claim:
+def _read_claim(arguments: argparse.Namespace, published: Claim | None) -> Claim:
     """As it stands in the judgement of RESULTS, or as published."""
     again = f"mbsbench claim {arguments.claim} --run makes its runs"
     if not arguments.results:
         if published is None:
             raise UsageError(f"nothing is published on {arguments.claim}; {again}")
         return published
-    folder = existing(arguments.results)
+    folder = arguments.results
     found = {c.id: c for c in read_claims(Place(folder) / FOLDER) or ()}.get(arguments.claim)
     if found is None:
         raise UsageError(
@@ -87,21 +89,20 @@ def _judged(arguments: argparse.Namespace, published: Claim | None) -> Claim:
     return found
 
 
-def _made(arguments: argparse.Namespace, register: Register) -> Claim:
+def _run_claim(arguments: argparse.Namespace, register: Register) -> Claim:
     """Its runs, those of an earlier start kept, and the verdict on them."""
     specs, name = judging.needed(register), f"claim-{arguments.claim}"
     folder = Path(arguments.out) if arguments.out else last_folder(name) or new_folder(name)
-    request = Request(Suite(name, "the runs of one claim", specs, ""), folder, jobs(arguments.jobs), resume=True)
+    request = Request(Suite(name, "the runs of one claim", specs, ""), folder, count_jobs(arguments.jobs), resume=True)
     if specs:
         errors().print(f"{len(specs)} runs on {request.jobs} processes, kept in {folder}")
-        with progress(size=request.jobs, quiet=arguments.json) as watcher:
-            loaded = run_suite(request, watcher)
+        loaded, watcher = run_watched(request, quiet=arguments.json)
         watcher.finish(folder, loaded)
     records = loaded.records if specs else ()
     return judge(register, judging.tried_on(), records, partial(store.series_of, folder))[0]
 
 
-def _said(c: Claim, runs: int) -> Iterator[str]:
+def _describe_claim(c: Claim, runs: int) -> Iterator[str]:
     yield f"{c.id}: {c.claim}"
     figures = f", Fig. {claim_words.figures(c)}" if c.figure else ""
     yield f"the paper{f', Sect. {c.section}' if c.section[:1].isdigit() else ''}{figures}: “{c.quote}”"

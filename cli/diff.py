@@ -9,8 +9,8 @@ from rich.text import Text
 from ..harness.results import store
 from ..harness.results.comparison import Comparison, Likeness, compare
 from ..harness.results.provenance import Difference, differences, stamp_of, why
+from .arguments import RESULTS, UsageError, find_results, positive_int, subcommand
 from .screen import Column, plural, print_json, print_table, print_unreadable
-from .terms import RESULTS, UsageError, existing, subcommand, whole
 
 COLUMNS = (
     Column("likeness", right=False), Column("case", fold=True), Column("metric", fold=True, least=12),
@@ -24,26 +24,26 @@ def add(commands: Any) -> None:
     """The subcommand's arguments."""
     words = "compare two results folders; exit code 0 if identical, 1 if not"
     p = subcommand(commands, "diff", run, words, "one object")
-    p.add_argument("before", metavar="BEFORE", help=RESULTS)
-    p.add_argument("after", metavar="AFTER", help=RESULTS)
-    p.add_argument("--limit", metavar="N", default=str(SHOWN), help=f"changes shown, largest first (default: {SHOWN})")
+    p.add_argument("before", type=find_results, metavar="BEFORE", help=RESULTS)
+    p.add_argument("after", type=find_results, metavar="AFTER", help=RESULTS)
+    limit = f"changes shown, largest first (default: {SHOWN})"
+    p.add_argument("--limit", type=positive_int, metavar="N", default=SHOWN, help=limit)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """0 when both hold the same runs with the same numbers, bit for bit, else 1."""
-    limit = whole(arguments.limit, "--limit")
-    folders = [existing(f) for f in (arguments.before, arguments.after)]
+    folders = [arguments.before, arguments.after]
     loaded = [store.load(f) for f in folders]
     if not any(part.records for part in loaded):
         raise UsageError(f"nothing to compare: neither {folders[0]} nor {folders[1]} holds a result")
     found = compare(*(part.records for part in loaded))
     inputs = differences(*map(stamp_of, folders))
-    show(found, inputs, limit, json=arguments.json)
+    show_comparison(found, inputs, arguments.limit, json=arguments.json)
     print_unreadable(u for part in loaded for u in part.unreadable)
     return 0 if found.same else 1
 
 
-def show(found: Comparison, inputs: list[Difference], limit: int = SHOWN, *, json: bool = False) -> None:
+def show_comparison(found: Comparison, inputs: list[Difference], limit: int = SHOWN, *, json: bool = False) -> None:
     """The table of changes and the inputs that differ, or all of them as JSON."""
     if json:
         changes = [{**dataclasses.asdict(c), "likeness": str(c.likeness)} for c in found.changes]

@@ -7,8 +7,8 @@ from typing import Any
 from ..harness.files import to_json, write_text
 from ..harness.foreign.description import described
 from ..harness.sandbox.trial import made
+from .arguments import add_plugin, add_problem, check_writable, load_problem, subcommand
 from .screen import lines
-from .terms import add_plugin, add_problem, check_writable, load_problem, subcommand
 
 
 def add(commands: Any) -> None:

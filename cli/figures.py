@@ -4,8 +4,8 @@ import argparse
 from typing import Any
 
 from ..harness.suites.suite import load_suite
+from .arguments import add_results, subcommand
 from .screen import lines
-from .terms import add_results, existing, subcommand
 
 
 def add(commands: Any) -> None:
@@ -19,7 +19,7 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write them and print where they are."""
-    folder = existing(arguments.results)
+    folder = arguments.results
     from ..reports import publication  # here: they take a second to load
     from ..reports.paper import build as paper
 

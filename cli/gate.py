@@ -15,7 +15,7 @@ from typing import Any
 
 from rich.text import Text
 
-from ..harness.execution.runner import Request, new_folder, run_suite
+from ..harness.execution.runner import Request, new_folder
 from ..harness.files import write_text
 from ..harness.gate.files import as_plain, junit, markdown
 from ..harness.gate.judging import Judged, State, judge, judged_of, tightened
@@ -28,19 +28,19 @@ from ..harness.results.records import RunRecord
 from ..harness.results.reproduce import REFEREED
 from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite, load_suite
-from .progress import progress
-from .screen import Column, lines, print_json, print_table
-from .terms import (
+from .arguments import (
     RESULTS,
     UsageError,
     add_running,
-    check_ours,
+    check_not_installed,
     check_writable,
-    existing,
-    jobs,
+    count_jobs,
+    find_results,
     load_plugins,
     subcommand,
 )
+from .progress import run_watched
+from .screen import Column, lines, print_json, print_table
 
 COLUMNS = (
     Column("state", right=False), Column("case", fold=True), Column("metric", fold=True, least=12),
@@ -57,7 +57,9 @@ def add(commands: Any) -> None:
     p = subcommand(commands, "gate", run, words, "one object")
     p.add_argument("--suite", metavar="SUITE", help="name or TOML file (default: ci; with --results of files, those)")
     p.add_argument("--thresholds", metavar="FILE", help="default: results/baselines/<suite>.toml")
-    p.add_argument("--results", metavar="RESULTS", help=f"judge this {RESULTS}, instead of running the suite")
+    p.add_argument(
+        "--results", type=find_results, metavar="RESULTS", help=f"judge this {RESULTS}, instead of running the suite"
+    )
     p.add_argument("--any-code", action="store_true", help="with --results: accept results of other code too")
     p.add_argument("--update", action="store_true", help="print a diff that tightens thresholds and adds missing ones")
     p.add_argument("--loosen", action="store_true", help="with --update: also propose wider bounds")
@@ -86,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.spread is not None and (arguments.spread < 1 or arguments.loosen or suite.name == REFEREED):
         raise UsageError("--spread takes a number of repeats from 1, of runs of a suite, without --loosen")
     if arguments.update:
-        check_ours(path, "--thresholds FILE")
+        check_not_installed(path, "--thresholds FILE")
     is_new = arguments.update and not path.exists()
     thresholds = Thresholds(suite.name) if is_new else read_thresholds(path)
     if thresholds.suite != suite.name:
@@ -130,7 +132,7 @@ def _files(arguments: argparse.Namespace) -> Suite | None:
     """A suite without runs of its own for a results folder of files that ``referee`` judged; None for any other."""
     if arguments.results is None or arguments.suite is not None:
         return None
-    records = store.load(existing(arguments.results), check_series=False).records
+    records = store.load(arguments.results, check_series=False).records
     if not records or any(r.label != REFEREED for r in records):
         return None
     return Suite(REFEREED, "motions from files", (), "")
@@ -139,13 +141,12 @@ def _files(arguments: argparse.Namespace) -> Suite | None:
 def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[str, Any], tuple[RunRecord, ...]]:
     """Name and stamp of the results folder, and its records."""
     if arguments.results:
-        folder = existing(arguments.results)
+        folder = arguments.results
         return folder.resolve().name, stamp_of(folder), store.load(folder).records
     with tempfile.TemporaryDirectory() as place:
         name = new_folder(suite.name).name
         folder = Path(arguments.out) if arguments.out else Path(place) / name
-        with progress(quiet=arguments.json, size=jobs(arguments.jobs)) as watcher:
-            loaded = run_suite(Request(suite, folder, jobs(arguments.jobs)), watcher)
+        loaded, _ = run_watched(Request(suite, folder, count_jobs(arguments.jobs)), quiet=arguments.json)
         return name, stamp_of(folder), loaded.records
 
 
@@ -178,10 +179,10 @@ def _samples(
     if not cases:
         return {}
     extra = dataclasses.replace(suite, specs=tuple(itertools.chain(*repeats.values())), total_limit=None)
-    with tempfile.TemporaryDirectory() as place, progress(quiet=False, size=jobs(arguments.jobs)) as watcher:
-        found = run_suite(Request(extra, Path(place) / "spread", jobs(arguments.jobs)), watcher).records
+    with tempfile.TemporaryDirectory() as place:
+        loaded, _ = run_watched(Request(extra, Path(place) / "spread", count_jobs(arguments.jobs)), quiet=False)
     samples: dict[str, list[RunRecord]] = {s.case: [] for s in repeated}
-    for record in (*judged, *found):
+    for record in (*judged, *loaded.records):
         if record.settings_id in cases:
             samples[cases[record.settings_id]].append(record)
     return samples

@@ -10,8 +10,8 @@ from ..harness.catalogue.options import nearest
 from ..harness.files import FileError
 from ..harness.results.history import METRICS, Row, history, read_rows, standing, write_rows
 from ..harness.results.store import StoreError
+from .arguments import UsageError, check_writable, find_results, subcommand
 from .screen import Column, errors, number, plural, print_json, print_table, sparkline
-from .terms import UsageError, check_writable, existing, subcommand
 
 COLUMNS = (
     Column("case", fold=True, least=30), Column("results", rank=4), Column("first", rank=2),
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise UsageError(f"unknown metric {arguments.metric!r}{nearest(arguments.metric, list(METRICS))}")
     if arguments.write:
         check_writable(Path(arguments.write))
-    rows, bad = _rows(arguments.source)
+    rows, bad = _load_rows(arguments.source)
     problem, solver = arguments.problem, arguments.solver
     rows = [r for r in rows if problem in (None, "", r.problem) and solver in (None, "", r.solver)]
     if arguments.write:
@@ -46,17 +46,17 @@ def run(arguments: argparse.Namespace) -> int:
         for row in rows:
             print_json(row)
     else:
-        _table(rows, arguments.metric)
+        _print_rows(rows, arguments.metric)
     for line in bad:
         errors().print(line)
     return 1 if bad else 0
 
 
-def _rows(sources: list[str]) -> tuple[list[Row], list[str]]:
+def _load_rows(sources: list[str]) -> tuple[list[Row], list[str]]:
     """The rows, and which files could not be read; a file that was named must be readable."""
     if sources:
         files = [Path(s) for s in sources if s.endswith(".jsonl")]
-        return list(history([existing(s) for s in sources if not s.endswith(".jsonl")], files)), []
+        return list(history([find_results(s) for s in sources if not s.endswith(".jsonl")], files)), []
     folders, files = standing()
     bad = []
     for file in list(files):
@@ -71,7 +71,7 @@ def _rows(sources: list[str]) -> tuple[list[Row], list[str]]:
         raise UsageError(str(error)) from None
 
 
-def _table(rows: list[Row], metric: str) -> None:
+def _print_rows(rows: list[Row], metric: str) -> None:
     by_run: dict[str, list[Row]] = {}
     for r in rows:
         by_run.setdefault(r.settings_id, []).append(r)

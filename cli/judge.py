@@ -21,8 +21,8 @@ from ..harness.results.judgements.runs import Order
 from ..harness.results.provenance import stamp_of
 from ..harness.suites.spec import RunSpec
 from ..reports.model import claim_words
+from .arguments import UsageError, add_results, check_not_installed, subcommand
 from .screen import Column, errors, lines, print_table, print_unreadable
-from .terms import UsageError, add_results, check_ours, existing, subcommand
 
 STYLE = {
     Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.MIXED: "yellow", Verdict.REFUTED: "bold red",
@@ -60,15 +60,15 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """0, or 1 where published verdicts are others, or of older code, and new ones are not published now."""
     register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
-    folder = existing(arguments.results)
+    folder = arguments.results
     published = Place(Path(arguments.published)) if arguments.published else PUBLISHED
     loaded = store.load(folder, check_series=False)
     print_unreadable(loaded.unreadable)
     if arguments.publish:
-        check_ours(published.path, "--published DIR")
-        _require(folder, judging.whole_run(), "that verdicts are published from")
+        check_not_installed(published.path, "--published DIR")
+        _require_runs(folder, judging.whole_run(), "that verdicts are published from")
     elif not arguments.partial:
-        _require(folder, judging.needed(register), "that the claims are tried on", ", or judge these: --partial")
+        _require_runs(folder, judging.needed(register), "that the claims are tried on", ", or judge these: --partial")
     if old := older_runs(loaded.records, [str(p) for p in stamp_of(folder).get("plugins") or ()]):
         raise UsageError(said(old, str(folder)))
     before = None if arguments.publish else read_claims(published)
@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
         touched = [c for c in judged["claims"] if not arguments.partial or here.intersection(c.settings_ids)]
         if touched:
             few = len(lacking.intersection(c.id for c in touched))
-            show(touched, changed, before is not None, arguments.publish, few)
+            show_claims(touched, changed, before is not None, arguments.publish, few)
         show_orders(orders)
         if others := len(judged["claims"]) - len(touched):
             nothing = "" if touched else ": nothing was compared with the published verdicts"
@@ -105,23 +105,25 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if changed or stale else 0
 
 
-def _require(folder: Path, specs: Sequence[RunSpec], what: str, remedy: str = "") -> None:
+def _require_runs(folder: Path, specs: Sequence[RunSpec], what: str, remedy: str = "") -> None:
     if missing := judging.absent(folder, specs):
         again = f"mbsbench run {judging.WHOLE} --resume"
         raise UsageError(f"{folder} lacks {len(missing)} of {len(specs)} runs {what} (the first: {missing[0].case}); "
                          f"make them: {again}{remedy}")  # fmt: skip
 
 
-def show(claims: Sequence[Claim], changed: list[Change], compared: bool, publishing: bool, lacking: int = 0) -> None:
+def show_claims(
+    claims: Sequence[Claim], changed: list[Change], compared: bool, publishing: bool, lacking: int = 0
+) -> None:
     """The table of verdicts, how many of each, and the changes."""
     rows = []
     for c in claims:
         first = c.tests[0] if c.tests else None
         numbers = (claim_words.measured(first), claim_words.band(first)) if first else ("", "")
         count = f"{sum(f.settings for f in c.findings)} of {sum(f.rows for f in c.findings)}"
-        rows.append((c.id, claim_words.figures(c), cell(c.paper), cell(c.beyond), count,
+        rows.append((c.id, claim_words.figures(c), format_verdict(c.paper), format_verdict(c.beyond), count,
                      claim_words.missing(c) or numbers[0], numbers[1]))  # fmt: skip
-    below = [tally(claims)]
+    below = [count_verdicts(claims)]
     below += [f"changed: {c.id}: {c.before or 'not published'} -> {c.after or 'no longer judged'}" for c in changed]
     if compared and lacking == len(claims):
         below.append("nothing was compared with the published verdicts: no claim has all its runs here")
@@ -146,12 +148,12 @@ def show_orders(orders: Sequence[Order]) -> None:
         print_table(LADDERS, rows, "orders: " + ", ".join(f"{n} {verdict}" for verdict, n in counts.most_common()))
 
 
-def cell(f: Finding | None) -> Text:
+def format_verdict(f: Finding | None) -> Text:
     """A verdict and the settings where the claim holds; a dash where there is none to give."""
     return Text(f"{f.verdict} {claim_words.share(f)}".strip(), STYLE[f.verdict]) if f else Text("–", "dim")
 
 
-def tally(claims: Sequence[Claim]) -> str:
+def count_verdicts(claims: Sequence[Claim]) -> str:
     """How many of each verdict among the results; checks of the problems' presentation apart."""
     results = [c for c in claims if c.kind != PRESENTATION]
     out = []

@@ -12,8 +12,8 @@ from ..harness.cache import ROOT, cache_folder
 from ..harness.catalogue.options import nearest
 from ..harness.files import FileError, parse_json, read_text, to_json, write_text
 from ..harness.results.naming import text_of
+from .arguments import add_plugin, load_plugins, subcommand
 from .parser import UsageError
-from .terms import add_plugin, load_plugins, subcommand
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -44,11 +44,11 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Print the catalogues, or one entry."""
     load_plugins(arguments.plugin)
-    plain = as_plain() if arguments.plugin else known()
+    plain = describe_catalogue() if arguments.plugin else load_catalogue()
     if arguments.name is not None:
         plain = {**plain, **{kind: [e for e in plain[kind] if e["name"] == arguments.name] for kind in KINDS}}
         if not any(plain[kind] for kind in KINDS):
-            names = [e["name"] for kind in KINDS for e in known()[kind]]
+            names = [e["name"] for kind in KINDS for e in load_catalogue()[kind]]
             raise UsageError(f"no problem or solver is called {arguments.name!r}{nearest(arguments.name, names)}")
     from .screen import print_json, screen  # here: JSON and a wrong name need no tables
 
@@ -68,30 +68,30 @@ def print_all(plain: Entry, out: "Console") -> None:
     """Everything."""
     out.print("[bold]Problems[/bold]   --problem-set name=value\n")
     for p in plain["problems"]:
-        _problem(p, plain, out)
+        _print_problem(p, plain, out)
     out.print("[bold cyan]every problem[/bold cyan]  has these too")
-    _options(out, plain["every_problem"])
+    _print_options(out, plain["every_problem"])
     out.print("[bold]Problems by what they test[/bold]")
     for trait in plain["traits"]:
         out.print(f"  {trait}: {', '.join(p['name'] for p in plain['problems'] if trait in p['tests'])}")
     out.print()
     out.print("[bold]Solvers[/bold]   --set name=value\n")
     for s in plain["solvers"]:
-        _solver(s, plain, out)
+        _print_solver(s, plain, out)
     out.print("[bold]Suites[/bold]   " + ", ".join(plain["suites"]))
 
 
 def print_one(plain: Entry, out: "Console") -> None:
     """The one entry, with what every problem has too."""
     for p in plain["problems"]:
-        _problem(p, plain, out)
+        _print_problem(p, plain, out)
         out.print("every problem has these too", style="dim")
-        _options(out, plain["every_problem"])
+        _print_options(out, plain["every_problem"])
     for s in plain["solvers"]:
-        _solver(s, plain, out)
+        _print_solver(s, plain, out)
 
 
-def _problem(p: Entry, plain: Entry, out: "Console") -> None:
+def _print_problem(p: Entry, plain: Entry, out: "Console") -> None:
     from rich.markup import escape
 
     tests = f"  tests: {', '.join(p['tests'])}" if p["tests"] else ""
@@ -101,20 +101,20 @@ def _problem(p: Entry, plain: Entry, out: "Console") -> None:
     if any(facts):
         out.print(escape(f"  {'; '.join(filter(None, facts))}"), style="dim")
     common = {o["name"] for o in plain["every_problem"]}
-    _options(out, [o for o in p["parameters"] if o["name"] not in common])
+    _print_options(out, [o for o in p["parameters"] if o["name"] not in common])
 
 
-def _solver(s: Entry, plain: Entry, out: "Console") -> None:
+def _print_solver(s: Entry, plain: Entry, out: "Console") -> None:
     from rich.markup import escape
 
     label = escape(f"[{s['paper_label']}]  ") if s["paper_label"] else ""
     out.print(f"[bold green]{s['name']}[/bold green]  {label}{escape(s['doc'])}")
     order = f"order {s['order']:g}; " if s["order"] is not None else ""
     out.print(escape(f"  {order}{STEP[s['control']].format(rtol=plain['rtol'])}; {LIMITS}"), style="dim")
-    _options(out, s["options"])
+    _print_options(out, s["options"])
 
 
-def _options(out: "Console", options: Sequence[Entry]) -> None:
+def _print_options(out: "Console", options: Sequence[Entry]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
@@ -130,13 +130,13 @@ def _options(out: "Console", options: Sequence[Entry]) -> None:
     out.print()
 
 
-def known() -> dict[str, Any]:
-    """``as_plain`` of our own entries, from a file as long as no code changes: importing all of them takes seconds."""
-    path = cache_folder("catalogue", ROOT / "results" / "local") / f"{_digest()}.json"
+def load_catalogue() -> dict[str, Any]:
+    """``describe_catalogue`` of our own entries, kept in a file until code changes: importing them takes seconds."""
+    path = cache_folder("catalogue", ROOT / "results" / "local") / f"{_digest_code()}.json"
     with contextlib.suppress(FileError):
         found: dict[str, Any] = parse_json(read_text(path, "the catalogue"), str(path))
         return found
-    found = as_plain()
+    found = describe_catalogue()
     with contextlib.suppress(OSError):  # without a place to keep it, it is made again
         path.parent.mkdir(parents=True, exist_ok=True)
         for old in path.parent.glob("*.json"):
@@ -145,7 +145,7 @@ def known() -> dict[str, Any]:
     return found
 
 
-def _digest() -> str:
+def _digest_code() -> str:
     """Of the code that the catalogue is made from, and the interpreter."""
     digest = hashlib.sha256(sys.version.encode())
     for folder in SHAPING:
@@ -156,7 +156,7 @@ def _digest() -> str:
     return digest.hexdigest()[:24]
 
 
-def as_plain() -> dict[str, Any]:
+def describe_catalogue() -> dict[str, Any]:
     """JSON-able: problems, solvers, suites, plugins' among them."""
     from ..harness.catalogue import registry
     from ..harness.suites.includes import suite_names
@@ -164,21 +164,27 @@ def as_plain() -> dict[str, Any]:
     from ..harness.types import Trait
 
     problems = [
-        {"name": p.name, "doc": p.doc, "tests": list(p.tests), **_made(p.name), "parameters": _plain(p.parameters)}
+        {
+            "name": p.name,
+            "doc": p.doc,
+            "tests": list(p.tests),
+            **_describe(p.name),
+            "parameters": _plain_options(p.parameters),
+        }
         for p in registry.problems().values()
     ]
     solvers = [
         {**{k: getattr(s, k) for k in ("name", "paper_label", "doc", "control")},
-         "order": _order(s.name), "options": _plain(s.parameters)}
+         "order": _read_order(s.name), "options": _plain_options(s.parameters)}
         for s in registry.solvers().values()
     ]  # fmt: skip
     return {
         "problems": problems, "solvers": solvers, "suites": suite_names(), "traits": list(Trait),
-        "every_problem": _plain(registry.COMMON_PARAMETERS), "rtol": DEFAULT_RTOL,
+        "every_problem": _plain_options(registry.COMMON_PARAMETERS), "rtol": DEFAULT_RTOL,
     }  # fmt: skip
 
 
-def _made(name: str) -> dict[str, Any]:
+def _describe(name: str) -> dict[str, Any]:
     """Section, time and source of the reference of the problem with its defaults.
 
     Empty where it cannot be made, which is for ``check`` to say.
@@ -192,14 +198,14 @@ def _made(name: str) -> dict[str, Any]:
     return {"section": "", "t_end_s": None, "reference": None}
 
 
-def _order(name: str) -> float | None:
+def _read_order(name: str) -> float | None:
     from ..harness.catalogue import registry
 
     order = registry.declared(registry.make_solver(name))[1]
     return order if order == order else None
 
 
-def _plain(parameters: "Mapping[str, tuple[Any, Parameter]]") -> list[dict[str, Any]]:
+def _plain_options(parameters: "Mapping[str, tuple[Any, Parameter]]") -> list[dict[str, Any]]:
     return [
         {"name": k, "default": default, **{n: v for n, v in dataclasses.asdict(p).items() if v not in (None, ())}}
         for k, (default, p) in parameters.items()

@@ -5,20 +5,20 @@ from pathlib import Path
 from typing import Any
 
 from ..harness.results.merging import merge
+from .arguments import find_results, subcommand
 from .screen import lines, plural, print_json, print_unreadable
-from .terms import existing, subcommand
 
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
     p = subcommand(commands, "merge", run, "merge results folders into one; the sources are not changed", "one object")
     p.add_argument("out", metavar="OUT", help="results folder to create or to add to")
-    p.add_argument("sources", metavar="RESULTS", nargs="+", help="results folders to merge")
+    p.add_argument("sources", type=find_results, metavar="RESULTS", nargs="+", help="results folders to merge")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """0 when every record could be read and no run contradicts another, else 1."""
-    done = merge(Path(arguments.out), [existing(f) for f in arguments.sources])
+    done = merge(Path(arguments.out), arguments.sources)
     code = 1 if done.unreadable or done.conflicts else 0
     if arguments.json:
         unreadable = [{"path": str(u.path), "why": u.why} for u in done.unreadable]

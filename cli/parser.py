@@ -16,7 +16,7 @@ WORDS = "Benchmark of integrators for constrained multibody dynamics: run, measu
 MORE = "mbsbench COMMAND --help explains a command; docs/glossary.md explains the terms."
 
 
-class UsageError(ValueError):
+class UsageError(ValueError, argparse.ArgumentTypeError):
     """A wrong call: one line, exit code 2."""
 
 

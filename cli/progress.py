@@ -3,7 +3,7 @@
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -13,11 +13,13 @@ from rich.text import Text
 
 from ..harness.execution.eta import PREPARING, Estimate, durations, in_words, waiting
 from ..harness.execution.job import Job
+from ..harness.execution.pool import LocalPool
+from ..harness.execution.runner import Executor, Request, run_suite
 from ..harness.results.records import RunRecord
 from ..harness.results.store import Loaded, Unreadable
 from ..harness.results.words import why
 from ..harness.types import Status
-from .screen import plural, status_style, unreadable_lines
+from .screen import list_unreadable, plural, status_style
 
 LISTED = 50  # at most so many runs that were not started
 BAR = 30  # characters
@@ -52,7 +54,7 @@ class Watch:
         kept = f", {self.before} already done" if self.before else ""
         if not further:
             self._say(f"{plural(total, 'run')}{kept}{f', results in {folder}' if self.resumable else ''}")
-        for line in unreadable_lines("set aside", [(item.path.name, item.why) for item in unreadable]):
+        for line in list_unreadable("set aside", [(item.path.name, item.why) for item in unreadable]):
             self._say(line)
         self.tick()
 
@@ -149,8 +151,16 @@ class Watch:
         self.console.print(Text(words, style), highlight=False, soft_wrap=True)
 
 
+def run_watched(
+    request: Request, *, quiet: bool, resumable: bool = True, pool: Callable[..., Executor] = LocalPool
+) -> tuple[Loaded, Watch]:
+    """Run a suite under a ``Watch``."""
+    with watch_progress(quiet=quiet, size=request.jobs, resumable=resumable) as watcher:
+        return run_suite(request, watcher, pool), watcher
+
+
 @contextmanager
-def progress(*, quiet: bool = False, size: int = 1, resumable: bool = True) -> Iterator[Watch]:
+def watch_progress(*, quiet: bool = False, size: int = 1, resumable: bool = True) -> Iterator[Watch]:
     """A ``Watch`` with status lines if standard output is a terminal; ``quiet``: one that prints nothing.
 
     What is not ``resumable`` has a budget, and a folder that is of no use to the user or is named elsewhere.

@@ -17,9 +17,9 @@ from ..harness.results.records import RunRecord
 from ..harness.results.words import judged_error, why
 from ..harness.sandbox.trial import made
 from ..harness.types import Status, StepControl
+from .arguments import UsageError, add_plugin, add_problem, load_problem, positive_float, subcommand
 from .screen import Column, lines, number, print_json, print_table, status_style
-from .solve import plain_columns, summary
-from .terms import UsageError, above, add_plugin, add_problem, load_problem, subcommand
+from .solve import as_plain, summarize
 
 INACCURATE = 3  # exit code
 COLUMNS = (
@@ -50,8 +50,10 @@ def add(commands: Any) -> None:
         words = f"{MEANING[name]} (default: {getattr(Reading, name)})"
         p.add_argument(f"--{name}", choices=choices, default=getattr(Reading, name), help=words)
     for name in ("dt", "rtol"):
-        p.add_argument(f"--{name}", metavar="X", help="the code's setting (default: dt, the spacing of the rows)")
-    p.add_argument("--start-tolerance", metavar="X", help="SI; default: by the digits printed")
+        help_ = f"{name} the other code used, for tables (default: dt, the spacing of the rows)"
+        p.add_argument(f"--{name}", type=positive_float, metavar="X", help=help_)
+    tolerance = "difference allowed at the start, in SI units (default: by the digits printed)"
+    p.add_argument("--start-tolerance", type=positive_float, metavar="X", help=tolerance)
     p.add_argument("--into", metavar="RESULTS", help="results folder to add to, for tables and report; made if missing")
     add_plugin(p)
 
@@ -62,8 +64,8 @@ def run(arguments: argparse.Namespace) -> int:
     problem = made(name, parameters)
     given = [Path(f) for f in arguments.files]
     paths = [p for f in given for p in files_of(f)]
-    folder = None if arguments.into is None else results_folder(_folder(arguments.into))
-    asked = _given(arguments, given[0])
+    folder = None if arguments.into is None else results_folder(_find_folder(arguments.into))
+    asked = _parse_settings(arguments, given[0])
     judged: list[RunRecord | FileError] = []
     for path in paths:
         try:
@@ -77,44 +79,43 @@ def run(arguments: argparse.Namespace) -> int:
             continue
         judged.append(record)
         if arguments.json:
-            print_json({**plain_columns(record), "file": str(path)})
+            print_json({**as_plain(record), "file": str(path)})
     if folder is not None:
         store.write_table(folder, store.load(folder, check_series=False).records)
     if not arguments.json:
-        _print(paths, judged, folder)
-    codes = {_code(one) for one in judged}
+        _print_files(paths, judged, folder)
+    codes = {_exit_code(one) for one in judged}
     return next((code for code in (2, 1, INACCURATE) if code in codes), 0)
 
 
-def _code(one: RunRecord | FileError) -> int:
+def _exit_code(one: RunRecord | FileError) -> int:
     if isinstance(one, FileError):
         return 2
     codes = {Status.SUCCESS: 0, Status.INACCURATE: INACCURATE}
     return codes.get(Status(one.status), 1)
 
 
-def _given(arguments: argparse.Namespace, first: Path) -> Given:
+def _parse_settings(arguments: argparse.Namespace, first: Path) -> Given:
     reading = Reading(**{name: getattr(arguments, name) for name in CHOICES})
     columns = tuple(c.strip() for c in (arguments.columns or "").split(",") if c.strip())
     if len({"=" in c for c in columns}) > 1:
         raise UsageError("--columns takes OURS=THEIRS for each, or for a file without a header ours alone, in order")
     if arguments.dt is not None and arguments.rtol is not None:
         raise UsageError("give one of --dt and --rtol")
-    settings: dict[str, Any] = {k: above(v, k) for k in ("dt", "rtol") if (v := getattr(arguments, k)) is not None}
-    tolerance = None if arguments.start_tolerance is None else above(arguments.start_tolerance, "--start-tolerance")
+    settings = {k: v for k in ("dt", "rtol") if (v := getattr(arguments, k)) is not None}
     name = arguments.name or re.sub(r"[^\w.+-]+", "_", first.stem)
-    return Given(name, reading, columns, StepControl(**settings) if settings else None, tolerance)
+    return Given(name, reading, columns, StepControl(**settings) if settings else None, arguments.start_tolerance)
 
 
-def _folder(name: str) -> Path:
+def _find_folder(name: str) -> Path:
     local = store.LOCAL / name
     return local if store.is_results(local) else Path(name)
 
 
-def _print(paths: list[Path], judged: list[RunRecord | FileError], folder: Path | None) -> None:
+def _print_files(paths: list[Path], judged: list[RunRecord | FileError], folder: Path | None) -> None:
     below = [] if folder is None else [f"written to         {folder}"]
     if len(judged) == 1 and isinstance(judged[0], RunRecord):
-        for line in summary(judged[0]) + below:
+        for line in summarize(judged[0]) + below:
             lines().print(line)
         return
     rows = []

@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from ..harness.execution.pool import LocalPool
-from ..harness.execution.runner import Executor, Request, last_folder, new_folder, run_suite
+from ..harness.execution.runner import Executor, Request, last_folder, new_folder
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.suites.suite import load_suite
-from .progress import progress
+from .arguments import UsageError, add_running, count_jobs, load_plugins, positive_int, subcommand
+from .progress import run_watched
 from .screen import errors, print_json
-from .terms import UsageError, add_running, jobs, load_plugins, subcommand, whole
 
 
 def add(commands: Any) -> None:
@@ -22,10 +22,10 @@ def add(commands: Any) -> None:
     p.add_argument("suite", metavar="SUITE", help="name of a suite (see mbsbench list), or a TOML file")
     add_running(p)
     p.add_argument("--resume", action="store_true", help="continue --out, or the newest results of the suite")
-    p.add_argument("--limit", metavar="N", help="only the first N runs")
+    p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
     p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
     turns = "then time the runs of each problem N times in turns, in one process: for ratios of CPU times"
-    p.add_argument("--in-turns", metavar="N", help=turns)
+    p.add_argument("--in-turns", type=positive_int, metavar="N", help=turns)
     p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
 
 
@@ -35,18 +35,15 @@ def run(arguments: argparse.Namespace) -> int:
     folder = Path(arguments.out) if arguments.out else None
     if folder is None and arguments.resume:
         folder = last_folder(suite.name)
-    limit = whole(arguments.limit, "--limit") if arguments.limit is not None else None
     if arguments.cluster is not None and arguments.jobs is not None:
         raise UsageError("--jobs is for this machine; with --cluster the number of workers is that of the cluster")
-    turns = 0 if arguments.in_turns is None else whole(arguments.in_turns, "--in-turns")
-    if turns and arguments.cluster is not None:
+    if arguments.in_turns and arguments.cluster is not None:
         raise UsageError("--in-turns times runs on this machine, so it cannot be combined with --cluster")
-    target, part = folder or new_folder(suite.name), shard(arguments.shard)
-    request = Request(suite, target, jobs(arguments.jobs), arguments.resume, limit, part)
-    with progress(size=request.jobs, quiet=arguments.json) as watcher:
-        loaded = run_suite(request, watcher, executor(arguments.cluster))
+    target, part = folder or new_folder(suite.name), parse_shard(arguments.shard)
+    request = Request(suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.limit, part)
+    loaded, watcher = run_watched(request, quiet=arguments.json, pool=choose_executor(arguments.cluster))
     watcher.finish(request.folder, loaded)
-    failures = _time(request.folder, loaded.records, turns, suite.plugins) if turns else []
+    failures = _time(request.folder, loaded.records, arguments.in_turns, suite.plugins) if arguments.in_turns else []
     if arguments.json:
         counted = Counter(r.status for r in loaded.records)
         drift = dict(zip(("relative", "case"), watcher.worst, strict=True)) if watcher.worst[1] else None
@@ -67,7 +64,7 @@ def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple
     return failures
 
 
-def executor(address: str | None) -> Callable[..., Executor]:
+def choose_executor(address: str | None) -> Callable[..., Executor]:
     """Local processes, or the cluster at ``address``."""
     if address is None:
         return LocalPool
@@ -76,7 +73,7 @@ def executor(address: str | None) -> Callable[..., Executor]:
     return lambda size, *watching: DaskPool(address, *watching)
 
 
-def shard(given: str | None) -> tuple[int, int]:
+def parse_shard(given: str | None) -> tuple[int, int]:
     """``"2/5"`` as (2, 5)."""
     if given is None:
         return 1, 1

@@ -56,11 +56,11 @@ def status_style(status: str) -> str:
 
 def print_unreadable(items: "Iterable[Unreadable]", out: Console | None = None) -> None:
     """Files that could not be read, and why; on standard error, unless ``out`` is given."""
-    for line in unreadable_lines("unreadable", [(str(item.path), item.why) for item in items]):
+    for line in list_unreadable("unreadable", [(str(item.path), item.why) for item in items]):
         (out or errors()).print(line)
 
 
-def unreadable_lines(what: str, items: Sequence[tuple[str, str]]) -> list[str]:
+def list_unreadable(what: str, items: Sequence[tuple[str, str]]) -> list[str]:
     """A line for each name and why; of more than ``FEW`` how many there are, and the first."""
     if len(items) <= FEW:
         return [f"{what}: {name}: {why}" for name, why in items]
@@ -78,7 +78,7 @@ class Column:
     least: int = 24
 
 
-def fitted(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], width: int) -> Table:
+def fit_table(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], width: int) -> Table:
     """A table of at most ``width`` characters: first columns of large rank are left out, then text folds."""
     # unfolded
     needs = [max(cell_len(str(entry)) for entry in (c.name, *(row[k] for row in rows))) for k, c in enumerate(columns)]
@@ -89,14 +89,14 @@ def fitted(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], widt
 
     while least() > width and any(columns[k].rank for k in kept):
         kept.remove(max(kept, key=lambda k: columns[k].rank))
-    room = _room(columns, kept, needs, width)
+    room = _share_width(columns, kept, needs, width)
     table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False)
     for k in kept:
         c = columns[k]
         justify: Literal["left", "right"] = "right" if c.right and not c.fold else "left"
         table.add_column(Text(c.name), justify=justify, overflow="fold", no_wrap=not c.fold, width=room[k])
     for row in rows:
-        entries = [row[k] if isinstance(row[k], Text) else Text(_loose(str(row[k]), room[k])) for k in kept]
+        entries = [row[k] if isinstance(row[k], Text) else Text(_add_blanks(str(row[k]), room[k])) for k in kept]
         table.add_row(*entries)
     return table
 
@@ -105,12 +105,12 @@ def print_table(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]],
     """The table, if it has rows, and the lines ``below`` it."""
     out = screen()
     if rows:
-        out.print(fitted(columns, rows, out.width))
+        out.print(fit_table(columns, rows, out.width))
     for line in below:
         out.print(Text(line))
 
 
-def _room(columns: Sequence[Column], kept: Sequence[int], needs: Sequence[int], width: int) -> dict[int, int]:
+def _share_width(columns: Sequence[Column], kept: Sequence[int], needs: Sequence[int], width: int) -> dict[int, int]:
     """Characters for each column: what it needs, or for those that may be folded a share of the rest."""
     room = {k: needs[k] for k in kept if not columns[k].fold}
     left = width - sum(room.values()) - GAP * len(kept)
@@ -121,7 +121,7 @@ def _room(columns: Sequence[Column], kept: Sequence[int], needs: Sequence[int], 
     return room
 
 
-def _loose(text: str, room: int) -> str:
+def _add_blanks(text: str, room: int) -> str:
     """Lists of options with blanks to fold at."""
     return text if cell_len(text) <= room else re.sub(r",(?! )", ", ", text).replace("[", " [")
 
@@ -153,10 +153,10 @@ def sparkline(values: Sequence[float], width: int, *, log: bool = True) -> str:
     high, low = max(seen, default=0.0), min(seen, default=0.0)
     if log:  # a bar a decade at least, nothing below rounding
         low = max(min(low, high - (len(BARS) - 1)), high - DECADES)
-    return "".join(_bar(x, low, high) for x in tops)
+    return "".join(_choose_bar(x, low, high) for x in tops)
 
 
-def _bar(x: float, low: float, high: float) -> str:
+def _choose_bar(x: float, low: float, high: float) -> str:
     if math.isnan(x):
         return " "
     share = (x - low) / (high - low) if high > low else 0.0

@@ -21,9 +21,10 @@ from ..harness.results.series import BadSeries
 from ..harness.results.store import Unreadable
 from ..harness.results.words import error_until, error_words, judged_error, why, words_of, words_of_ending
 from ..harness.types import Status
+from .arguments import UsageError, add_results, positive_int, subcommand
 from .screen import (
     Column,
-    fitted,
+    fit_table,
     lines,
     number,
     plural,
@@ -34,7 +35,6 @@ from .screen import (
     status_style,
     timeline,
 )
-from .terms import UsageError, add_results, existing, subcommand, whole
 
 SERIES = {  # name in the series file: label
     "energy_error": "|dE| [J]", "position_error": "error [m]", "orientation_error": "error [rad]",
@@ -71,22 +71,25 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
         out.print(Text(f"error {error}"))
     for words in json.loads(record.notes):
         out.print(Text(f"  note: {printable(words)}"))
-    _heading(out, "Settings")
-    for name, value in _settings(record).items():
+    _print_heading(out, "Settings")
+    for name, value in _list_settings(record).items():
         out.print(Text(f"  {name:<18} {value}"))
-    _series(out, folder, record)
-    _heading(out, "Measured")
-    _numbers(out, record)
+    _print_series(out, folder, record)
+    _print_heading(out, "Measured")
+    _print_numbers(out, record)
     if native := store.native_of(folder, record):
-        _heading(out, f"Standard error (last lines of {record.stderr})")
+        _print_heading(out, f"Standard error (last lines of {record.stderr})")
         for line in native.splitlines()[-LAST:]:
             out.print(Text("  " + line))
-    _heading(out, "Command that repeats this run")
+    _print_heading(out, "Command that repeats this run")
     lines().print(f"  {command}")
 
 
-def _settings(r: RunRecord) -> dict[str, str]:
-    out = {"problem": _assigned(r.problem, r.problem_parameters), "solver": _assigned(r.solver, r.solver_options)}
+def _list_settings(r: RunRecord) -> dict[str, str]:
+    out = {
+        "problem": _assign(r.problem, r.problem_parameters),
+        "solver": _assign(r.solver, r.solver_options),
+    }
     for name in SETTINGS:
         value = getattr(r, name)
         if value not in ("", 0) and not (isinstance(value, float) and math.isnan(value)):
@@ -94,12 +97,12 @@ def _settings(r: RunRecord) -> dict[str, str]:
     return {**out, "run_id": r.run_id, "code, commit": f"{r.code}, {r.commit or 'none'}", "finished": r.finished}
 
 
-def _assigned(name: str, text: str) -> str:
+def _assign(name: str, text: str) -> str:
     return " ".join([name, *(f"{k}={json.dumps(v)}" for k, v in json.loads(text).items())])
 
 
-def _series(out: Console, folder: Path, record: RunRecord) -> None:
-    _heading(out, f"Over time, 0 to {record.t_end_s:g} s (one bar is a factor of ten; * marks where it stopped)")
+def _print_series(out: Console, folder: Path, record: RunRecord) -> None:
+    _print_heading(out, f"Over time, 0 to {record.t_end_s:g} s (one bar is a factor of ten; * marks where it stopped)")
     try:
         series = store.series_of(folder, record)
     except BadSeries as error:
@@ -117,7 +120,7 @@ def _series(out: Console, folder: Path, record: RunRecord) -> None:
             out.print(Text(f"  {words:<12} {line}  {ends}"))
 
 
-def _numbers(out: Console, record: RunRecord) -> None:
+def _print_numbers(out: Console, record: RunRecord) -> None:
     rows = []
     for c in COLUMNS:
         value = getattr(record, c.name)
@@ -125,19 +128,19 @@ def _numbers(out: Console, record: RunRecord) -> None:
             rows.append((f"  {c.name}", f"{value:.6g}", str(c.metadata["doc"])))
     for name in ("invariant_drifts", "observable_errors"):
         for key, entry in json.loads(getattr(record, name)).items():
-            rows.append((f"  {name[:-1]}: {key}", f"{_of(entry, 'max'):.6g}", f"{entry.get('unit', '')}, max"))
+            rows.append((f"  {name[:-1]}: {key}", f"{_read_entry(entry, 'max'):.6g}", f"{entry.get('unit', '')}, max"))
     columns = (Column("  column", fold=True), Column("value"), Column("meaning", fold=True, least=20))
-    out.print(fitted(columns, rows, out.width))
+    out.print(fit_table(columns, rows, out.width))
 
 
-def _of(entry: Any, key: str) -> float:
+def _read_entry(entry: Any, key: str) -> float:
     try:
         return float(entry[key])
     except (TypeError, KeyError, ValueError):
         return math.nan
 
 
-def _heading(out: Console, words: str) -> None:
+def _print_heading(out: Console, words: str) -> None:
     out.print(Text(f"\n{words}", "bold"))
 
 
@@ -150,16 +153,16 @@ def add(commands: Any) -> None:
     for name in FILTERS:
         p.add_argument(f"--{name}", metavar="A,B", help=f"only runs with this {name}, or one of these")
     p.add_argument("--sort", metavar="KEY", help=f"largest first, by {', '.join(SORTS)} or any numeric column")
-    p.add_argument("--limit", metavar="N", help="only the first N runs")
+    p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Print it; 1 if a file in it could not be read."""
-    folder = existing(arguments.results)
+    folder = arguments.results
     loaded = store.load(folder, check_series=arguments.json)
     plugins = [p for p in stamp_of(folder).get("plugins", []) if isinstance(p, str)]
     unreadable = list(loaded.unreadable)
-    chosen = _chosen(loaded.records, arguments)
+    chosen = _select_runs(loaded.records, arguments)
     if arguments.json:
         for record in chosen:
             plain = json.loads(records.to_json(record))
@@ -167,15 +170,15 @@ def run(arguments: argparse.Namespace) -> int:
     elif arguments.run_name is not None:
         show_run(folder, chosen[0], command(chosen[0], plugins))
     else:
-        _table(chosen, [_spark(folder, r, unreadable) for r in chosen])
+        _print_runs(chosen, [_draw_energy(folder, r, unreadable) for r in chosen])
     print_unreadable(unreadable)
     return 1 if unreadable else 0
 
 
-def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[RunRecord]:
+def _select_runs(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[RunRecord]:
     """Filtered, sorted, limited; UsageError where a filter matches no run."""
     if arguments.run_name is not None:
-        return [one(found, arguments.run_name)]
+        return [find_run(found, arguments.run_name)]
     chosen = list(found)
     for name in FILTERS:
         given = getattr(arguments, name)
@@ -191,12 +194,12 @@ def _chosen(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[R
         numeric = [c.name for c in records.COLUMNS if c.type in (float, int)]
         if key not in numeric and key not in ERRORS:
             raise UsageError(f"--sort: unknown column {key!r}{nearest(key, [*SORTS, *numeric])}")
-        size = {r.run_id: abs(_shown(r, key)) for r in chosen}
+        size = {r.run_id: abs(_read_column(r, key)) for r in chosen}
         chosen.sort(key=lambda r: math.inf if math.isnan(size[r.run_id]) else -size[r.run_id])
-    return chosen[: whole(arguments.limit, "--limit")] if arguments.limit is not None else chosen
+    return chosen[: arguments.limit]
 
 
-def one(found: Sequence[RunRecord], given: str) -> RunRecord:
+def find_run(found: Sequence[RunRecord], given: str) -> RunRecord:
     """The run of that run_id, its first digits, or that case."""
     match = [r for r in found if given in (r.run_id, r.case)]
     match = match or [r for r in found if given and r.run_id.startswith(given)]
@@ -207,7 +210,7 @@ def one(found: Sequence[RunRecord], given: str) -> RunRecord:
     return match[0]
 
 
-def _spark(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> str:
+def _draw_energy(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> str:
     """The energy error over time."""
     try:
         series = store.series_of(folder, record)
@@ -217,11 +220,11 @@ def _spark(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> str
     return "" if series is None else timeline(series["t"], series["energy_error"], record.t_end_s, SPARK)
 
 
-def _shown(r: RunRecord, name: str) -> float:
+def _read_column(r: RunRecord, name: str) -> float:
     return ERRORS[name](r) if name in ERRORS else float(getattr(r, name))
 
 
-def _table(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
+def _print_runs(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
     columns = [
         Column("run", rank=1, right=False), Column("case", fold=True), Column("status", right=False),
         Column("steps", rank=7), next(iter(SHOWN.values())), Column("dE over time", right=False),
@@ -229,7 +232,7 @@ def _table(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
     ]  # fmt: skip
     rows: list[tuple[Text | str, ...]] = []
     for r, spark in zip(chosen, sparks, strict=True):
-        first, *rest = [number(_shown(r, name)) for name in SHOWN]
+        first, *rest = [number(_read_column(r, name)) for name in SHOWN]
         status = Text(r.status, status_style(r.status))
         rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, spark, *rest))
     failed = [r for r in chosen if r.status != Status.SUCCESS]

@@ -15,18 +15,18 @@ from ..harness.sandbox.trial import made
 from ..harness.suites.shape import LONGEST
 from ..harness.suites.spec import make_spec
 from ..harness.types import Status
-from .screen import errors, lines
-from .terms import (
+from .arguments import (
     UsageError,
-    above,
     add_plugin,
     add_problem,
     add_set,
-    assignments,
     check_writable,
     load_problem,
+    parse_assignments,
+    positive_float,
     subcommand,
 )
+from .screen import errors, lines
 
 CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
 
@@ -50,14 +50,14 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check everything, run, write; 0 for a motion that reaches its end and keeps all laws."""
     name, parameters, _ = load_problem(arguments)
-    given = assignments(arguments.set, "--set")
+    given = parse_assignments(arguments.set, "--set")
     control = {k: given.pop(k) for k in CONTROL if k in given}
     if arguments.solver not in registry.solvers():  # before the problem is made: that can take a while
         registry.make_solver(arguments.solver)
     problem = made(name, parameters)
     limit = control.pop("cpu_limit", None)
     spec = make_spec(problem, arguments.solver, given, control)
-    wall = None if limit is None else above(limit, "cpu_limit", unit=" [s]")
+    wall = None if limit is None else positive_float(limit)
     if wall is not None and wall > LONGEST:
         raise UsageError(f"cpu_limit must be at most {LONGEST:g} s (got {limit})")
     out = Path(arguments.out or f"{name}-{arguments.solver}.npz")
@@ -79,10 +79,10 @@ def run(arguments: argparse.Namespace) -> int:
         raise
     good = Status(outcome.record.status).lawful
     if arguments.json:
-        plain = {**plain_columns(outcome.record), "out": str(out)}
+        plain = {**as_plain(outcome.record), "out": str(out)}
         console.print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
         return 0 if good else 1
-    for line in summary(outcome.record):
+    for line in summarize(outcome.record):
         console.print(line)
     if outcome.native and not good:
         console.print(f"standard error     {outcome.native.splitlines()[-1]}")
@@ -90,20 +90,24 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if good else 1
 
 
-def plain_columns(r: RunRecord) -> dict[str, Any]:
+def as_plain(r: RunRecord) -> dict[str, Any]:
     """Numbers for machines: null for what does not exist, ``"inf"`` for what has no bound."""
     from ..harness.execution.run_file import SUMMARY
 
     numbers = {"case": r.case, **{name: getattr(r, name) for name in SUMMARY}, "cpu_s": r.cpu_min_s}
     unpacked = {name: json.loads(numbers.pop(name)) for name in ("counters", "notes")}
-    return {**_exists(numbers), **unpacked, "reasons": [_exists(x) for x in json.loads(r.wrong_because)]}
+    return {
+        **_jsonable(numbers),
+        **unpacked,
+        "reasons": [_jsonable(x) for x in json.loads(r.wrong_because)],
+    }
 
 
-def _exists(numbers: Mapping[str, Any]) -> dict[str, Any]:
+def _jsonable(numbers: Mapping[str, Any]) -> dict[str, Any]:
     return {k: None if str(v) == "nan" else str(v) if v in (math.inf, -math.inf) else v for k, v in numbers.items()}
 
 
-def summary(r: RunRecord) -> list[str]:
+def summarize(r: RunRecord) -> list[str]:
     """A record on one screen."""
     said = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *why(r)]) if w)
     out = [r.case, f"{'status':<18} {r.status}" + (f": {said}" if said else "")]

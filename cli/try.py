@@ -7,17 +7,26 @@ from typing import Any
 
 from ..harness.catalogue import registry
 from ..harness.conformance import assessment
-from ..harness.execution.runner import Request, new_folder, run_suite
+from ..harness.execution.runner import Request, new_folder
 from ..harness.results import store
 from ..harness.results.findings import Finding, state
 from ..harness.suites.spec import RunSpec
 from ..harness.suites.suite import Suite
 from ..harness.types import EndedBy
+from .arguments import (
+    UsageError,
+    add_jobs,
+    add_plugin,
+    check_writable,
+    count_jobs,
+    load_plugins,
+    positive_float,
+    subcommand,
+)
 from .check import resolve_entries
 from .findings import print_findings
-from .progress import progress
+from .progress import run_watched
 from .screen import lines
-from .terms import UsageError, above, add_jobs, add_plugin, check_writable, jobs, load_plugins, subcommand
 
 NET = 10.0  # times the CPU time that is left: a stage that takes longer on the wall is ended
 
@@ -28,7 +37,11 @@ def add(commands: Any) -> None:
     p = subcommand(commands, "try", run, words, "one object a finding")
     p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
     p.add_argument(
-        "--budget", default="180", metavar="S", help="CPU time of everything, compilation too [s] (default: 180)"
+        "--budget",
+        type=positive_float,
+        default=180.0,
+        metavar="S",
+        help="CPU time of everything, compilation too [s] (default: 180)",
     )
     p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
     p.add_argument("--html", metavar="FILE", help="also write all lines and charts to one HTML page")
@@ -39,31 +52,31 @@ def add(commands: Any) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """0 if nothing falls short and nothing is left out."""
-    budget = above(arguments.budget, "--budget", unit=" [s]")
+    budget = arguments.budget
     plugins, names = resolve_entries(arguments.file)
     own = [n for n in names if n in registry.solvers()]
     if len(own) != 1:
         raise UsageError(f"try takes a file with one solver (got {', '.join(own) or 'none'} in {arguments.file})")
     (solver,) = own
     plugins += load_plugins(arguments.plugin)
-    size = jobs(arguments.jobs)
+    size = count_jobs(arguments.jobs)
     if arguments.html:
         check_writable(Path(arguments.html))
     folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
     specs = assessment.first_runs(solver, wall=min(20.0, budget / 6.0))
     stages = assessment.stages(solver, specs)
     long = False
-    begun, done = _cpu(), list[RunSpec]()
-    while stages and (not done or _cpu() - begun < budget):
-        rest, begun_before = budget - (_cpu() - begun), bool(done)
+    begun, done = _cpu_seconds(), list[RunSpec]()
+    while stages and (not done or _cpu_seconds() - begun < budget):
+        rest, begun_before = budget - (_cpu_seconds() - begun), bool(done)
         done += stages.pop(0)
         suite = Suite(f"try-{solver}", "", tuple(done), "", plugins, total_limit=NET * rest)
-        with progress(quiet=arguments.json, size=size, resumable=False) as watcher:
-            loaded = run_suite(Request(suite, folder, size, resume=begun_before), watcher)
+        request = Request(suite, folder, size, resume=begun_before)
+        loaded, watcher = run_watched(request, quiet=arguments.json, resumable=False)
         if watcher.left or any(r.ended_by == EndedBy.TOTAL_LIMIT for r in loaded.records):
             break
         if not long and any(s.label == "symmetries" for s in done):
-            rest = budget - (_cpu() - begun)
+            rest = budget - (_cpu_seconds() - begun)
             more = assessment.long_run(solver, loaded.records, min(budget / 6.0, rest / 3.0))
             long = True
             if more is not None:
@@ -74,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     have = {r.settings_id for r in records}
     left = [s for s in specs if s.settings_id not in have]
     found = list(assessment.findings(solver, folder, records, orders, left))
-    summary = _summary(solver, found)
+    summary = _summarize(solver, found)
     if left:
         share = f"{len(left)} of {len(specs)} runs"
         summary += f"; incomplete: {share} are left out by the budget"
@@ -97,11 +110,11 @@ def run(arguments: argparse.Namespace) -> int:
     return 1 if left or not all(f.holds for f in found) else 0
 
 
-def _cpu() -> float:
+def _cpu_seconds() -> float:
     """CPU time of this process and of those that it has waited for [s]."""
     return sum(os.times()[:4])
 
 
-def _summary(solver: str, found: list[Finding]) -> str:
+def _summarize(solver: str, found: list[Finding]) -> str:
     judged = [f for f in found if f.is_tested]
     return f"{solver}: {sum(f.holds for f in judged)} of {len(judged)} as expected"

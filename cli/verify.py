@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from ..harness.execution.runner import Request, run_suite
+from ..harness.execution.runner import Request
 from ..harness.results import store
 from ..harness.results.comparison import compare, is_repeatable
 from ..harness.results.provenance import differences, same_platform, stamp_of
@@ -16,10 +16,20 @@ from ..harness.results.reproduce import REFEREED
 from ..harness.sandbox.trial import made
 from ..harness.suites.spec import RunSpec, make_spec
 from ..harness.suites.suite import Suite
-from .diff import show
-from .progress import progress
+from .arguments import (
+    RESULTS,
+    UsageError,
+    add_jobs,
+    add_plugin,
+    count_jobs,
+    find_results,
+    load_plugins,
+    positive_int,
+    subcommand,
+)
+from .diff import show_comparison
+from .progress import run_watched
 from .screen import lines, print_unreadable
-from .terms import RESULTS, UsageError, add_jobs, add_plugin, existing, jobs, load_plugins, subcommand, whole
 
 SEED = 1  # the same sample every time, unless --seed says otherwise
 
@@ -28,33 +38,33 @@ def add(commands: Any) -> None:
     """The subcommand's arguments."""
     words = "repeat a sample of finished runs and compare; exit code 0 if they agree, 1 if not"
     p = subcommand(commands, "verify", run, words, "one object, as diff prints it")
-    p.add_argument("results", metavar="RESULTS", help=RESULTS)
-    p.add_argument("--sample", metavar="N", default="5", help="number of runs to repeat (default: 5)")
-    p.add_argument("--seed", metavar="K", default=str(SEED), help=f"seed of the sample (default: {SEED})")
+    p.add_argument("results", type=find_results, metavar="RESULTS", help=RESULTS)
+    p.add_argument("--sample", type=positive_int, metavar="N", default=5, help="number of runs to repeat (default: 5)")
+    p.add_argument("--seed", type=positive_int, metavar="K", default=SEED, help=f"seed of the sample (default: {SEED})")
     add_jobs(p)
     add_plugin(p, "plugin that the results were made with")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """0 if the sample agrees: bit for bit on the same code and platform, else within platform differences."""
-    size, seed = whole(arguments.sample, "--sample"), whole(arguments.seed, "--seed")
-    folder = existing(arguments.results)
+    folder = arguments.results
     plugins = load_plugins(arguments.plugin)
     loaded = store.load(folder)
     records = store.newest(loaded.records)
     able = [r for r in records if is_repeatable(r) and r.suite != REFEREED]
     if not able:
         raise UsageError(f"{folder} has no run that can be repeated (none at all, or all stopped by a limit)")
-    sample = random.Random(seed).sample(able, min(size, len(able)))
-    suite = Suite("verify", "a sample of finished runs", tuple(map(run_of, sample)), "", plugins)
-    with tempfile.TemporaryDirectory() as place, progress(quiet=arguments.json, resumable=False) as watcher:
-        again = run_suite(Request(suite, Path(place) / "run", jobs(arguments.jobs)), watcher)
+    sample = random.Random(arguments.seed).sample(able, min(arguments.sample, len(able)))
+    suite = Suite("verify", "a sample of finished runs", tuple(map(rebuild_spec, sample)), "", plugins)
+    with tempfile.TemporaryDirectory() as place:
+        request = Request(suite, Path(place) / "run", count_jobs(arguments.jobs))
+        again, _ = run_watched(request, quiet=arguments.json, resumable=False)
         stamps = stamp_of(folder), stamp_of(Path(place) / "run")
     found = compare(sample, again.records)
     made = {r.settings_id: r.code for r in again.records}
     exact = same_platform(*stamps) and all(r.code == made.get(r.settings_id) for r in sample)
     good = found.same if exact else found.alike
-    show(found, [d for d in differences(*stamps) if d.what != "suite"], json=arguments.json)
+    show_comparison(found, [d for d in differences(*stamps) if d.what != "suite"], json=arguments.json)
     if arguments.json:
         return 0 if good else 1
     out = lines()
@@ -64,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if good and not loaded.unreadable else 1
 
 
-def run_of(record: RunRecord) -> RunSpec:
+def rebuild_spec(record: RunRecord) -> RunSpec:
     """The spec of a record's run, or UsageError where this checkout would run something else."""
     try:
         problem = made(record.problem, json.loads(record.problem_parameters))

@@ -213,7 +213,7 @@ def test_an_old_verdict_does_not_outlive_a_gate_that_came_to_none(tmp_path, caps
         def ended(*_, error=error, **__):
             raise error
 
-        monkeypatch.setattr("mbsbench.cli.gate.run_suite", ended)
+        monkeypatch.setattr("mbsbench.cli.gate.run_watched", ended)
         assert main([*line, "--junit", "gate.xml", "--markdown", "gate.md"]) == code
         assert words in capsys.readouterr().err
         assert not (tmp_path / "gate.xml").exists() and not (tmp_path / "gate.md").exists()

@@ -44,7 +44,7 @@ def test_version(capsys):
 @pytest.mark.parametrize("arguments", [[], ["--help"], ["--version"], ["list"], ["list", "chain"]])
 def test_help_and_list_load_nothing_heavy(arguments):
     """No package that takes a tenth of a second to load; the catalogue is read from its file."""
-    catalogue.known()
+    catalogue.load_catalogue()
     code = f"import sys; from mbsbench.cli.__main__ import main; main({arguments!r}); "
     code += f"print([m for m in {HEAVY!r} if m in sys.modules], file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
@@ -54,13 +54,13 @@ def test_help_and_list_load_nothing_heavy(arguments):
 def test_the_kept_catalogue_is_the_one_of_the_code(tmp_path, monkeypatch):
     """Nothing is lost on the way to the file; another code is another file."""
     monkeypatch.setattr(catalogue, "cache_folder", lambda *_: tmp_path)
-    made, again = catalogue.known(), catalogue.known()
-    assert json.loads(to_json(made)) == again == json.loads(to_json(catalogue.as_plain()))
+    made, again = catalogue.load_catalogue(), catalogue.load_catalogue()
+    assert json.loads(to_json(made)) == again == json.loads(to_json(catalogue.describe_catalogue()))
     (file,) = tmp_path.iterdir()
     file.write_text("no JSON")
-    assert catalogue.known()["problems"]
-    monkeypatch.setattr(catalogue, "_digest", lambda: "other")
-    catalogue.known()
+    assert catalogue.load_catalogue()["problems"]
+    monkeypatch.setattr(catalogue, "_digest_code", lambda: "other")
+    catalogue.load_catalogue()
     assert [p.name for p in tmp_path.iterdir()] == ["other.json"]
 
 

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from mbsbench.cli.screen import BARS, Column, fitted, sparkline
+from mbsbench.cli.screen import BARS, Column, fit_table, sparkline
 
 
 def test_a_sparkline_shows_growth_by_decades():
@@ -43,7 +43,7 @@ def test_tables_fit(width):
     rows = [("p s[first_option=1,second_option=2,third_option=3]", "1.23e-05", "1", "2")]
     out = Console(width=width)
     with out.capture() as caught:
-        out.print(fitted(columns, rows, width))
+        out.print(fit_table(columns, rows, width))
     text = caught.get()
     assert all(len(line) <= width for line in text.splitlines()) and "1.23e-05" in text
     assert ("y" * 20 in text) == (width >= 80) and ("x" * 20 in text) == (width >= 60)

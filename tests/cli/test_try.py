@@ -11,12 +11,12 @@ import pytest
 from markupsafe import escape
 
 from mbsbench.cli.__main__ import main
+from mbsbench.cli.progress import run_watched
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.conformance import assessment
 from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.pool import LocalPool
-from mbsbench.harness.execution.runner import run_suite
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.findings import Finding, Verdict
@@ -218,7 +218,7 @@ def test_what_a_budget_cut_short_is_counted_and_not_passed(tmp_path, capsys, mon
              for options in ({}, {"seconds": 500.0}, {"seconds": 501.0})]  # fmt: skip
     command = import_module("mbsbench.cli.try")
     monkeypatch.setattr(assessment, "first_runs", lambda *_, **__: specs)
-    monkeypatch.setattr(command, "run_suite", partial(run_suite, pool=Over))
+    monkeypatch.setattr(command, "run_watched", partial(run_watched, pool=Over))
     line = ["try", "sleeps", "--plugin", str(PLUGIN), "--no-report", "--jobs", "1", "--budget", "50"]
     assert main([*line, "--out", str(tmp_path / "out"), "--json"]) == 1
     found = [json.loads(x) for x in capsys.readouterr().out.splitlines()]

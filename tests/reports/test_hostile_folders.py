@@ -183,7 +183,7 @@ ELSEWHERE = {
     "cli/gate.py": ("exists is_file is_symlink read_text unlink write_text", "files that the user named"),
     "cli/judge.py": ("mkdir", "the folder of published verdicts, that the user named"),
     "cli/report.py": ("mkdir", "the folder of a comparison, that the user named"),
-    "cli/terms.py": ("is_dir open unlink", "the folder of a file that the user named"),
+    "cli/arguments.py": ("is_dir open unlink", "the folder of a file that the user named"),
     "harness/execution/cluster.py": ("is_file", "a scheduler file that the user named"),
     "harness/execution/eta.py": ("glob is_symlink stat", "lists results/local"),
     "harness/execution/runner.py": ("exists glob is_symlink", "lists results/local, and looks for a name that is free"),

@@ -180,8 +180,8 @@ def test_the_tally_is_that_of_results():
     rows = [judged("a", "REFUTED")] * 2 + [judged("b", "SUPPORTED", "presentation")]
     words = "at the paper's settings: 0 SUPPORTED, 0 CONDITIONAL, 0 MIXED, 0 REFUTED, 0 UNTESTABLE\n"
     words += "beyond them: 0 SUPPORTED, 0 CONDITIONAL, 0 MIXED, 2 REFUTED, 0 UNTESTABLE"
-    assert command.tally(rows) == words + "\nchecks of the presentation: 1 of 1 SUPPORTED"
-    assert command.tally(rows[:2]) == words
+    assert command.count_verdicts(rows) == words + "\nchecks of the presentation: 1 of 1 SUPPORTED"
+    assert command.count_verdicts(rows[:2]) == words
 
 
 def test_claims_that_come_and_go_are_changes():

@@ -5,7 +5,7 @@ import shlex
 
 import pytest
 
-from mbsbench.cli.terms import Parser, assignments
+from mbsbench.cli.arguments import Parser, parse_assignments
 from mbsbench.harness.execution.job import Job, record_of
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.reproduce import command
@@ -42,10 +42,10 @@ def run_of(line: str):
     parser = Parser()
     solve.add(parser.add_subparsers(parser_class=Parser))
     given = parser.parse_args(words[1:])
-    values = assignments(given.set, "--set")
+    values = parse_assignments(given.set, "--set")
     control = {k: values.pop(k) for k in solve.CONTROL if k in values}
     wall = float(control.pop("cpu_limit"))
-    problem = registry.make_problem(given.problem, assignments(given.problem_set, "--problem-set"))
+    problem = registry.make_problem(given.problem, parse_assignments(given.problem_set, "--problem-set"))
     return make_spec(problem, given.solver, values, control, cpu_limit=wall), given
 
 

@@ -5,6 +5,7 @@ import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 from ..harness.cache import ROOT, is_checkout
 from .parser import Parser as Parser
@@ -16,12 +17,14 @@ RESULTS = "results folder: a path, or a name in results/local/"
 
 def add_results(p: argparse.ArgumentParser) -> None:
     """The argument RESULTS."""
-    p.add_argument("results", nargs="?", default="latest", metavar="RESULTS", help=f"{RESULTS} (default: the newest)")
+    words = f"{RESULTS} (default: the newest)"
+    p.add_argument("results", nargs="?", default="latest", type=find_results, metavar="RESULTS", help=words)
 
 
 def add_jobs(p: argparse.ArgumentParser) -> None:
     """The option --jobs."""
-    p.add_argument("--jobs", metavar="N", help="parallel processes (default: all cores; use 1 for reliable timings)")
+    words = "parallel processes (default: all cores; use 1 for reliable timings)"
+    p.add_argument("--jobs", type=positive_int, metavar="N", help=words)
 
 
 def add_plugin(p: argparse.ArgumentParser, words: str = "file that adds problems or solvers") -> None:
@@ -34,7 +37,7 @@ def add_problem(p: argparse.ArgumentParser) -> None:
     words = "name of a problem (see mbsbench list), or an MJCF or URDF file (docs/mechanisms-from-files.md)"
     p.add_argument("problem", metavar="PROBLEM", help=words)
     add_set(p, "--problem-set", "problem parameter")
-    p.add_argument("--t-end", metavar="T", help="simulated time [s]")
+    p.add_argument("--t-end", type=positive_float, metavar="T", help="simulated time [s]")
 
 
 def add_set(p: argparse.ArgumentParser, option: str, words: str) -> None:
@@ -42,7 +45,7 @@ def add_set(p: argparse.ArgumentParser, option: str, words: str) -> None:
     p.add_argument(option, action="append", default=[], metavar="K=V", help=f"{words}; may be repeated")
 
 
-def assignments(given: Sequence[str], what: str) -> dict[str, str]:
+def parse_assignments(given: Sequence[str], what: str) -> dict[str, str]:
     """``["k=v", ...]`` as a dict; each key once."""
     out: dict[str, str] = {}
     for text in given:
@@ -71,22 +74,21 @@ def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
     return tuple(plugins.resolved(p) for p in paths)
 
 
-def load_problem(arguments: argparse.Namespace) -> tuple[str, dict[str, str], tuple[str, ...]]:
+def load_problem(arguments: argparse.Namespace) -> tuple[str, dict[str, Any], tuple[str, ...]]:
     """The name of the problem asked for, which a file of a mechanism adds, its parameters, and all plugins, loaded."""
     from ..harness.catalogue import mechanism_files
 
     given, file = arguments.problem, mechanism_files.is_mechanism(arguments.problem)
     loaded = load_plugins([*arguments.plugin, *([given] if file else [])])
-    parameters = assignments(arguments.problem_set, "--problem-set")
+    parameters: dict[str, Any] = parse_assignments(arguments.problem_set, "--problem-set")
     if arguments.t_end is not None:
         if "t_end" in parameters:
             raise UsageError("t_end is given twice, by --t-end and --problem-set")
-        above(arguments.t_end, "t_end", unit=" [s]")
         parameters["t_end"] = arguments.t_end
     return mechanism_files.name_of(given) if file else given, parameters, loaded
 
 
-def check_ours(path: Path, option: str) -> None:
+def check_not_installed(path: Path, option: str) -> None:
     """Committed files are changed in a checkout; those of an installed package stay as they are."""
     if path.resolve().is_relative_to(ROOT) and not is_checkout():
         raise UsageError(f"{path.name} is part of the installed package; give another place with {option}")
@@ -99,43 +101,45 @@ def add_running(p: argparse.ArgumentParser) -> None:
     add_plugin(p)
 
 
-def existing(name: str) -> Path:
+def find_results(name: str) -> Path:
     """The results folder at a path, or of that name in results/local/."""
     from ..harness.results import store
 
     for path in (Path(name), store.LOCAL / name):
         if store.is_results(path):
             return path
-        store.refuse_older(path)
+        try:
+            store.refuse_older(path)
+        except store.StoreError as error:
+            raise UsageError(str(error)) from None
     if name == "latest":
         remedy = "run a suite first (mbsbench run paper) or give a results folder"
         raise UsageError(f"no results in {store.LOCAL}; {remedy}")
     raise UsageError(f"{name} is not a results folder: expected a path, or the name of a folder in {store.LOCAL}")
 
 
-def whole(text: str, what: str) -> int:
+def positive_int(text: str) -> int:
     """A whole number > 0 from the command line."""
     if not text.isdecimal() or int(text) < 1:
-        raise UsageError(f"{what} must be a whole number > 0 (got {text!r})")
+        raise UsageError(f"must be a whole number > 0 (got {text!r})")
     return int(text)
 
 
-def above(text: str, what: str, least: float = 0.0, unit: str = "") -> float:
-    """A finite number > ``least`` from the command line."""
+def positive_float(text: str) -> float:
+    """A finite number > 0 from the command line."""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
-    if not least < value < math.inf:
-        raise UsageError(f"{what} must be a finite number > {least:g}{unit} (got {text!r})")
+    if not 0.0 < value < math.inf:
+        raise UsageError(f"must be a finite number > 0 (got {text!r})")
     return value
 
 
-def jobs(given: str | None) -> int:
-    """Number of processes."""
-    if given is not None:
-        return whole(given, "--jobs")
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+def count_jobs(given: int | None) -> int:
+    """Number of processes: as given, else one a core."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return given or cores
 
 
 def check_writable(out: Path) -> None:
