@@ -15,7 +15,7 @@ from ..harness.races.cheapest import Candidate, cost_of, rank
 from ..harness.reference.computed import Source, is_computable, source_of
 from ..harness.results import store
 from ..harness.results.records import RunRecord
-from ..harness.sandbox.trial import made
+from ..harness.sandbox.trial import make_problem
 from ..harness.suites.suite import Suite
 from ..harness.types import Problem
 from .arguments import (
@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     """0 if a solver meets the error."""
     name, parameters, plugins = load_problem(arguments)
     error, budget = arguments.error, arguments.budget
-    problem = made(name, parameters)
+    problem = make_problem(name, parameters)
     for solver in arguments.solver:
         registry.entry_of("solver", solver, registry.solvers())
     if arguments.results:

@@ -16,7 +16,7 @@ from ..harness.referee.claims.verdicts import judge
 from ..harness.referee.code import code_now
 from ..harness.results import store
 from ..harness.results.judgements.claims import Claim
-from ..harness.results.judgements.files import FOLDER, PUBLISHED, as_text, read_claims
+from ..harness.results.judgements.files import FOLDER, PUBLISHED, format_judgement, read_claims
 from ..harness.suites.suite import Suite
 from ..reports.model import claim_words
 from .arguments import RESULTS, UsageError, add_jobs, count_jobs, find_results, subcommand
@@ -57,14 +57,14 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         found = _read_claim(arguments, published)
     if arguments.json:
-        lines().print(as_text(found), end="")
+        lines().print(format_judgement(found), end="")
         return int(changed)
-    for line in _describe_claim(found, len(judging.needed(alone))):
+    for line in _describe_claim(found, len(judging.select_needed(alone))):
         lines().print(line, markup=False, highlight=False)
     if arguments.make and published:
         lines().print(f"published: {published.verdicts}" if changed else "as published")
     elif not (arguments.make or arguments.results):
-        _warn(judging.outdated(PUBLISHED, code_now(register, judging.whole_run())))
+        _warn(judging.describe_outdated(PUBLISHED, code_now(register, judging.list_whole())))
     return int(changed)
 
 
@@ -91,7 +91,7 @@ def _read_claim(arguments: argparse.Namespace, published: Claim | None) -> Claim
 
 def _run_claim(arguments: argparse.Namespace, register: Register) -> Claim:
     """Its runs, those of an earlier start kept, and the verdict on them."""
-    specs, name = judging.needed(register), f"claim-{arguments.claim}"
+    specs, name = judging.select_needed(register), f"claim-{arguments.claim}"
     folder = Path(arguments.out) if arguments.out else last_folder(name) or new_folder(name)
     request = Request(Suite(name, "the runs of one claim", specs, ""), folder, count_jobs(arguments.jobs), resume=True)
     if specs:
@@ -99,7 +99,7 @@ def _run_claim(arguments: argparse.Namespace, register: Register) -> Claim:
         loaded, watcher = run_watched(request, quiet=arguments.json)
         watcher.finish(folder, loaded)
     records = loaded.records if specs else ()
-    return judge(register, judging.tried_on(), records, partial(store.series_of, folder))[0]
+    return judge(register, judging.list_tried(), records, partial(store.series_of, folder))[0]
 
 
 def _describe_claim(c: Claim, runs: int) -> Iterator[str]:

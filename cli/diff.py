@@ -8,7 +8,7 @@ from rich.text import Text
 
 from ..harness.results import store
 from ..harness.results.comparison import Comparison, Likeness, compare
-from ..harness.results.provenance import Difference, differences, stamp_of, why
+from ..harness.results.provenance import Difference, describe_differences, find_differences, stamp_of
 from .arguments import RESULTS, UsageError, find_results, positive_int, subcommand
 from .screen import Column, plural, print_json, print_table, print_unreadable
 
@@ -37,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not any(part.records for part in loaded):
         raise UsageError(f"nothing to compare: neither {folders[0]} nor {folders[1]} holds a result")
     found = compare(*(part.records for part in loaded))
-    inputs = differences(*map(stamp_of, folders))
+    inputs = find_differences(*map(stamp_of, folders))
     show_comparison(found, inputs, arguments.limit, json=arguments.json)
     print_unreadable(u for part in loaded for u in part.unreadable)
     return 0 if found.same else 1
@@ -61,5 +61,5 @@ def show_comparison(found: Comparison, inputs: list[Difference], limit: int = SH
     changed = len({c.case for c in found.changes})
     below.append(f"{plural(found.compared, 'run')} in both, {found.compared - changed} of them bit for bit identical")
     if inputs or not found.same:
-        below.append(f"possible causes: {why(inputs)}")
+        below.append(f"possible causes: {describe_differences(inputs)}")
     print_table(COLUMNS, rows, *below)

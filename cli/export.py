@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from ..harness.files import to_json, write_text
-from ..harness.foreign.description import described
-from ..harness.sandbox.trial import made
+from ..harness.foreign.description import describe_problem
+from ..harness.sandbox.trial import make_problem
 from .arguments import add_plugin, add_problem, check_writable, load_problem, subcommand
 from .screen import lines
 
@@ -23,7 +23,7 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """0."""
     name, parameters, _ = load_problem(arguments)
-    text = to_json(described(made(name, parameters)), indent=1)
+    text = to_json(describe_problem(make_problem(name, parameters)), indent=1)
     if arguments.out is None:
         lines().print(text)
         return 0

@@ -22,7 +22,7 @@ from ..harness.gate.judging import Judged, State, judge, judged_of, tightened
 from ..harness.gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
 from ..harness.gate.thresholds import FOLDER, Thresholds, parse_thresholds, proposed, read_thresholds, write_thresholds
 from ..harness.results import codes, store
-from ..harness.results.history import GATES, rows_of, write_rows
+from ..harness.results.history import GATES, make_rows, write_rows
 from ..harness.results.provenance import stamp_of
 from ..harness.results.records import RunRecord
 from ..harness.results.reproduce import REFEREED
@@ -117,7 +117,7 @@ def run(arguments: argparse.Namespace) -> int:
             write_text(Path(file), made(result, suite.name))
     worst = {f.case: f.state.name for f in reversed(result.findings)}  # the worst come first
     with contextlib.suppress(OSError):  # a folder that cannot be written only costs the history
-        write_rows(store.LOCAL / GATES / f"{name}.jsonl", rows_of(name, stamp, judged, worst))
+        write_rows(store.LOCAL / GATES / f"{name}.jsonl", make_rows(name, stamp, judged, worst))
     return 0 if result.is_open else 1
 
 

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from ..harness.catalogue.options import nearest
 from ..harness.files import FileError
-from ..harness.results.history import METRICS, Row, history, read_rows, standing, write_rows
+from ..harness.results.history import METRICS, Row, find_histories, load_history, read_rows, write_rows
 from ..harness.results.store import StoreError
 from .arguments import UsageError, check_writable, find_results, subcommand
 from .screen import Column, errors, number, plural, print_json, print_table, sparkline
@@ -56,8 +56,8 @@ def _load_rows(sources: list[str]) -> tuple[list[Row], list[str]]:
     """The rows, and which files could not be read; a file that was named must be readable."""
     if sources:
         files = [Path(s) for s in sources if s.endswith(".jsonl")]
-        return list(history([find_results(s) for s in sources if not s.endswith(".jsonl")], files)), []
-    folders, files = standing()
+        return list(load_history([find_results(s) for s in sources if not s.endswith(".jsonl")], files)), []
+    folders, files = find_histories()
     bad = []
     for file in list(files):
         try:
@@ -66,7 +66,7 @@ def _load_rows(sources: list[str]) -> tuple[list[Row], list[str]]:
             bad.append(f"unreadable: {error}")
             files.remove(file)
     try:
-        return list(history(folders, files)), bad
+        return list(load_history(folders, files)), bad
     except StoreError as error:  # a folder removed meanwhile
         raise UsageError(str(error)) from None
 

@@ -10,13 +10,13 @@ from rich.text import Text
 
 from ..harness.places import Place
 from ..harness.referee import judge as judging
-from ..harness.referee.certificates.orders import of_motion
+from ..harness.referee.certificates.orders import select_motion
 from ..harness.referee.claims.register import PRESENTATION, REGISTER, read_register
-from ..harness.referee.code import code_now, older_runs, said
-from ..harness.referee.judge import Change, changes, judgements, write
+from ..harness.referee.code import code_now, describe_older, find_older_runs
+from ..harness.referee.judge import Change, find_changes, judge_results, write_judgements
 from ..harness.results import store
 from ..harness.results.judgements.claims import SCHEMA, Claim, Finding, Gap, Verdict
-from ..harness.results.judgements.files import FOLDER, ORDERS, PUBLISHED, as_text, read_claims, shortened
+from ..harness.results.judgements.files import FOLDER, ORDERS, PUBLISHED, format_judgement, read_claims, shorten_claims
 from ..harness.results.judgements.runs import Order
 from ..harness.results.provenance import stamp_of
 from ..harness.suites.spec import RunSpec
@@ -66,27 +66,29 @@ def run(arguments: argparse.Namespace) -> int:
     print_unreadable(loaded.unreadable)
     if arguments.publish:
         check_not_installed(published.path, "--published DIR")
-        _require_runs(folder, judging.whole_run(), "that verdicts are published from")
+        _require_runs(folder, judging.list_whole(), "that verdicts are published from")
     elif not arguments.partial:
-        _require_runs(folder, judging.needed(register), "that the claims are tried on", ", or judge these: --partial")
-    if old := older_runs(loaded.records, [str(p) for p in stamp_of(folder).get("plugins") or ()]):
-        raise UsageError(said(old, str(folder)))
+        _require_runs(
+            folder, judging.select_needed(register), "that the claims are tried on", ", or judge these: --partial"
+        )
+    if old := find_older_runs(loaded.records, [str(p) for p in stamp_of(folder).get("plugins") or ()]):
+        raise UsageError(describe_older(old, str(folder)))
     before = None if arguments.publish else read_claims(published)
     if before is None and arguments.published and not arguments.publish:
         raise UsageError(f"--published {published} holds no verdicts (claims.json); --publish writes these there")
-    judged = judgements(folder, register, lambda part: errors().print(f"judging: {part}"))
-    code = code_now(register, judging.whole_run())
-    write(Place(folder) / FOLDER, judged, code)
+    judged = judge_results(folder, register, lambda part: errors().print(f"judging: {part}"))
+    code = code_now(register, judging.list_whole())
+    write_judgements(Place(folder) / FOLDER, judged, code)
     lacking = {c.id for c in judged["claims"] if any(m.gap is Gap.RUNS for m in c.missing)}
     here = {r.settings_id for r in loaded.records}
     whole = [c for c in judged["claims"] if c.id not in lacking and here.intersection(c.settings_ids)]
     compares = before is not None and bool(whole)
-    stale = judging.outdated(published, code) if compares else ""
-    changed = [c for c in changes(before, judged["claims"]) if c.id not in lacking] if before is not None else []
-    orders = of_motion(judged.get(ORDERS.name, ()))
+    stale = judging.describe_outdated(published, code) if compares else ""
+    changed = [c for c in find_changes(before, judged["claims"]) if c.id not in lacking] if before is not None else []
+    orders = select_motion(judged.get(ORDERS.name, ()))
     if arguments.json:
         plain = {"schema": SCHEMA, "code": code, "claims": judged["claims"], "orders": orders}
-        lines().print(as_text(plain), end="")
+        lines().print(format_judgement(plain), end="")
     else:
         touched = [c for c in judged["claims"] if not arguments.partial or here.intersection(c.settings_ids)]
         if touched:
@@ -98,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
             lines().print(f"{others} of {len(judged['claims'])} claims are about other runs{nothing}")
     if arguments.publish:
         published.root.mkdir(parents=True, exist_ok=True)
-        write(published, {**judged, "claims": shortened(judged["claims"])}, code)
+        write_judgements(published, {**judged, "claims": shorten_claims(judged["claims"])}, code)
         errors().print(f"published: {published}")
     if stale:
         errors().print(stale)
@@ -106,7 +108,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _require_runs(folder: Path, specs: Sequence[RunSpec], what: str, remedy: str = "") -> None:
-    if missing := judging.absent(folder, specs):
+    if missing := judging.find_missing(folder, specs):
         again = f"mbsbench run {judging.WHOLE} --resume"
         raise UsageError(f"{folder} lacks {len(missing)} of {len(specs)} runs {what} (the first: {missing[0].case}); "
                          f"make them: {again}{remedy}")  # fmt: skip

@@ -10,12 +10,12 @@ from typing import Any
 from rich.text import Text
 
 from ..harness.files import FileError, printable
-from ..harness.foreign.judge import Given, files_of, refereed, results_folder
+from ..harness.foreign.judge import FileSettings, judge_file, list_tables, open_results
 from ..harness.foreign.reading import CHOICES, Reading
 from ..harness.results import store
 from ..harness.results.records import RunRecord
 from ..harness.results.words import judged_error, why
-from ..harness.sandbox.trial import made
+from ..harness.sandbox.trial import make_problem
 from ..harness.types import Status, StepControl
 from .arguments import UsageError, add_plugin, add_problem, load_problem, positive_float, subcommand
 from .screen import Column, lines, number, print_json, print_table, status_style
@@ -61,15 +61,15 @@ def add(commands: Any) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """0 if every motion is a success, else by the worst: 2 not judged, 1 not lawful, 3 inaccurate."""
     name, parameters, _ = load_problem(arguments)
-    problem = made(name, parameters)
+    problem = make_problem(name, parameters)
     given = [Path(f) for f in arguments.files]
-    paths = [p for f in given for p in files_of(f)]
-    folder = None if arguments.into is None else results_folder(_find_folder(arguments.into))
+    paths = [p for f in given for p in list_tables(f)]
+    folder = None if arguments.into is None else open_results(_find_folder(arguments.into))
     asked = _parse_settings(arguments, given[0])
     judged: list[RunRecord | FileError] = []
     for path in paths:
         try:
-            record = refereed(problem, path, asked, folder, several=len(paths) > 1)
+            record = judge_file(problem, path, asked, folder, several=len(paths) > 1)
         except FileError as error:
             if len(paths) == 1:
                 raise
@@ -95,7 +95,7 @@ def _exit_code(one: RunRecord | FileError) -> int:
     return codes.get(Status(one.status), 1)
 
 
-def _parse_settings(arguments: argparse.Namespace, first: Path) -> Given:
+def _parse_settings(arguments: argparse.Namespace, first: Path) -> FileSettings:
     reading = Reading(**{name: getattr(arguments, name) for name in CHOICES})
     columns = tuple(c.strip() for c in (arguments.columns or "").split(",") if c.strip())
     if len({"=" in c for c in columns}) > 1:
@@ -104,7 +104,9 @@ def _parse_settings(arguments: argparse.Namespace, first: Path) -> Given:
         raise UsageError("give one of --dt and --rtol")
     settings = {k: v for k in ("dt", "rtol") if (v := getattr(arguments, k)) is not None}
     name = arguments.name or re.sub(r"[^\w.+-]+", "_", first.stem)
-    return Given(name, reading, columns, StepControl(**settings) if settings else None, arguments.start_tolerance)
+    return FileSettings(
+        name, reading, columns, StepControl(**settings) if settings else None, arguments.start_tolerance
+    )
 
 
 def _find_folder(name: str) -> Path:

@@ -16,7 +16,7 @@ from ..harness.files import printable
 from ..harness.results import records, store
 from ..harness.results.provenance import stamp_of
 from ..harness.results.records import COLUMNS, RunRecord, reasons_of
-from ..harness.results.reproduce import command
+from ..harness.results.reproduce import write_command
 from ..harness.results.series import BadSeries
 from ..harness.results.store import Unreadable
 from ..harness.results.words import error_until, error_words, judged_error, why, words_of, words_of_ending
@@ -60,7 +60,7 @@ SORTS = {"drift": "energy_drift_max_J", "error": "position_error", "phi": "phi_m
 
 
 def show_run(folder: Path, record: RunRecord, command: str) -> None:
-    """Print all of it."""
+    """Print a run in detail, with the ``command`` that repeats it."""
     out = screen()
     ending = words_of_ending(record)
     out.print(Text(record.case, "bold"))
@@ -166,9 +166,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         for record in chosen:
             plain = json.loads(records.to_json(record))
-            print_json({**plain, "command": command(record, plugins)})
+            print_json({**plain, "command": write_command(record, plugins)})
     elif arguments.run_name is not None:
-        show_run(folder, chosen[0], command(chosen[0], plugins))
+        show_run(folder, chosen[0], write_command(chosen[0], plugins))
     else:
         _print_runs(chosen, [_draw_energy(folder, r, unreadable) for r in chosen])
     print_unreadable(unreadable)

@@ -11,7 +11,7 @@ from ..harness.catalogue import registry
 from ..harness.files import printable
 from ..harness.results.records import RunRecord
 from ..harness.results.words import accurate_until, error_words, why, words_of_ending
-from ..harness.sandbox.trial import made
+from ..harness.sandbox.trial import make_problem
 from ..harness.suites.shape import LONGEST
 from ..harness.suites.spec import make_spec
 from ..harness.types import Status
@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     control = {k: given.pop(k) for k in CONTROL if k in given}
     if arguments.solver not in registry.solvers():  # before the problem is made: that can take a while
         registry.make_solver(arguments.solver)
-    problem = made(name, parameters)
+    problem = make_problem(name, parameters)
     limit = control.pop("cpu_limit", None)
     spec = make_spec(problem, arguments.solver, given, control)
     wall = None if limit is None else positive_float(limit)

@@ -63,8 +63,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.html:
         check_writable(Path(arguments.html))
     folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
-    specs = assessment.first_runs(solver, wall=min(20.0, budget / 6.0))
-    stages = assessment.stages(solver, specs)
+    specs = assessment.plan_runs(solver, wall=min(20.0, budget / 6.0))
+    stages = assessment.plan_stages(solver, specs)
     long = False
     begun, done = _cpu_seconds(), list[RunSpec]()
     while stages and (not done or _cpu_seconds() - begun < budget):
@@ -77,16 +77,16 @@ def run(arguments: argparse.Namespace) -> int:
             break
         if not long and any(s.label == "symmetries" for s in done):
             rest = budget - (_cpu_seconds() - begun)
-            more = assessment.long_run(solver, loaded.records, min(budget / 6.0, rest / 3.0))
+            more = assessment.plan_long_run(solver, loaded.records, min(budget / 6.0, rest / 3.0))
             long = True
             if more is not None:
                 specs.append(more)
                 stages.insert(0, [more])
     records = [r for r in store.load(folder).records if r.ended_by != EndedBy.TOTAL_LIMIT]
-    orders = assessment.orders(solver, folder, records)
+    orders = assessment.certify_ladders(solver, folder, records)
     have = {r.settings_id for r in records}
     left = [s for s in specs if s.settings_id not in have]
-    found = list(assessment.findings(solver, folder, records, orders, left))
+    found = list(assessment.assess(solver, folder, records, orders, left))
     summary = _summarize(solver, found)
     if left:
         share = f"{len(left)} of {len(specs)} runs"

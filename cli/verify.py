@@ -10,10 +10,10 @@ from typing import Any
 from ..harness.execution.runner import Request
 from ..harness.results import store
 from ..harness.results.comparison import compare, is_repeatable
-from ..harness.results.provenance import differences, same_platform, stamp_of
+from ..harness.results.provenance import find_differences, same_platform, stamp_of
 from ..harness.results.records import RunRecord
 from ..harness.results.reproduce import REFEREED
-from ..harness.sandbox.trial import made
+from ..harness.sandbox.trial import make_problem
 from ..harness.suites.spec import RunSpec, make_spec
 from ..harness.suites.suite import Suite
 from .arguments import (
@@ -61,10 +61,10 @@ def run(arguments: argparse.Namespace) -> int:
         again, _ = run_watched(request, quiet=arguments.json, resumable=False)
         stamps = stamp_of(folder), stamp_of(Path(place) / "run")
     found = compare(sample, again.records)
-    made = {r.settings_id: r.code for r in again.records}
-    exact = same_platform(*stamps) and all(r.code == made.get(r.settings_id) for r in sample)
+    codes = {r.settings_id: r.code for r in again.records}
+    exact = same_platform(*stamps) and all(r.code == codes.get(r.settings_id) for r in sample)
     good = found.same if exact else found.alike
-    show_comparison(found, [d for d in differences(*stamps) if d.what != "suite"], json=arguments.json)
+    show_comparison(found, [d for d in find_differences(*stamps) if d.what != "suite"], json=arguments.json)
     if arguments.json:
         return 0 if good else 1
     out = lines()
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
 def rebuild_spec(record: RunRecord) -> RunSpec:
     """The spec of a record's run, or UsageError where this checkout would run something else."""
     try:
-        problem = made(record.problem, json.loads(record.problem_parameters))
+        problem = make_problem(record.problem, json.loads(record.problem_parameters))
         control = {"dt": record.dt_s, "rtol": record.rtol, "max_step": record.max_step_s, "max_steps": record.max_steps}
         given = {k: v for k, v in control.items() if v == v and v > 0}
         limits = {

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from mbsbench.harness.results.judgements.claims import Claim, Finding
-from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read
+from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read_judgement
 from mbsbench.reports.model.claim_words import share
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -75,7 +75,7 @@ def main() -> None:
     if given.before:
         old = earlier(json.loads(given.before.read_text(encoding="utf-8")))
         DATA.write_text(with_before(DATA.read_text(encoding="utf-8"), old), encoding="utf-8")
-    claims = {c.id: c for c in read(CLAIMS, PUBLISHED)}
+    claims = {c.id: c for c in read_judgement(CLAIMS, PUBLISHED)}
     README.write_text(readme(README.read_text(encoding="utf-8"), claims), encoding="utf-8")
     found = table(tomllib.loads(DATA.read_text(encoding="utf-8")), claims)
     PAGE.write_text(TABLE.sub(lambda _: found, PAGE.read_text(encoding="utf-8")), encoding="utf-8")

@@ -10,15 +10,15 @@ from typing import Any, TypeVar
 import numpy as np
 
 from ..catalogue import registry
-from ..referee.certificates.drift import PERIODS, anatomy
+from ..referee.certificates.drift import PERIODS, analyse_drift
 from ..referee.certificates.orders import certify
-from ..referee.certificates.symmetries import scorecard
+from ..referee.certificates.symmetries import check_symmetries
 from ..results.findings import Finding, state
 from ..results.judgements.runs import Order
 from ..results.records import RunRecord
 from ..results.words import accurate_until, why
 from ..results.work import index_1_evaluations
-from ..sandbox.trial import made
+from ..sandbox.trial import make_problem
 from ..suites.spec import RunSpec, make_spec
 from ..types import Status, Trait
 
@@ -53,7 +53,7 @@ LINEAR = 1.5  # exponent of cost a step in bodies: more, and a chain of a hundre
 Run = TypeVar("Run", RunRecord, RunSpec)
 
 
-def first_runs(solver: str, wall: float) -> list[RunSpec]:
+def plan_runs(solver: str, wall: float) -> list[RunSpec]:
     """All but the long one: what sums a solver up first, then the problems."""
     control = registry.solvers()[solver].control
     out = []
@@ -61,24 +61,24 @@ def first_runs(solver: str, wall: float) -> list[RunSpec]:
         for name, parameters in LADDERS.items():
             kind = registry.solvers()[who].control
             values = VALUES[name, kind] if who == solver else VALUES[name, kind][1::2]
-            out += [_spec(who, name, parameters, {kind: float(f"{x:.6g}")}, "ladder", wall) for x in values]
+            out += [_make_spec(who, name, parameters, {kind: float(f"{x:.6g}")}, "ladder", wall) for x in values]
     base = {"dt": 0.01} if control == "dt" else {"rtol": 1e-6}
     finer = {"dt": 0.005} if control == "dt" else {"rtol": 1e-7}
-    out += [_spec(solver, "four_bar_grid", LOOP, c, "symmetries", wall) for c in (base, finer)]
+    out += [_make_spec(solver, "four_bar_grid", LOOP, c, "symmetries", wall) for c in (base, finer)]
     if control == "dt" and (tolerance := registry.solvers()[solver].parameters.get("tolerance")):
         tenth = {"tolerance": float(f"{0.1 * tolerance[0]:.6g}")}  # what the bound on symmetries is made of
-        out.append(_spec(solver, "four_bar_grid", LOOP, base, "symmetries", wall, tenth))
+        out.append(_make_spec(solver, "four_bar_grid", LOOP, base, "symmetries", wall, tenth))
     changed: tuple[Mapping[str, Any], ...] = ({"perturb": 1e-8}, *PRESENTED)
-    out += [_spec(solver, "four_bar_grid", {**LOOP, **p}, base, "symmetries", wall) for p in changed]
+    out += [_make_spec(solver, "four_bar_grid", {**LOOP, **p}, base, "symmetries", wall) for p in changed]
     for links in LINKS:
-        out.append(_spec(solver, "chain", {"links": links, "t_end": 0.02}, {}, "growth", wall))
+        out.append(_make_spec(solver, "chain", {"links": links, "t_end": 0.02}, {}, "growth", wall))
     for name in registry.problems():
-        own = made(name)
-        out.append(_spec(solver, name, {"t_end": min(own.t_end, STEPS * own.dt)}, {}, "problems", wall))
+        own = make_problem(name)
+        out.append(_make_spec(solver, name, {"t_end": min(own.t_end, STEPS * own.dt)}, {}, "problems", wall))
     return list({s.settings_id: s for s in out}.values())
 
 
-def stages(solver: str, specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
+def plan_stages(solver: str, specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
     """In the order they are run: its ladders, symmetries and growth, the field's ladders, some problems at a time."""
     own = [s for s in specs if s.solver == solver and s.label != "problems"]
     problems = [s for s in specs if s.label == "problems"]
@@ -88,10 +88,10 @@ def stages(solver: str, specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
     return [stage for stage in (first, [s for s in own if s.label != "ladder"], field, *rest) if stage]
 
 
-def long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSpec | None:
+def plan_long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSpec | None:
     """As many swings of the pendulum as ``seconds`` of CPU pay; None if that is no long run."""
     control = registry.solvers()[solver].control
-    done = [r for r in _mine(solver, records, "ladder") if r.problem == "spherical_pendulum" and r.steps]
+    done = [r for r in _select(solver, records, "ladder") if r.problem == "spherical_pendulum" and r.steps]
     if not done:
         return None
     if control == "dt":
@@ -103,46 +103,46 @@ def long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSp
     if t_end < 1.2 * PERIODS * PERIOD:
         return None
     parameters = {**SWING, "t_end": float(f"{t_end:.3g}")}
-    return _spec(solver, "spherical_pendulum", parameters, {control: LONG[control]}, "long", 2.0 * seconds)
+    return _make_spec(solver, "spherical_pendulum", parameters, {control: LONG[control]}, "long", 2.0 * seconds)
 
 
-def orders(solver: str, folder: Path, records: Sequence[RunRecord]) -> Sequence[Order]:
+def certify_ladders(solver: str, folder: Path, records: Sequence[RunRecord]) -> Sequence[Order]:
     """The certificates of its ladders that can be measured."""
-    return [o for o in certify(folder, _mine(solver, records, "ladder")) if o.is_measured]
+    return [o for o in certify(folder, _select(solver, records, "ladder")) if o.is_measured]
 
 
-def findings(
+def assess(
     solver: str, folder: Path, records: Sequence[RunRecord], found: Sequence[Order], left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
-    """All lines, in the order of the page; ``found`` are its ``orders``, ``left`` what the budget left out."""
-    ladder, rest = _mine(solver, records, "ladder"), _mine(solver, left, "ladder")
-    yield from _problems(_mine(solver, records, "problems"))
-    yield from _orders(found, ladder, rest)
-    yield _energy(solver, records, folder, left)
-    yield from _laws(_mine(solver, records, "problems"), ladder, rest)
-    yield from _work(solver, records, left)
-    yield from _symmetries(solver, records, folder, left)
-    yield _growth(_mine(solver, records, "growth"), _mine(solver, left, "growth"))
+    """All lines, in the order of the page; ``found`` are its ``certify_ladders``, ``left`` what the budget left out."""
+    ladder, rest = _select(solver, records, "ladder"), _select(solver, left, "ladder")
+    yield from _assess_problems(_select(solver, records, "problems"))
+    yield from _assess_orders(found, ladder, rest)
+    yield _assess_energy(solver, records, folder, left)
+    yield from _assess_laws(_select(solver, records, "problems"), ladder, rest)
+    yield from _assess_work(solver, records, left)
+    yield from _assess_symmetries(solver, records, folder, left)
+    yield _assess_growth(_select(solver, records, "growth"), _select(solver, left, "growth"))
 
 
-def _spec(
+def _make_spec(
     solver: str, problem: str, parameters: Mapping[str, Any], control: Mapping[str, Any], label: str, wall: float,
     options: Mapping[str, Any] | None = None,
 ) -> RunSpec:  # fmt: skip
-    return make_spec(made(problem, parameters), solver, options, control, label=label, cpu_limit=wall)
+    return make_spec(make_problem(problem, parameters), solver, options, control, label=label, cpu_limit=wall)
 
 
-def _mine(solver: str, runs: Sequence[Run], label: str) -> list[Run]:
+def _select(solver: str, runs: Sequence[Run], label: str) -> list[Run]:
     return [r for r in runs if r.solver == solver and r.label == label]
 
 
-def _cut(left: int, run: int) -> str:
+def _describe_cut(left: int, run: int) -> str:
     if not run:
         return "not determined: no run of it within the budget"
     return f"not determined: {left} of {left + run} runs of it are left out by the budget"
 
 
-def _problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
+def _assess_problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
     for r in sorted(runs, key=lambda r: r.problem):
         open_ = r.status in (Status.REFUSED, Status.STALLED, Status.UNFINISHED)  # said no, or is slow: neither is wrong
         if Trait.STIFF in registry.problems()[r.problem].tests:  # a warning for any method: the step may be too long
@@ -153,15 +153,17 @@ def _problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
         yield state(f"{r.problem}, {r.t_end_s:g} s", f"{r.status}{said}{until}", "success, or a reason", good)
 
 
-def _orders(found: Sequence[Order], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Finding]:
+def _assess_orders(
+    found: Sequence[Order], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()
+) -> Iterator[Finding]:
     for name in LADDERS:
-        yield from _order([o for o in found if o.problem == name])
+        yield from _assess_order([o for o in found if o.problem == name])
         if not any(o.problem == name for o in found):
             rungs = [r for r in ladder if r.problem == name]
-            yield _no_order(f"order, {name}", rungs, sum(s.problem == name for s in left))
+            yield _explain_no_order(f"order, {name}", rungs, sum(s.problem == name for s in left))
 
 
-def _order(found: Sequence[Order]) -> Iterator[Finding]:
+def _assess_order(found: Sequence[Order]) -> Iterator[Finding]:
     """Of one problem."""
     for o in found:
         if o.quantity not in ("position", "orientation", "energy", "reaction"):
@@ -171,14 +173,14 @@ def _order(found: Sequence[Order]) -> Iterator[Finding]:
             rate = "" if math.isnan(o.exponent) else f", errors as rtol^{o.exponent:.2f}"
             yield state(f"order, {o.problem}, {o.quantity}", f"{interval} in the {o.against}{rate}")
         else:
-            yield state(f"order, {o.problem}, {o.quantity}", interval, f"{o.declared:g} declared", _kept(o))
+            yield state(f"order, {o.problem}, {o.quantity}", interval, f"{o.declared:g} declared", _judge_order(o))
 
 
-def _no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Finding:
+def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Finding:
     """Too slow only where every rung that did not end was; else the rungs that failed say why."""
     ends = Counter(str(r.status or "unknown") for r in ladder if r.status not in ENDED)
     if not ladder or (left and not ends):
-        return state(what, _cut(left, len(ladder)), "a ladder")
+        return state(what, _describe_cut(left, len(ladder)), "a ladder")
     if ends and set(ends) <= {Status.STALLED, Status.UNFINISHED}:
         return state(what, "not determined: the runs were too slow for the budget", "a ladder")
     words = ", ".join(f"{n} {status}" for status, n in sorted(ends.items()))
@@ -186,19 +188,19 @@ def _no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Finding:
     return state(what, said, "a ladder", good=False)
 
 
-def _kept(o: Order) -> bool | None:
+def _judge_order(o: Order) -> bool | None:
     """Reactions and energy may be of another order than the motion: they are shown, not judged."""
     if o.quantity in ("energy", "reaction") or o.verdict == "undecided":
         return None
     return o.verdict not in ("below declared",)
 
 
-def _energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec]) -> Finding:
-    runs = _mine(solver, records, "long")
+def _assess_energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec]) -> Finding:
+    runs = _select(solver, records, "long")
     if not runs:
-        words = _cut(1, 0) if left else f"not said: {PERIODS} periods would take longer than the budget"
+        words = _describe_cut(1, 0) if left else f"not said: {PERIODS} periods would take longer than the budget"
         return state("energy over many periods", words)
-    (d,) = anatomy(folder, runs)[:1]
+    (d,) = analyse_drift(folder, runs)[:1]
     if not d.periods:
         return state("energy over many periods", f"{d.verdict}: {'; '.join(why(runs[0])) or 'no periods'}", good=None)
     words = f"{d.verdict} over {d.periods} periods: oscillation {d.oscillation_J:.2g} J"
@@ -206,7 +208,9 @@ def _energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Seque
     return state("energy over many periods", words + trend)
 
 
-def _laws(runs: Sequence[RunRecord], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Finding]:
+def _assess_laws(
+    runs: Sequence[RunRecord], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()
+) -> Iterator[Finding]:
     moved = [r for r in runs if r.steps and r.gap_share_max >= 0.0]
     if moved:
         worst = max(moved, key=lambda r: r.gap_share_max)
@@ -216,7 +220,7 @@ def _laws(runs: Sequence[RunRecord], ladder: Sequence[RunRecord], left: Sequence
     known = [r for r in done if math.isfinite(r.reaction_size_N)]
     if not known:
         none = "none returned: not judged" if done else "not determined: no run of the ladders succeeded"
-        yield state("reactions", none if ladder else _cut(len(left), 0))
+        yield state("reactions", none if ladder else _describe_cut(len(left), 0))
         return
     r = min(known, key=lambda r: r.reaction_error_max_N / r.reaction_size_N)
     share = r.reaction_error_max_N / r.reaction_size_N
@@ -224,7 +228,7 @@ def _laws(runs: Sequence[RunRecord], ladder: Sequence[RunRecord], left: Sequence
     yield state("reactions at the finest setting", f"off by {100.0 * share:.2g} %", "5 %", good)
 
 
-def _work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Finding]:
+def _assess_work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Iterator[Finding]:
     for name in LADDERS:
         sound = [r for r in records if r.label == "ladder" and r.problem == name and r.status == Status.SUCCESS]
         mine = [r for r in sound if r.solver == solver]
@@ -232,10 +236,10 @@ def _work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = (
             continue
         best = min(mine, key=lambda r: r.motion_error_max_m)
         rivals = [r for r in sound if r.solver != solver and r.motion_error_max_m <= best.motion_error_max_m]
-        words = f"{best.motion_error_max_m:.2g} m in {_time(best)}"
+        words = f"{best.motion_error_max_m:.2g} m in {_describe_time(best)}"
         if rivals:
             r = min(rivals, key=lambda r: r.cpu_median_s)
-            words += f"; {r.solver} {r.motion_error_max_m:.2g} m in {_time(r)}"
+            words += f"; {r.solver} {r.motion_error_max_m:.2g} m in {_describe_time(r)}"
             if 0.0 < index_1_evaluations(best) < math.inf and math.isfinite(index_1_evaluations(r)):
                 words += f", {index_1_evaluations(r) / index_1_evaluations(best):.2g} of the index-1 evaluations"
         else:
@@ -245,17 +249,17 @@ def _work(solver: str, records: Sequence[RunRecord], left: Sequence[RunSpec] = (
         yield state(f"work, {name}", words)
 
 
-def _time(r: RunRecord) -> str:
+def _describe_time(r: RunRecord) -> str:
     return f"{r.cpu_median_s:.2g} s" if r.cpu_median_s > CLOCK else f"less than {1e3 * CLOCK:g} ms"
 
 
-def _symmetries(
+def _assess_symmetries(
     solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
-    runs, rest = _mine(solver, records, "symmetries"), len(_mine(solver, left, "symmetries"))
-    found, expected = scorecard(folder, runs), "frames, mirror, units, numbering, time"
+    runs, rest = _select(solver, records, "symmetries"), len(_select(solver, left, "symmetries"))
+    found, expected = check_symmetries(folder, runs), "frames, mirror, units, numbering, time"
     if not found:
-        yield state("symmetries", _cut(rest, len(runs)), expected)
+        yield state("symmetries", _describe_cut(rest, len(runs)), expected)
         return
     for s in found:
         if s.verdict in ("broken", "failed"):
@@ -265,12 +269,12 @@ def _symmetries(
     yield state("symmetries", f"{kept} of {len(found)} hold", expected, good=True)
 
 
-def _growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Finding:
+def _assess_growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> Finding:
     done = sorted(
         (json.loads(r.problem_parameters).get("links", 15), r.cpu_median_s / r.steps) for r in runs if r.steps
     )
     if len(done) < 3 and left:
-        return state("cost of a step in bodies", _cut(len(left), len(runs)))
+        return state("cost of a step in bodies", _describe_cut(len(left), len(runs)))
     if len(done) < 3:
         return state("cost of a step in bodies", "not said: too few chains came to their end, or all in no time")
     x, y = np.log(np.maximum(np.array(done[-3:], dtype=float), 1e-9)).T

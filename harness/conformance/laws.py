@@ -103,7 +103,7 @@ class Subject:
         return DIFFERENCED + (ROUNDED + 100.0 * self.slack / self.size.length) / (step * self.rate)
 
 
-def documented(s: Subject) -> Finding:
+def check_documentation(s: Subject) -> Finding:
     """Docstring, a meaning for each parameter of its own, source and name."""
     entry = registry.problems()[s.name]
     own = {k: p for k, (_, p) in entry.parameters.items() if k not in registry.COMMON_PARAMETERS}
@@ -115,12 +115,12 @@ def documented(s: Subject) -> Finding:
     return compare(len(missing), "texts missing", most=0, words=words, good=named)
 
 
-def starts_well(s: Subject) -> Finding:
+def check_initial_state(s: Subject) -> Finding:
     """phi and phi_dot of the start vanish, as every solver checks before its first step."""
     made = registry.problems()[s.name].make()
     try:
         check_start(made.system, made.initial)
-        words, good = _freedom(made), True
+        words, good = _count_freedom(made), True
     except InconsistentStart as error:
         words, good = str(error), False
     one = States.one(made.initial)
@@ -129,7 +129,7 @@ def starts_well(s: Subject) -> Finding:
     return compare(gap, "m or m/s", most=START_TOLERANCE, words=words, good=good)
 
 
-def _freedom(made: Problem) -> str:
+def _count_freedom(made: Problem) -> str:
     """Rows of its joints, their rank and degrees of freedom at the start: singular values of rows of length one."""
     system = made.system
     A = constraint_jacobian(system, made.initial).toarray()
@@ -139,21 +139,21 @@ def _freedom(made: Problem) -> str:
     return f"{system.nrows} rows of rank {rank}: {6 * system.nb - rank} degrees of freedom at the start"
 
 
-def times(s: Subject) -> Finding:
+def check_times(s: Subject) -> Finding:
     """0 < dt <= t_end [s], finite."""
     p = s.problem
     good = all(math.isfinite(x) and x > 0.0 for x in (p.t_end, p.dt))
     return compare(p.t_end / p.dt if good else math.nan, "steps", 1.0, words=f"t_end = {p.t_end}, dt = {p.dt}")
 
 
-def energy(s: Subject) -> Finding:
+def check_energy_scale(s: Subject) -> Finding:
     """T + V of the start and the scale of energy [J] are finite, the scale above zero."""
     E = float(motion.energy(s.problem.system, States.one(s.problem.initial))[0])
     good = math.isfinite(E) and math.isfinite(s.size.energy) and s.size.energy > 0.0
     return compare(s.size.energy, "J", words=f"T + V = {E:.6g} J at the start", good=good)
 
 
-def measures(s: Subject) -> Finding:
+def check_scalars(s: Subject) -> Finding:
     """Observables and invariants take states (nt,) at home to (nt,) finite numbers, equal for equal states."""
     p = s.problem
     scalars: list[Observable | Invariant] = [*p.observables, *p.invariants]
@@ -172,7 +172,7 @@ def measures(s: Subject) -> Finding:
     return compare(len(scalars), "tried")
 
 
-def repeats(s: Subject) -> Finding:
+def check_repeatability(s: Subject) -> Finding:
     """Made twice, start, masses and reference agree bit for bit."""
     again = registry.make_problem(s.name)
     reference = again.reference()
@@ -182,10 +182,12 @@ def repeats(s: Subject) -> Finding:
     pairs["masses"] = s.problem.system.mass, again.system.mass
     if reference is not None:
         pairs["the reference"] = s.exact.r, reference.states(s.t).r
-    return _worst({name: (float(np.max(np.abs(a - b), initial=0.0)), "") for name, (a, b) in pairs.items()}, 0.0)
+    return _compare_worst(
+        {name: (float(np.max(np.abs(a - b), initial=0.0)), "") for name, (a, b) in pairs.items()}, 0.0
+    )
 
 
-def turns(s: Subject) -> Finding:
+def check_turned(s: Subject) -> Finding:
     """In a frame turned by exp(0.3, -0.2, 0.5) observables of the start, seen from home, stay to 1e-9."""
     turned = registry.make_problem(s.name, {"rotation": (0.3, -0.2, 0.5)})  # checks the turned start
     here = s.problem.observe(States.one(s.problem.initial))
@@ -195,10 +197,10 @@ def turns(s: Subject) -> Finding:
         a, b = (float(np.ravel(values[name])[0]) for values in (here, there))
         words = f"is {a:.6g} at the start, {b:.6g} when everything is turned"
         found[name] = abs(a - b) / (1.0 + s.size.length + abs(a)), words
-    return _worst(found, 1e-9)
+    return _compare_worst(found, 1e-9)
 
 
-def own_error(s: Subject) -> Finding:
+def check_stated_error(s: Subject) -> Finding:
     """The reference's error(t) [m] is finite, >= 0 and below a thousandth of the size; route and horizon are given."""
     assert s.reference is not None
     own = s.stated
@@ -209,17 +211,17 @@ def own_error(s: Subject) -> Finding:
     return compare(float(own.max()), "m", most=1e-3 * s.size.length, words=words, good=good)
 
 
-def begins(s: Subject) -> Finding:
+def check_reference_start(s: Subject) -> Finding:
     """At t = 0 the reference has r, R, v (space) and Omega (body) of the start."""
     p, rate, found = s.problem, s.rate, {}
     units = {"r": s.size.length, "R": 1.0, "v": s.size.length * rate, "Omega": rate}
     for name, unit in units.items():
         gap = float(np.max(np.abs(getattr(s.exact[0], name) - getattr(p.initial, name)), initial=0.0))
         found[name] = gap / unit, f"differs by {gap:.3g} at t = 0"
-    return _worst(found, s.off)
+    return _compare_worst(found, s.off)
 
 
-def agrees(s: Subject) -> Finding:
+def check_independent(s: Subject) -> Finding:
     """Positions and angles (times radii of gyration) of the two motions differ by their stated errors at most."""
     if s.independent is None:
         return leave_open("none can be computed for this system")
@@ -229,26 +231,28 @@ def agrees(s: Subject) -> Finding:
     gap = np.max(np.maximum(np.linalg.norm(here.r - there.r, axis=-1), turned), axis=-1)
     beyond = np.maximum(gap - s.stated[: len(t)] - s.independent.error(t), 0.0)
     words = f"r and R are {np.max(gap):.3g} m apart up to {t[-1]:.3g} s"
-    return _worst({"": (float(np.max(beyond)) / s.size.length, words)}, SMALL)
+    return _compare_worst({"": (float(np.max(beyond)) / s.size.length, words)}, SMALL)
 
 
-def keeps_joints(s: Subject) -> Finding:
+def check_joints(s: Subject) -> Finding:
     """phi [m] and R^T R - 1 vanish along the reference, to its stated error."""
     phi = float(np.max(np.abs(motion.constraint(s.problem.system, s.exact)), initial=0.0))
     defect = float(np.max(so3.orthogonality_defect(s.exact.R)))
     joints = phi / max(s.size.length, 1.0), f"reaches {phi:.3g}"
-    return _worst({"|phi|": joints, "|R^T R - 1|": (defect, f"reaches {defect:.3g}")}, s.off)
+    return _compare_worst({"|phi|": joints, "|R^T R - 1|": (defect, f"reaches {defect:.3g}")}, s.off)
 
 
-def keeps_energy(s: Subject) -> Finding:
+def check_energy(s: Subject) -> Finding:
     """T + V [J] is constant along the reference, where no damper, no load and no drive acts."""
     if not s.problem.system.is_conservative:
         return leave_open("a damper, a load or a drive acts")
     spread = float(np.ptp(motion.energy(s.problem.system, s.exact)))
-    return _worst({"T + V": (spread / s.size.energy, f"changes by {spread:.3g} J, of {s.size.energy:.3g} J")}, s.off)
+    return _compare_worst(
+        {"T + V": (spread / s.size.energy, f"changes by {spread:.3g} J, of {s.size.energy:.3g} J")}, s.off
+    )
 
 
-def keeps_invariants(s: Subject) -> Finding:
+def check_invariants(s: Subject) -> Finding:
     """Each invariant is constant along the motion, compared with the scale of its unit."""
     if s.known is None:
         return leave_open("no reference, and none can be computed")
@@ -259,10 +263,10 @@ def keeps_invariants(s: Subject) -> Finding:
         scale = scale if math.isfinite(scale) else max(float(np.max(np.abs(values))), 1e-3)
         spread = float(np.ptp(values))
         found[kept.name] = spread / scale, f"changes by {spread:.3g} {kept.unit}, of {scale:.3g}"
-    return _worst(found, 10.0 * s.off)
+    return _compare_worst(found, 10.0 * s.off)
 
 
-def _worst(found: Mapping[str, tuple[float, str]], most: float) -> Finding:
+def _compare_worst(found: Mapping[str, tuple[float, str]], most: float) -> Finding:
     """The largest of some shares of their scales, by what they are of; NaN is the largest."""
     if not found:
         return leave_open("there are none")
@@ -271,7 +275,7 @@ def _worst(found: Mapping[str, tuple[float, str]], most: float) -> Finding:
     return compare(share, "of its scale", most=most, words=f"{name} {words}".rstrip())
 
 
-def _near(s: Subject) -> tuple[list[States], float]:
+def _sample_around(s: Subject) -> tuple[list[States], float]:
     """The reference around some of its times, a step apart, and the step [s]."""
     assert s.reference is not None
     step = min(1e-2 / s.rate, s.t[-1] / 100.0)
@@ -279,9 +283,9 @@ def _near(s: Subject) -> tuple[list[States], float]:
     return [s.reference.states(t + k * step) for k in range(-3, 4)], step
 
 
-def rates(s: Subject) -> Finding:
+def check_rates(s: Subject) -> Finding:
     """dr/dt = v (space) and dR/dt = R hat(Omega) (body), from differences of sixth order."""
-    near, step = _near(s)
+    near, step = _sample_around(s)
     r_dot, R_dot = (np.tensordot(DIFFERENCE, [getattr(x, f) for x in near], 1) / step for f in ("r", "R"))
     here = near[3]
     v = float(np.max(np.abs(r_dot - here.v)))
@@ -290,13 +294,13 @@ def rates(s: Subject) -> Finding:
         "dr/dt - v": (v / s.size.length / s.rate, f"reaches {v:.3g} m/s"),
         "dR/dt - R hat(Omega)": (Omega / s.rate, f"reaches {Omega:.3g} 1/s"),
     }
-    return _worst(found, s.differenced(step))
+    return _compare_worst(found, s.differenced(step))
 
 
-def obeys(s: Subject) -> Finding:
+def check_newton_euler(s: Subject) -> Finding:
     """Newton and Euler: m dv/dt and J dOmega/dt + Omega x J Omega less what is applied are in the range of A^T."""
     system = s.problem.system
-    near, step = _near(s)
+    near, step = _sample_around(s)
     v_dot, W_dot = (np.tensordot(DIFFERENCE, [getattr(x, f) for x in near], 1) / step for f in ("v", "Omega"))
     acceleration = float(np.linalg.norm(system.gravity)) + s.size.length * s.rate**2
     scale, worst = float(np.sum(system.mass)) * acceleration * max(1.0, s.size.length), []
@@ -312,4 +316,4 @@ def obeys(s: Subject) -> Finding:
         worst.append(float(np.max(np.abs(left))))
     top = float(np.max(worst))
     found = {"m a - f": (top / scale, f"has {top:.3g} N (or N m) that are not joint forces")}
-    return _worst(found, 10.0 * s.differenced(step))
+    return _compare_worst(found, 10.0 * s.differenced(step))

@@ -49,37 +49,37 @@ class Evidence:
         return [r for r in self.records.values() if r.claimed and r.steps]
 
 
-def ends_well(e: Evidence) -> Finding:
+def check_endings(e: Evidence) -> Finding:
     """Neither success nor refused."""
     easy = [r for r in e.of("easy") if r.status != Status.UNFINISHED]
     bad = [r for r in easy if r.status not in (Status.SUCCESS, Status.REFUSED)]
     open_ = [r for r in e.of("easy") if r.status == Status.UNFINISHED]
-    cause = _cause(bad[0]) if bad else ""
-    words, remedy = _first(bad or open_), CRASHED if cause else ""
+    cause = _cause_of_crash(bad[0]) if bad else ""
+    words, remedy = _describe_first(bad or open_), CRASHED if cause else ""
     return compare(
         len(bad), f"of {len(easy)} runs failed", most=0, words=words, tested=bool(easy), remedy=remedy, cause=cause
     )
 
 
-def takes_one(e: Evidence) -> Finding:
+def check_accepts(e: Evidence) -> Finding:
     """Neither refused nor crashed."""
     easy = e.of("easy")
     refused, crashed = ([r for r in easy if r.status == s] for s in (Status.REFUSED, Status.CRASHED))
     if crashed and len(refused) + len(crashed) == len(easy):
-        return fail(_first(crashed), cause=_cause(crashed[0]), remedy=CRASHED)
+        return fail(_describe_first(crashed), cause=_cause_of_crash(crashed[0]), remedy=CRASHED)
     taken = len(easy) - len(refused) - len(crashed)
-    return compare(taken, f"of {len(easy)} runs taken", least=1, words=_first(refused))
+    return compare(taken, f"of {len(easy)} runs taken", least=1, words=_describe_first(refused))
 
 
-def reasons(e: Evidence) -> Finding:
+def check_refusals(e: Evidence) -> Finding:
     """Refusals of less than two words."""
     if all(r.status == Status.CRASHED for r in e.records.values()):
         return leave_open("all its runs crashed")
     silent = [r for r in e.records.values() if r.status == Status.REFUSED and len(r.message.split()) < 2]
-    return compare(len(silent), "refusals without", most=0, words=_first(silent))
+    return compare(len(silent), "refusals without", most=0, words=_describe_first(silent))
 
 
-def converges(e: Evidence) -> Finding:
+def check_order(e: Evidence) -> Finding:
     """The order in dt at the finest halving, the best if errors reach a floor; or how they fall with rtol."""
     finer = e.of("finer")
     if missing := _find_missing(*finer[1:]):
@@ -104,7 +104,7 @@ def converges(e: Evidence) -> Finding:
     return compare(order, f"order, {e.order:g} declared", least=e.order - WITHIN, words=higher + words)
 
 
-def reactions_converge(e: Evidence) -> Finding:
+def check_reaction_order(e: Evidence) -> Finding:
     """The order of reactions in dt at the finest halving, or how their errors fall with rtol."""
     finer = e.of("finer")
     if missing := _find_missing(*finer[1:]):
@@ -124,7 +124,7 @@ def reactions_converge(e: Evidence) -> Finding:
     return compare(order, "order", least=LEAST_ORDER if first else REACTION_ORDER, words=words)
 
 
-def feels_spin(e: Evidence) -> Finding:
+def check_gyroscopic_torque(e: Evidence) -> Finding:
     """c of J Omega_dot = -c Omega x J Omega [N m], from its integral over the steps by least squares."""
     r, series = e.records["spinning"], e.series["spinning"]
     if series is None or _find_missing(r):
@@ -138,7 +138,7 @@ def feels_spin(e: Evidence) -> Finding:
     return compare(share, "of Omega x J Omega", 1.0 - LOOSE_TORQUE, 1.0 + LOOSE_TORQUE, r.case)
 
 
-def reaction_fits(e: Evidence) -> Finding:
+def check_reaction_shape(e: Evidence) -> Finding:
     """Columns of reactions, of the first run where they are not the rows, or that come and go after the first step."""
     out = leave_open("no reactions")
     for role, series in e.series.items():
@@ -151,7 +151,7 @@ def reaction_fits(e: Evidence) -> Finding:
     return out
 
 
-def reaction_holds(e: Evidence) -> Finding:
+def check_reactions(e: Evidence) -> Finding:
     """Error of the joint forces on a body over the largest exact one, at the finest step or tolerance."""
     r = e.of("finer")[-1]
     if missing := _find_missing(r):
@@ -162,7 +162,7 @@ def reaction_holds(e: Evidence) -> Finding:
     return compare(share, "of the largest", -math.inf, LOOSE_REACTION, words if known else "no reactions", tested=known)
 
 
-def moments_hold(e: Evidence) -> Finding:
+def check_moments(e: Evidence) -> Finding:
     """Error of the joints' moment on a body about its C over the largest exact one."""
     r, series = e.records["easy hinge"], e.series["easy hinge"]
     if missing := _find_missing(r):
@@ -185,7 +185,7 @@ def moments_hold(e: Evidence) -> Finding:
     return compare(worst / size, "of the largest", -math.inf, LOOSE_REACTION, words)
 
 
-def records_all(e: Evidence) -> Finding:
+def check_recording(e: Evidence) -> Finding:
     """Steps recorded over steps counted."""
     shares = {r.case: r.steps / n for r in e.returned if (n := json.loads(r.counters).get("steps", 0)) > 0}
     if not shares:
@@ -194,7 +194,7 @@ def records_all(e: Evidence) -> Finding:
     return compare(shares[case], "of those counted", 1.0, 1.0, case)
 
 
-def keeps_to_steps(e: Evidence) -> Finding:
+def check_step_limit(e: Evidence) -> Finding:
     """The largest time between records over dt or max_step."""
     limit, column = ("dt", "dt_s") if e.control == "dt" else ("max_step", "max_step_s")
     gaps = {r.case: gap for r in e.returned if math.isfinite(gap := r.step_max_s / getattr(r, column))}
@@ -204,31 +204,35 @@ def keeps_to_steps(e: Evidence) -> Finding:
     return compare(gaps[case], f"of {limit}", most=1.0 + LOOSE_STEP, words=case)
 
 
-def repeats(e: Evidence) -> Finding:
+def check_repeatability(e: Evidence) -> Finding:
     """The largest difference between two runs of the same."""
     (one, a), (two, b) = ((e.records[role], e.series[role]) for role in ("finer 1", "again"))
     cut = [r for r in (one, two) if r.status in (Status.STALLED, Status.UNFINISHED) or r.claimed == Status.STALLED]
     if cut:
-        return leave_open(f"a limit cut {_first(cut)}")
+        return leave_open(f"a limit cut {_describe_first(cut)}")
     if a is None or b is None:
         if one.status == two.status:
-            return leave_open(_first([two]))
-        return fail(_first([two]), cause=_cause(two), remedy=CRASHED)
+            return leave_open(_describe_first([two]))
+        return fail(_describe_first([two]), cause=_cause_of_crash(two), remedy=CRASHED)
     if len(a["t"]) != len(b["t"]):
         return compare(abs(len(a["t"]) - len(b["t"])), "steps more", most=0)
     apart = max(float(np.max(np.abs(a[k] - b[k]))) for k in ("t", "end_r", "end_R", "end_v", "end_Omega"))
     return compare(apart, "apart", most=0, words="largest difference in t, r, R, v or Omega")
 
 
-def stops(role: str, *, least: float = 0, most: float = math.inf, itself: bool = True) -> Callable[[Evidence], Finding]:
+def check_stop(
+    role: str, *, least: float = 0, most: float = math.inf, itself: bool = True
+) -> Callable[[Evidence], Finding]:
     """Steps when it stopped ``itself``, or was stopped by whomever."""
 
     def measure(e: Evidence) -> Finding:
         r = e.records[role]
         good = r.claimed == Status.STALLED or not itself
-        if cause := _cause(r):
-            return fail(_first([r]), remedy=CRASHED, cause=cause)
-        return compare(r.steps, "steps", least, most, _first([r]), good=good, tested=r.status != Status.REFUSED)
+        if cause := _cause_of_crash(r):
+            return fail(_describe_first([r]), remedy=CRASHED, cause=cause)
+        return compare(
+            r.steps, "steps", least, most, _describe_first([r]), good=good, tested=r.status != Status.REFUSED
+        )
 
     return measure
 
@@ -236,17 +240,17 @@ def stops(role: str, *, least: float = 0, most: float = math.inf, itself: bool =
 def _find_missing(*runs: RunRecord) -> Finding | None:
     """What to say where a run did not reach its end."""
     if all(r.status == Status.REFUSED for r in runs):
-        return leave_open(_first(runs))
+        return leave_open(_describe_first(runs))
     bad = [r for r in runs if r.claimed != Status.SUCCESS]
     slow = [r for r in bad if r.status in (Status.STALLED, Status.UNFINISHED)]
     if not bad:
         return None
-    if cause := _cause(bad[0]):
-        return fail(_first(bad), remedy=CRASHED, cause=cause)
-    return fail(_first(bad), remedy=SLOW.format(slow[0].cpu_limit_s) if slow else "")
+    if cause := _cause_of_crash(bad[0]):
+        return fail(_describe_first(bad), remedy=CRASHED, cause=cause)
+    return fail(_describe_first(bad), remedy=SLOW.format(slow[0].cpu_limit_s) if slow else "")
 
 
-def _cause(r: RunRecord) -> str:
+def _cause_of_crash(r: RunRecord) -> str:
     """Why a run crashed; empty for one that did not."""
     return f"{r.ended_by}: {'; '.join(why(r))}" if r.status == Status.CRASHED else ""
 
@@ -255,6 +259,6 @@ def _problem_of(r: RunRecord) -> Problem:
     return registry.make_problem(r.problem, json.loads(r.problem_parameters))
 
 
-def _first(records: Sequence[RunRecord]) -> str:
+def _describe_first(records: Sequence[RunRecord]) -> str:
     found = [f"{r.case}: {r.status}: {'; '.join(why(r))}" for r in records]
     return found[0] + (f" (and {len(found) - 1} more)" if found[1:] else "") if found else ""

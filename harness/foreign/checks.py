@@ -6,7 +6,7 @@ import numpy as np
 
 from ..files import FileError
 from ..types import Problem
-from .columns import Found
+from .columns import Quantities
 from .reading import ANGLES, LENGTHS, Motion, Origin, Reading, differentiate, differentiate_rotations
 
 DIGITS = 4.0  # times half a unit of the last digit: products of printed numbers
@@ -21,7 +21,7 @@ QUANTITIES = {  # name, unit, and the options that say how its columns are read
 
 
 def check_motion(
-    problem: Problem, found: Found, how: Reading, motion: Motion, path: Path, tolerance: float | None
+    problem: Problem, found: Quantities, how: Reading, motion: Motion, path: Path, tolerance: float | None
 ) -> list[str]:
     """FileError where the file does not start as the problem does; notes on what is odd but may be the run's."""
     for name in QUANTITIES:
@@ -41,7 +41,7 @@ def check_motion(
     return notes
 
 
-def check_times(found: Found, seconds: float, path: Path) -> None:
+def check_times(found: Quantities, seconds: float, path: Path) -> None:
     """FileError unless times increase; ``seconds``: of a unit of time in the file."""
     t = seconds * found.t
     if not np.all(np.isfinite(t)) or np.any(np.diff(t) <= 0.0):
@@ -53,7 +53,7 @@ def check_times(found: Found, seconds: float, path: Path) -> None:
 
 
 def _check_start(
-    problem: Problem, found: Found, how: Reading, motion: Motion, name: str, path: Path, tolerance: float | None
+    problem: Problem, found: Quantities, how: Reading, motion: Motion, name: str, path: Path, tolerance: float | None
 ) -> None:
     given, exact = getattr(motion, name)[0], getattr(problem.initial, name)
     gap = np.abs(given - exact).reshape(len(exact), -1)

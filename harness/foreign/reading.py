@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float
 
-from .columns import Found
+from .columns import Quantities
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 TIMES = {"s": 1.0, "ms": 1e-3}
@@ -60,7 +60,7 @@ class Motion:
     origin: dict[str, Origin]
 
 
-def read_motion(found: Found, how: Reading, degree: int = 5) -> Motion:
+def read_motion(found: Quantities, how: Reading, degree: int = 5) -> Motion:
     """As ``how`` says; rates that are missing are those of splines of ``degree``."""
     t, has = TIMES[how.time] * found.t, found.quantities
     r = LENGTHS[how.length] * has["r"]
@@ -75,7 +75,7 @@ def read_motion(found: Found, how: Reading, degree: int = 5) -> Motion:
     return Motion(t, r, R, v, Omega, {k: origin.get(k, Origin.NONE) for k in ("r", "R", "v", "Omega")})
 
 
-def read_rotations(found: Found, how: Reading) -> Float[np.ndarray, "nt nb 3 3"] | None:
+def read_rotations(found: Quantities, how: Reading) -> Float[np.ndarray, "nt nb 3 3"] | None:
     """R, body to space; quaternions are normalised."""
     from scipy.spatial.transform import Rotation  # here: --help shows the choices above
 
@@ -99,7 +99,9 @@ def read_rotations(found: Found, how: Reading) -> Float[np.ndarray, "nt nb 3 3"]
     return R if how.rotation == "body-to-space" else np.swapaxes(R, -1, -2)
 
 
-def read_angular_velocities(found: Found, how: Reading, R: np.ndarray | None) -> Float[np.ndarray, "nt nb 3"] | None:
+def read_angular_velocities(
+    found: Quantities, how: Reading, R: np.ndarray | None
+) -> Float[np.ndarray, "nt nb 3"] | None:
     """Omega [rad/s], body frame."""
     if "Omega" not in found.quantities:
         return None
@@ -132,7 +134,7 @@ def differentiate_rotations(
     return 0.5 * np.stack((W[..., 2, 1] - W[..., 1, 2], W[..., 0, 2] - W[..., 2, 0], W[..., 1, 0] - W[..., 0, 1]), -1)
 
 
-def perturb_roundings(found: Found) -> Found:
+def perturb_roundings(found: Quantities) -> Quantities:
     """The table as it might as well have been printed: each number half a unit of its last digit off, at random."""
     rng = np.random.default_rng(0)
     off = {k: a + found.resolution[k] * rng.choice((-1.0, 1.0), a.shape) for k, a in found.quantities.items()}

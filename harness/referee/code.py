@@ -26,7 +26,7 @@ MOST = 6  # names in a line
 
 def code_now(register: Register, specs: Iterable[RunSpec]) -> Code:
     """Digests of what verdicts on these runs by this register are computed from."""
-    runs, here = tuple(specs), codes.here()
+    runs, here = tuple(specs), codes.package_sources()
     claims = [{k: v for k, v in msgspec.to_builtins(c).items() if k not in WORDS} for c in register.claims]
     text = json.dumps([sorted(s.settings_id for s in runs), claims], sort_keys=True)
     return Code(
@@ -36,31 +36,31 @@ def code_now(register: Register, specs: Iterable[RunSpec]) -> Code:
     )  # fmt: skip
 
 
-def older_runs(records: Iterable[RunRecord], plugins: Sequence[str] = ()) -> tuple[RunRecord, ...]:
+def find_older_runs(records: Iterable[RunRecord], plugins: Sequence[str] = ()) -> tuple[RunRecord, ...]:
     """Those that other code made; runs of other people's problems and solvers are theirs to know."""
-    here = codes.here()
+    here = codes.package_sources()
     ours = [r for r in records if r.solver in here.solvers and r.problem in here.problems and r.suite != REFEREED]
     now = {k: codes.code_of(*k, plugins) for k in {(r.problem, r.solver) for r in ours}}
     return tuple(r for r in ours if r.code != now[r.problem, r.solver])
 
 
-def said(old: Sequence[RunRecord], folder: str) -> str:
+def describe_older(old: Sequence[RunRecord], folder: str) -> str:
     """One line: whose code has changed, and the command that makes these runs anew."""
     suites = sorted({r.suite for r in old})
     again = " and ".join(f"mbsbench run {s or 'SUITE'} --resume --out {folder}" for s in suites)
-    return f"{len(old)} runs in {folder} are older than the code of {_names({r.solver for r in old})}: {again}"
+    return f"{len(old)} runs in {folder} are older than the code of {_join_names({r.solver for r in old})}: {again}"
 
 
-def since(published: Code, now: Code, suite: str) -> str:
+def describe_changes(published: Code, now: Code, suite: str) -> str:
     """One line on what has changed since verdicts were published, and the commands; empty if nothing has."""
-    solvers, problems = (_changed(getattr(published, k), getattr(now, k)) for k in ("solvers", "problems"))
+    solvers, problems = (_find_changed(getattr(published, k), getattr(now, k)) for k in ("solvers", "problems"))
     judge = "mbsbench judge --publish"
     run = f"mbsbench run {suite} --resume, then {judge}"
     if solvers:
         every = " (all)" if len(solvers) == len(now.solvers) > 1 else ""
-        return f"published verdicts are older than the code of {_names(solvers)}{every}: {run}"
+        return f"published verdicts are older than the code of {_join_names(solvers)}{every}: {run}"
     if problems:
-        return f"published verdicts are older than the problem {_names(problems)}: {run}"
+        return f"published verdicts are older than the problem {_join_names(problems)}: {run}"
     if published.measuring != now.measuring:
         return f"published verdicts are older than what measures motions, of every solver: {run}"
     if published.runs != now.runs:
@@ -70,10 +70,10 @@ def since(published: Code, now: Code, suite: str) -> str:
     )
 
 
-def _changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
+def _find_changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:
     return sorted(k for k, v in now.items() if before.get(k) != v)
 
 
-def _names(found: Iterable[str]) -> str:
+def _join_names(found: Iterable[str]) -> str:
     names = sorted(found)
     return ", ".join(names[:MOST]) + (f" and {len(names) - MOST} more" if len(names) > MOST else "")

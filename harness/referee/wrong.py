@@ -14,7 +14,7 @@ OUT_OF_PLANE = 0.01  # of the mechanism's size, where the motion is planar and p
 JUDGED = 0.98  # of the time, judged against the reference: beyond it a planar chain may leave its plane
 
 
-def wrong(records: Iterable[RunRecord], symmetries: Iterable[Symmetry]) -> tuple[FalseSuccess, ...]:
+def find_false_successes(records: Iterable[RunRecord], symmetries: Iterable[Symmetry]) -> tuple[FalseSuccess, ...]:
     """One a run: the reasons on its record, and the symmetries that it breaks."""
     broken: dict[str, list[Reason]] = {}
     for s in symmetries:
@@ -25,7 +25,7 @@ def wrong(records: Iterable[RunRecord], symmetries: Iterable[Symmetry]) -> tuple
     for r in sorted(records, key=lambda r: (r.problem, r.solver, r.case)):
         because = (
             *(reasons_of(r.wrong_because) if r.status == Status.WRONG else ()),
-            *_out_of_plane(r),
+            *_find_out_of_plane(r),
             *broken.get(r.settings_id, ()),
         )
         if r.claimed == "success" and because and not is_literal(r):
@@ -33,7 +33,7 @@ def wrong(records: Iterable[RunRecord], symmetries: Iterable[Symmetry]) -> tuple
     return tuple(out)
 
 
-def _out_of_plane(r: RunRecord) -> tuple[Reason, ...]:
+def _find_out_of_plane(r: RunRecord) -> tuple[Reason, ...]:
     away, allowed = r.out_of_plane_max_m, OUT_OF_PLANE * r.length_scale_m
     if math.isnan(away) or away <= allowed or not r.judged_to_s >= JUDGED * r.t_end_s:
         return ()

@@ -24,7 +24,7 @@ from ..cache import ROOT, cache_folder
 from ..catalogue.plugins import sources_of
 from ..files import write_text
 
-VERSION = 2  # of the digest of one file; raise it when ``_tree`` writes something else
+VERSION = 2  # of the digest of one file; raise it when ``_flatten`` writes something else
 LARGE = 2**20  # [bytes] of what is kept between processes; more is begun anew
 ARRANGES = (
     "harness/cache", "harness/catalogue/functions", "harness/catalogue/mechanism",
@@ -59,7 +59,7 @@ class Sources:
 
     def __init__(self, root: Path = ROOT, keep: Path | None = None) -> None:
         self.root, self._keep = root, keep
-        self._known: dict[str, Source] = _read(keep) if keep else {}
+        self._known: dict[str, Source] = _read_kept(keep) if keep else {}
         self._of: dict[str, Source] = {}
         self._fresh = False
 
@@ -134,7 +134,7 @@ class Sources:
             content = (self.root / place).read_bytes()
             key = f"{VERSION} {place} {hashlib.sha256(content).hexdigest()}"
             if key not in self._known:
-                self._known[key], self._fresh = _parsed(content, place), True
+                self._known[key], self._fresh = _parse_source(content, place), True
             self._of[place] = self._known[key]
         return self._of[place]
 
@@ -149,17 +149,17 @@ class Sources:
 
 
 @cache
-def here() -> Sources:
+def package_sources() -> Sources:
     """Those of this package."""
     return Sources(ROOT, cache_folder("sources", ROOT / "results" / "local") / "parsed.json")
 
 
 def code_of(problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
     """The digest that a run made here has as its column ``code``."""
-    return here().code_of(problem, solver, plugins)
+    return package_sources().code_of(problem, solver, plugins)
 
 
-def _read(keep: Path) -> dict[str, Source]:
+def _read_kept(keep: Path) -> dict[str, Source]:
     try:
         if not 0 < os.stat(keep).st_size < LARGE:
             return {}
@@ -169,19 +169,19 @@ def _read(keep: Path) -> dict[str, Source]:
         return {}
 
 
-def _parsed(content: bytes, place: str) -> Source:
+def _parse_source(content: bytes, place: str) -> Source:
     tree = ast.parse(content)
     inside, outside = dict[str, None](), dict[str, None]()
-    for module in _imported(tree, place.removesuffix(".py").split("/")):
+    for module in _find_imports(tree, place.removesuffix(".py").split("/")):
         first, _, rest = module.partition("/")
         (inside if first == "" else outside)[rest if first == "" else first] = None
-    marks = tuple(f"{kind}:{name}" for kind, name in _marks(tree))
-    return Source(_digest(_tree(tree)), tuple(inside), tuple(outside), marks)
+    marks = tuple(f"{kind}:{name}" for kind, name in _find_marks(tree))
+    return Source(_digest(_flatten(tree)), tuple(inside), tuple(outside), marks)
 
 
-def _imported(tree: ast.AST, place: list[str]) -> Iterator[str]:
+def _find_imports(tree: ast.AST, place: list[str]) -> Iterator[str]:
     """Modules as places: of the package with a slash before them, packages around a module included."""
-    for node in _run(tree):
+    for node in _walk_run(tree):
         if isinstance(node, ast.Import):
             named = [a.name.split(".") for a in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -197,7 +197,7 @@ def _imported(tree: ast.AST, place: list[str]) -> Iterator[str]:
                 yield parts[0]
 
 
-def _run(tree: ast.AST) -> Iterator[ast.AST]:
+def _walk_run(tree: ast.AST) -> Iterator[ast.AST]:
     """All nodes but what is imported for the checker of types alone."""
     waiting = [tree]
     while waiting:
@@ -209,7 +209,7 @@ def _run(tree: ast.AST) -> Iterator[ast.AST]:
         waiting += ast.iter_child_nodes(node)
 
 
-def _marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
+def _find_marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
     for node in tree.body:
         for call in getattr(node, "decorator_list", ()):
             if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in MARKED and call.args:
@@ -218,7 +218,7 @@ def _marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
                     yield call.func.id, name.value
 
 
-def _tree(node: object) -> Iterator[str]:
+def _flatten(node: object) -> Iterator[str]:
     """The syntax tree as words, the same in every version of Python: without docstrings, shapes and what is empty."""
     if isinstance(node, ast.AST):
         yield type(node).__name__
@@ -228,14 +228,14 @@ def _tree(node: object) -> Iterator[str]:
             if value is None or value == [] or name in WITHOUT:
                 continue
             yield f".{name}"
-            yield from _tree(value)
+            yield from _flatten(value)
         yield ")"
     elif isinstance(node, list):
         for one in node:
             if not (
                 isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant) and isinstance(one.value.value, str)
             ):
-                yield from _tree(one)
+                yield from _flatten(one)
     else:
         yield f"{type(node).__name__} {node!r}"
 

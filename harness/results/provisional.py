@@ -20,15 +20,15 @@ def is_provisional(record: RunRecord) -> bool:
     return record.ended_by in PROVISIONAL
 
 
-def one_per_run(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
+def latest_of_each(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
     """Of records with the same settings the latest; beside a success those cut short or crashed do not count."""
     found: dict[str, list[RunRecord]] = {}
     for r in sorted(records, key=lambda r: (ending(r), r.run_id)):
         found.setdefault(r.settings_id, []).append(r)
-    return tuple(map(_shown, found.values()))
+    return tuple(map(_pick_latest, found.values()))
 
 
-def _shown(same: list[RunRecord]) -> RunRecord:
+def _pick_latest(same: list[RunRecord]) -> RunRecord:
     whole = [r for r in same if not (is_provisional(r) or r.status == Status.CRASHED)]
     succeeded = any(r.status == Status.SUCCESS for r in whole)
     return (whole if succeeded else same)[-1]

@@ -235,7 +235,7 @@ def from_json(text: str) -> RunRecord:
     for name in ESSENTIAL:
         if name not in plain:
             raise BadRecord(f"column {name} is missing")
-    record = _typed(plain, RunRecord, "record")
+    record = _convert(plain, RunRecord, "record")
     long = [c.name for c in COLUMNS if c.type is int and not -(2**63) <= getattr(record, c.name) < 2**63]
     if long:
         raise BadRecord(f"column {long[0]} holds a number that no table can")
@@ -258,10 +258,10 @@ def reasons_of(wrong_because: str) -> tuple[Reason, ...]:
     """The inverse of ``reasons_json``, or BadRecord."""
     where = "column wrong_because"
     found = shaped(files.parse_json(wrong_because, where, BadRecord), list[dict[str, Any]], where, BadRecord)
-    return tuple(_typed(plain, Reason, where) for plain in found)
+    return tuple(_convert(plain, Reason, where) for plain in found)
 
 
-def _typed(plain: Mapping[str, Any], kind: type[T], where: str) -> T:
+def _convert(plain: Mapping[str, Any], kind: type[T], where: str) -> T:
     """``plain`` as the dataclass ``kind``, its numbers that are not finite taken back from text."""
     floats = {f.name for f in dataclasses.fields(kind) if f.type is float}  # type: ignore[arg-type]
     given = {k: float(v) if k in floats and v in ("nan", "inf", "-inf") else v for k, v in plain.items()}

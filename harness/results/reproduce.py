@@ -13,7 +13,7 @@ from .records import RunRecord
 REFEREED = "refereed"  # in place of a suite: the motion came from a file
 
 
-def command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> str:
+def write_command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> str:
     """``mbsbench solve ...`` with all that shapes the motion, the wall limit included, each word quoted.
 
     ``plugins`` are those of the run's ``environment.json``; the NPZ file is ``out``, or the run's address.

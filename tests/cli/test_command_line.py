@@ -102,9 +102,6 @@ BAD = [
     (("diff", "nowhere"), "required"),
     (("merge", "out", "nowhere"), "not a results folder"),
     (("merge", "out"), "required"),
-    (("kernels", "compare", "a.json", "b.json"), "cannot read"),
-    (("kernels", "compare", "a.json", "b.json", "--limit", "0"), "--limit"),
-    (("kernels", "contrast", "a.json", "b.json"), "invalid choice"),
     (("show", "nowhere"), "not a results folder"),
     (("history", "nowhere"), "not a results folder"),
     (("history", "nowhere.jsonl"), "cannot read"),
@@ -234,7 +231,6 @@ def test_files_that_cannot_be_used_are_reported_in_one_line(tmp_path, capsys, mo
     for line in (
         ["show", long], ["run", "s.toml", "--out", long], ["gate", "--thresholds", long], ["judge", long],
         ["run", "s.toml", "--out", "a"], ["run", "s.toml", "--out", "b"], ["merge", "b", "c"],
-        ["kernels", "compare", "deep", "deep"], ["history", "deep.jsonl"], ["gate", "--thresholds", "deep"],
         ["judge", "c", "--claims", "deep"], ["diff", "c", "c"],
     ):  # fmt: skip
         assert main(line) == 2, line

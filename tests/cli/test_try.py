@@ -39,12 +39,12 @@ def laddered(tmp_path):
     def laddered(text: str) -> Tried:
         (tmp_path / "own.py").write_text(text.replace('"midpoint"', '"own"'), encoding="utf-8")
         registry.load_plugin(tmp_path / "own.py")
-        own = [s for s in assessment.first_runs("own", 60.0) if s.solver == "own" and s.label == "ladder"]
+        own = [s for s in assessment.plan_runs("own", 60.0) if s.solver == "own" and s.label == "ladder"]
         specs = [s for s in own if s.problem == "spherical_pendulum"][:5]
         folder = store.create(tmp_path / "results")
         records = [worker.run(Job(spec, folder)) for spec in specs]  # in this process
-        orders = assessment.orders("own", folder, records)
-        return Tried("own", "", list(assessment.findings("own", folder, records, orders)), orders)
+        orders = assessment.certify_ladders("own", folder, records)
+        return Tried("own", "", list(assessment.assess("own", folder, records, orders)), orders)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(registry, "_plugin_files", set())
@@ -99,7 +99,7 @@ def test_the_example_passes_with_all_it_is_tried_on(command, tmp_path):
 @pytest.mark.parametrize("solver", ["rattle", "rk45_strong_form"])
 def test_the_runs_are_what_the_certificates_need(solver):
     """Ladders of more than four settings, each symmetry beside a run as it stands, no run twice."""
-    specs = assessment.first_runs(solver, wall=10.0)
+    specs = assessment.plan_runs(solver, wall=10.0)
     assert len({s.settings_id for s in specs}) == len(specs)
     for name in assessment.LADDERS:
         assert sum(s.problem == name and s.label == "ladder" and s.solver == solver for s in specs) > 4
@@ -116,7 +116,7 @@ def test_a_long_run_is_made_only_if_it_is_long():
             RunRecord(solver="rattle", label="ladder", problem="spherical_pendulum", steps=100, cpu_median_s=seconds)
         ]
 
-    fast, slow = (assessment.long_run("rattle", ladder(100.0 * each), 60.0) for each in (1e-3, 1e-1))
+    fast, slow = (assessment.plan_long_run("rattle", ladder(100.0 * each), 60.0) for each in (1e-3, 1e-1))
     assert slow is None and fast is not None and fast.parameters["t_end"] == pytest.approx(assessment.LONGEST, rel=0.01)
     assert fast.label == "long"
 
@@ -124,7 +124,7 @@ def test_a_long_run_is_made_only_if_it_is_long():
 def said(label: str, problem: str, *statuses: str) -> list[Finding]:
     """The lines on runs of ``rattle`` that ended so."""
     runs = [RunRecord(solver="rattle", label=label, problem=problem, status=s, message="so it ended") for s in statuses]
-    lines = assessment._problems(runs) if label == "problems" else assessment._orders([], runs)
+    lines = assessment._assess_problems(runs) if label == "problems" else assessment._assess_orders([], runs)
     return [line for line in lines if problem in line.measured.quantity]
 
 
@@ -159,7 +159,7 @@ def test_a_ladder_without_an_order_is_shown_beside_one_that_has_it():
     ladder = [
         RunRecord(problem=name, status=s) for name, s in (("spherical_pendulum", "success"), ("heavy_top", "crashed"))
     ]
-    found = {line.measured.quantity: line for line in assessment._orders([order], ladder)}
+    found = {line.measured.quantity: line for line in assessment._assess_orders([order], ladder)}
     assert found["order, spherical_pendulum, position"].verdict is Verdict.MET
     assert found["order, heavy_top"].verdict is Verdict.FAILED and found["order, heavy_top"].measured.text.endswith(
         ": 1 crashed"
@@ -168,12 +168,14 @@ def test_a_ladder_without_an_order_is_shown_beside_one_that_has_it():
 
 def test_a_ladder_cut_by_the_budget_is_neither_met_nor_failed():
     """No rung at all, or good ones only: not determined. A rung that crashed is a failure all the same."""
-    left = [s for s in assessment.first_runs("rattle", 10.0) if s.solver == "rattle" and s.problem == "heavy_top"]
+    left = [s for s in assessment.plan_runs("rattle", 10.0) if s.solver == "rattle" and s.problem == "heavy_top"]
     left = [s for s in left if s.label == "ladder"]
 
     def top(*statuses: str) -> Finding:
         runs = [RunRecord(solver="rattle", label="ladder", problem="heavy_top", status=s) for s in statuses]
-        (line,) = (x for x in assessment._orders([], runs, left[len(runs) :]) if "heavy_top" in x.measured.quantity)
+        (line,) = (
+            x for x in assessment._assess_orders([], runs, left[len(runs) :]) if "heavy_top" in x.measured.quantity
+        )
         return line
 
     assert (top().verdict, top().measured.text) == (Verdict.OPEN, "not determined: no run of it within the budget")
@@ -186,7 +188,7 @@ def test_reactions_are_none_only_where_a_run_could_return_them():
     """Without a run, or without a successful one, nothing is known of them."""
 
     def reactions(*statuses: str) -> str:
-        (line,) = assessment._laws([], [RunRecord(claimed=s, reaction_size_N=math.nan) for s in statuses])
+        (line,) = assessment._assess_laws([], [RunRecord(claimed=s, reaction_size_N=math.nan) for s in statuses])
         return line.measured.text
 
     assert reactions() == "not determined: no run of it within the budget"
@@ -197,9 +199,9 @@ def test_reactions_are_none_only_where_a_run_could_return_them():
 def test_rivals_that_the_budget_left_out_are_not_said_to_be_worse():
     """Only those whose whole ladder was run are named."""
     own = RunRecord(solver="rattle", label="ladder", problem="heavy_top", status="success", motion_error_max_m=1e-3)
-    specs = assessment.first_runs("rattle", 10.0)
+    specs = assessment.plan_runs("rattle", 10.0)
     left = [s for s in specs if s.label == "ladder" and s.problem == "heavy_top" and s.solver != "ida_index1"]
-    (some,), (none,), (all_,) = (list(assessment._work("rattle", [own], x)) for x in (left, specs, []))
+    (some,), (none,), (all_,) = (list(assessment._assess_work("rattle", [own], x)) for x in (left, specs, []))
     assert some.measured.text.endswith("; none of ida_index1 comes as near")
     assert "none of" not in none.measured.text and all_.measured.text.count(",") == 2
 
@@ -217,7 +219,7 @@ def test_what_a_budget_cut_short_is_counted_and_not_passed(tmp_path, capsys, mon
     specs = [make_spec(fall, "sleeps", options, {"dt": 0.5}, label="problems")
              for options in ({}, {"seconds": 500.0}, {"seconds": 501.0})]  # fmt: skip
     command = import_module("mbsbench.cli.try")
-    monkeypatch.setattr(assessment, "first_runs", lambda *_, **__: specs)
+    monkeypatch.setattr(assessment, "plan_runs", lambda *_, **__: specs)
     monkeypatch.setattr(command, "run_watched", partial(run_watched, pool=Over))
     line = ["try", "sleeps", "--plugin", str(PLUGIN), "--no-report", "--jobs", "1", "--budget", "50"]
     assert main([*line, "--out", str(tmp_path / "out"), "--json"]) == 1

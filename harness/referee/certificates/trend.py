@@ -38,7 +38,7 @@ class Trend:
     still: float
 
 
-def trend_of(y: Float[np.ndarray, " blocks"], tau: float) -> Trend:
+def fit_trend(y: Float[np.ndarray, " blocks"], tau: float) -> Trend:
     """From means of blocks of ``tau`` [s] that follow each other."""
     n = len(y)
     if n < FEWEST:

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from mbsbench.harness.conformance.trials import Evidence, converges
+from mbsbench.harness.conformance.trials import Evidence, check_order
 from mbsbench.harness.results.records import RunRecord
 
 
@@ -17,7 +17,7 @@ def measured(errors: list[float], order: float = 4.0):
         )
         for k, e in enumerate(errors)
     }  # fmt: skip
-    return converges(Evidence("dt", order, runs, {}))
+    return check_order(Evidence("dt", order, runs, {}))
 
 
 def test_a_floor_of_newton_iterations_is_no_lower_order():
@@ -35,5 +35,5 @@ def test_an_error_that_stays_far_above_such_a_floor_is_a_missing_term():
 def test_a_slow_solver_is_called_slow():
     """Runs that their wall limit ended say nothing about signs."""
     runs = {f"finer {k}": RunRecord(status="stalled", claimed="stalled", cpu_limit_s=20.0) for k in range(4)}
-    found = converges(Evidence("dt", 2.0, runs, {}))
+    found = check_order(Evidence("dt", 2.0, runs, {}))
     assert not found.holds and "too slow" in found.required.remedy and "20 s" in found.required.remedy

@@ -85,7 +85,7 @@ def test_runs_that_a_limit_cut_are_not_compared(tmp_path):
     """How many steps fit into a limit is no property of the solver."""
     cut = trials.RunRecord(status="stalled", claimed="stalled", message="the limit was reached", steps=7)
     evidence = trials.Evidence("dt", 2.0, {"finer 1": cut, "again": cut}, {"finer 1": None, "again": None})
-    assert not trials.repeats(evidence).is_tested
+    assert not trials.check_repeatability(evidence).is_tested
 
 
 def test_a_problem_that_cannot_be_made_is_said_once(tmp_path):
@@ -110,6 +110,6 @@ def test_a_start_says_rows_rank_and_degrees_of_freedom():
 
 
 def laws_of_start(name: str) -> str:
-    from mbsbench.harness.conformance.laws import Subject, starts_well
+    from mbsbench.harness.conformance.laws import Subject, check_initial_state
 
-    return starts_well(Subject(name)).measured.words
+    return check_initial_state(Subject(name)).measured.words

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from mbsbench import load, make_problem, solve
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError
-from mbsbench.harness.foreign.judge import Given, refereed, results_folder
+from mbsbench.harness.foreign.judge import FileSettings, judge_file, open_results
 from mbsbench.harness.foreign.reading import Reading
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
@@ -40,7 +40,7 @@ def written(path: Path, rows: np.ndarray, header: str = HEADER, fmt="%.9g", deli
 
 
 def judge(path: Path, problem=TOP, **reading: str):
-    return refereed(problem, path, Given("other", Reading(**reading)), None)
+    return judge_file(problem, path, FileSettings("other", Reading(**reading)), None)
 
 
 def changed(column: slice, factor: float) -> np.ndarray:
@@ -209,15 +209,15 @@ def test_a_file_that_ends_early_names_the_option(tmp_path):
 
 def test_its_row_stands_beside_our_solvers(tmp_path):
     """In a results folder, with its series; another file under the same name has another address."""
-    folder = results_folder(tmp_path / "all")
-    one = refereed(TOP, written(tmp_path / "top.csv", exact()), Given("awk_rk4"), folder)
-    two = refereed(TOP, written(tmp_path / "fine.csv", exact(), fmt="%.12g"), Given("awk_rk4"), folder)
+    folder = open_results(tmp_path / "all")
+    one = judge_file(TOP, written(tmp_path / "top.csv", exact()), FileSettings("awk_rk4"), folder)
+    two = judge_file(TOP, written(tmp_path / "fine.csv", exact(), fmt="%.12g"), FileSettings("awk_rk4"), folder)
     assert one.run_id != two.run_id and one.settings_id == two.settings_id
     loaded = store.load(folder)
     assert len(loaded.records) == 2 and not loaded.unreadable
     assert load(folder).runs[0].series["position_error"].max() < 4e-9
     with pytest.raises(FileError, match="not that of a solver"):
-        refereed(TOP, tmp_path / "top.csv", Given("gc_weak_form"), folder)
+        judge_file(TOP, tmp_path / "top.csv", FileSettings("gc_weak_form"), folder)
 
 
 @pytest.mark.skipif(shutil.which("awk") is None, reason="awk is not installed")
@@ -290,8 +290,8 @@ def test_a_file_of_positions_is_judged_by_positions_alone(tmp_path):
     assert np.all(np.isnan([r.energy_drift_max_J, r.phi_max, r.phi_dot_max, r.orientation_error_max_rad]))
     assert "not judged without: orientations and angular velocities, the energy error, |phi|" in r.notes
     assert r.position_error_max_m == pytest.approx(with_orientations.position_error_max_m, rel=1e-6)
-    folder = results_folder(tmp_path / "all")
-    series = store.series_of(folder, refereed(TOP, alone, Given("other"), folder))
+    folder = open_results(tmp_path / "all")
+    series = store.series_of(folder, judge_file(TOP, alone, FileSettings("other"), folder))
     for name in ("energy", "phi_norm", "orientation_error", "frame_q", "end_R"):  # no page draws the reference's
         assert np.all(np.isnan(series[name])), name
 
@@ -340,11 +340,11 @@ def test_a_remark_before_the_numbers_is_a_header(tmp_path):
     """As numpy.savetxt writes it, and Exudyn; names that are given go before it."""
     np.savetxt(tmp_path / "top.csv", exact()[:, :4], delimiter=",", header="by hand\n time, x, y, z")
     assert judge(tmp_path / "top.csv").status == "success"
-    given = Given("other", columns=("t", "r_x", "r_y", "r_z"))
-    assert refereed(TOP, tmp_path / "top.csv", given, None).status == "success"
+    given = FileSettings("other", columns=("t", "r_x", "r_y", "r_z"))
+    assert judge_file(TOP, tmp_path / "top.csv", given, None).status == "success"
     savemat(tmp_path / "ode.mat", {"tout": exact()[:, 0], "yout": exact()[:, 1:4]})
-    named = Given("other", columns=("t=tout", "r=yout"))
-    assert refereed(TOP, tmp_path / "ode.mat", named, None).status == "success"
+    named = FileSettings("other", columns=("t=tout", "r=yout"))
+    assert judge_file(TOP, tmp_path / "ode.mat", named, None).status == "success"
 
 
 def test_each_of_several_files_gets_its_verdict(tmp_path, capsys, monkeypatch):

@@ -8,7 +8,7 @@ import pytest
 from jaxtyping import Float
 
 from mbsbench.harness.catalogue.registry import in_frame, make_solver
-from mbsbench.harness.foreign.description import described
+from mbsbench.harness.foreign.description import describe_problem
 from mbsbench.harness.mechanics import motion, so3, work
 from mbsbench.harness.mechanics.consistency import project
 from mbsbench.harness.mechanics.presentation import Presentation
@@ -223,7 +223,7 @@ def test_what_cannot_take_a_law_says_so() -> None:
     for name, control in (("energy_momentum", StepControl(dt=1e-3)), ("gc_composed", StepControl(dt=1e-3))):
         assert make_solver(name).refuses(problem(), control)
     with pytest.raises(ValueError, match="user forces, which are code"):
-        described(problem())
+        describe_problem(problem())
 
 
 def imports(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: Rows, F: Rows, T: Rows) -> None:

@@ -20,7 +20,7 @@ from mbsbench.harness.referee.claims.verdicts import judge
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.judgements.claims import Verdict
-from mbsbench.harness.results.provisional import one_per_run
+from mbsbench.harness.results.provisional import latest_of_each
 from mbsbench.harness.results.records import reasons_json
 from mbsbench.harness.suites.suite import Suite
 from mbsbench.harness.types import Law, Reason, Status
@@ -36,9 +36,9 @@ RUNS = runs_of(SUITE)
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """A run folder of made-up records and a register of one claim, judged on the suite of the tests alone."""
-    monkeypatch.setattr(judging, "tried_on", lambda: RUNS)
+    monkeypatch.setattr(judging, "list_tried", lambda: RUNS)
     monkeypatch.setattr(judging, "OTHERS", ())
-    monkeypatch.setattr(judging, "whole_run", lambda: RUNS)
+    monkeypatch.setattr(judging, "list_whole", lambda: RUNS)
     register = tmp_path / "claims.toml"
     register.write_text(MAP + HEAD + TEST)
 
@@ -89,7 +89,7 @@ def test_a_run_that_a_resumed_folder_holds_twice_counts_once(made, tmp_path):
         for x in specs:
             own = record(x, run_id=code + x.settings_id[1:16], finished=code, series="", **columns)
             store.write_record(folder, own)
-        return judging.judgements(folder, read_register(register))
+        return judging.judge_results(folder, read_register(register))
 
     wrong = {"status": "wrong", "claimed": "success", "wrong_because": reasons_json([Reason(Law.ENERGY, 2.0, 1.0)])}
     for code in "12":
@@ -187,7 +187,7 @@ def test_the_tally_is_that_of_results():
 def test_claims_that_come_and_go_are_changes():
     before = [judged("a", "SUPPORTED"), judged("b", "REFUTED")]
     after = [judged("b", "CONDITIONAL"), judged("c", "SUPPORTED")]
-    assert [dataclasses.astuple(c) for c in judging.changes(before, after)] == [
+    assert [dataclasses.astuple(c) for c in judging.find_changes(before, after)] == [
         ("b", "beyond REFUTED", "beyond CONDITIONAL"),
         ("c", "", "beyond SUPPORTED"),
         ("a", "beyond SUPPORTED", ""),
@@ -228,7 +228,7 @@ def maps_of(claim):
 
 
 def test_the_cheap_claims_are_about_every_problem_of_the_paper():
-    register, places = read_register(), [place(c) for c in judging.tried_on()]
+    register, places = read_register(), [place(c) for c in judging.list_tried()]
     assert {c.id for c in register.claims} >= set(CHEAP)
     cheap = [m for c in register.claims if c.id in CHEAP for m in maps_of(c)]
     everything = {p.spec.problem for p in places}
@@ -239,7 +239,7 @@ def test_the_cheap_claims_are_about_every_problem_of_the_paper():
 @pytest.fixture(scope="module")
 def twice(tmp_path_factory):
     """The verdicts on some claims from their runs run with one and with two processes."""
-    register, runs_tried = read_register(), judging.tried_on()
+    register, runs_tried = read_register(), judging.list_tried()
     few = dataclasses.replace(register, claims=tuple(c for c in register.claims if c.id in CHEAP))
     places = [place(c) for c in runs_tried]
     specs = {p.spec.settings_id: p.spec for c in few.claims for m in maps_of(c) for p in select(places, m.over)}
@@ -255,7 +255,7 @@ def twice(tmp_path_factory):
 @pytest.mark.slow
 def test_verdicts_are_the_same_with_one_and_two_processes(twice):
     """Two runs, each of its own processes: the same judgement, byte for byte."""
-    first, second = map(files.as_text, twice)
+    first, second = map(files.format_judgement, twice)
     assert first == second
     assert {c.id for c in twice[0]} == set(CHEAP)
     assert len({c.verdict for c in twice[0]}) > 2
@@ -284,7 +284,7 @@ def newest_whole(runs, specs):
     """The newest of ``runs`` that holds all ``runs``, with its records; an unfinished one is passed over."""
     asked = {c.settings_id for c in specs}
     for folder in sorted((p for p in runs if (p / "runs").is_dir()), key=lambda p: p.name, reverse=True):
-        records = one_per_run(store.load(folder, check_series=False).records)
+        records = latest_of_each(store.load(folder, check_series=False).records)
         if asked <= {r.settings_id for r in records}:
             return folder, records
     return None
@@ -305,7 +305,7 @@ def test_an_unfinished_run_is_passed_over(tmp_path):
 @pytest.mark.slow
 def test_the_newest_whole_run_is_judged_as_published():
     """Where a whole run of the suite is at hand, every claim of it is as published."""
-    published, specs = files.read_claims(files.PUBLISHED), judging.tried_on()
+    published, specs = files.read_claims(files.PUBLISHED), judging.list_tried()
     if published is None:
         pytest.skip("nothing is published: mbsbench judge --publish")
     found = newest_whole(store.LOCAL.glob("referee-*"), specs)
@@ -313,7 +313,7 @@ def test_the_newest_whole_run_is_judged_as_published():
         pytest.skip("no whole run of the suite referee is in results/local: mbsbench run referee")
     folder, records = found
     found = judge(read_register(), specs, records, partial(store.series_of, folder))
-    assert judging.changes(published, found) == []
+    assert judging.find_changes(published, found) == []
 
 
 def test_ladders_that_do_not_show_the_declared_order_are_printed(capsys):

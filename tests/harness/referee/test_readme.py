@@ -3,7 +3,7 @@
 import re
 
 from mbsbench.harness.results.environment import ROOT
-from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read
+from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read_judgement
 from mbsbench.reports.model.claim_words import share
 
 CELL = r"(–|[A-Z]+(?: \d+ of \d+[^|]*)?)"
@@ -16,7 +16,7 @@ def said(finding):
 
 
 def test_verdicts_in_the_readme_are_the_published_ones():
-    known = {c.id: c for c in read(CLAIMS, PUBLISHED)}
+    known = {c.id: c for c in read_judgement(CLAIMS, PUBLISHED)}
     rows = ROW.findall((ROOT / "README.md").read_text(encoding="utf-8"))
     assert len(rows) >= 9
     for name, paper, beyond in rows:

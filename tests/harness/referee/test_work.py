@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mbsbench.harness.referee.certificates.work import TARGETS, work
-from mbsbench.harness.referee.wrong import wrong
+from mbsbench.harness.referee.wrong import find_false_successes
 from mbsbench.harness.results.records import RunRecord, reasons_json
 from mbsbench.harness.types import Law, Reason
 
@@ -129,7 +129,7 @@ def test_wrong_successes_have_the_verdicts_reasons_and_the_planes():
     away = record("b", 0.1, 1e-3, 10, out_of_plane_max_m=0.5)
     chaotic = dataclasses.replace(away, judged_to_s=0.3, settings_id="y")
     planar = dataclasses.replace(away, out_of_plane_max_m=math.nan, settings_id="z")
-    found = wrong([contradicted, gave_up, away, chaotic, planar], [])
+    found = find_false_successes([contradicted, gave_up, away, chaotic, planar], [])
     assert [e.settings_id for e in found] == [contradicted.settings_id, away.settings_id]
     assert [(b.law, b.value) for b in found[0].because] == [(Law.ENERGY, 5.0)]
     assert [(b.law, b.value) for b in found[1].because] == [(Law.PLANE, 0.5)]
@@ -140,8 +140,8 @@ def test_literal_starts_are_no_targets_and_no_false_successes():
     literal = [dataclasses.replace(r, problem_parameters='{"literal_start": true}') for r in (*GOOD, *OTHER)]
     assert work(NOWHERE, literal).points == ()
     broken = {"status": "wrong", "wrong_because": reasons_json([Reason(Law.CONSTRAINT, 2.0, 1.0, "m")])}
-    assert len(wrong([dataclasses.replace(GOOD[0], **broken)], ())) == 1
-    assert wrong([dataclasses.replace(literal[0], **broken)], ()) == ()
+    assert len(find_false_successes([dataclasses.replace(GOOD[0], **broken)], ())) == 1
+    assert find_false_successes([dataclasses.replace(literal[0], **broken)], ()) == ()
 
 
 def test_the_references_error_is_that_of_the_time_judged():

@@ -8,7 +8,7 @@ import pytest
 from mbsbench.cli.arguments import Parser, parse_assignments
 from mbsbench.harness.execution.job import Job, record_of
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.results.reproduce import command
+from mbsbench.harness.results.reproduce import write_command
 from mbsbench.harness.suites.suite import load_suite, parse_suite
 from mbsbench.harness.types import Status
 
@@ -55,7 +55,7 @@ def test_the_command_means_the_same_run(suite, tmp_path):
     specs = parse_suite(ODD, "odd", "odd", plugins=(str(PLUGIN),)).specs if suite == "odd" else load_suite(suite).specs
     for spec in specs[:: 1 if suite == "odd" else 5]:
         record = record_of(Job(spec, tmp_path), Status.SUCCESS)
-        again, given = run_of(command(record, ["my own.py"], "a b.npz"))
+        again, given = run_of(write_command(record, ["my own.py"], "a b.npz"))
         assert again.settings_id == spec.settings_id and again.cpu_limit == spec.cpu_limit
         assert given.plugin == ["my own.py"] and given.out == "a b.npz"
 
@@ -65,14 +65,14 @@ def test_words_of_a_foreign_record_stay_words():
     bad = RunRecord(
         run_id="x", problem="p; rm -rf ~", solver="$(id)", dt_s=0.1, solver_options=json.dumps({"a'b": "`id` \n&"})
     )
-    words = shlex.split(command(bad))
+    words = shlex.split(write_command(bad))
     assert words[2:4] == ["p; rm -rf ~", "$(id)"] and "a'b=`id` \n&" in words and words[-1] == "x.npz"
 
 
 def test_the_command_runs(command_line_run):
     """As printed, in a shell."""
     done = command_line_run(
-        command(
+        write_command(
             RunRecord(run_id="abc", problem="free_fall", solver="exact", dt_s=0.5, solver_options='{"lift": 1e-14}'),
             [str(PLUGIN)],
         )
