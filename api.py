@@ -54,12 +54,12 @@ class Run:
 
     @property
     def status(self) -> Status:
-        """How it ended, after its motion was judged."""
+        """The status, after the motion was judged."""
         return Status(self.record.status)
 
     @cached_property
     def problem(self) -> Problem:
-        """As it was solved."""
+        """The problem that was solved."""
         return self.given or registry.make_problem(self.record.problem, json.loads(self.record.problem_parameters))
 
     @cached_property

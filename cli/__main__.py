@@ -64,7 +64,7 @@ def _explain(error: Exception) -> tuple[int, str]:
 
 
 def _format_overview() -> str:
-    """What --help prints; no command is imported for it."""
+    """The text of --help; no command is imported for it."""
     parser, commands = top_parser()
     for name, (_, summary) in read_summaries().items():
         commands.add_parser(name, help=summary)

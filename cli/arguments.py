@@ -1,4 +1,4 @@
-"""What the subcommands share: common arguments, values from the command line, and one line for a wrong call."""
+"""Arguments that subcommands share, and the values they stand for."""
 
 import argparse
 import math

@@ -74,7 +74,7 @@ def _warn(words: str) -> None:
 
 
 def _read_claim(arguments: argparse.Namespace, published: Claim | None) -> Claim:
-    """As it stands in the judgement of RESULTS, or as published."""
+    """The claim as judged in RESULTS, or as published."""
     again = f"mbsbench claim {arguments.claim} --run makes its runs"
     if not arguments.results:
         if published is None:

@@ -51,7 +51,7 @@ def add(commands: Any) -> None:
     )
     p = subcommand(commands, "judge", run, words, "schema, digests of the code, the claims and the orders in dt")
     add_results(p)
-    p.add_argument("--partial", action="store_true", help="judge results that lack runs, on claims that they touch")
+    p.add_argument("--partial", action="store_true", help="judge only the claims covered by these results")
     p.add_argument("--publish", action="store_true", help="write the verdicts of a whole run to results/published/ too")
     p.add_argument("--claims", metavar="FILE.toml", help="register of claims (default: results/claims.toml)")
     p.add_argument("--published", metavar="DIR", help="published verdicts (default: results/published/)")
@@ -156,7 +156,7 @@ def format_verdict(f: Finding | None) -> Text:
 
 
 def count_verdicts(claims: Sequence[Claim]) -> str:
-    """How many of each verdict among the results; checks of the problems' presentation apart."""
+    """Count each verdict; checks of the problems' presentation are counted apart."""
     results = [c for c in claims if c.kind != PRESENTATION]
     out = []
     for k, where in enumerate(claim_words.WHERE):

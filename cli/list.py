@@ -146,7 +146,7 @@ def load_catalogue() -> dict[str, Any]:
 
 
 def _digest_code() -> str:
-    """Of the code that the catalogue is made from, and the interpreter."""
+    """Digest of the code behind the catalogue, and of the interpreter."""
     digest = hashlib.sha256(sys.version.encode())
     for folder in SHAPING:
         for path in sorted((ROOT / folder).rglob("*.py")):

@@ -56,7 +56,7 @@ def subcommand(
 
 
 def read_summaries() -> Mapping[str, tuple[str, str]]:
-    """By command: its module in this folder and its summary, in the order of ``FIRST``, then by name."""
+    """Module and summary of each command, in the order of ``FIRST``, then by name."""
     found: dict[str, tuple[str, str]] = {}
     for path in Path(__file__).parent.glob("*.py"):
         source = path.read_bytes()

@@ -136,7 +136,7 @@ class Watch:
         return lines
 
     def count(self) -> str:
-        """How many runs are done, and the time left."""
+        """The number of finished runs, and the time left."""
         now = time.monotonic()
         running = [(job.spec, now - since) for job, since in self.running.values()]
         left = self.estimate.left(running, (job.spec for job in self.waiting.values()), self.size)

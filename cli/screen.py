@@ -29,18 +29,18 @@ GAP = 2  # columns of text between two columns of a table
 
 
 def screen() -> Console:
-    """For tables: as wide as the terminal (or COLUMNS), else wide enough to fold nothing."""
+    """A console for tables: as wide as the terminal (or COLUMNS), else wide enough to fold nothing."""
     out = Console(highlight=False)
     return out if out.is_terminal or os.environ.get("COLUMNS") else Console(width=PIPED, highlight=False)
 
 
 def lines() -> Console:
-    """For lines that are not to be folded: messages and JSON."""
+    """A console for lines that are not folded: messages and JSON."""
     return Console(highlight=False, markup=False, soft_wrap=True)
 
 
 def errors() -> Console:
-    """The same on standard error."""
+    """A console for lines on standard error."""
     return Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
 
 

@@ -228,7 +228,7 @@ class Place:
         return os.fdopen(os.open(name, flags, 0o666, dir_fd=above), "w+b")
 
     def _explained(self, error: OSError, above: int, wanted: str = "a file") -> OSError:
-        """What is in the way, for the message alone."""
+        """The error with what stands in the way."""
         kind = _kind(above, self.name)
         if kind not in ("", wanted):
             return self._refusal(kind)
@@ -245,7 +245,7 @@ def place_of(path: Path | Place) -> Place:
 
 
 def partial_name(name: str, pid: int) -> str:
-    """What process ``pid`` calls a file that will be ``name``; the suffix, by which programs know a format, stays."""
+    """The name that process ``pid`` gives a file before it becomes ``name``; the suffix stays."""
     path = Path(name)
     return f".{path.stem}.{pid}.part{path.suffix}"
 

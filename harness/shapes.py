@@ -34,7 +34,7 @@ WORDS = {
 
 
 class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is read from a file: typed, read-only, no key but the fields."""
+    """Content of a file: typed, read-only, with no key but the fields."""
 
 
 def shaped(plain: Any, kind: type[T], where: str, error: type[ValueError] = FileError) -> T:

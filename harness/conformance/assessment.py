@@ -1,4 +1,4 @@
-"""What ``try`` runs for a solver, and what it reads off the results: each line a number beside what is expected."""
+"""The runs of ``try`` for a solver, and the findings on their results."""
 
 import json
 import math
@@ -54,7 +54,7 @@ Run = TypeVar("Run", RunRecord, RunSpec)
 
 
 def plan_runs(solver: str, wall: float) -> list[RunSpec]:
-    """All but the long one: what sums a solver up first, then the problems."""
+    """All runs but the long one: ladders and symmetries first, then the problems."""
     control = registry.solvers()[solver].control
     out = []
     for who in (solver, *FIELD):
@@ -79,7 +79,7 @@ def plan_runs(solver: str, wall: float) -> list[RunSpec]:
 
 
 def plan_stages(solver: str, specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
-    """In the order they are run: its ladders, symmetries and growth, the field's ladders, some problems at a time."""
+    """Stages in the order they are run: ladders, symmetries and growth, ladders of others, some problems at a time."""
     own = [s for s in specs if s.solver == solver and s.label != "problems"]
     problems = [s for s in specs if s.label == "problems"]
     first = [s for s in own if s.label == "ladder"]
@@ -89,7 +89,7 @@ def plan_stages(solver: str, specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
 
 
 def plan_long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSpec | None:
-    """As many swings of the pendulum as ``seconds`` of CPU pay; None if that is no long run."""
+    """Swings of the pendulum for ``seconds`` of CPU time; None if they are too few for a long run."""
     control = registry.solvers()[solver].control
     done = [r for r in _select(solver, records, "ladder") if r.problem == "spherical_pendulum" and r.steps]
     if not done:
@@ -114,7 +114,7 @@ def certify_ladders(solver: str, folder: Path, records: Sequence[RunRecord]) -> 
 def assess(
     solver: str, folder: Path, records: Sequence[RunRecord], found: Sequence[Order], left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
-    """All lines, in the order of the page; ``found`` are its ``certify_ladders``, ``left`` what the budget left out."""
+    """All findings, in the order of the page; ``found``: orders of its ladders, ``left``: runs left out."""
     ladder, rest = _select(solver, records, "ladder"), _select(solver, left, "ladder")
     yield from _assess_problems(_select(solver, records, "problems"))
     yield from _assess_orders(found, ladder, rest)
@@ -164,7 +164,7 @@ def _assess_orders(
 
 
 def _assess_order(found: Sequence[Order]) -> Iterator[Finding]:
-    """Of one problem."""
+    """Findings on the orders on one problem."""
     for o in found:
         if o.quantity not in ("position", "orientation", "energy", "reaction"):
             continue
@@ -189,7 +189,7 @@ def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Find
 
 
 def _judge_order(o: Order) -> bool | None:
-    """Reactions and energy may be of another order than the motion: they are shown, not judged."""
+    """Verdict on an order; those of reactions and energy may differ from that of the motion and are only shown."""
     if o.quantity in ("energy", "reaction") or o.verdict == "undecided":
         return None
     return o.verdict not in ("below declared",)

@@ -38,12 +38,12 @@ class Subject:
 
     @cached_property
     def problem(self) -> Problem:
-        """With its defaults."""
+        """The problem with its defaults."""
         return registry.make_problem(self.name)
 
     @cached_property
     def size(self) -> Scales:
-        """What drifts are compared with."""
+        """Scales that drifts are compared with."""
         return scales(self.problem, self.reference)
 
     @cached_property
@@ -78,19 +78,19 @@ class Subject:
 
     @cached_property
     def stated(self) -> np.ndarray:
-        """[m] the error it is said to have at ``t``."""
+        """Stated error at ``t`` [m]."""
         assert self.known is not None
         return np.asarray(self.known.error(self.t), dtype=float)
 
     @property
     def slack(self) -> float:
-        """[m] the largest of them."""
+        """Largest stated error [m]."""
         own = self.stated
         return float(np.max(own)) if own.shape == self.t.shape and np.all(np.isfinite(own)) else 0.0
 
     @cached_property
     def rate(self) -> float:
-        """[rad/s] of the motion: how fast poses change, and with them what is made of them."""
+        """Rate of the motion [rad/s]: how fast poses change."""
         return 1.0 / max(self.t[-1], 1e-9) + float(np.max(np.abs(self.exact.Omega)))
 
     @property
@@ -99,7 +99,7 @@ class Subject:
         return SMALL + 100.0 * self.slack / self.size.length
 
     def differenced(self, step: float) -> float:
-        """The same for its derivatives, taken from differences over ``step`` [s]."""
+        """The allowed share for derivatives, taken from differences over ``step`` [s]."""
         return DIFFERENCED + (ROUNDED + 100.0 * self.slack / self.size.length) / (step * self.rate)
 
 
@@ -188,7 +188,7 @@ def check_repeatability(s: Subject) -> Finding:
 
 
 def check_turned(s: Subject) -> Finding:
-    """In a frame turned by exp(0.3, -0.2, 0.5) observables of the start, seen from home, stay to 1e-9."""
+    """Observables of the start, seen from home, agree to 1e-9 in a frame turned by exp(0.3, -0.2, 0.5)."""
     turned = registry.make_problem(s.name, {"rotation": (0.3, -0.2, 0.5)})  # checks the turned start
     here = s.problem.observe(States.one(s.problem.initial))
     there = turned.observe(States.one(turned.initial))
@@ -212,7 +212,7 @@ def check_stated_error(s: Subject) -> Finding:
 
 
 def check_reference_start(s: Subject) -> Finding:
-    """At t = 0 the reference has r, R, v (space) and Omega (body) of the start."""
+    """The reference begins with r, R, v (space) and Omega (body) of the start."""
     p, rate, found = s.problem, s.rate, {}
     units = {"r": s.size.length, "R": 1.0, "v": s.size.length * rate, "Omega": rate}
     for name, unit in units.items():

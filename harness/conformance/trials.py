@@ -1,4 +1,4 @@
-"""What a solver's runs show: each function measures one thing on their records and series."""
+"""Measurements on the records and series of a solver's runs, one a function."""
 
 import itertools
 import json
@@ -50,7 +50,7 @@ class Evidence:
 
 
 def check_endings(e: Evidence) -> Finding:
-    """Neither success nor refused."""
+    """Number of easy runs that neither succeed nor are refused."""
     easy = [r for r in e.of("easy") if r.status != Status.UNFINISHED]
     bad = [r for r in easy if r.status not in (Status.SUCCESS, Status.REFUSED)]
     open_ = [r for r in e.of("easy") if r.status == Status.UNFINISHED]
@@ -62,7 +62,7 @@ def check_endings(e: Evidence) -> Finding:
 
 
 def check_accepts(e: Evidence) -> Finding:
-    """Neither refused nor crashed."""
+    """Number of easy runs that are neither refused nor crash."""
     easy = e.of("easy")
     refused, crashed = ([r for r in easy if r.status == s] for s in (Status.REFUSED, Status.CRASHED))
     if crashed and len(refused) + len(crashed) == len(easy):
@@ -72,7 +72,7 @@ def check_accepts(e: Evidence) -> Finding:
 
 
 def check_refusals(e: Evidence) -> Finding:
-    """Refusals of less than two words."""
+    """Number of refusals with fewer than two words."""
     if all(r.status == Status.CRASHED for r in e.records.values()):
         return leave_open("all its runs crashed")
     silent = [r for r in e.records.values() if r.status == Status.REFUSED and len(r.message.split()) < 2]
@@ -238,7 +238,7 @@ def check_stop(
 
 
 def _find_missing(*runs: RunRecord) -> Finding | None:
-    """What to say where a run did not reach its end."""
+    """The finding where a run did not reach its end; None where all did."""
     if all(r.status == Status.REFUSED for r in runs):
         return leave_open(_describe_first(runs))
     bad = [r for r in runs if r.claimed != Status.SUCCESS]

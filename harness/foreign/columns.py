@@ -1,4 +1,4 @@
-"""Which column of a table is what: time, and by body position, orientation, velocity and angular velocity.
+"""Columns recognised by name: time, and for each body position, orientation, velocity and angular velocity.
 
 Arrays by name, ``r`` (nt, nb, 3) or (nt, 3 nb), or one column a number: ``r_x``, ``r2_x``, ``x2``, ``body2.r.x``,
 ``q0`` to ``q3`` or ``qw`` to ``qz``, ``R11`` to ``R33``, ``phi``, ``theta``, ``psi``; bodies by number (from 1, or
@@ -45,7 +45,7 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Quantities:
-    """What a table holds, (nt, nb, .) each, with its resolution of the same shape, and the columns that it is not."""
+    """Quantities in a table, (nt, nb, .) each, their resolution in the same shape, and unused columns."""
 
     t: Float[np.ndarray, " nt"]
     quantities: Mapping[str, np.ndarray]
@@ -96,7 +96,7 @@ def find_quantities(table: Table, body_names: tuple[str, ...], renamed: Mapping[
 
 
 def _normalize_name(name: str) -> str:
-    """Without units in brackets, punctuation and, but for a matrix R, capitals."""
+    """The name without units in brackets, punctuation and, but for a matrix R, capitals."""
     bare = re.sub(r"[\[(][^\])]*[\])]", "", name).strip()
     plain = re.sub(r"[^0-9a-zA-Z]+", "_", bare).strip("_")
     return plain if plain == "R" else plain.lower()

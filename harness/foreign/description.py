@@ -13,7 +13,7 @@ SCHEMA = 1
 
 
 def describe_problem(problem: Problem) -> dict[str, Any]:
-    """For JSON; SI units, bodies numbered from 0, the ground is -1."""
+    """The problem as JSON: SI units, bodies numbered from 0, the ground is -1."""
     s, start = problem.system, problem.initial
     if len(s.user_i):
         raise ValueError(f"problem {problem.name} has user forces, which are code: a file cannot describe them")

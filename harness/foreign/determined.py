@@ -1,4 +1,4 @@
-"""What a file can be judged by: laws that its columns determine, to the accuracy that digits and spacing leave.
+"""The laws that the columns of a file determine, to the accuracy that digits and spacing leave.
 
 A quantity that is neither in the file nor follows from it is NaN here: a law whose value then is NaN, too, is not
 determined. How far digits and spacing move a law is found by reading the file in another way that it allows: rates
@@ -40,7 +40,7 @@ Key = tuple[Law, str]  # a law, of an invariant with its name
 
 @dataclass(frozen=True)
 class Determined:
-    """What the columns leave open: quantities, laws, and names of observables and invariants."""
+    """Quantities, laws, observables and invariants that the columns leave open."""
 
     missing: tuple[str, ...]  # of r, R, v, Omega
     open_laws: frozenset[Law]
@@ -48,7 +48,7 @@ class Determined:
 
     @property
     def open_columns(self) -> tuple[str, ...]:
-        """How the columns begin that say nothing."""
+        """Beginnings of the columns of a record that are not determined."""
         of_laws = (OF_LAW.get(law, ()) for law in self.open_laws)
         return tuple(c for group in (*of_laws, *(OF_QUANTITY[k] for k in self.missing)) for c in group)
 
@@ -57,7 +57,7 @@ class Determined:
         return r.law not in self.open_laws and r.name not in self.open_names
 
     def measured(self, m: Measured) -> Measured:
-        """Without what is not determined."""
+        """The measurements, NaN where they are not determined."""
         none = np.full(len(m.t), math.nan)
         series = [s for law in self.open_laws for s in SERIES.get(law, ())]
         series += [s for k in self.missing for s in SERIES_OF_QUANTITY[k]]
@@ -70,7 +70,7 @@ class Determined:
 
 
 def find_determined(problem: Problem, start: States, missing: Sequence[str]) -> Determined:
-    """What a file without ``missing`` determines; ``start``: one state of the motion."""
+    """Find what a file without the quantities ``missing`` determines; ``start``: one state of the motion."""
     system, parts = problem.system, {k: getattr(start, k) for k in ("r", "R", "v", "Omega")}
     s = States(**{k: np.full(a.shape, math.nan) if k in missing else a for k, a in parts.items()})
     with np.errstate(all="ignore"):

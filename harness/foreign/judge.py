@@ -38,7 +38,7 @@ WORDS = {"v": "velocities", "R": "orientations", "Omega": "angular velocities"}
 
 @dataclass(frozen=True)
 class FileSettings:
-    """What the user says about files."""
+    """Options of the user on how files are read."""
 
     name: str  # of the code
     reading: Reading = field(default_factory=Reading)
@@ -120,7 +120,7 @@ def _make_spec(problem: Problem, path: Path, given: FileSettings, trajectory: Tr
 
 
 def _digest_file(table: Table, given: FileSettings) -> str:
-    """Of the file, how it was read, and the code that judges it: the part of the code in a run's address."""
+    """Digest of the file, how it was read, and the code that judges it; stands for the code in a run's address."""
     parts = (environment.code_digest(), table.sha256, repr(given.reading), repr(given.columns))
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
@@ -159,7 +159,7 @@ def _build_trajectory(problem: Problem, motion: Motion, path: Path, missing: lis
 def _measure_uncertainty(
     problem: Problem, found: Quantities, how: Reading, motion: Motion, given: Trajectory, path: Path, missing: list[str]
 ) -> Mapping[tuple[Law, str], float]:
-    """By how much laws are uncertain, where rates are differenced or digits are few; nothing of a motion cut short."""
+    """Uncertainty of laws where rates are differenced or digits are few; empty for a motion cut short."""
     if given.status is not Status.SUCCESS:
         return {}
 

@@ -1,4 +1,4 @@
-"""From columns to poses and velocities in SI: units, order of quaternions, frames; missing rates are differenced."""
+"""Poses and velocities in SI units from columns: units, order of quaternions, frames; missing rates are differenced."""
 
 import dataclasses
 import math
@@ -23,7 +23,7 @@ FEWEST = 8  # rows for a difference
 
 @dataclass(frozen=True)
 class Reading:
-    """How columns are read; each field is an option of the command line."""
+    """Units, orders and frames of columns; each field is an option of the command line."""
 
     length: str = "m"  # of positions, and of velocities per second
     time: str = "s"  # of t alone
@@ -41,7 +41,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
 
 
 class Origin(StrEnum):
-    """Where a quantity comes from."""
+    """The origin of a quantity."""
 
     FILE = "file"
     DIFFERENCED = "differenced"
@@ -61,7 +61,7 @@ class Motion:
 
 
 def read_motion(found: Quantities, how: Reading, degree: int = 5) -> Motion:
-    """As ``how`` says; rates that are missing are those of splines of ``degree``."""
+    """Read the motion as ``how`` says; missing rates are those of splines of ``degree``."""
     t, has = TIMES[how.time] * found.t, found.quantities
     r = LENGTHS[how.length] * has["r"]
     R = read_rotations(found, how)

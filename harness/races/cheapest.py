@@ -113,5 +113,5 @@ class Candidate:
 
 
 def rank(candidates: Iterable[Candidate]) -> list[Candidate]:
-    """Those that were run: first those that meet the error, the cheapest first."""
+    """Candidates that were run: first those that meet the error, the cheapest first."""
     return sorted((c for c in candidates if c.runs), key=lambda c: cost_of(c.best) if c.best else (math.inf, math.inf))

@@ -37,7 +37,7 @@ def code_now(register: Register, specs: Iterable[RunSpec]) -> Code:
 
 
 def find_older_runs(records: Iterable[RunRecord], plugins: Sequence[str] = ()) -> tuple[RunRecord, ...]:
-    """Those that other code made; runs of other people's problems and solvers are theirs to know."""
+    """Runs made by other code; those of other people's problems and solvers are not looked at."""
     here = codes.package_sources()
     ours = [r for r in records if r.solver in here.solvers and r.problem in here.problems and r.suite != REFEREED]
     now = {k: codes.code_of(*k, plugins) for k in {(r.problem, r.solver) for r in ours}}

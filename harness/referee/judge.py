@@ -72,7 +72,7 @@ def list_whole() -> tuple[RunSpec, ...]:
 
 
 def find_missing(folder: Path, specs: Iterable[RunSpec]) -> list[RunSpec]:
-    """Those that the results in ``folder`` do not hold."""
+    """Runs that the results in ``folder`` lack."""
     held = {r.settings_id for r in store.load(folder, check_series=False).records}
     return [s for s in specs if s.settings_id not in held]
 
@@ -87,7 +87,7 @@ def write_judgements(folder: Place, judged: dict[str, Any], code: Code) -> list[
 
 
 def describe_outdated(folder: Place, now: Code) -> str:
-    """What has changed since the verdicts in ``folder`` were published, in one line with the commands; else empty."""
+    """One line on what has changed since the verdicts in ``folder`` were published, with the commands; else empty."""
     return describe_changes(files.code_of_claims(folder), now, WHOLE)
 
 

@@ -1,4 +1,4 @@
-"""What code a run's numbers come from: digests by solver, by problem and of measuring, found without running any of it.
+"""Digests of the code that a run's numbers come from: by solver, by problem and of measuring; nothing of it is run.
 
 The digest of a solver covers its file and every module of the package that this imports, directly or through others;
 so does that of a problem, and of what calls solvers and measures their motions. It is taken of the syntax tree without
@@ -150,7 +150,7 @@ class Sources:
 
 @cache
 def package_sources() -> Sources:
-    """Those of this package."""
+    """The modules of this package."""
     return Sources(ROOT, cache_folder("sources", ROOT / "results" / "local") / "parsed.json")
 
 

@@ -26,7 +26,7 @@ ERROR_CONTROL = 0.6  # relative, a factor of 2.5: another libm may change which 
 
 
 class Likeness(StrEnum):
-    """How alike two numbers are, worst last."""
+    """Likeness of two numbers, worst last."""
 
     SAME = "same"  # bit for bit
     ROUNDING = "rounding"  # within what two machines may differ by
@@ -74,7 +74,7 @@ class Comparison:
 
 
 def compare(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> Comparison:
-    """What differs between two sets of records; of several of a run (of older code) the newest counts."""
+    """Differences between two sets of records; of several records of a run the newest counts."""
     a, b = ({r.settings_id: r for r in newest(records)} for records in (before, after))
     both = [s for s in a if s in b]
     changes = [c for s in both for c in _find_changes(a[s], b[s])]

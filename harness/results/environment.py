@@ -1,4 +1,4 @@
-"""Where a result comes from: code, commit, packages, machine, threads."""
+"""The origin of a result: code, commit, packages, machine, threads."""
 
 import datetime
 import hashlib

@@ -55,7 +55,7 @@ class Required:
 
 @dataclass(frozen=True)
 class Finding:
-    """What was measured on ``subject``, what was required, and the verdict."""
+    """A measurement on ``subject``, its requirement, and the verdict."""
 
     measured: Measured
     required: Required = field(default_factory=Required)

@@ -58,14 +58,14 @@ def load_history(folders: Iterable[Path], files: Iterable[Path] = ()) -> tuple[R
 
 
 def read_folder(folder: Path) -> list[Row]:
-    """Of a results folder."""
+    """The rows of a results folder."""
     return make_rows(
         folder.resolve().name, stamp_of(folder), store.newest(store.load(folder, check_series=False).records)
     )
 
 
 def merge_rows(of_folders: Iterable[Iterable[Row]], of_files: Iterable[Iterable[Row]]) -> tuple[Row, ...]:
-    """The same of rows that are read."""
+    """All rows, the oldest first; judged rows, from files, replace those of folders."""
     found: dict[tuple[str, str], Row] = {}
     for row in chain(chain.from_iterable(of_folders), chain.from_iterable(of_files)):  # files last: judged
         found[row.results, row.settings_id] = row

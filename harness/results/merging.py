@@ -17,7 +17,7 @@ STAMP = re.compile(r"environment\..*\.json")
 
 @dataclass(frozen=True)
 class Merged:
-    """What came of it."""
+    """The outcome of merging."""
 
     records: tuple[RunRecord, ...]
     added: int

@@ -1,4 +1,4 @@
-"""Which inputs of two runs differ: what may be why their results do."""
+"""Inputs in which two runs differ: possible causes of different results."""
 
 import json
 from collections.abc import Mapping, Sequence

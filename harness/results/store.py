@@ -38,7 +38,7 @@ class StoreError(files.FileError):
 
 
 class RecordFile(Shape, frozen=True):
-    """What ``runs/<run_id>.json`` holds: the text of the record and its digest."""
+    """The content of ``runs/<run_id>.json``: the text of the record and its digest."""
 
     sha256: str
     record: str
@@ -54,7 +54,7 @@ class Unreadable:
 
 @dataclass(frozen=True)
 class Loaded:
-    """What a results folder holds: the good records by run, and what could not be read."""
+    """The content of a results folder: good records, and files that could not be read."""
 
     records: tuple[RunRecord, ...]
     unreadable: tuple[Unreadable, ...]
@@ -122,7 +122,7 @@ def lock(folder: Path) -> BinaryIO:
 
 
 def remove_partial(folder: Path) -> None:
-    """What killed processes left half-written; for who holds the lock: nobody writes."""
+    """Delete partial files of killed processes. Call with the lock held."""
     for part in (Place(folder), *(Place(folder) / name for name in PARTS)):
         for name in filter(PARTIAL.fullmatch, part.names()):
             (part / name).remove_file()
@@ -210,7 +210,7 @@ def load(folder: Path, *, check_series: bool = True) -> Loaded:
 
 
 def newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
-    """Of records with the same settings the one that ended last: a resumed folder may hold those of older code."""
+    """The last record of each run: a resumed folder may hold records of older code."""
     found: dict[str, RunRecord] = {}
     for r in records:
         if r.settings_id not in found or ending(r) > ending(found[r.settings_id]):

@@ -1,4 +1,4 @@
-"""How a run ended and why it is wrong, in words: made here from a record, for terminal and pages alike."""
+"""The end of a run and why it is wrong, in words made from its record, for terminal and pages alike."""
 
 import math
 import signal

@@ -18,7 +18,7 @@ MEMORY = 4000.0  # [MB]
 
 
 def tried(what: str, attempt: Callable[[], T]) -> T:
-    """What ``attempt`` gives, once it has returned in another process; ValueError in one line where it does not."""
+    """The value of ``attempt``, once it has returned in another process; ValueError in one line where it does not."""
     if threading.active_count() == 1:  # else a plugin before it has started a thread, and nothing can be forked
         complaint = _try_elsewhere(what, attempt)
         if complaint:
@@ -44,7 +44,7 @@ def _describe_error(what: str, error: BaseException) -> str:
 
 
 def _try_elsewhere(what: str, attempt: Callable[[], object]) -> str:
-    """What is wrong with it; empty when it returned."""
+    """The complaint about ``attempt``; empty when it returned."""
 
     def run(send: Callable[[str], None]) -> None:
         try:

@@ -231,6 +231,7 @@ def test_files_that_cannot_be_used_are_reported_in_one_line(tmp_path, capsys, mo
     for line in (
         ["show", long], ["run", "s.toml", "--out", long], ["gate", "--thresholds", long], ["judge", long],
         ["run", "s.toml", "--out", "a"], ["run", "s.toml", "--out", "b"], ["merge", "b", "c"],
+        ["history", "deep.jsonl"], ["gate", "--thresholds", "deep"],
         ["judge", "c", "--claims", "deep"], ["diff", "c", "c"],
     ):  # fmt: skip
         assert main(line) == 2, line

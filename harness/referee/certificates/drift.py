@@ -112,7 +112,7 @@ def _find_rises(t: np.ndarray, a: np.ndarray) -> np.ndarray:
 
 
 def _integrate(t: np.ndarray, e: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Of the straight lines through (t, e), from the start to ``at``."""
+    """Integral of the straight lines through (t, e), from the start to ``at``."""
     whole = cumulative_trapezoid(e, t, initial=0)
     k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
     return whole[k] + 0.5 * (at - t[k]) * (e[k] + np.interp(at, t, e))

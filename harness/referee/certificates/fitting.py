@@ -44,7 +44,7 @@ class Fit:
 
 
 def fit_ladder(dt: Sequence[float], error: Sequence[float], small: float = 0.0) -> Fit:
-    """From errors > 0 at decreasing steps; below ``small`` a tolerance may hold them: no order is lost there.
+    """Fit the order to errors > 0 at decreasing steps; errors below ``small`` may be set by a tolerance.
 
     Finer points left out must have a reason: a floor that is seen (``_is_floor``). Else the order is ``lost``.
     """
@@ -79,7 +79,7 @@ def _is_floor(x: np.ndarray, y: np.ndarray, small: float) -> bool:
 
 
 def fit_scattered(x: Sequence[float], error: Sequence[float]) -> Fit:
-    """From errors > 0 of runs under error control, finest last; ``x`` is their mean step or their tolerance."""
+    """Fit the order to errors > 0 of runs under error control, finest last; ``x``: their mean step or tolerance."""
     a, y = np.log(np.asarray(x, dtype=float)), np.log(np.asarray(error, dtype=float))
     slopes = np.diff(y) / np.diff(a) if len(np.unique(a)) == len(a) else np.full(max(len(a) - 1, 0), math.nan)
     n = len(a)

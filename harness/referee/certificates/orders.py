@@ -110,7 +110,7 @@ def _find_ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
 
 
 def _certify_ladder(run: Sequence[RunRecord]) -> list[Order]:
-    """Of all quantities that can be measured; of the first, positions, also where it cannot, with the reason."""
+    """Orders of all quantities that can be measured; of positions also where it cannot, with the reason."""
     found = [o for q in QUANTITIES if (o := _certify_quantity(run, q)) is not None]
     return [o for k, o in enumerate(found) if k == 0 or o.is_measured]
 
@@ -173,7 +173,7 @@ def _fit(
 
 
 def _tolerance_share(r: RunRecord) -> float:
-    """What the tolerance of a step's equations [sqrt(J)] may add up to over all steps, of the scale of an error."""
+    """Share of an error's scale that the tolerance of a step's equations [sqrt(J)] may add up to over all steps."""
     known = registry.solvers().get(r.solver)
     default = 0.0 if known is None else known.parameters.get("tolerance", (0.0,))[0]
     tolerance = json.loads(r.solver_options).get("tolerance", default)

@@ -46,7 +46,7 @@ PLANARITY = "planar symmetry"
 
 @dataclass(frozen=True)
 class Yardstick:
-    """What two runs of a solver on a variant may differ by."""
+    """Allowed difference between two runs of a solver on a variant."""
 
     level: float  # [m] change of the end at a tenth of the tolerance
     halved: float  # [m] and at half the step; 0 under error control
@@ -144,7 +144,7 @@ def _key_without(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
 
 
 def _find_change(base: RunRecord, r: RunRecord) -> str:
-    """The one presentation that ``r`` has and ``base`` has not, all else alike; empty if it is none or more."""
+    """The one presentation that ``r`` has and ``base`` has not, all else alike; empty unless exactly one differs."""
     here, there = _parse(base.problem_parameters), _parse(r.problem_parameters)
     if any(k in CHANGES for k in here) or any(there.get(k) != v for k, v in here.items()):
         return ""
@@ -167,7 +167,7 @@ def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
 
 
 def _tolerance(r: RunRecord) -> float:
-    """Of the error control, or that to which a fixed step is solved; NaN where a solver has neither."""
+    """Tolerance of the error control, or of a fixed step's equations; NaN where a solver has neither."""
     if r.control != "dt":
         return r.rtol
     known = registry.solvers().get(r.solver)
@@ -176,14 +176,14 @@ def _tolerance(r: RunRecord) -> float:
 
 
 def _distance_from_tenth(base: RunRecord, r: RunRecord) -> tuple[float, str]:
-    """How far from a tenth a tighter run is."""
+    """Distance of a tighter run's tolerance from a tenth."""
     return abs(math.log(10.0 * _tolerance(r) / _tolerance(base))), r.settings_id
 
 
 def _measure_yardstick(
     base: RunRecord, tighter: RunRecord, nudged: RunRecord, halved: RunRecord | None, ends: _Ends
 ) -> Yardstick | None:
-    """None where one of the runs did not end well."""
+    """The yardstick of a run; None where one of the runs did not end well."""
     if any(r is not None and r.claimed != "success" for r in (base, tighter, nudged, halved)):
         return None
     level = ends.apart(base, tighter, np.eye(3))
@@ -199,7 +199,7 @@ def _least_growth(base: RunRecord, found: Iterable[tuple[RunRecord, Yardstick]])
 
 
 def _prepare_row(base: RunRecord, check: str, *runs: RunRecord) -> Callable[..., Symmetry]:
-    """All of a row but its verdict and numbers."""
+    """Prepare a row without its verdict and numbers."""
     options, variant = json.loads(base.solver_options), base.case.split(" ")[0]
     ids = tuple(r.settings_id for r in runs)
     return functools.partial(Symmetry, base.solver, options, check, base.problem, variant, ids)

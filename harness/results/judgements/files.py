@@ -61,7 +61,7 @@ def read_claims(folder: Place) -> tuple[Claim, ...] | None:
 
 
 def code_of_claims(folder: Place) -> Code:
-    """What the claims judged in ``folder`` were computed from; errors as of ``read_judgement``."""
+    """Digests that the claims judged in ``folder`` come from; raises like ``read_judgement``."""
     return _read(folder, CLAIMS.name, Published).code  # type: ignore[no-any-return]
 
 
@@ -77,12 +77,12 @@ def _read(folder: Place, name: str, kind: Any) -> Any:
 
 
 def add_code(claims: Sequence[Claim], code: Code) -> Published:
-    """What ``claims.json`` holds."""
+    """The content of ``claims.json``."""
     return Published(SCHEMA, code, tuple(claims))
 
 
 def shorten_claims(claims: Sequence[Claim]) -> tuple[Claim, ...]:
-    """What verdicts are compared by and shown with: without maps, but for a row that stands alone on its side."""
+    """The claims without their maps, but for a row that stands alone on its side: enough to compare and show."""
     return tuple(map(_shorten, claims))
 
 

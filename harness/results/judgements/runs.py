@@ -17,7 +17,7 @@ SymmetryVerdict = Literal["holds", "broken", "undecided", "failed", "refused", "
 
 
 class Asked(Shape, frozen=True):
-    """What was run."""
+    """The run that was asked for."""
 
     problem: str
     variant: str
@@ -26,7 +26,7 @@ class Asked(Shape, frozen=True):
 
 
 class Note(StrEnum):
-    """What was left out of a ladder, or is not known."""
+    """A reason why runs of a ladder were left out."""
 
     NO_SCALE = "no scale"
     CUT = "cut steps"
@@ -130,7 +130,7 @@ class Symmetry(Shape, frozen=True):
 
 
 class WorkPoint(Asked, frozen=True):
-    """What one run cost and how far off it was."""
+    """Cost and error of one run."""
 
     settings_id: str
     label: str
