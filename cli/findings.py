@@ -9,22 +9,24 @@ from .screen import Column, print_json, print_table
 
 STYLE = {Verdict.MET: "green", Verdict.FAILED: "bold red", Verdict.OPEN: ""}
 COLUMNS = (
-    Column("", right=False), Column("quantity", right=False, fold=True, least=20),
+    Column("", right=False), Column("of", fold=True, rank=3), Column("quantity", right=False, fold=True, least=20),
     Column("measured", right=False, fold=True), Column("required", right=False, fold=True, least=12, rank=1),
+    Column("found", fold=True, rank=2),
 )  # fmt: skip
-WHERE = Column("found", fold=True, rank=2)
 
 
-def print_findings(found: Iterable[Finding], *below: str, json: bool = False) -> None:
-    """One row a finding, or one JSON object."""
+def print_findings(findings: Iterable[Finding], *below: str, json: bool = False) -> None:
+    """One row a finding, without columns that say nothing, or one JSON object a finding."""
+    found = list(findings)
     if json:
         for f in found:
             print_json(f.as_plain())
         return
     rows = [
-        (Text(f.verdict, STYLE[f.verdict]), f.measured.quantity, f.measured.text, f.required.text,
-         f.measured.words if f.measured.text != f.measured.words else "")
+        (Text(f.verdict, STYLE[f.verdict]), f.subject, f.measured.quantity, f.measured.text, f.required.text,
+         "" if f.measured.words == f.measured.text else f.measured.words)
         for f in found
     ]  # fmt: skip
-    located = any(row[-1] for row in rows)
-    print_table((*COLUMNS, WHERE) if located else COLUMNS, rows if located else [row[:-1] for row in rows], *below)
+    hidden = {1} if len({f.subject for f in found}) < 2 else set()
+    shown = [k for k in range(len(COLUMNS)) if k not in hidden and (k < 2 or any(row[k] for row in rows))]
+    print_table([COLUMNS[k] for k in shown], [[row[k] for k in shown] for row in rows], *below)

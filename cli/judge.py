@@ -22,6 +22,7 @@ from ..harness.results.provenance import stamp_of
 from ..harness.suites.spec import RunSpec
 from ..reports.model import claim_words
 from .arguments import UsageError, add_results, check_not_installed, subcommand
+from .findings import print_findings
 from .screen import Column, errors, lines, print_table, print_unreadable
 
 STYLE = {
@@ -34,12 +35,6 @@ COLUMNS = (
     Column("beyond them", right=False, fold=True, least=12),
     Column("distinct of rows", rank=3, fold=True, least=8),
     Column("measured", fold=True, least=12, rank=1), Column("band", rank=2, fold=True, least=12),
-)  # fmt: skip
-
-LADDERS = (
-    Column("problem", fold=True, least=16), Column("solver", fold=True, least=16),
-    Column("quantity", rank=2, right=False), Column("order"),
-    Column("declared", rank=1), Column("verdict", right=False), Column("why", fold=True, least=30),
 )  # fmt: skip
 
 
@@ -142,12 +137,9 @@ def show_orders(orders: Sequence[Order]) -> None:
     """Every ladder of fixed steps that does not show the declared order, with the reason, and how many do."""
     from ..reports.pages.judged.orders import words
 
-    rest = [o for o in orders if o.verdict != "certified"]
-    rows = [(o.variant, o.case, o.quantity, f"{o.order:.2f}" if o.order == o.order else "", f"{o.declared:g}",
-             Text(o.verdict, "bold red" if o.verdict == "below declared" else ""), words(o)) for o in rest]  # fmt: skip
-    if orders:
-        counts = Counter(o.verdict for o in orders)
-        print_table(LADDERS, rows, "orders: " + ", ".join(f"{n} {verdict}" for verdict, n in counts.most_common()))
+    counts = ", ".join(f"{n} {verdict}" for verdict, n in Counter(o.verdict for o in orders).most_common())
+    found = [o.as_finding(f"{o.verdict}: {words(o)}") for o in orders if o.verdict != "certified"]
+    print_findings(found, *([f"orders: {counts}"] if orders else []))
 
 
 def format_verdict(f: Finding | None) -> Text:

@@ -22,6 +22,7 @@ from ..sandbox.trial import make_problem
 from ..suites.spec import RunSpec, make_spec
 from ..types import Status, Trait
 
+QUANTITIES = ("position", "orientation", "energy", "reaction")
 ENDED = (Status.SUCCESS, Status.INACCURATE, Status.WRONG)
 ABREAST = 6  # problems between two looks at the budget
 STEPS = 100  # of the problem's own step, on each problem
@@ -157,23 +158,10 @@ def _assess_orders(
     found: Sequence[Order], ladder: Sequence[RunRecord], left: Sequence[RunSpec] = ()
 ) -> Iterator[Finding]:
     for name in LADDERS:
-        yield from _assess_order([o for o in found if o.problem == name])
+        yield from (o.as_finding() for o in found if o.problem == name and o.quantity in QUANTITIES)
         if not any(o.problem == name for o in found):
             rungs = [r for r in ladder if r.problem == name]
             yield _explain_no_order(f"order, {name}", rungs, sum(s.problem == name for s in left))
-
-
-def _assess_order(found: Sequence[Order]) -> Iterator[Finding]:
-    """Findings on the orders on one problem."""
-    for o in found:
-        if o.quantity not in ("position", "orientation", "energy", "reaction"):
-            continue
-        interval = f"{o.order:.2f} [{o.low:.2f}, {o.high:.2f}]" if o.fit == "power" else o.verdict
-        if math.isnan(o.declared):
-            rate = "" if math.isnan(o.exponent) else f", errors as rtol^{o.exponent:.2f}"
-            yield state(f"order, {o.problem}, {o.quantity}", f"{interval} in the {o.against}{rate}")
-        else:
-            yield state(f"order, {o.problem}, {o.quantity}", interval, f"{o.declared:g} declared", _judge_order(o))
 
 
 def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Finding:
@@ -186,13 +174,6 @@ def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Find
     words = ", ".join(f"{n} {status}" for status, n in sorted(ends.items()))
     said = f"no ladder of steps or tolerances came to its end{': ' if words else ''}{words}"
     return state(what, said, "a ladder", good=False)
-
-
-def _judge_order(o: Order) -> bool | None:
-    """Verdict on an order; those of reactions and energy may differ from that of the motion and are only shown."""
-    if o.quantity in ("energy", "reaction") or o.verdict == "undecided":
-        return None
-    return o.verdict not in ("below declared",)
 
 
 def _assess_energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec]) -> Finding:
@@ -263,8 +244,7 @@ def _assess_symmetries(
         return
     for s in found:
         if s.verdict in ("broken", "failed"):
-            off = "" if math.isnan(s.deviation) else f", {s.deviation:.2g} m"
-            yield state(f"symmetry: {s.title}", f"{s.verdict}{off} {s.message}", f"at most {s.bound:.2g} m", good=False)
+            yield s.as_finding()
     kept = sum(s.verdict == "holds" for s in found)
     yield state("symmetries", f"{kept} of {len(found)} hold", expected, good=True)
 

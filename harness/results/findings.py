@@ -13,6 +13,11 @@ class Verdict(StrEnum):
     FAILED = "FAIL"
     OPEN = "-"  # nothing is required, or nothing could be tested
 
+    @classmethod
+    def of(cls, good: bool | None) -> "Verdict":
+        """None: open."""
+        return cls.OPEN if good is None else cls.MET if good else cls.FAILED
+
 
 @dataclass(frozen=True)
 class Measured:
@@ -85,9 +90,8 @@ def compare(
     *, good: bool = True, tested: bool = True, remedy: str = "", cause: str = "",
 ) -> Finding:  # fmt: skip
     """A value against its limits; NaN is outside, and ``good`` is False where more than the value is wrong."""
-    verdict = Verdict.MET if good and least <= value <= most else Verdict.FAILED
-    measured = Measured("", value, unit, words=words)
-    return Finding(measured, Required(least, most, remedy=remedy), verdict if tested else Verdict.OPEN, cause=cause)
+    verdict = Verdict.of(good and least <= value <= most if tested else None)
+    return Finding(Measured("", value, unit, words=words), Required(least, most, remedy=remedy), verdict, cause=cause)
 
 
 def fail(words: str, *, remedy: str = "", cause: str = "") -> Finding:
@@ -102,5 +106,4 @@ def leave_open(words: str) -> Finding:
 
 def state(quantity: str, words: str, required: str = "", good: bool | None = None) -> Finding:
     """A finding in words; ``good`` is None where nothing is required or it could not be determined."""
-    verdict = Verdict.OPEN if good is None else Verdict.MET if good else Verdict.FAILED
-    return Finding(Measured(quantity, words=words), Required(words=required), verdict)
+    return Finding(Measured(quantity, words=words), Required(words=required), Verdict.of(good))

@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from ...shapes import Shape
 from ...types import Reason
+from ..findings import Finding, Measured, Required, Verdict
 
 NAN = math.nan
 OrderVerdict = Literal[
@@ -68,6 +69,16 @@ class Order(Asked, frozen=True):
         """Whether enough runs have an error."""
         return self.verdict not in ("not measured", "refused")
 
+    def as_finding(self, words: str = "") -> Finding:
+        """The order beside the declared one; those of energy and reactions may differ from it and are only shown."""
+        if self.fit == "power":
+            words = words or f"[{self.low:.2f}, {self.high:.2f}] in the {self.against}"
+        open_ = math.isnan(self.declared) or self.quantity in ("energy", "reaction") or not self.is_measured
+        good = None if open_ or self.verdict == "undecided" else self.verdict != "below declared"
+        measured = Measured(f"order, {self.problem}, {self.quantity}", self.order, "", words=words or self.verdict)
+        required = Required(words="" if math.isnan(self.declared) else f"{self.declared:g} declared")
+        return Finding(measured, required, Verdict.of(good), f"{self.variant} {self.case}")
+
 
 class Drift(Asked, frozen=True):
     """Parts of a long run's energy error, with 95 % intervals."""
@@ -127,6 +138,14 @@ class Symmetry(Shape, frozen=True):
         """The check with its factor or presentation."""
         how = f" x {self.factor:g}" if self.factor == self.factor else ""
         return f"{self.check}{how}, {self.presented}".removesuffix(", ")
+
+    def as_finding(self) -> Finding:
+        """The deviation beside its bound."""
+        good = {"holds": True, "broken": False, "failed": False}.get(self.verdict)
+        measured = Measured(
+            f"symmetry: {self.title}", self.deviation, "m", words=f"{self.verdict} {self.message}".strip()
+        )
+        return Finding(measured, Required(most=self.bound), Verdict.of(good), f"{self.solver} {self.variant}")
 
 
 class WorkPoint(Asked, frozen=True):
