@@ -2,8 +2,9 @@
 
 import json
 import math
+import os
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -87,6 +88,35 @@ def plan_stages(solver: str, specs: Sequence[RunSpec]) -> list[list[RunSpec]]:
     field = [s for s in specs if s.solver != solver]
     rest = [problems[k : k + ABREAST] for k in range(0, len(problems), ABREAST)]
     return [stage for stage in (first, [s for s in own if s.label != "ladder"], field, *rest) if stage]
+
+
+def run_stages(
+    solver: str, budget: float, run_stage: Callable[[Sequence[RunSpec], float, bool], Sequence[RunRecord] | None]
+) -> list[RunSpec]:
+    """Run stages until ``budget`` [s] of CPU time are spent; all runs that were planned.
+
+    ``run_stage`` takes all runs so far, the CPU time left [s], and whether some are done; None: it was cut short.
+    """
+    begun = _cpu_seconds()
+    specs = plan_runs(solver, wall=min(20.0, budget / 6.0))
+    stages, done, long = plan_stages(solver, specs), list[RunSpec](), False
+    while stages and (not done or _cpu_seconds() - begun < budget):
+        resume = bool(done)
+        done += stages.pop(0)
+        records = run_stage(done, budget - (_cpu_seconds() - begun), resume)
+        if records is None:
+            break
+        if not long and any(s.label == "symmetries" for s in done):
+            long, rest = True, budget - (_cpu_seconds() - begun)
+            if (more := plan_long_run(solver, records, min(budget / 6.0, rest / 3.0))) is not None:
+                specs.append(more)
+                stages.insert(0, [more])
+    return specs
+
+
+def _cpu_seconds() -> float:
+    """CPU time of this process and of those that it has waited for [s]."""
+    return sum(os.times()[:4])
 
 
 def plan_long_run(solver: str, records: Sequence[RunRecord], seconds: float) -> RunSpec | None:
