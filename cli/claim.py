@@ -29,9 +29,8 @@ def add(commands: Any) -> None:
     words = "show a claim of the paper with its verdicts, why and where it was tried, or make its runs and judge it"
     p = subcommand(commands, "claim", run, words, "the claim")
     p.add_argument("claim", metavar="ID", help="its id (results/claims.toml; mbsbench judge lists them)")
-    p.add_argument(
-        "results", nargs="?", type=find_results, metavar="RESULTS", help=f"{RESULTS}, judged (default: as published)"
-    )
+    judged = f"{RESULTS}, judged (default: as published)"
+    p.add_argument("results", nargs="?", type=find_results, metavar="RESULTS", help=judged)
     p.add_argument("--run", dest="make", action="store_true", help="make the runs of its map alone, and judge these")
     p.add_argument("--out", metavar="DIR", help="with --run: results folder (default: results/local/claim-ID-<time>)")
     add_jobs(p)

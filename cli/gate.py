@@ -57,15 +57,12 @@ def add(commands: Any) -> None:
     p = subcommand(commands, "gate", run, words, "one object")
     p.add_argument("--suite", metavar="SUITE", help="name or TOML file (default: ci; with --results of files, those)")
     p.add_argument("--thresholds", metavar="FILE", help="default: results/baselines/<suite>.toml")
-    p.add_argument(
-        "--results", type=find_results, metavar="RESULTS", help=f"judge this {RESULTS}, instead of running the suite"
-    )
+    p.add_argument("--results", metavar="RESULTS", help=f"judge this {RESULTS}, instead of running the suite")
     p.add_argument("--any-code", action="store_true", help="with --results: accept results of other code too")
     p.add_argument("--update", action="store_true", help="print a diff that tightens thresholds and adds missing ones")
     p.add_argument("--loosen", action="store_true", help="with --update: also propose wider bounds")
-    p.add_argument(
-        "--spread", type=int, metavar="N", help="with --update: bounds around N repeats that differ by rounding"
-    )
+    spread = "with --update: bounds around N repeats that differ by rounding"
+    p.add_argument("--spread", type=int, metavar="N", help=spread)
     p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
     p.add_argument("--all", action="store_true", help="show every threshold, not only those that failed or moved")
     p.add_argument("--junit", metavar="FILE", help="write the result as JUnit XML")
@@ -77,6 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     """0 if nothing failed and something was judged, else 1."""
     for file in filter(None, (arguments.junit, arguments.markdown)):
         _clear(Path(file))
+    arguments.results = arguments.results and find_results(arguments.results)
     if arguments.any_code and not arguments.results:
         raise UsageError("--any-code needs --results; a suite that is run now is of this code")
     suite = _files(arguments) or load_suite(arguments.suite or "ci", load_plugins(arguments.plugin))

@@ -33,13 +33,8 @@ CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
 
 def add(commands: Any) -> None:
     """The subcommand's arguments."""
-    p = subcommand(
-        commands,
-        "solve",
-        run,
-        "run one solver on one problem; write motion and measurements",
-        "one object",
-    )
+    words = "run one solver on one problem; write motion and measurements"
+    p = subcommand(commands, "solve", run, words, "one object")
     add_problem(p)
     p.add_argument("solver", metavar="SOLVER", help="name of a solver (see mbsbench list)")
     add_set(p, "--set", f"{', '.join(CONTROL)}, or a solver option")
