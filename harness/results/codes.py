@@ -65,7 +65,14 @@ class Sources:
 
     def code_of(self, problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
         """Digest of all that shapes the numbers of a run; entries that are not ours are covered by ``plugins``."""
-        parts = [self.solvers.get(solver, ""), self.problems.get(problem, ""), self.measuring]
+        return self._digest_with([self.solvers.get(solver, ""), self.problems.get(problem, "")], plugins)
+
+    def digest_all(self, plugins: Iterable[str] = ()) -> str:
+        """Digest of all solvers and problems, of measuring, and of ``plugins``."""
+        return self._digest_with([*itertools.chain(*self.solvers.items(), *self.problems.items())], plugins)
+
+    def _digest_with(self, parts: list[str], plugins: Iterable[str]) -> str:
+        parts.append(self.measuring)
         for path in itertools.chain.from_iterable(map(sources_of, plugins)):
             parts += [path.name, hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""]
         return _digest(parts)
@@ -87,6 +94,12 @@ class Sources:
 
     def of(self, *modules: str) -> str:
         """The digest of modules (``solvers/rattle``) and of all they import."""
+        seen, outside = self.reach(*modules)
+        versions = sorted(f"{n}=={self._locked[n]}" for m in outside if (n := LOCKED_AS.get(m, m)) in self._locked)
+        return _digest([*versions, *itertools.chain(*sorted(seen.items()))])
+
+    def reach(self, *modules: str) -> tuple[dict[str, str], set[str]]:
+        """Files of modules and of all they import, with their digests; and names of packages from outside."""
         asked = [place for m in modules if (place := self._file(m))]
         seen, outside, waiting = dict[str, str](), set[str](), list(asked)
         while waiting:
@@ -99,9 +112,8 @@ class Sources:
             waiting += [f for m in source.imports if (f := self._file(m))]
             if place.removesuffix("/__init__.py") in LISTED:
                 waiting += [str(p.relative_to(self.root)) for p in sorted((self.root / place).parent.glob("*.py"))]
-        versions = sorted(f"{n}=={self._locked[n]}" for m in outside if (n := LOCKED_AS.get(m, m)) in self._locked)
         self._store()
-        return _digest([*versions, *itertools.chain(*sorted(seen.items()))])
+        return seen, outside
 
     def _marked(self, kind: str) -> dict[str, str]:
         out = {}

@@ -4,7 +4,6 @@ import contextlib
 import dataclasses
 import json
 import os
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -166,27 +165,3 @@ def test_format_page_names_every_status():
     for status in Status:
         assert f"`{status}`" in text
     assert records.SCHEMA == 3  # a new schema needs a new page
-
-
-def test_digest_covers_all_that_a_run_runs():
-    """A module that a worker loads and the digest leaves out could change numbers unseen."""
-    import subprocess
-    import sys
-
-    code = "import sys, mbsbench.harness.execution.supervisor as s; print(*[m.__file__ for n, m in sys.modules.items() if n.startswith('mbsbench.')])"  # noqa: E501
-    done = subprocess.run(
-        (sys.executable, "-c", code), cwd=environment.ROOT, capture_output=True, text=True, check=True
-    )
-    loaded = {p for f in done.stdout.split() if (p := Path(f).relative_to(environment.ROOT)).name != "__init__.py"}
-    arranging = {
-        "store.py",
-        "places.py",
-        "environment.py",
-        "protocol.py",
-        "cache.py",
-        "clock.py",
-    }  # where results go and come from, not what they are
-    shaping = [environment.ROOT / s for s in environment.SHAPING]
-    left_out = {p.name for p in loaded if not any((environment.ROOT / p).is_relative_to(s) for s in shaping)}
-    assert left_out == arranging
-    assert all(s.exists() for s in shaping)
