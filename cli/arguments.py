@@ -125,14 +125,14 @@ def positive_int(text: str) -> int:
     return int(text)
 
 
-def positive_float(text: str) -> float:
-    """A finite number > 0 from the command line."""
+def positive_float(text: str, name: str = "") -> float:
+    """A finite number > 0 from the command line; ``name`` where no option has it."""
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not 0.0 < value < math.inf:
-        raise UsageError(f"must be a finite number > 0 (got {text!r})")
+        raise UsageError(f"{name} must be a finite number > 0 (got {text!r})".strip())
     return value
 
 

@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     problem = make_problem(name, parameters)
     limit = control.pop("cpu_limit", None)
     spec = make_spec(problem, arguments.solver, given, control)
-    wall = None if limit is None else positive_float(limit)
+    wall = None if limit is None else positive_float(limit, "cpu_limit")
     if wall is not None and wall > LONGEST:
         raise UsageError(f"cpu_limit must be at most {LONGEST:g} s (got {limit})")
     out = Path(arguments.out or f"{name}-{arguments.solver}.npz")
