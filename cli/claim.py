@@ -30,7 +30,7 @@ def add(commands: Any) -> None:
     p = subcommand(commands, "claim", run, words, "the claim")
     p.add_argument("claim", metavar="ID", help="its id (results/claims.toml; mbsbench judge lists them)")
     judged = f"{RESULTS}, judged (default: as published)"
-    p.add_argument("results", nargs="?", type=find_results, metavar="RESULTS", help=judged)
+    p.add_argument("results", nargs="?", metavar="RESULTS", help=judged)
     p.add_argument("--run", dest="make", action="store_true", help="make the runs of its map alone, and judge these")
     p.add_argument("--out", metavar="DIR", help="with --run: results folder (default: results/local/claim-ID-<time>)")
     add_jobs(p)
@@ -79,7 +79,7 @@ def _read_claim(arguments: argparse.Namespace, published: Claim | None) -> Claim
         if published is None:
             raise UsageError(f"nothing is published on {arguments.claim}; {again}")
         return published
-    folder = arguments.results
+    folder = find_results(arguments.results)
     found = {c.id: c for c in read_claims(Place(folder) / FOLDER) or ()}.get(arguments.claim)
     if found is None:
         raise UsageError(

@@ -63,12 +63,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     console = lines()
 
-    def said(words: str, *, end: str = "\n") -> None:
+    def report(words: str, *, end: str = "\n") -> None:
         if not arguments.json and (end == "\n" or console.is_terminal):  # a pipe gets whole lines alone
             console.print(words, end=end)
 
     try:
-        outcome = single.solve_to_file(spec, out, wall, said)
+        outcome = single.solve_to_file(spec, out, wall, report)
     except (KeyboardInterrupt, SystemExit):
         errors().print(f"interrupted; nothing was written to {out}")
         raise

@@ -175,12 +175,12 @@ def _describe_cut(left: int, run: int) -> str:
 
 def _assess_problems(runs: Sequence[RunRecord]) -> Iterator[Finding]:
     for r in sorted(runs, key=lambda r: r.problem):
-        open_ = r.status in (Status.REFUSED, Status.STALLED, Status.UNFINISHED)  # said no, or is slow: neither is wrong
+        open_ = r.status in (Status.REFUSED, Status.STALLED, Status.UNFINISHED)  # refused or slow: neither is wrong
         if Trait.STIFF in registry.problems()[r.problem].tests:  # a warning for any method: the step may be too long
             open_ |= r.status in (Status.DIVERGED, Status.STEP_UNDERFLOW)
         good = None if open_ else r.status == Status.SUCCESS
         said = "" if r.status == Status.SUCCESS else f": {'; '.join(why(r))}"
-        until = f", followed to {accurate_until(r)[0].split(' (')[0]}" if accurate_until(r) and r.steps else ""
+        until = f", accurate to {accurate_until(r)[0].split(' (')[0]}" if accurate_until(r) and r.steps else ""
         yield state(f"{r.problem}, {r.t_end_s:g} s", f"{r.status}{said}{until}", "success, or a reason", good)
 
 
@@ -202,14 +202,14 @@ def _explain_no_order(what: str, ladder: Sequence[RunRecord], left: int) -> Find
     if ends and set(ends) <= {Status.STALLED, Status.UNFINISHED}:
         return state(what, "not determined: the runs were too slow for the budget", "a ladder")
     words = ", ".join(f"{n} {status}" for status, n in sorted(ends.items()))
-    said = f"no ladder of steps or tolerances came to its end{': ' if words else ''}{words}"
+    said = f"no ladder of steps or tolerances finished{': ' if words else ''}{words}"
     return state(what, said, "a ladder", good=False)
 
 
 def _assess_energy(solver: str, records: Sequence[RunRecord], folder: Path, left: Sequence[RunSpec]) -> Finding:
     runs = _select(solver, records, "long")
     if not runs:
-        words = _describe_cut(1, 0) if left else f"not said: {PERIODS} periods would take longer than the budget"
+        words = _describe_cut(1, 0) if left else f"not determined: {PERIODS} periods would take longer than the budget"
         return state("energy over many periods", words)
     (d,) = analyse_drift(folder, runs)[:1]
     if not d.periods:
@@ -286,7 +286,9 @@ def _assess_growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> F
     if len(done) < 3 and left:
         return state("cost of a step in bodies", _describe_cut(len(left), len(runs)))
     if len(done) < 3:
-        return state("cost of a step in bodies", "not said: too few chains came to their end, or all in no time")
+        return state(
+            "cost of a step in bodies", "not determined: too few chains finished, or all faster than the clock resolves"
+        )
     x, y = np.log(np.maximum(np.array(done[-3:], dtype=float), 1e-9)).T
     power = float(np.polyfit(x, y, 1)[0])
     each = ", ".join(f"{1e3 * seconds:.2g} ms at {n}" for n, seconds in done)

@@ -52,7 +52,7 @@ class Subject:
         return self.problem.reference()
 
     @cached_property
-    def independent(self) -> Reference | None:
+    def computed_reference(self) -> Reference | None:
         """The motion that two formulations compute, which know nothing of the problem's own reference."""
         p = self.problem
         end = p.t_end if self.reference is None else min(p.t_end, self.reference.horizon)
@@ -60,47 +60,47 @@ class Subject:
         return computed(dataclasses.replace(p, t_end=end)) if known else None
 
     @cached_property
-    def known(self) -> Reference | None:
+    def best_reference(self) -> Reference | None:
         """Its own exact motion, else the computed one."""
-        return self.reference if self.reference is not None else self.independent
+        return self.reference if self.reference is not None else self.computed_reference
 
     @cached_property
     def t(self) -> np.ndarray:
         """Times within the horizon of what is known."""
-        assert self.known is not None
-        return np.linspace(0.0, min(self.problem.t_end, self.known.horizon), SAMPLES)
+        assert self.best_reference is not None
+        return np.linspace(0.0, min(self.problem.t_end, self.best_reference.horizon), SAMPLES)
 
     @cached_property
-    def exact(self) -> States:
+    def best_states(self) -> States:
         """The motion at ``t``."""
-        assert self.known is not None
-        return self.known.states(self.t)
+        assert self.best_reference is not None
+        return self.best_reference.states(self.t)
 
     @cached_property
-    def stated(self) -> np.ndarray:
+    def stated_error(self) -> np.ndarray:
         """Stated error at ``t`` [m]."""
-        assert self.known is not None
-        return np.asarray(self.known.error(self.t), dtype=float)
+        assert self.best_reference is not None
+        return np.asarray(self.best_reference.error(self.t), dtype=float)
 
     @property
-    def slack(self) -> float:
+    def largest_error(self) -> float:
         """Largest stated error [m]."""
-        own = self.stated
+        own = self.stated_error
         return float(np.max(own)) if own.shape == self.t.shape and np.all(np.isfinite(own)) else 0.0
 
     @cached_property
     def rate(self) -> float:
         """Rate of the motion [rad/s]: how fast poses change."""
-        return 1.0 / max(self.t[-1], 1e-9) + float(np.max(np.abs(self.exact.Omega)))
+        return 1.0 / max(self.t[-1], 1e-9) + float(np.max(np.abs(self.best_states.Omega)))
 
     @property
-    def off(self) -> float:
+    def allowed_share(self) -> float:
         """The share of its scales by which an exact motion with that stated error may be off."""
-        return SMALL + 100.0 * self.slack / self.size.length
+        return SMALL + 100.0 * self.largest_error / self.size.length
 
-    def differenced(self, step: float) -> float:
+    def allowed_difference(self, step: float) -> float:
         """The allowed share for derivatives, taken from differences over ``step`` [s]."""
-        return DIFFERENCED + (ROUNDED + 100.0 * self.slack / self.size.length) / (step * self.rate)
+        return DIFFERENCED + (ROUNDED + 100.0 * self.largest_error / self.size.length) / (step * self.rate)
 
 
 def check_documentation(s: Subject) -> Finding:
@@ -181,7 +181,7 @@ def check_repeatability(s: Subject) -> Finding:
     pairs = {f"initial {f}": (getattr(s.problem.initial, f), getattr(again.initial, f)) for f in FIELDS}
     pairs["masses"] = s.problem.system.mass, again.system.mass
     if reference is not None:
-        pairs["the reference"] = s.exact.r, reference.states(s.t).r
+        pairs["the reference"] = s.best_states.r, reference.states(s.t).r
     return _compare_worst(
         {name: (float(np.max(np.abs(a - b), initial=0.0)), "") for name, (a, b) in pairs.items()}, 0.0
     )
@@ -203,7 +203,7 @@ def check_turned(s: Subject) -> Finding:
 def check_stated_error(s: Subject) -> Finding:
     """The reference's error(t) [m] is finite, >= 0 and below a thousandth of the size; route and horizon are given."""
     assert s.reference is not None
-    own = s.stated
+    own = s.stated_error
     if own.shape != s.t.shape or not np.all(np.isfinite(own)) or np.any(own < 0.0):
         return fail(f"error(t) must be {len(s.t)} finite numbers >= 0 for as many times (got {own.tolist()[:3]} ...)")
     good = bool(s.reference.route.strip()) and s.reference.horizon > 0.0
@@ -216,54 +216,54 @@ def check_reference_start(s: Subject) -> Finding:
     p, rate, found = s.problem, s.rate, {}
     units = {"r": s.size.length, "R": 1.0, "v": s.size.length * rate, "Omega": rate}
     for name, unit in units.items():
-        gap = float(np.max(np.abs(getattr(s.exact[0], name) - getattr(p.initial, name)), initial=0.0))
+        gap = float(np.max(np.abs(getattr(s.best_states[0], name) - getattr(p.initial, name)), initial=0.0))
         found[name] = gap / unit, f"differs by {gap:.3g} at t = 0"
-    return _compare_worst(found, s.off)
+    return _compare_worst(found, s.allowed_share)
 
 
 def check_independent(s: Subject) -> Finding:
     """Positions and angles (times radii of gyration) of the two motions differ by their stated errors at most."""
-    if s.independent is None:
+    if s.computed_reference is None:
         return leave_open("none can be computed for this system")
-    t = s.t[s.t <= s.independent.horizon]
-    here, there, radius = s.exact.at(slice(len(t))), s.independent.states(t), s.problem.system.gyration
+    t = s.t[s.t <= s.computed_reference.horizon]
+    here, there, radius = s.best_states.at(slice(len(t))), s.computed_reference.states(t), s.problem.system.gyration
     turned = radius * np.linalg.norm(here.R - there.R, axis=(-2, -1)) / np.sqrt(2.0)
     gap = np.max(np.maximum(np.linalg.norm(here.r - there.r, axis=-1), turned), axis=-1)
-    beyond = np.maximum(gap - s.stated[: len(t)] - s.independent.error(t), 0.0)
+    beyond = np.maximum(gap - s.stated_error[: len(t)] - s.computed_reference.error(t), 0.0)
     words = f"r and R are {np.max(gap):.3g} m apart up to {t[-1]:.3g} s"
     return _compare_worst({"": (float(np.max(beyond)) / s.size.length, words)}, SMALL)
 
 
 def check_joints(s: Subject) -> Finding:
     """phi [m] and R^T R - 1 vanish along the reference, to its stated error."""
-    phi = float(np.max(np.abs(motion.constraint(s.problem.system, s.exact)), initial=0.0))
-    defect = float(np.max(so3.orthogonality_defect(s.exact.R)))
+    phi = float(np.max(np.abs(motion.constraint(s.problem.system, s.best_states)), initial=0.0))
+    defect = float(np.max(so3.orthogonality_defect(s.best_states.R)))
     joints = phi / max(s.size.length, 1.0), f"reaches {phi:.3g}"
-    return _compare_worst({"|phi|": joints, "|R^T R - 1|": (defect, f"reaches {defect:.3g}")}, s.off)
+    return _compare_worst({"|phi|": joints, "|R^T R - 1|": (defect, f"reaches {defect:.3g}")}, s.allowed_share)
 
 
 def check_energy(s: Subject) -> Finding:
     """T + V [J] is constant along the reference, where no damper, no load and no drive acts."""
     if not s.problem.system.is_conservative:
         return leave_open("a damper, a load or a drive acts")
-    spread = float(np.ptp(motion.energy(s.problem.system, s.exact)))
+    spread = float(np.ptp(motion.energy(s.problem.system, s.best_states)))
     return _compare_worst(
-        {"T + V": (spread / s.size.energy, f"changes by {spread:.3g} J, of {s.size.energy:.3g} J")}, s.off
+        {"T + V": (spread / s.size.energy, f"changes by {spread:.3g} J, of {s.size.energy:.3g} J")}, s.allowed_share
     )
 
 
 def check_invariants(s: Subject) -> Finding:
     """Each invariant is constant along the motion, compared with the scale of its unit."""
-    if s.known is None:
+    if s.best_reference is None:
         return leave_open("no reference, and none can be computed")
-    at_home, found = s.problem.home(s.exact), {}
+    at_home, found = s.problem.home(s.best_states), {}
     for kept in s.problem.invariants:
         values = np.asarray(kept.of(at_home))
         scale = s.size.of_unit(kept.unit)
         scale = scale if math.isfinite(scale) else max(float(np.max(np.abs(values))), 1e-3)
         spread = float(np.ptp(values))
         found[kept.name] = spread / scale, f"changes by {spread:.3g} {kept.unit}, of {scale:.3g}"
-    return _compare_worst(found, 10.0 * s.off)
+    return _compare_worst(found, 10.0 * s.allowed_share)
 
 
 def _compare_worst(found: Mapping[str, tuple[float, str]], most: float) -> Finding:
@@ -294,7 +294,7 @@ def check_rates(s: Subject) -> Finding:
         "dr/dt - v": (v / s.size.length / s.rate, f"reaches {v:.3g} m/s"),
         "dR/dt - R hat(Omega)": (Omega / s.rate, f"reaches {Omega:.3g} 1/s"),
     }
-    return _compare_worst(found, s.differenced(step))
+    return _compare_worst(found, s.allowed_difference(step))
 
 
 def check_newton_euler(s: Subject) -> Finding:
@@ -316,4 +316,4 @@ def check_newton_euler(s: Subject) -> Finding:
         worst.append(float(np.max(np.abs(left))))
     top = float(np.max(worst))
     found = {"m a - f": (top / scale, f"has {top:.3g} N (or N m) that are not joint forces")}
-    return _compare_worst(found, 10.0 * s.differenced(step))
+    return _compare_worst(found, 10.0 * s.allowed_difference(step))

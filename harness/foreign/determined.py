@@ -56,7 +56,7 @@ class Determined:
         """Whether the file determines the law that ``r`` says is broken."""
         return r.law not in self.open_laws and r.name not in self.open_names
 
-    def measured(self, m: Measured) -> Measured:
+    def blank_undetermined(self, m: Measured) -> Measured:
         """The measurements, NaN where they are not determined."""
         none = np.full(len(m.t), math.nan)
         series = [s for law in self.open_laws for s in SERIES.get(law, ())]

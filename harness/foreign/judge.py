@@ -80,7 +80,7 @@ def judge_file(
     trajectory = dataclasses.replace(trajectory, notes=(*notes, *_write_notes(motion, missing, known, unsure)))
 
     def keep(problem: Problem, trajectory: Trajectory, m: Measured, record: RunRecord) -> RunRecord:
-        record, m = judge_again(record, m, known, unsure), known.measured(m)
+        record, m = judge_again(record, m, known, unsure), known.blank_undetermined(m)
         errors, drifts = (_drop_undetermined(x, known) for x in (record.observable_errors, record.invariant_drifts))
         record = dataclasses.replace(record, observable_errors=errors, invariant_drifts=drifts)
         if folder is None:

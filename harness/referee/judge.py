@@ -17,7 +17,7 @@ from ..suites.suite import load_suite
 from .certificates.drift import analyse_drift
 from .certificates.orders import certify
 from .certificates.symmetries import check_symmetries
-from .certificates.work import work
+from .certificates.work import collect_work
 from .claims.maps import place, select
 from .claims.register import Register
 from .claims.verdicts import judge
@@ -28,7 +28,7 @@ WHOLE = "referee"  # the suite that everything is judged on
 SUITES = ("paper", "claims", "work")  # claims are tried on their runs; all are in the suite ``referee``
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
     (files.ORDERS.name, certify), (files.DRIFTS.name, analyse_drift), (files.SYMMETRIES.name, check_symmetries),
-    (files.WORK.name, work),
+    (files.WORK.name, collect_work),
 )  # fmt: skip
 
 
