@@ -95,7 +95,7 @@ paper: $(READY) ## judge the paper (an hour on two cores): run or resume the sui
 figures: $(READY) ## publication figures and tables of RESULTS (the newest), or of one PROBLEM of them
 	$(BIN)/mbsbench figures $(RESULTS) $(if $(filter command line environment,$(origin PROBLEM)),--only $(PROBLEM))
 
-pictures: $(READY) ## the pictures of the README, from RESULTS (the newest)
+pictures: $(READY) ## the pictures of the README and docs/judging.md, from RESULTS (the newest)
 	$(BIN)/mbsbench figures $(RESULTS) --only chain | tee /dev/stderr | sed -n 's/^figures: //p' > $(VENV)/.figures
 	cp "$$(cat $(VENV)/.figures)/overview.svg" $(PICTURES)/overview.svg
 	cp "$$(cat $(VENV)/.figures)/chain/chain-recommended-energy.svg" $(PICTURES)/chain.svg

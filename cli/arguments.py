@@ -34,7 +34,7 @@ def add_plugin(p: argparse.ArgumentParser, words: str = "file that adds problems
 
 def add_problem(p: argparse.ArgumentParser) -> None:
     """The argument PROBLEM, and the options --problem-set and --t-end."""
-    words = "name of a problem (see mbsbench list), or an MJCF or URDF file (docs/mechanisms-from-files.md)"
+    words = "name of a problem (see mbsbench list), or an MJCF or URDF file (docs/your-own-problem.md)"
     p.add_argument("problem", metavar="PROBLEM", help=words)
     add_set(p, "--problem-set", "problem parameter")
     p.add_argument("--t-end", type=positive_float, metavar="T", help="simulated time [s]")
@@ -108,10 +108,7 @@ def find_results(name: str) -> Path:
     for path in (Path(name), store.LOCAL / name):
         if store.is_results(path):
             return path
-        try:
-            store.refuse_older(path)
-        except store.StoreError as error:
-            raise UsageError(str(error)) from None
+        store.refuse_older(path)
     if name == "latest":
         remedy = "run a suite first (mbsbench run paper) or give a results folder"
         raise UsageError(f"no results in {store.LOCAL}; {remedy}")

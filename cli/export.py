@@ -15,7 +15,7 @@ def add(commands: Any) -> None:
     """The subcommand's arguments."""
     p = subcommand(commands, "export", run, "print a problem with all its numbers, for any other code")
     add_problem(p)
-    p.add_argument("--format", choices=("json",), default="json", help="schema: docs/other-codes.md (default: json)")
+    p.add_argument("--format", choices=("json",), default="json", help="see docs/your-own-solver.md (default: json)")
     p.add_argument("--out", metavar="FILE", help="file to write (default: print)")
     add_plugin(p)
 

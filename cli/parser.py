@@ -16,7 +16,7 @@ WORDS = "Benchmark of integrators for constrained multibody dynamics: run, measu
 MORE = "mbsbench COMMAND --help explains a command; docs/glossary.md explains the terms."
 
 
-class UsageError(ValueError, argparse.ArgumentTypeError):
+class UsageError(ValueError):
     """A wrong call: one line, exit code 2."""
 
 
@@ -28,6 +28,16 @@ class Parser(argparse.ArgumentParser):
         for name in (word.partition("=")[0] for word in left if word.startswith("--")):
             self.error(f"unknown option {name}{nearest(name, list(self._option_string_actions))}")
         return found, left
+
+    def _get_value(self, action: argparse.Action, arg_string: str) -> Any:
+        """The value of an argument; what its type complains about begins with the argument where it says ``must``."""
+        if not callable(action.type):
+            return super()._get_value(action, arg_string)  # type: ignore[misc]
+        try:
+            return action.type(arg_string)
+        except UsageError as error:
+            name = action.option_strings[0] if action.option_strings else action.metavar
+            raise UsageError(f"{name} {error}" if str(error).startswith("must") else str(error)) from None
 
     def error(self, message: str) -> NoReturn:
         raise UsageError(f"{message} (see {self.prog} --help)")

@@ -43,7 +43,7 @@ def add(commands: Any) -> None:
     )
     p = subcommand(commands, "referee", run, words, "one object a file")
     add_problem(p)
-    p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files; columns: docs/other-codes.md")
+    p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files: docs/your-own-solver.md")
     p.add_argument("--name", metavar="NAME", help="name of the code in tables (default: that of the file or folder)")
     p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; without a header ours, in order")
     for name, choices in CHOICES.items():

@@ -1,4 +1,4 @@
-"""Writes verdicts into the pages that quote them: README's table, and each claim before and now with the reason.
+"""Writes the published verdicts into docs/decisions/verdicts.md: each claim before and now with the reason.
 
     python docs/list_verdicts.py                        # after mbsbench judge --publish
     python docs/list_verdicts.py --before OLD.json      # OLD.json: git show COMMIT:results/published/claims.json
@@ -19,26 +19,14 @@ from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read_ju
 from mbsbench.reports.model.claim_words import share
 
 ROOT = Path(__file__).resolve().parents[1]
-README, PAGE = ROOT / "README.md", ROOT / "docs" / "decisions" / "verdicts.md"
+PAGE = ROOT / "docs" / "decisions" / "verdicts.md"
 DATA = PAGE.with_suffix(".toml")
-ROW = re.compile(r"^\| `([\w-]+)` \| ([^|]+) \| [^|]* \| [^|]* \|$", re.MULTILINE)
 TABLE = re.compile(r"(?<=<!-- verdicts -->\n).*?(?=<!-- end of verdicts -->)", re.DOTALL)
 
 
 def cell(finding: Finding | None) -> str:
     """``MIXED 39 of 76``; a dash where there is no such setting."""
     return f"{finding.verdict} {share(finding)}".strip() if finding else "–"
-
-
-def readme(text: str, claims: dict[str, Claim]) -> str:
-    """The README with the two verdicts of each claim in its table."""
-
-    def row(found: re.Match[str]) -> str:
-        name, words = found.groups()
-        c = claims.get(name)
-        return f"| `{name}` | {words} | {cell(c.paper)} | {cell(c.beyond)} |" if c else found[0]
-
-    return ROW.sub(row, text)
 
 
 def table(data: dict[str, Any], claims: dict[str, Claim]) -> str:
@@ -68,15 +56,14 @@ def with_before(text: str, before: dict[str, str]) -> str:
 
 
 def main() -> None:
-    """Write the pages."""
-    parser = argparse.ArgumentParser(description="Write the published verdicts into README.md and verdicts.md.")
+    """Write the page."""
+    parser = argparse.ArgumentParser(description="Write the published verdicts into verdicts.md.")
     parser.add_argument("--before", type=Path, metavar="OLD.json", help="claims.json published before")
     given = parser.parse_args()
     if given.before:
         old = earlier(json.loads(given.before.read_text(encoding="utf-8")))
         DATA.write_text(with_before(DATA.read_text(encoding="utf-8"), old), encoding="utf-8")
     claims = {c.id: c for c in read_judgement(CLAIMS, PUBLISHED)}
-    README.write_text(readme(README.read_text(encoding="utf-8"), claims), encoding="utf-8")
     found = table(tomllib.loads(DATA.read_text(encoding="utf-8")), claims)
     PAGE.write_text(TABLE.sub(lambda _: found, PAGE.read_text(encoding="utf-8")), encoding="utf-8")
 

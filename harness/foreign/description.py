@@ -1,4 +1,4 @@
-"""A problem as plain numbers: what a code outside needs to solve it. The schema is in docs/other-codes.md."""
+"""A problem as plain numbers: what a code outside needs to solve it. The schema is in docs/your-own-solver.md."""
 
 from typing import Any
 

@@ -3,9 +3,9 @@
 The digest of a solver covers its file and every module of the package that this imports, directly or through others;
 so does that of a problem, and of what calls solvers and measures their motions. It is taken of the syntax tree without
 docstrings and the shapes of arrays, so that neither they nor comments and formatting count. Of packages from outside
-the locked version counts.
-What only looks up, checks, stores or shows is no part of it (``ARRANGES``): no number of a run passes through. What
-counts CPU time (``COSTS``) is part of measuring: a cost is a number of each run and can only be had by running again.
+the locked version counts. What only looks up, checks, stores or shows is no part of it (``ARRANGES``): no number of a
+run passes through. What counts CPU time (``COSTS``) is part of measuring: a cost is a number of each run and can only
+be had by running again.
 """
 
 import ast

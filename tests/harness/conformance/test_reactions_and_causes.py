@@ -13,9 +13,7 @@ from mbsbench.harness.results.environment import ROOT
 
 PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
 MIDPOINT = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)[0]
-PROBLEM = re.findall(
-    r"```python\n(.*?)```", (ROOT / "docs" / "your-own-problem.md").read_text(encoding="utf-8"), flags=re.S
-)[0]
+PROBLEM = (ROOT / "docs" / "examples" / "gyroscope.py").read_text(encoding="utf-8")
 RETURN = "    return end, accelerations(system, end).reaction"
 LATE = "    return end, accelerations(system, state).reaction"
 AXES = """    reaction = accelerations(system, end).reaction

@@ -1,5 +1,6 @@
 """What the paper's authors would object to, each answered by runs that are in a claim's map or are made here."""
 
+import textwrap
 from functools import cache
 from typing import Any
 
@@ -61,14 +62,13 @@ def test_small_runs_answer(given, tmp_path):
 
 
 def page() -> str:
-    """The page, made from the file."""
+    """The page, with its list made from the file."""
     rows = []
     for o in OBJECTIONS:
-        tried = "; ".join(f"`{r['claim']}` ({', '.join(f'{k} = {v}' for k, v in r['settings'].items())}: {r['number']})"
-                          for r in o["runs"])  # fmt: skip
-        rows.append(f"## {o['objection']}\n\n{o['answer']}\n\nRuns: {tried}.\n")
-    head = PAGE.read_text(encoding="utf-8").split("\n## ", maxsplit=1)[0]
-    return head + "\n" + "\n".join(rows)
+        rows += textwrap.wrap(f"**{o['objection']}** {o['answer']}", 138, initial_indent="- ",
+                              subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    head = PAGE.read_text(encoding="utf-8").split("\n- **", maxsplit=1)[0]
+    return "\n".join((head, *rows, ""))
 
 
 def test_the_page_says_what_the_file_says():

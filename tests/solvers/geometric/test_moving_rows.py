@@ -157,6 +157,6 @@ def test_the_work_of_a_drive_is_the_energy_that_it_gives(name: str) -> None:
     p = make_problem("driven_slider_crank", {"t_end": 0.3})
     out = make_solver(name).solve(p, StepControl(rtol=1e-9, max_step=2e-3))
     E = motion.energy(p.system, out.states)
-    W, _ = work.work(p.system, out.t, out.states, E)
+    W, *_ = work.work(p.system, out.t, out.states, E)
     assert np.ptp(E) > 0.5
     assert np.max(np.abs(E - E[0] - W)) < 1e-6 * np.ptp(E)
