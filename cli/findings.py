@@ -9,7 +9,7 @@ from .screen import Column, print_json, print_table
 
 STYLE = {Verdict.MET: "green", Verdict.FAILED: "bold red", Verdict.OPEN: ""}
 COLUMNS = (
-    Column("", right=False), Column("of", fold=True, rank=3), Column("quantity", right=False, fold=True, least=20),
+    Column("", right=False), Column("of", fold=True, least=12), Column("quantity", right=False, fold=True, least=20),
     Column("measured", right=False, fold=True), Column("required", right=False, fold=True, least=12, rank=1),
     Column("found", fold=True, rank=2),
 )  # fmt: skip
