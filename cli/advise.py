@@ -31,7 +31,7 @@ from .arguments import (
     subcommand,
 )
 from .progress import run_watched
-from .screen import Column, number, print_json, print_table, status_style
+from .terminal import Column, number, print_json, print_table, status_style
 
 ROUNDS = 6
 OWN = 3.0  # times the stated error of the reference: nothing is judged below

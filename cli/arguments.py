@@ -65,12 +65,12 @@ def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
         return ()
     from ..harness.catalogue import mechanism_files, plugins, registry  # here, as below: --help needs none of them
     from ..harness.sandbox.trial import tried
-    from .screen import errors
+    from .terminal import error_console
 
     for path in paths:
         tried(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
         if mechanism_files.is_mechanism(path):
-            errors().print(registry.problems()[mechanism_files.name_of(path)].doc)
+            error_console().print(registry.problems()[mechanism_files.name_of(path)].doc)
     return tuple(plugins.resolved(p) for p in paths)
 
 

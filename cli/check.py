@@ -16,7 +16,7 @@ from ..harness.results.findings import Finding
 from .arguments import UsageError, add_jobs, count_jobs, load_plugins, subcommand
 from .findings import print_findings
 from .progress import run_watched
-from .screen import lines
+from .terminal import console
 
 
 def add(commands: Any) -> None:
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _print(findings: list[Finding], name: str) -> None:
-    out = lines()
+    out = console()
     out.print(Text(name, "bold"))
     print_findings(findings)
     broken = [f for f in findings if not f.holds]

@@ -21,7 +21,7 @@ from ..harness.suites.suite import Suite
 from ..reports.model import claim_words
 from .arguments import RESULTS, UsageError, add_jobs, count_jobs, find_results, subcommand
 from .progress import run_watched
-from .screen import errors, lines
+from .terminal import console, error_console
 
 
 def add(commands: Any) -> None:
@@ -56,12 +56,12 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         found = _read_claim(arguments, published)
     if arguments.json:
-        lines().print(format_judgement(found), end="")
+        console().print(format_judgement(found), end="")
         return int(changed)
     for line in _describe_claim(found, len(judging.select_needed(alone))):
-        lines().print(line, markup=False, highlight=False)
+        console().print(line, markup=False, highlight=False)
     if arguments.make and published:
-        lines().print(f"published: {published.verdicts}" if changed else "as published")
+        console().print(f"published: {published.verdicts}" if changed else "as published")
     elif not (arguments.make or arguments.results):
         _warn(judging.describe_outdated(PUBLISHED, code_now(register, judging.list_whole())))
     return int(changed)
@@ -69,7 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _warn(words: str) -> None:
     if words:
-        errors().print(words, highlight=False)
+        error_console().print(words, highlight=False)
 
 
 def _read_claim(arguments: argparse.Namespace, published: Claim | None) -> Claim:
@@ -94,7 +94,7 @@ def _run_claim(arguments: argparse.Namespace, register: Register) -> Claim:
     folder = Path(arguments.out) if arguments.out else last_folder(name) or new_folder(name)
     request = Request(Suite(name, "the runs of one claim", specs, ""), folder, count_jobs(arguments.jobs), resume=True)
     if specs:
-        errors().print(f"{len(specs)} runs on {request.jobs} processes, kept in {folder}")
+        error_console().print(f"{len(specs)} runs on {request.jobs} processes, kept in {folder}")
         loaded, watcher = run_watched(request, quiet=arguments.json)
         watcher.finish(folder, loaded)
     records = loaded.records if specs else ()

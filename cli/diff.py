@@ -10,7 +10,7 @@ from ..harness.results import store
 from ..harness.results.comparison import Comparison, Likeness, compare
 from ..harness.results.provenance import Difference, describe_differences, find_differences, stamp_of
 from .arguments import RESULTS, UsageError, find_results, positive_int, subcommand
-from .screen import Column, plural, print_json, print_table, print_unreadable
+from .terminal import Column, plural, print_json, print_table, print_unreadable
 
 COLUMNS = (
     Column("likeness", right=False), Column("case", fold=True), Column("metric", fold=True, least=12),

@@ -8,7 +8,7 @@ from ..harness.files import to_json, write_text
 from ..harness.foreign.description import describe_problem
 from ..harness.sandbox.trial import make_problem
 from .arguments import add_plugin, add_problem, check_writable, load_problem, subcommand
-from .screen import lines
+from .terminal import console
 
 
 def add(commands: Any) -> None:
@@ -25,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
     name, parameters, _ = load_problem(arguments)
     text = to_json(describe_problem(make_problem(name, parameters)), indent=1)
     if arguments.out is None:
-        lines().print(text)
+        console().print(text)
         return 0
     check_writable(Path(arguments.out))
     write_text(Path(arguments.out), text + "\n")

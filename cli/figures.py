@@ -5,7 +5,7 @@ from typing import Any
 
 from ..harness.suites.suite import load_suite
 from .arguments import add_results, subcommand
-from .screen import lines
+from .terminal import console
 
 
 def add(commands: Any) -> None:
@@ -23,7 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
     from ..reports import publication  # here: they take a second to load
     from ..reports.paper import build as paper
 
-    out = lines()
+    out = console()
     if arguments.paper:
         paper.command(folder, arguments.only, load_suite("paper").specs, out.print)
     else:

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from rich.text import Text
 
 from ..harness.results.findings import Finding, Verdict
-from .screen import Column, print_json, print_table
+from .terminal import Column, print_json, print_table
 
 STYLE = {Verdict.MET: "green", Verdict.FAILED: "bold red", Verdict.OPEN: ""}
 COLUMNS = (

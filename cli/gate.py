@@ -40,7 +40,7 @@ from .arguments import (
     subcommand,
 )
 from .progress import run_watched
-from .screen import Column, lines, print_json, print_table
+from .terminal import Column, console, print_json, print_table
 
 COLUMNS = (
     Column("state", right=False), Column("case", fold=True), Column("metric", fold=True, least=12),
@@ -158,8 +158,8 @@ def _print(result: Judged, *, everything: bool) -> None:
         rows.append((Text(f.state.name, STYLE[f.state]), f.case, f.metric, measured, was, f.bound, f.unit, why))
     print_table(COLUMNS, rows)
     if more := len(result.findings) - len(shown):
-        lines().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
-    lines().print(Text(f"gate {'open' if result.is_open else 'CLOSED'}: {result.summary}", STYLE[result.state]))
+        console().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
+    console().print(Text(f"gate {'open' if result.is_open else 'CLOSED'}: {result.summary}", STYLE[result.state]))
 
 
 def _moved(measured: float, value: float) -> str:
@@ -190,7 +190,7 @@ def _update(path: Path, thresholds: Thresholds, *, write: bool) -> int:
     new = write_thresholds(thresholds)
     parse_thresholds(new, path)  # nothing is written that the gate could not read
     before = path.read_text(encoding="utf-8") if path.exists() else ""
-    out = lines()
+    out = console()
     if write:
         write_text(path, new)
         out.print(f"written: {path}")

@@ -11,7 +11,7 @@ from ..harness.files import FileError
 from ..harness.results.history import METRICS, Row, find_histories, load_history, read_rows, write_rows
 from ..harness.results.store import StoreError
 from .arguments import UsageError, check_writable, find_results, subcommand
-from .screen import Column, errors, number, plural, print_json, print_table, sparkline
+from .terminal import Column, error_console, number, plural, print_json, print_table, sparkline
 
 COLUMNS = (
     Column("case", fold=True, least=30), Column("results", rank=4), Column("first", rank=2),
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         _print_rows(rows, arguments.metric)
     for line in bad:
-        errors().print(line)
+        error_console().print(line)
     return 1 if bad else 0
 
 

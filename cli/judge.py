@@ -23,7 +23,7 @@ from ..harness.suites.spec import RunSpec
 from ..reports.model import claim_words
 from .arguments import UsageError, add_results, check_not_installed, subcommand
 from .findings import print_findings
-from .screen import Column, errors, lines, print_table, print_unreadable
+from .terminal import Column, console, error_console, print_table, print_unreadable
 
 STYLE = {
     Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.MIXED: "yellow", Verdict.REFUTED: "bold red",
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     before = None if arguments.publish else read_claims(published)
     if before is None and arguments.published and not arguments.publish:
         raise UsageError(f"--published {published} holds no verdicts (claims.json); --publish writes these there")
-    judged = judge_results(folder, register, lambda part: errors().print(f"judging: {part}"))
+    judged = judge_results(folder, register, lambda part: error_console().print(f"judging: {part}"))
     code = code_now(register, judging.list_whole())
     write_judgements(Place(folder) / FOLDER, judged, code)
     lacking = {c.id for c in judged["claims"] if any(m.gap is Gap.RUNS for m in c.missing)}
@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
     orders = select_motion(judged.get(ORDERS.name, ()))
     if arguments.json:
         plain = {"schema": SCHEMA, "code": code, "claims": judged["claims"], "orders": orders}
-        lines().print(format_judgement(plain), end="")
+        console().print(format_judgement(plain), end="")
     else:
         touched = [c for c in judged["claims"] if not arguments.partial or here.intersection(c.settings_ids)]
         if touched:
@@ -92,13 +92,13 @@ def run(arguments: argparse.Namespace) -> int:
         show_orders(orders)
         if others := len(judged["claims"]) - len(touched):
             nothing = "" if touched else ": nothing was compared with the published verdicts"
-            lines().print(f"{others} of {len(judged['claims'])} claims are about other runs{nothing}")
+            console().print(f"{others} of {len(judged['claims'])} claims are about other runs{nothing}")
     if arguments.publish:
         published.root.mkdir(parents=True, exist_ok=True)
         write_judgements(published, {**judged, "claims": shorten_claims(judged["claims"])}, code)
-        errors().print(f"published: {published}")
+        error_console().print(f"published: {published}")
     if stale:
-        errors().print(stale)
+        error_console().print(stale)
     return 1 if changed or stale else 0
 
 

@@ -50,14 +50,14 @@ def run(arguments: argparse.Namespace) -> int:
         if not any(plain[kind] for kind in KINDS):
             names = [e["name"] for kind in KINDS for e in load_catalogue()[kind]]
             raise UsageError(f"no problem or solver is called {arguments.name!r}{nearest(arguments.name, names)}")
-    from .screen import print_json, screen  # here: JSON and a wrong name need no tables
+    from .terminal import print_json, table_console  # here: JSON and a wrong name need no tables
 
     if arguments.json:
         print_json({k: v for k, v in plain.items() if k in (*KINDS, "suites")})
     elif arguments.name is not None:
-        print_one(plain, screen())
+        print_one(plain, table_console())
     else:
-        print_all(plain, screen())
+        print_all(plain, table_console())
     return 0
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 from ..harness.results.merging import merge
 from .arguments import find_results, subcommand
-from .screen import lines, plural, print_json, print_unreadable
+from .terminal import console, plural, print_json, print_unreadable
 
 
 def add(commands: Any) -> None:
@@ -25,7 +25,7 @@ def run(arguments: argparse.Namespace) -> int:
         plain = {"runs": len(done.records), "added": done.added, "unreadable": unreadable}
         print_json({**plain, "conflicts": done.conflicts, "codes": done.codes})
         return code
-    out = lines()
+    out = console()
     out.print(f"{plural(len(done.records), 'run')} in {arguments.out}, {done.added} of them new")
     print_unreadable(done.unreadable, out)
     for conflict in done.conflicts:

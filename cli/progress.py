@@ -19,7 +19,7 @@ from ..harness.results.records import RunRecord
 from ..harness.results.store import Loaded, Unreadable
 from ..harness.results.words import why
 from ..harness.types import Status
-from .screen import list_unreadable, plural, status_style
+from .terminal import list_unreadable, plural, status_style
 
 LISTED = 50  # at most so many runs that were not started
 BAR = 30  # characters

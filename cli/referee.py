@@ -18,8 +18,8 @@ from ..harness.results.words import judged_error, why
 from ..harness.sandbox.trial import make_problem
 from ..harness.types import Status, StepControl
 from .arguments import UsageError, add_plugin, add_problem, load_problem, positive_float, subcommand
-from .screen import Column, lines, number, print_json, print_table, status_style
 from .solve import as_plain, summarize
+from .terminal import Column, console, number, print_json, print_table, status_style
 
 INACCURATE = 3  # exit code
 COLUMNS = (
@@ -118,7 +118,7 @@ def _print_files(paths: list[Path], judged: list[RunRecord | FileError], folder:
     below = [] if folder is None else [f"written to         {folder}"]
     if len(judged) == 1 and isinstance(judged[0], RunRecord):
         for line in summarize(judged[0]) + below:
-            lines().print(line)
+            console().print(line)
         return
     rows = []
     for path, r in zip(paths, judged, strict=True):

@@ -7,7 +7,7 @@ from typing import Any
 from ..harness.places import Place
 from ..harness.results.store import StoreError
 from .arguments import RESULTS, UsageError, find_results, subcommand
-from .screen import lines
+from .terminal import console
 
 
 def add(commands: Any) -> None:
@@ -39,5 +39,5 @@ def run(arguments: argparse.Namespace) -> int:
             index = build(folders[0])
     except StoreError as error:
         raise UsageError(str(error)) from None
-    lines().print(f"report: {index}")
+    console().print(f"report: {index}")
     return 0

@@ -13,7 +13,7 @@ from ..harness.results.records import RunRecord
 from ..harness.suites.suite import load_suite
 from .arguments import UsageError, add_running, count_jobs, load_plugins, positive_int, subcommand
 from .progress import run_watched
-from .screen import errors, print_json
+from .terminal import error_console, print_json
 
 
 def add(commands: Any) -> None:
@@ -56,11 +56,11 @@ def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple
     """Replace CPU times by those of turns; what could not be timed, also printed."""
     from ..harness.races.in_turns import time_in_turns
 
-    errors().print(f"timing in turns, {turns} times each")
+    error_console().print(f"timing in turns, {turns} times each")
     _, failures = time_in_turns(folder, records, turns, plugins)
     store.write_table(folder, store.load(folder, check_series=False).records)
     for line in failures:
-        errors().print(f"not timed: {line}")
+        error_console().print(f"not timed: {line}")
     return failures
 
 

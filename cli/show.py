@@ -22,17 +22,17 @@ from ..harness.results.store import Unreadable
 from ..harness.results.words import error_until, error_words, judged_error, why, words_of, words_of_ending
 from ..harness.types import Status
 from .arguments import UsageError, add_results, positive_int, subcommand
-from .screen import (
+from .terminal import (
     Column,
+    console,
     fit_table,
-    lines,
     number,
     plural,
     print_json,
     print_table,
     print_unreadable,
-    screen,
     status_style,
+    table_console,
     timeline,
 )
 
@@ -61,7 +61,7 @@ SORTS = {"drift": "energy_drift_max_J", "error": "position_error", "phi": "phi_m
 
 def show_run(folder: Path, record: RunRecord, command: str) -> None:
     """Print a run in detail, with the ``command`` that repeats it."""
-    out = screen()
+    out = table_console()
     ending = words_of_ending(record)
     out.print(Text(record.case, "bold"))
     out.print(Text.assemble((record.status, status_style(record.status)), f": {ending}" if ending else ""))
@@ -82,7 +82,7 @@ def show_run(folder: Path, record: RunRecord, command: str) -> None:
         for line in native.splitlines()[-LAST:]:
             out.print(Text("  " + line))
     _print_heading(out, "Command that repeats this run")
-    lines().print(f"  {command}")
+    console().print(f"  {command}")
 
 
 def _list_settings(r: RunRecord) -> dict[str, str]:

@@ -26,7 +26,7 @@ from .arguments import (
     positive_float,
     subcommand,
 )
-from .screen import errors, lines
+from .terminal import console, error_console
 
 CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
 
@@ -61,27 +61,27 @@ def run(arguments: argparse.Namespace) -> int:
     check_writable(out)
     from ..harness.execution import single
 
-    console = lines()
+    output = console()
 
     def report(words: str, *, end: str = "\n") -> None:
-        if not arguments.json and (end == "\n" or console.is_terminal):  # a pipe gets whole lines alone
-            console.print(words, end=end)
+        if not arguments.json and (end == "\n" or output.is_terminal):  # a pipe gets whole lines alone
+            output.print(words, end=end)
 
     try:
         outcome = single.solve_to_file(spec, out, wall, report)
     except (KeyboardInterrupt, SystemExit):
-        errors().print(f"interrupted; nothing was written to {out}")
+        error_console().print(f"interrupted; nothing was written to {out}")
         raise
     good = Status(outcome.record.status).lawful
     if arguments.json:
         plain = {**as_plain(outcome.record), "out": str(out)}
-        console.print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
+        output.print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
         return 0 if good else 1
     for line in summarize(outcome.record):
-        console.print(line)
+        output.print(line)
     if outcome.native and not good:
-        console.print(f"standard error     {outcome.native.splitlines()[-1]}")
-    console.print(f"written to         {out}")
+        output.print(f"standard error     {outcome.native.splitlines()[-1]}")
+    output.print(f"written to         {out}")
     return 0 if good else 1
 
 

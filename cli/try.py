@@ -27,7 +27,7 @@ from .arguments import (
 from .check import resolve_entries
 from .findings import print_findings
 from .progress import run_watched
-from .screen import lines
+from .terminal import console
 
 NET = 10.0  # times the CPU time that is left: a stage that takes longer on the wall is ended
 
@@ -81,7 +81,7 @@ def run(arguments: argparse.Namespace) -> int:
     print_findings(found, *([] if arguments.json else [summary]), json=arguments.json)
     for line in _write_pages(arguments, folder, solver, summary, found, orders):
         if not arguments.json:
-            lines().print(line)
+            console().print(line)
     return 1 if left or not all(f.holds for f in found) else 0
 
 

@@ -29,7 +29,7 @@ from .arguments import (
 )
 from .diff import show_comparison
 from .progress import run_watched
-from .screen import lines, print_unreadable
+from .terminal import console, print_unreadable
 
 SEED = 1  # the same sample every time, unless --seed says otherwise
 
@@ -67,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     show_comparison(found, [d for d in find_differences(*stamps) if d.what != "suite"], json=arguments.json)
     if arguments.json:
         return 0 if good else 1
-    out = lines()
+    out = console()
     demand = "bit for bit: same code, same platform" if exact else "within the differences between platforms"
     out.print(f"{'verified' if good else 'NOT verified'}: {len(sample)} of {len(records)} runs ({demand})")
     print_unreadable(loaded.unreadable, out)

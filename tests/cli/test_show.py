@@ -8,7 +8,7 @@ import pytest
 from rich.cells import cell_len
 
 from mbsbench.cli.__main__ import main
-from mbsbench.cli.screen import timeline
+from mbsbench.cli.terminal import timeline
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import store
 from mbsbench.harness.suites.suite import parse_suite

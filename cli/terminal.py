@@ -28,25 +28,25 @@ FEW = 8  # files that could not be read with a line each
 GAP = 2  # columns of text between two columns of a table
 
 
-def screen() -> Console:
+def table_console() -> Console:
     """A console for tables: as wide as the terminal (or COLUMNS), else wide enough to fold nothing."""
     out = Console(highlight=False)
     return out if out.is_terminal or os.environ.get("COLUMNS") else Console(width=PIPED, highlight=False)
 
 
-def lines() -> Console:
+def console() -> Console:
     """A console for lines that are not folded: messages and JSON."""
     return Console(highlight=False, markup=False, soft_wrap=True)
 
 
-def errors() -> Console:
+def error_console() -> Console:
     """A console for lines on standard error."""
     return Console(stderr=True, highlight=False, markup=False, soft_wrap=True)
 
 
 def print_json(plain: Any) -> None:
     """``plain`` on one line; null for a number that is not finite."""
-    lines().print(to_json(plain))
+    console().print(to_json(plain))
 
 
 def status_style(status: str) -> str:
@@ -57,7 +57,7 @@ def status_style(status: str) -> str:
 def print_unreadable(items: "Iterable[Unreadable]", out: Console | None = None) -> None:
     """Files that could not be read, and why; on standard error, unless ``out`` is given."""
     for line in list_unreadable("unreadable", [(str(item.path), item.why) for item in items]):
-        (out or errors()).print(line)
+        (out or error_console()).print(line)
 
 
 def list_unreadable(what: str, items: Sequence[tuple[str, str]]) -> list[str]:
@@ -103,7 +103,7 @@ def fit_table(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], w
 
 def print_table(columns: Sequence[Column], rows: Sequence[Sequence[Text | str]], *below: str) -> None:
     """The table, if it has rows, and the lines ``below`` it."""
-    out = screen()
+    out = table_console()
     if rows:
         out.print(fit_table(columns, rows, out.width))
     for line in below:

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
 
-from mbsbench.cli.screen import BARS, Column, fit_table, sparkline
+from mbsbench.cli.terminal import BARS, Column, fit_table, sparkline
 
 
 def test_a_sparkline_shows_growth_by_decades():
