@@ -132,5 +132,5 @@ def _report(candidates: list[Candidate], error: float, *, as_json: bool) -> int:
         rows.append((Text(c.solver, "" if c.best else status_style(r.status)), *cells))
     if not as_json:
         below = f"cheapest: {best.case}" if best else "no solver meets it"
-        print_table(COLUMNS, rows, below, "one CPU time a run: differences below a factor of 1.5 say little")
+        print_table(COLUMNS, rows, below, "factors of CPU time below 1.5 say little")
     return 0 if best else 1

@@ -14,7 +14,7 @@ def add(commands: Any) -> None:
     """The subcommand's arguments."""
     p = subcommand(commands, "report", run, "write the report of a results folder, or compare two")
     results = f"{RESULTS} (default: the newest); two of them are compared"
-    p.add_argument("results", nargs="*", type=find_results, metavar="RESULTS", help=results)
+    p.add_argument("results", nargs="*", default=["latest"], metavar="RESULTS", help=results)
     out = "where to write a comparison (default: report/ in the second)"
     p.add_argument("--out", type=Path, metavar="DIR", help=out)
 
@@ -23,7 +23,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Write it and print where it is."""
     if len(arguments.results) > 2:
         raise UsageError(f"report takes one results folder, or two to compare (got {len(arguments.results)})")
-    folders = arguments.results or [find_results("latest")]
+    folders = [find_results(name) for name in arguments.results]
     if arguments.out is not None and len(folders) < 2:
         raise UsageError("--out needs two results folders to compare; the report of one is written into it")
     from ..reports.pages.change.compare import write_compare  # here: they take a second to load
