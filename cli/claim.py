@@ -13,7 +13,7 @@ from ..harness.places import Place
 from ..harness.referee import judge as judging
 from ..harness.referee.claims.register import Register, read_register
 from ..harness.referee.claims.verdicts import judge
-from ..harness.referee.code import code_now
+from ..harness.referee.currency import code_now
 from ..harness.results import store
 from ..harness.results.judgements.claims import Claim
 from ..harness.results.judgements.files import FOLDER, PUBLISHED, format_judgement, read_claims

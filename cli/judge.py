@@ -12,7 +12,7 @@ from ..harness.places import Place
 from ..harness.referee import judge as judging
 from ..harness.referee.certificates.orders import select_motion
 from ..harness.referee.claims.register import PRESENTATION, REGISTER, read_register
-from ..harness.referee.code import code_now, describe_older, find_older_runs
+from ..harness.referee.currency import code_now, describe_older, find_older_runs
 from ..harness.referee.judge import Change, find_changes, judge_results, write_judgements
 from ..harness.results import store
 from ..harness.results.judgements.claims import SCHEMA, Claim, Finding, Gap, Verdict

@@ -21,8 +21,8 @@ from .certificates.work import collect_work
 from .claims.maps import place, select
 from .claims.register import Register
 from .claims.verdicts import judge
-from .code import describe_changes
-from .wrong import find_false_successes
+from .currency import describe_changes
+from .false_successes import find_false_successes
 
 WHOLE = "referee"  # the suite that everything is judged on
 SUITES = ("paper", "claims", "work")  # claims are tried on their runs; all are in the suite ``referee``

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from mbsbench.harness.places import Place
 from mbsbench.harness.referee import judge as judging
 from mbsbench.harness.referee.claims.register import parse_register, read_register
-from mbsbench.harness.referee.code import code_now, describe_changes, describe_older, find_older_runs
+from mbsbench.harness.referee.currency import code_now, describe_changes, describe_older, find_older_runs
 from mbsbench.harness.results.codes import code_of
 from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.judgements.claims import Code

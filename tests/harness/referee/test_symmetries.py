@@ -11,7 +11,7 @@ from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.worker import run
 from mbsbench.harness.referee.certificates import symmetries
 from mbsbench.harness.referee.certificates.symmetries import Yardstick, _compare, _prepare_row, check_symmetries
-from mbsbench.harness.referee.wrong import find_false_successes
+from mbsbench.harness.referee.false_successes import find_false_successes
 from mbsbench.harness.results.judgements.runs import Unjudged
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from mbsbench.harness.referee.certificates.work import TARGETS, collect_work
-from mbsbench.harness.referee.wrong import find_false_successes
+from mbsbench.harness.referee.false_successes import find_false_successes
 from mbsbench.harness.results.records import RunRecord, reasons_json
 from mbsbench.harness.types import Law, Reason
 

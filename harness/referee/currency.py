@@ -1,4 +1,4 @@
-"""Whether runs and verdicts are of the code as it is: each names in digests what it was computed from.
+"""Whether runs and verdicts are of the present code: each records digests of what it was computed from.
 
 A run is out of date when its solver, its problem or the measuring has changed, and is made again: its series do not
 hold the states that numbers are measured from, so nothing can be measured again without it. Verdicts are out of date
