@@ -5,6 +5,7 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 CLUSTER := $(VENV)/.ready-cluster
 ENGINES := $(VENV)/.ready-engines
+DOCS := $(VENV)/.ready-docs
 RESULTS ?= latest
 PROBLEM ?= chain
 PICTURES ?= docs/images
@@ -20,7 +21,7 @@ moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; whil
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-python test-engines engines test-slow browser check format bench bench-kernels gate report paper figures pictures joints clean
+.PHONY: help setup test test-python test-engines engines test-slow browser check docs format bench bench-kernels gate report paper figures pictures joints clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -64,6 +65,13 @@ engines: $(ENGINES) ## install other people's engines (requirements-engines.lock
 
 test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from files (installs them)
 	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/races
+
+$(DOCS): requirements-docs.lock $(READY)
+	$(call moving,$(PIP) -r requirements-docs.lock,installing requirements-docs.lock)
+	@touch $@
+
+docs: $(DOCS) ## build the documentation as a site, results/local/site; a broken link fails
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 check: $(READY) ## check lint, format, types and import layers
 	$(BIN)/ruff check .

@@ -17,10 +17,11 @@ from rich.text import Text
 
 from ..harness.execution.runner import Request, new_folder
 from ..harness.files import write_text
+from ..harness.gate.baseline import FOLDER, parse_thresholds, read_thresholds, write_thresholds
 from ..harness.gate.files import as_plain, junit, markdown
 from ..harness.gate.judging import Judged, State, judge, judged_of, tightened
 from ..harness.gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
-from ..harness.gate.thresholds import FOLDER, Thresholds, parse_thresholds, proposed, read_thresholds, write_thresholds
+from ..harness.gate.thresholds import Thresholds, proposed
 from ..harness.results import codes, store
 from ..harness.results.history import GATES, make_rows, write_rows
 from ..harness.results.provenance import stamp_of
@@ -130,17 +131,28 @@ def _files(arguments: argparse.Namespace) -> Suite | None:
     """A suite without runs of its own for a results folder of files that ``referee`` judged; None for any other."""
     if arguments.results is None or arguments.suite is not None:
         return None
-    records = store.load(arguments.results, check_series=False).records
+    records = _load(arguments.results)
     if not records or any(r.label != REFEREED for r in records):
         return None
     return Suite(REFEREED, "motions from files", (), "")
+
+
+def _load(folder: Path) -> tuple[RunRecord, ...]:
+    """The records of a results folder; a damaged one might be the newest of its run, so none may be."""
+    loaded = store.load(folder)
+    if loaded.unreadable:
+        n, first = len(loaded.unreadable), loaded.unreadable[0]
+        raise UsageError(
+            f"{n} file{'s' * (n > 1)} cannot be judged: {first.path}: {first.why}; run it again, or remove it"
+        )
+    return loaded.records
 
 
 def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[str, Any], tuple[RunRecord, ...]]:
     """Name and stamp of the results folder, and its records."""
     if arguments.results:
         folder = arguments.results
-        return folder.resolve().name, stamp_of(folder), store.load(folder).records
+        return folder.resolve().name, stamp_of(folder), _load(folder)
     with tempfile.TemporaryDirectory() as place:
         name = new_folder(suite.name).name
         folder = Path(arguments.out) if arguments.out else Path(place) / name
@@ -194,7 +206,7 @@ def _update(path: Path, thresholds: Thresholds, *, write: bool) -> int:
     if write:
         write_text(path, new)
         out.print(f"written: {path}")
-        if COMMENT.search(before):
+        if COMMENT.search("\n".join(line for line in before.splitlines() if line not in new.splitlines())):
             out.print("its comments were removed: restore them from the previous version, or move them into `reason`")
         return 0
     for line in difflib.unified_diff(before.splitlines(), new.splitlines(), str(path), "proposed", lineterm=""):

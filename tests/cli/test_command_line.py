@@ -143,19 +143,14 @@ def test_list_names_everything(command):
 
 
 SUITE = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "raises"]\n'
-BOUND = """schema = 1
+BOUND = """schema = 2
 suite = "small"
 [[status]]
 case = "free_fall raises dt=0.5"
 status = "crashed"
 reason = "it always raises"
-[[threshold]]
-case = "free_fall exact dt=0.5"
-metric = "energy_drift_max_J"
-value = 0.0
-upper = 1e-10
-unit = "J"
-reason = "exact"
+[problem.free_fall.bounds."exact dt=0.5"]
+energy_drift_max_J = { value = 0.0, upper = 1e-10, reason = "exact" }
 """
 
 
@@ -192,7 +187,12 @@ def test_run_show_and_gate(command, tmp_path, capsys, monkeypatch):
     assert "gate open" in said(*judge)
     monkeypatch.setattr("mbsbench.cli.gate.codes.code_of", lambda *_, **__: "other")
     assert "result of other code" in said(*judge, "--json", code=1) and "gate open" in said(*judge, "--any-code")
-    assert not [x for x in said(*judge, "--update").splitlines() if x.startswith("+[[")]  # nor is it proposed from
+    assert not [
+        x for x in said(*judge, "--update").splitlines() if x[:1] == "+" and "exact" in x
+    ]  # nor is it proposed from
+    next((tmp_path / "out" / "runs").glob("*.json")).write_text("{")
+    assert main([*judge, "--any-code"]) == 2  # that one may have failed, and a success of other code would hide it
+    assert capsys.readouterr().err.startswith("error: 1 file cannot be judged: ")
 
 
 def test_an_old_verdict_does_not_outlive_a_gate_that_came_to_none(tmp_path, capsys, monkeypatch):

@@ -28,7 +28,8 @@ def judged(runs):
     from mbsbench.harness.execution import worker
     from mbsbench.harness.execution.job import Job
     from mbsbench.harness.gate.judging import judge
-    from mbsbench.harness.gate.thresholds import FOLDER, Thresholds, read_thresholds
+    from mbsbench.harness.gate.baseline import FOLDER, read_thresholds
+    from mbsbench.harness.gate.thresholds import Thresholds
     from mbsbench.harness.results import store
     from mbsbench.harness.suites.suite import load_suite
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.harness import api
+from mbsbench import api
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import Joint, MultibodySystem, RigidBody, SpringDamper, assemble

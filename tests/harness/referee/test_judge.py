@@ -272,11 +272,12 @@ def test_verdicts_are_those_published(twice):
 
 
 def test_no_published_verdict_hangs_on_one_run_that_failed():
-    """Where such a run stops is decided by rounding, so another machine would give another verdict."""
+    """Where such a run stops is decided by rounding, so another machine would give another verdict: or it says so."""
     for claim in files.read_claims(files.PUBLISHED) or ():
         for side in (True, False):
             alone = [row for row in claim.map if row.holds is side]
-            if len(alone) == 1 and any(f.verdict in (Verdict.CONDITIONAL, Verdict.MIXED) for f in claim.findings):
+            hang = [f for f in claim.findings if f.verdict in (Verdict.CONDITIONAL, Verdict.MIXED) and not f.borderline]
+            if len(alone) == 1 and hang:
                 assert Status(alone[0].status).lawful, (claim.id, alone[0].case)
 
 
@@ -316,8 +317,9 @@ def test_the_newest_whole_run_is_judged_as_published():
     assert judging.find_changes(published, found) == []
 
 
-def test_ladders_that_do_not_show_the_declared_order_are_printed(capsys):
+def test_ladders_that_do_not_show_the_declared_order_are_printed(capsys, monkeypatch):
     """With the order and the reason; the certified ones are counted."""
+    monkeypatch.setenv("COLUMNS", "200")
     low = replace(ORDER, case="beta", verdict="below declared", order=1.04, low=0.98, high=1.08, fit="power", dt=(0.1,),
                   used=(True,))  # fmt: skip
     no = replace(ORDER, case="gamma", verdict="refused", order=math.nan, status="refused", message="no springs")
@@ -325,5 +327,5 @@ def test_ladders_that_do_not_show_the_declared_order_are_printed(capsys):
     said = capsys.readouterr().out
     assert "orders: 1 certified, 1 below declared, 1 refused" in said
     (row,) = (line for line in said.splitlines() if "beta" in line)
-    assert "1.04" in row and "below declared" in " ".join(said.split())
+    assert "1.04" in row and "below declared" in row
     assert "refused: no springs" in said and "alpha" not in said
