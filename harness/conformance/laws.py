@@ -90,8 +90,12 @@ class Subject:
 
     @cached_property
     def rate(self) -> float:
-        """[rad/s] of the motion: how fast poses change, and with them what is made of them."""
-        return 1.0 / max(self.t[-1], 1e-9) + float(np.max(np.abs(self.exact.Omega)))
+        """[rad/s] of the motion: how fast poses change, and with them what is made of them.
+
+        Bodies that turn little, as a point mass on a link, cross the motion's length at their speed.
+        """
+        crossing = float(np.max(np.linalg.norm(self.exact.v, axis=-1))) / self.size.length
+        return 1.0 / max(self.t[-1], 1e-9) + max(float(np.max(np.abs(self.exact.Omega))), crossing)
 
     @property
     def off(self) -> float:
