@@ -8,7 +8,6 @@ ENGINES := $(VENV)/.ready-engines
 DOCS := $(VENV)/.ready-docs
 RESULTS ?= latest
 PROBLEM ?= chain
-OUT ?= $(PROBLEM).gif
 PICTURES ?= docs/images
 SHORTEST := $(addprefix tests/, harness/mechanics/test_joints.py harness/mechanics/test_presentation.py harness/suites \
 	harness/sandbox/test_clock.py harness/sandbox/test_cheats.py harness/test_shapes.py solvers/test_strong_form.py)
@@ -22,7 +21,7 @@ moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; whil
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-python test-engines engines test-slow browser check docs format bench bench-kernels gate report paper figures pictures joints animate clean
+.PHONY: help setup test test-python test-engines engines test-slow browser check docs format bench bench-kernels gate report paper figures pictures joints clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -65,7 +64,7 @@ $(ENGINES): requirements-engines.lock $(READY)
 engines: $(ENGINES) ## install other people's engines (requirements-engines.lock)
 
 test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from files (installs them)
-	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/peers
+	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/races
 
 $(DOCS): requirements-docs.lock $(READY)
 	$(call moving,$(PIP) -r requirements-docs.lock,installing requirements-docs.lock)
@@ -112,19 +111,15 @@ pictures: $(READY) ## the pictures of the README and docs/judging.md, from RESUL
 joints: $(READY) ## the pictures of the joints in docs/joints-and-forces.md, from their rows
 	$(BIN)/python docs/draw_joints.py $(PICTURES)/joints
 
-animate: $(READY) ## animation of PROBLEM (chain) of RESULTS (the newest) as OUT (chain.gif)
-	$(BIN)/mbsbench animate $(RESULTS) --problem $(PROBLEM) --out $(OUT)
-
 report: $(READY) ## write the report of the newest results
 	$(BIN)/mbsbench report
 
 gate: $(READY) ## run the suite `ci` and compare it with results/baselines/ci.toml
 	$(BIN)/mbsbench gate
 
-bench-kernels: $(READY) ## time the kernels and compare with results/baselines/kernels.json
-	@mkdir -p results/local/kernels
-	$(BIN)/python -m pytest -q tests/benchmarks --benchmark-only --benchmark-json results/local/kernels/$$(date -u +%Y%m%d-%H%M%S).json
-	$(BIN)/mbsbench kernels compare
+bench-kernels: $(READY) ## time the kernels and compare with the last timings of this machine
+	$(BIN)/python -m pytest -q tests/benchmarks --benchmark-only --benchmark-autosave --benchmark-storage results/local/kernels \
+		$(if $(wildcard results/local/kernels/*),--benchmark-compare)
 
 clean: ## remove results/local and caches; keep .venv
 	rm -rf results/local .pytest_cache .hypothesis .benchmarks .mypy_cache .ruff_cache .import_linter_cache

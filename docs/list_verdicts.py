@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from mbsbench.harness.results.judgements.claims import Finding
-from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read
+from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read_judgement
 from mbsbench.reports.model.claim_words import share
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -28,7 +28,7 @@ def cell(finding: Finding | None) -> str:
 def table() -> str:
     """Every claim before and now; a reason stands where one is given."""
     data = tomllib.loads(DATA.read_text(encoding="utf-8"))
-    claims = {c.id: c for c in read(CLAIMS, PUBLISHED)}
+    claims = {c.id: c for c in read_judgement(CLAIMS, PUBLISHED)}
     before, reasons = data.get("before", {}), data.get("reasons", {})
     rows = ["| claim | published before | at the paper's settings | beyond them | reason |", "|---|---|---|---|---|"]
     for name in dict.fromkeys([*claims, *before]):

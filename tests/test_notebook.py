@@ -12,7 +12,7 @@ import pytest
 
 import mbsbench
 from mbsbench import Problem, Run, Status, load, make_problem, solve
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 
 DOCS = Path(mbsbench.__file__).with_name("docs")
 SHORT = {"dt": 0.01, "t_end": 0.1}
@@ -38,7 +38,7 @@ def test_page_runs_block_by_block(tmp_path, monkeypatch, capsys):
         if kind == "toml":
             Path("small.toml").write_text(block, encoding="utf-8")
         elif kind == "sh":
-            command = [sys.executable, "-m", "mbsbench.harness", *block.split()[1:]]
+            command = [sys.executable, "-m", "mbsbench.cli", *block.split()[1:]]
             subprocess.run(command, check=True, capture_output=True)
         else:
             exec(compile(block, "running.md", "exec"), names)

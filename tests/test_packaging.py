@@ -16,7 +16,7 @@ from mbsbench.harness.results import environment
 ROOT = Path(__file__).resolve().parents[1]
 SETUPTOOLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["setuptools"]
 LARGEST = 2_000_000  # bytes of a wheel
-PARTS = ("harness", "problems", "solvers", "reports")
+PARTS = ("cli", "harness", "problems", "solvers", "reports")
 
 
 def test_every_folder_with_modules_is_a_package():
@@ -67,7 +67,7 @@ def test_wheel_carries_modules_and_data(tmp_path):
     pip = (sys.executable, "-m", "pip", "wheel", ".", "--no-deps", "--no-build-isolation", "--quiet", "-w", "..")
     subprocess.run(pip, cwd=tmp_path / "src", check=True, capture_output=True)
     (wheel,) = tmp_path.glob("*.whl")
-    modules = [ROOT / "__init__.py", *(p for part in PARTS for p in (ROOT / part).rglob("*.py"))]
+    modules = [ROOT / "__init__.py", ROOT / "api.py", *(p for part in PARTS for p in (ROOT / part).rglob("*.py"))]
     assert wheel.stat().st_size < LARGEST
     with zipfile.ZipFile(wheel) as file:
         inside = set(file.namelist())

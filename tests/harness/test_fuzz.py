@@ -16,7 +16,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job

@@ -136,7 +136,7 @@ def test_a_planted_fault_is_found_with_its_number(fault, tmp_path):
     found = measured(name, text, tmp_path)
     assert len(found) == 5 and {k for k, m in found.items() if not m.holds} == set(expected)
     for requirement, value in expected.items():
-        assert found[requirement].value == pytest.approx(value, rel=0.05, abs=0.05), found[requirement]
+        assert found[requirement].measured.value == pytest.approx(value, rel=0.05, abs=0.05), found[requirement]
 
 
 @pytest.mark.slow
@@ -145,4 +145,4 @@ def test_a_higher_order_is_met_and_said(tmp_path):
     found = measured(
         "midpoint", FIXED.replace("order: ClassVar[float] = 2.0", "order: ClassVar[float] = 1.0"), tmp_path
     )
-    assert found[ORDER].holds and found[ORDER].value > 1.8 and found[ORDER].words.startswith("higher")
+    assert found[ORDER].holds and found[ORDER].measured.value > 1.8 and found[ORDER].measured.words.startswith("higher")

@@ -45,7 +45,7 @@ dt = [{", ".join(f"{0.1 + k / 1000:.3f}" for k in range(other))}]
 
 
 def start(suite, folder, *more):
-    line = (sys.executable, "-m", "mbsbench.harness", "run", str(suite), "--out", str(folder), "--jobs", "2", *more)
+    line = (sys.executable, "-m", "mbsbench.cli", "run", str(suite), "--out", str(folder), "--jobs", "2", *more)
     return subprocess.Popen(line, cwd=environment.ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
 

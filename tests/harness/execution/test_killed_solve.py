@@ -19,7 +19,7 @@ from ..conftest import PLUGIN
 
 def started(tmp_path, *more):
     words = ("solve", "free_fall", "sleeps", "--plugin", str(PLUGIN), "--out", "x.npz")
-    line = (sys.executable, "-m", "mbsbench.harness", *words)
+    line = (sys.executable, "-m", "mbsbench.cli", *words)
     process = subprocess.Popen(
         (*line, *more), cwd=tmp_path, env=dict(os.environ), text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,

@@ -9,7 +9,7 @@ import time
 import psutil
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.pool import LocalPool, PoolError
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import environment, store
@@ -49,7 +49,7 @@ def started(tmp_path, text):
     """The command, and the processes it has started once a solver runs."""
     suite = tmp_path / "s.toml"
     suite.write_text(f'name = "s"\nplugins = ["{PLUGIN}", "{HOSTILE}"]\n{text}')
-    line = (sys.executable, "-m", "mbsbench.harness", "run", str(suite), "--out", str(tmp_path / "run"), "--jobs", "1")
+    line = (sys.executable, "-m", "mbsbench.cli", "run", str(suite), "--out", str(tmp_path / "run"), "--jobs", "1")
     process = subprocess.Popen(line, cwd=environment.ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     until = time.monotonic() + 300.0
     while not list((tmp_path / "run" / ".spool").glob("*.rows")) and time.monotonic() < until:
@@ -109,7 +109,7 @@ def test_a_parent_that_ignores_its_children_changes_nothing(tmp_path):
     """SIGCHLD ignored is inherited: the system would keep no exit code for anybody."""
     suite = tmp_path / "s.toml"
     suite.write_text(f'plugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "segfaults"]\n')
-    line = (sys.executable, "-m", "mbsbench.harness", "run", str(suite), "--out", str(tmp_path / "run"))
+    line = (sys.executable, "-m", "mbsbench.cli", "run", str(suite), "--out", str(tmp_path / "run"))
     done = subprocess.run(
         line, cwd=environment.ROOT, capture_output=True, text=True, check=False,
         preexec_fn=lambda: signal.signal(signal.SIGCHLD, signal.SIG_IGN),

@@ -11,7 +11,7 @@ import pandas as pd
 import psutil
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.pool import LocalPool, PoolError
@@ -74,7 +74,7 @@ def test_a_signal_to_all_ends_all(tmp_path, number, code):
     """To the whole group, as Ctrl-C or a batch system send it: what a solver has started goes too."""
     suite = tmp_path / "s.toml"
     suite.write_text(f'plugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = "spins"\n')
-    line = (sys.executable, "-m", "mbsbench.harness", "run", str(suite), "--out", str(tmp_path / "run"))
+    line = (sys.executable, "-m", "mbsbench.cli", "run", str(suite), "--out", str(tmp_path / "run"))
     process = subprocess.Popen(
         line, cwd=environment.ROOT, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # noqa: PLW1509 a background shell has it ignored
@@ -93,10 +93,8 @@ def test_a_signal_to_all_ends_all(tmp_path, number, code):
 
 def test_output_to_a_closed_pipe_is_no_success(tmp_path, monkeypatch):
     """As after SIGPIPE: 141."""
-    monkeypatch.setattr(
-        "mbsbench.harness.commands.gate.load_suite", lambda *_: (_ for _ in ()).throw(BrokenPipeError())
-    )
-    monkeypatch.setattr("mbsbench.harness.__main__.os.dup2", lambda *_: None)
+    monkeypatch.setattr("mbsbench.cli.gate.load_suite", lambda *_: (_ for _ in ()).throw(BrokenPipeError()))
+    monkeypatch.setattr("mbsbench.cli.__main__.os.dup2", lambda *_: None)
     assert main(["gate"]) == 141
 
 

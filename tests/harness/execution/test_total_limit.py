@@ -2,7 +2,7 @@
 
 import time
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.gate.judging import State, judge

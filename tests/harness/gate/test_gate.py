@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.baseline import FOLDER, read_thresholds, write_thresholds
 from mbsbench.harness.gate.files import junit, markdown
@@ -34,7 +34,7 @@ from mbsbench.harness.mechanics.state import State as Pose
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.metrics.identity import fingerprint
 from mbsbench.harness.results import environment
-from mbsbench.harness.results.provisional import one_per_run
+from mbsbench.harness.results.provisional import latest_of_each
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import RunSpec
 from mbsbench.harness.types import Problem, Status, StepControl
@@ -180,7 +180,7 @@ def test_of_two_results_of_one_time_all_readers_take_the_failure():
     """Certificates and pictures as well."""
     good, bad = RECORDS[0], dataclasses.replace(RECORDS[0], run_id="0", status="diverged")
     for records in ([good, bad], [bad, good]):
-        assert one_per_run(records) == (bad,)
+        assert latest_of_each(records) == (bad,)
 
 
 def test_a_missing_figure_closes_the_gate():

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.gate.baseline import read_thresholds
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT

@@ -7,7 +7,7 @@ import pytest
 from jaxtyping import Float
 
 from mbsbench.harness.catalogue.registry import make_solver
-from mbsbench.harness.foreign.description import described
+from mbsbench.harness.foreign.description import describe_problem
 from mbsbench.harness.mechanics import motion, work
 from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import MultibodySystem, RigidBody, assemble
@@ -93,7 +93,7 @@ def test_a_law_that_raises_an_error_ends_the_run() -> None:
 def test_a_file_cannot_hold_a_law() -> None:
     """It is code."""
     with pytest.raises(ValueError, match="user forces, which are code"):
-        described(Problem("user forces", SYSTEM, consistent(SYSTEM, 3), 0.2, 1e-3, "", "made up"))
+        describe_problem(Problem("user forces", SYSTEM, consistent(SYSTEM, 3), 0.2, 1e-3, "", "made up"))
 
 
 def imports(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: Rows, F: Rows, T: Rows) -> None:

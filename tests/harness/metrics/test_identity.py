@@ -7,7 +7,7 @@ import numba
 import numpy as np
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.mechanics.user_forces import UserForce

@@ -13,7 +13,7 @@ from mbsbench.harness.referee.claims.evidence import MEASURES, evaluate
 from mbsbench.harness.referee.claims.maps import place, same, select
 from mbsbench.harness.referee.claims.predicates import Band
 from mbsbench.harness.referee.claims.register import REGISTER, read_register
-from mbsbench.harness.referee.judge import tried_on
+from mbsbench.harness.referee.judge import list_tried
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.suites.suite import parse_suite
@@ -34,7 +34,7 @@ def named(key: str) -> Any:
 
 @cache
 def places():
-    return [place(s) for s in tried_on()]
+    return [place(s) for s in list_tried()]
 
 
 @named("runs")

@@ -10,8 +10,8 @@ from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.worker import run
 from mbsbench.harness.referee.certificates import symmetries
-from mbsbench.harness.referee.certificates.symmetries import Yardstick, _compared, _made, scorecard
-from mbsbench.harness.referee.wrong import wrong
+from mbsbench.harness.referee.certificates.symmetries import Yardstick, _compare, _prepare_row, check_symmetries
+from mbsbench.harness.referee.false_successes import find_false_successes
 from mbsbench.harness.results.judgements.runs import Unjudged
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
@@ -53,7 +53,7 @@ def told(folder):
 
 
 def card(folder, records):
-    return {e.title: e for e in scorecard(folder, records)}
+    return {e.title: e for e in check_symmetries(folder, records)}
 
 
 WAYS = ({"yaw": 0.7}, {"mirror": "X"}, {"retrace": True}, {"unit_mass": 1024.0}, {"renumber": 1})
@@ -108,10 +108,10 @@ def test_a_planted_deviation_is_broken_and_wrong_though_it_succeeds(folder, told
     assert entry.verdict == "broken"
     assert entry.deviation > entry.bound
     told_of = [*records[:-1], planted]
-    found = wrong(told_of, scorecard(folder, told_of))
+    found = find_false_successes(told_of, check_symmetries(folder, told_of))
     assert [e.settings_id for e in found] == [planted.settings_id]
     assert [(b.law, b.name) for b in found[0].because] == [(Law.SYMMETRY, "mirror image")]
-    assert wrong(records, scorecard(folder, records)) == ()
+    assert find_false_successes(records, check_symmetries(folder, records)) == ()
 
 
 def test_refusals_failures_and_missing_ways_back_are_distinguished(folder, told):
@@ -131,7 +131,7 @@ def test_refusals_failures_and_missing_ways_back_are_distinguished(folder, told)
 def test_without_a_yardstick_nothing_is_judged(folder, told):
     """A deviation without a bound is no finding."""
     records = told({"mirror": "X"})
-    assert scorecard(folder, [records[0], records[-1]]) == ()
+    assert check_symmetries(folder, [records[0], records[-1]]) == ()
 
 
 NAN = float("nan")
@@ -172,7 +172,7 @@ def test_a_bound_above_the_size_decides_nothing_and_a_broken_row_says_by_how_muc
     base = bare(solver_options="{}", case="p s")
 
     def made(deviation, yard):
-        return _compared(_made(base, "yaw"), deviation, yard)
+        return _compare(_prepare_row(base, "yaw"), deviation, yard)
 
     assert made(0.5, wide).verdict == "undecided"
     assert made(0.1, narrow).verdict == "holds"
@@ -195,7 +195,7 @@ def test_the_tighter_run_has_the_same_largest_step_and_is_chosen_by_its_settings
     for finished in ("0", "9"):
         coarse = dataclasses.replace(coarse, finished=finished)
         assert card(folder, [*records, other, coarse])["mirror image"].bound == alone.bound
-    assert scorecard(folder, [records[0], other, *records[2:]]) == ()
+    assert check_symmetries(folder, [records[0], other, *records[2:]]) == ()
 
 
 def test_growth_is_the_motions_own(folder, told):
@@ -203,7 +203,7 @@ def test_growth_is_the_motions_own(folder, told):
     loose = told({"retrace": True}, solver="ida_index1")
     moved = [dataclasses.replace(r, series=loose[1].series, series_sha256=loose[1].series_sha256)
              if "perturb" in r.problem_parameters else r for r in loose]  # fmt: skip
-    by = {e.solver: e.bound for e in scorecard(folder, [*told({"retrace": True}), *moved])}
+    by = {e.solver: e.bound for e in check_symmetries(folder, [*told({"retrace": True}), *moved])}
     alone = card(folder, moved)["time reversal"].bound
     assert by["ida_index1"] < 0.1 * alone
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.results.judgements.claims import Ending, LeftOut
-from mbsbench.harness.results.judgements.files import shortened
+from mbsbench.harness.results.judgements.files import shorten_claims
 from mbsbench.reports.model.claim_words import because, condition, distinct, share
 
 from .claiming import RUNS, TEST, claim, options
@@ -113,7 +113,7 @@ def test_equal_series_of_which_the_others_differ_are_two():
 def test_what_is_published_has_no_maps_but_a_row_that_stands_alone():
     own = [c for c in RUNS if c.solver == "ida_index1"]
     c = claim(records=[record(x, phi_max=1.9 if x is own[0] else 0.1) for x in RUNS])
-    (kept,) = shortened([c])
+    (kept,) = shorten_claims([c])
     assert [m.settings_id for m in kept.map] == [own[0].settings_id] and not kept.settings_ids
     assert kept.verdicts == c.verdicts and because(kept) == because(c)
-    assert shortened([claim()])[0].map == ()
+    assert shorten_claims([claim()])[0].map == ()

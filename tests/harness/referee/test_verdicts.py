@@ -7,7 +7,7 @@ import pytest
 
 from mbsbench.harness.referee.claims.register import parse_register
 from mbsbench.harness.referee.claims.verdicts import judge
-from mbsbench.harness.results.judgements.files import as_text
+from mbsbench.harness.results.judgements.files import format_judgement
 from mbsbench.reports.model.claim_words import because, missing
 
 from .claiming import RUNS, TEST, claim, options
@@ -168,13 +168,13 @@ def test_verdicts_do_not_depend_on_the_order_of_records():
     texts = set()
     for seed in range(5):
         random.Random(seed).shuffle(found)
-        texts.add(as_text([claim(records=found)]))
+        texts.add(format_judgement([claim(records=found)]))
     assert len(texts) == 1
 
 
 def test_judgements_are_strict_json():
     """Numbers that do not exist are null; a row of a map is a line."""
     c = claim(records=[record(x, phi_max=float("inf") if k == 0 else 0.5) for k, x in enumerate(RUNS)])
-    text = as_text([c])
+    text = format_judgement([c])
     assert json.loads(text, parse_constant=pytest.fail)[0]["map"][0]["measured"] is None
     assert sum('"settings_id"' in line for line in text.splitlines()) == 12

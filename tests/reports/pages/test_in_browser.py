@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from mbsbench.harness.results.judgements.files import ORDERS, as_text
+from mbsbench.harness.results.judgements.files import ORDERS, format_judgement
 from mbsbench.reports.model.results import read_results
 
 from ..browser import LOW, OPEN, PALE, SMALL
@@ -81,7 +81,7 @@ def test_thousands_of_certificates_are_paged_and_the_address_keeps_the_choice(br
     every_kind(tmp_path)
     many = [replace(orders(["aa01"])[0], case=f"ladder {k}", solver=("alpha", "beta")[k % 2]) for k in range(1250)]
     (tmp_path / "judgement").mkdir()
-    (tmp_path / "judgement" / f"{ORDERS.name}.json").write_text(as_text(tuple(many)), encoding="utf-8")
+    (tmp_path / "judgement" / f"{ORDERS.name}.json").write_text(format_judgement(tuple(many)), encoding="utf-8")
     render(read_results(tmp_path), [PAGES["certificates.html"]])
     page, rows = tmp_path / "report" / "certificates.html", "document.querySelectorAll('#orders-table tbody tr')"
     said = "document.querySelector('#orders-table ~ .pager output').textContent"

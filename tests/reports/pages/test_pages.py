@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from mbsbench.harness.results.judgements.files import ORDERS, as_text, with_code
+from mbsbench.harness.results.judgements.files import ORDERS, add_code, format_judgement
 from mbsbench.reports.model.results import read_results
 
 from ..conftest import HOSTILE, put, record, series
@@ -70,7 +70,7 @@ def test_orders_at_a_glance_have_no_blank(tmp_path):
     """A ladder that is refused says so in every cell, with the solver's reason in its row."""
     put(tmp_path, record("aa01"), series(40))
     (tmp_path / "judgement").mkdir()
-    (tmp_path / "judgement" / f"{ORDERS.name}.json").write_text(as_text(synthetic.orders(["aa01"])))
+    (tmp_path / "judgement" / f"{ORDERS.name}.json").write_text(format_judgement(synthetic.orders(["aa01"])))
     page = render(read_results(tmp_path), [PAGES["certificates.html"]])["certificates.html"]
     table = page.split('aria-label="Orders at a glance"')[1].split("</table>")[0]
     rows = {r: [c.split("</td>")[0] for c in r.split('<td class="short">')[1:]] for r in table.split("<tr>")}
@@ -87,7 +87,7 @@ def test_no_page_is_empty_after_a_bench(tmp_path, judged):
     if judged == "of nothing":
         (tmp_path / "judgement").mkdir()
         for file in FILES:
-            nothing = {"work": '{"points": []}', "claims": as_text(with_code((), synthetic.CODE))}
+            nothing = {"work": '{"points": []}', "claims": format_judgement(add_code((), synthetic.CODE))}
             (tmp_path / "judgement" / f"{file}.json").write_text(nothing.get(file, "[]"))
     pages = render(read_results(tmp_path), [PAGES[n] for n in ("claims.html", "certificates.html")])
     for name, html in pages.items():

@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbsbench.harness.__main__ import main
-from mbsbench.harness.api import load
+from mbsbench.api import load
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import mechanism_files, plugins, registry
 from mbsbench.harness.catalogue.mechanism import Mechanism, Omitted
 from mbsbench.harness.catalogue.registry import make_problem

@@ -6,7 +6,7 @@ import time
 import numpy as np
 import pytest
 
-from mbsbench.harness.api import solve
+from mbsbench.api import solve
 from mbsbench.harness.catalogue.registry import declared, make_problem, make_solver, solvers
 from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.mechanics.system import Joint, RigidBody, SpringDamper, assemble
