@@ -6,8 +6,8 @@ import json
 import numpy as np
 import pytest
 
+from mbsbench import api
 from mbsbench.cli.__main__ import main
-from mbsbench.harness import api
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.mechanics.state import States

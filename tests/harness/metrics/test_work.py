@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from mbsbench.harness import api
+from mbsbench import api
 from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.mechanics.state import State, States
