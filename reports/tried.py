@@ -19,8 +19,7 @@ from ..harness.results.judgements.runs import Order
 from .model.motion import motion_of
 from .model.provenance import stamp
 from .model.results import Results, grouped, read_results
-from .pages.judged.certificates import ladders
-from .pages.judged.orders import certificates
+from .pages.judged.orders import certificates, ladders
 from .pages.judgement import links_of
 from .plots.laws import Drawing, laws
 from .plots.lines import all_lines, shared_options

@@ -20,6 +20,7 @@ class Followed:
     open: bool  # the reference ends there, not the agreement
     shades: tuple[tuple[str, float], ...]
     words: str
+    known: float  # [s] the simulated time, as far as the reference goes
 
 
 def followed(variant: Variant) -> Sequence[Followed]:
@@ -34,5 +35,7 @@ def followed(variant: Variant) -> Sequence[Followed]:
             widths = [end - begin for begin, end in zip([0.0, *ends], ends, strict=False)]
             shades = tuple(zip(reversed(SHADES), widths, strict=True))
             until = r.accurate_until_s
-            out.append(Followed(run, until, at_least(r, until), shades, ", ".join(accurate_until(r))))
+            known_to = min(r.t_end_s, r.reference_horizon_s) if r.reference_horizon_s > 0.0 else r.t_end_s
+            said = ", ".join(accurate_until(r))
+            out.append(Followed(run, until, at_least(r, until), shades, said, known_to))
     return sorted(out, key=lambda f: (-f.until, f.run.record.solver))

@@ -9,7 +9,7 @@ from .accuracy import Measure, measure_for
 from .results import Results, Run, Variant, grouped
 from .variants import presentation
 
-TARGETS = tuple(10.0**-k for k in range(2, 8))  # in the unit of the problem's error
+TARGETS = tuple(10.0**-k for k in range(1, 10))  # in the unit of the problem's error
 LEAST = 2  # solvers that reach a target: fewer are no comparison
 
 
@@ -60,6 +60,20 @@ def frontiers(results: Results) -> list[Frontier]:
             if len(found.places) >= LEAST:
                 out.append(found)
     return out
+
+
+def broad(results: Results, found: Sequence[Frontier]) -> list[Frontier]:
+    """Those that at least half of the solvers took part in: a cheapest of two is no cheapest of all."""
+    least = 0.5 * len(results.solvers)
+    return [f for f in found if len(f.places) + len(f.missed) + len(f.refused) >= least]
+
+
+def of_most_problems(found: Sequence[Frontier]) -> list[Frontier]:
+    """Of the tightest error that half of all solvers on all problems reach; of the loosest where none is."""
+    by_target = {t: [f for f in found if f.target == t] for t in sorted({f.target for f in found})}
+    pairs = {f.variant: len(f.places) + len(f.missed) for f in found}
+    reached = (own for own in by_target.values() if 2 * sum(len(f.places) for f in own) >= sum(pairs.values()))
+    return next(reached, list(by_target.values())[-1] if by_target else [])
 
 
 def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:

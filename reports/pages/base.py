@@ -93,17 +93,22 @@ class Site:
     results: Results
     folder: Place
     drawn: dict[str, str] = field(default_factory=dict)  # by run: the variant whose data file has its curves
+    work: list[Plot] = field(
+        default_factory=list
+    )  # error over CPU time of each variant, in the page of cost's data file
     _pending: dict[str, tuple[Page, str, dict[str, Any]]] = field(default_factory=dict)
 
     def write(
-        self, page: Page, template: str, scripts: Sequence[str] = (), plots: Sequence[Plot] = (), **values: Any
-    ) -> Page:
-        """Take a page: ``template`` of reports/templates with ``values`` and ``plots``; returns the page."""
+        self, page: Page, template: str, scripts: Sequence[str] = (), plots: Sequence[Plot] = (), borrowed: str = "",
+        **values: Any,
+    ) -> Page:  # fmt: skip
+        """Take a page: ``template`` with ``values`` and ``plots``, and those of the data file ``borrowed``."""
         if page.file in self._pending:
             raise ValueError(f"two pages want to be {page.file}: {self._pending[page.file][0].title}, {page.title}")
-        if plots:
+        if plots or borrowed:
             name = "plots-" + page.file.removesuffix(".html").replace("/", "-")
-            scripts = [self.bundle(name, for_browser(plots, self.looks)), *PLOTTING, *scripts]
+            own = [self.bundle(name, for_browser(plots, self.looks))] if plots else []
+            scripts = [*own, *([f"data/{borrowed}.js"] if borrowed else []), *PLOTTING, *scripts]
             values["plots_data"] = name
         self._pending[page.file] = (page, template, {"scripts": scripts, "plots": list(plots), **values})
         return page

@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from ..model.words import number
 
+BADGE = {"good": "#1a7044", "wrong": "#b3123a", "failed": "#8f4500", "refused": "#4d5a8f"}
 FLAT = 0.01  # relative: a smaller change is not drawn as one
 LETTER = 7.0  # [px] width of a letter of a name, at most
 TURNS = [math.copysign(k, s) * math.pi / 8.0 for k in range(9) for s in (1, -1)]  # from downwards on, either way
@@ -127,19 +128,19 @@ def ticks(low: float, high: float) -> list[float]:
     return [v for v in fine if low <= v <= high][:4]
 
 
-def strip(parts: Sequence[tuple[str, float, float, float, bool]], scale: Scale, words: str) -> Markup:
-    """Sizes with their intervals on one line: circle, triangle, square; filled where distinct from zero."""
-    shapes = ("M{x:.1f} 9a5 5 0 1 0 .01 0z", "M{x:.1f} 7.5l6 11h-12z", "M{x0:.1f} 9h10v10h-10z")
-    drawn = [_line("rule", scale.start, scale.end, 14.0, 14.0)]
-    for (name, size, low, high, sure), shape in zip(parts, shapes, strict=False):
-        if not size > 0.0:
-            continue
-        if high > low and math.isfinite(high):
-            drawn.append(_line("range", scale(low), scale(high), 14.0, 14.0))
-        title = Markup("<title>{} {} J</title>").format(name, number(size))
-        place = shape.format(x=scale(size), x0=scale(size) - 5.0)
-        drawn.append(_tag("path", "part sure" if sure else "part unsure", title, d=place))
-    return _drawing("strip", 300, 28, words, drawn)
+def badge(name: str, facts: Sequence[tuple[str, str, str]]) -> Markup:
+    """A file of its own for a README: the name, then what is known of it, in colours that need no page."""
+    width = [LETTER * len(name) + 20.0, *(LETTER * (len(a) + len(b) + 1) + 16.0 for a, b, _ in facts)]
+    x, parts = 0.0, [_tag("rect", "", x=0.0, y=0.0, width=sum(width), height=22.0, fill="#24292f", rx=4.0)]
+    for k, wide in enumerate(width):
+        words, colour = (name, "#24292f") if k == 0 else (" ".join(facts[k - 1][:2]), BADGE[facts[k - 1][2]])
+        inside = [_tag("rect", "", x=x, y=0.0, width=wide, height=22.0, fill=colour)] if k else []
+        parts += [*inside, _tag("text", "", words, x=x + wide / 2.0, y=15.0, text_anchor="middle", fill="#ffffff")]
+        x += wide
+    words = "; ".join([name, *(f"{a} {b}" for a, b, _ in facts)])
+    return _tag("svg", "", Markup("").join(parts), xmlns="http://www.w3.org/2000/svg", viewBox=f"0 0 {x:.1f} 22",
+                width=x, height=22.0, role="img", aria_label=words, font_family="DejaVu Sans, Verdana, sans-serif",
+                font_size="11")  # fmt: skip
 
 
 def sketch(lines: np.ndarray, joints: np.ndarray, ground: np.ndarray, arrows: Sequence[tuple[str, np.ndarray]],

@@ -10,9 +10,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.harness.types import Law
 from mbsbench.reports.model import curves
+from mbsbench.reports.model.growth import growths
 from mbsbench.reports.model.motion import motion_of
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.pages.judged.growth import growths
 from mbsbench.reports.plots import palette, style
 from mbsbench.reports.plots.browser import LOG_STEP, STEPS, Steps, bundle, for_browser, script, text
 from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, observables
