@@ -8,6 +8,7 @@ from ...harness.results.words import accurate_until, at_least
 from ...harness.types import ACCURATE
 from .results import Run, Variant, by_solver
 
+WHOLE = 0.999  # of the known motion: followed to its end
 SHADES = ("ten", "one", "tenth")  # of a bar, by the levels of ``ACCURATE``
 
 
@@ -21,6 +22,11 @@ class Followed:
     shades: tuple[tuple[str, float], ...]
     words: str
     known: float  # [s] the simulated time, as far as the reference goes
+
+    @property
+    def whole(self) -> bool:
+        """It is followed to the end of what is known."""
+        return self.open or self.until >= WHOLE * self.known
 
 
 def followed(variant: Variant) -> Sequence[Followed]:

@@ -171,6 +171,43 @@ def sketch(lines: np.ndarray, joints: np.ndarray, ground: np.ndarray, arrows: Se
     return _drawing("sketch", width, height, words, parts)
 
 
+def snapshot(lines: np.ndarray, exact: np.ndarray | None, ground: np.ndarray, words: str) -> Markup:
+    """A mechanism at one time (x right, y up, any unit), over the exact one in ink."""
+    width, height, room = 260.0, 150.0, 14.0
+    known = lines if exact is None else exact
+    seen = np.concatenate([known.reshape(-1, 2), ground.reshape(-1, 2)])
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    wide = 0.5 * float(np.max(high - low)) or 1.0
+    own = np.clip(lines.reshape(-1, 2), low - wide, high + wide)  # what flies apart stays near
+    low, high = np.minimum(low, own.min(axis=0)), np.maximum(high, own.max(axis=0))
+    scale = min((width - 2 * room) / max(high[0] - low[0], 1e-9), (height - 2 * room) / max(high[1] - low[1], 1e-9))
+    shift = np.array([width, height]) / 2.0 - scale * (low + high) / 2.0
+
+    def path(kind: str, pairs: np.ndarray) -> Markup:
+        at = shift + scale * pairs
+        ends = "".join(f"M{a[0]:.0f} {height - a[1]:.0f}L{b[0]:.0f} {height - b[1]:.0f}" for a, b in at)
+        return _tag("path", kind, d=ends)
+
+    parts = [path("exact", exact)] if exact is not None else []
+    return _drawing("snapshot", int(width), int(height), words, [*parts, path("run", own.reshape(lines.shape))])
+
+
+def ticks_on(dots: Sequence[tuple[float, str, str, str]], whole: int, words: str) -> Markup:
+    """A dot for each share of a line, with its name where there is room; how many reach the end is written there."""
+    y, left, right = 26.0, 6.0, 352.0
+    parts = [_line("axis", left, right, y, y), _text("count", right + 8.0, y + 5.0, f"{whole} →")]
+    taken = -math.inf
+    for share, colour, said, name in sorted(dots):
+        x = left + share * (right - left)
+        title = Markup("<title>{}</title>").format(said)
+        parts.append(_tag("circle", "", title, cx=x, cy=y, r=5.0, fill=colour, data_solver=name))
+        wide, start = LETTER * len(name) * 0.86, max(min(x - 4.0, right - LETTER * len(name) * 0.86), left)
+        if start > taken:
+            parts.append(_text("tick", start, y - 11.0, name))
+            taken = start + wide + 8.0
+    return _drawing("follow", 400, 36, words, parts)
+
+
 def _beside(at: np.ndarray, name: str, ink: np.ndarray) -> tuple[float, float]:
     """The place nearest to ``at`` where a name hides nothing of ``ink``, below if it can be; below if there is none."""
     half = np.array([LETTER * len(name) / 2.0 + 5.0, 11.0])

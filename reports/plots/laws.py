@@ -1,5 +1,6 @@
 """Curves over time: the laws that the exact motion keeps, the step, errors, observables, invariants."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,6 +27,8 @@ class Drawing:
     lines: Sequence[Line]
     motions: Mapping[str, Motion]
     spans: int = SPANS_UPPER
+    focus: tuple[str, ...] = ()  # solvers in colour
+    label: str = ""  # of the runs that findings are about; all where no line has it
 
     @property
     def largest(self) -> str:
@@ -37,8 +40,27 @@ class Drawing:
 
     @property
     def axis(self) -> Axis:
+        """To the end of the longest run."""
         ends = [r.t_end_s for c in self.runs if (r := c.record).t_end_s == r.t_end_s]
         return Axis("t", "s", low=0.0, high=1.02 * max(ends, default=1.0), link="time", symbol="t")
+
+    @property
+    def known(self) -> Axis:
+        """As far as the exact motion is known."""
+        ends = [r.reference_horizon_s for c in self.runs if (r := c.record).reference and r.reference_horizon_s > 0.0]
+        return replace(self.axis, high=min(self.axis.high, 1.02 * max(ends, default=math.inf)))
+
+    def finding(self, name: str, unit: str, of: Callable[[Motion], Curve | None], until: float = math.inf) -> str:
+        """The smallest and the largest of the main lines' largest values, with their solvers."""
+        main = [line for line in self.lines if line.main]
+        own = [line for line in main if line.run.record.label == self.label] or main
+        found = [(float(np.max(c.y[c.t <= until], initial=0.0)), line.run.record.solver)
+                 for line in own if (c := of(self.motions[line.run.record.run_id])) is not None and len(c)]  # fmt: skip
+        if not found:
+            return ""
+        (low, best), (high, worst) = min(found), max(found)
+        first = f"{name}: {number(low)} {unit} ({best})"
+        return first if len(found) == 1 else f"{first} to {number(high)} {unit} ({worst})"
 
     def scale(self, column: str) -> float:
         values = [getattr(c.record, column) for c in self.runs]
@@ -48,7 +70,7 @@ class Drawing:
         return limit([line.run for line in self.lines], law, self.axis.high)
 
     def log(self, name: str, title: str, caption: str, axis: Axis, of: Callable[[Motion], Curve | None], scale: float,
-            extra: Sequence[Trace] = ()) -> Plot | None:  # fmt: skip
+            extra: Sequence[Trace] = (), t: Axis | None = None, until: float = math.inf) -> Plot | None:  # fmt: skip
         """A quantity of one sign over time; None when no run has it."""
         curves = self.curves(of)
         if not any(c is not None and len(c) for c in curves):
@@ -58,7 +80,8 @@ class Drawing:
         own = traces(self.lines, self.motions, of, (0.0, high), low)
         if not any(t.y.any() for t in own):
             caption = f"Exactly zero throughout. {caption}"
-        return Plot(name, title, caption, self.axis, replace(axis, log=True, low=low, high=high), [*own, *extra])
+        return Plot(name, title, caption, t or self.axis, replace(axis, log=True, low=low, high=high), [*own, *extra],
+                    focus=self.focus, finding=self.finding(title, axis.unit, of, until))  # fmt: skip
 
 
 def laws(d: Drawing) -> Chapter | None:
@@ -93,9 +116,9 @@ def errors(d: Drawing) -> Chapter | None:
     marks = {} if until is None else {"judged up to here": [until]}
     plots = [
         d.log("position", "Position error", far, Axis("|r − r exact|", "m"), _of("norms", "position_error"), length,
-              floor),
+              floor, d.known, until or math.inf),
         d.log("orientation", "Orientation error", far, Axis("∠(R, R exact)", "rad"), _of("norms", "orientation_error"),
-              1.0),
+              1.0, (), d.known, until or math.inf),
     ]  # fmt: skip
     plots = [p and replace(p, marks=marks) for p in plots]  # the plane needs no reference
     plots.append(d.log("plane", "Out of the plane", "Worst body's distance from the plane that the exact motion stays "
@@ -118,9 +141,10 @@ def observables(d: Drawing) -> Chapter | None:
         caption = f"Smallest and largest of each span; {'the thin line is the' if known else 'there is no'} reference."
         own = traces(d.lines, d.motions, of, (2 * low - high, 2 * high - low))
         axis = Axis(name, in_unit, low=low, high=high)
-        plots.append(Plot(f"obs-{name}", name, caption, d.axis, axis, [*own, *known]))
+        plots.append(Plot(f"obs-{name}", name, caption, d.known if known else d.axis, axis, [*own, *known],
+                          focus=d.focus))  # fmt: skip
         plots.append(d.log(f"away-{name}", f"{name}: distance from the reference", f"Magnitude, {d.largest}.",
-                           Axis("|difference|", in_unit), _of("away", name), high - low))  # fmt: skip
+                           Axis("|difference|", in_unit), _of("away", name), high - low, (), d.known))  # fmt: skip
     return _chapter("Observables", "Quantities that the problem defines for comparison.", plots)
 
 

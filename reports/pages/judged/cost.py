@@ -4,10 +4,10 @@ import math
 from collections.abc import Sequence
 
 from ....harness.results.judgements.files import WORK
-from ...model.frontier import Frontier, broad, frontiers, of_most_problems
+from ...model.frontier import Frontier, broad, of_most_problems
 from ...model.growth import growths_of
 from ...model.results import Results, grouped
-from ...model.words import number, plural
+from ...model.words import decade, plural
 from ...plots.growth import growth
 from ...plots.spec import Plot
 from ...plots.work import ERRORS, WORKS, Profile, named, profile_plot, work_plots
@@ -29,9 +29,9 @@ def write(results: Results, site: Site) -> Page | None:
     works = list(dict.fromkeys(p.work for p in profile))
     kinds = [(w, *WORKS[w]) for w in WORKS if any(key.endswith(f"-{w}") for _, own in found for key in own)]
     profile_plots = [profile_plot((*profile, *default), w) for w in works]
-    cheapest, grown = broad(results, frontiers(results)), growths_of(results)
+    cheapest, grown = broad(results, site.frontiers), growths_of(results)
     sizes = [growth(problem, grown, site.url) for problem in dict.fromkeys(g.problem for g in grown)]
-    site.work = [own["error-cpu"] for _, own in found if "error-cpu" in own]
+    site.work = {f.variant: own["error-cpu"] for f, own in found if "error-cpu" in own}
     return site.write(
         Page("Cost", "cost.html", nav=True, order=30), "cost.html", scripts=["assets/judgement.js"],
         plots=[*profile_plots, *(p for _, own in found for p in own.values()), *sizes], why=work.why,
@@ -49,13 +49,13 @@ def title(found: Sequence[Frontier]) -> str:
     firsts = [f.places[0].reach.run.record.solver for f in own]
     best = max(sorted(set(firsts)), key=firsts.count)
     unit = own[0].unit if len({f.unit for f in own}) == 1 else "m or rad"
-    error = f"{number(own[0].target, 1).removeprefix('1×')} {unit}"
+    error = f"{decade(own[0].target)} {unit}"
     return f"At {error}, {best} is the cheapest on {firsts.count(best)} of {plural(len(own), 'problem')}"
 
 
 def plots_of(f: Field) -> dict[str, Plot]:
     """By ``<error>-<work>``; energy and joints over fewer works, and of default and best settings alone."""
-    errors = work_plots(f.slug, f.points, [("error", work) for work in WORKS], folded=True)
+    errors = work_plots(f.slug, f.points, [("error", work) for work in WORKS], folded=True, front=True)
     laws = [(error, work) for error in ("energy", "phi") for work in WORKS if work in FEW]
     return errors | work_plots(f.slug, [p for p in f.points if p.default or p.best], laws, folded=True)
 

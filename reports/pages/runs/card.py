@@ -9,12 +9,11 @@ from markupsafe import Markup
 from ....harness.results.judgements.runs import Drift, Order
 from ...model.followed import Followed
 from ...model.frontier import Frontier
-from ...model.words import number, plural, time
+from ...model.words import decade, number, plural, time
 from ..judged.orders import verdict_mark
 from ..svg import badge
 
 QUANTITY = "position"  # whose order stands for a solver
-WHOLE = 0.999  # of the known motion: followed to its end
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ def _followed(solver: str, followed: Sequence[Followed]) -> Fact | None:
     own = [f for f in followed if f.run.record.solver == solver and f.known > 0.0]
     if not own:
         return None
-    whole = sum(f.open or f.until >= WHOLE * f.known for f in own)
+    whole = sum(f.whole for f in own)
     least = min(own, key=lambda f: f.until / f.known)
     all_of = f"{whole} of {plural(len(own), 'motion')} to the end of the reference"
     if whole == len(own):
@@ -93,6 +92,6 @@ def _cost(solver: str, costs: Sequence[Frontier]) -> Fact | None:
         return None
     mean = math.exp(sum(map(math.log, factors)) / len(factors))
     ratio = f"×{number(mean, 2)}"
-    value = f"{ratio} the cheapest at {number(costs[0].target, 1).removeprefix('1×')}, "
+    value = f"{ratio} the cheapest at {decade(costs[0].target)}, "
     return Fact("cost", f"{value}reached on {len(factors)} of {plural(len(costs), 'problem')}", ratio,
                 "good" if mean < 3.0 else "refused")  # fmt: skip

@@ -16,6 +16,7 @@ from ...mechanism.segments import mechanism_of
 from ...model.accuracy import judged_until, measure_for
 from ...model.catalogue import about_problem, why_hard
 from ...model.curves import SPANS_UPPER
+from ...model.focus import chosen
 from ...model.followed import followed
 from ...model.heat import best_and_worst, boxes_of
 from ...model.motion import Motion, motion_of
@@ -170,7 +171,9 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
     motions = {
         line.run.record.run_id: motion_of(line.run, results.series(line.run, poses=False), spans) for line in lines
     }
-    drawing = Drawing(variant.runs, lines, motions, spans)
+    boxes = sorted(boxes_of(variant, label), key=lambda b: b.order)
+    colours = chosen([b.run.record.solver for b in boxes], lambda s: site.looks[s].family)
+    drawing = Drawing(variant.runs, lines, motions, spans, colours, label)
     groups = groups_of(variant, label)
     made = (work_chapter(variant, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))
     chapters: list[Chapter] = [c for c in made if c is not None]

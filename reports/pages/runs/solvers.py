@@ -9,7 +9,7 @@ from ....harness.results.judgements.runs import Drift, Order, Symmetry
 from ....harness.results.words import words_of
 from ...model.catalogue import about_solver
 from ...model.followed import Followed, followed
-from ...model.frontier import Frontier, broad, frontiers, of_most_problems
+from ...model.frontier import Frontier, broad, of_most_problems
 from ...model.heat import heat
 from ...model.results import Results, Run, by_solver, grouped, text_of
 from ...model.scores import Score, Standing, score, standings
@@ -63,7 +63,7 @@ def write(results: Results, site: Site) -> Page | None:
     plain = {p.title for p in themselves(results, label)}
     judgements, picture = Judgements.of(results), heat(results)
     follow = [f for p in (picture.problems if picture else ()) for f in followed(p)]
-    costs = of_most_problems(broad(results, frontiers(results)))
+    costs = of_most_problems(broad(results, site.frontiers))
     for name, runs in by_solver(results.runs).items():
         rows = [(p, group, [c for c in own if c.record.solver == name]) for p in results.variants
                 for group, own in groups_of(p, label).items()]  # fmt: skip
@@ -97,10 +97,10 @@ def _page(results: Results, site: Site, name: str, j: Judgements, follow: Sequen
     links = links_of(results.runs)
     orders = certificates(own(j.orders), links)
     drawn = ladders([c for c in orders if c.of.quantity == QUANTITY and c.fixed])[:DRAWN]
-    card = card_of(name, j.orders, j.drifts, follow, costs)
+    card = site.cards[name] = card_of(name, j.orders, j.drifts, follow, costs)
     badge = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
     (site.folder / badge).write(card.badge, durable=False)
-    work = [p for p in site.work if any(t.solver == name for t in p.traces)]
+    work = [p for p in site.work.values() if any(t.solver == name for t in p.traces)]
     checks = scorecard.card(own(j.symmetries))
     site.write(
         Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=badge, about=about_solver(name),
