@@ -118,10 +118,10 @@
     const placed = [];
     for (const l of labels.sort((a, b) => a.y - b.y)) {
       const wide = LETTER * l.name.length, fits = l.start || l.x + wide + 8 < right, x0 = l.start ? l.x : fits ? l.x + 8 : Math.max(Math.min(l.x, right) - wide - 8, left);
-      let y = Math.min(Math.max(l.y + (fits && !l.start ? 4 : -6), top + 10), bottom - 4);
-      for (let tries = 0; tries < 40 && placed.some((p) => Math.abs(p.y - y) < 12 && x0 < p.x1 && x0 + wide > p.x0); tries++) y = y + 12 > bottom - 4 ? top + 10 + tries : y + 3;
+      const home = Math.min(Math.max(l.y + (fits && !l.start ? 4 : -6), top + 10), bottom - 4), free = (v) => v >= top + 9 && v <= bottom - 3 && !placed.some((p) => Math.abs(p.y - v) < 12 && x0 < p.x1 + 4 && x0 + wide + 4 > p.x0);
+      const y = Array.from({ length: 60 }, (_, i) => home + (i % 2 ? 1 : -1) * 3 * Math.ceil(i / 2)).find(free) ?? home;
       placed.push({ x0, x1: x0 + wide, y });
-      over.push(text(x0, y, l.name, `class="label halo" style="fill: ${l.colour}"`));
+      over.push(text(x0, y, l.name, `class="label halo" style="fill: color-mix(in srgb, ${l.colour} 78%, var(--ink))"`));
     }
     if (!own.length) over.push(text((left + right) / 2, (top + bottom) / 2, "nothing is selected", 'text-anchor="middle"'));
     if (paper) over.push(text(left, 18, plot.title, 'class="name"'));
@@ -223,7 +223,7 @@
   const svg = (plot) => {
     const colours = { "--ink": "#1c2126", "--muted": "#57606a", "--rule": "#dfe3e8", "--card": "#ffffff", "--ghost": "#b6bcc3" };
     const style = "text{font:11px sans-serif;fill:#57606a}.name{fill:#1c2126;font-size:12px}.halo{paint-order:stroke;stroke:#fff;stroke-width:3px}.grid{stroke:#dfe3e8;fill:none}.axis{stroke:#57606a;fill:none}.line{fill:none}.mark-line{stroke:#57606a;stroke-dasharray:2 3}";
-    const inside = drawing(plot, 720, 460, true).replace(/var\((--\w+)\)/g, (_, k) => colours[k]);
+    const inside = drawing(plot, 720, 460, true).replace(/color-mix\(in srgb, (#\w+|var\(--\w+\)) 78%, var\(--ink\)\)/g, "$1").replace(/var\((--\w+)\)/g, (_, k) => colours[k]);
     render(plot);
     return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 460" width="720" height="460"><style>${style}</style><rect width="720" height="460" fill="#fff"/>${inside}</svg>`;
   };
@@ -327,6 +327,7 @@
       b.addEventListener("pointerleave", () => MBS.hover(""));
     }
     const all = bar.querySelector("[data-switch=all]"), group = bar.querySelector("[data-switch=group]");
+    if (!all) continue;
     all.closest("label").style.visibility = plots.some((p) => p.traces.some((t) => t.main === false)) ? "" : "hidden";
     all.addEventListener("change", () => { shown.all = all.checked; renderAll(); });
     if (group) {

@@ -19,7 +19,7 @@ PAGES = (
     "runs/dd01.html",
     "runs/gg01.html",
 )
-FIRST = "document.querySelectorAll('.plots .main-svg').length > 0"
+FIRST = "document.querySelectorAll('.plots .axis').length > 0"
 
 
 @pytest.mark.parametrize(("width", "dark"), [(390, True), (1280, False)], ids=["phone, dark", "desk, light"])
@@ -27,8 +27,8 @@ FIRST = "document.querySelectorAll('.plots .main-svg').length > 0"
 def test_page_loads_fits_and_can_be_read(report, browser, name, width, dark):
     """No console fault, nothing asked of a network, no sideways scroll, contrast of WCAG AA."""
     tab = browser.open(report / name, width=width, dark=dark)
-    if "plots" in tab.evaluate("[...document.scripts].map((s) => s.src).join()"):
-        tab.evaluate("document.querySelector('.plots').scrollIntoView()")
+    if tab.evaluate("document.querySelectorAll('.plots .canvas').length"):
+        tab.evaluate("document.querySelector('.plots .canvas').scrollIntoView()")
         tab.until(FIRST)
     assert tab.evaluate(OVERFLOW) == 0 and tab.evaluate("innerWidth") == width
     assert tab.evaluate(PALE) == []

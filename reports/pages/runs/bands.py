@@ -35,7 +35,8 @@ class FalseSuccess:
     law: str
     size: str
     times: float
-    at: float
+    at: float  # [s] it first passes the limit
+    drawn: float  # [s] of the picture: as late as the exact motion is known
     command: str
 
 
@@ -57,12 +58,14 @@ def _card(results: Results, run: Run, plugins: Sequence[str]) -> FalseSuccess:
     m = margin(run)
     reason = m.error if m else reasons_of(run.record.wrong_because)[0]
     at = reason.time_s if reason.time_s == reason.time_s else run.record.t_reached_s
-    seen = moment(results, run, at) if at == at and run.record.series else None
-    words = f"{run.record.solver} on {run.variant} at {time(at)} s, over the exact motion"
+    r = run.record
+    drawn = min(r.t_reached_s, r.reference_horizon_s) if r.reference_horizon_s > 0.0 else r.t_reached_s
+    seen = moment(results, run, drawn) if r.series else None
+    words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"
     size = f"{number(reason.value)} of {number(reason.limit)} {reason.unit} allowed"
     times = reason.value / reason.limit if reason.limit > 0.0 else math.inf
-    return FalseSuccess(run, snapshot(*seen, words) if seen else None, law_of(reason), size, times, at,
-                        command(run.record, plugins))  # fmt: skip
+    return FalseSuccess(run, snapshot(*seen, words) if seen else None, law_of(reason).removeprefix("the "), size,
+                        times, at, drawn, command(run.record, plugins))  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,10 @@ class Strip:
     count: int
     known: float  # [s]
     picture: Markup
+
+    @property
+    def all_follow(self) -> bool:
+        return self.whole == self.count
 
 
 def strips(picture: Heat | None, looks: Mapping[str, Look]) -> list[Strip]:

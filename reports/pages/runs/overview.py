@@ -104,11 +104,13 @@ def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict
 
 
 def _panels(site: Site) -> list[Plot]:
-    """Error over CPU time of each problem, of its variant with most points."""
+    """Error over CPU time: of each problem the variant with most points, then other variants."""
     problems = {p.title: p.problem for p in site.results.variants}
-    best = [max((plot for _, plot in own), key=_points) for own in
-            grouped(site.work.items(), lambda kv: problems.get(kv[0], kv[0])).values()]  # fmt: skip
-    return sorted(best, key=_points, reverse=True)[:PANELS]
+    ordered = sorted(site.work.items(), key=lambda kv: -_points(kv[1]))
+    seen: dict[str, str] = {}
+    for title, _ in ordered:
+        seen.setdefault(problems.get(title, title), title)
+    return [plot for title, plot in sorted(ordered, key=lambda kv: kv[0] not in seen.values())][:PANELS]
 
 
 def _points(plot: Plot) -> int:

@@ -13,6 +13,7 @@ from ...model.words import mark
 from ..base import Site
 
 MINIATURES = 6
+PAPER = "ODE-GC"  # the paper's method; what is added to it has a longer label
 SMALL = 60  # pictures of a miniature
 
 
@@ -23,10 +24,9 @@ def one_a_problem(picture: Heat | None) -> list[Variant]:
     return sorted(best, key=_telling, reverse=True)[:MINIATURES]
 
 
-def _telling(variant: Variant) -> tuple[float, int]:
-    """How far its worst wrong run is over a limit; how many runs it has."""
-    parts = [m.part for c in variant.runs if c.status == "wrong" and (m := margin(c)) is not None]
-    return max((p for p in parts if p < float("inf")), default=0.0), len(variant.runs)
+def _telling(variant: Variant) -> tuple[int, int]:
+    """How many solvers are wrong on it; how many runs it has."""
+    return len({c.record.solver for c in variant.runs if c.status == "wrong"}), len(variant.runs)
 
 
 def roles_of(variant: Variant, label: str, site: Site) -> list[Role]:
@@ -35,7 +35,8 @@ def roles_of(variant: Variant, label: str, site: Site) -> list[Role]:
     ended = (b for b in boxes_of(variant, label) if b.mark.kind not in ("open", "refused"))
     best_first = [b.run for b in sorted(ended, key=lambda b: b.order)]
     cheapest = [p.reach.run for f in target for p in f.places] or best_first
-    paper = [c for c in best_first if c.record.paper_label.startswith("ODE-GC") and c.succeeded]
+    paper = sorted((c for c in best_first if c.record.paper_label.startswith(PAPER) and c.succeeded),
+                   key=lambda c: len(c.record.paper_label))  # fmt: skip
     wrong = sorted((c for c in variant.runs if c.status == "wrong"), key=lambda c: _worst(c, site), reverse=True)
     worst = wrong or best_first[1:][-1:]
     out: dict[str, Role] = {}
