@@ -7,12 +7,7 @@
   // the stage
   const canvas = $("[data-stage]"), small = data.stages.map((s) => s.small && MBS.stage(s.small));
   if (canvas) {
-    const clock = $("[data-clock]"), cast = $("[data-cast]"), minis = $$("[data-mini]"), loaded = {};
-    const off = (v, unit) => (v === null || !Number.isFinite(v) ? "not known" : unit !== "m" ? `${MBS.number(v, 2)} ${unit}` : v >= 1 ? `${v.toFixed(2)} m` : v >= 1e-5 ? `${(1000 * v).toFixed(v < 1e-3 ? 2 : 0)} mm` : v > 0 ? `${MBS.number(1000 * v, 1)} mm` : "0 mm");
-    const stage = MBS.playing(canvas, $("[data-play]"), (play, k, at) => {
-      clock.textContent = `${at.toFixed(1)} of ${MBS.number(play.t, 2)} s`;
-      $$("[data-off]", cast).forEach((b, i) => { const p = play.players[i]; if (p) b.textContent = p.stopped && at >= p.last ? "★ stopped" : `off by ${off(p.off[k], play.unit)}`; });
-    });
+    const cast = $("[data-cast]"), minis = $$("[data-mini]"), loaded = {}, stage = MBS.scene(canvas, cast);
     const load = (k) => new Promise((done) => {
       const { file } = data.stages[k];
       if (MBS[file]) return done();

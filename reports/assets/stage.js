@@ -52,4 +52,19 @@
     MBS.onTheme(draw);
     return { show: (next) => { play = next; at = quiet ? play.t * 0.99 : 0; draw(); run(!quiet); }, seek: (t) => { run(false); at = t; draw(); }, play: () => play };
   };
+
+  const off = (v, unit) => (!Number.isFinite(v) ? "not known" : unit !== "m" ? `${MBS.number(v, 2)} ${unit}` : v >= 1 ? `${v.toFixed(2)} m` : v >= 1e-5 ? `${(1000 * v).toFixed(v < 1e-3 ? 2 : 0)} mm` : v > 0 ? `${MBS.number(1000 * v, 1)} mm` : "0 mm");
+  // a canvas with its button, clock and counters
+  MBS.scene = (canvas, cast) => {
+    const box = canvas.parentElement, clock = box.querySelector("[data-clock]");
+    return MBS.playing(canvas, box.querySelector("[data-play]"), (play, k, at) => {
+      clock.textContent = `${at.toFixed(1)} of ${MBS.number(play.t, 2)} s`;
+      cast.querySelectorAll("[data-off]").forEach((b, i) => { const p = play.players[i]; if (p) b.textContent = p.stopped && at >= p.last ? "★ stopped" : `off by ${off(p.off[k], play.unit)}`; });
+    });
+  };
+  // where nothing else plays on it
+  if (!MBS.overview) for (const canvas of document.querySelectorAll("canvas[data-stage]")) {
+    const cast = canvas.parentElement.parentElement.querySelector("[data-cast]");
+    MBS.unpack(MBS[canvas.dataset.stage]).then((raw) => { MBS.onStage = MBS.scene(canvas, cast); MBS.onStage.show(MBS.stage(raw)); });
+  }
 })();

@@ -106,6 +106,7 @@ class Site:
     folder: Place
     drawn: dict[str, str] = field(default_factory=dict)  # by run: the variant whose data file has its curves
     work: dict[str, Plot] = field(default_factory=dict)  # by variant, error over CPU time: in cost's data file
+    scenes: dict[str, dict[str, Any]] = field(default_factory=dict)  # by variant: its stage and what is said beside it
     cards: dict[str, Any] = field(default_factory=dict)  # by solver: its certificate card
     _pending: dict[str, tuple[Page, str, dict[str, Any]]] = field(default_factory=dict)
 

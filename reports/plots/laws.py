@@ -9,6 +9,7 @@ import numpy as np
 from ...harness.types import Law
 from ..model.accuracy import judged_until
 from ..model.curves import SPANS_UPPER, Curve, log_limits, span
+from ..model.focus import MOST
 from ..model.motion import Motion
 from ..model.results import Run
 from ..model.words import number, time, unit
@@ -50,17 +51,13 @@ class Drawing:
         ends = [r.reference_horizon_s for c in self.runs if (r := c.record).reference and r.reference_horizon_s > 0.0]
         return replace(self.axis, high=min(self.axis.high, 1.02 * max(ends, default=math.inf)))
 
-    def finding(self, name: str, unit: str, of: Callable[[Motion], Curve | None], until: float = math.inf) -> str:
-        """The smallest and the largest of the main lines' largest values, with their solvers."""
+    def extremes(self, of: Callable[[Motion], Curve | None], until: float = math.inf) -> list[tuple[float, str]]:
+        """The smallest and the largest of the main lines' largest values, with their solvers; one of a single line."""
         main = [line for line in self.lines if line.main]
         own = [line for line in main if line.run.record.label == self.label] or main
         found = [(float(np.max(c.y[c.t <= until], initial=0.0)), line.run.record.solver)
                  for line in own if (c := of(self.motions[line.run.record.run_id])) is not None and len(c)]  # fmt: skip
-        if not found:
-            return ""
-        (low, best), (high, worst) = min(found), max(found)
-        first = f"{name}: {number(low)} {unit} ({best})"
-        return first if len(found) == 1 else f"{first} to {number(high)} {unit} ({worst})"
+        return [min(found), max(found)][: len(found)]
 
     def scale(self, column: str) -> float:
         values = [getattr(c.record, column) for c in self.runs]
@@ -80,8 +77,11 @@ class Drawing:
         own = traces(self.lines, self.motions, of, (0.0, high), low)
         if not any(t.y.any() for t in own):
             caption = f"Exactly zero throughout. {caption}"
+        found = self.extremes(of, until)
+        finding = f"{title}: " + " to ".join(f"{number(v)} {axis.unit} ({who})" for v, who in found)
+        focus = tuple(dict.fromkeys([*(who for _, who in found), *self.focus]))[:MOST]
         return Plot(name, title, caption, t or self.axis, replace(axis, log=True, low=low, high=high), [*own, *extra],
-                    focus=self.focus, finding=self.finding(title, axis.unit, of, until))  # fmt: skip
+                    focus=focus if self.focus else (), finding=finding if found else "")  # fmt: skip
 
 
 def laws(d: Drawing) -> Chapter | None:

@@ -1,4 +1,4 @@
-"""Every number of the first page is recomputed here from ``runs.parquet`` and the series: hero, race, heat map, cards."""
+"""Every number of the first page is recomputed from ``runs.parquet`` and the series: hero, race, heat map, cards."""
 
 import json
 import math
@@ -10,6 +10,7 @@ import pytest
 
 from mbsbench.harness.files import write_text
 from mbsbench.harness.results import store
+from mbsbench.harness.types import Law
 from mbsbench.reports import site
 from mbsbench.reports.model.words import number, seconds
 
@@ -35,8 +36,6 @@ def built(tmp_path_factory):
                 put(folder, record(f"{name}{solver}{k}", solver, problem=name, dt_s=dt, position_error_max_m=dt**order,
                                    cpu_median_s=COST[solver] / dt, energy_drift_max_J=1e-3 * dt**order,
                                    paper_label="ODE-GC" if solver == "beta" else ""), moving(k))  # fmt: skip
-    from mbsbench.harness.types import Law
-
     put(folder, record("hardwrong", "delta", problem="hard", dt_s=0.01, position_error_max_m=0.4, cpu_median_s=0.05,
                        accurate_until_s=0.5, **broken(Law.ENERGY, 0.45, 0.1, "J")), moving(9))  # fmt: skip
     put(folder, record("easydelta", "delta", "refused", problem="easy", claimed="refused", message="no",
@@ -77,9 +76,8 @@ def test_the_race_is_that_of_the_table(built, browser, problem):
         assert [s for s, _, missed in shown if not missed] == [s for _, s in there]
         for (cpu, _), (_, text, _) in zip(there, shown, strict=False):
             assert text.removeprefix("≤ ") == f"{seconds(cpu)} ×{number(cpu / there[0][0], 2)}"
-        assert f"--error {target:.0e}".replace("e-0", "e-") in tab.evaluate(
-            "document.querySelector('[data-command]').textContent"
-        )
+        command = tab.evaluate("document.querySelector('[data-command]').textContent")
+        assert command == f"mbsbench advise {name} --error {target:.0e}".replace("e-0", "e-")
     assert tab.faults == [] and tab.requests == []
     tab.close()
 
@@ -145,8 +143,8 @@ def test_the_counter_is_the_error_of_the_series(built, browser):
     tab = browser.open(page)
     tab.until("window.MBS.onStage && MBS.onStage.play()")
     tab.evaluate("MBS.onStage.seek(1.0)")
-    said = tab.evaluate("""[...document.querySelectorAll('[data-cast] li')].map((e) => [e.querySelector('.solver').textContent,
-        e.querySelector('[data-off]').textContent, e.querySelector('.mark').textContent])""")
+    said = tab.evaluate("""[...document.querySelectorAll('[data-cast] li')].map((e) =>
+        ['.solver', '[data-off]', '.mark'].map((s) => e.querySelector(s).textContent))""")
     plain = moving(0)
     expected = np.interp(1.0, plain.arrays["t"], plain.arrays["position_error"])
     for _, off, _ in said:

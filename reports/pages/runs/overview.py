@@ -18,11 +18,11 @@ from ...plots.browser import Steps
 from ...plots.spec import Plot
 from ..base import Page, Site
 from .bands import false_successes, strips, strips_title, verdicts
-from .scenes import one_a_problem, scenes
+from .scenes import one_a_problem
 
 PANELS = 6
 STRIP = 60  # spans of time in the energy strip of a cell
-RANK = 5  # after the pages of cost and of solvers, whose plots and cards it shows
+RANK = 5  # after the pages of cost, problems and solvers, whose plots, scenes and cards it shows
 
 
 def write(results: Results, site: Site) -> Page | None:
@@ -30,7 +30,7 @@ def write(results: Results, site: Site) -> Page | None:
     label, picture = broadest(results), heat(results)
     found = broad(results, site.frontiers)
     races = costs(results, found, site.url)
-    stages = scenes(results, site, one_a_problem(picture), label)
+    stages = [site.scenes[p.title] for p in one_a_problem(picture) if p.title in site.scenes]
     first = next((k for k, r in enumerate(races) if stages and r["problem"] == stages[0]["problem"]), 0)
     target = default_target(races[first]) if races else 0
     data = {"costs": races, "stages": stages, "cells": _cells(results, site, picture), "first": first, "target": target,

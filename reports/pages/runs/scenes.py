@@ -1,6 +1,5 @@
 """The mechanisms on stage: of each problem the cheapest accurate run, the paper's and the worst."""
 
-from collections.abc import Sequence
 from typing import Any
 
 from ...mechanism.stage import Role, stage
@@ -74,8 +73,3 @@ def _said(role: Role, site: Site) -> dict[str, str]:
         "claimed": run.record.claimed.replace("_", " "), "measured": measured.word, "kind": measured.kind,
         "why": run.reasons[0] if run.reasons else "",
     }  # fmt: skip
-
-
-def scenes(results: Results, site: Site, shown: Sequence[Variant], label: str) -> list[dict[str, Any]]:
-    """Of each variant that has one."""
-    return [s for variant in shown if (s := scene_of(results, site, variant, label)) is not None]
