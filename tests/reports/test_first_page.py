@@ -168,7 +168,7 @@ def test_sentences_and_cards_have_the_numbers_of_the_table(built):
     followed = table[table.accurate_until_s.notna()]
     known = np.minimum(followed.t_end_s, followed.reference_horizon_s)
     whole = int((followed.accurate_until_s >= 0.999 * known).sum())
-    assert f"{whole} of {len(followed)} run follow the exact motion to its end" in text
+    assert f"{whole} of {len(followed)} run follows the exact motion to its end" in text
 
 
 def test_the_title_of_the_panels_is_recomputed(built):

@@ -101,7 +101,7 @@ def strips(picture: Heat | None, looks: Mapping[str, Look]) -> list[Strip]:
 def strips_title(found: Sequence[Strip]) -> str:
     """Pairs of a solver and a motion."""
     whole, count = (sum(getattr(s, k) for s in found) for k in ("whole", "count"))
-    return f"{whole} of {plural(count, 'run')} follow the exact motion to its end"
+    return f"{whole} of {plural(count, 'run')} follow{'s' if count == 1 else ''} the exact motion to its end"
 
 
 @dataclass(frozen=True)

@@ -31,7 +31,9 @@ def write(results: Results, site: Site) -> Page | None:
     found = broad(results, site.frontiers)
     races = costs(results, found, site.url)
     stages = [site.scenes[p.title] for p in one_a_problem(picture) if p.title in site.scenes]
-    first = next((k for k, r in enumerate(races) if stages and r["problem"] == stages[0]["problem"]), 0)
+    on = stages[0] if stages else {}
+    near = [k for key in ("slug", "problem") for k, r in enumerate(races) if r[key] == on.get(key)]
+    first = near[0] if near else 0
     target = default_target(races[first]) if races else 0
     data = {"costs": races, "stages": stages, "cells": _cells(results, site, picture), "first": first, "target": target,
             "colours": {s: k.colour for s, k in site.looks.items()}}  # fmt: skip
