@@ -12,7 +12,7 @@ from ...model.heat import Box, Heat, heat
 from ...model.margin import LEVELS
 from ...model.results import Results, grouped
 from ...model.scores import unpredictable
-from ...model.variants import broadest
+from ...model.variants import broadest, mechanisms
 from ...model.words import number, plural, seconds
 from ...plots.browser import Steps
 from ...plots.spec import Plot
@@ -53,10 +53,9 @@ def write(results: Results, site: Site) -> Page | None:
 
 def lead(results: Results) -> str:
     """What was run, and how many claim success without reason."""
-    problems = len({p.problem for p in results.variants})
     ran = [c for c in results.runs if not c.unfinished and c.status != "refused"]
     wrong = sum(c.status == "wrong" for c in ran)
-    said = f"{plural(len(results.solvers), 'solver')} on {plural(problems, 'mechanism')} whose exact motion is known: "
+    said = f"{plural(len(results.solvers), 'solver')} on {mechanisms(results)}: "
     one = "says success and is" if wrong == 1 else "say success and are"
     return f"{said}{wrong} of {plural(len(ran), 'run')} {one} wrong."
 

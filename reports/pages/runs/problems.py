@@ -22,7 +22,7 @@ from ...model.heat import best_and_worst, boxes_of
 from ...model.motion import Motion, motion_of
 from ...model.results import Results, Run, Variant
 from ...model.scores import Score, score, unpredictable
-from ...model.variants import broadest, groups_of, themselves, variant_groups
+from ...model.variants import broadest, groups_of, mechanisms, themselves, variant_groups
 from ...model.words import NONE, number, plural, time, unit
 from ...plots.laws import Drawing, errors, invariants, laws, observables
 from ...plots.lines import EVER, lines_of
@@ -155,8 +155,7 @@ def write(results: Results, site: Site) -> Page | None:
         _write(results, site, variant, label, SPANS_UPPER if variant.title in plain else SPANS_VARIANT)
     cards = [MechanismCard(p, _drawn(results, p), about_problem(p.problem), best_and_worst(boxes_of(p, label)),
                            score(p.runs)) for p in results.variants if p.title in plain]  # fmt: skip
-    problems = len({p.problem for p in results.variants})
-    title = f"{plural(problems, 'mechanism')} whose exact motion is known" if problems else "Mechanisms"
+    title = mechanisms(results)
     return site.write(Page("Mechanisms", "mechanisms.html", nav=True, order=10), "mechanisms.html", cards=cards,
                       title=title, unpredictable=unpredictable(results),
                       apart=[(v, score(v.runs)) for v in variant_groups(results, label)])  # fmt: skip

@@ -59,7 +59,7 @@ def test_the_same_settings_play_once():
 
 
 def test_every_failure_is_on_stage_before_more_successes():
-    """With more solvers than places: the best, the middle, the worst, then who is wrong or stopped, whatever its name."""
+    """With more solvers than places: the best, the middle, the worst, then who is wrong or stopped."""
     runs = [record(f"s{k:02}", f"s{k:02}", energy_drift_max_J=10.0 ** (k - 20)) for k in range(15)]
     lost = [record("w", "zz", "wrong"), record("d", "zy", "diverged"), record("i", "zx", "inaccurate")]
     chosen, _ = cast(variant(*runs, *lost), [c.run_id for c in (*runs, *lost)])
