@@ -13,7 +13,7 @@
       if (MBS[file]) return done();
       document.body.append(make("script", { src: `data/${file}.js`, onload: done }));
     });
-    const show = async (k) => {
+    const show = async (k, asked = true) => {
       const s = data.stages[k];
       await load(k);
       loaded[k] ||= MBS.stage(await MBS.unpack(MBS[s.file]));
@@ -25,6 +25,7 @@
       show.now = k;
       Object.assign($("[data-problem]"), { textContent: s.problem, href: `problem-${s.slug}.html` });
       stage.show(loaded[k]);
+      if (!asked) return;
       const race = data.costs.findIndex((r) => r.slug === s.slug), same = data.costs.findIndex((r) => r.problem === s.problem);
       if (race >= 0 || same >= 0) choose(race >= 0 ? race : same);
     };
@@ -37,7 +38,7 @@
     near.observe(canvas);
     MBS.onTheme(drawMinis);
     drawMinis();
-    setTimeout(() => show(0));
+    show(0, false);
   }
 
   // the race: at an error, on a problem

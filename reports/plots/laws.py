@@ -57,7 +57,7 @@ class Drawing:
         own = [line for line in main if line.run.record.label == self.label] or main
         found = [(float(np.max(c.y[c.t <= until], initial=0.0)), line.run.record.solver)
                  for line in own if (c := of(self.motions[line.run.record.run_id])) is not None and len(c)]  # fmt: skip
-        return [min(found), max(found)][: len(found)]
+        return [min(found), max(found)][: len(found)] if found else []
 
     def scale(self, column: str) -> float:
         values = [getattr(c.record, column) for c in self.runs]
@@ -141,8 +141,11 @@ def observables(d: Drawing) -> Chapter | None:
         caption = f"Smallest and largest of each span; {'the thin line is the' if known else 'there is no'} reference."
         own = traces(d.lines, d.motions, of, (2 * low - high, 2 * high - low))
         axis = Axis(name, in_unit, low=low, high=high)
+        off = " to ".join(
+            f"{number(v)} {in_unit} ({who})".replace("  ", " ") for v, who in d.extremes(_of("away", name))
+        )
         plots.append(Plot(f"obs-{name}", name, caption, d.known if known else d.axis, axis, [*own, *known],
-                          focus=d.focus))  # fmt: skip
+                          focus=d.focus, finding=f"{name}: off by {off}" if off else ""))  # fmt: skip
         plots.append(d.log(f"away-{name}", f"{name}: distance from the reference", f"Magnitude, {d.largest}.",
                            Axis("|difference|", in_unit), _of("away", name), high - low, (), d.known))  # fmt: skip
     return _chapter("Observables", "Quantities that the problem defines for comparison.", plots)

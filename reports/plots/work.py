@@ -273,8 +273,12 @@ def profile_plot(found: Sequence[Profile], work: str) -> Plot:
         name = f"{p.solver}, {'best of its settings' if p.tuned else 'default settings'}: {len(p.at)} of {p.total}"
         traces.append(Trace(name, *steps_of(p, right), solver=p.solver, dash=0 if p.tuned else 2))
     words, unit = named(work)
+    best = sorted((p for p in own if p.tuned), key=lambda p: (-len(p.at), p.solver))
+    finding = f"{best[0].solver} reaches {len(best[0].at)} of {best[0].total} targets" if best else ""
+    focus = chosen([p.solver for p in best], lambda s: looks([s])[s].family)
     return Plot(f"profile-{work}", f"Targets reached over {words}", "", Axis(words, unit, log=True, high=right),
-                Axis("share of all targets reached", "", low=0.0, high=1.02), tuple(traces), wide=True)  # fmt: skip
+                Axis("share of all targets reached", "", low=0.0, high=1.02), tuple(traces), wide=True, focus=focus,
+                finding=finding)  # fmt: skip
 
 
 def named(work: str) -> tuple[str, str]:

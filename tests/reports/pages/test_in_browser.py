@@ -115,7 +115,7 @@ def test_a_link_to_a_hidden_claim_brings_it_back(browser, folder):
     tab.close()
 
 
-@pytest.mark.parametrize("page", ["cost.html", "solver-alpha.html", "atlas.html"])
+@pytest.mark.parametrize("page", ["cost.html", "solver-alpha.html"])
 def test_plots_are_drawn(browser, folder, page):
     tab = browser.open(folder / page)
     tab.evaluate(OPEN)
