@@ -9,6 +9,8 @@ import numpy as np
 from ...harness.results.work import evaluations, index_1_evaluations, operations
 from ..model.accuracy import measure_for
 from ..model.focus import chosen
+from ..model.frontier import SOUND
+from ..model.frontier import least as cheapest
 from ..model.results import Run, Variant, grouped
 from ..model.words import decade, number, seconds
 from .palette import looks
@@ -119,7 +121,7 @@ def work_plots(name: str, points: Sequence[Point], pairs: Sequence[tuple[str, st
 
 @dataclass(frozen=True)
 class Race:
-    """What each solver's cheapest run within ``target`` costs, the cheapest solver first, and who has none."""
+    """What ``target`` costs each solver, as on all pages; the cheapest first, and who does not get there."""
 
     target: float
     costs: Sequence[tuple[float, str]]
@@ -145,13 +147,16 @@ class Race:
 def race(points: Sequence[Point], work: str, error: str) -> Race:
     """At the tightest power of ten that at least half of the solvers get below."""
     solvers = sorted({p.solver for p in points})
-    sound = [p for p in points if p.status in ("success", "inaccurate")]
+    sound = [p for p in points if p.status in SOUND]
     least = sorted(min((p.errors[error] for p in sound if p.solver == s), default=math.inf) for s in solvers)
     middle = least[(len(least) - 1) // 2]
     target = 10.0 ** max(math.ceil(math.log10(middle)), -15) if 0.0 < middle < math.inf else 1e-15
-    within = grouped((p for p in sound if p.errors[error] <= target), lambda p: p.solver)
-    costs = sorted((min(p.works[work] for p in own), s) for s, own in within.items())
-    return Race(target, costs, [s for s in solvers if s not in within])
+    best: dict[str, float] = {}
+    for own in grouped((p for p in sound if p.works[work] > 0.0), lambda p: (p.solver, p.method)).values():
+        ladder = [(p.errors[error], p.works[work]) for p in sorted(own, key=lambda p: -p.size)]
+        if found := cheapest(ladder, target):
+            best[own[0].solver] = min(found[0], best.get(own[0].solver, math.inf))
+    return Race(target, sorted((v, s) for s, v in best.items()), [s for s in solvers if s not in best])
 
 
 def _front(points: Sequence[Point], work: str) -> list[Trace]:
