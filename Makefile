@@ -5,9 +5,9 @@ BIN := $(VENV)/bin
 READY := $(VENV)/.ready
 CLUSTER := $(VENV)/.ready-cluster
 ENGINES := $(VENV)/.ready-engines
+DOCS := $(VENV)/.ready-docs
 RESULTS ?= latest
 PROBLEM ?= chain
-OUT ?= $(PROBLEM).gif
 PICTURES ?= docs/images
 SHORTEST := $(addprefix tests/, harness/mechanics/test_joints.py harness/mechanics/test_presentation.py harness/suites \
 	harness/sandbox/test_clock.py harness/sandbox/test_cheats.py harness/test_shapes.py solvers/test_strong_form.py)
@@ -21,7 +21,7 @@ moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; whil
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-python test-engines engines test-slow browser check format bench bench-kernels gate report paper figures pictures joints animate clean
+.PHONY: help setup test test-python test-engines engines test-slow browser check docs format bench bench-kernels gate report paper figures pictures joints clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -64,7 +64,14 @@ $(ENGINES): requirements-engines.lock $(READY)
 engines: $(ENGINES) ## install other people's engines (requirements-engines.lock)
 
 test-engines: $(ENGINES) ## run the tests of the engines and of mechanisms from files (installs them)
-	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/peers
+	$(BIN)/python -m pytest -q -n 2 --benchmark-disable tests/solvers/engines tests/harness/races
+
+$(DOCS): requirements-docs.lock $(READY)
+	$(call moving,$(PIP) -r requirements-docs.lock,installing requirements-docs.lock)
+	@touch $@
+
+docs: $(DOCS) ## build the documentation as a site, results/local/site; a broken link fails
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
 
 check: $(READY) ## check lint, format, types and import layers
 	$(BIN)/ruff check .
@@ -96,7 +103,7 @@ paper: $(READY) ## judge the paper (an hour on two cores): run or resume the sui
 figures: $(READY) ## publication figures and tables of RESULTS (the newest), or of one PROBLEM of them
 	$(BIN)/mbsbench figures $(RESULTS) $(if $(filter command line environment,$(origin PROBLEM)),--only $(PROBLEM))
 
-pictures: $(READY) ## the pictures of the README, from RESULTS (the newest)
+pictures: $(READY) ## the pictures of the README and docs/judging.md, from RESULTS (the newest)
 	$(BIN)/mbsbench figures $(RESULTS) --only chain | tee /dev/stderr | sed -n 's/^figures: //p' > $(VENV)/.figures
 	cp "$$(cat $(VENV)/.figures)/overview.svg" $(PICTURES)/overview.svg
 	cp "$$(cat $(VENV)/.figures)/chain/chain-recommended-energy.svg" $(PICTURES)/chain.svg
@@ -104,19 +111,15 @@ pictures: $(READY) ## the pictures of the README, from RESULTS (the newest)
 joints: $(READY) ## the pictures of the joints in docs/joints-and-forces.md, from their rows
 	$(BIN)/python docs/draw_joints.py $(PICTURES)/joints
 
-animate: $(READY) ## animation of PROBLEM (chain) of RESULTS (the newest) as OUT (chain.gif)
-	$(BIN)/mbsbench animate $(RESULTS) --problem $(PROBLEM) --out $(OUT)
-
 report: $(READY) ## write the report of the newest results
 	$(BIN)/mbsbench report
 
 gate: $(READY) ## run the suite `ci` and compare it with results/baselines/ci.toml
 	$(BIN)/mbsbench gate
 
-bench-kernels: $(READY) ## time the kernels and compare with results/baselines/kernels.json
-	@mkdir -p results/local/kernels
-	$(BIN)/python -m pytest -q tests/benchmarks --benchmark-only --benchmark-json results/local/kernels/$$(date -u +%Y%m%d-%H%M%S).json
-	$(BIN)/mbsbench kernels compare
+bench-kernels: $(READY) ## time the kernels and compare with the last timings of this machine
+	$(BIN)/python -m pytest -q tests/benchmarks --benchmark-only --benchmark-autosave --benchmark-storage results/local/kernels \
+		$(if $(wildcard results/local/kernels/*),--benchmark-compare)
 
 clean: ## remove results/local and caches; keep .venv
 	rm -rf results/local .pytest_cache .hypothesis .benchmarks .mypy_cache .ruff_cache .import_linter_cache

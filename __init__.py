@@ -8,11 +8,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from .harness.api import Results as Results
-    from .harness.api import Run as Run
-    from .harness.api import load as load
-    from .harness.api import scipy as scipy
-    from .harness.api import solve as solve
+    from .api import Results as Results
+    from .api import Run as Run
+    from .api import load as load
+    from .api import scipy as scipy
+    from .api import solve as solve
     from .harness.catalogue.functions import rhs as rhs
     from .harness.catalogue.functions import step as step
     from .harness.catalogue.options import Parameter as Parameter
@@ -81,7 +81,7 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = _HOME[name]
-    path = f".{home}" if home.startswith("solvers.") else f".harness.{home}"
+    path = f".{home}" if home.startswith(("api", "solvers.")) else f".harness.{home}"
     found = import_module(path, __name__)
     value = import_module(f"{path}.{name}", __name__) if home == "mechanics" else getattr(found, name)
     globals()[name] = value

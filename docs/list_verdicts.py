@@ -1,28 +1,23 @@
-"""Writes verdicts into the pages that quote them: README's table, and each claim before and now with the reason.
+"""The verdict on each claim before and now, for the site; or writes what was published before into its data.
 
-    python docs/list_verdicts.py                        # after mbsbench judge --publish
-    python docs/list_verdicts.py --before OLD.json      # OLD.json: git show COMMIT:results/published/claims.json
+    python docs/list_verdicts.py OLD.json      # git show COMMIT:results/published/claims.json
 
-What was published before and why it changed is in ``docs/decisions/verdicts.toml``: ``before`` is written by
-``--before``, ``reasons`` by hand.
+What was published before and why it changed is in ``docs/decisions/verdicts.toml``: ``before`` is written by this
+command, ``reasons`` by hand.
 """
 
 import argparse
 import json
-import re
 import tomllib
 from pathlib import Path
 from typing import Any
 
-from mbsbench.harness.results.judgements.claims import Claim, Finding
-from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read
+from mbsbench.harness.results.judgements.claims import Finding
+from mbsbench.harness.results.judgements.files import CLAIMS, PUBLISHED, read_judgement
 from mbsbench.reports.model.claim_words import share
 
 ROOT = Path(__file__).resolve().parents[1]
-README, PAGE = ROOT / "README.md", ROOT / "docs" / "decisions" / "verdicts.md"
-DATA = PAGE.with_suffix(".toml")
-ROW = re.compile(r"^\| `([\w-]+)` \| ([^|]+) \| [^|]* \| [^|]* \|$", re.MULTILINE)
-TABLE = re.compile(r"(?<=<!-- verdicts -->\n).*?(?=<!-- end of verdicts -->)", re.DOTALL)
+DATA = ROOT / "docs" / "decisions" / "verdicts.toml"
 
 
 def cell(finding: Finding | None) -> str:
@@ -30,19 +25,10 @@ def cell(finding: Finding | None) -> str:
     return f"{finding.verdict} {share(finding)}".strip() if finding else "–"
 
 
-def readme(text: str, claims: dict[str, Claim]) -> str:
-    """The README with the two verdicts of each claim in its table."""
-
-    def row(found: re.Match[str]) -> str:
-        name, words = found.groups()
-        c = claims.get(name)
-        return f"| `{name}` | {words} | {cell(c.paper)} | {cell(c.beyond)} |" if c else found[0]
-
-    return ROW.sub(row, text)
-
-
-def table(data: dict[str, Any], claims: dict[str, Claim]) -> str:
+def table() -> str:
     """Every claim before and now; a reason stands where one is given."""
+    data = tomllib.loads(DATA.read_text(encoding="utf-8"))
+    claims = {c.id: c for c in read_judgement(CLAIMS, PUBLISHED)}
     before, reasons = data.get("before", {}), data.get("reasons", {})
     rows = ["| claim | published before | at the paper's settings | beyond them | reason |", "|---|---|---|---|---|"]
     for name in dict.fromkeys([*claims, *before]):
@@ -68,17 +54,11 @@ def with_before(text: str, before: dict[str, str]) -> str:
 
 
 def main() -> None:
-    """Write the pages."""
-    parser = argparse.ArgumentParser(description="Write the published verdicts into README.md and verdicts.md.")
-    parser.add_argument("--before", type=Path, metavar="OLD.json", help="claims.json published before")
-    given = parser.parse_args()
-    if given.before:
-        old = earlier(json.loads(given.before.read_text(encoding="utf-8")))
-        DATA.write_text(with_before(DATA.read_text(encoding="utf-8"), old), encoding="utf-8")
-    claims = {c.id: c for c in read(CLAIMS, PUBLISHED)}
-    README.write_text(readme(README.read_text(encoding="utf-8"), claims), encoding="utf-8")
-    found = table(tomllib.loads(DATA.read_text(encoding="utf-8")), claims)
-    PAGE.write_text(TABLE.sub(lambda _: found, PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    """Write the data."""
+    parser = argparse.ArgumentParser(description="Write what was published before into verdicts.toml.")
+    parser.add_argument("old", type=Path, metavar="OLD.json", help="claims.json published before")
+    old = earlier(json.loads(parser.parse_args().old.read_text(encoding="utf-8")))
+    DATA.write_text(with_before(DATA.read_text(encoding="utf-8"), old), encoding="utf-8")
 
 
 if __name__ == "__main__":

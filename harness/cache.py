@@ -1,4 +1,4 @@
-"""Where computed things are kept between runs: in the checkout or, once installed, in the user's cache folder.
+"""Folders that keep computed things between runs: in the checkout or, once installed, in the user's cache.
 
 Nothing is written beside installed modules: that folder may be shared or read-only.
 """

@@ -35,7 +35,7 @@ def parse_toml(text: str, where: str, error: type[ValueError] = FileError) -> di
         return tomllib.loads(text)
     except RecursionError:
         raise error(f"{where}: nested too deeply") from None
-    except ValueError as e:  # a number of thousands of digits is none of TOML's own errors
+    except ValueError as e:  # huge integers raise ValueError, not TOMLDecodeError
         raise error(f"{where}: {e}") from None
 
 
@@ -61,12 +61,12 @@ def printable(text: str) -> str:
 
 
 def exact(value: Any) -> Any:
-    """For JSON that must be read back as it was: NaN and infinities as text, which ``float`` takes."""
+    """A value for JSON that is read back as it was: NaN and infinities as text, which ``float`` takes."""
     return str(float(value)) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def partial_of(path: Path, pid: int) -> Path:
-    """Where process ``pid`` writes what will be ``path``."""
+    """The file that process ``pid`` writes before it becomes ``path``."""
     return path.with_name(partial_name(path.name, pid))
 
 

@@ -69,7 +69,7 @@ class Place:
     def kind(self) -> str:
         """``a file``, ``a folder``, ``a link`` and so on; empty where there is nothing."""
         try:
-            with self.parent._opened() as above:
+            with self.parent._open_folder() as above:
                 return _kind(above, self.name) if self.parts else "a folder"
         except (FileNotFoundError, NotADirectoryError):  # the latter of the results folder alone: it is a file
             return ""
@@ -77,7 +77,7 @@ class Place:
     def is_there(self) -> bool:
         """Whether there is a file or folder; NotOwn for anything else."""
         if (kind := self.kind()) not in OWN:
-            raise self._refusal(kind)
+            raise self._refuse(kind)
         return bool(kind)
 
     def is_own_file(self) -> bool:
@@ -91,29 +91,29 @@ class Place:
     def names(self) -> list[str]:
         """The names in this folder, sorted; none where there is no such folder."""
         try:
-            with self._opened() as here:
+            with self._open_folder() as here:
                 return sorted(os.listdir(here))
         except FileNotFoundError:
             return []
 
     def make(self) -> None:
         """Make this folder and those above it, up to the results folder, which must be there."""
-        with self._opened(make=True):
+        with self._open_folder(make=True):
             pass
 
     def open_file(self, flags: int = os.O_RDONLY) -> BinaryIO:
         """The file, opened with ``flags``; NotOwn for anything else than a regular file."""
-        with self.parent._opened() as above:
+        with self.parent._open_folder() as above:
             return self._open_in(above, flags)
 
     def _open_in(self, above: int, flags: int) -> BinaryIO:
         try:
             descriptor = os.open(self.name, flags | ALWAYS, 0o666, dir_fd=above)
         except OSError as error:
-            raise self._explained(error, above) from None
+            raise self._explain(error, above) from None
         if not stat.S_ISREG(mode := os.fstat(descriptor).st_mode):
             os.close(descriptor)
-            raise self._refusal(KINDS.get(stat.S_IFMT(mode), "no regular file"))
+            raise self._refuse(KINDS.get(stat.S_IFMT(mode), "no regular file"))
         return os.fdopen(descriptor, "rb" if flags & 3 == os.O_RDONLY else "r+b", buffering=-1)
 
     def size(self) -> int:
@@ -129,7 +129,7 @@ class Place:
     def contents(self, largest: int) -> Iterator[tuple[str, bytes | OSError]]:
         """Each name in this folder that begins with no dot, sorted, with the content of the file or why it has none."""
         names = [name for name in self.names() if not name.startswith(".")]
-        with self._opened() as here:
+        with self._open_folder() as here:
             for name in names:
                 place = self / name
                 try:
@@ -152,10 +152,10 @@ class Place:
         disk then, which takes milliseconds; what can be made again need not be.
         """
         partial = partial_name(self.name, os.getpid())
-        with self.parent._opened(make=True) as above:
+        with self.parent._open_folder(make=True) as above:
             if (kind := _kind(above, self.name)) not in ("", "a file"):
-                raise self._refusal(kind)
-            with self._made(partial, above) as file:
+                raise self._refuse(kind)
+            with self._create(partial, above) as file:
                 try:
                     yield file
                     file.flush()
@@ -174,15 +174,15 @@ class Place:
 
     def open_new(self) -> BinaryIO:
         """A new, empty file in place of an old one; what is written is appended."""
-        with self.parent._opened(make=True) as above:
+        with self.parent._open_folder(make=True) as above:
             if (kind := _kind(above, self.name)) not in ("", "a file"):
-                raise self._refusal(kind)
-            return self._made(self.name, above, os.O_APPEND)
+                raise self._refuse(kind)
+            return self._create(self.name, above, os.O_APPEND)
 
     def remove_file(self, *, missing_ok: bool = False) -> None:
         """Remove the file, or whatever has its name, a folder with all in it; a link goes, not what it leads to."""
         try:
-            with self.parent._opened() as above:
+            with self.parent._open_folder() as above:
                 if _kind(above, self.name) == "a folder":
                     shutil.rmtree(self.name, dir_fd=above)
                 else:
@@ -194,16 +194,16 @@ class Place:
     def remove_folder(self) -> None:
         """Remove this folder, if it is there, and all in it; links in it go, not what they lead to."""
         if self.is_folder():
-            with self.parent._opened() as above:
+            with self.parent._open_folder() as above:
                 shutil.rmtree(self.name, dir_fd=above)
 
     def move_to(self, target: "Place") -> None:
         """Rename whatever has this name to ``target``, whose folder is made."""
-        with self.parent._opened() as here, target.parent._opened(make=True) as there:
+        with self.parent._open_folder() as here, target.parent._open_folder(make=True) as there:
             os.rename(self.name, target.name, src_dir_fd=here, dst_dir_fd=there)
 
     @contextmanager
-    def _opened(self, *, make: bool = False) -> Iterator[int]:
+    def _open_folder(self, *, make: bool = False) -> Iterator[int]:
         """A descriptor of this folder."""
         at = os.open(self.root, FOLDER)
         try:
@@ -214,27 +214,27 @@ class Place:
                 try:
                     below = os.open(part, FOLDER | os.O_NOFOLLOW, dir_fd=at)
                 except OSError as error:
-                    raise Place(self.root, self.parts[: k + 1])._explained(error, at, "a folder") from None
+                    raise Place(self.root, self.parts[: k + 1])._explain(error, at, "a folder") from None
                 os.close(at)
                 at = below
             yield at
         finally:
             os.close(at)
 
-    def _made(self, name: str, above: int, more: int = 0) -> BinaryIO:
+    def _create(self, name: str, above: int, more: int = 0) -> BinaryIO:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(name, dir_fd=above)
         flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | more | ALWAYS
         return os.fdopen(os.open(name, flags, 0o666, dir_fd=above), "w+b")
 
-    def _explained(self, error: OSError, above: int, wanted: str = "a file") -> OSError:
-        """What is in the way, for the message alone."""
+    def _explain(self, error: OSError, above: int, wanted: str = "a file") -> OSError:
+        """The error with what stands in the way."""
         kind = _kind(above, self.name)
         if kind not in ("", wanted):
-            return self._refusal(kind)
+            return self._refuse(kind)
         return OSError(error.errno, error.strerror, str(self))
 
-    def _refusal(self, kind: str) -> NotOwn:
+    def _refuse(self, kind: str) -> NotOwn:
         words = f"it is {kind}; a results folder holds files and folders of its own only: remove it"
         return NotOwn(errno.EINVAL, words, str(self))
 
@@ -245,7 +245,7 @@ def place_of(path: Path | Place) -> Place:
 
 
 def partial_name(name: str, pid: int) -> str:
-    """What process ``pid`` calls a file that will be ``name``; the suffix, by which programs know a format, stays."""
+    """The name that process ``pid`` gives a file before it becomes ``name``; the suffix stays."""
     path = Path(name)
     return f".{path.stem}.{pid}.part{path.suffix}"
 

@@ -34,7 +34,7 @@ WORDS = {
 
 
 class Shape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What is read from a file: typed, read-only, no key but the fields."""
+    """Content of a file: typed, read-only, with no key but the fields."""
 
 
 def shaped(plain: Any, kind: type[T], where: str, error: type[ValueError] = FileError) -> T:
@@ -42,21 +42,21 @@ def shaped(plain: Any, kind: type[T], where: str, error: type[ValueError] = File
     try:
         return msgspec.convert(plain, kind)
     except msgspec.ValidationError as e:
-        said = _fault(plain, kind, str(e))
+        said = _find_fault(plain, kind, str(e))
     except RecursionError:
         said = ["nested too deeply"]
     raise error(": ".join([where, *said])) from None
 
 
-def _fault(plain: Any, kind: Any, said: str) -> list[str]:
+def _find_fault(plain: Any, kind: Any, said: str) -> list[str]:
     """The place and what is wrong there: ``["runs 2", "label must be ..."]`` for ``... - at `$.runs[1].label```."""
     words, _, path = said.partition(" - at `$")
     at: list[str] = []
     for field, index in re.findall(r"\.(\w+)|\[([\d.]+)\]", path):
         if index == "...":  # the library does not say which entry of a table: the first that does not fit
             kind = _part(kind, {})
-            key, value, inside = next((k, v, e) for k, v in plain.items() if (e := _misfit(v, kind)))
-            return [*at, key, *_fault(value, kind, inside)]
+            key, value, inside = next((k, v, e) for k, v in plain.items() if (e := _describe_misfit(v, kind)))
+            return [*at, key, *_find_fault(value, kind, inside)]
         kind, plain = _part(kind, field or 0), plain[field or int(index)]
         if field:
             at.append(field)
@@ -70,10 +70,10 @@ def _fault(plain: Any, kind: Any, said: str) -> list[str]:
         return [*at[:-1], f"unknown {at[-1]} {plain!r}{nearest(str(plain), _choices(kind))}"]
     if not words.startswith("Expected") and "out of range" not in words:  # a rule between fields, of __post_init__
         return [*at, words]
-    return [*at[:-1], " ".join([*at[-1:], _must(words, plain, kind)])]
+    return [*at[:-1], " ".join([*at[-1:], _describe_type(words, plain, kind)])]
 
 
-def _misfit(plain: Any, kind: Any) -> str:
+def _describe_misfit(plain: Any, kind: Any) -> str:
     try:
         msgspec.convert(plain, kind)
     except msgspec.ValidationError as e:
@@ -81,7 +81,7 @@ def _misfit(plain: Any, kind: Any) -> str:
     return ""
 
 
-def _must(words: str, plain: Any, kind: Any) -> str:
+def _describe_type(words: str, plain: Any, kind: Any) -> str:
     """``must be a number > 0 (got -1)``."""
     got = shown(plain)
     described = [m.description for o in (kind, *_options(kind)) for m in get_args(o)[1:] if isinstance(m, Meta)]

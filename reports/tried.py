@@ -1,4 +1,4 @@
-"""The page of ``mbsbench try``: one file, with all lines and the charts of the reports behind them."""
+"""The page of ``mbsbench try``: one file, with all findings and the charts of the reports behind them."""
 
 import base64
 import math
@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 from jinja2 import Environment, FileSystemLoader
@@ -15,6 +14,7 @@ from matplotlib.figure import Figure
 
 from ..harness.files import write_text
 from ..harness.places import Place
+from ..harness.results.findings import Finding
 from ..harness.results.judgements.runs import Order
 from .model.followed import followed
 from .model.frontier import frontiers, of_most_problems
@@ -36,26 +36,6 @@ TEMPLATES = Path(__file__).parent / "templates"
 QUANTITIES = ("position", "orientation", "energy", "reaction")
 
 
-class Line(Protocol):
-    """A finding, of ``try``."""
-
-    @property
-    def what(self) -> str:
-        """What was looked at."""
-
-    @property
-    def measured(self) -> str:
-        """The number, in words."""
-
-    @property
-    def expected(self) -> str:
-        """What it is compared with."""
-
-    @property
-    def good(self) -> bool | None:
-        """Whether it is met; None where nothing is expected."""
-
-
 @dataclass(frozen=True)
 class Chart:
     """A figure with its caption, as the address of an image that the page contains."""
@@ -66,16 +46,16 @@ class Chart:
 
 @dataclass(frozen=True)
 class Tried:
-    """What ``try`` found: a line each, how many are met in words, and the orders behind them."""
+    """The findings of ``try``, how many are met in words, and the orders behind them."""
 
     solver: str
     summary: str
-    lines: Sequence[Line]
+    findings: Sequence[Finding]
     orders: Sequence[Order]
 
 
 def write_page(path: Path, folder: Path, found: Tried) -> None:
-    """Write ``path``: the certificate card, the lines, orders, energy over the long run, work against error."""
+    """Write ``path``: the certificate card, findings, orders, energy over the long run, and work against error."""
     results = read_results(folder, check_series=False)
     template = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template("tried.html")
     charts = list(_charts(results, found.orders))

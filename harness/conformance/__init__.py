@@ -1,1 +1,1 @@
-"""What a solver or a problem must satisfy, each requirement with its measured number."""
+"""Requirements on solvers and problems (``check``), and the assessment of a solver (``try``): findings with numbers."""

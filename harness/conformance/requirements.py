@@ -1,29 +1,10 @@
-"""Requirements on solvers and problems, what is measured for them, and what becomes of them."""
+"""Requirements on solvers and problems, and the findings on them."""
 
-import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-
-@dataclass(frozen=True)
-class Measured:
-    """A number and where it must lie; ``words`` say where it was found, or why there is none."""
-
-    value: float = math.nan
-    unit: str = ""
-    least: float = -math.inf
-    most: float = math.inf
-    words: str = ""
-    good: bool = True  # False where the number alone does not show what is wrong
-    tested: bool = True  # False where there was nothing to test
-    remedy: str = ""  # instead of the requirement's, where the cause is known
-    cause: str = ""  # of a failure that has nothing to do with the requirement: runs that crashed, code that raised
-
-    @property
-    def holds(self) -> bool:
-        """Within its limits, or not tested; NaN is outside."""
-        return not self.tested or (self.good and self.least <= self.value <= self.most)
+from ..results.findings import Finding, leave_open
 
 
 @dataclass(frozen=True)
@@ -33,36 +14,17 @@ class Requirement:
     name: str
     why: str
     remedy: str
-    measure: Callable[[Any], Measured]
+    measure: Callable[[Any], Finding]
     of_reference: bool = False
 
 
-def said_once(found: Iterable[Measured]) -> list[Measured]:
-    """What fails for a cause that was named before is not tested: one cause, one line."""
-    out, causes = list[Measured](), set[str]()
-    for m in found:
-        again = bool(m.cause) and not m.holds and m.cause in causes
-        out.append(replace(m, tested=False, words="not tested: see above", remedy="") if again else m)
-        causes |= {m.cause} - {""} if not m.holds else set()
+def assign_findings(subject: str, requirements: Sequence[Requirement], found: Iterable[Finding]) -> list[Finding]:
+    """Findings with their requirements; a failure whose cause was named before is left open: one cause, one line."""
+    out, causes = list[Finding](), set[str]()
+    for r, f in zip(requirements, found, strict=True):
+        repeated = bool(f.cause) and not f.holds and f.cause in causes
+        causes |= {f.cause} if not f.holds else set()
+        f = leave_open("not tested: see above") if repeated else f
+        required = replace(f.required, why=r.why, remedy=f.required.remedy or r.remedy)
+        out.append(replace(f, subject=subject, measured=replace(f.measured, quantity=r.name), required=required))
     return out
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What was measured for a requirement on the solver or problem ``entry``."""
-
-    entry: str
-    requirement: Requirement
-    measured: Measured
-
-    def plain(self) -> dict[str, Any]:
-        """For JSON."""
-        r, m = self.requirement, self.measured
-        return {
-            "entry": self.entry,
-            "requirement": r.name,
-            "holds": m.holds,
-            **vars(m),
-            "why": r.why,
-            "remedy": m.remedy or r.remedy,
-        }

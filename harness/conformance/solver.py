@@ -10,11 +10,12 @@ from typing import Any
 
 from ..catalogue import registry
 from ..results import store
+from ..results.findings import Finding
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec, make_spec
 from ..suites.suite import Suite
 from . import trials
-from .requirements import Finding, Requirement, said_once
+from .requirements import Requirement, assign_findings
 
 BASE = "spherical_pendulum"
 MOVING = {"omega_x": 5.0, "omega_z": 3.0, "t_end": 1.0}  # spatial, loaded and spinning: every term counts
@@ -59,15 +60,14 @@ def suite_of(solver: str, plugins: tuple[str, ...]) -> Suite:
     return Suite(f"check-{solver}", "solver requirements", tuple(runs_of(solver).values()), "", plugins)
 
 
-def judged(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> list[Finding]:
-    """Every requirement, with what was measured."""
+def check_solver(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> list[Finding]:
+    """The findings on every requirement, from the records of its runs."""
     by_settings = {r.settings_id: r for r in records}
     mine = {role: by_settings[spec.settings_id] for role, spec in runs_of(solver).items()}
     series = {role: store.series_of(folder, r) for role, r in mine.items()}
     entry = registry.solvers()[solver]
     evidence = trials.Evidence(entry.control, float(getattr(entry.made(), "order", math.nan)), mine, series)
-    found = said_once(requirement.measure(evidence) for requirement in REQUIREMENTS)
-    return [Finding(solver, *pair) for pair in zip(REQUIREMENTS, found, strict=True)]
+    return assign_findings(solver, REQUIREMENTS, (requirement.measure(evidence) for requirement in REQUIREMENTS))
 
 
 def _run(
@@ -80,47 +80,48 @@ def _run(
 REQUIREMENTS = (
     Requirement("it succeeds or refuses",
         "easy problems with exact references: a success is checked against energy, constraints and the exact motion",
-        "see the reason given; `mbsbench solve` on that case shows its numbers and standard error", trials.ends_well),
+        "see the reason given; `mbsbench solve` on that case shows its numbers and standard error",
+        trials.check_endings),
     Requirement("it solves a problem", "a solver that refuses every problem cannot be tested", "see refuses()",
-        trials.takes_one),
+        trials.check_accepts),
     Requirement("a refusal has a reason", "tables print it instead of numbers",
-        "let refuses() return a sentence with the numbers, or None", trials.reasons),
+        "let refuses() return a sentence with the numbers, or None", trials.check_refusals),
     Requirement("errors fall with the declared order, or with rtol",
         "a scheme that does not converge solves another equation; reports compare runs with the declared order",
         "nearly 0: a missing term or wrong sign leaves an error that stays; lower: look for a stage or projection of "
-        "lower order, or declare the order observed", trials.converges),
+        "lower order, or declare the order observed", trials.check_order),
     Requirement("gyroscopic torque is Omega x J Omega",
         "three unequal inertias, spun about the middle one: this torque alone moves the body",
         "check Omega x J Omega in Euler's equations: J about C and Omega in the body frame, one factor, its sign",
-        trials.feels_spin),
+        trials.check_gyroscopic_torque),
     Requirement("reactions have one column per constraint row", "they are compared between solvers row by row",
         "return reaction of shape (nt, system.nrows), NaN for rows without one and at the start, or None",
-        trials.reaction_fits),
+        trials.check_reaction_shape),
     Requirement("reactions are those of the exact motion", "joint forces follow from m (a_C - g), whatever the solver",
         "A^T reaction is the force of the joints on the bodies: mind the sign, and the dt of a multiplier's impulse",
-        trials.reaction_holds),
+        trials.check_reactions),
     Requirement("errors of reactions fall with the steps, or with rtol",
         "a reaction of the step's beginning, or of another stage, is of first order: joint forces are late by a step",
-        "return the reaction that belongs to the state at the end of the step", trials.reactions_converge),
+        "return the reaction that belongs to the state at the end of the step", trials.check_reaction_order),
     Requirement("moments of its reactions are those of the exact motion",
         "moments about C follow from J Omega' + Omega x J Omega: axis rows carry them [N m], point rows by their arms",
-        "A^T reaction again: mind sign and unit of the rows of directions", trials.moments_hold),
+        "A^T reaction again: mind sign and unit of the rows of directions", trials.check_moments),
     Requirement("it records every step it counts", "drift, errors and step sizes are taken over all accepted steps",
-        "append every accepted step to t and states, and count those in counters['steps']", trials.records_all),
+        "append every accepted step to t and states, and count those in counters['steps']", trials.check_recording),
     Requirement("steps are no larger than dt or max_step", "a larger gap means steps left out, or a limit not kept",
-        "record every accepted step; cut the step at control.dt or control.max_step", trials.keeps_to_steps),
+        "record every accepted step; cut the step at control.dt or control.max_step", trials.check_step_limit),
     Requirement("the same run gives the same numbers", "results are compared bit for bit between runs",
         "seed what is random; keep no state between calls: options are frozen, buffers belong to one call",
-        trials.repeats),
+        trials.check_repeatability),
     Requirement("max_steps stops it", "a run that cannot be limited cannot be put in a suite",
         "count accepted steps; at control.max_steps return Status.STALLED with the steps so far",
-        trials.stops("few steps", most=MAX_STEPS)),
+        trials.check_stop("few steps", most=MAX_STEPS)),
     Requirement("it stops itself at the limit on CPU time",
         f"it is asked to stop at {0.9 * SHORT:g} s; what is killed loses its counters and its last steps",
         "check time.process_time() every step; past control.cpu_limit return Status.STALLED with the steps so far",
-        trials.stops("endless")),
+        trials.check_stop("endless")),
     Requirement("steps are kept when it is stopped",
         "a failure is a result: the motion up to it is measured and drawn",
         "return the accepted steps with the failure's status, or hand them to control.spool as they come",
-        trials.stops("endless", least=1, itself=False)),
+        trials.check_stop("endless", least=1, itself=False)),
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What a solver's runs show: each function measures one thing on their records and series."""
+"""Measurements on the records and series of a solver's runs, one a function."""
 
 import itertools
 import json
@@ -11,11 +11,11 @@ import numpy as np
 from ..catalogue import registry
 from ..metrics.reactions import exact_moment_on_bodies, instants_to_compare, moment_on_bodies
 from ..reference.computed import reference_of
+from ..results.findings import Finding, compare, fail, leave_open
 from ..results.records import RunRecord
 from ..results.series import Series
 from ..results.words import why
 from ..types import Problem, Status
-from .requirements import Measured
 
 WITHIN = 0.2  # of the declared order
 LEAST_ORDER = 0.8  # where none is declared: a first-order scheme may show a little less
@@ -49,65 +49,65 @@ class Evidence:
         return [r for r in self.records.values() if r.claimed and r.steps]
 
 
-def ends_well(e: Evidence) -> Measured:
-    """Neither success nor refused."""
+def check_endings(e: Evidence) -> Finding:
+    """Number of easy runs that neither succeed nor are refused."""
     easy = [r for r in e.of("easy") if r.status != Status.UNFINISHED]
     bad = [r for r in easy if r.status not in (Status.SUCCESS, Status.REFUSED)]
     open_ = [r for r in e.of("easy") if r.status == Status.UNFINISHED]
-    cause = _cause(bad[0]) if bad else ""
-    words, remedy = _first(bad or open_), CRASHED if cause else ""
-    return Measured(
+    cause = _cause_of_crash(bad[0]) if bad else ""
+    words, remedy = _describe_first(bad or open_), CRASHED if cause else ""
+    return compare(
         len(bad), f"of {len(easy)} runs failed", most=0, words=words, tested=bool(easy), remedy=remedy, cause=cause
     )
 
 
-def takes_one(e: Evidence) -> Measured:
-    """Neither refused nor crashed."""
+def check_accepts(e: Evidence) -> Finding:
+    """Number of easy runs that are neither refused nor crash."""
     easy = e.of("easy")
     refused, crashed = ([r for r in easy if r.status == s] for s in (Status.REFUSED, Status.CRASHED))
     if crashed and len(refused) + len(crashed) == len(easy):
-        return Measured(words=_first(crashed), cause=_cause(crashed[0]), remedy=CRASHED)
+        return fail(_describe_first(crashed), cause=_cause_of_crash(crashed[0]), remedy=CRASHED)
     taken = len(easy) - len(refused) - len(crashed)
-    return Measured(taken, f"of {len(easy)} runs taken", least=1, words=_first(refused))
+    return compare(taken, f"of {len(easy)} runs taken", least=1, words=_describe_first(refused))
 
 
-def reasons(e: Evidence) -> Measured:
-    """Refusals of less than two words."""
+def check_refusals(e: Evidence) -> Finding:
+    """Number of refusals with fewer than two words."""
     if all(r.status == Status.CRASHED for r in e.records.values()):
-        return Measured(words="all its runs crashed", tested=False)
+        return leave_open("all its runs crashed")
     silent = [r for r in e.records.values() if r.status == Status.REFUSED and len(r.message.split()) < 2]
-    return Measured(len(silent), "refusals without", most=0, words=_first(silent))
+    return compare(len(silent), "refusals without", most=0, words=_describe_first(silent))
 
 
-def converges(e: Evidence) -> Measured:
+def check_order(e: Evidence) -> Finding:
     """The order in dt at the finest halving, the best if errors reach a floor; or how they fall with rtol."""
     finer = e.of("finer")
-    if missing := _missing(*finer[1:]):
+    if missing := _find_missing(*finer[1:]):
         return missing
     finer = [r for r in finer if r.claimed == Status.SUCCESS]  # the first may be too coarse
     errors = [max(r.position_error_max_m / r.length_scale_m, r.orientation_error_max_rad) for r in finer]
     at = ", ".join(f"{r.dt_s if e.control == 'dt' else r.rtol:g}" for r in finer)
     words = f"errors {', '.join(f'{x:.3g}' for x in errors)} (of the length, or rad) at {e.control} {at}"
     if not np.all(np.isfinite(errors)):
-        return Measured(words=words)
+        return fail(words)
     seen = [x for x in errors if x >= ROUNDED]
     if len(seen) < 2:
-        return Measured(words=f"rounding alone: {words}", tested=False)
+        return leave_open(f"rounding alone: {words}")
     if e.control == "rtol":
         least = math.sqrt(finer[0].rtol / finer[-1].rtol)  # errors follow rtol^(p/(p + 1)) at order p >= 1
-        return Measured(errors[0] / max(errors[-1], ROUNDED), "times smaller", least=least, words=words)
+        return compare(errors[0] / max(errors[-1], ROUNDED), "times smaller", least=least, words=words)
     orders = [math.log2(a / b) for a, b in itertools.pairwise(seen)]
     order = orders[-1] if seen[-1] > ITERATED else max(orders)
     if math.isnan(e.order):
-        return Measured(order, "order, none declared", least=LEAST_ORDER, words=words)
+        return compare(order, "order, none declared", least=LEAST_ORDER, words=words)
     higher = "higher than declared: " if order > e.order + WITHIN else ""
-    return Measured(order, f"order, {e.order:g} declared", least=e.order - WITHIN, words=higher + words)
+    return compare(order, f"order, {e.order:g} declared", least=e.order - WITHIN, words=higher + words)
 
 
-def reactions_converge(e: Evidence) -> Measured:
+def check_reaction_order(e: Evidence) -> Finding:
     """The order of reactions in dt at the finest halving, or how their errors fall with rtol."""
     finer = e.of("finer")
-    if missing := _missing(*finer[1:]):
+    if missing := _find_missing(*finer[1:]):
         return missing
     finer = [r for r in finer if r.claimed == Status.SUCCESS and math.isfinite(r.reaction_size_N)]
     shares = [r.reaction_error_max_N / r.reaction_size_N for r in finer]
@@ -115,140 +115,142 @@ def reactions_converge(e: Evidence) -> Measured:
     at = ", ".join(f"{r.dt_s if e.control == 'dt' else r.rtol:g}" for r in finer)
     words = f"off by {', '.join(f'{x:.3g}' for x in shares)} of the largest at {e.control} {at}"
     if len(seen) < 2:
-        return Measured(words=f"rounding alone: {words}" if finer else "no reactions", tested=False)
+        return leave_open(f"rounding alone: {words}" if finer else "no reactions")
     (a, coarse), (b, fine) = (seen[-2], seen[-1]) if e.control == "dt" else (seen[0], seen[-1])
     if e.control == "rtol":
-        return Measured(a / b, "times smaller", least=math.sqrt(coarse.rtol / fine.rtol), words=words)
+        return compare(a / b, "times smaller", least=math.sqrt(coarse.rtol / fine.rtol), words=words)
     first = math.isnan(e.order) or e.order < REACTION_ORDER + WITHIN
     order = math.log(a / b) / math.log(coarse.dt_s / fine.dt_s)
-    return Measured(order, "order", least=LEAST_ORDER if first else REACTION_ORDER, words=words)
+    return compare(order, "order", least=LEAST_ORDER if first else REACTION_ORDER, words=words)
 
 
-def feels_spin(e: Evidence) -> Measured:
+def check_gyroscopic_torque(e: Evidence) -> Finding:
     """c of J Omega_dot = -c Omega x J Omega [N m], from its integral over the steps by least squares."""
     r, series = e.records["spinning"], e.series["spinning"]
-    if series is None or _missing(r):
-        return _missing(r) or Measured(words="no series")
+    if series is None or _find_missing(r):
+        return _find_missing(r) or fail("no series")
     inertia = _problem_of(r).system.inertia[0]
     Omega = np.stack([series[f"obs_Omega_{a}"] for a in "xyz"], axis=1)
     momentum = Omega @ inertia
     torque = np.cross(Omega, momentum)
     impulse = np.cumsum(0.5 * (torque[1:] + torque[:-1]) * np.diff(series["t"])[:, None], axis=0)
     share = -float(np.sum((momentum[1:] - momentum[0]) * impulse) / np.sum(impulse**2))
-    return Measured(share, "of Omega x J Omega", 1.0 - LOOSE_TORQUE, 1.0 + LOOSE_TORQUE, r.case)
+    return compare(share, "of Omega x J Omega", 1.0 - LOOSE_TORQUE, 1.0 + LOOSE_TORQUE, r.case)
 
 
-def reaction_fits(e: Evidence) -> Measured:
+def check_reaction_shape(e: Evidence) -> Finding:
     """Columns of reactions, of the first run where they are not the rows, or that come and go after the first step."""
-    out = Measured(words="no reactions", tested=False)
+    out = leave_open("no reactions")
     for role, series in e.series.items():
         if series is not None and "frame_reaction" in series and out.holds:
             r, rows = e.records[role], np.asarray(series["frame_reaction"])[1:]
             nrows, known = _problem_of(r).system.nrows, np.isfinite(rows.reshape(len(rows), -1))
             gaps = int(np.sum(np.any(known, axis=0) & ~np.all(known, axis=0)))
             words = f"{r.case}: {gaps} of them are NaN at some steps" if gaps else r.case
-            out = Measured(series["frame_reaction"][0].size, "columns", nrows, nrows, words, good=not gaps)
+            out = compare(series["frame_reaction"][0].size, "columns", nrows, nrows, words, good=not gaps)
     return out
 
 
-def reaction_holds(e: Evidence) -> Measured:
+def check_reactions(e: Evidence) -> Finding:
     """Error of the joint forces on a body over the largest exact one, at the finest step or tolerance."""
     r = e.of("finer")[-1]
-    if missing := _missing(r):
+    if missing := _find_missing(r):
         return missing
     words = f"off by {r.reaction_error_max_N:.3g} N of {r.reaction_size_N:.3g} N: {r.case}"
     known = math.isfinite(r.reaction_size_N)
     share = r.reaction_error_max_N / r.reaction_size_N
-    return Measured(
-        share, "of the largest", -math.inf, LOOSE_REACTION, words if known else "no reactions", tested=known
-    )
+    return compare(share, "of the largest", -math.inf, LOOSE_REACTION, words if known else "no reactions", tested=known)
 
 
-def moments_hold(e: Evidence) -> Measured:
+def check_moments(e: Evidence) -> Finding:
     """Error of the joints' moment on a body about its C over the largest exact one."""
     r, series = e.records["easy hinge"], e.series["easy hinge"]
-    if missing := _missing(r):
+    if missing := _find_missing(r):
         return missing
     if series is None or "frame_reaction" not in series:
-        return Measured(words="no reactions", tested=False)
+        return leave_open("no reactions")
     problem = _problem_of(r)
     reference = reference_of(problem)
     assert reference is not None
     rows = instants_to_compare(series["frame_t"], reference.horizon)
     rows = rows[np.all(np.isfinite(series["frame_reaction"][rows]), axis=1)]  # at the start a step has none
     if len(rows) == 0:
-        return Measured(words="no reactions of all rows", tested=False)
+        return leave_open("no reactions of all rows")
     t = series["frame_t"][rows]
     exact = exact_moment_on_bodies(problem.system, reference.states, t)
     size = float(np.max(np.linalg.norm(exact, axis=-1)))
     off = moment_on_bodies(problem.system, series["frame_reaction"][rows], reference.states(t)) - exact
     worst = float(np.max(np.linalg.norm(off, axis=-1)))
     words = f"off by {worst:.3g} N m of {size:.3g} N m: {r.case}"
-    return Measured(worst / size, "of the largest", -math.inf, LOOSE_REACTION, words)
+    return compare(worst / size, "of the largest", -math.inf, LOOSE_REACTION, words)
 
 
-def records_all(e: Evidence) -> Measured:
+def check_recording(e: Evidence) -> Finding:
     """Steps recorded over steps counted."""
     shares = {r.case: r.steps / n for r in e.returned if (n := json.loads(r.counters).get("steps", 0)) > 0}
     if not shares:
-        return Measured(words="it has no counter named steps", tested=False)
+        return leave_open("it has no counter named steps")
     case = max(shares, key=lambda k: abs(shares[k] - 1.0))
-    return Measured(shares[case], "of those counted", 1.0, 1.0, case)
+    return compare(shares[case], "of those counted", 1.0, 1.0, case)
 
 
-def keeps_to_steps(e: Evidence) -> Measured:
+def check_step_limit(e: Evidence) -> Finding:
     """The largest time between records over dt or max_step."""
     limit, column = ("dt", "dt_s") if e.control == "dt" else ("max_step", "max_step_s")
     gaps = {r.case: gap for r in e.returned if math.isfinite(gap := r.step_max_s / getattr(r, column))}
     if not gaps:
-        return Measured(words="no run has steps", tested=False)
+        return leave_open("no run has steps")
     case = max(gaps, key=lambda k: gaps[k])
-    return Measured(gaps[case], f"of {limit}", most=1.0 + LOOSE_STEP, words=case)
+    return compare(gaps[case], f"of {limit}", most=1.0 + LOOSE_STEP, words=case)
 
 
-def repeats(e: Evidence) -> Measured:
+def check_repeatability(e: Evidence) -> Finding:
     """The largest difference between two runs of the same."""
     (one, a), (two, b) = ((e.records[role], e.series[role]) for role in ("finer 1", "again"))
     cut = [r for r in (one, two) if r.status in (Status.STALLED, Status.UNFINISHED) or r.claimed == Status.STALLED]
     if cut:
-        return Measured(words=f"a limit cut {_first(cut)}", tested=False)
+        return leave_open(f"a limit cut {_describe_first(cut)}")
     if a is None or b is None:
-        return Measured(words=_first([two]), tested=one.status != two.status, cause=_cause(two), remedy=CRASHED)
+        if one.status == two.status:
+            return leave_open(_describe_first([two]))
+        return fail(_describe_first([two]), cause=_cause_of_crash(two), remedy=CRASHED)
     if len(a["t"]) != len(b["t"]):
-        return Measured(abs(len(a["t"]) - len(b["t"])), "steps more", most=0)
+        return compare(abs(len(a["t"]) - len(b["t"])), "steps more", most=0)
     apart = max(float(np.max(np.abs(a[k] - b[k]))) for k in ("t", "end_r", "end_R", "end_v", "end_Omega"))
-    return Measured(apart, "apart", most=0, words="largest difference in t, r, R, v or Omega")
+    return compare(apart, "apart", most=0, words="largest difference in t, r, R, v or Omega")
 
 
-def stops(
+def check_stop(
     role: str, *, least: float = 0, most: float = math.inf, itself: bool = True
-) -> Callable[[Evidence], Measured]:
+) -> Callable[[Evidence], Finding]:
     """Steps when it stopped ``itself``, or was stopped by whomever."""
 
-    def measure(e: Evidence) -> Measured:
+    def measure(e: Evidence) -> Finding:
         r = e.records[role]
         good = r.claimed == Status.STALLED or not itself
-        if cause := _cause(r):
-            return Measured(words=_first([r]), remedy=CRASHED, cause=cause)
-        return Measured(r.steps, "steps", least, most, _first([r]), good, r.status != Status.REFUSED)
+        if cause := _cause_of_crash(r):
+            return fail(_describe_first([r]), remedy=CRASHED, cause=cause)
+        return compare(
+            r.steps, "steps", least, most, _describe_first([r]), good=good, tested=r.status != Status.REFUSED
+        )
 
     return measure
 
 
-def _missing(*runs: RunRecord) -> Measured | None:
-    """What to say where a run did not reach its end."""
+def _find_missing(*runs: RunRecord) -> Finding | None:
+    """The finding where a run did not reach its end; None where all did."""
     if all(r.status == Status.REFUSED for r in runs):
-        return Measured(words=_first(runs), tested=False)
+        return leave_open(_describe_first(runs))
     bad = [r for r in runs if r.claimed != Status.SUCCESS]
     slow = [r for r in bad if r.status in (Status.STALLED, Status.UNFINISHED)]
     if not bad:
         return None
-    if cause := _cause(bad[0]):
-        return Measured(words=_first(bad), remedy=CRASHED, cause=cause)
-    return Measured(words=_first(bad), remedy=SLOW.format(slow[0].cpu_limit_s) if slow else "")
+    if cause := _cause_of_crash(bad[0]):
+        return fail(_describe_first(bad), remedy=CRASHED, cause=cause)
+    return fail(_describe_first(bad), remedy=SLOW.format(slow[0].cpu_limit_s) if slow else "")
 
 
-def _cause(r: RunRecord) -> str:
+def _cause_of_crash(r: RunRecord) -> str:
     """Why a run crashed; empty for one that did not."""
     return f"{r.ended_by}: {'; '.join(why(r))}" if r.status == Status.CRASHED else ""
 
@@ -257,6 +259,6 @@ def _problem_of(r: RunRecord) -> Problem:
     return registry.make_problem(r.problem, json.loads(r.problem_parameters))
 
 
-def _first(records: Sequence[RunRecord]) -> str:
+def _describe_first(records: Sequence[RunRecord]) -> str:
     found = [f"{r.case}: {r.status}: {'; '.join(why(r))}" for r in records]
     return found[0] + (f" (and {len(found) - 1} more)" if found[1:] else "") if found else ""

@@ -1,4 +1,4 @@
-"""Which column of a table is what: time, and by body position, orientation, velocity and angular velocity.
+"""Columns recognised by name: time, and for each body position, orientation, velocity and angular velocity.
 
 Arrays by name, ``r`` (nt, nb, 3) or (nt, 3 nb), or one column a number: ``r_x``, ``r2_x``, ``x2``, ``body2.r.x``,
 ``q0`` to ``q3`` or ``qw`` to ``qz``, ``R11`` to ``R33``, ``phi``, ``theta``, ``psi``; bodies by number (from 1, or
@@ -44,8 +44,8 @@ QUANTITIES = {
 
 
 @dataclass(frozen=True)
-class Found:
-    """What a table holds, (nt, nb, .) each, with its resolution of the same shape, and the columns that it is not."""
+class Quantities:
+    """Quantities in a table, (nt, nb, .) each, their resolution in the same shape, and unused columns."""
 
     t: Float[np.ndarray, " nt"]
     quantities: Mapping[str, np.ndarray]
@@ -54,13 +54,13 @@ class Found:
     numbered: bool  # quaternions of columns 0 to 3, or an array: their order is not in the names
 
 
-def found_in(table: Table, body_names: tuple[str, ...], renamed: Mapping[str, str]) -> Found:
+def find_quantities(table: Table, body_names: tuple[str, ...], renamed: Mapping[str, str]) -> Quantities:
     """The quantities of ``table``, or FileError naming what is missing; ``renamed``: our names by theirs."""
     for theirs in renamed:
         if theirs not in table.columns:
             raise FileError(f"{table.path}: no column {theirs!r}{nearest(theirs, list(table.columns))}")
-    columns = {_plain(renamed.get(k, k)): a for k, a in table.columns.items()}
-    resolution = {_plain(renamed.get(k, k)): a for k, a in table.resolution.items()}
+    columns = {_normalize_name(renamed.get(k, k)): a for k, a in table.columns.items()}
+    resolution = {_normalize_name(renamed.get(k, k)): a for k, a in table.resolution.items()}
     time = next((k for k in ("t", "time") if k in columns), None)
     if time is None:
         raise FileError(f"{table.path}: no column t or time; its columns: {', '.join(table.columns)}")
@@ -69,14 +69,16 @@ def found_in(table: Table, body_names: tuple[str, ...], renamed: Mapping[str, st
     used: set[str] = {time}
     for name, quantity in QUANTITIES.items():
         width = len(quantity.components)
-        whole = next((k for k in _wholes(name, quantity, table, renamed) if columns[k].size == nt * nb * width), None)
+        whole = next(
+            (k for k in _name_arrays(name, quantity, table, renamed) if columns[k].size == nt * nb * width), None
+        )
         if whole is not None:
-            quantities[name] = _arranged(columns[whole], nb, width)
-            coarse[name] = _arranged(resolution[whole], nb, width)
+            quantities[name] = _reshape(columns[whole], nb, width)
+            coarse[name] = _reshape(resolution[whole], nb, width)
             numbered |= name == "q"
             used.add(whole)
             continue
-        keys, spelling = _keys(quantity, body_names, set(columns) - used)
+        keys, spelling = _find_columns(quantity, body_names, set(columns) - used)
         if not keys:
             continue
         quantities[name] = np.stack([columns[k] for k in keys], axis=1).reshape(nt, nb, width)
@@ -89,25 +91,25 @@ def found_in(table: Table, body_names: tuple[str, ...], renamed: Mapping[str, st
             f"{table.path}: no positions of {'the body' if nb == 1 else f'all {nb} bodies'}: expected {wanted}, or "
             f"--columns r_x=THEIRS,...; its columns: {', '.join(itertools.islice(table.columns, 20))}"
         )
-    unread = tuple(k for k in table.columns if _plain(renamed.get(k, k)) not in used)
-    return Found(columns[time], quantities, coarse, unread, numbered)
+    unread = tuple(k for k in table.columns if _normalize_name(renamed.get(k, k)) not in used)
+    return Quantities(columns[time], quantities, coarse, unread, numbered)
 
 
-def _plain(name: str) -> str:
-    """Without units in brackets, punctuation and, but for a matrix R, capitals."""
+def _normalize_name(name: str) -> str:
+    """The name without units in brackets, punctuation and, but for a matrix R, capitals."""
     bare = re.sub(r"[\[(][^\])]*[\])]", "", name).strip()
     plain = re.sub(r"[^0-9a-zA-Z]+", "_", bare).strip("_")
     return plain if plain == "R" else plain.lower()
 
 
-def _wholes(name: str, quantity: Quantity, table: Table, renamed: Mapping[str, str]) -> Iterator[str]:
+def _name_arrays(name: str, quantity: Quantity, table: Table, renamed: Mapping[str, str]) -> Iterator[str]:
     """Names of arrays that could be the whole quantity."""
-    known = {_plain(renamed.get(k, k)) for k, a in table.columns.items() if a.ndim > 1}
+    known = {_normalize_name(renamed.get(k, k)) for k, a in table.columns.items() if a.ndim > 1}
     spelt = ("R", "rot", "rotation") if name == "R" else quantity.names
     return (k for k in spelt if k in known)
 
 
-def _arranged(a: np.ndarray, nb: int, width: int) -> np.ndarray:
+def _reshape(a: np.ndarray, nb: int, width: int) -> np.ndarray:
     """(nt, nb, width) of (nt, nb, width), (nt, nb width), (nt, 3, 3) and what MATLAB makes of them, (nt, width, nb)."""
     if a.ndim == 3 and a.shape[1:] == (width, nb) and nb != width:
         a = np.swapaxes(a, 1, 2)
@@ -116,19 +118,19 @@ def _arranged(a: np.ndarray, nb: int, width: int) -> np.ndarray:
     return a.reshape(len(a), nb, width)
 
 
-def _keys(quantity: Quantity, body_names: tuple[str, ...], known: set[str]) -> tuple[list[str], int]:
+def _find_columns(quantity: Quantity, body_names: tuple[str, ...], known: set[str]) -> tuple[list[str], int]:
     """The column of each component of each body, none unless all are there, and which names of components they have."""
     nb = len(body_names)
     for first, k in itertools.product((1, 0), range(len(quantity.components[0]))):
-        tags = [{str(b + first), _plain(n)} | ({""} if nb == 1 else set()) for b, n in enumerate(body_names)]
+        tags = [{str(b + first), _normalize_name(n)} | ({""} if nb == 1 else set()) for b, n in enumerate(body_names)]
         each = itertools.product(tags, (c[k] for c in quantity.components))
-        keys = [next((s for s in _spellings(quantity.names, *one) if s in known), "") for one in each]
+        keys = [next((s for s in _spell(quantity.names, *one) if s in known), "") for one in each]
         if all(keys):
             return keys, k
     return [], 0
 
 
-def _spellings(names: tuple[str, ...], tags: set[str], c: str) -> Iterator[str]:
+def _spell(names: tuple[str, ...], tags: set[str], c: str) -> Iterator[str]:
     for name, tag in itertools.product(names, sorted(tags)):
         forms = [(name, tag, c), (f"{name}{tag}", c), (tag, name, c), (f"body{tag}", name, c)]
         forms += [] if tag else [(f"{name}{c}",)]

@@ -1,4 +1,4 @@
-"""A problem as plain numbers: what a code outside needs to solve it. The schema is in docs/other-codes.md."""
+"""A problem as plain numbers: what a code outside needs to solve it. The schema is in docs/your-own-solver.md."""
 
 from typing import Any
 
@@ -12,8 +12,8 @@ from ..types import Problem
 SCHEMA = 1
 
 
-def described(problem: Problem) -> dict[str, Any]:
-    """For JSON; SI units, bodies numbered from 0, the ground is -1."""
+def describe_problem(problem: Problem) -> dict[str, Any]:
+    """The problem as JSON: SI units, bodies numbered from 0, the ground is -1."""
     s, start = problem.system, problem.initial
     if len(s.user_i):
         raise ValueError(f"problem {problem.name} has user forces, which are code: a file cannot describe them")
@@ -44,12 +44,12 @@ def described(problem: Problem) -> dict[str, Any]:
     return {
         "schema": SCHEMA, "problem": problem.name, "parameters": dict(problem.parameters), "source": problem.source,
         "t_end": problem.t_end, "dt": problem.dt, "gravity": s.gravity, "bodies": bodies,
-        "joints": [_joint(s, k) for k in range(s.nj)], "springs": springs, "torsions": torsions, "loads": loads,
-        "start": state,
+        "joints": [_describe_joint(s, k) for k in range(s.nj)], "springs": springs, "torsions": torsions,
+        "loads": loads, "start": state,
     }  # fmt: skip
 
 
-def _joint(s: MultibodySystem, k: int) -> dict[str, Any]:
+def _describe_joint(s: MultibodySystem, k: int) -> dict[str, Any]:
     both = {
         "name": s.joint_names[k],
         "i": s.joint_i[k],

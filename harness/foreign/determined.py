@@ -1,4 +1,4 @@
-"""What a file can be judged by: laws that its columns determine, to the accuracy that digits and spacing leave.
+"""The laws that the columns of a file determine, to the accuracy that digits and spacing leave.
 
 A quantity that is neither in the file nor follows from it is NaN here: a law whose value then is NaN, too, is not
 determined. How far digits and spacing move a law is found by reading the file in another way that it allows: rates
@@ -40,7 +40,7 @@ Key = tuple[Law, str]  # a law, of an invariant with its name
 
 @dataclass(frozen=True)
 class Determined:
-    """What the columns leave open: quantities, laws, and names of observables and invariants."""
+    """Quantities, laws, observables and invariants that the columns leave open."""
 
     missing: tuple[str, ...]  # of r, R, v, Omega
     open_laws: frozenset[Law]
@@ -48,7 +48,7 @@ class Determined:
 
     @property
     def open_columns(self) -> tuple[str, ...]:
-        """How the columns begin that say nothing."""
+        """Beginnings of the columns of a record that are not determined."""
         of_laws = (OF_LAW.get(law, ()) for law in self.open_laws)
         return tuple(c for group in (*of_laws, *(OF_QUANTITY[k] for k in self.missing)) for c in group)
 
@@ -56,8 +56,8 @@ class Determined:
         """Whether the file determines the law that ``r`` says is broken."""
         return r.law not in self.open_laws and r.name not in self.open_names
 
-    def measured(self, m: Measured) -> Measured:
-        """Without what is not determined."""
+    def blank_undetermined(self, m: Measured) -> Measured:
+        """The measurements, NaN where they are not determined."""
         none = np.full(len(m.t), math.nan)
         series = [s for law in self.open_laws for s in SERIES.get(law, ())]
         series += [s for k in self.missing for s in SERIES_OF_QUANTITY[k]]
@@ -69,8 +69,8 @@ class Determined:
         return dataclasses.replace(m, **blank, **kept)
 
 
-def determined_by(problem: Problem, start: States, missing: Sequence[str]) -> Determined:
-    """What a file without ``missing`` determines; ``start``: one state of the motion."""
+def find_determined(problem: Problem, start: States, missing: Sequence[str]) -> Determined:
+    """Find what a file without the quantities ``missing`` determines; ``start``: one state of the motion."""
     system, parts = problem.system, {k: getattr(start, k) for k in ("r", "R", "v", "Omega")}
     s = States(**{k: np.full(a.shape, math.nan) if k in missing else a for k, a in parts.items()})
     with np.errstate(all="ignore"):
@@ -89,21 +89,21 @@ def determined_by(problem: Problem, start: States, missing: Sequence[str]) -> De
     )  # fmt: skip
 
 
-def uncertainty(problem: Problem, given: Trajectory, spacing: Iterable[Trajectory], digits: Iterable[Trajectory]) -> (
-    Mapping[Key, float]
-):  # fmt: skip
-    """By how much laws of the motion are uncertain, in their units: the motion read otherwise, by its two causes."""
-    base = _laws(measure(problem, given))
+def measure_uncertainty(
+    problem: Problem, given: Trajectory, spacing: Iterable[Trajectory], digits: Iterable[Trajectory]
+) -> Mapping[Key, float]:
+    """Uncertainty of each law in its units: how far it moves when rates or digits are read in another way."""
+    base = _read_laws(measure(problem, given))
     out = dict.fromkeys(base, 0.0)
     for factor, others in ((1.0, spacing), (ROUNDINGS, digits)):
         for other in others:
-            for key, series in _laws(measure(problem, other)).items():
+            for key, series in _read_laws(measure(problem, other)).items():
                 off = np.atleast_1d(series - base[key])
                 out[key] += factor * largest(off[np.isfinite(off)]) if np.any(np.isfinite(off)) else 0.0
     return out
 
 
-def _laws(m: Measured) -> dict[Key, np.ndarray]:
+def _read_laws(m: Measured) -> dict[Key, np.ndarray]:
     out: dict[Key, np.ndarray] = {(Law.KINEMATIC, ""): np.array(m.kinematic_defect)}
     for law in m.mechanisms[0].laws:
         out[law, ""] = np.max([np.abs(one.laws[law]) for one in m.mechanisms], axis=0)
@@ -113,7 +113,7 @@ def _laws(m: Measured) -> dict[Key, np.ndarray]:
     return out
 
 
-def judged_again(record: RunRecord, m: Measured, known: Determined, unsure: Mapping[Key, float]) -> RunRecord:
+def judge_again(record: RunRecord, m: Measured, known: Determined, unsure: Mapping[Key, float]) -> RunRecord:
     """The record with what the file determines, and judged by that alone."""
     blank: dict[str, Any] = {c.name: c.default for c in COLUMNS if c.name.startswith(known.open_columns)}
     status, claimed = Status(record.status), Status(record.claimed)

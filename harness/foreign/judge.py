@@ -26,10 +26,10 @@ from ..results.series import write_series
 from ..results.words import LAWS
 from ..suites.spec import RunSpec
 from ..types import Law, Problem, Status, StepControl, Trajectory
-from .checks import check, check_times
-from .columns import Found, found_in
-from .determined import Determined, determined_by, judged_again, uncertainty
-from .reading import Motion, Origin, Reading, read_motion, rounded_elsewhere
+from .checks import check_motion, check_times
+from .columns import Quantities, find_quantities
+from .determined import Determined, find_determined, judge_again, measure_uncertainty
+from .reading import TIMES, Motion, Origin, Reading, perturb_roundings, read_motion
 from .tables import READERS, Table, read_table
 
 NAME = re.compile(r"[A-Za-z][\w.+-]*")
@@ -37,8 +37,8 @@ WORDS = {"v": "velocities", "R": "orientations", "Omega": "angular velocities"}
 
 
 @dataclass(frozen=True)
-class Given:
-    """What the user says about files."""
+class FileSettings:
+    """Options of the user on how files are read."""
 
     name: str  # of the code
     reading: Reading = field(default_factory=Reading)
@@ -48,7 +48,7 @@ class Given:
     label: str = REFEREED
 
 
-def files_of(path: Path) -> list[Path]:
+def list_tables(path: Path) -> list[Path]:
     """The file, or all tables in a folder."""
     if not path.is_dir():
         return [path]
@@ -58,7 +58,9 @@ def files_of(path: Path) -> list[Path]:
     return found
 
 
-def refereed(problem: Problem, path: Path, given: Given, folder: Path | None, *, several: bool = False) -> RunRecord:
+def judge_file(
+    problem: Problem, path: Path, given: FileSettings, folder: Path | None, *, several: bool = False
+) -> RunRecord:
     """The record of ``path``; with its series in ``folder``, if one is given. FileError where it cannot be judged."""
     if not NAME.fullmatch(given.name) or given.name in registry.solvers():
         raise FileError(f"the name must be letters, digits and . _ + -, and not that of a solver (got {given.name!r})")
@@ -67,19 +69,19 @@ def refereed(problem: Problem, path: Path, given: Given, folder: Path | None, *,
         theirs.strip(): ours.strip() for ours, _, theirs in (c.partition("=") for c in given.columns if "=" in c)
     }
     table = read_table(path, positional, renamed)
-    found = found_in(table, problem.system.body_names, renamed)
-    check_times(problem, found, given.reading, path)
+    found = find_quantities(table, problem.system.body_names, renamed)
+    check_times(found, TIMES[given.reading.time], path)
     motion = read_motion(found, given.reading)
-    notes = check(problem, found, given.reading, motion, path, given.tolerance)
+    notes = check_motion(problem, found, given.reading, motion, path, given.tolerance)
     missing = [k for k in ("R", "v", "Omega") if motion.origin[k] is Origin.NONE]
-    trajectory = _trajectory(problem, motion, path, missing)
-    known = determined_by(problem, trajectory.states.at(slice(1)), missing)
-    unsure = _uncertainty(problem, found, given.reading, motion, trajectory, path, missing)
-    trajectory = dataclasses.replace(trajectory, notes=(*notes, *_notes(motion, missing, known, unsure)))
+    trajectory = _build_trajectory(problem, motion, path, missing)
+    known = find_determined(problem, trajectory.states.at(slice(1)), missing)
+    unsure = _measure_uncertainty(problem, found, given.reading, motion, trajectory, path, missing)
+    trajectory = dataclasses.replace(trajectory, notes=(*notes, *_write_notes(motion, missing, known, unsure)))
 
     def keep(problem: Problem, trajectory: Trajectory, m: Measured, record: RunRecord) -> RunRecord:
-        record, m = judged_again(record, m, known, unsure), known.measured(m)
-        errors, drifts = (_without(x, known) for x in (record.observable_errors, record.invariant_drifts))
+        record, m = judge_again(record, m, known, unsure), known.blank_undetermined(m)
+        errors, drifts = (_drop_undetermined(x, known) for x in (record.observable_errors, record.invariant_drifts))
         record = dataclasses.replace(record, observable_errors=errors, invariant_drifts=drifts)
         if folder is None:
             return record
@@ -92,15 +94,15 @@ def refereed(problem: Problem, path: Path, given: Given, folder: Path | None, *,
         digest = write_series(Place(folder) / place, series)
         return dataclasses.replace(record, series=place, series_sha256=digest, series_rows=len(series["t"]))
 
-    spec = _spec(problem, path, given, trajectory, several=several)
-    job = Job(spec, folder or Path(), REFEREED, _digest(table, given))
+    spec = _make_spec(problem, path, given, trajectory, several=several)
+    job = Job(spec, folder or Path(), REFEREED, _digest_file(table, given))
     record = judged(job, problem, trajectory, keep)
     if folder is not None:
         store.write_record(folder, record)
     return record
 
 
-def results_folder(folder: Path) -> Path:
+def open_results(folder: Path) -> Path:
     """A results folder to add to; a new one is stamped like that of a suite."""
     known = store.is_results(folder)
     store.create(folder)
@@ -110,20 +112,20 @@ def results_folder(folder: Path) -> Path:
     return folder
 
 
-def _spec(problem: Problem, path: Path, given: Given, trajectory: Trajectory, *, several: bool) -> RunSpec:
+def _make_spec(problem: Problem, path: Path, given: FileSettings, trajectory: Trajectory, *, several: bool) -> RunSpec:
     spacing = float(np.median(np.diff(trajectory.t))) if len(trajectory.t) > 1 else problem.dt
     control = given.control or StepControl(dt=float(f"{spacing:.6g}"))
     options = {"file": path.stem} if several else {}
     return RunSpec(problem.name, given.name, control, dict(problem.parameters), options, label=given.label)
 
 
-def _digest(table: Table, given: Given) -> str:
-    """Of the file, how it was read, and the code that judges it: the part of the code in a run's address."""
+def _digest_file(table: Table, given: FileSettings) -> str:
+    """Digest of the file, how it was read, and the code that judges it; stands for the code in a run's address."""
     parts = (environment.code_digest(), table.sha256, repr(given.reading), repr(given.columns))
     return hashlib.sha256("\0".join(parts).encode()).hexdigest()[:16]
 
 
-def _trajectory(problem: Problem, motion: Motion, path: Path, missing: list[str]) -> Trajectory:
+def _build_trajectory(problem: Problem, motion: Motion, path: Path, missing: list[str]) -> Trajectory:
     """The motion to judge, up to t_end; in place of what is ``missing`` stands the reference's, which is not judged."""
     t = motion.t
     parts = {k: getattr(motion, k) for k in ("r", "R", "v", "Omega")}
@@ -141,38 +143,40 @@ def _trajectory(problem: Problem, motion: Motion, path: Path, missing: list[str]
     elif t[rows - 1] < problem.t_end - slack:
         raise FileError(
             f"{path}: no row at the end of {problem.name}, t = {problem.t_end:g} s: the last before it is at "
-            f"{t[rows - 1]:.9g} s; give --t-end {t[rows - 1]:.9g} to judge it up to there"
+            f"{t[rows - 1]:.9g} s; give --t-end {t[rows - 1]:.9g} to judge it up to there, or --time for other units"
         )
     t = np.array(t[:rows])
     if status is Status.SUCCESS:
         t[-1] = problem.t_end  # printed
     if missing:
-        exact = _exact(problem, t, path, missing)
+        exact = _reference_states(problem, t, path, missing)
         parts |= {k: getattr(exact, k) for k in missing}
     for k, a in parts.items():  # the start was found to be the exact one, to the digits printed
         parts[k] = np.concatenate((getattr(problem.initial, k)[None], a[1:rows]))
     return Trajectory(t, States(**parts), status, message, {"rows": rows - 1}, cpu_time=math.nan)
 
 
-def _uncertainty(
-    problem: Problem, found: Found, how: Reading, motion: Motion, given: Trajectory, path: Path, missing: list[str]
+def _measure_uncertainty(
+    problem: Problem, found: Quantities, how: Reading, motion: Motion, given: Trajectory, path: Path, missing: list[str]
 ) -> Mapping[tuple[Law, str], float]:
-    """By how much laws are uncertain, where rates are differenced or digits are few; nothing of a motion cut short."""
+    """Uncertainty of laws where rates are differenced or digits are few; empty for a motion cut short."""
     if given.status is not Status.SUCCESS:
         return {}
 
-    def read(table: Found, degree: int) -> list[Trajectory]:
+    def read(table: Quantities, degree: int) -> list[Trajectory]:
         other = read_motion(table, how, degree)
         alike = all((getattr(other, k) is None) == (getattr(motion, k) is None) for k in ("R", "v", "Omega"))
-        return [_trajectory(problem, other, path, missing)] if alike else []
+        return [_build_trajectory(problem, other, path, missing)] if alike else []
 
     spacing = read(found, 3) if Origin.DIFFERENCED in motion.origin.values() else []
     printed = any(np.any(a > 0.0) for a in found.resolution.values())
-    digits = read(rounded_elsewhere(found), 5) if printed else []
-    return uncertainty(problem, given, spacing, digits) if spacing or digits else {}
+    digits = read(perturb_roundings(found), 5) if printed else []
+    return measure_uncertainty(problem, given, spacing, digits) if spacing or digits else {}
 
 
-def _notes(motion: Motion, missing: list[str], known: Determined, unsure: Mapping[tuple[Law, str], float]) -> list[str]:
+def _write_notes(
+    motion: Motion, missing: list[str], known: Determined, unsure: Mapping[tuple[Law, str], float]
+) -> list[str]:
     notes = []
     differenced = [WORDS[k] for k in ("v", "Omega") if motion.origin[k] is Origin.DIFFERENCED]
     if differenced:
@@ -190,12 +194,12 @@ def _notes(motion: Motion, missing: list[str], known: Determined, unsure: Mappin
     return notes
 
 
-def _without(extents: str, known: Determined) -> str:
+def _drop_undetermined(extents: str, known: Determined) -> str:
     """A column of errors or drifts by name, without the names that are not determined."""
     return json.dumps({k: x for k, x in json.loads(extents).items() if k not in known.open_names})
 
 
-def _exact(problem: Problem, t: np.ndarray, path: Path, missing: list[str]) -> States:
+def _reference_states(problem: Problem, t: np.ndarray, path: Path, missing: list[str]) -> States:
     """The reference in place of what the file lacks."""
     reference = reference_of(problem)
     if reference is None or reference.horizon < t[-1] * (1.0 - 1e-9):

@@ -1,4 +1,4 @@
-"""From columns to poses and velocities in SI: units, order of quaternions, frames; missing rates are differenced."""
+"""Poses and velocities in SI units from columns: units, order of quaternions, frames; missing rates are differenced."""
 
 import dataclasses
 import math
@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float
 
-from .columns import Found
+from .columns import Quantities
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "in": 0.0254, "ft": 0.3048}
 TIMES = {"s": 1.0, "ms": 1e-3}
@@ -23,7 +23,7 @@ FEWEST = 8  # rows for a difference
 
 @dataclass(frozen=True)
 class Reading:
-    """How columns are read; each field is an option of the command line."""
+    """Units, orders and frames of columns; each field is an option of the command line."""
 
     length: str = "m"  # of positions, and of velocities per second
     time: str = "s"  # of t alone
@@ -41,7 +41,7 @@ CHOICES: dict[str, tuple[str, ...]] = {
 
 
 class Origin(StrEnum):
-    """Where a quantity comes from."""
+    """The origin of a quantity."""
 
     FILE = "file"
     DIFFERENCED = "differenced"
@@ -60,27 +60,22 @@ class Motion:
     origin: dict[str, Origin]
 
 
-def read_motion(found: Found, how: Reading, degree: int = 5) -> Motion:
-    """As ``how`` says; rates that are missing are those of splines of ``degree``."""
+def read_motion(found: Quantities, how: Reading, degree: int = 5) -> Motion:
+    """Read the motion as ``how`` says; missing rates are those of splines of ``degree``."""
     t, has = TIMES[how.time] * found.t, found.quantities
-    r = positions(found, how)
-    R = rotations(found, how)
+    r = LENGTHS[how.length] * has["r"]
+    R = read_rotations(found, how)
     v = None if "v" not in has else LENGTHS[how.length] * has["v"]
-    Omega = angular_velocities(found, how, R)
+    Omega = read_angular_velocities(found, how, R)
     origin = {k: Origin.FILE for k, a in (("r", r), ("R", R), ("v", v), ("Omega", Omega)) if a is not None}
-    if v is None and (v := derivative(t, r, degree)) is not None:
+    if v is None and (v := differentiate(t, r, degree)) is not None:
         origin["v"] = Origin.DIFFERENCED
-    if Omega is None and R is not None and (Omega := turning(t, R, degree)) is not None:
+    if Omega is None and R is not None and (Omega := differentiate_rotations(t, R, degree)) is not None:
         origin["Omega"] = Origin.DIFFERENCED
     return Motion(t, r, R, v, Omega, {k: origin.get(k, Origin.NONE) for k in ("r", "R", "v", "Omega")})
 
 
-def positions(found: Found, how: Reading) -> Float[np.ndarray, "nt nb 3"]:
-    """r [m]."""
-    return LENGTHS[how.length] * found.quantities["r"]
-
-
-def rotations(found: Found, how: Reading) -> Float[np.ndarray, "nt nb 3 3"] | None:
+def read_rotations(found: Quantities, how: Reading) -> Float[np.ndarray, "nt nb 3 3"] | None:
     """R, body to space; quaternions are normalised."""
     from scipy.spatial.transform import Rotation  # here: --help shows the choices above
 
@@ -104,7 +99,9 @@ def rotations(found: Found, how: Reading) -> Float[np.ndarray, "nt nb 3 3"] | No
     return R if how.rotation == "body-to-space" else np.swapaxes(R, -1, -2)
 
 
-def angular_velocities(found: Found, how: Reading, R: np.ndarray | None) -> Float[np.ndarray, "nt nb 3"] | None:
+def read_angular_velocities(
+    found: Quantities, how: Reading, R: np.ndarray | None
+) -> Float[np.ndarray, "nt nb 3"] | None:
     """Omega [rad/s], body frame."""
     if "Omega" not in found.quantities:
         return None
@@ -114,7 +111,7 @@ def angular_velocities(found: Found, how: Reading, R: np.ndarray | None) -> Floa
     return None if R is None else np.einsum("tbji,tbj->tbi", R, given)
 
 
-def derivative(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, "nt *more"], degree: int = 5) -> np.ndarray | None:
+def differentiate(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, "nt *more"], degree: int = 5) -> np.ndarray | None:
     """da/dt by splines of ``degree``; None where those of 5 and 3 disagree: the rows are too far apart."""
     from scipy.interpolate import make_interp_spline
 
@@ -126,29 +123,18 @@ def derivative(t: Float[np.ndarray, " nt"], a: Float[np.ndarray, "nt *more"], de
     return {5: fine, 3: coarse}[degree] if sound else None
 
 
-def turning(t: Float[np.ndarray, " nt"], R: Float[np.ndarray, "nt nb 3 3"], degree: int = 5) -> np.ndarray | None:
-    """Omega of hat(Omega) = R^T dR/dt, or None as in ``derivative``."""
-    R_dot = derivative(t, R, degree)
+def differentiate_rotations(
+    t: Float[np.ndarray, " nt"], R: Float[np.ndarray, "nt nb 3 3"], degree: int = 5
+) -> np.ndarray | None:
+    """Omega of hat(Omega) = R^T dR/dt, or None as in ``differentiate``."""
+    R_dot = differentiate(t, R, degree)
     if R_dot is None:
         return None
     W = np.swapaxes(R, -1, -2) @ R_dot
     return 0.5 * np.stack((W[..., 2, 1] - W[..., 1, 2], W[..., 0, 2] - W[..., 2, 0], W[..., 1, 0] - W[..., 0, 1]), -1)
 
 
-def alternatives(how: Reading, *names: str) -> list[Reading]:
-    """Other readings, one or two options changed."""
-    others = [(n, c) for n in names for c in CHOICES[n] if c not in (getattr(how, n), "none")]
-    pairs = [(a, b) for k, a in enumerate(others) for b in others[k + 1 :] if a[0] != b[0]]
-    return [dataclasses.replace(how, **dict(changes)) for changes in [*((o,) for o in others), *pairs]]
-
-
-def first_row(found: Found) -> Found:
-    """The first row alone."""
-    one, coarse = ({k: a[:1] for k, a in x.items()} for x in (found.quantities, found.resolution))
-    return dataclasses.replace(found, t=found.t[:1], quantities=one, resolution=coarse)
-
-
-def rounded_elsewhere(found: Found) -> Found:
+def perturb_roundings(found: Quantities) -> Quantities:
     """The table as it might as well have been printed: each number half a unit of its last digit off, at random."""
     rng = np.random.default_rng(0)
     off = {k: a + found.resolution[k] * rng.choice((-1.0, 1.0), a.shape) for k, a in found.quantities.items()}

@@ -17,7 +17,7 @@ from ..results.store import newest
 from ..results.words import why
 from ..suites.spec import RunSpec
 from ..types import Status
-from .thresholds import Expectation, Threshold, Thresholds, proposed
+from .thresholds import Expectation, Threshold, Thresholds, four_digits, proposed
 
 CodeOf = Callable[[str, str], str]  # what a run of a problem and a solver is made by now
 WORTH = 0.95  # of a bound: less is not worth a commit
@@ -140,7 +140,9 @@ def tightened(
         was = bounds.get((new.case, new.metric))
         if was is None:
             bounds[new.case, new.metric] = new
-        elif new.is_equal or was.is_equal:  # another value is neither better nor worse: it must be asked for
+        elif {new.tolerance, was.tolerance} != {
+            None
+        }:  # another value is neither better nor worse: it must be asked for
             if loosen:
                 bounds[new.case, new.metric] = replace(new, reason=was.reason, expect=was.expect)
         elif was.samples > 1:  # bounds around many runs, which one alone does not move unless asked for
@@ -163,14 +165,13 @@ def _narrowed(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | No
         lower = min(new.value, new.lower) if new.lower > -math.inf else new.value
     if was.upper == math.inf:
         return replace(was, value=new.value, lower=lower) if lower < was.lower else None
-    width = was.upper / was.value if was.value > 0.0 else 0.0
-    upper = max(new.upper, new.value * width)  # a width somebody gave a reason for stays
+    wide = new.value * was.upper / was.value if was.value > 0.0 else 0.0
+    upper = four_digits(wide) if wide > 1.001 * new.upper else new.upper  # a width that has its reason stays
     if not loosen:
         upper = min(upper, was.upper)
     if upper < lower or not (loosen or upper < WORTH * was.upper or lower > was.lower):
         return None
-    direction = None if lower > was.lower == -math.inf else was.direction
-    return replace(was, value=new.value, upper=upper, lower=lower, unit=new.unit, direction=direction)
+    return replace(was, value=new.value, upper=upper, lower=lower)
 
 
 def _status(case: str, record: RunRecord | None, expected: Expectation | None, missing: str) -> Finding:
@@ -200,7 +201,7 @@ def _bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
 
 
 def _range(b: Threshold) -> str:
-    if b.is_equal:
+    if b.tolerance is not None:
         return f"= {b.value:.12g}" + (f" within {b.tolerance:g} of it" if b.tolerance else " exactly")
     low = f">= {b.lower:.3g}" if math.isfinite(b.lower) else ""
     high = f"<= {b.upper:.3g}" if math.isfinite(b.upper) else ""

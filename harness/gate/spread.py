@@ -14,7 +14,7 @@ from msgspec.structs import replace
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec
 from .judging import Judged, State
-from .thresholds import Threshold, Thresholds, proposed
+from .thresholds import Threshold, Thresholds, four_digits, proposed
 
 STEP = 1e-13  # of rtol: hundreds of roundings, and far below what an error is known to
 
@@ -54,10 +54,12 @@ def _around(was: Threshold, found: Sequence[Threshold]) -> Threshold | None:
     """``was`` with the widest of the bounds that it has in ``found``; None where bounds around any one hold of all."""
     values = [b.value for b in found]
     bounds = (was,) if was.samples > 1 else (was, *found)
-    if was.is_equal or all(b.holds(value) for b in bounds for value in values):
+    if was.tolerance is not None or all(b.holds(value) for b in bounds for value in values):
         return None
     low, high = min(values), max(values)
     reason = f"error control: {len(found)} runs that differ by rounding gave {low:.3g} to {high:.3g}"
     lower = min(b.lower for b in found) if was.lower > -math.inf else was.lower
     upper = max(b.upper for b in found) if was.upper < math.inf else was.upper
-    return replace(was, value=statistics.median(values), upper=upper, lower=lower, samples=len(found), reason=reason)
+    return replace(
+        was, value=four_digits(statistics.median(values)), upper=upper, lower=lower, samples=len(found), reason=reason
+    )

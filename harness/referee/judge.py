@@ -9,28 +9,26 @@ from ..places import Place
 from ..results import store
 from ..results.judgements import files
 from ..results.judgements.claims import Claim, Code
-from ..results.judgements.files import FOLDER, PUBLISHED, as_text
-from ..results.provisional import one_per_run
+from ..results.judgements.files import format_judgement
+from ..results.provisional import latest_of_each
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec
 from ..suites.suite import load_suite
-from .certificates.drift import anatomy
+from .certificates.drift import analyse_drift
 from .certificates.orders import certify
-from .certificates.symmetries import scorecard
-from .certificates.work import work
+from .certificates.symmetries import check_symmetries
+from .certificates.work import collect_work
 from .claims.maps import place, select
 from .claims.register import Register
 from .claims.verdicts import judge
-from .code import since
-from .wrong import wrong
+from .currency import describe_changes
+from .false_successes import find_false_successes
 
-__all__ = ["FOLDER", "PUBLISHED", "Change", "absent", "as_text", "changes", "judgements", "needed",
-           "outdated", "read_claims", "tried_on", "whole_run", "write"]  # fmt: skip
 WHOLE = "referee"  # the suite that everything is judged on
 SUITES = ("paper", "claims", "work")  # claims are tried on their runs; all are in the suite ``referee``
 OTHERS: tuple[tuple[str, Callable[[Path, Sequence[RunRecord]], Any]], ...] = (
-    (files.ORDERS.name, certify), (files.DRIFTS.name, anatomy), (files.SYMMETRIES.name, scorecard),
-    (files.WORK.name, work),
+    (files.ORDERS.name, certify), (files.DRIFTS.name, analyse_drift), (files.SYMMETRIES.name, check_symmetries),
+    (files.WORK.name, collect_work),
 )  # fmt: skip
 
 
@@ -43,67 +41,57 @@ class Change:
     after: str
 
 
-def judgements(folder: Path, register: Register, watch: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
+def judge_results(folder: Path, register: Register, watch: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """Every judgement by the name of its file; runs that a resumed folder holds twice count once."""
-    records = one_per_run(store.load(folder, check_series=False).records)
+    records = latest_of_each(store.load(folder, check_series=False).records)
     watch("claims")
-    out: dict[str, Any] = {"claims": judge(register, tried_on(), records, lambda r: store.series_of(folder, r))}
+    out: dict[str, Any] = {"claims": judge(register, list_tried(), records, lambda r: store.series_of(folder, r))}
     for name, function in OTHERS:
         watch(name)
         out[name] = function(folder, records)
     watch("wrong")
-    out["wrong"] = wrong(records, out.get(files.SYMMETRIES.name, ()))
+    out["wrong"] = find_false_successes(records, out.get(files.SYMMETRIES.name, ()))
     return out
 
 
-def tried_on() -> tuple[RunSpec, ...]:
+def list_tried() -> tuple[RunSpec, ...]:
     """The runs of the maps, each once."""
     return tuple({c.settings_id: c for name in SUITES for c in load_suite(name).specs}.values())
 
 
-def needed(register: Register) -> tuple[RunSpec, ...]:
+def select_needed(register: Register) -> tuple[RunSpec, ...]:
     """The runs that the claims of ``register`` are tried on."""
-    places = [place(s) for s in tried_on()]
+    places = [place(s) for s in list_tried()]
     maps = {m.name: m for c in register.claims for m in (c.map, c.against) if m}.values()
     return tuple({p.spec.settings_id: p.spec for m in maps for p in select(places, m.over)}.values())
 
 
-def whole_run() -> tuple[RunSpec, ...]:
+def list_whole() -> tuple[RunSpec, ...]:
     """The runs that verdicts are published from."""
     return load_suite(WHOLE).specs
 
 
-def absent(folder: Path, specs: Iterable[RunSpec]) -> list[RunSpec]:
-    """Those that the results in ``folder`` do not hold."""
+def find_missing(folder: Path, specs: Iterable[RunSpec]) -> list[RunSpec]:
+    """Runs that the results in ``folder`` lack."""
     held = {r.settings_id for r in store.load(folder, check_series=False).records}
     return [s for s in specs if s.settings_id not in held]
 
 
-def write(folder: Place, judged: dict[str, Any], code: Code) -> list[Path]:
+def write_judgements(folder: Place, judged: dict[str, Any], code: Code) -> list[Path]:
     """One file a judgement, each written whole; claims with digests of the code that they come from."""
-    judged = {**judged, files.CLAIMS.name: files.with_code(judged[files.CLAIMS.name], code)}
+    judged = {**judged, files.CLAIMS.name: files.add_code(judged[files.CLAIMS.name], code)}
     files_of = [folder / f"{name}.json" for name in judged]
     for file, found in zip(files_of, judged.values(), strict=True):
-        file.write(as_text(found))
+        file.write(format_judgement(found))
     return [file.path for file in files_of]
 
 
-def read_claims(folder: Place) -> tuple[Claim, ...] | None:
-    """The claims judged in ``folder``; None where there are none."""
-    try:
-        return files.read(files.CLAIMS, folder)
-    except FileNotFoundError:
-        return None
-    except files.JudgementError as error:
-        raise store.StoreError(f"{error}; --publish writes it anew") from None
+def describe_outdated(folder: Place, now: Code) -> str:
+    """One line on what has changed since the verdicts in ``folder`` were published, with the commands; else empty."""
+    return describe_changes(files.code_of_claims(folder), now, WHOLE)
 
 
-def outdated(folder: Place, now: Code) -> str:
-    """What has changed since the verdicts in ``folder`` were published, in one line with the commands; else empty."""
-    return since(files.code_of_claims(folder), now, WHOLE)
-
-
-def changes(before: Sequence[Claim], after: Sequence[Claim]) -> list[Change]:
+def find_changes(before: Sequence[Claim], after: Sequence[Claim]) -> list[Change]:
     """The claims of which a verdict differs, in the order of the register, those no longer judged last."""
     old, new = ({c.id: c.verdicts for c in claims} for claims in (before, after))
     out = [Change(k, old.get(k, ""), v) for k, v in new.items() if old.get(k, "") != v]

@@ -1,10 +1,11 @@
-"""What code a run's numbers come from: digests by solver, by problem and of measuring, found without running any of it.
+"""Digests of the code that a run's numbers come from: by solver, by problem and of measuring; nothing of it is run.
 
 The digest of a solver covers its file and every module of the package that this imports, directly or through others;
 so does that of a problem, and of what calls solvers and measures their motions. It is taken of the syntax tree without
-docstrings, so that comments and formatting do not count. Of packages from outside the locked version counts.
-What only looks up, checks, stores or shows is no part of it (``ARRANGES``): no number of a run passes through. What
-counts CPU time (``COSTS``) is part of measuring: a cost is a number of each run and can only be had by running again.
+docstrings and the shapes of arrays, so that neither they nor comments and formatting count. Of packages from outside
+the locked version counts. What only looks up, checks, stores or shows is no part of it (``ARRANGES``): no number of a
+run passes through. What counts CPU time (``COSTS``) is part of measuring: a cost is a number of each run and can only
+be had by running again.
 """
 
 import ast
@@ -23,12 +24,12 @@ from ..cache import ROOT, cache_folder
 from ..catalogue.plugins import sources_of
 from ..files import write_text
 
-VERSION = 1  # of the digest of one file; raise it when ``_tree`` writes something else
+VERSION = 2  # of the digest of one file; raise it when ``_flatten`` writes something else
 LARGE = 2**20  # [bytes] of what is kept between processes; more is begun anew
 ARRANGES = (
-    "harness/api", "harness/cache", "harness/catalogue/functions", "harness/catalogue/mechanism",
+    "harness/cache", "harness/catalogue/functions", "harness/catalogue/mechanism",
     "harness/catalogue/mechanism_files", "harness/catalogue/options", "harness/catalogue/plugins",
-    "harness/commands", "harness/execution/handed", "harness/execution/job", "harness/files", "harness/places",
+    "harness/execution/handed", "harness/execution/job", "harness/files", "harness/places",
     "harness/results",
     "harness/sandbox/trial", "harness/shapes", "harness/suites",
 )  # fmt: skip
@@ -40,6 +41,7 @@ MARKED = {"solver": ("solvers", "solvers/engines"), "problem": ("problems",)}
 LOCKED_AS = {"sksundae": "scikit-sundae", "scipy_dae": "scipy-dae", "yaml": "pyyaml"}  # where the names differ
 LOCKED = re.compile(r"^([A-Za-z0-9_.-]+)==(\S+)", re.MULTILINE)
 WITHOUT = frozenset(("ctx", "kind", "type_comment", "type_params", "type_ignores"))  # same code, other versions
+SHAPED = ("Bool", "Complex", "Float", "Inexact", "Int", "Num", "Shaped")  # arrays, as annotations call them
 
 
 @dataclass(frozen=True)
@@ -57,13 +59,20 @@ class Sources:
 
     def __init__(self, root: Path = ROOT, keep: Path | None = None) -> None:
         self.root, self._keep = root, keep
-        self._known: dict[str, Source] = _read(keep) if keep else {}
+        self._known: dict[str, Source] = _read_kept(keep) if keep else {}
         self._of: dict[str, Source] = {}
         self._fresh = False
 
     def code_of(self, problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
         """Digest of all that shapes the numbers of a run; entries that are not ours are covered by ``plugins``."""
-        parts = [self.solvers.get(solver, ""), self.problems.get(problem, ""), self.measuring]
+        return self._digest_with([self.solvers.get(solver, ""), self.problems.get(problem, "")], plugins)
+
+    def digest_all(self, plugins: Iterable[str] = ()) -> str:
+        """Digest of all solvers and problems, of measuring, and of ``plugins``."""
+        return self._digest_with([*itertools.chain(*self.solvers.items(), *self.problems.items())], plugins)
+
+    def _digest_with(self, parts: list[str], plugins: Iterable[str]) -> str:
+        parts.append(self.measuring)
         for path in itertools.chain.from_iterable(map(sources_of, plugins)):
             parts += [path.name, hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ""]
         return _digest(parts)
@@ -85,6 +94,12 @@ class Sources:
 
     def of(self, *modules: str) -> str:
         """The digest of modules (``solvers/rattle``) and of all they import."""
+        seen, outside = self.reach(*modules)
+        versions = sorted(f"{n}=={self._locked[n]}" for m in outside if (n := LOCKED_AS.get(m, m)) in self._locked)
+        return _digest([*versions, *itertools.chain(*sorted(seen.items()))])
+
+    def reach(self, *modules: str) -> tuple[dict[str, str], set[str]]:
+        """Files of modules and of all they import, with their digests; and names of packages from outside."""
         asked = [place for m in modules if (place := self._file(m))]
         seen, outside, waiting = dict[str, str](), set[str](), list(asked)
         while waiting:
@@ -97,9 +112,8 @@ class Sources:
             waiting += [f for m in source.imports if (f := self._file(m))]
             if place.removesuffix("/__init__.py") in LISTED:
                 waiting += [str(p.relative_to(self.root)) for p in sorted((self.root / place).parent.glob("*.py"))]
-        versions = sorted(f"{n}=={self._locked[n]}" for m in outside if (n := LOCKED_AS.get(m, m)) in self._locked)
         self._store()
-        return _digest([*versions, *itertools.chain(*sorted(seen.items()))])
+        return seen, outside
 
     def _marked(self, kind: str) -> dict[str, str]:
         out = {}
@@ -132,7 +146,7 @@ class Sources:
             content = (self.root / place).read_bytes()
             key = f"{VERSION} {place} {hashlib.sha256(content).hexdigest()}"
             if key not in self._known:
-                self._known[key], self._fresh = _parsed(content, place), True
+                self._known[key], self._fresh = _parse_source(content, place), True
             self._of[place] = self._known[key]
         return self._of[place]
 
@@ -147,17 +161,17 @@ class Sources:
 
 
 @cache
-def here() -> Sources:
-    """Those of this package."""
+def package_sources() -> Sources:
+    """The modules of this package."""
     return Sources(ROOT, cache_folder("sources", ROOT / "results" / "local") / "parsed.json")
 
 
 def code_of(problem: str, solver: str, plugins: Iterable[str] = ()) -> str:
     """The digest that a run made here has as its column ``code``."""
-    return here().code_of(problem, solver, plugins)
+    return package_sources().code_of(problem, solver, plugins)
 
 
-def _read(keep: Path) -> dict[str, Source]:
+def _read_kept(keep: Path) -> dict[str, Source]:
     try:
         if not 0 < os.stat(keep).st_size < LARGE:
             return {}
@@ -167,19 +181,19 @@ def _read(keep: Path) -> dict[str, Source]:
         return {}
 
 
-def _parsed(content: bytes, place: str) -> Source:
+def _parse_source(content: bytes, place: str) -> Source:
     tree = ast.parse(content)
     inside, outside = dict[str, None](), dict[str, None]()
-    for module in _imported(tree, place.removesuffix(".py").split("/")):
+    for module in _find_imports(tree, place.removesuffix(".py").split("/")):
         first, _, rest = module.partition("/")
         (inside if first == "" else outside)[rest if first == "" else first] = None
-    marks = tuple(f"{kind}:{name}" for kind, name in _marks(tree))
-    return Source(_digest(_tree(tree)), tuple(inside), tuple(outside), marks)
+    marks = tuple(f"{kind}:{name}" for kind, name in _find_marks(tree))
+    return Source(_digest(_flatten(tree)), tuple(inside), tuple(outside), marks)
 
 
-def _imported(tree: ast.AST, place: list[str]) -> Iterator[str]:
+def _find_imports(tree: ast.AST, place: list[str]) -> Iterator[str]:
     """Modules as places: of the package with a slash before them, packages around a module included."""
-    for node in _run(tree):
+    for node in _walk_run(tree):
         if isinstance(node, ast.Import):
             named = [a.name.split(".") for a in node.names]
         elif isinstance(node, ast.ImportFrom):
@@ -195,7 +209,7 @@ def _imported(tree: ast.AST, place: list[str]) -> Iterator[str]:
                 yield parts[0]
 
 
-def _run(tree: ast.AST) -> Iterator[ast.AST]:
+def _walk_run(tree: ast.AST) -> Iterator[ast.AST]:
     """All nodes but what is imported for the checker of types alone."""
     waiting = [tree]
     while waiting:
@@ -207,7 +221,7 @@ def _run(tree: ast.AST) -> Iterator[ast.AST]:
         waiting += ast.iter_child_nodes(node)
 
 
-def _marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
+def _find_marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
     for node in tree.body:
         for call in getattr(node, "decorator_list", ()):
             if isinstance(call, ast.Call) and isinstance(call.func, ast.Name) and call.func.id in MARKED and call.args:
@@ -216,22 +230,24 @@ def _marks(tree: ast.Module) -> Iterator[tuple[str, str]]:
                     yield call.func.id, name.value
 
 
-def _tree(node: object) -> Iterator[str]:
-    """The syntax tree as words, the same in every version of Python: without docstrings and what is empty."""
+def _flatten(node: object) -> Iterator[str]:
+    """The syntax tree as words, the same in every version of Python: without docstrings, shapes and what is empty."""
     if isinstance(node, ast.AST):
         yield type(node).__name__
+        if isinstance(node, ast.Subscript) and isinstance(node.value, ast.Name) and node.value.id in SHAPED:
+            return
         for name, value in ast.iter_fields(node):
             if value is None or value == [] or name in WITHOUT:
                 continue
             yield f".{name}"
-            yield from _tree(value)
+            yield from _flatten(value)
         yield ")"
     elif isinstance(node, list):
         for one in node:
             if not (
                 isinstance(one, ast.Expr) and isinstance(one.value, ast.Constant) and isinstance(one.value.value, str)
             ):
-                yield from _tree(one)
+                yield from _flatten(one)
     else:
         yield f"{type(node).__name__} {node!r}"
 

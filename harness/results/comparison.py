@@ -26,7 +26,7 @@ ERROR_CONTROL = 0.6  # relative, a factor of 2.5: another libm may change which 
 
 
 class Likeness(StrEnum):
-    """How alike two numbers are, worst last."""
+    """Likeness of two numbers, worst last."""
 
     SAME = "same"  # bit for bit
     ROUNDING = "rounding"  # within what two machines may differ by
@@ -74,10 +74,10 @@ class Comparison:
 
 
 def compare(before: Sequence[RunRecord], after: Sequence[RunRecord]) -> Comparison:
-    """What differs between two sets of records; of several of a run (of older code) the newest counts."""
+    """Differences between two sets of records; of several records of a run the newest counts."""
     a, b = ({r.settings_id: r for r in newest(records)} for records in (before, after))
     both = [s for s in a if s in b]
-    changes = [c for s in both for c in _changes(a[s], b[s])]
+    changes = [c for s in both for c in _find_changes(a[s], b[s])]
     return Comparison(
         tuple(sorted(changes, key=lambda c: (-c.size, c.case, c.metric))),
         tuple(r.case for s, r in a.items() if s not in b),
@@ -91,35 +91,35 @@ def is_repeatable(record: RunRecord) -> bool:
     return record.status not in (Status.STALLED, Status.UNFINISHED, Status.MEMORY) and record.claimed != Status.STALLED
 
 
-def _changes(a: RunRecord, b: RunRecord) -> list[Change]:
+def _find_changes(a: RunRecord, b: RunRecord) -> list[Change]:
     out = []
     if a.status != b.status:
         out.append(Change(a.case, "status", a.status, b.status, Likeness.CHANGED))
     pairs = [(name, float(getattr(a, name)), float(getattr(b, name))) for name in METRICS]
-    pairs += _embedded("observable_errors", a, b) + _embedded("invariant_drifts", a, b)
+    pairs += _pair_extents("observable_errors", a, b) + _pair_extents("invariant_drifts", a, b)
     for name, x, y in pairs:
-        likeness = _likeness(a, name, x, y)
+        likeness = _compare_numbers(a, name, x, y)
         if likeness is not Likeness.SAME:
             out.append(Change(a.case, name, x, y, likeness))
     return out
 
 
-def _likeness(a: RunRecord, name: str, x: float, y: float) -> Likeness:
+def _compare_numbers(a: RunRecord, name: str, x: float, y: float) -> Likeness:
     if x == y or (math.isnan(x) and math.isnan(y)):
         return Likeness.SAME
     if not (math.isfinite(x) and math.isfinite(y)):
         return Likeness.CHANGED
-    scale = max(_or(a.energy_scale_J), _or(a.length_scale_m), 1.0)
+    scale = max(_finite_or_one(a.energy_scale_J), _finite_or_one(a.length_scale_m), 1.0)
     allowed = FIXED_STEP if a.control == "dt" else ERROR_CONTROL
     if name == "steps" and a.control == "dt":
         return Likeness.CHANGED
     return Likeness.ROUNDING if abs(x - y) <= allowed * max(abs(x), abs(y)) + LEAST * scale else Likeness.CHANGED
 
 
-def _embedded(column: str, a: RunRecord, b: RunRecord) -> list[tuple[str, float, float]]:
+def _pair_extents(column: str, a: RunRecord, b: RunRecord) -> list[tuple[str, float, float]]:
     x, y = (json.loads(getattr(r, column)) for r in (a, b))
     return [(f"{column}.{k}.max", float(x[k]["max"]), float(y[k]["max"])) for k in x if k in y]
 
 
-def _or(x: float) -> float:
+def _finite_or_one(x: float) -> float:
     return x if math.isfinite(x) else 1.0

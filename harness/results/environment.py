@@ -1,4 +1,4 @@
-"""Where a result comes from: code, commit, packages, machine, threads."""
+"""The origin of a result: code, commit, packages, machine, threads."""
 
 import datetime
 import hashlib
@@ -19,30 +19,16 @@ THREADS = dict.fromkeys((  # one thread: timings mean CPU time of one core, and 
     "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS",
     "NUMEXPR_NUM_THREADS", "NUMBA_NUM_THREADS",
 ), "1")  # fmt: skip
-SHAPING = (  # what the process of one run executes; the rest only arranges, judges or shows
-    "harness/catalogue", "harness/execution/contract.py", "harness/execution/handed.py",
-    "harness/execution/job.py", "harness/execution/measuring.py",
-    "harness/execution/presented.py", "harness/execution/supervisor.py", "harness/execution/warmup.py",
-    "harness/execution/worker.py", "harness/files.py", "harness/mechanics", "harness/metrics",
-    "harness/reference", "harness/results/naming.py", "harness/results/npz.py",
-    "harness/results/records.py", "harness/results/series.py",
-    "harness/sandbox", "harness/shapes.py", "harness/suites/spec.py", "harness/types", "problems", "solvers",
-)  # fmt: skip
-
+SHAPING = ("harness", "problems", "solvers")  # folders with code that a run's numbers come from
 PLATFORM = ("python", "implementation", "packages", "cpu", "machine", "blas", "threads")  # numbers may depend on these
 
 
 @cache
 def code_digest(plugins: tuple[str, ...] = ()) -> str:
-    """Digest of every file that can change a run's numbers, the lock file included."""
-    files = [f for name in SHAPING for f in (sorted((ROOT / name).rglob("*.py")) or [ROOT / name])]
-    digest = hashlib.sha256()
-    from ..catalogue.plugins import sources_of
+    """Digest of all code that numbers of runs come from."""
+    from .codes import package_sources  # here: the command line starts with this module
 
-    for path in [*files, LOCK, *(p for plugin in plugins for p in sources_of(plugin))]:
-        name = path.relative_to(ROOT) if path.is_relative_to(ROOT) else path.name
-        digest.update(f"{name}\0".encode() + _content(path) + b"\0")
-    return digest.hexdigest()[:16]
+    return package_sources().digest_all(plugins)
 
 
 @cache
@@ -55,7 +41,6 @@ def commit() -> str:
 def stamp(folder: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[str, Any]:
     """The content of ``environment.json``."""
     import psutil
-    from threadpoolctl import threadpool_info
 
     names = sorted({*_locked(), "numpy", "scipy"})
     return {
@@ -66,7 +51,7 @@ def stamp(folder: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[st
         "executable": sys.executable, "packages": {name: v for name in names if (v := _version(name))},
         "system": f"{platform.system()} {platform.release()}", "machine": platform.machine(), "cpu": _cpu(),
         "cores": os.cpu_count(), "memory_MB": int(psutil.virtual_memory().total // 2**20),
-        "blas": [{k: b.get(k) for k in ("internal_api", "version", "num_threads")} for b in threadpool_info()],
+        "blas": [{k: b.get(k) for k in ("internal_api", "version", "num_threads")} for b in _blas()],
         "threads": dict(THREADS), "jobs": jobs, "plugins": list(plugins),
     }  # fmt: skip
 
@@ -116,6 +101,19 @@ def _version(name: str) -> str:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
         return ""
+
+
+def _blas() -> list[dict[str, Any]]:
+    """Linear algebra libraries of NumPy, SciPy and SUNDIALS, all loaded here; those of other packages do not count."""
+    import numpy
+    import scipy.linalg  # noqa: F401
+    import sksundae  # noqa: F401
+    from threadpoolctl import threadpool_info, threadpool_limits
+
+    packages, ours = Path(numpy.__file__).resolve().parents[1], ("numpy", "scipy", "scikit_sundae", "sksundae")
+    with threadpool_limits(limits=1):  # as ``THREADS`` has it where runs are run, whatever is set in this process
+        places = [(library, Path(library["filepath"]).resolve()) for library in threadpool_info()]
+    return [b for b, p in places if not p.is_relative_to(packages) or p.relative_to(packages).parts[0].startswith(ours)]
 
 
 def _cpu() -> str:

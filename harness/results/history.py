@@ -52,27 +52,27 @@ SAME = ("suite", "settings_id", "case", "label", "problem", "solver", "status") 
 METRICS = tuple(f.name for f in fields(Row) if f.type is float)
 
 
-def history(folders: Iterable[Path], files: Iterable[Path] = ()) -> tuple[Row, ...]:
+def load_history(folders: Iterable[Path], files: Iterable[Path] = ()) -> tuple[Row, ...]:
     """All rows, the oldest first, without duplicates."""
-    return together([*map(rows_in, folders)], [*map(read_rows, files)])
+    return merge_rows([*map(read_folder, folders)], [*map(read_rows, files)])
 
 
-def rows_in(folder: Path) -> list[Row]:
-    """Of a results folder."""
-    return rows_of(
+def read_folder(folder: Path) -> list[Row]:
+    """The rows of a results folder."""
+    return make_rows(
         folder.resolve().name, stamp_of(folder), store.newest(store.load(folder, check_series=False).records)
     )
 
 
-def together(of_folders: Iterable[Iterable[Row]], of_files: Iterable[Iterable[Row]]) -> tuple[Row, ...]:
-    """The same of rows that are read."""
+def merge_rows(of_folders: Iterable[Iterable[Row]], of_files: Iterable[Iterable[Row]]) -> tuple[Row, ...]:
+    """All rows, the oldest first; judged rows, from files, replace those of folders."""
     found: dict[tuple[str, str], Row] = {}
     for row in chain(chain.from_iterable(of_folders), chain.from_iterable(of_files)):  # files last: judged
         found[row.results, row.settings_id] = row
-    return _with_ratios(sorted(found.values(), key=lambda r: (r.time, r.results, r.case)))
+    return _add_ratios(sorted(found.values(), key=lambda r: (r.time, r.results, r.case)))
 
 
-def rows_of(
+def make_rows(
     results: str, stamp: Mapping[str, Any], records: Iterable[RunRecord], gate: Mapping[str, str] | None = None
 ) -> list[Row]:
     """The rows of one run; ``stamp`` is its ``environment.json``, ``gate`` the state of each judged case."""
@@ -86,7 +86,7 @@ def rows_of(
     return out
 
 
-def standing(local: Path = store.LOCAL, committed: Path = COMMITTED) -> tuple[list[Path], list[Path]]:
+def find_histories(local: Path = store.LOCAL, committed: Path = COMMITTED) -> tuple[list[Path], list[Path]]:
     """The results folders and the files of rows that there are."""
     folders = sorted(p for p in local.glob("*") if store.is_results(p) and not p.is_symlink())
     return folders, [*sorted(committed.glob("*.jsonl")), *sorted((local / GATES).glob("*.jsonl"))]
@@ -101,17 +101,17 @@ def write_rows(path: Path, rows: Iterable[Row]) -> None:
 def read_rows(path: Path) -> list[Row]:
     """The inverse of ``write_rows``, or FileError."""
     lines = read_text(path, "rows").splitlines()
-    return [_row(line, f"{path}:{n}") for n, line in enumerate(lines, start=1) if line.strip()]
+    return [_parse_row(line, f"{path}:{n}") for n, line in enumerate(lines, start=1) if line.strip()]
 
 
-def _row(line: str, where: str) -> Row:
+def _parse_row(line: str, where: str) -> Row:
     plain = parse_json(line, where)
     if isinstance(plain, dict):
         plain = {k: NAN if v is None and k in METRICS else v for k, v in plain.items()}
     return shaped(plain, Row, where)
 
 
-def _with_ratios(rows: Iterable[Row]) -> tuple[Row, ...]:
+def _add_ratios(rows: Iterable[Row]) -> tuple[Row, ...]:
     first: dict[tuple[str, str], float] = {}
     out = []
     for row in rows:

@@ -17,7 +17,7 @@ STAMP = re.compile(r"environment\..*\.json")
 
 @dataclass(frozen=True)
 class Merged:
-    """What came of it."""
+    """The outcome of merging."""
 
     records: tuple[RunRecord, ...]
     added: int
@@ -48,14 +48,14 @@ def merge(out: Path, sources: Sequence[Path]) -> Merged:
                 store.write_record(out, record)
                 kept[record.run_id] = record
                 added += 1
-            _environment(source, out)
+            _copy_environment(source, out)
         store.write_table(out, store.load(out, check_series=False).records)
         store.point_latest(out)
     records = tuple(sorted(kept.values(), key=lambda r: (r.problem, r.solver, r.case)))
     return Merged(records, added, tuple(unreadable), tuple(conflicts), tuple(sorted({r.code for r in records})))
 
 
-def _environment(source: Path, out: Path) -> None:
+def _copy_environment(source: Path, out: Path) -> None:
     """The first source's stamp and suite become those of ``out``; further stamps are kept beside it."""
     for name in ("environment.json", "suite.toml"):
         if not (Place(out) / name).is_there():

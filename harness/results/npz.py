@@ -33,7 +33,7 @@ def write_npz(path: Path | Place, arrays: Mapping[str, np.ndarray], *, compresse
 def read_npz(
     source: Path | Place | bytes, largest: int, wanted: Callable[[str], bool] = lambda name: True
 ) -> dict[str, np.ndarray]:
-    """The arrays of a file that are ``wanted``; ValueError if all hold over ``largest`` bytes or it is none."""
+    """The arrays of a file that are ``wanted``; ValueError over ``largest`` bytes or if it is no NPZ file."""
     try:
         content = source if isinstance(source, bytes) else place_of(source).read(largest)
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
@@ -50,7 +50,7 @@ def read_npz(
 
 
 def _array(content: bytes) -> np.ndarray:
-    """From the bytes of an NPY file: as many as its shape says, no more and no fewer."""
+    """The array in an NPY file, which must hold exactly the bytes that its shape needs."""
     file = io.BytesIO(content)
     version = np.lib.format.read_magic(file)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}

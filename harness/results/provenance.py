@@ -1,4 +1,4 @@
-"""Which inputs of two runs differ: what may be why their results do."""
+"""Inputs in which two runs differ: possible causes of different results."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -38,7 +38,7 @@ def stamp_of(folder: Path) -> dict[str, Any]:
     return plain if isinstance(plain, dict) else {}
 
 
-def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Difference]:
+def find_differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Difference]:
     """Inputs of two stamps that differ; one that is missing counts as unknown."""
     if not (before and after):
         return [Difference("environment.json", *("there" if s else "missing" for s in (before, after)))]
@@ -46,13 +46,13 @@ def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> list[Dif
     for key, words in WORDS.items():
         a, b = before.get(key), after.get(key)
         if environment.text_of(a) != environment.text_of(b):
-            detail = _changed_files(before, after) if key == "code" else ""
-            out.append(Difference(words, _text(a), _text(b), detail))
+            detail = _list_changed_files(before, after) if key == "code" else ""
+            out.append(Difference(words, _format(a), _format(b), detail))
     a, b = (s.get("packages") if isinstance(s.get("packages"), dict) else {} for s in (before, after))
     assert isinstance(a, dict) and isinstance(b, dict)
     for name in sorted({*a, *b}):
         if a.get(name) != b.get(name):
-            out.append(Difference(f"package {name}", _text(a.get(name)), _text(b.get(name))))
+            out.append(Difference(f"package {name}", _format(a.get(name)), _format(b.get(name))))
     return out
 
 
@@ -61,14 +61,14 @@ def same_platform(before: Mapping[str, Any], after: Mapping[str, Any]) -> bool:
     return bool(before) and environment.identity(before) == environment.identity(after)
 
 
-def why(found: Sequence[Difference]) -> str:
+def describe_differences(found: Sequence[Difference]) -> str:
     """The differences in a sentence."""
     if not found:
         return "no input differs: a solver is not deterministic, or a limit on time or memory was reached"
     return "; ".join(f"{d.what} {d.before} -> {d.after}" + (f" ({d.detail})" if d.detail else "") for d in found)
 
 
-def _changed_files(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
+def _list_changed_files(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
     commits = [str(s.get("commit", "")) for s in (before, after)]
     note = "uncommitted changes" if before.get("dirty") or after.get("dirty") else ""
     if not all(commits) or commits[0] == commits[1]:
@@ -78,7 +78,7 @@ def _changed_files(before: Mapping[str, Any], after: Mapping[str, Any]) -> str:
     return "; ".join(filter(None, (shown, note)))
 
 
-def _text(value: Any) -> str:
+def _format(value: Any) -> str:
     if value in (None, "", []):
         return "none"
     return value if isinstance(value, str) else json.dumps(value)

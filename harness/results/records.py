@@ -24,7 +24,7 @@ ESSENTIAL = ("run_id", "case", "problem", "solver", "status")  # others may be n
 
 
 class BadRecord(files.FileError):
-    """Not a record of this schema; the message says why."""
+    """A file is not a record of this schema; the message says why."""
 
 
 def column(doc: str, default: Any = NAN) -> Any:
@@ -38,7 +38,7 @@ class RunRecord:
 
     # asked
     run_id: str = column("content address: problem, parameters, solver, options, step or tolerance, code", "")
-    settings_id: str = column("the same without the code: equal between runs of different commits", "")
+    settings_id: str = column("content address without the code: equal between runs of different commits", "")
     case: str = column("the settings in words, unique in a suite: 'heavy_top gc_weak_form dt=0.001'", "")
     suite: str = column("name of the suite", "")
     label: str = column("group of runs in the suite, e.g. 'recommended' or 'as printed'", "")
@@ -82,7 +82,9 @@ class RunRecord:
     energy_drift_end_J: float = column("energy error at the last step, signed")
     energy_trend_W: float = column("slope of the line of least squares through the energy error [J/s]")
     energy_mean_first_quarter_J: float = column("time mean of the energy error over the first quarter of the time")
-    energy_mean_last_quarter_J: float = column("the same over the last quarter: their difference is secular drift")
+    energy_mean_last_quarter_J: float = column(
+        "time mean over the last quarter: the difference of the two is secular drift"
+    )
     energy_allowed_J: float = column("the benchmark's own limit on the drift, where it has one")
 
     # constraints
@@ -99,9 +101,9 @@ class RunRecord:
     phi_dot_limit_m_per_s: float = column("limit of |phi_dot|; NaN where that of |phi| is")
     phi_dot_end: float = column("|phi_dot| at the last step")
     gap_share_max: float = column("max |phi| as judged (axis rows in metres) over its limit, worst mechanism")
-    gap_rate_share_max: float = column("the same of |phi_dot|")
+    gap_rate_share_max: float = column("max |phi_dot| as judged over its limit, worst mechanism")
     eq81_max_sqrtJ: float = column("max sqrt(phi_dot^T M_bar phi_dot), the norm of Eq. (81)")
-    eq81_end_sqrtJ: float = column("the same at the last step")
+    eq81_end_sqrtJ: float = column("that norm at the last step")
     orthogonality_max: float = column("max |R^T R - 1|")
     kinematic_defect: float = column("share of its path by which a body's poses and velocities disagree")
     out_of_plane_max_m: float = column("max distance of any C from its plane, where the exact motion is planar")
@@ -114,13 +116,13 @@ class RunRecord:
     accurate_until_s: float = column(
         "motion_error first passes a tenth of length_scale_m; compared_to_s if it never does"
     )
-    accurate_until_1pct_s: float = column("the same for a hundredth")
-    accurate_until_0p1pct_s: float = column("the same for a thousandth")
+    accurate_until_1pct_s: float = column("time at which motion_error first passes a hundredth of length_scale_m")
+    accurate_until_0p1pct_s: float = column("time at which motion_error first passes a thousandth of length_scale_m")
     motion_error_max_m: float = column("max over time and bodies of the rms distance of a body's matter from the exact")
     position_error_max_m: float = column("max over time and bodies of |r - r_exact|")
-    position_error_end_m: float = column("the same at the last compared step")
+    position_error_end_m: float = column("that error at the last compared step")
     orientation_error_max_rad: float = column("max over time and bodies of the angle between R and R_exact")
-    orientation_error_end_rad: float = column("the same at the last compared step")
+    orientation_error_end_rad: float = column("that angle at the last compared step")
     velocity_error_max_m_per_s: float = column("max over time and bodies of |v - v_exact| of the C's")
     angular_velocity_error_max_rad_per_s: float = column("max over time and bodies of |Omega - Omega_exact|")
     reaction_error_max_N: float = column("max over instants and bodies of the error of the joint forces' sum on a body")
@@ -174,7 +176,7 @@ class RunRecord:
 
     # files, relative to the results folder
     series: str = column("the run's series file, empty if there is none", "")
-    series_sha256: str = column("its digest", "")
+    series_sha256: str = column("sha256 of the series file", "")
     series_rows: int = column("rows in it; fewer than steps + 1 when thinned", 0)
     stderr: str = column("what the run wrote to standard error, empty if nothing", "")
 
@@ -235,7 +237,7 @@ def from_json(text: str) -> RunRecord:
     for name in ESSENTIAL:
         if name not in plain:
             raise BadRecord(f"column {name} is missing")
-    record = _typed(plain, RunRecord, "record")
+    record = _convert(plain, RunRecord, "record")
     long = [c.name for c in COLUMNS if c.type is int and not -(2**63) <= getattr(record, c.name) < 2**63]
     if long:
         raise BadRecord(f"column {long[0]} holds a number that no table can")
@@ -258,10 +260,10 @@ def reasons_of(wrong_because: str) -> tuple[Reason, ...]:
     """The inverse of ``reasons_json``, or BadRecord."""
     where = "column wrong_because"
     found = shaped(files.parse_json(wrong_because, where, BadRecord), list[dict[str, Any]], where, BadRecord)
-    return tuple(_typed(plain, Reason, where) for plain in found)
+    return tuple(_convert(plain, Reason, where) for plain in found)
 
 
-def _typed(plain: Mapping[str, Any], kind: type[T], where: str) -> T:
+def _convert(plain: Mapping[str, Any], kind: type[T], where: str) -> T:
     """``plain`` as the dataclass ``kind``, its numbers that are not finite taken back from text."""
     floats = {f.name for f in dataclasses.fields(kind) if f.type is float}  # type: ignore[arg-type]
     given = {k: float(v) if k in floats and v in ("nan", "inf", "-inf") else v for k, v in plain.items()}

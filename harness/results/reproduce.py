@@ -13,7 +13,7 @@ from .records import RunRecord
 REFEREED = "refereed"  # in place of a suite: the motion came from a file
 
 
-def command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> str:
+def write_command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> str:
     """``mbsbench solve ...`` with all that shapes the motion, the wall limit included, each word quoted.
 
     ``plugins`` are those of the run's ``environment.json``; the NPZ file is ``out``, or the run's address.
@@ -26,14 +26,14 @@ def command(record: RunRecord, plugins: Sequence[str] = (), out: str = "") -> st
         words += ["--plugin", plugin]
     for name, value in json.loads(record.problem_parameters).items():
         words += ["--problem-set", f"{name}={text_of(value)}"]
-    for name, value in {**json.loads(record.solver_options), **_control(record)}.items():
+    for name, value in {**json.loads(record.solver_options), **control_of(record)}.items():
         words += ["--set", f"{name}={text_of(value)}"]
     words += ["--out", out or f"{record.run_id or record.problem}.npz"]
     return shlex.join(words)
 
 
-def _control(record: RunRecord) -> dict[str, Any]:
-    """What ``solve`` takes by ``--set`` beside the solver's options; what does not exist is left out."""
+def control_of(record: RunRecord) -> dict[str, Any]:
+    """Step, tolerance and limits that ``solve`` takes by ``--set``; those that do not exist are left out."""
     r = record
     max_steps = math.nan if r.max_steps in (0, StepControl.max_steps) else r.max_steps
     given = {

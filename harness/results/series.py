@@ -24,7 +24,7 @@ OTHER = ("end_", "joint_", "gravity")  # not along time
 
 
 class BadSeries(ValueError):
-    """Not a whole series file of this schema; the message says why."""
+    """A file is not a whole series file of this schema; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ class Series:
 
 
 class Head(Shape, frozen=True):
-    """What the member ``meta`` of a series file holds, as JSON."""
+    """The member ``meta`` of a series file, as JSON."""
 
     events: tuple[dict[str, Any], ...]
     body_names: tuple[str, ...]

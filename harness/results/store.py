@@ -38,7 +38,7 @@ class StoreError(files.FileError):
 
 
 class RecordFile(Shape, frozen=True):
-    """What ``runs/<run_id>.json`` holds: the text of the record and its digest."""
+    """The content of ``runs/<run_id>.json``: the text of the record and its digest."""
 
     sha256: str
     record: str
@@ -54,7 +54,7 @@ class Unreadable:
 
 @dataclass(frozen=True)
 class Loaded:
-    """What a results folder holds: the good records by run, and what could not be read."""
+    """The content of a results folder: good records, and files that could not be read."""
 
     records: tuple[RunRecord, ...]
     unreadable: tuple[Unreadable, ...]
@@ -62,10 +62,10 @@ class Loaded:
 
 def is_results(folder: Path) -> bool:
     """Whether ``folder`` holds results that this version reads."""
-    return (Place(folder) / "runs").kind() == "a folder" and not older(folder)
+    return (Place(folder) / "runs").kind() == "a folder" and not older_schema(folder)
 
 
-def older(folder: Path) -> int:
+def older_schema(folder: Path) -> int:
     """The schema of results of an older version, else 0. Runs of schema 1 were called cells."""
     runs = Place(folder) / "runs"
     if not runs.is_folder():
@@ -78,7 +78,7 @@ def older(folder: Path) -> int:
 
 def refuse_older(folder: Path) -> None:
     """StoreError for results of an older version."""
-    if schema := older(folder):
+    if schema := older_schema(folder):
         suite = Place(folder) / "suite.toml"
         again = f"run the suite again: mbsbench run {suite}" if suite.is_own_file() else "run its suite again"
         raise StoreError(f"{folder} holds results of an older version (schema {schema}); {again}")
@@ -122,7 +122,7 @@ def lock(folder: Path) -> BinaryIO:
 
 
 def remove_partial(folder: Path) -> None:
-    """What killed processes left half-written; for who holds the lock: nobody writes."""
+    """Delete partial files of killed processes. Call with the lock held."""
     for part in (Place(folder), *(Place(folder) / name for name in PARTS)):
         for name in filter(PARTIAL.fullmatch, part.names()):
             (part / name).remove_file()
@@ -210,7 +210,7 @@ def load(folder: Path, *, check_series: bool = True) -> Loaded:
 
 
 def newest(records: Iterable[RunRecord]) -> tuple[RunRecord, ...]:
-    """Of records with the same settings the one that ended last: a resumed folder may hold those of older code."""
+    """The last record of each run: a resumed folder may hold records of older code."""
     found: dict[str, RunRecord] = {}
     for r in records:
         if r.settings_id not in found or ending(r) > ending(found[r.settings_id]):
@@ -231,13 +231,13 @@ def set_aside(folder: Path, unreadable: Iterable[Unreadable]) -> None:
     aside.make()
     taken, lines = set(aside.names()), []
     for item in items:
-        name = _free(item.path.name, taken)
+        name = _free_name(item.path.name, taken)
         (Place(folder) / item.path.relative_to(folder).as_posix()).move_to(aside / name)
         lines.append(f"{name}: {item.why}\n")
-    (aside / _free("why.txt", taken)).write("".join(lines))
+    (aside / _free_name("why.txt", taken)).write("".join(lines))
 
 
-def _free(name: str, taken: set[str]) -> str:
+def _free_name(name: str, taken: set[str]) -> str:
     """``name``, or with the first number that is not ``taken``, which it is then."""
     numbered = itertools.chain([name], (f"{name}.{n}" for n in itertools.count(1)))
     free = next(n for n in numbered if n not in taken)

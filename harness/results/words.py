@@ -1,4 +1,4 @@
-"""How a run ended and why it is wrong, in words: made here from a record, for terminal and pages alike."""
+"""The end of a run and why it is wrong, in words made from its record, for terminal and pages alike."""
 
 import math
 import signal
@@ -78,13 +78,13 @@ def words_of(reason: Reason) -> str:
     """``the energy error reaches 3 J, more than 1 J, first at 0.2 s``."""
     r = reason
     if r.law is Law.FINITE:
-        return f"the trajectory holds values that are not finite numbers{_at(r, ', from t = ')}"
+        return f"the trajectory holds values that are not finite numbers{_append_time(r, ', from t = ')}"
     if r.law is Law.START:
         return f"the motion does not begin at the given start (off by {r.value:.3g}, at t = {r.time_s:g} s)"
     if r.law is Law.END:
         return f"success claimed, but the last step ends at {r.value:.9g} s of {r.limit:g} s"
     unit = f" {r.unit}" if r.unit else ""
-    return f"{law_of(r)} reaches {r.value:.3g}{unit}, more than {r.limit:.3g}{unit}{_at(r, ', first at ')}"
+    return f"{law_of(r)} reaches {r.value:.3g}{unit}, more than {r.limit:.3g}{unit}{_append_time(r, ', first at ')}"
 
 
 def words_of_ending(record: RunRecord) -> str:
@@ -93,14 +93,14 @@ def words_of_ending(record: RunRecord) -> str:
     words = {
         EndedBy.WALL_LIMIT: f"not finished here: killed after {r.ended_limit_s:g} s of wall time, "
         "before it had used the CPU time it was given",
-        EndedBy.CPU_LIMIT: f"not finished here: {printable(r.message) or _killed_at(r)}",
+        EndedBy.CPU_LIMIT: f"not finished here: {printable(r.message) or _describe_kill(r)}",
         EndedBy.MEASURE_LIMIT: "not finished here: the solver returned, but measuring its motion took too long",
         EndedBy.TOTAL_LIMIT: f"not finished here: killed at the suite's total_limit of {r.ended_limit_s:g} s",
         EndedBy.EXIT: f"the process exited with code {r.exit_code} and no result",
-        EndedBy.SIGNAL: _signal(r),
-        EndedBy.KILLED: f"{_signal(r)}, sent from outside the run",
+        EndedBy.SIGNAL: _describe_signal(r),
+        EndedBy.KILLED: f"{_describe_signal(r)}, sent from outside the run",
         EndedBy.SUSPENDED: "not finished here: its limit passed while the harness was suspended; --resume repeats it",
-        EndedBy.MEMORY_LIMIT: f"{_signal(r)}, near its memory limit" if r.signal else printable(r.message),
+        EndedBy.MEMORY_LIMIT: f"{_describe_signal(r)}, near its memory limit" if r.signal else printable(r.message),
         EndedBy.SUPERVISOR_LOST: "the supervisor process died twice "
         f"(code {r.exit_code - r.signal}) during this run, the second time with this run alone",
         EndedBy.WORKERS_LOST: f"its worker died {WORKERS} or more times",
@@ -109,14 +109,14 @@ def words_of_ending(record: RunRecord) -> str:
     return f"{words} (steps to t = {r.t_reached_s:.6g} s kept)" if kept else words
 
 
-def _killed_at(r: RunRecord) -> str:
+def _describe_kill(r: RunRecord) -> str:
     return f"killed past its limit of {r.cpu_limit_s:g} s of CPU time: the solver did not stop when asked"
 
 
-def _signal(r: RunRecord) -> str:
+def _describe_signal(r: RunRecord) -> str:
     name = signal.Signals(r.signal).name if r.signal in set(signal.Signals) else str(r.signal)
     return f"ended by {name}" + ("" if math.isnan(r.peak_memory_MB) else f" with {r.peak_memory_MB:.0f} MB resident")
 
 
-def _at(r: Reason, words: str) -> str:
+def _append_time(r: Reason, words: str) -> str:
     return "" if math.isnan(r.time_s) else f"{words}{r.time_s:.4g} s"

@@ -1,4 +1,4 @@
-"""What a run cost apart from its time: its own counters, and one unit that all solvers are compared in."""
+"""The cost of a run apart from its time: its own counters, and one unit that all solvers are compared in."""
 
 import math
 
@@ -9,7 +9,7 @@ SHARE = 0.5  # of an index-1 evaluation with its factorisation: one without. Mea
 
 
 def evaluations(r: RunRecord) -> float:
-    """Of residual or right side; one an iteration where a solver counts these alone."""
+    """Evaluations of residual or right side; one an iteration where a solver counts iterations alone."""
     return r.newton_iterations if math.isnan(r.evaluations) else r.evaluations
 
 

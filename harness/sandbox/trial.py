@@ -18,40 +18,40 @@ MEMORY = 4000.0  # [MB]
 
 
 def tried(what: str, attempt: Callable[[], T]) -> T:
-    """What ``attempt`` gives, once it has returned in another process; ValueError in one line where it does not."""
+    """The value of ``attempt``, once it has returned in another process; ValueError in one line where it does not."""
     if threading.active_count() == 1:  # else a plugin before it has started a thread, and nothing can be forked
-        complaint = _elsewhere(what, attempt)
+        complaint = _try_elsewhere(what, attempt)
         if complaint:
             raise ValueError(complaint)
     try:
         return attempt()
     except Exception as error:
-        raise ValueError(_words(what, error)) from error
+        raise ValueError(_describe_error(what, error)) from error
 
 
-def made(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:
+def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Problem:
     """The problem ``name``; a plugin's is tried first."""
     if registry.is_own_problem(name):
         return registry.make_problem(name, parameters)
     return tried(f"problem {name}", lambda: registry.make_problem(name, parameters))
 
 
-def _words(what: str, error: BaseException) -> str:
+def _describe_error(what: str, error: BaseException) -> str:
     if not isinstance(error, ValueError):
         return f"{what}: {type(error).__name__}: {error}"
     silent = error.__cause__ is not None and not str(error.__cause__)  # sys.exit(), MemoryError: a type without words
     return f"{str(error).rstrip()} {type(error.__cause__).__name__}" if silent else str(error)
 
 
-def _elsewhere(what: str, attempt: Callable[[], object]) -> str:
-    """What is wrong with it; empty when it returned."""
+def _try_elsewhere(what: str, attempt: Callable[[], object]) -> str:
+    """The complaint about ``attempt``; empty when it returned."""
 
     def run(send: Callable[[str], None]) -> None:
         try:
             attempt()
             complaint = ""
         except BaseException as error:  # sys.exit too
-            complaint = _words(what, error)
+            complaint = _describe_error(what, error)
         send(json.dumps(complaint))
 
     ended = Apart(run, limit=LIMIT, memory=MEMORY).wait()

@@ -1,6 +1,6 @@
 """The terms of this project, one sentence each: tooltips and a page of the report, and ``docs/glossary.md``.
 
-``python -m mbsbench.reports.model.glossary`` prints the table for ``docs/glossary.md``; a test compares.
+``python -m mbsbench.reports.model.glossary`` prints the list for ``docs/glossary.md``; a test compares.
 """
 
 import sys
@@ -20,9 +20,8 @@ def term(name: str, shown: str = "") -> Markup:
 
 
 def markdown() -> str:
-    """The table of ``docs/glossary.md``."""
-    rows = "".join(f"| {name} | {text.replace('|', '&#124;')} |\n" for name, text in GLOSSARY.items())
-    return f"| term | meaning |\n|---|---|\n{rows}"
+    """The list of ``docs/glossary.md``."""
+    return "".join(f"- **{name}**: {text}\n" for name, text in GLOSSARY.items())
 
 
 if __name__ == "__main__":

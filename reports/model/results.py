@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 from ...harness.results import store
 from ...harness.results.naming import named, text_of
 from ...harness.results.provenance import stamp_of
-from ...harness.results.provisional import one_per_run
+from ...harness.results.provisional import latest_of_each
 from ...harness.results.records import RunRecord
 from ...harness.results.series import BadSeries, Series, check_series
 from ...harness.results.words import why
@@ -180,7 +180,7 @@ def read_results(folder: Path, *, check_series: bool = True) -> Results:
     records = loaded.records if check_series else ()
     faults = {r.run_id: why for r in records if (why := _series_fault(folder, r))}
     sound = [r for r in loaded.records if r.run_id not in faults]
-    shown = {r.settings_id: r for r in one_per_run(sound)}
+    shown = {r.settings_id: r for r in latest_of_each(sound)}
     later = sum(r.finished > shown[r.settings_id].finished for r in sound)
     runs = [Run(r, _stderr(folder, r)) for r in shown.values()]
     runs.sort(key=lambda c: (c.record.solver, c.method, -c.step_or_tolerance, c.record.case))

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 from ...harness.places import Place
-from ...harness.results.judgements.files import FOLDER, PUBLISHED, File, JudgementError, read
+from ...harness.results.judgements.files import FOLDER, PUBLISHED, File, JudgementError, read_judgement
 from ..model.results import Run
 
 JUDGE = "mbsbench judge"
@@ -41,7 +41,7 @@ def judged(results: Path, file: File[T]) -> Judged[T]:
 def read_or_why(folder: Place, file: File[T], command: str) -> Judged[T]:
     """The judgement in ``folder``; ``command`` makes it."""
     try:
-        return Judged(read(file, folder))
+        return Judged(read_judgement(file, folder))
     except FileNotFoundError:
         return Judged(why=f"There is no {folder.name}/{file.name}.json yet. To make it: {command}")
     except JudgementError as error:

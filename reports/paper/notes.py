@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...harness.places import Place
-from ...harness.referee.judge import read_claims
 from ...harness.results.judgements.claims import Claim
-from ...harness.results.judgements.files import FOLDER, PUBLISHED
+from ...harness.results.judgements.files import FOLDER, PUBLISHED, read_claims
 from ...harness.results.store import StoreError
 from ..model import claim_words, curves
 from .captions import COLUMNS, Caption, CaptionClaim, CaptionRun

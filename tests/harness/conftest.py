@@ -88,7 +88,7 @@ def command(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess]:
     """``mbsbench ...`` in an empty folder."""
 
     def call(*arguments: str, timeout: float = 60.0) -> subprocess.CompletedProcess:
-        line = (sys.executable, "-m", "mbsbench.harness", *arguments)
+        line = (sys.executable, "-m", "mbsbench.cli", *arguments)
         environment = dict(os.environ)
         return subprocess.run(
             line, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=timeout, check=False

@@ -5,13 +5,19 @@ import tomllib
 
 import pytest
 
-from mbsbench.harness.__main__ import _commands
+from mbsbench.cli.__main__ import import_commands
 from mbsbench.harness.results.environment import ROOT
 
 PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 PATH = re.compile(r"`((?:harness|reports|problems|solvers|tests|docs|results/baselines|results/published)/[\w./-]*)`")
-LINK = re.compile(r"\]\((?!https?:|#)([^)#]+)")
+LINK = re.compile(r"\]\((?!https?:)([^)#]*)#?([^)]*)\)")
 COMMAND = re.compile(r"^ *mbsbench (\w+)|`mbsbench (\w+)", re.MULTILINE)
+
+
+def headings(page):
+    """The anchors of its headings, as renderers make them."""
+    titles = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: p.name)
@@ -19,8 +25,11 @@ def test_what_a_page_names_exists(page):
     """A file that was moved is found here first."""
     text = page.read_text(encoding="utf-8")
     assert not [p for p in PATH.findall(text) if not (ROOT / p).exists()]
-    assert not [p for p in LINK.findall(text) if not (page.parent / p).exists()]
-    commands = {m.__name__.rpartition(".")[2] for m in _commands()} - {"catalogue"} | {"list"}
+    for target, anchor in LINK.findall(text):
+        linked = page.parent / target if target else page
+        assert linked.exists(), target
+        assert not anchor or anchor in headings(linked), f"{target}#{anchor}"
+    commands = {m.__name__.rpartition(".")[2] for m in import_commands()}
     assert {a or b for a, b in COMMAND.findall(text)} - {"COMMAND"} <= commands
 
 
@@ -34,8 +43,14 @@ def test_the_page_on_the_layout_shows_the_layers_that_are_enforced():
     assert "\n".join(f"    {layer}" for layer in layers) in page
 
 
-def test_the_readme_has_a_line_for_every_room_of_the_harness():
-    """``ls harness`` explains itself."""
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    rooms = [p.name for p in (ROOT / "harness").iterdir() if (p / "__init__.py").exists()]
-    assert rooms and not [room for room in rooms if f"| `harness/{room}/` |" not in readme]
+def test_the_readme_shows_the_solver_of_its_page():
+    """The ten lines that are tested are those that a newcomer copies; one page is the other's beginning."""
+    readme, page = ((ROOT / n).read_text(encoding="utf-8") for n in ("README.md", "docs/your-own-solver.md"))
+    (solver,) = re.findall(r"```python\n.*?```", readme, re.DOTALL)
+    assert solver in page and len(readme.splitlines()) <= 70
+
+
+def test_every_room_of_the_harness_says_what_it_is_for():
+    """``ls harness`` is the table of contents."""
+    rooms = list((ROOT / "harness").glob("*/__init__.py"))
+    assert rooms and not [p for p in rooms if not p.read_text(encoding="utf-8").startswith('"""')]

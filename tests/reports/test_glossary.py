@@ -28,4 +28,4 @@ def test_every_term_of_a_template_is_in_the_glossary():
 
 def test_texts_are_escaped():
     """They stand in an attribute."""
-    assert term("order", "<b>") == f'<abbr title="{GLOSSARY["order"]}">&lt;b&gt;</abbr>'
+    assert term("law", "<b>") == f'<abbr title="{GLOSSARY["law"]}">&lt;b&gt;</abbr>'

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.places import NotOwn, Place
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
@@ -170,22 +170,21 @@ WAYS = {  # calls that open, look for or change files by their path; a Place has
     "read_parquet", "fromfile", "tofile", "scandir", "listdir", "is_file", "is_dir", "exists", "lexists", "stat",
     "is_symlink",
 }  # fmt: skip
-WATCHED = ("harness/results", "harness/execution", "harness/sandbox", "harness/commands", "harness/referee", "reports")
+WATCHED = ("harness/results", "harness/execution", "harness/sandbox", "cli", "harness/referee", "reports")
 ELSEWHERE = {
-    "harness/commands/catalogue.py": (
+    "cli/__main__.py": ("open", "the null device"),
+    "cli/list.py": (
         "glob mkdir read_bytes read_text rglob unlink write_text",
         "our own code, and the catalogue kept in our cache",
     ),
     "reports/model/catalogue.py": ("is_file read_text", "our own code"),
-    "harness/commands/parser.py": ("glob read_bytes", "our own code"),
-    "harness/commands/check.py": ("glob is_file", "a plugin, and the names beside it"),
-    "harness/commands/export.py": ("write_text", "a file that the user named"),
-    "harness/commands/gate.py": ("exists is_file is_symlink read_text unlink write_text", "files that the user named"),
-    "harness/commands/judge.py": ("mkdir", "the folder of published verdicts, that the user named"),
-    "harness/commands/kernels.py": ("write_text", "a file that the user named"),
-    "harness/commands/peers.py": ("read_text", "a file in a temporary folder"),
-    "harness/commands/report.py": ("mkdir", "the folder of a comparison, that the user named"),
-    "harness/commands/terms.py": ("is_dir open unlink", "the folder of a file that the user named"),
+    "cli/parser.py": ("glob read_bytes", "our own code"),
+    "cli/check.py": ("glob is_file", "a plugin, and the names beside it"),
+    "cli/export.py": ("write_text", "a file that the user named"),
+    "cli/gate.py": ("exists is_file is_symlink read_text unlink write_text", "files that the user named"),
+    "cli/judge.py": ("mkdir", "the folder of published verdicts, that the user named"),
+    "cli/report.py": ("mkdir", "the folder of a comparison, that the user named"),
+    "cli/arguments.py": ("is_dir open unlink", "the folder of a file that the user named"),
     "harness/execution/cluster.py": ("is_file", "a scheduler file that the user named"),
     "harness/execution/eta.py": ("glob is_symlink stat", "lists results/local"),
     "harness/execution/runner.py": ("exists glob is_symlink", "lists results/local, and looks for a name that is free"),

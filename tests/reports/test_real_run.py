@@ -1,6 +1,6 @@
 """A small run of real solvers becomes a report by the command line's own path."""
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.suites.suite import parse_suite
 

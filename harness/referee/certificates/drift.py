@@ -24,7 +24,7 @@ from ...results import store
 from ...results.judgements.runs import Drift
 from ...results.records import RunRecord
 from ...results.series import Series
-from .trend import FEWEST, Trend, trend_of
+from .trend import FEWEST, Trend, fit_trend
 
 PERIODS = 50  # fewer are no long run
 BLOCKS = 40  # at most: their means must span several periods
@@ -44,7 +44,7 @@ class Anatomy:
     trend: Trend
 
 
-def anatomy(folder: Path, records: Iterable[RunRecord]) -> tuple[Drift, ...]:
+def analyse_drift(folder: Path, records: Iterable[RunRecord]) -> tuple[Drift, ...]:
     """One a long run; runs of fewer than ``PERIODS`` periods are left out."""
     out = []
     for r in sorted(records, key=lambda r: (r.problem, r.problem_parameters, r.solver, r.case)):
@@ -53,7 +53,7 @@ def anatomy(folder: Path, records: Iterable[RunRecord]) -> tuple[Drift, ...]:
         series = store.series_of(folder, r)
         found = None if series is None else dissect(series)
         if found is not None or r.label == "long":
-            out.append(_judged(r, found))
+            out.append(_judge(r, found))
     return tuple(out)
 
 
@@ -62,13 +62,13 @@ def dissect(s: Series) -> Anatomy | None:
     t, e = s["t"], s["energy_error"]
     if not np.all(np.isfinite(e)):
         return None
-    marks = period_marks(t, s.named("obs_"))
+    marks = find_periods(t, s.named("obs_"))
     if marks is None or len(marks) <= PERIODS:
         return None
-    return split(t, e, marks)
+    return split_error(t, e, marks)
 
 
-def split(t: Float[np.ndarray, " nt"], e: Float[np.ndarray, " nt"], marks: Float[np.ndarray, " n+1"]) -> Anatomy:
+def split_error(t: Float[np.ndarray, " nt"], e: Float[np.ndarray, " nt"], marks: Float[np.ndarray, " n+1"]) -> Anatomy:
     """Oscillation, trend and walk of ``e`` over the periods between ``marks`` [s]."""
     n = len(marks) - 1
     size = max(n // BLOCKS, 1)
@@ -76,27 +76,27 @@ def split(t: Float[np.ndarray, " nt"], e: Float[np.ndarray, " nt"], marks: Float
     if blocks < FEWEST:
         raise ValueError(f"at least {FEWEST} periods are needed (got {n})")
     marks = marks[n - blocks * size :]  # the odd ones at the start go
-    total = _integral(t, e, marks[::size])
+    total = _integrate(t, e, marks[::size])
     means = np.diff(total) / np.diff(marks[::size])
     span = float(marks[-1] - marks[0])
-    found = trend_of(means, span / blocks)
+    found = fit_trend(means, span / blocks)
     level = e - found.slope * t
     at = np.searchsorted(t, marks)
     halves = [0.5 * np.ptp(level[a : b + 1]) for a, b in pairwise(at) if b > a]
     return Anatomy(blocks * size, span, float(np.median(halves)), found)
 
 
-def period_marks(
+def find_periods(
     t: Float[np.ndarray, " nt"], observables: dict[str, Float[np.ndarray, " nt"]]
 ) -> Float[np.ndarray, " n"] | None:
     """Times at which the most regular observable rises through its middle; None if none has enough periods."""
     moving = [a for _, a in sorted(observables.items()) if np.all(np.isfinite(a)) and np.ptp(a) > 0.0]
-    found = [(variation(np.diff(marks)), marks) for a in moving if len(marks := _rises(t, a)) > PERIODS]
+    found = [(variation(np.diff(marks)), marks) for a in moving if len(marks := _find_rises(t, a)) > PERIODS]
     uneven, best = min(found, key=lambda item: item[0], default=(math.inf, None))
     return best if uneven <= UNEVEN else None
 
 
-def _rises(t: np.ndarray, a: np.ndarray) -> np.ndarray:
+def _find_rises(t: np.ndarray, a: np.ndarray) -> np.ndarray:
     """Rises through the middle of the range, each between a visit to the lower and to the upper edge of a band."""
     low, high = np.quantile(a, (0.02, 0.98))
     middle, half = 0.5 * (low + high), 0.5 * BAND * (high - low)
@@ -111,14 +111,14 @@ def _rises(t: np.ndarray, a: np.ndarray) -> np.ndarray:
     return np.array(marks)
 
 
-def _integral(t: np.ndarray, e: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Of the straight lines through (t, e), from the start to ``at``."""
+def _integrate(t: np.ndarray, e: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Integral of the straight lines through (t, e), from the start to ``at``."""
     whole = cumulative_trapezoid(e, t, initial=0)
     k = np.clip(np.searchsorted(t, at, side="right") - 1, 0, len(t) - 2)
     return whole[k] + 0.5 * (at - t[k]) * (e[k] + np.interp(at, t, e))
 
 
-def _judged(r: RunRecord, found: Anatomy | None) -> Drift:
+def _judge(r: RunRecord, found: Anatomy | None) -> Drift:
     head = (r.problem, r.case.split(" ")[0], r.solver, r.case, r.settings_id, r.status)
     if found is None or r.claimed != "success":
         return Drift(*head, "failed" if r.claimed != "success" else "too short", r.t_reached_s)

@@ -1,8 +1,8 @@
 """Orders from ladders: the range of steps where the error is a power of the step, found and fitted, not chosen by eye.
 
-``ladder`` is for fixed steps, whose errors are smooth in dt: coarse steps are pre-asymptotic, fine ones lie on a floor
-of rounding or of the solver's own tolerance, and between them slopes agree. ``scattered`` is for error control, where
-every run has steps of its own and errors scatter: Theil and Sen's median of slopes needs no such range.
+``fit_ladder`` is for fixed steps, whose errors are smooth in dt: coarse steps are pre-asymptotic, fine ones lie on a
+floor of rounding or of the solver's own tolerance, and between them slopes agree. ``fit_scattered`` is for error
+control, where every run has steps of its own and errors scatter: Theil and Sen's median of slopes needs no such range.
 """
 
 import math
@@ -43,8 +43,8 @@ class Fit:
         return self.slopes[last:]
 
 
-def ladder(dt: Sequence[float], error: Sequence[float], small: float = 0.0) -> Fit:
-    """From errors > 0 at decreasing steps; below ``small`` a tolerance may hold them: no order is lost there.
+def fit_ladder(dt: Sequence[float], error: Sequence[float], small: float = 0.0) -> Fit:
+    """Fit the order to errors > 0 at decreasing steps; errors below ``small`` may be set by a tolerance.
 
     Finer points left out must have a reason: a floor that is seen (``_is_floor``). Else the order is ``lost``.
     """
@@ -53,12 +53,12 @@ def ladder(dt: Sequence[float], error: Sequence[float], small: float = 0.0) -> F
     nothing = (False,) * len(x)
     if len(x) < FEWEST + 1:
         return Fit("none", nothing, tuple(slopes))
-    window = _longest_agreement(slopes)
+    window = _find_agreement(slopes)
     if window is None:
         return Fit("flat" if np.median(np.abs(slopes)) < FLAT else "none", nothing, tuple(slopes))
     first, last = window  # slopes first..last agree: points first..last + 1
     used = tuple(first <= k <= last + 1 for k in range(len(x)))
-    order, low, high = _robust_line(x[first : last + 2], y[first : last + 2])
+    order, low, high = _fit_line(x[first : last + 2], y[first : last + 2])
     low, high = min(low, float(slopes[last])), max(high, float(slopes[last]))  # the finest pair has the least bias
     finer = slopes[last + 1 :]
     if np.all(np.abs(finer - order) <= AGREE):  # scatter about the order: nothing is lost and no floor seen
@@ -78,8 +78,8 @@ def _is_floor(x: np.ndarray, y: np.ndarray, small: float) -> bool:
     return bool(np.any((y[:-1] - y[-1]) < FLAT * (x[:-1] - x[-1])))
 
 
-def scattered(x: Sequence[float], error: Sequence[float]) -> Fit:
-    """From errors > 0 of runs under error control, finest last; ``x`` is their mean step or their tolerance."""
+def fit_scattered(x: Sequence[float], error: Sequence[float]) -> Fit:
+    """Fit the order to errors > 0 of runs under error control, finest last; ``x``: their mean step or tolerance."""
     a, y = np.log(np.asarray(x, dtype=float)), np.log(np.asarray(error, dtype=float))
     slopes = np.diff(y) / np.diff(a) if len(np.unique(a)) == len(a) else np.full(max(len(a) - 1, 0), math.nan)
     n = len(a)
@@ -94,7 +94,7 @@ def scattered(x: Sequence[float], error: Sequence[float]) -> Fit:
     return Fit("power", used, tuple(slopes), order, low, high, floor)
 
 
-def _longest_agreement(slopes: np.ndarray) -> tuple[int, int] | None:
+def _find_agreement(slopes: np.ndarray) -> tuple[int, int] | None:
     """First and last of the longest run of slopes that agree and are no floor; of equal ones the finest."""
     agreeing = [
         (first, last) for first, last in combinations(range(len(slopes)), 2) if last - first + 1 >= FEWEST
@@ -103,7 +103,7 @@ def _longest_agreement(slopes: np.ndarray) -> tuple[int, int] | None:
     return max(agreeing, key=lambda window: (window[1] - window[0], window[0]), default=None)
 
 
-def _robust_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
+def _fit_line(x: np.ndarray, y: np.ndarray) -> tuple[float, float, float]:
     """Slope of Huber's line with Student's interval from the weighted residuals."""
     d = x - np.mean(x)
 

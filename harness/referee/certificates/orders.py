@@ -17,7 +17,7 @@ from ...catalogue import registry
 from ...results.judgements.runs import Note, Order, OrderVerdict
 from ...results.records import RunRecord
 from ...types import Status
-from .fitting import FEWEST, Fit, ladder, scattered
+from .fitting import FEWEST, Fit, fit_ladder, fit_scattered
 
 CURVES = "work"  # label of runs that are points of a curve, not steps of a ladder
 WITHIN = 0.1  # of the declared order, on either side
@@ -85,10 +85,10 @@ QUANTITIES = (
 
 def certify(folder: Path, records: Iterable[RunRecord]) -> tuple[Order, ...]:
     """One a ladder and quantity, in the order of problems and solvers."""
-    return tuple(o for run in _ladders(records) for o in _certificates(run))
+    return tuple(o for run in _find_ladders(records) for o in _certify_ladder(run))
 
 
-def of_motion(orders: Iterable[Order]) -> list[Order]:
+def select_motion(orders: Iterable[Order]) -> list[Order]:
     """One a ladder of fixed steps: the worse of positions and orientations, of positions where both are alike."""
     ladders: dict[tuple[str, str], list[Order]] = {}
     for o in orders:
@@ -97,7 +97,7 @@ def of_motion(orders: Iterable[Order]) -> list[Order]:
     return [min(own, key=lambda o: WORST.index(o.verdict)) for own in ladders.values()]
 
 
-def _ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
+def _find_ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
     """Runs that differ in their step alone, coarsest first, each step once."""
     groups: dict[tuple, dict[float, RunRecord]] = {}
     for r in sorted(records, key=lambda r: (r.problem, r.problem_parameters, r.solver, r.solver_options, r.finished)):
@@ -109,13 +109,13 @@ def _ladders(records: Iterable[RunRecord]) -> list[list[RunRecord]]:
     return [run for run in runs if len(run) > FEWEST and not json.loads(run[0].problem_parameters).get("retrace")]
 
 
-def _certificates(run: Sequence[RunRecord]) -> list[Order]:
-    """Of all quantities that can be measured; of the first, positions, also where it cannot, with the reason."""
-    found = [o for q in QUANTITIES if (o := _certificate(run, q)) is not None]
+def _certify_ladder(run: Sequence[RunRecord]) -> list[Order]:
+    """Orders of all quantities that can be measured; of positions also where it cannot, with the reason."""
+    found = [o for q in QUANTITIES if (o := _certify_quantity(run, q)) is not None]
     return [o for k, o in enumerate(found) if k == 0 or o.is_measured]
 
 
-def _certificate(run: Sequence[RunRecord], q: Quantity) -> Order | None:
+def _certify_quantity(run: Sequence[RunRecord], q: Quantity) -> Order | None:
     done = [r for r in run if r.claimed == Status.SUCCESS and math.isfinite(q.of(r)) and r.steps > 0]
     failed = [r for r in run if r.claimed != Status.SUCCESS or not r.steps > 0]
     few = len(done) <= FEWEST
@@ -124,13 +124,13 @@ def _certificate(run: Sequence[RunRecord], q: Quantity) -> Order | None:
     scale = max((q.scale(r) for r in done), default=math.nan)
     errors = [q.of(r) for r in done]
     steps = [r.dt_s if fixed else r.t_reached_s / r.steps for r in done]
-    good = [q.own(r) < e < q.most * scale and not _cut(r) for r, e in zip(done, errors, strict=True)]
-    fit, rate = (NOTHING, NOTHING) if few else _fitted(done, steps, errors, good, scale, fixed)
+    good = [q.own(r) < e < q.most * scale and not _has_cut_steps(r) for r, e in zip(done, errors, strict=True)]
+    fit, rate = (NOTHING, NOTHING) if few else _fit(done, steps, errors, good, scale, fixed)
     if not any(errors) and not few and math.isnan(first.declared_order):
         return None  # a quantity that does not move
     notes = {Note.NO_SCALE: math.isnan(scale) and not few}
     if fit.kind != "exact":
-        notes[Note.CUT] = any(_cut(r) for r in done)
+        notes[Note.CUT] = any(_has_cut_steps(r) for r in done)
         notes[Note.UNRESOLVED] = any(errors) and any(e <= q.own(r) for r, e in zip(done, errors, strict=True))
     refused = few and all(r.claimed == Status.REFUSED for r in run)
     variant, *words = first.case.split(" ")
@@ -154,7 +154,7 @@ def _certificate(run: Sequence[RunRecord], q: Quantity) -> Order | None:
 NOTHING = Fit("none")
 
 
-def _fitted(
+def _fit(
     done: Sequence[RunRecord], steps: list[float], errors: list[float], good: list[bool], scale: float, fixed: bool
 ) -> tuple[Fit, Fit]:
     """The order, and for error control the exponent against rtol."""
@@ -164,16 +164,16 @@ def _fitted(
         return Fit("flat", floor=max(errors)), NOTHING
     x, y, rtol = (list(compress(v, good)) for v in (steps, errors, (r.rtol for r in done)))
     if fixed:
-        fit = ladder(x, y, max(HELD, *(_unsolved(r) for r in done)) * scale)
+        fit = fit_ladder(x, y, max(HELD, *(_tolerance_share(r) for r in done)) * scale)
         held = fit.kind == "flat" and max(y) <= KEPT * scale
         return (replace(fit, floor=max(y)) if held else fit), NOTHING
     if len(y) <= FEWEST:
         return NOTHING, NOTHING
-    return scattered(x, y), scattered(rtol, y)
+    return fit_scattered(x, y), fit_scattered(rtol, y)
 
 
-def _unsolved(r: RunRecord) -> float:
-    """What the tolerance of a step's equations [sqrt(J)] may add up to over all steps, of the scale of an error."""
+def _tolerance_share(r: RunRecord) -> float:
+    """Share of an error's scale that the tolerance of a step's equations [sqrt(J)] may add up to over all steps."""
     known = registry.solvers().get(r.solver)
     default = 0.0 if known is None else known.parameters.get("tolerance", (0.0,))[0]
     tolerance = json.loads(r.solver_options).get("tolerance", default)
@@ -182,7 +182,7 @@ def _unsolved(r: RunRecord) -> float:
     return tolerance / math.sqrt(r.energy_scale_J) * r.steps
 
 
-def _cut(r: RunRecord) -> bool:
+def _has_cut_steps(r: RunRecord) -> bool:
     """Whether a fixed step was not kept: the error then belongs to other steps."""
     return r.control == "dt" and r.steps != math.ceil(r.t_reached_s / r.dt_s - 1e-6)
 

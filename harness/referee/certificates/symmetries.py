@@ -46,7 +46,7 @@ PLANARITY = "planar symmetry"
 
 @dataclass(frozen=True)
 class Yardstick:
-    """What two runs of a solver on a variant may differ by."""
+    """Allowed difference between two runs of a solver on a variant."""
 
     level: float  # [m] change of the end at a tenth of the tolerance
     halved: float  # [m] and at half the step; 0 under error control
@@ -75,31 +75,35 @@ class Yardstick:
         return 1.0 + max(self.growth, 1.0)
 
 
-def scorecard(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmetry, ...]:
+def check_symmetries(folder: Path, records: Iterable[RunRecord]) -> tuple[Symmetry, ...]:
     """One a solver, check and variant."""
-    known = {_all_but(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings_id))}
+    known = {_key_without(r): r for r in sorted(records, key=lambda r: (r.finished, r.settings_id))}
     runs = sorted(known.values(), key=lambda r: (r.problem, r.problem_parameters, r.solver, r.settings_id))
     ends = _Ends(folder)
     alike: dict[tuple, list[RunRecord]] = {}  # thousands of runs are not compared each with each
     for r, column in itertools.product(runs, COMPARED):
-        alike.setdefault(_all_but(r, column), []).append(r)
+        alike.setdefault(_key_without(r, column), []).append(r)
     found = []
     for base in runs:
-        kin, others, finer = (alike[_all_but(base, column)] for column in COMPARED)
-        presented = [r for r in kin if _changed(base, r)]
+        kin, others, finer = (alike[_key_without(base, column)] for column in COMPARED)
+        presented = [r for r in kin if _find_change(base, r)]
         explicit = base if math.isnan(_tolerance(base)) else None  # nothing is solved to a tolerance
-        tighter = min((r for r in others if _is_tighter(base, r)), key=lambda r: _off(base, r), default=explicit)
-        nudged = min((r for r in kin if _is_nudged(base, r)), key=lambda r: (_nudge(r), r.settings_id), default=None)
+        tighter = min(
+            (r for r in others if _is_tighter(base, r)), key=lambda r: _distance_from_tenth(base, r), default=explicit
+        )
+        nudged = min(
+            (r for r in kin if _is_nudged(base, r)), key=lambda r: (_size_of_nudge(r), r.settings_id), default=None
+        )
         halved = next((r for r in finer if 2.0 * r.dt_s == base.dt_s), None)
         if not presented or tighter is None or nudged is None or (halved is None and base.control == "dt"):
             continue
-        found.append((base, presented, _yardstick(base, tighter, nudged, halved, ends)))
+        found.append((base, presented, _measure_yardstick(base, tighter, nudged, halved, ends)))
     out: list[Symmetry] = []
     for base, presented, own in found:
         yard = own and replace(own, growth=_least_growth(base, [(b, y) for b, _, y in found if y is not None]))
-        for r in sorted(presented, key=lambda r: (list(CHANGES).index(_changed(base, r)), r.case)):
-            out.append(_judged(base, r, _changed(base, r), yard, ends))
-        out += [e for r in (base, *presented) if (e := _planarity(base, r, yard)) is not None]
+        for r in sorted(presented, key=lambda r: (list(CHANGES).index(_find_change(base, r)), r.case)):
+            out.append(_judge(base, r, _find_change(base, r), yard, ends))
+        out += [e for r in (base, *presented) if (e := _judge_planarity(base, r, yard)) is not None]
     return tuple(out)
 
 
@@ -107,10 +111,10 @@ class _Ends:
     """Last poses of runs, read once."""
 
     def __init__(self, folder: Path) -> None:
-        self.of = functools.cache(functools.partial(self._read, folder))
+        self.of = functools.cache(functools.partial(self._read_end, folder))
 
     @staticmethod
-    def _read(folder: Path, r: RunRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    def _read_end(folder: Path, r: RunRecord) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
         """r, R of all bodies and gravity, space frame; None where the run has none."""
         s = store.series_of(folder, r)
         return None if s is None else (s["end_r"], s["end_R"], s["gravity"])
@@ -126,22 +130,22 @@ class _Ends:
 
 
 @functools.cache
-def _read(text: str) -> Mapping[str, Any]:
+def _parse(text: str) -> Mapping[str, Any]:
     return MappingProxyType(json.loads(text))
 
 
-def _all_but(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
+def _key_without(r: RunRecord, left_out: str = "") -> tuple[str, ...]:
     """All that shapes a run but one column; a step's equations are solved to an option, so ``rtol`` stands for both."""
     shape = {k: str(getattr(r, k)) for k in SHAPING if k != left_out}
     if left_out == "rtol" and r.control == "dt":
-        options = {k: v for k, v in _read(r.solver_options).items() if k != "tolerance"}
+        options = {k: v for k, v in _parse(r.solver_options).items() if k != "tolerance"}
         shape["solver_options"] = json.dumps(options, sort_keys=True)
     return left_out, *shape.values()
 
 
-def _changed(base: RunRecord, r: RunRecord) -> str:
-    """The one presentation that ``r`` has and ``base`` has not, all else alike; empty if it is none or more."""
-    here, there = _read(base.problem_parameters), _read(r.problem_parameters)
+def _find_change(base: RunRecord, r: RunRecord) -> str:
+    """The one presentation that ``r`` has and ``base`` has not, all else alike; empty unless exactly one differs."""
+    here, there = _parse(base.problem_parameters), _parse(r.problem_parameters)
     if any(k in CHANGES for k in here) or any(there.get(k) != v for k, v in here.items()):
         return ""
     more = [k for k in there if k not in here]
@@ -149,13 +153,13 @@ def _changed(base: RunRecord, r: RunRecord) -> str:
 
 
 def _is_nudged(base: RunRecord, r: RunRecord) -> bool:
-    return _nudge(r) > 0.0 and {k: v for k, v in _read(r.problem_parameters).items() if k != "perturb"} == _read(
-        base.problem_parameters
-    )
+    return _size_of_nudge(r) > 0.0 and {
+        k: v for k, v in _parse(r.problem_parameters).items() if k != "perturb"
+    } == _parse(base.problem_parameters)
 
 
-def _nudge(r: RunRecord) -> float:
-    return float(_read(r.problem_parameters).get("perturb", 0.0))
+def _size_of_nudge(r: RunRecord) -> float:
+    return float(_parse(r.problem_parameters).get("perturb", 0.0))
 
 
 def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
@@ -163,27 +167,27 @@ def _is_tighter(base: RunRecord, r: RunRecord) -> bool:
 
 
 def _tolerance(r: RunRecord) -> float:
-    """Of the error control, or that to which a fixed step is solved; NaN where a solver has neither."""
+    """Tolerance of the error control, or of a fixed step's equations; NaN where a solver has neither."""
     if r.control != "dt":
         return r.rtol
     known = registry.solvers().get(r.solver)
     usual = known.parameters["tolerance"][0] if known and "tolerance" in known.parameters else math.nan
-    return float(_read(r.solver_options).get("tolerance", usual))
+    return float(_parse(r.solver_options).get("tolerance", usual))
 
 
-def _off(base: RunRecord, r: RunRecord) -> tuple[float, str]:
-    """How far from a tenth a tighter run is."""
+def _distance_from_tenth(base: RunRecord, r: RunRecord) -> tuple[float, str]:
+    """Distance of a tighter run's tolerance from a tenth."""
     return abs(math.log(10.0 * _tolerance(r) / _tolerance(base))), r.settings_id
 
 
-def _yardstick(
+def _measure_yardstick(
     base: RunRecord, tighter: RunRecord, nudged: RunRecord, halved: RunRecord | None, ends: _Ends
 ) -> Yardstick | None:
-    """None where one of the runs did not end well."""
+    """The yardstick of a run; None where one of the runs did not end well."""
     if any(r is not None and r.claimed != "success" for r in (base, tighter, nudged, halved)):
         return None
     level = ends.apart(base, tighter, np.eye(3))
-    growth = ends.apart(base, nudged, np.eye(3)) / (_nudge(nudged) * base.length_scale_m)
+    growth = ends.apart(base, nudged, np.eye(3)) / (_size_of_nudge(nudged) * base.length_scale_m)
     step = 0.0 if halved is None else ends.apart(base, halved, np.eye(3))
     return Yardstick(level, step, growth, base.steps, base.length_scale_m)
 
@@ -194,24 +198,24 @@ def _least_growth(base: RunRecord, found: Iterable[tuple[RunRecord, Yardstick]])
     return min((g for g in same if math.isfinite(g)), default=math.nan)
 
 
-def _made(base: RunRecord, check: str, *runs: RunRecord) -> Callable[..., Symmetry]:
-    """All of a row but its verdict and numbers."""
+def _prepare_row(base: RunRecord, check: str, *runs: RunRecord) -> Callable[..., Symmetry]:
+    """Prepare a row without its verdict and numbers."""
     options, variant = json.loads(base.solver_options), base.case.split(" ")[0]
     ids = tuple(r.settings_id for r in runs)
     return functools.partial(Symmetry, base.solver, options, check, base.problem, variant, ids)
 
 
-def _judged(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, ends: _Ends) -> Symmetry:
-    value = _read(r.problem_parameters)[change]
-    made = _made(base, CHANGES[change], base, r)
+def _judge(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, ends: _Ends) -> Symmetry:
+    value = _parse(r.problem_parameters)[change]
+    made = _prepare_row(base, CHANGES[change], base, r)
     if change.startswith("unit_"):
         made = functools.partial(made, factor=float(value))
     if base.claimed != "success":
-        return made(_ended(base), Unjudged.BASE, base.status, words_of_ending(base))
+        return made(_describe_ending(base), Unjudged.BASE, base.status, words_of_ending(base))
     if yard is None:
         return made("failed", Unjudged.BOUND)
     if r.claimed != "success":
-        return made(_ended(r), Unjudged.PRESENTED, r.status, words_of_ending(r))
+        return made(_describe_ending(r), Unjudged.PRESENTED, r.status, words_of_ending(r))
     end = ends.of(base)
     if change == "renumber" and end is not None and len(end[0]) == 1:
         return made("not applicable", Unjudged.SINGLE)
@@ -219,23 +223,23 @@ def _judged(base: RunRecord, r: RunRecord, change: str, yard: Yardstick | None, 
         deviation = float(np.maximum(r.return_error_m, r.length_scale_m * r.return_error_rad))
         if math.isnan(deviation):
             return made("failed", Unjudged.WAY_BACK, "", *json.loads(r.notes)[-1:], bound=yard.bound * yard.back)
-        return _compared(made, deviation, yard, yard.back)
-    turned = np.eye(3) if end is None else _frame(change, value, end[2])
-    return _compared(made, ends.apart(base, r, turned), yard)
+        return _compare(made, deviation, yard, yard.back)
+    turned = np.eye(3) if end is None else _turn_of(change, value, end[2])
+    return _compare(made, ends.apart(base, r, turned), yard)
 
 
-def _planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> Symmetry | None:
+def _judge_planarity(base: RunRecord, r: RunRecord, yard: Yardstick | None) -> Symmetry | None:
     """Planar motion must stay in its plane, also in a turned frame."""
     if math.isnan(r.out_of_plane_max_m) or yard is None or r.claimed != "success":
         return None
-    change = _changed(base, r)
+    change = _find_change(base, r)
     if r is not base and change not in ("yaw", "rotation"):
         return None
-    made = _made(base, PLANARITY, r)
-    return _compared(functools.partial(made, presented=CHANGES.get(change, "")), r.out_of_plane_max_m, yard)
+    made = _prepare_row(base, PLANARITY, r)
+    return _compare(functools.partial(made, presented=CHANGES.get(change, "")), r.out_of_plane_max_m, yard)
 
 
-def _compared(made: Callable[..., Symmetry], deviation: float, yard: Yardstick, grown: float = 1.0) -> Symmetry:
+def _compare(made: Callable[..., Symmetry], deviation: float, yard: Yardstick, grown: float = 1.0) -> Symmetry:
     """The verdict; ``grown`` multiplies all that is allowed."""
     exact, bound = yard.exact * grown, yard.bound * grown
     if not math.isfinite(deviation) or not math.isfinite(bound):
@@ -248,11 +252,11 @@ def _compared(made: Callable[..., Symmetry], deviation: float, yard: Yardstick, 
     )  # fmt: skip
 
 
-def _ended(r: RunRecord) -> SymmetryVerdict:
+def _describe_ending(r: RunRecord) -> SymmetryVerdict:
     return "refused" if r.status == Status.REFUSED else "failed"
 
 
-def _frame(change: str, value: Any, gravity: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
+def _turn_of(change: str, value: Any, gravity: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     """Rotation from the frame of the problem to that of the presentation, as the registry turns problems."""
     if change == "rotation":
         return so3.exp(np.array(value, dtype=float))

@@ -38,8 +38,8 @@ class Trend:
     still: float
 
 
-def trend_of(y: Float[np.ndarray, " blocks"], tau: float) -> Trend:
-    """From means of blocks of ``tau`` [s] that follow each other."""
+def fit_trend(y: Float[np.ndarray, " blocks"], tau: float) -> Trend:
+    """Fit the trend to means of consecutive blocks of ``tau`` [s]."""
     n = len(y)
     if n < FEWEST:
         raise ValueError(f"at least {FEWEST} blocks are needed (got {n})")
@@ -99,7 +99,7 @@ def _precisions(n: int) -> Float[np.ndarray, "ratios n n"]:
 
 @cache
 def _designs(n: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For each ratio: (X^T P X)^-1 X^T P, variance of the slope, ln|S| + ln|X^T P X|."""
+    """Designs for each ratio: (X^T P X)^-1 X^T P, variance of the slope, ln|S| + ln|X^T P X|."""
     X = np.stack((np.ones(n), _time(n)), axis=1)
     P = _precisions(n)
     normal = np.einsum("np,lnm,mq->lpq", X, P, X)

@@ -66,31 +66,31 @@ class Field:
         return tuple(target * self.size for target in TARGETS if target * self.size >= OWN * self.own)
 
 
-def work(folder: Path, records: Iterable[RunRecord]) -> Work:
+def collect_work(folder: Path, records: Iterable[RunRecord]) -> Work:
     """Points, and profiles of the variants that can be compared."""
-    fields = _fields(records)
+    fields = _collect_fields(records)
     solvers = sorted({name for f in fields for name in f.tried})
     regular = {name for name in solvers if sum(name in f.tried for f in fields) >= REGULAR * len(fields)}
     counted = [f for f in fields if regular <= f.tried and f.predictable]
     compared = [name for name in solvers if any(name in f.tried for f in counted)]
     return Work(
-        tuple(p for f in fields for p in _points(f)),
-        _profiles(counted, compared, lambda r: True),
-        _profiles(counted, compared, lambda r: r.solver_options == "{}"),
+        tuple(p for f in fields for p in _make_points(f)),
+        _make_profiles(counted, compared, lambda r: True),
+        _make_profiles(counted, compared, lambda r: r.solver_options == "{}"),
         tuple(Targets(f.variant, f.unit, f.own, f.targets) for f in counted),
     )
 
 
-def _fields(records: Iterable[RunRecord]) -> list[Field]:
+def _collect_fields(records: Iterable[RunRecord]) -> list[Field]:
     groups: dict[tuple[str, str], list[RunRecord]] = {}
     for r in sorted(records, key=lambda r: (r.problem, r.case, r.finished)):
         if not ({*CHANGES, "perturb"} & json.loads(r.problem_parameters).keys()) and not is_literal(r):
             groups.setdefault((r.problem, r.problem_parameters), []).append(r)
-    fields = [f for own in groups.values() if (f := _field(own)) is not None]
-    return [f for f in fields if len({r.solver for r in f.runs if _sound(r)}) >= FEWEST]
+    fields = [f for own in groups.values() if (f := _make_field(own)) is not None]
+    return [f for f in fields if len({r.solver for r in f.runs if _is_sound(r)}) >= FEWEST]
 
 
-def _field(all_runs: Sequence[RunRecord]) -> Field | None:
+def _make_field(all_runs: Sequence[RunRecord]) -> Field | None:
     runs = tuple(r for r in all_runs if r.reference and not math.isnan(r.position_error_judged_m))
     if not runs:
         return None
@@ -105,29 +105,29 @@ def _field(all_runs: Sequence[RunRecord]) -> Field | None:
     return Field(variant, runs, tried, "orientation error", "rad", 1.0, own / length)
 
 
-def _sound(r: RunRecord) -> bool:
+def _is_sound(r: RunRecord) -> bool:
     """Whether a run got to its end and nothing contradicts it."""
     return Status(r.status).lawful and r.t_reached_s >= r.t_end_s * (1.0 - END)
 
 
-def _points(f: Field) -> list[WorkPoint]:
-    sound = [r for r in f.runs if _sound(r)]
+def _make_points(f: Field) -> list[WorkPoint]:
+    sound = [r for r in f.runs if _is_sound(r)]
     return [
         WorkPoint(r.problem, f.variant, r.solver, r.case, r.settings_id, r.label,
-                  _sound(r) and not any(_beats(f, q, r) for q in sound if q.solver == r.solver), r.status, f.error(r),
-                  f.kind, f.unit, r.energy_drift_max_J, r.phi_max, r.cpu_median_s, r.steps, evaluations(r),
+                  _is_sound(r) and not any(_is_better(f, q, r) for q in sound if q.solver == r.solver), r.status,
+                  f.error(r), f.kind, f.unit, r.energy_drift_max_J, r.phi_max, r.cpu_median_s, r.steps, evaluations(r),
                   r.factorisations, operations(r), f.own, index_1_evaluations(r))
         for r in f.runs
     ]  # fmt: skip
 
 
-def _beats(f: Field, q: RunRecord, r: RunRecord) -> bool:
+def _is_better(f: Field, q: RunRecord, r: RunRecord) -> bool:
     """Whether ``q`` is no worse in error and work, and better in one."""
     mine, theirs = (f.error(r), operations(r)), (f.error(q), operations(q))
     return theirs[0] <= mine[0] and theirs[1] <= mine[1] and theirs != mine
 
 
-def _profiles(
+def _make_profiles(
     fields: Sequence[Field], solvers: Sequence[str], counts: Callable[[RunRecord], bool]
 ) -> tuple[WorkProfile, ...]:
     total = sum(len(f.targets) for f in fields)
@@ -135,7 +135,7 @@ def _profiles(
     for (name, of), solver in itertools.product(WORKS.items(), solvers):
         reached = []
         for f in fields:
-            runs = [r for r in f.runs if r.solver == solver and _sound(r) and counts(r) and not math.isnan(of(r))]
+            runs = [r for r in f.runs if r.solver == solver and _is_sound(r) and counts(r) and not math.isnan(of(r))]
             costs = [[of(r) for r in runs if f.error(r) <= target] for target in f.targets]
             reached += [min(c) for c in costs if c]
         if reached or name != "factorisations":

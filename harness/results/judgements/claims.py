@@ -13,7 +13,7 @@ SCHEMA: Literal[2] = 2  # of claims.json
 
 
 class Verdict(StrEnum):
-    """On a claim, at some settings."""
+    """A verdict on a claim at some settings."""
 
     REFUTED = "REFUTED"
     MIXED = "MIXED"  # holds in some settings, and no condition that can be said in a line separates them
@@ -23,7 +23,7 @@ class Verdict(StrEnum):
 
 
 class Ending(StrEnum):
-    """How a run ended, or why a setting settles nothing."""
+    """The end of a run, or the reason why a setting settles nothing."""
 
     FINAL = "final"
     MACHINE = "limit of the machine"
@@ -35,7 +35,7 @@ class Ending(StrEnum):
 
 
 class Gap(StrEnum):
-    """What kind of thing is missing to test a claim."""
+    """The kind of thing that is missing to test a claim."""
 
     NEED = "need"  # ``name`` says what, in the register's words
     VALUES = "values"  # the suite has ``found`` of ``wanted`` values of the dimension ``name``
@@ -85,7 +85,7 @@ class Condition(Shape, frozen=True):
 
 
 class Decision(Shape, frozen=True):
-    """What separates the settings where a claim holds from the others.
+    """The condition that separates the settings where a claim holds from the others.
 
     ``by``: the values of one or two dimensions with all of which together it always holds and without which it never
     does, or the other way round (``unless``). Where none separates, ``conditions`` are those where it always or never
@@ -129,7 +129,7 @@ class Finding(Shape, frozen=True):
 
 
 class Because(Shape, frozen=True):
-    """What verdicts rest on beside their counts."""
+    """Evidence for verdicts beside their counts."""
 
     across: str = ""  # the dimension along which runs are looked at together
     met_at: tuple[Count, ...] = ()  # values along ``across`` that meet the claim, where one suffices
@@ -174,17 +174,17 @@ class Claim(Shape, frozen=True):
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Those that there are, at the paper's settings first."""
+        """The findings, at the paper's settings first."""
         return tuple(f for f in (self.paper, self.beyond) if f)
 
     @property
     def verdict(self) -> Verdict:
-        """At the paper's settings where the map has such, else beyond them."""
+        """The verdict at the paper's settings where the map has such, else beyond them."""
         return self.findings[0].verdict if self.findings else Verdict.UNTESTABLE
 
     @property
     def verdicts(self) -> str:
-        """Both, to be compared: ``SUPPORTED, beyond MIXED``."""
+        """Both verdicts as one text: ``SUPPORTED, beyond MIXED``."""
         beyond = f"beyond {self.beyond.verdict}" if self.beyond else ""
         return ", ".join(filter(None, (str(self.paper.verdict) if self.paper else "", beyond)))
 
@@ -200,7 +200,7 @@ class Code(Shape, frozen=True):
 
 
 class Published(Shape, frozen=True):
-    """What ``claims.json`` holds."""
+    """The content of ``claims.json``."""
 
     schema: Literal[2]
     code: Code

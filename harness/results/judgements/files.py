@@ -13,6 +13,7 @@ import msgspec
 from ...files import parse_json, read_text, to_json
 from ...places import Place
 from ...shapes import shaped
+from ..store import StoreError
 from .claims import SCHEMA, Claim, Code, Published
 from .runs import Drift, FalseSuccess, Order, Symmetry, Work
 
@@ -42,15 +43,25 @@ WORK = File("work", Work)
 WRONG = File("wrong", tuple[FalseSuccess, ...])
 
 
-def read(file: File[T], folder: Place) -> T:
+def read_judgement(file: File[T], folder: Place) -> T:
     """The judgement in ``folder``; JudgementError where it is not one, FileNotFoundError where there is none."""
     if not file.schema:
         return _read(folder, file.name, file.kind)  # type: ignore[no-any-return]
     return getattr(_read(folder, file.name, Published), file.name)  # type: ignore[no-any-return]
 
 
+def read_claims(folder: Place) -> tuple[Claim, ...] | None:
+    """The claims judged in ``folder``; None where there are none."""
+    try:
+        return read_judgement(CLAIMS, folder)
+    except FileNotFoundError:
+        return None
+    except JudgementError as error:
+        raise StoreError(f"{error}; --publish writes it anew") from None
+
+
 def code_of_claims(folder: Place) -> Code:
-    """What the claims judged in ``folder`` were computed from; errors as of ``read``."""
+    """Digests that the claims judged in ``folder`` come from; raises like ``read_judgement``."""
     return _read(folder, CLAIMS.name, Published).code  # type: ignore[no-any-return]
 
 
@@ -62,20 +73,20 @@ def _read(folder: Place, name: str, kind: Any) -> Any:
     plain = parse_json(read_text(path, "the judgement", JudgementError), where, JudgementError)
     if kind is Published and isinstance(plain, list):
         raise JudgementError(f"{where}: of an older version (schema 1, expected {SCHEMA})")
-    return shaped(_numbers(plain, kind), kind, where, JudgementError)
+    return shaped(_restore_nan(plain, kind), kind, where, JudgementError)
 
 
-def with_code(claims: Sequence[Claim], code: Code) -> Published:
-    """What ``claims.json`` holds."""
+def add_code(claims: Sequence[Claim], code: Code) -> Published:
+    """The content of ``claims.json``."""
     return Published(SCHEMA, code, tuple(claims))
 
 
-def shortened(claims: Sequence[Claim]) -> tuple[Claim, ...]:
-    """What verdicts are compared by and shown with: without maps, but for a row that stands alone on its side."""
-    return tuple(map(_shortened, claims))
+def shorten_claims(claims: Sequence[Claim]) -> tuple[Claim, ...]:
+    """The claims without their maps, but for a row that stands alone on its side: enough to compare and show."""
+    return tuple(map(_shorten, claims))
 
 
-def _shortened(c: Claim) -> Claim:
+def _shorten(c: Claim) -> Claim:
     sides = ([m for m in c.map if m.holds is side and not m.twin] for side in (True, False))
     telling = {f.decision.telling for f in c.findings if f.decision}
     factors = {k: v for k, v in c.factors.items() if k in telling}
@@ -83,39 +94,39 @@ def _shortened(c: Claim) -> Claim:
     return msgspec.structs.replace(c, settings_ids=(), against=(), factors=factors, map=alone)
 
 
-def as_text(judged: Any) -> str:
+def format_judgement(judged: Any) -> str:
     """Strict JSON of which a diff can be read: a line a row of every list of tables; NaN and infinity are null."""
     plain = json.loads(to_json(judged))
     if isinstance(judged, Published):
-        return "{\n" + ",\n".join(f"{json.dumps(k)}: {_text(v, 0)}" for k, v in plain.items()) + "\n}\n"
-    return _text(plain, 0) + "\n"
+        return "{\n" + ",\n".join(f"{json.dumps(k)}: {_format(v, 0)}" for k, v in plain.items()) + "\n}\n"
+    return _format(plain, 0) + "\n"
 
 
-def _text(plain: Any, depth: int) -> str:
+def _format(plain: Any, depth: int) -> str:
     pad = " " * (depth + 1)
     if isinstance(plain, dict) and plain and depth < 2:
-        rows = [f"{json.dumps(k, ensure_ascii=False)}: {_text(v, depth + 1)}" for k, v in plain.items()]
+        rows = [f"{json.dumps(k, ensure_ascii=False)}: {_format(v, depth + 1)}" for k, v in plain.items()]
         return "{\n" + ",\n".join(pad + r for r in rows) + "\n" + pad[:-1] + "}"
     if isinstance(plain, list) and any(isinstance(v, dict | list) for v in plain):
-        return "[\n" + ",\n".join(pad + _text(v, depth + 1) for v in plain) + "\n" + pad[:-1] + "]"
+        return "[\n" + ",\n".join(pad + _format(v, depth + 1) for v in plain) + "\n" + pad[:-1] + "]"
     return json.dumps(plain, ensure_ascii=False)
 
 
-def _numbers(plain: Any, kind: Any) -> Any:
+def _restore_nan(plain: Any, kind: Any) -> Any:
     """``plain`` with NaN for null where ``kind`` is a number."""
     if plain is None:
         return math.nan if kind is float else None
     inner = get_args(kind)
     if isinstance(plain, list) and inner:
-        return [_numbers(v, inner[0]) for v in plain]
+        return [_restore_nan(v, inner[0]) for v in plain]
     if isinstance(plain, dict):
-        fields = dict.fromkeys(plain, inner[1]) if get_origin(kind) is dict else _fields(kind)
-        return {k: _numbers(v, fields.get(k)) for k, v in plain.items()}
+        fields = dict.fromkeys(plain, inner[1]) if get_origin(kind) is dict else _field_types(kind)
+        return {k: _restore_nan(v, fields.get(k)) for k, v in plain.items()}
     return plain
 
 
 @cache
-def _fields(kind: Any) -> dict[str, Any]:
+def _field_types(kind: Any) -> dict[str, Any]:
     for k in (kind, *get_args(kind)):
         if isinstance(k, type) and (issubclass(k, msgspec.Struct) or is_dataclass(k)):
             return get_type_hints(k)

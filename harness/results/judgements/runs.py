@@ -6,6 +6,7 @@ from typing import Any, Literal
 
 from ...shapes import Shape
 from ...types import Reason
+from ..findings import Finding, Measured, Required, Verdict
 
 NAN = math.nan
 OrderVerdict = Literal[
@@ -17,7 +18,7 @@ SymmetryVerdict = Literal["holds", "broken", "undecided", "failed", "refused", "
 
 
 class Asked(Shape, frozen=True):
-    """What was run."""
+    """The run that was asked for."""
 
     problem: str
     variant: str
@@ -26,7 +27,7 @@ class Asked(Shape, frozen=True):
 
 
 class Note(StrEnum):
-    """What was left out of a ladder, or is not known."""
+    """A reason why runs of a ladder were left out."""
 
     NO_SCALE = "no scale"
     CUT = "cut steps"
@@ -67,6 +68,16 @@ class Order(Asked, frozen=True):
     def is_measured(self) -> bool:
         """Whether enough runs have an error."""
         return self.verdict not in ("not measured", "refused")
+
+    def as_finding(self, words: str = "") -> Finding:
+        """The order beside the declared one; those of energy and reactions may differ from it and are only shown."""
+        if self.fit == "power":
+            words = words or f"[{self.low:.2f}, {self.high:.2f}] in the {self.against}"
+        open_ = math.isnan(self.declared) or self.quantity in ("energy", "reaction") or not self.is_measured
+        good = None if open_ or self.verdict == "undecided" else self.verdict != "below declared"
+        measured = Measured(f"order, {self.problem}, {self.quantity}", self.order, "", words=words or self.verdict)
+        required = Required(words="" if math.isnan(self.declared) else f"{self.declared:g} declared")
+        return Finding(measured, required, Verdict.of(good), f"{self.variant} {self.case}")
 
 
 class Drift(Asked, frozen=True):
@@ -128,9 +139,17 @@ class Symmetry(Shape, frozen=True):
         how = f" x {self.factor:g}" if self.factor == self.factor else ""
         return f"{self.check}{how}, {self.presented}".removesuffix(", ")
 
+    def as_finding(self) -> Finding:
+        """The deviation beside its bound."""
+        good = {"holds": True, "broken": False, "failed": False}.get(self.verdict)
+        measured = Measured(
+            f"symmetry: {self.title}", self.deviation, "m", words=f"{self.verdict} {self.message}".strip()
+        )
+        return Finding(measured, Required(most=self.bound), Verdict.of(good), f"{self.solver} {self.variant}")
+
 
 class WorkPoint(Asked, frozen=True):
-    """What one run cost and how far off it was."""
+    """Cost and error of one run."""
 
     settings_id: str
     label: str

@@ -8,7 +8,7 @@ from pathlib import Path
 from ....harness.places import Place
 from ....harness.results.comparison import Comparison, Likeness, compare, is_repeatable
 from ....harness.results.judgements.files import CLAIMS
-from ....harness.results.provenance import differences, stamp_of
+from ....harness.results.provenance import find_differences, stamp_of
 from ....harness.results.records import RunRecord
 from ...model.curves import upper
 from ...model.provenance import facts
@@ -64,7 +64,7 @@ def write_page(a: Results, b: Results, site: Site) -> Page:
         Page("Comparison", "compare.html", nav=True, order=90), "compare.html", scripts=["assets/judgement.js"],
         plots=overlays(a, b, parts), parts=parts, found=found, alike=alike(found, set.union(*unknown)),
         unmeasured=[sorted(u) for u in unknown],
-        inputs=differences(stamp_of(a.folder), stamp_of(b.folder)), shown=OVERLAYS,
+        inputs=find_differences(stamp_of(a.folder), stamp_of(b.folder)), shown=OVERLAYS,
         unexplained=unexplained(before, after, found, set.union(*unknown)),
         names=[r.environment.get("results_folder") or r.folder.name for r in (a, b)],
         both=list(zip(facts(a), facts(b), strict=True)), beside=(site.folder / "index.html").is_own_file(),

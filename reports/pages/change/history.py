@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ....harness.files import FileError
 from ....harness.places import NotOwn
-from ....harness.results.history import Row, read_rows, rows_in, standing, together
+from ....harness.results.history import Row, find_histories, merge_rows, read_folder, read_rows
 from ...model.results import Results, grouped
 from ...model.words import Mark, mark, number
 from ..base import Page, Site
@@ -110,7 +110,7 @@ def moved(values: Sequence[float], least: float) -> bool:
 
 def gather(results: Results, committed: Path = COMMITTED) -> tuple[tuple[Row, ...], list[str]]:
     """All rows of results beside these and of committed files, and what could not be read."""
-    folders, files = standing(results.folder.resolve().parent, committed)
+    folders, files = find_histories(results.folder.resolve().parent, committed)
     bad: list[str] = []
 
     def of(paths: Sequence[Path], read: Callable[[Path], list[Row]]) -> Iterator[list[Row]]:
@@ -120,7 +120,7 @@ def gather(results: Results, committed: Path = COMMITTED) -> tuple[tuple[Row, ..
             except (FileError, NotOwn) as error:
                 bad.append(str(error))
 
-    return together(of(folders, rows_in), of(files, read_rows)), bad
+    return merge_rows(of(folders, read_folder), of(files, read_rows)), bad
 
 
 def lines(results: Results, rows: Sequence[Row]) -> tuple[Line, ...]:

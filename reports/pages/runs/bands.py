@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from ....harness.results.judgements.files import CLAIMS
 from ....harness.results.records import reasons_of
-from ....harness.results.reproduce import command
+from ....harness.results.reproduce import write_command
 from ....harness.results.words import law_of
 from ...mechanism.stage import moment
 from ...model.followed import followed
@@ -65,7 +65,7 @@ def _card(results: Results, run: Run, plugins: Sequence[str]) -> FalseSuccess:
     size = f"{number(reason.value)} of {number(reason.limit)} {reason.unit} allowed"
     times = reason.value / reason.limit if reason.limit > 0.0 else math.inf
     return FalseSuccess(run, snapshot(*seen, words) if seen else None, law_of(reason).removeprefix("the "), size,
-                        times, at, drawn, command(run.record, plugins))  # fmt: skip
+                        times, at, drawn, write_command(run.record, plugins))  # fmt: skip
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from ....harness.results.reproduce import command
+from ....harness.results.reproduce import write_command
 from ...model.accuracy import Measure, measure_for
 from ...model.costs import costs, default_target
 from ...model.curves import upper
@@ -100,7 +100,7 @@ def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict
     error = f"{number(measure.of(b.run))} {measure.unit}" if measure else "no reference"
     facts = (("CPU", seconds(r.cpu_median_s)), (measure.what if measure else "error", error),
              ("energy error", f"{number(r.energy_drift_max_J)} J"), ("steps", str(r.steps)))  # fmt: skip
-    return {"words": b.words, "url": site.url(b.run), "kind": b.mark.kind, "command": command(r, plugins),
+    return {"words": b.words, "url": site.url(b.run), "kind": b.mark.kind, "command": write_command(r, plugins),
             "strip": strip, "facts": facts}  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """A page for each run: what was asked, how it ended, every number with its meaning, and how to run it again."""
 
-from ....harness.results.reproduce import command
+from ....harness.results.reproduce import write_command
 from ...model.results import Results, Run
 from ...model.tables import COLUMNS
 from ...model.words import number, time
@@ -24,7 +24,7 @@ def write(results: Results, site: Site) -> Page | None:
         site.write(
             Page(f"{run.record.solver} on {run.variant}", site.url(run)), "run.html",
             scripts=[meanings, *scripts], run=run, variant=variant, asked=_asked(run, results),
-            numbers=_numbers(run), command=command(run.record, plugins), plots_data=data,
+            numbers=_numbers(run), command=write_command(run.record, plugins), plots_data=data,
         )  # fmt: skip
     return None
 

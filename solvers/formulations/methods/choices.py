@@ -105,8 +105,8 @@ class GaugeChoices:
     max_newton: int = option(20, "corrections of the full Newton method before the step is cut", "", at_least=1)
     newton: str = option(
         "simplified",
-        "simplified: on A M^-1 A^T, where gravity is the only force, sigma0 is zero, no loop is nested and the "
-        "estimate is extrapolated, else as kept; kept: Jacobian renewed when it no longer contracts by 5; "
+        "simplified: on A M^-1 A^T, where gravity is the only force, sigma0 and mu0 are zero, no loop is nested and "
+        "the estimate is extrapolated, else as kept; kept: Jacobian renewed when it no longer contracts by 5; "
         "exact: that of each iterate, Eq. (79)",
         choices=("simplified", "kept", "exact"),
     )  # fmt: skip
@@ -163,7 +163,7 @@ class GaugeChoices:
             refresh=0.0 if exact else 0.2,
             couple=int(exact),
             extrapolate=float(self.estimate == "extrapolated"),
-            simplified=int(self.newton == "simplified" and self.estimate == "extrapolated"),
+            simplified=int((self.newton, self.estimate, self.mu0) == ("simplified", "extrapolated", "zero")),
         )
 
     @staticmethod

@@ -208,11 +208,6 @@ def _to_velocities(s):
             s.u[b, a], s.u[b, 3 + a] = k.w[b, a], R[a, 0] * x + R[a, 1] * y + R[a, 2] * z
 
 
-def measure_determinant(s):
-    """log10 of the determinant of S where the kernel stands into ``log_det``."""
-    _factor(s)
-
-
 @inner
 def _factor(s):
     """S at the poses of ``k``; returns whether it has the rank of the start."""

@@ -11,7 +11,7 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ....harness.types import Problem
 from ..compiled.algebra import clear, turned_by
-from ..compiled.entries import Bound, inner, run
+from ..compiled.entries import inner, run
 from ..compiled.host import Marcher, Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import FULL, STUCK, Record
@@ -23,7 +23,6 @@ from .gc_step import (
     begin_march,
     begin_step,
     make_step,
-    measure_determinant,
     move_poses,
     take_step,
 )  # fmt: skip
@@ -67,7 +66,8 @@ class Relieved:
         self.state, self.kernel, self.reaction = simple.state, simple.kernel, simple.reaction
         self._other: Marcher | None = None
         self._patience, self._stuck = PATIENCE, False
-        self._offset, self._unlevelled = 0.0, list[np.ndarray]()
+        self._teller: Marcher | None = None
+        self._level, self._shift = 0.0, 0.0
         k = simple.kernel
         # Dropped pivots are the proximal saddle's motion; the plain weak form has none to offer. Where nothing
         # accelerates and no row bears a load (a body in uniform rotation), the full method takes no correction and adds
@@ -99,10 +99,7 @@ class Relieved:
         c["most_cuts"] = 0
         record = self._simple.stretch(n)
         done = len(record.t)
-        if self._saddle:
-            record.told[:, 5] += self._offset
-            if self._offset == 0.0:
-                self._unlevelled.append(record.told[:, 5])
+        self._join_determinants(self._simple, record)
         if c["outcome"] == STUCK:
             c["outcome"], self._stuck = FULL, True
             c["cuts"] -= 1
@@ -122,22 +119,18 @@ class Relieved:
         self._patience, self._stuck = min(2 * self._patience, MOST_PATIENCE), False
         if not self._never:
             self._take_back()
-            if self._saddle and self._offset == 0.0:
-                self._level(float(other.bundle.scheme["log_det"]))
+        self._join_determinants(other, record)
         return record
 
-    def _level(self, full: float) -> None:
-        """Bring both methods' determinants to one constant, that of the full method, at the pose where it stands."""
-        scheme = self._simple.bundle.step.scheme
-        before = scheme["log_det"], scheme["fall"]
-        Bound(measure_determinant, self._simple.bundle.step)()
-        if self._simple.kernel.state["rank"] == scheme["rank"]:
-            self._offset = full - float(scheme["log_det"])
-            for series in self._unlevelled:
-                series += self._offset
-            self._unlevelled.clear()
-        scheme["log_det"], scheme["fall"] = before
-        scheme["factored"] = 0
+    def _join_determinants(self, teller: Marcher, record: Record) -> None:
+        """Both methods' determinants as one series: each drops other redundant rows, so that their ratio changes."""
+        if self._saddle and len(record.t):
+            told = record.told[:, 5]
+            if self._teller not in (None, teller):
+                self._shift = self._level - told[0]
+            self._teller = teller
+            told += self._shift
+            self._level = told[-1]
 
     def _hand_over(self) -> None:
         """Where the simplified method stands, and its last steps as the past of the full one."""

@@ -13,9 +13,7 @@ from mbsbench.harness.results.environment import ROOT
 
 PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
 MIDPOINT = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)[0]
-PROBLEM = re.findall(
-    r"```python\n(.*?)```", (ROOT / "docs" / "your-own-problem.md").read_text(encoding="utf-8"), flags=re.S
-)[0]
+PROBLEM = (ROOT / "docs" / "examples" / "gyroscope.py").read_text(encoding="utf-8")
 RETURN = "    return end, accelerations(system, end).reaction"
 LATE = "    return end, accelerations(system, state).reaction"
 AXES = """    reaction = accelerations(system, end).reaction
@@ -55,14 +53,14 @@ def judged(text: str, folder, monkeypatch, *roles: str):
 def test_reactions_of_the_step_before_are_of_first_order(last, value, tmp_path, monkeypatch):
     """Late by dt: at the finest step within a twentieth of the largest, so that only their order shows it."""
     found = judged(MIDPOINT.replace(RETURN, last), tmp_path, monkeypatch, "finer", "easy hinge")
-    assert found[ORDER].value == pytest.approx(value, abs=0.2) and found[ORDER].holds == (value == 2.0)
+    assert found[ORDER].measured.value == pytest.approx(value, abs=0.2) and found[ORDER].holds == (value == 2.0)
 
 
 @pytest.mark.parametrize(("last", "fails"), [(AXES, MOMENTS), (HOLES, COLUMNS)])
 def test_reactions_of_a_step_are_tested_from_the_second_row_on(last, fails, tmp_path, monkeypatch):
     """At the start a step has none, which is no reason to leave its moments untested."""
     found = judged(MIDPOINT.replace(RETURN, last), tmp_path, monkeypatch, "finer", "easy hinge")
-    assert not found[fails].holds and found[fails].tested
+    assert not found[fails].holds and found[fails].is_tested
     others = {MOMENTS, COLUMNS} - {fails}
     assert all(found[k].holds for k in others)
 
@@ -74,18 +72,18 @@ def test_one_error_is_one_failure(tmp_path):
     registry.load_plugin(path)
     store.create(tmp_path / "run")
     records = tuple(worker.run(Job(s, tmp_path / "run")) for s in solver.runs_of("midpoint").values())
-    found = solver.judged("midpoint", tmp_path / "run", records)
-    (failed,) = [f for f in found if not f.measured.holds]
+    found = solver.check_solver("midpoint", tmp_path / "run", records)
+    (failed,) = [f for f in found if not f.holds]
     assert "TypeError" in failed.measured.words and "midpoint.py:" in failed.measured.words
-    assert failed.measured.remedy == trials.CRASHED
-    assert not [f for f in found if f.measured.tested and f.measured.holds]
+    assert failed.required.remedy == trials.CRASHED
+    assert not [f for f in found if f.is_tested and f.holds]
 
 
 def test_runs_that_a_limit_cut_are_not_compared(tmp_path):
     """How many steps fit into a limit is no property of the solver."""
     cut = trials.RunRecord(status="stalled", claimed="stalled", message="the limit was reached", steps=7)
     evidence = trials.Evidence("dt", 2.0, {"finer 1": cut, "again": cut}, {"finer 1": None, "again": None})
-    assert not trials.repeats(evidence).tested
+    assert not trials.check_repeatability(evidence).is_tested
 
 
 def test_a_problem_that_cannot_be_made_is_said_once(tmp_path):
@@ -96,10 +94,10 @@ def test_a_problem_that_cannot_be_made_is_said_once(tmp_path):
     path.write_text(changed, encoding="utf-8")
     registry.load_plugin(path)
     (name,) = [n for n in registry.problems() if not registry.is_own_problem(n)]
-    found = problem.findings(name, (str(path),))
-    failed = [f for f in found if not f.measured.holds]
+    found = problem.check_problem(name, (str(path),))
+    failed = [f for f in found if not f.holds]
     assert len(failed) == 1 and re.search(r"part 0 \(O\): .*\(gyroscope.py:\d+\)", failed[0].measured.words)
-    assert not [f for f in found if f.measured.tested and f.measured.holds]
+    assert not [f for f in found if f.is_tested and f.holds]
 
 
 def test_a_start_says_rows_rank_and_degrees_of_freedom():
@@ -110,6 +108,6 @@ def test_a_start_says_rows_rank_and_degrees_of_freedom():
 
 
 def laws_of_start(name: str) -> str:
-    from mbsbench.harness.conformance.laws import Subject, starts_well
+    from mbsbench.harness.conformance.laws import Subject, check_initial_state
 
-    return starts_well(Subject(name)).words
+    return check_initial_state(Subject(name)).measured.words

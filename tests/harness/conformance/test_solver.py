@@ -6,7 +6,7 @@ import re
 
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import plugins, registry
 from mbsbench.harness.execution.warmup import runs_to_warm
 from mbsbench.harness.results.environment import ROOT
@@ -74,7 +74,7 @@ def test_each_requirement_not_met_is_explained(example, command, tmp_path):
     done = command("check", str(path), "--json", timeout=180.0)
     findings = [json.loads(line) for line in done.stdout.splitlines()]
     assert done.returncode == 1 and all(f["remedy"] and f["why"] for f in findings)
-    failed = {f["requirement"] for f in findings if not f["holds"]}
+    failed = {f["quantity"] for f in findings if f["verdict"] == "failed"}
     assert failed == {
         "it succeeds or refuses", "a refusal has a reason", "moments of its reactions are those of the exact motion",
         "errors fall with the declared order, or with rtol", "errors of reactions fall with the steps, or with rtol",

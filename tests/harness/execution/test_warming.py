@@ -4,7 +4,7 @@ import re
 
 from rich.console import Console
 
-from mbsbench.harness.commands.progress import Watch
+from mbsbench.cli.progress import Watch
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.suites.suite import parse_suite

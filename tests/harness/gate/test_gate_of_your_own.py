@@ -1,4 +1,4 @@
-"""The walk through docs/gate.md: thresholds are written, the gate is open, a planted fault closes it."""
+"""The walk through docs/judging.md: thresholds are written, the gate is open, a planted fault closes it."""
 
 import re
 import shlex
@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from mbsbench.harness.__main__ import main
-from mbsbench.harness.gate.thresholds import read_thresholds
+from mbsbench.cli.__main__ import main
+from mbsbench.harness.gate.baseline import read_thresholds
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 
 PAGE, _, FILES = (
-    (ROOT / "docs" / "gate.md").read_text(encoding="utf-8").partition("## A gate of your own")[2]
+    (ROOT / "docs" / "judging.md").read_text(encoding="utf-8").partition("## A gate of your own")[2]
 ).partition("## A gate of motions from files")
-(AWK,) = re.findall(r"```awk\n(.*?)```", (ROOT / "docs" / "other-codes.md").read_text(encoding="utf-8"), re.S)
+AWK = (ROOT / "docs" / "examples" / "top.awk").read_text(encoding="utf-8")
 SOLVER = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8"), re.S)[0]
 (SUITE,) = re.findall(r"```toml\n(.*?)```", PAGE, flags=re.S)
 SETTING, GATING = (block.splitlines() for block in re.findall(r"```sh\n(.*?)```", FILES, flags=re.S))

@@ -13,8 +13,9 @@ import pytest
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
+from mbsbench.harness.gate.baseline import FOLDER, read_thresholds
 from mbsbench.harness.gate.judging import State, judge
-from mbsbench.harness.gate.thresholds import FOLDER, Thresholds, read_thresholds
+from mbsbench.harness.gate.thresholds import Thresholds
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.results import store
 from mbsbench.harness.suites.suite import load_suite

@@ -8,10 +8,11 @@ from msgspec.structs import replace
 from mbsbench.harness.places import Place
 from mbsbench.harness.referee import judge as judging
 from mbsbench.harness.referee.claims.register import parse_register, read_register
-from mbsbench.harness.referee.code import code_now, older_runs, said, since
+from mbsbench.harness.referee.currency import code_now, describe_changes, describe_older, find_older_runs
 from mbsbench.harness.results.codes import code_of
+from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.judgements.claims import Code
-from mbsbench.harness.results.judgements.files import CLAIMS, JudgementError, read
+from mbsbench.harness.results.judgements.files import CLAIMS, JudgementError, read_judgement
 
 from .claiming import MAP, RUNS, TEST
 from .synthetic import HEAD, record
@@ -19,10 +20,9 @@ from .synthetic import HEAD, record
 NOW = Code({"alpha": "1", "beta": "2"}, {"chain": "3"}, "4", "5", "6")
 
 
-@pytest.mark.xfail(strict=True, reason="the suite is to be run anew once all solvers march on the declared joints")
 def test_published_verdicts_are_of_this_code():
     """The remedy is in the words: make the runs concerned anew, or judge again, and publish."""
-    assert not judging.outdated(judging.PUBLISHED, code_now(read_register(), judging.whole_run()))
+    assert not judging.describe_outdated(files.PUBLISHED, code_now(read_register(), judging.list_whole()))
 
 
 @pytest.mark.parametrize(("changed", "words"), [
@@ -35,18 +35,18 @@ def test_published_verdicts_are_of_this_code():
     ({"judging": "0"}, "rules of judging: mbsbench judge --publish"),
 ])  # fmt: skip
 def test_what_changed_is_said_in_a_line_with_the_command(changed, words):
-    line = since(replace(NOW, **changed), NOW, "referee")
+    line = describe_changes(replace(NOW, **changed), NOW, "referee")
     assert words in line and bool(line) is bool(words) and "\n" not in line
 
 
 def test_runs_of_other_code_are_named_by_their_solvers():
     """One of thirteen is old; those of a plugin's solver are not ours to know."""
     good = [record(x, code=code_of(x.problem, x.solver), suite="paper") for x in RUNS]
-    assert older_runs(good) == ()
+    assert find_older_runs(good) == ()
     old = dataclasses.replace(good[-1], code="before")
-    assert older_runs([*good[:-1], old]) == (old,)
-    assert older_runs([dataclasses.replace(old, solver="somebodys")]) == ()
-    words = said((old,), "results/local/x")
+    assert find_older_runs([*good[:-1], old]) == (old,)
+    assert find_older_runs([dataclasses.replace(old, solver="somebodys")]) == ()
+    words = describe_older((old,), "results/local/x")
     assert f"code of {old.solver}: mbsbench run paper --resume --out results/local/x" in words and "\n" not in words
 
 
@@ -60,4 +60,4 @@ def test_words_of_a_claim_are_no_part_of_the_digest_and_bands_and_runs_are():
 def test_verdicts_of_an_older_version_are_refused_in_a_line(tmp_path):
     (tmp_path / "claims.json").write_text('[{"id": "a", "verdict": "SUPPORTED"}]')
     with pytest.raises(JudgementError, match=r"^[^\n]*older version \(schema 1, expected 2\)$"):
-        read(CLAIMS, Place(tmp_path))
+        read_judgement(CLAIMS, Place(tmp_path))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.metrics.thinning import rows_to_keep
-from mbsbench.harness.referee.certificates.drift import MATTERS, dissect, period_marks, split
-from mbsbench.harness.referee.certificates.trend import FEWEST, trend_of
+from mbsbench.harness.referee.certificates.drift import MATTERS, dissect, find_periods, split_error
+from mbsbench.harness.referee.certificates.trend import FEWEST, fit_trend
 from mbsbench.harness.results.series import Series
 
 PERIOD, PERIODS, STEPS = 2.0, 300, 40
@@ -26,7 +26,7 @@ def swinging(trend=0.0, walk=0.0, swing=1.0, noise=0.0, seed=0, slow=0.0, steps=
 
 
 def parts(t, e, observable):
-    return split(t, e, period_marks(t, {"a": observable}))
+    return split_error(t, e, find_periods(t, {"a": observable}))
 
 
 def test_a_pure_oscillation_has_neither_trend_nor_walk():
@@ -97,7 +97,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(trend, walk, noise):
     for _ in range(100):
         steps = walk / math.sqrt(20.0) * random.standard_normal(800)
         y = trend * np.arange(40) + np.cumsum(steps).reshape(40, 20).mean(axis=1) + noise * random.standard_normal(40)
-        d = trend_of(y, 1.0)
+        d = fit_trend(y, 1.0)
         held_trend.append(d.low <= trend <= d.high)
         held_walk.append(d.walk_low <= walk <= d.walk_high)
         seen.append(d.walk_low > 0.0)
@@ -125,10 +125,10 @@ def test_ordinary_least_squares_would_have_promised_too_much():
 
 def test_nothing_at_all_has_no_drift():
     """An energy error that is exactly zero."""
-    d = trend_of(np.zeros(20), 1.0)
+    d = fit_trend(np.zeros(20), 1.0)
     assert (d.slope, d.low, d.high, d.walk_high, d.still) == (0.0, 0.0, 0.0, 0.0, 1.0)
     with pytest.raises(ValueError, match=f"at least {FEWEST}"):
-        trend_of(np.zeros(FEWEST - 1), 1.0)
+        fit_trend(np.zeros(FEWEST - 1), 1.0)
 
 
 def series(t, e, **observables):

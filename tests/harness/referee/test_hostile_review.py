@@ -1,5 +1,6 @@
 """What the paper's authors would object to, each answered by runs that are in a claim's map or are made here."""
 
+import textwrap
 from functools import cache
 from typing import Any
 
@@ -12,7 +13,7 @@ from mbsbench.harness.referee.claims.evidence import MEASURES, evaluate
 from mbsbench.harness.referee.claims.maps import place, same, select
 from mbsbench.harness.referee.claims.predicates import Band
 from mbsbench.harness.referee.claims.register import REGISTER, read_register
-from mbsbench.harness.referee.judge import tried_on
+from mbsbench.harness.referee.judge import list_tried
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.suites.suite import parse_suite
@@ -33,7 +34,7 @@ def named(key: str) -> Any:
 
 @cache
 def places():
-    return [place(s) for s in tried_on()]
+    return [place(s) for s in list_tried()]
 
 
 @named("runs")
@@ -61,14 +62,13 @@ def test_small_runs_answer(given, tmp_path):
 
 
 def page() -> str:
-    """The page, made from the file."""
+    """The page, with its list made from the file."""
     rows = []
     for o in OBJECTIONS:
-        tried = "; ".join(f"`{r['claim']}` ({', '.join(f'{k} = {v}' for k, v in r['settings'].items())}: {r['number']})"
-                          for r in o["runs"])  # fmt: skip
-        rows.append(f"## {o['objection']}\n\n{o['answer']}\n\nRuns: {tried}.\n")
-    head = PAGE.read_text(encoding="utf-8").split("\n## ", maxsplit=1)[0]
-    return head + "\n" + "\n".join(rows)
+        rows += textwrap.wrap(f"**{o['objection']}** {o['answer']}", 138, initial_indent="- ",
+                              subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)  # fmt: skip
+    head = PAGE.read_text(encoding="utf-8").split("\n- **", maxsplit=1)[0]
+    return "\n".join((head, *rows, ""))
 
 
 def test_the_page_says_what_the_file_says():

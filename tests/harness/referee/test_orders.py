@@ -11,9 +11,9 @@ from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.worker import run
 from mbsbench.harness.places import Place
-from mbsbench.harness.referee.certificates.fitting import ladder, scattered
-from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify, of_motion
-from mbsbench.harness.results.judgements.files import ORDERS, as_text, read
+from mbsbench.harness.referee.certificates.fitting import fit_ladder, fit_scattered
+from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify, select_motion
+from mbsbench.harness.results.judgements.files import ORDERS, format_judgement, read_judgement
 from mbsbench.harness.results.store import create
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.reports.pages.judged.orders import words
@@ -26,7 +26,7 @@ NOWHERE = Path()
 
 def test_a_pure_power_is_found_to_rounding():
     """C dt^p: nothing left out, an interval of no width."""
-    fit = ladder(DT, 3.0 * DT**2)
+    fit = fit_ladder(DT, 3.0 * DT**2)
     assert fit.kind == "power"
     assert all(fit.used)
     assert fit.order == pytest.approx(2.0, abs=1e-9)
@@ -37,41 +37,28 @@ def test_a_pure_power_is_found_to_rounding():
 def test_a_floor_is_detected_and_left_out(order):
     """C dt^p + F: points within a factor of F are not fitted, and F is told."""
     floor = 3.0 * DT[5] ** order
-    fit = ladder(DT, 3.0 * DT**order + floor * np.array([1.0, 1.02] * 5))
+    fit = fit_ladder(DT, 3.0 * DT**order + floor * np.array([1.0, 1.02] * 5))
     assert fit.kind == "power"
     assert fit.order == pytest.approx(order, abs=0.1)
     assert not any(fit.used[6:])
     assert fit.floor == pytest.approx(floor, rel=0.5)
 
 
-def test_a_floor_that_grows_with_the_number_of_steps_is_one_too():
-    """Errors of the steps' solution pile up like sqrt(1/dt)."""
-    fit = ladder(DT, DT**2 + 1e-8 / np.sqrt(DT))
-    assert fit.kind == "power"
+@pytest.mark.parametrize(("error", "first", "last"), [
+    (DT**2 + 1e-8 / np.sqrt(DT), True, False),  # errors of the steps' solution pile up like sqrt(1/dt)
+    (3.0 * DT**2 * (1.0 + 20.0 * DT), False, True),  # the first slopes are 2.4 and 2.2
+    (3.0 * DT**2 * (1.0 + 5.0 * DT) + 3e-8, False, False),  # all at once, as a real ladder has them
+])  # fmt: skip
+def test_steps_out_of_the_asymptotic_range_are_left_out(error, first, last):
+    """Coarse ones and those at a floor, also one that grows with the number of steps."""
+    fit = fit_ladder(DT, error)
     assert fit.order == pytest.approx(2.0, abs=0.1)
-
-
-def test_coarse_steps_out_of_the_range_are_left_out():
-    """C dt^2 (1 + K dt): the first slopes are 2.4 and 2.2, and not fitted."""
-    error = 3.0 * DT**2 * (1.0 + 20.0 * DT)
-    fit = ladder(DT, error)
-    assert not fit.used[0]
-    assert fit.used[-1]
-    assert fit.order == pytest.approx(2.0, abs=0.05)
-    assert fit.low <= fit.slopes[-1] <= fit.high
-
-
-def test_pre_asymptotic_range_power_and_floor_together():
-    """All three at once, as a real ladder has them."""
-    fit = ladder(DT, 3.0 * DT**2 * (1.0 + 5.0 * DT) + 3e-8)
-    assert fit.order == pytest.approx(2.0, abs=0.1)
-    assert not fit.used[0]
-    assert not fit.used[-1]
+    assert (fit.used[0], fit.used[-1]) == (first, last)
 
 
 def test_an_order_that_is_lost_at_small_steps_is_not_certified():
     """dt^2 + c dt is of first order, however long the second-order range looks."""
-    fit = ladder(DT, DT**2 + 2e-3 * DT)
+    fit = fit_ladder(DT, DT**2 + 2e-3 * DT)
     assert fit.kind != "power" or fit.order < 1.5
 
 
@@ -84,26 +71,19 @@ def following(*slopes):
 def test_finest_slopes_that_no_floor_explains_are_not_left_out_in_silence(tail):
     """2, 2, 2, 2, 1.1: a floor that takes half of the last step would have bent the step before it too."""
     error = following(2.0, 2.0, 2.0, 2.0, *tail)
-    fit = ladder(DT[: len(error)], error)
+    fit = fit_ladder(DT[: len(error)], error)
     assert fit.kind == "lost"
     assert fit.left == pytest.approx(tail)
-    assert ladder(DT[: len(error)], error, small=float(error[-1])).kind == "power"  # a tolerance may hold the last
+    assert fit_ladder(DT[: len(error)], error, small=float(error[-1])).kind == "power"  # a tolerance may hold the last
 
 
 @pytest.mark.parametrize("tail", [(1.1, 0.1), (1.1, -1.6), (1.6, 1.1, 0.2, 0.0)])
 def test_finest_slopes_into_a_floor_that_is_seen_are_explained(tail):
     """From one left-out step to the finest nothing is gained: that level is the floor, and is told."""
     error = following(2.0, 2.0, 2.0, 2.0, *tail)
-    fit = ladder(DT[: len(error)], error)
+    fit = fit_ladder(DT[: len(error)], error)
     assert fit.kind == "power" and fit.order == pytest.approx(2.0)
     assert fit.floor == pytest.approx(float(np.exp(np.median(np.log(error[5:])))))
-
-
-def test_noise_alone_loses_no_order():
-    """2 % of noise bends the finest slopes by a tenth; of 200 second orders hardly one is said to be lost."""
-    random = np.random.default_rng(7)
-    kinds = [ladder(DT, DT**2 * np.exp(0.02 * random.standard_normal(10))).kind for _ in range(200)]
-    assert kinds.count("power") >= 198
 
 
 def made_up(column, errors, **columns):
@@ -191,18 +171,19 @@ def test_records_without_a_scale_of_velocities_have_no_order_in_velocity():
 
 def test_errors_that_do_not_depend_on_the_step_have_no_order():
     """Nothing is fitted to a constant."""
-    assert ladder(DT, np.full(10, 1e-12)).kind == "flat"
-    assert math.isnan(ladder(DT, np.full(10, 1e-12)).order)
+    assert fit_ladder(DT, np.full(10, 1e-12)).kind == "flat"
+    assert math.isnan(fit_ladder(DT, np.full(10, 1e-12)).order)
 
 
 def test_jitter_widens_the_interval_and_it_holds_the_order():
-    """2 % of noise, as from a maximum over few steps: 95 of 100 intervals and more hold the truth."""
+    """2 % of noise, as from a maximum over few steps: 95 of 100 intervals and more hold the truth.
+
+    It bends the finest slopes by a tenth; of 200 second orders hardly one is said to be lost.
+    """
     random = np.random.default_rng(4)
-    held = []
-    for _ in range(200):
-        fit = ladder(DT, DT**2 * np.exp(0.02 * random.standard_normal(10)))
-        held.append(fit.kind == "power" and fit.low <= 2.0 <= fit.high)
-    assert np.mean(held) > 0.93
+    fits = [fit_ladder(DT, DT**2 * np.exp(0.02 * random.standard_normal(10))) for _ in range(200)]
+    assert np.mean([fit.kind == "power" and fit.low <= 2.0 <= fit.high for fit in fits]) > 0.93
+    assert [fit.kind for fit in fits].count("power") >= 198
 
 
 def test_scattered_errors_have_the_median_of_slopes():
@@ -211,11 +192,11 @@ def test_scattered_errors_have_the_median_of_slopes():
     rtol = 10.0 ** -np.arange(3.0, 12.0)
     error = rtol**0.8 * 10.0 ** (0.2 * random.standard_normal(9))
     error[-2:] = error[-3]
-    fit = scattered(rtol, error)
+    fit = fit_scattered(rtol, error)
     assert fit.low <= 0.8 <= fit.high
     assert fit.order == pytest.approx(0.8, abs=0.1)
     assert not any(fit.used[-2:])
-    assert scattered(rtol[:3], error[:3]).kind == "none"
+    assert fit_scattered(rtol[:3], error[:3]).kind == "none"
 
 
 @pytest.fixture(scope="module")
@@ -308,8 +289,8 @@ def test_certificates_survive_their_file(ran, tmp_path):
     """Written and read back they are the same, numbers that do not exist among them."""
     runs = ran("spherical_pendulum", "gc_weak_form", [0.04 / 2**k for k in range(6)], {"t_end": 2.0}, SHARP)
     found = certify(NOWHERE, runs)
-    (tmp_path / "certificates.json").write_text(as_text(found))
-    assert repr(read(ORDERS, Place(tmp_path))) == repr(found)
+    (tmp_path / "certificates.json").write_text(format_judgement(found))
+    assert repr(read_judgement(ORDERS, Place(tmp_path))) == repr(found)
     assert found[0].settings_ids == tuple(r.settings_id for r in runs)
 
 
@@ -329,9 +310,11 @@ def test_a_ladder_that_is_refused_or_fails_says_why():
 def test_the_order_of_a_motion_is_that_of_what_moves_with_the_step():
     """A free body's C falls exactly under any step: its orientations have the order."""
     runs = made_up("orientation_error_max_rad", 0.1 * DT**2, position_error_max_m=1e-16)
-    (found,) = of_motion(certify(NOWHERE, runs))
+    (found,) = select_motion(certify(NOWHERE, runs))
     assert (found.quantity, found.verdict) == ("orientation", "certified")
-    (both,) = of_motion(certify(NOWHERE, made_up("position_error_max_m", 0.1 * DT**2, orientation_error_max_rad=0.0)))
+    (both,) = select_motion(
+        certify(NOWHERE, made_up("position_error_max_m", 0.1 * DT**2, orientation_error_max_rad=0.0))
+    )
     assert both.quantity == "position"
 
 
@@ -342,7 +325,7 @@ def test_the_order_of_a_motion_is_the_worse_of_its_two():
                         (flat, good, "orientation"), (good, flat, "position")):  # fmt: skip
         runs = [dataclasses.replace(run, orientation_error_max_rad=e)
                 for run, e in zip(made_up("position_error_max_m", r), R, strict=True)]  # fmt: skip
-        (found,) = of_motion(certify(NOWHERE, runs))
+        (found,) = select_motion(certify(NOWHERE, runs))
         assert found.quantity == worse and found.verdict == ("below declared" if bad is r or bad is R else "certified")
 
 
@@ -352,30 +335,12 @@ def test_a_ladder_without_a_reference_keeps_its_row_and_its_reason():
     runs = [dataclasses.replace(r, **none) for r in made_up("energy_drift_max_J", 0.1 * DT**2)][:4]
     found = certify(NOWHERE, runs)
     assert by_quantity(runs)["energy"].verdict == "certified"
-    (row,) = of_motion(found)
+    (row,) = select_motion(found)
     assert (row.quantity, row.verdict, words(row)) == ("position", "not measured", "no error to measure: no reference")
     silent = [dataclasses.replace(r, energy_drift_max_J=math.nan) for r in runs]
     (alone,) = certify(NOWHERE, silent)
     assert words(alone) == "no error to measure: no reference" and not alone.status
     crashed = dataclasses.replace(silent[0], claimed="crashed", status="crashed", message="at 0 s")
-    (mixed,) = of_motion(certify(NOWHERE, [crashed, *silent[1:]]))
+    (mixed,) = select_motion(certify(NOWHERE, [crashed, *silent[1:]]))
     expected = "crashed: at 0 s; 1 of 4 runs did not finish; 3 of 4 runs have no error to measure"
     assert words(mixed) == expected
-
-
-LIBRARY = [
-    ("pumped_pendulum", "gc_weak_form", {**SHARP, "gauge": "zero"}, {"b_term": False}),
-    ("damped_linkage", "gc_weak_form", {**SHARP, "gauge": "zero"}, {"b_term": False}),
-]
-
-
-@pytest.mark.parametrize(("problem", "solver", "sound", "broken"), LIBRARY)
-def test_a_planted_loss_of_order_is_seen_on_library_problems(ran, problem, solver, sound, broken):
-    """Without D_dot nu of Eq. (71) the zero gauge is of first order: below the declared one, in a short ladder too."""
-    steps, short = [0.02, 0.01, 0.005, 0.0025], {"t_end": 0.4}
-    verdicts = []
-    for options in (sound, {**sound, **broken}):
-        (found,) = of_motion(certify(NOWHERE, ran(problem, solver, steps, short, options)))
-        verdicts.append(found.verdict)
-        assert found.declared == 2.0
-    assert verdicts == ["certified", "below declared"]

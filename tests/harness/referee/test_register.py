@@ -8,7 +8,7 @@ import pytest
 from mbsbench.harness.referee.claims.maps import is_printed, place, select, values_of
 from mbsbench.harness.referee.claims.points import paired
 from mbsbench.harness.referee.claims.register import ClaimsError, parse_register, read_register
-from mbsbench.harness.referee.judge import tried_on
+from mbsbench.harness.referee.judge import list_tried
 from mbsbench.harness.suites.suite import load_suite
 
 from .claiming import MAP, TEST
@@ -24,7 +24,7 @@ NEAREST = (
 
 @pytest.fixture(scope="module")
 def places():
-    return [place(c) for c in tried_on()]
+    return [place(c) for c in list_tried()]
 
 
 def test_there_are_enough_claims_and_every_figure_has_one():

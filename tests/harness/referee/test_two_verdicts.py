@@ -1,13 +1,10 @@
 """The rules of counting: two verdicts a claim, bands that are moved, early ends, and equal series."""
 
-import math
-
 import numpy as np
 import pytest
 
-from mbsbench.harness.referee.claims.predicates import Band
 from mbsbench.harness.results.judgements.claims import Ending, LeftOut
-from mbsbench.harness.results.judgements.files import shortened
+from mbsbench.harness.results.judgements.files import shorten_claims
 from mbsbench.reports.model.claim_words import because, condition, distinct, share
 
 from .claiming import RUNS, TEST, claim, options
@@ -65,18 +62,6 @@ def test_counts_and_ends_have_no_wider_band():
     assert claim(reached).beyond.borderline == ()
 
 
-def test_bands_move_by_their_ends_or_about_their_middle():
-    assert Band(-math.inf, 2.0).moved(1.5) == Band(-math.inf, 3.0)
-    assert Band(3.0, math.inf).moved(1.5) == Band(2.0, math.inf)
-    assert Band(-math.inf, -0.3).moved(1.5).high == pytest.approx(-0.2)
-    assert Band(-1.0, 1.0).moved(1.5) == Band(-1.5, 1.5)
-    low, high = Band(1.0, 100.0).moved(0.5).low, Band(1.0, 100.0).moved(0.5).high
-    assert (low, high) == pytest.approx((10**0.5, 10**1.5))
-    for band in (Band(2.0, 3.0), Band(-1.0, 4.0), Band(-math.inf, -1.0), Band(0.5, math.inf)):
-        narrow, wide = band.moved(1 / 1.5), band.moved(1.5)
-        assert wide.low <= band.low <= narrow.low <= narrow.high <= band.high <= wide.high
-
-
 def test_a_run_that_ended_before_the_moment_asked_about_is_open():
     """Diverged at 3 s, it says nothing on 4 s and something on 2 s; where reaching the end is asked too, it fails."""
     ended = {"status": "diverged", "t_reached_s": 3.0, "steps": 9}
@@ -128,7 +113,7 @@ def test_equal_series_of_which_the_others_differ_are_two():
 def test_what_is_published_has_no_maps_but_a_row_that_stands_alone():
     own = [c for c in RUNS if c.solver == "ida_index1"]
     c = claim(records=[record(x, phi_max=1.9 if x is own[0] else 0.1) for x in RUNS])
-    (kept,) = shortened([c])
+    (kept,) = shorten_claims([c])
     assert [m.settings_id for m in kept.map] == [own[0].settings_id] and not kept.settings_ids
     assert kept.verdicts == c.verdicts and because(kept) == because(c)
-    assert shortened([claim()])[0].map == ()
+    assert shorten_claims([claim()])[0].map == ()

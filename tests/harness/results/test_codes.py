@@ -1,11 +1,14 @@
 """What a digest covers, by law: words and layout never, an operator in every module whose numbers pass through it."""
 
 import shutil
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.results.codes import Sources
+from mbsbench.harness.results.codes import MEASURING, Sources
 from mbsbench.harness.results.environment import ROOT
 
 COMPILED = ("solvers/formulations/compiled/evaluation.py",)
@@ -30,7 +33,7 @@ def edited(tmp_path, kept):
     def make(place, *pair):
         root = tmp_path / "copy"
         if not root.exists():
-            for name in ("harness", "problems", "solvers"):
+            for name in ("cli", "harness", "problems", "solvers"):
                 shutil.copytree(ROOT / name, root / name, ignore=shutil.ignore_patterns("__pycache__", "*.nb*"))
             shutil.copy(ROOT / "requirements.lock", root)
         text = (ROOT / place).read_text(encoding="utf-8")
@@ -78,6 +81,11 @@ def test_comments_docstrings_and_layout_change_nothing(whole, edited):
             place, lambda text: "# words\n" + text.replace('"""', '"""Other words. ', 1).replace("\n\n\n", "\n\n\n\n")
         )
     assert not changed(whole.solvers, after.solvers) and not changed(whole.problems, after.problems)
+    assert after.measuring == whole.measuring
+
+
+def test_another_shape_in_an_annotation_changes_nothing(whole, edited):
+    after = edited("harness/metrics/compiled.py", 'Float[np.ndarray, "nt nb"]', 'Float[np.ndarray, "nt nb 3"]')
     assert after.measuring == whole.measuring
 
 
@@ -129,9 +137,20 @@ def test_another_count_of_cpu_time_is_another_measurement(whole, edited, place, 
 
 def test_what_only_arranges_asks_for_nothing(whole, edited):
     """How records are stored, processes are run and commands are worded."""
-    for place in ("harness/results/store.py", "harness/execution/pool.py", "harness/commands/judge.py"):
+    for place in ("harness/results/store.py", "harness/execution/pool.py", "cli/judge.py"):
         after = edited(place, lambda text: text + "\nADDED = 1\n")
     assert (after.solvers, after.problems, after.measuring) == (whole.solvers, whole.problems, whole.measuring)
+
+
+def test_the_digest_covers_all_that_a_run_runs(whole):
+    """A module that a worker loads and the digest leaves out could change numbers unseen; these only arrange."""
+    code = "import sys, mbsbench.harness.execution.supervisor as s; print(*[m.__file__ for n, m in sys.modules.items() if n.startswith('mbsbench.')])"  # noqa: E501
+    done = subprocess.run((sys.executable, "-c", code), cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = {
+        Path(f).resolve().relative_to(ROOT).as_posix() for f in done.stdout.split() if not f.endswith("__init__.py")
+    }
+    left_out = {p for p in loaded - whole.reach(*MEASURING)[0].keys() if not whole._arranges(p)}
+    assert left_out == {f"harness/execution/{name}.py" for name in ("protocol", "supervisor", "warmup")}
 
 
 def test_another_version_of_a_package_asks_for_those_that_use_it(whole, edited):

@@ -5,10 +5,10 @@ import json
 
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.results import store
 from mbsbench.harness.results.comparison import Likeness, compare, is_repeatable
-from mbsbench.harness.results.provenance import differences, same_platform, why
+from mbsbench.harness.results.provenance import describe_differences, find_differences, same_platform
 from mbsbench.harness.results.records import RunRecord
 
 from ..conftest import PLUGIN
@@ -58,14 +58,14 @@ def test_inputs_that_differ_are_named():
     """A package, the machine, the code with the files that changed between two commits."""
     stamp = {"code": "1", "python": "3.11.1", "packages": {"numpy": "2.1", "scipy": "1.15"}, "cpu": "x", "commit": "c"}
     other = {**stamp, "code": "2", "packages": {"numpy": "2.2"}, "dirty": True}
-    words = why(differences(stamp, other))
+    words = describe_differences(find_differences(stamp, other))
     assert "code" in words and "numpy 2.1 -> 2.2" in words and "scipy" in words and "uncommitted" in words
     assert same_platform(stamp, {**stamp, "code": "2"}) and not same_platform(stamp, other)
-    assert "not deterministic" in why(differences(stamp, stamp))
-    assert "missing" in why(differences({}, stamp))
+    assert "not deterministic" in describe_differences(find_differences(stamp, stamp))
+    assert "missing" in describe_differences(find_differences({}, stamp))
     one, two = ({"internal_api": name, "num_threads": 1} for name in ("openblas", "openmp"))
     there, back = {**stamp, "blas": [one, two]}, {**stamp, "blas": [two, one]}
-    assert same_platform(there, back) and not differences(there, back)  # the order of imports means nothing
+    assert same_platform(there, back) and not find_differences(there, back)  # the order of imports means nothing
     assert not same_platform(there, {**stamp, "blas": [one]})
 
 

@@ -7,15 +7,15 @@ import math
 import pytest
 from msgspec.structs import fields
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError, to_json, write_text
 from mbsbench.harness.results import store
 from mbsbench.harness.results.history import (
     METRICS,
     Row,
-    history,
+    find_histories,
+    load_history,
     read_rows,
-    standing,
     write_rows,
 )
 from mbsbench.harness.results.records import RunRecord
@@ -48,7 +48,7 @@ def three(tmp_path):
 
 def test_rows_are_in_order_of_time_with_ratios_on_the_same_processor(three):
     """4 times the CPU time of the first run; another processor starts its own line; a wrong run has no ratio."""
-    rows = history(three)
+    rows = load_history(three)
     assert [(r.commit, r.settings_id) for r in rows] == [
         ("aaa", "a"), ("aaa", "b"), ("bbb+dirty", "a"), ("ccc", "a"), ("ccc", "b"),
     ]  # fmt: skip
@@ -63,17 +63,17 @@ def test_of_two_results_of_a_run_the_newest_is_the_row(tmp_path):
     (record,) = store.load(run).records
     for spec, finished, status in (("a", "2026-01-02", "wrong"), ("c", "2026-01-01", "crashed")):
         store.write_record(run, dataclasses.replace(record, run_id=spec, finished=finished, status=status))
-    assert [r.status for r in history([run])] == ["wrong"]
+    assert [r.status for r in load_history([run])] == ["wrong"]
 
 
 def test_files_of_rows_add_what_folders_no_longer_hold(three, tmp_path):
     """Written, read, and mixed with folders: each run of a run once, ratios made anew."""
     file = tmp_path / "kept" / "old.jsonl"
-    write_rows(file, history(three[1:]))
-    assert history(three, [file]) == history(three) or [to_json(r) for r in history(three, [file])] == [
-        to_json(r) for r in history(three)
+    write_rows(file, load_history(three[1:]))
+    assert load_history(three, [file]) == load_history(three) or [to_json(r) for r in load_history(three, [file])] == [
+        to_json(r) for r in load_history(three)
     ]
-    assert [r.cpu_ratio for r in history(three[:1], [file])][3] == 4.0
+    assert [r.cpu_ratio for r in load_history(three[:1], [file])][3] == 4.0
     assert all(json.loads(line)["cpu_ratio"] is None for line in file.read_text().splitlines())
 
 
@@ -97,9 +97,9 @@ def test_wrong_types_are_reported(tmp_path):
 def test_what_stands_is_found(three, tmp_path):
     """Run folders but no links, committed files and the gate's."""
     (tmp_path / "latest").symlink_to(three[0].name)
-    write_rows(tmp_path / "history" / "gate.jsonl", history(three[:1]))
-    write_rows(tmp_path / "committed" / "old.jsonl", history(three[1:2]))
-    folders, files = standing(tmp_path, tmp_path / "committed")
+    write_rows(tmp_path / "history" / "gate.jsonl", load_history(three[:1]))
+    write_rows(tmp_path / "committed" / "old.jsonl", load_history(three[1:2]))
+    folders, files = find_histories(tmp_path, tmp_path / "committed")
     assert [f.name for f in folders] == ["a-1", "b-2", "c-3"] and [f.name for f in files] == ["old.jsonl", "gate.jsonl"]
 
 

@@ -5,10 +5,10 @@ import shlex
 
 import pytest
 
-from mbsbench.harness.commands.terms import Parser, assignments
+from mbsbench.cli.arguments import Parser, parse_assignments
 from mbsbench.harness.execution.job import Job, record_of
 from mbsbench.harness.results.records import RunRecord
-from mbsbench.harness.results.reproduce import command
+from mbsbench.harness.results.reproduce import write_command
 from mbsbench.harness.suites.suite import load_suite, parse_suite
 from mbsbench.harness.types import Status
 
@@ -33,8 +33,8 @@ cpu_limit = 7.5
 
 def run_of(line: str):
     """The run that ``solve`` would make of the line, without running it."""
+    from mbsbench.cli import solve
     from mbsbench.harness.catalogue import registry
-    from mbsbench.harness.commands import solve
     from mbsbench.harness.suites.spec import make_spec
 
     words = shlex.split(line)
@@ -42,10 +42,10 @@ def run_of(line: str):
     parser = Parser()
     solve.add(parser.add_subparsers(parser_class=Parser))
     given = parser.parse_args(words[1:])
-    values = assignments(given.set, "--set")
+    values = parse_assignments(given.set, "--set")
     control = {k: values.pop(k) for k in solve.CONTROL if k in values}
     wall = float(control.pop("cpu_limit"))
-    problem = registry.make_problem(given.problem, assignments(given.problem_set, "--problem-set"))
+    problem = registry.make_problem(given.problem, parse_assignments(given.problem_set, "--problem-set"))
     return make_spec(problem, given.solver, values, control, cpu_limit=wall), given
 
 
@@ -55,7 +55,7 @@ def test_the_command_means_the_same_run(suite, tmp_path):
     specs = parse_suite(ODD, "odd", "odd", plugins=(str(PLUGIN),)).specs if suite == "odd" else load_suite(suite).specs
     for spec in specs[:: 1 if suite == "odd" else 5]:
         record = record_of(Job(spec, tmp_path), Status.SUCCESS)
-        again, given = run_of(command(record, ["my own.py"], "a b.npz"))
+        again, given = run_of(write_command(record, ["my own.py"], "a b.npz"))
         assert again.settings_id == spec.settings_id and again.cpu_limit == spec.cpu_limit
         assert given.plugin == ["my own.py"] and given.out == "a b.npz"
 
@@ -65,14 +65,14 @@ def test_words_of_a_foreign_record_stay_words():
     bad = RunRecord(
         run_id="x", problem="p; rm -rf ~", solver="$(id)", dt_s=0.1, solver_options=json.dumps({"a'b": "`id` \n&"})
     )
-    words = shlex.split(command(bad))
+    words = shlex.split(write_command(bad))
     assert words[2:4] == ["p; rm -rf ~", "$(id)"] and "a'b=`id` \n&" in words and words[-1] == "x.npz"
 
 
 def test_the_command_runs(command_line_run):
     """As printed, in a shell."""
     done = command_line_run(
-        command(
+        write_command(
             RunRecord(run_id="abc", problem="free_fall", solver="exact", dt_s=0.5, solver_options='{"lift": 1e-14}'),
             [str(PLUGIN)],
         )
@@ -88,7 +88,7 @@ def command_line_run(tmp_path):
     import sys
 
     def run(line: str):
-        program = f"{shlex.quote(sys.executable)} -m mbsbench.harness"
+        program = f"{shlex.quote(sys.executable)} -m mbsbench.cli"
         return subprocess.run(
             line.replace("mbsbench", program, 1), shell=True, cwd=tmp_path, env=dict(os.environ),
             capture_output=True, text=True, timeout=120, check=False,

@@ -4,13 +4,12 @@ import contextlib
 import dataclasses
 import json
 import os
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.results import environment, records, store
 from mbsbench.harness.results.records import COLUMNS, BadRecord, RunRecord, from_json, to_json
 from mbsbench.harness.results.series import BadSeries, Series, read_series, write_series
@@ -140,7 +139,7 @@ def test_unwritable_folder_is_said_in_a_line():
 
 @pytest.mark.parametrize(
     "line", ["report", "show", "verify", "judge", "figures", "diff {0}", "merge out", "gate --results", "history",
-             "animate --problem p --out x.gif", "run ci --resume --out"],
+             "run ci --resume --out"],
 )  # fmt: skip
 @pytest.mark.parametrize("schema", [1, 2])
 def test_a_folder_of_an_older_version_is_refused_with_what_to_do(tmp_path, line, schema, capsys):
@@ -166,27 +165,3 @@ def test_format_page_names_every_status():
     for status in Status:
         assert f"`{status}`" in text
     assert records.SCHEMA == 3  # a new schema needs a new page
-
-
-def test_digest_covers_all_that_a_run_runs():
-    """A module that a worker loads and the digest leaves out could change numbers unseen."""
-    import subprocess
-    import sys
-
-    code = "import sys, mbsbench.harness.execution.supervisor as s; print(*[m.__file__ for n, m in sys.modules.items() if n.startswith('mbsbench.')])"  # noqa: E501
-    done = subprocess.run(
-        (sys.executable, "-c", code), cwd=environment.ROOT, capture_output=True, text=True, check=True
-    )
-    loaded = {p for f in done.stdout.split() if (p := Path(f).relative_to(environment.ROOT)).name != "__init__.py"}
-    arranging = {
-        "store.py",
-        "places.py",
-        "environment.py",
-        "protocol.py",
-        "cache.py",
-        "clock.py",
-    }  # where results go and come from, not what they are
-    shaping = [environment.ROOT / s for s in environment.SHAPING]
-    left_out = {p.name for p in loaded if not any((environment.ROOT / p).is_relative_to(s) for s in shaping)}
-    assert left_out == arranging
-    assert all(s.exists() for s in shaping)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import single
 from mbsbench.harness.execution.pool import LocalPool

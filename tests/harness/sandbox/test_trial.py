@@ -4,7 +4,7 @@ import errno
 
 import pytest
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.sandbox import trial
 
 from ..conftest import PLUGIN

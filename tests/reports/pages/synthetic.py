@@ -30,8 +30,8 @@ from mbsbench.harness.results.judgements.files import (
     SYMMETRIES,
     WORK,
     WRONG,
-    as_text,
-    with_code,
+    add_code,
+    format_judgement,
 )
 from mbsbench.harness.results.judgements.runs import (
     Drift,
@@ -196,5 +196,5 @@ def judge(folder: Path, runs: Sequence[str]) -> None:
     where.mkdir(parents=True, exist_ok=True)
     for file, make in FILES:
         made = make(runs)
-        text = as_text(with_code(made, CODE) if file is CLAIMS else made)
+        text = format_judgement(add_code(made, CODE) if file is CLAIMS else made)
         (where / f"{file.name}.json").write_text(text, encoding="utf-8")

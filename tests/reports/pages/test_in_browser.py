@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from mbsbench.harness.results.judgements.files import ORDERS, as_text
+from mbsbench.harness.results.judgements.files import ORDERS, format_judgement
 from mbsbench.reports.model.results import read_results
 
 from ..browser import LOW, OPEN, PALE, SMALL
@@ -82,7 +82,7 @@ def test_thousands_of_certificates_are_paged_and_the_address_keeps_the_choice(br
     quantities, one = ("position", "velocity"), orders(["aa01"])[0]
     many = [replace(one, case=f"ladder {k}", quantity=quantities[k % 2]) for k in range(1250)]
     (tmp_path / "judgement").mkdir()
-    (tmp_path / "judgement" / f"{ORDERS.name}.json").write_text(as_text(tuple(many)), encoding="utf-8")
+    (tmp_path / "judgement" / f"{ORDERS.name}.json").write_text(format_judgement(tuple(many)), encoding="utf-8")
     render(read_results(tmp_path), [PAGES["solver-alpha.html"]])
     page, rows = tmp_path / "report" / "solver-alpha.html", "document.querySelectorAll('#orders-table tbody tr')"
     said = "document.querySelector('#orders-table ~ .pager output').textContent"

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from mbsbench.harness.results.judgements.files import as_text, with_code
+from mbsbench.harness.results.judgements.files import add_code, format_judgement
 from mbsbench.reports.model.results import read_results
 
 from ..conftest import HOSTILE, put, record, series
@@ -73,7 +73,7 @@ def test_no_page_is_empty_after_a_bench(tmp_path, judged):
     if judged == "of nothing":
         (tmp_path / "judgement").mkdir()
         for file in FILES:
-            nothing = {"work": '{"points": []}', "claims": as_text(with_code((), synthetic.CODE))}
+            nothing = {"work": '{"points": []}', "claims": format_judgement(add_code((), synthetic.CODE))}
             (tmp_path / "judgement" / f"{file}.json").write_text(nothing.get(file, "[]"))
     pages = render(read_results(tmp_path), [PAGES[n] for n in ("claims.html", "solver-alpha.html")])
     for html in (pages["claims.html"], pages["solver-alpha.html"]):

@@ -7,7 +7,6 @@ import pytest
 from matplotlib.colors import to_rgb
 from PIL import Image
 
-from mbsbench.harness.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.reports.mechanism.animation import animate, choose, files, runs_of
@@ -116,22 +115,6 @@ def test_side_by_side_and_as_ghosts(folder):
     for _ in ghosts.pictures():
         colours.append(tuple(ghosts.bodies[1][1].get_color()[0]))
     assert colours[0] == colours[1] != colours[-1]
-
-
-def test_wrong_calls_are_reported_in_one_line(folder, tmp_path, capsys):
-    """Kind of file, problem, run, numbers, window: each with what would be right."""
-    for words, said in (
-        (["--problem", "spherical_pendulum", "--out", str(tmp_path / "x.avi")], "a .gif or an .mp4"),
-        (["--problem", "nobody", "--out", str(tmp_path / "x.gif")], "there are spherical_pendulum"),
-        (["--problem", "spherical_pendulum", "--run", "zz", "--out", str(tmp_path / "x.gif")], "no run of this"),
-        (["--problem", "spherical_pendulum", "--run", "c" * 16, "--out", str(tmp_path / "x.gif")], "no run of this"),
-        (["--problem", "spherical_pendulum", "--frames", "1", "--out", str(tmp_path / "x.gif")], "from 2 to"),
-        (["--problem", "spherical_pendulum", "--start", "5", "--out", str(tmp_path / "x.gif")], "nothing to show"),
-    ):
-        assert main(["animate", str(folder), *words]) == 2
-        told = capsys.readouterr().err
-        assert said in told and told.startswith("error: ") and told.count("\n") == 1
-    assert not list(tmp_path.iterdir())
 
 
 def test_mp4_without_ffmpeg_says_what_to_do(folder, tmp_path, monkeypatch):

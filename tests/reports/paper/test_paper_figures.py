@@ -6,11 +6,11 @@ import json
 import pytest
 from msgspec.structs import replace
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.places import Place
-from mbsbench.harness.referee.judge import read_claims, write
+from mbsbench.harness.referee.judge import write_judgements
 from mbsbench.harness.results.judgements.claims import Code, Finding, Verdict
-from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED
+from mbsbench.harness.results.judgements.files import FOLDER, PUBLISHED, read_claims
 from mbsbench.reports import site
 from mbsbench.reports.model.claim_words import band
 from mbsbench.reports.model.results import Run, read_results
@@ -178,7 +178,7 @@ def test_claims_of_a_figure_are_in_its_caption(tmp_path):
     judged = next(c for c in published if c.id == "9-energy-drop")
     refuted = Finding(Verdict.REFUTED, 0, 2, 2)
     own = (replace(judged, paper=refuted, beyond=None),)
-    write(Place(tmp_path) / FOLDER, {"claims": own}, Code({}, {}, "", "", ""))
+    write_judgements(Place(tmp_path) / FOLDER, {"claims": own}, Code({}, {}, "", "", ""))
     (claim,) = one(tmp_path, "fig09").claims
     assert (claim.paper, claim.beyond) == (("REFUTED", "0 of 2"), ("", ""))
     assert claim.tests[0][1] == band(judged.tests[0])

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from mbsbench.harness.__main__ import main
+from mbsbench.cli.__main__ import main
 from mbsbench.harness.places import Place
 from mbsbench.reports import publication
 from mbsbench.reports.model import tables
@@ -119,7 +119,7 @@ def test_command_writes_figures_tables_and_captions(results, capsys):
 
 @pytest.mark.skipif(shutil.which("make") is None, reason="no make on this machine")
 @pytest.mark.skipif(not (BIN / "mbsbench").exists(), reason="the command mbsbench is not installed beside this Python")
-def test_make_pictures_writes_those_of_the_readme(tmp_path):
+def test_make_pictures_writes_those_of_the_pages(tmp_path):
     """A picture that nobody can make again goes stale."""
     results, pictures = tmp_path / "chain-run", tmp_path / "pictures"
     pictures.mkdir()
@@ -129,7 +129,8 @@ def test_make_pictures_writes_those_of_the_readme(tmp_path):
     given = {"RESULTS": results, "PICTURES": pictures, "VENV": tmp_path, "BIN": BIN, "READY": ready}
     make = ["make", "-C", str(TOP), "pictures", *(f"{k}={v}" for k, v in given.items())]
     subprocess.run(make, check=True, capture_output=True)
-    shown = re.findall(r"!\[[^]]+\]\(docs/images/([^)]+)\)", (TOP / "README.md").read_text(encoding="utf-8"))
+    pages = "".join((TOP / name).read_text(encoding="utf-8") for name in ("README.md", "docs/judging.md"))
+    shown = re.findall(r"!\[[^]]+\]\((?:docs/)?images/([^)]+)\)", pages)
     assert sorted(p.name for p in pictures.iterdir()) == sorted(shown)
     assert all("<svg" in p.read_text(encoding="utf-8") for p in pictures.iterdir())
 

@@ -1,0 +1,238 @@
+"""``mbsbench.solve`` and ``mbsbench.load``: runs in a notebook or script, measured by the code that measures all runs.
+
+``solve`` runs in this process: what the solver raises is raised here, and no limit on memory or time ends it.
+"""
+
+import dataclasses
+import json
+import math
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from threadpoolctl import threadpool_limits
+
+from .harness.catalogue import registry
+from .harness.catalogue.options import nearest
+from .harness.execution.handed import Handed
+from .harness.execution.job import Job
+from .harness.execution.measuring import series_of
+from .harness.execution.run_file import in_file, read_run
+from .harness.execution.warmup import runs_to_warm, warm
+from .harness.execution.worker import recorded
+from .harness.execution.worker import solve as run_here
+from .harness.mechanics.consistency import check_start
+from .harness.mechanics.moving_rows import check_lengths
+from .harness.metrics.measure import Measured, measure
+from .harness.places import Place
+from .harness.results import environment, store
+from .harness.results.codes import code_of
+from .harness.results.records import RunRecord
+from .harness.results.series import Series, write_series
+from .harness.results.words import error_words
+from .harness.suites.spec import RunSpec, step_control
+from .harness.types import Problem, Solver, Status, Trajectory
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+PLOTTED = ("energy", "phi", "phi-dot", "step", "position")  # plots of the reports, by name
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Run:
+    """A run: its record, its series over time and, unless it is read from a results folder, its trajectory."""
+
+    record: RunRecord
+    trajectory: Trajectory | None = None
+    kept: Series | Path | None = None  # its series, or the results folder that has them
+    given: Problem | None = None  # the problem that was solved; None takes that of the catalogue
+
+    @property
+    def status(self) -> Status:
+        """The status, after the motion was judged."""
+        return Status(self.record.status)
+
+    @cached_property
+    def problem(self) -> Problem:
+        """The problem that was solved."""
+        return self.given or registry.make_problem(self.record.problem, json.loads(self.record.problem_parameters))
+
+    @cached_property
+    def series(self) -> Series | None:
+        """Scalars over time by name: ``run.series["energy_error"]`` at ``run.series["t"]``; None if refused."""
+        if isinstance(self.kept, Path):
+            return store.series_of(self.kept, self.record)
+        if self.kept is None and self.trajectory is not None:
+            return series_of(self.problem, self.trajectory, measure(self.problem, self.trajectory))
+        return self.kept
+
+    def save(self, path: str | Path) -> None:
+        """Write the file that ``mbsbench solve`` writes; ``load`` reads it."""
+        if self.trajectory is None:
+            raise ValueError(f"{self.record.case} has no trajectory to save: {_explain_missing(self.record)}")
+        if Path(path).suffix != ".npz":
+            raise ValueError(f"the name of the file must end in .npz (got {str(path)!r})")
+        in_file(Path(path))(self.problem, self.trajectory, measure(self.problem, self.trajectory), self.record)
+
+    def plot(self) -> "Figure":
+        """Energy error, constraint norms, position error (where the exact motion is known) and step over time."""
+        if self.series is None:
+            raise ValueError(f"{self.record.case} has no series to plot: {_explain_missing(self.record)}")
+        return _draw_figure(self.record, self.series)
+
+    def __repr__(self) -> str:
+        r = self.record
+        drift = "" if math.isnan(r.energy_drift_max_J) else f"energy drift {r.energy_drift_max_J:.2e} J"
+        error = f"error {said}" if (said := error_words(r)) else ""
+        words = [f"{r.steps} steps to {r.t_reached_s:g} s", *(n for n in (drift, error) if n)]
+        return f"<Run {r.case}: {', '.join([r.status, *(words if r.steps else [r.message])])}>"
+
+
+@dataclass(frozen=True, repr=False, eq=False)
+class Results:
+    """The runs of a results folder."""
+
+    folder: Path
+    runs: tuple[Run, ...]
+    unreadable: tuple[store.Unreadable, ...]  # files that are damaged or of another version, with the reason
+
+    def table(self) -> "pd.DataFrame":
+        """One row a run, the columns of ``RunRecord``."""
+        return store.table(run.record for run in self.runs)
+
+    def __repr__(self) -> str:
+        count = {str(s): sum(run.status is s for run in self.runs) for s in Status}
+        words = ", ".join(f"{n} {status}" for status, n in count.items() if n)
+        return f"<Results {self.folder}: {len(self.runs)} runs{f' ({words})' if words else ''}>"
+
+
+def solve(
+    problem: str | Problem,
+    solver: "str | Solver | type[Solver]",
+    *,
+    dt: float | None = None,
+    rtol: float | None = None,
+    max_step: float | None = None,
+    max_steps: int | None = None,
+    cpu_limit: float | None = None,
+    t_end: float | None = None,
+    **options: Any,
+) -> Run:
+    """Run ``solver`` (a name, a class marked ``@solver``, or an instance of one) on ``problem`` and measure its motion.
+
+    Without ``dt`` [s] or ``rtol`` the problem's step or 1e-8. The solver stops itself at ``cpu_limit`` [s].
+    """
+    variant = _resolve_problem(problem, t_end)
+    given = {"dt": dt, "rtol": rtol, "max_step": max_step, "max_steps": max_steps}
+    entry, made = _resolve_solver(solver, options, variant, list(given))
+    steps = step_control(entry.name, entry.control, variant, {k: v for k, v in given.items() if v is not None})
+    control = dataclasses.replace(steps, cpu_limit=cpu_limit)
+    limits: dict[str, Any] = {"cpu_limit": cpu_limit or math.inf, "memory": math.inf}
+    spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), entry.changed(made), **limits)
+    if cpu_limit is not None:  # compile before its clock starts
+        warm(runs_to_warm([spec]))
+    job = Job(spec, Path(), "", code_of(variant.name, entry.name), environment.commit())
+    found: list[tuple[Trajectory, Series]] = []
+
+    def keep(problem: Problem, trajectory: Trajectory, m: Measured, record: RunRecord) -> RunRecord:
+        found.append((trajectory, series_of(problem, trajectory, m)))
+        return record
+
+    with threadpool_limits(1):
+        said, motion = run_here(variant, made, control)
+    record = dataclasses.replace(recorded(job, variant, Handed(said, motion), keep), stderr="")
+    trajectory, series = found[0] if found else (None, None)
+    return Run(record, trajectory, series, variant)
+
+
+def load(path: str | Path, problem: Problem | None = None) -> Run | Results:
+    """The run in an NPZ file, or the runs of a results folder, given by its path or its name in ``results/local``.
+
+    A problem that is not in the catalogue has to be given again: its file names it only.
+    """
+    if Path(path).suffix == ".npz":
+        record, trajectory = read_run(Path(path))
+        return Run(record, trajectory, given=problem)
+    for folder in (Path(path), store.LOCAL / path):
+        if (Place(folder) / "runs").is_folder():
+            loaded = store.load(folder, check_series=False)
+            return Results(folder, tuple(Run(r, kept=folder) for r in loaded.records), loaded.unreadable)
+    raise ValueError(f"{path} is neither an .npz file nor a results folder")
+
+
+def scipy(method: str, **options: Any) -> Solver:
+    """The strong form by a method of scipy: RK23, RK45, DOP853, Radau, BDF or LSODA."""
+    return registry.make_solver("scipy_strong_form", {"method": method, **options})
+
+
+def _resolve_problem(given: str | Problem, t_end: float | None) -> Problem:
+    if t_end is not None and not 0.0 < t_end < math.inf:
+        raise ValueError(f"t_end must be a finite number > 0 [s] (got {t_end!r})")
+    changes: dict[str, Any] = {} if t_end is None else {"t_end": float(t_end)}
+    if isinstance(given, str):
+        return registry.make_problem(given, changes)
+    if not isinstance(given, Problem):
+        raise ValueError(f"problem must be a name or a Problem (got {_describe_kind(given)})")
+    check_start(given.system, given.initial, literal=given.literal_start)
+    check_lengths(given.system, t_end or given.t_end)
+    return dataclasses.replace(given, parameters={**given.parameters, **changes}, **changes)
+
+
+def _resolve_solver(
+    given: "str | Solver | type[Solver]", options: Mapping[str, Any], variant: Problem, controls: list[str]
+) -> tuple[registry.SolverEntry, Solver]:
+    """The solver, with its entry: a class or an instance need not be in the catalogue."""
+    if not isinstance(given, str | type):
+        if options:
+            raise ValueError(f"give the options to {type(given).__name__}(...) (got {', '.join(options)})")
+        return registry.solver_entry(type(given)), given
+    if isinstance(given, str):
+        entry = registry.entry_of("solver", given, registry.solvers())
+    else:
+        entry = registry.solver_entry(given)
+    known = registry.problems().get(variant.name)
+    for key in options:
+        if known and key in known.parameters and key not in entry.parameters:
+            raise ValueError(f"{key} is a parameter of the problem: make_problem({variant.name!r}, {{{key!r}: ...}})")
+        if key not in entry.parameters:
+            raise ValueError(f"solver {entry.name} has no option {key!r}{nearest(key, [*entry.parameters, *controls])}")
+    return entry, entry.made(options)
+
+
+def _draw_figure(record: RunRecord, series: Series) -> "Figure":
+    """Drawn by the reports, from a results folder with this run alone."""
+    from .reports.model.motion import motion_of
+    from .reports.model.results import read_results
+    from .reports.plots.laws import Drawing, errors, laws
+    from .reports.plots.lines import all_lines, shared_options
+    from .reports.plots.palette import looks
+    from .reports.plots.printed import figure
+    from .reports.plots.style import style
+
+    with tempfile.TemporaryDirectory() as place:
+        folder = store.create(Path(place))
+        place = f"series/{record.run_id}.npz"
+        digest = write_series(Place(folder) / place, series)
+        store.write_record(folder, dataclasses.replace(record, series=place, series_sha256=digest, stderr=""))
+        results = read_results(folder)
+        (run,) = results.runs
+        motions = {record.run_id: motion_of(run, results.series(run))}
+        drawing = Drawing([run], all_lines([run], shared_options([run])), motions)
+    chapters = [c for c in (laws(drawing), errors(drawing)) if c]
+    with style():
+        return figure([p for c in chapters for p in c.plots if p.name in PLOTTED], looks([record.solver]))
+
+
+def _explain_missing(record: RunRecord) -> str:
+    if record.status == Status.REFUSED:
+        return f"refused, {record.message}"
+    return "it is a run of a results folder" if record.series else f"{record.status}, {record.message}"
+
+
+def _describe_kind(given: object) -> str:
+    return "a function: call it" if callable(given) else type(given).__name__

@@ -1,0 +1,152 @@
+"""Arguments that subcommands share, and the values they stand for."""
+
+import argparse
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from ..harness.cache import ROOT, is_checkout
+from .parser import Parser as Parser
+from .parser import UsageError as UsageError
+from .parser import subcommand as subcommand
+
+RESULTS = "results folder: a path, or a name in results/local/"
+
+
+def add_results(p: argparse.ArgumentParser) -> None:
+    """The argument RESULTS."""
+    words = f"{RESULTS} (default: the newest)"
+    p.add_argument("results", nargs="?", default="latest", type=find_results, metavar="RESULTS", help=words)
+
+
+def add_jobs(p: argparse.ArgumentParser) -> None:
+    """The option --jobs."""
+    words = "parallel processes (default: all cores; use 1 for reliable timings)"
+    p.add_argument("--jobs", type=positive_int, metavar="N", help=words)
+
+
+def add_plugin(p: argparse.ArgumentParser, words: str = "file that adds problems or solvers") -> None:
+    """The option --plugin."""
+    p.add_argument("--plugin", action="append", default=[], metavar="FILE.py", help=f"{words}; may be repeated")
+
+
+def add_problem(p: argparse.ArgumentParser) -> None:
+    """The argument PROBLEM, and the options --problem-set and --t-end."""
+    words = "name of a problem (see mbsbench list), or an MJCF or URDF file (docs/your-own-problem.md)"
+    p.add_argument("problem", metavar="PROBLEM", help=words)
+    add_set(p, "--problem-set", "problem parameter")
+    p.add_argument("--t-end", type=positive_float, metavar="T", help="simulated time [s]")
+
+
+def add_set(p: argparse.ArgumentParser, option: str, words: str) -> None:
+    """An option of K=V."""
+    p.add_argument(option, action="append", default=[], metavar="K=V", help=f"{words}; may be repeated")
+
+
+def parse_assignments(given: Sequence[str], what: str) -> dict[str, str]:
+    """``["k=v", ...]`` as a dict; each key once."""
+    out: dict[str, str] = {}
+    for text in given:
+        key, equals, value = text.partition("=")
+        key = key.strip()
+        if not equals or not key or not value.strip():
+            raise UsageError(f"{what} takes key=value (got {text!r})")
+        if key in out:
+            raise UsageError(f"{what} {key} is given twice")
+        out[key] = value.strip()
+    return out
+
+
+def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
+    """Load the named plugins, each first in a process of its own; their full names."""
+    if not paths:
+        return ()
+    from ..harness.catalogue import mechanism_files, plugins, registry  # here, as below: --help needs none of them
+    from ..harness.sandbox.trial import tried
+    from .terminal import error_console
+
+    for path in paths:
+        tried(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
+        if mechanism_files.is_mechanism(path):
+            error_console().print(registry.problems()[mechanism_files.name_of(path)].doc)
+    return tuple(plugins.resolved(p) for p in paths)
+
+
+def load_problem(arguments: argparse.Namespace) -> tuple[str, dict[str, Any], tuple[str, ...]]:
+    """The name of the problem asked for, which a file of a mechanism adds, its parameters, and all plugins, loaded."""
+    from ..harness.catalogue import mechanism_files
+
+    given, file = arguments.problem, mechanism_files.is_mechanism(arguments.problem)
+    loaded = load_plugins([*arguments.plugin, *([given] if file else [])])
+    parameters: dict[str, Any] = parse_assignments(arguments.problem_set, "--problem-set")
+    if arguments.t_end is not None:
+        if "t_end" in parameters:
+            raise UsageError("t_end is given twice, by --t-end and --problem-set")
+        parameters["t_end"] = arguments.t_end
+    return mechanism_files.name_of(given) if file else given, parameters, loaded
+
+
+def check_not_installed(path: Path, option: str) -> None:
+    """Committed files are changed in a checkout; those of an installed package stay as they are."""
+    if path.resolve().is_relative_to(ROOT) and not is_checkout():
+        raise UsageError(f"{path.name} is part of the installed package; give another place with {option}")
+
+
+def add_running(p: argparse.ArgumentParser) -> None:
+    """Options of the commands that run a suite."""
+    add_jobs(p)
+    p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/<suite>-<time>)")
+    add_plugin(p)
+
+
+def find_results(name: str) -> Path:
+    """The results folder at a path, or of that name in results/local/."""
+    from ..harness.results import store
+
+    for path in (Path(name), store.LOCAL / name):
+        if store.is_results(path):
+            return path
+        store.refuse_older(path)
+    if name == "latest":
+        remedy = "run a suite first (mbsbench run paper) or give a results folder"
+        raise UsageError(f"no results in {store.LOCAL}; {remedy}")
+    raise UsageError(f"{name} is not a results folder: expected a path, or the name of a folder in {store.LOCAL}")
+
+
+def positive_int(text: str) -> int:
+    """A whole number > 0 from the command line."""
+    if not text.isdecimal() or int(text) < 1:
+        raise UsageError(f"must be a whole number > 0 (got {text!r})")
+    return int(text)
+
+
+def positive_float(text: str, name: str = "") -> float:
+    """A finite number > 0 from the command line; ``name`` where no option has it."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not 0.0 < value < math.inf:
+        raise UsageError(f"{name} must be a finite number > 0 (got {text!r})".strip())
+    return value
+
+
+def count_jobs(given: int | None) -> int:
+    """Number of processes: as given, else one a core."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return given or cores
+
+
+def check_writable(out: Path) -> None:
+    """Before the run, so that an hour of computing is not lost to a folder that does not exist."""
+    probe = out.parent / f".{out.name}.{os.getpid()}.probe"
+    try:
+        if out.is_dir():
+            raise UsageError(f"cannot write {out}: it is a folder")
+        with probe.open("xb"):
+            pass
+        probe.unlink()
+    except OSError as error:
+        raise UsageError(f"cannot write {out}: {error.strerror or error}") from None

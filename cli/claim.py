@@ -1,0 +1,119 @@
+"""``claim``: one claim of the paper: its two verdicts, why, the settings; or its runs alone, made and judged."""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ..harness.catalogue.options import nearest
+from ..harness.execution.runner import Request, last_folder, new_folder
+from ..harness.places import Place
+from ..harness.referee import judge as judging
+from ..harness.referee.claims.register import Register, read_register
+from ..harness.referee.claims.verdicts import judge
+from ..harness.referee.currency import code_now
+from ..harness.results import store
+from ..harness.results.judgements.claims import Claim
+from ..harness.results.judgements.files import FOLDER, PUBLISHED, format_judgement, read_claims
+from ..harness.suites.suite import Suite
+from ..reports.model import claim_words
+from .arguments import RESULTS, UsageError, add_jobs, count_jobs, find_results, subcommand
+from .progress import run_watched
+from .terminal import console, error_console
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    words = "show a claim of the paper with its verdicts, why and where it was tried, or make its runs and judge it"
+    p = subcommand(commands, "claim", run, words, "the claim")
+    p.add_argument("claim", metavar="ID", help="its id (results/claims.toml; mbsbench judge lists them)")
+    judged = f"{RESULTS}, judged (default: as published)"
+    p.add_argument("results", nargs="?", metavar="RESULTS", help=judged)
+    p.add_argument("--run", dest="make", action="store_true", help="make the runs of its map alone, and judge these")
+    p.add_argument("--out", metavar="DIR", help="with --run: results folder (default: results/local/claim-ID-<time>)")
+    add_jobs(p)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """0; 1 where the verdicts of the runs made now are not the published ones."""
+    register = read_register()
+    known = {c.id: c for c in register.claims}
+    if arguments.claim not in known:
+        raise UsageError(f"unknown claim {arguments.claim!r}{nearest(arguments.claim, list(known))}")
+    alone = replace(register, claims=(known[arguments.claim],))
+    for name in ("out", "jobs"):
+        if getattr(arguments, name) and not arguments.make:
+            raise UsageError(f"--{name} goes with --run")
+    if arguments.make and arguments.results:
+        raise UsageError("--run makes results: give --out DIR, not RESULTS")
+    published = {c.id: c for c in read_claims(PUBLISHED) or ()}.get(arguments.claim)
+    changed = False
+    if arguments.make:
+        found = _run_claim(arguments, alone)
+        changed = published is not None and published.verdicts != found.verdicts
+    else:
+        found = _read_claim(arguments, published)
+    if arguments.json:
+        console().print(format_judgement(found), end="")
+        return int(changed)
+    for line in _describe_claim(found, len(judging.select_needed(alone))):
+        console().print(line, markup=False, highlight=False)
+    if arguments.make and published:
+        console().print(f"published: {published.verdicts}" if changed else "as published")
+    elif not (arguments.make or arguments.results):
+        _warn(judging.describe_outdated(PUBLISHED, code_now(register, judging.list_whole())))
+    return int(changed)
+
+
+def _warn(words: str) -> None:
+    if words:
+        error_console().print(words, highlight=False)
+
+
+def _read_claim(arguments: argparse.Namespace, published: Claim | None) -> Claim:
+    """The claim as judged in RESULTS, or as published."""
+    again = f"mbsbench claim {arguments.claim} --run makes its runs"
+    if not arguments.results:
+        if published is None:
+            raise UsageError(f"nothing is published on {arguments.claim}; {again}")
+        return published
+    folder = find_results(arguments.results)
+    found = {c.id: c for c in read_claims(Place(folder) / FOLDER) or ()}.get(arguments.claim)
+    if found is None:
+        raise UsageError(
+            f"{folder} holds no verdict on {arguments.claim}: mbsbench judge {folder} --partial, or {again}"
+        )
+    return found
+
+
+def _run_claim(arguments: argparse.Namespace, register: Register) -> Claim:
+    """Its runs, those of an earlier start kept, and the verdict on them."""
+    specs, name = judging.select_needed(register), f"claim-{arguments.claim}"
+    folder = Path(arguments.out) if arguments.out else last_folder(name) or new_folder(name)
+    request = Request(Suite(name, "the runs of one claim", specs, ""), folder, count_jobs(arguments.jobs), resume=True)
+    if specs:
+        error_console().print(f"{len(specs)} runs on {request.jobs} processes, kept in {folder}")
+        loaded, watcher = run_watched(request, quiet=arguments.json)
+        watcher.finish(folder, loaded)
+    records = loaded.records if specs else ()
+    return judge(register, judging.list_tried(), records, partial(store.series_of, folder))[0]
+
+
+def _describe_claim(c: Claim, runs: int) -> Iterator[str]:
+    yield f"{c.id}: {c.claim}"
+    figures = f", Fig. {claim_words.figures(c)}" if c.figure else ""
+    yield f"the paper{f', Sect. {c.section}' if c.section[:1].isdigit() else ''}{figures}: “{c.quote}”"
+    for where, f in claim_words.sides(c):
+        yield f"{where}: {f.verdict} {claim_words.share(f)}".rstrip()
+    for k, t in enumerate(c.tests):
+        number = f"{claim_words.measured(t)}; band: {claim_words.band(t)} ({claim_words.metric(t)})"
+        yield f"{'and' if k else 'measured'}: {number}"
+    if c.missing:
+        yield f"missing: {claim_words.missing(c)}"
+    if words := claim_words.because(c):
+        yield f"why: {words}"
+    for name, values in c.settings.items():
+        yield f"tried with {claim_words.spaced(name)}: {', '.join(claim_words.value(name, v) for v in values)}"
+    yield f"its runs: {runs}" + (f"; to make and judge them: mbsbench claim {c.id} --run" if runs else "")

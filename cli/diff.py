@@ -1,0 +1,65 @@
+"""``diff``: how two results folders differ, and which of their inputs do."""
+
+import argparse
+import dataclasses
+from typing import Any
+
+from rich.text import Text
+
+from ..harness.results import store
+from ..harness.results.comparison import Comparison, Likeness, compare
+from ..harness.results.provenance import Difference, describe_differences, find_differences, stamp_of
+from .arguments import RESULTS, UsageError, find_results, positive_int, subcommand
+from .terminal import Column, plural, print_json, print_table, print_unreadable
+
+COLUMNS = (
+    Column("likeness", right=False), Column("case", fold=True), Column("metric", fold=True, least=12),
+    Column("before", rank=1), Column("after"), Column("relative", rank=2),
+)  # fmt: skip
+STYLE = {Likeness.CHANGED: "bold red", Likeness.ROUNDING: "yellow", Likeness.SAME: "green"}
+SHOWN = 40  # changes
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    words = "compare two results folders; exit code 0 if identical, 1 if not"
+    p = subcommand(commands, "diff", run, words, "one object")
+    p.add_argument("before", type=find_results, metavar="BEFORE", help=RESULTS)
+    p.add_argument("after", type=find_results, metavar="AFTER", help=RESULTS)
+    limit = f"changes shown, largest first (default: {SHOWN})"
+    p.add_argument("--limit", type=positive_int, metavar="N", default=SHOWN, help=limit)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """0 when both hold the same runs with the same numbers, bit for bit, else 1."""
+    folders = [arguments.before, arguments.after]
+    loaded = [store.load(f) for f in folders]
+    if not any(part.records for part in loaded):
+        raise UsageError(f"nothing to compare: neither {folders[0]} nor {folders[1]} holds a result")
+    found = compare(*(part.records for part in loaded))
+    inputs = find_differences(*map(stamp_of, folders))
+    show_comparison(found, inputs, arguments.limit, json=arguments.json)
+    print_unreadable(u for part in loaded for u in part.unreadable)
+    return 0 if found.same else 1
+
+
+def show_comparison(found: Comparison, inputs: list[Difference], limit: int = SHOWN, *, json: bool = False) -> None:
+    """The table of changes and the inputs that differ, or all of them as JSON."""
+    if json:
+        changes = [{**dataclasses.asdict(c), "likeness": str(c.likeness)} for c in found.changes]
+        plain = {"same": found.same, "alike": found.alike, **dataclasses.asdict(found)}
+        print_json({**plain, "inputs": [dataclasses.asdict(d) for d in inputs], "changes": changes})
+        return
+    rows: list[tuple[Text | str, ...]] = []
+    for c in found.changes[:limit]:
+        values = [v if isinstance(v, str) else f"{v:.6g}" for v in (c.before, c.after)]
+        rows.append((Text(c.likeness, STYLE[c.likeness]), c.case, c.metric, *values, f"{c.size:.2g}"))
+    below = [f"only before: {case}" for case in found.only_before]
+    below += [f"only after: {case}" for case in found.only_after]
+    if len(found.changes) > limit:
+        below.insert(0, f"{len(found.changes) - limit} smaller changes are not shown (--limit)")
+    changed = len({c.case for c in found.changes})
+    below.append(f"{plural(found.compared, 'run')} in both, {found.compared - changed} of them bit for bit identical")
+    if inputs or not found.same:
+        below.append(f"possible causes: {describe_differences(inputs)}")
+    print_table(COLUMNS, rows, *below)

@@ -1,0 +1,214 @@
+"""``gate``: run a short suite and compare it with the committed thresholds."""
+
+import argparse
+import contextlib
+import dataclasses
+import difflib
+import itertools
+import math
+import re
+import tempfile
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.text import Text
+
+from ..harness.execution.runner import Request, new_folder
+from ..harness.files import write_text
+from ..harness.gate.baseline import FOLDER, parse_thresholds, read_thresholds, write_thresholds
+from ..harness.gate.files import as_plain, junit, markdown
+from ..harness.gate.judging import Judged, State, judge, judged_of, tightened
+from ..harness.gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
+from ..harness.gate.thresholds import Thresholds, proposed
+from ..harness.results import codes, store
+from ..harness.results.history import GATES, make_rows, write_rows
+from ..harness.results.provenance import stamp_of
+from ..harness.results.records import RunRecord
+from ..harness.results.reproduce import REFEREED
+from ..harness.suites.spec import RunSpec
+from ..harness.suites.suite import Suite, load_suite
+from .arguments import (
+    RESULTS,
+    UsageError,
+    add_running,
+    check_not_installed,
+    check_writable,
+    count_jobs,
+    find_results,
+    load_plugins,
+    subcommand,
+)
+from .progress import run_watched
+from .terminal import Column, console, print_json, print_table
+
+COLUMNS = (
+    Column("state", right=False), Column("case", fold=True), Column("metric", fold=True, least=12),
+    Column("measured"), Column("baseline", rank=2), Column("bound", rank=1, fold=True, least=10),
+    Column("unit", rank=3, right=False), Column("reason", fold=True, least=16),
+)  # fmt: skip
+COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#", re.MULTILINE)  # not in a string
+STYLE = {State.FAIL: "bold red", State.XPASS: "yellow", State.XFAIL: "cyan", State.PASS: "green"}
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    words = "run a suite and compare it with thresholds; exit code 0 if the gate is open, 1 if closed"
+    p = subcommand(commands, "gate", run, words, "one object")
+    p.add_argument("--suite", metavar="SUITE", help="name or TOML file (default: ci; with --results of files, those)")
+    p.add_argument("--thresholds", metavar="FILE", help="default: results/baselines/<suite>.toml")
+    p.add_argument("--results", metavar="RESULTS", help=f"judge this {RESULTS}, instead of running the suite")
+    p.add_argument("--any-code", action="store_true", help="with --results: accept results of other code too")
+    p.add_argument("--update", action="store_true", help="print a diff that tightens thresholds and adds missing ones")
+    p.add_argument("--loosen", action="store_true", help="with --update: also propose wider bounds")
+    spread = "with --update: bounds around N repeats that differ by rounding"
+    p.add_argument("--spread", type=int, metavar="N", help=spread)
+    p.add_argument("--write", action="store_true", help="with --update: write the file instead of printing the diff")
+    p.add_argument("--all", action="store_true", help="show every threshold, not only those that failed or moved")
+    p.add_argument("--junit", metavar="FILE", help="write the result as JUnit XML")
+    p.add_argument("--markdown", metavar="FILE", help="write failed and moved thresholds as Markdown")
+    add_running(p)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """0 if nothing failed and something was judged, else 1."""
+    for file in filter(None, (arguments.junit, arguments.markdown)):
+        _clear(Path(file))
+    arguments.results = arguments.results and find_results(arguments.results)
+    if arguments.any_code and not arguments.results:
+        raise UsageError("--any-code needs --results; a suite that is run now is of this code")
+    suite = _files(arguments) or load_suite(arguments.suite or "ci", load_plugins(arguments.plugin))
+    path = Path(arguments.thresholds) if arguments.thresholds else FOLDER / f"{suite.name}.toml"
+    for name in ("junit", "markdown", "json", "loosen", "write", "spread"):
+        needs = name in ("loosen", "write", "spread")
+        if getattr(arguments, name) not in (None, False) and arguments.update is not needs:
+            raise UsageError(f"--{name} {'needs' if needs else 'cannot be combined with'} --update")
+    if arguments.spread is not None and (arguments.spread < 1 or arguments.loosen or suite.name == REFEREED):
+        raise UsageError("--spread takes a number of repeats from 1, of runs of a suite, without --loosen")
+    if arguments.update:
+        check_not_installed(path, "--thresholds FILE")
+    is_new = arguments.update and not path.exists()
+    thresholds = Thresholds(suite.name) if is_new else read_thresholds(path)
+    if thresholds.suite != suite.name:
+        raise UsageError(f"{path} holds thresholds of the suite {thresholds.suite!r}, not of {suite.name!r}")
+    name, stamp, records = _results(arguments, suite)
+    of_files = suite.name == REFEREED  # whose results are no result of this code: the newest file counts
+    code = None if arguments.any_code or of_files else partial(codes.code_of, plugins=suite.plugins)
+    judged = judged_of(records, code)
+    specs: Sequence[RunSpec | RunRecord] = judged if of_files else suite.specs
+    if arguments.update:
+        if arguments.write and not judged:
+            raise UsageError(f"no result of this code to take thresholds of {suite.name!r} from; nothing was written")
+        if arguments.spread:
+            repeated = runs_to_repeat(suite.specs, judge(suite.specs, records, thresholds, code))
+            new = widen_by_spread(thresholds, _samples(arguments, suite, repeated, judged))
+        else:
+            new = tightened(thresholds, judged, proposed(judged), loosen=arguments.loosen)
+        return _update(path, new, write=arguments.write)
+    result = judge(specs, records, thresholds, code)
+    if arguments.json:
+        print_json(as_plain(result, suite.name))
+    else:
+        _print(result, everything=arguments.all)
+    for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
+        if file:
+            write_text(Path(file), made(result, suite.name))
+    worst = {f.case: f.state.name for f in reversed(result.findings)}  # the worst come first
+    with contextlib.suppress(OSError):  # a folder that cannot be written only costs the history
+        write_rows(store.LOCAL / GATES / f"{name}.jsonl", make_rows(name, stamp, judged, worst))
+    return 0 if result.is_open else 1
+
+
+def _clear(file: Path) -> None:
+    """Remove the result of an earlier gate: if this one is interrupted, it must not be taken for its own."""
+    check_writable(file)
+    if file.is_file() and not file.is_symlink():
+        file.unlink()
+
+
+def _files(arguments: argparse.Namespace) -> Suite | None:
+    """A suite without runs of its own for a results folder of files that ``referee`` judged; None for any other."""
+    if arguments.results is None or arguments.suite is not None:
+        return None
+    records = _load(arguments.results)
+    if not records or any(r.label != REFEREED for r in records):
+        return None
+    return Suite(REFEREED, "motions from files", (), "")
+
+
+def _load(results: Path) -> tuple[RunRecord, ...]:
+    """The records of a results folder; a damaged one might be the newest of its run, so none may be."""
+    loaded = store.load(results)
+    if loaded.unreadable:
+        n, first = len(loaded.unreadable), loaded.unreadable[0]
+        raise UsageError(
+            f"{n} file{'s' * (n > 1)} cannot be judged: {first.path}: {first.why}; run it again, or remove it"
+        )
+    return loaded.records
+
+
+def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[str, Any], tuple[RunRecord, ...]]:
+    """Name and stamp of the results folder, and its records."""
+    if arguments.results:
+        folder = arguments.results
+        return folder.resolve().name, stamp_of(folder), _load(folder)
+    with tempfile.TemporaryDirectory() as place:
+        name = new_folder(suite.name).name
+        folder = Path(arguments.out) if arguments.out else Path(place) / name
+        loaded, _ = run_watched(Request(suite, folder, count_jobs(arguments.jobs)), quiet=arguments.json)
+        return name, stamp_of(folder), loaded.records
+
+
+def _print(result: Judged, *, everything: bool) -> None:
+    shown = result.findings if everything else result.notable
+    rows = []
+    for f in shown:
+        was = "" if math.isnan(f.value) else f"{f.value:.3g} ({_moved(f.measured, f.value)})"
+        measured = "" if math.isnan(f.measured) else f"{f.measured:.4g}"
+        why = f.why if f.state is not State.PASS else ""
+        rows.append((Text(f.state.name, STYLE[f.state]), f.case, f.metric, measured, was, f.bound, f.unit, why))
+    print_table(COLUMNS, rows)
+    if more := len(result.findings) - len(shown):
+        console().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
+    console().print(Text(f"gate {'open' if result.is_open else 'CLOSED'}: {result.summary}", STYLE[result.state]))
+
+
+def _moved(measured: float, value: float) -> str:
+    if math.isnan(measured):
+        return "missing"
+    return f"x {measured / value:.3g}" if value else f"{measured:+.3g}"
+
+
+def _samples(
+    arguments: argparse.Namespace, suite: Suite, repeated: Sequence[RunSpec], judged: Sequence[RunRecord]
+) -> dict[str, list[RunRecord]]:
+    """The records of each of the ``repeated`` runs and of its repeats, by its case."""
+    repeats = {s.case: perturb_tolerance(s, arguments.spread) for s in repeated}
+    cases = {c.settings_id: s.case for s in repeated for c in (s, *repeats[s.case])}
+    if not cases:
+        return {}
+    extra = dataclasses.replace(suite, specs=tuple(itertools.chain(*repeats.values())), total_limit=None)
+    with tempfile.TemporaryDirectory() as place:
+        loaded, _ = run_watched(Request(extra, Path(place) / "spread", count_jobs(arguments.jobs)), quiet=False)
+    samples: dict[str, list[RunRecord]] = {s.case: [] for s in repeated}
+    for record in (*judged, *loaded.records):
+        if record.settings_id in cases:
+            samples[cases[record.settings_id]].append(record)
+    return samples
+
+
+def _update(path: Path, thresholds: Thresholds, *, write: bool) -> int:
+    new = write_thresholds(thresholds)
+    parse_thresholds(new, path)  # nothing is written that the gate could not read
+    before = path.read_text(encoding="utf-8") if path.exists() else ""
+    out = console()
+    if write:
+        write_text(path, new)
+        out.print(f"written: {path}")
+        if COMMENT.search("\n".join(line for line in before.splitlines() if line not in new.splitlines())):
+            out.print("its comments were removed: restore them from the previous version, or move them into `reason`")
+        return 0
+    for line in difflib.unified_diff(before.splitlines(), new.splitlines(), str(path), "proposed", lineterm=""):
+        out.print(line)
+    return 0

@@ -1,0 +1,91 @@
+"""``history``: how the result of each run has developed over results folders and commits."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from rich.text import Text
+
+from ..harness.catalogue.options import nearest
+from ..harness.files import FileError
+from ..harness.results.history import METRICS, Row, find_histories, load_history, read_rows, write_rows
+from ..harness.results.store import StoreError
+from .arguments import UsageError, check_writable, find_results, subcommand
+from .terminal import Column, error_console, number, plural, print_json, print_table, sparkline
+
+COLUMNS = (
+    Column("case", fold=True, least=30), Column("results", rank=4), Column("first", rank=2),
+    Column("last"), Column("history", right=False), Column("CPU ratio", rank=3),
+    Column("last status", right=False, rank=1),
+)  # fmt: skip
+WIDTH = 16  # characters of a sparkline
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    p = subcommand(commands, "history", run, "show each run's results over time and commits", "one object per row")
+    p.add_argument("source", nargs="*", help="results folders and .jsonl files (default: all there are)")
+    p.add_argument("--metric", default="energy_drift_max_J", metavar="NAME", help=f"one of {', '.join(METRICS)}")
+    p.add_argument("--problem", metavar="NAME", help="only this problem")
+    p.add_argument("--solver", metavar="NAME", help="only this solver")
+    p.add_argument("--write", metavar="FILE.jsonl", help="write the rows to a file, e.g. in results/history/")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print one line per run; 1 if something could not be read."""
+    if arguments.metric not in METRICS:
+        raise UsageError(f"unknown metric {arguments.metric!r}{nearest(arguments.metric, list(METRICS))}")
+    if arguments.write:
+        check_writable(Path(arguments.write))
+    rows, bad = _load_rows(arguments.source)
+    problem, solver = arguments.problem, arguments.solver
+    rows = [r for r in rows if problem in (None, "", r.problem) and solver in (None, "", r.solver)]
+    if arguments.write:
+        write_rows(Path(arguments.write), rows)
+    if arguments.json:
+        for row in rows:
+            print_json(row)
+    else:
+        _print_rows(rows, arguments.metric)
+    for line in bad:
+        error_console().print(line)
+    return 1 if bad else 0
+
+
+def _load_rows(sources: list[str]) -> tuple[list[Row], list[str]]:
+    """The rows, and which files could not be read; a file that was named must be readable."""
+    if sources:
+        files = [Path(s) for s in sources if s.endswith(".jsonl")]
+        return list(load_history([find_results(s) for s in sources if not s.endswith(".jsonl")], files)), []
+    folders, files = find_histories()
+    bad = []
+    for file in list(files):
+        try:
+            read_rows(file)
+        except FileError as error:
+            bad.append(f"unreadable: {error}")
+            files.remove(file)
+    try:
+        return list(load_history(folders, files)), bad
+    except StoreError as error:  # a folder removed meanwhile
+        raise UsageError(str(error)) from None
+
+
+def _print_rows(rows: list[Row], metric: str) -> None:
+    by_run: dict[str, list[Row]] = {}
+    for r in rows:
+        by_run.setdefault(r.settings_id, []).append(r)
+    shown = []
+    for line in sorted(by_run.values(), key=lambda line: line[-1].case):
+        values = [getattr(r, metric) for r in line]
+        last = line[-1]
+        style = "green" if last.status == "success" else "yellow"
+        numbers = (str(len(line)), number(values[0]), number(values[-1]))
+        spark = sparkline(values[-WIDTH:], WIDTH)
+        shown.append((last.case, *numbers, spark, number(last.cpu_ratio), Text(last.status, style)))
+    folders = sorted({(r.time, r.results, r.commit) for r in rows})
+    below = [f"{metric}: {plural(len(by_run), 'run')} in {plural(len(folders), 'results folder')}"]
+    for time, name, commit in folders[-5:]:
+        digits, dirty, _ = commit.partition("+dirty")
+        below.append(f"  {time}  {digits[:10]}{dirty}  {name}")
+    print_table(COLUMNS, shown, *below)

@@ -1,0 +1,160 @@
+"""``judge``: the verdicts on the paper's claims from a results folder, and what changed since they were published."""
+
+import argparse
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rich.text import Text
+
+from ..harness.places import Place
+from ..harness.referee import judge as judging
+from ..harness.referee.certificates.orders import select_motion
+from ..harness.referee.claims.register import PRESENTATION, REGISTER, read_register
+from ..harness.referee.currency import code_now, describe_older, find_older_runs
+from ..harness.referee.judge import Change, find_changes, judge_results, write_judgements
+from ..harness.results import store
+from ..harness.results.judgements.claims import SCHEMA, Claim, Finding, Gap, Verdict
+from ..harness.results.judgements.files import FOLDER, ORDERS, PUBLISHED, format_judgement, read_claims, shorten_claims
+from ..harness.results.judgements.runs import Order
+from ..harness.results.provenance import stamp_of
+from ..harness.suites.spec import RunSpec
+from ..reports.model import claim_words
+from .arguments import UsageError, add_results, check_not_installed, subcommand
+from .findings import print_findings
+from .terminal import Column, console, error_console, print_table, print_unreadable
+
+STYLE = {
+    Verdict.SUPPORTED: "green", Verdict.CONDITIONAL: "yellow", Verdict.MIXED: "yellow", Verdict.REFUTED: "bold red",
+    Verdict.UNTESTABLE: "dim",
+}  # fmt: skip
+COLUMNS = (
+    Column("claim", fold=True), Column("figure", rank=2, right=False),
+    Column("at the paper's settings", right=False, fold=True, least=12),
+    Column("beyond them", right=False, fold=True, least=12),
+    Column("distinct of rows", rank=3, fold=True, least=8),
+    Column("measured", fold=True, least=12, rank=1), Column("band", rank=2, fold=True, least=12),
+)  # fmt: skip
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    words = (
+        "judge the paper's claims; exit code 1 if a verdict differs from the published, or the code is newer than "
+        "these; orders are only shown"
+    )
+    p = subcommand(commands, "judge", run, words, "schema, digests of the code, the claims and the orders in dt")
+    add_results(p)
+    p.add_argument("--partial", action="store_true", help="judge only the claims covered by these results")
+    p.add_argument("--publish", action="store_true", help="write the verdicts of a whole run to results/published/ too")
+    p.add_argument("--claims", metavar="FILE.toml", help="register of claims (default: results/claims.toml)")
+    p.add_argument("--published", metavar="DIR", help="published verdicts (default: results/published/)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """0, or 1 where published verdicts are others, or of older code, and new ones are not published now."""
+    register = read_register(Path(arguments.claims) if arguments.claims else REGISTER)
+    folder = arguments.results
+    published = Place(Path(arguments.published)) if arguments.published else PUBLISHED
+    loaded = store.load(folder, check_series=False)
+    print_unreadable(loaded.unreadable)
+    if arguments.publish:
+        check_not_installed(published.path, "--published DIR")
+        _require_runs(folder, judging.list_whole(), "that verdicts are published from")
+    elif not arguments.partial:
+        _require_runs(
+            folder, judging.select_needed(register), "that the claims are tried on", ", or judge these: --partial"
+        )
+    if old := find_older_runs(loaded.records, [str(p) for p in stamp_of(folder).get("plugins") or ()]):
+        raise UsageError(describe_older(old, str(folder)))
+    before = None if arguments.publish else read_claims(published)
+    if before is None and arguments.published and not arguments.publish:
+        raise UsageError(f"--published {published} holds no verdicts (claims.json); --publish writes these there")
+    judged = judge_results(folder, register, lambda part: error_console().print(f"judging: {part}"))
+    code = code_now(register, judging.list_whole())
+    write_judgements(Place(folder) / FOLDER, judged, code)
+    lacking = {c.id for c in judged["claims"] if any(m.gap is Gap.RUNS for m in c.missing)}
+    here = {r.settings_id for r in loaded.records}
+    whole = [c for c in judged["claims"] if c.id not in lacking and here.intersection(c.settings_ids)]
+    compares = before is not None and bool(whole)
+    stale = judging.describe_outdated(published, code) if compares else ""
+    changed = [c for c in find_changes(before, judged["claims"]) if c.id not in lacking] if before is not None else []
+    orders = select_motion(judged.get(ORDERS.name, ()))
+    if arguments.json:
+        plain = {"schema": SCHEMA, "code": code, "claims": judged["claims"], "orders": orders}
+        console().print(format_judgement(plain), end="")
+    else:
+        touched = [c for c in judged["claims"] if not arguments.partial or here.intersection(c.settings_ids)]
+        if touched:
+            few = len(lacking.intersection(c.id for c in touched))
+            show_claims(touched, changed, before is not None, arguments.publish, few)
+        show_orders(orders)
+        if others := len(judged["claims"]) - len(touched):
+            nothing = "" if touched else ": nothing was compared with the published verdicts"
+            console().print(f"{others} of {len(judged['claims'])} claims are about other runs{nothing}")
+    if arguments.publish:
+        published.root.mkdir(parents=True, exist_ok=True)
+        write_judgements(published, {**judged, "claims": shorten_claims(judged["claims"])}, code)
+        error_console().print(f"published: {published}")
+    if stale:
+        error_console().print(stale)
+    return 1 if changed or stale else 0
+
+
+def _require_runs(folder: Path, specs: Sequence[RunSpec], what: str, remedy: str = "") -> None:
+    if missing := judging.find_missing(folder, specs):
+        again = f"mbsbench run {judging.WHOLE} --resume"
+        raise UsageError(f"{folder} lacks {len(missing)} of {len(specs)} runs {what} (the first: {missing[0].case}); "
+                         f"make them: {again}{remedy}")  # fmt: skip
+
+
+def show_claims(
+    claims: Sequence[Claim], changed: list[Change], compared: bool, publishing: bool, lacking: int = 0
+) -> None:
+    """The table of verdicts, how many of each, and the changes."""
+    rows = []
+    for c in claims:
+        first = c.tests[0] if c.tests else None
+        numbers = (claim_words.measured(first), claim_words.band(first)) if first else ("", "")
+        count = f"{sum(f.settings for f in c.findings)} of {sum(f.rows for f in c.findings)}"
+        rows.append((c.id, claim_words.figures(c), format_verdict(c.paper), format_verdict(c.beyond), count,
+                     claim_words.missing(c) or numbers[0], numbers[1]))  # fmt: skip
+    below = [count_verdicts(claims)]
+    below += [f"changed: {c.id}: {c.before or 'not published'} -> {c.after or 'no longer judged'}" for c in changed]
+    if compared and lacking == len(claims):
+        below.append("nothing was compared with the published verdicts: no claim has all its runs here")
+    elif compared:
+        below.append(f"{len(changed)} claims differ from the published ones" if changed else "as published")
+    if compared:
+        below += [f"{lacking} of {len(claims)} claims lack runs: not compared"] if lacking else []
+    elif not publishing:
+        below.append("nothing is published yet; use --publish to do so")
+    print_table(COLUMNS, rows, *below)
+
+
+def show_orders(orders: Sequence[Order]) -> None:
+    """Every ladder of fixed steps that does not show the declared order, with the reason, and how many do."""
+    from ..reports.pages.judged.orders import words
+
+    counts = ", ".join(f"{n} {verdict}" for verdict, n in Counter(o.verdict for o in orders).most_common())
+    found = [o.as_finding(f"{o.verdict}: {words(o)}") for o in orders if o.verdict != "certified"]
+    print_findings(found, *([f"orders: {counts}"] if orders else []))
+
+
+def format_verdict(f: Finding | None) -> Text:
+    """A verdict and the settings where the claim holds; a dash where there is none to give."""
+    return Text(f"{f.verdict} {claim_words.share(f)}".strip(), STYLE[f.verdict]) if f else Text("–", "dim")
+
+
+def count_verdicts(claims: Sequence[Claim]) -> str:
+    """Count each verdict; checks of the problems' presentation are counted apart."""
+    results = [c for c in claims if c.kind != PRESENTATION]
+    out = []
+    for k, where in enumerate(claim_words.WHERE):
+        found = Counter(f.verdict for c in results if (f := (c.paper, c.beyond)[k]))
+        out.append(f"{where}: " + ", ".join(f"{found[v]} {v}" for v in STYLE))
+    checks = [c for c in claims if c.kind == PRESENTATION]
+    good = sum(c.verdict == Verdict.SUPPORTED for c in checks)
+    out += [f"checks of the presentation: {good} of {len(checks)} SUPPORTED"] if checks else []
+    return "\n".join(out)

@@ -1,0 +1,212 @@
+"""``list``: problems, solvers and suites, each option with its unit and default; or one of them."""
+
+import argparse
+import contextlib
+import dataclasses
+import hashlib
+import sys
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from ..harness.cache import ROOT, cache_folder
+from ..harness.catalogue.options import nearest
+from ..harness.files import FileError, parse_json, read_text, to_json, write_text
+from ..harness.results.naming import text_of
+from .arguments import add_plugin, load_plugins, subcommand
+from .parser import UsageError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from ..harness.catalogue.options import Parameter
+
+REFERENCE = {
+    "own": "its own exact motion", "certified": "its own certified integration: two routes, their difference bounds it",
+    "computed": "computed by two formulations until they agree", "none": "none, the system is too large to compute one",
+}  # fmt: skip
+STEP = {
+    "dt": "dt [s] (fixed step, default: the problem's)",
+    "rtol": "rtol (default {rtol:g}), max_step [s] (default: none)",
+}
+LIMITS = "max_steps (default 10000000); cpu_limit [s] (default: none)"
+SHAPING = ("problems", "solvers", "harness")  # folders whose code the catalogue is made from
+Entry = Mapping[str, Any]
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    words = "list problems, solvers and suites, with options, units and defaults"
+    p = subcommand(commands, "list", run, words, "one object")
+    p.add_argument("name", nargs="?", metavar="NAME", help="only this problem or solver")
+    add_plugin(p)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print the catalogues, or one entry."""
+    load_plugins(arguments.plugin)
+    plain = describe_catalogue() if arguments.plugin else load_catalogue()
+    if arguments.name is not None:
+        plain = {**plain, **{kind: [e for e in plain[kind] if e["name"] == arguments.name] for kind in KINDS}}
+        if not any(plain[kind] for kind in KINDS):
+            names = [e["name"] for kind in KINDS for e in load_catalogue()[kind]]
+            raise UsageError(f"no problem or solver is called {arguments.name!r}{nearest(arguments.name, names)}")
+    from .terminal import print_json, table_console  # here: JSON and a wrong name need no tables
+
+    if arguments.json:
+        print_json({k: v for k, v in plain.items() if k in (*KINDS, "suites")})
+    elif arguments.name is not None:
+        print_one(plain, table_console())
+    else:
+        print_all(plain, table_console())
+    return 0
+
+
+KINDS = ("problems", "solvers")
+
+
+def print_all(plain: Entry, out: "Console") -> None:
+    """Everything."""
+    out.print("[bold]Problems[/bold]   --problem-set name=value\n")
+    for p in plain["problems"]:
+        _print_problem(p, plain, out)
+    out.print("[bold cyan]every problem[/bold cyan]  has these too")
+    _print_options(out, plain["every_problem"])
+    out.print("[bold]Problems by what they test[/bold]")
+    for trait in plain["traits"]:
+        out.print(f"  {trait}: {', '.join(p['name'] for p in plain['problems'] if trait in p['tests'])}")
+    out.print()
+    out.print("[bold]Solvers[/bold]   --set name=value\n")
+    for s in plain["solvers"]:
+        _print_solver(s, plain, out)
+    out.print("[bold]Suites[/bold]   " + ", ".join(plain["suites"]))
+
+
+def print_one(plain: Entry, out: "Console") -> None:
+    """The one entry, with what every problem has too."""
+    for p in plain["problems"]:
+        _print_problem(p, plain, out)
+        out.print("every problem has these too", style="dim")
+        _print_options(out, plain["every_problem"])
+    for s in plain["solvers"]:
+        _print_solver(s, plain, out)
+
+
+def _print_problem(p: Entry, plain: Entry, out: "Console") -> None:
+    from rich.markup import escape
+
+    tests = f"  tests: {', '.join(p['tests'])}" if p["tests"] else ""
+    out.print(f"[bold cyan]{p['name']}[/bold cyan]  {escape(p['doc'])}[dim]{tests}[/dim]")
+    facts = [p["section"], f"t_end {p['t_end_s']:g} s" if p["t_end_s"] else "",
+             f"reference: {REFERENCE[p['reference']]}" if p["reference"] else ""]  # fmt: skip
+    if any(facts):
+        out.print(escape(f"  {'; '.join(filter(None, facts))}"), style="dim")
+    common = {o["name"] for o in plain["every_problem"]}
+    _print_options(out, [o for o in p["parameters"] if o["name"] not in common])
+
+
+def _print_solver(s: Entry, plain: Entry, out: "Console") -> None:
+    from rich.markup import escape
+
+    label = escape(f"[{s['paper_label']}]  ") if s["paper_label"] else ""
+    out.print(f"[bold green]{s['name']}[/bold green]  {label}{escape(s['doc'])}")
+    order = f"order {s['order']:g}; " if s["order"] is not None else ""
+    out.print(escape(f"  {order}{STEP[s['control']].format(rtol=plain['rtol'])}; {LIMITS}"), style="dim")
+    _print_options(out, s["options"])
+
+
+def _print_options(out: "Console", options: Sequence[Entry]) -> None:
+    from rich.markup import escape
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
+    for column in ("name", "default", "unit", "meaning"):
+        table.add_column(column, overflow="fold", no_wrap=column != "meaning")
+    for o in options:
+        unit = escape(f"[{o['unit']}]") if o.get("unit") else ""
+        choices = f": {' | '.join(map(str, o['choices']))}" if o.get("choices") else ""
+        table.add_row(f"  {o['name']}", escape(text_of(o["default"])), unit, escape(o["doc"] + choices))
+    if table.row_count:
+        out.print(table)
+    out.print()
+
+
+def load_catalogue() -> dict[str, Any]:
+    """``describe_catalogue`` of our own entries, kept in a file until code changes: importing them takes seconds."""
+    path = cache_folder("catalogue", ROOT / "results" / "local") / f"{_digest_code()}.json"
+    with contextlib.suppress(FileError):
+        found: dict[str, Any] = parse_json(read_text(path, "the catalogue"), str(path))
+        return found
+    found = describe_catalogue()
+    with contextlib.suppress(OSError):  # without a place to keep it, it is made again
+        path.parent.mkdir(parents=True, exist_ok=True)
+        for old in path.parent.glob("*.json"):
+            old.unlink(missing_ok=True)
+        write_text(path, to_json(found))
+    return found
+
+
+def _digest_code() -> str:
+    """Digest of the code behind the catalogue, and of the interpreter."""
+    digest = hashlib.sha256(sys.version.encode())
+    for folder in SHAPING:
+        for path in sorted((ROOT / folder).rglob("*.py")):
+            digest.update(f"{path.relative_to(ROOT)}\0".encode() + path.read_bytes() + b"\0")
+    for path in sorted((ROOT / "harness" / "suites").glob("*.toml")):
+        digest.update(f"{path.name}\0".encode())
+    return digest.hexdigest()[:24]
+
+
+def describe_catalogue() -> dict[str, Any]:
+    """JSON-able: problems, solvers, suites, plugins' among them."""
+    from ..harness.catalogue import registry
+    from ..harness.suites.includes import suite_names
+    from ..harness.suites.spec import DEFAULT_RTOL
+    from ..harness.types import Trait
+
+    problems = [
+        {
+            "name": p.name,
+            "doc": p.doc,
+            "tests": list(p.tests),
+            **_describe(p.name),
+            "parameters": _plain_options(p.parameters),
+        }
+        for p in registry.problems().values()
+    ]
+    solvers = [
+        {**{k: getattr(s, k) for k in ("name", "paper_label", "doc", "control")},
+         "order": _read_order(s.name), "options": _plain_options(s.parameters)}
+        for s in registry.solvers().values()
+    ]  # fmt: skip
+    return {
+        "problems": problems, "solvers": solvers, "suites": suite_names(), "traits": list(Trait),
+        "every_problem": _plain_options(registry.COMMON_PARAMETERS), "rtol": DEFAULT_RTOL,
+    }  # fmt: skip
+
+
+def _describe(name: str) -> dict[str, Any]:
+    """Section, time and source of the reference of the problem with its defaults.
+
+    Empty where it cannot be made, which is for ``check`` to say.
+    """
+    from ..harness.catalogue import registry
+    from ..harness.reference.computed import source_of
+
+    with contextlib.suppress(Exception):
+        problem = registry.make_problem(name)
+        return {"section": problem.section, "t_end_s": problem.t_end, "reference": str(source_of(problem))}
+    return {"section": "", "t_end_s": None, "reference": None}
+
+
+def _read_order(name: str) -> float | None:
+    from ..harness.catalogue import registry
+
+    order = registry.declared(registry.make_solver(name))[1]
+    return order if order == order else None
+
+
+def _plain_options(parameters: "Mapping[str, tuple[Any, Parameter]]") -> list[dict[str, Any]]:
+    return [
+        {"name": k, "default": default, **{n: v for n, v in dataclasses.asdict(p).items() if v not in (None, ())}}
+        for k, (default, p) in parameters.items()
+    ]

@@ -1,0 +1,134 @@
+"""``referee``: the motion that any other code computed, from a file, judged by the code that judges all runs."""
+
+import argparse
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+from rich.text import Text
+
+from ..harness.files import FileError, printable
+from ..harness.foreign.judge import FileSettings, judge_file, list_tables, open_results
+from ..harness.foreign.reading import CHOICES, Reading
+from ..harness.results import store
+from ..harness.results.records import RunRecord
+from ..harness.results.words import judged_error, why
+from ..harness.sandbox.trial import make_problem
+from ..harness.types import Status, StepControl
+from .arguments import UsageError, add_plugin, add_problem, load_problem, positive_float, subcommand
+from .solve import as_plain, summarize
+from .terminal import Column, console, number, print_json, print_table, status_style
+
+INACCURATE = 3  # exit code
+COLUMNS = (
+    Column("case", fold=True), Column("status", right=False), Column("position error [m]"),
+    Column("energy drift [J]", rank=1), Column("accurate until [s]", rank=2),
+)  # fmt: skip
+MEANING = {
+    "euler": "axes of Euler angles (phi, theta, psi or roll, pitch, yaw) in the order of their columns; small: fixed",
+    "length": "unit of positions, and of velocities per second", "time": "unit of t",
+    "angle": "unit of Euler angles, and of angular velocities per second",
+    "quaternion": "order of quaternions without letters",
+    "rotation": "what quaternions and matrices take to what", "omega": "frame of angular velocities",
+}  # fmt: skip
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    words = (
+        "judge the motion in a file (CSV, Parquet, NPZ, MAT) that any other code computed; exit code 0: all are "
+        "successes, 3: laws hold, but a motion is inaccurate, 1: one is wrong or cut short, 2: a file cannot be judged"
+    )
+    p = subcommand(commands, "referee", run, words, "one object a file")
+    add_problem(p)
+    p.add_argument("files", nargs="+", metavar="FILE", help="file, or folder of files: docs/your-own-solver.md")
+    p.add_argument("--name", metavar="NAME", help="name of the code in tables (default: that of the file or folder)")
+    p.add_argument("--columns", metavar="OURS=THEIRS,...", help="names of columns; without a header ours, in order")
+    for name, choices in CHOICES.items():
+        words = f"{MEANING[name]} (default: {getattr(Reading, name)})"
+        p.add_argument(f"--{name}", choices=choices, default=getattr(Reading, name), help=words)
+    for name in ("dt", "rtol"):
+        help_ = f"{name} the other code used, for tables (default: dt, the spacing of the rows)"
+        p.add_argument(f"--{name}", type=positive_float, metavar="X", help=help_)
+    tolerance = "difference allowed at the start, in SI units (default: by the digits printed)"
+    p.add_argument("--start-tolerance", type=positive_float, metavar="X", help=tolerance)
+    p.add_argument("--into", metavar="RESULTS", help="results folder to add to, for tables and report; made if missing")
+    add_plugin(p)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """0 if every motion is a success, else by the worst: 2 not judged, 1 not lawful, 3 inaccurate."""
+    name, parameters, _ = load_problem(arguments)
+    problem = make_problem(name, parameters)
+    given = [Path(f) for f in arguments.files]
+    paths = [p for f in given for p in list_tables(f)]
+    folder = None if arguments.into is None else open_results(_find_folder(arguments.into))
+    asked = _parse_settings(arguments, given[0])
+    judged: list[RunRecord | FileError] = []
+    for path in paths:
+        try:
+            record = judge_file(problem, path, asked, folder, several=len(paths) > 1)
+        except FileError as error:
+            if len(paths) == 1:
+                raise
+            judged.append(error)
+            if arguments.json:
+                print_json({"file": str(path), "error": str(error)})
+            continue
+        judged.append(record)
+        if arguments.json:
+            print_json({**as_plain(record), "file": str(path)})
+    if folder is not None:
+        store.write_table(folder, store.load(folder, check_series=False).records)
+    if not arguments.json:
+        _print_files(paths, judged, folder)
+    codes = {_exit_code(one) for one in judged}
+    return next((code for code in (2, 1, INACCURATE) if code in codes), 0)
+
+
+def _exit_code(one: RunRecord | FileError) -> int:
+    if isinstance(one, FileError):
+        return 2
+    codes = {Status.SUCCESS: 0, Status.INACCURATE: INACCURATE}
+    return codes.get(Status(one.status), 1)
+
+
+def _parse_settings(arguments: argparse.Namespace, first: Path) -> FileSettings:
+    reading = Reading(**{name: getattr(arguments, name) for name in CHOICES})
+    columns = tuple(c.strip() for c in (arguments.columns or "").split(",") if c.strip())
+    if len({"=" in c for c in columns}) > 1:
+        raise UsageError("--columns takes OURS=THEIRS for each, or for a file without a header ours alone, in order")
+    if arguments.dt is not None and arguments.rtol is not None:
+        raise UsageError("give one of --dt and --rtol")
+    settings = {k: v for k in ("dt", "rtol") if (v := getattr(arguments, k)) is not None}
+    name = arguments.name or re.sub(r"[^\w.+-]+", "_", first.stem)
+    return FileSettings(
+        name, reading, columns, StepControl(**settings) if settings else None, arguments.start_tolerance
+    )
+
+
+def _find_folder(name: str) -> Path:
+    local = store.LOCAL / name
+    return local if store.is_results(local) else Path(name)
+
+
+def _print_files(paths: list[Path], judged: list[RunRecord | FileError], folder: Path | None) -> None:
+    below = [] if folder is None else [f"written to         {folder}"]
+    if len(judged) == 1 and isinstance(judged[0], RunRecord):
+        for line in summarize(judged[0]) + below:
+            console().print(line)
+        return
+    rows = []
+    for path, r in zip(paths, judged, strict=True):
+        if isinstance(r, FileError):
+            below.insert(0, f"not judged: {r}")
+            rows.append((str(path), Text("not judged", "bold red"), "-", "-", "-"))
+            continue
+        below += [f"{r.case}: {'; '.join(why(r))}"] if r.status != Status.SUCCESS else []
+        below += [f"{r.case}: {printable(n)}" for n in json.loads(r.notes)]
+        until = number(r.accurate_until_s) if not math.isnan(r.accurate_until_s) else "-"
+        numbers = (number(judged_error(r, "position_error", "m")), number(r.energy_drift_max_J), until)
+        rows.append((r.case, Text(r.status, status_style(r.status)), *numbers))
+    print_table(COLUMNS, rows, *below)

@@ -1,0 +1,83 @@
+"""``run``: a suite into a results folder, with progress."""
+
+import argparse
+from collections import Counter
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..harness.execution.pool import LocalPool
+from ..harness.execution.runner import Executor, Request, last_folder, new_folder
+from ..harness.results import store
+from ..harness.results.records import RunRecord
+from ..harness.suites.suite import load_suite
+from .arguments import UsageError, add_running, count_jobs, load_plugins, positive_int, subcommand
+from .progress import run_watched
+from .terminal import error_console, print_json
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    p = subcommand(commands, "run", run, "run a suite and write a results folder", "one object at the end")
+    p.add_argument("suite", metavar="SUITE", help="name of a suite (see mbsbench list), or a TOML file")
+    add_running(p)
+    p.add_argument("--resume", action="store_true", help="continue --out, or the newest results of the suite")
+    p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
+    p.add_argument("--shard", metavar="K/N", help="only every N-th run from the K-th on, for N machines; see merge")
+    turns = "then time the runs of each problem N times in turns, in one process: for ratios of CPU times"
+    p.add_argument("--in-turns", type=positive_int, metavar="N", help=turns)
+    p.add_argument("--cluster", metavar="ADDRESS", help="run on a Dask cluster: tcp://host:port or a scheduler file")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run; 0 whatever the statuses are (failures are results), 1 if a limit left runs out."""
+    suite = load_suite(arguments.suite, load_plugins(arguments.plugin))
+    folder = Path(arguments.out) if arguments.out else None
+    if folder is None and arguments.resume:
+        folder = last_folder(suite.name)
+    if arguments.cluster is not None and arguments.jobs is not None:
+        raise UsageError("--jobs is for this machine; with --cluster the number of workers is that of the cluster")
+    if arguments.in_turns and arguments.cluster is not None:
+        raise UsageError("--in-turns times runs on this machine, so it cannot be combined with --cluster")
+    target, part = folder or new_folder(suite.name), parse_shard(arguments.shard)
+    request = Request(suite, target, count_jobs(arguments.jobs), arguments.resume, arguments.limit, part)
+    loaded, watcher = run_watched(request, quiet=arguments.json, pool=choose_executor(arguments.cluster))
+    watcher.finish(request.folder, loaded)
+    failures = _time(request.folder, loaded.records, arguments.in_turns, suite.plugins) if arguments.in_turns else []
+    if arguments.json:
+        counted = Counter(r.status for r in loaded.records)
+        drift = dict(zip(("relative", "case"), watcher.worst, strict=True)) if watcher.worst[1] else None
+        plain = {"folder": str(request.folder), "runs": len(loaded.records), "statuses": dict(counted)}
+        print_json({**plain, "not_begun": watcher.left, "worst_drift": drift})
+    return 1 if watcher.left or failures else 0
+
+
+def _time(folder: Path, records: Sequence[RunRecord], turns: int, plugins: tuple[str, ...]) -> list[str]:
+    """Replace CPU times by those of turns; what could not be timed, also printed."""
+    from ..harness.races.in_turns import time_in_turns
+
+    error_console().print(f"timing in turns, {turns} times each")
+    _, failures = time_in_turns(folder, records, turns, plugins)
+    store.write_table(folder, store.load(folder, check_series=False).records)
+    for line in failures:
+        error_console().print(f"not timed: {line}")
+    return failures
+
+
+def choose_executor(address: str | None) -> Callable[..., Executor]:
+    """Local processes, or the cluster at ``address``."""
+    if address is None:
+        return LocalPool
+    from ..harness.execution.cluster import DaskPool
+
+    return lambda size, *watching: DaskPool(address, *watching)
+
+
+def parse_shard(given: str | None) -> tuple[int, int]:
+    """``"2/5"`` as (2, 5)."""
+    if given is None:
+        return 1, 1
+    k, _, n = given.partition("/")
+    if not (k.isdecimal() and n.isdecimal() and 1 <= int(k) <= int(n)):
+        raise UsageError(f"--shard must be K/N with K from 1 to N (got {given!r})")
+    return int(k), int(n)

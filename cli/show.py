@@ -1,0 +1,241 @@
+"""``show``: a results folder as a table on the terminal, or one of its runs in detail."""
+
+import argparse
+import json
+import math
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.text import Text
+
+from ..harness.catalogue.options import nearest
+from ..harness.files import printable
+from ..harness.results import records, store
+from ..harness.results.provenance import stamp_of
+from ..harness.results.records import COLUMNS, RunRecord, reasons_of
+from ..harness.results.reproduce import write_command
+from ..harness.results.series import BadSeries
+from ..harness.results.store import Unreadable
+from ..harness.results.words import error_until, error_words, judged_error, why, words_of, words_of_ending
+from ..harness.types import Status
+from .arguments import UsageError, add_results, positive_int, subcommand
+from .terminal import (
+    Column,
+    console,
+    fit_table,
+    number,
+    plural,
+    print_json,
+    print_table,
+    print_unreadable,
+    status_style,
+    table_console,
+    timeline,
+)
+
+SERIES = {  # name in the series file: label
+    "energy_error": "|dE| [J]", "position_error": "error [m]", "orientation_error": "error [rad]",
+    "phi_norm": "|phi| [m]", "phi_dot_norm": "|phi'| [m/s]", "dt": "step [s]",
+}  # fmt: skip
+SETTINGS = ("label", "section", "suite", "dt_s", "rtol", "max_step_s", "max_steps", "t_end_s", "cpu_limit_s")
+NOT_NUMBERS = {*SETTINGS, "schema", "exit_code", "signal", "memory_limit_MB"}
+LAST = 5  # lines of standard error
+SPARK = 12  # characters of the energy error over time
+PREFIX = 7  # characters of the run_id in the table
+FILTERS = ("problem", "solver", "status", "label")
+SHOWN = {
+    "energy_drift_max_J": Column("|dE| [J]"), "position_error": Column("error [m]", rank=2),
+    "error_until": Column("error to [s]", rank=2), "orientation_error": Column("error [rad]", rank=4),
+    "phi_max": Column("|phi| [m]", rank=5),
+    "phi_dot_max": Column("|phi'| [m/s]", rank=6), "cpu_min_s": Column("CPU [s]", rank=3),
+}  # fmt: skip
+ERRORS: dict[str, Callable[[RunRecord], float]] = {  # as in the reports
+    "position_error": lambda r: judged_error(r, "position_error", "m"), "error_until": error_until,
+    "orientation_error": lambda r: judged_error(r, "orientation_error", "rad"),
+}  # fmt: skip
+SORTS = {"drift": "energy_drift_max_J", "error": "position_error", "phi": "phi_max", "cpu": "cpu_min_s"}
+
+
+def show_run(folder: Path, record: RunRecord, command: str) -> None:
+    """Print a run in detail, with the ``command`` that repeats it."""
+    out = table_console()
+    ending = words_of_ending(record)
+    out.print(Text(record.case, "bold"))
+    out.print(Text.assemble((record.status, status_style(record.status)), f": {ending}" if ending else ""))
+    for reason in reasons_of(record.wrong_because):
+        out.print(Text(f"  because: {words_of(reason)}"))
+    if error := error_words(record):
+        out.print(Text(f"error {error}"))
+    for words in json.loads(record.notes):
+        out.print(Text(f"  note: {printable(words)}"))
+    _print_heading(out, "Settings")
+    for name, value in _list_settings(record).items():
+        out.print(Text(f"  {name:<18} {value}"))
+    _print_series(out, folder, record)
+    _print_heading(out, "Measured")
+    _print_numbers(out, record)
+    if native := store.native_of(folder, record):
+        _print_heading(out, f"Standard error (last lines of {record.stderr})")
+        for line in native.splitlines()[-LAST:]:
+            out.print(Text("  " + line))
+    _print_heading(out, "Command that repeats this run")
+    console().print(f"  {command}")
+
+
+def _list_settings(r: RunRecord) -> dict[str, str]:
+    out = {
+        "problem": _assign(r.problem, r.problem_parameters),
+        "solver": _assign(r.solver, r.solver_options),
+    }
+    for name in SETTINGS:
+        value = getattr(r, name)
+        if value not in ("", 0) and not (isinstance(value, float) and math.isnan(value)):
+            out[name] = f"{value:.12g}" if isinstance(value, float) else str(value)
+    return {**out, "run_id": r.run_id, "code, commit": f"{r.code}, {r.commit or 'none'}", "finished": r.finished}
+
+
+def _assign(name: str, text: str) -> str:
+    return " ".join([name, *(f"{k}={json.dumps(v)}" for k, v in json.loads(text).items())])
+
+
+def _print_series(out: Console, folder: Path, record: RunRecord) -> None:
+    _print_heading(out, f"Over time, 0 to {record.t_end_s:g} s (one bar is a factor of ten; * marks where it stopped)")
+    try:
+        series = store.series_of(folder, record)
+    except BadSeries as error:
+        out.print(Text(f"  unreadable: {error}"))
+        return
+    if series is None:
+        out.print("  no steps were kept")
+        return
+    width = max(10, min(60, out.width - 46))
+    for name, words in SERIES.items():
+        if name in series:
+            finite = np.abs(series[name][np.isfinite(series[name])])
+            ends = f"{finite.min():.2e} to {finite.max():.2e}" if len(finite) else "-"
+            line = timeline(series["t"], series[name], record.t_end_s, width)
+            out.print(Text(f"  {words:<12} {line}  {ends}"))
+
+
+def _print_numbers(out: Console, record: RunRecord) -> None:
+    rows = []
+    for c in COLUMNS:
+        value = getattr(record, c.name)
+        if c.type in (float, int) and c.name not in NOT_NUMBERS and not math.isnan(value):
+            rows.append((f"  {c.name}", f"{value:.6g}", str(c.metadata["doc"])))
+    for name in ("invariant_drifts", "observable_errors"):
+        for key, entry in json.loads(getattr(record, name)).items():
+            rows.append((f"  {name[:-1]}: {key}", f"{_read_entry(entry, 'max'):.6g}", f"{entry.get('unit', '')}, max"))
+    columns = (Column("  column", fold=True), Column("value"), Column("meaning", fold=True, least=20))
+    out.print(fit_table(columns, rows, out.width))
+
+
+def _read_entry(entry: Any, key: str) -> float:
+    try:
+        return float(entry[key])
+    except (TypeError, KeyError, ValueError):
+        return math.nan
+
+
+def _print_heading(out: Console, words: str) -> None:
+    out.print(Text(f"\n{words}", "bold"))
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    words = "show a results folder as a table, or one run in detail"
+    p = subcommand(commands, "show", run, words, "one record per line")
+    add_results(p)
+    p.add_argument("run_name", metavar="RUN", nargs="?", help="show one run: run_id (or its first digits) or case")
+    for name in FILTERS:
+        p.add_argument(f"--{name}", metavar="A,B", help=f"only runs with this {name}, or one of these")
+    p.add_argument("--sort", metavar="KEY", help=f"largest first, by {', '.join(SORTS)} or any numeric column")
+    p.add_argument("--limit", type=positive_int, metavar="N", help="only the first N runs")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Print it; 1 if a file in it could not be read."""
+    folder = arguments.results
+    loaded = store.load(folder, check_series=arguments.json)
+    plugins = [p for p in stamp_of(folder).get("plugins", []) if isinstance(p, str)]
+    unreadable = list(loaded.unreadable)
+    chosen = _select_runs(loaded.records, arguments)
+    if arguments.json:
+        for record in chosen:
+            plain = json.loads(records.to_json(record))
+            print_json({**plain, "command": write_command(record, plugins)})
+    elif arguments.run_name is not None:
+        show_run(folder, chosen[0], write_command(chosen[0], plugins))
+    else:
+        _print_runs(chosen, [_draw_energy(folder, r, unreadable) for r in chosen])
+    print_unreadable(unreadable)
+    return 1 if unreadable else 0
+
+
+def _select_runs(found: Sequence[RunRecord], arguments: argparse.Namespace) -> list[RunRecord]:
+    """Filtered, sorted, limited; UsageError where a filter matches no run."""
+    if arguments.run_name is not None:
+        return [find_run(found, arguments.run_name)]
+    chosen = list(found)
+    for name in FILTERS:
+        given = getattr(arguments, name)
+        if given is None:
+            continue
+        wanted, known = given.split(","), sorted({str(getattr(r, name)) for r in found})
+        for word in wanted:
+            if word not in known:
+                raise UsageError(f"--{name}: no run has {name} {word!r}{nearest(word, known)}")
+        chosen = [r for r in chosen if getattr(r, name) in wanted]
+    if arguments.sort is not None:
+        key = SORTS.get(arguments.sort, arguments.sort)
+        numeric = [c.name for c in records.COLUMNS if c.type in (float, int)]
+        if key not in numeric and key not in ERRORS:
+            raise UsageError(f"--sort: unknown column {key!r}{nearest(key, [*SORTS, *numeric])}")
+        size = {r.run_id: abs(_read_column(r, key)) for r in chosen}
+        chosen.sort(key=lambda r: math.inf if math.isnan(size[r.run_id]) else -size[r.run_id])
+    return chosen[: arguments.limit]
+
+
+def find_run(found: Sequence[RunRecord], given: str) -> RunRecord:
+    """The run of that run_id, its first digits, or that case."""
+    match = [r for r in found if given in (r.run_id, r.case)]
+    match = match or [r for r in found if given and r.run_id.startswith(given)]
+    if not match:
+        raise UsageError(f"no run {given!r} in these results{nearest(given, [r.case for r in found][:500])[:200]}")
+    if len(match) > 1:
+        raise UsageError(f"{given!r} is the start of {len(match)} runs: {', '.join(r.run_id for r in match[:5])}")
+    return match[0]
+
+
+def _draw_energy(folder: Path, record: RunRecord, unreadable: list[Unreadable]) -> str:
+    """The energy error over time."""
+    try:
+        series = store.series_of(folder, record)
+    except BadSeries as error:
+        unreadable.append(Unreadable(folder / record.series, str(error)))
+        return ""
+    return "" if series is None else timeline(series["t"], series["energy_error"], record.t_end_s, SPARK)
+
+
+def _read_column(r: RunRecord, name: str) -> float:
+    return ERRORS[name](r) if name in ERRORS else float(getattr(r, name))
+
+
+def _print_runs(chosen: Sequence[RunRecord], sparks: Sequence[str]) -> None:
+    columns = [
+        Column("run", rank=1, right=False), Column("case", fold=True), Column("status", right=False),
+        Column("steps", rank=7), next(iter(SHOWN.values())), Column("dE over time", right=False),
+        *list(SHOWN.values())[1:],
+    ]  # fmt: skip
+    rows: list[tuple[Text | str, ...]] = []
+    for r, spark in zip(chosen, sparks, strict=True):
+        first, *rest = [number(_read_column(r, name)) for name in SHOWN]
+        status = Text(r.status, status_style(r.status))
+        rows.append((r.run_id[:PREFIX], r.case, status, str(r.steps), first, spark, *rest))
+    failed = [r for r in chosen if r.status != Status.SUCCESS]
+    below = [f"{r.run_id[:PREFIX]} {r.status}: {r.case}: {'; '.join(why(r))}" for r in failed]
+    success = f"{plural(len(chosen), 'run')}, {len(chosen) - len(failed)} success"
+    print_table(columns, rows, *below, f"{success}; `mbsbench show RESULTS RUN` shows one")

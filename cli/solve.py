@@ -1,0 +1,121 @@
+"""``solve``: one run from the shell, as an NPZ file."""
+
+import argparse
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from ..harness.catalogue import registry
+from ..harness.files import printable
+from ..harness.results.records import RunRecord
+from ..harness.results.words import accurate_until, error_words, why, words_of_ending
+from ..harness.sandbox.trial import make_problem
+from ..harness.suites.shape import LONGEST
+from ..harness.suites.spec import make_spec
+from ..harness.types import Status
+from .arguments import (
+    UsageError,
+    add_plugin,
+    add_problem,
+    add_set,
+    check_writable,
+    load_problem,
+    parse_assignments,
+    positive_float,
+    subcommand,
+)
+from .terminal import console, error_console
+
+CONTROL = ("dt", "rtol", "max_step", "max_steps", "cpu_limit")
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    words = "run one solver on one problem; write motion and measurements"
+    p = subcommand(commands, "solve", run, words, "one object")
+    add_problem(p)
+    p.add_argument("solver", metavar="SOLVER", help="name of a solver (see mbsbench list)")
+    add_set(p, "--set", f"{', '.join(CONTROL)}, or a solver option")
+    p.add_argument("--out", metavar="RUN.npz", help="file to write (default: PROBLEM-SOLVER.npz)")
+    add_plugin(p)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check everything, run, write; 0 for a motion that reaches its end and keeps all laws."""
+    name, parameters, _ = load_problem(arguments)
+    given = parse_assignments(arguments.set, "--set")
+    control = {k: given.pop(k) for k in CONTROL if k in given}
+    if arguments.solver not in registry.solvers():  # before the problem is made: that can take a while
+        registry.make_solver(arguments.solver)
+    problem = make_problem(name, parameters)
+    limit = control.pop("cpu_limit", None)
+    spec = make_spec(problem, arguments.solver, given, control)
+    wall = None if limit is None else positive_float(limit, "cpu_limit")
+    if wall is not None and wall > LONGEST:
+        raise UsageError(f"cpu_limit must be at most {LONGEST:g} s (got {limit})")
+    out = Path(arguments.out or f"{name}-{arguments.solver}.npz")
+    if out.suffix != ".npz":
+        raise UsageError(f"--out must end in .npz, the one format that is written (got {str(out)!r})")
+    check_writable(out)
+    from ..harness.execution import single
+
+    output = console()
+
+    def report(words: str, *, end: str = "\n") -> None:
+        if not arguments.json and (end == "\n" or output.is_terminal):  # a pipe gets whole lines alone
+            output.print(words, end=end)
+
+    try:
+        outcome = single.solve_to_file(spec, out, wall, report)
+    except (KeyboardInterrupt, SystemExit):
+        error_console().print(f"interrupted; nothing was written to {out}")
+        raise
+    good = Status(outcome.record.status).lawful
+    if arguments.json:
+        plain = {**as_plain(outcome.record), "out": str(out)}
+        output.print(json.dumps(plain, ensure_ascii=False, allow_nan=False))
+        return 0 if good else 1
+    for line in summarize(outcome.record):
+        output.print(line)
+    if outcome.native and not good:
+        output.print(f"standard error     {outcome.native.splitlines()[-1]}")
+    output.print(f"written to         {out}")
+    return 0 if good else 1
+
+
+def as_plain(r: RunRecord) -> dict[str, Any]:
+    """Numbers for machines: null for what does not exist, ``"inf"`` for what has no bound."""
+    from ..harness.execution.run_file import SUMMARY
+
+    numbers = {"case": r.case, **{name: getattr(r, name) for name in SUMMARY}, "cpu_s": r.cpu_min_s}
+    unpacked = {name: json.loads(numbers.pop(name)) for name in ("counters", "notes")}
+    return {
+        **_jsonable(numbers),
+        **unpacked,
+        "reasons": [_jsonable(x) for x in json.loads(r.wrong_because)],
+    }
+
+
+def _jsonable(numbers: Mapping[str, Any]) -> dict[str, Any]:
+    return {k: None if str(v) == "nan" else str(v) if v in (math.inf, -math.inf) else v for k, v in numbers.items()}
+
+
+def summarize(r: RunRecord) -> list[str]:
+    """A record on one screen."""
+    said = "; ".join(w for w in dict.fromkeys([words_of_ending(r), *why(r)]) if w)
+    out = [r.case, f"{'status':<18} {r.status}" + (f": {said}" if said else "")]
+    if not math.isnan(r.t_reached_s):
+        out.append(f"t reached          {r.t_reached_s:.9g} s of {r.t_end_s:g} s in {r.steps} steps")
+    if not math.isnan(r.energy_drift_max_J):  # a file may hold positions alone
+        out.append(f"energy drift       {r.energy_drift_max_J:.3e} J (scale {r.energy_scale_J:.3g} J)")
+    if not math.isnan(r.phi_max):
+        out.append(f"|phi|, |phi_dot|   {r.phi_max:.3e} m, {r.phi_dot_max:.3e} m/s")
+    if error := error_words(r):
+        out.append(f"error              {error}")
+        out.append(f"accurate until     {', '.join(accurate_until(r))} of the reach of {r.length_scale_m:.3g} m")
+    if r.cpu_min_s > 0.0 or (r.steps and not math.isnan(r.cpu_min_s)):
+        set_up = "" if math.isnan(r.setup_s) else f" (set-up {r.setup_s:.3g} s)"
+        out.append(f"CPU time           {r.cpu_min_s:.3g} s{set_up}")
+    return out + [f"note               {printable(n)}" for n in json.loads(r.notes)]

@@ -1,0 +1,100 @@
+"""``try``: one screen and one page on a solver of one's own."""
+
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..harness.catalogue import registry
+from ..harness.conformance import assessment
+from ..harness.execution.runner import Request, new_folder
+from ..harness.results import store
+from ..harness.results.findings import state
+from ..harness.results.records import RunRecord
+from ..harness.suites.spec import RunSpec
+from ..harness.suites.suite import Suite
+from ..harness.types import EndedBy
+from .arguments import (
+    UsageError,
+    add_jobs,
+    add_plugin,
+    check_writable,
+    count_jobs,
+    load_plugins,
+    positive_float,
+    subcommand,
+)
+from .check import resolve_entries
+from .findings import print_findings
+from .progress import run_watched
+from .terminal import console
+
+NET = 10.0  # times the CPU time that is left: a stage that takes longer on the wall is ended
+
+
+def add(commands: Any) -> None:
+    """The subcommand's arguments."""
+    words = "run a solver on problems, ladders, loops and chains; exit code 1 where it falls short or runs are left out"
+    p = subcommand(commands, "try", run, words, "one object a finding")
+    p.add_argument("file", metavar="FILE.py", help="Python file, entry point, or name of a solver")
+    budget = "CPU time of everything, compilation too [s] (default: 180)"
+    p.add_argument("--budget", type=positive_float, default=180.0, metavar="S", help=budget)
+    p.add_argument("--out", metavar="DIR", help="results folder to write (default: results/local/try-<solver>-<time>)")
+    p.add_argument("--html", metavar="FILE", help="also write all lines and charts to one HTML page")
+    p.add_argument("--no-report", action="store_true", help="leave out the page")
+    add_plugin(p, "file whose problems are run too")
+    add_jobs(p)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """0 if nothing falls short and nothing is left out."""
+    plugins, names = resolve_entries(arguments.file)
+    own = [n for n in names if n in registry.solvers()]
+    if len(own) != 1:
+        raise UsageError(f"try takes a file with one solver (got {', '.join(own) or 'none'} in {arguments.file})")
+    (solver,) = own
+    plugins += load_plugins(arguments.plugin)
+    if arguments.html:
+        check_writable(Path(arguments.html))
+    folder = Path(arguments.out) if arguments.out else new_folder(f"try-{solver}")
+
+    def run_stage(specs: Sequence[RunSpec], rest: float, resume: bool) -> Sequence[RunRecord] | None:
+        suite = Suite(f"try-{solver}", "", tuple(specs), "", plugins, total_limit=NET * rest)
+        request = Request(suite, folder, count_jobs(arguments.jobs), resume=resume)
+        loaded, watcher = run_watched(request, quiet=arguments.json, resumable=False)
+        cut = watcher.left or any(r.ended_by == EndedBy.TOTAL_LIMIT for r in loaded.records)
+        return None if cut else loaded.records
+
+    specs = assessment.run_stages(solver, arguments.budget, run_stage)
+    records = [r for r in store.load(folder).records if r.ended_by != EndedBy.TOTAL_LIMIT]
+    orders = assessment.certify_ladders(solver, folder, records)
+    have = {r.settings_id for r in records}
+    left = [s for s in specs if s.settings_id not in have]
+    found = list(assessment.assess(solver, folder, records, orders, left))
+    tested = [f for f in found if f.is_tested]
+    summary = f"{solver}: {sum(f.holds for f in tested)} of {len(tested)} as expected"
+    if left:
+        share = f"{len(left)} of {len(specs)} runs"
+        summary += f"; incomplete: {share} are left out by the budget"
+        words = f"{share} ended or left out when {arguments.budget:g} s of CPU time were over"
+        found.insert(0, state("budget", words, "all runs; a longer --budget"))
+    print_findings(found, *([] if arguments.json else [summary]), json=arguments.json)
+    for line in _write_pages(arguments, folder, solver, summary, found, orders):
+        if not arguments.json:
+            console().print(line)
+    return 1 if left or not all(f.holds for f in found) else 0
+
+
+def _write_pages(arguments: argparse.Namespace, folder: Path, *tried: Any) -> Iterator[str]:
+    """Write the pages asked for, of what was ``tried``, and say where they are."""
+    if arguments.html:
+        from ..reports.tried import Tried, write_page
+
+        write_page(Path(arguments.html), folder, Tried(*tried))
+        yield f"page: {arguments.html}"
+    if arguments.no_report:
+        yield f"results: {folder}"
+    else:
+        from ..reports.site import build
+
+        yield f"report: {build(folder)}"

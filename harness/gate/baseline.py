@@ -1,0 +1,156 @@
+"""The file of thresholds: TOML with a line for each run, grouped by problem; bounds that follow a rule are not stored.
+
+HEAD explains the cells of a line. A bound with a reason of its own has a line with the fields of ``Bound``.
+"""
+
+import json
+import math
+import re
+from contextlib import suppress
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+from msgspec import field
+from msgspec.structs import asdict, fields
+
+from ..files import FileError, parse_toml, read_text
+from ..results.environment import ROOT
+from ..shapes import Finite, Shape, shaped
+from . import thresholds as rules
+from .thresholds import Bound, Expectation, Threshold, Thresholds, Width
+
+FOLDER = ROOT / "results" / "baselines"
+HEAD = """\
+# Cells, v being the measured value: v (from v / width to v width; steps: v itself), l<v<u (from l to u),
+# v<u (at most u: rounding, or 5 v, left over by a stop test), - (no bound, or one under `bounds`)
+schema = 2"""
+HEADINGS = {
+    m: re.sub(r"(_error)?(_max)?(_J|_m|_rad|_N)?$", "", m).ljust(19 if "phi" in m else 10)
+    for m in (*rules.UNITS, "steps")
+}
+WIDTHS = {f"{w.factor:g}": w for w in (rules.FIXED_STEP, rules.ERROR_CONTROL)}
+
+
+class _Problem(Shape, frozen=True):
+    problem_fingerprint: Finite | None = None
+    runs: dict[str, str] = field(default_factory=dict)
+    bounds: dict[str, dict[str, Bound]] = field(default_factory=dict)
+
+
+class _File(Shape, frozen=True):
+    schema: Literal[2]
+    suite: str
+    columns: str = ""
+    status: tuple[Expectation, ...] = ()
+    problem: dict[str, _Problem] = field(default_factory=dict)
+
+
+def read_thresholds(path: Path) -> Thresholds:
+    """The file, every entry checked."""
+    return parse_thresholds(read_text(path, "thresholds"), path)
+
+
+def parse_thresholds(text: str, path: Path) -> Thresholds:
+    """The text of a thresholds file; ``path`` names it in messages."""
+    file = shaped(parse_toml(text, str(path)), _File, str(path))
+    bounds: list[Threshold] = []
+    case = "bounds"
+    try:
+        for name, problem in file.problem.items():
+            for run in {**problem.runs, **problem.bounds}:
+                case, special = f"{name} {run}" if run else name, problem.bounds.get(run, {})
+                bounds += [Threshold(case=case, metric=metric, **asdict(b)) for metric, b in special.items()]
+                if run in problem.runs:
+                    bounds += _read_row(case, file.columns.split(), problem.runs[run].split())
+                if problem.problem_fingerprint is not None and rules.FINGERPRINT not in special:
+                    bounds.append(rules.same_problem(case, problem.problem_fingerprint))
+        return Thresholds(file.suite, tuple(sorted(bounds, key=lambda b: (b.case, b.metric))), file.status)
+    except ValueError as e:
+        raise FileError(f"{path}: {case}: {e}") from None
+
+
+def _read_row(case: str, columns: list[str], cells: list[str]) -> list[Threshold]:
+    if len(cells) != len(columns) or columns[:1] != ["width"]:
+        raise ValueError(f"{len(cells)} cells for {len(columns)} columns, of which the first must be width")
+    rule = WIDTHS.get(cells[0])
+    if rule is None:
+        raise ValueError(f"width must be {' or '.join(WIDTHS)} (got {cells[0]!r})")
+    row = zip(columns[1:], cells[1:], strict=True)
+    return [_read_cell(case, metric, cell, rule) for metric, cell in row if cell != "-"]
+
+
+def _read_cell(case: str, metric: str, cell: str, rule: Width) -> Threshold:
+    try:
+        numbers = [msgspec.convert(x, Finite, strict=False) for x in cell.split("<")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (1, 2, 3):
+        raise ValueError(f"{metric} must be v, v<u, l<v<u or - (got {cell!r})")
+    if len(numbers) == 1 and metric == "steps":
+        return rules.same_steps(case, numbers[0])
+    if len(numbers) == 1:
+        return rules.bound_by_rule(case, metric, numbers[0], rule)
+    lower, value, upper = [-math.inf, *numbers][-3:]
+    if len(numbers) == 2:
+        rule = rules.LEFT_OVER if upper == rules.four_digits(rules.LEFT_OVER.factor * value) else rules.ROUNDING
+    return Threshold(case=case, metric=metric, value=value, upper=upper, lower=lower, reason=rule.reason)
+
+
+def write_thresholds(thresholds: Thresholds) -> str:
+    """The text of a thresholds file."""
+    out = [HEAD, f"suite = {_toml(thresholds.suite)}", f"columns = {_toml(' '.join(['width', *HEADINGS]))}"]
+    for e in thresholds.statuses:
+        out += ["", "[[status]]", *(f"{key} = {_toml(value)}" for key, value in asdict(e).items())]
+    bounds = sorted(thresholds.bounds, key=lambda b: (*_names(b.case), b.metric))
+    for name, group in groupby(bounds, lambda b: _names(b.case)[0]):
+        runs = {case: {b.metric: b for b in of_run} for case, of_run in groupby(group, lambda b: b.case)}
+        out += _write_problem(f"problem.{_toml(name)}", runs)
+    return "\n".join(out) + "\n"
+
+
+def _names(case: str) -> tuple[str, str]:
+    """Problem and run, before and after the first space."""
+    name, _, run = case.partition(" ")
+    return name, run
+
+
+def _write_problem(table: str, runs: dict[str, dict[str, Threshold]]) -> list[str]:
+    prints = [bounds.get(rules.FINGERPRINT) for bounds in runs.values()]
+    common = prints[0].value if prints[0] and all(b and b.tolerance is not None for b in prints) else None
+    rows, special = [f"#{'width':>54}  {'  '.join(HEADINGS.values())}"], []
+    for case, bounds in runs.items():
+        if common is not None and bounds[rules.FINGERPRINT] == rules.same_problem(case, common):
+            del bounds[rules.FINGERPRINT]
+        run = _toml(_names(case)[1])
+        fitting = [(w, {m: cell for m, b in bounds.items() if (cell := _cell(b, rule))}) for w, rule in WIDTHS.items()]
+        width, cells = max(fitting, key=lambda x: len(x[1]))
+        own = [b for metric, b in bounds.items() if metric not in cells]
+        if cells or not own:
+            texts = "  ".join(cells.get(m, "-").ljust(len(heading)) for m, heading in HEADINGS.items())
+            rows.append(f'{run:<46} = "{width:<5}  {texts.rstrip()}"')
+        if own:
+            special += ["", f"[{table}.bounds.{run}]", *map(_fields, own)]
+    shared = [f"{rules.FINGERPRINT} = {common!r}"] if common is not None else []
+    return ["", f"[{table}]", *shared, f"[{table}.runs]", *rows, *special]
+
+
+def _cell(b: Threshold, width: Width) -> str:
+    """The shortest cell that says ``b``, if one does."""
+    value, lower, upper = (f"{x:.7g}" for x in (b.value, b.lower, b.upper))
+    for cell in (value, f"{value}<{upper}", f"{lower}<{value}<{upper}") if b.metric in HEADINGS else ():
+        with suppress(ValueError):
+            if _read_cell(b.case, b.metric, cell, width) == b:
+                return cell
+    return ""
+
+
+def _fields(b: Threshold) -> str:
+    told = {f.name: v for f in fields(Bound) if (v := getattr(b, f.name)) != f.default and v == v}
+    return f"{b.metric} = {{ {', '.join(f'{k} = {_toml(v)}' for k, v in told.items())} }}"
+
+
+def _toml(value: Any) -> str:
+    """A number, or a basic string: as in JSON, but without pairs of surrogates, and with DEL escaped."""
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -1,1 +1,0 @@
-"""Solvers side by side in one process: other people's engines beside ours."""

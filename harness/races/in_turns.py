@@ -1,0 +1,95 @@
+"""Paired timing: the finished runs of a problem once more, in turns (A B A B) in one process.
+
+A machine that slows down slows all of them alike, so ratios of their CPU times can be quoted.
+"""
+
+import dataclasses
+import json
+import math
+import os
+import tempfile
+from collections.abc import Callable, Iterable, Sequence
+from itertools import groupby
+from pathlib import Path
+
+import numpy as np
+
+from ..catalogue import registry
+from ..execution.presented import presented
+from ..execution.worker import solve_repeatedly
+from ..results import store
+from ..results.records import RunRecord
+from ..results.reproduce import control_of
+from ..sandbox.apart import Apart
+from ..types import Status, StepControl
+
+WARM_STEPS = 3  # of a first, short run of each, which compiles and warms
+BUDGET = 60.0  # [s] of CPU time of a run in all turns: one that would take longer has fewer
+MEMORY = 8000.0  # [MB] of the process
+LIMIT = 3600.0  # [s] of its CPU time
+
+
+def time_in_turns(
+    folder: Path, records: Iterable[RunRecord], turns: int, plugins: Sequence[str] = (), budget: float = BUDGET
+) -> tuple[list[RunRecord], list[str]]:
+    """Replace the CPU times of finished runs in ``folder``; the records, and a line for each problem that failed."""
+    finished = (r for r in records if r.status in (Status.SUCCESS, Status.INACCURATE))
+    timed, failures = list[RunRecord](), list[str]()
+    for (problem, _), group in groupby(sorted(finished, key=_variant), key=_variant):
+        runs = list(group)
+        times, failure = _time_apart(runs, turns, plugins, budget)
+        failures += [f"{problem}: {failure}"] if failure else []
+        timed += [_with_times(r, own, len(runs)) for r, own in zip(runs, times, strict=False)]
+    for r in timed:
+        store.write_record(folder, r)
+    return timed, failures
+
+
+def take_turns(runs: Sequence[RunRecord], turns: int, budget: float = BUDGET) -> list[list[float]]:
+    """CPU times [s] of each run, in this process."""
+    problem = registry.make_problem(runs[0].problem, json.loads(runs[0].problem_parameters))
+    calls = []
+    for r in runs:
+        solver = presented(registry.make_solver(r.solver, json.loads(r.solver_options)), problem)
+        control = StepControl(**{k: v for k, v in control_of(r).items() if k != "cpu_limit"})
+        short = dataclasses.replace(problem, t_end=min(problem.t_end, WARM_STEPS * (control.dt or problem.dt)))
+        solver.solve(short, control)
+        calls.append((solver, control))
+    times: list[list[float]] = [[] for _ in runs]
+    for _ in range(turns):
+        for (solver, control), spent in zip(calls, times, strict=True):
+            if not spent or sum(spent) + spent[-1] <= budget:
+                spent.append(solve_repeatedly(solver, problem, control, 1)[1]["cpu_min_s"])
+    return times
+
+
+def _variant(r: RunRecord) -> tuple[str, str]:
+    return r.problem, r.problem_parameters
+
+
+def _time_apart(
+    runs: Sequence[RunRecord], turns: int, plugins: Sequence[str], budget: float
+) -> tuple[list[list[float]], str]:
+    """``take_turns`` in a process of its own, since an engine may crash or print; the times, or why there are none."""
+    with tempfile.TemporaryDirectory() as place:
+        native = Path(place) / "stderr"
+
+        def target(send: Callable[[str], None]) -> None:
+            for plugin in plugins:
+                registry.load_plugin(plugin)
+            os.chdir(place)  # engines leave files
+            send(json.dumps(take_turns(runs, turns, budget)))
+
+        ended = Apart(target, limit=LIMIT, memory=MEMORY, wall=math.inf, stderr=native).wait()
+        if ended.code == 0 and ended.sent:
+            return json.loads(ended.sent), ""
+        last = native.read_text(encoding="utf-8", errors="replace").strip().splitlines()[-1:]
+        return [], f"the process that timed it {ended.words}: {' '.join(last)}"
+
+
+def _with_times(r: RunRecord, times: Sequence[float], runs: int) -> RunRecord:
+    note = f"CPU times: {len(times)} turns in one process, {runs} runs of the problem in turns"
+    return dataclasses.replace(
+        r, repeats=len(times), cpu_min_s=min(times), cpu_median_s=float(np.median(times)), cpu_max_s=max(times),
+        notes=json.dumps([*(n for n in json.loads(r.notes) if not n.startswith("CPU times: ")), note]),
+    )  # fmt: skip

@@ -1,0 +1,96 @@
+"""The search for a setting ends, meets the error where a solver can, and names the cheapest."""
+
+import json
+import math
+import tempfile
+
+import pytest
+
+from mbsbench import make_problem
+from mbsbench.cli.__main__ import main
+from mbsbench.harness.races.cheapest import Candidate
+from mbsbench.harness.results.records import RunRecord
+
+SWING = make_problem("spherical_pendulum", {"t_end": 1.0})
+
+
+def searched(solver: str, error: float, law, rounds: int = 6) -> Candidate:
+    """The search on runs whose error follows ``law`` of the setting."""
+    c = Candidate(solver, SWING, error, 10.0)
+    for _ in range(rounds):
+        spec = c.next_spec()
+        if spec is None:
+            break
+        setting = spec.control.dt or spec.control.rtol
+        status, off = law(setting)
+        dt, rtol = spec.control.dt or math.nan, spec.control.rtol or math.nan
+        c.runs.append(RunRecord(
+            status=status, claimed=status, control=c.control, dt_s=dt, rtol=rtol, motion_error_judged_m=off,
+            cpu_median_s=1.0 / setting, declared_order=2.0,
+        ))  # fmt: skip
+    return c
+
+
+@pytest.mark.parametrize("error", [1e-2, 1e-5, 1e-8])
+@pytest.mark.parametrize("order", [1.0, 2.0, 4.0])
+def test_a_solver_of_any_order_is_brought_to_the_error(error, order):
+    """From the observed order, within a factor of ten of the error asked for: finer would cost for nothing."""
+    c = searched("rattle", error, lambda dt: ("success", 10.0 * (0.1 * dt) ** order))
+    assert c.best is None or c.best.motion_error_judged_m <= error
+    if order > 1.0:
+        assert c.best is not None and (c.best.motion_error_judged_m > error / 30.0 or c.best.dt_s >= 0.05)
+
+
+def test_the_cheapest_run_that_meets_the_error_is_the_best():
+    """Coarser steps are tried where the first meet the error by far, finer ones where they diverge."""
+    c = searched("rattle", 1e-3, lambda dt: ("diverged" if dt > 0.004 else "success", 10.0 * dt**2))
+    assert c.best is not None and c.best.dt_s <= 0.004
+    assert c.best.cpu_median_s == min(r.cpu_median_s for r in c.runs if c.meets(r))
+
+
+def test_a_refusal_ends_the_search():
+    """No other step changes it."""
+    assert len(searched("rattle", 1e-3, lambda dt: ("refused", math.nan)).runs) == 1
+
+
+def test_a_run_that_takes_too_long_is_tried_with_larger_steps():
+    """At the problem's own step the time is over; eight times that meets the error."""
+    own = SWING.dt
+    c = searched("rattle", 1e-2, lambda dt: ("stalled", math.nan) if dt < 2.0 * own else ("success", dt**2))
+    assert c.best is not None and c.best.dt_s > own and c.best.motion_error_judged_m <= 1e-2
+    assert len(searched("rattle", 1e-2, lambda dt: ("stalled", math.nan)).runs) < 6
+
+
+def test_a_floor_above_the_error_ends_the_search():
+    """An error that no tolerance makes smaller: the closest run is named."""
+    c = searched("rk45_strong_form", 1e-9, lambda rtol: ("success", 1e-6 + rtol))
+    assert c.best is None and c.closest.motion_error_judged_m == pytest.approx(1e-6, rel=0.5)
+
+
+def test_it_advises_on_a_pendulum(capsys, tmp_path, monkeypatch):
+    """Runs of two solvers: both meet 1e-5 m, the table says which is cheaper, by how much, with its setting."""
+    monkeypatch.chdir(tmp_path)
+    two = ("--solver", "rk45_strong_form", "--solver", "ida_index1")
+    arguments = ("advise", "spherical_pendulum", "--t-end", "0.3", *two, "--jobs", "1")
+    assert main([*arguments, "--error", "1e-5", "--json"]) == 0
+    found = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert {f["solver"] for f in found} == {"rk45_strong_form", "ida_index1"}
+    assert all(f["motion_error_m"] <= 1e-5 for f in found if f["meets"]) and found[0]["meets"]
+    (tmp_path / "two.toml").write_text(
+        'name = "two"\n[[runs]]\nproblem = "spherical_pendulum"\nparameters = { t_end = 0.3 }\n'
+        'solver = ["rk45_strong_form", "ida_index1"]\nrtol = [1e-5, 1e-7]\n'
+    )
+    assert main(["run", str(tmp_path / "two.toml"), "--out", str(tmp_path / "two"), "--jobs", "1", "--json"]) == 0
+    capsys.readouterr()
+    assert main([*arguments, "--error", "1e-5", "--from", str(tmp_path / "two"), "--json"]) == 0
+    read = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert {f["solver"] for f in read} == {"rk45_strong_form", "ida_index1"} and read[0]["meets"]
+    assert main(["advise", "chain", "--error", "1e-3", "--from", str(tmp_path / "two")]) == 2
+    capsys.readouterr()
+    assert main([*arguments, "--error", "1e-15"]) == 2
+    said = capsys.readouterr()
+    assert "the reference's own" in said.err and "[1/2]" in said.out
+    assert tempfile.gettempdir() not in said.out + said.err  # the folder of the runs is gone by now
+    assert main(["advise", "spherical_pendulum", "--error", "small"]) == 2
+    assert main(["advise", "chain", "--error", "1e-3", "--problem-set", "links=90"]) == 2
+    assert "no reference" in capsys.readouterr().err

@@ -1,0 +1,111 @@
+"""What a newcomer types first: help, the version, the catalogue and one of its entries; cheap, and in one wording."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from mbsbench.cli import list as catalogue
+from mbsbench.cli.__main__ import import_commands, main
+from mbsbench.cli.parser import read_summaries, top_parser
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.execution.eta import COMPILING, MEASURING, PREPARING, REFERENCES, waiting
+from mbsbench.harness.files import to_json
+from mbsbench.harness.reference.computed import Source, source_of
+
+HEAVY = ("numba", "scipy", "pandas", "casadi", "matplotlib", "numpy")
+
+
+@pytest.mark.parametrize("arguments", [(), ("--help",), ("-h",)])
+def test_help_lists_the_commands(capsys, arguments):
+    """``mbsbench`` alone, too: exit code 0, on standard output, a line a command."""
+    assert main(list(arguments)) == 0
+    out, err = capsys.readouterr()
+    assert not err and out.startswith("usage: mbsbench") and "docs/glossary.md" in out
+    for name, (_, summary) in read_summaries().items():
+        assert f"\n    {name} " in out and summary.split()[0] in out
+
+
+def test_summaries_are_those_of_theimport_commands():
+    """They are read from the files; each command, imported, declares the same."""
+    _, commands = top_parser()
+    for module in import_commands():
+        module.add(commands)
+    declared = {a.dest: a.help for a in commands._choices_actions}
+    assert declared == {name: summary for name, (_, summary) in read_summaries().items()}
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out.startswith("mbsbench ")
+
+
+@pytest.mark.parametrize("arguments", [[], ["--help"], ["--version"], ["list"], ["list", "chain"]])
+def test_help_and_list_load_nothing_heavy(arguments):
+    """No package that takes a tenth of a second to load; the catalogue is read from its file."""
+    catalogue.load_catalogue()
+    code = f"import sys; from mbsbench.cli.__main__ import main; main({arguments!r}); "
+    code += f"print([m for m in {HEAVY!r} if m in sys.modules], file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert done.stderr.strip() == "[]"
+
+
+def test_the_kept_catalogue_is_the_one_of_the_code(tmp_path, monkeypatch):
+    """Nothing is lost on the way to the file; another code is another file."""
+    monkeypatch.setattr(catalogue, "cache_folder", lambda *_: tmp_path)
+    made, again = catalogue.load_catalogue(), catalogue.load_catalogue()
+    assert json.loads(to_json(made)) == again == json.loads(to_json(catalogue.describe_catalogue()))
+    (file,) = tmp_path.iterdir()
+    file.write_text("no JSON")
+    assert catalogue.load_catalogue()["problems"]
+    monkeypatch.setattr(catalogue, "_digest_code", lambda: "other")
+    catalogue.load_catalogue()
+    assert [p.name for p in tmp_path.iterdir()] == ["other.json"]
+
+
+def test_list_of_one_problem(capsys):
+    """Its options with units, its section, its time and where its reference comes from; no other entry."""
+    assert main(["list", "heavy_top"]) == 0
+    out = capsys.readouterr().out
+    for words in ("heavy_top", "Sect. ", "t_end 5 s", "its own exact motion", "[rad/s]", "unit_length"):
+        assert words in out
+    assert "simple_pendulum" not in out and "gc_weak_form" not in out
+
+
+def test_list_of_one_solver(capsys):
+    """Its options, its step and its order."""
+    assert main(["list", "gc_weak_form", "--json"]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert not said["problems"] and [s["name"] for s in said["solvers"]] == ["gc_weak_form"]
+    assert main(["list", "gc_weak_form"]) == 0
+    assert "order " in capsys.readouterr().out
+
+
+def test_list_of_nothing_is_a_wrong_call(capsys):
+    assert main(["list", "heavy_tap"]) == 2
+    assert "did you mean 'heavy_top'" in capsys.readouterr().err
+
+
+CERTIFIED = ("chain", "four_bar_grid", "n_four_bar", "pumped_pendulum")
+
+
+@pytest.mark.parametrize("name", sorted(registry.problems()))
+def test_a_certified_integration_is_not_called_exact(capsys, name):
+    """A motion without a formula is said to be integrated, not to be exact."""
+    source = source_of(registry.make_problem(name))
+    assert (source is Source.CERTIFIED) == (name in CERTIFIED)
+    main(["list", name])
+    assert ("certified integration" in capsys.readouterr().out) == (name in CERTIFIED)
+
+
+def test_waiting_is_said_in_one_wording():
+    """What is being done and how long is left; past the usual time, how long it has taken."""
+    assert (
+        waiting(COMPILING, 5.0)
+        == "compiling kernels: about 1 min 55 s left (the first time only, not counted in any run)"
+    )
+    for doing in (COMPILING, REFERENCES, PREPARING):
+        assert waiting(doing, 3.0).startswith(f"{doing}: about ") and "left" in waiting(doing, 3.0)
+        assert "longer than usual" in waiting(doing, 1e4)
+    assert waiting(MEASURING, 12.0) == "measuring: 12 s so far"

@@ -1,0 +1,152 @@
+"""``show`` on a terminal: fits, filters, sorts, shows one run in detail, and prints nothing it should not."""
+
+import json
+import shlex
+
+import numpy as np
+import pytest
+from rich.cells import cell_len
+
+from mbsbench.cli.__main__ import main
+from mbsbench.cli.terminal import timeline
+from mbsbench.harness.execution.runner import Request, run_suite
+from mbsbench.harness.results import store
+from mbsbench.harness.suites.suite import parse_suite
+
+from ..harness.conftest import PLUGIN, Silent
+from .terminal import ESCAPE, in_terminal, seen
+
+TEXT = """
+[[runs]]
+problem = "free_fall"
+solver = "exact"
+options = { lift = [0.0, 1e-6, 1e-3, 10.0] }
+dt = 0.01
+[[runs]]
+problem = "free_fall"
+solver = ["gives_up", "raises", "refuses", "segfaults", "hangs_later"]
+cpu_limit = 1
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Results with every kind of end."""
+    where = tmp_path_factory.mktemp("show")
+    suite = parse_suite(TEXT, "show", "show", plugins=(str(PLUGIN),))
+    run_suite(Request(suite, where / "run", 2), Silent())
+    return where / "run"
+
+
+def shown(capsys, monkeypatch, *arguments, width=120):
+    monkeypatch.setenv("COLUMNS", str(width))
+    code = main(["show", *map(str, arguments)])
+    out, err = capsys.readouterr()
+    return code, out, err
+
+
+@pytest.mark.parametrize("width", [60, 80, 120, 200])
+def test_the_table_fits(folder, capsys, monkeypatch, width):
+    """Case, status and drift are there at any width; columns that count less go first."""
+    code, out, _ = shown(capsys, monkeypatch, folder, width=width)
+    assert code == 0 and all(cell_len(line) <= width for line in out.splitlines())
+    head = out.splitlines()[0]
+    assert "case" in head and "status" in head and "|dE| [J]" in head and "dE over time" in head
+    assert ("CPU [s]" in head) == (width >= 120)
+    assert "9 runs, 2 success" in out or "9 runs, 3 success" in out
+
+
+def test_filters_and_sort(folder, capsys, monkeypatch):
+    """Names, several of them, largest first, cut."""
+    _, out, _ = shown(capsys, monkeypatch, folder, "--solver", "raises,refuses")
+    assert "2 runs" in out and "segfaults" not in out
+    _, out, _ = shown(capsys, monkeypatch, folder, "--status", "crashed")
+    assert "raises" in out and "refuses" not in out
+    _, out, _ = shown(capsys, monkeypatch, folder, "--sort", "drift", "--limit", "2", width=200)
+    first, second = out.splitlines()[1:3]
+    assert "lift=10" in first and "lift=0.001" in second and "2 runs" in out
+    records = [json.loads(x) for x in shown(capsys, monkeypatch, folder, "--sort", "steps", "--json")[1].splitlines()]
+    assert [r["steps"] for r in records] == sorted((r["steps"] for r in records), reverse=True) and len(records) == 9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [(("--solver", "exakt"), "did you mean 'exact'"), (("--status", "sucess"), "did you mean 'success'"),
+     (("--sort", "beauty"), "unknown column"), (("--sort", "driftt"), "did you mean 'drift'"), (("zzz",), "no run"),
+     (("--limit", "0"), "--limit"), (("",), "no run")],
+)  # fmt: skip
+def test_unknown_names_are_reported_in_one_line(folder, capsys, monkeypatch, arguments, words):
+    """Exit code 2."""
+    code, out, err = shown(capsys, monkeypatch, folder, *arguments)
+    assert code == 2 and words in err and err.count("\n") == 1 and not out
+
+
+def test_one_run_in_full(folder, capsys, monkeypatch):
+    """By address, start of it, or case: settings, numbers, series over time, the command that runs it again."""
+    case = "free_fall exact[lift=0.001] dt=0.01"
+    (record,) = [r for r in store.load(folder).records if r.case == case]
+    texts = {shown(capsys, monkeypatch, folder, name, width=80)[1] for name in (record.run_id, record.run_id[:7], case)}
+    assert len(texts) == 1
+    (out,) = texts
+    *lines, _, command = out.rstrip().splitlines()
+    assert all(cell_len(line) <= 80 for line in lines)
+    for words in ("lift=0.001", "|dE| [J]", "|phi| [m]", "step [s]", "energy_drift_max_J", "P_X", "kg m/s", "▇█"):
+        assert words in out
+    words = shlex.split(command)
+    assert words[:4] == ["mbsbench", "solve", "free_fall", "exact"] and str(PLUGIN) in words
+    (plain,) = map(json.loads, shown(capsys, monkeypatch, folder, record.run_id, "--json")[1].splitlines())
+    assert plain["command"] == command.strip() and plain["run_id"] == record.run_id
+
+
+def test_a_run_that_failed_says_why_and_where(folder, capsys, monkeypatch):
+    """A star where it stopped; its standard error; without steps, that."""
+    _, out, _ = shown(capsys, monkeypatch, folder, "free_fall gives_up dt=0.5")
+    assert "step_underflow" in out and "too small" in out and "*" in out
+    _, out, _ = shown(capsys, monkeypatch, folder, "free_fall raises dt=0.5")
+    assert "a bug of mine" in out and "RuntimeError" in out and "Standard error" in out
+    _, out, _ = shown(capsys, monkeypatch, folder, "free_fall refuses dt=0.5")
+    assert "on principle" in out and "no steps were kept" in out
+
+
+def test_a_damaged_series_is_reported(folder, capsys, monkeypatch, tmp_path):
+    """Exit code 1, the rest is shown."""
+    import shutil
+
+    copy = shutil.copytree(folder, tmp_path / "run")
+    next((copy / "series").iterdir()).write_bytes(b"PK")
+    code, out, err = shown(capsys, monkeypatch, copy)
+    assert code == 1 and "9 runs" in out and err.count("unreadable") == 1
+
+
+def test_on_a_terminal_with_and_without_colour(folder, tmp_path):
+    """80 columns are never passed; NO_COLOR leaves no colours."""
+    code, text = in_terminal("show", str(folder), width=80, where=tmp_path)
+    assert code == 0 and "\x1b[" in text and max(map(cell_len, seen(text))) <= 80
+    code, plain = in_terminal("show", str(folder), width=80, where=tmp_path, NO_COLOR="1")
+    assert code == 0 and not any(f"\x1b[{colour}" in plain for colour in ("3", "1;3", "9"))
+    assert seen(plain) == seen(text)
+
+
+def test_a_run_on_a_terminal_shows_what_is_left_and_the_worst_drift(tmp_path):
+    """A bar that is redrawn, lines that stay, nothing wider than the terminal; piped: plain lines only."""
+    (tmp_path / "s.toml").write_text(
+        f'plugins = ["{PLUGIN}"]\n[[runs]]\nproblem = "free_fall"\nsolver = "exact"\n'
+        'options = { lift = [1e-3, 1e-2] }\n[[runs]]\nproblem = "free_fall"\nsolver = "sleeps"\n'
+        "options = { seconds = [0.3, 0.6] }\n"
+    )
+    code, text = in_terminal("run", "s.toml", "--jobs", "1", width=80, where=tmp_path)
+    assert code == 0 and "\x1b[" in text
+    lines = seen(text)
+    assert any("of 4, about" in line and "left" in line and "━" in line for line in lines)
+    assert any(line.startswith("worst drift: ") and "lift=0.01" in line for line in lines)
+    assert any(" of about " in line and "sleeps" in line for line in lines)
+    assert all(cell_len(line) <= 80 for line in lines if "━" in line or line.startswith((" ", "worst")))
+    assert ESCAPE.sub("", text).rstrip().splitlines()[-1].startswith("largest energy drift: 0.033")
+
+
+def test_a_timeline_stops_where_the_motion_did():
+    """Half-way: half of it, a star, then nothing; a long step leaves no hole."""
+    t = np.linspace(0.0, 5.0, 101)
+    assert timeline(t, 10.0**-t, 10.0, 10) == "█▇▆▅▄▂*   " or timeline(t, 10.0**-t, 10.0, 10).endswith("*   ")
+    assert timeline(np.array([0.0, 9.0, 10.0]), np.ones(3), 10.0, 10) == "██████████"
+    assert timeline(np.array([0.0]), np.zeros(1), 10.0, 4) == "▁*  " and timeline(t, t, 0.0, 4) == ""

@@ -1,0 +1,91 @@
+"""What surrounds the command changes no result: options of the interpreter, the locale, threads of a plugin."""
+
+import os
+import subprocess
+import sys
+
+import pytest
+
+from mbsbench.cli.__main__ import main
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.results import store
+from mbsbench.harness.types import LEAST_RTOL, Status, StepControl
+
+from ..harness.conftest import PLUGIN
+
+SUITE = f"""
+plugins = ["{PLUGIN}"]
+[[runs]]
+problem = "free_fall"
+solver = ["exact", "gives_up", "raises", "refuses"]
+[[runs]]
+problem = "heavy_top"
+parameters = {{ t_end = 0.01 }}
+solver = "rk45_strong_form"
+"""
+THREADED = """
+import threading, time
+from mbsbench.harness.catalogue.registry import solver
+from mbsbench.tests.harness.misbehaving import Exact
+
+threading.Thread(target=time.sleep, args=(120.0,), daemon=True).start()
+
+@solver("threaded")
+class Threaded(Exact):
+    pass
+"""
+
+
+def run(tmp_path, name, *options, **environ):
+    """The suite run by an interpreter with ``options`` and ``environ``: its records, and what it printed."""
+    suite = tmp_path / "s.toml"
+    suite.write_text(SUITE)
+    line = (sys.executable, *options, "-m", "mbsbench.cli", "run", str(suite), "--out", str(tmp_path / name))
+    done = subprocess.run(line, cwd=tmp_path, env=os.environ | environ, capture_output=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return store.load(tmp_path / name).records
+
+
+@pytest.mark.slow
+def test_an_optimised_interpreter_gives_the_same_results(tmp_path):
+    """-OO drops assertions and docstrings: neither decides anything."""
+    plain, fast = ({r.case: (r.status, r.energy_drift_max_J) for r in run(tmp_path, name, *how)}
+                   for name, how in (("plain", ()), ("fast", ("-OO",))))  # fmt: skip
+    assert str(plain) == str(fast) and len(plain) == 5
+
+
+def test_the_c_locale_of_a_batch_system_changes_nothing(tmp_path):
+    """Its encoding has no sparklines: what is printed is UTF-8 all the same."""
+    c = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0", "PYTHONIOENCODING": "ascii"}
+    run(tmp_path, "c", **c)
+    line = (sys.executable, "-m", "mbsbench.cli", "show", str(tmp_path / "c"))
+    done = subprocess.run(line, cwd=tmp_path, env=os.environ | c, capture_output=True, check=False)
+    assert done.returncode == 0 and "heavy_top" in done.stdout.decode("utf-8"), done.stderr
+
+
+def test_a_plugin_that_starts_threads_when_imported(tmp_path, command):
+    """A suite's runs are forked from a process that never imports it; ``solve`` says what to do, in a line."""
+    (tmp_path / "threaded.py").write_text(THREADED)
+    suite = tmp_path / "t.toml"
+    suite.write_text(f'plugins = ["{PLUGIN}", "threaded.py"]\n[[runs]]\nproblem = "free_fall"\nsolver = "threaded"\n')
+    assert command("run", "t.toml", "--out", "out").returncode == 0
+    plugins = ("--plugin", str(PLUGIN), "--plugin", "threaded.py")
+    done = command("solve", "free_fall", "threaded", *plugins, "--out", "x.npz")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "start a plugin's own in solve" in done.stderr
+
+
+@pytest.mark.parametrize("rtol", [1e-16, 1e-300])
+def test_a_tolerance_below_rounding_is_refused(rtol, capsys, tmp_path):
+    """SciPy takes its least instead and says so to nobody; others take steps of no length."""
+    line = ["solve", "heavy_top", "rk45_strong_form", "--set", f"rtol={rtol}", "--out", str(tmp_path / "x.npz")]
+    assert main(line) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1 and "rtol must be at least 2.22e-14" in said
+
+
+@pytest.mark.parametrize("name", ["cvode", "ida_index1", "ndf_index1", "rk45_strong_form", "rkmk_dop853"])
+def test_at_the_least_tolerance_a_run_ends_as_a_status(name):
+    """Of a kind each: reached, too small a step, or out of time; no exception, no crash."""
+    problem = registry.make_problem("spherical_pendulum", {"omega_z": 0.1, "t_end": 0.05})
+    done = registry.make_solver(name).solve(problem, StepControl(rtol=LEAST_RTOL, cpu_limit=20.0))
+    assert done.status in (Status.SUCCESS, Status.STEP_UNDERFLOW, Status.STALLED), done.message

@@ -1,0 +1,245 @@
+"""``try``: a solver of ten lines gets its page; a fault in it is a line that fails."""
+
+import base64
+import json
+import math
+import re
+from functools import partial
+from importlib import import_module
+
+import pytest
+from markupsafe import escape
+
+from mbsbench.cli.__main__ import main
+from mbsbench.cli.progress import run_watched
+from mbsbench.harness.catalogue import registry
+from mbsbench.harness.conformance import assessment
+from mbsbench.harness.execution import worker
+from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.pool import LocalPool
+from mbsbench.harness.results import store
+from mbsbench.harness.results.environment import ROOT
+from mbsbench.harness.results.findings import Finding, Verdict
+from mbsbench.harness.results.judgements.runs import Order
+from mbsbench.harness.results.records import RunRecord
+from mbsbench.harness.suites.spec import make_spec
+from mbsbench.harness.types import Trait
+from mbsbench.reports.tried import Tried, write_page
+
+from ..harness.conftest import PLUGIN
+
+PAGE = (ROOT / "docs" / "your-own-solver.md").read_text(encoding="utf-8")
+SOLVER = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)[0]
+
+
+@pytest.fixture
+def laddered(tmp_path):
+    """What ``try`` finds on the coarser half of one ladder alone, of half the time: they decide on the order."""
+
+    def laddered(text: str) -> Tried:
+        (tmp_path / "own.py").write_text(text.replace('"midpoint"', '"own"'), encoding="utf-8")
+        registry.load_plugin(tmp_path / "own.py")
+        own = [s for s in assessment.plan_runs("own", 60.0) if s.solver == "own" and s.label == "ladder"]
+        specs = [s for s in own if s.problem == "spherical_pendulum"][:5]
+        folder = store.create(tmp_path / "results")
+        records = [worker.run(Job(spec, folder)) for spec in specs]  # in this process
+        orders = assessment.certify_ladders("own", folder, records)
+        return Tried("own", "", list(assessment.assess("own", folder, records, orders)), orders)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(registry, "_plugin_files", set())
+        patch.setattr(registry, "_plugin_solvers", {})
+        shorter = {**assessment.LADDERS["spherical_pendulum"], "t_end": 0.5}
+        patch.setattr(assessment, "LADDERS", {"spherical_pendulum": shorter})
+        yield laddered
+
+
+def order_of_position(found: Tried) -> Finding:
+    (line,) = (line for line in found.findings if line.measured.quantity == "order, spherical_pendulum, position")
+    return line
+
+
+def test_ten_lines_have_a_certificate_of_their_order_and_a_page(laddered, tmp_path):
+    """Second order, as declared; the page has every line, and draws what was observed beside what is declared."""
+    found = laddered(SOLVER)
+    line = order_of_position(found)
+    assert (
+        line.verdict is Verdict.MET
+        and 1.8 < float(line.measured.text.split()[0]) < 2.3
+        and line.required.text == "2 declared"
+    )
+    write_page(tmp_path / "page.html", tmp_path / "results", found)
+    text = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert all(escape(line.measured.quantity) in text and escape(line.measured.text) in text for line in found.findings)
+    charts = [base64.b64decode(image).decode() for image in re.findall(r"base64,([^\"]+)", text)]
+    assert "declared: order 2" in charts[0] and "position error" in charts[-1]
+
+
+def test_a_fault_falls_short_of_the_declared_order(laddered):
+    """A stage at a third of the step is of first order."""
+    assert SOLVER.count("dt / 2") == 1
+    line = order_of_position(laddered(SOLVER.replace("dt / 2", "dt / 3")))
+    assert line.verdict is Verdict.FAILED and float(line.measured.text.split()[0]) < 1.3
+
+
+@pytest.mark.slow
+def test_the_example_passes_with_all_it_is_tried_on(command, tmp_path):
+    """Second order in position and orientation on both ladders, all symmetries, statuses on all problems."""
+    (tmp_path / "midpoint.py").write_text(SOLVER, encoding="utf-8")
+    done = command("try", "midpoint.py", "--json", "--no-report", "--html", "page.html", timeout=900.0)
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = {line["quantity"]: line for line in map(json.loads, done.stdout.splitlines())}
+    for name in assessment.LADDERS:
+        for quantity in ("position", "orientation"):
+            assert found[f"order, {name}, {quantity}"]["verdict"] == "met"
+    assert found["symmetries"]["verdict"] == "met" and (tmp_path / "page.html").exists()
+    assert any(what.startswith("work, ") for what in found) and found["energy over many periods"]["words"]
+
+
+@pytest.mark.parametrize("solver", ["rattle", "rk45_strong_form"])
+def test_the_runs_are_what_the_certificates_need(solver):
+    """Ladders of more than four settings, each symmetry beside a run as it stands, no run twice."""
+    specs = assessment.plan_runs(solver, wall=10.0)
+    assert len({s.settings_id for s in specs}) == len(specs)
+    for name in assessment.LADDERS:
+        assert sum(s.problem == name and s.label == "ladder" and s.solver == solver for s in specs) > 4
+    presented = [s for s in specs if s.label == "symmetries"]
+    others = 4 if solver == "rattle" else 3  # as it stands, finer, nudged; at a tenth of a step's tolerance
+    assert len(presented) == len(assessment.PRESENTED) + others and all(s.cpu_limit == 10.0 for s in specs)
+
+
+def test_a_long_run_is_made_only_if_it_is_long():
+    """1 ms a step pays 300 swings at 0.01 s in 30 s of CPU; 100 ms a step do not pay fifty."""
+
+    def ladder(seconds: float) -> list[RunRecord]:
+        return [
+            RunRecord(solver="rattle", label="ladder", problem="spherical_pendulum", steps=100, cpu_median_s=seconds)
+        ]
+
+    fast, slow = (assessment.plan_long_run("rattle", ladder(100.0 * each), 60.0) for each in (1e-3, 1e-1))
+    assert slow is None and fast is not None and fast.parameters["t_end"] == pytest.approx(assessment.LONGEST, rel=0.01)
+    assert fast.label == "long"
+
+
+def said(label: str, problem: str, *statuses: str) -> list[Finding]:
+    """The lines on runs of ``rattle`` that ended so."""
+    runs = [RunRecord(solver="rattle", label=label, problem=problem, status=s, message="so it ended") for s in statuses]
+    lines = assessment._assess_problems(runs) if label == "problems" else assessment._assess_orders([], runs)
+    return [line for line in lines if problem in line.measured.quantity]
+
+
+def test_divergence_is_a_failure_but_on_a_stiff_problem_a_warning():
+    """Whatever the method; a stiff problem's crash is a failure."""
+    stiff = next(name for name, p in registry.problems().items() if Trait.STIFF in p.tests)
+    other = next(name for name, p in registry.problems().items() if Trait.STIFF not in p.tests)
+    on_stiff, crashed = said("problems", stiff, "diverged", "crashed")
+    (on_other,) = said("problems", other, "diverged")
+    assert [f.verdict for f in (on_stiff, crashed, on_other)] == [Verdict.OPEN, Verdict.FAILED, Verdict.FAILED]
+    assert "diverged" in on_stiff.measured.text
+
+
+def test_a_slow_rung_hides_no_rungs_that_failed():
+    """Too slow is said only where all that did not end were; else the statuses are named, and it is a failure."""
+    (slow,) = said("ladder", "heavy_top", "success", "stalled", "stalled")
+    assert (
+        slow.verdict is Verdict.OPEN and slow.measured.text == "not determined: the runs were too slow for the budget"
+    )
+    (failed,) = said("ladder", "heavy_top", "stalled", "crashed", "diverged", "crashed")
+    assert failed.verdict is Verdict.FAILED and failed.measured.text.endswith(": 2 crashed, 1 diverged, 1 stalled")
+
+
+def test_a_ladder_without_an_order_is_shown_beside_one_that_has_it():
+    """All rungs on the top crashed: said, and a failure, though the pendulum has its order."""
+    order = Order(
+        problem="spherical_pendulum", variant="", solver="rattle", case="", quantity="position", symbol="r", unit="m",
+        against="dt", declared=2.0, order=2.0, low=1.9, high=2.1, dt=(), error=(), used=(), floor=0.0, rtol=(),
+        exponent=math.nan, exponent_low=math.nan, exponent_high=math.nan, verdict="certified", fit="power", slopes=(),
+        unfinished=0, notes=(), t_end_s=1.0, settings_ids=(),
+    )  # fmt: skip
+    ladder = [
+        RunRecord(problem=name, status=s) for name, s in (("spherical_pendulum", "success"), ("heavy_top", "crashed"))
+    ]
+    found = {line.measured.quantity: line for line in assessment._assess_orders([order], ladder)}
+    assert found["order, spherical_pendulum, position"].verdict is Verdict.MET
+    assert found["order, heavy_top"].verdict is Verdict.FAILED and found["order, heavy_top"].measured.text.endswith(
+        ": 1 crashed"
+    )
+
+
+def test_a_ladder_cut_by_the_budget_is_neither_met_nor_failed():
+    """No rung at all, or good ones only: not determined. A rung that crashed is a failure all the same."""
+    left = [s for s in assessment.plan_runs("rattle", 10.0) if s.solver == "rattle" and s.problem == "heavy_top"]
+    left = [s for s in left if s.label == "ladder"]
+
+    def top(*statuses: str) -> Finding:
+        runs = [RunRecord(solver="rattle", label="ladder", problem="heavy_top", status=s) for s in statuses]
+        (line,) = (
+            x for x in assessment._assess_orders([], runs, left[len(runs) :]) if "heavy_top" in x.measured.quantity
+        )
+        return line
+
+    assert (top().verdict, top().measured.text) == (Verdict.OPEN, "not determined: no run of it within the budget")
+    words = f"not determined: {len(left) - 2} of {len(left)} runs of it are left out by the budget"
+    assert (top("success", "success").verdict, top("success", "success").measured.text) == (Verdict.OPEN, words)
+    assert top("success", "crashed").verdict is Verdict.FAILED
+
+
+def test_reactions_are_none_only_where_a_run_could_return_them():
+    """Without a run, or without a successful one, nothing is known of them."""
+
+    def reactions(*statuses: str) -> str:
+        (line,) = assessment._assess_laws([], [RunRecord(claimed=s, reaction_size_N=math.nan) for s in statuses])
+        return line.measured.text
+
+    assert reactions() == "not determined: no run of it within the budget"
+    assert reactions("crashed") == "not determined: no run of the ladders succeeded"
+    assert reactions("crashed", "success") == "none returned: not judged"
+
+
+def test_rivals_that_the_budget_left_out_are_not_said_to_be_worse():
+    """Only those whose whole ladder was run are named."""
+    own = RunRecord(solver="rattle", label="ladder", problem="heavy_top", status="success", motion_error_max_m=1e-3)
+    specs = assessment.plan_runs("rattle", 10.0)
+    left = [s for s in specs if s.label == "ladder" and s.problem == "heavy_top" and s.solver != "ida_index1"]
+    (some,), (none,), (all_,) = (list(assessment._assess_work("rattle", [own], x)) for x in (left, specs, []))
+    assert some.measured.text.endswith("; none of ida_index1 comes as near")
+    assert "none of" not in none.measured.text and all_.measured.text.count(",") == 2
+
+
+class Over(LocalPool):
+    """Its time is up as soon as a run that sleeps runs."""
+
+    def _over(self) -> bool:
+        return self._stopped or any(job.spec.options for job in self._flying.values())
+
+
+def test_what_a_budget_cut_short_is_counted_and_not_passed(tmp_path, capsys, monkeypatch):
+    """One run done, one ended, one not started: the last two are not judged, no long run is begun; it is no pass."""
+    fall = registry.make_problem("free_fall", {})
+    specs = [make_spec(fall, "sleeps", options, {"dt": 0.5}, label="problems")
+             for options in ({}, {"seconds": 500.0}, {"seconds": 501.0})]  # fmt: skip
+    command = import_module("mbsbench.cli.try")
+    monkeypatch.setattr(assessment, "plan_runs", lambda *_, **__: specs)
+    monkeypatch.setattr(command, "run_watched", partial(run_watched, pool=Over))
+    line = ["try", "sleeps", "--plugin", str(PLUGIN), "--no-report", "--jobs", "1", "--budget", "50"]
+    assert main([*line, "--out", str(tmp_path / "out"), "--json"]) == 1
+    found = [json.loads(x) for x in capsys.readouterr().out.splitlines()]
+    assert found[0]["quantity"] == "budget" and found[0]["words"].startswith("2 of 3 runs ended or left out when 50 s")
+    assert [x["verdict"] for x in found if x["quantity"].startswith("free_fall")] == ["met"]
+    assert not any(x["verdict"] == "failed" for x in found)
+    cut = {x["quantity"] for x in found if x["words"] == "not determined: no run of it within the budget"}
+    ladders = {f"order, {name}" for name in assessment.LADDERS}
+    assert cut == {*ladders, "energy over many periods", "reactions", "symmetries"}
+    assert main([*line, "--out", str(tmp_path / "again")]) == 1
+    said = " ".join(capsys.readouterr().out.split())
+    assert "as expected; incomplete: 2 of 3 runs are left out by the budget" in said
+
+
+@pytest.mark.slow
+def test_a_planted_fault_ends_with_exit_code_1(command, tmp_path):
+    """A stage at a third of the step is of first order, declared is the second."""
+    (tmp_path / "faulty.py").write_text(SOLVER.replace("dt / 2", "dt / 3"), encoding="utf-8")
+    done = command("try", "faulty.py", "--json", "--no-report", timeout=900.0)
+    assert done.returncode == 1, done.stdout + done.stderr
+    found = {line["quantity"]: line for line in map(json.loads, done.stdout.splitlines())}
+    assert found["order, spherical_pendulum, position"]["verdict"] == "failed"
