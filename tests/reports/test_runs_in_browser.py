@@ -1,4 +1,4 @@
-"""The first page in a browser: runs and matrices sort, filter and are paged; cards on a phone."""
+"""The table of all runs in a browser: it sorts, filters and is paged; cards on a phone."""
 
 from mbsbench.harness.files import write_text
 from mbsbench.reports import site
@@ -17,7 +17,7 @@ def test_thousands_of_runs_are_paged_and_the_address_keeps_the_choice(browser, t
     for k in range(230):
         put(tmp_path, record(f"r{k:03}", dt_s=1e-4 * (k + 1), status="success" if k % 2 else "wrong", label="map"))
     write_text(tmp_path / "environment.json", "{}")
-    tab = browser.open(site.build(tmp_path))
+    tab = browser.open(site.build(tmp_path).parent / "runs.html")
     rows = "document.querySelectorAll('[data-runs] tbody tr').length"
     tab.until(f"{rows} === 100")
     assert tab.evaluate("document.querySelectorAll('*').length") < 6000
@@ -35,7 +35,7 @@ def test_thousands_of_runs_are_paged_and_the_address_keeps_the_choice(browser, t
 
 def test_on_a_phone_a_run_is_a_card_led_by_its_status(report, browser):
     """Status and reason on top, over the whole width, the solver below; nothing to be pushed sideways."""
-    for page in ("index.html", "problem-pendulum.html"):
+    for page in ("runs.html", "problem-pendulum.html"):
         tab = browser.open(report / page, width=390)
         tab.evaluate(OPEN)
         table = "document.querySelector('table.cards')"
@@ -50,14 +50,14 @@ def test_on_a_phone_a_run_is_a_card_led_by_its_status(report, browser):
 
 def test_on_a_phone_text_and_targets_are_large_enough(report, browser):
     """No text below 12 px, no control below 24 px high; links in running text are not controls."""
-    tab = browser.open(report / "index.html", width=390)
+    tab = browser.open(report / "runs.html", width=390)
     assert tab.evaluate(SMALL) == [] and tab.evaluate(LOW) == []
     tab.close()
 
 
 def test_runs_sort_and_filter(report, browser, built):
     """By status and by words in any text; sorted by value, with what is not there last."""
-    tab = browser.open(report / "index.html")
+    tab = browser.open(report / "runs.html")
     count = "document.querySelectorAll('[data-runs] tbody tr').length"
     tab.until(f"{count} === {len(built[1])}")
     tab.evaluate(SET.format("'status'", "'wrong'"))
@@ -73,45 +73,4 @@ def test_runs_sort_and_filter(report, browser, built):
     assert shown[: len(there)] == there
     head = "document.querySelector('[data-runs] th:nth-child(7)').getAttribute('aria-sort')"
     assert tab.evaluate(head) == "ascending"
-    tab.close()
-
-
-def test_rows_of_a_matrix_sort_by_a_solvers_number_and_filter(matrices, browser):
-    """By the number that is shown, those that stopped or did not run last either way; in the folded parts too."""
-    tab = browser.open(matrices)
-    rows = (
-        "[...document.querySelectorAll('[data-part-of=\"{}\"] tbody tr:not([hidden]) th a')].map((a) => a.textContent)"
-    )
-    first, second = rows.format(1), rows.format(2)
-    head = "document.querySelectorAll('[data-part-of=\"{}\"] thead th')[{}]"
-    assert tab.evaluate(first) == ["far", "near", "stuck", "off"]
-    tab.evaluate(f"{head.format(1, 1)}.querySelector('button').focus()")
-    tab.press("Enter")
-    assert tab.evaluate(first) == ["near", "off", "far", "stuck"]
-    assert tab.evaluate(f"{head.format(1, 1)}.getAttribute('aria-sort')") == "ascending"
-    assert tab.evaluate("document.activeElement.getAttribute('aria-label')") == "Sort by error of alpha"
-    tab.press("Enter")
-    assert tab.evaluate(first) == ["far", "off", "near", "stuck"]
-    tab.evaluate("document.querySelector('[data-measure=cost]').click()")  # 9 s, 0.1 s, 50 ms
-    assert tab.evaluate("document.activeElement.getAttribute('aria-label')") == "Sort by CPU time of alpha"
-    assert tab.evaluate(first) == ["far", "off", "near", "stuck"]
-    tab.evaluate(f"{head.format(1, 2)}.querySelector('button').click()")
-    assert tab.evaluate(first) == ["stuck", "near", "far", "off"]  # 0, 50 ms, 9 s, not run
-    tab.evaluate(f"{head.format(1, 0)}.querySelector('button').click()")
-    assert tab.evaluate(first) == ["far", "near", "stuck", "off"]
-    tab.evaluate("document.querySelector('[data-measure=error]').click()")
-    tab.evaluate(f"{head.format(2, 1)}.querySelector('button').click()")
-    assert tab.evaluate(second) == ["off", "near", "far"]
-    pick = (
-        "((key, value) => {{ const e = document.querySelector(`[data-rows=${{key}}]`); e.value = value; "
-        "e.dispatchEvent(new Event('input', {{bubbles: true}})); }})({}, {})"
-    )
-    for has, left in (("wrong", ["off"]), ("stopped", ["stuck"]), ("succeeded", ["far", "near"]), ("refused", [])):
-        tab.evaluate(pick.format("'has'", f"'{has}'"))
-        assert tab.evaluate(first) == left
-        assert tab.evaluate("document.querySelector('[data-rows-count]').textContent") == f"{len(left)} of 4 rows"
-    tab.evaluate(pick.format("'has'", "''"))
-    tab.evaluate(pick.format("'problem'", "'FA'"))
-    assert (tab.evaluate(first), tab.evaluate(second)) == (["far"], ["far"])
-    assert tab.faults == []
     tab.close()

@@ -1,17 +1,14 @@
 """What a step costs as a mechanism grows, wherever a run has the same settings at several sizes."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from ...model.motion import bodies_in
-from ...model.results import Results, Run, grouped
-from ...model.words import seconds, time
-from ...plots.spec import Axis, Plot, Trace
-from ..base import Page, Site
+from .motion import bodies_in
+from .results import Results, Run, grouped
 
 SIZES = 3  # a slope from two sizes would be no evidence
 
@@ -59,35 +56,12 @@ def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
     return out
 
 
-def growth(problem: str, found: Sequence[Growth], url: Callable[[Run], str]) -> Plot:
-    """All settings of one problem in one panel."""
-    seen: dict[str, int] = {}
-    traces = []
-    for g in (g for g in found if g.problem == problem):
-        dash = seen[g.solver] = seen.get(g.solver, -1) + 1
-        name = f"{g.method}, {g.step}, {time(g.t_end)} s simulated: slope {g.slope:.2f}"
-        ends = np.array([g.bodies[0], g.bodies[-1]], dtype=float)
-        traces.append(Trace(f"{name}, fitted", ends, 1e3 * g.fitted(ends), solver=g.solver, dash=dash))
-        traces.append(Trace(
-            name, np.array(g.bodies), 1e3 * np.array(g.cpu_per_step), solver=g.solver, mode="markers",
-            urls=[url(c) for c in g.runs],
-            words=[f"{c.variant}, {c.record.steps} steps, CPU {seconds(c.record.cpu_median_s)}" for c in g.runs],
-        ))  # fmt: skip
-    caption = "Lines are power laws fitted to all sizes; their exponents are in the table: 1 is linear."
-    axes = Axis("bodies", "", log=True), Axis("CPU per step", "ms", log=True)
-    return Plot(f"growth-{problem}", f"{problem}: cost of a step over its size", caption, *axes, traces, wide=True)
-
-
-def write(results: Results, site: Site) -> Page | None:
-    """``growth.html``; None where no problem comes in three sizes."""
+def growths_of(results: Results) -> list[Growth]:
+    """All that the results hold; empty where no problem comes in three sizes."""
     variants = Counter(p.problem for p in results.variants)
     bodies: dict[str, int] = {}
     for variant in results.variants:
         if variants[variant.problem] > 1:  # its runs have the same bodies: one series file is enough
             some = next((s for c in variant.runs if c.succeeded and (s := results.series(c)) is not None), None)
             bodies |= {c.record.run_id: bodies_in(some) for c in variant.runs} if some is not None else {}
-    found = growths(results.runs, bodies)
-    if not found:
-        return None
-    plots = [growth(problem, found, site.url) for problem in dict.fromkeys(g.problem for g in found)]
-    return site.write(Page("Size", "growth.html", nav=True, order=35), "growth.html", plots=plots, found=found)
+    return growths(results.runs, bodies)
