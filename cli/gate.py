@@ -137,9 +137,9 @@ def _files(arguments: argparse.Namespace) -> Suite | None:
     return Suite(REFEREED, "motions from files", (), "")
 
 
-def _load(folder: Path) -> tuple[RunRecord, ...]:
+def _load(results: Path) -> tuple[RunRecord, ...]:
     """The records of a results folder; a damaged one might be the newest of its run, so none may be."""
-    loaded = store.load(folder)
+    loaded = store.load(results)
     if loaded.unreadable:
         n, first = len(loaded.unreadable), loaded.unreadable[0]
         raise UsageError(

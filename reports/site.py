@@ -7,7 +7,7 @@ from .model.results import Results, read_results
 from .model.tables import write_tables
 from .pages.base import ASSETS, Site, copy_assets, writers
 
-OURS = ("assets", "runs", "data", "tables")  # folders that a new report replaces
+OURS = ("assets", "runs", "data", "tables", "badges")  # folders that a new report replaces
 KEPT = ("figures",)  # it may hold others' work
 
 

@@ -16,12 +16,14 @@ from ..harness.files import write_text
 from ..harness.places import Place
 from ..harness.results.findings import Finding
 from ..harness.results.judgements.runs import Order
+from .model.followed import followed
+from .model.frontier import frontiers, of_most_problems
 from .model.motion import motion_of
 from .model.provenance import stamp
 from .model.results import Results, grouped, read_results
-from .pages.judged.certificates import ladders
-from .pages.judged.orders import certificates
+from .pages.judged.orders import certificates, ladders
 from .pages.judgement import links_of
+from .pages.runs.card import card_of
 from .plots.laws import Drawing, laws
 from .plots.lines import all_lines, shared_options
 from .plots.palette import looks
@@ -53,11 +55,13 @@ class Tried:
 
 
 def write_page(path: Path, folder: Path, found: Tried) -> None:
-    """Write ``path``: the findings, then observed orders, energy over the long run, and work against error."""
+    """Write ``path``: the certificate card, findings, orders, energy over the long run, and work against error."""
     results = read_results(folder, check_series=False)
     template = Environment(loader=FileSystemLoader(TEMPLATES), autoescape=True).get_template("tried.html")
     charts = list(_charts(results, found.orders))
-    write_text(path, template.render(**vars(found), charts=charts, stamp=stamp(results)))
+    follow = [f for variant in results.variants for f in followed(variant)]
+    card = card_of(found.solver, found.orders, (), follow, of_most_problems(frontiers(results)))
+    write_text(path, template.render(**vars(found), card=card, charts=charts, stamp=stamp(results)))
 
 
 def _charts(results: Results, orders: Sequence[Order]) -> Iterator[Chart]:

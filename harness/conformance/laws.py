@@ -90,8 +90,12 @@ class Subject:
 
     @cached_property
     def rate(self) -> float:
-        """Rate of the motion [rad/s]: how fast poses change."""
-        return 1.0 / max(self.t[-1], 1e-9) + float(np.max(np.abs(self.best_states.Omega)))
+        """[rad/s] of the motion: how fast poses change, and with them what is made of them.
+
+        Bodies that turn little, as a point mass on a link, cross the motion's length at their speed.
+        """
+        crossing = float(np.max(np.linalg.norm(self.best_states.v, axis=-1))) / self.size.length
+        return 1.0 / max(self.t[-1], 1e-9) + max(float(np.max(np.abs(self.best_states.Omega))), crossing)
 
     @property
     def allowed_share(self) -> float:

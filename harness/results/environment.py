@@ -41,7 +41,6 @@ def commit() -> str:
 def stamp(folder: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[str, Any]:
     """The content of ``environment.json``."""
     import psutil
-    from threadpoolctl import threadpool_info
 
     names = sorted({*_locked(), "numpy", "scipy"})
     return {
@@ -52,7 +51,7 @@ def stamp(folder: str, suite: str, jobs: int, plugins: Iterable[str]) -> dict[st
         "executable": sys.executable, "packages": {name: v for name in names if (v := _version(name))},
         "system": f"{platform.system()} {platform.release()}", "machine": platform.machine(), "cpu": _cpu(),
         "cores": os.cpu_count(), "memory_MB": int(psutil.virtual_memory().total // 2**20),
-        "blas": [{k: b.get(k) for k in ("internal_api", "version", "num_threads")} for b in threadpool_info()],
+        "blas": [{k: b.get(k) for k in ("internal_api", "version", "num_threads")} for b in _blas()],
         "threads": dict(THREADS), "jobs": jobs, "plugins": list(plugins),
     }  # fmt: skip
 
@@ -102,6 +101,19 @@ def _version(name: str) -> str:
         return importlib.metadata.version(name)
     except importlib.metadata.PackageNotFoundError:
         return ""
+
+
+def _blas() -> list[dict[str, Any]]:
+    """Linear algebra libraries of NumPy, SciPy and SUNDIALS, all loaded here; those of other packages do not count."""
+    import numpy
+    import scipy.linalg  # noqa: F401
+    import sksundae  # noqa: F401
+    from threadpoolctl import threadpool_info, threadpool_limits
+
+    packages, ours = Path(numpy.__file__).resolve().parents[1], ("numpy", "scipy", "scikit_sundae", "sksundae")
+    with threadpool_limits(limits=1):  # as ``THREADS`` has it where runs are run, whatever is set in this process
+        places = [(library, Path(library["filepath"]).resolve()) for library in threadpool_info()]
+    return [b for b, p in places if not p.is_relative_to(packages) or p.relative_to(packages).parts[0].startswith(ours)]
 
 
 def _cpu() -> str:

@@ -1,147 +1,161 @@
-// The first page: which part, number and rows of the matrix are shown, in which order; and the table of all runs.
+// The first page: the stage with its counters, the race at an error, the heat map's modes and its drawer.
 (async () => {
-  // the matrix and the tables of variants: rows by a solver's column; what has no number there stays last
-  const MEASURES = { error: "error", energy: "energy error", phi: "constraint error", cost: "CPU time" };
-  const LAST = { good: 0, inaccurate: 0, wrong: 0, failed: 1, refused: 2 };
-  const superscripts = (text) => [...text].map((c) => "-0123456789"["⁻⁰¹²³⁴⁵⁶⁷⁸⁹".indexOf(c)] ?? c).join("");
-  // an entry's number as it reads: 1.23×10⁻⁵ m, 45.6 ms, ∞ J; null where there is none
-  const read = (text) => {
-    if (text.startsWith("∞")) return Infinity;
-    if (text.startsWith("below") || text.startsWith("<")) return 0;
-    const found = text.match(/^−?[\d.]+(?:×10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?/);
-    if (!found) return null;
-    const value = Number(superscripts(found[0].replace("−", "-").replace("×10", "e")));
-    return / ms$/.test(text) ? value / 1000 : value;
+  const MBS = window.MBS, data = await MBS.unpack(MBS.overview);
+  const $ = (s, from = document) => from.querySelector(s), $$ = (s, from = document) => [...from.querySelectorAll(s)], make = MBS.element;
+  const state = { race: data.first, target: data.target, mode: "limit" };
+
+  // the stage
+  const canvas = $("[data-stage]"), small = data.stages.map((s) => s.small && MBS.stage(s.small));
+  if (canvas) {
+    const cast = $("[data-cast]"), minis = $$("[data-mini]"), loaded = {}, stage = MBS.scene(canvas, cast);
+    const load = (k) => new Promise((done) => {
+      const { file } = data.stages[k];
+      if (MBS[file]) return done();
+      document.body.append(make("script", { src: `data/${file}.js`, onload: done }));
+    });
+    const show = async (k, asked = true) => {
+      const s = data.stages[k];
+      await load(k);
+      loaded[k] ||= MBS.stage(await MBS.unpack(MBS[s.file]));
+      minis.forEach((b, i) => b.setAttribute("aria-pressed", i === k));
+      if (k !== show.now) cast.replaceChildren(...s.said.map((r) => make("li", { className: r.kind },
+        make("a", { className: "solver", href: r.url, style: `--c: ${data.colours[r.solver]}` }, r.solver), " ", make("small", {}, `${r.words}, ${r.step}`), MBS.element("b", {}, "–"),
+        make("span", {}, `claimed: ${r.claimed} · measured: `, make("b", { className: `mark ${r.kind}` }, r.measured)), ...(r.why ? [make("small", { className: "why" }, r.why)] : []))));
+      $$("li > b", cast).forEach((b) => b.setAttribute("data-off", ""));
+      show.now = k;
+      Object.assign($("[data-problem]"), { textContent: s.problem, href: `problem-${s.slug}.html` });
+      stage.show(loaded[k]);
+      if (!asked) return;
+      const race = data.costs.findIndex((r) => r.slug === s.slug), same = data.costs.findIndex((r) => r.problem === s.problem);
+      if (race >= 0 || same >= 0) choose(race >= 0 ? race : same);
+    };
+    show.now = 0;
+    minis.forEach((b, k) => b.addEventListener("click", () => show(k)));
+    MBS.onStage = { seek: stage.seek, show, play: stage.play };
+    let frame = 0;
+    const drawMinis = () => minis.forEach((b, k) => { if (small[k]) MBS.paint($("canvas", b), small[k], frame % small[k].frames, true); });
+    const near = new IntersectionObserver(([e]) => { clearInterval(near.timer); if (e.isIntersecting && !MBS.quiet) near.timer = setInterval(() => { frame += 1; drawMinis(); }, 70); });
+    near.observe(canvas);
+    MBS.onTheme(drawMinis);
+    drawMinis();
+    show(0, false);
+  }
+
+  // the race: at an error, on a problem
+  const bars = $("[data-bars]"), slider = $("[data-target]"), on = $("[data-on]");
+  const lit = (name) => { const { over, pinned } = lit.now; return !over && !pinned.length ? null : over === name || pinned.includes(name); };
+  lit.now = { over: "", pinned: [] };
+  const race = () => {
+    if (!bars) return;
+    const r = data.costs[state.race], k = (state.target = Math.min(state.target, r.targets.length - 1));
+    Object.assign(slider, { max: r.targets.length - 1, value: k, ariaValueText: r.words[k] });
+    $("[data-wanted]").textContent = r.words[k];
+    $("[data-command]").textContent = r.command[k];
+    const all = Object.entries(r.solvers), there = all.filter(([, s]) => s.cpu[k] !== null).sort((a, b) => a[1].cpu[k] - b[1].cpu[k]);
+    const [low, high] = [there[0][1].cpu[k] / 2, Math.max(there[there.length - 1][1].cpu[k], there[0][1].cpu[k] * 10)];
+    const rest = all.filter(([, s]) => s.cpu[k] === null).sort((a, b) => (a[0] < b[0] ? -1 : 1));
+    bars.replaceChildren(...[...there, ...rest].map(([name, s]) => {
+      const cpu = s.cpu[k], item = make("li", { className: cpu === null ? "missed" : "", style: `--c: ${data.colours[name]}; --w: ${cpu === null ? 0 : (100 * Math.log(cpu / low)) / Math.log(high / low)}%` },
+        make("a", { href: s.url }, name), make("i", {}), make("span", {}, cpu === null ? s.why : `${s.bound[k] ? "≤ " : ""}${s.shown[k]} ×${MBS.number(s.factor[k], 2)}`));
+      item.dataset.solver = name;
+      return item;
+    }));
+    light();
   };
-  const sortable = (table) => {
-    const body = table.tBodies[0], all = [...body.rows], heads = [...table.tHead.rows[0].cells], now = { column: null, up: true };
-    const measure = () => (MEASURES[table.dataset.shown] ? table.dataset.shown : "error");
-    const rank = (row) => {
-      const cell = row.cells[now.column];
-      if (now.column === 0) return [0, all.indexOf(row)];
-      if (table.dataset.shown === undefined) return cell.dataset.v === undefined ? [1, 0] : [0, Number(cell.dataset.v)];
-      const shown = cell.querySelector(`.${measure()} dd:last-child`), value = shown && read(shown.textContent);
-      const late = LAST[cell.dataset.ended] ?? 3;
-      return late || value !== null ? [late, value ?? 0] : [0.5, 0];
-    };
-    const sort = () => {
-      heads.forEach((head, k) => {
-        const button = head.querySelector("button"), by = k === 0 ? "problem" : table.dataset.shown === undefined ? "the share that succeeded" : MEASURES[measure()];
-        button.setAttribute("aria-label", k === 0 ? "Sort by problem, in the paper's order" : `Sort by ${by} of ${head.querySelector(".solver").textContent}`);
-        button.title = button.getAttribute("aria-label");
-      });
-      if (now.column === null) return;
-      const order = ([late, x], [later, y]) => late - later || (late || x === y ? 0 : (x < y ? -1 : 1) * (now.up ? 1 : -1));
-      body.append(...all.map((row) => [rank(row), row]).sort((a, b) => order(a[0], b[0])).map((pair) => pair[1]));
-    };
-    const sorter = (head) => { head.append(" "); return MBS.element("button", { type: "button", textContent: "sort", className: "sorter" }); };
-    MBS.sorters(heads, sorter, (column, up) => { Object.assign(now, { column, up }); sort(); });
-    sort();
-    return { all, sort, folded: table.closest("details") };
+  const choose = (k) => { state.race = k; on.value = k; race(); heat(); };
+  if (bars) {
+    on.addEventListener("change", () => choose(Number(on.value)));
+    slider.addEventListener("input", () => { state.target = Number(slider.value); race(); heat(); });
+    $("[data-copy]").addEventListener("click", async (e) => { try { await navigator.clipboard.writeText($("[data-command]").textContent); e.target.textContent = "copied"; } catch { getSelection().selectAllChildren($("[data-command]")); } });
+  }
+
+  // one solver lights everywhere
+  const light = () => {
+    for (const e of $$("[data-bars] li, .heat tbody tr, .follow circle")) {
+      const is = lit(e.dataset.solver);
+      e.classList.toggle("lit", is === true);
+      e.classList.toggle("dim", is === false);
+    }
   };
-  const tables = [...document.querySelectorAll("table.matrix, table[data-tally]")].map(sortable);
-  // rows of all of them by words in the problem's head and by how their runs ended
-  const filterRows = (box) => {
-    const [words, has] = ["problem", "has"].map((key) => box.querySelector(`[data-rows=${key}]`)), count = box.querySelector("[data-rows-count]");
-    const fits = (row) => {
-      const ran = [...row.cells].flatMap((c) => (c.dataset.has === undefined ? [] : [c.dataset.has.split(" ")]));
-      const ended = !has.value || (has.value === "succeeded" ? ran.length && ran.every((e) => e.includes("succeeded")) : ran.some((e) => e.includes(has.value)));
-      const head = row.cells[0].textContent.toLowerCase();
-      return ended && words.value.toLowerCase().split(/\s+/).every((w) => head.includes(w));
-    };
-    const filter = () => {
-      for (const { all, folded } of tables) {
-        all.forEach((row) => { row.hidden = !fits(row); });
-        if (folded) folded.hidden = all.every((row) => row.hidden);
+  document.addEventListener("mbs-solver", (e) => { lit.now = e.detail; light(); });
+  for (const box of $$("[data-bars], .heat tbody, .strips")) {
+    box.addEventListener("pointerover", (e) => MBS.hover?.(e.target.closest("[data-solver]")?.dataset.solver || ""));
+    box.addEventListener("pointerleave", () => MBS.hover?.(""));
+  }
+
+  // the heat map: three modes, sorted by a column, a drawer a cell
+  const table = $("table.heat");
+  const rows = table ? $$("tbody tr", table) : [], heads = table ? $$("thead th", table) : [], slugs = heads.map((h) => h.dataset.slug);
+  const kept = rows.map((row) => [...row.cells].map((c) => ({ kind: c.className, html: c.innerHTML })));
+  const level = (edges, v) => edges.filter((e) => v > e).length;
+  const heat = () => {
+    if (!table) return;
+    const title = $("[data-heat-title]"), words = $("[data-mode-words]"), wanted = data.costs[state.race]?.targets[state.target];
+    $$("[data-mode]").forEach((b) => b.setAttribute("aria-pressed", b.dataset.mode === state.mode));
+    title.dataset.own ||= title.textContent;
+    words.dataset.own ||= words.textContent;
+    $(".heatkey").hidden = state.mode !== "limit";
+    let reached = 0, count = 0;
+    rows.forEach((row, i) => [...row.cells].forEach((cell, k) => {
+      if (!slugs[k]) { if (k) cell.hidden = state.mode !== "limit"; return; }
+      if (state.mode === "limit") { cell.className = kept[i][k].kind; cell.innerHTML = kept[i][k].html; cell.dataset.v = data.cells[`${row.dataset.solver} ${slugs[k]}`] ? cell.textContent.trim() : ""; return; }
+      const cost = data.costs.find((c) => c.slug === slugs[k]), s = cost?.solvers[row.dataset.solver], at = cost ? cost.targets.indexOf(wanted) : -1;
+      let kind = "none", text = "·", said = "no comparison here", v = "";
+      if (s && at >= 0) {
+        count += 1;
+        const first = Math.min(...Object.values(cost.solvers).map((o) => o.cpu[at]).filter((c) => c !== null));
+        if (state.mode === "error") {
+          if (s.cpu[at] !== null) { reached += 1; kind = `h${level([1.0001, 2, 5, 10, 30, 100], s.factor[at])}`; text = `×${MBS.number(s.factor[at], 2)}`; v = s.factor[at]; said = `${s.shown[at]}, ${text} the cheapest, for ${cost.words[at]}`; }
+          else { kind = "refused"; text = "–"; said = s.why; }
+        } else {
+          const best = s.points.filter(([c]) => c <= 10 * first).map(([, e]) => e).sort((a, b) => a - b)[0];
+          if (best !== undefined) { reached += 1; const part = best / wanted; kind = `h${level([1e-4, 1e-2, 1, 10, 100, 1000], part)}`; text = MBS.number(best, 1); v = best; said = `error ${MBS.number(best)} ${cost.unit} within ten times the cheapest CPU time for ${cost.words[at]}`; }
+          else { kind = "refused"; text = "–"; said = "no run within ten times the cheapest CPU time"; }
+        }
       }
-      const own = [...document.querySelectorAll("[data-part-of]:not([hidden]) table.matrix tbody tr")];
-      count.textContent = words.value || has.value ? `${own.filter((row) => !row.hidden).length} of ${own.length} rows` : "";
+      cell.className = kind;
+      cell.dataset.v = v;
+      cell.replaceChildren(make("a", { href: s ? s.url : "#heat", title: `${row.dataset.solver}: ${said}`, ariaLabel: `${row.dataset.solver}: ${said}` }, text));
+    }));
+    if (heads.length) heads[heads.length - 1].hidden = state.mode !== "limit";
+    const asked = data.costs[state.race]?.words[state.target];
+    title.textContent = state.mode === "limit" ? title.dataset.own : state.mode === "error" ? `${reached} of ${count} pairs of solver and problem reach ${asked}` : `${reached} of ${count} pairs have a run within ten times the cheapest CPU time for ${asked}`;
+    words.textContent = state.mode === "limit" ? words.dataset.own : state.mode === "error" ? `CPU time over that of the cheapest at ${asked}; the slider above sets the error.` : `Smallest error within ten times the CPU time of the cheapest for ${asked}.`;
+  };
+  $$("[data-mode]").forEach((b) => b.addEventListener("click", () => { state.mode = b.dataset.mode; heat(); }));
+  if (table) {
+    MBS.sorters(heads.filter((h) => slugs[heads.indexOf(h)]), (head) => { const b = make("button", { type: "button", className: "sorter", textContent: "sort" }); b.setAttribute("aria-label", `Sort by ${head.textContent}`); return b; }, (column, up) => {
+      const k = heads.indexOf(heads.filter((h) => slugs[heads.indexOf(h)])[column]), value = (row) => (state.mode === "limit" ? number(row.cells[k].textContent) : row.cells[k].dataset.v);
+      table.tBodies[0].append(...[...rows].sort((a, b) => MBS.ordered(value(a), value(b), up)));
+    });
+    const number = (text) => { const m = text.match(/(\d[\d.]*)(?:×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?/); if (!m || /[★⊘…·]/.test(text)) return ""; const p = m[2] ? Number([...m[2]].map((c) => "-0123456789"["⁻⁰¹²³⁴⁵⁶⁷⁸⁹".indexOf(c)]).join("")) : 0; return Number(m[1]) * 10 ** p; };
+    const drawer = $("[data-drawer]");
+    const strip = (s) => {
+      const [t, y] = [MBS.numbers(s.t), MBS.numbers(s.y)], above = y.filter((v) => v > 0);
+      if (!above.length) return make("small", {}, "energy error: zero throughout");
+      const [lo, hi] = [Math.log10(Math.min(...above)), Math.log10(Math.max(...above))], end = t[t.length - 1] || 1;
+      const d = t.map((v, k) => `${k ? "L" : "M"}${((260 * v) / end).toFixed(1)} ${(40 - 36 * ((y[k] > 0 ? Math.log10(y[k]) - lo : 0) / (hi - lo || 1))).toFixed(1)}`).join("");
+      const box = document.createElement("div");
+      box.innerHTML = `<svg viewBox="0 0 260 44" role="img" aria-label="Energy error over time, logarithmic"><path d="${d}" fill="none" stroke="currentColor" stroke-width="1.5"/></svg>`;
+      box.append(make("small", {}, `energy error over ${MBS.number(end, 2)} s, ${MBS.number(Math.min(...above), 1)} to ${MBS.number(Math.max(...above), 2)} J`));
+      return box;
     };
-    for (const kind of ["input", "change"]) box.addEventListener(kind, filter);
-  };
-
-  const switches = document.querySelector("[data-matrix-switches]");
-  if (switches) {
-    const parts = [...document.querySelectorAll("[data-part-of]")], select = switches.querySelector("[data-part]");
-    const show = () => parts.forEach((p) => { p.hidden = select && p.dataset.partOf !== select.value; });
-    switches.hidden = false;
-    if (select) {
-      parts.forEach((p) => p.querySelector("h3").classList.add("hidden"));
-      select.addEventListener("change", show);
-      show();
-    }
-    const buttons = [...switches.querySelectorAll("[data-measure]")];
-    for (const b of buttons) {
-      b.addEventListener("click", () => {
-        buttons.forEach((other) => other.setAttribute("aria-pressed", other === b));
-        document.querySelectorAll("[data-shown]").forEach((t) => { t.dataset.shown = b.dataset.measure; });
-        tables.forEach(({ sort }) => sort());
-      });
-    }
-    filterRows(switches);
+    table.addEventListener("click", (e) => {
+      const cell = e.target.closest("tbody td"), row = e.target.closest("tr");
+      if (!cell || !row || e.ctrlKey || e.metaKey) return;
+      const slug = slugs[cell.cellIndex], about = data.cells[`${row.dataset.solver} ${slug}`];
+      if (!about) return;
+      e.preventDefault();
+      const k = data.stages.findIndex((s) => s.slug === slug || s.slug.split("-")[0] === slug.split("-")[0]), picture = small[k] ? make("canvas", {}) : "";
+      drawer.replaceChildren(make("button", { type: "button", textContent: "✕", ariaLabel: "Close", className: "close", onclick: () => { drawer.hidden = true; } }), picture,
+        make("p", {}, about.words), ...(about.strip ? [strip(about.strip)] : []),
+        make("dl", {}, ...about.facts.flatMap(([a, b]) => [make("dt", {}, a), make("dd", {}, b)])), make("code", {}, about.command), make("p", {}, make("a", { href: about.url }, "Page of this run")));
+      drawer.className = `drawer ${about.kind}`;
+      drawer.hidden = false;
+      if (picture) MBS.paint(picture, small[k], Math.floor(small[k].frames / 3), true);
+    });
   }
-
-  const table = document.querySelector("[data-runs]");
-  if (!table) return;
-  const { rows, solvers, problems, labels } = await MBS.unpack(MBS.runs);
-  const form = document.querySelector("[data-filters]");
-  const turned = MBS.pager(document.querySelector("[data-pager]"), (by) => { changed(page + by); form.scrollIntoView(); });
-  const RUN = 0, KIND = 1, STATUS = 2, SOLVER = 3, PROBLEM = 4, LABEL = 5, SETTINGS = 6, WHY = 7, T = 8, ENERGY = 9, ERROR = 10, PHI = 11, WORK = 12, CPU = 13, DRIFT = 14;
-  const columns = [SOLVER, PROBLEM, SETTINGS, LABEL, STATUS, T, ENERGY, DRIFT, ERROR, PHI, WORK, CPU];
-  const named = { [SOLVER]: (v) => solvers[v][0], [PROBLEM]: (v) => problems[v][0], [LABEL]: (v) => labels[v] };
-  const ROWS = MBS.PAGE;
-  const asked = new URLSearchParams(location.search);
-  let sorting = { column: null, up: true }, page = Math.max(Number(asked.get("page")) - 1 || 0, 0);
-
-  const link = (textContent, href) => MBS.element("a", { textContent, href });
-  const entry = (row, column) => {
-    const value = row[column], td = document.createElement(column === SOLVER ? "th" : "td");
-    if (column === SOLVER) {
-      td.scope = "row";
-      const [name, url, colour] = solvers[value];
-      td.append(Object.assign(link(name, url), { className: "solver", style: `--c: ${colour}` }));
-    } else if (column === PROBLEM) { td.className = "name"; td.append(link(...problems[value])); }
-    else if (column === SETTINGS) { td.className = "words"; td.append(link(value, `runs/${row[RUN]}.html`)); }
-    else if (column === STATUS) { td.className = "status"; td.append(MBS.element("span", { textContent: value, className: `mark ${row[KIND]}` })); if (row[WHY]) td.append(MBS.element("small", { textContent: row[WHY] })); }
-    else if (column === LABEL || column === DRIFT) { td.className = "short"; td.textContent = column === LABEL ? labels[value] : value; }
-    else { td.className = "n"; td.textContent = column === WORK && value !== null ? Math.round(value).toLocaleString("en").replace(/,/g, "\u202f") : column === T && value !== null ? String(value) : column === CPU && value === 0 ? "below the clock" : MBS.number(value); }
-    return td;
-  };
-  const chosen = () => {
-    const wanted = Object.fromEntries(new FormData(form)), words = wanted.text.toLowerCase().split(/\s+/).filter(Boolean);
-    const out = rows.filter((r) => (!wanted.status || r[KIND] === wanted.status) && (!wanted.solver || r[SOLVER] === Number(wanted.solver))
-      && (!wanted.problem || r[PROBLEM] === Number(wanted.problem)) && (!wanted.label || r[LABEL] === Number(wanted.label))
-      && words.every((w) => `${named[SOLVER](r[SOLVER])} ${named[PROBLEM](r[PROBLEM])} ${r[SETTINGS]} ${r[WHY]} ${r[STATUS]} ${r[DRIFT]}`.toLowerCase().includes(w)));
-    if (sorting.column === null) return out;
-    const key = (r) => (named[sorting.column] ? named[sorting.column](r[sorting.column]) : r[sorting.column]);
-    return out.sort((a, b) => MBS.ordered(key(a) ?? "", key(b) ?? "", sorting.up));
-  };
-  // what is chosen is in the address: a link to it shows the same rows
-  const address = () => {
-    const kept = new URLSearchParams([...new FormData(form)].filter(([, v]) => v));
-    if (sorting.column !== null) kept.set("sort", `${sorting.up ? "" : "-"}${columns.indexOf(sorting.column)}`);
-    if (page) kept.set("page", page + 1);
-    try { history.replaceState(null, "", `?${kept}${location.hash}`.replace(/^\?(?=#|$)/, location.pathname)); } catch { /* not kept */ }
-  };
-  const render = () => {
-    const own = chosen();
-    page = turned(page, own.length);
-    const some = own.slice(page * ROWS, (page + 1) * ROWS);
-    table.tBodies[0].replaceChildren(...some.map((row) => MBS.element("tr", { className: row[KIND] }, ...columns.map((c) => entry(row, c)))));
-    MBS.cards(table);
-    document.querySelector("[data-count]").textContent = `${own.length} of ${rows.length} runs`;
-  };
-  const changed = (to = 0) => { page = to; render(); address(); };
-  const heads = [...table.tHead.rows[0].cells];
-  MBS.sorters(heads, MBS.wrapped, (k, up) => { sorting = { column: columns[k], up }; changed(); });
-  for (const [name, value] of asked) if (form.elements[name]) form.elements[name].value = value;
-  const by = (asked.get("sort") || "").match(/^(-?)(\d+)$/);
-  if (by && columns[by[2]] !== undefined) {
-    sorting = { column: columns[by[2]], up: !by[1] };
-    heads[by[2]].setAttribute("aria-sort", by[1] ? "descending" : "ascending");
-  }
-  form.addEventListener("input", () => changed());
-  form.addEventListener("reset", () => setTimeout(changed));
-  form.addEventListener("submit", (e) => e.preventDefault());
-  render();
+  race();
+  heat();
+  MBS.first = { state, data, choose, heat };
 })();

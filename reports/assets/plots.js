@@ -1,32 +1,39 @@
-// Interactive plots from the plain data of reports/plots/browser.py: one legend for the page, linked zoom, files for papers.
+// Plots from the plain data of reports/plots/browser.py as SVG: a few solvers in colour, the others grey until one asks for them.
 (async () => {
   const MBS = window.MBS;
-  const DASHES = ["solid", "8px,3px", "2px,3px", "8px,3px,2px,3px"];
-  const SYMBOLS = { o: "circle", P: "cross", s: "square", "^": "triangle-up", v: "triangle-down", D: "diamond", h: "hexagon", p: "pentagon", "<": "triangle-left" };
-  const ENDS = { failed: "star", wrong: "x" };
+  const DASHES = ["", "8 3", "2 3", "8 3 2 3"];
   const END_WORDS = { failed: "★ stopped here", wrong: "✗ wrong: false success" };
-  const LIGHT = { ink: "#1c2126", muted: "#57606a", rule: "#dfe3e8", card: "#ffffff" };
+  const SHAPES = { // around 0, 0 in a box of 8
+    o: "M4 0a4 4 0 1 1-8 0a4 4 0 1 1 8 0z", s: "M-3.4-3.4h6.8v6.8h-6.8z", "^": "M0-4.4l4.2 7.4h-8.4z", v: "M0 4.4l4.2-7.4h-8.4z", D: "M0-4.6l4.6 4.6l-4.6 4.6l-4.6-4.6z",
+    P: "M-1.5-4.2h3v2.7h2.7v3h-2.7v2.7h-3v-2.7h-2.7v-3h2.7z", h: "M0-4.5l3.9 2.2v4.6l-3.9 2.2l-3.9-2.2v-4.6z", p: "M0-4.4l4.2 3l-1.6 5h-5.2l-1.6-5z", "<": "M-4.4 0l7.4-4.2v8.4z",
+    failed: "M0-8l2 5.4l5.8.2l-4.6 3.5l1.6 5.5l-4.8-3.2l-4.8 3.2l1.6-5.5l-4.6-3.5l5.8-.2z", wrong: "M-6-4l2-2l4 4l4-4l2 2l-4 4l4 4l-2 2l-4-4l-4 4l-2-2l4-4z" };
+  const MOST = 7, NEAR = 24, LETTER = 6.4; // solvers in colour, pixels of the pointer, width of a letter
   const coarse = matchMedia("(pointer: coarse)").matches;
-  const shown = { hidden: new Set(), group: "*", all: false };
+  const asked = new URLSearchParams(location.search).get("solver");
+  const shown = { pinned: new Set(asked ? asked.split(",") : []), over: "", group: "*", all: false };
   const plots = [];
 
-  const theme = () => Object.fromEntries(Object.keys(LIGHT).map((k) => [k, MBS.colour(`--${k}`)]));
-  const escaped = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
+  const escaped = (text) => String(text).replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;").replace(/"/g, "&quot;");
   const list = (a) => (a && a.kind ? MBS.numbers(a) : a || []);
   const axisTitle = (axis) => (axis.unit ? `${axis.title} [${axis.unit}]` : axis.title);
-  const number = MBS.number;
-  const tint = (hex, alpha) => `rgba(${[1, 3, 5].map((k) => parseInt(hex.slice(k, k + 2), 16)).join(", ")}, ${alpha})`;
+  const number = MBS.number, tick = (v) => number(v, v === 0 ? 1 : 2).replace(/^1\.0×/, "").replace(/(\.\d*?)0+(?=×|$)/, "$1").replace(/\.(?=×|$)/, "");
 
+  const said = (t, key) => t[key] && list(t[key]).map((k) => (typeof k === "number" ? t.texts[k] : k));
   // a trace with its arrays unpacked; once
   const unpack = (t) => ({ mode: "lines", ...t, x: list(t.x), y: list(t.y), low: t.low && list(t.low), high: t.high && list(t.high),
-    left: t.left && list(t.left), right: t.right && list(t.right), end: t.end || "",
-    ends: said(t, "ends"), urls: said(t, "urls"), words: said(t, "words") });
-  const said = (t, key) => t[key] && list(t[key]).map((k) => (typeof k === "number" ? t.texts[k] : k));
-  const visible = (t) => !(t.solver && shown.hidden.has(t.solver))
-    && (shown.group === "*" || t.group === undefined || t.group === shown.group) && (shown.all || t.main !== false);
-
-  // without a solver there is nothing that a limit or a reference would be compared with
+    left: t.left && list(t.left), right: t.right && list(t.right), end: t.end || "", ends: said(t, "ends"), urls: said(t, "urls"), words: said(t, "words") });
+  const visible = (t) => (shown.group === "*" || t.group === undefined || t.group === shown.group) && (shown.all || t.main !== false);
   const seen = (plot) => { const own = plot.traces.filter(visible); return own.some((t) => t.solver) || !plot.traces.some((t) => t.solver) ? own : []; };
+  const endOf = (t, k) => (t.ends && t.ends[k]) || (t.end && k === t.x.length - 1 ? t.end : "");
+
+  // solvers in colour: those asked for, else the plot's own choice
+  const focus = (plot) => {
+    const own = [...new Set(seen(plot).map((t) => t.solver).filter(Boolean))], has = (names) => names.filter((n) => own.includes(n));
+    const picked = has([...shown.pinned, ...(shown.over ? [shown.over] : [])]);
+    if (picked.length) return new Set(picked);
+    const first = has(plot.canvas.dataset.focus ? [plot.canvas.dataset.focus] : plot.focus || []);
+    return new Set(first.length ? first : own.slice(0, MOST));
+  };
 
   // zeros have no place on a logarithmic axis: points get one below the smallest value, lines a gap
   const floorOf = (traces, key) => {
@@ -34,93 +41,170 @@
     const positive = (points.length ? points : traces).flatMap((t) => t[key]).filter((v) => v > 0);
     return positive.length ? positive.reduce((a, b) => Math.min(a, b)) / 20 : 1e-16;
   };
-  const placed = (values, axis, floor, points) => (axis.log
-    ? values.map((v) => (v > 0 ? v : v === 0 && points ? floor : null)) : values);
-
-  const drawn = (plot, colours) => {
-    const own = seen(plot);
-    const [fx, fy] = [floorOf(own, "x"), floorOf(own, "y")];
-    const out = [];
-    for (const t of own) {
-      const points = t.mode !== "lines", colour = t.colour || colours.ink;
-      const x = placed(t.x, plot.x, fx, points), y = placed(t.y, plot.y, fy, points);
-      const base = { type: "scatter", x, showlegend: false, name: escaped(t.name), meta: t, line: { color: colour } };
-      if (t.low) {
-        const edge = { ...base, mode: "lines", line: { width: 0 }, hoverinfo: "skip" };
-        out.push({ ...edge, y: placed(t.low, plot.y, fy, true) });
-        out.push({ ...edge, y: placed(t.high, plot.y, fy, true), fill: "tonexty", fillcolor: t.colour ? tint(t.colour, 0.16) : "rgba(128,128,128,.16)" });
-      }
-      const ends = x.map((_, k) => (t.ends && t.ends[k]) || (t.end && k === x.length - 1 ? t.end : ""));
-      const at = ends.flatMap((e, k) => (e ? [k] : []));
-      const shownValue = (axis, value, at) => `${axis.title} ${value === 0 && axis.log && points ? `0, drawn at ${number(at)}` : number(value)} ${axis.unit || ""}`;
-      const most = points ? x.map((_, k) => Boolean((plot.x.log && t.x[k] === 0) || (plot.y.log && t.y[k] === 0))) : [];
-      const open = (f) => (most.includes(true) ? most.map((m) => f(t.hollow || m)) : f(t.hollow)); // at most: hollow
-      const text = x.map((_, k) => escaped(
-        [shownValue(plot.x, t.x[k], x[k]), shownValue(plot.y, t.y[k], y[k]),
-          t.words && t.words[k], ends[k] && END_WORDS[ends[k]]].filter(Boolean).join("\n")).replace(/\n/g, "<br>"));
-      const hover = { text, hovertemplate: "<b>%{fullData.name}</b><br>%{text}<extra></extra>" };
-      out.push({ ...base, ...hover, y, mode: t.mode, connectgaps: !points,
-        ...(t.left ? { error_x: { type: "data", symmetric: false, array: t.right.map((v, k) => v - (x[k] ?? v)), arrayminus: t.left.map((v, k) => (x[k] ?? v) - v),
-          color: tint(t.colour, 0.45), thickness: 4, width: 0 } } : {}),
-        line: { color: colour, width: t.solver ? 1.7 : 1.1, dash: DASHES[(t.dash || 0) % DASHES.length] },
-        marker: { color: colour, size: t.hollow ? 11 : 8, symbol: open((o) => (SYMBOLS[t.marker] || "circle") + (o ? "-open" : "")),
-          line: { color: open((o) => (o ? colour : colours.card)), width: open((o) => (o ? 1.8 : 0.8)) },
-          opacity: x.map((_, k) => (points && ends[k] ? 0 : 1)) } });
-      if (at.length) {
-        out.push({ ...base, x: at.map((k) => x[k]), y: at.map((k) => y[k]), mode: "markers", cliponaxis: false,
-          text: at.map((k) => text[k]), hovertemplate: hover.hovertemplate, customdata: at,
-          marker: { color: colour, size: 13, symbol: at.map((k) => (ENDS[ends[k]] || "star") + (most[k] ? "-open" : "")), line: { color: colours.ink, width: 1.2 } } });
-      }
+  const limits = (plot, which, own, floor) => {
+    const axis = plot[which], log = Boolean(axis.log);
+    let [low, high] = [axis.low, axis.high];
+    const ends = which === "y" ? own.flatMap((t) => t.reach || []) : []; // of what is shown, not of what is hidden
+    if (ends.length && Number.isFinite(low)) {
+      const [a, b] = [Math.min(...ends), Math.max(...ends)], room = 0.08 * (b - a || Math.abs(b) || 1);
+      [low, high] = log ? [Math.max(low, a / 2), Math.min(high, 3 * b)] : [Math.max(low, a - room), Math.min(high, b + room)];
     }
-    return out;
+    const good = (v) => Number.isFinite(v) && (!log || v > 0);
+    if (!good(low) || !good(high)) {
+      const keys = which === "y" ? ["y", "low", "high"] : ["x", "left", "right"];
+      const all = own.flatMap((t) => keys.flatMap((k) => t[k] || [])).map((v) => (log && v === 0 ? floor : v)).filter(good);
+      const [a, b] = all.length ? all.reduce(([p, q], v) => [Math.min(p, v), Math.max(q, v)], [Infinity, -Infinity]) : [log ? 1e-3 : 0, 1];
+      const room = log ? Math.max((b / a) ** 0.06, 1.3) : 0.06 * (b - a || Math.abs(b) || 1);
+      if (!good(low)) low = log ? a / room : a - room;
+      if (!good(high)) high = log ? b * room : b + room;
+    }
+    return [low, high];
+  };
+  const ticksOf = (log, [low, high], most) => {
+    if (log) {
+      const [a, b] = [Math.ceil(Math.log10(low) - 1e-9), Math.floor(Math.log10(high) + 1e-9)], out = [];
+      if (b - a >= 1) { const step = Math.ceil((b - a + 1) / most); for (let d = a; d <= b; d += step) out.push(10 ** d); return out; }
+      for (let d = a - 1; d <= b + 1; d++) for (const m of [1, 2, 5]) { const v = m * 10 ** d; if (v >= low && v <= high) out.push(v); }
+      return out;
+    }
+    const rough = (high - low) / most, power = 10 ** Math.floor(Math.log10(rough)), step = [1, 2, 5, 10].map((m) => m * power).find((s) => s >= rough);
+    return Array.from({ length: 1 + Math.floor(high / step + 1e-9) - Math.ceil(low / step - 1e-9) }, (_, k) => (Math.ceil(low / step - 1e-9) + k) * step);
   };
 
-  const layoutOf = (plot, colours) => {
-    const axis = (a, name) => {
-      const log = Boolean(a.log), limits = [a.low, a.high];
-      const ends = name === "y" ? seen(plot).flatMap((t) => t.reach || []) : []; // of what is shown, not of what is hidden
-      const low = Math.min(...ends), high = Math.max(...ends), room = 0.08 * (high - low || Math.abs(high) || 1);
-      if (ends.length && Number.isFinite(a.low)) [limits[0], limits[1]] = log ? [Math.max(a.low, low / 2), Math.min(a.high, 3 * high)] : [Math.max(a.low, low - room), Math.min(a.high, high + room)];
-      const given = limits.every((v) => v !== undefined && v !== null && (!log || v > 0));
-      return { type: log ? "log" : "linear", title: { text: escaped(axisTitle(a)), standoff: 8, font: { size: 12 } }, automargin: true,
-        gridcolor: colours.rule, linecolor: colours.muted, tickcolor: colours.muted, showline: true, zeroline: false, ticks: "outside",
-        ticklen: 4, exponentformat: name === "x" && log && !a.unit ? "SI" : "power", tickfont: { size: 11, color: colours.muted }, nticks: name === "x" ? 7 : 6,
-        uirevision: `${log}`, ...(given ? { range: log ? limits.map(Math.log10) : limits } : { autorange: true }) };
-    };
-    const lines = Object.values(plot.marks || {}).flat().map((at) => ({ type: "line", x0: at, x1: at, y0: 0, y1: 1, yref: "paper",
-      line: { color: colours.muted, width: 1, dash: "dot" }, layer: "below" }));
-    // what belongs to no solver has its name at its end, a limit (two points) at its start, where errors are small
-    const place = (v, a) => (a.log ? Math.log10(v) : v);
-    const named = seen(plot).flatMap((t) => { const limit = t.x.length === 2, k = limit ? 0 : t.x.length - 1; return t.solver || t.mode !== "lines" || k < 0 || !(t.y[k] > 0 || !plot.y.log) ? [] : [{ text: escaped(t.name),
-      x: place(t.x[k], plot.x), y: place(t.y[k], plot.y), showarrow: false, xanchor: limit ? "left" : "right", yanchor: "bottom", font: { size: 11, color: colours.muted } }]; });
-    const empty = seen(plot).length ? [] : [{ text: "nothing is selected", showarrow: false, xref: "paper", yref: "paper", x: 0.5, y: 0.5 }];
-    return { xaxis: axis(plot.x, "x"), yaxis: axis(plot.y, "y"), margin: { l: 56, r: 14, t: 10, b: 44 }, paper_bgcolor: colours.card,
-      plot_bgcolor: colours.card, font: { family: getComputedStyle(document.body).fontFamily, color: colours.ink, size: 12 }, hovermode: "closest",
-      hoverlabel: { bgcolor: colours.card, bordercolor: colours.muted, font: { color: colours.ink, size: 12 }, align: "left", namelength: -1 },
-      dragmode: coarse ? false : "zoom", shapes: lines, annotations: [...named, ...empty], uirevision: "kept", showlegend: false };
+  // the picture of a plot `w` by `h` pixels; `places` remembers where its points are
+  const drawing = (plot, w, h, paper = false) => {
+    const own = seen(plot), lit = paper ? new Set(own.map((t) => t.solver)) : focus(plot), floor = { x: floorOf(own, "x"), y: floorOf(own, "y") };
+    const whole = { x: limits(plot, "x", own, floor.x), y: limits(plot, "y", own, floor.y) }, range = { ...whole, ...plot.zoom };
+    const yTicks = ticksOf(plot.y.log, range.y, 6), left = 16 + Math.max(22, ...yTicks.map((v) => LETTER * tick(v).length + 6)), top = paper ? 30 : 8, right = w - 12, bottom = h - 38;
+    const map = (which, a, b) => { const log = plot[which].log, f = log ? Math.log10 : (v) => v, [lo, hi] = range[which].map(f); return (v) => a + ((f(v) - lo) / (hi - lo || 1)) * (b - a); };
+    const [X, Y] = [map("x", left, right), map("y", bottom, top)], parts = [], over = [], labels = [], places = [];
+    const at = (which, v, points) => (plot[which].log && !(v > 0) ? (v === 0 && points ? Math.max(floor[which], range[which][0]) : NaN) : v);
+    const text = (x, y, words, more = "") => `<text x="${x.toFixed(1)}" y="${y.toFixed(1)}" ${more}>${escaped(words)}</text>`;
+    const xTicks = ticksOf(plot.x.log, range.x, Math.max(2, Math.floor((right - left) / 70)));
+    for (const v of yTicks) parts.push(`<path class="grid" d="M${left} ${Y(v).toFixed(1)}H${right}"/>`, text(left - 6, Y(v) + 4, tick(v), 'text-anchor="end"'));
+    for (const v of xTicks) parts.push(`<path class="grid" d="M${X(v).toFixed(1)} ${top}V${bottom}"/>`, text(X(v), bottom + 15, tick(v), 'text-anchor="middle"'));
+    parts.push(`<path class="axis" d="M${left} ${top}V${bottom}H${right}"/>`, text((left + right) / 2, h - 6, axisTitle(plot.x), 'text-anchor="middle" class="name"'),
+      `<text transform="translate(12 ${(top + bottom) / 2}) rotate(-90)" text-anchor="middle" class="name">${escaped(axisTitle(plot.y))}</text>`);
+    for (const [words, values] of Object.entries(plot.marks || {})) for (const v of values) parts.push(`<path class="mark-line" d="M${X(v).toFixed(1)} ${top}V${bottom}"/>`, text(X(v) - 4, bottom - 6, words, 'text-anchor="end" class="halo"'));
+    const clip = `clip-${plot.name.replace(/[^\w-]/g, "-")}`;
+    const order = [...own].sort((a, b) => (!a.solver - !b.solver) * -1 || lit.has(a.solver) - lit.has(b.solver));
+    for (const t of order) {
+      const points = t.mode !== "lines", on = !t.solver || lit.has(t.solver), colour = !t.solver ? "var(--ink)" : on ? t.colour : "var(--ghost)";
+      const xs = t.x.map((v) => X(at("x", v, points))), ys = t.y.map((v) => Y(at("y", v, points)));
+      const path = (values) => values.reduce((d, y, k) => (Number.isFinite(y) && Number.isFinite(xs[k]) ? `${d}${d && (points || Number.isFinite(values[k - 1])) ? "L" : "M"}${xs[k].toFixed(1)} ${y.toFixed(1)}` : d), "");
+      if (t.low && on) {
+        const edge = (v) => v.map((u) => Y(Math.max(at("y", u, true), range.y[0])));
+        const [hi, lo] = [edge(t.high), edge(t.low)], back = lo.map((y, k) => `L${xs[lo.length - 1 - k].toFixed(1)} ${lo[lo.length - 1 - k].toFixed(1)}`).join("");
+        parts.push(`<path d="${path(hi)}${back}z" fill="${t.solver ? colour : "var(--muted)"}" opacity=".16" clip-path="url(#${clip})"/>`);
+      }
+      if (t.left && on) t.left.forEach((v, k) => parts.push(`<path d="M${X(Math.max(v, range.x[0])).toFixed(1)} ${ys[k].toFixed(1)}H${X(t.right[k]).toFixed(1)}" stroke="${colour}" stroke-width="4" opacity=".4"/>`));
+      if (t.mode !== "markers") parts.push(`<path class="line" d="${path(ys)}" stroke="${colour}" stroke-width="${!t.solver ? 1.3 : on ? 2 : 1}" stroke-dasharray="${on ? DASHES[(t.dash || 0) % DASHES.length] : ""}" clip-path="url(#${clip})"${t.solver ? ` data-solver="${escaped(t.solver)}"` : ""}/>`);
+      let last = -1;
+      xs.forEach((x, k) => {
+        const y = ys[k];
+        if (!(x >= left - 1 && x <= right + 1 && y >= top - 1 && y <= bottom + 1)) return;
+        last = k;
+        const end = endOf(t, k);
+        places.push([x, y, t, k]);
+        if (!points && !end) return;
+        const open = t.hollow || (plot.x.log && t.x[k] === 0) || (plot.y.log && t.y[k] === 0), size = end ? 0.85 : t.hollow ? 1.5 : on ? 1 : 0.75;
+        (on ? over : parts).push(`<path d="${SHAPES[end] || SHAPES[t.marker] || SHAPES.o}" transform="translate(${x.toFixed(1)} ${y.toFixed(1)}) scale(${size})" fill="${open ? "none" : colour}" stroke="${open ? colour : end && on ? "var(--ink)" : "var(--card)"}" stroke-width="${open ? 1.6 : 0.8}" class="point${open ? " open" : ""}${end ? ` end-${end}` : ""}"${t.solver ? ` data-solver="${escaped(t.solver)}"` : ""}/>`);
+      });
+      if (last < 0) continue;
+      const limit = !t.solver && t.x.length === 2, k = limit ? 0 : last;
+      if (t.solver ? on && t.main !== false && !labels.some((l) => l.name === t.solver) : t.mode === "lines") labels.push({ name: t.solver || t.name, x: limit ? left + 4 : xs[k], y: ys[k], colour: t.solver ? colour : "var(--muted)", start: limit });
+    }
+    // names at the ends of lines, none over another
+    const placed = [];
+    for (const l of labels.sort((a, b) => a.y - b.y)) {
+      const wide = LETTER * l.name.length, fits = l.start || l.x + wide + 8 < right, x0 = l.start ? l.x : fits ? l.x + 8 : Math.max(Math.min(l.x, right) - wide - 8, left);
+      const home = Math.min(Math.max(l.y + (fits && !l.start ? 4 : -6), top + 10), bottom - 4), free = (v) => v >= top + 9 && v <= bottom - 3 && !placed.some((p) => Math.abs(p.y - v) < 12 && x0 < p.x1 + 4 && x0 + wide + 4 > p.x0);
+      const y = Array.from({ length: 60 }, (_, i) => home + (i % 2 ? 1 : -1) * 3 * Math.ceil(i / 2)).find(free) ?? home;
+      placed.push({ x0, x1: x0 + wide, y });
+      over.push(text(x0, y, l.name, `class="label halo" style="fill: color-mix(in srgb, ${l.colour} 78%, var(--ink))"`));
+    }
+    if (!own.length) over.push(text((left + right) / 2, (top + bottom) / 2, "nothing is selected", 'text-anchor="middle"'));
+    if (paper) over.push(text(left, 18, plot.title, 'class="name"'));
+    plot.view = { X, Y, left, right, top, bottom, range, whole, places };
+    return `<defs><clipPath id="${clip}"><rect x="${left}" y="${top}" width="${Math.max(right - left, 1)}" height="${Math.max(bottom - top, 1)}"/></clipPath></defs>${parts.join("")}${over.join("")}`;
   };
 
   const render = (plot) => {
     if (!plot.ready) return;
-    const colours = theme();
-    Plotly.react(plot.canvas, drawn(plot, colours), layoutOf(plot, colours), { displayModeBar: false, responsive: true });
+    const { clientWidth: w, clientHeight: h } = plot.canvas;
+    if (!w || !h) return;
+    plot.picture.setAttribute("viewBox", `0 0 ${w} ${h}`);
+    plot.picture.innerHTML = drawing(plot, w, h);
     if (plot.table.open) fill(plot);
   };
+  const renderAll = () => plots.forEach(render);
 
-  // axes with the same link show the same stretch
-  let following = false;
-  const follow = (plot, change) => {
-    if (following || !plot.x.link || !Object.keys(change).some((k) => k.startsWith("xaxis"))) return;
-    const { range, autorange } = plot.canvas.layout.xaxis;
-    following = true;
-    const others = plots.filter((p) => p !== plot && p.ready && p.x.link === plot.x.link && Boolean(p.x.log) === Boolean(plot.x.log));
-    const to = autorange ? { "xaxis.autorange": true } : { "xaxis.range": [...range] };
-    Promise.all(others.map((p) => Plotly.relayout(p.canvas, to))).finally(() => { following = false; });
+  // what is in colour is the same in all plots, and what else listens: heat maps, races
+  const spread = () => { renderAll(); document.dispatchEvent(new CustomEvent("mbs-solver", { detail: { over: shown.over, pinned: [...shown.pinned] } })); };
+  MBS.hover = (name) => { if (shown.over !== name) { shown.over = name; spread(); } };
+  MBS.pin = (name) => {
+    shown.pinned.has(name) ? shown.pinned.delete(name) : shown.pinned.add(name);
+    for (const b of document.querySelectorAll(".legend button")) b.setAttribute("aria-pressed", shown.pinned.has(b.textContent));
+    const kept = new URLSearchParams(location.search);
+    shown.pinned.size ? kept.set("solver", [...shown.pinned].join(",")) : kept.delete("solver");
+    try { history.replaceState(null, "", `${location.pathname}${kept.size ? "?" : ""}${kept}${location.hash}`); } catch { /* not kept */ }
+    spread();
   };
-  const reset = (plot) => {
-    const colours = theme(), layout = layoutOf(plot, colours);
-    const to = ["xaxis", "yaxis"].map((name) => (layout[name].range ? [`${name}.range`, layout[name].range] : [`${name}.autorange`, true]));
-    Plotly.relayout(plot.canvas, Object.fromEntries(to));
+
+  const zoom = (plot, range) => { // axes with the same link show the same stretch
+    const to = plots.filter((p) => p === plot || (plot.x.link && p.x.link === plot.x.link && Boolean(p.x.log) === Boolean(plot.x.log)));
+    to.forEach((p) => { p.zoom = range ? { x: range } : {}; render(p); });
+  };
+  const nearest = (plot, x, y) => {
+    let best = null, least = NEAR ** 2;
+    for (const p of plot.view.places) { const d = (p[0] - x) ** 2 + (p[1] - y) ** 2; if (d < least) [best, least] = [p, d]; }
+    return best;
+  };
+  const words = (plot, t, k) => {
+    const value = (axis, v, which) => `${axis.title} ${v === 0 && axis.log && t.mode !== "lines" ? `0, drawn at ${number(floorOf(seen(plot), which))}` : number(v)} ${axis.unit || ""}`;
+    return [t.name, value(plot.x, t.x[k], "x"), value(plot.y, t.y[k], "y"), t.words && t.words[k], END_WORDS[endOf(t, k)]].filter(Boolean);
+  };
+  const tip = MBS.element("div", { className: "tip", hidden: true });
+  document.body.append(tip);
+  const tell = (event, lines) => {
+    tip.hidden = !lines;
+    if (!lines) return;
+    tip.replaceChildren(MBS.element("b", {}, lines[0]), ...lines.slice(1).map((l) => MBS.element("div", {}, l)));
+    const { width, height } = tip.getBoundingClientRect();
+    Object.assign(tip.style, { left: `${Math.max(8, Math.min(event.clientX + 14, innerWidth - width - 8))}px`, top: `${event.clientY + 18 + height > innerHeight ? Math.max(event.clientY - height - 12, 4) : event.clientY + 18}px` });
+  };
+  MBS.tell = tell;
+  const pointer = (plot) => {
+    const canvas = plot.canvas, place = (e) => { const b = canvas.getBoundingClientRect(); return [e.clientX - b.left, e.clientY - b.top]; };
+    const value = (x) => { const { left, right, range } = plot.view, s = (x - left) / (right - left), f = plot.x.log ? Math.log10 : (v) => v, [a, b] = range.x.map(f); return plot.x.log ? 10 ** (a + s * (b - a)) : a + s * (b - a); };
+    let from = null;
+    canvas.addEventListener("pointermove", (e) => {
+      if (!plot.view) return;
+      const [x, y] = place(e), hit = nearest(plot, x, y);
+      tell(e, hit && words(plot, hit[2], hit[3]));
+      canvas.style.cursor = hit && hit[2].urls ? "pointer" : "";
+      if (from === null) MBS.hover(hit ? hit[2].solver || "" : "");
+    });
+    canvas.addEventListener("pointerleave", () => { tell(null, null); MBS.hover(""); });
+    canvas.addEventListener("pointerdown", (e) => { if (!coarse && plot.view) from = place(e)[0]; });
+    canvas.addEventListener("pointerup", (e) => {
+      const [x, y] = place(e), start = from;
+      from = null;
+      if (start !== null && Math.abs(x - start) > 12) return zoom(plot, [start, x].sort((a, b) => a - b).map(value));
+      const hit = plot.view && nearest(plot, x, y);
+      if (!hit || !hit[2].urls) return;
+      if (coarse && plot.told !== hit[2]) { plot.told = hit[2]; return tell(e, words(plot, hit[2], hit[3])); }
+      location.href = hit[2].urls.length === 1 ? hit[2].urls[0] : hit[2].urls[hit[3]];
+    });
+    canvas.addEventListener("dblclick", () => zoom(plot, null));
+    canvas.addEventListener("keydown", (event) => {
+      const by = { ArrowLeft: [-0.15, -0.15], ArrowRight: [0.15, 0.15], "+": [0.2, -0.2], "-": [-0.3, 0.3] }[event.key];
+      if (event.key === "0") zoom(plot, null);
+      if (!by || !plot.view) return;
+      event.preventDefault();
+      const { left, right } = plot.view;
+      zoom(plot, [value(left + by[0] * (right - left)), value(right + by[1] * (right - left))]);
+    });
   };
 
   const save = (name, kind, text) => {
@@ -132,21 +216,16 @@
     const quote = (v) => (/[",\n]/.test(v) ? `"${String(v).replace(/"/g, '""')}"` : v);
     const band = plot.traces.some((t) => t.low);
     const rows = [["series", axisTitle(plot.x), axisTitle(plot.y), ...(band ? ["lowest", "highest"] : []), "end"].map(quote)];
-    for (const t of plot.traces.filter(visible)) {
-      t.x.forEach((x, k) => rows.push([quote(t.name), x, t.y[k], ...(band ? [t.low ? t.low[k] : "", t.high ? t.high[k] : ""] : []),
-        (t.ends && t.ends[k]) || (k === t.x.length - 1 ? t.end : "")]));
-    }
+    for (const t of plot.traces.filter(visible)) t.x.forEach((x, k) => rows.push([quote(t.name), x, t.y[k], ...(band ? [t.low ? t.low[k] : "", t.high ? t.high[k] : ""] : []), endOf(t, k)]));
     return rows.map((r) => r.map((v) => v ?? "").join(",")).join("\n") + "\n";
   };
-  // for papers: the light theme, whatever the page wears, with a legend, as the range is now
-  const svg = async (plot) => {
-    const layout = layoutOf(plot, LIGHT), full = plot.canvas._fullLayout;
-    for (const name of ["xaxis", "yaxis"]) layout[name] = { ...layout[name], autorange: false, range: [...full[name].range] };
-    const data = drawn(plot, LIGHT).map((t) => ({ ...t, showlegend: t.hoverinfo !== "skip" && !t.customdata }));
-    Object.assign(layout, { showlegend: true, legend: { orientation: "h", y: -0.25, font: { size: 10 } }, title: { text: escaped(plot.title), font: { size: 13 } } });
-    layout.margin = { ...layout.margin, t: 40 };
-    const url = await Plotly.toImage({ data, layout }, { format: "svg", width: 720, height: 460 });
-    return decodeURIComponent(url.slice(url.indexOf(",") + 1));
+  // for papers: the light theme, whatever the page wears, all lines in colour with their names
+  const svg = (plot) => {
+    const colours = { "--ink": "#1c2126", "--muted": "#57606a", "--rule": "#dfe3e8", "--card": "#ffffff", "--ghost": "#b6bcc3" };
+    const style = "text{font:11px sans-serif;fill:#57606a}.name{fill:#1c2126;font-size:12px}.halo{paint-order:stroke;stroke:#fff;stroke-width:3px}.grid{stroke:#dfe3e8;fill:none}.axis{stroke:#57606a;fill:none}.line{fill:none}.mark-line{stroke:#57606a;stroke-dasharray:2 3}";
+    const inside = drawing(plot, 720, 460, true).replace(/color-mix\(in srgb, (#\w+|var\(--\w+\)) 78%, var\(--ink\)\)/g, "$1").replace(/var\((--\w+)\)/g, (_, k) => colours[k]);
+    render(plot);
+    return `<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 460" width="720" height="460"><style>${style}</style><rect width="720" height="460" fill="#fff"/>${inside}</svg>`;
   };
 
   const row = (cells, kind = "td") => MBS.element("tr", {}, ...cells.map((textContent, k) => MBS.element(k === 0 ? "th" : kind,
@@ -159,7 +238,7 @@
     table.createTHead().append(row(points ? ["Series", x, y, "End"] : ["Series", `Smallest ${y}`, `Largest ${y}`, `at ${x}`, `Last ${y}`, `at ${x}`], "th"));
     const body = table.createTBody();
     for (const t of own) {
-      if (points) t.x.forEach((v, k) => body.append(row([t.name, v === 0 && plot.x.title === "CPU time" ? "below the clock" : number(v), number(t.y[k]), (t.ends && END_WORDS[t.ends[k]]) || ""])));
+      if (points) t.x.forEach((v, k) => body.append(row([t.name, v === 0 && plot.x.title === "CPU time" ? "below the clock" : number(v), number(t.y[k]), END_WORDS[endOf(t, k)] || ""])));
       else if (t.y.length) {
         const extreme = (before) => t.y.reduce((best, v, k) => (before(v, t.y[best]) ? k : best), 0), last = t.y.length - 1;
         const low = extreme((a, b) => a < b), high = extreme((a, b) => a > b);
@@ -179,20 +258,10 @@
       plot[which] = { ...plot[which], log: !plot[which].log };
       b.setAttribute("aria-pressed", Boolean(plot[which].log));
       render(plot);
-      reset(plot);
     });
     b.setAttribute("aria-pressed", Boolean(plot[which].log));
     return b;
   };
-  const keys = (plot) => (event) => {
-    const by = { ArrowLeft: [-0.15, -0.15], ArrowRight: [0.15, 0.15], "+": [0.2, -0.2], "-": [-0.3, 0.3] }[event.key];
-    if (event.key === "0") reset(plot);
-    if (!by) return;
-    event.preventDefault();
-    const [a, b] = plot.canvas._fullLayout.xaxis.range, wide = b - a;
-    Plotly.relayout(plot.canvas, { "xaxis.range": [a + by[0] * wide, b + by[1] * wide] });
-  };
-
   const begin = (plot) => {
     if (plot.ready) return;
     plot.ready = true;
@@ -200,42 +269,6 @@
     const last = Math.max(...plot.traces.filter((t) => t.solver && t.x.length).map((t) => t.x[t.x.length - 1]));
     if (plot.canvas.dataset.only && plot.x.link && last > 0) plot.x = { ...plot.x, low: 0, high: 1.04 * last };
     render(plot);
-    plot.canvas.on("plotly_relayout", (change) => follow(plot, change));
-    plot.canvas.on("plotly_click", ({ points: [p] }) => {
-      const urls = p.data.meta.urls, k = p.data.customdata ? p.data.customdata[p.pointIndex] : p.pointIndex;
-      if (urls) location.href = urls.length === 1 ? urls[0] : urls[k];
-    });
-  };
-
-  const legend = (bar) => {
-    const solvers = new Map();
-    plots.forEach((p) => p.traces.forEach((t) => { if (t.solver) solvers.set(t.solver, t); }));
-    const box = bar.querySelector(".legend");
-    const ENGINE = "<", engine = (t) => t.marker === ENGINE; // after the others, under a word of their own
-    const ordered = [...solvers].sort(([a, s], [b, t]) => engine(s) - engine(t) || (a < b ? -1 : 1));
-    for (const [name, trace] of ordered) {
-      if (engine(trace) && !box.querySelector("span")) box.append(MBS.element("span", {}, "◁ engines"));
-      const b = button(name, `Show ${name}`, () => {
-        shown.hidden.has(name) ? shown.hidden.delete(name) : shown.hidden.add(name);
-        b.setAttribute("aria-pressed", !shown.hidden.has(name));
-        plots.forEach(render);
-      });
-      Object.assign(b, { className: "solver", style: `--c: ${trace.colour}`, ariaPressed: true, title: "Click: show or hide. Double click: this one alone." });
-      b.addEventListener("dblclick", () => {
-        const alone = shown.hidden.size === solvers.size - 1 && !shown.hidden.has(name);
-        shown.hidden = new Set(alone ? [] : [...solvers.keys()].filter((s) => s !== name));
-        for (const other of box.querySelectorAll("button")) other.setAttribute("aria-pressed", !shown.hidden.has(other.textContent));
-        plots.forEach(render);
-      });
-      box.append(b);
-    }
-    const all = bar.querySelector("[data-switch=all]"), group = bar.querySelector("[data-switch=group]");
-    all.closest("label").hidden = !plots.some((p) => p.traces.some((t) => t.main === false));
-    all.addEventListener("change", () => { shown.all = all.checked; plots.forEach(render); });
-    if (group) {
-      shown.group = group.value;
-      group.addEventListener("change", () => { shown.group = group.value; plots.forEach(render); });
-    }
   };
 
   // a run's page shows its own curves out of its problem's plots: those where it moves off zero
@@ -247,19 +280,21 @@
     for (const p of Object.values(own)) for (const t of p.traces) t.texts = texts;
     bundles[from] = own;
   }
+  const TOOLS = '<div class="tools"></div><details class="numbers"><summary>The numbers</summary><div></div></details>';
   for (const box of document.querySelectorAll("[data-plots-of]")) {
     const { plotsOf: from, only } = box.dataset;
     for (const [name, p] of Object.entries(bundles[from])) {
       const own = p.traces.find((t) => t.urls && t.urls.n === 1 && said(t, "urls")[0] === only);
       if (!p.x.link || !own || !list(own.y).some((v) => v !== 0)) continue;
-      const canvas = MBS.element("div", { className: "canvas" }), title = MBS.element("b", { textContent: p.title });
+      const canvas = MBS.element("div", { className: "canvas" }), title = MBS.element("b", { textContent: p.name || p.title });
       Object.assign(canvas.dataset, { plot: name, from, only });
       box.append(MBS.element("figure", { className: "panel" }, MBS.element("figcaption", {}, title), canvas));
+      canvas.insertAdjacentHTML("afterend", TOOLS);
     }
   }
   for (const canvas of document.querySelectorAll("[data-plot]")) {
     const own = bundles[canvas.dataset.from][canvas.dataset.plot];
-    const plot = { ...own, traces: own.traces.map((t) => ({ ...t })), name: canvas.dataset.plot, canvas, ready: false };
+    const plot = { ...own, traces: own.traces.map((t) => ({ ...t })), name: canvas.dataset.plot, canvas, ready: false, zoom: {} };
     const only = canvas.dataset.only;
     if (only) {
       plot.traces = plot.traces.filter((t) => !t.solver || (t.urls && said(t, "urls").includes(only)));
@@ -271,22 +306,41 @@
     const figure = canvas.closest("figure");
     Object.assign(canvas, { role: "group", ariaRoleDescription: "plot", tabIndex: 0, title: "",
       ariaLabel: `${plot.title}: ${plot.y.title} over ${plot.x.title}. Arrow keys move, plus and minus zoom, 0 shows all; the numbers are in the table below.` });
-    canvas.insertAdjacentHTML("afterend", '<div class="tools"></div><details class="numbers"><summary>The numbers</summary><div></div></details>');
+    plot.picture = document.createElementNS("http://www.w3.org/2000/svg", "svg");
+    plot.picture.setAttribute("aria-hidden", "true");
+    canvas.append(plot.picture);
     plot.table = figure.querySelector("details.numbers");
     plot.table.addEventListener("toggle", () => { if (plot.table.open) { begin(plot); fill(plot); } });
     const tools = figure.querySelector(".tools");
     if (!plot.x.link) tools.append(toggle(plot, "x"));
-    tools.append(toggle(plot, "y"), button("reset", `Show all of ${plot.title}`, () => reset(plot)),
-      button("SVG", `Save ${plot.title} as SVG`, async () => save(`${plot.name}.svg`, "image/svg+xml", await svg(plot))),
-      button("CSV", `Save the numbers of ${plot.title} as CSV`, () => save(`${plot.name}.csv`, "text/csv", csv(plot))));
-    canvas.addEventListener("keydown", keys(plot));
+    tools.append(toggle(plot, "y"), button("reset", `Show all of ${plot.title}`, () => zoom(plot, null)),
+      button("SVG", `Save ${plot.title} as SVG`, () => { begin(plot); save(`${plot.name}.svg`, "image/svg+xml", svg(plot)); }),
+      button("CSV", `Save the numbers of ${plot.title} as CSV`, () => { begin(plot); save(`${plot.name}.csv`, "text/csv", csv(plot)); }));
+    pointer(plot);
     plots.push(plot);
   }
-  document.querySelectorAll("[data-plots-bar]").forEach(legend);
-  MBS.onTheme(() => plots.forEach(render));
-  MBS.plotted = { plots, csv: (name) => csv(plots.find((p) => p.name === name)), svg: (name) => svg(plots.find((p) => p.name === name)) };
-  const near = new IntersectionObserver((seen) => {
-    for (const e of seen) if (e.isIntersecting) { near.unobserve(e.target); begin(plots.find((p) => p.canvas === e.target)); }
+  for (const bar of document.querySelectorAll("[data-plots-bar]")) {
+    for (const b of bar.querySelectorAll(".legend button")) {
+      b.setAttribute("aria-pressed", shown.pinned.has(b.textContent));
+      b.addEventListener("click", () => MBS.pin(b.textContent));
+      b.addEventListener("pointerenter", () => MBS.hover(b.textContent));
+      b.addEventListener("pointerleave", () => MBS.hover(""));
+    }
+    const all = bar.querySelector("[data-switch=all]"), group = bar.querySelector("[data-switch=group]");
+    if (!all) continue;
+    all.closest("label").style.visibility = plots.some((p) => p.traces.some((t) => t.main === false)) ? "" : "hidden";
+    all.addEventListener("change", () => { shown.all = all.checked; renderAll(); });
+    if (group) {
+      shown.group = group.value;
+      group.addEventListener("change", () => { shown.group = group.value; renderAll(); });
+    }
+  }
+  const find = (name) => { const p = plots.find((q) => q.name === name); begin(p); return p; };
+  MBS.plotted = { plots, shown, csv: (name) => csv(find(name)), svg: (name) => svg(find(name)), view: (name) => find(name).view, lit: (name) => [...focus(find(name))] };
+  const sized = new ResizeObserver((all) => all.forEach((e) => render(plots.find((p) => p.canvas === e.target))));
+  const near = new IntersectionObserver((found) => {
+    for (const e of found) if (e.isIntersecting) { near.unobserve(e.target); begin(plots.find((p) => p.canvas === e.target)); sized.observe(e.target); }
   }, { rootMargin: "300px" });
   plots.forEach((p) => near.observe(p.canvas));
+  addEventListener("beforeprint", () => plots.forEach(begin));
 })();

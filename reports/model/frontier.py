@@ -9,7 +9,8 @@ from .accuracy import Measure, measure_for
 from .results import Results, Run, Variant, grouped
 from .variants import presentation
 
-TARGETS = tuple(10.0**-k for k in range(2, 8))  # in the unit of the problem's error
+TARGETS = tuple(10.0**-k for k in range(1, 10))  # in the unit of the problem's error
+SOUND = ("success", "inaccurate")
 LEAST = 2  # solvers that reach a target: fewer are no comparison
 
 
@@ -62,6 +63,20 @@ def frontiers(results: Results) -> list[Frontier]:
     return out
 
 
+def broad(results: Results, found: Sequence[Frontier]) -> list[Frontier]:
+    """Those that at least half of the solvers took part in: a cheapest of two is no cheapest of all."""
+    least = 0.5 * len(results.solvers)
+    return [f for f in found if len(f.places) + len(f.missed) + len(f.refused) >= least]
+
+
+def of_most_problems(found: Sequence[Frontier]) -> list[Frontier]:
+    """Of the tightest error that half of all solvers on all problems reach; of the loosest where none is."""
+    by_target = {t: [f for f in found if f.target == t] for t in sorted({f.target for f in found})}
+    pairs = {f.variant: len(f.places) + len(f.missed) for f in found}
+    reached = (own for own in by_target.values() if 2 * sum(len(f.places) for f in own) >= sum(pairs.values()))
+    return next(reached, list(by_target.values())[-1] if by_target else [])
+
+
 def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
     by_solver = grouped(variant.runs, lambda c: c.record.solver)
     best, missed, refused = list[Reach](), list[str](), list[Run]()
@@ -79,17 +94,21 @@ def _frontier(variant: Variant, measure: Measure, target: float) -> Frontier:
 
 
 def reach(runs: Sequence[Run], measure: Measure, target: float) -> Reach | None:
-    """Least CPU of one method's runs for ``target``; log-log between the last run that misses it and the next."""
-    timed = [c for c in runs if c.record.status in ("success", "inaccurate") and c.record.cpu_median_s > 0.0]
+    """Least CPU of one method's runs for ``target``."""
+    timed = [c for c in runs if c.record.status in SOUND and c.record.cpu_median_s > 0.0]
     coarse_first = sorted(timed, key=lambda c: -c.step_or_tolerance)
-    errors = [measure.of(c) for c in coarse_first]
-    out = [
-        Reach(c, c.record.cpu_median_s, bound=True) for c, e in zip(coarse_first, errors, strict=True) if e <= target
-    ]
-    for (a, ea), (b, eb) in pairwise(zip(coarse_first, errors, strict=True)):
-        if not (ea > target >= eb):
-            continue
-        low, high = a.record.cpu_median_s, b.record.cpu_median_s
-        share = math.log(ea / target) / math.log(ea / eb) if eb > 0.0 else 1.0
-        out.append(Reach(b, min(high, low * (high / low) ** share), bound=False))
-    return min(out, key=lambda r: (r.cpu_s, r.bound), default=None)
+    found = least([(measure.of(c), c.record.cpu_median_s) for c in coarse_first], target)
+    return Reach(coarse_first[found[2]], found[0], bound=found[1]) if found else None
+
+
+def least(ladder: Sequence[tuple[float, float]], target: float) -> tuple[float, bool, int] | None:
+    """Least cost of errors and costs, the coarsest first; log-log between the last that misses ``target`` and the next.
+
+    With whether it is a bound, that of a run which reaches it, and the place of the run that reaches it.
+    """
+    out = [(cost, True, k) for k, (error, cost) in enumerate(ladder) if error <= target]
+    for k, ((ea, low), (eb, high)) in enumerate(pairwise(ladder), 1):
+        if ea > target >= eb:
+            share = math.log(ea / target) / math.log(ea / eb) if eb > 0.0 else 1.0
+            out.append((min(high, low * (high / low) ** share), False, k))
+    return min(out, key=lambda found: found[:2], default=None)

@@ -100,22 +100,8 @@ class Heat:
     problems: tuple[Variant, ...]
     rows: tuple[Row, ...]
 
-    @cached_property
-    def hardest(self) -> int:
-        """The column on which fewest succeed; of equals the one with the largest margin."""
-
-        def ease(k: int) -> tuple[int, float]:
-            boxes = self.column(k)
-            return sum(b.run.succeeded for b in boxes), -max((b.order[1] for b in extremes(boxes)), default=0.0)
-
-        return min(range(len(self.problems)), key=ease)
-
     def column(self, k: int) -> list[Box]:
         return [b for row in self.rows if (b := row.boxes[k]) is not None]
-
-    def extremes(self) -> list[Box]:
-        """The best and the worst on the hardest problem."""
-        return extremes(self.column(self.hardest))
 
     @property
     def title(self) -> str:
@@ -127,12 +113,6 @@ class Heat:
         ran = "" if len(complete) == len(self.rows) else f" that ran {name}"
         stay = f"{'stays' if whole == 1 else 'stay'} within every limit"
         return f"{whole} of {plural(len(complete), 'solver')}{ran} {stay}{'' if ran else f' on {name}'}"
-
-    @property
-    def sentence(self) -> str:
-        """Who is best and who is worst on the problem that parts them most, and why."""
-        name = self.problems[self.hardest].title
-        return f"The hardest problem is {name}. {best_and_worst(self.column(self.hardest))}"
 
 
 def extremes(boxes: Sequence[Box]) -> list[Box]:

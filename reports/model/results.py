@@ -131,9 +131,6 @@ class Variant:
         found = grouped(self.runs, lambda run: run.record.label)
         return {k: tuple(v) for k, v in sorted(found.items(), key=lambda kv: (-len(kv[1]), kv[0]))}
 
-    def solved(self) -> tuple[Run, ...]:
-        return tuple(c for c in self.runs if c.succeeded)
-
 
 @dataclass(frozen=True)
 class Results:

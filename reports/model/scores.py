@@ -61,7 +61,6 @@ class Standing:
     paper_label: str
     finest: Score
     everything: Score
-    drifts_on: tuple[Run, ...]
     breaks_on: tuple[tuple[Run, str], ...]  # with why, in a few words
 
 
@@ -75,7 +74,6 @@ def standings(results: Results) -> list[Standing]:
         heads = [h for _, h in stands]
         out.append(Standing(
             solver, ", ".join(dict.fromkeys(r.record.paper_label for r in heads or own[:1])), score(heads), score(own),
-            tuple(c for c in heads if c.succeeded and drifts(c)),
             tuple((c, cut(c.reasons[0], REASON) + _finer(p, c)) for p, c in stands
                   if not (c.succeeded or c.unfinished)),
         ))  # fmt: skip

@@ -4,6 +4,7 @@ from collections import Counter
 from dataclasses import dataclass
 
 from .results import Results, Run, Variant, grouped
+from .words import plural
 
 HEADLINE = ("recommended", "default")  # labels of a suite's plain comparison
 PRESENTED = {
@@ -75,6 +76,15 @@ def groups_of(variant: Variant, label: str) -> dict[str, tuple[Run, ...]]:
     """The runs by label: those of the plain comparison first, then the largest group."""
     found = variant.labels()
     return {k: found[k] for k in sorted(found, key=lambda name: name != label)}
+
+
+def mechanisms(results: Results) -> str:
+    """How many problems there are, and of how many the exact motion is known."""
+    known = {c.record.problem for c in results.runs if c.record.reference}
+    count = len({c.record.problem for c in results.runs})
+    if len(known) == count:
+        return f"{plural(count, 'mechanism')} whose exact motion is known"
+    return f"{plural(count, 'mechanism')}, {len(known)} of known exact motion"
 
 
 def plain_runs(variant: Variant, label: str) -> tuple[Run, ...]:

@@ -45,6 +45,11 @@ def number(value: float, digits: int = 3) -> str:
     return f"{sign}{mantissa}×10{str(power).translate(SUPERSCRIPTS)}"
 
 
+def decade(value: float) -> str:
+    """A power of ten without its factor: ``0.001``, ``10⁻⁵``."""
+    return number(value, 1).removeprefix("1×")
+
+
 def whole(value: float) -> str:
     """A count, in groups of three digits."""
     return number(value) if not math.isfinite(value) else f"{round(value):,}".replace(",", "\u202f")

@@ -47,20 +47,32 @@ from markupsafe import Markup
 from ...harness.places import Place
 from ..model import words
 from ..model.accuracy import energy_kind
+from ..model.frontier import Frontier, frontiers
 from ..model.glossary import term
 from ..model.provenance import cautions, facts, packages, stamp
 from ..model.results import Results, Run, Variant, grouped, slug
 from ..model.scores import score
 from ..plots.browser import bundle, for_browser, script
-from ..plots.palette import Look, looks
+from ..plots.palette import Look, families, looks
 from ..plots.spec import Plot
 from .judgement import page_of
 
 SORTED = 6  # digits of a number that a table sorts by
 FOLDER = Path(__file__).parent.parent
 ASSETS = FOLDER / "assets"
-PLOTTING = ("assets/plotly-basic.min.js", "assets/plots.js")
-SPEAKING = ("number", "whole", "signed", "seconds", "time", "unit", "mark", "plural", "listed")  # of model/words.py
+PLOTTING = ("assets/plots.js",)
+SPEAKING = [
+    "number",
+    "decade",
+    "whole",
+    "signed",
+    "seconds",
+    "time",
+    "unit",
+    "mark",
+    "plural",
+    "listed",
+]  # of model/words.py
 
 
 def copy_assets(folder: Place, names: Sequence[str]) -> None:
@@ -93,17 +105,22 @@ class Site:
     results: Results
     folder: Place
     drawn: dict[str, str] = field(default_factory=dict)  # by run: the variant whose data file has its curves
+    work: dict[str, Plot] = field(default_factory=dict)  # by variant, error over CPU time: in cost's data file
+    scenes: dict[str, dict[str, Any]] = field(default_factory=dict)  # by variant: its stage and what is said beside it
+    cards: dict[str, Any] = field(default_factory=dict)  # by solver: its certificate card
     _pending: dict[str, tuple[Page, str, dict[str, Any]]] = field(default_factory=dict)
 
     def write(
-        self, page: Page, template: str, scripts: Sequence[str] = (), plots: Sequence[Plot] = (), **values: Any
-    ) -> Page:
-        """Take a page: ``template`` of reports/templates with ``values`` and ``plots``; returns the page."""
+        self, page: Page, template: str, scripts: Sequence[str] = (), plots: Sequence[Plot] = (), borrowed: str = "",
+        **values: Any,
+    ) -> Page:  # fmt: skip
+        """Take a page: ``template`` with ``values`` and ``plots``, and those of the data file ``borrowed``."""
         if page.file in self._pending:
             raise ValueError(f"two pages want to be {page.file}: {self._pending[page.file][0].title}, {page.title}")
-        if plots:
+        if plots or borrowed:
             name = "plots-" + page.file.removesuffix(".html").replace("/", "-")
-            scripts = [self.bundle(name, for_browser(plots, self.looks)), *PLOTTING, *scripts]
+            own = [self.bundle(name, for_browser(plots, self.looks))] if plots else []
+            scripts = [*own, *([f"data/{borrowed}.js"] if borrowed else []), *PLOTTING, *scripts]
             values["plots_data"] = name
         self._pending[page.file] = (page, template, {"scripts": scripts, "plots": list(plots), **values})
         return page
@@ -134,7 +151,12 @@ class Site:
         return self.folder / "figures"
 
     @cached_property
-    def looks(self) -> Mapping[str, Look]:
+    def frontiers(self) -> list[Frontier]:
+        """The cheapest solvers for every error on every problem."""
+        return frontiers(self.results)
+
+    @cached_property
+    def looks(self) -> dict[str, Look]:
         """Colour and marker by solver, the same on every page."""
         return looks(self.results.solvers)
 
@@ -169,7 +191,7 @@ class Site:
             stamp=stamp(self.results), facts=facts(self.results), cautions=cautions(self.results),
             packages=packages(self.results), nan=float("nan"), num=_num, energy_kind=energy_kind, score_of=score,
             slug_of=lambda run: slugs[run.variant], term=term,
-            related=lambda about: related.get(about, []),
+            related=lambda about: related.get(about, []), families=families(self.looks),
         )  # fmt: skip
         return environment
 

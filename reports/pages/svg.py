@@ -9,6 +9,7 @@ from markupsafe import Markup
 
 from ..model.words import number
 
+BADGE = {"good": "#1a7044", "wrong": "#b3123a", "failed": "#8f4500", "refused": "#4d5a8f"}
 FLAT = 0.01  # relative: a smaller change is not drawn as one
 LETTER = 7.0  # [px] width of a letter of a name, at most
 TURNS = [math.copysign(k, s) * math.pi / 8.0 for k in range(9) for s in (1, -1)]  # from downwards on, either way
@@ -127,19 +128,19 @@ def ticks(low: float, high: float) -> list[float]:
     return [v for v in fine if low <= v <= high][:4]
 
 
-def strip(parts: Sequence[tuple[str, float, float, float, bool]], scale: Scale, words: str) -> Markup:
-    """Sizes with their intervals on one line: circle, triangle, square; filled where distinct from zero."""
-    shapes = ("M{x:.1f} 9a5 5 0 1 0 .01 0z", "M{x:.1f} 7.5l6 11h-12z", "M{x0:.1f} 9h10v10h-10z")
-    drawn = [_line("rule", scale.start, scale.end, 14.0, 14.0)]
-    for (name, size, low, high, sure), shape in zip(parts, shapes, strict=False):
-        if not size > 0.0:
-            continue
-        if high > low and math.isfinite(high):
-            drawn.append(_line("range", scale(low), scale(high), 14.0, 14.0))
-        title = Markup("<title>{} {} J</title>").format(name, number(size))
-        place = shape.format(x=scale(size), x0=scale(size) - 5.0)
-        drawn.append(_tag("path", "part sure" if sure else "part unsure", title, d=place))
-    return _drawing("strip", 300, 28, words, drawn)
+def badge(name: str, facts: Sequence[tuple[str, str, str]]) -> Markup:
+    """A file of its own for a README: the name, then what is known of it, in colours that need no page."""
+    width = [LETTER * len(name) + 20.0, *(LETTER * (len(a) + len(b) + 1) + 16.0 for a, b, _ in facts)]
+    x, parts = 0.0, [_tag("rect", "", x=0.0, y=0.0, width=sum(width), height=22.0, fill="#24292f", rx=4.0)]
+    for k, wide in enumerate(width):
+        words, colour = (name, "#24292f") if k == 0 else (" ".join(facts[k - 1][:2]), BADGE[facts[k - 1][2]])
+        inside = [_tag("rect", "", x=x, y=0.0, width=wide, height=22.0, fill=colour)] if k else []
+        parts += [*inside, _tag("text", "", words, x=x + wide / 2.0, y=15.0, text_anchor="middle", fill="#ffffff")]
+        x += wide
+    words = "; ".join([name, *(f"{a} {b}" for a, b, _ in facts)])
+    return _tag("svg", "", Markup("").join(parts), xmlns="http://www.w3.org/2000/svg", viewBox=f"0 0 {x:.1f} 22",
+                width=x, height=22.0, role="img", aria_label=words, font_family="DejaVu Sans, Verdana, sans-serif",
+                font_size="11")  # fmt: skip
 
 
 def sketch(lines: np.ndarray, joints: np.ndarray, ground: np.ndarray, arrows: Sequence[tuple[str, np.ndarray]],
@@ -168,6 +169,43 @@ def sketch(lines: np.ndarray, joints: np.ndarray, ground: np.ndarray, arrows: Se
         x, y = _beside(np.array(at(p)), name, ink)
         parts.append(_text("name", x, y + 4.0, name, "middle"))
     return _drawing("sketch", width, height, words, parts)
+
+
+def snapshot(lines: np.ndarray, exact: np.ndarray | None, ground: np.ndarray, words: str) -> Markup:
+    """A mechanism at one time (x right, y up, any unit), over the exact one in ink."""
+    width, height, room = 260.0, 150.0, 14.0
+    known = lines if exact is None else exact
+    seen = np.concatenate([known.reshape(-1, 2), ground.reshape(-1, 2)])
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    wide = 0.5 * float(np.max(high - low)) or 1.0
+    own = np.clip(lines.reshape(-1, 2), low - wide, high + wide)  # what flies apart stays near
+    low, high = np.minimum(low, own.min(axis=0)), np.maximum(high, own.max(axis=0))
+    scale = min((width - 2 * room) / max(high[0] - low[0], 1e-9), (height - 2 * room) / max(high[1] - low[1], 1e-9))
+    shift = np.array([width, height]) / 2.0 - scale * (low + high) / 2.0
+
+    def path(kind: str, pairs: np.ndarray) -> Markup:
+        at = shift + scale * pairs
+        ends = "".join(f"M{a[0]:.0f} {height - a[1]:.0f}L{b[0]:.0f} {height - b[1]:.0f}" for a, b in at)
+        return _tag("path", kind, d=ends)
+
+    parts = [path("exact", exact)] if exact is not None else []
+    return _drawing("snapshot", int(width), int(height), words, [*parts, path("run", own.reshape(lines.shape))])
+
+
+def ticks_on(dots: Sequence[tuple[float, str, str, str]], whole: int, words: str) -> Markup:
+    """A dot for each share of a line, with its name where there is room; how many reach the end is written there."""
+    y, left, right = 26.0, 6.0, 352.0
+    parts = [_line("axis", left, right, y, y), _text("count", right + 8.0, y + 5.0, f"{whole} →")]
+    taken = -math.inf
+    for share, colour, said, name in sorted(dots):
+        x = left + share * (right - left)
+        title = Markup("<title>{}</title>").format(said)
+        parts.append(_tag("circle", "", title, cx=x, cy=y, r=5.0, fill=colour, data_solver=name))
+        wide, start = LETTER * len(name) * 0.86, max(min(x - 4.0, right - LETTER * len(name) * 0.86), left)
+        if start > taken:
+            parts.append(_text("tick", start, y - 11.0, name))
+            taken = start + wide + 8.0
+    return _drawing("follow", 400, 36, words, parts)
 
 
 def _beside(at: np.ndarray, name: str, ink: np.ndarray) -> tuple[float, float]:

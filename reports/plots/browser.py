@@ -101,9 +101,10 @@ def text(value: Any) -> str:
 def for_browser(plots: Sequence[Plot], looks: Mapping[str, Look]) -> dict[str, Any]:
     """Short names, nothing that is a default; texts that come again and again by their number."""
     texts: dict[str, int] = {}
-    found = {p.name: {"title": p.title, "x": _axis(p.x), "y": _axis(p.y),
+    found = {p.name: {"title": p.finding or p.title, "x": _axis(p.x), "y": _axis(p.y),
                       "traces": [_trace(t, looks, p, texts) for t in p.traces],
-                      "marks": {k: list(v) for k, v in p.marks.items()}} for p in plots}  # fmt: skip
+                      "marks": {k: list(v) for k, v in p.marks.items()}, "focus": list(p.focus),
+                      "name": p.title} for p in plots}  # fmt: skip
     return {"texts": list(texts), "plots": found}
 
 

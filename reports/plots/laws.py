@@ -1,5 +1,6 @@
 """Curves over time: the laws that the exact motion keeps, the step, errors, observables, invariants."""
 
+import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -8,6 +9,7 @@ import numpy as np
 from ...harness.types import Law
 from ..model.accuracy import judged_until
 from ..model.curves import SPANS_UPPER, Curve, log_limits, span
+from ..model.focus import MOST
 from ..model.motion import Motion
 from ..model.results import Run
 from ..model.words import number, time, unit
@@ -26,6 +28,8 @@ class Drawing:
     lines: Sequence[Line]
     motions: Mapping[str, Motion]
     spans: int = SPANS_UPPER
+    focus: tuple[str, ...] = ()  # solvers in colour
+    label: str = ""  # of the runs that findings are about; all where no line has it
 
     @property
     def largest(self) -> str:
@@ -37,8 +41,23 @@ class Drawing:
 
     @property
     def axis(self) -> Axis:
+        """To the end of the longest run."""
         ends = [r.t_end_s for c in self.runs if (r := c.record).t_end_s == r.t_end_s]
         return Axis("t", "s", low=0.0, high=1.02 * max(ends, default=1.0), link="time", symbol="t")
+
+    @property
+    def known(self) -> Axis:
+        """As far as the exact motion is known."""
+        ends = [r.reference_horizon_s for c in self.runs if (r := c.record).reference and r.reference_horizon_s > 0.0]
+        return replace(self.axis, high=min(self.axis.high, 1.02 * max(ends, default=math.inf)))
+
+    def extremes(self, of: Callable[[Motion], Curve | None], until: float = math.inf) -> list[tuple[float, str]]:
+        """The smallest and the largest of the main lines' largest values, with their solvers; one of a single line."""
+        main = [line for line in self.lines if line.main]
+        own = [line for line in main if line.run.record.label == self.label] or main
+        found = [(float(np.max(c.y[c.t <= until], initial=0.0)), line.run.record.solver)
+                 for line in own if (c := of(self.motions[line.run.record.run_id])) is not None and len(c)]  # fmt: skip
+        return [min(found), max(found)][: len(found)] if found else []
 
     def scale(self, column: str) -> float:
         values = [getattr(c.record, column) for c in self.runs]
@@ -48,7 +67,7 @@ class Drawing:
         return limit([line.run for line in self.lines], law, self.axis.high)
 
     def log(self, name: str, title: str, caption: str, axis: Axis, of: Callable[[Motion], Curve | None], scale: float,
-            extra: Sequence[Trace] = ()) -> Plot | None:  # fmt: skip
+            extra: Sequence[Trace] = (), t: Axis | None = None, until: float = math.inf) -> Plot | None:  # fmt: skip
         """A quantity of one sign over time; None when no run has it."""
         curves = self.curves(of)
         if not any(c is not None and len(c) for c in curves):
@@ -58,7 +77,11 @@ class Drawing:
         own = traces(self.lines, self.motions, of, (0.0, high), low)
         if not any(t.y.any() for t in own):
             caption = f"Exactly zero throughout. {caption}"
-        return Plot(name, title, caption, self.axis, replace(axis, log=True, low=low, high=high), [*own, *extra])
+        found = self.extremes(of, until)
+        finding = f"{title}: " + " to ".join(f"{number(v)} {axis.unit} ({who})" for v, who in found)
+        focus = tuple(dict.fromkeys([*(who for _, who in found), *self.focus]))[:MOST]
+        return Plot(name, title, caption, t or self.axis, replace(axis, log=True, low=low, high=high), [*own, *extra],
+                    focus=focus if self.focus else (), finding=finding if found else "")  # fmt: skip
 
 
 def laws(d: Drawing) -> Chapter | None:
@@ -93,9 +116,9 @@ def errors(d: Drawing) -> Chapter | None:
     marks = {} if until is None else {"judged up to here": [until]}
     plots = [
         d.log("position", "Position error", far, Axis("|r − r exact|", "m"), _of("norms", "position_error"), length,
-              floor),
+              floor, d.known, until or math.inf),
         d.log("orientation", "Orientation error", far, Axis("∠(R, R exact)", "rad"), _of("norms", "orientation_error"),
-              1.0),
+              1.0, (), d.known, until or math.inf),
     ]  # fmt: skip
     plots = [p and replace(p, marks=marks) for p in plots]  # the plane needs no reference
     plots.append(d.log("plane", "Out of the plane", "Worst body's distance from the plane that the exact motion stays "
@@ -118,9 +141,13 @@ def observables(d: Drawing) -> Chapter | None:
         caption = f"Smallest and largest of each span; {'the thin line is the' if known else 'there is no'} reference."
         own = traces(d.lines, d.motions, of, (2 * low - high, 2 * high - low))
         axis = Axis(name, in_unit, low=low, high=high)
-        plots.append(Plot(f"obs-{name}", name, caption, d.axis, axis, [*own, *known]))
+        off = " to ".join(
+            f"{number(v)} {in_unit} ({who})".replace("  ", " ") for v, who in d.extremes(_of("away", name))
+        )
+        plots.append(Plot(f"obs-{name}", name, caption, d.known if known else d.axis, axis, [*own, *known],
+                          focus=d.focus, finding=f"{name}: off by {off}" if off else ""))  # fmt: skip
         plots.append(d.log(f"away-{name}", f"{name}: distance from the reference", f"Magnitude, {d.largest}.",
-                           Axis("|difference|", in_unit), _of("away", name), high - low))  # fmt: skip
+                           Axis("|difference|", in_unit), _of("away", name), high - low, (), d.known))  # fmt: skip
     return _chapter("Observables", "Quantities that the problem defines for comparison.", plots)
 
 

@@ -1,7 +1,7 @@
-"""A colour and a marker for each solver, a dash for each of its settings: the same in every figure and table.
+"""A colour for each family of methods, a marker for each solver of it, a dash for each of its settings, everywhere.
 
-A colour follows from the solver's name and the catalogue, not from who else took part, so that it is the same in every
-run. Solvers from plug-ins have colours that no shipped one has; engines of others share a marker that no solver has.
+Both follow from the solver's name and the catalogue, not from who else took part. Colours of two families are at least
+15 apart in CIEDE2000 as seen with protanopia, deuteranopia and tritanopia, and stand out on white and on dark pages.
 """
 
 import hashlib
@@ -10,19 +10,15 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-# Okabe and Ito's set for colour-blind readers, without the yellow and black that vanish on white and on dark pages
-PAPER = {
-    "gc_weak_form": "#0072B2", "gc_augmented_lagrangian": "#56B4E9", "rk45_strong_form": "#009E73",
-    "ndf_index1": "#E69F00", "ida_index1": "#D55E00", "ida_index3": "#CC79A7",
-}  # fmt: skip
-# Each as far in Oklab from all before it as a contrast of 2.6 on white and of 2.9 on dark pages allows
-OTHERS = (
-    "#999933", "#8A8A8A", "#9600FF", "#FF0FFF", "#C30096", "#7878FF", "#FF1E69", "#78691E", "#875A96", "#005AFF",
-    "#D278FF", "#00B400", "#B43C4B", "#007800", "#C33CE1", "#1E7869", "#FF5AC3", "#A596E1",
-)  # fmt: skip
-ENGINES = ("#698700", "#6978C3", "#D24B87", "#F000A5", "#FF6987", "#696978")
-PLUGINS = ("#1E96B4", "#FF784B", "#784BD2", "#C39678", "#0096FF", "#E10000", "#A5695A", "#A569D2")
-MARKERS = ("o", "P", "s", "^", "v", "D", "h", "p")
+FAMILIES = {  # colour, and how the names of its solvers begin
+    "ODE-GC": ("#3D62C7", ("gc_",)),
+    "geometric": ("#62AF96", ("rattle", "lie_", "energy_momentum")),
+    "explicit": ("#E08906", ("rk", "half_explicit", "scipy_")),
+    "implicit": ("#BB3939", ("ida_", "ndf_", "radau_", "generalized_alpha", "al_index3")),
+}
+ENGINES, PLUGINS = "engines", "others"
+OTHERS = {ENGINES: "#A499CF", PLUGINS: "#7C6071"}
+MARKERS = ("o", "s", "^", "D", "v", "P", "h", "p")
 ENGINE = "<"  # the marker of engines
 DASHES: tuple[tuple[float, Sequence[float]], ...] = ((0, ()), (0, (5, 1.6)), (0, (1.2, 1.2)), (0, (6, 1.5, 1.2, 1.5)))
 CATALOGUE = Path(__file__).resolve().parents[2] / "solvers"
@@ -34,26 +30,33 @@ class Look:
 
     colour: str
     marker: str
+    family: str = ""
 
 
 @cache
 def shipped() -> dict[str, Look]:
-    """The catalogue's: the paper's solvers first, then the others by name; and its engines."""
-    others = sorted({p.stem for p in CATALOGUE.glob("[!_]*.py")} - set(PAPER))
-    colours = {**PAPER, **{name: OTHERS[k % len(OTHERS)] for k, name in enumerate(others)}}
-    own = {name: Look(colour, MARKERS[k % len(MARKERS)]) for k, (name, colour) in enumerate(colours.items())}
+    """The catalogue's and its engines."""
+    out: dict[str, Look] = {}
+    names = {p.stem for p in CATALOGUE.glob("[!_]*.py")}
+    for family, (colour, begins) in FAMILIES.items():
+        own = sorted(n for n in names if n.startswith(begins))
+        out |= {name: Look(colour, MARKERS[k % len(MARKERS)], family) for k, name in enumerate(own)}
+    out |= {n: _other(n) for n in sorted(names - set(out))}
     engines = sorted(p.stem for p in (CATALOGUE / "engines").glob("[!_]*.py"))
-    return own | {name: Look(ENGINES[k % len(ENGINES)], ENGINE) for k, name in enumerate(engines)}
+    return out | {name: Look(OTHERS[ENGINES], ENGINE, ENGINES) for name in engines}
 
 
 def looks(solvers: Iterable[str]) -> dict[str, Look]:
-    """A look for every solver; two of plug-ins share one only when there are more than eight."""
-    names, taken = sorted(set(solvers)), dict[str, int]()
-    for name in (n for n in names if n not in shipped()):
-        slot = hashlib.sha256(name.encode()).digest()[0] % len(PLUGINS)
-        if len(taken) < len(PLUGINS):
-            while slot in taken.values():
-                slot = (slot + 1) % len(PLUGINS)
-        taken[name] = slot
-    own = {name: Look(PLUGINS[k], MARKERS[k]) for name, k in taken.items()}
-    return {name: shipped().get(name) or own[name] for name in names}
+    """A look for every solver; those of plug-ins share a colour."""
+    return {name: shipped().get(name) or _other(name) for name in sorted(set(solvers))}
+
+
+def _other(name: str) -> Look:
+    return Look(OTHERS[PLUGINS], MARKERS[hashlib.sha256(name.encode()).digest()[0] % len(MARKERS)], PLUGINS)
+
+
+def families(found: dict[str, Look]) -> dict[str, list[str]]:
+    """Solvers by family, in the order of the families."""
+    order = [*FAMILIES, ENGINES, PLUGINS]
+    by_family = {f: [name for name, look in found.items() if look.family == f] for f in order}
+    return {f: names for f, names in by_family.items() if names}

@@ -61,6 +61,8 @@ class Plot:
     traces: Sequence[Trace]
     wide: bool = False  # over the whole width of the page
     marks: Mapping[str, Sequence[float]] = field(default_factory=dict)  # words: values of x with a thin line
+    focus: Sequence[str] = ()  # solvers in colour until a reader asks for others; all where there are none
+    finding: str = ""  # the title on a page: what is drawn with what it shows, in numbers
 
 
 @dataclass(frozen=True)

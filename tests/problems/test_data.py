@@ -1,9 +1,14 @@
 """The numbers of the paper, those that follow from it, and parameters that mean what they say."""
 
 import numpy as np
+import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench.harness.mechanics.jacobian import constraint_jacobian, independent_rows, singular_values
 from mbsbench.harness.mechanics.state import States
+from mbsbench.harness.types import Problem
+from mbsbench.problems import four_bar_grid
+from mbsbench.problems.exact.passages import singular_passages
 
 
 def test_the_rods_have_a_spherical_inertia() -> None:
@@ -44,3 +49,84 @@ def test_small_swings_of_the_pendulum_take_the_textbook_period() -> None:
     period = 2.0 * np.pi * np.sqrt((0.0858333333333 + 0.25) / (9.81 * 0.5))
     C_x = p.observe(p.reference().states(np.array([0.0, period / 2, period, 100 * period])))["C_x"]
     assert np.allclose(C_x / C_x[0], [1.0, -1.0, 1.0, 1.0], atol=1e-7)  # second order in the shift of phase
+
+
+@pytest.mark.parametrize("links", [6, 9, 15, 150])
+def test_the_start_is_static_while_b_and_c_hold(links: int) -> None:
+    """With forces at A, B, C, D and in the joints every bar balances its weight: it is in the range of A^T."""
+    p = make_problem("chain", {"links": links})
+    assert residual(p, supports=True) < 1e-9 * links**2  # the pull at A is of the order of the chain's weight
+    assert residual(p, supports=False) > 1.0  # and without B and C it must move
+
+
+def residual(p: Problem, supports: bool) -> float:
+    """Largest unbalanced force [N] or torque [N m]."""
+    A = constraint_jacobian(p.system, p.initial).toarray()
+    third = p.system.nb // 3
+    held = []
+    for k in (third, 2 * third) if supports else ():  # the joint of bars k-1 and k is point_i of its row: bar k-1's end
+        for row in A[3 * k : 3 * k + 3]:
+            only = row.copy()
+            only[6 * k :] = 0.0
+            held.append(only)
+    rows = np.vstack((A, *held)) if held else A
+    weight = np.zeros((p.system.nb, 6))
+    weight[:, :3] = -p.system.mass[:, None] * p.system.gravity
+    force = np.linalg.lstsq(rows.T, weight.ravel(), rcond=None)[0]
+    return float(np.max(np.abs(rows.T @ force - weight.ravel())))
+
+
+def test_the_chain_is_as_specified() -> None:
+    """Sect. 5.3: 90 coordinates, 48 constraints, A and D three times 0.9144 m apart; E below the middle at rest.
+
+    The start and gravity are mirror images about it: E falls straight until rounding has grown.
+    """
+    p = make_problem("chain")
+    assert (p.system.nb, p.system.nj, p.system.nrows) == (15, 16, 48)
+    assert np.allclose(p.system.joint_s_j[-1], [3 * 0.9144, 0.0, 0.0], atol=1e-15)
+    E = p.observe(p.reference().states(np.linspace(0.0, 1.0, 101)))
+    assert np.max(np.abs(E["E_x"] - 1.5 * 0.9144)) < 1e-9 and abs(E["E_x"][0] - 1.5 * 0.9144) < 1e-14
+    assert E["E_y"][0] < -0.5 and not np.any(E["E_z"])
+    assert make_problem("chain", {"perturb": 1e-6}).reference() is None  # the planar model says nothing about it
+
+
+def test_the_grid_is_as_specified() -> None:
+    """Sect. 5.5: 55 bodies, 80 joints (6 + 64 + 10), 400 rows of rank 325, 5 degrees of freedom."""
+    p = make_problem("four_bar_grid")
+    assert (p.system.nb, p.system.nj, p.system.nrows) == (55, 80, 400)
+    assert len(independent_rows(p.system, p.initial)) == 325
+    assert 6 * p.system.nb - 325 == 5
+
+
+def test_only_the_top_row_turns_in_top_row() -> None:
+    """Sect. 5.5: the six top bars at 2 pi/3 rad/s; what hangs below translates with their feet."""
+    p = make_problem("four_bar_grid")
+    assert np.allclose(p.initial.Omega[:6, 2], 2.0 * np.pi / 3.0)
+    assert not np.any(p.initial.Omega[6:])
+    assert np.allclose(p.initial.v[6:], [0.0, 2.0 * np.pi / 3.0, 0.0])
+
+
+def test_masses_spread_by_seed() -> None:
+    """The same seed gives the same masses, another one others, all within the spread."""
+    mass = [make_problem("four_bar_grid", {"mass_spread": 0.2, "mass_seed": k}).system.mass for k in (1, 1, 2)]
+    assert np.array_equal(mass[0], mass[1])
+    assert not np.array_equal(mass[0], mass[2])
+    assert 0.01 < np.max(np.abs(mass[0] - 1.0)) <= 0.2
+
+
+def test_rows_fold_flat_where_the_passages_say(monkeypatch: pytest.MonkeyPatch) -> None:
+    """At a passage A loses rank (one more singular value falls to rounding), and a millisecond before it has not."""
+    monkeypatch.setattr(four_bar_grid, "SOUGHT", 1.5)
+    p = make_problem("four_bar_grid", {"release": "all_rows", "columns": 2})
+    passages = singular_passages(p, 1.2)
+    assert len(passages) >= 3
+    reference = p.reference()
+    rank = 6 * p.system.nb - 5
+    for t, _ in passages:
+        at, before = (singular_values(p.system, reference.states(np.array([s]))[0])[rank - 1] for s in (t, t - 1e-3))
+        assert at < 1e-9 < 1e-6 < before
+
+
+def test_top_row_is_never_singular() -> None:
+    """Its rows stay within 70 degrees of hanging in 10 s (here: the first 1.5 s)."""
+    assert singular_passages(make_problem("four_bar_grid"), 10.0) == ()

@@ -10,9 +10,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from mbsbench.harness.types import Law
 from mbsbench.reports.model import curves
+from mbsbench.reports.model.growth import growths
 from mbsbench.reports.model.motion import motion_of
 from mbsbench.reports.model.results import Run, read_results
-from mbsbench.reports.pages.judged.growth import growths
 from mbsbench.reports.plots import palette, style
 from mbsbench.reports.plots.browser import LOG_STEP, STEPS, Steps, bundle, for_browser, script, text
 from mbsbench.reports.plots.laws import Drawing, errors, invariants, laws, observables
@@ -39,23 +39,79 @@ def drawing_of(folder) -> Drawing:
     return Drawing(variant.runs, lines, {k.run.record.run_id: motion_of(k.run, results.series(k.run)) for k in lines})
 
 
-def test_catalogue_has_colours_of_its_own_in_any_run():
-    """The colour follows from the name, whoever else takes part."""
-    together = palette.looks(CATALOGUE)
-    assert len({look.colour for look in together.values()}) == len(CATALOGUE)
-    assert len({look.marker for look in together.values()}) == len(CATALOGUE)
-    for name in CATALOGUE:
-        assert palette.looks([name])[name] == together[name]
+SEEN_WITH = {  # linear RGB as seen by a dichromat: Machado, Oliveira, Fernandes (2009)
+    "all cones": np.eye(3),
+    "protanopia": np.array([[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216],
+                            [-0.003882, -0.048116, 1.051998]]),
+    "deuteranopia": np.array([[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413],
+                              [-0.011820, 0.042940, 0.968881]]),
+    "tritanopia": np.array([[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602],
+                            [0.004733, 0.691367, 0.303900]]),
+}  # fmt: skip
+XYZ = np.array(
+    [[0.4124564, 0.3575761, 0.1804375], [0.2126729, 0.7151522, 0.0721750], [0.0193339, 0.1191920, 0.9503041]]
+)
 
 
-def test_colours_of_plug_ins_are_those_of_no_shipped_solver():
-    """Whatever they are called, and though the shipped ones do not take part; theirs do not change."""
+def linear(colour: str) -> np.ndarray:
+    c = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+    return np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
+
+
+def lab(rgb: np.ndarray) -> np.ndarray:
+    x = XYZ @ np.clip(rgb, 0.0, 1.0) / XYZ.sum(axis=1)
+    f = np.where(x > 0.008856, np.cbrt(x), 7.787 * x + 16.0 / 116.0)
+    return np.array([116.0 * f[1] - 16.0, 500.0 * (f[0] - f[1]), 200.0 * (f[1] - f[2])])
+
+
+def apart(one: np.ndarray, two: np.ndarray) -> float:
+    """CIEDE2000 (Sharma, Wu, Dalal 2005)."""
+    (L1, a1, b1), (L2, a2, b2) = one, two
+    mean = (np.hypot(a1, b1) + np.hypot(a2, b2)) / 2.0
+    g = 1.5 - 0.5 * np.sqrt(mean**7 / (mean**7 + 25.0**7))
+    c1, c2 = np.hypot(g * a1, b1), np.hypot(g * a2, b2)
+    h1, h2 = (np.degrees(np.arctan2(b, g * a)) % 360.0 for a, b in ((a1, b1), (a2, b2)))
+    dh = (h2 - h1 + 180.0) % 360.0 - 180.0
+    hue, L, c = np.radians((h1 + dh / 2.0) % 360.0), (L1 + L2) / 2.0, (c1 + c2) / 2.0
+    t = 1.0 - 0.17 * np.cos(hue - np.pi / 6) + 0.24 * np.cos(2 * hue) + 0.32 * np.cos(3 * hue + np.radians(6.0))
+    t -= 0.20 * np.cos(4 * hue - np.radians(63.0))
+    light = (L2 - L1) / (1.0 + 0.015 * (L - 50.0) ** 2 / np.sqrt(20.0 + (L - 50.0) ** 2))
+    chroma, turn = (
+        (c2 - c1) / (1.0 + 0.045 * c),
+        2.0 * np.sqrt(c1 * c2) * np.sin(np.radians(dh / 2.0)) / (1.0 + 0.015 * c * t),
+    )
+    bend = np.sin(2.0 * np.radians(30.0 * np.exp(-(((np.degrees(hue) - 275.0) / 25.0) ** 2))))
+    rotate = -2.0 * np.sqrt(c**7 / (c**7 + 25.0**7)) * bend
+    return float(np.sqrt(light**2 + chroma**2 + turn**2 + rotate * chroma * turn))
+
+
+def test_the_measure_of_colours_is_that_of_its_authors():
+    """The first and the seventh pair of their table: 2.0425 and 0.0000 with equal colours."""
+    one, two = np.array([50.0, 2.6772, -79.7751]), np.array([50.0, 0.0, -82.7485])
+    assert apart(one, two) == pytest.approx(2.0425, abs=1e-4) and apart(one, one) == 0.0
+
+
+@pytest.mark.parametrize("sight", SEEN_WITH)
+def test_families_are_told_apart_with_any_sight(sight):
+    """At least 15 apart, and at a contrast of 2.5 on white and 2.9 on dark pages."""
+    colours = {f: c for f, (c, _) in palette.FAMILIES.items()} | palette.OTHERS
+    seen = {f: lab(SEEN_WITH[sight] @ linear(c)) for f, c in colours.items()}
+    for (f, one), (g, two) in itertools.combinations(seen.items(), 2):
+        assert apart(one, two) > 15.0, (f, g)
+    for colour in colours.values():
+        light = XYZ[1] @ linear(colour) + 0.05
+        assert 1.05 / light > 2.5 and light / (XYZ[1] @ linear("#1b1f23") + 0.05) > 2.9
+
+
+def test_looks_follow_from_the_name_whoever_takes_part():
+    """A colour is a family, a marker a solver of it; every shipped solver has a family."""
     shipped = palette.shipped()
-    assert set(CATALOGUE) < set(shipped) and len({k.colour for k in shipped.values()}) == len(shipped)
-    own = palette.looks([f"mine_{k}" for k in range(8)])
-    assert len({k.colour for k in own.values()} | {k.colour for k in shipped.values()}) == len(shipped) + 8
-    together = palette.looks(["aaa", *shipped, "zzz"])
-    assert all(together[name] == look for name, look in shipped.items())
+    together = palette.looks(CATALOGUE)
+    assert all(palette.looks([name])[name] == together[name] == shipped[name] for name in CATALOGUE)
+    assert palette.PLUGINS not in {look.family for look in shipped.values()}
+    own = palette.looks(["aaa", *shipped, "zzz"])
+    assert {name for name, look in own.items() if look.family == palette.PLUGINS} == {"aaa", "zzz"}
+    assert sum(map(len, palette.families(own).values())) == len(own)
 
 
 def test_engines_have_a_marker_of_their_own():

@@ -22,7 +22,7 @@ def test_bars_end_where_the_error_passes_or_the_reference_ends():
     ]  # fmt: skip
     beta, alpha, delta = followed(Variant("p", "p", tuple(runs)))
     assert [f.run.record.run_id for f in (beta, alpha, delta)] == ["b1", "a1", "d1"]
-    assert alpha.shades == (("tenth", 12.5), ("one", 12.5), ("ten", 25.0)) and not alpha.open
+    assert alpha.known == 4.0 and alpha.shades == (("tenth", 12.5), ("one", 12.5), ("ten", 25.0)) and not alpha.open
     assert beta.shades == (("tenth", 50.0), ("one", 25.0), ("ten", 0.0)) and beta.open and not delta.open
     assert beta.words == "at least 3 s (10 %), at least 3 s (1 %), 2 s (0.1 %)"
     assert delta.words == "1 s (10 %), 1 s (1 %), 0.5 s (0.1 %)"

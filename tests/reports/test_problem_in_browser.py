@@ -10,48 +10,59 @@ from mbsbench.reports.model.curves import upper
 from .browser import OPEN
 from .conftest import put, record, series
 
+DRAWN = "document.querySelector('[data-plot={0}] .axis')"
 
-def test_plots_draw_and_the_legend_switches_them(report, browser):
-    """Curves put pixels on the panel; without solvers there are none but axes."""
-    tab = browser.open(report / "problem-pendulum.html")
-    tab.evaluate("document.querySelector('[data-plot=energy]').scrollIntoView()")
-    tab.until("document.querySelector('[data-plot=energy] .main-svg')")
-    coloured = "document.querySelectorAll('[data-plot=energy] path.js-line, [data-plot=energy] .points path').length"
-    drawn = tab.evaluate(coloured)
-    ink = tab.ink("[data-plot=energy]", far=60)
-    assert drawn >= 3 and ink > 0.01
-    energy = "document.querySelector('[data-plot=energy]')"
-    assert "limit 0.100 J" in tab.evaluate(f"{energy}.querySelector('.annotation').textContent")
-    assert tab.evaluate(f"10 ** {energy}._fullLayout.yaxis.range[1]") > 0.1
-    tab.evaluate("document.querySelectorAll('.legend button').forEach((b) => b.click())")
-    tab.until(f"{coloured} === 0")
-    assert tab.ink("[data-plot=energy]", far=60) < ink
-    assert "nothing is selected" in tab.evaluate("document.querySelector('[data-plot=energy]').textContent")
-    assert tab.faults == []
+
+def drawn(browser, page, name="energy"):
+    """A tab with that plot drawn."""
+    tab = browser.open(page)
+    tab.evaluate(OPEN)
+    tab.until("window.MBS.plotted")
+    tab.evaluate(f"document.querySelector('[data-plot={name}]').scrollIntoView()")
+    tab.until(DRAWN.format(name))
+    return tab
+
+
+def test_plots_draw_and_the_legend_puts_a_solver_in_colour(report, browser):
+    """Curves put pixels on the panel; the solver that is asked for is coloured and named, the others are grey."""
+    tab = drawn(browser, report / "problem-pendulum.html")
+    assert tab.ink("[data-plot=energy]", far=60) > 0.01
+    text = "[...document.querySelectorAll('[data-plot=energy] text')].map((t) => t.textContent)"
+    assert "limit 0.100 J" in tab.evaluate(text)
+    assert tab.evaluate("MBS.plotted.view('energy').range.y[1]") > 0.1
+    assert {"alpha", "beta", "delta"} <= set(tab.evaluate("MBS.plotted.lit('energy')"))
+    tab.evaluate("[...document.querySelectorAll('.legend button')].find((b) => b.textContent === 'beta').click()")
+    lines = "[...document.querySelectorAll('[data-plot=energy] .line[data-solver={}]')]"
+    strokes = f"{lines}.map((e) => e.getAttribute('stroke'))"
+    assert tab.evaluate("MBS.plotted.lit('energy')") == ["beta"]
+    assert set(tab.evaluate(strokes.format("alpha"))) == {"var(--ghost)"}
+    assert "var(--ghost)" not in tab.evaluate(strokes.format("beta"))
+    assert "beta" in tab.evaluate(text) and "alpha" not in tab.evaluate(text)
+    assert tab.evaluate("location.search") == "?solver=beta"
+    tab.evaluate("window.before = true; location.reload()")
+    tab.until("!window.before && window.MBS && MBS.plotted")
+    assert tab.evaluate("MBS.plotted.lit('energy')") == ["beta"] and tab.faults == []
     tab.close()
 
 
 def test_failures_are_starred_and_wrong_ones_crossed(report, browser):
     """At the last point that the solver made, in the group where they are."""
-    tab = browser.open(report / "problem-pendulum.html")
-    tab.evaluate("document.querySelector('[data-plot=energy]').scrollIntoView()")
-    tab.until("document.querySelector('[data-plot=energy] .main-svg')")
-    ends = tab.evaluate(
-        "document.querySelector('[data-plot=energy]').data.filter((t) => t.customdata)"
-        ".map((t) => [t.marker.symbol[0], t.x[0], t.meta.solver])"
-    )
-    assert ["star", pytest.approx(0.7, abs=1e-4), "delta"] in ends
-    assert ["x", pytest.approx(2.0, abs=1e-4), "beta"] in ends
+    tab = drawn(browser, report / "problem-pendulum.html")
+    for end, solver in (("failed", "delta"), ("wrong", "beta")):
+        assert (
+            tab.evaluate(f"document.querySelectorAll('[data-plot=energy] .end-{end}[data-solver={solver}]').length")
+            == 1
+        )
+    last = "MBS.plotted.view('energy').places.filter((p) => p[2].solver === 'delta').map((p) => p[2].x[p[3]])"
+    assert max(tab.evaluate(last)) == pytest.approx(0.7, abs=1e-3)
     tab.close()
 
 
 def test_time_axes_zoom_together_and_back_by_the_keyboard(report, browser):
-    tab = browser.open(report / "problem-pendulum.html", height=3000)
-    tab.evaluate(OPEN)
-    tab.until("document.querySelectorAll('[data-plot=energy] .main-svg, [data-plot=phi] .main-svg').length >= 2")
-    span = (
-        "(() => { const [a, b] = document.querySelector('[data-plot=phi]')._fullLayout.xaxis.range; return b - a; })()"
-    )
+    tab = drawn(browser, report / "problem-pendulum.html")
+    span = "(([a, b]) => b - a)(MBS.plotted.view('phi').range.x)"
+    tab.evaluate("document.querySelector('[data-plot=phi]').scrollIntoView()")
+    tab.until(DRAWN.format("phi"))
     whole = tab.evaluate(span)
     tab.evaluate("document.querySelector('[data-plot=energy]').focus()")
     tab.press("+")
@@ -66,11 +77,8 @@ def test_axes_leave_out_what_is_hidden(browser, tmp_path):
     put(tmp_path, record("aa01", dt_s=0.005), series(size=1e-3))
     put(tmp_path, record("aa02", dt_s=0.05), series(size=9.0))
     write_text(tmp_path / "environment.json", "{}")
-    tab = browser.open(site.build(tmp_path).parent / "problem-pendulum.html")
-    tab.evaluate(OPEN)
-    tab.evaluate("document.querySelector('[data-plot=obs-theta]').scrollIntoView()")
-    tab.until("document.querySelector('[data-plot=obs-theta] .main-svg')")
-    top = "document.querySelector('[data-plot=obs-theta]')._fullLayout.yaxis.range[1]"
+    tab = drawn(browser, site.build(tmp_path).parent / "problem-pendulum.html", "obs-theta")
+    top = "MBS.plotted.view('obs-theta').range.y[1]"
     assert tab.evaluate(top) < 1.3
     ink = tab.ink("[data-plot=obs-theta]")
     tab.evaluate("document.querySelector('[data-switch=all]').click()")
@@ -79,20 +87,32 @@ def test_axes_leave_out_what_is_hidden(browser, tmp_path):
     tab.close()
 
 
+def test_heights_are_reserved_and_nothing_moves(report, browser):
+    """The sum of all layout shifts while a page loads and is scrolled through stays below a twentieth."""
+    tab = browser.open(report / "method.html")
+    watch = """(() => { window.moved = 0;
+        const sum = (found) => { for (const e of found.getEntries()) window.moved += e.value; };
+        new PerformanceObserver(sum).observe({ type: "layout-shift", buffered: true }); })()"""
+    for page in ("index.html", "problem-pendulum.html", "cost.html", "runs/aa01.html"):
+        tab.goto(report / page)
+        tab.evaluate(watch)
+        tab.evaluate("scrollTo(0, document.body.scrollHeight)")
+        tab.evaluate("new Promise((f) => setTimeout(f, 400))")
+        assert tab.evaluate("window.moved") < 0.05, page
+    tab.close()
+
+
 def test_numbers_drawn_are_those_of_the_series(report, browser):
     """Unpacked in the browser: times to 1/8190 of the run, errors to a tenth of a percent, zeros as zeros."""
-    tab = browser.open(report / "problem-pendulum.html")
-    tab.until("MBS.plotted")
-    tab.evaluate("document.querySelector('[data-plot=energy]').scrollIntoView()")
-    tab.until("document.querySelector('[data-plot=energy] .main-svg')")
-    drawn = tab.evaluate(
-        "MBS.plotted.plots.find((p) => p.name === 'energy').traces.find((t) => t.urls[0].includes('aa01'))"
+    tab = drawn(browser, report / "problem-pendulum.html")
+    found = tab.evaluate(
+        "MBS.plotted.plots.find((p) => p.name === 'energy').traces.find((t) => t.urls && t.urls[0].includes('aa01'))"
     )
     made = series()
     expected = upper(made["t"], made["energy_error"], 2.0)
-    assert len(drawn["x"]) == len(expected)
-    np.testing.assert_allclose(drawn["x"], expected.t, atol=2.0 / 8190 + 1e-5)
-    np.testing.assert_allclose(drawn["y"], expected.y, rtol=1.1e-3)
+    assert len(found["x"]) == len(expected)
+    np.testing.assert_allclose(found["x"], expected.t, atol=2.0 / 8190 + 1e-5)
+    np.testing.assert_allclose(found["y"], expected.y, rtol=1.1e-3)
     points = tab.evaluate("MBS.plotted.plots.find((p) => p.name === 'work-error-cpu') !== undefined")
     assert points and tab.faults == []
     tab.close()
@@ -100,13 +120,15 @@ def test_numbers_drawn_are_those_of_the_series(report, browser):
 
 def test_axis_switch_csv_svg_and_table(report, browser):
     """Linear axis on demand; what is saved and told in the table are the numbers drawn."""
-    tab = browser.open(report / "problem-pendulum.html")
-    tab.evaluate("document.querySelector('[data-plot=energy]').scrollIntoView()")
-    tab.until("document.querySelector('[data-plot=energy] .main-svg')")
-    figure = "document.querySelector('[data-plot=energy]').closest('figure')"
-    assert tab.evaluate("document.querySelector('[data-plot=energy]').layout.yaxis.type") == "log"
+    tab = drawn(browser, report / "problem-pendulum.html")
+    figure, low = (
+        "document.querySelector('[data-plot=energy]').closest('figure')",
+        "MBS.plotted.view('energy').range.y[0]",
+    )
+    log = tab.evaluate("MBS.plotted.plots.find((p) => p.name === 'energy').y.log")
     tab.evaluate(f"[...{figure}.querySelectorAll('.tools button')].find((b) => b.textContent === 'log y').click()")
-    tab.until("document.querySelector('[data-plot=energy]').layout.yaxis.type === 'linear'")
+    assert log and tab.evaluate("MBS.plotted.plots.find((p) => p.name === 'energy').y.log") is False
+    assert tab.evaluate(low) >= 0.0
     csv = tab.evaluate("MBS.plotted.csv('energy')").splitlines()
     assert csv[0] == "series,t [s],|E − E₀| [J],end"
     assert any(line.startswith('"alpha') for line in csv) and any(line.endswith(",failed") for line in csv)
@@ -121,18 +143,15 @@ def test_axis_switch_csv_svg_and_table(report, browser):
 
 def test_a_zero_is_drawn_hollow_and_said_to_be_at_most(matrices, browser):
     """A logarithmic axis has no place for it: a twentieth of the smallest value, 0.2 s, stands for it and says so."""
-    tab = browser.open(matrices.parent / "problem-stuck.html")
-    tab.evaluate(OPEN)
-    tab.evaluate("document.querySelector('[data-plot=work-error-cpu]').scrollIntoView()")
-    tab.until("document.querySelector('[data-plot=work-error-cpu] .main-svg')")
-    drawn = tab.evaluate(
-        "document.querySelector('[data-plot=work-error-cpu]').data.filter((t) => t.marker)"
-        ".map((t) => [t.meta.solver, t.x[0], [].concat(t.marker.symbol)[0].endsWith('-open'), [].concat(t.text)[0]])"
-    )
-    beta = next(d for d in drawn if d[0] == "beta")
-    assert beta[1:3] == [pytest.approx(0.01), True]
-    assert beta[3].startswith("CPU time 0, drawn at 0.0100 s<br>position error 0.333 m")
-    assert not any(d[2] for d in drawn if d[0] == "alpha")
+    tab = drawn(browser, matrices.parent / "problem-stuck.html", "work-error-cpu")
+    hollow = "[...document.querySelectorAll('[data-plot=work-error-cpu] .open')].map((e) => e.dataset.solver)"
+    assert tab.evaluate(hollow) == ["beta"]
+    tab.evaluate("""(() => { const c = document.querySelector('[data-plot=work-error-cpu]');
+        const [x, y] = MBS.plotted.view('work-error-cpu').places.find((p) => p[2].solver === 'beta');
+        const { left, top } = c.getBoundingClientRect(), at = { clientX: left + x, clientY: top + y };
+        c.dispatchEvent(new PointerEvent('pointermove', at)); })()""")
+    assert "CPU time 0, drawn at 0.0100 s" in tab.evaluate("document.querySelector('.tip').textContent")
+    assert "position error 0.333 m" in tab.evaluate("document.querySelector('.tip').textContent")
     tab.evaluate(
         "document.querySelector('[data-plot=work-error-cpu]').closest('figure').querySelector('details').open = true"
     )

@@ -7,7 +7,7 @@ import pytest
 
 from mbsbench.harness.mechanics.system import GROUND, RigidBody, SpringDamper, assemble
 from mbsbench.solvers.formulations.compiled import entries, mechanism, numba_code
-from mbsbench.solvers.formulations.compiled.entries import Bound, Program
+from mbsbench.solvers.formulations.compiled.entries import Bound
 from mbsbench.solvers.formulations.generated import code
 
 
@@ -50,18 +50,6 @@ def test_another_version_of_numba_compiles_the_same(monkeypatch, tmp_path):
     pair = Pair(np.array([4.0]), np.zeros(1))
     Bound(take_root, pair)()
     assert pair.y[0] == 2.0 and not seen and numba_code.CPUCodeLibrary._optimize_final_module is own
-
-
-def test_a_program_takes_contiguous_arrays_alone():
-    """A column of a matrix is refused: its neighbours would be read."""
-    with pytest.raises(ValueError, match="C-contiguous"):
-        Program([(0, [np.zeros((3, 3))[:, 0]])])
-
-
-@pytest.mark.parametrize("name", ["kernel.py", "blocks.py", "mechanism.py"])
-def test_a_kept_mechanism_is_named_by_what_orders_its_rows(name):
-    """An edit of any of them is another object."""
-    assert name in {path.name for path in mechanism.MAKERS}
 
 
 def test_a_short_lever_of_a_stiff_spring_counts():

@@ -8,18 +8,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian
+from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.types import Problem
 from mbsbench.solvers.formulations.charts import CHARTS
 from mbsbench.solvers.formulations.dae import ImplicitForm
 from mbsbench.solvers.formulations.differences import INCREMENT, DifferencedForm
 from mbsbench.solvers.formulations.layout import Layout, Stabilised
-from mbsbench.solvers.formulations.start import (
-    Accelerations,
-    consistent,
-    coordinates_and_velocities,
-    layout_for,
-)
+from mbsbench.solvers.formulations.start import Accelerations, consistent, coordinates_and_velocities, layout_for
 
 from . import arbitrary_systems
 from .arbitrary_systems import arbitrary, linkage
@@ -59,21 +54,6 @@ def test_jacobians_are_exact(form, coordinates):
         size = 1.0 + np.max(np.abs(by_y))  # rounding of the differences grows with the derivative
         np.testing.assert_allclose(of_y[:, k], by_y, atol=1e-7 * size)
         np.testing.assert_allclose(of_y_dot[:, k], by_y_dot, atol=1e-7 * size)
-
-
-@pytest.mark.parametrize("coordinates", CHARTS)
-def test_form_fi_is_a_mass_matrix_times_the_rates_less_the_rest(coordinates):
-    """F = E(y) y' - f(y): E has the rows I, M and A, and dF/dy at y' = 0 is -df/dy, which ode15s's form relies on."""
-    at = Layout(SYSTEM, CHARTS[coordinates], np.arange(SYSTEM.nrows))
-    random, form = np.random.default_rng(7), ImplicitForm(at, "fi", ALPHA, BETA)
-    p, u = at.chart.coordinates(arbitrary(SYSTEM, 7))
-    y, y_dot = np.concatenate((p.ravel(), u.ravel(), random.standard_normal(at.k))), random.standard_normal(at.n)
-    rest = form.residual(y, np.zeros(at.n))
-    E = form.pattern.dense(form.jacobian(y, np.zeros(at.n))[1])
-    size = 1.0 + np.max(np.abs(rest))
-    np.testing.assert_allclose(form.residual(y, y_dot), E @ y_dot + rest, atol=1e-11 * size)
-    np.testing.assert_array_equal(E[at.p, at.p], np.eye(at.n_p))
-    assert not np.any(E[:, at.lam]) and np.any(E[at.lam, at.u]) and np.any(E[at.u, at.u])
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -145,31 +125,10 @@ def test_lambda_dot_of_the_start_is_the_derivative_along_the_motion():
     np.testing.assert_allclose(y_dot[at.lam], longer, rtol=1e-4, atol=1e-4 * np.max(np.abs(longer)))
 
 
-def test_the_banded_solve_equals_the_dense_saddle():
-    """u' and lam solve [[M, -A^T], [A, 0]] (u', lam) = -(e, c), assembled densely from the geometric route."""
-    problem = presented(2)
-    at, _ = layout_for(problem, "quaternion")
-    y = coordinates_and_velocities(at, problem)
-    u_dot, lam = Accelerations(at, ALPHA, BETA).at(y)
-    A = constraint_jacobian(SYSTEM, problem.initial).toarray()
-    M = np.zeros((at.n_u, at.n_u))
-    for b in range(SYSTEM.nb):
-        M[6 * b : 6 * b + 3, 6 * b : 6 * b + 3] = SYSTEM.mass[b] * np.eye(3)
-        M[6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = SYSTEM.inertia[b]
-    free = Layout(SYSTEM, at.chart, np.zeros(0, dtype=np.int64))
-    e = -M @ Accelerations(free).at(y[: at.n - at.k])[0]  # without joints M u' = -e
-    np.testing.assert_allclose(M @ u_dot - A.T @ lam, -e, atol=1e-9)
-
-
 def test_redundant_rows_are_dropped_and_named():
     """A joint stated twice has rank one joint: its rows are left out, the note says which, lam is that of one joint."""
     problem = presented(1)
-    twice = {
-        name: np.concatenate((getattr(SYSTEM, name), getattr(SYSTEM, name)[:1]))
-        for name in vars(SYSTEM)
-        if "joint_" in name
-    }
-    system = dataclasses.replace(SYSTEM, **{k: v for k, v in twice.items() if k != "joint_names"})
+    system = Presentation(duplicate=1).system(SYSTEM)
     at, notes = layout_for(dataclasses.replace(problem, system=system), "quaternion")
     assert at.k == SYSTEM.nrows and system.nrows == SYSTEM.nrows + 3
     assert notes[0].startswith("dropped 3 of 19 constraint rows")

@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.mechanics.motion import constraint, constraint_rate, scaling_masses
+from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations.charts import CHARTS
@@ -72,22 +72,6 @@ def test_the_printed_matrix_equation_holds(coordinates, springs, choice, seed):
     size = 1.0 + np.max(np.abs(M @ r.u_dot)) + np.max(np.abs(r.reaction))
     np.testing.assert_allclose(first, 0.0, atol=1e-9 * size)
     np.testing.assert_allclose(second, 0.0, atol=1e-9 * size)
-
-
-@few
-@given(seed=seeds)
-def test_m_bar_dot_is_the_derivative_of_m_bar(seed):
-    """Central differences of the contract's M_bar along the motion; 1e-10 of truncation over 1e-5."""
-    at, h = layout("quaternion", springs=False), 1e-5
-    state = arbitrary(at.system, seed)
-    pu = position_and_velocity(at, state)
-    terms = StrongForm(at).terms(pu)
-    p_dot, p = terms.p_dot, pu[at.p]
-    around = []
-    for way in (h, -h):
-        moved = at.chart.states((p + way * p_dot).reshape(1, at.system.nb, -1), pu[at.u].reshape(1, at.system.nb, 6))
-        around.append(scaling_masses(at.system, moved)[0])
-    np.testing.assert_allclose(terms.M_bar_dot, (around[0] - around[1]) / (2.0 * h), atol=1e-6)
 
 
 def test_gravity_alone_gives_no_c_bar_and_no_k_bar():

@@ -8,8 +8,9 @@ from ...model.results import Run, Variant
 
 AT_MOST = 10  # ghosts of one mechanism; more cannot be distinguished
 RULE = (
-    "For each solver one run that succeeded, the one with the fewest options, then the finest; after that one for each "
-    "solver and other label, runs that stopped or are wrong first; then the rest, failures first. "
+    "The best, the middle and the worst of the runs that succeeded by their energy error, of each solver the one with "
+    "the fewest options, then the finest; then of each solver one that is wrong or stopped; then those of the others "
+    "that succeeded, and the rest, failures first. "
     "Settings that differ only in their label or in the number of steps allowed are shown once."
 )
 
@@ -32,6 +33,9 @@ def _order(can: Sequence[Run]) -> Iterator[Run]:
     """All of ``can``, the most telling first; some more than once."""
     firsts = _one_each(can, lambda c: c.record.solver, _held)
     known = {_method(c) for c in firsts}
+    sound = sorted((c for c in firsts if c.succeeded), key=_soundness)
+    yield from (sound[k] for k in (0, len(sound) // 2, -1) if sound)
+    yield from _one_each([c for c in can if not c.succeeded], lambda c: c.record.solver, _broke)
     yield from firsts
     yield from (c for c in _one_each(can, _method, _broke) if _method(c) not in known)
     yield from sorted(can, key=_broke)

@@ -46,22 +46,22 @@ def players(results: Results, variant: Variant) -> tuple[list[Player], tuple[Run
             poses = finite(Poses(series["frame_t"], series["frame_r"], series["frame_q"]))
             same = not found or poses.r.shape[1:] == found[0].poses.r.shape[1:]
             if len(poses) and len(series["t"]) and same:
-                found.append(_player_of(run, series, poses))
+                found.append(player_of(run, series, poses))
                 continue
         left_out = (*left_out, run)
     return found, left_out
 
 
-def _player_of(run: Run, series: Series, poses: Poses) -> Player:
+def player_of(run: Run, series: Series, poses: Poses) -> Player:
     """With poses in the gaps of long steps, where the exact motion is stored beside them."""
-    exact = _stored_exact(series)
+    exact = stored_exact(series)
     if len(poses) < 2 or exact is None or len(exact) < 2 or exact.r.shape[1:] != poses.r.shape[1:]:
         return Player(run, series, poses)
     whole = fill(poses, exact, run.record.length_scale_m if run.record.length_scale_m > 0.0 else 1.0)
     return Player(run, series, whole.poses, whole.added, whole.unknown)
 
 
-def _stored_exact(series: Series) -> Poses | None:
+def stored_exact(series: Series) -> Poses | None:
     """The exact motion of a series file; None where there is none."""
     if "exact_t" not in series:
         return None
@@ -104,7 +104,7 @@ def scene(
 
 def exact_of(cast_: Sequence[Player]) -> Poses | None:
     """The exact motion, of the run beside which it is known for the longest time."""
-    known = [_stored_exact(p.series) for p in cast_]
+    known = [stored_exact(p.series) for p in cast_]
     alike = [e for e in known if e is not None and len(e) and e.r.shape[1:] == cast_[0].poses.r.shape[1:]]
     return max(alike, key=lambda e: float(e.t[-1]), default=None)
 

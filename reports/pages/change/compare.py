@@ -21,8 +21,7 @@ from . import ranking
 from .ranking import Rank, Ranked
 
 OVERLAYS = 24  # runs whose energy errors are drawn over each other, the largest changes first
-ASSETS = ("site.css", "site.js", "judgement.css", "judgement.js", "plots.js", "plotly-basic.min.js",
-          "plotly-LICENSE.txt")  # fmt: skip
+ASSETS = ("site.css", "site.js", "judgement.css", "judgement.js", "plots.js")  # fmt: skip
 HEADS = {
     Rank.ENDING: ("Endings", "Runs with another status. Those that became wrong come first."),
     Rank.CLAIM: ("Claims", "Verdicts on the paper that differ."),

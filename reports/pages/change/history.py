@@ -35,6 +35,7 @@ ENDING = 100.0  # [digits]
 HEADS = ("case", "runs", "changed", "ending_first", "ending_last", "energy_drift_max_J_first",
          "energy_drift_max_J_last", "error_m_first", "error_m_last", "cpu_over_first", "gate")  # fmt: skip
 TABLE = "data/history.csv"
+LEAST = 2  # commits: one is no history
 MOST = 24  # results whose marks are shown in a row, the newest
 
 
@@ -145,9 +146,11 @@ def moments(rows: Sequence[Row]) -> tuple[Moment, ...]:
 
 
 def write(results: Results, site: Site) -> Page | None:
-    """``history.html``."""
+    """``history.html``; None while all results are of one commit."""
     rows, bad = gather(results)
     found, runs = lines(results, rows), moments(rows)
+    if len({m.commit for m in runs}) < LEAST and not bad:
+        return None
     shared = [line for line in found if len(line.rows) > 1]
     shown = [line for line in found if line.changed][:SHOWN]
     (site.folder / TABLE).write(table(shared), durable=False)

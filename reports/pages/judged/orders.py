@@ -4,9 +4,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from ....harness.results.judgements.runs import Note, Order
-from ...model.results import natural
+from ...model.results import grouped, natural, slug
 from ...model.words import Mark, plural
+from ...plots.spec import Axis, Plot, Trace
 from ..judgement import Links
 
 FLOOR = 3.0  # of the floor: points below so many times it are said to lie on it
@@ -142,19 +145,30 @@ def _kind(dt: float, error: float, used: bool, floor: float, coarsest: float) ->
     return EARLY if dt > coarsest and not error <= FLOOR * floor else FLOORED
 
 
-@dataclass(frozen=True)
-class Glance:
-    """Orders of fixed steps: a row a solver and problem, a column a quantity; None where there is no ladder."""
+def ladders(found: Sequence[Certificate]) -> tuple[Plot, ...]:
+    """Error against step, a plot for each quantity of each problem, a fit and its points for each method."""
+    groups = grouped((c for c in found if c.points), lambda c: (c.of.variant, c.of.quantity))
+    taken: set[str] = set()
+    plots = []
+    for (variant, quantity), own in groups.items():
+        step = Axis("step, or mean step under error control", "s", log=True)
+        error = Axis(f"error of {quantity}", own[0].of.unit, log=True)
+        name = slug(f"order-{variant}-{quantity}", taken)
+        fitted = [c for c in own if c.fit]
+        title = f"{variant}: {quantity} converges with order {fitted[0].order}" if fitted else f"{variant}: {quantity}"
+        plots.append(Plot(name, title, "", step, error, tuple(t for c in own for t in _traces(c))))
+    return tuple(plots)
 
-    quantities: tuple[str, ...]
-    rows: tuple[tuple[Order, tuple[Certificate | None, ...]], ...]  # one that stands for the row, its columns
 
-
-def glance(found: Sequence[Certificate]) -> Glance:
-    """Of the ladders of fixed steps."""
-    quantities = tuple(dict.fromkeys(c.of.quantity for c in found if c.fixed))
-    rows: dict[tuple[str, str, str], dict[str, Certificate]] = {}
-    for c in sorted((c for c in found if c.fixed), key=lambda c: (c.of.solver, natural(c.of.variant))):
-        rows.setdefault((c.of.solver, c.of.variant, c.of.case), {})[c.of.quantity] = c
-    return Glance(quantities, tuple((next(iter(own.values())).of, tuple(map(own.get, quantities)))
-                                    for own in rows.values()))  # fmt: skip
+def _traces(c: Certificate) -> list[Trace]:
+    out, case = [], c.of.case
+    if c.fit:
+        x, y = (np.array(v) for v in zip(*c.fit, strict=True))
+        out.append(Trace(f"{case}: order {c.order}, {c.interval}", x, y, solver=c.of.solver))
+    for kind in dict.fromkeys(p.kind for p in c.points):
+        own = [p for p in c.points if p.kind == kind]
+        words = [case if kind == USED else f"{case}: {kind}, left out of the fit"] * len(own)
+        name = case if kind == USED else f"{case}, {kind}"
+        out.append(Trace(name, np.array([p.dt for p in own]), np.array([p.error for p in own]), solver=c.of.solver,
+                         mode="markers", words=words, hollow=kind != USED))  # fmt: skip
+    return out

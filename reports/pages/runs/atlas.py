@@ -4,15 +4,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from markupsafe import Markup
 
 from ....harness.results.records import reasons_of
 from ....harness.results.series import Series
 from ....harness.results.words import law_of
-from ...model.results import Results, Run, by_solver, grouped, slug
+from ...model.results import Results, Run, by_solver, grouped
+from ...model.words import plural
 from ...plots.palette import Look
-from ...plots.spec import Axis, Plot, Trace
 from ..base import Page, Site
 from ..svg import panel
 from .causes import CAUSES, Autopsy, Cause, autopsy
@@ -31,8 +30,7 @@ class Survival:
     refused: int
     stopped: int
     wrong: int
-    x: tuple[float, ...]  # part of the simulated time, 0 to 1: corners of the step line
-    y: tuple[float, ...]  # share not stopped
+    least: float  # part of the simulated time at which the first of them stopped; 1 if none did
 
     @property
     def reached(self) -> int:
@@ -41,11 +39,6 @@ class Survival:
     @property
     def good(self) -> int:
         return self.reached - self.wrong
-
-    @property
-    def least(self) -> float:
-        """The part of the time at which the first of them stopped; 1 if none did."""
-        return next((a for a, b in zip(self.x, self.y, strict=True) if b < 1.0), 1.0)
 
 
 def survival(runs: Sequence[Run]) -> tuple[Survival, ...]:
@@ -64,11 +57,9 @@ def part_reached(run: Run) -> float:
 def _of(solver: str, runs: Sequence[Run]) -> Survival:
     ended = [c for c in runs if not c.unfinished]
     began = [c for c in ended if c.status != "refused"]
-    stops = sorted(part_reached(c) for c in began if c.stopped)
-    left = [(len(began) - k) / len(began) for k in range(len(stops) + 1)] if began else [1.0]
-    x, y = (0.0, *np.repeat(stops, 2).tolist(), 1.0), tuple(np.repeat(left, 2).tolist())
+    stops = [part_reached(c) for c in began if c.stopped]
     wrong = sum(c.status == "wrong" for c in began)
-    return Survival(solver, len(began), len(ended) - len(began), len(stops), wrong, x, y)
+    return Survival(solver, len(began), len(ended) - len(began), len(stops), wrong, min(stops, default=1.0))
 
 
 @dataclass(frozen=True)
@@ -155,41 +146,20 @@ def families_of(runs: Sequence[Run]) -> tuple[tuple[Run, ...], ...]:
     return tuple(tuple(found[k]) for k in sorted(found, key=lambda k: (-len(found[k]), k)))
 
 
-def survivals(results: Results) -> dict[str, tuple[Survival, ...]]:
-    """By title: on all problems, then on each where some run stopped."""
-    out = {"All problems": survival(results.runs)}
-    by_problem = grouped(results.runs, lambda c: c.record.problem)
-    if len(by_problem) > 1:
-        out |= {
-            name: survival(own)
-            for name, own in sorted(by_problem.items())
-            if any(c.stopped and not c.unfinished for c in own)
-        }
-    return out
-
-
-def plot_of(title: str, solvers: Sequence[Survival], slug: str) -> Plot:
-    """Step lines; where some are wrong, a cross at the share that is right."""
-    traces = []
-    for s in (s for s in solvers if s.total):
-        traces.append(Trace(f"{s.solver}: {s.reached} of {s.total} reach the end", np.array(s.x), np.array(s.y),
-                            solver=s.solver))  # fmt: skip
-        if s.wrong:
-            traces.append(Trace(f"{s.solver}: {s.good} of {s.total} right", np.array([1.0]),
-                                np.array([s.good / s.total]), solver=s.solver, mode="markers", ends=["wrong"],
-                                words=[f"{s.solver}: {s.good} of {s.total} right at the end"]))  # fmt: skip
-    axes = Axis("part of the simulated time", low=0.0, high=1.02), Axis("share of runs not stopped", low=0.0, high=1.03)
-    return Plot(f"survival-{slug}", title, "", *axes, tuple(traces), wide=True)
+def title(found: Sequence[Survival]) -> str:
+    """How many stopped, and how many claim success without reason."""
+    total, stopped, wrong = (sum(getattr(s, k) for s in found) for k in ("total", "stopped", "wrong"))
+    say = "says success and is" if wrong == 1 else "say success and are"
+    return f"{stopped} of {plural(total, 'run')} stopped, {wrong} {say} wrong"
 
 
 def write(results: Results, site: Site) -> Page | None:
     """``atlas.html``."""
-    found, curves, taken = groups(results, site.looks), survivals(results), set[str]()
+    found, counts = groups(results, site.looks), survival(results.runs)
     stopped = [c for c in results.runs if c.stopped and not c.unfinished]
     return site.write(
         Page("Failures", "atlas.html", nav=True, order=40), "atlas.html", scripts=["assets/judgement.js"],
-        plots=[plot_of(k, v, slug(k, taken)) for k, v in curves.items()] if results.runs else [], groups=found,
-        survival=curves["All problems"], broken=broken(results.runs),
+        groups=found, title=title(counts), survival=counts, broken=broken(results.runs),
         refused=families_of([c for c in results.runs if c.status == "refused"]),
         part=part_reached, listed_at_most=LISTED, stopped_solvers=sorted({c.record.solver for c in stopped}),
         stopped_problems=sorted({c.record.problem for c in stopped}),

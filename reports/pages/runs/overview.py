@@ -1,70 +1,118 @@
-"""The first page: a picture of who stays within which limits, the mechanism; then numbers, and all runs to filter."""
+"""The first page in six bands: the race over the moving mechanism, cost, heat map, false successes, claims, doors."""
 
 from collections.abc import Sequence
 from typing import Any
 
-from ...mechanism.glimpse import glimpse
-from ...model.accuracy import energy_kind, measure_for
-from ...model.findings import findings
-from ...model.heat import heat
+from ....harness.results.reproduce import write_command
+from ...model.accuracy import Measure, measure_for
+from ...model.costs import costs, default_target
+from ...model.curves import upper
+from ...model.frontier import Frontier, broad, of_most_problems
+from ...model.heat import Box, Heat, heat
 from ...model.margin import LEVELS
-from ...model.overview import matrix, tally
-from ...model.results import Results, Run
-from ...model.scores import score, standings, unpredictable
-from ...model.tables import COLUMNS
-from ...model.variants import broadest, themselves, variant_groups
-from ...model.words import mark
+from ...model.results import Results, grouped
+from ...model.scores import unpredictable
+from ...model.variants import broadest, mechanisms
+from ...model.words import number, plural, seconds
+from ...plots.browser import Steps
+from ...plots.spec import Plot
 from ..base import Page, Site
+from .bands import false_successes, strips, strips_title, verdicts
+from .scenes import one_a_problem
 
-DIGITS = 6  # of numbers in the table's data file: twice what is shown
+PANELS = 6
+STRIP = 60  # spans of time in the energy strip of a cell
+RANK = 5  # after the pages of cost, problems and solvers, whose plots, scenes and cards it shows
 
 
 def write(results: Results, site: Site) -> Page | None:
     """``index.html``."""
-    found, label = standings(results), broadest(results)
-    apart = variant_groups(results, label)
-    main = {c.record.run_id for p in themselves(results, label) for c in p.runs}
-    ordered = sorted(results.runs, key=lambda c: (c.record.label != label, c.record.run_id not in main))
-    picture = heat(results)
-    seen = picture.extremes() if picture else []
-    moving = glimpse(results, [b.run for b in seen], site.looks)
-    scripts = [site.bundle("glimpse", moving), "assets/glimpse.js"] if moving else []
+    label, picture = broadest(results), heat(results)
+    found = broad(results, site.frontiers)
+    races = costs(results, found, site.url)
+    stages = [site.scenes[p.title] for p in one_a_problem(picture) if p.title in site.scenes]
+    on = stages[0] if stages else {}
+    near = [k for key in ("slug", "problem") for k, r in enumerate(races) if r[key] == on.get(key)]
+    first = near[0] if near else 0
+    target = default_target(races[first]) if races else 0
+    data = {"costs": races, "stages": stages, "cells": _cells(results, site, picture), "first": first, "target": target,
+            "colours": {s: k.colour for s, k in site.looks.items()}}  # fmt: skip
+    scripts = [site.bundle("overview", data), *(f"data/{s['file']}.js" for s in stages[:1]),
+               "assets/stage.js", "assets/overview.js"]  # fmt: skip
+    cards, wrong = false_successes(results, label)
+    follow = strips(picture, site.looks)
     return site.write(
-        Page("Overview", "index.html", nav=True, order=0), "overview.html",
-        scripts=[*scripts, site.bundle("runs", _table(results, site, ordered)), "assets/overview.js"],
-        heat=picture, seen=seen, moving=moving, levels=LEVELS, unpredictable=unpredictable(results),
-        findings=findings(results), matrix=matrix(results), standings=found, label=label,
-        score=score(results.runs),
-        variant_groups=[(v, score(v.runs), tally(results, v)) for v in apart], columns=COLUMNS,
-        apart=score(c for v in apart for c in v.runs), loud=ordered,
-        problems=list(dict.fromkeys(p.problem for p in results.variants)),
+        Page("Overview", "index.html", nav=True, order=0), "overview.html", plots=_panels(site), scripts=scripts,
+        heat=picture, levels=LEVELS, label=label, unpredictable=unpredictable(results), races=races, first=first,
+        target=target, stages=stages, panels_title=panels_title(of_most_problems(found)), cards=cards, wrong=wrong,
+        strips=follow, strips_title=strips_title(follow), verdicts=verdicts(results), lead=lead(results),
+        door=max(site.cards.values(), key=lambda c: (len(c.facts), c.solver), default=None),
+        answer=answer(races[first], target) if races else "",
     )  # fmt: skip
 
 
-def _table(results: Results, site: Site, runs: Sequence[Run]) -> dict[str, Any]:
-    """``runs`` as rows of numbers and texts; problems, solvers and labels are stored by their place in a list."""
-    titles = [p.title for p in results.variants]
-    variants, labels, solvers = ({name: k for k, name in enumerate(names)}
-                                 for names in (titles, results.labels(), results.solvers))  # fmt: skip
-    measures = [measure_for(p.runs) for p in results.variants]
-    rows = []
-    for c in runs:
-        r, m = c.record, mark(c.status)
-        measure = measures[variants[c.variant]]
-        rows.append([
-            r.run_id, m.kind, f"{m.symbol} {m.word}", solvers[r.solver], variants[c.variant], labels[r.label],
-            c.settings(), "" if c.succeeded else " ".join(c.reasons[0].split())[:160],
-            *_numbers(c, measure.of(c) if measure else None),
-        ])  # fmt: skip
-    return {
-        "rows": rows,
-        "solvers": [[s, site.url(s), site.looks[s].colour] for s in results.solvers],
-        "problems": [[p.title, site.url(p)] for p in results.variants],
-        "labels": list(results.labels()),
-    }
+def lead(results: Results) -> str:
+    """What was run, and how many claim success without reason."""
+    ran = [c for c in results.runs if not c.unfinished and c.status != "refused"]
+    wrong = sum(c.status == "wrong" for c in ran)
+    said = f"{plural(len(results.solvers), 'solver')} on {mechanisms(results)}: "
+    one = "says success and is" if wrong == 1 else "say success and are"
+    return f"{said}{wrong} of {plural(len(ran), 'run')} {one} wrong."
 
 
-def _numbers(c: Run, error: float | None) -> list[Any]:
-    r = c.record
-    values = [r.t_reached_s, r.energy_drift_max_J, error, r.phi_max, r.evaluations, r.cpu_median_s]
-    return [*(None if v is None or v != v else float(f"{v:.{DIGITS}g}") for v in values), energy_kind(c)]
+def answer(race: dict[str, Any], k: int) -> str:
+    """The three cheapest solvers at an error."""
+    found = [(s["cpu"][k], name, s["shown"][k]) for name, s in race["solvers"].items() if s["cpu"][k] is not None]
+    return f"{race['words'][k]}: " + ", ".join(f"{name} {shown}" for _, name, shown in sorted(found)[:3])
+
+
+def panels_title(found: Sequence[Frontier]) -> str:
+    """Who is the cheapest most often, and how much the middle of the field costs."""
+    if not found:
+        return "Accuracy against cost"
+    own = grouped((p for f in found for p in f.places), lambda p: p.reach.run.record.solver)
+    wins = {s: sum(p.factor == 1.0 for p in places) for s, places in own.items()}
+    first = max(sorted(wins), key=lambda s: (wins[s], len(own[s])))
+    factors = sorted(p.factor for places in own.values() for p in places)
+    of = f"{first} is the cheapest on {wins[first]} of {plural(len(found), 'problem')}"
+    return f"{of}; the middle of the field costs {number(factors[len(factors) // 2], 2)} times as much"
+
+
+def _cells(results: Results, site: Site, picture: Heat | None) -> dict[str, Any]:
+    """What the drawer of the heat map tells of each box, by solver and problem."""
+    out = {}
+    for k, variant in enumerate(picture.problems if picture else ()):
+        measure = measure_for(variant.runs)
+        for row in picture.rows if picture else ():
+            if (b := row.boxes[k]) is not None:
+                out[f"{row.solver} {variant.slug}"] = _cell(results, site, b, measure)
+    return out
+
+
+def _cell(results: Results, site: Site, b: Box, measure: Measure | None) -> dict[str, Any]:
+    r = b.run.record
+    plugins = [str(p) for p in results.environment.get("plugins") or []]
+    series = results.series(b.run, poses=False) if r.series else None
+    strip = None
+    if series is not None and "energy_error" in series and len(series["t"]):
+        curve = upper(series["t"], series["energy_error"], r.t_end_s, STRIP)
+        strip = {"t": Steps(curve.t), "y": Steps(curve.y, log=True)}
+    error = f"{number(measure.of(b.run))} {measure.unit}" if measure else "no reference"
+    facts = (("CPU", seconds(r.cpu_median_s)), (measure.what if measure else "error", error),
+             ("energy error", f"{number(r.energy_drift_max_J)} J"), ("steps", str(r.steps)))  # fmt: skip
+    return {"words": b.words, "url": site.url(b.run), "kind": b.mark.kind, "command": write_command(r, plugins),
+            "strip": strip, "facts": facts}  # fmt: skip
+
+
+def _panels(site: Site) -> list[Plot]:
+    """Error over CPU time: of each problem the variant with most points, then other variants."""
+    problems = {p.title: p.problem for p in site.results.variants}
+    ordered = sorted(site.work.items(), key=lambda kv: -_points(kv[1]))
+    seen: dict[str, str] = {}
+    for title, _ in ordered:
+        seen.setdefault(problems.get(title, title), title)
+    return [plot for title, plot in sorted(ordered, key=lambda kv: kv[0] not in seen.values())][:PANELS]
+
+
+def _points(plot: Plot) -> int:
+    return sum(len(t.x) for t in plot.traces)

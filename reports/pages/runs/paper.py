@@ -18,7 +18,7 @@ def write(results: Results, site: Site) -> Page | None:
     figures = [(c, files) for c, files in made if ".svg" in files]
     if not figures:
         return None
-    page = Page("Paper", "paper.html", nav=True, order=45)
+    page = Page("The paper's figures", "paper.html", about="claims")
     runs = {r.record.run_id: r for r in results.runs}
     return site.write(page, "paper.html", figures=figures, runs=runs, verdicts=VERDICTS)
 

@@ -1,4 +1,4 @@
-"""A page for each variant: what its runs show, its facts, observables, invariants and events, and plots."""
+"""The list of mechanisms, and a page for each variant: its motion, why it is hard, who follows it, at what cost."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -14,13 +14,15 @@ from ....harness.results.series import Series
 from ...mechanism.animation.stage import flat, view_of
 from ...mechanism.segments import mechanism_of
 from ...model.accuracy import judged_until, measure_for
+from ...model.catalogue import about_problem, why_hard
 from ...model.curves import SPANS_UPPER
-from ...model.findings import findings_of
-from ...model.followed import followed
+from ...model.focus import chosen
+from ...model.followed import Followed, followed
 from ...model.heat import best_and_worst, boxes_of
 from ...model.motion import Motion, motion_of
 from ...model.results import Results, Run, Variant
-from ...model.variants import broadest, groups_of, themselves
+from ...model.scores import Score, score, unpredictable
+from ...model.variants import broadest, groups_of, mechanisms, themselves, variant_groups
 from ...model.words import NONE, number, plural, time, unit
 from ...plots.laws import Drawing, errors, invariants, laws, observables
 from ...plots.lines import EVER, lines_of
@@ -30,6 +32,7 @@ from ..base import Page, Site
 from ..judged.drifts import words
 from ..judgement import judged
 from ..svg import sketch
+from .scenes import scene_of
 
 MOST_EVENTS = 20  # of one run in the table
 ROWS = 100  # of a folded table: the first page's table and the CSV have all
@@ -133,13 +136,43 @@ def sketch_of(title: str, series: Series | None) -> Markup | None:
     )
 
 
+@dataclass(frozen=True)
+class MechanismCard:
+    """A problem in the list."""
+
+    variant: Variant
+    sketch: Markup | None
+    about: str
+    sentence: str
+    score: Score
+
+
 def write(results: Results, site: Site) -> Page | None:
-    """``problem-<slug>.html`` of every variant; none of them in the navigation."""
+    """``mechanisms.html``, and ``problem-<slug>.html`` of every variant."""
     label = broadest(results)
     plain = {p.title for p in themselves(results, label)}
     for variant in results.variants:  # one problem at a time: its series are large
         _write(results, site, variant, label, SPANS_UPPER if variant.title in plain else SPANS_VARIANT)
-    return None
+    cards = [MechanismCard(p, _drawn(results, p), about_problem(p.problem), best_and_worst(boxes_of(p, label)),
+                           score(p.runs)) for p in results.variants if p.title in plain]  # fmt: skip
+    title = mechanisms(results)
+    return site.write(Page("Mechanisms", "mechanisms.html", nav=True, order=10), "mechanisms.html", cards=cards,
+                      title=title, unpredictable=unpredictable(results),
+                      apart=[(v, score(v.runs)) for v in variant_groups(results, label)])  # fmt: skip
+
+
+def follow_title(variant: Variant, found: Sequence[Followed]) -> str:
+    """How many follow the motion to its end, and who leaves it first."""
+    if not found:
+        return ""
+    whole, last = [f for f in found if f.whole], found[-1]
+    out = f"{len(whole)} of {plural(len(found), 'solver')} follow the motion to {time(float(f'{last.known:.3g}'))} s"
+    return out if last.whole else f"{out}; {last.run.record.solver} leaves it at {number(last.until)} s"
+
+
+def _drawn(results: Results, variant: Variant) -> Markup | None:
+    poses = next((s for c in variant.runs if c.record.series and (s := results.readable_series(c))), None)
+    return sketch_of(variant.title, poses)
 
 
 def _write(results: Results, site: Site, variant: Variant, label: str, spans: int) -> None:
@@ -147,24 +180,33 @@ def _write(results: Results, site: Site, variant: Variant, label: str, spans: in
     motions = {
         line.run.record.run_id: motion_of(line.run, results.series(line.run, poses=False), spans) for line in lines
     }
-    drawing = Drawing(variant.runs, lines, motions, spans)
+    boxes = sorted(boxes_of(variant, label), key=lambda b: b.order)
+    colours = chosen([b.run.record.solver for b in boxes], lambda s: site.looks[s].family)
+    drawing = Drawing(variant.runs, lines, motions, spans, colours, label)
     groups = groups_of(variant, label)
+    plain = spans == SPANS_UPPER  # the scene is of the problems themselves
+    scene = scene_of(results, site, variant, label) if plain else None
+    if scene is not None:
+        site.scenes[variant.title] = scene
     made = (work_chapter(variant, site.url), *(make(drawing) for make in (laws, errors, observables, invariants)))
     chapters: list[Chapter] = [c for c in made if c is not None]
     first = next((p for c in chapters for p in c.plots if p.name == "energy"), None)
-    poses = next((s for c in variant.runs if c.record.series and (s := results.readable_series(c))), None)
     page = Page(variant.title, site.url(variant), brief=spans < SPANS_UPPER)
-    where = f"index.html?problem={results.variants.index(variant)}&label="
+    where = f"runs.html?problem={results.variants.index(variant)}&label="
+    follow = followed(variant)
     drifts = [d for d in judged(results.folder, DRIFTS).found or () if d.variant == variant.title]
     site.write(
-        page, "problem.html", variant=variant, chapters=chapters, measure=measure_for(variant.runs), drifts=drifts,
+        page, "problem.html", variant=variant, scene=scene, work=next((c for c in chapters if c.plots[0].x.log), None),
+        scripts=[f"data/{scene['file']}.js", "assets/stage.js"] if scene else [],
+        follow_title=follow_title(variant, follow), chapters=chapters, measure=measure_for(variant.runs),
+        drifts=drifts,
         drift_words=words,
         plots=[p for c in chapters for p in c.plots], left_out=len(variant.runs) - len(lines),
         facts_of_it=facts_of(variant, max((m.bodies for m in motions.values()), default=0)),
-        sentence=best_and_worst(boxes_of(variant, label)), first=first, sketch=sketch_of(variant.title, poses),
-        findings=findings_of(variant, label), groups=groups, most=ROWS,
+        sentence=best_and_worst(boxes_of(variant, label)), first=first, sketch=_drawn(results, variant),
+        about=about_problem(variant.problem), hard=why_hard(variant.problem), groups=groups, most=ROWS,
         rest={name: f"{where}{results.labels().index(name)}#runs" for name in groups},
-        followed=followed(variant),
+        followed=follow,
         extras=extras([line.run for line in lines]),
         events=events([m for m in motions.values() if m.events]),
     )  # fmt: skip

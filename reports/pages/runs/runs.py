@@ -20,7 +20,7 @@ def write(results: Results, site: Site) -> Page | None:
         variant = variants[run.record.run_id]
         slug = site.drawn.get(run.record.run_id)
         data = f"plots-problem-{slug}" if slug else ""
-        scripts = [*PLOTTING[:1], f"data/{data}.js", *PLOTTING[1:]] if data else []
+        scripts = [f"data/{data}.js", *PLOTTING] if data else []
         site.write(
             Page(f"{run.record.solver} on {run.variant}", site.url(run)), "run.html",
             scripts=[meanings, *scripts], run=run, variant=variant, asked=_asked(run, results),

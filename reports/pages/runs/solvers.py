@@ -1,14 +1,28 @@
-"""A page for each solver: where it succeeds, where it fails and why, and what its options did."""
+"""The list of solvers, and a page for each: its method, its certificate card, its costs, where it fails and why."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from ....harness.results.judgements.files import DRIFTS, ORDERS, SYMMETRIES, WRONG, File
+from ....harness.results.judgements.runs import Drift, Order, Symmetry
+from ....harness.results.words import words_of
+from ...model.catalogue import about_solver
+from ...model.followed import Followed, followed
+from ...model.frontier import Frontier, broad, of_most_problems
+from ...model.heat import heat
 from ...model.results import Results, Run, by_solver, grouped, text_of
-from ...model.scores import Score, score
+from ...model.scores import Score, Standing, score, standings
 from ...model.variants import broadest, groups_of, themselves
+from ...model.words import plural
 from ..base import Page, Site
+from ..judged import drifts, scorecard
+from ..judged.orders import certificates, ladders, verdict_mark
+from ..judgement import Judged, judged_or_published, links_of
+from .card import QUANTITY, card_of
 
 CHIPS = 8  # runs named in a row; the problem's page has all
+DRAWN = 6  # ladders of a solver that are drawn
 
 
 @dataclass(frozen=True)
@@ -19,23 +33,83 @@ class Option:
     score: Score
 
 
+@dataclass(frozen=True)
+class Judgements:
+    """What holds beyond one run, of all solvers; ``whys``: why there is none, or whose it is."""
+
+    orders: Sequence[Order]
+    drifts: Sequence[Drift]
+    symmetries: Sequence[Symmetry]
+    wrong: Sequence[Any]
+    whys: dict[str, tuple[str, str]]
+
+    @staticmethod
+    def of(results: Results) -> "Judgements":
+        """Of these results, else as published."""
+        whys: dict[str, tuple[str, str]] = {}
+
+        def found(name: str, file: File[Any]) -> Sequence[Any]:
+            judged: Judged[Any] = judged_or_published(results.folder, file)
+            whys[name] = judged.why, judged.published
+            return judged.found or ()
+
+        return Judgements(found("orders", ORDERS), found("drift", DRIFTS), found("symmetries", SYMMETRIES),
+                          found("wrong", WRONG), whys)  # fmt: skip
+
+
 def write(results: Results, site: Site) -> Page | None:
-    """``solver-<name>.html`` of every solver; none of them in the navigation."""
+    """``solvers.html``, and ``solver-<name>.html`` and ``badges/<name>.svg`` of every solver."""
     label = broadest(results)
     plain = {p.title for p in themselves(results, label)}
+    judgements, picture = Judgements.of(results), heat(results)
+    follow = [f for p in (picture.problems if picture else ()) for f in followed(p)]
+    costs = of_most_problems(broad(results, site.frontiers))
     for name, runs in by_solver(results.runs).items():
         rows = [(p, group, [c for c in own if c.record.solver == name]) for p in results.variants
                 for group, own in groups_of(p, label).items()]  # fmt: skip
         rows = [row for row in rows if row[2]]
-        site.write(
-            Page(name, site.url(name)), "solver.html", solver=name, most=CHIPS, runs=runs, score=score(runs),
+        _page(
+            results, site, name, judgements, follow, costs, runs=runs, score=score(runs), most=CHIPS,
             paper_label=", ".join(sorted({c.record.paper_label for c in runs} - {""})), options=_options(runs),
-            reasons=_reasons(runs),
+            reasons=_reasons(runs), loud=sorted(runs, key=lambda c: (c.record.label != label, c.variant not in plain)),
             rows=[row for row in rows if row[0].title in plain],
             apart=[row for row in rows if row[0].title not in plain],
-            loud=sorted(runs, key=lambda c: (c.record.label != label, c.variant not in plain)),
         )  # fmt: skip
-    return None
+    found = standings(results)
+    loud = sorted(results.runs, key=lambda c: (c.record.label != label, c.variant not in plain))
+    return site.write(Page("Solvers", "solvers.html", nav=True, order=15), "solvers.html", standings=found,
+                      label=label, title=title(found), loud=loud,
+                      about={v.solver: about_solver(v.solver) for v in found})  # fmt: skip
+
+
+def title(found: Sequence[Standing]) -> str:
+    """How many succeed on every problem that they ran."""
+    ran = [v for v in found if v.finest.runs]
+    whole = [v for v in ran if v.finest.succeeded == v.finest.runs]
+    return f"{len(whole)} of {plural(len(ran), 'solver')} succeed on every problem they ran" if ran else "Solvers"
+
+
+def _page(results: Results, site: Site, name: str, j: Judgements, follow: Sequence[Followed],
+          costs: Sequence[Frontier], **values: Any) -> None:  # fmt: skip
+    def own(found: Sequence[Any]) -> list[Any]:
+        return [x for x in found if x.solver == name]
+
+    links = links_of(results.runs)
+    orders = certificates(own(j.orders), links)
+    drawn = ladders([c for c in orders if c.of.quantity == QUANTITY and c.fixed])[:DRAWN]
+    card = site.cards[name] = card_of(name, j.orders, j.drifts, follow, costs)
+    badge = f"badges/{site.url(name).removeprefix('solver-').removesuffix('.html')}.svg"
+    (site.folder / badge).write(card.badge, durable=False)
+    work = [p for p in site.work.values() if any(t.solver == name for t in p.traces)]
+    checks = scorecard.card(own(j.symmetries))
+    site.write(
+        Page(name, site.url(name)), "solver.html", solver=name, card=card, badge=badge, about=about_solver(name),
+        scripts=["assets/judgement.js"], plots=drawn, work=work, borrowed="plots-cost" if work else "",
+        links=links, whys=j.whys, certificates=orders,
+        drifts=drifts.anatomies(own(j.drifts)), drift_words=drifts.words, verdict_mark=verdict_mark,
+        checks=list(zip(checks.checks, checks.rows[0][1], strict=True)) if checks.rows else [],
+        marks_of=scorecard.MARKS, symmetry_words=scorecard.words, wrong=own(j.wrong), reason_words=words_of, **values,
+    )  # fmt: skip
 
 
 def _options(runs: Sequence[Run]) -> list[Option]:

@@ -6,9 +6,13 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import psutil
 import pytest
+import threadpoolctl
 
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import environment, store
@@ -86,6 +90,8 @@ def test_kills_and_suspensions_lose_nothing(tmp_path, RUNS, KILLS, SUSPENSIONS):
         process.communicate()
         time.sleep(0.3)  # the supervisor sees its input end and kills what runs
         now = done(folder)
+        time.sleep(0.5)
+        assert done(folder) == now  # nobody goes on in the dark
         assert all(now.get(name) == when for name, when in kept.items() if name.removesuffix(".json") not in again)
         kept = now
         again = {r.run_id for r in store.load(folder).records if is_provisional(r)}
@@ -98,5 +104,21 @@ def test_kills_and_suspensions_lose_nothing(tmp_path, RUNS, KILLS, SUSPENSIONS):
     loaded = [store.load(x) for x in (folder, tmp_path / "calm")]
     killed, calm = (store.table(x.records).drop(columns=TIMED) for x in loaded)
     assert len(killed) == RUNS and killed.equals(calm), killed.compare(calm).to_string()
+    assert len(pd.read_parquet(folder / "runs.parquet")) == RUNS
     aside = [store.read_record(p) for p in folder.glob("set_aside/*.json")]
     assert {r.ended_by for r in aside} <= {"suspended"}
+
+
+def test_the_environment_of_a_run_does_not_depend_on_what_else_is_imported(monkeypatch):
+    """Libraries of linear algebra that come with another package change no number of ours."""
+    before = environment.stamp("f", "s", 1, ())
+    found = [{**one, "num_threads": 1} for one in threadpoolctl.threadpool_info()]
+    other = {
+        **found[0],
+        "version": "0",
+        "filepath": str(Path(np.__file__).parents[1] / "other.libs" / "libopenblas.so"),
+    }
+    monkeypatch.setattr(threadpoolctl, "threadpool_info", lambda: [*found, other])
+    assert environment.identity(environment.stamp("f", "s", 1, ())) == environment.identity(before)
+    monkeypatch.setattr(threadpoolctl, "threadpool_info", lambda: [{**one, "version": "0"} for one in found])
+    assert environment.identity(environment.stamp("f", "s", 1, ())) != environment.identity(before)

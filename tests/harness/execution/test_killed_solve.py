@@ -11,22 +11,15 @@ import numpy as np
 import psutil
 import pytest
 
+from mbsbench.harness import files
+from mbsbench.harness.results import series
+
 from ..conftest import PLUGIN
 
 
 def started(tmp_path, *more):
-    line = (
-        sys.executable,
-        "-m",
-        "mbsbench.cli",
-        "solve",
-        "free_fall",
-        "sleeps",
-        "--plugin",
-        str(PLUGIN),
-        "--out",
-        "x.npz",
-    )
+    words = ("solve", "free_fall", "sleeps", "--plugin", str(PLUGIN), "--out", "x.npz")
+    line = (sys.executable, "-m", "mbsbench.cli", *words)
     process = subprocess.Popen(
         (*line, *more), cwd=tmp_path, env=dict(os.environ), text=True,
         stdout=subprocess.PIPE, stderr=subprocess.PIPE,
@@ -86,9 +79,6 @@ def test_a_killed_run_of_solve_is_its_result(tmp_path, number):
 
 def test_a_disk_that_is_full_or_a_file_cut_short_is_no_result(tmp_path, monkeypatch):
     """Written beside and renamed: an error on the way leaves the older file and no rest."""
-    from mbsbench.harness import files
-    from mbsbench.harness.results import series
-
     path = tmp_path / "x.npz"
     series.write_npz(path, {"a": np.arange(3)})
     before = path.read_bytes()

@@ -57,16 +57,12 @@ def started(tmp_path, text):
     return process, psutil.Process(process.pid).children(recursive=True)
 
 
-@pytest.mark.parametrize("all_of_it", [False, True], ids=["supervisor", "everything"])
-def test_a_suspension_longer_than_the_limit_costs_no_run(tmp_path, all_of_it):
-    """As a batch system does it: stopped for twice the limit and continued, a run ends as it would have."""
+def test_a_suspension_longer_than_the_limit_costs_no_run(tmp_path):
+    """The supervisor alone, stopped for twice the limit and continued: the run ends as it would have."""
     process, children = started(tmp_path, SLEEPS.format(wall=3.0, seconds="1.0"))
-    stopped = [psutil.Process(process.pid), *children] if all_of_it else [children[0]]
-    for p in stopped:
-        p.suspend()
+    children[0].suspend()
     time.sleep(6.5)  # the limit of 3 s and the 2 s of grace are over
-    for p in stopped[::-1]:
-        p.resume()
+    children[0].resume()
     out, _ = process.communicate(timeout=300)
     (record,) = store.load(tmp_path / "run").records
     assert (process.returncode, record.status) == (0, "success"), out

@@ -1,16 +1,20 @@
 """Nothing that is done is lost or done again, whatever ends the run."""
 
+import errno
 import os
 import signal
 import subprocess
 import sys
 import time
 
+import pandas as pd
 import psutil
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.execution.pool import LocalPool
+from mbsbench.harness.execution import worker
+from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.pool import LocalPool, PoolError
 from mbsbench.harness.execution.protocol import Done, Lost, Supervised
 from mbsbench.harness.execution.runner import Request, last_folder, run_suite
 from mbsbench.harness.files import partial_of
@@ -18,59 +22,6 @@ from mbsbench.harness.results import codes, environment, store
 from mbsbench.harness.suites.suite import parse_suite
 
 from ..conftest import PLUGIN, Silent
-
-SUITE = f"""
-name = "many"
-plugins = ["{PLUGIN}"]
-[[runs]]
-problem = "free_fall"
-solver = "sleeps"
-options = {{ seconds = [{", ".join(f"0.{k:02d}" for k in range(10, 34))}] }}
-"""
-
-
-def start(folder, suite, *more):
-    line = (sys.executable, "-m", "mbsbench.cli", "run", str(suite), "--out", str(folder), "--jobs", "2", *more)
-    out = subprocess.PIPE
-    return subprocess.Popen(line, cwd=environment.ROOT, stdout=out, stderr=out, text=True)
-
-
-def done(folder) -> dict[str, int]:
-    return {p.name: p.stat().st_mtime_ns for p in (folder / "runs").glob("[!.]*.json")} if folder.exists() else {}
-
-
-def wait_for(folder, count: int) -> None:
-    until = time.monotonic() + 30.0
-    while len(done(folder)) < count and time.monotonic() < until:
-        time.sleep(0.02)
-    assert len(done(folder)) >= count
-
-
-def test_kill_and_resume_recomputes_nothing(tmp_path):
-    """Killed twice at random, with SIGKILL: finished runs keep their files, and the table ends whole."""
-    suite, folder = tmp_path / "many.toml", tmp_path / "run"
-    suite.write_text(SUITE)
-    kept: dict[str, int] = {}
-    for more, count in (((), 3), (("--resume",), 9)):
-        process = start(folder, suite, *more)
-        wait_for(folder, count)
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
-        time.sleep(0.5)  # runs of the killed runner are killed by their supervisor, which sees its input end
-        now = done(folder)
-        assert all(now[name] == time_ for name, time_ in kept.items())
-        kept = now
-        time.sleep(0.5)
-        assert done(folder) == kept  # nobody goes on in the dark
-    assert 9 <= len(kept) < 24
-    out, err = start(folder, suite, "--resume").communicate(timeout=60)
-    assert f"{len(kept)} already done" in out, err
-    assert all(done(folder)[name] == time_ for name, time_ in kept.items())
-    loaded = store.load(folder)
-    assert len(loaded.records) == 24 and {r.status for r in loaded.records} == {"success"}
-    import pandas as pd
-
-    assert len(pd.read_parquet(folder / "runs.parquet")) == 24
 
 
 def test_damaged_runs_are_run_again(run_text, tmp_path):
@@ -190,11 +141,6 @@ def test_the_newest_run_is_of_this_suite(tmp_path):
 
 def test_a_full_disk_at_the_end_hides_nothing_and_leaves_no_rest(run_text, tmp_path, monkeypatch):
     """The table cannot be written: its beginning goes, and what had ended the run is what is told."""
-    import errno
-
-    import pandas as pd
-
-    from mbsbench.harness.execution.pool import PoolError
 
     def full(self, file, **_):
         file.write(b"PAR1")
@@ -249,12 +195,6 @@ def test_table_does_not_depend_on_jobs(run_text, tmp_path):
 
 def test_a_full_disk_is_no_result_of_a_run(tmp_path, monkeypatch):
     """ENOSPC while writing is not stored as the solver's crash: the run stays to be done."""
-    import errno
-
-    from mbsbench.harness.execution import worker
-    from mbsbench.harness.execution.job import Job
-    from mbsbench.harness.suites.suite import parse_suite
-
     suite = parse_suite('[[runs]]\nproblem = "free_fall"\nsolver = "exact"', "t", "t", plugins=(str(PLUGIN),))
     folder = store.create(tmp_path / "run")
 
@@ -264,7 +204,7 @@ def test_a_full_disk_is_no_result_of_a_run(tmp_path, monkeypatch):
     monkeypatch.setattr("mbsbench.harness.execution.measuring.write_series", full)
     with pytest.raises(OSError, match="No space"):
         worker.run(Job(suite.specs[0], folder))
-    assert not done(folder)
+    assert not list((folder / "runs").glob("*.json"))
 
 
 @pytest.mark.slow

@@ -11,7 +11,7 @@ from mbsbench.harness.results import store
 from mbsbench.harness.results.provisional import files_of, is_provisional
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.words import words_of_ending
-from mbsbench.harness.suites.suite import load_suite, parse_suite
+from mbsbench.harness.suites.suite import parse_suite
 from mbsbench.harness.types import EndedBy
 
 from ..conftest import PLUGIN, Silent
@@ -106,11 +106,6 @@ def test_the_series_of_such_a_record_goes_aside_too(tmp_path):
     store.write_record(folder, record)
     (folder / record.series).write_bytes(b"x")
     assert [u.path.name for u in files_of(folder, record)] == ["abc.json", "abc.npz"]
-
-
-def test_the_short_suite_has_a_total_limit():
-    """The gate of every merge: what takes longer closes it."""
-    assert load_suite("ci").total_limit == 420.0
 
 
 def test_the_run_says_what_is_left(tmp_path, capsys):

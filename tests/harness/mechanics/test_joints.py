@@ -1,61 +1,87 @@
-"""Every kind of joint and of force, on all routes: rows, their rates, accelerations, power, presentations."""
+"""Every kind of joint, drive and force on all routes: rows, their rates, accelerations, power, presentations."""
 
-import dataclasses
-import importlib.util
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import in_frame
-from mbsbench.harness.mechanics import motion, so3, work
+from mbsbench.harness.mechanics import motion, so3, time_functions, work
+from mbsbench.harness.mechanics.consistency import project
+from mbsbench.harness.mechanics.dynamics import accelerations
+from mbsbench.harness.mechanics.dynamics import moved as along
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
-from mbsbench.harness.mechanics.joints import Joint, JointKind
+from mbsbench.harness.mechanics.joints import DECLARED, JointKind, MovingKind
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.mechanics.state import State, States
-from mbsbench.harness.mechanics.system import GROUND, Load, RigidBody, assemble
+from mbsbench.harness.mechanics.system import MultibodySystem
+from mbsbench.harness.mechanics.time_functions import TimeFunction
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
-from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.types import Problem
-from mbsbench.problems.random_mechanism import closed_joint
 from mbsbench.solvers.formulations.charts import CHARTS
 from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
 from mbsbench.solvers.formulations.layout import Layout
 from mbsbench.solvers.formulations.start import Accelerations, coordinates_and_velocities
-from mbsbench.solvers.formulations.strong_form import StrongForm
+from mbsbench.solvers.formulations.strong_form import RowTerms, StrongForm
 from mbsbench.solvers.formulations.system_elements import equations_of_motion
 
-from ...solvers.arbitrary_joints import KINDS, all_joints, one_joint
-from ...solvers.arbitrary_systems import arbitrary
+from ...solvers.arbitrary_joints import KINDS, MOVING, SWAY, all_joints, moving_rows, one_joint
+from ...solvers.arbitrary_systems import arbitrary, linkage, with_user_forces
 
-SYSTEM = all_joints()
 STEP = 1e-5  # [s] of central differences: truncation and rounding 1e-10 of values of order 10
 DIFFERENCES = 1e-6
 ROUNDING = 1e-11  # a thousand operations on values of order 10
-each_joint = pytest.mark.parametrize("kind", KINDS)
+SYSTEMS = {"joints": all_joints(), "moving rows": moving_rows(None), "linkage": linkage(springs=True),
+           "user forces": with_user_forces()}  # fmt: skip
+each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
+each_chart = pytest.mark.parametrize("coordinates", CHARTS)
 ends = pytest.mark.parametrize("ground", [False, True], ids=["two bodies", "ground"])
 
 
-def moved(s: State, t: float) -> States:
-    return States.one(State(s.r + t * s.v, s.R @ so3.exp(t * s.Omega), s.v, s.Omega))
+def timed(system: MultibodySystem, seed: int, t: float = 0.4) -> State:
+    s = arbitrary(system, seed)
+    return State(s.r, s.R, s.v, s.Omega, t)
+
+
+def moved(s: State, h: float) -> States:
+    return States.one(State(s.r + h * s.v, s.R @ so3.exp(h * s.Omega), s.v, s.Omega, s.t + h))
+
+
+@cache
+def consistent(kind: str | None, *, ground: bool = False) -> tuple[MultibodySystem, State]:
+    """Two bodies, or one and the ground, with one kind of rows; all moving rows without a kind."""
+    if kind in KINDS:
+        return one_joint(kind, ground=ground)
+    system = moving_rows(kind, ground=ground)
+    return system, project(system, timed(system, 4, 0.3), 200)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_rates_of_the_rows_are_their_derivatives(seed: int) -> None:
-    """phi_dot by central differences of phi, and A v, where no constraint holds."""
-    state = arbitrary(SYSTEM, seed)
-    ahead, behind = (motion.constraint(SYSTEM, moved(state, t))[0] for t in (STEP, -STEP))
-    phi_dot = motion.constraint_rate(SYSTEM, States.one(state))[0]
-    assert np.max(np.abs((ahead - behind) / (2.0 * STEP) - phi_dot)) < DIFFERENCES
+@each_system
+def test_rates_of_the_rows_are_their_derivatives(system, seed) -> None:
+    """phi_dot by central differences of phi where there is one, and A v + phi_t, where no constraint holds."""
+    state = timed(system, seed)
+    ahead, behind = (motion.constraint(system, moved(state, h))[0] for h in (STEP, -STEP))
+    phi_dot = motion.constraint_rate(system, States.one(state))[0]
+    rows = system.moving_rows()
+    start = {kind: rows.row[rows.kind.index(kind)] for kind in MovingKind if kind in rows.kind}
+    without = (
+        [start[MovingKind.KNIFE_EDGE], start[MovingKind.ROLLING] + 1, start[MovingKind.ROLLING] + 2] if start else []
+    )
+    has = np.setdiff1d(np.arange(system.nrows), without)
+    assert np.max(np.abs((ahead - behind) / (2.0 * STEP) - phi_dot)[has]) < DIFFERENCES
+    assert np.all(motion.constraint(system, States.one(state))[0][without] == 0.0)
     v = np.concatenate((state.v, state.Omega), axis=1).ravel()
-    assert np.max(np.abs(constraint_jacobian(SYSTEM, state) @ v - phi_dot)) < ROUNDING
+    still = State(state.r, state.R, 0 * state.v, 0 * state.Omega, state.t)
+    phi_t = motion.constraint_rate(system, States.one(still))[0]
+    assert bool(np.max(np.abs(phi_t)) > 0.1) is bool(start)
+    assert np.max(np.abs(constraint_jacobian(system, state) @ v + phi_t - phi_dot)) < ROUNDING
 
 
-@each_joint
+@pytest.mark.parametrize("kind", KINDS)
 @ends
-def test_a_joint_leaves_free_what_its_rows_say(kind: JointKind, ground: bool) -> None:
+def test_a_joint_leaves_free_what_its_rows_say(kind, ground) -> None:
     """Its rows are independent: their number is the freedoms it takes."""
     system, state = one_joint(kind, ground=ground)
     taken = {"spherical": 3, "universal": 4, "revolute": 5, "fixed": 6, "cylindrical": 4, "prismatic": 5}
@@ -63,203 +89,260 @@ def test_a_joint_leaves_free_what_its_rows_say(kind: JointKind, ground: bool) ->
     assert np.linalg.matrix_rank(constraint_jacobian(system, state).toarray()) == taken[kind] == system.nrows
 
 
-@each_joint
+@pytest.mark.parametrize("kind", [*KINDS, *MOVING])
 @ends
-def test_four_routes_give_one_acceleration(kind: JointKind, ground: bool) -> None:
-    """Newton-Euler, natural coordinates, CasADi and the compiled kernel: with a spring-damper, two loads, gravity."""
-    system, state = one_joint(kind, ground=ground)
-    first, second, nb = NewtonEuler(system), Directors(system), system.nb
-    rate = first.rate(first.restarted(first.start(state)))[7 * nb :]
-    v_dot, Omega_dot = rate.reshape(2, nb, 3)
-    z = second.restarted(second.start(state))
-    z_dot = second.rate(z[None])[0].reshape(2, nb, 4, 3)[1]
-    assert np.max(np.abs(z_dot[:, 0] - v_dot)) < 1e-9
-    hat = so3.hat(state.Omega)
-    R_ddot = state.R @ (hat @ hat + so3.hat(Omega_dot))
-    assert np.max(np.abs(np.swapaxes(z_dot[:, 1:], 1, 2) - R_ddot)) < 1e-9
-    problem = Problem("one joint", system, state, 1.0, 1e-3, "", "made up")
+def test_all_routes_give_one_acceleration(kind, ground) -> None:
+    """NumPy, CasADi and the compiled kernel, with springs, dampers, loads and gravity.
+
+    On joints at rest also Newton-Euler and natural coordinates, the routes of the reference.
+    """
+    system, s = consistent(kind, ground=ground)
+    first, nb = accelerations(system, s), system.nb
+    expected = np.concatenate((first.v_dot, first.Omega_dot), axis=1)
     layout = Layout(system, CHARTS["quaternion"], np.arange(system.nrows))
-    u_dot, lam = Accelerations(layout).at(coordinates_and_velocities(layout, problem))
-    assert np.max(np.abs(u_dot - np.concatenate((v_dot, Omega_dot), axis=1).ravel())) < 1e-9
+    problem = Problem("one kind", system, s, 1.0, 1e-3, "", "made up")
+    u_dot, lam = Accelerations(layout).at(coordinates_and_velocities(layout, problem), s.t)
+    assert u_dot == pytest.approx(expected.ravel(), abs=1e-8)
+    assert lam == pytest.approx(first.reaction, abs=1e-8)
     made = make_kernel(system, ("accelerate",))
-    start_at(made.kernel, state)
+    start_at(made.kernel, s)
     made.entry("accelerate")()
-    assert np.max(np.abs(made.kernel.v_dot.ravel() - u_dot)) < 1e-9
-    assert np.max(np.abs(made.kernel.lam[made.kernel.order] - lam)) < 1e-9
+    assert made.kernel.v_dot == pytest.approx(u_dot.reshape(-1, 6), abs=1e-9)
+    assert made.kernel.lam[made.kernel.order] == pytest.approx(lam, abs=1e-9)
+    if kind not in KINDS:
+        return
+    one, two = NewtonEuler(system), Directors(system)
+    v_dot, Omega_dot = one.rate(one.restarted(one.start(s)))[7 * nb :].reshape(2, nb, 3)
+    assert np.concatenate((v_dot, Omega_dot), axis=1).ravel() == pytest.approx(u_dot, abs=1e-9)
+    z_ddot = two.rate(two.restarted(two.start(s))[None])[0].reshape(2, nb, 4, 3)[1]
+    hat = so3.hat(s.Omega)
+    assert np.max(np.abs(z_ddot[:, 0] - v_dot)) < 1e-9
+    assert np.max(np.abs(np.swapaxes(z_ddot[:, 1:], 1, 2) - s.R @ (hat @ hat + so3.hat(Omega_dot)))) < 1e-9
 
 
 @cache
-def layout(coordinates: str) -> Layout:
-    return Layout(SYSTEM, CHARTS[coordinates], np.arange(SYSTEM.nrows))
+def layout_of(name: str, coordinates: str) -> tuple[Layout, StrongForm]:
+    system = SYSTEMS[name]
+    at = Layout(system, CHARTS[coordinates], np.arange(system.nrows))
+    return at, StrongForm(at)
 
 
-@pytest.mark.parametrize("coordinates", CHARTS)
-def test_the_symbolic_rows_are_those_of_motion(coordinates: str) -> None:
-    """phi, phi_dot, M_bar, and phi_ddot by central differences, in either chart."""
-    at, state = layout(coordinates), arbitrary(SYSTEM, 4)
+@pytest.mark.parametrize("name", ["joints", "moving rows", "linkage"])
+@each_chart
+def test_the_symbolic_rows_are_those_of_motion(name, coordinates) -> None:
+    """phi, phi_dot, A, M_bar and f_bar in either chart, where no constraint holds; the rate of M_bar by differences."""
+    system, (at, form) = SYSTEMS[name], layout_of(name, coordinates)
+    state = timed(system, 4)
     one = States.one(state)
-    p, u = at.chart.coordinates(state)
-    y = np.concatenate((p.ravel(), u.ravel(), np.zeros(at.k)))
-    terms = StrongForm(at).terms(y[: at.n - at.k])
-    assert np.max(np.abs(terms.phi - motion.constraint(SYSTEM, one)[0])) < ROUNDING
-    assert np.max(np.abs(terms.phi_dot - motion.constraint_rate(SYSTEM, one)[0])) < ROUNDING
-    assert np.max(np.abs(terms.M_bar / motion.scaling_masses(SYSTEM, one)[0] - 1.0)) < ROUNDING
-    applied = motion.applied(SYSTEM, one)[0]
-    c = StrongForm(at)
-    weights = c.pattern.matrix(c._motion.values(y[: at.n - at.k], np.zeros(at.n_u))[c._slices[8]])
-    assert np.max(np.abs(terms.f_bar - weights @ applied.ravel())) < 1e-9
+
+    def unknowns(s: State) -> np.ndarray:
+        return np.concatenate([part.ravel() for part in at.chart.coordinates(s)])
+
+    def terms(s: State) -> RowTerms:
+        return form.terms(unknowns(s), s.t)
+
+    here = terms(state)
+    assert np.max(np.abs(here.phi - motion.constraint(system, one)[0])) < ROUNDING
+    assert np.max(np.abs(here.phi_dot - motion.constraint_rate(system, one)[0])) < ROUNDING
+    assert np.max(np.abs(here.M_bar / motion.scaling_masses(system, one)[0] - 1.0)) < ROUNDING
+    B = np.zeros((at.n_u, at.n_u))
+    for b, T in enumerate(at.chart.rotation_rates(unknowns(state)[at.p].reshape(system.nb, -1))):
+        B[6 * b : 6 * b + 3, 6 * b : 6 * b + 3], B[6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = np.eye(3), T
+    A = constraint_jacobian(system, state).toarray() @ B
+    assert np.max(np.abs(form.pattern.dense(here.A) - A)) < ROUNDING
+    ahead, behind = (terms(moved(state, h)[0]).M_bar for h in (STEP, -STEP))
+    largest = np.max(np.abs(here.M_bar_dot))
+    assert np.max(np.abs((ahead - behind) / (2.0 * STEP) - here.M_bar_dot)) < DIFFERENCES * largest
+    if name == "joints":
+        weights = form.pattern.matrix(form._motion.values(unknowns(state), np.zeros(at.n_u))[form._slices[8]])
+        assert np.max(np.abs(here.f_bar - weights @ motion.applied(system, one)[0].ravel())) < 1e-9
 
 
-@pytest.mark.parametrize("coordinates", CHARTS)
-def test_the_power_of_loads_and_dampers_is_the_rate_of_energy(coordinates: str) -> None:
-    """u . e = d(T + V)/dt - power at any u_dot."""
-    at, state = layout(coordinates), arbitrary(SYSTEM, 5)
+@pytest.mark.parametrize("name", ["joints", "linkage", "user forces"])
+@each_chart
+def test_the_power_of_the_unbalanced_load_is_the_rate_of_energy(name, coordinates) -> None:
+    """u . e = d(T + V)/dt - power at any u_dot: Newton, gravity, springs, dampers, loads and laws at once."""
+    system, at = SYSTEMS[name], layout_of(name, coordinates)[0]
     motions = equations_of_motion(at, "acceleration", 0.0, 0.0, differentiable=False)
+    for seed in range(3):
+        state = arbitrary(system, seed)
+        p, u = at.chart.coordinates(state)
+        y, u_dot = np.concatenate((p.ravel(), u.ravel(), np.zeros(at.k))), np.cos(seed + np.arange(at.n_u))
+        out = motions.values(y, u_dot)
+
+        def energy(h: float, y: np.ndarray = y, p_dot: np.ndarray = out[at.p], u_dot: np.ndarray = u_dot) -> float:
+            z = y + h * np.concatenate((p_dot, u_dot, np.zeros(at.k)))
+            s = at.chart.states(z[at.p].reshape(1, system.nb, -1), z[at.u].reshape(1, system.nb, 6))
+            return float(motion.energy(system, s)[0])
+
+        rate = (energy(STEP) - energy(-STEP)) / (2.0 * STEP) - work.power(system, States.one(state))[0]
+        sharp = DIFFERENCES * (1.0 + abs(rate)) / at.chart.margin(p[None])[0] ** 2
+        assert y[at.u] @ out[at.u] == pytest.approx(rate, abs=sharp)
+
+
+@pytest.mark.parametrize("seed", range(5))
+@each_chart
+def test_charts_move_as_bodies_turn_and_rows_are_those_of_eq_94(coordinates, seed) -> None:
+    """R_dot = R hat(Omega), r_dot = v; c = phi_ddot + 2 alpha phi_dot + beta^2 phi: all by central differences.
+
+    (r, R, v, Omega) -> (p, u) -> (r, R, v, Omega) is the identity away from the chart's singularity.
+    """
+    alpha, beta, system, at = 3.0, 7.0, SYSTEMS["linkage"], layout_of("linkage", coordinates)[0]
+    state = arbitrary(system, seed)
     p, u = at.chart.coordinates(state)
-    y, u_dot = np.concatenate((p.ravel(), u.ravel(), np.zeros(at.k))), np.random.default_rng(1).standard_normal(at.n_u)
-    out = motions.values(y, u_dot)
+    y, u_dot = np.concatenate((p.ravel(), u.ravel(), np.zeros(at.k))), np.cos(seed + np.arange(at.n_u))
+    out = equations_of_motion(at, "acceleration", alpha, beta, differentiable=False).values(y, u_dot)
 
-    def energy(t: float) -> float:
-        z = y + t * np.concatenate((out[at.p], u_dot, np.zeros(at.k)))
-        s = at.chart.states(z[at.p].reshape(1, SYSTEM.nb, -1), z[at.u].reshape(1, SYSTEM.nb, 6))
-        return float(motion.energy(SYSTEM, s)[0])
+    def after(h: float) -> States:
+        z = y + h * np.concatenate((out[at.p], u_dot, np.zeros(at.k)))
+        return at.chart.states(z[at.p].reshape(1, system.nb, -1), z[at.u].reshape(1, system.nb, 6))
 
-    rate = (energy(STEP) - energy(-STEP)) / (2.0 * STEP) - work.power(SYSTEM, States.one(state))[0]
-    sharp = DIFFERENCES * (1.0 + abs(rate)) / at.chart.margin(p[None])[0] ** 2
-    assert y[at.u] @ out[at.u] == pytest.approx(rate, abs=sharp)
+    for name in ("r", "R", "v", "Omega"):
+        np.testing.assert_allclose(getattr(after(0.0)[0], name), getattr(state, name), atol=ROUNDING)
+    ahead, behind = after(STEP), after(-STEP)
+    spin = np.swapaxes(state.R, 1, 2) @ (ahead.R - behind.R)[0] / (2.0 * STEP)
+    sharp = DIFFERENCES / at.chart.margin(p[None])[0] ** 3  # derivatives of angles grow with its inverse
+    np.testing.assert_allclose(spin, so3.hat(state.Omega), atol=sharp)
+    np.testing.assert_allclose((ahead.r - behind.r)[0] / (2.0 * STEP), state.v, atol=DIFFERENCES)
+    phi_ddot = (motion.constraint_rate(system, ahead) - motion.constraint_rate(system, behind))[0] / (2.0 * STEP)
+    one = States.one(state)
+    rates = 2.0 * alpha * motion.constraint_rate(system, one)[0] + beta**2 * motion.constraint(system, one)[0]
+    np.testing.assert_allclose(out[at.lam] - rates, phi_ddot, atol=sharp, rtol=1e-5)
+
+
+@pytest.mark.parametrize("kind", MOVING)
+@ends
+def test_the_power_of_drives_is_the_rate_of_energy(kind, ground) -> None:
+    """d(T + V)/dt along the motion of index 1, with the powers of drives, timed loads and a damper."""
+    system, s = consistent(kind, ground=ground)
+    rates = accelerations(system, s)
+    ahead, behind = (motion.energy(system, States.one(along(s, rates, h)))[0] for h in (STEP, -STEP))
+    power = work.power(system, States.one(s))[0]
+    assert (ahead - behind) / (2.0 * STEP) == pytest.approx(power, rel=1e-6)
+    if DECLARED[kind].motion:
+        assert abs(work.drive_power(system, States.one(s))[0]) > 1e-2 * abs(power)
+
+
+def test_the_power_of_a_motion_that_is_lost_is_not_a_number() -> None:
+    """And that of the instants before stays."""
+    system, s = consistent(MovingKind.DRIVEN_ANGLE)
+    lost = State(s.r * np.nan, s.R, s.v, s.Omega, s.t)
+    both = States(*(np.stack((getattr(s, n), getattr(lost, n))) for n in ("r", "R", "v", "Omega", "t")))
+    power = work.drive_power(system, both)
+    assert power[0] == work.drive_power(system, States.one(s))[0] and np.isnan(power[1])
+
+
+@pytest.mark.parametrize("kind", MOVING)
+def test_rows_stay_satisfied_along_the_accelerations(kind) -> None:
+    """phi_ddot = 0: phi_dot after a step of h is of the order of h^2."""
+    system, s = consistent(kind)
+    rates = accelerations(system, s)
+    off = [np.max(np.abs(motion.constraint_rate(system, States.one(along(s, rates, h))))) for h in (2e-4, 1e-4)]
+    assert np.log2(off[0] / off[1]) == pytest.approx(2.0, abs=0.05)
+
+
+def test_a_function_of_time_has_its_derivatives_and_its_integral() -> None:
+    """By central differences; the integral of a speed is the position of a drive."""
+    numbers, t = SWAY.numbers()[None], np.array([0.1, 0.7])
+    _, f_dot, f_ddot = time_functions.values(numbers, t)
+    ahead, behind = (time_functions.values(numbers, t + h) for h in (STEP, -STEP))
+    assert np.max(np.abs((ahead[0] - behind[0]) / (2 * STEP) - f_dot)) < 1e-8
+    assert np.max(np.abs((ahead[1] - behind[1]) / (2 * STEP) - f_ddot)) < 1e-8
+    for rate in (TimeFunction((1.0, 2.0, 3.0), 0.5, 2.0, 0.4), TimeFunction((1.0,), 0.5, 0.0, 0.4)):
+        whole = rate.integral(0.25).numbers()[None]
+        assert time_functions.values(whole, np.zeros(1))[0] == pytest.approx(0.25, abs=1e-15)
+        assert time_functions.values(whole, t)[1] == pytest.approx(time_functions.values(rate.numbers()[None], t)[0])
+
+
+def test_what_the_rows_of_velocities_forbid_is_what_their_names_say() -> None:
+    """The disc's lowest material point rests; the knife's point moves along the blade."""
+    system, s = consistent(MovingKind.ROLLING, ground=True)
+    axis, n, centre = s.R[0] @ system.joint_u[0], system.joint_n[0, 0], s.r[0] + s.R[0] @ system.joint_s_i[0]
+    down = n - (n @ axis) * axis
+    lowest = centre - 0.4 * down / np.linalg.norm(down)
+    assert (lowest - system.joint_s_j[0]) @ n == pytest.approx(0.0, abs=1e-12)
+    assert s.v[0] + np.cross(s.R[0] @ s.Omega[0], lowest - s.r[0]) == pytest.approx(np.zeros(3), abs=1e-11)
+    system, s = consistent(MovingKind.KNIFE_EDGE, ground=True)
+    across = motion.point_velocity(States.one(s), 0, system.joint_s_i[0])[0] @ s.R[0] @ system.joint_u[0]
+    assert across == pytest.approx(time_functions.values(SWAY.numbers()[None], np.array([0.3]))[0][0, 0], abs=1e-11)
+
+
+@ends
+def test_a_driven_distance_is_that_of_the_points(ground) -> None:
+    """|d| = L(t) and its rate L'(t); the row pulls each body along d, at its own point."""
+    system, s = consistent(MovingKind.DRIVEN_DISTANCE, ground=ground)
+    one, (a, b) = States.one(s), ((0, system.joint_s_i[0]), (-1 if ground else 1, system.joint_s_j[0]))
+    d, d_dot = (of(one, *a)[0] - of(one, *b)[0] for of in (motion.point_position, motion.point_velocity))
+    L, L_dot, _ = (a[0, 0] for a in time_functions.values(SWAY.numbers()[None], np.array([0.3])))
+    assert (np.linalg.norm(d), d @ d_dot / L) == pytest.approx((L, L_dot), abs=1e-11)
+    A = constraint_jacobian(system, s).toarray()[0].reshape(-1, 6)
+    for (body, arm), sign in ((a, 1.0), (b, -1.0))[: system.nb]:
+        assert A[body, :3] == pytest.approx(sign * d / L, abs=1e-12)
+        assert A[body, 3:] == pytest.approx(np.cross(arm, s.R[body].T @ A[body, :3]), abs=1e-12)
 
 
 def test_a_row_of_loads_and_dampers_works_along_the_motion() -> None:
     """The work of the cubic is of fourth order in the step: halved steps leave a sixteenth."""
     system, state = one_joint(JointKind.FIXED, ground=False)
-    t = np.linspace(0.0, 1.0, 1601)
-    turn = np.stack((np.sin(2.0 * t), t**2, np.cos(3.0 * t)), axis=-1)[:, None] * np.array([[1.0], [0.5]])
-    rate = np.stack((2.0 * np.cos(2.0 * t), 2.0 * t, -3.0 * np.sin(3.0 * t)), axis=-1)[:, None] * np.array(
-        [[1.0], [0.5]]
-    )
+    t, share = np.linspace(0.0, 1.0, 1601), np.array([[1.0], [0.5]])
+    turn = np.stack((np.sin(2.0 * t), t**2, np.cos(3.0 * t)), axis=-1)[:, None] * share
+    rate = np.stack((2.0 * np.cos(2.0 * t), 2.0 * t, -3.0 * np.sin(3.0 * t)), axis=-1)[:, None] * share
     s = States(turn + state.r, so3.exp(turn) @ np.eye(3), rate, so3.angular_velocity(turn, rate))
 
-    def along(k: int) -> float:
+    def work_in(k: int) -> float:
         return float(np.sum(work.work_along_cubics(system, s.at(slice(None, None, k)), np.diff(t[::k]))))
 
-    exact = along(1)
-    off = [abs(along(k) - exact) for k in (160, 80)]
+    exact = work_in(1)
+    off = [abs(work_in(k) - exact) for k in (160, 80)]
     assert np.log2(off[0] / off[1]) == pytest.approx(4.0, abs=0.4)
     power = work.power(system, s)
     simpson = np.sum(power[:-2:2] + 4.0 * power[1:-1:2] + power[2::2]) * t[1] / 3.0
     assert exact == pytest.approx(simpson, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    "given", [{"mirror": "X"}, {"renumber": 3}, {"duplicate": 2}, {"unit_length": 100.0, "unit_time": 7.0}]
-)
-def test_a_presentation_changes_no_acceleration(given: dict) -> None:
-    """Joints, springs and loads are presented with the bodies."""
-    asked = Presentation(**given)
-    state = arbitrary(SYSTEM, 6)
-    shown, there = asked.system(SYSTEM), asked.state(SYSTEM, state)
-    E, P = motion.energy(SYSTEM, States.one(state))[0], work.power(SYSTEM, States.one(state))[0]
-    unit = asked.force * asked.unit_length
-    assert motion.energy(shown, States.one(there))[0] == pytest.approx(E * unit, rel=1e-12)
-    assert work.power(shown, States.one(there))[0] == pytest.approx(P * unit / asked.unit_time, rel=1e-12)
-    sizes = [
-        np.linalg.norm(motion.constraint_energy_norm(s, States.one(x))) for s, x in ((SYSTEM, state), (shown, there))
-    ]
-    if not {"duplicate", "unit_length"} & set(given):  # a mixes metres and numbers: its c depends on the units
+OTHERWISE = [
+    {"mirror": "X"}, {"mirror": "Z"}, {"renumber": 3}, {"duplicate": 2}, {"unit_length": 100.0, "unit_time": 7.0},
+    {"mirror": "Y", "duplicate": 1, "renumber": 5, "unit_length": 0.25, "unit_mass": 7.0, "unit_time": 3.0},
+]  # fmt: skip
+
+
+PRESENTED = [
+    (SYSTEMS[name], given)
+    for name in SYSTEMS
+    for given in (OTHERWISE if name != "user forces" else (OTHERWISE[0], OTHERWISE[4]))  # each compiles the law anew
+]
+
+
+@pytest.mark.parametrize(("system", "given"), PRESENTED)
+def test_a_presentation_changes_no_energy_and_no_power(system, given) -> None:
+    """Joints, functions of time, springs, loads and laws are presented with the bodies: E as M L^2 / T^2."""
+    asked, s = Presentation(**given), project(system, timed(system, 6), 200)
+    shown, there = asked.system(system), asked.state(system, s)
+    joule = asked.force * asked.unit_length
+    E, P = motion.energy(system, States.one(s))[0], work.power(system, States.one(s))[0]
+    assert motion.energy(shown, States.one(there))[0] == pytest.approx(E * joule, rel=1e-9)
+    assert work.power(shown, States.one(there))[0] == pytest.approx(P * joule / asked.unit_time, rel=1e-8)
+    assert np.max(np.abs(motion.constraint(shown, States.one(there)))) < 1e-12 * max(asked.unit_length, 1.0)
+    assert np.max(np.abs(motion.constraint_rate(shown, States.one(there)))) < 1e-10 * max(asked.speed, 1.0)
+    assert np.all(np.linalg.eigvalsh(shown.inertia)[:, 0] > 0.0)
+    back = asked.states_back(system, States.one(there))
+    assert back.times[0] == pytest.approx(s.t)
+    for name in ("r", "R", "v", "Omega"):
+        assert np.allclose(getattr(back[0], name), getattr(s, name), rtol=1e-14, atol=0.0), name
+    apart = arbitrary(system, 6)
+    sizes = [np.linalg.norm(motion.constraint_energy_norm(x, States.one(y)))
+             for x, y in ((system, apart), (shown, asked.state(system, apart)))]  # fmt: skip
+    if set(given) <= {"mirror", "renumber"}:  # a mixes metres and numbers: its c depends on the units
         assert sizes[1] == pytest.approx(sizes[0], rel=1e-11)
 
 
-def test_a_turned_frame_turns_loads() -> None:
-    """T + V and the power stay when everything is turned."""
-    state = arbitrary(SYSTEM, 7)
-    p = Problem("all joints", SYSTEM, state, 1.0, 1e-3, "", "made up")
+@each_system
+def test_a_turned_frame_changes_no_energy_and_no_power(system) -> None:
+    """T + V, the power and phi_dot stay when everything is turned."""
+    s = project(system, timed(system, 7), 200)
+    p = Problem("turned", system, s, 1.0, 1e-3, "", "made up")
     q = in_frame(p, so3.exp(np.array([0.3, -0.2, 0.5])))
+    there = States(*(getattr(States.one(q.initial), n) for n in ("r", "R", "v", "Omega")), np.array([s.t]))
     for of in (motion.energy, work.power):
-        assert of(q.system, States.one(q.initial))[0] == pytest.approx(of(SYSTEM, States.one(state))[0], rel=1e-12)
-    assert motion.constraint(q.system, States.one(q.initial))[0] @ np.ones(SYSTEM.nrows) != 0.0
-
-
-@pytest.mark.parametrize(
-    ("joint", "said"),
-    [
-        (Joint(0, (0, 0, 0), kind="hinge"), "kind must be one of"),
-        (Joint(0, (0, 0, 0), kind="distance"), "length must be finite and > 0 m"),
-        (Joint(0, (0, 0, 0), kind="prismatic", axis_i=(1, 0, 0), axis_j=(1, 0, 0)), "needs across_i and across_j"),
-        (Joint(0, (0, 0, 0), kind="point on plane"), "needs axis_j"),
-        (Joint(0, (0, 0, 0), kind="cylindrical", axis_j=(1, 0, 0)), "give the axis in both bodies"),
-        (Joint(0, (0, 0, 0), kind="spherical", axis_i=(1, 0, 0), axis_j=(1, 0, 0)), "has no axis"),
-        (Joint(0, (0, 0, 0), kind="distance", length=1.0, rows=(0,)), "cannot be chosen"),
-        (Joint(0, (0, 0, 0), kind="distance", length=1.0, rows=1), "cannot be chosen"),
-    ],
-)  # fmt: skip
-def test_an_incomplete_joint_is_refused(joint: Joint, said: str) -> None:
-    """In one line, with what was expected."""
-    with pytest.raises(ValueError, match=said):
-        assemble([RigidBody(1.0, np.eye(3))], [joint])
-
-
-@pytest.mark.parametrize("rows", [(0, 3), (-1,), (0, 0), (), 1, (1.0,), (True,), "01", ((0,),), np.array([0.0])])
-def test_rows_that_are_none_are_refused(rows: Any) -> None:
-    """By the number of the joint as it was given, also behind one that was taken apart."""
-    first = Joint(0, (0, 0, 0), rows=(0, 1))
-    with pytest.raises(ValueError, match=r"joint 1: rows must be distinct whole numbers from 0 to 2 \(got "):
-        assemble([RigidBody(1.0, np.eye(3))], [first, dataclasses.replace(first, rows=rows)])
-
-
-def test_joints_behind_chosen_rows_keep_their_numbers() -> None:
-    """In names and in errors."""
-    body, first = [RigidBody(1.0, np.eye(3))], Joint(0, (0, 0, 0), rows=np.array([2, 0]))
-    names = assemble(body, [first, Joint(0, (0.1, 0, 0))]).joint_names
-    assert names == ("joint 1, row 2", "joint 1, row 0", "joint 2")
-    with pytest.raises(ValueError, match="joint 1: length must be"):
-        assemble(body, [first, Joint(0, (0, 0, 0), kind="distance")])
-    with pytest.raises(ValueError, match="part 1: expected body i"):
-        assemble(body, [first, Joint(3, (0, 0, 0))])
-
-
-@pytest.mark.parametrize("kind", [k for k in KINDS if k != JointKind.DISTANCE])
-def test_all_rows_of_a_joint_one_by_one_are_the_joint(kind: JointKind) -> None:
-    """One space of A: the same motion. Point rows are along the axes of j there, along those of space in the joint."""
-    bodies, random = [RigidBody(1.0, np.eye(3))] * 2, np.random.default_rng(5)
-    r, R = random.standard_normal((2, 3)), so3.exp(random.standard_normal((2, 3)))
-    joint = closed_joint(kind, 0, 1, (r, R), random)
-    v = random.standard_normal((2, 2, 3))
-    state = State(r, R, v[0], v[1])
-    whole = assemble(bodies, [joint])
-    single = assemble(bodies, [dataclasses.replace(joint, rows=range(whole.nrows))])
-    assert np.max(np.abs(motion.constraint(single, States.one(state)))) < ROUNDING
-    A, B = (constraint_jacobian(s, state).toarray() for s in (whole, single))
-    ranks = [np.linalg.matrix_rank(rows, tol=1e-9) for rows in (A, B, np.concatenate((A, B)))]
-    assert ranks == [len(A)] * 3
-    if whole.nrows > 1:
-        fewer = assemble(bodies, [dataclasses.replace(joint, rows=range(1, whole.nrows))])
-        assert np.array_equal(constraint_jacobian(fewer, state).toarray(), B[1:])
-
-
-def drawing() -> Any:
-    found = importlib.util.spec_from_file_location("draw_joints", ROOT / "docs" / "draw_joints.py")
-    assert found is not None and found.loader is not None
-    made = importlib.util.module_from_spec(found)
-    found.loader.exec_module(made)
-    return made
-
-
-def test_pictures_are_those_of_the_rows() -> None:
-    """As ``make joints`` draws them: an arrow for each freedom."""
-    draws = drawing()
-    for kind in draws.drawn():
-        drawn = draws.picture(kind)
-        assert drawn.count('stroke-width="2"') == 6 - sum(kind.count)
-        assert (ROOT / "docs" / "images" / "joints" / draws.name(kind)).read_text(encoding="utf-8") == drawn
-
-
-def test_the_tables_of_the_manual_are_those_of_the_declarations() -> None:
-    """As ``make joints`` writes them."""
-    text = (ROOT / "docs" / "joints-and-forces.md").read_text(encoding="utf-8")
-    assert drawing().page(text) == text
-
-
-def test_a_load_on_the_ground_is_refused() -> None:
-    """It would move nothing."""
-    with pytest.raises(ValueError, match="load 0: expected a body in 0"):
-        assemble([RigidBody(1.0, np.eye(3))], loads=[Load(GROUND)])
+        assert of(q.system, there)[0] == pytest.approx(of(system, States.one(s))[0], rel=1e-9)
+    assert np.max(np.abs(motion.constraint_rate(q.system, there))) < 1e-10

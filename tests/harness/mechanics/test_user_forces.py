@@ -1,41 +1,22 @@
-"""Laws that a user writes: the same on all routes, in all presentations, in the balance of energy."""
+"""Laws that a user writes: what is applied, and what is refused."""
 
 import math
-from functools import cache
 
 import numpy as np
 import pytest
 from jaxtyping import Float
 
-from mbsbench.harness.catalogue.registry import in_frame, make_solver
+from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.foreign.description import describe_problem
-from mbsbench.harness.mechanics import motion, so3, work
-from mbsbench.harness.mechanics.consistency import project
-from mbsbench.harness.mechanics.presentation import Presentation
+from mbsbench.harness.mechanics import motion, work
 from mbsbench.harness.mechanics.state import State, States
-from mbsbench.harness.mechanics.system import Joint, MultibodySystem, RigidBody, assemble
+from mbsbench.harness.mechanics.system import MultibodySystem, RigidBody, assemble
 from mbsbench.harness.mechanics.user_forces import UserForce
-from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
-from mbsbench.problems.random_mechanism import arbitrary_body
-from mbsbench.solvers.formulations.charts import CHARTS
-from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
-from mbsbench.solvers.formulations.layout import Layout
-from mbsbench.solvers.formulations.start import Accelerations, coordinates_and_velocities
+from mbsbench.harness.types import Problem, Status, StepControl
 
-from ...solvers.arbitrary_systems import arbitrary
+from ...solvers.arbitrary_systems import arbitrary, consistent, law, with_user_forces
 
 Rows = Float[np.ndarray, "2 3"]
-T_END = 0.2  # [s]
-
-
-def law(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: Rows, F: Rows, T: Rows) -> None:
-    """All arguments, no symmetry, no action = reaction."""
-    stretch = np.sqrt(1.0 + (r[0, 0] - r[1, 0]) ** 2 + (r[0, 1] - r[1, 1]) ** 2 + (r[0, 2] - r[1, 2]) ** 2)
-    for k in range(3):
-        F[0, k] = -3.0 * stretch * (r[0, k] - r[1, k]) - 0.4 * v[0, k] * abs(v[1, k]) + np.sin(2.0 * t + k)
-        F[1, k] = 2.0 * R[0, k, 0] - v[1, k]
-        T[0, k] = -0.2 * Omega[0, k] + 0.3 * R[1, k, 2] * np.cos(t)
-        T[1, k] = 0.5 * Omega[0, k] * Omega[1, 0] - 0.1 * R[1, k, 0]
 
 
 def branched(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: Rows, F: Rows, T: Rows) -> None:
@@ -49,28 +30,13 @@ def mathematical(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omeg
     F[0, 0] = math.sin(t)
 
 
-@cache
-def system() -> MultibodySystem:
-    """Two bodies on a chain of joints; the law between them, and between one and the ground."""
-    random = np.random.default_rng(3)
-    bodies = [arbitrary_body(random) for _ in range(2)]
-    joints = [
-        Joint(0, (0.3, 0.1, 0.0), s_j=(0.1, -0.2, 0.3)),
-        Joint(1, (0.2, 0.0, -0.3), 0, (-0.4, 0.1, 0.2), (1.0, 2.0, 3.0), (0.5, -1.0, 0.2)),
-    ]
-    return assemble(bodies, joints, (0.3, -2.0, -9.0), user_forces=[UserForce(law, 1, 0), UserForce(law, 0)])
-
-
-@cache
-def problem() -> Problem:
-    start = project(system(), arbitrary(system(), 3), 200)
-    return Problem("user forces", system(), start, T_END, 1e-3, "", "made up")
+SYSTEM = with_user_forces()
 
 
 def forces(s: MultibodySystem, state: State) -> np.ndarray:
     """(F_i, F_j, T_i, T_j) of the law as Python, twice, on the bodies, in space."""
     out = np.zeros((3, 2, 3))
-    for i, j in ((1, 0), (0, -1)):
+    for i, j in ((0, 1), (1, -1)):
         ends = [(a[i], a[j] if j >= 0 else 0.0 * a[i]) for a in (state.r, state.v, state.Omega)]
         r, v, Omega = (np.array(two) for two in ends)
         R, F, T = np.array([state.R[i], state.R[j] if j >= 0 else np.eye(3)]), np.zeros((2, 3)), np.zeros((2, 3))
@@ -80,111 +46,17 @@ def forces(s: MultibodySystem, state: State) -> np.ndarray:
     return out[:2]
 
 
-def at(seed: int) -> State:
-    s = arbitrary(system(), seed)
-    return State(s.r, s.R, s.v, s.Omega, 0.4 + seed)
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_what_is_applied_is_the_law(seed: int) -> None:
     """Compiled and called by address, or as Python: force in space, torque in the body."""
-    state = at(seed)
-    found = motion.applied(system(), States.one(state))[0]
-    F, T = np.swapaxes(forces(system(), state), 0, 1)
-    assert np.max(np.abs(found[:, :3] - F - system().mass[:, None] * system().gravity)) < 1e-12
+    s = arbitrary(SYSTEM, seed)
+    state = State(s.r, s.R, s.v, s.Omega, 0.4 + seed)
+    found = motion.applied(SYSTEM, States.one(state))[0]
+    F, T = np.swapaxes(forces(SYSTEM, state), 0, 1)
+    assert np.max(np.abs(found[:, :3] - F - SYSTEM.mass[:, None] * SYSTEM.gravity)) < 1e-12
     assert np.max(np.abs(found[:, 3:] - np.einsum("bij,bi->bj", state.R, T))) < 1e-12
     omega = np.einsum("bij,bj->bi", state.R, state.Omega)
-    assert work.power(system(), States.one(state))[0] == pytest.approx(np.sum(F * state.v + T * omega), rel=1e-12)
-
-
-@pytest.mark.parametrize("coordinates", CHARTS)
-@pytest.mark.parametrize("seed", range(3))
-def test_both_routes_give_one_acceleration(coordinates: str, seed: int) -> None:
-    """The kernel with the compiled law, and CasADi with the law run on symbols."""
-    state = at(seed)
-    layout = Layout(system(), CHARTS[coordinates], np.arange(system().nrows))
-    p = Problem("user forces", system(), state, 1.0, 1e-3, "", "made up")
-    y = coordinates_and_velocities(layout, p)
-    accelerations = Accelerations(layout)
-    u_dot, _ = accelerations.at(y, state.t)
-    made = make_kernel(system(), ("accelerate",))
-    start_at(made.kernel, state)
-    made.entry("accelerate")()
-    exact = made.kernel.v_dot
-    if coordinates == "quaternion":  # there u is V
-        assert np.max(np.abs(u_dot.reshape(2, 6) - exact)) < 1e-9 * np.max(np.abs(u_dot))
-    ahead, behind = (y[layout.u] + h * u_dot for h in (1e-6, -1e-6))
-    rates = [(layout.p, accelerations.rate(y))]
-    V = [
-        layout.chart.states((y[layout.p] + h * rates[0][1]).reshape(1, 2, -1), u.reshape(1, 2, 6))
-        for h, u in ((1e-6, ahead), (-1e-6, behind))
-    ]
-    v_dot = np.concatenate([(V[0].v - V[1].v)[0], (V[0].Omega - V[1].Omega)[0]], axis=1) / 2e-6
-    assert np.max(np.abs(v_dot - exact)) < 1e-6 * np.max(np.abs(exact))
-
-
-@pytest.mark.parametrize(
-    "given", [{"mirror": "X"}, {"renumber": 2}, {"unit_length": 100.0, "unit_mass": 0.2, "unit_time": 7.0}]
-)
-def test_a_presentation_changes_no_power(given: dict) -> None:
-    """The law is presented with the bodies: mirrored, renumbered, in other units."""
-    asked, state = Presentation(**given), at(4)
-    shown, there = asked.system(system()), asked.state(system(), state)
-    unit = asked.force * asked.unit_length / asked.unit_time
-    P = work.power(system(), States.one(state))[0]
-    assert work.power(shown, States.one(there))[0] == pytest.approx(P * unit, rel=1e-11)
-
-
-def test_a_turned_frame_turns_the_law() -> None:
-    """The power stays when everything is turned."""
-    state = at(5)
-    p = Problem("user forces", system(), state, 1.0, 1e-3, "", "made up")
-    q = in_frame(p, so3.exp(np.array([0.3, -0.2, 0.5])))
-    turned = States(*(getattr(States.one(q.initial), n) for n in ("r", "R", "v", "Omega")), np.array([state.t]))
-    P = work.power(system(), States.one(state))[0]
-    assert work.power(q.system, turned)[0] == pytest.approx(P, rel=1e-12)
-
-
-@cache
-def run(name: str, **control: float) -> Trajectory:
-    out = make_solver(name).solve(problem(), StepControl(**control))
-    assert out.status == Status.SUCCESS, out.message
-    return out
-
-
-def off(out: Trajectory) -> float:
-    return float(np.max(np.abs(out.states.r[-1] - run("rkmk_dop853", rtol=1e-12).states.r[-1])))
-
-
-@pytest.mark.parametrize("name", ["gc_weak_form", "gc_augmented_lagrangian", "rattle", "half_explicit"])
-def test_fixed_steps_converge_with_their_order(name: str) -> None:
-    """A force of velocity and time lowers no order."""
-    solver = make_solver(name)
-    size = [off(run(name, dt=dt)) for dt in (4e-3, 2e-3)]
-    assert np.log2(size[0] / size[1]) == pytest.approx(solver.order, abs=0.2)
-
-
-@pytest.mark.parametrize("name", ["radau_ggl", "ida_index2", "radau_index1", "rk45_strong_form"])
-def test_error_control_holds_its_tolerance(name: str) -> None:
-    """A thousand tolerances at most."""
-    assert off(run(name, rtol=1e-9)) < 1e-6
-
-
-def test_energy_less_the_work_of_the_law_is_kept() -> None:
-    """E - E(0) - W along DOP853."""
-    out = run("rkmk_dop853", rtol=1e-12)
-    states = out.states.timed(out.t)
-    E = motion.energy(system(), states)
-    drift = E - E[0]
-    assert np.max(np.abs(drift)) > 0.1
-    assert np.max(np.abs(drift - work.work(system(), out.t, states, E)[0])) < 1e-6 * np.max(np.abs(drift))
-
-
-@pytest.mark.parametrize("name", ["gc_weak_form", "gc_augmented_lagrangian"])
-def test_the_newton_matrix_knows_the_law(name: str) -> None:
-    """With the derivatives of the law, Newton's method takes three corrections a step of 4 ms on average, at most."""
-    out = make_solver(name, {"newton": "exact"}).solve(problem(), StepControl(dt=4e-3))
-    assert out.counters["newton_iterations"] <= 3 * out.counters["steps"]
+    assert work.power(SYSTEM, States.one(state))[0] == pytest.approx(np.sum(F * state.v + T * omega), rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -218,12 +90,10 @@ def test_a_law_that_raises_an_error_ends_the_run() -> None:
     assert 0.05 < out.t[-1] < 0.15
 
 
-def test_what_cannot_take_a_law_says_so() -> None:
-    """A method of discrete gradients, the simplified step alone, a file, a law that does not compile."""
-    for name, control in (("energy_momentum", StepControl(dt=1e-3)), ("gc_composed", StepControl(dt=1e-3))):
-        assert make_solver(name).refuses(problem(), control)
+def test_a_file_cannot_hold_a_law() -> None:
+    """It is code."""
     with pytest.raises(ValueError, match="user forces, which are code"):
-        describe_problem(problem())
+        describe_problem(Problem("user forces", SYSTEM, consistent(SYSTEM, 3), 0.2, 1e-3, "", "made up"))
 
 
 def imports(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: Rows, F: Rows, T: Rows) -> None:

@@ -1,5 +1,6 @@
 """Metrics against motions whose energy, errors and drifts are known in closed form."""
 
+import dataclasses
 import json
 import math
 
@@ -13,13 +14,11 @@ from mbsbench.harness.metrics.measure import measure
 from mbsbench.harness.metrics.summary import columns, largest, time_mean, trend
 from mbsbench.harness.metrics.thinning import frames_to_keep, rows_to_keep
 from mbsbench.harness.metrics.verdict import doubts, inaccuracy
-from mbsbench.harness.types import ACCURATE, Law, Problem, State, Status, Trajectory
+from mbsbench.harness.types import ACCURATE, Law, Problem, State, Status, StepControl, Trajectory
 
 
 def solved(solver: str, options: dict | None = None, t_end: float = 2.0, dt: float = 0.01):
     """Problem, trajectory, series and columns of a solver of the plugin."""
-    from mbsbench.harness.types import StepControl
-
     problem = registry.make_problem("free_fall", {"t_end": t_end})
     trajectory = registry.make_solver(solver, options).solve(problem, StepControl(dt=dt))
     m = measure(problem, trajectory)
@@ -118,8 +117,6 @@ def test_a_motion_away_from_the_reference_is_inaccurate():
 def test_another_start_is_wrong():
     """A solver may not choose an easier start."""
     problem, trajectory, m, c = solved("exact")
-    import dataclasses
-
     other = dataclasses.replace(problem, initial=dataclasses.replace(problem.initial, v=problem.initial.v * 1.01))
     found = doubts(other, trajectory, m, c)
     assert [r.law for r in found] == [Law.START]

@@ -1,8 +1,12 @@
-"""What decides is found: a planted dimension, a planted pair, and the always and never of a mixed map."""
+"""Bands, values along dimensions, and what decides: a planted dimension or pair, and the always of a mixed map."""
 
 import itertools
+import math
+
+import pytest
 
 from mbsbench.harness.referee.claims.conditions import decision, factors, separation
+from mbsbench.harness.referee.claims.predicates import COMBINE, COMPARE, Band
 from mbsbench.harness.results.judgements.claims import Condition, Count
 
 DIMENSIONS = {
@@ -18,33 +22,30 @@ def points(holds):
     return [(at, holds(at)) for at in all_of]
 
 
-def test_one_dimension_that_decides_is_named_with_counts():
-    found = decision(points(lambda at: at["chart"] == "euler313"))
-    assert found.by == {"chart": ("euler313",)} and not found.unless
+EULER, LAMBDA = {"chart": ("euler313",)}, {"lambda_in_error_test": (True,)}
 
 
-def test_two_dimensions_that_decide_together_are_named():
-    """Neither alone separates; the two do."""
-    found = decision(points(lambda at: at["chart"] == "euler313" and at["lambda_in_error_test"]))
-    assert found.by == {"chart": ("euler313",), "lambda_in_error_test": (True,)} and not found.unless
-    found = decision(points(lambda at: at["chart"] != "euler313" or not at["lambda_in_error_test"]))
-    assert found.by == {"chart": ("euler313",), "lambda_in_error_test": (True,)} and found.unless
+@pytest.mark.parametrize(("holds", "by", "unless"), [
+    (lambda at: at["chart"] == "euler313", EULER, False),
+    (lambda at: at["chart"] == "euler313" and at["lambda_in_error_test"], EULER | LAMBDA, False),
+    (lambda at: at["chart"] != "euler313" or not at["lambda_in_error_test"], EULER | LAMBDA, True),
+    (lambda at: at["tolerance"] >= 1e-4, {"tolerance": ("at least 0.0001",)}, False),
+    (lambda at: at["tolerance"] <= 1e-4, {"tolerance": ("at most 0.0001",)}, False),
+    (lambda at: at["tolerance"] == 1e-4, {"tolerance": (1e-4,)}, False),
+    (lambda at: (at["chart"] == "euler313") == at["lambda_in_error_test"], {}, False),  # a diagonal: no line says it
+])  # fmt: skip
+def test_one_dimension_or_two_that_decide_are_named(holds, by, unless):
+    """Alone, together, or as where it does not hold; the order of points does not matter, nor what follows from one."""
+    found = decision(points(holds))
+    assert (found.by, found.unless) == (by, unless)
+    assert decision(points(holds)[::-1]) == found
+    assert bool(separation(points(holds))) is bool(by) and (by or found.telling)
+    if by == EULER:
+        assert decision([({**at, "form": at["chart"][:2]}, h) for at, h in points(holds)]).by == by
 
 
-def test_numbers_at_one_end_are_said_by_their_limit():
-    """Two of three tolerances are the looser ones; the one in the middle is named."""
-    assert decision(points(lambda at: at["tolerance"] >= 1e-4)).by == {"tolerance": ("at least 0.0001",)}
-    assert decision(points(lambda at: at["tolerance"] <= 1e-4)).by == {"tolerance": ("at most 0.0001",)}
-    assert decision(points(lambda at: at["tolerance"] == 1e-4)).by == {"tolerance": (1e-4,)}
-
-
-def test_a_pattern_that_no_line_says_is_no_condition():
-    """Two dimensions separate, but not as values of the one with values of the other: a diagonal."""
-    found = decision(points(lambda at: (at["chart"] == "euler313") == at["lambda_in_error_test"]))
-    assert found.by == {} and found.telling and separation(points(lambda at: at["chart"] == "euler313"))
-    assert separation(points(lambda at: (at["chart"] == "euler313") == at["lambda_in_error_test"])) is None
-    many = [({"case": f"{k}"}, k < 8) for k in range(16)]
-    assert separation(many) is None  # eight names are no line
+def test_a_dimension_of_many_names_is_no_line():
+    assert separation([({"case": f"{k}"}, k < 8) for k in range(16)]) is None
 
 
 def test_a_mixed_map_names_what_always_and_never_holds():
@@ -59,19 +60,70 @@ def test_a_mixed_map_names_what_always_and_never_holds():
     assert Condition({"chart": "quaternion"}, 0, 12) in found.conditions
 
 
-def test_the_same_settings_are_not_said_twice():
-    """A dimension that follows from another (the solver's form) adds nothing."""
-    both = [({**at, "form": at["chart"][:2]}, h) for at, h in points(lambda at: at["chart"] == "euler313")]
-    assert decision(both).by == {"chart": ("euler313",)}
-
-
 def test_factors_count_every_value():
     counts = factors(points(lambda at: at["chart"] == "euler313"))
     assert counts["chart"] == (Count("euler313", 6, 6), Count("quaternion", 0, 6))
     assert counts["tolerance"][-1] == Count(1e-3, 2, 4)
 
 
-def test_the_order_of_points_does_not_matter():
-    """Verdicts are a function of the records, not of their order."""
-    some = points(lambda at: at["chart"] == "euler313" or at["tolerance"] == 1e-3)
-    assert decision(some) == decision(some[::-1])
+NAN, INF = math.nan, math.inf
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "value", "holds"),
+    [
+        (-INF, 1.0, 1.0, True),
+        (-INF, 1.0, 1.0 + 1e-12, False),
+        (1.0, INF, 1.0, True),
+        (1.0, INF, INF, True),
+        (65.0, 79.0, 72.0, True),
+        (65.0, 79.0, INF, False),
+        (-INF, 1.0, NAN, False),
+        (1.0, INF, NAN, False),
+    ],
+)
+def test_bands(low, high, value, holds):
+    assert Band(low, high).holds(value) is holds
+
+
+@pytest.mark.parametrize(
+    ("how", "values", "one"),
+    [
+        ("last over first", [4.0, 9.0, 2.0], 0.5),
+        ("last over first", [0.0, 0.0], 1.0),
+        ("last over first", [INF, INF], NAN),
+        ("worst step", [INF, INF, 1.0], NAN),
+        ("last over first", [1.0, INF], INF),
+        ("last over first", [INF, 1.0], 0.0),
+        ("worst step", [4.0, 2.0, 3.0, 1.0], 1.5),
+        ("worst step", [4.0, NAN, 1.0], NAN),
+        ("largest", [4.0, 5.0], 5.0),
+        ("largest", [4.0, NAN], NAN),
+        ("smallest", [4.0, 5.0], 4.0),
+        ("spread", [4.0, 5.0, 4.5], 1.0),
+        ("relative spread", [4.0, 6.0], 0.4),
+    ],
+)
+def test_values_along_a_dimension_become_one(how, values, one):
+    """A run without the number must not be passed over: the whole has none then. Two failures cannot be compared."""
+    assert COMBINE[how](values) == pytest.approx(one, nan_ok=True)
+
+
+def test_a_value_against_others():
+    assert COMPARE["over largest"](6.0, [1.0, 3.0]) == 2.0
+    assert COMPARE["over smallest"](6.0, [1.0, 3.0]) == 6.0
+    assert COMPARE["minus largest"](6.0, [1.0, 3.0]) == 3.0
+    assert COMPARE["largest distance"](0.0, [1.0, 3.0]) == 3.0
+    assert math.isnan(COMPARE["over largest"](6.0, [])) and math.isnan(COMPARE["over smallest"](6.0, [NAN, 1.0]))
+
+
+def test_bands_move_by_their_ends_or_about_their_middle():
+    assert Band(-math.inf, 2.0).moved(1.5) == Band(-math.inf, 3.0)
+    assert Band(3.0, math.inf).moved(1.5) == Band(2.0, math.inf)
+    assert Band(-math.inf, -0.3).moved(1.5).high == pytest.approx(-0.2)
+    assert Band(-1.0, 1.0).moved(1.5) == Band(-1.5, 1.5)
+    low, high = Band(1.0, 100.0).moved(0.5).low, Band(1.0, 100.0).moved(0.5).high
+    assert (low, high) == pytest.approx((10**0.5, 10**1.5))
+    for band in (Band(2.0, 3.0), Band(-1.0, 4.0), Band(-math.inf, -1.0), Band(0.5, math.inf)):
+        narrow, wide = band.moved(1 / 1.5), band.moved(1.5)
+        assert wide.low <= band.low <= narrow.low <= narrow.high <= band.high <= wide.high

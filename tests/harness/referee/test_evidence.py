@@ -59,25 +59,37 @@ def test_measures_find_what_was_put_in(name, arguments, value):
     assert evaluate(name, bare(), s, arguments) == pytest.approx(value, rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["largest", "highest", "lowest", "extent", "grows", "keeps growing"])
+WHOLE = ("largest", "highest", "lowest", "extent", "grows", "keeps growing")
+STEPS = ("step ratio", "irregularity", "typical step", "smallest step")
+
+
+@pytest.mark.parametrize("name", [*WHOLE, *STEPS])
 def test_a_run_that_stopped_has_no_number_of_the_whole_time(name):
-    """Stopped at 4 of 10 s it must not look accurate; ``partial`` asks for what is there."""
-    s = series(SHORT, a=np.ones(41))
-    assert math.isnan(evaluate(name, bare(t_reached_s=4.0), s, {"series": "a"}))
+    """Stopped at 4 of 10 s it must not look accurate; ``partial`` and a stretch it got through have a number."""
+    stopped, of = (bare(t_reached_s=4.0), series(SHORT, a=np.ones(41))), {} if name in STEPS else {"series": "a"}
+    assert math.isnan(evaluate(name, *stopped, of))
+    if "to" in MEASURES[name].takes:
+        assert math.isnan(evaluate(name, *stopped, {**of, "to": 4.5}))
+        assert not math.isnan(evaluate(name, *stopped, {**of, "to": 3.5}))
+    if "partial" in MEASURES[name].takes:
+        assert not math.isnan(evaluate(name, *stopped, {**of, "partial": True}))
 
 
-def test_partial_takes_what_is_there():
-    s = series(SHORT, a=np.ones(41))
-    assert evaluate("largest", bare(t_reached_s=4.0), s, {"series": "a", "partial": True}) == 1.0
-    assert math.isnan(evaluate("column", bare(t_reached_s=4.0, phi_max=1.0), None, {"name": "phi_max"}))
-    assert evaluate("column", bare(t_reached_s=4.0, phi_max=1.0), None, {"name": "phi_max", "partial": True}) == 1.0
+def test_partial_takes_what_is_there_of_a_column():
+    stopped = bare(t_reached_s=4.0, phi_max=1.0)
+    assert math.isnan(evaluate("column", stopped, None, {"name": "phi_max"}))
+    assert evaluate("column", stopped, None, {"name": "phi_max", "partial": True}) == 1.0
 
 
 def test_a_motion_that_became_nan_is_unbounded():
-    """No number in a series is the largest of all errors; beyond a reference's horizon it is nothing."""
-    s = series(T, a=np.where(T > 5.0, np.nan, 1.0), position_error=np.where(T > 5.0, np.nan, 1.0))
-    assert evaluate("largest", bare(), s, {"series": "a"}) == math.inf
-    assert evaluate("largest", bare(), s, {"series": "position_error"}) == 1.0
+    """No number in a series is the largest of all errors; beyond a reference's horizon it is nothing.
+
+    An observable is unbounded although its name ends as errors against a reference do.
+    """
+    names = ("a", "obs_axis_error", "position_error", "orientation_error")
+    s = series(T, **dict.fromkeys(names, np.where(T > 5.0, np.nan, 1.0)))
+    found = [evaluate("largest", bare(), s, {"series": name}) for name in names]
+    assert found == [math.inf, math.inf, 1.0, 1.0]
 
 
 def test_ends_of_runs():
@@ -140,18 +152,6 @@ def test_a_run_that_stopped_is_not_close_to_another():
     assert evaluate_pair("apart", whole, whole, {"series": ["x"]}) == 0.0
 
 
-STEPS = ("step ratio", "irregularity", "typical step", "smallest step")
-
-
-@pytest.mark.parametrize("name", STEPS)
-def test_a_run_that_stopped_has_no_steps_of_the_whole_time(name):
-    """Nor of a stretch that it did not get through; ``partial`` and a stretch it got through have them."""
-    stopped = bare(t_reached_s=4.0), series(SHORT)
-    assert math.isnan(evaluate(name, *stopped, {})) and math.isnan(evaluate(name, *stopped, {"to": 4.5}))
-    assert not math.isnan(evaluate(name, *stopped, {"to": 3.5}))
-    assert not math.isnan(evaluate(name, *stopped, {"partial": True}))
-
-
 def test_a_run_that_stopped_in_the_passage_has_no_drop():
     """Lowest at 3 s: 0.5 s later it must still run, or the fall to come would be missed."""
     for t_reached, known in ((3.2, False), (3.6, True)):
@@ -160,14 +160,6 @@ def test_a_run_that_stopped_in_the_passage_has_no_drop():
         arguments = {"series": "a", "low": "low", "within": 0.5}
         for name in ("drop at lowest", "rise at lowest"):
             assert math.isnan(evaluate(name, bare(t_reached_s=t_reached), s, arguments)) != known
-
-
-def test_only_errors_against_a_reference_have_a_horizon():
-    """An observable that became NaN is unbounded, though its name ends as theirs do."""
-    a = np.where(T > 5.0, np.nan, 1.0)
-    s = series(T, obs_axis_error=a, orientation_error=a)
-    assert evaluate("largest", bare(), s, {"series": "obs_axis_error"}) == math.inf
-    assert evaluate("largest", bare(), s, {"series": "orientation_error"}) == 1.0
 
 
 def test_observables_and_invariants_of_records():

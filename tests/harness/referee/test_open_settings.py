@@ -44,30 +44,35 @@ def test_a_budget_of_steps_ends_stuck_runs_and_interrupts_slow_ones():
     assert slow.map[0].holds is None and stuck.map[0].holds is False
 
 
-def test_what_a_slow_run_had_settled_counts():
+def first_holds(test, x=0.5, leaves=9.0):
+    """Whether the first run, slow and interrupted at 3 s, holds; ``x`` is its |phi|, and y leaves 0 at ``leaves``."""
+
+    def of(r):
+        t = np.append(np.linspace(0.0, 2.99, 200), 3.0) if r.t_reached_s == 3.0 else np.linspace(0.0, 10.0, 200)
+        return series(t, phi_norm=np.full(len(t), x), y=(t > leaves).astype(float))
+
+    return claim(f'map = "m"\ntests = [{{ {test} }}]\n', one_of(CUT), of).map[0].holds
+
+
+@pytest.mark.parametrize(("asked", "phi", "holds"), [
+    ("to = 2.0, at_most = 1.0", 0.5, True), ("to = 4.0, at_most = 1.0", 0.5, None),
+    ("partial = true, at_most = 1.0", 0.5, None), ("partial = true, at_most = 1.0", 1.5, False),
+    ("partial = true, at_least = 1.0", 1.5, True), ("partial = true, at_least = 1.0", 0.5, None),
+])  # fmt: skip
+def test_what_a_slow_run_had_settled_counts(asked, phi, holds):
     """Over 2 s it got through, nothing is open; |phi| beyond its band so far is beyond it, within it is not yet."""
-    for asked, phi, holds in (
-        ("to = 2.0, at_most = 1.0", 0.5, True),
-        ("to = 4.0, at_most = 1.0", 0.5, None),
-        ("partial = true, at_most = 1.0", 0.5, None),
-        ("partial = true, at_most = 1.0", 1.5, False),
-        ("partial = true, at_least = 1.0", 1.5, True),
-        ("partial = true, at_least = 1.0", 0.5, None),
-    ):
-        text = f'map = "m"\ntests = [{{ metric = "largest", series = "phi_norm", {asked}, unit = "m" }}]\n'
-
-        def of(r, phi=phi):
-            t = np.append(np.linspace(0.0, 2.99, 9), 3.0) if r.t_reached_s == 3.0 else np.linspace(0.0, 10.0, 9)
-            return series(t, phi_norm=np.full(len(t), phi))
-
-        assert claim(text, one_of(CUT), of).map[0].holds is holds, (asked, phi)
+    assert first_holds(f'metric = "largest", series = "phi_norm", {asked}, unit = "m"', phi) is holds
 
 
-@pytest.mark.parametrize(("band", "holds"), [("at_least = 5, at_most = 6", None), ("at_least = 1, at_most = 2", False)])
-def test_a_slow_run_stops_later_than_it_was_interrupted(band, holds):
-    """At 3 s: it does not stop between 1 and 2 s; between 5 and 6 s it might."""
-    text = f'map = "m"\ntests = [{{ metric = "stops at", {band}, unit = "s" }}]\n'
-    assert claim(text, one_of(CUT, {"phi_max": 0.5}), pace(0.01)).map[0].holds is holds
+@pytest.mark.parametrize(("leaves", "band", "holds"), [
+    (9.0, "at_least = 1, at_most = 2", False), (9.0, "at_least = 5, at_most = 6", None),
+    (1.5, "at_least = 1, at_most = 2", True),
+])  # fmt: skip
+def test_a_slow_run_passes_a_limit_and_stops_later_than_it_was_interrupted(leaves, band, holds):
+    """At 3 s: it does not stop between 1 and 2 s; between 5 and 6 s it might. Passed at 1.5 s: that stays."""
+    assert first_holds(f'metric = "leaves at", series = "y", limit = 0.5, {band}, unit = "s"', leaves=leaves) is holds
+    if leaves > 3.0:
+        assert first_holds(f'metric = "stops at", {band}, unit = "s"') is holds
 
 
 def test_the_time_of_a_stop_is_asked_of_runs_that_stop():
@@ -78,22 +83,6 @@ def test_the_time_of_a_stop_is_asked_of_runs_that_stop():
         assert c.map[0].holds is holds and c.beyond.left_out == (LeftOut(Ending.ENDED, 11),)
     assert claim(text, one_of(CUT), pace(0.01)).verdict == "UNTESTABLE"
     assert claim(text).verdict == "UNTESTABLE"
-
-
-def test_a_limit_is_passed_later_than_a_slow_run_was_interrupted():
-    """Not passed by 3 s: not between 1 and 2 s, perhaps between 5 and 6 s. Passed at 1.5 s: that stays."""
-    for leaves, band, holds in (
-        (9.0, "at_least = 1, at_most = 2", False),
-        (9.0, "at_least = 5, at_most = 6", None),
-        (1.5, "at_least = 1, at_most = 2", True),
-    ):
-        text = f'map = "m"\ntests = [{{ metric = "leaves at", series = "x", limit = 0.5, {band}, unit = "s" }}]\n'
-
-        def of(r, leaves=leaves):
-            t = np.append(np.linspace(0.0, 2.99, 200), 3.0) if r.t_reached_s == 3.0 else np.linspace(0.0, 10.0, 200)
-            return series(t, x=(t > leaves).astype(float))
-
-        assert claim(text, one_of(CUT), of).map[0].holds is holds
 
 
 def test_runs_that_took_no_step_are_left_out_and_named():

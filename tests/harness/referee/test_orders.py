@@ -44,29 +44,16 @@ def test_a_floor_is_detected_and_left_out(order):
     assert fit.floor == pytest.approx(floor, rel=0.5)
 
 
-def test_a_floor_that_grows_with_the_number_of_steps_is_one_too():
-    """Errors of the steps' solution pile up like sqrt(1/dt)."""
-    fit = fit_ladder(DT, DT**2 + 1e-8 / np.sqrt(DT))
-    assert fit.kind == "power"
-    assert fit.order == pytest.approx(2.0, abs=0.1)
-
-
-def test_coarse_steps_out_of_the_range_are_left_out():
-    """C dt^2 (1 + K dt): the first slopes are 2.4 and 2.2, and not fitted."""
-    error = 3.0 * DT**2 * (1.0 + 20.0 * DT)
+@pytest.mark.parametrize(("error", "first", "last"), [
+    (DT**2 + 1e-8 / np.sqrt(DT), True, False),  # errors of the steps' solution pile up like sqrt(1/dt)
+    (3.0 * DT**2 * (1.0 + 20.0 * DT), False, True),  # the first slopes are 2.4 and 2.2
+    (3.0 * DT**2 * (1.0 + 5.0 * DT) + 3e-8, False, False),  # all at once, as a real ladder has them
+])  # fmt: skip
+def test_steps_out_of_the_asymptotic_range_are_left_out(error, first, last):
+    """Coarse ones and those at a floor, also one that grows with the number of steps."""
     fit = fit_ladder(DT, error)
-    assert not fit.used[0]
-    assert fit.used[-1]
-    assert fit.order == pytest.approx(2.0, abs=0.05)
-    assert fit.low <= fit.slopes[-1] <= fit.high
-
-
-def test_pre_asymptotic_range_power_and_floor_together():
-    """All three at once, as a real ladder has them."""
-    fit = fit_ladder(DT, 3.0 * DT**2 * (1.0 + 5.0 * DT) + 3e-8)
     assert fit.order == pytest.approx(2.0, abs=0.1)
-    assert not fit.used[0]
-    assert not fit.used[-1]
+    assert (fit.used[0], fit.used[-1]) == (first, last)
 
 
 def test_an_order_that_is_lost_at_small_steps_is_not_certified():
@@ -97,13 +84,6 @@ def test_finest_slopes_into_a_floor_that_is_seen_are_explained(tail):
     fit = fit_ladder(DT[: len(error)], error)
     assert fit.kind == "power" and fit.order == pytest.approx(2.0)
     assert fit.floor == pytest.approx(float(np.exp(np.median(np.log(error[5:])))))
-
-
-def test_noise_alone_loses_no_order():
-    """2 % of noise bends the finest slopes by a tenth; of 200 second orders hardly one is said to be lost."""
-    random = np.random.default_rng(7)
-    kinds = [fit_ladder(DT, DT**2 * np.exp(0.02 * random.standard_normal(10))).kind for _ in range(200)]
-    assert kinds.count("power") >= 198
 
 
 def made_up(column, errors, **columns):
@@ -196,13 +176,14 @@ def test_errors_that_do_not_depend_on_the_step_have_no_order():
 
 
 def test_jitter_widens_the_interval_and_it_holds_the_order():
-    """2 % of noise, as from a maximum over few steps: 95 of 100 intervals and more hold the truth."""
+    """2 % of noise, as from a maximum over few steps: 95 of 100 intervals and more hold the truth.
+
+    It bends the finest slopes by a tenth; of 200 second orders hardly one is said to be lost.
+    """
     random = np.random.default_rng(4)
-    held = []
-    for _ in range(200):
-        fit = fit_ladder(DT, DT**2 * np.exp(0.02 * random.standard_normal(10)))
-        held.append(fit.kind == "power" and fit.low <= 2.0 <= fit.high)
-    assert np.mean(held) > 0.93
+    fits = [fit_ladder(DT, DT**2 * np.exp(0.02 * random.standard_normal(10))) for _ in range(200)]
+    assert np.mean([fit.kind == "power" and fit.low <= 2.0 <= fit.high for fit in fits]) > 0.93
+    assert [fit.kind for fit in fits].count("power") >= 198
 
 
 def test_scattered_errors_have_the_median_of_slopes():
@@ -363,21 +344,3 @@ def test_a_ladder_without_a_reference_keeps_its_row_and_its_reason():
     (mixed,) = select_motion(certify(NOWHERE, [crashed, *silent[1:]]))
     expected = "crashed: at 0 s; 1 of 4 runs did not finish; 3 of 4 runs have no error to measure"
     assert words(mixed) == expected
-
-
-LIBRARY = [
-    ("pumped_pendulum", "gc_weak_form", {**SHARP, "gauge": "zero"}, {"b_term": False}),
-    ("damped_linkage", "gc_weak_form", {**SHARP, "gauge": "zero"}, {"b_term": False}),
-]
-
-
-@pytest.mark.parametrize(("problem", "solver", "sound", "broken"), LIBRARY)
-def test_a_planted_loss_of_order_is_seen_on_library_problems(ran, problem, solver, sound, broken):
-    """Without D_dot nu of Eq. (71) the zero gauge is of first order: below the declared one, in a short ladder too."""
-    steps, short = [0.02, 0.01, 0.005, 0.0025], {"t_end": 0.4}
-    verdicts = []
-    for options in (sound, {**sound, **broken}):
-        (found,) = select_motion(certify(NOWHERE, ran(problem, solver, steps, short, options)))
-        verdicts.append(found.verdict)
-        assert found.declared == 2.0
-    assert verdicts == ["certified", "below declared"]

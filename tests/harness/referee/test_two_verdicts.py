@@ -1,11 +1,8 @@
 """The rules of counting: two verdicts a claim, bands that are moved, early ends, and equal series."""
 
-import math
-
 import numpy as np
 import pytest
 
-from mbsbench.harness.referee.claims.predicates import Band
 from mbsbench.harness.results.judgements.claims import Ending, LeftOut
 from mbsbench.harness.results.judgements.files import shorten_claims
 from mbsbench.reports.model.claim_words import because, condition, distinct, share
@@ -63,18 +60,6 @@ def test_counts_and_ends_have_no_wider_band():
     assert claim(steps, [record(x, steps=1) for x in RUNS]).beyond.borderline == ()
     reached = 'map = "m"\ntests = [{ metric = "reached", at_least = 1, unit = "" }]\n'
     assert claim(reached).beyond.borderline == ()
-
-
-def test_bands_move_by_their_ends_or_about_their_middle():
-    assert Band(-math.inf, 2.0).moved(1.5) == Band(-math.inf, 3.0)
-    assert Band(3.0, math.inf).moved(1.5) == Band(2.0, math.inf)
-    assert Band(-math.inf, -0.3).moved(1.5).high == pytest.approx(-0.2)
-    assert Band(-1.0, 1.0).moved(1.5) == Band(-1.5, 1.5)
-    low, high = Band(1.0, 100.0).moved(0.5).low, Band(1.0, 100.0).moved(0.5).high
-    assert (low, high) == pytest.approx((10**0.5, 10**1.5))
-    for band in (Band(2.0, 3.0), Band(-1.0, 4.0), Band(-math.inf, -1.0), Band(0.5, math.inf)):
-        narrow, wide = band.moved(1 / 1.5), band.moved(1.5)
-        assert wide.low <= band.low <= narrow.low <= narrow.high <= band.high <= wide.high
 
 
 def test_a_run_that_ended_before_the_moment_asked_about_is_open():

@@ -8,7 +8,6 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import in_frame, make_problem
 from mbsbench.harness.mechanics import so3
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy
 from mbsbench.harness.mechanics.state import rotated
 from mbsbench.harness.mechanics.work import power
@@ -141,19 +140,6 @@ def test_an_error_in_one_route_is_found_out(
     assert np.all(gap <= found.error(t) + exact.error(t))
 
 
-def test_both_routes_accelerate_alike_and_have_the_jacobian_of_the_system() -> None:
-    """A perturbed grid far from its plane: axis rows, redundant, ground axes, all parts at once."""
-    p = make_problem("four_bar_grid", {"rows": 1, "columns": 2, "perturb": 0.05})
-    first, second = NewtonEuler(p.system), Directors(p.system)
-    y = first.restarted(first.start(p.initial))
-    here = first.states(y[None])[0]
-    nb = p.system.nb
-    a = first.rate(y)[7 * nb : 10 * nb].reshape(nb, 3)
-    b = second.rate(second.start(here)[None])[0, 12 * nb :].reshape(nb, 4, 3)[:, 0]
-    assert np.max(np.abs(a - b)) < 1e-9 * np.max(np.abs(a))
-    assert np.max(np.abs(first._jacobian(here.r, here.R) - constraint_jacobian(p.system, here).toarray())) < 1e-14
-
-
 def test_a_perturbed_chain_has_a_reference_out_of_its_plane() -> None:
     """The planar linkage has none; the energy is that of the start, in all three directions."""
     p = make_problem("chain", {"perturb": 1e-3, "t_end": 0.05})
@@ -192,43 +178,40 @@ def test_a_large_system_has_none() -> None:
     assert not is_computable(p.system) and reference_of(p) is None
 
 
-class Kept:
+def brief(t_end: float = 0.05) -> Problem:
     """A problem whose reference takes little to compute."""
-
-    @staticmethod
-    def problem(t_end: float = 0.05) -> Problem:
-        return sprung(0.5, t_end)
+    return sprung(0.5, t_end)
 
 
 def test_a_second_call_reads(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     """Also that there is none is read."""
     monkeypatch.setattr(orbit, "FOLDER", tmp_path)
-    first = computed(Kept.problem())
+    first = computed(brief())
     monkeypatch.setattr(module, "_agreed", None)
-    again = computed(Kept.problem())
+    again = computed(brief())
     t = np.linspace(0.0, 0.05, 7)
     assert first is not None and again is not None
     assert np.array_equal(first.states(t).r, again.states(t).r)
     monkeypatch.setattr(module, "_agreed", lambda *_: None)
-    assert computed(Kept.problem(0.06)) is None
+    assert computed(brief(0.06)) is None
     monkeypatch.setattr(module, "_agreed", None)
-    assert computed(Kept.problem(0.06)) is None
+    assert computed(brief(0.06)) is None
 
 
 @pytest.mark.parametrize("damage", [b"", b"PK\x03\x04 not an archive", None])
 def test_a_damaged_file_is_computed_anew(damage: bytes | None, monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     """Empty, of another kind, or cut in the middle."""
     monkeypatch.setattr(orbit, "FOLDER", tmp_path)
-    first = computed(Kept.problem())
+    first = computed(brief())
     (file,) = tmp_path.glob("*.npz")
     file.write_bytes(file.read_bytes()[:2000] if damage is None else damage)
-    again = computed(Kept.problem())
+    again = computed(brief())
     assert first is not None and again is not None and np.array_equal(first.orbit.y, again.orbit.y)
 
 
 def _compute(folder, queue) -> None:
     orbit.FOLDER = folder
-    found = computed(Kept.problem())
+    found = computed(brief())
     queue.put(None if found is None else found.states(np.array([0.05])).r)
 
 

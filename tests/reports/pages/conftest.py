@@ -9,15 +9,13 @@ import pytest
 from mbsbench.harness.places import Place
 from mbsbench.reports.model.results import Results, read_results
 from mbsbench.reports.pages.base import FOLDER, Site
-from mbsbench.reports.pages.change import history
-from mbsbench.reports.pages.judged import certificates, claims, work
-from mbsbench.reports.pages.runs import atlas
+from mbsbench.reports.pages.judged import claims, cost
+from mbsbench.reports.pages.runs import atlas, runs, solvers
 
 from ..conftest import every_kind
 from .synthetic import judge
 
-PAGES = {"claims.html": claims, "certificates.html": certificates, "work.html": work, "atlas.html": atlas,
-         "history.html": history}  # fmt: skip
+PAGES = {"claims.html": claims, "cost.html": cost, "atlas.html": atlas, "solver-alpha.html": solvers}
 
 
 class Outline(HTMLParser):
@@ -53,7 +51,7 @@ def render(results: Results, modules) -> dict[str, str]:
     shutil.copytree(FOLDER / "assets", folder / "assets")
     (folder / "data").mkdir()
     site = Site(results, Place(folder))
-    for module in modules:
+    for module in dict.fromkeys(modules):
         module.write(results, site)
     site.finish()
     return {path.name: path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.html"))}
@@ -69,4 +67,4 @@ def judged_run(tmp_path_factory) -> Results:
 
 @pytest.fixture(scope="session")
 def judged_pages(judged_run) -> dict[str, str]:
-    return render(judged_run, PAGES.values())
+    return render(judged_run, [*PAGES.values(), runs])

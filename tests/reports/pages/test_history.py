@@ -60,10 +60,10 @@ def test_page_of_three_commits(three_runs):
     assert "3 folders, 3 commits" in Outline(html).text and "no history yet" not in html
 
 
-def test_one_commit_is_said(tmp_path, monkeypatch):
+def test_one_commit_has_no_page(tmp_path, monkeypatch):
     monkeypatch.setattr(history, "COMMITTED", tmp_path / "none")
     results = read_results(run_folder(tmp_path, "run-1", "1" * 40, [record("aa01", commit="1" * 40)]))
-    assert "there is no history yet" in Outline(render(results, [history])["history.html"]).text
+    assert "history.html" not in render(results, [history])
 
 
 def test_a_file_of_rows_that_cannot_be_read_is_named(three_runs, tmp_path):

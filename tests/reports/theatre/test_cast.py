@@ -58,6 +58,14 @@ def test_the_same_settings_play_once():
     assert names(left) in (["first"], ["again"])
 
 
+def test_every_failure_is_on_stage_before_more_successes():
+    """With more solvers than places: the best, the middle, the worst, then who is wrong or stopped."""
+    runs = [record(f"s{k:02}", f"s{k:02}", energy_drift_max_J=10.0 ** (k - 20)) for k in range(15)]
+    lost = [record("w", "zz", "wrong"), record("d", "zy", "diverged"), record("i", "zx", "inaccurate")]
+    chosen, _ = cast(variant(*runs, *lost), [c.run_id for c in (*runs, *lost)])
+    assert {"w", "d", "i", "s00", "s07", "s14"} <= set(names(chosen)) and names(chosen)[0] == "s00"
+
+
 def test_failures_come_before_more_of_the_same():
     """Of a solver's other label the run that stopped is shown, not the one that held."""
     runs = [record("fine", dt_s=0.001), record("coarse", dt_s=0.1)]

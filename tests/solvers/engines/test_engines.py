@@ -10,8 +10,10 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import engines, make_problem, make_solver
 from mbsbench.harness.types import Status, StepControl
+from mbsbench.solvers.engines import mujoco, pinocchio
 from mbsbench.solvers.engines.export.model_check import differences
 
+from ..runs import error, orders, run
 from .systems import PROBLEMS
 
 PACKAGES = {"mujoco": "mujoco", "exudyn": "exudyn", "pinocchio": "pin"}  # by solver, as pip calls them
@@ -90,6 +92,28 @@ def test_it_moves_like_the_exact_motion(engine, name, parameters, dt):
         assert t.t[-1] == problem.t_end and t.counters["steps"] == len(t.t) - 1
         errors.append(np.max(np.abs(t.states.r - problem.reference().states(t.t).r)))
     assert errors[0] < 1e-3 and errors[1] < 0.35 * errors[0]
+
+
+SPATIAL = {"omega_x": 5.0, "omega_z": 3.0}  # on a ball joint, where theta' is not v
+ORDERS = [  # engine, options, problem, coarsest step, halvings, order, within
+    *(("mujoco", {"integrator": i}, ("spherical_pendulum", {**SPATIAL, "t_end": 1.0}), 0.02, 3, order, 0.2)
+      for i, order in mujoco.INTEGRATORS.items()),
+    ("mujoco", {}, ("chain", {"t_end": 0.4}), 2e-3, 2, 2.0, 0.4),  # loops are soft by (1 - d) a_0 T^2, T = 2 dt
+    *(("pinocchio", {"integrator": i}, ("spherical_pendulum", {**SPATIAL, "t_end": 0.5}), 0.01, 2, order, 0.2)
+      for i, order in pinocchio.INTEGRATORS.items()),
+    *(("exudyn", {"integrator": "GeneralizedAlpha", **more}, ("heavy_top", {"t_end": 0.2}), 1e-3, 2, 2.0, 0.25)
+      for more in ({}, {"spectral_radius": 0.5})),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "options", "problem", "dt", "halvings", "order", "within"), ORDERS)
+def test_the_order_is_the_declared_one(name, options, problem, dt, halvings, order, within):
+    """The last slope of the position errors."""
+    if importlib.util.find_spec(name) is None:
+        pytest.skip(f"{PACKAGES[name]} is an optional extra: make test-engines")
+    p = make_problem(*problem)
+    errors = [error(p, run(p, dt / 2**k, name, **options)) for k in range(halvings + 1)]
+    assert orders(errors)[-1] == pytest.approx(order, abs=within)
 
 
 def test_springs_and_dampers_are_the_engines_own(engine):

@@ -17,6 +17,7 @@ from mbsbench.harness.catalogue.mechanism import Mechanism, Omitted
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.joints import JointKind
+from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.results.environment import ROOT, code_digest
 from mbsbench.harness.types import StepControl
@@ -63,6 +64,18 @@ SLENDER = """<mujoco><option gravity="1 0 -9.81"/><worldbody>
 <body name="rod"><joint axis="0 1 .3"/><inertial pos=".3 0 0" mass="1" diaginertia="0 .03 .03"/>
   <body name="bob" pos=".6 0 0"><joint axis="1 1 0"/><inertial pos="0 .2 .1" mass=".5" diaginertia="0 0 0"/></body>
 </body></worldbody></mujoco>"""
+SPRUNG = f"""<mujoco><option gravity="1 0 -9.81"/><worldbody>
+<body name="a" pos="0 0 1" euler="20 10 5"><joint name="hinge" axis="1 .2 0" pos="0 0 .1" stiffness="7" springref="20"
+    damping=".3" armature=".02" ref="5"/>{BOX}
+  <body name="b" pos="0 0 -.6"><joint type="slide" axis="1 0 1" stiffness="30" springref=".2" damping=".4"/>{BOX}
+    <body name="c" pos=".3 .1 -.2"><joint axis="0 1 .5" stiffness="3" damping=".1"/>{BOX}</body></body></body>
+<body name="roller" pos="1 0 0"><joint type="slide" axis="1 1 0" stiffness="20" damping=".5"/>
+  <joint axis="1 1 0" pos="0 .1 0" stiffness="2" springref="-30" damping=".2"/>{BOX}</body>
+<body name="bead" pos="2 0 0"><joint type="slide" axis="1 2 0" stiffness="9" springref=".3" damping=".2"/>
+  <joint type="ball" pos="0 .1 0"/>{BOX}</body>
+<body name="walker" pos="1 1 1"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+  <joint axis="0 1 0" pos="0 0 .1" stiffness="4" damping=".3" armature=".05"/>{BOX}</body>
+</worldbody></mujoco>"""
 ROBOT = """<robot name="r"><link name="base"/>
 <link name="upper"><inertial><origin xyz="0 .02 .1" rpy=".1 .2 .3"/><mass value="2"/>
     <inertia ixx=".03" iyy=".04" izz=".05" ixy=".001" ixz="0" iyz="-.002"/></inertial>
@@ -126,13 +139,30 @@ def moving(m: Mechanism):
     return qpos, qvel
 
 
-@pytest.mark.parametrize("text", [TREE, LOOPS, ROBOT, SLENDER], ids=["tree", "loops", "urdf", "slender"])
-def test_the_system_is_the_one_mujoco_makes(tmp_path, text):
-    """Two derivations: MuJoCo's recursions in joint coordinates, ours in absolute ones with constraint rows."""
-    m = mechanism_files.read(written(tmp_path, text))
+MODELS = {"tree": TREE, "loops": LOOPS, "urdf": ROBOT, "slender": SLENDER, "sprung": SPRUNG}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_system_is_the_one_mujoco_makes(tmp_path, name):
+    """Two derivations: MuJoCo's recursions in joint coordinates, ours in absolute ones with constraint rows.
+
+    Springs, dampers and armatures of joints are its own, as forces, masses and energies, at rest and moving.
+    """
+    m = mechanism_files.read(written(tmp_path, MODELS[name]))
     qpos, qvel = moving(m)
-    found = differences(m.problem(qpos=tuple(qpos), qvel=tuple(qvel)), theirs(m, qpos, qvel))
+    made = m.problem(qpos=tuple(qpos), qvel=tuple(qvel))
+    model = theirs(m, qpos, qvel)
+    found = differences(made, model)
     assert max(found.values()) < SAME, found
+    if name == "sprung":
+        assert not {Omitted.STIFFNESS, Omitted.DAMPING, Omitted.ARMATURE} & {*m.omitted}
+        assert len(made.system.torsion_k) == 4 and len(made.system.spring_k) == 3
+        ours, data = accelerations(made.system, made.initial), m.mj.MjData(m.model)
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        m.mj.mj_forward(m.model, data)
+        expected = (model.T @ data.qacc).reshape(-1, 6) + model.bias
+        both = np.concatenate((ours.v_dot, ours.Omega_dot), axis=1)
+        assert np.max(np.abs(both - expected)) < 1e-9 * np.max(np.abs(expected))
 
 
 @pytest.mark.parametrize("make", PROBLEMS.values(), ids=PROBLEMS)
@@ -158,10 +188,15 @@ def test_loops_have_no_row_twice(tmp_path):
 
 
 def test_what_is_not_taken_over_is_counted(tmp_path):
+    """Motors and contacts; a rotor between moving bodies, a damper of a ball, springs that are not linear."""
     text = LOOPS.replace('<joint axis="0 1 0"/>', '<joint name="j" damping="1" stiffness="2" axis="0 1 0"/>', 1)
     text = text.replace("</mujoco>", '<actuator><motor joint="j"/></actuator></mujoco>')
-    omitted = mechanism_files.read(written(tmp_path, text)).omitted
-    assert omitted == {Omitted.ACTUATORS: 1, Omitted.COLLIDING: 5}
+    assert mechanism_files.read(written(tmp_path, text)).omitted == {Omitted.ACTUATORS: 1, Omitted.COLLIDING: 5}
+    text = SPRUNG.replace('axis="0 1 .5" stiffness="3"', 'axis="0 1 .5" armature=".1" stiffness="3 1 0"')
+    omitted = mechanism_files.read(
+        written(tmp_path, text.replace('<joint type="ball"', '<joint type="ball" damping="1"'))
+    ).omitted
+    assert omitted[Omitted.ARMATURE] == 1 and omitted[Omitted.DAMPING] == 3 and omitted[Omitted.STIFFNESS] == 1
 
 
 @pytest.mark.parametrize(("part", "words"), [
@@ -211,10 +246,8 @@ def test_a_file_is_solved_like_a_problem(tmp_path):
     """From Python by its path; energy of a frictionless arm is kept."""
     problem = make_problem(str(written(tmp_path, ROBOT, "arm2.urdf")), {"qvel": "1,0", "t_end": 0.2})
     run = registry.make_solver("rkmk_dopri5").solve(problem, StepControl(rtol=1e-9))
-    from mbsbench import kinetic_energy, potential_energy
-
-    energy = kinetic_energy(problem.system, run.states) + potential_energy(problem.system, run.states)
-    assert np.max(np.abs(energy - energy[0])) < 1e-7
+    E = energy(problem.system, run.states)
+    assert np.max(np.abs(E - E[0])) < 1e-7
 
 
 def test_the_page_s_slider_crank_moves_as_that_of_the_catalogue(tmp_path, monkeypatch, capsys):
@@ -241,47 +274,6 @@ def test_a_suite_takes_a_file(tmp_path, monkeypatch, capsys):
     capsys.readouterr()
     assert main(["export", "planted.urdf"]) == 0
     assert [j["type"] for j in json.loads(capsys.readouterr().out)["joints"]] == ["revolute", "prismatic"]
-
-
-SPRUNG = f"""<mujoco><option gravity="1 0 -9.81"/><worldbody>
-<body name="a" pos="0 0 1" euler="20 10 5"><joint name="hinge" axis="1 .2 0" pos="0 0 .1" stiffness="7" springref="20"
-    damping=".3" armature=".02" ref="5"/>{BOX}
-  <body name="b" pos="0 0 -.6"><joint type="slide" axis="1 0 1" stiffness="30" springref=".2" damping=".4"/>{BOX}
-    <body name="c" pos=".3 .1 -.2"><joint axis="0 1 .5" stiffness="3" damping=".1"/>{BOX}</body></body></body>
-<body name="roller" pos="1 0 0"><joint type="slide" axis="1 1 0" stiffness="20" damping=".5"/>
-  <joint axis="1 1 0" pos="0 .1 0" stiffness="2" springref="-30" damping=".2"/>{BOX}</body>
-<body name="bead" pos="2 0 0"><joint type="slide" axis="1 2 0" stiffness="9" springref=".3" damping=".2"/>
-  <joint type="ball" pos="0 .1 0"/>{BOX}</body>
-<body name="walker" pos="1 1 1"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
-  <joint axis="0 1 0" pos="0 0 .1" stiffness="4" damping=".3" armature=".05"/>{BOX}</body>
-</worldbody></mujoco>"""
-
-
-def test_springs_dampers_and_armatures_of_joints_are_mujocos(tmp_path):
-    """Its generalised forces at rest and moving, its mass matrix, its potential energy and its accelerations."""
-    m = mechanism_files.read(written(tmp_path, SPRUNG))
-    assert not {Omitted.STIFFNESS, Omitted.DAMPING, Omitted.ARMATURE} & {*m.omitted}
-    qpos, qvel = moving(m)
-    made = m.problem(qpos=tuple(qpos), qvel=tuple(qvel))
-    assert len(made.system.torsion_k) == 4 and len(made.system.spring_k) == 3
-    model = theirs(m, qpos, qvel)
-    found = differences(made, model)
-    assert max(found.values()) < SAME, found
-    ours = accelerations(made.system, made.initial)
-    data = m.mj.MjData(m.model)
-    data.qpos[:], data.qvel[:] = qpos, qvel
-    m.mj.mj_forward(m.model, data)
-    both = np.concatenate((ours.v_dot, ours.Omega_dot), axis=1)
-    expected = (model.T @ data.qacc).reshape(-1, 6) + model.bias
-    assert np.max(np.abs(both - expected)) < 1e-9 * np.max(np.abs(expected))
-
-
-def test_what_no_rigid_body_or_spring_stands_for_is_counted(tmp_path):
-    """A rotor between moving bodies, a damper of a ball, springs that are not linear."""
-    text = SPRUNG.replace('axis="0 1 .5" stiffness="3"', 'axis="0 1 .5" armature=".1" stiffness="3 1 0"')
-    text = text.replace('<joint type="ball"', '<joint type="ball" damping="1"')
-    omitted = mechanism_files.read(written(tmp_path, text)).omitted
-    assert omitted[Omitted.ARMATURE] == 1 and omitted[Omitted.DAMPING] == 3 and omitted[Omitted.STIFFNESS] == 1
 
 
 ARM = f"""<mujoco><option timestep="0.005" integrator="implicitfast"/><worldbody>

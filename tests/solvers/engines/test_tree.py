@@ -7,12 +7,9 @@ import numpy as np
 import pytest
 import scipy.linalg as sl
 
-from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.mechanics.jacobian import independent_rows
 from mbsbench.harness.mechanics.motion import applied, constraint, constraint_rate, kinetic_energy, potential_energy
 from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.mechanics.system import GROUND
-from mbsbench.solvers.engines.export.model_check import EngineModel, differences, model_refusal, rank
+from mbsbench.solvers.engines.export.model_check import EngineModel, differences, model_refusal
 from mbsbench.solvers.engines.export.tree import Kind, Tree, spanning_tree
 
 from .systems import PROBLEMS
@@ -94,23 +91,6 @@ def test_velocities_are_the_rates_of_poses(problem):
     np.testing.assert_allclose((fore.r - aft.r) / (2 * h), here.v, atol=1e-8 * size)
     spin = np.swapaxes(here.R, 1, 2) @ (fore.R - aft.R) / (2 * h)
     np.testing.assert_allclose(np.stack((spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]), 1), here.Omega, atol=1e-8 * size)
-
-
-def test_cut_joints_leave_the_right_freedom(problem):
-    """Velocities of the tree less the rank of the cuts: 6 nb less the rank of all rows."""
-    tree, system = tree_of(problem), problem.system
-    freedom = len(tree.start_velocity) - rank(tree.loop_jacobian())
-    assert freedom == 6 * system.nb - len(independent_rows(system, problem.initial))
-
-
-def test_breadth_first_cuts_the_chain_in_the_middle():
-    """Hinged at both ends, it is reached from both: two branches of 8 and 7 bars, one cut between them."""
-    tree = tree_of(make_problem("chain"))
-    depth: dict[int, int] = {GROUND: 0}
-    for limb in tree.limbs:
-        depth[limb.body] = depth[limb.parent] + 1
-    assert max(depth.values()) == 8
-    assert [(c.i, c.j) for c in tree.cuts] in ([(7, 8)], [(8, 7)], [(6, 7)], [(7, 6)])
 
 
 def own_model(problem) -> EngineModel:

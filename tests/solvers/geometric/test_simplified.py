@@ -9,7 +9,7 @@ from mbsbench.harness.types import Problem, StepControl
 from mbsbench.solvers.formulations.methods.gc_step import applies
 
 from ..arbitrary_systems import consistent, linkage
-from .test_laws import run, spring_problem
+from ..runs import pendulum, run, sprung_linkage
 
 SHARP = {"tolerance": 1e-12}
 
@@ -41,7 +41,7 @@ def test_every_gauge_and_direction_on_an_arbitrary_linkage(gauge, direction):
 @pytest.mark.parametrize("options", [{"direction": "translation"}, {"f_bar": False}, {"b_term": False}], ids=str)
 def test_other_choices_of_the_scheme(options):
     """c_R along the translations, f_bar off, the planted error: the same equations in both methods."""
-    assert gap(make_problem("spherical_pendulum", {"omega_z": 0.1, "t_end": 0.5}), 0.01, gauge="zero", **options) < 1e-8
+    assert gap(pendulum(0.5), 0.01, gauge="zero", **options) < 1e-8
 
 
 def test_redundant_rows_get_no_multiplier_and_the_motion_is_that_of_the_proximal_saddle():
@@ -65,7 +65,7 @@ def test_poses_of_redundant_systems_are_corrected():
 
 def test_steps_it_does_not_converge_at_are_taken_by_the_full_method():
     """The contraction is O(dt omega): at 0.15 s it fails, the run goes on, and the motion is the same."""
-    problem = make_problem("spherical_pendulum", {"omega_z": 0.1, "t_end": 10.0})
+    problem = pendulum(10.0)
     out = [run(problem, 0.15, newton=n, **SHARP) for n in ("simplified", "kept")]
     assert np.array_equal(out[0].t, out[1].t) and out[0].counters["residuals"] > out[0].counters["newton_iterations"]
     assert np.max(np.abs(out[0].states.r - out[1].states.r)) < 1e-9
@@ -73,7 +73,7 @@ def test_steps_it_does_not_converge_at_are_taken_by_the_full_method():
 
 def test_springs_carried_sigma_and_the_nested_loop_are_not_its_own():
     """There the march is that of ``newton = kept``, to the last bit."""
-    problem = spring_problem(0.05)
+    problem = sprung_linkage(0.05)
     one, two = (run(problem, 1e-3, newton=n) for n in ("simplified", "kept"))
     assert np.array_equal(one.states.r, two.states.r)
     free = make_problem("chain")

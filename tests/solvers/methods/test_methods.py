@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.types import Problem, Status, StepControl
+from mbsbench.harness.types import Problem, StepControl
 from mbsbench.solvers.formulations.compiled.host import Method, integrate, tolerance_of
 from mbsbench.solvers.formulations.compiled.mechanism import make_mechanism
 from mbsbench.solvers.formulations.methods import rattle, rkmk
 from mbsbench.solvers.formulations.methods.tableaux import DOPRI853, Tableau
+from mbsbench.solvers.formulations.rows.means import mean_row_loop
 
 PROBLEMS = {  # name: (t_end [s], dt [s]); pins, springs and dampers, line rows, drives, rows of velocities alone
     "heavy_top": (0.3, 1e-3), "chain": (0.1, 1e-3), "flyball_governor": (0.05, 1e-4), "damped_linkage": (0.3, 1e-3),
@@ -47,8 +48,7 @@ def test_code_of_a_whole_mechanism_gives_the_same_motion(name: str, steps: str) 
     assert np.max(np.abs(new.reaction[-1] - old.reaction[-1])) < 1e3 * SAME * max(1.0, np.max(np.abs(old.reaction)))
 
 
-def test_a_limit_of_steps_is_a_status() -> None:
-    """The march stops where it stands, and says so."""
-    done = integrate(problem("heavy_top"), StepControl(dt=1e-3, max_steps=7), symplectic(problem("heavy_top")))
-    assert done.status is Status.STALLED
-    assert len(done.t) == 8
+def test_a_row_that_is_not_quadratic_has_no_mean() -> None:
+    """The length of a driven link is a root."""
+    with pytest.raises(ValueError, match="no mean rows"):
+        mean_row_loop("driven distance", (0,), True)

@@ -4,50 +4,30 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from jaxtyping import Float
 
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.mechanics import motion, so3
 from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.state import State, States
-from mbsbench.harness.mechanics.system import Joint, MultibodySystem, RigidBody, assemble
-from mbsbench.harness.mechanics.user_forces import UserForce
+from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.solvers.formulations.compiled.entries import Program
 from mbsbench.solvers.formulations.compiled.kernel import ENTRIES, Kernel, Made, make_kernel, start_at
 from mbsbench.solvers.formulations.compiled.mechanism import make_mechanism
 
 from ..arbitrary_joints import all_joints, moving_rows
-from ..arbitrary_systems import arbitrary, consistent, linkage
-
-Rows = Float[np.ndarray, "2 ..."]
-
-
-def law(t: float, r: Rows, R: Rows, v: Rows, Omega: Rows, F: Rows, T: Rows) -> None:
-    """All arguments, no symmetry, no action = reaction."""
-    for a in range(3):
-        F[0, a] = -3.0 * r[0, 0] * (r[0, a] - r[1, a]) - 0.4 * v[0, a] * v[1, a] + np.sin(2.0 * t + a)
-        F[1, a] = 2.0 * R[0, a, 0] - v[1, a]
-        T[0, a] = -0.2 * Omega[0, a] + 0.3 * R[1, a, 2] * np.cos(t)
-        T[1, a] = 0.5 * Omega[0, a] * Omega[1, 0] - 0.1 * R[1, a, 0] * R[0, 2, a]
-
-
-def pushed() -> MultibodySystem:
-    """A user's law between two bodies, and between one and the ground."""
-    joints = [Joint(0, (0.3, 0.1, 0.0), s_j=(0.1, -0.2, 0.3)), Joint(1, (0.1, 0.2, 0.3), 0, (-0.3, 0.2, 0.0))]
-    bodies = [RigidBody(1.3, np.diag([0.04, 0.07, 0.09])), RigidBody(0.7, np.diag([0.03, 0.05, 0.06]))]
-    forces = [UserForce(law, 0, 1), UserForce(law, 1)]
-    return assemble(bodies, joints, (1.1, -2.3, -9.5), user_forces=forces)
-
+from ..arbitrary_systems import arbitrary, consistent, linkage, with_user_forces
 
 SYSTEMS = {
     "linkage": linkage(springs=True), "all joints": all_joints(), "moving rows": moving_rows(None),
-    "user forces": pushed(), "lent inertia": make_problem("simple_pendulum", {"gyration": 0.0, "yaw": 0.4}).system,
+    "user forces": with_user_forces(),
+    "lent inertia": make_problem("simple_pendulum", {"gyration": 0.0, "yaw": 0.4}).system,
 }  # fmt: skip
 each_system = pytest.mark.parametrize("system", SYSTEMS.values(), ids=SYSTEMS)
 Maker = Callable[[MultibodySystem, tuple[str, ...]], Made | None]
 each_maker = pytest.mark.parametrize("maker", [make_kernel, make_mechanism])
 ROUNDING = 1e-12  # relative
+STEP, SLOPES = 1e-5, 1e-8  # of central differences; relative to the largest slope
 
 
 def at(system: MultibodySystem, state: State, maker: Maker = make_kernel) -> Made:
@@ -164,9 +144,6 @@ def test_slopes_are_derivatives(system: MultibodySystem) -> None:
             behind = values()
             k.v[b, c] = v
             assert np.max(np.abs((ahead - behind)[:n] / (2.0 * STEP) - column(k, by_rate, b, c))) < SLOPES * largest
-
-
-STEP, SLOPES = 1e-5, 1e-8  # of central differences; relative to the largest slope
 
 
 def column(k: Kernel, blocks: np.ndarray, b: int, c: int) -> np.ndarray:

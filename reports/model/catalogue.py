@@ -1,0 +1,55 @@
+"""What solvers and problems say of themselves: the first sentences of their files, the traits a problem tests."""
+
+import ast
+import re
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+TRAITS = {  # why a problem of this trait is hard
+    "chaotic": "Small errors grow exponentially: beyond some time no computed motion is the exact one.",
+    "singular": "The constraint matrix loses rank at instants, where the motion could branch.",
+    "redundant": "There are more constraint rows than their rank, so that reactions are not unique.",
+    "stiff": "Its fastest time constants lie far below those of the motion that is asked for.",
+    "long": "Hundreds of turns let any systematic error in energy or phase add up.",
+    "damped": "Dampers take energy out, and a scheme that damps by itself goes unnoticed.",
+    "driven": "A drive does work, which the energy balance has to account for.",
+    "nonholonomic": "Some constraints act on velocities alone, and no position can be projected onto them.",
+}
+PLAIN = "No trait makes it hard: what counts is the error at a given cost."
+
+
+def about_solver(name: str) -> str:
+    """The method in two sentences, of its file and of its class; empty for a plug-in."""
+    path = next((p for p in (f"solvers/{name}.py", f"solvers/engines/{name}.py") if _source(p)), "")
+    if not path:
+        return ""
+    whole = ast.parse(_source(path))
+    classes = [n for n in whole.body if isinstance(n, ast.ClassDef) and n.decorator_list]
+    named = [n for n in classes if any(repr(name) in ast.unparse(d) for d in n.decorator_list)]
+    return " ".join(filter(None, dict.fromkeys([_summary(whole), *(_summary(n) for n in named[:1])])))
+
+
+def about_problem(name: str) -> str:
+    """What moves, in its file's first sentence; empty for a plug-in."""
+    source = _source(f"problems/{name}.py")
+    return _summary(ast.parse(source)) if source else ""
+
+
+def why_hard(name: str) -> str:
+    """By the problem's traits, two sentences at most; empty for a plug-in."""
+    source = _source(f"problems/{name}.py")
+    traits = re.findall(r"Trait\.(\w+)", source.partition("@problem(")[2].partition("\n")[0])
+    known = [TRAITS[t.lower()] for t in traits if t.lower() in TRAITS]
+    return " ".join(known[:2]) or (PLAIN if source else "")
+
+
+def _summary(node: ast.Module | ast.ClassDef) -> str:
+    return (ast.get_docstring(node) or "").partition("\n")[0].replace("``", "")
+
+
+@cache
+def _source(path: str) -> str:
+    if not re.fullmatch(r"[\w/]+\.py", path) or not (ROOT / path).is_file():
+        return ""
+    return (ROOT / path).read_text(encoding="utf-8")

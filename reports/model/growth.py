@@ -1,0 +1,67 @@
+"""What a step costs as a mechanism grows, wherever a run has the same settings at several sizes."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .motion import bodies_in
+from .results import Results, Run, grouped
+
+SIZES = 3  # a slope from two sizes would be no evidence
+
+
+@dataclass(frozen=True)
+class Growth:
+    """One solver's settings on one problem at several sizes, smallest first."""
+
+    problem: str
+    method: str
+    solver: str
+    step: str
+    t_end: float  # [s] simulated: a longer motion has other steps
+    bodies: tuple[int, ...]
+    cpu_per_step: tuple[float, ...]
+    runs: tuple[Run, ...]  # one a size
+
+    @cached_property
+    def fit(self) -> tuple[float, float]:
+        """Exponent and logarithm of the factor of the power law through all sizes, by least squares."""
+        slope, factor = np.polyfit(np.log(self.bodies), np.log(self.cpu_per_step), 1)
+        return float(slope), float(factor)
+
+    @property
+    def slope(self) -> float:
+        return self.fit[0]
+
+    def fitted(self, bodies: np.ndarray) -> np.ndarray:
+        """[s] by the power law."""
+        slope, factor = self.fit
+        return np.exp(factor) * bodies**slope
+
+
+def growths(runs: Sequence[Run], bodies: Mapping[str, int]) -> list[Growth]:
+    """All there are; ``bodies`` by run. Only runs that reached the end with a CPU time count."""
+    timed = [c for c in runs if c.succeeded and c.record.steps > 0 and c.record.cpu_median_s > 0.0]
+    sized = [c for c in timed if bodies.get(c.record.run_id, 0) > 0]
+    found = grouped(sized, lambda c: (c.record.problem, c.method, c.record.solver, c.step_words, c.record.t_end_s))
+    out = []
+    for key, own in sorted(found.items()):
+        sizes = dict(sorted(grouped(own, lambda c: bodies[c.record.run_id]).items()))
+        if len(sizes) >= SIZES:
+            cost = [float(np.median([c.record.cpu_median_s / c.record.steps for c in same])) for same in sizes.values()]
+            out.append(Growth(*key, tuple(sizes), tuple(cost), tuple(same[0] for same in sizes.values())))
+    return out
+
+
+def growths_of(results: Results) -> list[Growth]:
+    """All that the results hold; empty where no problem comes in three sizes."""
+    variants = Counter(p.problem for p in results.variants)
+    bodies: dict[str, int] = {}
+    for variant in results.variants:
+        if variants[variant.problem] > 1:  # its runs have the same bodies: one series file is enough
+            some = next((s for c in variant.runs if c.succeeded and (s := results.series(c)) is not None), None)
+            bodies |= {c.record.run_id: bodies_in(some) for c in variant.runs} if some is not None else {}
+    return growths(results.runs, bodies)

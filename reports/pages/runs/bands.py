@@ -1,0 +1,134 @@
+"""False successes as cards, how long each solver follows the truth, claims as dots: bands of the first page."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from ....harness.results.judgements.files import CLAIMS
+from ....harness.results.records import reasons_of
+from ....harness.results.reproduce import write_command
+from ....harness.results.words import law_of
+from ...mechanism.stage import moment
+from ...model.followed import followed
+from ...model.heat import Heat
+from ...model.margin import margin
+from ...model.results import Results, Run, Variant, grouped
+from ...model.words import number, plural, time
+from ...plots.palette import Look
+from ..judged.claims import Shown, claims_of, counts
+from ..judgement import judged_or_published, links_of
+from ..svg import snapshot, ticks_on
+
+CARDS = 6
+SENTENCES = 10
+DEPENDS = ("conditional", "mixed")
+
+
+@dataclass(frozen=True)
+class FalseSuccess:
+    """A run that claims success and is wrong, at the moment it breaks its law."""
+
+    run: Run
+    picture: Markup | None
+    law: str
+    size: str
+    times: float
+    at: float  # [s] it first passes the limit
+    drawn: float  # [s] of the picture: as late as the exact motion is known
+    command: str
+
+
+def false_successes(results: Results, label: str) -> tuple[list[FalseSuccess], int]:
+    """The farthest over its limit of each solver, plain settings first; and how many wrong runs there are."""
+    wrong = [c for c in results.runs if c.status == "wrong"]
+    plugins = [str(p) for p in results.environment.get("plugins") or []]
+
+    def key(c: Run) -> tuple[bool, bool, float, str]:
+        m = margin(c)
+        size = m.part if m and math.isfinite(m.part) else 0.0
+        return c.record.label != label, bool(c.options), -size, c.record.run_id
+
+    worst = [min(own, key=key) for own in grouped(wrong, lambda c: c.record.solver).values()]
+    return [_card(results, c, plugins) for c in sorted(worst, key=key)[:CARDS]], len(wrong)
+
+
+def _card(results: Results, run: Run, plugins: Sequence[str]) -> FalseSuccess:
+    m = margin(run)
+    reason = m.error if m else reasons_of(run.record.wrong_because)[0]
+    at = reason.time_s if reason.time_s == reason.time_s else run.record.t_reached_s
+    r = run.record
+    drawn = min(r.t_reached_s, r.reference_horizon_s) if r.reference_horizon_s > 0.0 else r.t_reached_s
+    seen = moment(results, run, drawn) if r.series else None
+    words = f"{r.solver} on {run.variant} at {time(drawn)} s, over the exact motion"
+    size = f"{number(reason.value)} of {number(reason.limit)} {reason.unit} allowed"
+    times = reason.value / reason.limit if reason.limit > 0.0 else math.inf
+    return FalseSuccess(run, snapshot(*seen, words) if seen else None, law_of(reason).removeprefix("the "), size,
+                        times, at, drawn, write_command(run.record, plugins))  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Strip:
+    """How long each solver follows the exact motion of a problem."""
+
+    variant: Variant
+    whole: int  # solvers that follow it to the end of what is known
+    count: int
+    known: float  # [s]
+    picture: Markup
+
+    @property
+    def all_follow(self) -> bool:
+        return self.whole == self.count
+
+
+def strips(picture: Heat | None, looks: Mapping[str, Look]) -> list[Strip]:
+    """One a problem of the heat map that has a reference."""
+    out = []
+    for variant in picture.problems if picture else ():
+        own = followed(variant)
+        known = max((f.known for f in own), default=0.0)
+        if known > 0.0:
+            whole = [f for f in own if f.whole]
+            dots = [(f.until / known, looks[f.run.record.solver].colour, f"{f.run.record.solver}: {f.words}",
+                     f.run.record.solver) for f in own if not f.whole]  # fmt: skip
+            words = f"{variant.title}: {len(whole)} of {len(own)} to {time(float(f'{known:.3g}'))} s"
+            out.append(Strip(variant, len(whole), len(own), known, ticks_on(dots, len(whole), words)))
+    return out
+
+
+def strips_title(found: Sequence[Strip]) -> str:
+    """Pairs of a solver and a motion."""
+    whole, count = (sum(getattr(s, k) for s in found) for k in ("whole", "count"))
+    return f"{whole} of {plural(count, 'run')} follow{'s' if count == 1 else ''} the exact motion to its end"
+
+
+@dataclass(frozen=True)
+class Verdicts:
+    """The paper's claims on the first page."""
+
+    title: str
+    columns: dict[str, list[Shown]]
+    sentences: list[Shown]
+    published: str
+
+
+def verdicts(results: Results) -> Verdicts | None:
+    """Of these results, else as published; None where there is neither."""
+    found = judged_or_published(results.folder, CLAIMS)
+    shown = [c for c in claims_of(found.found or (), links_of(results.runs)) if not c.presentation]
+    if not shown:
+        return None
+    n = {m.word: k for m, k in counts(shown)}
+    depend = sum(n[w] for w in DEPENDS)
+    title = (f"Of the paper's claims {n['supported']} hold, {n['refuted']} do not, {depend} depend on settings; "
+             f"{n['untestable']} cannot be tested")  # fmt: skip
+    return Verdicts(title, grouped(shown, lambda c: c.section), told(shown), found.published)
+
+
+def told(shown: Sequence[Shown]) -> list[Shown]:
+    """Ten: verdicts in turns, so that each kind is heard, in the order of the paper."""
+    kinds = {w: [c for c in shown if c.mark.word == w] for w in ("refuted", "supported", *DEPENDS)}
+    turns = [c for k in range(SENTENCES) for own in kinds.values() for c in own[k : k + 1]][:SENTENCES]
+    return [c for c in shown if c in turns]

@@ -1,0 +1,75 @@
+"""The mechanisms on stage: of each problem the cheapest accurate run, the paper's and the worst."""
+
+from typing import Any
+
+from ...mechanism.stage import Role, stage
+from ...model.accuracy import measure_for
+from ...model.frontier import of_most_problems
+from ...model.heat import Heat, boxes_of
+from ...model.margin import margin
+from ...model.results import Results, Run, Variant, grouped
+from ...model.words import mark
+from ..base import Site
+
+MINIATURES = 6
+PAPER = "ODE-GC"  # the paper's method; what is added to it has a longer label
+SMALL = 60  # pictures of a miniature
+
+
+def one_a_problem(picture: Heat | None) -> list[Variant]:
+    """Of each problem of the heat map the variant with a wrong run, else with most runs; the most telling first."""
+    found = grouped(picture.problems if picture else (), lambda p: p.problem)
+    best = [max(own, key=_telling) for own in found.values()]
+    return sorted(best, key=_telling, reverse=True)[:MINIATURES]
+
+
+def _telling(variant: Variant) -> tuple[int, int]:
+    """How many solvers are wrong on it; how many runs it has."""
+    return len({c.record.solver for c in variant.runs if c.status == "wrong"}), len(variant.runs)
+
+
+def roles_of(variant: Variant, label: str, site: Site) -> list[Role]:
+    """The cheapest accurate run, the paper's method, the worst one that claims success or, without one, the worst."""
+    target = of_most_problems([f for f in site.frontiers if f.variant == variant.title])
+    ended = (b for b in boxes_of(variant, label) if b.mark.kind not in ("open", "refused"))
+    best_first = [b.run for b in sorted(ended, key=lambda b: b.order)]
+    cheapest = [p.reach.run for f in target for p in f.places] or best_first
+    paper = sorted((c for c in best_first if c.record.paper_label.startswith(PAPER) and c.succeeded),
+                   key=lambda c: len(c.record.paper_label))  # fmt: skip
+    wrong = sorted((c for c in variant.runs if c.status == "wrong"), key=lambda c: _worst(c, site), reverse=True)
+    worst = wrong or best_first[1:][-1:]
+    out: dict[str, Role] = {}
+    for runs, words in ((cheapest, "cheapest accurate"), (paper, "the paper's"), (worst, "the worst")):
+        for run in [c for c in runs if c.record.series][:1]:
+            out.setdefault(run.record.run_id, Role(run, words))
+    return list(out.values())
+
+
+def _worst(run: Run, site: Site) -> tuple[bool, float, str]:
+    """Implicit methods first, which most codes in use are; then how far over the limit."""
+    m = margin(run)
+    return site.looks[run.record.solver].family == "implicit", min(m.part, 1e9) if m else 0.0, run.record.run_id
+
+
+def scene_of(results: Results, site: Site, variant: Variant, label: str) -> dict[str, Any] | None:
+    """A stage in ``data/stage-<slug>.js`` and what the page says beside it; None where no run kept poses."""
+    roles, measure = roles_of(variant, label, site), measure_for(variant.runs)
+    play = stage(results, roles, measure, site.looks)
+    if play is None:
+        return None
+    site.bundle(f"stage-{variant.slug}", play)
+    small = stage(results, roles[:1], measure, site.looks, SMALL)
+    return {
+        "file": f"stage-{variant.slug}", "title": variant.title, "problem": variant.problem.replace("_", " "),
+        "slug": variant.slug, "said": [_said(role, site) for role in roles],
+        "small": small and {**small, "players": [] if small["exact"] else small["players"]},
+    }  # fmt: skip
+
+
+def _said(role: Role, site: Site) -> dict[str, str]:
+    run, measured = role.run, mark(role.run.status)
+    return {
+        "solver": run.record.solver, "words": role.words, "step": run.step_words, "url": site.url(run),
+        "claimed": run.record.claimed.replace("_", " "), "measured": measured.word, "kind": measured.kind,
+        "why": run.reasons[0] if run.reasons else "",
+    }  # fmt: skip

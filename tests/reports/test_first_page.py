@@ -1,0 +1,212 @@
+"""Every number of the first page is recomputed from ``runs.parquet`` and the series: hero, race, heat map, cards."""
+
+import json
+import math
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from mbsbench.harness.files import write_text
+from mbsbench.harness.results import store
+from mbsbench.harness.types import Law
+from mbsbench.reports import site
+from mbsbench.reports.model.words import number, seconds
+
+from .browser import OVERFLOW
+from .conftest import because, put, record
+from .outline import Outline
+from .test_heat import broken, moving
+
+MOST_BYTES = 500_000
+PROBLEMS = ("hard", "easy")
+ORDERS = {"alpha": 4.0, "beta": 2.0, "gamma": 2.0}
+COST = {"alpha": 3e-3, "beta": 1e-3, "gamma": 9e-3}
+STEPS = [0.08 / 2**k for k in range(5)]
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Ladders of three solvers on two problems: error (dt)^p, CPU c / dt; delta claims success and is wrong on one."""
+    folder = tmp_path_factory.mktemp("first")
+    for name in PROBLEMS:
+        for solver, order in ORDERS.items():
+            for k, dt in enumerate(STEPS):
+                put(folder, record(f"{name}{solver}{k}", solver, problem=name, dt_s=dt, position_error_max_m=dt**order,
+                                   cpu_median_s=COST[solver] / dt, energy_drift_max_J=1e-3 * dt**order,
+                                   paper_label="ODE-GC" if solver == "beta" else ""), moving(k))  # fmt: skip
+    put(folder, record("hardwrong", "delta", problem="hard", dt_s=0.01, position_error_max_m=0.4, cpu_median_s=0.05,
+                       accurate_until_s=0.5, **broken(Law.ENERGY, 0.45, 0.1, "J")), moving(9))  # fmt: skip
+    put(folder, record("easydelta", "delta", "refused", problem="easy", claimed="refused", message="no",
+                       position_error_max_m=math.nan, cpu_median_s=math.nan))  # fmt: skip
+    write_text(folder / "environment.json", "{}")
+    store.write_table(folder, store.load(folder).records)
+    return site.build(folder), pd.read_parquet(folder / "runs.parquet")
+
+
+def cost(table: pd.DataFrame, problem: str, solver: str, target: float) -> float:
+    """CPU time at an error: on the power law between two steps, least of those below the first."""
+    own = table[(table.problem == problem) & (table.solver == solver) & (table.status == "success")]
+    own = own.sort_values("dt_s", ascending=False)
+    errors, cpu = own.position_error_max_m.to_numpy(), own.cpu_median_s.to_numpy()
+    if not len(own) or errors.min() > target:
+        return math.nan
+    if errors[0] <= target:
+        return float(cpu[0])
+    return float(np.exp(np.interp(-math.log(target), -np.log(errors), np.log(cpu))))
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("problem", range(2))
+def test_the_race_is_that_of_the_table(built, browser, problem):
+    """At every error of the slider: who gets there, in which order, at what CPU time and ratio; the others and why."""
+    page, table = built
+    tab = browser.open(page)
+    tab.until("window.MBS && MBS.first")
+    name = tab.evaluate(f"(MBS.first.choose({problem}), MBS.first.data.costs[{problem}].slug)")
+    rows = """[...document.querySelectorAll('[data-bars] li')].map((e) => [e.dataset.solver,
+        e.querySelector('span').textContent, e.className.includes('missed')])"""
+    for k, target in enumerate(tab.evaluate(f"MBS.first.data.costs[{problem}].targets")):
+        tab.evaluate(f"(() => {{ const s = document.querySelector('[data-target]'); s.value = {k};"
+                     "s.dispatchEvent(new Event('input')); })()")  # fmt: skip
+        shown = tab.evaluate(rows)
+        expected = {s: cost(table, name, s, target) for s in ("alpha", "beta", "gamma", "delta")}
+        there = sorted((c, s) for s, c in expected.items() if c == c)
+        assert [s for s, _, missed in shown if not missed] == [s for _, s in there]
+        for (cpu, _), (_, text, _) in zip(there, shown, strict=False):
+            assert text.removeprefix("≤ ") == f"{seconds(cpu)} ×{number(cpu / there[0][0], 2)}"
+        command = tab.evaluate("document.querySelector('[data-command]').textContent")
+        assert command == f"mbsbench advise {name} --error {target:.0e}".replace("e-0", "e-")
+    assert tab.faults == [] and tab.requests == []
+    tab.close()
+
+
+@pytest.mark.browser
+def test_the_heat_map_at_equal_error_and_at_equal_cost(built, browser):
+    """Ratios of the race; the smallest error within ten times the cheapest."""
+    page, table = built
+    tab = browser.open(page)
+    tab.until("window.MBS && MBS.first")
+    target = tab.evaluate("MBS.first.data.costs[MBS.first.state.race].targets[MBS.first.state.target]")
+    cells = """Object.fromEntries([...document.querySelectorAll('.heat tbody tr')].map((r) => [r.dataset.solver,
+        [...r.cells].slice(1, 3).map((c) => c.textContent)]))"""
+    slugs = tab.evaluate("[...document.querySelectorAll('.heat thead th')].map((h) => h.dataset.slug).filter(Boolean)")
+    for mode in ("error", "cost"):
+        tab.evaluate(f"document.querySelector('[data-mode={mode}]').click()")
+        shown = tab.evaluate(cells)
+        for k, problem in enumerate(slugs):
+            all_of = {s: cost(table, problem, s, target) for s in shown}
+            first = np.nanmin(list(all_of.values()))
+            for solver, texts in shown.items():
+                own = table[(table.problem == problem) & (table.solver == solver) & (table.status == "success")]
+                near = own[own.cpu_median_s <= 10.0 * first].position_error_max_m
+                if mode == "error":
+                    value = all_of[solver]
+                    assert texts[k] == (f"×{number(value / first, 2)}" if value == value else "–")
+                else:
+                    assert texts[k] == (number(near.min(), 1) if len(near) else "–")
+    reached = re.match(r"(\d+) of (\d+)", tab.evaluate("document.querySelector('[data-heat-title]').textContent"))
+    assert reached and int(reached[2]) == 8
+    tab.evaluate("document.querySelector('[data-mode=limit]').click()")
+    assert "stay" in tab.evaluate("document.querySelector('[data-heat-title]').textContent")
+    tab.close()
+
+
+@pytest.mark.browser
+def test_a_cell_opens_a_drawer_and_a_column_sorts(built, browser):
+    """No page change; the drawer has the cell's run, its command and its energy; empty cells stay last."""
+    page, table = built
+    tab = browser.open(page)
+    tab.until("window.MBS && MBS.first")
+    cell = "document.querySelector('.heat tr[data-solver=alpha] td a')"
+    tab.evaluate(f"{cell}.click()")
+    drawer = tab.evaluate("document.querySelector('[data-drawer]').textContent")
+    slug = tab.evaluate("document.querySelector('.heat thead th[data-slug]').dataset.slug")
+    finest = table[(table.problem == slug) & (table.solver == "alpha")].sort_values("dt_s").iloc[0]
+    assert f"mbsbench solve {slug} alpha" in drawer and seconds(finest.cpu_median_s) in drawer
+    assert f"{number(finest.energy_drift_max_J)} J" in drawer and tab.evaluate("location.pathname").endswith(
+        "index.html"
+    )
+    tab.evaluate("document.querySelector('[data-mode=error]').click()")
+    tab.evaluate("document.querySelector('.heat thead th[data-slug] .sorter').click()")
+    order = tab.evaluate("[...document.querySelectorAll('.heat tbody tr')].map((r) => r.cells[1].dataset.v)")
+    values = [float(v) for v in order if v]
+    assert values == sorted(values) and all(not v for v in order[len(values) :])
+    tab.close()
+
+
+@pytest.mark.browser
+def test_the_counter_is_the_error_of_the_series(built, browser):
+    """Metres off at the time of the clock, for each run on the stage, and what each claims."""
+    page, _ = built
+    tab = browser.open(page)
+    tab.until("window.MBS.onStage && MBS.onStage.play()")
+    tab.evaluate("MBS.onStage.seek(1.0)")
+    said = tab.evaluate("""[...document.querySelectorAll('[data-cast] li')].map((e) =>
+        ['.solver', '[data-off]', '.mark'].map((s) => e.querySelector(s).textContent))""")
+    plain = moving(0)
+    expected = np.interp(1.0, plain.arrays["t"], plain.arrays["position_error"])
+    for _, off, _ in said:
+        value, unit = re.match(r"off by ([\d.]+) (mm|m)", off).groups()
+        assert float(value) * {"mm": 1e-3, "m": 1.0}[unit] == pytest.approx(expected, rel=0.05)
+    assert said[-1][0] == "delta" and said[-1][2] == "wrong" and {s for s, _, _ in said} == {"alpha", "beta", "delta"}
+    tab.close()
+
+
+def test_sentences_and_cards_have_the_numbers_of_the_table(built):
+    """Counts of the first line, the law of the false success with its ratio, who follows the motion to its end."""
+    page, table = built
+    text = " ".join(Outline(page.read_text(encoding="utf-8")).text.split())
+    ran = table[table.status != "refused"]
+    wrong = ran[ran.status == "wrong"]
+    assert f"{table.solver.nunique()} solvers on {table.problem.nunique()} mechanisms" in text
+    assert f"{len(wrong)} of {len(ran)} runs says success and is wrong." in text
+    (reason,) = json.loads(wrong.wrong_because.iloc[0])
+    assert f"{number(reason['value'] / reason['limit'], 2)} × its limit" in text
+    assert "1 run says success and is wrong" in text
+    followed = table[table.accurate_until_s.notna()]
+    known = np.minimum(followed.t_end_s, followed.reference_horizon_s)
+    whole = int((followed.accurate_until_s >= 0.999 * known).sum())
+    assert f"{whole} of {len(followed)} run follows the exact motion to its end" in text
+
+
+def test_the_title_of_the_panels_is_recomputed(built):
+    """Who is the cheapest on how many problems, at the error that the page states in each panel."""
+    page, table = built
+    html = page.read_text(encoding="utf-8")
+    titles = re.findall(r"<figcaption><b>(\w+): (\w+) needs ([^<]*?) for (\S+) m, (\w+) ([\d.]+) times", html)
+    assert len(titles) == 2
+    for problem, first, shown, error, last, ratio in titles:
+        target = float(error) if "⁻" not in error else 10.0 ** -int(error.removeprefix("10⁻").translate(DIGITS))
+        within = pd.Series({s: cost(table, problem, s, target) for s in ORDERS}).dropna().sort_values()
+        assert (first, last) == (within.index[0], within.index[-1]) and shown == seconds(within.iloc[0])
+        assert ratio == number(within.iloc[-1] / within.iloc[0], 2)
+
+
+DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")
+
+
+def test_the_first_page_is_light_and_asks_nobody(built):
+    """All that it loads, in bytes; no address of a network."""
+    page, _ = built
+    html = page.read_text(encoding="utf-8")
+    files = set(re.findall(r'(?:src|href)="((?:assets|data)/[^"]+\.(?:js|css))"', html))
+    assert len(html.encode()) + sum((page.parent / f).stat().st_size for f in files) < MOST_BYTES
+    assert not re.search(r"https?:", html.replace("http://www.w3.org/2000/svg", ""))
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize(("width", "most"), [(1440, 4 * 900), (412, math.inf)])
+def test_the_first_page_is_four_screens_and_fits_a_phone(built, browser, width, most):
+    page, _ = built
+    tab = browser.open(page, width=width)
+    tab.until("window.MBS && MBS.first")
+    assert tab.evaluate("document.documentElement.scrollHeight") <= most and tab.evaluate(OVERFLOW) == 0
+    tab.close()
+
+
+def test_a_wrong_run_without_size_has_its_card_too(tmp_path):
+    """Another start, another symmetry: what has no number is told in words."""
+    put(tmp_path, record("aa01", "alpha", "wrong", wrong_because=because("far off")), moving(0))
+    assert "far off" in site.build(tmp_path).read_text(encoding="utf-8")
