@@ -254,8 +254,9 @@ def test_no_published_verdict_hangs_on_one_run_that_failed():
                 assert Status(alone[0].status).lawful, (claim.id, alone[0].case)
 
 
-def test_ladders_that_do_not_show_the_declared_order_are_printed(capsys):
+def test_ladders_that_do_not_show_the_declared_order_are_printed(capsys, monkeypatch):
     """With the order and the reason; the certified ones are counted."""
+    monkeypatch.setenv("COLUMNS", "200")
     low = replace(ORDER, case="beta", verdict="below declared", order=1.04, low=0.98, high=1.08, fit="power", dt=(0.1,),
                   used=(True,))  # fmt: skip
     no = replace(ORDER, case="gamma", verdict="refused", order=math.nan, status="refused", message="no springs")
