@@ -194,7 +194,7 @@ ELSEWHERE = {
         "glob is_file mkdir read_bytes read_text stat write_text",
         "our own code and plugins, and what is kept of them in our cache",
     ),
-    "harness/results/environment.py": ("exists is_file read_bytes read_text rglob", "our own code, /proc/cpuinfo"),
+    "harness/results/environment.py": ("exists is_file read_bytes read_text", "our own code, /proc/cpuinfo"),
     "harness/results/history.py": ("glob is_symlink mkdir read_text write_text", "lists results/local; files of rows"),
     "harness/results/judgements/files.py": ("read_text", "that of harness/files.py, of a place"),
     "harness/results/npz.py": ("open", "a member of an archive that is open already"),
