@@ -25,7 +25,7 @@ from ..harness.types import Observable, Problem
 
 KINDS = tuple(k for k in JointKind if k not in (JointKind.FIXED, JointKind.NORMAL))
 APART = 0.3  # [m] of the points of joints that slide
-Poses = tuple[Float[np.ndarray, "nb+1 3"], Float[np.ndarray, "nb+1 3 3"]]  # of all bodies, then of the ground
+Poses = tuple[Float[np.ndarray, "places 3"], Float[np.ndarray, "places 3 3"]]  # of all bodies, then of the ground
 
 
 @problem("random_mechanism")

@@ -1,7 +1,25 @@
-"""For all tests: one thread for linear algebra, set before numpy is loaded."""
+"""For all tests: arrays have the shapes that their annotations say; one thread for linear algebra."""
 
 import os
+from pathlib import Path
 
-from mbsbench.harness.results.environment import THREADS
+from jaxtyping import install_import_hook
+
+import tests.shape_checks  # noqa: F401 - the hook looks it up by its name
+
+ROOT = Path(__file__).resolve().parents[1]
+SHAPED = ("cli", "harness", "problems", "solvers", "reports")
+COMPILED = ("user_forces", "methods", "compiled", "rows")  # what numba compiles takes no wrapper
+install_import_hook(
+    [
+        ".".join(("mbsbench", *path.relative_to(ROOT).with_suffix("").parts))
+        for folder in SHAPED
+        for path in (ROOT / folder).rglob("*.py")
+        if path.stem not in COMPILED and path.parent.name not in COMPILED
+    ],
+    "tests.shape_checks.check",
+)
+
+from mbsbench.harness.results.environment import THREADS  # noqa: E402 - below the hook, which sees what comes later
 
 os.environ.update(THREADS)

@@ -323,8 +323,8 @@ def taken(mj: Any, m: Any) -> Taken:
 class _Places:
     """Points and directions of space in the frames of our bodies, the ground last."""
 
-    r: Float[np.ndarray, "nb+1 3"]
-    R: Float[np.ndarray, "nb+1 3 3"]
+    r: Float[np.ndarray, "places 3"]
+    R: Float[np.ndarray, "places 3 3"]
     data: Any
     ours: list[int]
 

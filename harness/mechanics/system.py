@@ -146,7 +146,7 @@ class MultibodySystem:
         return self.joint_points + self.joint_lines + self.joint_axes + self.joint_moving
 
     @property
-    def row_start(self) -> Int[np.ndarray, " nj+1"]:
+    def row_start(self) -> Int[np.ndarray, " starts"]:
         """First row of phi of each joint; the last entry is the number of rows."""
         return np.concatenate(([0], np.cumsum(self.joint_rows))).astype(np.int64)
 

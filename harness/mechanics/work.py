@@ -185,7 +185,7 @@ def drive_power(
     return -np.sum(found[:, push.row] * push.phi_t, axis=-1)
 
 
-def between(s: States, h: Float[np.ndarray, " nt-1"], x: float) -> States:
+def between(s: States, h: Float[np.ndarray, " steps"], x: float) -> States:
     """The motion a part ``x`` into each step of ``h`` [s]: cubic in r, and in theta of R = R_0 exp(theta)."""
     dt = h[:, None, None]
     r, v = _cubic(s.r[:-1], s.r[1:], s.v[:-1], s.v[1:], dt, x)

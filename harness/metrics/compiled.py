@@ -267,7 +267,7 @@ def _speeds(mass, J, v, W, out):
             out[t, b] = math.sqrt(v[t, b, 0] ** 2 + v[t, b, 1] ** 2 + v[t, b, 2] ** 2 + turning)
 
 
-def moved(h: Float[np.ndarray, " nt-1"], a: States, b: States) -> States:
+def moved(h: Float[np.ndarray, " steps"], a: States, b: States) -> States:
     """Poses at the end of each step by the mean velocities of its ends (``rows``); velocities are those means."""
     out = tuple(np.empty_like(x) for x in (a.r, a.R, a.v, a.Omega))
     _moved(h, a.r, a.R, a.v, a.Omega, b.v, b.Omega, *out)

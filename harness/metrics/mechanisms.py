@@ -15,7 +15,7 @@ HOLDS = ("joint", "spring", "user")  # what can hold a body to a place
 TIES = (*HOLDS, "torsion")  # all parts with two ends; drives are joints
 
 
-def mechanisms(system: MultibodySystem) -> list[Int[np.ndarray, " n"]]:
+def mechanisms(system: MultibodySystem) -> list[Int[np.ndarray, " _"]]:
     """Bodies of each; the ground connects none."""
     i, j = (np.concatenate([getattr(system, f"{kind}_{e}") for kind in TIES]) for e in "ij")
     both = (i != GROUND) & (j != GROUND)

@@ -45,14 +45,14 @@ class Directors:
                 self.pins[self.point[m, c], b] = sign * weights[:, :, None] * np.eye(3)[c]
         self.redundant: bool | None = None  # found when first needed after a restart
 
-    def start(self, state: State) -> Float[np.ndarray, " 24nb"]:
+    def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
         """The state as this route's vector; d_a is column a of R."""
         omega = np.einsum("bij,bj->bi", state.R, state.Omega)
         d_dot = np.cross(omega[:, None], np.swapaxes(state.R, 1, 2))
         place = np.concatenate((state.r[:, None], np.swapaxes(state.R, 1, 2)), axis=1)
         return np.concatenate((place.ravel(), np.concatenate((state.v[:, None], d_dot), axis=1).ravel()))
 
-    def states(self, z: Float[np.ndarray, "nt 24nb"]) -> States:
+    def states(self, z: Float[np.ndarray, "nt coordinates"]) -> States:
         """Vectors of this route as states; Omega is the axial vector of R^T R_dot."""
         x, x_dot = self._parts(z)
         R = np.swapaxes(x[:, :, 1:], -1, -2)
@@ -60,12 +60,12 @@ class Directors:
         W = 0.5 * (W - np.swapaxes(W, -1, -2))
         return States(x[:, :, 0], R, x_dot[:, :, 0], np.stack((W[..., 2, 1], W[..., 0, 2], W[..., 1, 0]), axis=-1))
 
-    def units(self, size: float, speed: float, rate: float) -> Float[np.ndarray, " 24nb"]:
+    def units(self, size: float, speed: float, rate: float) -> Float[np.ndarray, " coordinates"]:
         """The scale of each entry, for tolerances."""
         one = np.repeat([size, 1.0, speed, rate], [3, 9, 3, 9])
         return np.concatenate((np.tile(one[:12], self.system.nb), np.tile(one[12:], self.system.nb)))
 
-    def rate(self, z: Float[np.ndarray, "nt 24nb"]) -> Float[np.ndarray, "nt 24nb"]:
+    def rate(self, z: Float[np.ndarray, "nt coordinates"]) -> Float[np.ndarray, "nt coordinates"]:
         """d/dt of states."""
         nt, s = len(z), self.system
         x, x_dot = self._parts(z)
@@ -85,7 +85,7 @@ class Directors:
         a = taken_back(solve, partial(np.einsum, "bij,tbj->tbi", self.lent))[0] if np.any(self.lent) else solve(0.0)[0]
         return np.concatenate((x_dot.reshape(nt, -1), a.reshape(nt, -1)), axis=1)
 
-    def restarted(self, z: Float[np.ndarray, " 24nb"]) -> Float[np.ndarray, " 24nb"]:
+    def restarted(self, z: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """The nearest state that is rigid and satisfies the joints, by Newton steps along C J^T."""
         self.redundant = None
         x, x_dot = self._parts(z[None].copy())

@@ -46,22 +46,22 @@ class NewtonEuler:
             moving = [np.flatnonzero(end[j] != GROUND) for j in (self.pinned, self.line.joint, self.axis.joint)]
             self.ends.append((end, arm, sign, *moving))
 
-    def start(self, state: State) -> Float[np.ndarray, " 13nb"]:
+    def start(self, state: State) -> Float[np.ndarray, " coordinates"]:
         """The state as this route's vector."""
         q = Rotation.from_matrix(state.R).as_quat()
         return np.concatenate([a.ravel() for a in (state.r, q, state.v, state.Omega)])
 
-    def states(self, y: Float[np.ndarray, "nt 13nb"]) -> States:
+    def states(self, y: Float[np.ndarray, "nt coordinates"]) -> States:
         """Vectors of this route as states; quaternions are normalised."""
         r, q, v, Omega = self._parts(y)
         R = Rotation.from_quat(q.reshape(-1, 4)).as_matrix().reshape(*q.shape[:2], 3, 3)
         return States(r, R, v, Omega)
 
-    def units(self, size: float, speed: float, rate: float) -> Float[np.ndarray, " 13nb"]:
+    def units(self, size: float, speed: float, rate: float) -> Float[np.ndarray, " coordinates"]:
         """The scale of each entry, for tolerances."""
         return np.repeat([size, 1.0, speed, rate], np.array([3, 4, 3, 3]) * self.system.nb)
 
-    def rate(self, y: Float[np.ndarray, " 13nb"]) -> Float[np.ndarray, " 13nb"]:
+    def rate(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """d/dt of a state."""
         s = self.system
         r, q, v, Omega = (a[0] for a in self._parts(y[None]))
@@ -81,7 +81,7 @@ class NewtonEuler:
         q_dot = 0.5 * np.concatenate((w * Omega + _cross(vector, Omega), -np.sum(vector * Omega, 1)[:, None]), axis=1)
         return np.concatenate((v.ravel(), q_dot.ravel(), free[:, :3].ravel(), free[:, 3:].ravel()))
 
-    def restarted(self, y: Float[np.ndarray, " 13nb"]) -> Float[np.ndarray, " 13nb"]:
+    def restarted(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """The nearest consistent state; the rows in use are chosen anew there."""
         s = self.system
         r, q, v, Omega = (a[0].copy() for a in self._parts(y[None]))
@@ -106,7 +106,7 @@ class NewtonEuler:
             v, Omega = both[:, :3], both[:, 3:]
         return np.concatenate([a.ravel() for a in (r, q, v, Omega)])
 
-    def violation(self, y: Float[np.ndarray, " 13nb"]) -> float:
+    def violation(self, y: Float[np.ndarray, " coordinates"]) -> float:
         """Largest |phi| [m] of all rows, those not in use included; axis rows times the size of the bodies."""
         r, q, _, _ = (a[0] for a in self._parts(y[None]))
         phi = np.abs(self._phi(r, _matrices(q)))

@@ -29,7 +29,7 @@ FOLDER = cache_folder("references", Path(__file__).resolve().parents[2] / "resul
 class Orbit:
     """States of route 1 as polynomials over its steps, and the bound after each step of route 2."""
 
-    t: Float[np.ndarray, " steps+1"]
+    t: Float[np.ndarray, " nt"]
     y: Float[np.ndarray, "steps ny"]
     F: Float[np.ndarray, "steps 7 ny"]  # DOP853's interpolant
     bound_t: Float[np.ndarray, " nb"]

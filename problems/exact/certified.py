@@ -44,7 +44,7 @@ class CertifiedMotion:
         return self.orbit.error(t)
 
 
-def linkage_orbit(link: Linkage, y0: Float[np.ndarray, " 2n"], t_max: float, span: float) -> Orbit:
+def linkage_orbit(link: Linkage, y0: Float[np.ndarray, " coordinates"], t_max: float, span: float) -> Orbit:
     """The motion of a linkage by its angles and by its nodes."""
 
     def gap(y: np.ndarray, z: np.ndarray) -> float:

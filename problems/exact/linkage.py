@@ -43,7 +43,7 @@ class Linkage:
         """Positions [m] of the nodes."""
         return self.length * np.cumsum(np.stack((np.cos(angle), np.sin(angle)), axis=-1), axis=-2)
 
-    def node_start(self, y: Float[np.ndarray, " 2n"]) -> Float[np.ndarray, " 4free"]:
+    def node_start(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " state"]:
         """The state of ``by_nodes`` from that of ``by_angles``."""
         angle, rate = y[: self.n], y[self.n :]
         across = np.stack((-np.sin(angle), np.cos(angle)), axis=-1)

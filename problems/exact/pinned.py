@@ -79,7 +79,7 @@ def frame_with(axis: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     return np.stack((a, np.cross(e, a), e), axis=1)
 
 
-def turn_z(angle: Float[np.ndarray, " nt"]) -> Float[np.ndarray, "nt 3 3"]:
+def turn_z(angle: Float[np.ndarray, "*nt"]) -> Float[np.ndarray, "*nt 3 3"]:
     """R_Z by ``angle`` [rad]."""
     R = np.zeros((*np.shape(angle), 3, 3))
     R[..., 0, 0] = R[..., 1, 1] = np.cos(angle)

@@ -54,7 +54,7 @@ class Assembly:
         return self.out[:-1].copy()
 
     def derivatives_into(
-        self, data: Float[np.ndarray, " m+1"], place: Int[np.ndarray, " n_entries"],
+        self, data: Float[np.ndarray, " slots"], place: Int[np.ndarray, " n_entries"],
         weight: Float[np.ndarray, " n_entries"],
     ) -> Program:  # fmt: skip
         """What adds ``weight`` d out[``row``] / d (w if ``of_w`` else y)[``column``] of every entry to ``data[place]``.

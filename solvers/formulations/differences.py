@@ -36,7 +36,7 @@ class DifferencedForm(ImplicitForm):
         )
 
     def _differences(
-        self, F: np.ndarray, x: np.ndarray, residual: Callable, groups: list[Int[np.ndarray, " m"]]
+        self, F: np.ndarray, x: np.ndarray, residual: Callable, groups: list[Int[np.ndarray, " _"]]
     ) -> np.ndarray:
         rows, columns, out = self.pattern.rows, self.pattern.columns, np.zeros(self.pattern.nnz)
         h = x + INCREMENT * np.maximum(np.abs(x), 1.0) - x
@@ -47,7 +47,7 @@ class DifferencedForm(ImplicitForm):
         return out
 
 
-def column_groups(pattern: FixedPattern, used: np.ndarray) -> list[Int[np.ndarray, " m"]]:
+def column_groups(pattern: FixedPattern, used: np.ndarray) -> list[Int[np.ndarray, " _"]]:
     """Groups of columns of which no two share a row, first fit, each as the ``used`` nonzeros in it."""
     taken: list[np.ndarray] = []  # rows of each group
     entries_of: list[list[np.ndarray]] = []

@@ -68,7 +68,7 @@ def dissect(s: Series) -> Anatomy | None:
     return split_error(t, e, marks)
 
 
-def split_error(t: Float[np.ndarray, " nt"], e: Float[np.ndarray, " nt"], marks: Float[np.ndarray, " n+1"]) -> Anatomy:
+def split_error(t: Float[np.ndarray, " nt"], e: Float[np.ndarray, " nt"], marks: Float[np.ndarray, " ends"]) -> Anatomy:
     """Oscillation, trend and walk of ``e`` over the periods between ``marks`` [s]."""
     n = len(marks) - 1
     size = max(n // BLOCKS, 1)

@@ -27,7 +27,7 @@ DEPENDENT = 1e-9  # singular values of constraint rows, of the largest
 class EngineModel:
     """An engine's model at the start."""
 
-    T: Float[np.ndarray, "6nb nu"]  # body by body
+    T: Float[np.ndarray, "twists nu"]  # body by body
     mass_matrix: Float[np.ndarray, "nu nu"]
     rest_forces: Float[np.ndarray, " nu"]  # of gravity and springs, all velocities zero
     kinetic: float  # [J]

@@ -93,7 +93,7 @@ class Tree:
             v[:, b] -= _turned(R[:, b], np.cross(Omega[:, b], limb.s_child))
         return States(r[:, :nb], R[:, :nb], v[:, :nb], Omega[:, :nb])
 
-    def jacobian(self) -> Float[np.ndarray, "6nb nu"]:
+    def jacobian(self) -> Float[np.ndarray, "twists nu"]:
         """T of (r_dot, Omega) = T u at the start, by bodies: velocities are linear in u."""
         s = self._unit_motions()
         return np.concatenate((s.v, s.Omega), axis=-1).reshape(len(s), -1).T
