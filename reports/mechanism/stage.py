@@ -13,10 +13,10 @@ from ..model.accuracy import Measure
 from ..model.results import Results, Run
 from ..plots.browser import Steps
 from ..plots.palette import Look
-from .animation.stage import flat, view_of
 from .segments import Mechanism, mechanism_of
 from .theatre.poses import Poses, between, finite
 from .theatre.scene import player_of, stored_exact
+from .view import flat, view_of
 
 FRAMES = 240  # of a stage; more bodies have fewer, or its file would be large
 COORDINATES = 30_000  # of a player, at most

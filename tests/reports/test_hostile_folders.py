@@ -204,7 +204,6 @@ ELSEWHERE = {
         "the folder itself, and latest beside it",
     ),
     "harness/sandbox/isolation.py": ("open read_text", "/dev/null, /proc/self/status"),
-    "reports/mechanism/animation/__init__.py": ("stat", "the file that the user named"),
     "reports/model/glossary.py": ("read_text", "our own glossary"),
     "reports/pages/base.py": ("read_bytes", "our own assets"),
     "reports/plots/palette.py": ("glob", "our own catalogue"),

@@ -11,8 +11,8 @@ from markupsafe import Markup
 from ....harness.results.judgements.files import DRIFTS
 from ....harness.results.records import judged_own
 from ....harness.results.series import Series
-from ...mechanism.animation.stage import flat, view_of
 from ...mechanism.segments import mechanism_of
+from ...mechanism.view import flat, view_of
 from ...model.accuracy import judged_until, measure_for
 from ...model.catalogue import about_problem, why_hard
 from ...model.curves import SPANS_UPPER
