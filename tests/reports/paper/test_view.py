@@ -18,7 +18,11 @@ def turning(t_end: float = 2.0, n: int = 81):
     t = np.linspace(0.0, t_end, n)
     Q = Rotation.from_rotvec(np.outer(np.pi * t, [0.0, 0.0, 1.0]))
     R = Q * Rotation.from_quat(np.tile(still["frame_q"][0, 0], (n, 1)))
-    poses = {"frame_t": t, "frame_r": Q.apply(np.tile(still["frame_r"][0, 0], (n, 1)))[:, None], "frame_q": R.as_quat()[:, None]}
+    poses = {
+        "frame_t": t,
+        "frame_r": Q.apply(np.tile(still["frame_r"][0, 0], (n, 1)))[:, None],
+        "frame_q": R.as_quat()[:, None],
+    }
     return dataclasses.replace(still, arrays={**still.arrays, **poses})
 
 
