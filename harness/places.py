@@ -241,7 +241,10 @@ class Place:
 
 def place_of(path: Path | Place) -> Place:
     """A place as it is; a path that the user named as a place in its folder."""
-    return path if isinstance(path, Place) else Place(path.parent) / path.name
+    if isinstance(path, Place):
+        return path
+    path = path if path.name not in ("", "..") else Path(os.path.abspath(path))  # "." has no name of its own
+    return Place(path.parent) / path.name
 
 
 def partial_name(name: str, pid: int) -> str:

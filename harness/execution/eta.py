@@ -70,7 +70,7 @@ def scheduled(running: Sequence[float], waiting: Sequence[float], size: int) -> 
 
 COMPILING, REFERENCES, RUNNING = "compiling kernels", "computing references", "running"
 PREPARING, MEASURING = f"{REFERENCES} and {COMPILING}", "measuring"
-USUALLY = {COMPILING: 120.0, REFERENCES: 60.0, PREPARING: 120.0}  # [s] the first time on an idle core; then none
+USUALLY = {COMPILING: 25.0, REFERENCES: 10.0, PREPARING: 45.0}  # [s] the first time on an idle core; then none
 
 
 def waiting(doing: str, elapsed: float) -> str:

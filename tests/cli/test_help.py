@@ -103,7 +103,7 @@ def test_waiting_is_said_in_one_wording():
     """What is being done and how long is left; past the usual time, how long it has taken."""
     assert (
         waiting(COMPILING, 5.0)
-        == "compiling kernels: about 1 min 55 s left (the first time only, not counted in any run)"
+        == "compiling kernels: about 20 s left (the first time only, not counted in any run)"
     )
     for doing in (COMPILING, REFERENCES, PREPARING):
         assert waiting(doing, 3.0).startswith(f"{doing}: about ") and "left" in waiting(doing, 3.0)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.places import NotOwn, Place
+from mbsbench.harness.places import NotOwn, Place, place_of
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 
@@ -147,6 +147,12 @@ def test_another_name_of_a_file_keeps_its_content(tmp_path):
         with (Place(folder) / name).open_new() as file:
             file.write(b"ours")
     assert (tmp_path / "thesis.txt").read_text() == "thesis"
+
+
+def test_the_present_folder_and_the_one_above_are_places(tmp_path, monkeypatch):
+    (tmp_path / "inside").mkdir()
+    monkeypatch.chdir(tmp_path / "inside")
+    assert place_of(Path(".")).path == tmp_path / "inside" and place_of(Path("..")).path == tmp_path
 
 
 def test_the_way_to_a_results_folder_may_be_a_link(tmp_path):
