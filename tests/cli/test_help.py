@@ -101,10 +101,7 @@ def test_a_certified_integration_is_not_called_exact(capsys, name):
 
 def test_waiting_is_said_in_one_wording():
     """What is being done and how long is left; past the usual time, how long it has taken."""
-    assert (
-        waiting(COMPILING, 5.0)
-        == "compiling kernels: about 20 s left (the first time only, not counted in any run)"
-    )
+    assert waiting(COMPILING, 5.0) == "compiling kernels: about 20 s left (the first time only, not counted in any run)"
     for doing in (COMPILING, REFERENCES, PREPARING):
         assert waiting(doing, 3.0).startswith(f"{doing}: about ") and "left" in waiting(doing, 3.0)
         assert "longer than usual" in waiting(doing, 1e4)
