@@ -21,7 +21,7 @@ moving = @echo '$(2)' >&2; $(1) & job=$$!; trap "kill $$job" INT TERM; n=0; whil
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 
 .DEFAULT_GOAL := help
-.PHONY: help setup test test-python test-engines engines test-slow browser check docs format bench bench-kernels gate report paper figures pictures joints clean
+.PHONY: help setup test test-shapes test-python test-engines engines test-slow browser check docs format bench bench-kernels gate report paper figures pictures joints clean
 
 help: ## print this list
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 16
@@ -38,6 +38,10 @@ $(READY): requirements.lock pyproject.toml
 
 test: $(READY) ## run all tests but the slow ones
 	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest -q -n 3 --dist worksteal -m "not slow" --benchmark-disable
+
+test-shapes: $(READY) ## run tests of mechanics, metrics and problems with the shapes of arrays checked
+	SHAPES=1 $(BIN)/python -m pytest -q -n 2 -m "not slow" --benchmark-disable tests/harness/metrics tests/harness/reference \
+	tests/problems/test_data.py tests/harness/mechanics/test_joints.py tests/solvers/test_dae_forms.py
 
 $(CLUSTER): requirements-cluster.lock $(READY)
 	$(call moving,$(PIP) -r requirements-cluster.lock,installing requirements-cluster.lock)

@@ -1,4 +1,7 @@
-"""For all tests: arrays have the shapes that their annotations say; one thread for linear algebra."""
+"""For all tests: one thread for linear algebra; with SHAPES=1, arrays have the shapes that their annotations say.
+
+The checks triple the time of tests and of what they fork, so `make test-shapes` alone asks for them.
+"""
 
 import os
 from pathlib import Path
@@ -10,15 +13,16 @@ import tests.shape_checks  # noqa: F401 - the hook looks it up by its name
 ROOT = Path(__file__).resolve().parents[1]
 SHAPED = ("cli", "harness", "problems", "solvers", "reports")
 COMPILED = ("user_forces", "methods", "compiled", "rows")  # what numba compiles takes no wrapper
-install_import_hook(
-    [
-        ".".join(("mbsbench", *path.relative_to(ROOT).with_suffix("").parts))
-        for folder in SHAPED
-        for path in (ROOT / folder).rglob("*.py")
-        if path.stem not in COMPILED and path.parent.name not in COMPILED
-    ],
-    "tests.shape_checks.check",
-)
+if os.environ.get("SHAPES") == "1":
+    install_import_hook(
+        [
+            ".".join(("mbsbench", *path.relative_to(ROOT).with_suffix("").parts))
+            for folder in SHAPED
+            for path in (ROOT / folder).rglob("*.py")
+            if path.stem not in COMPILED and path.parent.name not in COMPILED
+        ],
+        "tests.shape_checks.check",
+    )
 
 from mbsbench.harness.results.environment import THREADS  # noqa: E402 - below the hook, which sees what comes later
 

@@ -74,8 +74,10 @@ def evaluate_pair(
     other: tuple[RunRecord, Series | None],
     arguments: Mapping[str, Any],
 ) -> float:
-    """The number of two runs, NaN if one has no series or stopped before its end."""
-    if one[1] is None or other[1] is None or not (reached_end(one[0]) and reached_end(other[0])):
+    """The number of two runs, NaN if one has no series or stopped before ``to`` (by default its end)."""
+    asked = (min(record.t_end_s, arguments.get("to") or record.t_end_s) for record, _ in (one, other))
+    reached = all(r.t_reached_s >= t * (1.0 - END) for (r, _), t in zip((one, other), asked, strict=True))
+    if one[1] is None or other[1] is None or not reached:
         return NAN
     with np.errstate(all="ignore"):
         return float(MEASURES[name].of(one[1], other[1], **arguments))

@@ -31,6 +31,6 @@ def test_a_process_that_ends_while_it_is_looked_at_has_no_children(monkeypatch):
     before = clock.descendants(os.getpid())
     own = os.listdir(f"/proc/{os.getpid()}/task")
     monkeypatch.setattr(os, "listdir", lambda folder: [*own, "0"])
-    assert clock.descendants(os.getpid()) == before
+    assert set(clock.descendants(os.getpid())) <= set(before)  # of earlier tests, some end meanwhile
     monkeypatch.undo()
     assert clock.descendants(2**22 + 1) == []
