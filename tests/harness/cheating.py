@@ -1,5 +1,6 @@
 """A plugin: solvers whose motion is right, and whose work is done where nobody might look for it."""
 
+import contextlib
 import dataclasses
 import os
 import resource
@@ -82,6 +83,8 @@ class _Cheat(_Base):
         if self.where == "disowned":
             signal.signal(signal.SIGCHLD, signal.SIG_IGN)
             os.read(apart(detached=False, seconds=MUCH), 1)
+            with contextlib.suppress(ChildProcessError):  # until it has ended: one that is seen is accounted for
+                os.wait()
         if self.where == "first" and os.getpid() not in DONE:
             DONE.add(os.getpid())
             work()
