@@ -7,6 +7,7 @@ tab.evaluate("document.title"); tab.ink("[data-plot=energy]"); tab.screenshot("p
 """
 
 import base64
+import contextlib
 import io
 import json
 import os
@@ -34,6 +35,7 @@ FLAGS = (
 BECOME = "import os, sys; r, w = map(int, sys.argv[1:3]); r, w = os.dup(os.dup(r)), os.dup(os.dup(w)); " \
     "os.dup2(r, 3); os.dup2(w, 4); os.execv(sys.argv[3], sys.argv[3:])"  # fmt: skip
 PATIENCE = 60.0  # [s] for one answer: the machine may be busy
+REPLACED = ("navigated or closed", "context was destroyed", "Cannot find context")
 LOCAL = ("file:", "data:", "blob:", "about:")
 OVERFLOW = "document.documentElement.scrollWidth - innerWidth"
 OPEN = "document.querySelectorAll('details').forEach((e) => { e.open = true; })"
@@ -132,7 +134,8 @@ class Browser:
         os.write(self._write, json.dumps(message).encode() + b"\0")
         answer = self.wait(lambda m: m.get("id") == number, method)
         if "error" in answer:
-            raise RuntimeError(f"{method}: {answer['error'].get('message')}")
+            fault = f"{method}: {answer['error'].get('message')}"
+            raise (Replaced if any(words in fault for words in REPLACED) else RuntimeError)(fault)
         return answer["result"]
 
     def wait(self, wanted: Callable[[dict[str, Any]], bool], what: str) -> dict[str, Any]:
@@ -151,6 +154,10 @@ class Browser:
             if not part:
                 raise TimeoutError(f"the browser did not answer: {what}")
             self._buffer += part
+
+
+class Replaced(RuntimeError):
+    """The page that was asked is gone: another one is being loaded."""
 
 
 class Tab:
@@ -211,9 +218,12 @@ class Tab:
         return answer["result"].get("value")
 
     def until(self, condition: str, seconds: float = 20.0) -> None:
-        """Wait till an expression is true."""
+        """Wait till an expression is true; a page that is being replaced says nothing yet."""
         end = time.monotonic() + seconds
-        while not self.evaluate(f"Boolean({condition})"):
+        while True:
+            with contextlib.suppress(Replaced):
+                if self.evaluate(f"Boolean({condition})"):
+                    return
             if time.monotonic() > end:
                 raise TimeoutError(f"never true: {condition}; console: {self.faults}")
             time.sleep(0.05)

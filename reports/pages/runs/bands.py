@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from markupsafe import Markup
 
-from ....harness.results.judgements.files import CLAIMS
+from ....harness.results.judgements.files import CLAIMS, PUBLISHED
 from ....harness.results.records import reasons_of
 from ....harness.results.reproduce import write_command
 from ....harness.results.words import law_of
@@ -18,7 +18,7 @@ from ...model.results import Results, Run, Variant, grouped
 from ...model.words import number, plural, time
 from ...plots.palette import Look
 from ..judged.claims import Shown, claims_of, counts
-from ..judgement import judged_or_published, links_of
+from ..judgement import JUDGE, judged_or_published, links_of, read_or_why
 from ..svg import snapshot, ticks_on
 
 CARDS = 6
@@ -117,14 +117,17 @@ class Verdicts:
 def verdicts(results: Results) -> Verdicts | None:
     """Of these results, else as published; None where there is neither."""
     found = judged_or_published(results.folder, CLAIMS)
-    shown = [c for c in claims_of(found.found or (), links_of(results.runs)) if not c.presentation]
+    kept = read_or_why(PUBLISHED, CLAIMS, f"{JUDGE} --publish").found or ()  # for claims that lack runs here
+    shown = [c for c in claims_of(found.found or (), links_of(results.runs), kept) if not c.presentation]
     if not shown:
         return None
     n = {m.word: k for m, k in counts(shown)}
     depend = sum(n[w] for w in DEPENDS)
     title = (f"Of the paper's claims {n['supported']} hold, {n['refuted']} do not, {depend} depend on settings; "
              f"{n['untestable']} cannot be tested")  # fmt: skip
-    return Verdicts(title, grouped(shown, lambda c: c.section), told(shown), found.published)
+    lacking = sum(c.published for c in shown)
+    words = f"{lacking} lack runs here" if lacking else ""
+    return Verdicts(title, grouped(shown, lambda c: c.section), told(shown), found.published or words)
 
 
 def told(shown: Sequence[Shown]) -> list[Shown]:

@@ -10,13 +10,14 @@ from ...model.curves import upper
 from ...model.frontier import Frontier, broad, of_most_problems
 from ...model.heat import Box, Heat, heat
 from ...model.margin import LEVELS
-from ...model.results import Results, grouped
+from ...model.results import Results
 from ...model.scores import unpredictable
 from ...model.variants import broadest, mechanisms
 from ...model.words import number, plural, seconds
 from ...plots.browser import Steps
 from ...plots.spec import Plot
 from ..base import Page, Site
+from ..judged import cost
 from .bands import false_successes, strips, strips_title, verdicts
 from .scenes import one_a_problem
 
@@ -68,14 +69,10 @@ def answer(race: dict[str, Any], k: int) -> str:
 
 def panels_title(found: Sequence[Frontier]) -> str:
     """Who is the cheapest most often, and how much the middle of the field costs."""
-    if not found:
+    if not any(f.places for f in found):
         return "Accuracy against cost"
-    own = grouped((p for f in found for p in f.places), lambda p: p.reach.run.record.solver)
-    wins = {s: sum(p.factor == 1.0 for p in places) for s, places in own.items()}
-    first = max(sorted(wins), key=lambda s: (wins[s], len(own[s])))
-    factors = sorted(p.factor for places in own.values() for p in places)
-    of = f"{first} is the cheapest on {wins[first]} of {plural(len(found), 'problem')}"
-    return f"{of}; the middle of the field costs {number(factors[len(factors) // 2], 2)} times as much"
+    factors = sorted(p.factor for f in found for p in f.places)
+    return f"{cost.title(found)}; the middle of the field costs {number(factors[len(factors) // 2], 2)} times as much"
 
 
 def _cells(results: Results, site: Site, picture: Heat | None) -> dict[str, Any]:
