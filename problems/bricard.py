@@ -29,8 +29,8 @@ AXES = np.eye(3)[[1, 2, 0, 1, 2, 0]]  # of the hinge at each point
 @problem("bricard", tests=(Trait.REDUNDANT,))
 def bricard(
     *,
-    section: Annotated[str, Parameter("of the bars", "", choices=("square", "thin"))] = "square",
-    axial_inertia: Annotated[float, Parameter("of a thin bar, about its axis", "kg m2", at_least=0.0)] = THIN,
+    section: Annotated[str, Parameter("cross-section of the bars", "", choices=("square", "thin"))] = "square",
+    axial_inertia: Annotated[float, Parameter("inertia of a thin bar about its axis", "kg m2", at_least=0.0)] = THIN,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
     """IFToMM A04: a closed loop of five bars and six hinges, one degree of freedom and one redundant row."""

@@ -24,8 +24,8 @@ OX, ALONG = (1.0, 0.0, 0.0), (1.0, 0.0, 0.0)  # in space, and in the cart's fram
 def cart_pendulum(
     *,
     cart: Annotated[float, Parameter("mass of the cart", "kg", above=0.0)] = 1.0,
-    angle: Annotated[float, Parameter("of the first bar to OX at the start", "deg")] = 0.0,
-    angle_2: Annotated[float, Parameter("of the second", "deg")] = 0.0,
+    angle: Annotated[float, Parameter("angle of the first bar to OX at the start", "deg")] = 0.0,
+    angle_2: Annotated[float, Parameter("angle of the second bar to OX at the start", "deg")] = 0.0,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
     """Two bars on a cart: prismatic and revolute joints, chaotic motion in a plane."""

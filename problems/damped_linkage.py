@@ -24,8 +24,8 @@ POST = (1.0, 1.0, 0.5)  # [m] end of the first spring on the ground
 @problem("damped_linkage", tests=(Trait.DAMPED,))
 def damped_linkage(
     *,
-    stiffness: Annotated[float, Parameter("of both springs", "N/m", at_least=0.0)] = 40.0,
-    damping: Annotated[float, Parameter("of both dampers", "N s/m", at_least=0.0)] = 0.5,
+    stiffness: Annotated[float, Parameter("stiffness of both springs", "N/m", at_least=0.0)] = 40.0,
+    damping: Annotated[float, Parameter("damping of both dampers", "N s/m", at_least=0.0)] = 0.5,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
     """Two bars on a revolute and a spherical joint, with spring-dampers to the ground and between them."""

@@ -30,11 +30,11 @@ X, Y, Z = np.eye(3)
 @problem("flyball_governor", tests=(Trait.STIFF, Trait.DAMPED))
 def flyball_governor(
     *,
-    stiffness: Annotated[float, Parameter("of each spring", "N/m", above=0.0)] = 8e5,
-    damping: Annotated[float, Parameter("of each damper", "N s/m", at_least=0.0)] = 4e4,
+    stiffness: Annotated[float, Parameter("stiffness of each spring", "N/m", above=0.0)] = 8e5,
+    damping: Annotated[float, Parameter("damping of each damper", "N s/m", at_least=0.0)] = 4e4,
     point_mass: Annotated[float, Parameter("at the end of each rod", "kg", above=0.0)] = 5.0,
-    angle: Annotated[float, Parameter("of the rods below the horizontal at the start", "deg")] = 30.0,
-    rate: Annotated[float, Parameter("of the shaft at the start", "rad/s")] = 2.0 * np.pi,
+    angle: Annotated[float, Parameter("angle of the rods below the horizontal at the start", "deg")] = 30.0,
+    rate: Annotated[float, Parameter("angular velocity of the shaft at the start", "rad/s")] = 2.0 * np.pi,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
     """IFToMM A05: a governor with prismatic slider and very stiff spring-dampers, three freedoms while symmetric."""

@@ -53,8 +53,8 @@ class Thrown:
 def free_body(
     *,
     mass: Annotated[float, Parameter("mass", "kg", above=0.0)] = 3.0,
-    sides: Annotated[Triple, Parameter("of the brick, along body x, y, z", "m", above=0.0)] = (0.6, 0.4, 0.2),
-    velocity: Annotated[Triple, Parameter("of C at the start", "m/s")] = (2.0, 0.0, 24.525),
+    sides: Annotated[Triple, Parameter("edges of the brick along body x, y, z", "m", above=0.0)] = (0.6, 0.4, 0.2),
+    velocity: Annotated[Triple, Parameter("velocity of C at the start", "m/s")] = (2.0, 0.0, 24.525),
     omega: Annotated[Triple, Parameter("initial Omega, body frame", "rad/s")] = (0.05, 6.0, 0.1),
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:

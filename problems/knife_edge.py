@@ -32,9 +32,9 @@ INERTIA = np.diag([0.02, 0.04, 0.03])  # [kg m2] of a plate of 1 kg; it turns ab
 @problem("knife_edge", tests=(Trait.NONHOLONOMIC,))
 def knife_edge(
     *,
-    slope: Annotated[float, Parameter("of the plane", "deg", at_least=0.0, at_most=80.0)] = 30.0,
+    slope: Annotated[float, Parameter("slope of the plane", "deg", at_least=0.0, at_most=80.0)] = 30.0,
     rate: Annotated[float, Parameter("about the normal of the plane", "rad/s", above=0.0)] = 2.0,
-    speed: Annotated[float, Parameter("along the blade at the start", "m/s")] = 0.5,
+    speed: Annotated[float, Parameter("speed along the blade at the start", "m/s")] = 0.5,
 ) -> Problem:
     """A plate on a blade runs along a cycloid, across the slope."""
     down, w = float(GRAVITY * np.sin(np.deg2rad(slope))), rate

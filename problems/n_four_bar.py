@@ -33,7 +33,7 @@ PARALLEL = 1e-9  # [rad], [rad/s] the uprights, to the tolerance of a start
 def n_four_bar(
     *,
     windows: Annotated[int, Parameter("N, the number of four-bar cells", "", at_least=1)] = 40,
-    speed: Annotated[float, Parameter("of B0 at the start, along OX", "m/s")] = 1.0,
+    speed: Annotated[float, Parameter("speed of B0 at the start, along OX", "m/s")] = 1.0,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
     """IFToMM A02: N four-bar windows with one degree of freedom, which pass two singular positions a turn."""

@@ -39,8 +39,8 @@ SAME = 1e-12  # of two starts: rounding of turned frames
 @problem("pumped_pendulum", tests=(Trait.DRIVEN,))
 def pumped_pendulum(
     *,
-    mass: Annotated[float, Parameter("of the ball", "kg", above=0.0)] = 1.0,
-    angle: Annotated[float, Parameter("of the rod from the vertical at the start, at rest", "deg")] = 10.0,
+    mass: Annotated[float, Parameter("mass of the ball", "kg", above=0.0)] = 1.0,
+    angle: Annotated[float, Parameter("angle of the rod from the vertical at the start, at rest", "deg")] = 10.0,
     amplitude: Annotated[float, Parameter("a, of the length", "m", at_least=0.0)] = 0.1,
     tuning: Annotated[float, Parameter("frequency w by that of small swings", "", above=0.0)] = 2.0,
 ) -> Problem:

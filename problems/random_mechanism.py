@@ -36,13 +36,13 @@ def random_mechanism(
     repeated: Annotated[int, Parameter("joints that are declared twice: redundant rows", "", at_least=0)] = 0,
     springs: Annotated[int, Parameter("spring-dampers between bodies or to the ground", "", at_least=0)] = 2,
     loads: Annotated[int, Parameter("constant forces and torques", "", at_least=0)] = 1,
-    mechanism_seed: Annotated[int, Parameter("of everything", "", at_least=0)] = 1,
-    size: Annotated[float, Parameter("of all lengths; times grow by its root", "m", above=0.0)] = 1.0,
-    mass: Annotated[float, Parameter("of all masses and forces", "kg", above=0.0)] = 1.0,
+    mechanism_seed: Annotated[int, Parameter("random seed", "", at_least=0)] = 1,
+    size: Annotated[float, Parameter("scale of all lengths; times grow by its root", "m", above=0.0)] = 1.0,
+    mass: Annotated[float, Parameter("scale of all masses and forces", "kg", above=0.0)] = 1.0,
     contrast: Annotated[float, Parameter("decades between the masses of bodies", "", at_least=0.0)] = 0.0,
-    offset: Annotated[float, Parameter("from the origin, along OX", "m")] = 0.0,
+    offset: Annotated[float, Parameter("distance from the origin, along OX", "m")] = 0.0,
     speed: Annotated[float, Parameter("factor on the velocities of the start", "", at_least=0.0)] = 1.0,
-    damping: Annotated[float, Parameter("of the dampers, over stiffness", "s", at_least=0.0)] = 0.02,
+    damping: Annotated[float, Parameter("damping over stiffness", "s", at_least=0.0)] = 0.02,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
     """A tree of bodies on joints of random kinds, with loops, redundant joints, springs and loads."""

@@ -30,9 +30,11 @@ GRAVITY = 9.81  # [m/s2]
 @problem("rolling_disc", tests=(Trait.NONHOLONOMIC,))
 def rolling_disc(
     *,
-    radius: Annotated[float, Parameter("of the disc", "m", above=0.0)] = 0.05,
+    radius: Annotated[float, Parameter("radius of the disc", "m", above=0.0)] = 0.05,
     circle: Annotated[float, Parameter("radius of the circle of contact points", "m", above=0.0)] = 0.5,
-    lean: Annotated[float, Parameter("of the disc from the vertical, inwards", "deg", above=0.0, at_most=80.0)] = 5.0,
+    lean: Annotated[
+        float, Parameter("lean of the disc from the vertical, inwards", "deg", above=0.0, at_most=80.0)
+    ] = 5.0,
 ) -> Problem:
     """Steady rolling on a circle: gravity and gyroscopic torque in balance."""
     if radius >= circle:

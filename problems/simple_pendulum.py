@@ -34,8 +34,10 @@ def simple_pendulum(
     support: Annotated[
         str, Parameter("an arm on a hinge, or a link to a point mass", "", choices=("hinge", "link"))
     ] = "hinge",
-    gyration: Annotated[float, Parameter("of the hinged body, about C; 0: a point mass", "m", at_least=0.0)] = 1e-3,
-    angle: Annotated[float, Parameter("of the rod to OX at the start", "deg")] = 180.0,
+    gyration: Annotated[
+        float, Parameter("radius of gyration of the hinged body about C; 0: a point mass", "m", at_least=0.0)
+    ] = 1e-3,
+    angle: Annotated[float, Parameter("angle of the rod to OX at the start", "deg")] = 180.0,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
     """IFToMM A01: a point mass on a rod and a revolute joint, released horizontally."""

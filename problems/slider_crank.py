@@ -31,7 +31,7 @@ TURN = np.array([X, Z, -Y]).T  # of crank and slider: body y along Z, far from t
 def slider_crank(
     *,
     variant: Annotated[str, Parameter("shape", "", choices=("spatial", "planar"))] = "spatial",
-    rate: Annotated[float, Parameter("of the crank at the start", "rad/s")] = 6.0,
+    rate: Annotated[float, Parameter("angular velocity of the crank at the start", "rad/s")] = 6.0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
     """Crank, rod and slider: one freedom, on revolute, spherical, universal and prismatic joints."""

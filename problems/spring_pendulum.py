@@ -25,8 +25,8 @@ def spring_pendulum(
     *,
     mass: Annotated[float, Parameter("mass", "kg", above=0.0)] = 1.0,
     tuning: Annotated[float, Parameter("frequency of the bounce by that of the swing", "", above=1.0)] = 2.0,
-    drop: Annotated[float, Parameter("of the start below the position of rest", "m")] = 0.1,
-    aside: Annotated[float, Parameter("of the start from the vertical, along OX", "m")] = 0.05,
+    drop: Annotated[float, Parameter("depth of the start below the position of rest", "m")] = 0.1,
+    aside: Annotated[float, Parameter("distance of the start from the vertical, along OX", "m")] = 0.05,
     speed: Annotated[float, Parameter("at the start, along OZ", "m/s")] = 0.03,
 ) -> Problem:
     """A ball on a spring without joints, in 2:1 resonance of bounce and swing."""

@@ -32,7 +32,7 @@ def stewart_platform(
     *,
     push: Annotated[float, Parameter("force along OX at the rim of the disc", "N")] = 2000.0,
     twist: Annotated[float, Parameter("torque on the disc about its axis", "N m")] = 500.0,
-    damping: Annotated[float, Parameter("of each leg", "N s/m", at_least=0.0)] = 500.0,
+    damping: Annotated[float, Parameter("damping of each leg", "N s/m", at_least=0.0)] = 500.0,
     gravity: Annotated[float, Parameter("along -Z", "m/s2")] = 9.81,
 ) -> Problem:
     """Six legs of two bodies each on universal, cylindrical and spherical joints, from rest under a constant load."""

@@ -27,7 +27,7 @@ class AlIndex3:
         1e-7, "1/penalty, relative to the diagonal of A M^-1 A^T", at_least=1e-8, at_most=1e-2
     )
     tolerance: float = option(
-        1e-12, "of phi and the last correction of poses, or 16 roundings: m, angles without unit", "m", above=0.0
+        1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
     )
 
     name: ClassVar[str]

@@ -25,7 +25,7 @@ class EnergyMomentum:
     """Mean-value steps of fixed size that keep energy and momentum."""
 
     tolerance: float = option(
-        1e-12, "of phi and the last correction of poses, or 16 roundings: m, angles without unit", "m", above=0.0
+        1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
     )
 
     name: ClassVar[str]

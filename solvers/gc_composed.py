@@ -34,7 +34,7 @@ class GcComposed:
     )  # fmt: skip
     rate: float = option(0.0, RATE, "rad/s", at_least=0.0)
     direction: str = option("a", "c_R of Eq. (31), as in gc_weak_form", choices=CHOICES)
-    tolerance: float = option(1e-12, "of the test (80) in each sub-step", "sqrt(J)", above=0.0)
+    tolerance: float = option(1e-12, "tolerance of test (80) in each sub-step", "sqrt(J)", above=0.0)
 
     name: ClassVar[str]
     control: ClassVar[str] = "dt"

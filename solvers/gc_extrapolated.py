@@ -25,7 +25,7 @@ class GcExtrapolated:
 
     columns: int = option(3, "K: runs of 1 to K steps are combined to order 2 K", "", at_least=2, at_most=5)
     direction: str = option("a", "c_R of Eq. (31), as in gc_weak_form", choices=CHOICES)
-    tolerance: float = option(1e-12, "of the test (80) in each sub-step", "sqrt(J)", above=0.0)
+    tolerance: float = option(1e-12, "tolerance of test (80) in each sub-step", "sqrt(J)", above=0.0)
 
     name: ClassVar[str]
     control: ClassVar[str] = "rtol"

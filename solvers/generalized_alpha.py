@@ -29,7 +29,7 @@ class GeneralizedAlpha:
     )
     form: str = option("stabilised", "phi and A v, or phi alone", choices=("stabilised", "index3"))
     tolerance: float = option(
-        1e-12, "of phi and the last correction of poses, or 16 roundings: m, angles without unit", "m", above=0.0
+        1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
     )
 
     name: ClassVar[str]

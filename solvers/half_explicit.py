@@ -22,7 +22,9 @@ from .formulations.methods.half_explicit import half_explicit_steps
 class HalfExplicit:
     """Half-explicit steps of fixed size and order 4 on index 2, projected."""
 
-    tolerance: float = option(1e-11, "of the last correction of a stage's velocities: m/s and rad/s", "m/s", above=0.0)
+    tolerance: float = option(
+        1e-11, "tolerance on the last correction of a stage's velocities (m/s, rad/s)", "m/s", above=0.0
+    )
 
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""

@@ -32,7 +32,7 @@ class IdaIndex2(ImplicitOptions):
     form: str = option(
         "ggl", "phi = 0 and A u = 0 with a second multiplier, or A u + alpha phi = 0", choices=("ggl", "velocity")
     )
-    alpha: float = option(5.0, "of form velocity: A u + alpha phi", "1/s", at_least=0.0)
+    alpha: float = option(5.0, "alpha of form velocity: A u + alpha phi", "1/s", at_least=0.0)
     lambda_in_error_test: bool = option(False, "include the multipliers in the local error test")
 
     name: ClassVar[str]

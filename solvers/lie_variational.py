@@ -24,7 +24,7 @@ class LieVariational:
     """Discrete Euler-Lagrange equations on the rotation group, fixed steps, exact constraints."""
 
     tolerance: float = option(
-        1e-13, "of phi in the iteration of a step, or 16 roundings of it: m, axis rows without unit", "m", above=0.0
+        1e-13, "tolerance on phi in a step's iteration, at least 16 roundings (axis rows: no unit)", "m", above=0.0
     )
 
     name: ClassVar[str]

@@ -131,7 +131,9 @@ class NdfIndex1(BaumgarteOptions):
     )  # fmt: skip
 
     norm: str = option(
-        "rms", "of the local error and of Newton's corrections: root mean square, or maximum", choices=("rms", "max")
+        "rms",
+        "norm of the local error and of Newton's corrections: root mean square or maximum",
+        choices=("rms", "max"),
     )
 
     name: ClassVar[str]

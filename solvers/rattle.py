@@ -27,7 +27,7 @@ class Rattle:
     composition: str = option("plain", HOW, choices=tuple(COMPOSITIONS))
     rate: float = option(0.0, RATE, "rad/s", at_least=0.0)
     tolerance: float = option(
-        1e-13, "of phi in the iteration of a step, or 16 roundings of it: m, axis rows without unit", "m", above=0.0
+        1e-13, "tolerance on phi in a step's iteration, at least 16 roundings (axis rows: no unit)", "m", above=0.0
     )
 
     name: ClassVar[str]

@@ -27,7 +27,7 @@ METHODS = {m.__name__: m for m in (si.DOP853, si.RK23, si.RK45, si.Radau, si.BDF
 class ScipyStrongForm(StrongOptions):
     """A method of scipy on Eq. (65)."""
 
-    method: str = option("DOP853", "of scipy.integrate", choices=tuple(METHODS))
+    method: str = option("DOP853", "method of scipy.integrate", choices=tuple(METHODS))
 
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""

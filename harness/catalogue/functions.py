@@ -126,7 +126,7 @@ class _Steps(_FromFunction):
 class _Rates(_FromFunction):
     TAKES: ClassVar[tuple[str, ...]] = ("system", "state")
     control: ClassVar[str] = "rtol"
-    method: str = option("DOP853", "of scipy", choices=tuple(METHODS))
+    method: str = option("DOP853", "method of scipy.integrate", choices=tuple(METHODS))
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Accepted steps of the method on (r, quaternion, v, Omega); atol = rtol."""

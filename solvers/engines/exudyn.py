@@ -45,7 +45,7 @@ class Exudyn(Clocked):
     """Exudyn's implicit integrators in redundant coordinates."""
 
     integrator: str = option("TrapezoidalIndex2", "Exudyn's name of it", choices=INTEGRATORS)
-    spectral_radius: float = option(0.9, "of generalised alpha at infinity", at_least=0.0, at_most=1.0)
+    spectral_radius: float = option(0.9, "spectral radius of generalised alpha at infinity", at_least=0.0, at_most=1.0)
     redundant_rows: str = option("drop", "rows that depend on others at the start", choices=("drop", "keep"))
     newton_relative: float = option(1e-8, "tolerance of its Newton method, relative; 1e-8 is its own", above=0.0)
     newton_absolute: float = option(1e-10, "tolerance of its Newton method, absolute; 1e-10 is its own", above=0.0)

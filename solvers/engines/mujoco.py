@@ -47,15 +47,17 @@ class MuJoCo(Clocked):
     """MuJoCo's integrators on its own tree with soft loop constraints."""
 
     integrator: str = option("RK4", "MuJoCo's name of it; Euler is semi-implicit", choices=tuple(INTEGRATORS))
-    constraint_solver: str = option("Newton", "of the soft constraints", choices=CONSTRAINT_SOLVERS)
-    iterations: int = option(100, "of the constraint solver, at most", at_least=1)
-    tolerance: float = option(1e-14, "of the constraint solver: MuJoCo's relative improvement", at_least=0.0)
-    time_constant: float = option(2.0, "of the soft constraints, in steps; MuJoCo allows no less than 2", at_least=2.0)
+    constraint_solver: str = option("Newton", "solver of the soft constraints", choices=CONSTRAINT_SOLVERS)
+    iterations: int = option(100, "most iterations of the constraint solver", at_least=1)
+    tolerance: float = option(1e-14, "tolerance of the constraint solver: MuJoCo's relative improvement", at_least=0.0)
+    time_constant: float = option(
+        2.0, "time constant of the soft constraints, in steps; MuJoCo allows no less than 2", at_least=2.0
+    )
     settings: str = option(
         "ours", "integrator and loops: as above, or as in the problem's MJCF file", choices=("ours", "file")
     )
     impedance: float = option(
-        0.9999, "of the soft constraints; MuJoCo allows 0.0001 to 0.9999", at_least=1e-4, at_most=0.9999
+        0.9999, "impedance of the soft constraints; MuJoCo allows 0.0001 to 0.9999", at_least=1e-4, at_most=0.9999
     )
 
     name: ClassVar[str]

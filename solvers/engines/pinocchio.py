@@ -37,10 +37,10 @@ class Pinocchio(Clocked):
     """Pinocchio's accelerations in a Runge-Kutta loop of ours."""
 
     integrator: str = option("RKMK4", "the loop's; Euler is semi-implicit", choices=tuple(INTEGRATORS))
-    gain: float = option(0.0, "of the corrector of constraints, as Baumgarte's alpha = beta", "1/s", at_least=0.0)
-    accuracy: float = option(1e-12, "of its proximal iteration", above=0.0)
-    mu: float = option(1e-10, "of its proximal iteration: regularisation, iterated away", above=0.0)
-    iterations: int = option(20, "of its proximal iteration, at most", at_least=1)
+    gain: float = option(0.0, "gain of the constraint corrector, as Baumgarte's alpha = beta", "1/s", at_least=0.0)
+    accuracy: float = option(1e-12, "accuracy of the proximal iteration", above=0.0)
+    mu: float = option(1e-10, "regularisation of the proximal iteration, which removes it", above=0.0)
+    iterations: int = option(20, "most iterations of the proximal solver", at_least=1)
 
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""

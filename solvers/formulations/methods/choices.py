@@ -100,7 +100,10 @@ class GaugeChoices:
     )
     b_term: bool = option(True, "B term of Eq. (71); without it the scheme loses its order (a planted error)")
     tolerance: float = option(
-        1e-8, "of the tests (80), (81); times the root of the energy where that is below 1 J", "sqrt(J)", above=0.0
+        1e-8,
+        "tolerance of tests (80), (81); times the root of the energy where that is below 1 J",
+        "sqrt(J)",
+        above=0.0,
     )
     max_newton: int = option(20, "corrections of the full Newton method before the step is cut", "", at_least=1)
     newton: str = option(
