@@ -24,7 +24,6 @@ class RkmkDop853:
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
-    takes_coupled_axes: ClassVar[bool] = True
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Takes every problem: redundant rows are dropped as they appear."""

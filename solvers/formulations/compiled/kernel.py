@@ -37,8 +37,7 @@ class Kernel(NamedTuple):
 
     mass: Any  # (nb,)
     J: Any  # (nb, 3, 3)
-    J_inv: Any  # (nb, 3, 3) with all inertia that is lent
-    coupled: Any  # (nb, 3, 3) what is to be taken back of it; (0, 3, 3) where nothing is
+    J_inv: Any  # (nb, 3, 3)
     body: Any  # (nj, 2) ends of each joint, -1: the ground
     row: Any  # (nj + 1,) first row of each joint
     pins: Any  # (nj,) 1: the first three rows are point rows, the others have no force
@@ -62,9 +61,6 @@ class Kernel(NamedTuple):
     L: Any  # (nblocks, WIDTH, WIDTH): S, then its factor; diagonal entries inverted, 0 for a redundant row
     diagonal: Any  # (nrows,) of S, what its pivots are compared with
     change: Any  # (nb, 6)
-    spun: Any  # (nb, 3)
-    left: Any  # (nb, 3)
-    toward: Any  # (nb, 3)
     x: Any  # (nrows,) of ``push``, ``push_kept``: multipliers; of ``slips`` its result
     w: Any  # (nb, 6) of ``push``, ``push_kept``, ``slips``, ``divide``: velocities
     Y0: Any  # Y and way that ``keep_rows`` has kept
@@ -89,7 +85,6 @@ class Kernel(NamedTuple):
     push_kept: int = 0  # with the rows kept
     keep_rows: int = 0
     slips: int = 0  # x := -(A w + phi_t)
-    take_back: int = 0  # of ``react``: lent inertia
     force_slopes: int = 0  # by_pose, by_rate := slopes of ``forces``
     applied_slopes: int = 0  # the same of ``applied``
     spring_slopes: int = 0  # of spring-dampers alone
@@ -142,8 +137,6 @@ def finish_kernel(k: Kernel, loops: "Loops", given: dict[str, Program], needed: 
         return made[name]
 
     def one(name: str) -> Program:
-        if name == "take_back" and not len(k.coupled):
-            return Program([])
         if name in loops.MADE:
             return Program(getattr(loops, name)(), keeps=loops)
         if name in JOINED:
@@ -189,12 +182,11 @@ def _room(system: MultibodySystem) -> tuple[Kernel, list[Part]]:
     def bodies(*shape: int) -> np.ndarray:  # with one more, the ground, behind
         return np.zeros((nb + 1, *shape))[:nb]
 
-    taken_back, blocks = system.taken_back, _blocks(body, row, place)
+    blocks = _blocks(body, row, place)
     pair = _pairs(system)
     width = 3 if np.max(size, initial=0) <= 3 else WIDTH
     return Kernel(
-        mass=np.array(system.mass), J=np.array(system.solved_inertia), J_inv=_filled(bodies(3, 3), _inverse(system)),
-        coupled=np.array(taken_back) if np.any(taken_back) else np.zeros((0, 3, 3)),
+        mass=np.array(system.mass), J=np.array(system.regular_inertia), J_inv=_filled(bodies(3, 3), _inverse(system)),
         body=body, row=row, pins=pins, blocks=blocks, state=np.zeros((), dtype=STATE),
         users=Users(users, np.array([law.entry.address for law in system.user_law], dtype=np.int64),
                     np.zeros(NUMBERS_READ), np.zeros((4, 3))),
@@ -202,7 +194,7 @@ def _room(system: MultibodySystem) -> tuple[Kernel, list[Part]]:
         X=np.zeros((2, nr, 3)), Y=np.zeros((2, nr, 3)), way=np.zeros((nr, 3)), phi=np.zeros(nr), slip=np.zeros(nr),
         gamma=np.zeros(nr), lam=np.zeros(nr), rhs=np.zeros(nr), diagonal=np.zeros(nr),
         L=np.zeros((len(blocks.other), width, width)),
-        change=bodies(6), spun=bodies(3), left=bodies(3), toward=bodies(3),
+        change=bodies(6),
         x=np.zeros(nr), w=bodies(6), Y0=np.zeros((2, nr, 3)), way0=np.zeros((nr, 3)), order=order,
         pair=pair, by_pose=np.zeros((len(pair), 6, 6)), by_rate=np.zeros((len(pair), 6, 6)),
         rate_slope=np.zeros((2, nr, 6)),

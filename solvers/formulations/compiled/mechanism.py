@@ -32,11 +32,11 @@ MAKERS = tuple(Path(__file__).with_name(f"{name}.py") for name in ("mechanism", 
 
 
 def make_mechanism(system: MultibodySystem, needed: Collection[str] = EXPLICIT) -> Made | None:
-    """The kernel with straight code, or None where it has none: user forces, inertia to be taken back, too large.
+    """The kernel with straight code, or None where it has none: user forces, too large.
 
     ``EXPLICIT`` entries are one list of operations each; where others are needed, rows, forces and the factor are.
     """
-    if len(system.user_i) or np.any(system.taken_back):
+    if len(system.user_i):
         return None
     k, loops = empty_kernel(system)
     make = _explicit if set(needed).intersection(ENTRIES) <= set(EXPLICIT) else _pieces

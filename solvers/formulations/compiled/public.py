@@ -13,6 +13,7 @@ from jaxtyping import Float
 from ....harness.mechanics import consistency, dynamics
 from ....harness.mechanics.counting import counted
 from ....harness.mechanics.dynamics import Rates
+from ....harness.mechanics.lent import check_idle
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import MultibodySystem
 from .kernel import Kernel, Made, make_kernel, start_at
@@ -29,6 +30,7 @@ class Entries(NamedTuple):
 
     system: MultibodySystem  # alive, and its id its own, as long as this is kept
     made: Made  # what keeps the entries alive
+    lent: np.ndarray | None  # (nb, 3, 3), and None without any
     run: dict[str, Callable[[], None]]
 
 
@@ -48,9 +50,10 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
 
     M a = f + A^T reaction with A a + A_dot v = ``phi_ddot``. Redundant rows share their load: of all reactions with
     this load the sum of squares is least, rows scaled to length one in the metric of M^-1. Off the constraints, where
-    redundant rows contradict each other, the others hold. ValueError where joints do not make M regular.
+    redundant rows contradict each other, the others hold. ValueError where a body is
+    accelerated about an axis without inertia.
     """
-    _, made, run = _entries(system, "accelerations")
+    _, made, lent, run = _entries(system, "accelerations")
     k = made.kernel
     start_at(k, s)
     run["rows"]()
@@ -63,6 +66,8 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
         _share(k, run)
     if not (np.isfinite(k.v_dot).all() and np.isfinite(k.lam).all()):
         return dynamics.accelerations(system, s, phi_ddot)
+    if lent is not None:
+        check_idle(lent, system.gyration, k.force, k.v_dot[:, 3:])
     return Rates(s.v, s.Omega, k.v_dot[:, :3].copy(), k.v_dot[:, 3:].copy(), k.lam[k.order])
 
 
@@ -71,7 +76,7 @@ def project(system: MultibodySystem, state: State, iterations: int = ITERATIONS)
 
     A body's inertia counts as the same about all axes, the mean. InconsistentStart where no pose is found.
     """
-    _, made, run = _entries(system, "project")
+    _, made, _, run = _entries(system, "project")
     k = made.kernel
     start_at(k, state)
     v = k.v.copy()
@@ -106,7 +111,8 @@ def _entries(system: MultibodySystem, what: str) -> Entries:
             made.kernel.J_inv[:] = np.eye(3) / size[:, None, None]
         if len(kept) >= KEPT:
             del kept[next(iter(kept))]
-        kept[key] = Entries(system, made, {name: made.entry(name) for name in NEEDED[what]})
+        lent = system.lent if np.any(system.lent) else None
+        kept[key] = Entries(system, made, lent, {name: made.entry(name) for name in NEEDED[what]})
     return kept[key]
 
 

@@ -62,7 +62,7 @@ def make_springs(system: MultibodySystem, n: int) -> tuple[Stages, list[Made], n
         s, joint_i=s.spring_i, joint_j=s.spring_j, joint_s_i=s.spring_p_i, joint_s_j=s.spring_p_j,
         joint_sort=none + ROW, joint_points=none, joint_lines=none, joint_axes=none, joint_moving=none + 1,
         joint_u=some, joint_w=some, joint_n=np.zeros((m, 3, 3)), joint_length=np.zeros(m), joint_motion=of_time,
-        coupled=s.taken_back, **_none(s, "spring", "torsion", "load", "user"),
+        **_none(s, "spring", "torsion", "load", "user"),
     )  # fmt: skip
     stages, made = stack_kernels(as_joints, n, ("rows", "push", "slips"))
     for k, _ in made:

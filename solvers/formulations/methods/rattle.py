@@ -60,7 +60,7 @@ def symplectic_steps(
     Free bodies turn exactly, or by the discrete equations of Moser and Veselov; ``rate`` [rad/s] of reversible steps.
     """
     scheme = (tolerance, int(not system.is_conservative), int(discrete))
-    of_system = partial(prepare, scheme=scheme, axes=principal(system.solved_inertia), gamma=gamma)
+    of_system = partial(prepare, scheme=scheme, axes=principal(system.regular_inertia), gamma=gamma)
     return Method(of_system, step, finish, start, rate=rate, counters=("iterations", "factorisations"))
 
 

@@ -171,7 +171,7 @@ class Mechanism:
         s, at = self.system, self.at
         out = []
         for b in range(s.nb):
-            Omega, J = at.v[6 * b + 3 : 6 * b + 6], ca.DM(_snapped(s.solved_inertia[b]))
+            Omega, J = at.v[6 * b + 3 : 6 * b + 6], ca.DM(_snapped(s.regular_inertia[b]))
             torque = -ca.cross(Omega, ca.sparsify(J) @ Omega) if gyroscopic else ca.SX.zeros(3)
             out.append(ca.vertcat(ca.SX(ca.DM(s.mass[b] * s.gravity)), torque))
         for kind in ("spring", "torsion", "load"):
