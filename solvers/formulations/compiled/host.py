@@ -12,7 +12,6 @@ from . import marching
 from .entries import Bound, reach
 from .kernel import Kernel, make_kernel, start_at
 from .marching import March, Record, empty_record, march, new_control
-from .mechanism import make_mechanism
 
 FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
 ROUNDINGS = 16.0  # of the largest coordinate in a component of phi
@@ -30,7 +29,6 @@ class Method:
     order: float = 0.0  # of the error estimate in h; 0: fixed steps
     rate: float = 0.0  # [rad/s] of reversible step control; 0: none
     counters: tuple[str, ...] = ("rejected",)  # fields of the control
-    explicit: bool = False  # with code of the whole mechanism: 0.03 to 1.1 CPU-s to make, for half the time of a run
     needs: tuple[str, ...] = ()  # entries of the kernel beside those that these functions name
     notes: tuple[str, ...] = field(default=())
     most_cuts: int = 0  # halvings of a fixed step that fails
@@ -61,14 +59,12 @@ class Marcher:
         needed = {*([] if method.start else ["accelerate"]), *method.needs}.union(
             *(reach(function).names for function in functions)
         )
-        make = make_mechanism(problem.system, needed) if method.explicit else None
-        self._made = make or make_kernel(problem.system, needed)
-        self.method, self.state, self.kernel = method, state, self._made.kernel
+        self.method, self.state, self.kernel = method, state, make_kernel(problem.system, needed)
         start_at(self.kernel, problem.initial)
         self.bundle = method.prepare(self.kernel, state)
         self._entries = Bound(method.step, self.bundle), Bound(method.finish, self.bundle)
         self._told = self.bundle.told if method.tells else UNTOLD
-        self.start = Bound(method.start, self.bundle) if method.start else self._made.entry("accelerate")
+        self.start = Bound(method.start, self.bundle) if method.start else self.kernel.accelerate.run
         self.start()
         self.reaction = self.kernel.lam[self.kernel.order][None]
         self.stretch(0)  # compiles, or loads
