@@ -2,12 +2,13 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ....harness.clock import cpu_seconds
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
+from ..refusals import without_phi
 from . import marching
 from .entries import Bound, reach
 from .kernel import Kernel, make_kernel, start_at
@@ -49,6 +50,33 @@ def tolerance_of(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]
         return asked, ()
     words = f"tolerance {rounding:.2g} instead of {asked:g}: {ROUNDINGS:g} roundings of the largest coordinate"
     return rounding, (words,)
+
+
+class Marched:
+    """A solver whose method marches here. Redundant rows are dropped as they appear."""
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "dt"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Nothing."""
+        return None
+
+    def _method(self, problem: Problem, control: StepControl) -> Method:
+        raise NotImplementedError
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March to the end, with the fixed step ``control.dt`` or error control at ``control.rtol``."""
+        return integrate(problem, control, self._method(problem, control))
+
+
+class ClosedMarch(Marched):
+    """One that solves for phi = 0 at the ends of steps."""
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Rows without phi."""
+        return without_phi(problem.system)
 
 
 class Marcher:

@@ -131,7 +131,8 @@ def finish_kernel(system: MultibodySystem, k: Kernel, needed: Collection[str]) -
         return Bound(function, with_entries(reach(function).names))
 
     def with_entries(names: Collection[str]) -> Kernel:
-        return k._replace(**{x: program(x) for x in ENTRIES if x in names})
+        found: dict[str, Any] = {x: program(x) for x in ENTRIES if x in names}
+        return k._replace(**found)
 
     return with_entries(needed)
 

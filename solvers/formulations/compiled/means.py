@@ -39,7 +39,8 @@ class MeanLoops(Loops):
 
     def rows(self) -> list[Step]:
         """phi at the end; X, Y, way of the mean rows."""
-        k, steps = self._k, []
+        k = self._k
+        steps: list[Step] = []
         for group in self._groups:
             code, rows, ends = code_of("means.rows", *group.key), group.rows, group.ends
             stored = [k.phi[rows], *(k.X[e, rows] for e in ends), *(k.Y[e, rows] for e in ends)]
@@ -50,7 +51,8 @@ class MeanLoops(Loops):
         return steps
 
     def _loads(self, bodies: str) -> list[Step]:
-        k, steps = self._k, [self._on_bodies(bodies)]
+        k = self._k
+        steps: list[Step] = [self._on_bodies(bodies)]
         for kind, group in self._pushing():
             code = code_of("means.push", kind, group.ends == [0])
             given = [group.members, k.t, self.start[0], group.numbers, *self._both(group)]

@@ -19,13 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
+from ....harness.types import Problem
 from ..compiled.algebra import clear, copy, largest
 from ..compiled.entries import inner, run
-from ..compiled.host import Method
+from ..compiled.host import Method, tolerance_of
 from ..compiled.kernel import Kernel
-from ..compiled.marching import STUCK
 from ..compiled.means import Means, make_means
-from .iteration import FAILED, MOST_ITERATIONS, settled
+from .iteration import iterate
 from .products import add_scaled, set_rates
 
 SCHEME = np.dtype([("tolerance", "f8")])
@@ -46,10 +46,11 @@ class Step(NamedTuple):
     F2: Any  # (nrows,) and of the one before that
 
 
-def mean_value_steps(system: MultibodySystem, tolerance: float) -> Method:
+def mean_value_steps(problem: Problem, tolerance: float) -> Method:
     """The method, ``tolerance`` of phi and of the last correction of poses [m; without unit]."""
-    of_system = partial(prepare, system=system, tolerance=tolerance)
-    return Method(of_system, step, finish, start, counters=("iterations", "factorisations"))
+    tolerance, notes = tolerance_of(tolerance, problem)
+    of_system = partial(prepare, system=problem.system, tolerance=tolerance)
+    return Method(of_system, step, finish, start, counters=("iterations", "factorisations"), notes=notes)
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Step:
@@ -79,27 +80,13 @@ def step(s):
     copy(k.v, s.v0)
     copy(k.v, s.v)
     _add(1.0, s.gain, s.v)
-    last, state = np.inf, 0
-    for i in range(MOST_ITERATIONS):
-        _set_end(s, k, m)
-        run(m.mean_rows)
-        if i == 0:
-            run(k.factorise)
-            c.factorisations += 1
-        size = _correct(s, k, m)
-        c.iterations += 1
-        state = settled(size, last, s.scheme.tolerance)
-        last = size
-        if state != 0:
-            break
-    if state == FAILED or not last <= s.scheme.tolerance:
-        c.status = STUCK
+    iterate(s, _set_end, _correct)
 
 
 def finish(s):
     """Poses, velocities and multipliers at the end."""
     k = s.kernel
-    _set_end(s, k, s.means)
+    _set_poses(s, k, s.means)
     copy(s.v, k.v)
     copy(s.v, s.gain)
     _add(-1.0, s.v0, s.gain)
@@ -110,7 +97,7 @@ def finish(s):
 
 
 @inner
-def _set_end(s, k, m):
+def _set_poses(s, k, m):
     """q_1 by the mean velocities, which ``k.v`` gets."""
     h = m.h[0]
     for b in range(len(k.v)):
@@ -128,9 +115,16 @@ def _set_end(s, k, m):
 
 
 @inner
-def _correct(s, k, m):
+def _set_end(s):
+    """Poses and mean rows that belong to v."""
+    _set_poses(s, s.kernel, s.means)
+    run(s.means.mean_rows)
+
+
+@inner
+def _correct(s):
     """Correct v and F with the mean rows at hand; returns the size of what was off."""
-    h = m.h[0]
+    k, m, h = s.kernel, s.means, s.means.h[0]
     run(m.mean_forces)
     copy(k.force, k.w)
     run(k.divide)

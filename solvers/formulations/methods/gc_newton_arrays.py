@@ -94,8 +94,8 @@ def make_step(
     )  # fmt: skip
     loops = NewtonLoops(system, k)
     loops.at, loops.couple, loops.choice = step, couple, direction
-    entries: dict[str, Any] = dict(loops.entries())
-    step = step._replace(factor_saddle=Bound(factor, lu), solve_saddle=Bound(solve, lu), **entries)
+    direct: dict[str, Any] = {"factor_saddle": Bound(factor, lu), "solve_saddle": Bound(solve, lu)}
+    step = step._replace(**direct, **loops.entries())
     for name in PARTS:
         made: dict[str, Any] = {name: Bound(getattr(gc_newton, name), step)}
         step = step._replace(**made)
@@ -121,7 +121,7 @@ class NewtonLoops(Loops):
     couple: bool
     choice: int  # of c in Eq. (31)
 
-    def entries(self) -> dict[str, Program]:
+    def entries(self) -> dict[str, Any]:
         """All of them."""
         s, k = self.at, self._k
         o, system, symmetric = s.terms, self._system, bool(s.scheme["gauge"] != 0.0)

@@ -1,6 +1,6 @@
 """Entries of ODE-GC's simplified method on a kernel's arrays: ``rows.wrenches``."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class WrenchLoops(Loops):
 
     at: Arrays
 
-    def entries(self, direction: int, *, use_f_bar: bool) -> dict[str, Program]:
+    def entries(self, direction: int, *, use_f_bar: bool) -> dict[str, Any]:
         """All of them."""
         k, at = self._k, self.at
         calls: dict[str, list[Call]] = {name: [] for name in ("begin", "impulses", "rates", "loads")}
