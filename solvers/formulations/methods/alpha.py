@@ -26,7 +26,8 @@ from ..compiled.algebra import clear, copy, largest
 from ..compiled.entries import inner, run
 from ..compiled.host import Method, tolerance_of
 from ..compiled.kernel import Kernel
-from .iteration import iterate
+from ..compiled.marching import STUCK
+from .iteration import FAILED, MOST_ITERATIONS, settled
 from .products import add_scaled, move, set_rates
 
 COUNTERS = ("iterations", "factorisations")
@@ -79,14 +80,28 @@ def start(s):
 
 def step(s):
     """One step of ``control.h``."""
-    k = s.kernel
-    k.t[0] = s.control.t + s.control.h
+    c, k, h = s.control, s.kernel, s.control.h
+    k.t[0] = c.t + h
     copy(k.r, s.r0)
     copy(k.R, s.R0)
     copy(k.v, s.v0)
     copy(k.v_dot, s.vdot0)
     clear(s.slack)
-    iterate(s, _set_end, _correct)
+    last, state = np.inf, 0
+    for i in range(MOST_ITERATIONS):
+        _predict(s, k, h)
+        run(k.rows)
+        if i == 0:
+            run(k.factorise)
+            c.factorisations += 1
+        size = _correct(s, k, h)
+        c.iterations += 1
+        state = settled(size, last, s.scheme.tolerance)
+        last = size
+        if state != 0:
+            break
+    if state == FAILED or not last <= s.scheme.tolerance:
+        c.status = STUCK
 
 
 def finish(s):
@@ -122,16 +137,9 @@ def _predict(s, k, h):
 
 
 @inner
-def _set_end(s):
-    """Velocities, poses and rows that belong to vdot."""
-    _predict(s, s.kernel, s.control.h)
-    run(s.kernel.rows)
-
-
-@inner
-def _correct(s):
+def _correct(s, k, h):
     """Correct vdot, lam and eta with the rows at hand; returns the size of what was off."""
-    c, k, h = s.scheme, s.kernel, s.control.h
+    c = s.scheme
     share = (1.0 - c.alpha_f) / (1.0 - c.alpha_m)
     on_q, on_v = share * c.beta * h * h, share * c.gamma * h
     size = largest(k.phi)

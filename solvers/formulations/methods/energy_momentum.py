@@ -24,8 +24,9 @@ from ..compiled.algebra import clear, copy, largest
 from ..compiled.entries import inner, run
 from ..compiled.host import Method, tolerance_of
 from ..compiled.kernel import Kernel
+from ..compiled.marching import STUCK
 from ..compiled.means import Means, make_means
-from .iteration import iterate
+from .iteration import FAILED, MOST_ITERATIONS, settled
 from .products import add_scaled, set_rates
 
 SCHEME = np.dtype([("tolerance", "f8")])
@@ -80,13 +81,27 @@ def step(s):
     copy(k.v, s.v0)
     copy(k.v, s.v)
     _add(1.0, s.gain, s.v)
-    iterate(s, _set_end, _correct)
+    last, state = np.inf, 0
+    for i in range(MOST_ITERATIONS):
+        _set_end(s, k, m)
+        run(m.mean_rows)
+        if i == 0:
+            run(k.factorise)
+            c.factorisations += 1
+        size = _correct(s, k, m)
+        c.iterations += 1
+        state = settled(size, last, s.scheme.tolerance)
+        last = size
+        if state != 0:
+            break
+    if state == FAILED or not last <= s.scheme.tolerance:
+        c.status = STUCK
 
 
 def finish(s):
     """Poses, velocities and multipliers at the end."""
     k = s.kernel
-    _set_poses(s, k, s.means)
+    _set_end(s, k, s.means)
     copy(s.v, k.v)
     copy(s.v, s.gain)
     _add(-1.0, s.v0, s.gain)
@@ -97,7 +112,7 @@ def finish(s):
 
 
 @inner
-def _set_poses(s, k, m):
+def _set_end(s, k, m):
     """q_1 by the mean velocities, which ``k.v`` gets."""
     h = m.h[0]
     for b in range(len(k.v)):
@@ -115,16 +130,9 @@ def _set_poses(s, k, m):
 
 
 @inner
-def _set_end(s):
-    """Poses and mean rows that belong to v."""
-    _set_poses(s, s.kernel, s.means)
-    run(s.means.mean_rows)
-
-
-@inner
-def _correct(s):
+def _correct(s, k, m):
     """Correct v and F with the mean rows at hand; returns the size of what was off."""
-    k, m, h = s.kernel, s.means, s.means.h[0]
+    h = m.h[0]
     run(m.mean_forces)
     copy(k.force, k.w)
     run(k.divide)
