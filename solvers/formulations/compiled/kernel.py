@@ -121,7 +121,7 @@ def finish_kernel(system: MultibodySystem, k: Kernel, needed: Collection[str]) -
         return made[name]
 
     def one(name: str) -> Program:
-        if name in loops.MADE:
+        if hasattr(loops, name):
             return Program(getattr(loops, name)(), keeps=loops)
         if name in JOINED:
             parts = [program(part) for part in JOINED[name]]
@@ -148,9 +148,7 @@ def start_at(k: Kernel, state: State) -> None:
 
 def empty_kernel(system: MultibodySystem) -> Kernel:
     """Arrays without entries."""
-    found = list(_parts(system))
-    place = _sorted(found)
-    parts = parts_of(system)
+    place, parts = parts_of(system)
     size = np.array([part.hi - part.lo for part in parts], dtype=np.int64)
     row = np.concatenate(([0], np.cumsum(size))).astype(np.int64)
     joint = np.array([part.joint for part in parts], dtype=np.int64)
@@ -164,45 +162,32 @@ def empty_kernel(system: MultibodySystem) -> Kernel:
     pins = np.array([c.point == 3 and part.lo == 0 for c, part in zip(counts, parts, strict=True)], dtype=np.int64)
     users = np.stack((system.user_i, system.user_j), axis=1).astype(np.int64)
 
-    def bodies(*shape: int) -> np.ndarray:  # with one more, the ground, behind
-        return np.zeros((nb + 1, *shape))[:nb]
+    def bodies(*shape: int) -> np.ndarray:
+        return np.zeros((nb, *shape))
 
     blocks = _blocks(body, row, place)
     pair = _pairs(system)
     width = 3 if np.max(size, initial=0) <= 3 else WIDTH
     return Kernel(
-        mass=np.array(system.mass), J=np.array(system.regular_inertia), J_inv=_filled(bodies(3, 3), _inverse(system)),
+        mass=np.array(system.mass), J=np.array(system.regular_inertia), J_inv=np.linalg.inv(system.regular_inertia),
         body=body, row=row, pins=pins, blocks=blocks, state=np.zeros((), dtype=STATE),
         users=Users(users, np.array([law.entry.address for law in system.user_law], dtype=np.int64),
                     np.zeros(NUMBERS_READ), np.zeros((4, 3))),
         t=np.zeros(1), r=bodies(3), R=bodies(3, 3), v=bodies(6), v_dot=bodies(6), force=bodies(6),
         X=np.zeros((2, nr, 3)), Y=np.zeros((2, nr, 3)), way=np.zeros((nr, 3)), phi=np.zeros(nr), slip=np.zeros(nr),
         gamma=np.zeros(nr), lam=np.zeros(nr), rhs=np.zeros(nr), diagonal=np.zeros(nr),
-        L=np.zeros((len(blocks.other), width, width)),
-        change=bodies(6),
+        L=np.zeros((len(blocks.other), width, width)), change=bodies(6),
         x=np.zeros(nr), w=bodies(6), Y0=np.zeros((2, nr, 3)), way0=np.zeros((nr, 3)), order=order,
         pair=pair, by_pose=np.zeros((len(pair), 6, 6)), by_rate=np.zeros((len(pair), 6, 6)),
         rate_slope=np.zeros((2, nr, 6)),
     )  # fmt: skip
 
 
-def parts_of(system: MultibodySystem) -> list[Part]:
-    """In the kernel's order: by kind."""
+def parts_of(system: MultibodySystem) -> tuple[list[int], list[Part]]:
+    """In the kernel's order, by kind: their places in the system's, and they."""
     found = list(_parts(system))
-    return [found[p] for p in _sorted(found)]
-
-
-def _sorted(parts: list[Part]) -> list[int]:
-    return sorted(range(len(parts)), key=lambda p: (parts[p][:4], p))
-
-
-def _filled(room: np.ndarray, values: np.ndarray) -> np.ndarray:
-    room[:] = values
-    return room
-
-
-def _inverse(system: MultibodySystem) -> np.ndarray:
-    return np.linalg.inv(system.regular_inertia) if system.nb else np.zeros((0, 3, 3))
+    place = sorted(range(len(found)), key=lambda p: (found[p][:4], p))
+    return place, [found[p] for p in place]
 
 
 def _parts(system: MultibodySystem) -> Iterator[Part]:
@@ -245,19 +230,8 @@ Step = tuple[int, Sequence[np.ndarray]]
 class Loops:
     """Entries that are loops over joints or forces of one kind, as steps of programs."""
 
-    MADE = (
-        "rows",
-        "forces",
-        "applied",
-        "force_slopes",
-        "applied_slopes",
-        "spring_slopes",
-        "load_slopes",
-        "rate_slopes",
-    )
-
     def __init__(self, system: MultibodySystem, k: Kernel) -> None:
-        self._system, self._k, self._parts = system, k, parts_of(system)
+        self._system, self._k, self._parts = system, k, parts_of(system)[1]
         self._place = {(int(a), int(b)): n for n, (a, b) in enumerate(k.pair)}
         self._keeps: list[Any] = []
         self._groups = list(self._grouped())
