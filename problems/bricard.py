@@ -3,9 +3,9 @@
 Numbers: A04: five bars of 1 m and 1 kg, gravity along -Y, from rest, 10 s; the hinges' axes at P0 .. P5 are
 Y Z X Y Z X (github RehabEngGroup/MBSbenchmarksInOpenSim, A04: createModel.cpp, modelProperties.h). 30 rows of rank 29
 all along the motion. The models in OpenSim and Exudyn give the bars a square section of 0.1 m; the published curve is
-that of thin rods (``section`` thin), 1.1e-2 m away at P3 within 10 s. A thin rod has no inertia about its axis:
-``axial_inertia`` 0. With the default of 1e-7 kg m2 P3 is 2.5e-8 m away from that at 10 s. Reference: computed; with
-that default to 0.1 s only, rounding being amplified by the ratio of the inertias.
+that of thin rods (``section`` thin), 1.1e-2 m away at P3 within 10 s. With the default ``axial_inertia`` of 1e-7 kg m2
+P3 is 2.5e-8 m away from that of rods without any at 10 s. Reference: computed; with that default to 0.1 s only, since
+rounding is amplified by the ratio of the inertias.
 """
 
 from itertools import pairwise
@@ -30,7 +30,7 @@ AXES = np.eye(3)[[1, 2, 0, 1, 2, 0]]  # of the hinge at each point
 def bricard(
     *,
     section: Annotated[str, Parameter("cross-section of the bars", "", choices=("square", "thin"))] = "square",
-    axial_inertia: Annotated[float, Parameter("inertia of a thin bar about its axis", "kg m2", at_least=0.0)] = THIN,
+    axial_inertia: Annotated[float, Parameter("inertia of a thin bar about its axis", "kg m2", above=0.0)] = THIN,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:
     """IFToMM A04: a closed loop of five bars and six hinges, one degree of freedom and one redundant row."""

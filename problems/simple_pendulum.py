@@ -2,8 +2,7 @@
 
 Numbers: A01: 1 kg, 1 m, from (-1, 0) at rest, gravity along -Y, 10 s (González, Dopico, Pastorino, Cuadrado;
 github RehabEngGroup/MBSbenchmarksInOpenSim, A01_SimplePendulum). By default a small body whose centre of oscillation is
-P, ``length`` from the joint: P moves exactly as the point mass. With ``gyration`` 0 it is the point mass on a massless
-arm, whose inertia comes from the joint alone; with ``support`` link the point mass on a rigid massless link.
+P, ``length`` from the joint: P moves exactly as the point mass; with ``support`` link it is the point mass.
 Exact: elliptic functions (problems/exact/lagrange_top), of the same body on a spherical joint.
 """
 
@@ -34,9 +33,7 @@ def simple_pendulum(
     support: Annotated[
         str, Parameter("an arm on a hinge, or a link to a point mass", "", choices=("hinge", "link"))
     ] = "hinge",
-    gyration: Annotated[
-        float, Parameter("radius of gyration of the hinged body about C; 0: a point mass", "m", at_least=0.0)
-    ] = 1e-3,
+    gyration: Annotated[float, Parameter("radius of gyration of the hinged body about C", "m", above=0.0)] = 1e-3,
     angle: Annotated[float, Parameter("angle of the rod to OX at the start", "deg")] = 180.0,
     gravity: Annotated[float, Parameter("along -Y", "m/s2")] = 9.81,
 ) -> Problem:

@@ -7,20 +7,19 @@ becomes A M^-1 A^T + 1/alpha; here 1/alpha is ``regularisation`` times its diago
 share the reaction. The projections take energy away. Stiff springs: as in ``generalized_alpha``.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import integrate, tolerance_of
+from ..harness.types import Problem, StepControl
+from .formulations.compiled.host import ClosedMarch, Method
 from .formulations.methods.alpha import alpha_steps
-from .formulations.refusals import without_phi
 
 
 @solver("al_index3")
 @dataclass(frozen=True)
-class AlIndex3:
+class AlIndex3(ClosedMarch):
     """Augmented Lagrangian of index 3, trapezoidal rule, projected velocities and accelerations."""
 
     regularisation: float = option(
@@ -29,18 +28,8 @@ class AlIndex3:
     tolerance: float = option(
         1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
     )
-
-    name: ClassVar[str]
-    paper_label: ClassVar[str] = ""
-    control: ClassVar[str] = "dt"
     order: ClassVar[float] = 2.0
 
-    def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Rows without phi; redundant rows share the reaction."""
-        return without_phi(problem.system)
-
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March with the fixed step ``control.dt``."""
-        tolerance, notes = tolerance_of(self.tolerance, problem)
-        method = alpha_steps(beta=0.25, gamma=0.5, tolerance=tolerance, shift=self.regularisation, projected=True)
-        return integrate(problem, control, replace(method, notes=notes))
+    def _method(self, problem: Problem, control: StepControl) -> Method:
+        scheme = {"beta": 0.25, "gamma": 0.5, "shift": self.regularisation, "projected": True}
+        return alpha_steps(problem, self.tolerance, **scheme)

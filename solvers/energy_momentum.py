@@ -8,36 +8,30 @@ of the order of dt^2. Redundant rows get a multiplier of zero. The iteration of 
 matrix: stiff ones need steps below their own period, or the iteration fails.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import integrate, tolerance_of
+from ..harness.types import Problem, StepControl
+from .formulations.compiled.host import Marched, Method
 from .formulations.methods.energy_momentum import mean_value_steps
 from .formulations.refusals import without_gradient
 
 
 @solver("energy_momentum")
 @dataclass(frozen=True)
-class EnergyMomentum:
+class EnergyMomentum(Marched):
     """Mean-value steps of fixed size that keep energy and momentum."""
 
     tolerance: float = option(
         1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
     )
-
-    name: ClassVar[str]
-    paper_label: ClassVar[str] = ""
-    control: ClassVar[str] = "dt"
     order: ClassVar[float] = 2.0
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Moving rows and torsional springs; redundant rows are dropped as they appear."""
         return without_gradient(problem.system)
 
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March with the fixed step ``control.dt``."""
-        tolerance, notes = tolerance_of(self.tolerance, problem)
-        return integrate(problem, control, replace(mean_value_steps(problem.system, tolerance), notes=notes))
+    def _method(self, problem: Problem, control: StepControl) -> Method:
+        return mean_value_steps(problem, self.tolerance)

@@ -8,20 +8,19 @@ of zero. The iteration of a step has M, not springs and dampers, in its matrix: 
 period, or the iteration fails.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import integrate, tolerance_of
+from ..harness.types import Problem, StepControl
+from .formulations.compiled.host import ClosedMarch, Method
 from .formulations.methods.alpha import alpha_steps
-from .formulations.refusals import without_phi
 
 
 @solver("generalized_alpha")
 @dataclass(frozen=True)
-class GeneralizedAlpha:
+class GeneralizedAlpha(ClosedMarch):
     """Generalised-alpha on the rotation group with fixed steps and numerical damping."""
 
     rho_inf: float = option(
@@ -31,25 +30,14 @@ class GeneralizedAlpha:
     tolerance: float = option(
         1e-12, "tolerance on phi and pose corrections, at least 16 roundings (angles in rad)", "m", above=0.0
     )
-
-    name: ClassVar[str]
-    paper_label: ClassVar[str] = ""
-    control: ClassVar[str] = "dt"
     order: ClassVar[float] = 2.0
 
-    def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Rows without phi; redundant rows are dropped as they appear."""
-        return without_phi(problem.system)
-
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March with the fixed step ``control.dt``."""
+    def _method(self, problem: Problem, control: StepControl) -> Method:
         rho = self.rho_inf
         alpha_m, alpha_f = (2.0 * rho - 1.0) / (rho + 1.0), rho / (rho + 1.0)
         gamma = 0.5 + alpha_f - alpha_m
         beta = 0.25 * (gamma + 0.5) ** 2
-        tolerance, notes = tolerance_of(self.tolerance, problem)
-        method = alpha_steps(
-            alpha_m=alpha_m, alpha_f=alpha_f, beta=beta, gamma=gamma, tolerance=tolerance,
+        return alpha_steps(
+            problem, self.tolerance, alpha_m=alpha_m, alpha_f=alpha_f, beta=beta, gamma=gamma,
             stabilised=self.form == "stabilised",
         )  # fmt: skip
-        return integrate(problem, control, replace(method, notes=notes))

@@ -12,29 +12,21 @@ from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import integrate
+from ..harness.types import Problem, StepControl
+from .formulations.compiled.host import Marched, Method
 from .formulations.methods.half_explicit import half_explicit_steps
 
 
 @solver("half_explicit")
 @dataclass(frozen=True)
-class HalfExplicit:
+class HalfExplicit(Marched):
     """Half-explicit steps of fixed size and order 4 on index 2, projected."""
 
     tolerance: float = option(
         1e-11, "tolerance on the last correction of a stage's velocities (m/s, rad/s)", "m/s", above=0.0
     )
 
-    name: ClassVar[str]
-    paper_label: ClassVar[str] = ""
-    control: ClassVar[str] = "dt"
     order: ClassVar[float] = 4.0
 
-    def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Takes every problem: redundant rows are dropped as they appear."""
-        return None
-
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March with the fixed step ``control.dt``."""
-        return integrate(problem, control, half_explicit_steps(self.tolerance))
+    def _method(self, problem: Problem, control: StepControl) -> Method:
+        return half_explicit_steps(self.tolerance)

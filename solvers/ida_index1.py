@@ -34,11 +34,6 @@ class IdaIndex1(BaumgarteOptions):
     paper_label: ClassVar[str] = "DAE-FI"
     control: ClassVar[str] = "rtol"
 
-    @property
-    def takes_coupled_axes(self) -> bool:
-        """Not semi-explicit, with M^-1 of single bodies."""
-        return self.form == "fi"
-
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
         y = coordinates_and_velocities(layout, problem)

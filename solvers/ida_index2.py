@@ -38,7 +38,6 @@ class IdaIndex2(ImplicitOptions):
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
-    takes_coupled_axes: ClassVar[bool] = True
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """An alpha that would do nothing, rows without phi in form ggl, and what all these solvers refuse."""

@@ -34,7 +34,6 @@ class IdaIndex3(ImplicitOptions):
     name: ClassVar[str]
     paper_label: ClassVar[str] = "IDA index 3 (ADAMS/MotionSolve class)"
     control: ClassVar[str] = "rtol"
-    takes_coupled_axes: ClassVar[bool] = True
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """Rows without phi, and what all these solvers refuse."""

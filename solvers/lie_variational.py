@@ -6,38 +6,26 @@ ends of steps. In momentum form these are RATTLE's equations with another free b
 spatial momentum kept, phi and A v at rounding. Redundant rows get a multiplier of zero.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import integrate, tolerance_of
+from ..harness.types import Problem, StepControl
+from .formulations.compiled.host import ClosedMarch, Method
 from .formulations.methods.compositions import COMPOSITIONS
 from .formulations.methods.rattle import symplectic_steps
-from .formulations.refusals import without_phi
 
 
 @solver("lie_variational")
 @dataclass(frozen=True)
-class LieVariational:
+class LieVariational(ClosedMarch):
     """Discrete Euler-Lagrange equations on the rotation group, fixed steps, exact constraints."""
 
     tolerance: float = option(
         1e-13, "tolerance on phi in a step's iteration, at least 16 roundings (axis rows: no unit)", "m", above=0.0
     )
-
-    name: ClassVar[str]
-    paper_label: ClassVar[str] = ""
-    control: ClassVar[str] = "dt"
     order: ClassVar[float] = 2.0
 
-    def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Rows without phi; redundant rows are dropped as they appear."""
-        return without_phi(problem.system)
-
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March with the fixed step ``control.dt``."""
-        tolerance, notes = tolerance_of(self.tolerance, problem)
-        method = symplectic_steps(problem.system, COMPOSITIONS["plain"][0], tolerance, discrete=True)
-        return integrate(problem, control, replace(method, notes=notes))
+    def _method(self, problem: Problem, control: StepControl) -> Method:
+        return symplectic_steps(problem, COMPOSITIONS["plain"][0], self.tolerance, discrete=True)

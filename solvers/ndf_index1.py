@@ -140,11 +140,6 @@ class NdfIndex1(BaumgarteOptions):
     paper_label: ClassVar[str] = "DAE-SE"
     control: ClassVar[str] = "rtol"
 
-    @property
-    def takes_coupled_axes(self) -> bool:
-        """Not with accelerations eliminated by M^-1 of single bodies."""
-        return self.accelerations != "eliminated"
-
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)
         y = coordinates_and_velocities(layout, problem)

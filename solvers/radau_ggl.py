@@ -12,26 +12,18 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import integrate
+from ..harness.types import Problem, StepControl
+from .formulations.compiled.host import ClosedMarch, Method
 from .formulations.methods.radau import radau_steps
-from .formulations.refusals import without_phi
 
 
 @solver("radau_ggl")
 @dataclass(frozen=True)
-class RadauGgl:
+class RadauGgl(ClosedMarch):
     """Radau IIA of order 5 on the rotation group, stabilised index 2, error control."""
 
-    name: ClassVar[str]
-    paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
 
-    def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Rows without phi; redundant rows are dropped as they appear."""
-        return without_phi(problem.system)
-
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March with error control at ``control.rtol``."""
+    def _method(self, problem: Problem, control: StepControl) -> Method:
         assert control.rtol is not None  # the catalogue has seen to it
-        return integrate(problem, control, radau_steps(problem.system, control.rtol))
+        return radau_steps(problem.system, control.rtol)

@@ -33,7 +33,6 @@ class Rk45StrongForm(StrongOptions):
     name: ClassVar[str]
     paper_label: ClassVar[str] = "ODE-45"
     control: ClassVar[str] = "rtol"
-    takes_coupled_axes: ClassVar[bool] = True
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         return integrate(problem, control, RK45, self, self.lambda_in_error_test, clock=clock)

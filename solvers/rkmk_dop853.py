@@ -10,26 +10,18 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from ..harness.catalogue.registry import solver
-from ..harness.types import Problem, StepControl, Trajectory
-from .formulations.compiled.host import integrate
+from ..harness.types import Problem, StepControl
+from .formulations.compiled.host import Marched, Method
 from .formulations.methods.rkmk import explicit_pair
 from .formulations.methods.tableaux import DOPRI853
 
 
 @solver("rkmk_dop853")
 @dataclass(frozen=True)
-class RkmkDop853:
+class RkmkDop853(Marched):
     """DOP853 on the rotation group, index 1 with projection, error control."""
 
-    name: ClassVar[str]
-    paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
-    takes_coupled_axes: ClassVar[bool] = True
 
-    def refuses(self, problem: Problem, control: StepControl) -> str | None:
-        """Takes every problem: redundant rows are dropped as they appear."""
-        return None
-
-    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
-        """March with error control at ``control.rtol``."""
-        return integrate(problem, control, explicit_pair(DOPRI853))
+    def _method(self, problem: Problem, control: StepControl) -> Method:
+        return explicit_pair(DOPRI853)

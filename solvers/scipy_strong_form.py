@@ -32,7 +32,6 @@ class ScipyStrongForm(StrongOptions):
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
-    takes_coupled_axes: ClassVar[bool] = True
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         return integrate(problem, control, METHODS[self.method], self, lambda_in_test=False, clock=clock)

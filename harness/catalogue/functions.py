@@ -83,7 +83,6 @@ class _FromFunction:
     """What both have in common."""
 
     paper_label: ClassVar[str] = ""
-    takes_coupled_axes: ClassVar[bool] = True  # as ``accelerations`` does
     function: ClassVar[Any]
     refused: ClassVar[Any]  # Refuses, called without self
     own: ClassVar[tuple[str, ...]]  # options of the function

@@ -10,7 +10,7 @@ import math
 import pkgutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, wraps
+from functools import cache
 from pathlib import Path
 from types import ModuleType
 from typing import Annotated, Any, TypeVar, get_args, get_origin
@@ -25,8 +25,7 @@ from ..mechanics.presentation import SPACE_AXES, Presentation
 from ..mechanics.state import States, rotated
 from ..mechanics.system import GROUND, MultibodySystem
 from ..mechanics.user_forces import presented
-from ..mechanics.zero_inertia import coupled_axis
-from ..types import Problem, Solver, StepControl, Trait
+from ..types import Problem, Solver, Trait
 from . import mechanism_files, plugins
 from .mechanism import Mechanism
 from .options import Parameter, nearest, read_value
@@ -110,20 +109,11 @@ def problem(name: str, tests: Sequence[Trait] = ()) -> Callable[[Callable[..., P
 
 
 def solver(name: str) -> Callable[[type], type]:
-    """Mark the dataclass of a solver file and name it; axes without inertia that it cannot take are refused for it."""
+    """Mark the dataclass of a solver file and name it."""
 
     def mark(cls: Any) -> type:
         setattr(cls, _MARK, name)
         cls.name = name
-        if callable(own := getattr(cls, "refuses", None)):
-
-            @wraps(own)
-            def refuses(self: Any, problem: Problem, control: StepControl) -> str | None:
-                takes = getattr(self, "takes_coupled_axes", False)
-                reason: str | None = (None if takes else coupled_axis(problem.system)) or own(self, problem, control)
-                return reason
-
-            cls.refuses = refuses
         return cls  # type: ignore[no-any-return]
 
     return mark

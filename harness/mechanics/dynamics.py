@@ -4,7 +4,6 @@ Nothing here is used by the solvers and references of this package, which have t
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -12,7 +11,7 @@ from jaxtyping import Float
 from . import so3
 from .counting import counted
 from .jacobian import constraint_jacobian
-from .lent import pushed, taken_back
+from .lent import check_idle
 from .motion import applied, drift
 from .state import State, States
 from .system import MultibodySystem
@@ -37,7 +36,7 @@ class Rates:
 class Equations:
     """M, A, A_dot v and f at a state; velocities are (r_dot [space], Omega [body]) of each body."""
 
-    M: Float[np.ndarray, "nb 6 6"]  # with lent inertia that changes no motion; singular where joints alone give some
+    M: Float[np.ndarray, "nb 6 6"]  # with lent inertia that changes no motion
     A: Float[np.ndarray, "nrows n"]  # n = 6 nb
     A_dot_v: Float[np.ndarray, " nrows"]  # with the rate of phi_t, where drives give rows one
     f: Float[np.ndarray, "nb 6"]  # forces [N, space], torques about C less Omega x J Omega [N m, body]
@@ -48,7 +47,7 @@ def equations(system: MultibodySystem, s: State) -> Equations:
     """What ``accelerations`` solves."""
     M = np.zeros((system.nb, 6, 6))
     M[:, range(3), range(3)] = system.mass[:, None]
-    M[:, 3:, 3:] = system.solved_inertia
+    M[:, 3:, 3:] = system.regular_inertia
     return Equations(M, constraint_jacobian(system, s).toarray(), drift(system, States.one(s))[0], _forces(system, s))
 
 
@@ -57,29 +56,21 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
     """Those of index 1 with A a + A_dot v = ``phi_ddot``; redundant rows share their load by least squares.
 
     With L L^T = M and B = A L^-T: x = L^T a is L^-1 f, without joints, and what B x = phi_ddot - A_dot v adds to it.
-    Inertia that bodies are lent is taken back (module ``lent``); ValueError where joints do not make M regular.
+    ValueError where a body is accelerated about an axis without inertia.
     """
-    e, P = equations(system, s), system.taken_back
-    M = e.M.copy()
-    M[:, 3:, 3:] += P
-    inverse = np.linalg.inv(np.linalg.cholesky(M))
+    e = equations(system, s)
+    inverse = np.linalg.inv(np.linalg.cholesky(e.M))
     B = np.einsum("kbj,bij->kbi", e.A.reshape(len(e.A), system.nb, 6), inverse).reshape(e.A.shape)
     length = np.linalg.norm(B, axis=1)  # rows have units and bodies of their own
     length[length == 0.0] = 1.0
     U, size, V = np.linalg.svd(B / length[:, None], full_matrices=False)
     keep = size > RANK * np.max(size, initial=0.0)
     U, size, V = U[:, keep], size[keep], V[keep]
-
-    def solve(load: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        x = np.einsum("bij,bj->bi", inverse, e.f + load).ravel()
-        missing = (U.T @ ((phi_ddot - e.A_dot_v - B @ x) / length)) / size
-        x, reaction = x + V.T @ missing, (U @ (missing / size)) / length
-        return np.einsum("bji,bj->bi", inverse, x.reshape(-1, 6)), reaction
-
-    try:
-        a, reaction = taken_back(solve, partial(pushed, P))
-    except ArithmeticError as error:
-        raise ValueError(f"accelerations: {error}") from None
+    x = np.einsum("bij,bj->bi", inverse, e.f).ravel()
+    missing = (U.T @ ((phi_ddot - e.A_dot_v - B @ x) / length)) / size
+    x, reaction = x + V.T @ missing, (U @ (missing / size)) / length
+    a = np.einsum("bji,bj->bi", inverse, x.reshape(-1, 6))
+    check_idle(system.lent, system.gyration, e.f, a[:, 3:])
     return Rates(s.v, s.Omega, a[:, :3], a[:, 3:], reaction)
 
 

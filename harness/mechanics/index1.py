@@ -4,7 +4,6 @@ M a = f + A^T reaction, A a = -A_dot v, unique in a and in A^T reaction where ro
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -14,7 +13,6 @@ from scipy.sparse.linalg import splu
 
 from . import so3
 from .ends import times
-from .lent import pushed, taken_back
 from .motion import applied, drift, row_parts
 from .state import States
 from .system import MultibodySystem
@@ -63,10 +61,7 @@ def _dense(
     B = B.reshape(len(s), system.nrows, 6 * system.nb)
     good = np.all(np.isfinite(B), axis=(1, 2)) & np.all(np.isfinite(f), axis=(1, 2))
     good &= np.all(np.isfinite(A_dot_v), axis=1)
-    try:
-        found = _solved(system.taken_back, inverse, B[good], f[good], A_dot_v[good])
-    except ArithmeticError:  # where a motion went wrong, lent inertia may be all there is
-        return
+    found = _solved(inverse, B[good], f[good], A_dot_v[good])
     out.a[good], out.reaction[good] = found
     rows_found = A[good].reshape(len(found[0]), system.nrows, 6 * system.nb)
     out.load[good] = np.matmul(found[1][:, None], rows_found).reshape(found[0].shape)
@@ -85,15 +80,12 @@ def _sparse(
         if not all(np.all(np.isfinite(x[k])) for x in (values, f, A_dot_v)):
             continue
         A = sparse.csr_array((values[k], (row, column)), shape=(system.nrows, 6 * system.nb))
-        try:
-            a, reaction = _solved_sparsely(system.taken_back, inverse, (A @ spread).tocsr(), f[k], A_dot_v[k])
-        except ArithmeticError:
-            continue
+        a, reaction = _solved_sparsely(inverse, (A @ spread).tocsr(), f[k], A_dot_v[k])
         out.a[k], out.reaction[k], out.load[k] = a, reaction, (A.T @ reaction).reshape(-1, 6)
 
 
 def _solved_sparsely(
-    P: np.ndarray, inverse: np.ndarray, B: sparse.csr_array, f: np.ndarray, A_dot_v: np.ndarray
+    inverse: np.ndarray, B: sparse.csr_array, f: np.ndarray, A_dot_v: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """The least x with B x = c as B^T mu, by iterated regularisation: mu += (B B^T + e)^-1 (c - B B^T mu).
 
@@ -116,12 +108,9 @@ def _solved_sparsely(
                 break
         return np.asarray(St @ mu), mu
 
-    def solve(load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        x = np.einsum("bij,bj->bi", inverse, f + load).ravel()
-        more, mu = least((-A_dot_v - B @ x) / size)
-        return np.einsum("bji,bj->bi", inverse, (x + more).reshape(-1, 6)), mu / size
-
-    return taken_back(solve, partial(pushed, P))
+    x = np.einsum("bij,bj->bi", inverse, f).ravel()
+    more, mu = least((-A_dot_v - B @ x) / size)
+    return np.einsum("bji,bj->bi", inverse, (x + more).reshape(-1, 6)), mu / size
 
 
 def factor_rows(B: Float[np.ndarray, "n k m"]) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
@@ -149,15 +138,8 @@ def factor_rows(B: Float[np.ndarray, "n k m"]) -> Callable[[np.ndarray], tuple[n
     return apply
 
 
-def _solved(
-    P: np.ndarray, inverse: np.ndarray, B: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """From L^-1 by bodies, B = A L^-T, f and A_dot v; the lent inertia P is taken back."""
-    least = factor_rows(B)
-
-    def solve(load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        x = np.einsum("bij,tbj->tbi", inverse, f + load).reshape(len(f), -1)
-        more, reaction = least(-A_dot_v - times(B, x))
-        return np.einsum("bji,tbj->tbi", inverse, (x + more).reshape(len(f), -1, 6)), reaction
-
-    return taken_back(solve, partial(pushed, P))
+def _solved(inverse: np.ndarray, B: np.ndarray, f: np.ndarray, A_dot_v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """From L^-1 by bodies, B = A L^-T, f and A_dot v."""
+    x = np.einsum("bij,tbj->tbi", inverse, f).reshape(len(f), -1)
+    more, reaction = factor_rows(B)(-A_dot_v - times(B, x))
+    return np.einsum("bji,tbj->tbi", inverse, (x + more).reshape(len(f), -1, 6)), reaction

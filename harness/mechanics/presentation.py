@@ -111,13 +111,11 @@ def _mirrored(s: MultibodySystem, S: np.ndarray) -> MultibodySystem:
         at_ground = (ends == GROUND).reshape(-1, *[1] * (a.ndim - 1))
         return _frozen(np.where(at_ground, a @ S, a @ BODY_MIRROR))
 
-    coupled = None if s.coupled is None else _frozen(BODY_MIRROR @ s.coupled @ BODY_MIRROR)
-
     def load_image(a: np.ndarray) -> np.ndarray:
         return _frozen(np.where(s.load_follows[:, None], a @ BODY_MIRROR, a @ S))
 
     return dataclasses.replace(
-        s, inertia=_frozen(BODY_MIRROR @ s.inertia @ BODY_MIRROR), coupled=coupled, gravity=_frozen(S @ s.gravity),
+        s, inertia=_frozen(BODY_MIRROR @ s.inertia @ BODY_MIRROR), gravity=_frozen(S @ s.gravity),
         joint_s_i=image(s.joint_s_i, s.joint_i), joint_s_j=image(s.joint_s_j, s.joint_j),
         joint_u=image(s.joint_u, s.joint_i), joint_w=image(s.joint_w, s.joint_i), joint_n=image(s.joint_n, s.joint_j),
         torsion_u=image(s.torsion_u, s.torsion_i), torsion_n=image(s.torsion_n, s.torsion_j),
@@ -151,7 +149,6 @@ def _renumbered(s: MultibodySystem, bodies: np.ndarray, joints: np.ndarray) -> M
     changes |= {n: _frozen(new[changes[n]]) for n in ("joint_i", "joint_j")}
     return dataclasses.replace(
         s, **changes, mass=_frozen(s.mass[bodies]), inertia=_frozen(s.inertia[bodies]),
-        coupled=None if s.coupled is None else _frozen(s.coupled[bodies]),
         torsion_i=_frozen(new[s.torsion_i]), torsion_j=_frozen(new[s.torsion_j]),
         spring_i=_frozen(new[s.spring_i]), spring_j=_frozen(new[s.spring_j]), load_i=_frozen(new[s.load_i]),
         user_i=_frozen(new[s.user_i]), user_j=_frozen(new[s.user_j]),
@@ -174,7 +171,6 @@ def _in_units(s: MultibodySystem, p: Presentation) -> MultibodySystem:
         s, joint_motion=_frozen(in_units(s.joint_motion, sizes, T)),
         load_factor=_frozen(in_units(s.load_factor, 1.0, T)), mass=_frozen(s.mass * M),
         inertia=_frozen(s.inertia * (M * L**2)),
-        coupled=None if s.coupled is None else _frozen(s.coupled * (M * L**2)),
         gravity=_frozen(s.gravity * (L / T**2)), joint_s_i=_frozen(s.joint_s_i * L),
         joint_s_j=_frozen(s.joint_s_j * L), spring_p_i=_frozen(s.spring_p_i * L),
         spring_p_j=_frozen(s.spring_p_j * L), spring_k=_frozen(s.spring_k * (M / T**2)),

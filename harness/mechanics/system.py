@@ -95,7 +95,6 @@ class MultibodySystem:
 
     body_names: tuple[str, ...] = ()
     joint_names: tuple[str, ...] = ()
-    coupled: Float[np.ndarray, "nb 3 3"] | None = None  # ``taken_back``, as found by ``zero_inertia``
 
     @property
     def lent(self) -> Float[np.ndarray, "nb 3 3"]:
@@ -111,19 +110,9 @@ class MultibodySystem:
         return lent_inertia(self.mass, self.inertia, np.where(arm > 0.0, arm, longest))
 
     @property
-    def taken_back(self) -> Float[np.ndarray, "nb 3 3"]:
-        """What of ``lent`` would change a motion: all, as long as nobody has looked."""
-        return self.lent if self.coupled is None else self.coupled
-
-    @property
     def regular_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
-        """With all that is lent: positive definite, to be inverted or to measure changes by."""
+        """That of the equations of motion, with what is lent: positive definite."""
         return self.inertia + self.lent
-
-    @property
-    def solved_inertia(self) -> Float[np.ndarray, "nb 3 3"]:
-        """That of the equations of motion: with what is lent where it changes no motion."""
-        return self.regular_inertia - self.taken_back
 
     @property
     def gyration(self) -> Float[np.ndarray, " nb"]:

@@ -3,11 +3,10 @@
     decoupled  no row of A and no load acts about n, e.g. a point mass on links, a rod between ball joints on its axis:
                its spin has no equation and stays 0
     locked     n . Omega = 0 for all velocities that A allows, e.g. across a planar mechanism
-    coupled    neither: the joints turn it with other bodies, whose inertia makes M regular; if nothing does, no motion
-               is defined
+    coupled    neither
 
 In the first two n . Omega = n . Omega_dot = 0: inertia lent about n (module ``lent``) changes no motion, energy or
-reaction. In the third it would, and is taken back.
+reaction. In the third it would, and the system is refused.
 """
 
 import dataclasses
@@ -24,20 +23,18 @@ from .time_functions import ONE
 
 TURNS = 1e-6  # share of a velocity in n . Omega, by lent inertia: below, that adds less than 1e-12 to the inertia there
 ACTS = 1e-9  # of a row of A, or of the loads: below, none acts about n
-REGULAR = 1e-9  # of M' on the velocities that A allows: below, M is singular there
 NOISE = 1e-9  # of a direction, in its words
 MOST_BODIES = 300  # a null space of their 1,800 velocities takes seconds, five of them are computed
 NEARBY = (0.1, 0.01)  # sizes of ``perturbed``: the second where a mechanism does not go as far as the first
 PLACES = (0.0, 0.21, 0.55, 1.0)  # in the simulated time: loads and drives may be functions of it
 
 
-def classified(system: MultibodySystem, start: State, t_end: float) -> MultibodySystem:
-    """``system`` with what is to be taken back of the inertia lent; ValueError where no motion is defined."""
+def check_axes(system: MultibodySystem, start: State, t_end: float) -> None:
+    """ValueError where joints or loads turn an axis without inertia, or it spins at the start."""
     _, axes, none = principal(system.inertia)
     if not np.any(none) or not _can_be_looked_at(system, start):
-        return system
+        return
     found = [_Allowed(system, s, axes, none, t_end) for s in (start, *_nearby(system, start, t_end))]
-    lent, coupled, directions = system.lent, np.zeros((system.nb, 3, 3)), {}
     for b in map(int, np.flatnonzero(np.any(none, axis=1))):
         turns = np.concatenate([s.turns(b) for s in found], axis=1)
         sides, size, _ = np.linalg.svd(np.transpose(np.linalg.qr(turns.T, mode="r")))
@@ -52,13 +49,11 @@ def classified(system: MultibodySystem, start: State, t_end: float) -> Multibody
                 f"{_about(system, b, spin)}, and no joint acts there: its spin about it must start at 0 rad/s "
                 f"(got {np.linalg.norm(spin):.3g})"
             )
-        directions[b] = turned
-        n = axes[b][:, none[b]] @ turned
-        coupled[b] = n @ n.T @ lent[b] @ n @ n.T
-    for s in found:
-        s.check_regular(directions)
-    coupled.setflags(write=False)
-    return dataclasses.replace(system, coupled=coupled)
+        if n:
+            raise ValueError(
+                f"{_about(system, b, axes[b][:, none[b]] @ turned[:, 0])}, where joints or loads turn it: give it "
+                "some, e.g. 1e-4 of its others, or put the joints on the axis"
+            )
 
 
 def _can_be_looked_at(system: MultibodySystem, start: State) -> bool:
@@ -69,17 +64,6 @@ def _can_be_looked_at(system: MultibodySystem, start: State) -> bool:
             "of A are dense; give them inertia"
         )
     return start.nb == system.nb and all(np.all(np.isfinite(a)) for a in (start.r, start.R, start.v, start.Omega))
-
-
-def coupled_axis(system: MultibodySystem) -> str | None:
-    """Why a method that inverts the inertia of each body cannot solve ``system``, or None."""
-    if system.coupled is None or not np.any(system.coupled):
-        return None
-    b = int(np.argmax(np.max(np.abs(system.coupled), axis=(1, 2))))
-    return (
-        f"body {system.body_names[b]!r} has no inertia about an axis that joints turn with other bodies, and this "
-        "method inverts the inertia of each body: use rkmk_dop853, ida_index1 or rk45_strong_form"
-    )
 
 
 def _nearby(system: MultibodySystem, start: State, t_end: float) -> list[State]:
@@ -99,13 +83,13 @@ def _nearby(system: MultibodySystem, start: State, t_end: float) -> list[State]:
 
 
 class _Allowed:
-    """Velocities that A allows at a state, x in coordinates in which M' is the identity."""
+    """Velocities that A allows at a state, whatever drives do, x in coordinates in which M is the identity."""
 
     def __init__(self, system: MultibodySystem, s: State, axes: np.ndarray, none: np.ndarray, t_end: float) -> None:
         from .jacobian import constraint_jacobian
 
         nb = system.nb
-        self._system, self._axes, self._none = system, axes, none
+        self._none = none
         inertia = np.einsum("bji,bjk,bki->bi", axes, system.regular_inertia, axes)
         T = np.zeros((nb, 6, 6))  # (r_dot, Omega) = T x
         T[:, range(3), range(3)] = 1.0 / np.sqrt(system.mass)[:, None]
@@ -115,7 +99,7 @@ class _Allowed:
         length = np.linalg.norm(B, axis=1)
         B /= np.where(length > 0.0, length, 1.0)[:, None]
         driven = np.repeat(np.any(system.joint_motion != 0.0, axis=1), system.joint_rows)
-        self._x, self._undriven = (_null_space(rows).reshape(nb, 6, -1) for rows in (B, B[~driven]))
+        self._x = _null_space(B[~driven]).reshape(nb, 6, -1)
         spun = dataclasses.replace(s, Omega=s.Omega + np.einsum("bij,bj->bi", axes, none * (1.0 / t_end)))
         steady = dataclasses.replace(system, load_factor=np.tile(ONE, (len(system.load_i), 1)))
         loads = np.concatenate(
@@ -131,25 +115,9 @@ class _Allowed:
         self.acts = np.concatenate((B.reshape(len(B), nb, 6)[:, :, 3:], torques))
 
     def turns(self, b: int) -> Float[np.ndarray, "k d"]:
-        """n . Omega for the axes without inertia of a body, of each velocity and whatever the drives do."""
-        out: np.ndarray = self._undriven[b, 3:][self._none[b]]
+        """n . Omega for the axes without inertia of a body, of each velocity."""
+        out: np.ndarray = self._x[b, 3:][self._none[b]]
         return out
-
-    def check_regular(self, directions: dict[int, np.ndarray]) -> None:
-        """M on these velocities, or ValueError naming the body that has no inertia there."""
-        owner = [(b, n) for b, turned in directions.items() for n in turned.T]
-        if not owner:
-            return
-        lent = np.stack([n @ self._x[b, 3:][self._none[b]] for b, n in owner])
-        if not lent.size:
-            return
-        side, size, _ = np.linalg.svd(lent, full_matrices=False)
-        if 1.0 - size[0] ** 2 < REGULAR:
-            b, n = owner[int(np.argmax(np.abs(side[:, 0])))]
-            raise ValueError(
-                f"{_about(self._system, b, self._axes[b][:, self._none[b]] @ n)}, and its joints lend it none: "
-                "no motion is defined; give it inertia there or a joint that holds or moves it"
-            )
 
 
 def _null_space(B: Float[np.ndarray, "nrows n"]) -> Float[np.ndarray, "n d"]:

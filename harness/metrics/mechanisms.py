@@ -35,7 +35,7 @@ def part(system: MultibodySystem, bodies: Int[np.ndarray, " n"]) -> MultibodySys
         return system
     new = np.full(system.nb + 1, GROUND)  # the last entry, at -1, is the ground
     new[bodies] = np.arange(len(bodies))
-    changes: dict[str, Any] = {"mass": system.mass[bodies], "inertia": system.inertia[bodies], "coupled": None}
+    changes: dict[str, Any] = {"mass": system.mass[bodies], "inertia": system.inertia[bodies]}
     for kind in TIES:
         i, j = (getattr(system, f"{kind}_{e}") for e in "ij")
         own = np.isin(i, bodies) | np.isin(j, bodies)

@@ -7,12 +7,10 @@ stacked along a first axis: extrapolation evaluates its columns together.
 """
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
-from ..mechanics.lent import taken_back
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 
@@ -31,7 +29,6 @@ class Directors:
         s = self.system
         E = _second_moments(s.regular_inertia)  # singular for a thin disc
         self.scale = np.einsum("bii->b", E)
-        self.lent = _at_directors(s.taken_back)
         self.saddle = np.zeros((s.nb, 15, 15))
         self.saddle[:, :9, :9] = np.kron(E / self.scale[:, None, None], np.eye(3))
         self.pinned, self.point = s.point_rows()
@@ -74,15 +71,10 @@ class Directors:
         curvature = -2.0 * np.sum(d_dot[:, :, PAIRS[:, 0]] * d_dot[:, :, PAIRS[:, 1]], axis=-1)
         f, bend = self._forces(x, x_dot), np.einsum("tbij,tbj->tbi", from_rigidity, curvature)
         J = self._jacobian(x)
-
-        def solve(load: np.ndarray | float) -> tuple[np.ndarray, None]:
-            a = np.einsum("tbij,tbj->tbi", C, f + load)
-            a[:, :, 3:] += bend
-            if s.nrows:
-                a = a + self._answer(J, C, self._curvature(x_dot) - np.einsum("tkbi,tbi->tk", J, a))
-            return a, None
-
-        a = taken_back(solve, partial(np.einsum, "bij,tbj->tbi", self.lent))[0] if np.any(self.lent) else solve(0.0)[0]
+        a = np.einsum("tbij,tbj->tbi", C, f)
+        a[:, :, 3:] += bend
+        if s.nrows:
+            a = a + self._answer(J, C, self._curvature(x_dot) - np.einsum("tkbi,tbi->tk", J, a))
         return np.concatenate((x_dot.reshape(nt, -1), a.reshape(nt, -1)), axis=1)
 
     def restarted(self, z: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
@@ -248,13 +240,6 @@ class Directors:
 def _second_moments(J: np.ndarray) -> np.ndarray:
     """The integral of x x^T dm of an inertia (nb, 3, 3)."""
     out: np.ndarray = 0.5 * np.einsum("bii->b", J)[:, None, None] * np.eye(3) - J
-    return out
-
-
-def _at_directors(J: np.ndarray) -> np.ndarray:
-    """Mass matrix of an inertia without mass (nb, 12, 12)."""
-    out = np.zeros((len(J), 12, 12))
-    out[:, 3:, 3:] = np.kron(_second_moments(J), np.eye(3))
     return out
 
 

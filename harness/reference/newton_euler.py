@@ -7,7 +7,6 @@ onto the constraints, least change in the mass metric. Shares with route 2 the d
 """
 
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,7 +14,6 @@ import scipy.linalg as sl
 from jaxtyping import Float, Int
 from scipy.spatial.transform import Rotation
 
-from ..mechanics.lent import pushed, taken_back
 from ..mechanics.state import State, States
 from ..mechanics.system import GROUND, MultibodySystem
 
@@ -34,10 +32,10 @@ class NewtonEuler:
     def __post_init__(self) -> None:
         s = self.system
         self.rows = np.arange(s.nrows)
-        self.inertia, self.lent = s.solved_inertia, s.taken_back
-        self.weight = np.zeros((s.nb, 6, 6))  # M^-1 by bodies, with all that is lent
+        self.inertia = s.regular_inertia
+        self.weight = np.zeros((s.nb, 6, 6))  # M^-1 by bodies
         self.weight[:, range(3), range(3)] = 1.0 / s.mass[:, None]
-        self.weight[:, 3:, 3:] = np.linalg.inv(s.regular_inertia)
+        self.weight[:, 3:, 3:] = np.linalg.inv(self.inertia)
         self.pinned, self.point = s.point_rows()
         self.line, self.axis = s.line_rows(), s.axis_rows()
         # body, arm, sign; the moving ones of the pinned joints, of the line rows and of the axis rows
@@ -69,17 +67,12 @@ class NewtonEuler:
         f = self._forces(r, R, v, Omega)
         A, gamma = self._jacobian(r, R)[self.rows], self._gamma(r, R, v, Omega)[self.rows]
         WA = np.einsum("kbj,bji->kbi", A.reshape(len(A), s.nb, 6), self.weight).reshape(A.shape)
-
-        def solve(load: np.ndarray | float) -> tuple[np.ndarray, None]:
-            a = np.einsum("bij,bj->bi", self.weight, f + load)
-            if len(self.rows):
-                a -= (np.linalg.solve(A @ WA.T, A @ a.ravel() - gamma) @ WA).reshape(s.nb, 6)
-            return a, None
-
-        free = taken_back(solve, partial(pushed, self.lent))[0] if np.any(self.lent) else solve(0.0)[0]
+        a = np.einsum("bij,bj->bi", self.weight, f)
+        if len(self.rows):
+            a -= (np.linalg.solve(A @ WA.T, A @ a.ravel() - gamma) @ WA).reshape(s.nb, 6)
         vector, w = q[:, :3], q[:, 3:]
         q_dot = 0.5 * np.concatenate((w * Omega + _cross(vector, Omega), -np.sum(vector * Omega, 1)[:, None]), axis=1)
-        return np.concatenate((v.ravel(), q_dot.ravel(), free[:, :3].ravel(), free[:, 3:].ravel()))
+        return np.concatenate((v.ravel(), q_dot.ravel(), a[:, :3].ravel(), a[:, 3:].ravel()))
 
     def restarted(self, y: Float[np.ndarray, " coordinates"]) -> Float[np.ndarray, " coordinates"]:
         """The nearest consistent state; the rows in use are chosen anew there."""

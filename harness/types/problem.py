@@ -12,7 +12,7 @@ from jaxtyping import Float
 from ..mechanics.presentation import Presentation
 from ..mechanics.state import State, States, rotated
 from ..mechanics.system import MultibodySystem
-from ..mechanics.zero_inertia import classified
+from ..mechanics.zero_inertia import check_axes
 
 
 class Trait(StrEnum):
@@ -99,7 +99,7 @@ class Problem:
 
     def __post_init__(self) -> None:
         if 0.0 < self.t_end < math.inf:
-            object.__setattr__(self, "system", classified(self.system, self.initial, self.t_end))
+            check_axes(self.system, self.initial, self.t_end)
 
     def home(self, s: States) -> States:
         """``s`` seen from the home frame."""

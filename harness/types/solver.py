@@ -95,9 +95,7 @@ class Solver(Protocol):
     """A frozen dataclass of options (module ``harness.options``) with two methods; one file in ``solvers/`` each.
 
     A solver of fixed steps may also say ``order``, the order in dt that certificates hold it to. ``paper_label`` and
-    ``order`` are class variables, or properties where they depend on the options. So is ``takes_coupled_axes``, True
-    where no inverse of each body's inertia is needed: point masses and slender rods that only joints give inertia
-    (``mechanics.zero_inertia``) are refused for the others.
+    ``order`` are class variables, or properties where they depend on the options.
     """
 
     name: ClassVar[str]

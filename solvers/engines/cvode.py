@@ -39,7 +39,6 @@ class Cvode(SymbolicOptions):
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
-    takes_coupled_axes: ClassVar[bool] = True
 
     def _integrate(self, problem: Problem, control: StepControl, clock: Clock) -> Trajectory:
         layout, notes = layout_for(problem, self.coordinates)

@@ -172,7 +172,7 @@ class Model:
         return s
 
     def _body(self, system: MultibodySystem, start: State, b: int) -> Any:
-        inertia = self._exu.rigidBodyUtilities.RigidBodyInertia(system.mass[b], system.solved_inertia[b])
+        inertia = self._exu.rigidBodyUtilities.RigidBodyInertia(system.mass[b], system.regular_inertia[b])
         return self.mbs.CreateRigidBody(
             referencePosition=start.r[b], referenceRotationMatrix=start.R[b],
             initialVelocity=start.v[b], initialAngularVelocity=start.R[b] @ start.Omega[b],  # theirs is in space

@@ -168,7 +168,7 @@ def _spec(mj: ModuleType, options: MuJoCo, problem: Problem, tree: Tree, dt: flo
     parts = {GROUND: spec.worldbody}
     for limb in tree.limbs:
         free = limb.kind is Kind.FREE
-        moments, axes = np.linalg.eigh(system.solved_inertia[limb.body])
+        moments, axes = np.linalg.eigh(system.regular_inertia[limb.body])
         parts[limb.body] = part = parts[limb.parent].add_body(
             name=_name(limb.body), mass=system.mass[limb.body], explicitinertial=True, ipos=np.zeros(3),
             inertia=moments, iquat=_quaternion(axes * np.linalg.det(axes)),

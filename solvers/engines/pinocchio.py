@@ -194,7 +194,7 @@ def _tree(pin: ModuleType, problem: Problem, tree: Tree) -> tuple[Any, dict[int,
             hinge = pin.JointModelRevoluteUnaligned(np.array(limb.axis))
             joint[b] = model.addJoint(joint[limb.parent], hinge, here, f"body {b}")
         arm[b] = limb.s_child
-        inertia = pin.Inertia(float(system.mass[b]), -np.array(limb.s_child), np.array(system.solved_inertia[b]))
+        inertia = pin.Inertia(float(system.mass[b]), -np.array(limb.s_child), np.array(system.regular_inertia[b]))
         model.appendBodyToJoint(joint[b], inertia, pin.SE3.Identity())
     return model, joint
 

@@ -5,14 +5,11 @@ narrow band for chains and grids, and one LAPACK pbtrf costs O(k band^2). S is p
 are independent; when they cease to be, the factorisation says so.
 """
 
-from functools import partial
-
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Bool, Float
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from ...harness.mechanics.lent import pushed, taken_back
 from ...harness.types import Status
 from .generated import Program
 from .generated.steps import add_products, call_lapack, integer, set_to_zero, take, take_negative
@@ -22,10 +19,7 @@ from .sparse_pattern import FixedPattern, FixedProduct
 
 
 class InverseMass:
-    """M^-1 of all bodies as 6 x 6 blocks: constant in body velocities, B^-1 M^-1 B^-T in a chart's own.
-
-    M with all inertia that is lent; ``taken_back`` is what a ``Saddle`` takes back of it.
-    """
+    """M^-1 of all bodies as 6 x 6 blocks: constant in body velocities, B^-1 M^-1 B^-T in a chart's own."""
 
     def __init__(self, layout: Layout) -> None:
         s = layout.system
@@ -33,7 +27,6 @@ class InverseMass:
         self._free = np.zeros((s.nb, 6, 6))
         self._free[:, :3, :3] = np.eye(3) / s.mass[:, None, None]
         self._free[:, 3:, 3:] = np.linalg.inv(s.regular_inertia)
-        self._coupled = s.taken_back if np.any(s.taken_back) else None
         block = np.arange(6 * s.nb).reshape(s.nb, 6)
         rows, columns = np.broadcast_arrays(block[:, :, None], block[:, None, :])
         self.pattern = FixedPattern(rows.ravel(), columns.ravel(), (layout.n_u, layout.n_u))
@@ -42,7 +35,7 @@ class InverseMass:
         """M^-1 at the coordinates in ``y``."""
         if self._chart.constant_mass:
             return self._free
-        T = self._rates(y)
+        T = self._chart.rotation_rates(y[self._p].reshape(-1, self._chart.size))
         try:
             T_inverse = np.linalg.inv(T)
         except np.linalg.LinAlgError:
@@ -52,13 +45,6 @@ class InverseMass:
         out[:, 3:, 3:] = T_inverse @ self._free[:, 3:, 3:] @ np.swapaxes(T_inverse, 1, 2)
         return out
 
-    def taken_back(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, "nb 3 3"] | None:
-        """P of module ``lent`` at the coordinates in ``y``; None where all that is lent may stay."""
-        if self._coupled is None or self._chart.constant_mass:
-            return self._coupled
-        T = self._rates(y)
-        return np.swapaxes(T, 1, 2) @ self._coupled @ T
-
     @property
     def structure(self) -> Bool[np.ndarray, "nb 6 6"]:
         """Which entries of the blocks differ from zero, at any coordinates."""
@@ -66,9 +52,6 @@ class InverseMass:
         if not self._chart.constant_mass:
             used[:, 3:, 3:] = True
         return used
-
-    def _rates(self, y: np.ndarray) -> np.ndarray:
-        return self._chart.rotation_rates(y[self._p].reshape(-1, self._chart.size))
 
 
 class Saddle:
@@ -81,18 +64,18 @@ class Saddle:
         self, layout: Layout, pattern: FixedPattern, inverse_mass: InverseMass,
         A: Float[np.ndarray, " nnz"], e: Float[np.ndarray, " n_u"], c: Float[np.ndarray, " k"],
     ) -> None:  # fmt: skip
-        self._inverse_mass, self._e, k, n_u = inverse_mass, e, layout.k, layout.n_u
+        self._inverse_mass, k, n_u = inverse_mass, layout.k, layout.n_u
         self._blocks = np.zeros(36 * layout.system.nb)
         self._constant = layout.chart.constant_mass
         if self._constant:
             self._blocks[:] = inverse_mass.blocks(e).ravel()
-        self._less, self._u_dot, self._lam = np.zeros(n_u), np.zeros(n_u), np.zeros(k)
+        self._u_dot, self._lam = np.zeros(n_u), np.zeros(k)
         self._info = integer(0)
         W, in_blocks = _used_entries(inverse_mass)
         free, back = np.zeros(n_u), np.zeros(n_u)
         self._factor = None
-        solve = [set_to_zero(free), add_products(self._blocks, in_blocks, self._less, W.columns, free, W.rows)]
-        solve.append(take_negative(self._less, np.arange(n_u), back))
+        solve = [set_to_zero(free), add_products(self._blocks, in_blocks, e, W.columns, free, W.rows)]
+        solve.append(take_negative(e, np.arange(n_u), back))
         if k:
             At_order = np.lexsort((pattern.rows, pattern.columns))  # row-wise A^T from row-wise A
             At = FixedPattern(pattern.columns[At_order], pattern.rows[At_order].astype(np.int64), (n_u, k))
@@ -141,22 +124,6 @@ class Saddle:
                 raise StepFailure(
                     Status.SINGULAR, "the kept constraint rows became dependent: A M^-1 A^T is not positive definite"
                 )
-        P = self._inverse_mass.taken_back(y)
-        if P is None:
-            return self._solved(0.0)
-
-        def by_bodies(load: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-            u_dot, lam = self._solved(np.ravel(load))
-            return u_dot.reshape(-1, 6).copy(), lam
-
-        try:
-            u_dot, lam = taken_back(by_bodies, partial(pushed, P))
-        except ArithmeticError as error:
-            raise StepFailure(Status.SINGULAR, str(error)) from None
-        return u_dot.ravel(), lam
-
-    def _solved(self, load: np.ndarray | float) -> tuple[np.ndarray, np.ndarray]:
-        np.subtract(self._e, load, out=self._less)
         self._solve.run()
         return self._u_dot, self._lam
 

@@ -60,7 +60,7 @@ def body_batch(layout: Layout) -> Batch:
     """All bodies with gravity: (p_dot, e)."""
     s, everyone = layout.system, np.arange(layout.system.nb)
     gravity = np.broadcast_to(s.gravity, (s.nb, 3))
-    parameters = np.concatenate((s.mass[:, None], s.solved_inertia.reshape(-1, 9), gravity), axis=1)
+    parameters = np.concatenate((s.mass[:, None], s.regular_inertia.reshape(-1, 9), gravity), axis=1)
     place = layout.body(everyone)  # (p_dot, e) are numbered as (p, u)
     return Batch(body_element(layout.chart), parameters, place, layout.velocity(everyone), place)
 

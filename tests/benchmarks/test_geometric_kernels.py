@@ -4,7 +4,7 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.solvers.formulations.compiled.entries import Program
-from mbsbench.solvers.formulations.compiled.kernel import Made, make_kernel, start_at
+from mbsbench.solvers.formulations.compiled.kernel import Kernel, make_kernel, start_at
 from mbsbench.solvers.formulations.compiled.marching import new_control
 from mbsbench.solvers.formulations.methods.gc_newton import Step
 from mbsbench.solvers.formulations.methods.gc_newton_arrays import NEEDED, newton_steps
@@ -13,17 +13,17 @@ CASES = {"pendulum": ("spherical_pendulum", 1e-2), "chain": ("chain", 1e-3), "gr
 
 
 @pytest.fixture(params=CASES)
-def case(request) -> tuple[Step, Made]:
+def case(request) -> tuple[Step, Kernel]:
     """The first estimate of a step, its matrix factored, and what keeps its entries alive."""
     name, dt = CASES[request.param]
     problem = make_problem(name)
     settings = make_solver("gc_augmented_lagrangian", {"newton": "exact"}).settings(problem)
     settings = settings._replace(penalty=settings.penalty._replace(active=1, xi=1e7))
     made = make_kernel(problem.system, NEEDED)
-    start_at(made.kernel, problem.initial)
-    step = newton_steps(problem.system, settings, 16, 0.0, "zero").prepare(made.kernel, new_control(h=dt, dt=dt))
+    start_at(made, problem.initial)
+    step = newton_steps(problem.system, settings, 16, 0.0, "zero").prepare(made, new_control(h=dt, dt=dt))
     step.scheme["h"] = dt
-    step.r0[:], step.R0[:], step.v0[:] = made.kernel.r, made.kernel.R, made.kernel.v
+    step.r0[:], step.R0[:], step.v0[:] = made.r, made.R, made.v
     for entry in (step.complete, step.keep_end, step.begin_step, step.estimate, step.evaluate, step.refresh):
         Program.run(entry)
     assert step.lu.state["singular"] == 0

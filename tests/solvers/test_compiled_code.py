@@ -5,8 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
-from mbsbench.harness.mechanics.system import GROUND, RigidBody, SpringDamper, assemble
-from mbsbench.solvers.formulations.compiled import entries, mechanism, numba_code
+from mbsbench.solvers.formulations.compiled import entries, numba_code
 from mbsbench.solvers.formulations.compiled.entries import Bound
 from mbsbench.solvers.formulations.generated import code
 
@@ -50,16 +49,3 @@ def test_another_version_of_numba_compiles_the_same(monkeypatch, tmp_path):
     pair = Pair(np.array([4.0]), np.zeros(1))
     Bound(take_root, pair)()
     assert pair.y[0] == 2.0 and not seen and numba_code.CPUCodeLibrary._optimize_final_module is own
-
-
-def test_a_short_lever_of_a_stiff_spring_counts():
-    """1e-8 m beside 1e9 N/m is no rounding: they have different units. The torque is k e x s."""
-    lever = 1e-8
-    spring = SpringDamper(0, (0.0, lever, 0.0), GROUND, (1.0, 0.0, 0.0), 1e9, 0.5)
-    system = assemble([RigidBody(1.0, np.diag([1.0, 1.0, 1.0]))], (), (0.0, 0.0, 0.0), [spring])
-    made = mechanism.make_mechanism(system, ("forces",))
-    assert made is not None
-    k = made.kernel
-    k.R[:] = np.eye(3)
-    made.entry("forces")()
-    assert k.force[0, 5] == pytest.approx(-lever * k.force[0, 0], rel=1e-9) and k.force[0, 5] != 0.0

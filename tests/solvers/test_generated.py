@@ -1,4 +1,4 @@
-"""Machine code from expressions, against CasADi's own evaluation; kept objects; calls by address."""
+"""Machine code from expressions, against CasADi's own evaluation; kept objects."""
 
 import os
 import subprocess
@@ -7,10 +7,8 @@ import sys
 import casadi as ca
 import numpy as np
 import pytest
-from numba import njit
 
 from mbsbench.solvers.formulations.generated import Code, Loop, Program, code, compile_functions, printing
-from mbsbench.solvers.formulations.generated.calls import call
 
 a, b = ca.SX.sym("a"), ca.SX.sym("b")
 OPERATIONS = {
@@ -102,20 +100,6 @@ def test_loops_gather_and_add(part, monkeypatch):
     np.testing.assert_allclose(total, expected_total, rtol=1e-13, atol=1e-14)
     Program([(made.address("f"), [np.zeros(1, dtype=np.int64), *arrays[1:]])], made).run()  # no element
     np.testing.assert_allclose(total, expected_total, rtol=1e-13, atol=1e-14)
-
-
-def test_numba_calls_an_address():
-    """By pointers to arrays of any type and shape."""
-    x = ca.SX.sym("x", 2)
-    made = compile_functions({"f": Loop(gathered=[x], stored=[x**2])})
-
-    @njit
-    def squares(address, n, values, table, out):
-        call(address, n, values, table, out)
-
-    out = np.zeros((2, 2))
-    squares(made.address("f"), np.array([2]), np.array([3.0, 5.0]), np.array([[0, 1], [1, 1]]), out)
-    np.testing.assert_array_equal(out, [[9.0, 25.0], [25.0, 25.0]])
 
 
 def test_a_kept_object_is_loaded_and_a_damaged_one_made_again(monkeypatch, tmp_path):

@@ -36,7 +36,7 @@ def test_factors_grow_in_proportion() -> None:
     """Numbers of both factors and of their products, by cell: cells of a row fill in no more than their neighbours."""
     each = []
     for windows in (100, 200, 400):
-        k, _ = empty_kernel(row_of_cells(windows).system)
+        k = empty_kernel(row_of_cells(windows).system)
         _, lu = analyse(k.body, k.row, k.pair, np.arange(len(k.mass), len(k.pair)))
         numbers = [a.size for part in (lu, k, k.blocks) for a in part if isinstance(a, np.ndarray)]
         each.append(np.array([sum(numbers), len(k.blocks.update), len(lu.low), len(lu.blocks)]) / windows)

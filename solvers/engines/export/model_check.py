@@ -41,7 +41,7 @@ class EngineModel:
 def differences(problem: Problem, model: EngineModel) -> dict[str, float]:
     """By quantity, relative."""
     system, start, T = problem.system, problem.initial, model.T
-    one, blocks = States.one(start), [b for m, J in zip(system.mass, system.solved_inertia, strict=True)
+    one, blocks = States.one(start), [b for m, J in zip(system.mass, system.regular_inertia, strict=True)
                                       for b in (m * np.eye(3), J)]  # fmt: skip
     rates = accelerations(system, start)
     exact = np.concatenate((rates.v_dot, rates.Omega_dot), axis=1)

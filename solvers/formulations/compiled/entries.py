@@ -8,7 +8,7 @@ gets: addresses and lengths. A ``Program`` word leads to a list of calls that ``
 import hashlib
 import sys
 from collections import namedtuple
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from types import CodeType
@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..generated import Code
-from ..generated.program import MOST_ARGUMENTS, runner
+from ..generated import Code, Program
 
 MAKERS = (Path(__file__), Path(__file__).parent / "numba_code.py")  # the layout of words, and the code around them
 PACKAGE = __name__.rsplit(".", 2)[0]  # whose modules count for what a function is
@@ -88,7 +87,7 @@ def call_law(address: int, t: float, state: np.ndarray, load: np.ndarray) -> Non
     raise TypeError("call_law is called by compiled functions")
 
 
-class Bound:
+class Bound(Program):
     """A compiled function with its bundle: to be called from Python, or from compiled code by ``run(bound.entry)``."""
 
     def __init__(self, function: Callable[..., None], bundle: Any) -> None:
@@ -97,11 +96,10 @@ class Bound:
         part = narrowed(bundle, reach(function).names)
         code = _compiled(function, name, part)
         self.words = np.array(words_of(part), dtype=np.int64)
-        self.program = Program([(code.address(name), [self.words])], keeps=(code, bundle))
-        self.entry = self.program.entry
+        super().__init__([(code.address(name), [self.words])], keeps=(code, bundle))
 
     def __call__(self) -> None:
-        Program.run(self.entry)
+        self.run()
 
 
 def narrowed(bundle: Any, names: frozenset[str]) -> Any:
@@ -121,33 +119,6 @@ def narrowed(bundle: Any, names: frozenset[str]) -> Any:
 @cache
 def _kind(name: str, fields: tuple[str, ...]) -> Callable[..., Any]:
     return namedtuple(name, fields)  # type: ignore[misc]
-
-
-class Program:
-    """Calls of addresses with arrays, in order; ``entry`` is the word by which compiled code runs them."""
-
-    def __init__(self, steps: Sequence[tuple[int, Sequence[np.ndarray]]], keeps: Any = None) -> None:
-        self.steps = list(steps)
-        if any(len(arrays) > MOST_ARGUMENTS for _, arrays in steps):
-            raise ValueError(f"a call takes at most {MOST_ARGUMENTS} arrays")
-        if not all(a.flags.c_contiguous for _, arrays in steps for a in arrays):
-            raise ValueError("arrays of a program are C-contiguous: compiled code knows their addresses alone")
-        words = [runner().address("run"), len(steps)]
-        for address, arrays in steps:
-            words += [address, len(arrays), *(a.ctypes.data for a in arrays)]
-        self._words = np.array(words, dtype=np.int64)
-        self._keeps = keeps, [arrays for _, arrays in steps]
-        self.entry = self._words.ctypes.data
-
-    @staticmethod
-    def run(entry: int) -> None:
-        """Carry out the calls of a program, by its word."""
-        _runner()(entry + 8)
-
-
-@cache
-def _runner() -> Callable[..., None]:
-    return runner().function("run", 1)
 
 
 _CODES: dict[str, Code] = {}

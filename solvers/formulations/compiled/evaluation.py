@@ -3,12 +3,8 @@
 S lam = -gamma - A M^-1 f,   v_dot = M^-1 (f + A^T lam),   gamma = A_dot v + (phi_t)_dot
 """
 
-import numpy as np
-
 from .algebra import clear, copy, turned_by
-from .entries import apart, inner, run
-
-ROUNDS, PASSES, ROUNDING, STILL, SINGULAR = 3, 100, 1e-15, 1e-9, 1e-12  # as in ``mechanics.lent``
+from .entries import inner, run
 
 
 @inner
@@ -75,8 +71,6 @@ def react(k):
     run(k.solve)
     copy(k.rhs, k.lam)
     add_loads(k.body, k.row, k.pins, k.mass, k.way, k.Y, k.lam, k.v_dot)
-    if len(k.coupled):
-        run(k.take_back)
 
 
 def project(k):
@@ -132,75 +126,3 @@ def slips(k):
     for a in range(len(k.x)):
         k.x[a] = -k.slip[a]
     add_rates(k.body, k.row, k.pins, k.X, k.way, k.w, -1.0, k.x)
-
-
-def take_back(k):
-    """``v_dot`` and ``lam`` of M instead of M' = M + P: M' v_dot - A^T lam = f + P v_dot, by conjugate gradients in the
-    product x . P y of angular accelerations; NaN where M is singular (module ``mechanics.lent``).
-    """
-    x, left, p = k.spun, k.left, k.toward
-    for b in range(len(k.mass)):
-        for a in range(3):
-            x[b, a] = k.v_dot[b, 3 + a]
-    for n in range(ROUNDS + 1):
-        _answer(k, x)
-        for b in range(len(k.mass)):
-            for a in range(3):
-                left[b, a] = k.v_dot[b, 3 + a] + k.change[b, 3 + a] - x[b, a]
-        size = _product(k.coupled, left, left)
-        if n == ROUNDS or not size > (STILL if n else ROUNDING) ** 2 * _product(k.coupled, x, x):
-            break
-        copy(left, p)
-        for _ in range(PASSES):
-            _answer(k, p)
-            for b in range(len(k.mass)):
-                for a in range(3):
-                    k.change[b, a] = p[b, a] - k.change[b, 3 + a]
-            along = _product(k.coupled, p, k.change)
-            if not along > SINGULAR * _product(k.coupled, p, p):
-                if size > STILL**2 * _product(k.coupled, x, x):
-                    k.v_dot[0, 0] = np.nan
-                break
-            share = size / along
-            for b in range(len(k.mass)):
-                for a in range(3):
-                    x[b, a] += share * p[b, a]
-                    left[b, a] -= share * k.change[b, a]
-            new = _product(k.coupled, left, left)
-            reached = _product(k.coupled, x, x)
-            if not new > ROUNDING**2 * reached or not (new < size or size > STILL**2 * reached):
-                break
-            for b in range(len(k.mass)):
-                for a in range(3):
-                    p[b, a] = left[b, a] + new / size * p[b, a]
-            size = new
-    for b in range(len(k.mass)):
-        for a in range(6):
-            k.v_dot[b, a] += k.change[b, a]
-    for a in range(len(k.lam)):
-        k.lam[a] += k.rhs[a]
-
-
-@apart
-def _answer(k, x):
-    """``change`` and ``rhs``: what the load P x adds to ``v_dot`` and ``lam``."""
-    for b in range(len(k.mass)):
-        for a in range(3):
-            P = k.coupled[b, a]
-            k.change[b, a], k.change[b, 3 + a] = 0.0, P[0] * x[b, 0] + P[1] * x[b, 1] + P[2] * x[b, 2]
-    times_inverse_mass(k.mass, k.J_inv, k.change)
-    for a in range(len(k.rhs)):
-        k.rhs[a] = 0.0
-    add_rates(k.body, k.row, k.pins, k.X, k.way, k.change, -1.0, k.rhs)
-    run(k.solve)
-    add_loads(k.body, k.row, k.pins, k.mass, k.way, k.Y, k.rhs, k.change)
-
-
-@apart
-def _product(P, x, y):
-    """x . P y"""
-    out = 0.0
-    for b in range(len(P)):
-        for a in range(3):
-            out += x[b, a] * (P[b, a, 0] * y[b, 0] + P[b, a, 1] * y[b, 1] + P[b, a, 2] * y[b, 2])
-    return out

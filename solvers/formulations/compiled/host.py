@@ -2,17 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from ....harness.clock import cpu_seconds
 from ....harness.types import Problem, States, Status, StepControl, Trajectory
+from ..refusals import without_phi
 from . import marching
 from .entries import Bound, reach
 from .kernel import Kernel, make_kernel, start_at
 from .marching import March, Record, empty_record, march, new_control
-from .mechanism import make_mechanism
 
 FIRST_STEP = 1e-4  # [s] grown from, five-fold a step at most
 ROUNDINGS = 16.0  # of the largest coordinate in a component of phi
@@ -30,7 +30,6 @@ class Method:
     order: float = 0.0  # of the error estimate in h; 0: fixed steps
     rate: float = 0.0  # [rad/s] of reversible step control; 0: none
     counters: tuple[str, ...] = ("rejected",)  # fields of the control
-    explicit: bool = False  # with code of the whole mechanism: 0.03 to 1.1 CPU-s to make, for half the time of a run
     needs: tuple[str, ...] = ()  # entries of the kernel beside those that these functions name
     notes: tuple[str, ...] = field(default=())
     most_cuts: int = 0  # halvings of a fixed step that fails
@@ -53,6 +52,33 @@ def tolerance_of(asked: float, problem: Problem) -> tuple[float, tuple[str, ...]
     return rounding, (words,)
 
 
+class Marched:
+    """A solver whose method marches here. Redundant rows are dropped as they appear."""
+
+    name: ClassVar[str]
+    paper_label: ClassVar[str] = ""
+    control: ClassVar[str] = "dt"
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Nothing."""
+        return None
+
+    def _method(self, problem: Problem, control: StepControl) -> Method:
+        raise NotImplementedError
+
+    def solve(self, problem: Problem, control: StepControl) -> Trajectory:
+        """March to the end, with the fixed step ``control.dt`` or error control at ``control.rtol``."""
+        return integrate(problem, control, self._method(problem, control))
+
+
+class ClosedMarch(Marched):
+    """One that solves for phi = 0 at the ends of steps."""
+
+    def refuses(self, problem: Problem, control: StepControl) -> str | None:
+        """Rows without phi."""
+        return without_phi(problem.system)
+
+
 class Marcher:
     """A method at work: its kernel, and bundles of its step and of its march, at the start of a problem."""
 
@@ -61,14 +87,12 @@ class Marcher:
         needed = {*([] if method.start else ["accelerate"]), *method.needs}.union(
             *(reach(function).names for function in functions)
         )
-        make = make_mechanism(problem.system, needed) if method.explicit else None
-        self._made = make or make_kernel(problem.system, needed)
-        self.method, self.state, self.kernel = method, state, self._made.kernel
+        self.method, self.state, self.kernel = method, state, make_kernel(problem.system, needed)
         start_at(self.kernel, problem.initial)
         self.bundle = method.prepare(self.kernel, state)
         self._entries = Bound(method.step, self.bundle), Bound(method.finish, self.bundle)
         self._told = self.bundle.told if method.tells else UNTOLD
-        self.start = Bound(method.start, self.bundle) if method.start else self._made.entry("accelerate")
+        self.start = Bound(method.start, self.bundle) if method.start else self.kernel.accelerate.run
         self.start()
         self.reaction = self.kernel.lam[self.kernel.order][None]
         self.stretch(0)  # compiles, or loads

@@ -4,8 +4,7 @@ Joints are taken apart into what S has one block for: at most ``WIDTH`` rows, po
 line, axis or moving rows alone. They are sorted by kind, so that each kind is one loop; ``order`` leads back.
 """
 
-from collections.abc import Callable, Collection, Iterator
-from functools import partial
+from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,11 +13,12 @@ from ....harness.mechanics import joints
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import GROUND, MultibodySystem
 from ....harness.mechanics.user_forces import NUMBERS as NUMBERS_READ
-from ..rows.kept import body_code, push_code, push_slope_code, row_code, row_slope_code
+from ..generated import Code, Program
+from ..rows.kept import code_of, row_code
 from ..rows.numbers import force_numbers, joint_numbers
 from . import evaluation, factor, user_forces
 from .blocks import WIDTH, Blocks, analyse
-from .entries import Bound, Program, reach
+from .entries import Bound, reach
 
 STATE = np.dtype([("shift", "f8"), ("rank", "i8")])
 
@@ -33,18 +33,17 @@ class Users(NamedTuple):
 
 
 class Kernel(NamedTuple):
-    """Arrays of one mechanism at one state, and the words of its entries. Rows are in the kernel's order."""
+    """Arrays of one mechanism at one state, and its entries, programs. Rows are in the kernel's order."""
 
     mass: Any  # (nb,)
     J: Any  # (nb, 3, 3)
-    J_inv: Any  # (nb, 3, 3) with all inertia that is lent
-    coupled: Any  # (nb, 3, 3) what is to be taken back of it; (0, 3, 3) where nothing is
+    J_inv: Any  # (nb, 3, 3)
     body: Any  # (nj, 2) ends of each joint, -1: the ground
     row: Any  # (nj + 1,) first row of each joint
     pins: Any  # (nj,) 1: the first three rows are point rows, the others have no force
     blocks: Blocks
     users: Users
-    state: Any  # record: shift of S's diagonal (relative), rank found (by loops; straight code leaves 0)
+    state: Any  # record: shift of S's diagonal (relative), rank found
     t: Any  # (1,) [s], to be set before rows and forces are evaluated
     r: Any  # (nb, 3)
     R: Any  # (nb, 3, 3)
@@ -62,9 +61,6 @@ class Kernel(NamedTuple):
     L: Any  # (nblocks, WIDTH, WIDTH): S, then its factor; diagonal entries inverted, 0 for a redundant row
     diagonal: Any  # (nrows,) of S, what its pivots are compared with
     change: Any  # (nb, 6)
-    spun: Any  # (nb, 3)
-    left: Any  # (nb, 3)
-    toward: Any  # (nb, 3)
     x: Any  # (nrows,) of ``push``, ``push_kept``: multipliers; of ``slips`` its result
     w: Any  # (nb, 6) of ``push``, ``push_kept``, ``slips``, ``divide``: velocities
     Y0: Any  # Y and way that ``keep_rows`` has kept
@@ -74,27 +70,26 @@ class Kernel(NamedTuple):
     by_pose: Any  # (npairs, 6, 6) slopes by dr [space] and dtheta, R exp(hat(dtheta))
     by_rate: Any  # (npairs, 6, 6) slopes by velocities
     rate_slope: Any  # (2, nrows, 6) d(phi_dot)/d(pose) of either end
-    rows: int = 0  # X, Y, way, phi, slip, gamma at (t, r, R, v)
-    factorise: int = 0  # S of these rows, and its factor
-    solve: int = 0  # rhs := S^-1 rhs
-    forces: int = 0  # force, less Omega x J Omega
-    applied: int = 0  # force alone
-    react: int = 0  # v_dot and lam with rows and factor at hand
-    accelerate: int = 0  # rows, factorise, react
-    reactions: int = 0  # rows, react
-    project: int = 0  # poses and velocities onto the constraints
-    project_rates: int = 0  # velocities alone, with rows and factor at hand
-    divide: int = 0  # w := M^-1 w
-    push: int = 0  # w += M^-1 A^T x
-    push_kept: int = 0  # with the rows kept
-    keep_rows: int = 0
-    slips: int = 0  # x := -(A w + phi_t)
-    take_back: int = 0  # of ``react``: lent inertia
-    force_slopes: int = 0  # by_pose, by_rate := slopes of ``forces``
-    applied_slopes: int = 0  # the same of ``applied``
-    spring_slopes: int = 0  # of spring-dampers alone
-    load_slopes: int = 0  # by_pose += slopes of A^T lam, with ``lam`` as it is
-    rate_slopes: int = 0  # rate_slope
+    rows: Any = 0  # X, Y, way, phi, slip, gamma at (t, r, R, v)
+    factorise: Any = 0  # S of these rows, and its factor
+    solve: Any = 0  # rhs := S^-1 rhs
+    forces: Any = 0  # force, less Omega x J Omega
+    applied: Any = 0  # force alone
+    react: Any = 0  # v_dot and lam with rows and factor at hand
+    accelerate: Any = 0  # rows, factorise, react
+    reactions: Any = 0  # rows, react
+    project: Any = 0  # poses and velocities onto the constraints
+    project_rates: Any = 0  # velocities alone, with rows and factor at hand
+    divide: Any = 0  # w := M^-1 w
+    push: Any = 0  # w += M^-1 A^T x
+    push_kept: Any = 0  # with the rows kept
+    keep_rows: Any = 0
+    slips: Any = 0  # x := -(A w + phi_t)
+    force_slopes: Any = 0  # by_pose, by_rate := slopes of ``forces``
+    applied_slopes: Any = 0  # the same of ``applied``
+    spring_slopes: Any = 0  # of spring-dampers alone
+    load_slopes: Any = 0  # by_pose += slopes of A^T lam, with ``lam`` as it is
+    rate_slopes: Any = 0  # rate_slope
 
 
 ENTRIES = tuple(Kernel._field_defaults)
@@ -110,31 +105,15 @@ class Part(NamedTuple):
     joint: int
 
 
-class Made(NamedTuple):
-    """A kernel, and what keeps its entries alive."""
-
-    kernel: Kernel
-    keeps: list[Any]
-
-    def entry(self, name: str) -> Callable[[], None]:
-        """An entry, to be called from Python."""
-        return partial(Program.run, getattr(self.kernel, name))
+def make_kernel(system: MultibodySystem, needed: Collection[str] = ENTRIES) -> Kernel:
+    """The kernel, with the entries that are needed."""
+    return finish_kernel(system, empty_kernel(system), needed)
 
 
-def make_kernel(system: MultibodySystem, needed: Collection[str] = ENTRIES) -> Made:
-    """The kernel by loops over joints of one kind, for mechanisms of any size, with the entries that are needed."""
-    return finish_kernel(*empty_kernel(system), {}, needed)
-
-
-def empty_kernel(system: MultibodySystem) -> tuple[Kernel, "Loops"]:
-    """Arrays without entries, and what makes them."""
-    k, parts = _room(system)
-    return k, Loops(system, k, parts)
-
-
-def finish_kernel(k: Kernel, loops: "Loops", given: dict[str, Program], needed: Collection[str]) -> Made:
-    """The kernel with the entries ``given``, and others that are needed beside them."""
-    made = dict(given)
+def finish_kernel(system: MultibodySystem, k: Kernel, needed: Collection[str]) -> Kernel:
+    """Arrays with the entries that are needed."""
+    loops = Loops(system, k)
+    made: dict[str, Program] = {}
 
     def program(name: str) -> Program:
         if name not in made:
@@ -142,22 +121,20 @@ def finish_kernel(k: Kernel, loops: "Loops", given: dict[str, Program], needed: 
         return made[name]
 
     def one(name: str) -> Program:
-        if name == "take_back" and not len(k.coupled):
-            return Program([])
-        if name in loops.MADE:
+        if hasattr(loops, name):
             return Program(getattr(loops, name)(), keeps=loops)
         if name in JOINED:
             parts = [program(part) for part in JOINED[name]]
             return Program([step for part in parts for step in part.steps], keeps=parts)
         points = "_points" if k.L.shape[1] == 3 else ""
         function = getattr(factor, name + points) if name in FACTOR else getattr(evaluation, name)
-        return Bound(function, with_entries(reach(function).names)).program
+        return Bound(function, with_entries(reach(function).names))
 
     def with_entries(names: Collection[str]) -> Kernel:
-        words: dict[str, Any] = {x: program(x).entry for x in ENTRIES if x in names}
-        return k._replace(**words)
+        found: dict[str, Any] = {x: program(x) for x in ENTRIES if x in names}
+        return k._replace(**found)
 
-    return Made(with_entries(needed), [loops, *made.values()])
+    return with_entries(needed)
 
 
 FACTOR = ("factorise", "solve")
@@ -169,10 +146,9 @@ def start_at(k: Kernel, state: State) -> None:
     k.r[:], k.R[:], k.v[:, :3], k.v[:, 3:], k.t[0] = state.r, state.R, state.v, state.Omega, state.t
 
 
-def _room(system: MultibodySystem) -> tuple[Kernel, list[Part]]:
-    found = list(_parts(system))
-    place = _sorted(found)
-    parts = parts_of(system)
+def empty_kernel(system: MultibodySystem) -> Kernel:
+    """Arrays without entries."""
+    place, parts = parts_of(system)
     size = np.array([part.hi - part.lo for part in parts], dtype=np.int64)
     row = np.concatenate(([0], np.cumsum(size))).astype(np.int64)
     joint = np.array([part.joint for part in parts], dtype=np.int64)
@@ -186,46 +162,32 @@ def _room(system: MultibodySystem) -> tuple[Kernel, list[Part]]:
     pins = np.array([c.point == 3 and part.lo == 0 for c, part in zip(counts, parts, strict=True)], dtype=np.int64)
     users = np.stack((system.user_i, system.user_j), axis=1).astype(np.int64)
 
-    def bodies(*shape: int) -> np.ndarray:  # with one more, the ground, behind
-        return np.zeros((nb + 1, *shape))[:nb]
+    def bodies(*shape: int) -> np.ndarray:
+        return np.zeros((nb, *shape))
 
-    taken_back, blocks = system.taken_back, _blocks(body, row, place)
+    blocks = _blocks(body, row, place)
     pair = _pairs(system)
     width = 3 if np.max(size, initial=0) <= 3 else WIDTH
     return Kernel(
-        mass=np.array(system.mass), J=np.array(system.solved_inertia), J_inv=_filled(bodies(3, 3), _inverse(system)),
-        coupled=np.array(taken_back) if np.any(taken_back) else np.zeros((0, 3, 3)),
+        mass=np.array(system.mass), J=np.array(system.regular_inertia), J_inv=np.linalg.inv(system.regular_inertia),
         body=body, row=row, pins=pins, blocks=blocks, state=np.zeros((), dtype=STATE),
         users=Users(users, np.array([law.entry.address for law in system.user_law], dtype=np.int64),
                     np.zeros(NUMBERS_READ), np.zeros((4, 3))),
         t=np.zeros(1), r=bodies(3), R=bodies(3, 3), v=bodies(6), v_dot=bodies(6), force=bodies(6),
         X=np.zeros((2, nr, 3)), Y=np.zeros((2, nr, 3)), way=np.zeros((nr, 3)), phi=np.zeros(nr), slip=np.zeros(nr),
         gamma=np.zeros(nr), lam=np.zeros(nr), rhs=np.zeros(nr), diagonal=np.zeros(nr),
-        L=np.zeros((len(blocks.other), width, width)),
-        change=bodies(6), spun=bodies(3), left=bodies(3), toward=bodies(3),
+        L=np.zeros((len(blocks.other), width, width)), change=bodies(6),
         x=np.zeros(nr), w=bodies(6), Y0=np.zeros((2, nr, 3)), way0=np.zeros((nr, 3)), order=order,
         pair=pair, by_pose=np.zeros((len(pair), 6, 6)), by_rate=np.zeros((len(pair), 6, 6)),
         rate_slope=np.zeros((2, nr, 6)),
-    ), parts  # fmt: skip
+    )  # fmt: skip
 
 
-def parts_of(system: MultibodySystem) -> list[Part]:
-    """In the kernel's order: by kind."""
+def parts_of(system: MultibodySystem) -> tuple[list[int], list[Part]]:
+    """In the kernel's order, by kind: their places in the system's, and they."""
     found = list(_parts(system))
-    return [found[p] for p in _sorted(found)]
-
-
-def _sorted(parts: list[Part]) -> list[int]:
-    return sorted(range(len(parts)), key=lambda p: (parts[p][:4], p))
-
-
-def _filled(room: np.ndarray, values: np.ndarray) -> np.ndarray:
-    room[:] = values
-    return room
-
-
-def _inverse(system: MultibodySystem) -> np.ndarray:
-    return np.linalg.inv(system.regular_inertia) if system.nb else np.zeros((0, 3, 3))
+    place = sorted(range(len(found)), key=lambda p: (found[p][:4], p))
+    return place, [found[p] for p in place]
 
 
 def _parts(system: MultibodySystem) -> Iterator[Part]:
@@ -262,25 +224,14 @@ def _pairs(system: MultibodySystem) -> np.ndarray:
     return np.array([*((b, b) for b in range(system.nb)), *apart], dtype=np.int64).reshape(-1, 2)
 
 
-Step = tuple[int, list[np.ndarray]]
+Step = tuple[int, Sequence[np.ndarray]]
 
 
 class Loops:
     """Entries that are loops over joints or forces of one kind, as steps of programs."""
 
-    MADE = (
-        "rows",
-        "forces",
-        "applied",
-        "force_slopes",
-        "applied_slopes",
-        "spring_slopes",
-        "load_slopes",
-        "rate_slopes",
-    )
-
-    def __init__(self, system: MultibodySystem, k: Kernel, parts: list[Part]) -> None:
-        self._system, self._k, self._parts = system, k, parts
+    def __init__(self, system: MultibodySystem, k: Kernel) -> None:
+        self._system, self._k, self._parts = system, k, parts_of(system)[1]
         self._place = {(int(a), int(b)): n for n, (a, b) in enumerate(k.pair)}
         self._keeps: list[Any] = []
         self._groups = list(self._grouped())
@@ -288,6 +239,10 @@ class Loops:
             way = row_code(*group.key).way
             if way is not None:
                 k.way[group.rows] = np.tile(way, (len(group.body), 1))
+
+    def _step(self, group: "Group", code: Code, name: str, *arrays: np.ndarray) -> Step:
+        self._keeps.append(code)
+        return code.address(name), [group.members, self._k.t, group.numbers, *arrays]
 
     def rows(self) -> list[Step]:
         """X, Y, way, phi, slip, gamma."""
@@ -298,30 +253,30 @@ class Loops:
             stored += [] if made.way is not None else [k.way[rows]]
             stored += [] if made.still else [k.slip[rows]]
             at = places_of(group, (k.r, 3), (k.R, 9), (k.v, 6), (k.J_inv, 9))
-            steps.append((made.code.address("rows"), [group.members, k.t, group.numbers, *at, *stored]))
-            self._keeps.append(made)
+            steps.append(self._step(group, made.code, "rows", *at, *stored))
         return steps
 
     def load_slopes(self) -> list[Step]:
         """Slopes of A^T lam."""
-        k, steps = self._k, []
-        for group in self._groups:
-            code = row_slope_code(*group.key)
-            at = [*places_of(group, (k.r, 3), (k.R, 9)), *self._blocks(k.by_pose, group)]
-            steps.append((code.address("load_slopes"), [group.members, k.t, group.numbers, k.lam[group.rows], *at]))
-            self._keeps.append(code)
-        return steps
+        k = self._k
+        return [
+            self._step(
+                group, code_of("loops.row_slopes", *group.key), "load_slopes", k.lam[group.rows],
+                *places_of(group, (k.r, 3), (k.R, 9)), *self._blocks(k.by_pose, group),
+            )
+            for group in self._groups
+        ]  # fmt: skip
 
     def rate_slopes(self) -> list[Step]:
         """Slopes of phi_dot."""
-        k, steps = self._k, []
-        for group in self._groups:
-            code = row_slope_code(*group.key)
-            at = places_of(group, (k.r, 3), (k.R, 9), (k.v, 6))
-            stored = [k.rate_slope[e, group.rows] for e in group.ends]
-            steps.append((code.address("rate_slopes"), [group.members, k.t, group.numbers, *at, *stored]))
-            self._keeps.append(code)
-        return steps
+        k = self._k
+        return [
+            self._step(
+                group, code_of("loops.row_slopes", *group.key), "rate_slopes",
+                *places_of(group, (k.r, 3), (k.R, 9), (k.v, 6)), *(k.rate_slope[e, group.rows] for e in group.ends),
+            )
+            for group in self._groups
+        ]  # fmt: skip
 
     def forces(self) -> list[Step]:
         """Applied forces less the gyroscopic torque."""
@@ -332,18 +287,21 @@ class Loops:
         return self._loads("applied")
 
     def _loads(self, bodies: str) -> list[Step]:
-        s, k, code = self._system, self._k, body_code()
-        weight = s.mass[:, None] * s.gravity
-        steps: list[Step] = [(code.address(bodies), [np.array([s.nb]), weight, k.J, k.v, k.force])]
+        k, steps = self._k, [self._on_bodies(bodies)]
         for kind, group in self._pushing():
-            code = push_code(kind, group.ends == [0])
             at = [*places_of(group, (k.r, 3), (k.R, 9), (k.v, 6)), *places_of(group, (k.force, 6))]
-            steps.append((code.address("push"), [group.members, k.t, group.numbers, *at]))
+            steps.append(self._step(group, code_of("loops.push", kind, group.ends == [0]), "push", *at))
         return [*steps, *self._users(user_forces.add_user_forces)]
+
+    def _on_bodies(self, name: str) -> Step:
+        s, k = self._system, self._k
+        weight = s.mass[:, None] * s.gravity
+        return code_of("loops.bodies").address(name), [np.array([s.nb]), weight, k.J, k.v, k.force]
 
     def force_slopes(self) -> list[Step]:
         """Slopes of ``forces``."""
-        turning = body_code().address("slopes"), [np.array([self._system.nb]), self._k.J, self._k.v, self._k.by_rate]
+        nb, k = np.array([self._system.nb]), self._k
+        turning = code_of("loops.bodies").address("slopes"), [nb, k.J, k.v, k.by_rate]
         zero, *pushes = self.applied_slopes()
         return [zero, pushes[0], turning, *pushes[1:]]
 
@@ -356,24 +314,21 @@ class Loops:
         return self._push_slopes("spring")
 
     def _push_slopes(self, *kinds: str) -> list[Step]:
-        k, code = self._k, body_code()
-        steps: list[Step] = [(code.address("zero"), [np.array([a.size]), a]) for a in (k.by_pose, k.by_rate)]
+        k, zero = self._k, code_of("loops.bodies").address("zero")
+        steps: list[Step] = [(zero, [np.array([a.size]), a]) for a in (k.by_pose, k.by_rate)]
         for kind, group in self._pushing():
-            if kind not in kinds:
-                continue
-            code = push_slope_code(kind, group.ends == [0])
-            at = [*places_of(group, (k.r, 3), (k.R, 9), (k.v, 6)), *self._blocks(k.by_pose, group),
-                  *self._blocks(k.by_rate, group)]  # fmt: skip
-            steps.append((code.address("slopes"), [group.members, k.t, group.numbers, *at]))
+            if kind in kinds:
+                code, at = code_of("loops.push_slopes", kind, group.ends == [0]), [(k.r, 3), (k.R, 9), (k.v, 6)]
+                blocks = (x for a in (k.by_pose, k.by_rate) for x in self._blocks(a, group))
+                steps.append(self._step(group, code, "slopes", *places_of(group, *at), *blocks))
         return steps
 
     def _users(self, function: Callable[[Any], None]) -> list[Step]:
-        k = self._k
-        if not len(k.users.law):
+        if not len(self._k.users.law):
             return []
-        users = Bound(function, k)
+        users = Bound(function, self._k)
         self._keeps.append(users)
-        return [(address, list(arrays)) for address, arrays in users.program.steps]
+        return users.steps
 
     def _blocks(self, slopes: np.ndarray, group: "Group") -> Iterator[np.ndarray]:
         for a in group.ends:

@@ -3,22 +3,15 @@
 ``rows``: phi at the end, X, Y and way of the mean rows; ``forces``: mean loads, less Omega x J Omega of the mean v.
 """
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
-from ..rows.kept import body_code, mean_push_code, mean_row_code, row_code
+from ..generated import Program
+from ..rows.kept import code_of, row_code
 from ..rows.means import BODY
-from .entries import Program
-from .kernel import Group, Kernel, Loops, Step, parts_of, places_of
-
-
-class Entry(int):
-    """The word of a program, which lives as long as this."""
-
-    program: Program
+from .kernel import Group, Kernel, Loops, Step, places_of
 
 
 class Means(NamedTuple):
@@ -27,24 +20,16 @@ class Means(NamedTuple):
     h: Any  # (1,) [s]
     r0: Any  # (nb, 3)
     R0: Any  # (nb, 3, 3)
-    mean_rows: Entry
-    mean_forces: Entry
-
-
-def make_entry(steps: Sequence[Step], keeps: Any) -> Entry:
-    """An entry of these calls."""
-    program = Program(steps, keeps)
-    entry = Entry(program.entry)
-    entry.program = program
-    return entry
+    mean_rows: Program
+    mean_forces: Program
 
 
 def make_means(system: MultibodySystem, k: Kernel) -> Means:
     """Mean-value entries on the arrays of ``k``; ValueError on rows without a discrete gradient."""
     h, r0, R0 = np.zeros(1), np.zeros((system.nb, 3)), np.zeros((system.nb, 3, 3))
-    loops = MeanLoops(system, k, parts_of(system))
+    loops = MeanLoops(system, k)
     loops.start = h, r0, R0
-    return Means(h, r0, R0, make_entry(loops.rows(), (loops, k)), make_entry(loops.forces(), (loops, k)))
+    return Means(h, r0, R0, Program(loops.rows(), (loops, k)), Program(loops.forces(), (loops, k)))
 
 
 class MeanLoops(Loops):
@@ -54,9 +39,10 @@ class MeanLoops(Loops):
 
     def rows(self) -> list[Step]:
         """phi at the end; X, Y, way of the mean rows."""
-        k, steps = self._k, []
+        k = self._k
+        steps: list[Step] = []
         for group in self._groups:
-            code, rows, ends = mean_row_code(*group.key), group.rows, group.ends
+            code, rows, ends = code_of("means.rows", *group.key), group.rows, group.ends
             stored = [k.phi[rows], *(k.X[e, rows] for e in ends), *(k.Y[e, rows] for e in ends)]
             stored += [] if row_code(*group.key).way is not None else [k.way[rows]]
             given = [group.members, self.start[0], group.numbers, *self._both(group), *stored]
@@ -65,13 +51,13 @@ class MeanLoops(Loops):
         return steps
 
     def _loads(self, bodies: str) -> list[Step]:
-        s, k, code = self._system, self._k, body_code()
-        weight = s.mass[:, None] * s.gravity
-        steps: list[Step] = [(code.address(bodies), [np.array([s.nb]), weight, k.J, k.v, k.force])]
+        k = self._k
+        steps: list[Step] = [self._on_bodies(bodies)]
         for kind, group in self._pushing():
-            code = mean_push_code(kind, group.ends == [0])
+            code = code_of("means.push", kind, group.ends == [0])
             given = [group.members, k.t, self.start[0], group.numbers, *self._both(group)]
             steps.append((code.address("push"), [*given, *places_of(group, (k.force, 6))]))
+            self._keeps.append(code)
         return steps
 
     def _both(self, group: Group) -> list[np.ndarray]:

@@ -4,7 +4,6 @@ Whatever the kernel leaves not finite goes to the harness's own functions in Num
 """
 
 import threading
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -13,9 +12,10 @@ from jaxtyping import Float
 from ....harness.mechanics import consistency, dynamics
 from ....harness.mechanics.counting import counted
 from ....harness.mechanics.dynamics import Rates
+from ....harness.mechanics.lent import check_idle
 from ....harness.mechanics.state import State
 from ....harness.mechanics.system import MultibodySystem
-from .kernel import Kernel, Made, make_kernel, start_at
+from .kernel import Kernel, make_kernel, start_at
 
 SHIFT = 1e-6  # of S's diagonal: what redundant rows carry is then good to 1e-10, and weak rows settle in a few passes
 PASSES = 30  # of refinement at most
@@ -25,11 +25,11 @@ ITERATIONS, CLOSED = 20, 1e-14  # of Gauss-Newton, [m] of phi: as in ``mechanics
 
 
 class Entries(NamedTuple):
-    """A kernel and its entries, of one thread."""
+    """A kernel of one thread."""
 
     system: MultibodySystem  # alive, and its id its own, as long as this is kept
-    made: Made  # what keeps the entries alive
-    run: dict[str, Callable[[], None]]
+    kernel: Kernel
+    lent: np.ndarray | None  # (nb, 3, 3), and None without any
 
 
 class _Kept(threading.local):
@@ -48,21 +48,23 @@ def accelerations(system: MultibodySystem, s: State, phi_ddot: Float[np.ndarray,
 
     M a = f + A^T reaction with A a + A_dot v = ``phi_ddot``. Redundant rows share their load: of all reactions with
     this load the sum of squares is least, rows scaled to length one in the metric of M^-1. Off the constraints, where
-    redundant rows contradict each other, the others hold. ValueError where joints do not make M regular.
+    redundant rows contradict each other, the others hold. ValueError where a body is
+    accelerated about an axis without inertia.
     """
-    _, made, run = _entries(system, "accelerations")
-    k = made.kernel
+    _, k, lent = _entries(system, "accelerations")
     start_at(k, s)
-    run["rows"]()
+    k.rows.run()
     if np.any(phi_ddot):
         k.gamma[k.order] -= phi_ddot
-    run["factorise"]()
+    k.factorise.run()
     redundant = k.state["rank"] < system.nrows
-    run["react"]()
+    k.react.run()
     if redundant:
-        _share(k, run)
+        _share(k)
     if not (np.isfinite(k.v_dot).all() and np.isfinite(k.lam).all()):
         return dynamics.accelerations(system, s, phi_ddot)
+    if lent is not None:
+        check_idle(lent, system.gyration, k.force, k.v_dot[:, 3:])
     return Rates(s.v, s.Omega, k.v_dot[:, :3].copy(), k.v_dot[:, 3:].copy(), k.lam[k.order])
 
 
@@ -71,19 +73,18 @@ def project(system: MultibodySystem, state: State, iterations: int = ITERATIONS)
 
     A body's inertia counts as the same about all axes, the mean. InconsistentStart where no pose is found.
     """
-    _, made, run = _entries(system, "project")
-    k = made.kernel
+    _, k, _ = _entries(system, "project")
     start_at(k, state)
     v = k.v.copy()
-    run["rows"]()
+    k.rows.run()
     for _ in range(iterations):
         if np.max(np.abs(k.phi), initial=0.0) < CLOSED:
             break
-        run["factorise"]()
-        run["project"]()
+        k.factorise.run()
+        k.project.run()
         k.v[:] = v
-    run["factorise"]()
-    run["project_rates"]()
+    k.factorise.run()
+    k.project_rates.run()
     if not all(np.isfinite(a).all() for a in (k.r, k.R, k.v)):
         return consistency.project(system, state, iterations)
     out = State(k.r.copy(), k.R.copy(), k.v[:, :3].copy(), k.v[:, 3:].copy(), state.t)
@@ -100,29 +101,30 @@ NEEDED = {
 def _entries(system: MultibodySystem, what: str) -> Entries:
     key, kept = (id(system), what), _kept.entries
     if key not in kept:
-        made = make_kernel(system, NEEDED[what])
+        k = make_kernel(system, NEEDED[what])
         if what == "project":
             size = np.trace(system.regular_inertia, axis1=1, axis2=2) / 3.0
-            made.kernel.J_inv[:] = np.eye(3) / size[:, None, None]
+            k.J_inv[:] = np.eye(3) / size[:, None, None]
         if len(kept) >= KEPT:
             del kept[next(iter(kept))]
-        kept[key] = Entries(system, made, {name: made.entry(name) for name in NEEDED[what]})
+        lent = system.lent if np.any(system.lent) else None
+        kept[key] = Entries(system, k, lent)
     return kept[key]
 
 
-def _share(k: Kernel, run: dict[str, Callable[[], None]]) -> None:
+def _share(k: Kernel) -> None:
     """Take from ``lam`` what carries no load, its part n with S n = 0: n -= (S + e D)^-1 S n, from n = ``lam``."""
     k.state["shift"] = SHIFT
-    run["factorise"]()
+    k.factorise.run()
     k.state["shift"] = 0.0
     idle, length = k.lam.copy(), np.sqrt(k.diagonal)
     size = np.linalg.norm(length * k.lam)
     for _ in range(PASSES):
         k.x[:], k.w[:] = idle, 0.0
-        run["push"]()
-        run["slips"]()
+        k.push.run()
+        k.slips.run()
         k.rhs[:] = -(k.x + k.slip)
-        run["solve"]()
+        k.solve.run()
         idle -= k.rhs
         if not np.linalg.norm(length * k.rhs) > SETTLED * size:
             break

@@ -11,7 +11,7 @@ import numpy as np
 
 from ....harness.mechanics import joints
 from ....harness.mechanics.system import MultibodySystem
-from .kernel import Loops, Made, empty_kernel, finish_kernel, parts_of
+from .kernel import Kernel, empty_kernel, finish_kernel
 
 ROW = list(joints.KINDS).index("driven distance")
 
@@ -41,20 +41,19 @@ class Stages(NamedTuple):
 ARRAYS = Stages._fields[: Stages._fields.index("rows")]
 
 
-def stack_kernels(system: MultibodySystem, n: int, needed: Collection[str]) -> tuple[Stages, list[Made]]:
-    """``n`` kernels of a system, and what keeps their entries alive."""
-    one, _ = empty_kernel(system)
+def stack_kernels(system: MultibodySystem, n: int, needed: Collection[str]) -> tuple[Stages, list[Kernel]]:
+    """``n`` kernels of a system, stacked, and apart: these keep the entries alive."""
+    one = empty_kernel(system)
     stacked = {name: np.zeros((n, *getattr(one, name).shape)) for name in ARRAYS}
     made = []
     for i in range(n):
-        k, _ = empty_kernel(system)
-        k = k._replace(**{name: a[i] for name, a in stacked.items()})
-        made.append(finish_kernel(k, Loops(system, k, parts_of(system)), {}, needed))
-    words = [np.array([getattr(k, name) for k, _ in made]) for name in Stages._fields[len(ARRAYS) :]]
+        k = empty_kernel(system)._replace(**{name: a[i] for name, a in stacked.items()})
+        made.append(finish_kernel(system, k, needed))
+    words = [np.array([int(getattr(k, name)) for k in made]) for name in Stages._fields[len(ARRAYS) :]]
     return Stages(*stacked.values(), *words), made
 
 
-def make_springs(system: MultibodySystem, n: int) -> tuple[Stages, list[Made], np.ndarray]:
+def make_springs(system: MultibodySystem, n: int) -> tuple[Stages, list[Kernel], np.ndarray]:
     """``n`` kernels whose joints are the springs of a system; stiffness, free length and damping (3, ns)."""
     s, m = system, len(system.spring_k)
     none, some, of_time = np.zeros(m, dtype=np.int64), np.zeros((m, 3)), np.zeros((m, 7))
@@ -62,13 +61,13 @@ def make_springs(system: MultibodySystem, n: int) -> tuple[Stages, list[Made], n
         s, joint_i=s.spring_i, joint_j=s.spring_j, joint_s_i=s.spring_p_i, joint_s_j=s.spring_p_j,
         joint_sort=none + ROW, joint_points=none, joint_lines=none, joint_axes=none, joint_moving=none + 1,
         joint_u=some, joint_w=some, joint_n=np.zeros((m, 3, 3)), joint_length=np.zeros(m), joint_motion=of_time,
-        coupled=s.taken_back, **_none(s, "spring", "torsion", "load", "user"),
+        **_none(s, "spring", "torsion", "load", "user"),
     )  # fmt: skip
     stages, made = stack_kernels(as_joints, n, ("rows", "push", "slips"))
-    for k, _ in made:
+    for k in made:
         k.J_inv[:] = np.linalg.inv(s.regular_inertia)  # what is lent depends on joints
     law = np.zeros((3, m))
-    law[:, made[0].kernel.order] = s.spring_k, s.spring_d0, s.spring_c
+    law[:, made[0].order] = s.spring_k, s.spring_d0, s.spring_c
     return stages, made, law
 
 

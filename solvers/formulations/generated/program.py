@@ -4,7 +4,7 @@ Any function without result whose arguments are all pointers can be a step: thos
 """
 
 from collections.abc import Sequence
-from functools import cache, partial
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,15 @@ MOST_ARGUMENTS = 56
 
 
 class Program:
-    """Calls of addresses with arrays, in order. It holds the arrays and what keeps the addresses valid."""
+    """Calls of addresses with arrays, in order. It holds the arrays and what keeps the addresses valid.
+
+    ``entry``, also ``int`` of it, is the word by which compiled code runs them.
+    """
 
     def __init__(self, steps: Sequence[tuple[int, Sequence[np.ndarray]]], keeps: Any = None) -> None:
         """Arrays are used where they are: C-contiguous, float64 or of the type that the function expects."""
-        words = [len(steps)]
+        self.steps = list(steps)
+        words = [runner().address("run"), len(steps)]
         for address, arrays in steps:
             if len(arrays) > MOST_ARGUMENTS:
                 raise ValueError(f"a call takes at most {MOST_ARGUMENTS} arrays (got {len(arrays)})")
@@ -27,8 +31,16 @@ class Program:
                 raise ValueError("arrays of a program are contiguous: functions know their addresses alone")
             words += [address, len(arrays), *(a.ctypes.data for a in arrays)]
         self._words = np.array(words, dtype=np.int64)
-        self._keeps = keeps, [arrays for _, arrays in steps], runner()
-        self.run = partial(self._keeps[2].function("run", 1), self._words.ctypes.data)
+        self._keeps = keeps
+        self.entry = self._words.ctypes.data
+        self._run = runner().function("run", 1)
+
+    def __int__(self) -> int:
+        return self.entry
+
+    def run(self) -> None:
+        """Carry out the calls."""
+        self._run(self.entry + 8)
 
 
 @cache

@@ -21,9 +21,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ....harness.types import Problem
 from ..compiled.algebra import clear, copy, largest
 from ..compiled.entries import inner, run
-from ..compiled.host import Method
+from ..compiled.host import Method, tolerance_of
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from .iteration import FAILED, MOST_ITERATIONS, settled
@@ -53,9 +54,10 @@ class Step(NamedTuple):
     eta: Any  # (nrows,)
 
 
-def alpha_steps(**scheme: float) -> Method:
+def alpha_steps(problem: Problem, tolerance: float, **scheme: float) -> Method:
     """The method with numbers of ``SCHEME``; what is not named is 0."""
-    return Method(partial(prepare, scheme=scheme), step, finish, start, counters=COUNTERS)
+    scheme["tolerance"], notes = tolerance_of(tolerance, problem)
+    return Method(partial(prepare, scheme=scheme), step, finish, start, counters=COUNTERS, notes=notes)
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, scheme: dict[str, float]) -> Step:

@@ -19,9 +19,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
+from ....harness.types import Problem
 from ..compiled.algebra import clear, copy, largest
 from ..compiled.entries import inner, run
-from ..compiled.host import Method
+from ..compiled.host import Method, tolerance_of
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from ..compiled.means import Means, make_means
@@ -46,10 +47,11 @@ class Step(NamedTuple):
     F2: Any  # (nrows,) and of the one before that
 
 
-def mean_value_steps(system: MultibodySystem, tolerance: float) -> Method:
+def mean_value_steps(problem: Problem, tolerance: float) -> Method:
     """The method, ``tolerance`` of phi and of the last correction of poses [m; without unit]."""
-    of_system = partial(prepare, system=system, tolerance=tolerance)
-    return Method(of_system, step, finish, start, counters=("iterations", "factorisations"))
+    tolerance, notes = tolerance_of(tolerance, problem)
+    of_system = partial(prepare, system=problem.system, tolerance=tolerance)
+    return Method(of_system, step, finish, start, counters=("iterations", "factorisations"), notes=notes)
 
 
 def prepare(kernel: Kernel, control: np.ndarray, *, system: MultibodySystem, tolerance: float) -> Step:

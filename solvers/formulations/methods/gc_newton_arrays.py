@@ -11,11 +11,11 @@ from ....harness.types import Problem, StepControl, Trajectory
 from ..compiled.block_lu import factor, solve
 from ..compiled.entries import Bound
 from ..compiled.host import Method, integrate
-from ..compiled.kernel import Kernel, Loops, parts_of, places_of
+from ..compiled.kernel import Kernel, Loops, places_of
 from ..compiled.kernel import Step as Call
 from ..compiled.marching import NOT_FINITE
-from ..compiled.means import Entry, make_entry
 from ..compiled.saddle_pattern import analyse
+from ..generated import Program
 from ..rows.kept import newton_code
 from . import gc_newton
 from .choices import TOLD, Settings
@@ -92,20 +92,14 @@ def make_step(
         T=np.zeros((nb, 9)), r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)),
         force0=np.zeros((nb, 6)), known=np.zeros((nb, 6)), off=np.zeros((nb, 6)), old_v=np.zeros((nb, 6)),
     )  # fmt: skip
-    loops = NewtonLoops(system, k, parts_of(system))
+    loops = NewtonLoops(system, k)
     loops.at, loops.couple, loops.choice = step, couple, direction
-    entries: dict[str, Any] = dict(loops.entries())
-    step = step._replace(factor_saddle=bound(factor, lu), solve_saddle=bound(solve, lu), **entries)
+    direct: dict[str, Any] = {"factor_saddle": Bound(factor, lu), "solve_saddle": Bound(solve, lu)}
+    step = step._replace(**direct, **loops.entries())
     for name in PARTS:
-        made: dict[str, Any] = {name: bound(getattr(gc_newton, name), step)}
+        made: dict[str, Any] = {name: Bound(getattr(gc_newton, name), step)}
         step = step._replace(**made)
     return step
-
-
-def bound(function: Any, bundle: Any) -> Entry:
-    """An entry that keeps alive what it calls."""
-    made = Bound(function, bundle)
-    return make_entry([(address, list(arrays)) for address, arrays in made.program.steps], made)
 
 
 def explain(s: Step, outcome: int, *, most_cuts: int) -> str:
@@ -127,7 +121,7 @@ class NewtonLoops(Loops):
     couple: bool
     choice: int  # of c in Eq. (31)
 
-    def entries(self) -> dict[str, Entry]:
+    def entries(self) -> dict[str, Any]:
         """All of them."""
         s, k = self.at, self._k
         o, system, symmetric = s.terms, self._system, bool(s.scheme["gauge"] != 0.0)
@@ -163,4 +157,4 @@ class NewtonLoops(Loops):
             for name, arrays in given.items():
                 calls[name].append((code.address(name), [group.members, *arrays]))
             self._keeps.append(code)
-        return {name: make_entry(some, (self._keeps, inertia)) for name, some in calls.items()}
+        return {name: Program(some, (self._keeps, inertia)) for name, some in calls.items()}

@@ -19,7 +19,7 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import copy, turned_by
 from ..compiled.entries import inner, run
-from ..compiled.kernel import Kernel, parts_of
+from ..compiled.kernel import Kernel
 from .choices import TOLD, Settings
 from .gc_wrenches import Arrays, WrenchLoops
 
@@ -84,7 +84,7 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
     )
     plan = np.array([0.0, 0.0, float(scheme["gauge"])])
     arrays = Arrays(plan, numbers, np.zeros((nb, 6)), np.zeros((nb, 6)), *(np.zeros(nr) for _ in range(4)))
-    loops = WrenchLoops(system, kernel, parts_of(system))
+    loops = WrenchLoops(system, kernel)
     loops.at = arrays
     entries = loops.entries(int(scheme["direction"]), use_f_bar=bool(scheme["use_f_bar"]))
     return Step(

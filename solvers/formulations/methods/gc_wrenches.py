@@ -1,12 +1,12 @@
 """Entries of ODE-GC's simplified method on a kernel's arrays: ``rows.wrenches``."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ..compiled.kernel import Loops, places_of
 from ..compiled.kernel import Step as Call
-from ..compiled.means import Entry, make_entry
+from ..generated import Program
 from ..rows.kept import wrench_code
 
 
@@ -28,7 +28,7 @@ class WrenchLoops(Loops):
 
     at: Arrays
 
-    def entries(self, direction: int, *, use_f_bar: bool) -> dict[str, Entry]:
+    def entries(self, direction: int, *, use_f_bar: bool) -> dict[str, Any]:
         """All of them."""
         k, at = self._k, self.at
         calls: dict[str, list[Call]] = {name: [] for name in ("begin", "impulses", "rates", "loads")}
@@ -49,4 +49,4 @@ class WrenchLoops(Loops):
             for name, arrays in given.items():
                 calls[name].append((code.address(name), arrays))
             self._keeps.append(code)
-        return {name: make_entry(some, (self._keeps, k)) for name, some in calls.items()}
+        return {name: Program(some, (self._keeps, k)) for name, some in calls.items()}

@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ....harness.mechanics.system import MultibodySystem
+from ....harness.types import Problem
 from ..compiled.algebra import copy, largest
 from ..compiled.entries import inner, run
-from ..compiled.host import Method
+from ..compiled.host import Method, tolerance_of
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from .free_body import Principal, principal, turn_discretely, turn_freely
@@ -53,15 +53,16 @@ def prepare(kernel: Kernel, control: np.ndarray, *, scheme: tuple, axes: Princip
 
 
 def symplectic_steps(
-    system: MultibodySystem, gamma: np.ndarray, tolerance: float, *, discrete: bool = False, rate: float = 0.0
+    problem: Problem, gamma: np.ndarray, tolerance: float, *, discrete: bool = False, rate: float = 0.0
 ) -> Method:
     """The method with sub-steps ``gamma`` h, phi below ``tolerance`` [m; axis rows without unit].
 
     Free bodies turn exactly, or by the discrete equations of Moser and Veselov; ``rate`` [rad/s] of reversible steps.
     """
+    system, (tolerance, notes) = problem.system, tolerance_of(tolerance, problem)
     scheme = (tolerance, int(not system.is_conservative), int(discrete))
-    of_system = partial(prepare, scheme=scheme, axes=principal(system.solved_inertia), gamma=gamma)
-    return Method(of_system, step, finish, start, rate=rate, counters=("iterations", "factorisations"))
+    of_system = partial(prepare, scheme=scheme, axes=principal(system.regular_inertia), gamma=gamma)
+    return Method(of_system, step, finish, start, rate=rate, counters=("iterations", "factorisations"), notes=notes)
 
 
 def start(s):

@@ -21,8 +21,8 @@ import numpy as np
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import clear, copy, largest
 from ..compiled.entries import inner, run
-from ..compiled.means import Entry, make_entry
 from ..compiled.soft_rows import Stages, make_springs
+from ..generated import Program
 from ..generated.steps import call_lapack, integer
 from .products import add_scaled
 
@@ -43,8 +43,8 @@ class Springs(NamedTuple):
     matrix: Any  # (3 ns, 3 ns), by ``factorise`` its factors
     change: Any  # (ns,) of p
     right: Any  # (3 ns,) right-hand side, by ``solve`` the solution
-    factorise: Entry
-    solve: Entry
+    factorise: Program
+    solve: Program
 
 
 def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: Any) -> Springs:
@@ -60,11 +60,11 @@ def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: An
         integer(0),
         np.zeros(3 * ns, "i4"),
     )
-    factorise = make_entry([call_lapack("dgetrf", n, n, matrix, lead, pivots, info)] if ns else [], None)
+    factorise = Program([call_lapack("dgetrf", n, n, matrix, lead, pivots, info)] if ns else [], None)
     transposed = np.frombuffer(b"T", dtype="i1")  # LAPACK reads by columns
     solve = [call_lapack("dgetrs", transposed, n, one, matrix, lead, pivots, right, lead, info)] if ns else []
     W, G = np.zeros((ns, nrows)), np.zeros((ns, ns))
-    entries = factorise, make_entry(solve, (keeps, made))
+    entries = factorise, Program(solve, (keeps, made))
     return Springs(stages, law, a, a @ a, p, old, tension, stretch, W, G, matrix, np.zeros(ns), right, *entries)
 
 

@@ -80,7 +80,7 @@ def row_expressions(kind: str, rows: tuple[int, ...] | None = None, *, space: bo
     declared = joints.DECLARED[kind]
     x, V, t, numbers = ca.SX.sym("x", 24), ca.SX.sym("V", 12), ca.SX.sym("t"), ca.SX.sym("p", NUMBERS)
     i, j, p = _pose(x, V, 0, space), _pose(x, V, 1, space), _joint_numbers(declared, numbers, t)
-    phi, rates = _column(declared.phi(i, j, p)), _column(declared.rates(i, j, p))
+    phi, rates = column(declared.phi(i, j, p)), column(declared.rates(i, j, p))
     x_dot = pose_rate(x, V, space=space)
     at, at_dot = ca.vertcat(x, t), ca.vertcat(x_dot, 1)
     full = ca.vertcat(ca.jtimes(phi, at, at_dot), rates)
@@ -103,7 +103,7 @@ def push_expressions(kind: str) -> PushExpressions:
     for body, sign in ((i, 1.0), (j, -1.0)):
         moment = body.R.T @ (torque + cross(point - body.r, force))
         load += [sign * force, sign * moment]
-    return PushExpressions(x, V, t, numbers, ca.densify(_column(np.concatenate(load))))
+    return PushExpressions(x, V, t, numbers, ca.densify(column(np.concatenate(load))))
 
 
 def push_of(kind: str, x: ca.SX, V: ca.SX, t: ca.SX, numbers: ca.SX) -> tuple[Pose, Pose, Push]:
@@ -134,7 +134,7 @@ def pose_rate(x: ca.SX, V: ca.SX, *, space: bool = False) -> ca.SX:
     """x_dot = (r_dot, R hat(Omega) by rows) of both bodies; R_dot = hat(omega) R in ``space``."""
     parts = []
     for e in range(2):
-        R = ca.reshape(x[12 * e + 3 : 12 * e + 12], 3, 3).T
+        R = matrix(x[12 * e + 3 : 12 * e + 12])
         hat = ca.skew(V[6 * e + 3 : 6 * e + 6])
         parts += [V[6 * e : 6 * e + 3], ca.vec((hat @ R if space else R @ hat).T)]
     return ca.vertcat(*parts)
@@ -162,5 +162,16 @@ def _symbols(a: ca.SX) -> np.ndarray:
     return np.array([Symbol(a[k]) for k in range(a.numel())], dtype=object)
 
 
-def _column(a: Sequence[Any] | np.ndarray) -> ca.SX:
+def column(a: Sequence[Any] | np.ndarray) -> ca.SX:
+    """Numbers as a vector."""
     return ca.vertcat(*[x.x if isinstance(x, Symbol) else x for x in a]) if len(a) else ca.SX(0, 1)
+
+
+def matrix(a: ca.SX) -> ca.SX:
+    """(3, 3) of nine numbers by rows."""
+    return ca.reshape(a, 3, 3).T
+
+
+def by_rows(a: ca.SX) -> ca.SX:
+    """The entries of a matrix by rows."""
+    return ca.vec(ca.densify(a).T)

@@ -1,11 +1,10 @@
 """Machine code of joints and forces by kind, kept under the text of their declarations: kept code needs no CasADi."""
 
 import hashlib
-from collections.abc import Callable
 from functools import cache
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,121 +24,42 @@ class RowCode(NamedTuple):
 
 @cache
 def row_code(kind: str, rows: tuple[int, ...], ground: bool) -> RowCode:
-    """``loops.row_loop`` as code."""
-
-    def functions(loops: ModuleType) -> dict[str, Any]:
-        loop, way, still = loops.row_loop(kind, rows, ground)
-        return {"rows": loop, "constants": loops.constants(way, still, len(rows))}
-
-    code = _code(f"rows {kind} {rows} {ground}", functions, joints.DECLARED[kind])
+    """``loops.rows`` as code."""
+    code = code_of("loops.rows", kind, rows, ground)
     constants = np.zeros(2 + 3 * len(rows))
     code.function("constants", 1)(constants.ctypes.data)
     way = constants[2:].reshape(len(rows), 3) if constants[0] else None
     return RowCode(code, way, bool(constants[1]))
 
 
-@cache
-def row_slope_code(kind: str, rows: tuple[int, ...], ground: bool) -> Code:
-    """Functions ``load_slopes`` and ``rate_slopes``."""
-
-    def functions(loops: ModuleType) -> dict[str, Any]:
-        return {
-            "load_slopes": loops.load_slope_loop(kind, rows, ground),
-            "rate_slopes": loops.rate_slope_loop(kind, rows, ground),
-        }
-
-    return _code(f"row slopes {kind} {rows} {ground}", functions, joints.DECLARED[kind])
-
-
-@cache
-def push_code(kind: str, ground: bool) -> Code:
-    """Function ``push``."""
-    return _code(f"push {kind} {ground}", lambda loops: {"push": loops.push_loop(kind, ground)}, forces.DECLARED[kind])
-
-
-@cache
-def push_slope_code(kind: str, ground: bool) -> Code:
-    """Function ``slopes``."""
-    of = forces.DECLARED[kind]
-    return _code(f"push slopes {kind} {ground}", lambda loops: {"slopes": loops.push_slope_loop(kind, ground)}, of)
-
-
-@cache
-def mean_row_code(kind: str, rows: tuple[int, ...], ground: bool) -> Code:
-    """Function ``rows`` of ``means.mean_row_loop``."""
-    return _code(
-        f"mean rows {kind} {rows} {ground}", lambda loops: {"rows": _means().mean_row_loop(kind, rows, ground)},
-        joints.DECLARED[kind],
-    )  # fmt: skip
-
-
-@cache
-def mean_push_code(kind: str, ground: bool) -> Code:
-    """Function ``push`` of ``means.mean_push_loop``."""
-    of = forces.DECLARED[kind]
-    return _code(f"mean push {kind} {ground}", lambda loops: {"push": _means().mean_push_loop(kind, ground)}, of)
-
-
-@cache
-def newton_code(kind: str, rows: tuple[int, ...], ground: bool, direction: int, **choices: bool) -> Code:
+def newton_code(*of: Any, **choices: bool) -> Code:
     """Functions of ``newton.newton_loops``."""
-
-    def functions(_: ModuleType) -> dict[str, Any]:
-        from . import newton  # and CasADi
-
-        return dict(newton.newton_loops(kind, rows, ground, direction, **choices))
-
-    return _code(f"newton {kind} {rows} {ground} {direction} {choices}", functions, joints.DECLARED[kind])
+    return code_of("newton.newton_loops", *of, **choices)
 
 
-@cache
-def wrench_code(
-    kind: str, rows: tuple[int, ...], ground: bool, direction: int, *, use_f_bar: bool
-) -> tuple[Code, int, int]:
+def wrench_code(*of: Any, use_f_bar: bool) -> tuple[Code, int, int]:
     """Functions of ``wrenches.wrench_loops``, and how many entries of the start and of the end are kept."""
-
-    def functions(_: ModuleType) -> dict[str, Any]:
-        from . import wrenches  # and CasADi
-
-        return wrenches.wrench_loops(kind, rows, ground, direction, use_f_bar=use_f_bar)
-
-    code = _code(f"wrenches {kind} {rows} {ground} {direction} {use_f_bar}", functions, joints.DECLARED[kind])
-    sizes = np.zeros(2)
+    code, sizes = code_of("wrenches.wrench_loops", *of, use_f_bar=use_f_bar), np.zeros(2)
     code.function("sizes", 1)(sizes.ctypes.data)
     return code, int(sizes[0]), int(sizes[1])
 
 
-def _means() -> ModuleType:
-    from . import means  # and CasADi
-
-    return means
-
-
 @cache
-def body_code() -> Code:
-    """Functions ``forces``, ``applied``, ``slopes`` and ``zero``."""
+def code_of(maker: str, kind: str = "", *of: Any, **choices: Any) -> Code:
+    """What ``maker``, a function of a module of this folder, makes of a kind of joint or force."""
 
-    def functions(loops: ModuleType) -> dict[str, Any]:
-        return {
-            "forces": loops.body_loop(gyroscopic=True), "applied": loops.body_loop(gyroscopic=False),
-            "slopes": loops.body_slope_loop(), "zero": loops.zero_loop(),
-        }  # fmt: skip
-
-    return _code("bodies", functions)
-
-
-def _code(name: str, functions: Callable[[ModuleType], dict[str, Any]], *declared: Any) -> Code:
     def printed() -> str:
-        from . import loops  # and CasADi
+        module, function = maker.split(".")
+        return print_functions(getattr(import_module(f".{module}", __package__), function)(*key, **choices))
 
-        return print_functions(functions(loops))
-
-    paths = {f.__code__.co_filename for one in declared for f in vars(one).values() if hasattr(f, "__code__")}
-    return Code(printed, f"{name}\0{texts()}\0{_text(tuple(sorted(paths)))}")
+    key = (kind, *of) if kind else of
+    declared = {**joints.DECLARED, **forces.DECLARED}
+    paths = {f.__code__.co_filename for f in vars(declared[kind]).values() if hasattr(f, "__code__")} if kind else ()
+    return Code(printed, f"{maker} {key} {choices}\0{_texts()}\0{_text(tuple(sorted(paths)))}")
 
 
 @cache
-def texts() -> str:
+def _texts() -> str:
     """A digest of the modules that make code of declarations, of all that the project declares, and of CasADi."""
     here = Path(__file__).resolve().parent
     folders = (here, here.parent / "generated", Path(joints.__file__).parent / "kinds", Path(forces.__file__).parent)

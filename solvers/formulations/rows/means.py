@@ -8,20 +8,19 @@ balance, too. R_m^-1 y = R_0^T y - (h/2) Omega_m x R_0^T y.
 
 import casadi as ca
 
-from ..generated import Loop
-from .expressions import push_of, row_expressions
-from .loops import row_loop
+from ..generated import Loop, Straight
+from .expressions import by_rows, column, matrix, push_of, row_expressions
 from .numbers import force_size
 
 BODY = (("r0", 3), ("R0", 9), ("r", 3), ("R", 9), ("v", 6), ("J_inv", 9))  # of the start, of the end; v is the mean
 
 
-def mean_row_loop(kind: str, rows: tuple[int, ...], ground: bool) -> Loop:
+def rows(kind: str, of: tuple[int, ...], ground: bool) -> dict[str, Loop | Straight]:
     """phi at the end; X and Y = X J^-1 of the mean rows on body i and, unless on the ground, on j; way where it varies.
 
     Reads h; numbers; blocks of ``BODY`` of i, then of j. ValueError where phi is not quadratic or rows have none.
     """
-    e = row_expressions(kind, rows)
+    e = row_expressions(kind, of)
     gradient = ca.jacobian(e.phi, e.x)
     if ca.depends_on(ca.vec(ca.jacobian(gradient, e.x)), e.x) or ca.depends_on(e.phi, e.t):
         raise ValueError(f"a {kind} has no mean rows: its phi is not quadratic in the poses")
@@ -32,22 +31,20 @@ def mean_row_loop(kind: str, rows: tuple[int, ...], ground: bool) -> Loop:
     _, P = free(0.5 * (x0 + x1), e.numbers)
     X, Y = [], []
     for k, body in enumerate((i, j)[: 1 if ground else 2]):
-        R = 0.5 * (_matrix(body[1]) + _matrix(body[3]))
+        R = 0.5 * (matrix(body[1]) + matrix(body[3]))
         columns = [P[:, 12 * k + 3 + c : 12 * k + 12 : 3] for c in range(3)]  # d(phi)/d(c-th column of R)
         T = ca.vertcat(*[
             sum((ca.cross(R[:, c], columns[c][a, :].T) for c in range(3)), ca.SX.zeros(3)).T for a in range(P.shape[0])
         ])  # fmt: skip
         X.append(T @ _back(body, h).T)
-        Y.append(X[-1] @ _matrix(body[5]))
-    way = [] if row_loop(kind, rows, ground).way is not None else [_by_rows(P[:, :3])]
-    stored = [phi, *map(_by_rows, X), *map(_by_rows, Y), *way]
-    return Loop(
-        whole=[h], rows=[e.numbers], stored=[ca.densify(ca.simplify(a)) for a in stored],
-        blocks=[*i, *([] if ground else j)],
-    )  # fmt: skip
+        Y.append(X[-1] @ matrix(body[5]))
+    way = [] if e.A[:, :3].is_constant() else [by_rows(P[:, :3])]
+    stored = [phi, *map(by_rows, X), *map(by_rows, Y), *way]
+    made = [ca.densify(ca.simplify(a)) for a in stored]
+    return {"rows": Loop(whole=[h], rows=[e.numbers], stored=made, blocks=[*i, *([] if ground else j)])}
 
 
-def mean_push_loop(kind: str, ground: bool) -> Loop:
+def push(kind: str, ground: bool) -> dict[str, Loop | Straight]:
     """The mean loads of springs or loads added to both bodies; reads t at the end and h; numbers; blocks as above.
 
     A spring pulls with k (1 - 2 d_free / (d_0 + d_1)) along the mean line, a damper with (2 c / h) (d_1 - d_0) /
@@ -56,7 +53,7 @@ def mean_push_loop(kind: str, ground: bool) -> Loop:
     t, h, numbers, (i, j) = ca.SX.sym("t"), ca.SX.sym("h"), ca.SX.sym("p", force_size(kind)), _bodies(ground)
     if kind == "spring":
         p, (k, free, c) = (numbers[:3], numbers[3:6]), (numbers[6 + a] for a in range(3))
-        arms = [[_matrix(b[at]) @ s for at in (1, 3)] for b, s in zip((i, j), p, strict=True)]
+        arms = [[matrix(b[at]) @ s for at in (1, 3)] for b, s in zip((i, j), p, strict=True)]
         lines = [i[at] + arms[0][n] - j[at] - arms[1][n] for n, at in enumerate((0, 2))]
         before, after = (ca.norm_2(line) for line in lines)
         pull = k * (1.0 - 2.0 * free / (before + after)) + 2.0 * c * (after - before) / (h * (before + after))
@@ -68,34 +65,22 @@ def mean_push_loop(kind: str, ground: bool) -> Loop:
             push_of(kind, ca.vertcat(i[at], i[at + 1], j[at], j[at + 1]), still, time, numbers)[2]
             for at, time in ((0, t - h), (2, t))
         ]
-        force, torque, point = (0.5 * (_column(a) + _column(b)) for a, b in zip(*pushes, strict=True))
+        force, torque, point = (0.5 * (column(a) + column(b)) for a, b in zip(*pushes, strict=True))
         mean_arms = [point - 0.5 * (i[0] + i[2])]
     added = []
     for body, arm, sign in zip((i, j)[: 1 if ground else 2], mean_arms, (1.0, -1.0), strict=False):
         added.append(ca.densify(ca.vertcat(sign * force, _back(body, h) @ (sign * (torque + ca.cross(arm, force))))))
-    return Loop(whole=[t, h], rows=[numbers], blocks=[*i, *([] if ground else j)], added_blocks=added)
+    return {"push": Loop(whole=[t, h], rows=[numbers], blocks=[*i, *([] if ground else j)], added_blocks=added)}
 
 
 def _bodies(ground: bool) -> tuple[list[ca.SX], list[ca.SX]]:
     """Symbols of ``BODY`` of i and j; of the ground, zeros and R = I."""
     i, j = ([ca.SX.sym(f"{name}_{end}", size) for name, size in BODY] for end in "ij")
-    one = _by_rows(ca.SX.eye(3))
+    one = by_rows(ca.SX.eye(3))
     still = [one if name in ("R0", "R") else ca.SX.zeros(size) for name, size in BODY]
     return i, still if ground else j
 
 
 def _back(body: list[ca.SX], h: ca.SX) -> ca.SX:
     """R_m^-1"""
-    return (ca.SX.eye(3) - ca.skew(0.5 * h * body[4][3:])) @ _matrix(body[1]).T
-
-
-def _matrix(a: ca.SX) -> ca.SX:
-    return ca.reshape(a, 3, 3).T
-
-
-def _by_rows(a: ca.SX) -> ca.SX:
-    return ca.vec(ca.densify(a).T)
-
-
-def _column(a: object) -> ca.SX:
-    return ca.vertcat(*[getattr(x, "x", x) for x in a])  # type: ignore[attr-defined]
+    return (ca.SX.eye(3) - ca.skew(0.5 * h * body[4][3:])) @ matrix(body[1]).T

@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 
 from ..generated import Loop
-from .expressions import RowExpressions, pose_rate, row_expressions, slopes
+from .expressions import RowExpressions, by_rows, matrix, pose_rate, row_expressions, slopes
 
 ALONG_A, ALONG_MASS, TRANSLATION = range(3)  # c of Eq. (31): a/(a . a), M^-1 a/(a . M^-1 a), (e_k, 0)
 BODY = (("r", 3), ("R", 9), ("v", 6), ("force", 6), ("inertia", 19), ("T", 9))  # inertia: m, J, J^-1
@@ -53,11 +53,11 @@ def newton_loops(
     K = _by_end_velocities(by_pose, by_rate, both, half)
     for b in range(2):  # turned back after differentiation: R^T d(R torque) = d torque - torque x theta
         turned = slice(6 * b + 3, 6 * b + 6)
-        K[turned, turned] += -ca.skew(load[turned]) @ _matrix(both[b][5])
+        K[turned, turned] += -ca.skew(load[turned]) @ matrix(both[b][5])
     phi_dot = e.phi_dot
     row = ca.diag(on_rate) @ _by_end_velocities(slopes(phi_dot, e.x), ca.jacobian(phi_dot, e.V), both, half)
     row += ca.diag(on_phi) @ _by_end_velocities(slopes(e.phi, e.x), ca.SX(n, 12), both, half)
-    in_space = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), _matrix(b[1])) for b in both])
+    in_space = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), matrix(b[1])) for b in both])
     Z0 = (in_space @ (D + B * D_dot))[: 6 * ends, :]
     first = (in_space @ D)[: 6 * ends, :] @ (-half * G0)
     rest = [part for body in moving for part in body[3:]]
@@ -84,7 +84,7 @@ def newton_loops(
             whole=[e.t], rows=[e.numbers], blocks=[x for b in moving for x in b[:5]], stored=[phi, rate, m_bar, f_bar]
         ),
         "direction": Loop(
-            whole=[e.t], rows=[e.numbers], blocks=[x for b in moving for x in b[:5]], stored=[_by_rows(x) for x in c]
+            whole=[e.t], rows=[e.numbers], blocks=[x for b in moving for x in b[:5]], stored=[by_rows(x) for x in c]
         ),
         "begin": Loop(
             whole=[e.t, plan], rows=[e.numbers, start, G0], blocks=poses,
@@ -94,7 +94,7 @@ def newton_loops(
     given = [e.numbers]
     if symmetric:
         given = [e.numbers, kept]
-        turned_back = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), _matrix(b[1]).T) for b in moving])
+        turned_back = ca.diagcat(*[ca.diagcat(ca.SX.eye(3), matrix(b[1]).T) for b in moving])
         pushed = pushed + turned_back @ (Z0_kept @ (gauge * nu))
         column = column + gauge * (turned_back @ Z0_kept)
     loops["balance"] = Loop(whole=[e.t, plan], rows=[*given, nu, p, z], blocks=poses, added_blocks=_ends(pushed, ends))
@@ -103,10 +103,10 @@ def newton_loops(
         whole=[e.t, plan], rows=[*given, nu, p, z, stiff, on_rate, on_phi],
         blocks=[x for b in moving for x in (b if couple and use_f_bar else [*b[:3], b[5]])],
         stored=[
-            *(_by_rows(column[6 * b : 6 * b + 6, :]) for b in range(ends)),
-            *(_by_rows(row[:, 6 * b : 6 * b + 6]) for b in range(ends)),
+            *(by_rows(column[6 * b : 6 * b + 6, :]) for b in range(ends)),
+            *(by_rows(row[:, 6 * b : 6 * b + 6]) for b in range(ends)),
         ],
-        added_blocks=[_by_rows(K[6 * a : 6 * a + 6, 6 * b : 6 * b + 6]) for a, b in blocks],
+        added_blocks=[by_rows(K[6 * a : 6 * a + 6, 6 * b : 6 * b + 6]) for a, b in blocks],
     )  # fmt: skip
     return loops
 
@@ -124,7 +124,7 @@ def _measures(e: RowExpressions, bodies: Sequence[list[ca.SX]], direction: int) 
     c = []
     for end, body in enumerate(bodies):
         way, X = A[:, 6 * end : 6 * end + 3], A[:, 6 * end + 3 : 6 * end + 6]
-        mass, J, J_inv = body[4][0], _matrix(body[4][1:10]), _matrix(body[4][10:19])
+        mass, J, J_inv = body[4][0], matrix(body[4][1:10]), matrix(body[4][10:19])
         z, y = (way, X) if direction == ALONG_A else (way / mass, X @ J_inv)
         size += ca.sum2(way * z) + ca.sum2(X * y)
         inertia += mass * ca.sum2(z * z) + ca.sum2((y @ J) * y)
@@ -141,7 +141,7 @@ def _by_end_velocities(by_pose: ca.SX, by_rate: ca.SX, both: Sequence[list[ca.SX
         at = 6 * b
         parts += [
             half * by_pose[:, at : at + 3] + by_rate[:, at : at + 3],
-            by_pose[:, at + 3 : at + 6] @ _matrix(both[b][5]) + by_rate[:, at + 3 : at + 6],
+            by_pose[:, at + 3 : at + 6] @ matrix(both[b][5]) + by_rate[:, at + 3 : at + 6],
         ]
     return ca.horzcat(*parts)
 
@@ -158,11 +158,3 @@ def _varying(Z: ca.SX) -> tuple[ca.SX, ca.SX, ca.SX]:
 
 def _ends(w: ca.SX, ends: int) -> list[ca.SX]:
     return [ca.densify(w[6 * b : 6 * b + 6]) for b in range(ends)]
-
-
-def _matrix(a: ca.SX) -> ca.SX:
-    return ca.reshape(a, 3, 3).T
-
-
-def _by_rows(a: ca.SX) -> ca.SX:
-    return ca.vec(ca.densify(a).T)

@@ -19,8 +19,7 @@ MIDPOINT, BAUMGARTE = re.findall(r"```python\n(.*?)```", PAGE, flags=re.S)
 PROBLEMS = {
     "heavy_top": {}, "chain": {"perturb": 0.01, "t_end": 0.1},
     "four_bar_grid": {"rows": 1, "columns": 2, "perturb": 0.1},
-    "simple_pendulum": {"gyration": 0.0, "perturb": 0.3},
-    "bricard": {"section": "thin", "axial_inertia": 0.0, "perturb": 0.1},
+    "simple_pendulum": {"support": "link", "perturb": 0.3}, "bricard": {"perturb": 0.1},
 }  # fmt: skip
 
 

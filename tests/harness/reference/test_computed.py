@@ -41,7 +41,6 @@ EXACT = {
     "flight": ("free_body", {"t_end": 0.3}),  # no joints
     "chain": ("chain", {"t_end": 0.15}),
     "link": ("simple_pendulum", {"support": "link", "perturb": 0.2, "t_end": 0.3}),
-    "arm": ("simple_pendulum", {"gyration": 0.0, "perturb": 0.2, "t_end": 0.3}),
     "grid": ("four_bar_grid", {"rows": 2, "columns": 2, "t_end": 0.2}),  # 64 rows of rank 58
 }
 

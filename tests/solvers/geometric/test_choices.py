@@ -12,7 +12,7 @@ from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.mechanics.system import Joint, RigidBody, SpringDamper, assemble
 from mbsbench.harness.types import Problem, StepControl
 from mbsbench.solvers.formulations.compiled import host
-from mbsbench.solvers.formulations.compiled.kernel import Made
+from mbsbench.solvers.formulations.compiled.kernel import Kernel
 
 from ..arbitrary_systems import consistent
 from ..runs import error, orders, pendulum, run, sprung_linkage
@@ -61,7 +61,7 @@ def test_what_is_prepared_is_set_up(solver, newton, monkeypatch):
     """A cold compiler takes its time before the first step: the record has it as set-up, not as CPU time of the run."""
     sound = host.make_kernel
 
-    def slow(*given: object) -> Made:
+    def slow(*given: object) -> Kernel:
         began = time.process_time()
         while time.process_time() - began < 0.5:
             pass

@@ -48,9 +48,8 @@ alive = []
 def arbitrary_step(system: MultibodySystem, direction: int = 0, **choices: float) -> Step:
     """A step from an arbitrary state, with an arbitrary estimate of its end."""
     random = np.random.default_rng(3)
-    made = make_kernel(system, NEEDED)
-    alive.append(made)
-    k = made.kernel
+    k = make_kernel(system, NEEDED)
+    alive.append(k)
     control = new_control(h=DT, dt=DT, t_end=1.0)
     s = make_step(k, control, system=system, direction=direction, couple=True, choices=USUAL | choices)
     start_at(k, arbitrary(system, 5))
