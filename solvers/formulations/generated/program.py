@@ -29,6 +29,7 @@ class Program:
         self._words = np.array(words, dtype=np.int64)
         self._keeps = keeps, [arrays for _, arrays in steps], runner()
         self.run = partial(self._keeps[2].function("run", 1), self._words.ctypes.data)
+        self.step = self._keeps[2].address("run"), [self._words]  # of another program, which must keep this one
 
 
 @cache
