@@ -6,12 +6,16 @@ counted as scipy_dae does: a real and a complex one an iteration, and those of t
 """
 
 from dataclasses import dataclass
+from types import ModuleType
 from typing import Any, ClassVar
 
+from scipy_dae.integrate._dae import radau
+from scipy_dae.integrate._dae.dae import DaeSolver
 from scipy_dae.integrate._dae.radau import RadauDAE
 
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl
+from .formulations.newton import Newton, radau_newton
 from .ndf_index1 import NdfIndex1
 
 
@@ -30,5 +34,5 @@ class RadauIndex1(NdfIndex1):
             return "errors are measured in the root mean square only: norm = max is an option of ndf_index1"
         return super().refuses(problem, control)
 
-    def _method(self, *equations: Any, **settings: Any) -> RadauDAE:
-        return RadauDAE(*equations, **settings)
+    def _method(self) -> tuple[type[DaeSolver], ModuleType, str, Newton, dict[str, Any]]:
+        return RadauDAE, radau, "solve_collocation_system", radau_newton, {}

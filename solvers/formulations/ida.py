@@ -16,10 +16,11 @@ from .dae import ImplicitForm
 from .generated import Program
 from .generated.steps import take
 from .layout import Layout
-from .linear import BAND_WORK, DENSE_BELOW, find_band
+from .linear import BAND_WORK, find_band
 from .recording import Clock, StepFailure, march, trajectory
 from .sundials import OUT_OF_TIME, Equations, Ida
 
+DENSE_BELOW = 40  # unknowns
 OUT_OF_TEST = 1e3  # absolute tolerance that takes a variable out of error test and Newton test (IDA divides by it)
 FAILURES = {
     -2: (Status.STEP_UNDERFLOW, "the demanded accuracy is below rounding"),
