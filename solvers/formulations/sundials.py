@@ -132,8 +132,8 @@ class Ida:
             arguments, self._places = (INDEX(n),), columns * n + rows
         elif kind == "band":
             below, above = int(np.max(rows - columns)), int(np.max(columns - rows))
-            arguments, stored = (INDEX(above), INDEX(below)), min(n - 1, below + above)
-            self._places, size = columns * (stored + below + 1) + rows - columns + stored, n * (stored + below + 1)
+            arguments, height = (INDEX(above), INDEX(below)), 2 * below + above + 1  # with room for pivoting
+            self._places, size = columns * height + rows - columns + below + above, n * height
         else:
             arguments, size, self._places = (INDEX(n), INDEX(len(rows)), FLAG(BY_COLUMNS)), len(rows), slice(None)
             more = (FLAG(1),)  # thread: SuperLU_MT takes milliseconds to set out several
