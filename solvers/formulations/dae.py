@@ -134,7 +134,7 @@ class _Semi(_Direct):
         upper = np.where(row < first_c, self._place, -1)
         lower = np.where(row >= first_c, self._place, -1)
         lower[of_A], lower[of_e] = start + A.place, start + A.nnz + e.place
-        self._add = [motion.derivatives_into(self._data, place, self._sign) for place in (upper, lower)]
+        self._add, self._add_at_w = (motion.derivatives_into(self._data, place, self._sign) for place in (upper, lower))
         minus_e, AW_data, minus = np.zeros(layout.n_u), np.zeros(AW.pattern.nnz), np.zeros(AW.pattern.nnz)
         out, rows, columns = motion.out[layout.u], W.pattern.rows, W.pattern.columns
         self.to_accelerations: list[Step] = [  # w = u' - M^-1 e from e = M u' + h - f - A^T lam
@@ -144,7 +144,7 @@ class _Semi(_Direct):
             add_products(W.data, W.places, minus_e, columns, motion.w, rows),
         ]
         self.steps = [
-            self._reset, self._add[0].step, *self.to_accelerations, self._add[1].step, set_to_zero(AW_data),
+            self._reset, self._add.step, *self.to_accelerations, self._add_at_w.step, set_to_zero(AW_data),
             add_products(self._data, start + AW.p, W.data, W.places[AW.q], AW_data, AW.pattern.place),
             take_negative(AW_data, np.arange(len(AW_data)), minus),
             add_products(

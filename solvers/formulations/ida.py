@@ -52,6 +52,7 @@ def integrate(
     clock: Clock,
 ) -> Trajectory:
     """The trajectory by IDA; ``clock`` runs since the set-up began."""
+    assert control.rtol is not None
     atol = np.full(layout.n, control.rtol)
     for part in start.out_of_test:
         atol[part] = OUT_OF_TEST

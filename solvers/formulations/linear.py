@@ -50,14 +50,15 @@ class Factors:
 
     def __init__(self, pattern: FixedPattern, kind: type = float) -> None:
         band, n = find_band(pattern), pattern.shape[0]
-        self._pattern, self.x, self.steps = pattern, np.zeros(n, dtype=kind), list[Step]()
-        wide, own = band.work > BAND_WORK, np.arange(n)
-        self.order, self.place = (own, own) if wide else (band.order, band.place)
-        if wide:
+        self._pattern, self.steps = pattern, list[Step]()
+        self.x: np.ndarray = np.zeros(n, dtype=kind)
+        self.order, self.place = band.order, band.place
+        if band.work > BAND_WORK:
+            self.order = self.place = np.arange(n)
             return
         height, letter = 2 * band.below + band.above + 1, "z" if kind is complex else "d"
-        self._band, self._entries = np.zeros(n * height, dtype=kind), (height - 1) * band.column + band.row
-        self._entries += band.below + band.above
+        self._band: np.ndarray = np.zeros(n * height, dtype=kind)
+        self._entries = (height - 1) * band.column + band.row + band.below + band.above
         size, below, above, lead = (integer(k) for k in (n, band.below, band.above, height))
         pivots, info = np.zeros(n, dtype=np.int32), integer(0)
         factor = call_lapack(f"{letter}gbtrf", size, size, below, above, self._band, lead, pivots, info)
@@ -88,15 +89,16 @@ class Factors:
 
 def solve_between(before: list[Step], factors: Sequence[Factors], after: list[Step], keeps: Any) -> Callable[[], None]:
     """What runs ``before``, solves and runs ``after``: one call of machine code unless SuperLU takes part."""
-    if all(f.steps for f in factors):
-        whole = Program([*before, *(step for f in factors for step in f.steps), *after], (keeps, factors))
-        return lambda: whole.run()
-    first, last = Program(before, keeps), Program(after, keeps)
+    direct = all(f.steps for f in factors)
+    between = [step for f in factors for step in f.steps] if direct else []
+    first = Program([*before, *between, *(after if direct else [])], (keeps, factors))
+    last = Program([] if direct else after, keeps)
 
     def run() -> None:
         first.run()
-        for f in factors:
-            f.solve()
-        last.run()
+        if not direct:
+            for f in factors:
+                f.solve()
+            last.run()
 
     return run

@@ -23,12 +23,8 @@ INDEX = np.ctypeslib.as_ctypes_type(INT_TYPE)
 BY_COLUMNS, ONE_STEP, ONE_STEP_LIMIT = 0, 2, 100_000  # CSC_MAT, IDA_ONE_STEP; IDA's own limit a call
 OUT_OF_TIME = (-8, -12)  # IDA's flags of a residual that fails, which it does here at the deadline alone
 CHECK_EVERY = 16  # residuals, a power of two
+CREATORS = ("SUNDense", "SUNBand", "SUNSparse", "SUNLinSol_", "N_V", "IDACreate")  # return addresses, others flags
 WORK = ("evaluations", "deadline", "data_of", "y", "y_dot", "F", "bytes", "t", "run", "program")
-ADDRESSES = (
-    "SUNDenseMatrix", "SUNBandMatrix", "SUNSparseMatrix", "SUNDenseMatrix_Data", "SUNBandMatrix_Data",
-    "SUNSparseMatrix_Data", "SUNSparseMatrix_IndexValues", "SUNSparseMatrix_IndexPointers", "SUNLinSol_Dense",
-    "SUNLinSol_Band", "SUNLinSol_SuperLUMT", "N_VMake_Serial", "N_VGetArrayPointer", "IDACreate",
-)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -55,25 +51,26 @@ class Ida:
         """``linear_solver``: dense, band or sparse; a step fails ``seconds`` of CPU time from now; 0: IDA's choice."""
         self._equations, self._stack, self._said = equations, ExitStack(), list[str]()
         self._failure: BaseException | None = None
+        self._indices = list[tuple[np.ndarray, np.ndarray]]()  # of a sparse matrix, and their values
         self.jacobians = 0
         n = len(equations.y)
         self._solution = tuple(x.copy() for x in (equations.y, equations.y_dot))
         context = ADDRESS()
-        _check(_library().SUNContext_Create(FLAG(0), ctypes.byref(context)))
+        _check(_function("SUNContext_Create")(FLAG(0), ctypes.byref(context)))
         self._free("SUNContext_Free", ctypes.byref(context))
-        self._tell = ctypes.CFUNCTYPE(None, FLAG, *[ctypes.c_char_p] * 3, FLAG, ADDRESS, ADDRESS)(self._hear)
-        _check(_library().SUNContext_ClearErrHandlers(context))
-        _check(_library().SUNContext_PushErrHandler(context, self._tell, None))
+        self._hear_c = ctypes.CFUNCTYPE(None, FLAG, *[ctypes.c_char_p] * 3, FLAG, ADDRESS, ADDRESS)(self._hear)
+        _check(_function("SUNContext_ClearErrHandlers")(context))
+        _check(_function("SUNContext_PushErrHandler")(context, self._hear_c, None))
         self._atol = atol.copy()
         y, y_dot, tolerances = (self._vector(x, context) for x in (*self._solution, self._atol))
         matrix, solver = self._linear_algebra(linear_solver, n, y, context)
-        self._memory = ADDRESS(_library().IDACreate(context))
+        self._memory = ADDRESS(_function("IDACreate")(context))
         self._free("IDAFree", ctypes.byref(self._memory))
         code, limit = _residual(), 2**62 if seconds is None else int((time.process_time() + seconds) * 1e6)
         own = (equations.y, equations.y_dot, equations.F)
         run, (program,) = equations.evaluate.step
         self._work = np.array(
-            [0, limit, ctypes.cast(_library().N_VGetArrayPointer, ADDRESS).value, *(x.ctypes.data for x in own),
+            [0, limit, ctypes.cast(_function("N_VGetArrayPointer"), ADDRESS).value, *(x.ctypes.data for x in own),
              own[0].nbytes, equations.t.ctypes.data, run, program.ctypes.data], dtype=np.int64,
         )  # fmt: skip
         self._jacobian = ctypes.CFUNCTYPE(FLAG, NUMBER, NUMBER, *[ADDRESS] * 8)(self._fill)
@@ -87,9 +84,9 @@ class Ida:
             ("IDASetMaxStep", NUMBER(max_step)),
             ("IDASetMaxNumSteps", ctypes.c_long(ONE_STEP_LIMIT)),
         ):
-            _check(getattr(_library(), name)(self._memory, *arguments))
+            _check(_function(name)(self._memory, *arguments))
         self._t = NUMBER(0.0)
-        self._step = getattr(_library(), "IDASolve"), ctypes.byref(self._t), y, y_dot, FLAG(ONE_STEP)
+        self._step = _function("IDASolve"), ctypes.byref(self._t), y, y_dot, FLAG(ONE_STEP)
 
     def __enter__(self) -> "Ida":
         return self
@@ -109,7 +106,7 @@ class Ida:
 
     def stop_at(self, t: float) -> None:
         """Let no step pass ``t`` [s]."""
-        _check(_library().IDASetStopTime(self._memory, NUMBER(t)))
+        _check(_function("IDASetStopTime")(self._memory, NUMBER(t)))
 
     def step(self, t_end: float) -> tuple[int, float, Float[np.ndarray, " n"]]:
         """IDA's flag, t and y after one step towards ``t_end``, in an array that the next step changes."""
@@ -120,34 +117,37 @@ class Ida:
         return flag, self._t.value, self._solution[0]
 
     def _vector(self, x: np.ndarray, context: Any) -> Any:
-        out = ADDRESS(_library().N_VMake_Serial(INDEX(len(x)), ADDRESS(x.ctypes.data), context))
+        out = ADDRESS(_function("N_VMake_Serial")(INDEX(len(x)), ADDRESS(x.ctypes.data), context))
         self._free("N_VDestroy", out)
         return out
 
     def _linear_algebra(self, kind: str, n: int, y: Any, context: Any) -> tuple[Any, Any]:
         """Newton's matrix and its solver; sets where the Jacobian's nonzeros go."""
         rows, columns = self._equations.rows, self._equations.columns
-        name, more, size, self._indices = {"dense": "Dense", "band": "Band"}.get(kind, "Sparse"), (), n * n, None
+        below, above = int(np.max(rows - columns)), int(np.max(columns - rows))
+        name, solver_name, threads = kind.capitalize(), f"SUNLinSol_{kind.capitalize()}", list[Any]()
+        sizes: list[Any]
         if kind == "dense":
-            arguments, self._places = (INDEX(n),), columns * n + rows
+            size, sizes, places = n * n, [INDEX(n)], columns * n + rows
         elif kind == "band":
-            below, above = int(np.max(rows - columns)), int(np.max(columns - rows))
-            arguments, height = (INDEX(above), INDEX(below)), 2 * below + above + 1  # with room for pivoting
-            self._places, size = columns * height + rows - columns + below + above, n * height
+            height = 2 * below + above + 1  # with room for pivoting
+            size, sizes, places = (
+                n * height,
+                [INDEX(above), INDEX(below)],
+                columns * (height - 1) + rows + below + above,
+            )
         else:
-            arguments, size, self._places = (INDEX(n), INDEX(len(rows)), FLAG(BY_COLUMNS)), len(rows), slice(None)
-            more = (FLAG(1),)  # thread: SuperLU_MT takes milliseconds to set out several
-        matrix = ADDRESS(getattr(_library(), f"SUN{name}Matrix")(INDEX(n), *arguments, context))
+            size, sizes, places = len(rows), [INDEX(n), INDEX(len(rows)), FLAG(BY_COLUMNS)], np.arange(len(rows))
+            solver_name, threads = "SUNLinSol_SuperLUMT", [FLAG(1)]  # more take milliseconds to set out
+        matrix = ADDRESS(_function(f"SUN{name}Matrix")(INDEX(n), *sizes, context))
         self._free("SUNMatDestroy", matrix)
-        self._data = _array(getattr(_library(), f"SUN{name}Matrix_Data")(matrix), np.float64, size)
+        self._data, self._places = _array(_function(f"SUN{name}Matrix_Data")(matrix), np.float64, size), places
         if kind == "sparse":
             starts = np.searchsorted(columns, np.arange(n + 1))
-            parts = (("Values", rows), ("Pointers", starts))
-            self._indices = [
-                (_array(getattr(_library(), f"SUNSparseMatrix_Index{part}")(matrix), INT_TYPE, len(x)), x) for part, x in parts
-            ]
-        make = getattr(_library(), "SUNLinSol_SuperLUMT" if kind == "sparse" else f"SUNLinSol_{name}")
-        solver = ADDRESS(make(y, matrix, *more, context))
+            for part, x in (("Values", rows), ("Pointers", starts)):
+                address = _function(f"SUNSparseMatrix_Index{part}")(matrix)
+                self._indices.append((_array(address, INT_TYPE, len(x)), x))
+        solver = ADDRESS(_function(solver_name)(y, matrix, *threads, context))
         self._free("SUNLinSolFree", solver)
         return matrix, solver
 
@@ -157,9 +157,9 @@ class Ida:
             self.jacobians += 1
             self._equations.t[0] = t
             for own, vector in ((self._equations.y, y), (self._equations.y_dot, y_dot)):
-                ctypes.memmove(own.ctypes.data, _library().N_VGetArrayPointer(ADDRESS(vector)), own.nbytes)
+                ctypes.memmove(own.ctypes.data, _function("N_VGetArrayPointer")(ADDRESS(vector)), own.nbytes)
             self._data[self._places] = self._equations.jacobian(cj)
-            for target, x in self._indices or ():
+            for target, x in self._indices:
                 target[:] = x
         except BaseException as error:  # through C no exception passes
             self._failure = error
@@ -170,7 +170,7 @@ class Ida:
         self._said.append(f"[{function.decode()}, Error: {code}] {message.decode().strip()}")
 
     def _free(self, name: str, what: Any) -> None:
-        self._stack.callback(getattr(_library(), name), what)
+        self._stack.callback(_function(name), what)
 
 
 def _array(address: int, kind: Any, size: int) -> np.ndarray:
@@ -183,11 +183,10 @@ def _check(flag: int) -> None:
 
 
 @cache
-def _library() -> ctypes.CDLL:
-    library = ctypes.CDLL(_cy_ida.__file__)  # it depends on all of SUNDIALS that is used here
-    for name in ADDRESSES:
-        getattr(library, name).restype = ADDRESS
-    return library
+def _function(name: str) -> Any:
+    function = getattr(ctypes.CDLL(_cy_ida.__file__), name)  # of what it depends on, all of SUNDIALS that is used here
+    function.restype = ADDRESS if name.startswith(CREATORS) else FLAG
+    return function
 
 
 @cache
