@@ -21,11 +21,9 @@ evaluations spent on Jacobians by differences, which the evaluations include. Re
 """
 
 from dataclasses import dataclass
-from types import ModuleType
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
-import scipy.sparse as sp
 from scipy_dae.integrate._dae import bdf
 from scipy_dae.integrate._dae.bdf import BDFDAE
 from scipy_dae.integrate._dae.dae import DaeSolver
@@ -34,10 +32,8 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, Status, StepControl, Trajectory
 from .formulations.classical import BaumgarteOptions
-from .formulations.dae import ImplicitForm
 from .formulations.ida import OUT_OF_TEST
-from .formulations.layout import Layout
-from .formulations.newton import Newton, maximum, ndf_newton, root_mean_square, set_functions
+from .formulations.newton import Scheme, maximum, ndf_newton, root_mean_square
 from .formulations.recording import Clock, StepFailure, march, trajectory
 from .formulations.start import consistent, coordinates_and_velocities, layout_for, unloaded
 
@@ -59,6 +55,7 @@ class NdfIndex1(BaumgarteOptions):
     name: ClassVar[str]
     paper_label: ClassVar[str] = "DAE-SE"
     control: ClassVar[str] = "rtol"
+    scheme: ClassVar[Scheme] = Scheme(BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"})
 
     @property
     def takes_coupled_axes(self) -> bool:
@@ -71,7 +68,12 @@ class NdfIndex1(BaumgarteOptions):
         y, y_dot = consistent(layout, y, self.alpha, self.beta) if self.consistent_start else unloaded(layout, y)
         which = "se" if self.accelerations == "eliminated" else "fi"
         form = self.implicit(layout, which, self.alpha, self.beta)
-        ndf = self._integrator(layout, form, clock, y, y_dot, problem.t_end, control)
+        atol = np.full(layout.n, control.rtol)
+        if not self.lambda_in_error_test:
+            atol[layout.lam] = OUT_OF_TEST
+        norm = root_mean_square if self.norm == "rms" else maximum
+        keep = self.accelerations != "mass_matrix"  # F = E(y) y' - f(y): without y', what is left of dF/dy is -df/dy
+        ndf = self.scheme.on(form, (y, y_dot), problem.t_end, control, atol, norm, clock, keep_y_dot=keep)
         setup_time = clock.restart()
         start, lam = (0.0, y, y[layout.lam]), layout.lam
         with np.errstate(all="ignore"):
@@ -85,29 +87,6 @@ class NdfIndex1(BaumgarteOptions):
             "difference_evaluations": form.difference_evaluations,
         }
         return trajectory(layout, done, counters, notes, cpu_time=cpu_time, setup_time=setup_time)
-
-    def _integrator(
-        self, layout: Layout, form: ImplicitForm, clock: Clock, y: np.ndarray, y_dot: np.ndarray, t_end: float,
-        control: StepControl,
-    ) -> DaeSolver:  # fmt: skip
-        atol = np.full(layout.n, control.rtol)
-        if not self.lambda_in_error_test:
-            atol[layout.lam] = OUT_OF_TEST
-        kind, module, name, newton, settings = self._method()
-        nothing = sp.csc_matrix((layout.n, layout.n))
-        method = kind(
-            lambda t, y, y_dot: form.residual(y, y_dot, t), 0.0, y, y_dot, t_end,
-            max_step=control.max_step or np.inf, rtol=control.rtol, atol=atol, jac=(nothing, nothing), **settings,
-        )  # fmt: skip
-        norm = root_mean_square if self.norm == "rms" else maximum
-        # F = E(y) y' - f(y): without y', what is left of dF/dy is -df/dy
-        keep_acceleration = self.accelerations != "mass_matrix"
-        set_functions(method, module, name, newton, form, norm, clock, keep_acceleration)
-        return method
-
-    def _method(self) -> tuple[type[DaeSolver], ModuleType, str, Newton, dict[str, Any]]:
-        """The class, its module, the name of Newton's iteration there, ours, and settings."""
-        return BDFDAE, bdf, "solve_bdf_system", ndf_newton, {"NDF_strategy": "efficiency"}
 
 
 def _step(ndf: DaeSolver, lam: slice) -> tuple[float, np.ndarray, np.ndarray]:

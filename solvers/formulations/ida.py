@@ -1,9 +1,8 @@
 """SUNDIALS IDA (variable-order BDF) on an ``ImplicitForm``, one accepted step at a time, with a given Jacobian.
 
-Counted: accepted steps, residual and Jacobian evaluations; every Jacobian is factorised once. scikit-sundae reports
-neither rejected steps nor Newton iterations, so these are not counted (evaluations include them, and those spent on
-Jacobians by differences). Errors are measured in the weighted root mean square alone: SUNDIALS fixes that norm in its
-vectors, and scikit-sundae offers no replacement.
+Counted: accepted steps, residual and Jacobian evaluations (those spent on Jacobians by differences among the former);
+every Jacobian is factorised once. Errors are measured in the weighted root mean square alone, the norm that SUNDIALS
+fixes in its vectors.
 """
 
 from dataclasses import dataclass
@@ -52,7 +51,7 @@ def integrate(
     clock: Clock,
 ) -> Trajectory:
     """The trajectory by IDA; ``clock`` runs since the set-up began."""
-    assert control.rtol is not None
+    assert control.rtol is not None  # the catalogue has seen to it
     atol = np.full(layout.n, control.rtol)
     for part in start.out_of_test:
         atol[part] = OUT_OF_TEST

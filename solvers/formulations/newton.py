@@ -7,14 +7,16 @@ import math
 from collections.abc import Callable
 from functools import cache
 from types import FunctionType, MethodType, ModuleType
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
+import scipy.sparse as sp
 from jaxtyping import Float
 from scipy_dae.integrate._dae import bdf
 from scipy_dae.integrate._dae.dae import DaeSolver
 
+from ...harness.types import StepControl
 from .dae import ImplicitForm
 from .generated import Code, Loop, compile_functions
 from .generated.steps import take
@@ -35,42 +37,61 @@ def maximum(x: Float[np.ndarray, " n"]) -> float:
     return float(np.max(np.abs(x)))
 
 
-def set_functions(
-    method: DaeSolver, module: ModuleType, name: str, newton: Newton, form: ImplicitForm, norm: Norm, clock: Clock,
-    keep_acceleration: bool,
-) -> None:  # fmt: skip
-    """Let ``method`` have its equations from ``form`` and function ``name`` of its ``module`` from ``newton``.
+class Scheme(NamedTuple):
+    """A method of scipy_dae, its module, the name of Newton's iteration there, ours, and settings."""
 
-    Its step runs over a copy of the module's names; Jacobians are nonzeros of the form's pattern, which it only adds.
-    """
-    factors = Factors(form.pattern), Factors(form.pattern, complex)
+    kind: type[DaeSolver]
+    module: ModuleType
+    name: str
+    newton: Newton
+    settings: dict[str, Any]
 
-    def residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
-        method.nfev += 1
-        clock.check()
-        return form.residual(y, y_dot, t)
+    def on(
+        self, form: ImplicitForm, start: tuple[np.ndarray, np.ndarray], t_end: float, control: StepControl,
+        atol: Float[np.ndarray, " n"], norm: Norm, clock: Clock, *, keep_y_dot: bool,
+    ) -> DaeSolver:  # fmt: skip
+        """The method on ``form``, ready to step; Jacobians are taken at y' = 0 unless ``keep_y_dot``.
 
-    def jacobian(t: float, y: np.ndarray, y_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        method.njev += 1
-        of_y, of_y_dot = form.jacobian(y, y_dot if keep_acceleration else np.zeros_like(y_dot), t)
-        return of_y.copy(), of_y_dot.copy()
+        Its step runs over a copy of its module's names. Jacobians are nonzeros of the form's pattern, which it only
+        adds.
+        """
+        factors = Factors(form.pattern), Factors(form.pattern, complex)
 
-    def lu(data: np.ndarray) -> Factors:
-        method.nlu += 1
-        own = factors[np.iscomplexobj(data)]
-        own.factorise(data)
-        return own
+        def residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
+            clock.check()
+            return form.residual(y, y_dot, t)
 
-    def solve_lu(own: Factors, right: np.ndarray) -> np.ndarray:
-        method._nlusove += 1
-        own.x[:] = right[own.order]
-        own.solve()
-        return own.x[own.place]
+        def count_residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
+            method.nfev += 1
+            return residual(t, y, y_dot)
 
-    method.fun, method.jac, method.lu, method.solve_lu = residual, jacobian, lu, solve_lu
-    method.Jy, method.Jyp = jacobian(method.t, method.y, method.yp)
-    names = {**vars(module), "norm": norm, name: newton(method, form, factors, norm, clock)}
-    method._step_impl = MethodType(FunctionType(type(method)._step_impl.__code__, names), method)
+        def jacobian(t: float, y: np.ndarray, y_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            method.njev += 1
+            of_y, of_y_dot = form.jacobian(y, y_dot if keep_y_dot else np.zeros_like(y_dot), t)
+            return of_y.copy(), of_y_dot.copy()
+
+        def lu(data: np.ndarray) -> Factors:
+            method.nlu += 1
+            own = factors[np.iscomplexobj(data)]
+            own.factorise(data)
+            return own
+
+        def solve_lu(own: Factors, right: np.ndarray) -> np.ndarray:
+            method._nlusove += 1
+            own.x[:] = right[own.order]
+            own.solve()
+            return own.x[own.place]
+
+        nothing = sp.csc_matrix(form.pattern.shape)
+        method = self.kind(
+            residual, 0.0, *start, t_end, max_step=control.max_step or np.inf, rtol=control.rtol, atol=atol,
+            jac=(nothing, nothing), **self.settings,
+        )  # fmt: skip
+        method.fun, method.jac, method.lu, method.solve_lu = count_residual, jacobian, lu, solve_lu
+        method.Jy, method.Jyp = jacobian(method.t, method.y, method.yp)
+        names = {**vars(self.module), "norm": norm, self.name: self.newton(method, form, factors, norm, clock)}
+        method._step_impl = MethodType(FunctionType(self.kind._step_impl.__code__, names), method)
+        return method
 
 
 def ndf_newton(

@@ -9,9 +9,7 @@ from functools import cache, partial
 
 import casadi as ca
 import numpy as np
-import scipy.sparse as sp
 from jaxtyping import Float
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from ...harness.mechanics.lent import pushed, taken_back
 from ...harness.types import Status
@@ -19,6 +17,7 @@ from .charts import Chart
 from .generated import Code, Loop, Program, compile_functions
 from .generated.steps import Step, add_products, call_lapack, integer, set_to_zero, take, take_negative
 from .layout import Layout
+from .linear import find_band
 from .recording import StepFailure
 from .sparse_pattern import FixedPattern, FixedProduct
 
@@ -88,11 +87,8 @@ class Saddle:
             At = FixedPattern(pattern.columns[At_order], pattern.rows[At_order].astype(np.int64), (n_u, k))
             AW = FixedProduct(pattern, W)
             S = FixedProduct(AW.pattern, At)
-            ones = S.pattern.matrix(np.ones(S.pattern.nnz))
-            order = reverse_cuthill_mckee(sp.csr_matrix(ones), symmetric_mode=True)
-            place = np.argsort(order)
-            i, j = place[S.pattern.rows], place[S.pattern.columns]
-            height = int(np.max(i - j)) + 1
+            order, place, i, j, below, _ = find_band(S.pattern)
+            height = below + 1
             lower = np.flatnonzero((i >= j)[S.pattern.place])
             in_band = (j * height + i - j)[S.pattern.place[lower]]  # by columns, from the diagonal down
             AW_data, band, right = np.zeros(AW.pattern.nnz), np.zeros(height * k), np.zeros(k)
