@@ -6,12 +6,14 @@ counted as scipy_dae does: a real and a complex one an iteration, and those of t
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import ClassVar
 
+from scipy_dae.integrate._dae import radau
 from scipy_dae.integrate._dae.radau import RadauDAE
 
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl
+from .formulations.newton import Scheme, radau_newton
 from .ndf_index1 import NdfIndex1
 
 
@@ -23,12 +25,10 @@ class RadauIndex1(NdfIndex1):
     name: ClassVar[str]
     paper_label: ClassVar[str] = ""
     control: ClassVar[str] = "rtol"
+    scheme: ClassVar[Scheme] = Scheme(RadauDAE, radau, "solve_collocation_system", radau_newton, {})
 
     def refuses(self, problem: Problem, control: StepControl) -> str | None:
         """What ``ndf_index1`` refuses, and its other norm."""
         if self.norm != "rms":
             return "errors are measured in the root mean square only: norm = max is an option of ndf_index1"
         return super().refuses(problem, control)
-
-    def _method(self, *equations: Any, **settings: Any) -> RadauDAE:
-        return RadauDAE(*equations, **settings)

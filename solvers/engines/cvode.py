@@ -20,10 +20,11 @@ from ...harness.catalogue.options import option
 from ...harness.catalogue.registry import solver
 from ...harness.types import Problem, Status, StepControl, Trajectory
 from ..formulations.classical import SymbolicOptions
-from ..formulations.ida import FAILURES, ONE_STEP_LIMIT
+from ..formulations.ida import FAILURES
 from ..formulations.recording import Clock, StepFailure, march, trajectory
 from ..formulations.start import coordinates_and_velocities, layout_for
 from ..formulations.strong_form import StrongForm
+from ..formulations.sundials import ONE_STEP_LIMIT
 from .export.engine import made_by
 
 

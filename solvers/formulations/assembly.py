@@ -35,9 +35,9 @@ class Assembly:
 
     def __init__(self, layout: Layout, batches: Sequence[Batch], n_out: int, *, differentiable: bool) -> None:
         self._batches = [b for b in batches if len(b.z)]
-        self._n, self._n_u, self.n_out = layout.n, layout.n_u, n_out
         self._y = np.concatenate((np.zeros(layout.n), layout.constants))
         self._w = np.zeros(layout.n_u + 6)
+        self.y, self.t, self.w = self._y[: layout.n], self._y[-1:], self._w[: layout.n_u]  # what the programs read
         self._codes = [_compiled(b.element, derivative=differentiable) for b in self._batches]
         sparsities = [code.sparsity for code in self._codes if differentiable]
         self.row, self.column, self.of_w = _entries(self._batches[: len(sparsities)], sparsities)
@@ -66,9 +66,7 @@ class Assembly:
 
     def read(self, y: Float[np.ndarray, " n"], w: Float[np.ndarray, " n_u"], t: float) -> None:
         """Take the unknowns ``y``, accelerations ``w`` and the time for the programs to work on."""
-        self._y[: self._n] = y
-        self._y[-1] = t
-        self._w[: self._n_u] = w
+        self.y[:], self.w[:], self.t[0] = y, w, t
 
     def _program(self, name: str, target: np.ndarray, place: np.ndarray, weight: np.ndarray | None = None) -> Program:
         place, start = np.where(place < 0, len(target) - 1, place), 0

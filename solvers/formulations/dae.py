@@ -12,10 +12,15 @@
 differs is what an integrator's error test and Newton iteration see.
 """
 
+from functools import cache
+
+import casadi as ca
 import numpy as np
 from jaxtyping import Bool, Float
 
 from .assembly import Assembly
+from .generated import Code, Loop, Program, compile_functions
+from .generated.steps import Step, add_products, set_to_zero, take, take_negative
 from .layout import Layout
 from .saddle import InverseMass
 from .sparse_pattern import FixedPattern, FixedProduct
@@ -23,16 +28,26 @@ from .system_elements import equations_of_motion
 
 
 class ImplicitForm:
-    """F and its Jacobian; ``form`` as above. Holds buffers: one instance a run."""
+    """F and its Jacobian; ``form`` as above. Holds buffers: one instance a run.
+
+    ``evaluate`` computes ``F`` from ``y``, ``y_dot`` and ``t``, arrays that machine code may fill.
+    """
 
     def __init__(self, layout: Layout, form: str, alpha: float, beta: float) -> None:
-        self.layout, self.form = layout, form
         level = "acceleration" if form in ("fi", "se") else form
-        self._motion = equations_of_motion(layout, level, alpha, beta, differentiable=True)
-        self._slices = layout.p, layout.u, layout.lam
-        self._inverse_mass = InverseMass(layout)
-        self._no_u_dot = np.zeros(layout.n_u)
-        self._parts = (_Semi if form == "se" else _Direct)(layout, self._motion)
+        self._motion = motion = equations_of_motion(layout, level, alpha, beta, differentiable=True)
+        self.y, self.t, self.y_dot, self.F = motion.y, motion.t, np.zeros(layout.n), np.zeros(layout.n)
+        p, lam, n_u, rest = layout.p, layout.lam, layout.n_u, np.arange(layout.n_p, layout.n)
+        at_u_dot = [take(self.y_dot[layout.u], np.arange(n_u), motion.w), motion.evaluate.step]
+        rates = _subtract().address("subtract"), [np.array([layout.n_p]), self.y_dot[p], motion.out[p], self.F[p]]
+        steps = [*at_u_dot, rates, take(motion.out, rest, self.F[layout.n_p :])]
+        semi = _Semi(layout, motion, self.y_dot) if form == "se" else None
+        if semi is not None:
+            last = np.arange(lam.start, lam.stop)
+            steps += [*semi.to_accelerations, motion.evaluate.step, take(motion.out, last, self.F[lam])]
+        self._parts = parts = semi or _Direct(layout, motion)
+        self.evaluate = Program(steps, (motion, _subtract(), parts))
+        self._differentiate = Program([*at_u_dot, *parts.steps], (motion, parts))
         self.difference_evaluations = 0  # of F, spent on Jacobians by differences
 
     @property
@@ -49,32 +64,17 @@ class ImplicitForm:
         self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
     ) -> Float[np.ndarray, " n"]:
         """F(t, y, y'); t occurs where drives or loads are functions of it."""
-        p, u, lam = self._slices
-        F = self._motion.values(y, y_dot[u], t)
-        if self.form == "se":
-            F[lam] = self._motion.values(y, self._acceleration(y, y_dot, F[u]), t)[lam]
-        np.subtract(y_dot[p], F[p], out=F[p])
-        return F
+        self.y[:], self.y_dot[:], self.t[0] = y, y_dot, t
+        self.evaluate.run()
+        return self.F.copy()
 
     def jacobian(
         self, y: Float[np.ndarray, " n"], y_dot: Float[np.ndarray, " n"], t: float = 0.0
     ) -> tuple[Float[np.ndarray, " nnz"], Float[np.ndarray, " nnz"]]:
         """(dF/dy, dF/dy') as nonzeros of ``pattern``, in arrays that the next call changes."""
-        u, parts = self._slices[1], self._parts
-        parts.reset()
-        self._motion.read(y, y_dot[u], t)
-        parts.add_at_y_dot.run()
-        if isinstance(parts, _Semi):
-            w = self._acceleration(y, y_dot, self._motion.values(y, y_dot[u], t)[u])
-            self._motion.read(y, w, t)
-            parts.add_at_w.run()
-            parts.add_product(self._inverse_mass.blocks(y))
-        return parts.of_y, parts.of_y_dot
-
-    def _acceleration(self, y: np.ndarray, y_dot: np.ndarray, e: np.ndarray) -> np.ndarray:
-        """w = M^-1 (f - h + A^T lam) from e = M u' + h - f - A^T lam."""
-        blocks = self._inverse_mass.blocks(y)
-        return y_dot[self._slices[1]] - np.matmul(blocks, e.reshape(-1, 6, 1)).ravel()
+        self.y[:], self.y_dot[:], self.t[0] = y, y_dot, t
+        self._differentiate.run()
+        return self._parts.of_y, self._parts.of_y_dot
 
 
 class _Direct:
@@ -83,13 +83,9 @@ class _Direct:
     def __init__(self, layout: Layout, motion: Assembly) -> None:
         row, column = motion.row, motion.column
         self._set_pattern(layout, motion, np.flatnonzero((row >= 0) & (column >= 0)), np.zeros((0, 2), dtype=np.int64))
-        self._data = self._at_rest.copy()
-        self.of_y, self.of_y_dot = np.split(self._data[:-1], 2)
-        self.add_at_y_dot = motion.derivatives_into(self._data, self._place, self._sign)
-
-    def reset(self) -> None:
-        """dF/dy = 0, dF/dy' = that of p'."""
-        self._data[:] = self._at_rest
+        self._set_data(0)
+        self._add = motion.derivatives_into(self._data, self._place, self._sign)
+        self.steps = [self._reset, self._add.step]
 
     def _set_pattern(self, layout: Layout, motion: Assembly, used: np.ndarray, more: np.ndarray) -> None:
         """The pattern of the ``used`` entries of ``motion``, of ``more`` (row, column) in dF/dy, and of p'."""
@@ -100,46 +96,64 @@ class _Direct:
             (layout.n, layout.n),
             by_column=True,
         )
-        own, self._more, of_p_dot = np.split(self.pattern.place, (len(used), len(used) + len(more)))
+        own, self._more, self._of_p_dot = np.split(self.pattern.place, (len(used), len(used) + len(more)))
         self._place = np.full(len(motion.row), -1)
         self._place[used] = np.where(of_w, self.pattern.nnz, 0) + own
         self._sign = np.where(motion.row < layout.n_p, -1.0, 1.0)
-        self._at_rest = np.zeros(2 * self.pattern.nnz + 1)
-        self._at_rest[self.pattern.nnz + of_p_dot] = 1.0
-        entries = np.concatenate((self._place[used], self._more, self.pattern.nnz + of_p_dot))
+        entries = np.concatenate((self._place[used], self._more, self.pattern.nnz + self._of_p_dot))
         of_y, of_y_dot = np.isin(np.arange(2 * self.pattern.nnz), entries).reshape(2, -1)
         self.structure = of_y, of_y_dot
+
+    def _set_data(self, more: int) -> None:
+        """Memory of (dF/dy, dF/dy'), of ``more`` numbers and a spare one, and the step that resets it."""
+        nnz = self.pattern.nnz
+        at_rest = np.zeros(2 * nnz + more + 1)
+        at_rest[nnz + self._of_p_dot] = 1.0  # dF/dy' of p'
+        self._data = at_rest.copy()
+        self.of_y, self.of_y_dot = self._data[:nnz], self._data[nnz : 2 * nnz]
+        self._reset = take(at_rest, np.arange(len(at_rest)), self._data)
 
 
 class _Semi(_Direct):
     """Jacobian of se: the constraint rows are those of c at w, with dw/dy = -M^-1 de/dy from the product."""
 
-    def __init__(self, layout: Layout, motion: Assembly) -> None:
+    def __init__(self, layout: Layout, motion: Assembly, y_dot: Float[np.ndarray, " n"]) -> None:
         row, column, of_w = motion.row, motion.column, motion.of_w
         first_c, used = layout.n_p + layout.n_u, (row >= 0) & (column >= 0)
         of_A = np.flatnonzero(used & (row >= first_c) & of_w)
         of_e = np.flatnonzero(used & (row >= layout.n_p) & (row < first_c) & ~of_w)
         A = FixedPattern(row[of_A] - first_c, column[of_A], (layout.k, layout.n_u))
         e = FixedPattern(row[of_e] - layout.n_p, column[of_e], (layout.n_u, layout.n))
-        self._A_inverse_mass = FixedProduct(A, InverseMass(layout).pattern)
-        self._product = FixedProduct(self._A_inverse_mass.pattern, e)
-        product = np.stack((first_c + self._product.pattern.rows, self._product.pattern.columns), axis=1)
+        self._inverse_mass = W = InverseMass(layout, motion.y)
+        AW = FixedProduct(A, W.pattern)
+        AWe = FixedProduct(AW.pattern, e)
+        product = np.stack((first_c + AWe.pattern.rows, AWe.pattern.columns), axis=1)
         self._set_pattern(layout, motion, np.flatnonzero(used & ((row < first_c) | ~of_w)), product)
-        ends = np.cumsum((2 * self.pattern.nnz, A.nnz, e.nnz))
-        self._data = np.zeros(ends[-1] + 1)
-        self.of_y, self.of_y_dot = np.split(self._data[: ends[0]], 2)
-        self._A, self._e = self._data[ends[0] : ends[1]], self._data[ends[1] : ends[2]]
+        self._set_data(A.nnz + e.nnz)
+        start = 2 * self.pattern.nnz
         upper = np.where(row < first_c, self._place, -1)
         lower = np.where(row >= first_c, self._place, -1)
-        lower[of_A], lower[of_e] = ends[0] + A.place, ends[1] + e.place
-        self.add_at_y_dot = motion.derivatives_into(self._data, upper, self._sign)
-        self.add_at_w = motion.derivatives_into(self._data, lower, self._sign)
+        lower[of_A], lower[of_e] = start + A.place, start + A.nnz + e.place
+        self._add, self._add_at_w = (motion.derivatives_into(self._data, place, self._sign) for place in (upper, lower))
+        minus_e, AW_data, minus = np.zeros(layout.n_u), np.zeros(AW.pattern.nnz), np.zeros(AW.pattern.nnz)
+        out, rows, columns = motion.out[layout.u], W.pattern.rows, W.pattern.columns
+        self.to_accelerations: list[Step] = [  # w = u' - M^-1 e from e = M u' + h - f - A^T lam
+            *W.steps,
+            take_negative(out, np.arange(layout.n_u), minus_e),
+            take(y_dot[layout.u], np.arange(layout.n_u), motion.w),
+            add_products(W.data, W.places, minus_e, columns, motion.w, rows),
+        ]
+        self.steps = [
+            self._reset, self._add.step, *self.to_accelerations, self._add_at_w.step, set_to_zero(AW_data),
+            add_products(self._data, start + AW.p, W.data, W.places[AW.q], AW_data, AW.pattern.place),
+            take_negative(AW_data, np.arange(len(AW_data)), minus),
+            add_products(
+                minus, AWe.p, self._data, start + A.nnz + AWe.q, self._data, self._more[AWe.pattern.place]
+            ),
+        ]  # fmt: skip
 
-    def reset(self) -> None:
-        self._data[: len(self._at_rest) - 1] = self._at_rest[:-1]
-        self._data[len(self._at_rest) - 1 :] = 0.0
 
-    def add_product(self, blocks: np.ndarray) -> None:
-        """-A M^-1 de/dy in the constraint rows of dF/dy."""
-        A_inverse_mass = self._A_inverse_mass.data(self._A, blocks.ravel())
-        self.of_y[self._more] -= self._product.data(A_inverse_mass, self._e)
+@cache
+def _subtract() -> Code:
+    a, b = ca.SX.sym("a"), ca.SX.sym("b")
+    return compile_functions({"subtract": Loop(rows=[a, b], stored=[a - b])})

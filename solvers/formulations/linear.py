@@ -1,20 +1,19 @@
-"""Factorisations of matrices of one fixed pattern, given by their nonzeros: full, banded or sparse, as the band is."""
+"""Factorisations of matrices of one fixed pattern, given by their nonzeros: banded, or sparse if the band is wide."""
 
-from collections.abc import Callable
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Int, Num
-from scipy.linalg import lapack
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 from scipy.sparse.linalg import splu
 
+from .generated import Program
+from .generated.steps import Step, call_lapack, integer
 from .sparse_pattern import FixedPattern
 
-DENSE_BELOW = 40  # unknowns; below, a full LU is faster than a sparse one's bookkeeping
 BAND_WORK = 2e7  # products in a factorisation of a band, beyond which SuperLU is faster
-Solve = Callable[[Num[np.ndarray, " n"]], Num[np.ndarray, " n"]]
 
 
 class Band(NamedTuple):
@@ -36,47 +35,70 @@ class Band(NamedTuple):
 def find_band(pattern: FixedPattern) -> Band:
     """The band of a square pattern."""
     ones = sp.csr_matrix((np.ones(pattern.nnz), (pattern.rows, pattern.columns)), shape=pattern.shape)
-    order = reverse_cuthill_mckee(sp.csr_matrix(ones + ones.T), symmetric_mode=True)
+    order = reverse_cuthill_mckee(sp.csr_matrix(ones + ones.T), symmetric_mode=True).astype(np.int64)
     place = np.argsort(order)
     row, column = place[pattern.rows], place[pattern.columns]
     return Band(order, place, row, column, int(np.max(row - column)), int(np.max(column - row)))
 
 
-def factoriser(pattern: FixedPattern) -> Callable[[Num[np.ndarray, " nnz"]], Solve]:
-    """What factorises a matrix, real or complex, and returns the solve; RuntimeError if it is singular."""
-    if pattern.shape[0] < DENSE_BELOW:
-        return lambda data: _factorise_full(pattern.dense(data))
-    band = find_band(pattern)
-    if band.work > BAND_WORK:
-        return lambda data: splu(pattern.column_matrix(data)).solve
-    return _banded(band)
+class Factors:
+    """LU factors of a matrix of fixed ``pattern``, real or complex, which solve systems in place.
+
+    ``x`` is the right side and then the solution, in an order of its own: ours at ``order``; of ours at ``place``. A
+    zero pivot gives inf, which Newton's iteration then rejects; SuperLU raises RuntimeError.
+    """
+
+    def __init__(self, pattern: FixedPattern, kind: type = float) -> None:
+        band, n = find_band(pattern), pattern.shape[0]
+        self._pattern, self.steps = pattern, list[Step]()
+        self.x: np.ndarray = np.zeros(n, dtype=kind)
+        self.order, self.place = band.order, band.place
+        if band.work > BAND_WORK:
+            self.order = self.place = np.arange(n)
+            return
+        height, letter = 2 * band.below + band.above + 1, "z" if kind is complex else "d"
+        self._band: np.ndarray = np.zeros(n * height, dtype=kind)
+        self._entries = (height - 1) * band.column + band.row + band.below + band.above
+        size, below, above, lead = (integer(k) for k in (n, band.below, band.above, height))
+        pivots, info = np.zeros(n, dtype=np.int32), integer(0)
+        factor = call_lapack(f"{letter}gbtrf", size, size, below, above, self._band, lead, pivots, info)
+        self.steps = [
+            call_lapack(
+                f"{letter}gbtrs", np.frombuffer(b"N", dtype=np.uint8), size, below, above, integer(1), self._band,
+                lead, pivots, self.x, size, info,
+            )
+        ]  # fmt: skip
+        self._factor, self._solve = Program([factor]), Program(self.steps)
+
+    def factorise(self, data: Num[np.ndarray, " nnz"]) -> None:
+        """Take the matrix with these nonzeros."""
+        if not self.steps:
+            self._superlu = splu(self._pattern.column_matrix(data))
+            return
+        self._band.fill(0.0)
+        self._band[self._entries] = data
+        self._factor.run()
+
+    def solve(self) -> None:
+        """Replace the right side ``x`` by the solution."""
+        if self.steps:
+            self._solve.run()
+        else:
+            self.x[:] = self._superlu.solve(self.x)
 
 
-def _factorise_full(matrix: np.ndarray) -> Solve:
-    kind = "z" if np.iscomplexobj(matrix) else "d"
-    factors, pivots, _ = getattr(lapack, f"{kind}getrf")(matrix)  # a zero pivot gives inf, which Newton then rejects
-    substitute = getattr(lapack, f"{kind}getrs")
-    return lambda right: substitute(factors, pivots, right)[0]
+def solve_between(before: list[Step], factors: Sequence[Factors], after: list[Step], keeps: Any) -> Callable[[], None]:
+    """What runs ``before``, solves and runs ``after``: one call of machine code unless SuperLU takes part."""
+    direct = all(f.steps for f in factors)
+    between = [step for f in factors for step in f.steps] if direct else []
+    first = Program([*before, *between, *(after if direct else [])], (keeps, factors))
+    last = Program([] if direct else after, keeps)
 
+    def run() -> None:
+        first.run()
+        if not direct:
+            for f in factors:
+                f.solve()
+            last.run()
 
-def _banded(band: Band) -> Callable[[np.ndarray], Solve]:
-    n, below, above = len(band.order), band.below, band.above
-    height = 2 * below + above + 1
-    entries = band.column * height + below + above + band.row - band.column
-
-    def factorise(data: np.ndarray) -> Solve:
-        storage = np.zeros(n * height, dtype=data.dtype)
-        storage[entries] = data
-        kind = "z" if np.iscomplexobj(data) else "d"
-        matrix = storage.reshape(n, height).T
-        factors, pivots, info = getattr(lapack, f"{kind}gbtrf")(matrix, below, above, overwrite_ab=1)
-        if info != 0:
-            raise RuntimeError("Factor is exactly singular")
-        substitute = getattr(lapack, f"{kind}gbtrs")
-
-        def solve(right: np.ndarray) -> np.ndarray:
-            return substitute(factors, below, above, right.take(band.order), pivots, overwrite_b=1)[0].take(band.place)
-
-        return solve
-
-    return factorise
+    return run

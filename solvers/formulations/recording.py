@@ -39,7 +39,15 @@ class Clock:
 
     def check(self) -> None:
         if self.limit is not None and cpu_seconds() - self.began > self.limit:
-            raise StepFailure(Status.STALLED, f"the CPU limit of {self.limit:g} s was reached")
+            raise self.failure()
+
+    def failure(self) -> StepFailure:
+        """That of a run at its limit."""
+        return StepFailure(Status.STALLED, f"the CPU limit of {self.limit:g} s was reached")
+
+    def left(self) -> float | None:
+        """CPU time until the limit [s], if there is one."""
+        return None if self.limit is None else self.limit - (cpu_seconds() - self.began)
 
     def restart(self) -> float:
         """CPU time until here [s], the set-up; it counts anew, but the limit is on the whole call."""

@@ -72,7 +72,3 @@ class FixedProduct:
         within = np.arange(len(self.p)) - np.repeat(np.cumsum(count) - count, count)
         self.q = Q.indptr[P.indices[self.p]] + within
         self.pattern = FixedPattern(P.rows[self.p].astype(np.int64), Q.indices[self.q], (P.shape[0], Q.shape[1]))
-
-    def data(self, p: Float[np.ndarray, " nnz_p"], q: Float[np.ndarray, " nnz_q"]) -> Float[np.ndarray, " nnz"]:
-        """Nonzeros of ``pattern``."""
-        return self.pattern.data(p[self.p] * q[self.q])

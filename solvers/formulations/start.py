@@ -55,7 +55,7 @@ class Accelerations:
         self._A = np.zeros(pattern.nnz + 1)
         self._add_A = motion.derivatives_into(self._A, place, np.ones(len(place)))
         e, c = motion.out[layout.u], motion.out[layout.lam]
-        self._saddle = Saddle(layout, pattern, InverseMass(layout), self._A[:-1], e, c)
+        self._saddle = Saddle(layout, pattern, InverseMass(layout, motion.y), self._A[:-1], e, c)
         self._at_rest = np.zeros(layout.n_u)
 
     def at(
@@ -68,7 +68,7 @@ class Accelerations:
         self._motion.evaluate.run()
         self._A.fill(0.0)
         self._add_A.run()
-        u_dot, lam = self._saddle.solve(y)
+        u_dot, lam = self._saddle.solve()
         return u_dot.copy(), lam.copy()
 
     def rate(self, y: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n_p"]:

@@ -97,7 +97,7 @@ class StrongForm:
         self._at = at = RowTerms(*of_motion, *own)
         at.C_bar[:], at.K_bar[:] = choice.c_bar, choice.k_bar
         c, self._lam, self._lam_dot, self._F, self._lam_ddot = (np.zeros(layout.k) for _ in range(5))
-        self._saddle = Saddle(layout, self.pattern, InverseMass(layout), at.A, at.e, c)
+        self._saddle = Saddle(layout, self.pattern, InverseMass(layout, self._motion.y), at.A, at.e, c)
         terms = self.pattern.rows, self.pattern.columns
         count, code = np.array([layout.k]), _compiled_rows(alpha, beta)
         shared = [at.phi, at.phi_dot, at.M_bar, at.M_bar_dot, at.C_bar, at.K_bar]
@@ -123,7 +123,7 @@ class StrongForm:
     ) -> StrongRates:  # fmt: skip
         """The solution of Eq. (65), in arrays that the next call changes."""
         self._evaluate(pu, t)
-        u_dot, F = self._saddle.solve(pu)
+        u_dot, F = self._saddle.solve()
         self._lam[:], self._lam_dot[:], self._F[:] = lam, lam_dot, F
         self._after.run()
         return StrongRates(self._at.p_dot, u_dot, self._lam_ddot, self._F)

@@ -12,6 +12,7 @@ from mbsbench.harness.mechanics.motion import constraint, constraint_rate
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 from mbsbench.solvers.formulations.charts import CHARTS
+from mbsbench.solvers.formulations.generated import Program
 from mbsbench.solvers.formulations.layout import Layout
 from mbsbench.solvers.formulations.saddle import InverseMass
 from mbsbench.solvers.formulations.start import Accelerations
@@ -63,8 +64,9 @@ def test_the_printed_matrix_equation_holds(coordinates, springs, choice, seed):
     lam, lam_dot = np.random.default_rng(seed).standard_normal((2, at.k))
     r = form.rates(pu, lam, lam_dot)
     s: RowTerms = form.terms(pu)
-    inverse = InverseMass(at)
-    M = np.linalg.inv(inverse.pattern.dense(inverse.pattern.data(inverse.blocks(pu).ravel())))
+    inverse = InverseMass(at, pu)
+    Program(inverse.steps).run()
+    M = np.linalg.inv(inverse.pattern.dense(inverse.data[inverse.places]))
     A = form.pattern.dense(s.A)
     first = M @ r.u_dot - A.T @ (s.M_bar * r.lam_ddot) + s.e
     first -= A.T @ ((s.M_bar_dot + s.C_bar) * lam_dot + s.K_bar * lam - s.f_bar)

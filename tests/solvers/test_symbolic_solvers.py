@@ -11,6 +11,7 @@ from mbsbench.harness.mechanics import motion, so3
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
+from mbsbench.solvers.formulations import ida
 from mbsbench.solvers.formulations.recording import Clock, StepFailure
 
 from .runs import SYMBOLIC, drift, error, pendulum, run
@@ -161,8 +162,11 @@ def test_redundant_rows_are_refused_on_request(solver):
 
 
 @every_solver
-def test_the_clock_is_looked_at_at_every_evaluation(solver, monkeypatch):
-    """A step near a singular pose may take any number of evaluations: the CPU limit ends it inside."""
+def test_the_clock_is_looked_at_inside_a_step(solver, monkeypatch):
+    """A step near a singular pose may take any number of evaluations: the CPU limit ends it inside.
+
+    IDA's residuals look at a deadline of their own, at every 16th; here it has come when the first is evaluated.
+    """
     looks = 0
 
     def check(clock: Clock) -> None:
@@ -172,10 +176,27 @@ def test_the_clock_is_looked_at_at_every_evaluation(solver, monkeypatch):
             raise StepFailure(Status.STALLED, "the CPU limit was reached")
 
     monkeypatch.setattr(Clock, "check", check)
+    monkeypatch.setattr(Clock, "left", lambda clock: 0.0)
     problem = make_problem("n_four_bar", {"windows": 2, "t_end": 10.0})
-    t = make_solver(solver).solve(problem, StepControl(rtol=1e-6))
+    t = make_solver(solver).solve(problem, StepControl(rtol=1e-6, cpu_limit=100.0))
     assert t.status is Status.STALLED and "CPU limit" in t.message
     assert 0 < t.counters["evaluations"] <= looks + t.counters.get("difference_evaluations", 0)
+
+
+@pytest.mark.parametrize("form", ["fi", "se"])
+def test_dense_banded_and_sparse_matrices_give_one_motion(form, monkeypatch):
+    """The slider-crank's 56 unknowns in each: equal steps, and positions to rounding times what IDA makes of it.
+
+    The band of form se is nearly full, so that its room for pivoting is wider than the matrix.
+    """
+    problem, runs = make_problem("slider_crank", {"t_end": 0.02}), []
+    for dense_below, band_work in ((1000, 2e7), (0, 2e7), (0, 0.0)):
+        monkeypatch.setattr(ida, "DENSE_BELOW", dense_below)
+        monkeypatch.setattr(ida, "BAND_WORK", band_work)
+        runs.append(solve("ida_index1", problem, 1e-6, {"form": form}))
+    for other in runs[1:]:
+        assert len(other.t) == len(runs[0].t)
+        assert np.max(np.abs(other.states.r - runs[0].states.r)) < 1e-9
 
 
 def test_lambda_in_the_error_test_stalls_the_fully_implicit_form():

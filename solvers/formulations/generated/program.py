@@ -34,6 +34,7 @@ class Program:
         self._keeps = keeps
         self.entry = self._words.ctypes.data
         self._run = runner().function("run", 1)
+        self.step = runner().address("run"), [self._words[1:]]  # of another program, which must keep this one
 
     def __int__(self) -> int:
         return self.entry

@@ -1,0 +1,205 @@
+"""Newton's iterations of scipy_dae's methods on an ``ImplicitForm``, each iteration one call of machine code.
+
+They replace functions of scipy_dae by the same signature. What is not finite shows in the norm.
+"""
+
+import math
+from collections.abc import Callable
+from functools import cache
+from types import FunctionType, MethodType, ModuleType
+from typing import Any, NamedTuple
+
+import casadi as ca
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Float
+from scipy_dae.integrate._dae import bdf
+from scipy_dae.integrate._dae.dae import DaeSolver
+
+from ...harness.types import StepControl
+from .dae import ImplicitForm
+from .generated import Code, Loop, compile_functions
+from .generated.steps import take
+from .linear import Factors, solve_between
+from .recording import Clock
+
+Norm = Callable[[Float[np.ndarray, " n"]], float]
+Newton = Callable[[DaeSolver, ImplicitForm, tuple[Factors, Factors], Norm, Clock], Callable]
+
+
+def root_mean_square(x: Float[np.ndarray, " n"]) -> float:
+    """scipy_dae's norm."""
+    return math.sqrt(float(x.dot(x)) / len(x))
+
+
+def maximum(x: Float[np.ndarray, " n"]) -> float:
+    """ode15s's norm."""
+    return float(np.max(np.abs(x)))
+
+
+class Scheme(NamedTuple):
+    """A method of scipy_dae, its module, the name of Newton's iteration there, ours, and settings."""
+
+    kind: type[DaeSolver]
+    module: ModuleType
+    name: str
+    newton: Newton
+    settings: dict[str, Any]
+
+    def on(
+        self, form: ImplicitForm, start: tuple[np.ndarray, np.ndarray], t_end: float, control: StepControl,
+        atol: Float[np.ndarray, " n"], norm: Norm, clock: Clock, *, keep_y_dot: bool,
+    ) -> DaeSolver:  # fmt: skip
+        """The method on ``form``, ready to step; Jacobians are taken at y' = 0 unless ``keep_y_dot``.
+
+        Its step runs over a copy of its module's names. Jacobians are nonzeros of the form's pattern, which it only
+        adds.
+        """
+        factors = Factors(form.pattern), Factors(form.pattern, complex)
+
+        def residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
+            clock.check()
+            return form.residual(y, y_dot, t)
+
+        def count_residual(t: float, y: np.ndarray, y_dot: np.ndarray) -> np.ndarray:
+            method.nfev += 1
+            return residual(t, y, y_dot)
+
+        def jacobian(t: float, y: np.ndarray, y_dot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            method.njev += 1
+            of_y, of_y_dot = form.jacobian(y, y_dot if keep_y_dot else np.zeros_like(y_dot), t)
+            return of_y.copy(), of_y_dot.copy()
+
+        def lu(data: np.ndarray) -> Factors:
+            method.nlu += 1
+            own = factors[np.iscomplexobj(data)]
+            own.factorise(data)
+            return own
+
+        def solve_lu(own: Factors, right: np.ndarray) -> np.ndarray:
+            method._nlusove += 1
+            own.x[:] = right[own.order]
+            own.solve()
+            return own.x[own.place]
+
+        nothing = sp.csc_matrix(form.pattern.shape)
+        method = self.kind(
+            residual, 0.0, *start, t_end, max_step=control.max_step or np.inf, rtol=control.rtol, atol=atol,
+            jac=(nothing, nothing), **self.settings,
+        )  # fmt: skip
+        method.fun, method.jac, method.lu, method.solve_lu = count_residual, jacobian, lu, solve_lu
+        method.Jy, method.Jyp = jacobian(method.t, method.y, method.yp)
+        names = {**vars(self.module), "norm": norm, self.name: self.newton(method, form, factors, norm, clock)}
+        method._step_impl = MethodType(FunctionType(self.kind._step_impl.__code__, names), method)
+        return method
+
+
+def ndf_newton(
+    method: DaeSolver, form: ImplicitForm, factors: tuple[Factors, Factors], norm: Norm, clock: Clock
+) -> Callable:
+    """``solve_bdf_system``."""
+    n, own, code = len(form.y), factors[0], _ndf_loops()
+    c, d, psi, inverse_scale, scaled = np.zeros(1), *(np.zeros(n) for _ in range(4))
+    every, count = np.arange(n), np.array([n])
+    before = [
+        (code.address("rate"), [count, c, d, psi, form.y_dot]),
+        form.evaluate.step,
+        take(form.F, own.order, own.x),
+    ]
+    update = [count, inverse_scale, own.x, own.place, scaled, form.y, every, d, every]
+    iterate = solve_between(before, [own], [(code.address("update"), update)], (code, form))
+
+    def solve(
+        fun: Callable, t: float, y: np.ndarray, c_new: float, psi_new: np.ndarray, LU: Any, solve_lu: Callable,
+        scale: np.ndarray, tol: float,
+    ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray]:  # fmt: skip
+        form.y[:], form.t[0], c[0], psi[:], before = y, t, c_new, psi_new, 0.0
+        np.divide(1.0, scale, out=inverse_scale)
+        d.fill(0.0)
+        converged = False
+        for k in range(bdf.NEWTON_MAXITER):
+            clock.check()
+            iterate()
+            method.nfev, method._nlusove = method.nfev + 1, method._nlusove + 1
+            size = norm(scaled)
+            converged, go_on = _judge(size, before, k, bdf.NEWTON_MAXITER, tol)[:2]
+            if not go_on:
+                break
+            before = size
+        return converged, k + 1, form.y.copy(), form.y_dot.copy(), d.copy()
+
+    return solve
+
+
+def radau_newton(
+    method: DaeSolver, form: ImplicitForm, factors: tuple[Factors, Factors], norm: Norm, clock: Clock
+) -> Callable:
+    """``solve_collocation_system`` of three stages."""
+    n, (real, pair), code = len(form.y), factors, _radau_loops()
+    every, count, stages = np.arange(n), np.array([n]), np.arange(3) * n
+    Y, Yp, F, scaled, tau, inverse_scale = *(np.zeros((3, n)) for _ in range(4)), np.zeros(3), np.zeros(n)
+    TI, T, hA = (np.ascontiguousarray(matrix.T) for matrix in (method.TI, method.T, method.A))  # by columns
+    before = []
+    for k in range(3):
+        before += [take(Y[k], every, form.y), take(Yp[k], every, form.y_dot), take(tau[k : k + 1], every[:1], form.t)]
+        before += [form.evaluate.step, take(form.F, every, F[k])]
+    parts, at = pair.x.view(float), every[:, None] + stages
+    before.append((code.address("transform"), [count, TI, F, real.order[:, None] + stages, real.x, parts]))
+    update = [count, T, hA, inverse_scale, real.x, real.place, parts, 2 * pair.place[:, None] + np.arange(2)]
+    after = [(code.address("update"), [*update, scaled, Yp, at, Y, at.copy()])]
+    iterate = solve_between(before, factors, after, (code, form))
+
+    def solve(
+        fun: Callable, t: float, y: np.ndarray, h: float, Yp0: np.ndarray, scale: np.ndarray, tol: float,
+        LU_real: Any, LU_complex: Any, solve_lu: Callable, C: np.ndarray, T: np.ndarray, TI: np.ndarray,
+        A: np.ndarray, most: int,
+    ) -> tuple[bool, int, np.ndarray, np.ndarray, np.ndarray, float | None]:  # fmt: skip
+        Yp[:], tau[:], hA[:], before = Yp0, t + h * C, h * A.T, 0.0
+        np.add(y, h * A.dot(Yp), out=Y)
+        np.divide(1.0, scale, out=inverse_scale)
+        converged, rate = False, None
+        for k in range(most):
+            clock.check()
+            iterate()
+            method.nfev, method._nlusove = method.nfev + 3, method._nlusove + 2
+            size = norm(scaled.ravel())
+            converged, go_on, rate = _judge(size, before, k, most, tol)
+            if not go_on:
+                break
+            before = size
+        Yp0[:] = Yp  # as scipy_dae: a second attempt begins there
+        return converged, k + 1, Y.copy(), Yp0, Y - y, rate
+
+    return solve
+
+
+def _judge(size: float, before: float, k: int, most: int, tol: float) -> tuple[bool, bool, float | None]:
+    """Whether iteration ``k`` of ``most`` converged, whether to go on, and the rate."""
+    rate = size / before if k else None
+    if not math.isfinite(size):
+        return False, False, rate
+    if rate is not None and (rate >= 1.0 or rate ** (most - k) / (1.0 - rate) * size > tol):
+        return False, False, rate
+    converged = size == 0.0 or (rate is not None and rate / (1.0 - rate) * size < tol)
+    return converged, not converged, rate
+
+
+@cache
+def _ndf_loops() -> Code:
+    c, d, psi, x, inverse_scale = (ca.SX.sym(name) for name in ("c", "d", "psi", "x", "inverse_scale"))
+    rate = Loop(whole=[c], rows=[d, psi], stored=[c * d + psi])
+    update = Loop(rows=[inverse_scale], gathered=[x], stored=[x * inverse_scale], added=[-x, -x])
+    return compile_functions({"rate": rate, "update": update})
+
+
+@cache
+def _radau_loops() -> Code:
+    TI, T, hA = (ca.SX.sym(name, 3, 3) for name in ("TI", "T", "hA"))
+    F, x, parts, inverse_scale = ca.SX.sym("F", 3), ca.SX.sym("x"), ca.SX.sym("parts", 2), ca.SX.sym("inverse_scale")
+    G, dYp = TI @ F, T @ ca.vertcat(x, parts)
+    dY = hA @ dYp
+    transform = Loop(whole=[TI], gathered=[F], stored=[-G[0], -G[1:]])
+    update = Loop(
+        whole=[T, hA], rows=[inverse_scale], gathered=[x, parts], stored=[dY * inverse_scale], added=[dYp, dY]
+    )
+    return compile_functions({"transform": transform, "update": update})

@@ -1,0 +1,216 @@
+"""SUNDIALS IDA from the libraries that scikit-sundae brings along, with residuals in machine code that calls no Python.
+
+scikit-sundae's own interface makes arrays of vectors, a record of every step, and full matrices of banded Jacobians.
+"""
+
+import ctypes
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float, Int
+from sksundae import _cy_ida
+from sksundae._cy_common import INT_TYPE
+
+from .generated import Code, Program
+
+ADDRESS, NUMBER, FLAG = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
+INDEX = np.ctypeslib.as_ctypes_type(INT_TYPE)
+BY_COLUMNS, ONE_STEP, ONE_STEP_LIMIT = 0, 2, 100_000  # CSC_MAT, IDA_ONE_STEP; IDA's own limit a call
+OUT_OF_TIME = (-8, -12)  # IDA's flags of a residual that fails, which it does here at the deadline alone
+CHECK_EVERY = 16  # residuals, a power of two
+CREATORS = ("SUNDense", "SUNBand", "SUNSparse", "SUNLinSol_", "N_V", "IDACreate")  # return addresses, others flags
+WORK = ("evaluations", "deadline", "data_of", "y", "y_dot", "F", "bytes", "t", "run", "program")
+
+
+@dataclass(frozen=True)
+class Equations:
+    """F(t, y, y') = 0 in IDA's order: ``evaluate`` computes ``F`` from ``t``, ``y`` and ``y_dot``."""
+
+    evaluate: Program
+    t: Float[np.ndarray, " 1"]
+    y: Float[np.ndarray, " n"]
+    y_dot: Float[np.ndarray, " n"]
+    F: Float[np.ndarray, " n"]
+    jacobian: Callable[[float], Float[np.ndarray, " nnz"]]  # dF/dy + cj dF/dy' at t, y, y_dot
+    rows: Int[np.ndarray, " nnz"]
+    columns: Int[np.ndarray, " nnz"]
+
+
+class Ida:
+    """IDA on ``equations``, whose ``y`` and ``y_dot`` hold the start. Use in a ``with`` statement, which frees it."""
+
+    def __init__(
+        self, equations: Equations, linear_solver: str, *, rtol: float, atol: Float[np.ndarray, " n"],
+        first_step: float, max_step: float, seconds: float | None,
+    ) -> None:  # fmt: skip
+        """``linear_solver``: dense, band or sparse; a step fails ``seconds`` of CPU time from now; 0: IDA's choice."""
+        self._equations, self._stack, self._said = equations, ExitStack(), list[str]()
+        self._failure: BaseException | None = None
+        self._indices = list[tuple[np.ndarray, np.ndarray]]()  # of a sparse matrix, and their values
+        self.jacobians = 0
+        n = len(equations.y)
+        self._solution = tuple(x.copy() for x in (equations.y, equations.y_dot))
+        context = ADDRESS()
+        _check(_function("SUNContext_Create")(FLAG(0), ctypes.byref(context)))
+        self._free("SUNContext_Free", ctypes.byref(context))
+        self._hear_c = ctypes.CFUNCTYPE(None, FLAG, *[ctypes.c_char_p] * 3, FLAG, ADDRESS, ADDRESS)(self._hear)
+        _check(_function("SUNContext_ClearErrHandlers")(context))
+        _check(_function("SUNContext_PushErrHandler")(context, self._hear_c, None))
+        self._atol = atol.copy()
+        y, y_dot, tolerances = (self._vector(x, context) for x in (*self._solution, self._atol))
+        matrix, solver = self._linear_algebra(linear_solver, n, y, context)
+        self._memory = ADDRESS(_function("IDACreate")(context))
+        self._free("IDAFree", ctypes.byref(self._memory))
+        code, limit = _residual(), 2**62 if seconds is None else int((time.process_time() + seconds) * 1e6)
+        own = (equations.y, equations.y_dot, equations.F)
+        run, (program,) = equations.evaluate.step
+        self._work = np.array(
+            [0, limit, ctypes.cast(_function("N_VGetArrayPointer"), ADDRESS).value, *(x.ctypes.data for x in own),
+             own[0].nbytes, equations.t.ctypes.data, run, program.ctypes.data], dtype=np.int64,
+        )  # fmt: skip
+        self._jacobian = ctypes.CFUNCTYPE(FLAG, NUMBER, NUMBER, *[ADDRESS] * 8)(self._fill)
+        for name, *arguments in (
+            ("IDAInit", ADDRESS(code.address("residual")), NUMBER(0.0), y, y_dot),
+            ("IDASetUserData", ADDRESS(self._work.ctypes.data)),
+            ("IDASVtolerances", NUMBER(rtol), tolerances),
+            ("IDASetLinearSolver", solver, matrix),
+            ("IDASetJacFn", self._jacobian),
+            ("IDASetInitStep", NUMBER(first_step)),
+            ("IDASetMaxStep", NUMBER(max_step)),
+            ("IDASetMaxNumSteps", ctypes.c_long(ONE_STEP_LIMIT)),
+        ):
+            _check(_function(name)(self._memory, *arguments))
+        self._t = NUMBER(0.0)
+        self._step = _function("IDASolve"), ctypes.byref(self._t), y, y_dot, FLAG(ONE_STEP)
+
+    def __enter__(self) -> "Ida":
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._stack.close()
+
+    @property
+    def evaluations(self) -> int:
+        """Residuals computed."""
+        return int(self._work[0])
+
+    @property
+    def messages(self) -> str:
+        """What SUNDIALS said."""
+        return " ".join(self._said)
+
+    def stop_at(self, t: float) -> None:
+        """Let no step pass ``t`` [s]."""
+        _check(_function("IDASetStopTime")(self._memory, NUMBER(t)))
+
+    def step(self, t_end: float) -> tuple[int, float, Float[np.ndarray, " n"]]:
+        """IDA's flag, t and y after one step towards ``t_end``, in an array that the next step changes."""
+        solve, t, y, y_dot, how = self._step
+        flag = solve(self._memory, NUMBER(t_end), t, y, y_dot, how)
+        if self._failure is not None:
+            raise self._failure
+        return flag, self._t.value, self._solution[0]
+
+    def _vector(self, x: np.ndarray, context: Any) -> Any:
+        out = ADDRESS(_function("N_VMake_Serial")(INDEX(len(x)), ADDRESS(x.ctypes.data), context))
+        self._free("N_VDestroy", out)
+        return out
+
+    def _linear_algebra(self, kind: str, n: int, y: Any, context: Any) -> tuple[Any, Any]:
+        """Newton's matrix and its solver; sets where the Jacobian's nonzeros go."""
+        rows, columns = self._equations.rows, self._equations.columns
+        below, above = int(np.max(rows - columns)), int(np.max(columns - rows))
+        name, solver_name, threads = kind.capitalize(), f"SUNLinSol_{kind.capitalize()}", list[Any]()
+        sizes: list[Any]
+        if kind == "dense":
+            size, sizes, places = n * n, [INDEX(n)], columns * n + rows
+        elif kind == "band":
+            height = 2 * below + above + 1  # with room for pivoting
+            size, sizes, places = (
+                n * height,
+                [INDEX(above), INDEX(below)],
+                columns * (height - 1) + rows + below + above,
+            )
+        else:
+            size, sizes, places = len(rows), [INDEX(n), INDEX(len(rows)), FLAG(BY_COLUMNS)], np.arange(len(rows))
+            solver_name, threads = "SUNLinSol_SuperLUMT", [FLAG(1)]  # more take milliseconds to set out
+        matrix = ADDRESS(_function(f"SUN{name}Matrix")(INDEX(n), *sizes, context))
+        self._free("SUNMatDestroy", matrix)
+        self._data, self._places = _array(_function(f"SUN{name}Matrix_Data")(matrix), np.float64, size), places
+        if kind == "sparse":
+            starts = np.searchsorted(columns, np.arange(n + 1))
+            for part, x in (("Values", rows), ("Pointers", starts)):
+                address = _function(f"SUNSparseMatrix_Index{part}")(matrix)
+                self._indices.append((_array(address, INT_TYPE, len(x)), x))
+        solver = ADDRESS(_function(solver_name)(y, matrix, *threads, context))
+        self._free("SUNLinSolFree", solver)
+        return matrix, solver
+
+    def _fill(self, t: float, cj: float, y: int, y_dot: int, *rest: int) -> int:
+        """IDA's ``jacfn``; SUNDIALS has set the matrix to zero."""
+        try:
+            self.jacobians += 1
+            self._equations.t[0] = t
+            for own, vector in ((self._equations.y, y), (self._equations.y_dot, y_dot)):
+                ctypes.memmove(own.ctypes.data, _function("N_VGetArrayPointer")(ADDRESS(vector)), own.nbytes)
+            self._data[self._places] = self._equations.jacobian(cj)
+            for target, x in self._indices:
+                target[:] = x
+        except BaseException as error:  # through C no exception passes
+            self._failure = error
+            return -1
+        return 0
+
+    def _hear(self, line: int, function: bytes, file: bytes, message: bytes, code: int, *rest: int) -> None:
+        self._said.append(f"[{function.decode()}, Error: {code}] {message.decode().strip()}")
+
+    def _free(self, name: str, what: Any) -> None:
+        self._stack.callback(_function(name), what)
+
+
+def _array(address: int, kind: Any, size: int) -> np.ndarray:
+    return np.ctypeslib.as_array((np.ctypeslib.as_ctypes_type(kind) * size).from_address(address))
+
+
+def _check(flag: int) -> None:
+    if flag < 0:
+        raise RuntimeError(f"SUNDIALS refused a setting (flag {flag})")
+
+
+@cache
+def _function(name: str) -> Any:
+    function = getattr(ctypes.CDLL(_cy_ida.__file__), name)  # of what it depends on, all of SUNDIALS that is used here
+    function.restype = ADDRESS if name.startswith(CREATORS) else FLAG
+    return function
+
+
+@cache
+def _residual() -> Code:
+    """IDA's ``resfn``: copies y and y' to buffers, runs the program, copies F; fails after the deadline."""
+    loads = []
+    for k, name in enumerate(WORK):
+        kind = "i64" if name in ("evaluations", "deadline", "bytes") else "ptr"
+        loads += [f"  %{name}.at = getelementptr i64, ptr %work, i64 {k}", f"  %{name} = load {kind}, ptr %{name}.at"]
+    copy = "  call void @llvm.memcpy.p0.p0.i64(ptr {}, ptr {}, i64 %bytes, i1 false)"
+    return Code(
+        "\n".join(
+            [
+                "declare i64 @clock()", "declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)",
+                "define i32 @residual(double %time, ptr %yy, ptr %yp, ptr %rr, ptr %work) {", *loads,
+                "  %count = add i64 %evaluations, 1", "  store i64 %count, ptr %evaluations.at",
+                f"  %phase = and i64 %evaluations, {CHECK_EVERY - 1}", "  %due = icmp eq i64 %phase, 0",
+                "  br i1 %due, label %look, label %go", "look:", "  %now = call i64 @clock()",
+                "  %late = icmp sgt i64 %now, %deadline", "  br i1 %late, label %stop, label %go", "stop:",
+                "  ret i32 -1", "go:", "  store double %time, ptr %t",
+                "  %yy.data = call ptr %data_of(ptr %yy)", copy.format("%y", "%yy.data"),
+                "  %yp.data = call ptr %data_of(ptr %yp)", copy.format("%y_dot", "%yp.data"),
+                "  call void %run(ptr %program)", "  %rr.data = call ptr %data_of(ptr %rr)",
+                copy.format("%rr.data", "%F"), "  ret i32 0", "}", "",
+            ]
+        )
+    )  # fmt: skip
