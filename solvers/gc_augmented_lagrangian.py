@@ -17,9 +17,7 @@ from ..harness.catalogue.registry import solver
 from ..harness.clock import cpu_seconds
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.methods.choices import GaugeChoices, Penalty
-from .formulations.methods.gc_newton_arrays import integrate_newton, newton_steps
-from .formulations.methods.gc_step import applies
-from .formulations.methods.gc_weak_form import simplified_steps
+from .formulations.methods.gc_weak_form import integrate_weak_form
 from .formulations.methods.passages import passages
 from .formulations.rank import rows_to_keep
 
@@ -85,10 +83,7 @@ class GcAugmentedLagrangian(GaugeChoices):
         )  # fmt: skip
         settings = self.settings(problem)._replace(penalty=penalty)
         set_up = cpu_seconds() - began
-        method = newton_steps(problem.system, settings, self.max_cuts, self.max_turn, self.mu0)
-        if applies(settings, problem.system) and not self.max_turn:
-            method = simplified_steps(problem.system, settings, method)
-        out = integrate_newton(problem, control, method)
+        out = integrate_weak_form(problem, control, self, settings)
         rank = f"{problem.system.nrows} constraint rows of rank {problem.system.nrows - redundant} at the start"
         crossed = passages(problem.system, out)
         notes = [rank, *self.notes(problem)]

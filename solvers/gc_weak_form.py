@@ -13,9 +13,7 @@ from ..harness.catalogue.options import option
 from ..harness.catalogue.registry import solver
 from ..harness.types import Problem, StepControl, Trajectory
 from .formulations.methods.choices import GaugeChoices
-from .formulations.methods.gc_newton_arrays import integrate_newton, newton_steps
-from .formulations.methods.gc_step import applies
-from .formulations.methods.gc_weak_form import simplified_steps
+from .formulations.methods.gc_weak_form import integrate_weak_form
 from .formulations.rank import rows_to_keep
 
 
@@ -46,9 +44,5 @@ class GcWeakForm(GaugeChoices):
 
     def solve(self, problem: Problem, control: StepControl) -> Trajectory:
         """Integrate with the fixed step ``control.dt``."""
-        settings = self.settings(problem)
-        method = newton_steps(problem.system, settings, self.max_cuts, self.max_turn, self.mu0)
-        if applies(settings, problem.system) and not self.max_turn:
-            method = simplified_steps(problem.system, settings, method)
-        out = integrate_newton(problem, control, method)
+        out = integrate_weak_form(problem, control, self, self.settings(problem))
         return replace(out, notes=(*out.notes, *self.notes(problem)))

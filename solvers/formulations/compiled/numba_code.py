@@ -10,16 +10,17 @@ import numba
 import numpy as np
 from llvmlite import ir
 from numba import types
-from numba.core import cgutils
 from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary, JITCPUCodegen
 from numba.core.compiler_lock import global_compiler_lock
-from numba.extending import intrinsic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import infer_getattr, intrinsic, lower_getattr_generic, models, register_model
 from numba.np import arrayobj
 
 from . import entries
 from .entries import PACKAGE, Inner
 
 KNOWN = "0.68."  # the version whose private methods do what ``_lowered_only`` needs
+WORD = ir.IntType(64)
 OPTIONS = {"error_model": "numpy", "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
@@ -27,10 +28,10 @@ def print_function(function: Callable[..., None], name: str, bundle: Any) -> str
     """LLVM IR of ``name`` (words) -> void, optimised."""
     arm(function.__module__, set())
     inner = numba.njit(**OPTIONS, forceinline=True)(function)
-    unpack = _unpacker(bundle_type(bundle))
+    view = _viewer(Bundle(bundle))
 
     def entry(words):  # type: ignore[no-untyped-def]
-        inner(unpack(words))
+        inner(view(words))
 
     signature = (types.CPointer(types.int64),)
     with _lowered_only():
@@ -104,66 +105,95 @@ def _close(library: Any) -> None:
     library._finalized = True
 
 
-def bundle_type(bundle: Any) -> Any:
-    """Numba's type of a bundle."""
-    fields: list[Any] = []
-    for x in bundle:
-        if isinstance(x, np.ndarray):
-            if x.dtype.names:
-                fields.append(numba.from_dtype(x.dtype))
-            else:
-                fields.append(types.Array(numba.from_dtype(x.dtype), x.ndim, "C"))
-        else:
-            fields.append(bundle_type(x) if isinstance(x, tuple) else types.int64)
-    return (
-        types.NamedTuple(fields, type(bundle))
-        if len(set(fields)) > 1
-        else types.NamedUniTuple(fields[0], len(fields), type(bundle))
+class Bundle(types.Type):  # type: ignore[misc]
+    """A bundle as the address of its words: fields are loaded where they are named, and to hand it on costs nothing."""
+
+    def __init__(self, bundle: Any) -> None:
+        self.fields: dict[str, tuple[int, Any]] = {}
+        self.length = 0
+        for name, x in zip(bundle._fields, bundle, strict=True):
+            self.fields[name] = self.length, _field_type(x)
+            self.length += 1 + x.ndim if isinstance(x, np.ndarray) else getattr(self.fields[name][1], "length", 1)
+        super().__init__(f"{type(bundle).__name__}({self.fields})")
+
+
+def _field_type(x: Any) -> Any:
+    if isinstance(x, np.ndarray):
+        of = numba.from_dtype(x.dtype)
+        return of if x.dtype.names else types.Array(of, x.ndim, "C")
+    return Bundle(x) if isinstance(x, tuple) else types.int64
+
+
+@register_model(Bundle)
+class BundleModel(models.PrimitiveModel):  # type: ignore[misc]
+    """An address of words."""
+
+    def __init__(self, manager: Any, of: Any) -> None:
+        super().__init__(manager, of, WORD.as_pointer())
+
+
+@infer_getattr
+class BundleFields(AttributeTemplate):  # type: ignore[misc]
+    """Types of fields."""
+
+    key = Bundle
+
+    def generic_resolve(self, of: Any, name: str) -> Any:
+        """The type of one, None where there is none."""
+        return of.fields.get(name, (0, None))[1]
+
+
+@lower_getattr_generic(Bundle)
+def _load_field(context: Any, builder: Any, of: Any, words: Any, name: str) -> Any:
+    at, kind = of.fields[name]
+    words = builder.gep(words, [ir.Constant(WORD, at)])
+    if isinstance(kind, Bundle):
+        return words
+    if not isinstance(kind, types.Array):
+        value = _load_word(builder, words, 0)
+        return value if kind is types.int64 else builder.inttoptr(value, context.get_value_type(kind))
+    return builder.call(_array_loader(context, builder.module, kind), [words])
+
+
+def _load_word(builder: Any, words: Any, at: int) -> Any:
+    value = builder.load(builder.gep(words, [ir.Constant(WORD, at)]))
+    value.set_metadata("invariant.load", builder.module.add_metadata([]))
+    return value
+
+
+def _array_loader(context: Any, module: Any, kind: Any) -> Any:
+    """A function words -> array: written once, as arrays are named often."""
+    name = f"mbsbench.load.{kind.dtype}.{kind.ndim}"
+    if name in module.globals:
+        return module.globals[name]
+    function = ir.Function(module, ir.FunctionType(context.get_value_type(kind), [WORD.as_pointer()]), name)
+    function.linkage = "linkonce_odr"
+    function.attributes.add("alwaysinline")
+    builder, words = ir.IRBuilder(function.append_basic_block()), function.args[0]
+    array = context.make_array(kind)(context, builder)
+    data = builder.inttoptr(_load_word(builder, words, 0), context.get_data_type(kind.dtype).as_pointer())
+    shape = [_load_word(builder, words, 1 + axis) for axis in range(kind.ndim)]
+    size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+    strides = [ir.Constant(WORD, size)]
+    for length in shape[:0:-1]:
+        strides.append(builder.mul(strides[-1], length))
+    arrayobj.populate_array(
+        array, data=data, shape=shape, strides=strides[::-1], itemsize=ir.Constant(WORD, size), meminfo=None
     )
+    builder.ret(array._getvalue())
+    return function
 
 
-def _unpacker(of: Any) -> Any:
+def _viewer(of: Bundle) -> Any:
     @intrinsic
-    def unpack(typing: Any, words: Any) -> Any:
+    def view(typing: Any, words: Any) -> Any:
         def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-            return _unpacked(context, builder, of, given[0], [0])
+            builder.function.args[-1].attributes.dereferenceable = 8 * max(of.length, 1)
+            return given[0]
 
         return of(words), generate
 
-    return unpack
-
-
-def _unpacked(context: Any, builder: Any, of: Any, words: Any, at: list[int]) -> Any:
-    """The value of type ``of`` from the words behind ``at``, which it moves."""
-
-    def load() -> Any:
-        value = builder.load(builder.gep(words, [ir.Constant(ir.IntType(64), at[0])]))
-        at[0] += 1
-        return value
-
-    if isinstance(of, types.Array):
-        array = context.make_array(of)(context, builder)
-        data = builder.inttoptr(load(), context.get_data_type(of.dtype).as_pointer())
-        shape = [load() for _ in range(of.ndim)]
-        size = context.get_abi_sizeof(context.get_data_type(of.dtype))
-        strides, step = [], ir.Constant(ir.IntType(64), size)
-        for length in reversed(shape):
-            strides.append(step)
-            step = builder.mul(step, length)
-        arrayobj.populate_array(
-            array, data=data, shape=shape, strides=strides[::-1], itemsize=ir.Constant(ir.IntType(64), size),
-            meminfo=None,
-        )  # fmt: skip
-        return array._getvalue()
-    if isinstance(of, types.Record):
-        return builder.inttoptr(load(), context.get_value_type(of))
-    if isinstance(of, types.BaseTuple):
-        return (
-            cgutils.pack_struct(builder, [_unpacked(context, builder, one, words, at) for one in of])
-            if not isinstance(of, types.UniTuple | types.NamedUniTuple)
-            else cgutils.pack_array(builder, [_unpacked(context, builder, one, words, at) for one in of])
-        )
-    return load()
+    return view
 
 
 def arm(name: str, seen: set[str]) -> None:
@@ -196,11 +226,10 @@ def run(typing: Any, entry: Any) -> Any:
     """Carry out the calls of a program, by its word."""
 
     def generate(context: Any, builder: Any, signature: Any, given: Any) -> Any:
-        word = ir.IntType(64)
-        program = builder.inttoptr(given[0], word.as_pointer())
-        function = ir.FunctionType(ir.VoidType(), [word.as_pointer()])
+        program = builder.inttoptr(given[0], WORD.as_pointer())
+        function = ir.FunctionType(ir.VoidType(), [WORD.as_pointer()])
         runner = builder.inttoptr(builder.load(program), function.as_pointer())
-        builder.call(runner, [builder.gep(program, [ir.Constant(word, 1)])])
+        builder.call(runner, [builder.gep(program, [ir.Constant(WORD, 1)])])
         return context.get_dummy_value()
 
     return types.void(types.int64), generate

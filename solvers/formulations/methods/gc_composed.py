@@ -10,7 +10,7 @@ from ..compiled.host import Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import STUCK
 from .choices import Settings
-from .gc_step import Step, accept_step, begin_march, make_step, move_poses, take_step
+from .gc_step import Step, accept_step, begin_march, make_step, take_step
 
 
 class Composed(NamedTuple):
@@ -43,7 +43,7 @@ def step(m):
         if take_step(s, h, t + 0.5 * h) < 0.0:
             s.control.status = STUCK
             break
-        move_poses(s, h)
+        run(s.move)
         accept_step(s, h, t + 0.5 * h)
         t += h
 

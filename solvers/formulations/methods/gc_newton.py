@@ -90,6 +90,7 @@ class Step(NamedTuple):
     couple: Any  # (nj, 2, 2) pair of the kernel: load of end e by the motion of end o
     saddle: Saddle
     lu: LU
+    row_at: Any  # (nrows,) places of rows in ``lu.x``
     y: Any  # as ``lu.x``
     T: Any  # (nb, 9)
     r0: Any  # (nb, 3)
@@ -104,17 +105,18 @@ class Step(NamedTuple):
     begin: int = 0
     balance: int = 0
     slopes: int = 0
-    factor_saddle: int = 0
-    solve_saddle: int = 0
-    complete: int = 0  # entries of functions here
+    factor_saddle: Any = 0
+    solve_saddle: Any = 0
+    move: Any = 0  # entries of ``gc_step`` and of functions here
+    complete: int = 0
     evaluate: int = 0
     assemble: int = 0
     begin_step: int = 0
     estimate: int = 0
     refresh: int = 0
     correct: int = 0
-    leave_redundant: int = 0
-    correct_pose: int = 0
+    leave_redundant: Any = 0
+    correct_pose: Any = 0
     keep_end: int = 0
 
 
@@ -375,13 +377,7 @@ def evaluate(s):
     """
     g, k, o, half = s.scheme, s.kernel, s.terms, 0.5 * s.scheme.h
     k.t[0] = s.control.t + g.h
-    for b in range(len(k.mass)):
-        for q in range(3):
-            k.r[b, q] = s.r0[b, q] + half * (s.v0[b, q] + k.v[b, q])
-        turned_by(
-            s.R0[b], half * (s.v0[b, 3] + k.v[b, 3]), half * (s.v0[b, 4] + k.v[b, 4]), half * (s.v0[b, 5] + k.v[b, 5]),
-            k.R[b],
-        )  # fmt: skip
+    run(s.move)
     run(s.complete)
     xi, by_lam = (g.penalty, 2.0) if g.lambda_bar else (0.0, 1.0)  # the nested loop has -xi dphi1 = dt/2 dmu1, too
     total, slip = 0.0, 0.0
@@ -511,20 +507,10 @@ def _log_determinant(s):
     It is det(A M^-1 D' + (Xi M_bar)^-1) in scaled rows: a constant 1/xi for each redundant row times the squares of
     the singular values, so near a loss of rank it falls by sigma^2 whatever the elimination order.
     """
-    k, total = s.kernel, 0.0
-    for j in range(len(k.body)):
-        for a in range(k.row[j + 1] - k.row[j]):
-            total += math.log10(s.lu.pivot[s.lu.joint_at[j] + a] * s.terms.m_bar[k.row[j] + a])
+    total = 0.0
+    for a in range(len(s.row_at)):
+        total += math.log10(s.lu.pivot[s.row_at[a]] * s.terms.m_bar[a])
     return total
-
-
-@inner
-def _put_rows(s, right):
-    """Joints' part of a right side: x := -right."""
-    k, lu = s.kernel, s.lu
-    for j in range(len(k.body)):
-        for a in range(k.row[j + 1] - k.row[j]):
-            lu.x[lu.joint_at[j] + a] = -right[k.row[j] + a]
 
 
 def correct(s):
@@ -533,7 +519,8 @@ def correct(s):
     for b in range(len(k.mass)):
         for q in range(6):
             x[lu.body_at[b] + q] = -s.off[b, q]
-    _put_rows(s, s.terms.off)
+    for a in range(len(s.row_at)):
+        x[s.row_at[a]] = -s.terms.off[a]
     run(s.solve_saddle)
     s.control.solves += 1
     if g.redundant and not g.nested and g.log_det > g.highest - NEAR:
@@ -541,9 +528,8 @@ def correct(s):
     for b in range(len(k.mass)):
         for q in range(6):
             k.v[b, q] += x[lu.body_at[b] + q]
-    for j in range(len(k.body)):
-        for a in range(k.row[j + 1] - k.row[j]):
-            s.terms.nu[k.row[j] + a] += x[lu.joint_at[j] + a]
+    for a in range(len(s.row_at)):
+        s.terms.nu[a] += x[s.row_at[a]]
     s.control.iterations += 1
 
 
@@ -555,16 +541,14 @@ def leave_redundant(s):
     = O(dt) nu, a spurious force that brakes the motion. The saddle itself tells that part: with
     (Xi M_bar)^-1 dnu as the only right side it returns dnu where A^T dnu = 0, and next to nothing elsewhere.
     """
-    k, lu, o = s.kernel, s.lu, s.terms
+    lu, o = s.lu, s.terms
     copy(lu.x, s.y)
     clear(lu.x)
-    for j in range(len(k.body)):
-        for a in range(k.row[j + 1] - k.row[j]):
-            lu.x[lu.joint_at[j] + a] = o.softness[k.row[j] + a] * s.y[lu.joint_at[j] + a]
+    for a in range(len(s.row_at)):
+        lu.x[s.row_at[a]] = o.softness[a] * s.y[s.row_at[a]]
     run(s.solve_saddle)
-    for j in range(len(k.body)):
-        for a in range(k.row[j + 1] - k.row[j]):
-            o.left[k.row[j] + a] -= o.softness[k.row[j] + a] * lu.x[lu.joint_at[j] + a]
+    for a in range(len(s.row_at)):
+        o.left[a] -= o.softness[a] * lu.x[s.row_at[a]]
     for a in range(len(lu.x)):
         lu.x[a] = s.y[a] - lu.x[a]
     s.control.solves += 1
@@ -578,7 +562,8 @@ def correct_pose(s):
     """
     k, lu = s.kernel, s.lu
     clear(lu.x)
-    _put_rows(s, s.terms.phi1)
+    for a in range(len(s.row_at)):
+        lu.x[s.row_at[a]] = -s.terms.phi1[a]
     run(s.solve_saddle)
     for b in range(len(k.mass)):
         x = lu.x[lu.body_at[b] : lu.body_at[b] + 6]

@@ -20,6 +20,7 @@ from ..rows.kept import newton_code
 from . import gc_newton
 from .choices import TOLD, Settings
 from .gc_newton import PARTS, SCHEME, Step, Terms
+from .gc_step import move_poses
 
 COUNTERS = ("iterations", "residuals", "factorisations", "solves", "cuts", "augmentations", "loose_steps")
 
@@ -47,13 +48,10 @@ def at_nodes(dt: np.ndarray, mean: np.ndarray) -> np.ndarray:
 
 def newton_steps(system: MultibodySystem, settings: Settings, max_cuts: int, max_turn: float, mu0: str) -> Method:
     """The method with these choices."""
-    names = {"refresh", "extrapolate", "b_term", "gauge", "tolerance", "c_bar", "k_bar", "use_f_bar", "keep_nu",
-             "corrective", "by_forces", "carry_sigma", "max_newton"}  # fmt: skip
     p = settings.penalty
-    choices = {name: float(getattr(settings, name)) for name in names} | {
-        "penalty": p.xi, "active": p.active, "always_nested": p.nested, "closes_pose": p.correct_pose,
-        "max_augmentations": p.max_augmentations, "accept": p.accept, "soft": p.soft, "lambda_bar": p.lambda_bar,
-        "growth": p.growth, "singular_turn": p.singular_turn, "redundant": p.redundant,
+    given = settings._asdict() | p._asdict()
+    choices = {name: given[name] for name in SCHEME.names or () if name in given} | {
+        "penalty": p.xi, "nested": 0, "always_nested": p.nested, "closes_pose": p.correct_pose,
         "max_turn": max_turn or np.inf, "velocity": mu0 == "velocity",
     }  # fmt: skip
     of_system = partial(
@@ -88,17 +86,21 @@ def make_step(
     step = Step(
         control, k, scheme, told=np.zeros(len(TOLD) if scheme["active"] else 4), plan=np.zeros(3),
         terms=Terms(*(np.zeros(nr) for _ in Terms._fields)), c=np.zeros((2, nr, 6)),
-        couple=np.array(couples, dtype=np.int64).reshape(-1, 2, 2), saddle=saddle, lu=lu, y=np.zeros(len(lu.x)),
+        couple=np.array(couples, dtype=np.int64).reshape(-1, 2, 2), saddle=saddle, lu=lu,
+        row_at=np.repeat(lu.joint_at - k.row[:-1], np.diff(k.row)) + np.arange(nr), y=np.zeros(len(lu.x)),
         T=np.zeros((nb, 9)), r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)),
         force0=np.zeros((nb, 6)), known=np.zeros((nb, 6)), off=np.zeros((nb, 6)), old_v=np.zeros((nb, 6)),
     )  # fmt: skip
     loops = NewtonLoops(system, k)
     loops.at, loops.couple, loops.choice = step, couple, direction
-    direct: dict[str, Any] = {"factor_saddle": Bound(factor, lu), "solve_saddle": Bound(solve, lu)}
-    step = step._replace(**direct, **loops.entries())
+    entries: dict[str, Any] = dict(loops.entries())
+    entries |= {"factor_saddle": Bound(factor, lu), "solve_saddle": Bound(solve, lu), "move": Bound(move_poses, step)}
+    step = step._replace(**entries)
+    optional = {"leave_redundant": scheme["redundant"], "correct_pose": scheme["closes_pose"]}
     for name in PARTS:
-        made: dict[str, Any] = {name: Bound(getattr(gc_newton, name), step)}
-        step = step._replace(**made)
+        entered = optional.get(name, 1)
+        entry: dict[str, Any] = {name: Bound(getattr(gc_newton, name), step) if entered else Program([])}
+        step = step._replace(**entry)
     return step
 
 

@@ -18,7 +18,7 @@ import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
 from ..compiled.algebra import copy, turned_by
-from ..compiled.entries import inner, run
+from ..compiled.entries import Bound, inner, run
 from ..compiled.kernel import Kernel
 from .choices import TOLD, Settings
 from .gc_wrenches import Arrays, WrenchLoops
@@ -70,6 +70,8 @@ class Step(NamedTuple):
     impulse: Any  # (DEPTH, nrows) (nu1 - nu0) / dt of these steps
     middle: Any  # (DEPTH,) [s] their middles
     share: Any  # (DEPTH,) theirs in the estimate of the next step
+    move: Any = 0  # entries of functions here
+    enter: Any = 0
 
 
 def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choices: Settings) -> Step:
@@ -87,12 +89,13 @@ def make_step(system: MultibodySystem, kernel: Kernel, control: np.ndarray, choi
     loops = WrenchLoops(system, kernel)
     loops.at = arrays
     entries = loops.entries(int(scheme["direction"]), use_f_bar=bool(scheme["use_f_bar"]))
-    return Step(
+    step = Step(
         control, kernel, scheme, np.zeros(len(TOLD)), **entries, **arrays._asdict(), f_bar0=np.zeros(nr),
         r0=np.zeros((nb, 3)), R0=np.zeros((nb, 3, 3)), v0=np.zeros((nb, 6)), known=np.zeros((nb, 6)),
         acceleration=np.zeros((DEPTH, nb, 6)), impulse=np.zeros((DEPTH, nr)), middle=np.zeros(DEPTH),
         share=np.zeros(DEPTH),
     )  # fmt: skip
+    return step._replace(move=Bound(move_poses, step), enter=Bound(begin_step, step))
 
 
 @inner
@@ -123,9 +126,9 @@ def _spin(k, u):
 
 
 @inner
-def move_poses(s, h):
+def _move(s):
     """Poses (66) of the end from its velocities."""
-    k, half = s.kernel, 0.5 * h
+    k, half = s.kernel, s.plan[0]
     for b in range(len(k.mass)):
         for a in range(3):
             k.r[b, a] = s.r0[b, a] + half * (s.v0[b, a] + k.v[b, a])
@@ -135,10 +138,14 @@ def move_poses(s, h):
         )  # fmt: skip
 
 
-@inner
-def begin_step(s, h):
-    """The start of a step of h from ``k``, its impulses that the end does not change."""
-    k = s.kernel
+def move_poses(s):
+    """``_move`` as an entry."""
+    _move(s)
+
+
+def begin_step(s):
+    """The start of a step from ``k``, its impulses that the end does not change."""
+    k, h = s.kernel, 2.0 * s.plan[0]
     copy(k.r, s.r0)
     copy(k.R, s.R0)
     copy(k.v, s.v0)
@@ -150,7 +157,7 @@ def begin_step(s, h):
         for a in range(3):
             k.w[b, a] = k.mass[b] * v[a] + h * s.numbers[b, a]
             k.w[b, 3 + a] = k.R[b, a, 0] * l0 + k.R[b, a, 1] * l1 + k.R[b, a, 2] * l2
-    s.plan[0], s.plan[1] = 0.5 * h, 0.5 * h * s.scheme.b_term
+    s.plan[1] = s.plan[0] * s.scheme.b_term
     _spin(k, s.u)
     run(s.begin)
     copy(s.f_bar, s.f_bar0)
@@ -180,9 +187,9 @@ def _estimate(s, h, t):
 
 
 @inner
-def _find_impulses(s, h):
+def _find_impulses(s):
     """w of the present estimate."""
-    move_poses(s, h)
+    _move(s)
     _spin(s.kernel, s.u)
     copy(s.known, s.kernel.w)
     run(s.impulses)
@@ -257,14 +264,15 @@ def take_step(s, h, t):
     """One step of h whose middle is at t: the last change of v1 [sqrt(J)], or -1 where it does not converge."""
     k, g = s.kernel, s.scheme
     if not (g.begun and s.plan[0] == 0.5 * h):
-        begin_step(s, h)
+        s.plan[0] = 0.5 * h
+        run(s.enter)
     g.begun = 0
     _estimate(s, h, t)
     before, refreshed, share = np.inf, 0, 1.0 / (1.0 - g.gauge)
     if g.fall < SINKING:  # on its way to a loss of rank: seen step by step
         g.factored = 0
     for _ in range(MOST):
-        _find_impulses(s, h)
+        _find_impulses(s)
         if g.factored == 0:
             refreshed += 1
             if not _factor(s):

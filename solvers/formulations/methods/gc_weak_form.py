@@ -9,23 +9,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ....harness.mechanics.system import MultibodySystem
-from ....harness.types import Problem
-from ..compiled.algebra import clear, turned_by
-from ..compiled.entries import inner, run
+from ....harness.types import Problem, StepControl, Trajectory
+from ..compiled.algebra import clear, close_rotations, turned_by
+from ..compiled.entries import Bound, run
 from ..compiled.host import Marcher, Method
 from ..compiled.kernel import Kernel
 from ..compiled.marching import FULL, STUCK, Record
-from .choices import TOLD, Settings
-from .gc_step import (
-    DEPTH,
-    Step,
-    accept_step,
-    begin_march,
-    begin_step,
-    make_step,
-    move_poses,
-    take_step,
-)  # fmt: skip
+from ..generated import Program
+from .choices import TOLD, GaugeChoices, Settings
+from .gc_newton_arrays import integrate_newton, newton_steps
+from .gc_step import DEPTH, Step, accept_step, applies, begin_march, make_step, take_step
 
 PASSES = 2  # of the pose correction: the factor is that of the step's first estimate
 ROUNDING = 1e-14  # of the square of the largest velocity, in any units: what is no acceleration and no load
@@ -37,8 +30,18 @@ class Plain(NamedTuple):
 
     step: Step
     told: Any  # its
-    passes: int  # of the correction of poses to phi = 0; 0: none
+    correct: Any  # entry: poses corrected to phi = 0, if they are
     penalty: Any  # (1,) told
+
+
+def integrate_weak_form(
+    problem: Problem, control: StepControl, choices: GaugeChoices, settings: Settings
+) -> Trajectory:
+    """March by the simplified method where it applies, else by the full one."""
+    method = newton_steps(problem.system, settings, choices.max_cuts, choices.max_turn, choices.mu0)
+    if applies(settings, problem.system) and not choices.max_turn:
+        method = simplified_steps(problem.system, settings, method)
+    return integrate_newton(problem, control, method)
 
 
 def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -> Method:
@@ -46,15 +49,15 @@ def simplified_steps(system: MultibodySystem, choices: Settings, full: Method) -
 
     def prepare(kernel: Kernel, control: np.ndarray) -> Plain:
         one = make_step(system, kernel, control, choices)
-        passes = PASSES if choices.penalty.correct_pose else 0
-        return Plain(one, one.told if choices.penalty.active else one.told[:4], passes, np.array([choices.penalty.xi]))
+        correct = Bound(correct_poses, kernel) if choices.penalty.correct_pose else Program([])
+        return Plain(one, one.told if choices.penalty.active else one.told[:4], correct, np.array([choices.penalty.xi]))
 
     def relieve(problem: Problem, marcher: Marcher) -> Any:
         return Relieved(problem, marcher, full, bool(choices.penalty.active))
 
     return Method(
         prepare, step, finish, start, counters=full.counters, tells=TOLD if choices.penalty.active else TOLD[:4],
-        needs=("factorise", "rows"), relieve=relieve,
+        needs=("push",) if choices.penalty.correct_pose else (), relieve=relieve,
     )  # fmt: skip
 
 
@@ -179,17 +182,15 @@ def step(m):
 def finish(m):
     """Poses of the end, corrected and closed; the step becomes the past, and ``lam`` its mean reaction."""
     s, c, k = m.step, m.step.control, m.step.kernel
-    move_poses(s, c.h)
-    for _ in range(m.passes):
-        _correct_poses(k)
-    for b in range(len(k.mass)):
-        _close_rotation(k.R[b])
+    run(s.move)
+    run(m.correct)
+    close_rotations(k.R)
     accept_step(s, c.h, c.t + 0.5 * c.h)
     d = (s.scheme.known - 1) % DEPTH
     for a in range(len(k.lam)):
         k.lam[a] = s.impulse[d, a] - 0.5 * s.f_bar0[a]
     k.t[0] = c.t + c.h
-    begin_step(s, c.h)
+    run(s.enter)
     s.scheme.begun = 1
     total = 0.0
     for a in range(len(k.lam)):
@@ -201,32 +202,18 @@ def finish(m):
     s.told[5] = s.scheme.log_det
 
 
-@inner
-def _correct_poses(k):
-    """Least change of the poses, in the norm of M, that takes phi to zero: one pass with the factor at hand."""
-    run(k.rows)
-    for a in range(len(k.rhs)):
-        k.rhs[a] = -k.phi[a]
-    run(k.solve)
-    for a in range(len(k.rhs)):
-        k.x[a] = k.rhs[a]
-    clear(k.w)
-    run(k.push)
-    for b in range(len(k.mass)):
-        for a in range(3):
-            k.r[b, a] += k.w[b, a]
-        turned_by(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5], k.R[b])
-
-
-@inner
-def _close_rotation(Q):
-    """Q := Q (3 - Q^T Q) / 2: leaves of a distance e from the rotations 3/4 e^2, that is rounding."""
-    d0 = d1 = d2 = 1.5
-    p = q = r = 0.0
-    for a in range(3):
-        x, y, z = Q[a, 0], Q[a, 1], Q[a, 2]
-        d0, d1, d2 = d0 - 0.5 * x * x, d1 - 0.5 * y * y, d2 - 0.5 * z * z
-        p, q, r = p - 0.5 * y * z, q - 0.5 * z * x, r - 0.5 * x * y
-    for a in range(3):
-        x, y, z = Q[a, 0], Q[a, 1], Q[a, 2]
-        Q[a, 0], Q[a, 1], Q[a, 2] = d0 * x + r * y + q * z, r * x + d1 * y + p * z, q * x + p * y + d2 * z
+def correct_poses(k):
+    """Least change of the poses, in the norm of M, that takes phi to zero, with the factor at hand."""
+    for _ in range(PASSES):
+        run(k.rows)
+        for a in range(len(k.rhs)):
+            k.rhs[a] = -k.phi[a]
+        run(k.solve)
+        for a in range(len(k.rhs)):
+            k.x[a] = k.rhs[a]
+        clear(k.w)
+        run(k.push)
+        for b in range(len(k.mass)):
+            for a in range(3):
+                k.r[b, a] += k.w[b, a]
+            turned_by(k.R[b], k.w[b, 3], k.w[b, 4], k.w[b, 5], k.R[b])

@@ -53,16 +53,10 @@ def make_soft_rows(system: MultibodySystem, nrows: int, a: np.ndarray, keeps: An
     ns = law.shape[1]
     p, old, tension, stretch = (np.zeros((3, ns)) for _ in range(4))
     matrix, right = np.zeros((3 * ns, 3 * ns)), np.zeros(3 * ns)
-    n, lead, one, info, pivots = (
-        integer(3 * ns),
-        integer(max(1, 3 * ns)),
-        integer(1),
-        integer(0),
-        np.zeros(3 * ns, "i4"),
-    )
-    factorise = Program([call_lapack("dgetrf", n, n, matrix, lead, pivots, info)] if ns else [], None)
+    n, one, info, pivots = integer(3 * ns), integer(1), integer(0), np.zeros(3 * ns, "i4")
+    factorise = Program([call_lapack("dgetrf", n, n, matrix, n, pivots, info)] if ns else [])
     transposed = np.frombuffer(b"T", dtype="i1")  # LAPACK reads by columns
-    solve = [call_lapack("dgetrs", transposed, n, one, matrix, lead, pivots, right, lead, info)] if ns else []
+    solve = [call_lapack("dgetrs", transposed, n, one, matrix, n, pivots, right, n, info)] if ns else []
     W, G = np.zeros((ns, nrows)), np.zeros((ns, ns))
     entries = factorise, Program(solve, (keeps, made))
     return Springs(stages, law, a, a @ a, p, old, tension, stretch, W, G, matrix, np.zeros(ns), right, *entries)
