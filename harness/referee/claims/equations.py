@@ -16,7 +16,7 @@ from .measures import NAN, measure
 STATES = 5  # at which the operators are compared
 
 
-@measure("of", series=False, until="known")
+@measure("of", series=False, until="known", of_problem=True, natural="firm")
 def number(record: RunRecord, series: Series | None, of: str) -> float:
     """Number of ``bodies``, ``joints``, ``coordinates`` (six a body), ``rows`` or ``freedoms`` of the problem."""
     problem = registry.make_problem(record.problem, json.loads(record.problem_parameters))
@@ -27,7 +27,7 @@ def number(record: RunRecord, series: Series | None, of: str) -> float:
     return float(sizes.get(of, NAN))
 
 
-@measure("of", series=False, until="known")
+@measure("of", series=False, until="known", of_problem=True, natural="firm")
 def operators(record: RunRecord, series: Series | None, of: str) -> float:
     """Largest difference of Lagrange's operator, Eq. (45), and Newton's for a body about its joint, over the latter.
 

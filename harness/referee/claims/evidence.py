@@ -39,13 +39,13 @@ def observable_error(
     return _embedded(record, record.observable_errors, of, part, partial)
 
 
-@measure(series=False, grows=True, firm=True)
+@measure(series=False, grows=True, natural="firm")
 def reached(record: RunRecord, series: Series | None) -> float:
     """Part of the time asked for that the run got through: 1 is the end."""
     return min(stops_at(record, series) / record.t_end_s, 1.0)
 
 
-@measure(series=False, grows=True)
+@measure(series=False, grows=True, natural="end")
 def stops_at(record: RunRecord, series: Series | None) -> float:
     """Time at which the run stopped before its end; infinite if it did not."""
     if reached_end(record):
@@ -146,7 +146,7 @@ def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
     return float(s["t"][beyond[0]]) if len(beyond) else math.inf
 
 
-@measure("series", "floor", until="end")
+@measure("series", "floor", until="end", natural="one")
 def grows(record: RunRecord, s: Series, series: str, floor: float = 0.0) -> float:
     """max |series| in the last quarter of the time asked for over that in the first; 1 if both are below ``floor``."""
     quarter = 0.25 * record.t_end_s
@@ -157,7 +157,7 @@ def grows(record: RunRecord, s: Series, series: str, floor: float = 0.0) -> floa
     return 1.0 if max(a, b) <= floor else math.inf if b == 0.0 or not math.isfinite(a) else a / b
 
 
-@measure("series", until="end")
+@measure("series", until="end", natural="one")
 def keeps_growing(record: RunRecord, s: Series, series: str) -> float:
     """The smallest ratio of max |series| in a quarter of the time asked for to that in the quarter before."""
     edges = [0.25 * k * record.t_end_s for k in range(5)]
@@ -196,14 +196,14 @@ def evaluations_per_step(record: RunRecord, series: Series | None) -> float:
     return record.evaluations / record.steps if reached_end(record) and record.steps else NAN
 
 
-@measure(grows=True)
+@measure(grows=True, natural="one")
 def energy_ratio(record: RunRecord, s: Series) -> float:
     """Largest mechanical energy over that of the start, whatever part of the run there is."""
     E = s["energy"]
     return bound(E, np.max(E)) / float(E[0]) if E[0] != 0.0 else NAN
 
 
-@measure_over(stretch, "series")
+@measure_over(stretch, "series", natural="one")
 def peak_over_median(a: np.ndarray) -> float:
     """max |series| over its median over a stretch of time: how far one moment stands out."""
     known = np.abs(a[np.isfinite(a)])

@@ -8,7 +8,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import wraps
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from ...results.records import RunRecord
 from ...results.series import Series
 
 NAN = math.nan
+Natural = Literal["zero", "one", "end", "firm"]
 END = 1e-9  # relative: t_reached this close to t_end is the end
 COMPARED = ("position_error", "orientation_error")  # against a reference: NaN is beyond its horizon
 
@@ -26,8 +27,8 @@ class Measure:
 
     ``until`` says which part of a run settles the number: ``to`` (or ``at``; without either the end), ``end``, or
     ``known``: once there is a number, it stays. A number that ``grows`` can only become larger as a run continues.
-    One ``of_stopped`` runs alone leaves the others open. The band of a ``firm`` one is a count or an end reached, which
-    no factor moves.
+    One ``of_stopped`` runs alone leaves the others open, one ``of_problem`` is the same of every run. ``natural`` is the
+    limit from which bands are moved: a ``firm`` one is a count or an end reached, which no factor moves.
     """
 
     of: Callable[..., float]
@@ -38,7 +39,8 @@ class Measure:
     until: str = "to"
     grows: bool = False
     of_stopped: bool = False
-    firm: bool = False
+    of_problem: bool = False
+    natural: Natural = "zero"
 
 
 MEASURES: dict[str, Measure] = {}
@@ -46,14 +48,16 @@ MEASURES: dict[str, Measure] = {}
 
 def measure(
     wants: str = "", takes: str = "", *, series: bool = True, pair: bool = False, until: str = "to",
-    grows: bool = False, of_stopped: bool = False, firm: bool = False,
+    grows: bool = False, of_stopped: bool = False, of_problem: bool = False, natural: Natural = "zero",
 ) -> Callable[..., Any]:  # fmt: skip
     """Enter a function in the catalogue under its name, with spaces for underscores."""
 
     def enter(function: Callable[..., float]) -> Callable[..., float]:
         needed, name = tuple(wants.split()), function.__name__.replace("_", " ")
         all_taken = (*needed, *takes.split())
-        MEASURES[name] = Measure(function, all_taken, needed, series, pair, until, grows, of_stopped, firm)
+        MEASURES[name] = Measure(
+            function, all_taken, needed, series, pair, until, grows, of_stopped, of_problem, natural
+        )
         return function
 
     return enter
@@ -89,12 +93,12 @@ def reached_end(record: RunRecord) -> bool:
 
 
 def measure_over(
-    part: Callable[..., np.ndarray | None], wants: str = "", *, grows: bool = False
+    part: Callable[..., np.ndarray | None], wants: str = "", *, grows: bool = False, natural: Natural = "zero"
 ) -> Callable[[Callable[[np.ndarray], float]], Callable[..., float]]:
     """Enter a function of what ``part`` takes from a stretch of time; NaN where that is nothing."""
 
     def enter(function: Callable[[np.ndarray], float]) -> Callable[..., float]:
-        @measure(wants, "from to partial", grows=grows)
+        @measure(wants, "from to partial", grows=grows, natural=natural)
         @wraps(function)
         def measured(record: RunRecord, s: Series, **arguments: Any) -> float:
             a = part(record, s, **arguments)

@@ -23,7 +23,7 @@ def _steps(
     return inside if len(inside) > 2 else None
 
 
-@measure_over(_steps, grows=True)
+@measure_over(_steps, grows=True, natural="one")
 def step_ratio(dt: np.ndarray) -> float:
     """Largest over smallest step after the start-up, the last step left out."""
     return float(np.max(dt) / np.min(dt))

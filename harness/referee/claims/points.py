@@ -13,6 +13,7 @@ from typing import Any
 from ...results.judgements.claims import Ending
 from ...results.records import RunRecord
 from ...results.work import operations
+from ...types import Status
 from .endings import gets_to, in_time, settled
 from .evidence import MEASURES
 from .maps import Place, is_printed
@@ -37,6 +38,7 @@ class Point:
     stopped: bool = False  # holds, and by a number that is endless because the run stopped
     met_at: tuple[Any, ...] = ()  # the values that meet the claim, where one along ``across`` suffices
     series: tuple[str, ...] = ()  # digests of the series it rests on; empty where one is missing
+    failed: bool = False  # it rests on a run that failed
 
 
 def points(claim: Claim, own: Iterable[Place], others: Sequence[Place], numbers: Numbers) -> list[Point]:
@@ -88,8 +90,9 @@ def _point(claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequen
     rest = Ending.EARLY if early else Ending.ENDED if stopped else Ending.UNCOMPARED
     why = next((how for how in Ending if how in endings), rest) if holds is None else Ending.FINAL
     series = [numbers.records[p.spec.settings_id].series_sha256 for p in (*ordered, *_sorted(beside))]
+    failed = not all(Status(numbers.records[p.spec.settings_id].status).lawful for p in ordered)
     return Point(tuple(ordered), found, holds, printed, why, bool(holds and endless), (),
-                 tuple(series) if all(series) else ())  # fmt: skip
+                 tuple(series) if all(series) else (), failed)  # fmt: skip
 
 
 def _nearest(
@@ -106,7 +109,8 @@ def _nearest(
     places = (*best.places, *(p for p in ordered if p is not best.places[0]))
     met = tuple(p.dimensions[claim.across] for p, q in zip(ordered, each, strict=True) if q.holds)
     series = tuple(s for p in each for s in p.series) if all(p.series for p in each) else ()
-    return replace(best, places=places, printed=any(p.printed for p in each), met_at=met, series=series)
+    printed, failed = any(p.printed for p in each), best.failed and len(met) == 1
+    return replace(best, places=places, printed=printed, met_at=met, series=series, failed=failed)
 
 
 def _finding(

@@ -32,14 +32,16 @@ from ...results.naming import text_of
 from ...results.records import COLUMNS, RunRecord
 from ...suites.spec import RunSpec
 from . import register as given
-from .conditions import decision, factors, separation
+from .conditions import decision, factors
 from .evidence import MEASURES
 from .maps import Place, place, select, values_of, varied
 from .measured import Numbers, SeriesOf, shortened
 from .points import Point, points
-from .predicates import FACTOR, NEAREST
+from .predicates import FACTOR, NEAREST, RATIOS, Band
 from .register import Register
 
+CUT = (Ending.MACHINE, Ending.SLOW, Ending.NO_STEP, Ending.EARLY)  # a run ended before the moment asked about
+FEW = 0.1  # of the settings asked: fewer that got to that moment settle nothing
 COUNTS = {c.name for c in COLUMNS if c.type is int}
 SHOWN = (
     "tolerance", "gain", "form", "chart", "lambda_in_error_test", "consistent_start", "frame", "gauge", "sigma0",
@@ -82,10 +84,11 @@ def _judged(
     found = [] if missing else points(claim, own, others, numbers)
     counted = [p for p in found if p.holds is not None]
     missing = missing or _unmeasured(claim, found, counted)
-    rows = _merged(found)
+    rows = _merged(claim, found)
     paper, beyond = _findings(claim, rows, decide=not missing)
     if not missing:
-        paper, beyond = _borderline(claim, found, (paper, beyond), lambda c: points(c, own, others, numbers))
+        end = max(numbers.records[p.spec.settings_id].t_end_s for p in own)
+        paper, beyond = _borderline(claim, found, (paper, beyond), lambda c: points(c, own, others, numbers), end)
     elif not (paper or beyond):
         paper, beyond = (Finding(Verdict.UNTESTABLE),) * 2 if claim.map and claim.map.printed else (
             None, Finding(Verdict.UNTESTABLE))  # fmt: skip
@@ -140,11 +143,13 @@ def _shown(claim: given.Claim, counted: Sequence[Point]) -> Point | None:
     return printed or against
 
 
-def _merged(found: Sequence[Point]) -> list[list[Point]]:
-    """Settings whose runs have the same series, and so the same numbers, together: the first stands for all."""
+def _merged(claim: given.Claim, found: Sequence[Point]) -> list[list[Point]]:
+    """Settings whose runs have the same series, or whose numbers are the problem's, together: the first stands for all."""
     out: dict[object, list[Point]] = {}
+    identity = all(MEASURES[t.metric].of_problem for t in claim.tests)
     for k, p in enumerate(found):
-        key = (p.series, repr(p.numbers), p.holds, p.left_out) if p.series else k
+        key: object = (p.series, repr(p.numbers), p.holds, p.left_out) if p.series else k
+        key = (p.places[0].spec.problem, p.holds, p.left_out) if identity else key
         out.setdefault(key, []).append(p)
     return list(out.values())
 
@@ -161,35 +166,66 @@ def _finding(claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool) 
     counted = [row for row in rows if row[0].holds is not None]
     holding = [row for row in counted if row[0].holds]
     every = [p for row in counted for p in row]
-    verdict, why = _verdict(claim, len(holding), len(counted), every) if decide else (Verdict.UNTESTABLE, None)
     left = Counter(row[0].left_out for row in rows if row[0].holds is None)
+    verdict = _verdict(claim, len(holding), len(counted)) if decide else Verdict.UNTESTABLE
+    missing = _doubts(claim, [row[0] for row in counted], left) if decide else []
+    why = None
+    if missing:
+        verdict = Verdict.UNTESTABLE
+    elif verdict is Verdict.MIXED:
+        why = decision(_dimensions(claim, every))
+        verdict = Verdict.CONDITIONAL if why.by else Verdict.MIXED
+    values = {q.dimensions[claim.across] for row in rows for p in row for q in p.places} if _one_suffices(claim) else ()
     return Finding(
-        verdict, len(holding), len(counted), len(every), sum(row[0].stopped for row in holding),
-        decision(_dimensions(claim, every)) if verdict is Verdict.MIXED else why, (),
+        verdict, len(holding), len(counted), len(every), sum(row[0].stopped for row in holding), why, (),
         tuple(LeftOut(how, left[how]) for how in Ending if left[how]),
+        (len({v for p in every for v in p.met_at}), len(values)) if values else None, tuple(missing),
     )  # fmt: skip
 
 
-def _verdict(claim: given.Claim, holding: int, counted: int, every: Sequence[Point]) -> tuple[Verdict, Decision | None]:
-    """The verdict on some settings, and the condition of a conditional one."""
+def _one_suffices(claim: given.Claim) -> bool:
+    return any(t.combine == NEAREST for t in claim.tests)
+
+
+def _verdict(claim: given.Claim, holding: int, counted: int) -> Verdict:
+    """The verdict on some settings by their count; one that is MIXED may have a condition."""
     if not counted:
-        return Verdict.UNTESTABLE, None
+        return Verdict.UNTESTABLE
     if holding == counted or (holding and claim.quantifier == "some"):
-        return Verdict.SUPPORTED, None
-    if not holding:
-        return Verdict.REFUTED, None
-    found = separation(_dimensions(claim, every))
-    return (Verdict.CONDITIONAL if found else Verdict.MIXED), found
+        return Verdict.SUPPORTED
+    return Verdict.MIXED if holding else Verdict.REFUTED
+
+
+def _doubts(claim: given.Claim, counted: Sequence[Point], left: Mapping[Ending, int]) -> list[Missing]:
+    """Reasons why a count settles nothing: most runs ended before, or the verdict hangs on one run that failed."""
+    asked = len(counted) + sum(left[how] for how in CUT)
+    if counted and len(counted) < FEW * asked:
+        return [Missing(Gap.REACHED, found=len(counted), wanted=asked)]
+    holding, total = sum(p.holds is True for p in counted), len(counted)
+    for p in counted:
+        rest = total if p.met_at else total - 1  # one of several values less leaves the setting, but nothing meets it
+        without = _verdict(claim, holding - bool(p.holds), rest)
+        if p.failed and rest and without is not _verdict(claim, holding, total):
+            return [Missing(Gap.HANGS, p.places[0].spec.case)]
+    return []
+
+
+def _move(test: given.Test, factor: float, end: float) -> Band:
+    """Its band wider by a factor; ``end`` is that of the longest run."""
+    natural = MEASURES[test.metric].natural
+    is_ratio = natural == "one" or test.combine in RATIOS or test.compare in ("over largest", "over smallest")
+    return test.band.moved(factor, is_ratio=is_ratio, end=end if natural == "end" else math.inf)
 
 
 def _borderline(
     claim: given.Claim, found: Sequence[Point], sides: Sequence[Finding | None],
-    tried: Callable[[given.Claim], Sequence[Point]],
+    tried: Callable[[given.Claim], Sequence[Point]], end: float,
 ) -> tuple[Finding | None, Finding | None]:  # fmt: skip
     """The findings with the verdicts that they flip to when the band of one test moves by a factor."""
     flips: tuple[list[Moved], list[Moved]] = [], []
     for k, test in enumerate(claim.tests):
-        for by, band in (("wider", test.band.moved(FACTOR)), ("narrower", test.band.moved(1.0 / FACTOR))):
+        for by, factor in (("wider", FACTOR), ("narrower", 1.0 / FACTOR)):
+            band = _move(test, factor, end)
             ends = sorted(
                 {e for a, b in ((test.band.low, band.low), (test.band.high, band.high)) if a != b for e in (a, b)}
             )
@@ -198,8 +234,8 @@ def _borderline(
                 continue
             moved = replace(test, at_least=band.low, at_most=band.high)
             other = replace(claim, tests=(*claim.tests[:k], moved, *claim.tests[k + 1 :]))
-            for old, new, out in zip(sides, _findings(other, _merged(tried(other))), flips, strict=True):
-                if old and new and new.settings and old.settings and old.verdict is not new.verdict:
+            for old, new, out in zip(sides, _findings(other, _merged(other, tried(other))), flips, strict=True):
+                if old and new and old.verdict is not new.verdict and Verdict.UNTESTABLE not in (old.verdict, new.verdict):
                     out.append(Moved(k, by, new.verdict, new.holds, new.settings))  # type: ignore[arg-type]
     paper, beyond = (replace(f, borderline=tuple(m)) if f else None for f, m in zip(sides, flips, strict=True))
     return paper, beyond
@@ -207,7 +243,7 @@ def _borderline(
 
 def _is_firm(test: given.Test) -> bool:
     """Whether its number is a count, or says that an end was reached: no factor moves such a band."""
-    return MEASURES[test.metric].firm or (test.metric == "column" and test.arguments["name"] in COUNTS)
+    return MEASURES[test.metric].natural == "firm" or (test.metric == "column" and test.arguments["name"] in COUNTS)
 
 
 def _dimensions(claim: given.Claim, points: Sequence[Point]) -> list[tuple[Mapping[str, Value], bool]]:
