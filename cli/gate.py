@@ -18,8 +18,8 @@ from rich.text import Text
 from ..harness.execution.runner import Request, new_folder
 from ..harness.files import write_text
 from ..harness.gate.baseline import FOLDER, parse_thresholds, read_thresholds, write_thresholds
+from ..harness.gate.check import Judged, State, judge, judged_of, tightened
 from ..harness.gate.files import as_plain, junit, markdown
-from ..harness.gate.judging import Judged, State, judge, judged_of, tightened
 from ..harness.gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
 from ..harness.gate.thresholds import Thresholds, proposed
 from ..harness.results import codes, store

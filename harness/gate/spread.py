@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec
-from .judging import Judged, State
+from .check import Judged, State
 from .thresholds import Threshold, Thresholds, four_digits, proposed
 
 STEP = 1e-13  # of rtol: hundreds of roundings, and far below what an error is known to

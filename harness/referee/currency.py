@@ -19,7 +19,7 @@ from ..results.reproduce import REFEREED
 from ..suites.spec import RunSpec
 from .claims.register import Register
 
-JUDGING = ("harness/referee/claims/verdicts", "harness/referee/claims/passages", "harness/results/work")
+JUDGING = ("harness/referee/claims/count", "harness/referee/claims/steps", "harness/results/work")
 WORDS = ("quote", "caveats", "section", "figure", "claim")  # of a claim: no verdict depends on them
 MOST = 6  # names in a line
 

@@ -1,6 +1,6 @@
 """What is measured for a claim: numbers read off the record and the series of one run.
 
-The rules of measures are in module measures; those of steps and passages in module passages.
+The rules of measures are in module measures; those of steps in module steps.
 """
 
 import json
@@ -12,10 +12,10 @@ import numpy as np
 
 from ...results.records import RunRecord
 from ...results.series import Series
-from . import equations, passages  # enter their measures
+from . import equations, steps  # enter their measures
 from .measures import END, MEASURES, NAN, bound, evaluate, evaluate_pair, measure, measure_over, reached_end, stretch
 
-__all__ = ["MEASURES", "equations", "evaluate", "evaluate_pair", "passages"]
+__all__ = ["MEASURES", "equations", "evaluate", "evaluate_pair", "steps"]
 
 
 @measure("name", "partial", series=False, until="end", grows=True)

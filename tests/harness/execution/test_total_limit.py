@@ -5,7 +5,7 @@ import time
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
-from mbsbench.harness.gate.judging import State, judge
+from mbsbench.harness.gate.check import State, judge
 from mbsbench.harness.gate.thresholds import Thresholds
 from mbsbench.harness.results import store
 from mbsbench.harness.results.provisional import files_of, is_provisional

@@ -15,8 +15,8 @@ from msgspec.structs import replace
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.baseline import FOLDER, read_thresholds, write_thresholds
+from mbsbench.harness.gate.check import State, judge, judged_of, tightened
 from mbsbench.harness.gate.files import junit, markdown
-from mbsbench.harness.gate.judging import State, judge, judged_of, tightened
 from mbsbench.harness.gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
 from mbsbench.harness.gate.thresholds import (
     ERROR_CONTROL,

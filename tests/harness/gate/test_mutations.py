@@ -27,7 +27,7 @@ import casadi, numba, numpy, pandas, scipy.integrate, scipy.spatial.transform  #
 def judged(runs):
     from mbsbench.harness.execution import worker
     from mbsbench.harness.execution.job import Job
-    from mbsbench.harness.gate.judging import judge
+    from mbsbench.harness.gate.check import judge
     from mbsbench.harness.gate.baseline import FOLDER, read_thresholds
     from mbsbench.harness.gate.thresholds import Thresholds
     from mbsbench.harness.results import store

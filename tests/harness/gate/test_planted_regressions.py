@@ -14,7 +14,7 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.gate.baseline import FOLDER, read_thresholds
-from mbsbench.harness.gate.judging import State, judge
+from mbsbench.harness.gate.check import State, judge
 from mbsbench.harness.gate.thresholds import Thresholds
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.results import store

@@ -14,9 +14,9 @@ from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.places import Place
 from mbsbench.harness.referee import judge as judging
+from mbsbench.harness.referee.claims.count import judge
 from mbsbench.harness.referee.claims.maps import place, select
 from mbsbench.harness.referee.claims.register import read_register
-from mbsbench.harness.referee.claims.verdicts import judge
 from mbsbench.harness.results import store
 from mbsbench.harness.results.judgements import files
 from mbsbench.harness.results.records import reasons_json

@@ -16,7 +16,6 @@ from ...results.judgements.claims import (
     Because,
     Claim,
     Count,
-    Decision,
     Ending,
     Finding,
     Gap,
@@ -235,7 +234,12 @@ def _borderline(
             moved = replace(test, at_least=band.low, at_most=band.high)
             other = replace(claim, tests=(*claim.tests[:k], moved, *claim.tests[k + 1 :]))
             for old, new, out in zip(sides, _findings(other, _merged(other, tried(other))), flips, strict=True):
-                if old and new and old.verdict is not new.verdict and Verdict.UNTESTABLE not in (old.verdict, new.verdict):
+                if (
+                    old
+                    and new
+                    and old.verdict is not new.verdict
+                    and Verdict.UNTESTABLE not in (old.verdict, new.verdict)
+                ):
                     out.append(Moved(k, by, new.verdict, new.holds, new.settings))  # type: ignore[arg-type]
     paper, beyond = (replace(f, borderline=tuple(m)) if f else None for f, m in zip(sides, flips, strict=True))
     return paper, beyond
