@@ -143,7 +143,7 @@ def _shown(claim: given.Claim, counted: Sequence[Point]) -> Point | None:
 
 
 def _merged(claim: given.Claim, found: Sequence[Point]) -> list[list[Point]]:
-    """Settings whose runs have the same series, or whose numbers are the problem's, together: the first stands for all."""
+    """Settings of equal series, or whose numbers are those of one problem, together: the first stands for all."""
     out: dict[object, list[Point]] = {}
     identity = all(MEASURES[t.metric].of_problem for t in claim.tests)
     for k, p in enumerate(found):
@@ -234,12 +234,8 @@ def _borderline(
             moved = replace(test, at_least=band.low, at_most=band.high)
             other = replace(claim, tests=(*claim.tests[:k], moved, *claim.tests[k + 1 :]))
             for old, new, out in zip(sides, _findings(other, _merged(other, tried(other))), flips, strict=True):
-                if (
-                    old
-                    and new
-                    and old.verdict is not new.verdict
-                    and Verdict.UNTESTABLE not in (old.verdict, new.verdict)
-                ):
+                verdicts = {f.verdict for f in (old, new) if f} - {Verdict.UNTESTABLE}
+                if new and len(verdicts) == 2:
                     out.append(Moved(k, by, new.verdict, new.holds, new.settings))  # type: ignore[arg-type]
     paper, beyond = (replace(f, borderline=tuple(m)) if f else None for f, m in zip(sides, flips, strict=True))
     return paper, beyond

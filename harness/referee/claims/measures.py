@@ -27,8 +27,8 @@ class Measure:
 
     ``until`` says which part of a run settles the number: ``to`` (or ``at``; without either the end), ``end``, or
     ``known``: once there is a number, it stays. A number that ``grows`` can only become larger as a run continues.
-    One ``of_stopped`` runs alone leaves the others open, one ``of_problem`` is the same of every run. ``natural`` is the
-    limit from which bands are moved: a ``firm`` one is a count or an end reached, which no factor moves.
+    One ``of_stopped`` runs alone leaves the others open, one ``of_problem`` is the same of all runs. Bands are moved
+    from the limit ``natural``; a ``firm`` one is a count or an end reached, which no factor moves.
     """
 
     of: Callable[..., float]

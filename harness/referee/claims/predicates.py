@@ -42,7 +42,7 @@ class Band:
 
 
 def _raise(limit: float, factor: float, is_ratio: bool, end: float) -> float:
-    """The limit, higher by ``factor`` in its distance from the natural one; a ratio below 1 is the inverse of one above."""
+    """The limit, higher by ``factor`` in its distance from the natural one; a ratio below 1 by its inverse."""
     if is_ratio and 0.0 < limit < 1.0:
         return 1.0 / _raise(1.0 / limit, 1.0 / factor, is_ratio, end)
     natural = 1.0 if is_ratio else end if abs(end - limit) < abs(limit) < math.inf else 0.0
