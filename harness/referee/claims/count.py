@@ -52,11 +52,9 @@ def judge(
 ) -> tuple[Claim, ...]:
     """All verdicts, in the order of the register."""
     places = [place(c) for c in specs]
-    numbers = Numbers({r.settings_id: r for r in records}, series_of)
     tried = {c.id: _tried(c, places) for c in register.claims}
-    numbers.gather(
-        (p.spec.settings_id, t) for c in register.claims for p in (*tried[c.id][0], *tried[c.id][1]) for t in c.tests
-    )
+    wanted = ((p.spec.settings_id, t) for c in register.claims for own in tried[c.id] for p in own for t in c.tests)
+    numbers = Numbers({r.settings_id: r for r in records}, series_of, wanted)
     return tuple(_judged(c, register, *tried[c.id], numbers) for c in register.claims)
 
 

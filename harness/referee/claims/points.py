@@ -155,7 +155,7 @@ def _dearer(own: Sequence[Place], beside: Sequence[Place], numbers: Numbers) -> 
 
 
 def _ending(claim: Claim, p: Place, numbers: Numbers) -> Ending:
-    how = numbers.ending(p.spec.settings_id)
+    how = numbers.endings[p.spec.settings_id]
     return Ending.FINAL if claim.starting and how is Ending.NO_STEP else how
 
 
