@@ -11,9 +11,10 @@ from collections.abc import Mapping, Sequence
 
 from msgspec.structs import replace
 
+from ..results.findings import Verdict
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec
-from .check import Judged, State
+from .check import Judged
 from .thresholds import Threshold, Thresholds, four_digits, proposed
 
 STEP = 1e-13  # of rtol: hundreds of roundings, and far below what an error is known to
@@ -21,7 +22,8 @@ STEP = 1e-13  # of rtol: hundreds of roundings, and far below what an error is k
 
 def runs_to_repeat(specs: Sequence[RunSpec], result: Judged) -> list[RunSpec]:
     """The runs under error control of which a number has left its bounds, or moved by more than 1 %."""
-    moved = {f.case for f in result.notable if f.state in (State.FAIL, State.PASS) and not math.isnan(f.measured)}
+    found = [f for f in result.notable if f.verdict in (Verdict.FAILED, Verdict.MET)]
+    moved = {f.subject for f in found if not math.isnan(f.measured.value)}
     return [s for s in specs if s.case in moved and s.control.rtol is not None]
 
 

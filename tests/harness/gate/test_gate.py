@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.baseline import FOLDER, read_thresholds, write_thresholds
-from mbsbench.harness.gate.check import State, judge, judged_of, tightened
+from mbsbench.harness.gate.check import judge, judged_of, tightened
 from mbsbench.harness.gate.files import junit, markdown
 from mbsbench.harness.gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
 from mbsbench.harness.gate.thresholds import (
@@ -34,6 +34,7 @@ from mbsbench.harness.mechanics.state import State as Pose
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.metrics.identity import fingerprint
 from mbsbench.harness.results import environment
+from mbsbench.harness.results.findings import Verdict
 from mbsbench.harness.results.provisional import latest_of_each
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import RunSpec
@@ -68,7 +69,7 @@ def changed(**change) -> list[RunRecord]:
 
 def test_all_within_bounds_is_open():
     """The plain case."""
-    assert state().state is State.PASS and state().is_open
+    assert state().verdict is Verdict.MET and state().is_open
 
 
 @pytest.mark.parametrize(
@@ -91,7 +92,7 @@ def test_all_within_bounds_is_open():
 )
 def test_the_gate_closes(verdict):
     """Breach, NaN, wrong, refused, timed out, missing, empty, unjudged, or a bound on a run that is gone."""
-    assert verdict().state is State.FAIL and not verdict().is_open
+    assert verdict().verdict is Verdict.FAILED and not verdict().is_open
 
 
 def test_an_error_that_goes_away_closes_the_gate():
@@ -128,7 +129,10 @@ def test_a_single_leftover_threshold_judges_no_run():
     records = changed(energy_drift_max_J=1e-3, energy_scale_J=1.0)
     verdict = state(records)
     assert not verdict.is_open
-    assert {f.metric for f in verdict.findings if f.state is State.FAIL} == {"energy_drift_max_J", "energy_scale_J"}
+    assert {f.measured.quantity for f in verdict.findings if f.verdict is Verdict.FAILED} == {
+        "energy_drift_max_J",
+        "energy_scale_J",
+    }
 
 
 def test_two_runs_of_one_name_are_not_judged_as_one():
@@ -156,9 +160,9 @@ def test_a_result_of_other_code_counts_as_missing():
     here = dataclasses.replace(RECORDS[1], code="now")
     for records in ([old, new, here], [here, new, old]):
         assert judge(RUNS, records, BOUNDS, lambda *_: "now").is_open
-        assert judge(RUNS, records, BOUNDS).state is State.FAIL  # the newest of all is the one of other code
+        assert judge(RUNS, records, BOUNDS).verdict is Verdict.FAILED  # the newest of all is the one of other code
     closed = judge(RUNS, [old, here], BOUNDS, lambda *_: "now")
-    assert not closed.is_open and all("other code" in f.why for f in closed.findings if f.case == CASE)
+    assert not closed.is_open and all("other code" in f.required.why for f in closed.findings if f.subject == CASE)
     assert not judge(RUNS, [old, here], BOUNDS, lambda *_: "later").is_open
 
 
@@ -170,7 +174,7 @@ def test_a_success_does_not_hide_a_failure(status):
         good = dataclasses.replace(RECORDS[0], run_id="a", finished=was)
         bad = dataclasses.replace(RECORDS[0], run_id="0", finished=now, status=status)
         for records in ([good, bad, RECORDS[1]], [RECORDS[1], bad, good]):
-            assert state(records).state is State.FAIL
+            assert state(records).verdict is Verdict.FAILED
             assert status in {r.status for r in judged_of(records, None)}
     mended = dataclasses.replace(good, finished=late)
     assert state([mended, bad, RECORDS[1]]).is_open and state([bad, mended, RECORDS[1]]).is_open
@@ -187,8 +191,8 @@ def test_a_missing_figure_closes_the_gate():
     """Whatever was expected of it, and also where the status is a success."""
     for expect in ("pass", "fail"):
         found = state(changed(phi_max=math.nan), with_bound(expect=expect))
-        assert [f.metric for f in found.findings if f.state is State.FAIL] == ["phi_max"]
-        assert "not measured" in found.findings[0].why
+        assert [f.measured.quantity for f in found.findings if f.verdict is Verdict.FAILED] == ["phi_max"]
+        assert "not measured" in found.findings[0].required.why
 
 
 def test_the_end_of_a_run_is_known_to_the_microsecond():
@@ -199,13 +203,13 @@ def test_the_end_of_a_run_is_known_to_the_microsecond():
 def test_expected_failures_are_distinguished():
     """XFAIL keeps the gate open; XPASS closes it, for the expectation is out of date."""
     bounds = with_bound(expect="fail", upper=0.5)
-    assert state(bounds=bounds).state is State.XFAIL and state(bounds=bounds).is_open
+    assert state(bounds=bounds).verdict is Verdict.XFAIL and state(bounds=bounds).is_open
     bounds = with_bound(expect="fail")
-    assert state(bounds=bounds).state is State.XPASS and not state(bounds=bounds).is_open
+    assert state(bounds=bounds).verdict is Verdict.XPASS and not state(bounds=bounds).is_open
     expects = Thresholds("t", BOUNDS.bounds[1:], (Expectation(CASE, Status.REFUSED, "redundant rows"),))
-    assert state(changed(status="refused"), expects).state is State.XFAIL
-    assert state(RECORDS, expects).state is State.XPASS
-    assert state(changed(status="crashed"), expects).state is State.FAIL
+    assert state(changed(status="refused"), expects).verdict is Verdict.XFAIL
+    assert state(RECORDS, expects).verdict is Verdict.XPASS
+    assert state(changed(status="crashed"), expects).verdict is Verdict.FAILED
 
 
 def test_update_only_tightens_unless_asked():
@@ -314,8 +318,8 @@ def test_equal_is_exact_unless_a_tolerance_is_stated(tmp_path):
     """One step more is a breach; of a float that a machine may round, so is more than the stated tolerance."""
     for tolerance, passes, fails in ((0.0, 100.0, 101.0), (1e-6, 100.00009, 100.0002)):
         bounds = Thresholds("t", (equal(100.0, tolerance), threshold(OTHER)))
-        assert state(changed(phi_max=passes), bounds).state is State.PASS
-        assert state(changed(phi_max=fails), bounds).state is State.FAIL
+        assert state(changed(phi_max=passes), bounds).verdict is Verdict.MET
+        assert state(changed(phi_max=fails), bounds).verdict is Verdict.FAILED
         path = tmp_path / "t.toml"
         path.write_text(write_thresholds(bounds))
         assert read_thresholds(path) == bounds
