@@ -18,9 +18,11 @@ from ...suites.suite import load_suite
 
 ANY = "any"
 AS_PRINTED = "as printed"  # label in the suite ``paper``
-RENAMED = {"coordinates": "chart"}
 FRAMES = ("yaw", "rotation", "perturb", "seed")
-FORMS = {"unknown": "fi", "eliminated": "se", "mass_matrix": "mass matrix"}  # of the NDF, whose unknown w is u'
+RENAMED: Mapping[str, tuple[str, Mapping[Any, str]]] = {  # options with their dimension, and other words for values
+    "coordinates": ("chart", {}),
+    "accelerations": ("form", {"unknown": "fi", "eliminated": "se", "mass_matrix": "mass matrix"}),  # unknown: w = u'
+}
 ALIGNED = "aligned"
 WHOLE = "the whole run"  # of a run in one step
 
@@ -115,13 +117,10 @@ def _options(spec: RunSpec) -> tuple[dict[str, Any], set[str]]:
         alpha, beta = options.pop("alpha"), options.pop("beta")
         options["gain"] = alpha if alpha == beta else f"{alpha:g}/{beta:g}"
         unusual = unusual - {"alpha", "beta"} | ({"gain"} if unusual & {"alpha", "beta"} else set())
-    for old, new in RENAMED.items():
+    for old, (new, words) in RENAMED.items():
         if old in options:
-            options[new] = options.pop(old)
+            options[new] = words.get(value := options.pop(old), value)
             unusual = unusual - {old} | ({new} if old in unusual else set())
-    if "accelerations" in options:
-        options["form"] = FORMS[options.pop("accelerations")]
-        unusual = unusual - {"accelerations"} | ({"form"} if "accelerations" in unusual else set())
     return options, unusual
 
 

@@ -1,6 +1,8 @@
 """Measures of how a solver steps, and of what happens as the motion passes its first lowest point."""
 
 import math
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +27,7 @@ def _steps(
 
 # after the start-up, the last step left out
 measure_over(_steps, "", {"step ratio": lambda dt: np.max(dt) / np.min(dt)}, grows=True, natural="one")
-STEPS = {
+STEPS: Mapping[str, Callable[..., Any]] = {
     "irregularity": lambda dt: np.mean(np.abs(np.diff(np.log10(dt)))),  # from step to step: 0 for a fixed one
     "typical step": np.median,  # [s]
     "smallest step": np.min,  # [s]
