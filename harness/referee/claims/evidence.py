@@ -4,6 +4,7 @@ The rules of measures are in module measures; those of steps in module steps, of
 """
 
 import math
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -43,6 +44,10 @@ def _peak_over_median(a: np.ndarray) -> float:
     return float(np.max(known) / np.median(known)) if np.any(known) and np.median(known) > 0.0 else NAN
 
 
+def _count_per_step(counter: str, record: RunRecord, series: Series | None) -> float:
+    return getattr(record, counter) / record.steps if reached_end(record) and record.steps else NAN
+
+
 # of a series over a stretch of time; all but the first are signed
 GROWING = {
     "largest": _largest,
@@ -64,13 +69,9 @@ for name, of in LOSSES.items():
     enter_measure(name, lambda r, _, of=of: of(r) if reached_end(r) else math.inf, series=False)
 
 # counts a step, of a whole run: Newton's corrections, evaluations of the equations
-for name, column in {"corrections per step": "newton_iterations", "evaluations per step": "evaluations"}.items():
-    enter_measure(
-        name,
-        lambda r, _, column=column: getattr(r, column) / r.steps if reached_end(r) and r.steps else NAN,
-        series=False,
-        until="end",
-    )
+COUNTERS = {"corrections per step": "newton_iterations", "evaluations per step": "evaluations"}
+for name, counter in COUNTERS.items():
+    enter_measure(name, partial(_count_per_step, counter), series=False, until="end")
 
 
 @measure("name", "partial", series=False, until="end", grows=True)
