@@ -85,10 +85,13 @@ def print_one(plain: Entry, out: "Console") -> None:
     """The one entry, with what every problem has too."""
     for p in plain["problems"]:
         _print_problem(p, plain, out)
-        out.print("every problem has these too", style="dim")
+        out.print("parameters of every problem", style="dim")
         _print_options(out, plain["every_problem"])
     for s in plain["solvers"]:
         _print_solver(s, plain, out)
+    name, word = (plain["problems"] or plain["solvers"])[0]["name"], "--problem-set" if plain["problems"] else "--set"
+    call = f"{name} SOLVER" if plain["problems"] else f"PROBLEM {name}"
+    out.print(f"to change one: mbsbench solve {call} {word} name=value", style="dim", markup=False)
 
 
 def _print_problem(p: Entry, plain: Entry, out: "Console") -> None:
@@ -96,7 +99,8 @@ def _print_problem(p: Entry, plain: Entry, out: "Console") -> None:
 
     tests = f"  tests: {', '.join(p['tests'])}" if p["tests"] else ""
     out.print(f"[bold cyan]{p['name']}[/bold cyan]  {escape(p['doc'])}[dim]{tests}[/dim]")
-    facts = [p["section"], f"t_end {p['t_end_s']:g} s" if p["t_end_s"] else "",
+    facts = [f"source: {p['section']}{' of the paper' * p['section'].startswith('Sect.')}" if p["section"] else "",
+             f"simulated time: {p['t_end_s']:g} s" if p["t_end_s"] else "",
              f"reference: {REFERENCE[p['reference']]}" if p["reference"] else ""]  # fmt: skip
     if any(facts):
         out.print(escape(f"  {'; '.join(filter(None, facts))}"), style="dim")
@@ -118,8 +122,8 @@ def _print_options(out: "Console", options: Sequence[Entry]) -> None:
     from rich.markup import escape
     from rich.table import Table
 
-    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=False)
-    for column in ("name", "default", "unit", "meaning"):
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="dim")
+    for column in ("  name", "default", "unit", "meaning"):
         table.add_column(column, overflow="fold", no_wrap=column != "meaning")
     for o in options:
         unit = escape(f"[{o['unit']}]") if o.get("unit") else ""

@@ -68,7 +68,14 @@ def test_list_of_one_problem(capsys):
     """Its options with units, its section, its time and where its reference comes from; no other entry."""
     assert main(["list", "heavy_top"]) == 0
     out = capsys.readouterr().out
-    for words in ("heavy_top", "Sect. ", "t_end 5 s", "its own exact motion", "[rad/s]", "unit_length"):
+    for words in (
+        "heavy_top",
+        "Sect. 5.4 of the paper",
+        "simulated time: 5 s",
+        "its own exact motion",
+        "[rad/s]",
+        "unit_length",
+    ):
         assert words in out
     assert "simple_pendulum" not in out and "gc_weak_form" not in out
 
