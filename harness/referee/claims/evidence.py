@@ -45,7 +45,7 @@ def _peak_over_median(a: np.ndarray) -> float:
 
 
 def _count_per_step(counter: str, record: RunRecord, series: Series | None) -> float:
-    return getattr(record, counter) / record.steps if reached_end(record) and record.steps else NAN
+    return float(getattr(record, counter)) / record.steps if reached_end(record) and record.steps else NAN
 
 
 # of a series over a stretch of time; all but the first are signed
