@@ -18,10 +18,10 @@ from rich.text import Text
 from ..harness.execution.runner import Request, new_folder
 from ..harness.files import write_text
 from ..harness.gate.baseline import FOLDER, parse_thresholds, read_thresholds, write_thresholds
-from ..harness.gate.check import STATES, Judged, judge, judged_of, tightened
+from ..harness.gate.check import STATES, Judged, judge, select_judged, tighten_bounds
 from ..harness.gate.files import as_plain, junit, markdown
 from ..harness.gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
-from ..harness.gate.thresholds import Thresholds, proposed
+from ..harness.gate.thresholds import Thresholds, propose_bounds
 from ..harness.results import codes, store
 from ..harness.results.findings import Finding, Verdict
 from ..harness.results.history import GATES, make_rows, write_rows
@@ -91,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
     name, stamp, records = _results(arguments, suite)
     of_files = suite.name == REFEREED  # whose results are no result of this code: the newest file counts
     code = None if arguments.any_code or of_files else partial(codes.code_of, plugins=suite.plugins)
-    judged = judged_of(records, code)
+    judged = select_judged(records, code)
     specs: Sequence[RunSpec | RunRecord] = judged if of_files else suite.specs
     if arguments.update:
         if arguments.write and not judged:
@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
             repeated = runs_to_repeat(suite.specs, judge(suite.specs, records, thresholds, code))
             new = widen_by_spread(thresholds, _samples(arguments, suite, repeated, judged))
         else:
-            new = tightened(thresholds, judged, proposed(judged), loosen=arguments.loosen)
+            new = tighten_bounds(thresholds, judged, propose_bounds(judged), loosen=arguments.loosen)
         return _update(path, new, write=arguments.write)
     result = judge(specs, records, thresholds, code)
     if arguments.json:

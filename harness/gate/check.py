@@ -17,7 +17,7 @@ from ..results.store import newest
 from ..results.words import why
 from ..suites.spec import RunSpec
 from ..types import Status
-from .thresholds import Expectation, Threshold, Thresholds, four_digits, proposed
+from .thresholds import Expectation, Threshold, Thresholds, four_digits, propose_bounds
 
 CodeOf = Callable[[str, str], str]  # what a run of a problem and a solver is made by now
 WORTH = 0.95  # of a bound: less is not worth a commit
@@ -71,7 +71,7 @@ class Judged:
         return [f for f in self.findings if f.verdict is not Verdict.MET or has_moved(f)]
 
 
-def judged_of(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[RunRecord, ...]:
+def select_judged(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[RunRecord, ...]:
     """The newest result of each run: those that the code now gives, or all of them with None."""
     return newest(tuple(r for r in records if code is None or code(r.problem, r.solver) == r.code))
 
@@ -86,7 +86,7 @@ def judge(
 
     With ``code``, a result of other code counts as missing; of several results of a run the newest is judged.
     """
-    by_settings = {r.settings_id: r for r in judged_of(records, code)}
+    by_settings = {r.settings_id: r for r in select_judged(records, code)}
     other = {r.settings_id for r in records} - {*by_settings}
     found: list[Finding] = []
     by_case = {c.case: by_settings.get(c.settings_id) for c in specs}
@@ -104,14 +104,14 @@ def judge(
             words = UNBOUNDED if ended == Status.SUCCESS else NO_BOUNDS.format(ended)
             found.append(_finding(Verdict.FAILED, case, "no threshold", words))
         elif case in bounded and record is not None:
-            needed = {b.metric for b in proposed([record])} - bounded[case]
+            needed = {b.metric for b in propose_bounds([record])} - bounded[case]
             found += [_finding(Verdict.FAILED, case, metric, UNBOUNDED) for metric in sorted(needed)]
     found += [_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in thresholds.bounds]
     found += [_finding(Verdict.FAILED, case, "status", UNKNOWN) for case in statuses if case not in by_case]
     return Judged(tuple(sorted(found, key=lambda f: (WORST.index(f.verdict), f.subject, f.measured.quantity))))
 
 
-def tightened(
+def tighten_bounds(
     old: Thresholds, records: Sequence[RunRecord], proposed: Sequence[Threshold], *, loosen: bool
 ) -> Thresholds:
     """``old`` with the bounds that ``proposed`` would tighten, and the new ones; wider ones only with ``loosen``."""
@@ -129,12 +129,12 @@ def tightened(
         elif was.samples > 1:  # bounds around many runs, which one alone does not move unless asked for
             if loosen:
                 bounds[new.case, new.metric] = replace(new, expect=was.expect)
-        elif (changed := _narrowed(was, new, loosen=loosen)) is not None:
+        elif (changed := _narrow(was, new, loosen=loosen)) is not None:
             bounds[new.case, new.metric] = changed
     return replace(old, bounds=tuple(bounds[k] for k in sorted(bounds)))
 
 
-def _narrowed(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
+def _narrow(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
     """``was`` moved to the value of ``new``, with the bounds it has; None where there is nothing to be moved.
 
     A bound of the old that the new has not stays; a lower one moves only where the value has fallen below it and wider

@@ -33,8 +33,8 @@ from ...suites.spec import RunSpec
 from . import register as given
 from .conditions import decision, factors
 from .evidence import MEASURES
-from .maps import Place, place, select, values_of, varied
-from .measured import Numbers, SeriesOf, shortened
+from .maps import Place, find_varied, place, select, values_of
+from .measured import Numbers, SeriesOf, shorten
 from .points import Point, points
 from .predicates import FACTOR, NEAREST, RATIOS, Band
 from .register import Register
@@ -52,13 +52,13 @@ def judge(
 ) -> tuple[Claim, ...]:
     """All verdicts, in the order of the register."""
     places = [place(c) for c in specs]
-    tried = {c.id: _tried(c, places) for c in register.claims}
+    tried = {c.id: _select_tried(c, places) for c in register.claims}
     wanted = ((p.spec.settings_id, t) for c in register.claims for own in tried[c.id] for p in own for t in c.tests)
     numbers = Numbers({r.settings_id: r for r in records}, series_of, wanted)
-    return tuple(_judged(c, register, *tried[c.id], numbers) for c in register.claims)
+    return tuple(_judge_claim(c, register, *tried[c.id], numbers) for c in register.claims)
 
 
-def untestable(claim: given.Claim) -> list[Missing]:
+def find_needs(claim: given.Claim) -> list[Missing]:
     """What the claim needs and is not at hand."""
     out = []
     for need in claim.needs:
@@ -69,19 +69,19 @@ def untestable(claim: given.Claim) -> list[Missing]:
     return out
 
 
-def _tried(claim: given.Claim, places: Sequence[Place]) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+def _select_tried(claim: given.Claim, places: Sequence[Place]) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
     own = select(places, claim.map.over) if claim.map else ()
     return own, select(places, claim.against.over) if claim.against else ()
 
 
-def _judged(
+def _judge_claim(
     claim: given.Claim, register: Register, own: tuple[Place, ...], others: tuple[Place, ...], numbers: Numbers
 ) -> Claim:
-    missing = untestable(claim) or _gaps(claim, own, others, numbers.records)
+    missing = find_needs(claim) or _find_gaps(claim, own, others, numbers.records)
     found = [] if missing else points(claim, own, others, numbers)
     counted = [p for p in found if p.holds is not None]
-    missing = missing or _unmeasured(claim, found, counted)
-    rows = _merged(claim, found)
+    missing = missing or _find_unmeasured(claim, found, counted)
+    rows = _merge_equal(claim, found)
     paper, beyond = _findings(claim, rows, decide=not missing)
     if not missing:
         end = max(numbers.records[p.spec.settings_id].t_end_s for p in own)
@@ -90,13 +90,13 @@ def _judged(
         paper, beyond = (Finding(Verdict.UNTESTABLE),) * 2 if claim.map and claim.map.printed else (
             None, Finding(Verdict.UNTESTABLE))  # fmt: skip
     twins = {p.places[0].spec.settings_id for row in rows for p in row[1:]}
-    shown = _shown(claim, counted)
+    shown = _choose_shown(claim, counted)
     values = [v for v in (p.numbers[0] for p in counted) if v == v] or ([math.nan] if counted else [])
     return Claim(
         claim.id, claim.kind, claim.section, claim.figure, claim.quote, claim.claim,
         paper, beyond,
         tests=tuple(_test(t, shown, k) for k, t in enumerate(claim.tests)),
-        measured_range=(shortened(min(values)), shortened(max(values))) if values else (),
+        measured_range=(shorten(min(values)), shorten(max(values))) if values else (),
         because=_because(register, found, claim.across), missing=tuple(missing), caveats=claim.caveats,
         settings=_settings(own, others), against=tuple(dict.fromkeys(p.spec.case for p in others)),
         settings_ids=tuple(p.spec.settings_id for p in (*own, *others)),
@@ -105,7 +105,7 @@ def _judged(
     )  # fmt: skip
 
 
-def _gaps(
+def _find_gaps(
     claim: given.Claim, own: Sequence[Place], others: Sequence[Place], records: Mapping[str, RunRecord]
 ) -> list[Missing]:
     """Runs or values that the map should have: a map with holes decides nothing."""
@@ -124,7 +124,7 @@ def _gaps(
     return out
 
 
-def _unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequence[Point]) -> list[Missing]:
+def _find_unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequence[Point]) -> list[Missing]:
     """What no run of the map has: a number that nowhere exists refutes nothing."""
     if not counted:
         return [Missing(Gap.SETTLED) if found else Missing(Gap.GROUPS, claim.across)]
@@ -132,7 +132,7 @@ def _unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequence[Po
     return [Missing(Gap.NUMBER, t.metric) for t in absent]
 
 
-def _shown(claim: given.Claim, counted: Sequence[Point]) -> Point | None:
+def _choose_shown(claim: given.Claim, counted: Sequence[Point]) -> Point | None:
     """The setting whose numbers stand in the table: the first printed one, else the one that speaks most against it."""
     measurable = [p for p in counted if p.numbers[0] == p.numbers[0]] or list(counted)
     printed = next((p for p in measurable if p.printed), None)
@@ -140,7 +140,7 @@ def _shown(claim: given.Claim, counted: Sequence[Point]) -> Point | None:
     return printed or against
 
 
-def _merged(claim: given.Claim, found: Sequence[Point]) -> list[list[Point]]:
+def _merge_equal(claim: given.Claim, found: Sequence[Point]) -> list[list[Point]]:
     """Settings of equal series, or whose numbers are those of one problem, together: the first stands for all."""
     out: dict[object, list[Point]] = {}
     identity = all(MEASURES[t.metric].of_problem for t in claim.tests)
@@ -231,7 +231,7 @@ def _borderline(
                 continue
             moved = replace(test, at_least=band.low, at_most=band.high)
             other = replace(claim, tests=(*claim.tests[:k], moved, *claim.tests[k + 1 :]))
-            for old, new, out in zip(sides, _findings(other, _merged(other, tried(other))), flips, strict=True):
+            for old, new, out in zip(sides, _findings(other, _merge_equal(other, tried(other))), flips, strict=True):
                 verdicts = {f.verdict for f in (old, new) if f} - {Verdict.UNTESTABLE}
                 if new and len(verdicts) == 2:
                     out.append(Moved(k, by, new.verdict, new.holds, new.settings))  # type: ignore[arg-type]
@@ -246,11 +246,11 @@ def _is_firm(test: given.Test) -> bool:
 
 def _dimensions(claim: given.Claim, points: Sequence[Point]) -> list[tuple[Mapping[str, Value], bool]]:
     """Those that some run chose: defaults differ between problems and solvers, and would stand for these."""
-    chosen = _chosen(q for p in points for q in p.places) - {claim.across}
+    chosen = _find_chosen(q for p in points for q in p.places) - {claim.across}
     return [({k: v for k, v in p.places[0].dimensions.items() if k in chosen}, p.holds is True) for p in points]
 
 
-def _chosen(places: Iterable[Place]) -> set[str]:
+def _find_chosen(places: Iterable[Place]) -> set[str]:
     return {"problem", "solver"}.union(*(p.dimensions.keys() - p.usual for p in places))
 
 
@@ -266,8 +266,8 @@ def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, tuple[
     if not (places := [*own, *others]):
         return {}
     out = {k: tuple(values_of(p.dimensions[k] for p in places)) for k in ("problem", "solver")}
-    chosen = _chosen(own) - out.keys()
-    rest = {k: v for k, v in varied([p.dimensions for p in own]).items() if k in chosen}
+    chosen = _find_chosen(own) - out.keys()
+    rest = {k: v for k, v in find_varied([p.dimensions for p in own]).items() if k in chosen}
     return out | {k: tuple(text_of(x) if isinstance(x, list | tuple) else x for x in v) for k, v in rest.items()}
 
 
@@ -275,12 +275,12 @@ def _test(test: given.Test, shown: Point | None, k: int) -> Test:
     number = shown.numbers[k] if shown else math.nan
     low, high = (v if math.isfinite(v) else None for v in (test.at_least, test.at_most))
     return Test(test.metric, test.arguments, test.combine, test.compare, test.unit, (low, high),
-                shortened(number), number == math.inf)  # fmt: skip
+                shorten(number), number == math.inf)  # fmt: skip
 
 
 def _row(claim: given.Claim, p: Point, records: Mapping[str, RunRecord], twins: Collection[str]) -> MapRow:
     first = p.places[0]
     at = {k: first.dimensions[k] for k in SHOWN if k in first.dimensions and k != claim.across}
     settings_id = first.spec.settings_id
-    return MapRow(settings_id, first.spec.case, len(p.places) - 1, at, p.holds, shortened(p.numbers[0]),
+    return MapRow(settings_id, first.spec.case, len(p.places) - 1, at, p.holds, shorten(p.numbers[0]),
                   records[settings_id].status, p.printed, settings_id in twins)  # fmt: skip

@@ -77,7 +77,7 @@ def select(places: Iterable[Place], selections: Sequence[Mapping[str, Any]]) -> 
     return tuple(out.values())
 
 
-def varied(settings: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+def find_varied(settings: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """The dimensions with more than one value among ``settings``, each with its values in order."""
     names = dict.fromkeys(itertools.chain.from_iterable(settings))
     found = {k: values_of(at.get(k) for at in settings) for k in names}

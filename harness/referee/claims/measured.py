@@ -55,6 +55,6 @@ def _key(settings: str, test: Test) -> Key:
     return settings, test.metric, json.dumps(dict(test.arguments), sort_keys=True)
 
 
-def shortened(value: float) -> float:
+def shorten(value: float) -> float:
     """Six digits, the same on machines that differ in the last bits; NaN for what is not a finite number."""
     return float(f"{value:.6g}") if abs(value) < float("inf") else float("nan")

@@ -14,7 +14,7 @@ from ...results.judgements.claims import Ending
 from ...results.records import RunRecord
 from ...results.work import operations
 from ...types import Status
-from .endings import gets_to, in_time, settled
+from .endings import gets_to, in_time, is_settled
 from .evidence import MEASURES
 from .maps import Place, is_printed
 from .measured import Numbers
@@ -63,7 +63,7 @@ def points(claim: Claim, own: Iterable[Place], others: Sequence[Place], numbers:
     return out
 
 
-def paired(claim: Claim, p: Place, q: Place) -> bool:
+def is_partner(claim: Claim, p: Place, q: Place) -> bool:
     """Whether ``q`` is another run of equal ``pair_by``; a dimension that one of them has not got separates nothing."""
     shared = (k for k in claim.pair_by if k in p.dimensions and k in q.dimensions)
     return p.spec.settings_id != q.spec.settings_id and all(p.dimensions[k] == q.dimensions[k] for k in shared)
@@ -122,7 +122,7 @@ def _finding(
         return None
     if math.isnan(value) and _compares(test):
         return None
-    if not (settled(test, *runs[0], value) if len(runs) == 1 else all(in_time(test, *run) for run in runs)):
+    if not (is_settled(test, *runs[0], value) if len(runs) == 1 else all(in_time(test, *run) for run in runs)):
         return None
     if claim.at_equal_work and _dearer(own, beside, numbers):
         return None if test.band.beyond(value) < 0.0 else False  # with more work no better: less would not do
@@ -164,7 +164,7 @@ def _partners(claim: Claim, p: Place, others: Sequence[Place], numbers: Numbers)
 
     Where there are none, the cheapest that got to its end: what beats it at less work beats all at equal work.
     """
-    found = [q for q in others if paired(claim, p, q)]
+    found = [q for q in others if is_partner(claim, p, q)]
     own = numbers.records[p.spec.settings_id]
     if not claim.at_equal_work or not reached_end(own):
         return found
@@ -176,7 +176,7 @@ def _partners(claim: Claim, p: Place, others: Sequence[Place], numbers: Numbers)
     return [q for q in found if work(q) <= operations(own)] or ended[:1]
 
 
-def _reduced(test: Test, ordered: Sequence[Place], numbers: Numbers) -> list[Place]:
+def _leave_reduced(test: Test, ordered: Sequence[Place], numbers: Numbers) -> list[Place]:
     """Those whose steps differ from those of the one before: equal steps show nothing about reducing them."""
     kept: list[Place] = []
     for p in (ordered[0], ordered[-1]) if test.combine == "last over first" else ordered:
@@ -195,7 +195,7 @@ def _number(
 ) -> float:
     values, of_pair = [], MEASURES[test.metric].of_pair
     if test.combine in RATIOS and claim.across in LOOSEST_FIRST:
-        ordered = _reduced(test, ordered, numbers)
+        ordered = _leave_reduced(test, ordered, numbers)
     for own in (p.spec.settings_id for p in ordered):
         value = 0.0 if of_pair else numbers.of(own, test)
         if of_pair or test.compare:
