@@ -28,6 +28,7 @@ from mbsbench.harness.gate.thresholds import (
     Expectation,
     Threshold,
     Thresholds,
+    propose_bounds,
 )  # fmt: skip
 from mbsbench.harness.mechanics.state import State as Pose
 from mbsbench.harness.mechanics.system import RigidBody, assemble
