@@ -85,7 +85,7 @@ def _judge_claim(
     paper, beyond = _findings(claim, rows, decide=not missing)
     if not missing:
         end = max(numbers.records[p.spec.settings_id].t_end_s for p in own)
-        paper, beyond = _borderline(claim, found, (paper, beyond), lambda c: points(c, own, others, numbers), end)
+        paper, beyond = _borderline(claim, (paper, beyond), lambda c: points(c, own, others, numbers), end)
     elif not (paper or beyond):
         paper, beyond = (Finding(Verdict.UNTESTABLE),) * 2 if claim.map and claim.map.printed else (
             None, Finding(Verdict.UNTESTABLE))  # fmt: skip
@@ -210,24 +210,21 @@ def _doubts(claim: given.Claim, counted: Sequence[Point], left: Mapping[Ending, 
 def _move(test: given.Test, factor: float, end: float) -> Band:
     """Its band wider by a factor; ``end`` is that of the longest run."""
     natural = MEASURES[test.metric].natural
+    if natural == "firm" or (test.metric == "column" and test.arguments["name"] in COUNTS):
+        return test.band  # a count, or an end reached
     is_ratio = natural == "one" or test.combine in RATIOS or test.compare in ("over largest", "over smallest")
     return test.band.moved(factor, is_ratio=is_ratio, end=end if natural == "end" else math.inf)
 
 
 def _borderline(
-    claim: given.Claim, found: Sequence[Point], sides: Sequence[Finding | None],
-    tried: Callable[[given.Claim], Sequence[Point]], end: float,
-) -> tuple[Finding | None, Finding | None]:  # fmt: skip
+    claim: given.Claim, sides: Sequence[Finding | None], tried: Callable[[given.Claim], Sequence[Point]], end: float
+) -> tuple[Finding | None, Finding | None]:
     """The findings with the verdicts that they flip to when the band of one test moves by a factor."""
     flips: tuple[list[Moved], list[Moved]] = [], []
     for k, test in enumerate(claim.tests):
         for by, factor in (("wider", FACTOR), ("narrower", 1.0 / FACTOR)):
             band = _move(test, factor, end)
-            ends = sorted(
-                {e for a, b in ((test.band.low, band.low), (test.band.high, band.high)) if a != b for e in (a, b)}
-            )
-            nearest = test.combine == NEAREST or MEASURES[test.metric].until == "known"
-            if _is_firm(test) or not ends or not (nearest or any(ends[0] <= p.numbers[k] <= ends[-1] for p in found)):
+            if band == test.band:
                 continue
             moved = replace(test, at_least=band.low, at_most=band.high)
             other = replace(claim, tests=(*claim.tests[:k], moved, *claim.tests[k + 1 :]))
@@ -237,11 +234,6 @@ def _borderline(
                     out.append(Moved(k, by, new.verdict, new.holds, new.settings))  # type: ignore[arg-type]
     paper, beyond = (replace(f, borderline=tuple(m)) if f else None for f, m in zip(sides, flips, strict=True))
     return paper, beyond
-
-
-def _is_firm(test: given.Test) -> bool:
-    """Whether its number is a count, or says that an end was reached: no factor moves such a band."""
-    return MEASURES[test.metric].natural == "firm" or (test.metric == "column" and test.arguments["name"] in COUNTS)
 
 
 def _dimensions(claim: given.Claim, points: Sequence[Point]) -> list[tuple[Mapping[str, Value], bool]]:
