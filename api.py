@@ -133,7 +133,7 @@ def solve(
     steps = step_control(entry.name, entry.control, variant, {k: v for k, v in given.items() if v is not None})
     control = dataclasses.replace(steps, cpu_limit=cpu_limit)
     limits: dict[str, Any] = {"cpu_limit": cpu_limit or math.inf, "memory": math.inf}
-    spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), entry.changed(made), **limits)
+    spec = RunSpec(variant.name, entry.name, steps, dict(variant.parameters), entry.changed_options(made), **limits)
     if cpu_limit is not None:  # compile before its clock starts
         warm(runs_to_warm([spec]))
     job = Job(spec, Path(), "", code_of(variant.name, entry.name), environment.commit())
@@ -201,7 +201,7 @@ def _resolve_solver(
             raise ValueError(f"{key} is a parameter of the problem: make_problem({variant.name!r}, {{{key!r}: ...}})")
         if key not in entry.parameters:
             raise ValueError(f"solver {entry.name} has no option {key!r}{nearest(key, [*entry.parameters, *controls])}")
-    return entry, entry.made(options)
+    return entry, entry.make_solver(options)
 
 
 def _draw_figure(record: RunRecord, series: Series) -> "Figure":

@@ -11,8 +11,8 @@ from ..harness.catalogue.options import nearest
 from ..harness.execution.runner import Request, last_folder, new_folder
 from ..harness.places import Place
 from ..harness.referee import judge as judging
+from ..harness.referee.claims.count import judge
 from ..harness.referee.claims.register import Register, read_register
-from ..harness.referee.claims.verdicts import judge
 from ..harness.referee.currency import code_now
 from ..harness.results import store
 from ..harness.results.judgements.claims import Claim

@@ -7,7 +7,9 @@ from rich.text import Text
 from ..harness.results.findings import Finding, Verdict
 from .terminal import Column, print_json, print_table
 
-STYLE = {Verdict.MET: "green", Verdict.FAILED: "bold red", Verdict.OPEN: ""}
+STYLE = {
+    Verdict.MET: "green", Verdict.FAILED: "bold red", Verdict.OPEN: "", Verdict.XPASS: "yellow", Verdict.XFAIL: "cyan",
+}  # fmt: skip
 COLUMNS = (
     Column("", right=False), Column("of", fold=True, least=12), Column("quantity", right=False, fold=True, least=20),
     Column("measured", right=False, fold=True), Column("required", right=False, fold=True, least=12, rank=1),

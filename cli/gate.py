@@ -18,11 +18,12 @@ from rich.text import Text
 from ..harness.execution.runner import Request, new_folder
 from ..harness.files import write_text
 from ..harness.gate.baseline import FOLDER, parse_thresholds, read_thresholds, write_thresholds
+from ..harness.gate.check import STATES, Judged, judge, select_judged, tighten_bounds
 from ..harness.gate.files import as_plain, junit, markdown
-from ..harness.gate.judging import Judged, State, judge, judged_of, tightened
 from ..harness.gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
-from ..harness.gate.thresholds import Thresholds, proposed
+from ..harness.gate.thresholds import Thresholds, propose_bounds
 from ..harness.results import codes, store
+from ..harness.results.findings import Finding, Verdict
 from ..harness.results.history import GATES, make_rows, write_rows
 from ..harness.results.provenance import stamp_of
 from ..harness.results.records import RunRecord
@@ -40,16 +41,11 @@ from .arguments import (
     load_plugins,
     subcommand,
 )
+from .findings import STYLE, print_findings
 from .progress import run_watched
-from .terminal import Column, console, print_json, print_table
+from .terminal import console, print_json
 
-COLUMNS = (
-    Column("state", right=False), Column("case", fold=True), Column("metric", fold=True, least=12),
-    Column("measured"), Column("baseline", rank=2), Column("bound", rank=1, fold=True, least=10),
-    Column("unit", rank=3, right=False), Column("reason", fold=True, least=16),
-)  # fmt: skip
 COMMENT = re.compile(r"^[^\"'#]*((\"([^\"\\\n]|\\.)*\"|'[^'\n]*')[^\"'#\n]*)*#", re.MULTILINE)  # not in a string
-STYLE = {State.FAIL: "bold red", State.XPASS: "yellow", State.XFAIL: "cyan", State.PASS: "green"}
 
 
 def add(commands: Any) -> None:
@@ -95,7 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
     name, stamp, records = _results(arguments, suite)
     of_files = suite.name == REFEREED  # whose results are no result of this code: the newest file counts
     code = None if arguments.any_code or of_files else partial(codes.code_of, plugins=suite.plugins)
-    judged = judged_of(records, code)
+    judged = select_judged(records, code)
     specs: Sequence[RunSpec | RunRecord] = judged if of_files else suite.specs
     if arguments.update:
         if arguments.write and not judged:
@@ -104,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
             repeated = runs_to_repeat(suite.specs, judge(suite.specs, records, thresholds, code))
             new = widen_by_spread(thresholds, _samples(arguments, suite, repeated, judged))
         else:
-            new = tightened(thresholds, judged, proposed(judged), loosen=arguments.loosen)
+            new = tighten_bounds(thresholds, judged, propose_bounds(judged), loosen=arguments.loosen)
         return _update(path, new, write=arguments.write)
     result = judge(specs, records, thresholds, code)
     if arguments.json:
@@ -114,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
     for file, made in ((arguments.junit, junit), (arguments.markdown, markdown)):
         if file:
             write_text(Path(file), made(result, suite.name))
-    worst = {f.case: f.state.name for f in reversed(result.findings)}  # the worst come first
+    worst = {f.subject: STATES[f.verdict] for f in reversed(result.findings)}  # the worst come first
     with contextlib.suppress(OSError):  # a folder that cannot be written only costs the history
         write_rows(store.LOCAL / GATES / f"{name}.jsonl", make_rows(name, stamp, judged, worst))
     return 0 if result.is_open else 1
@@ -162,22 +158,19 @@ def _results(arguments: argparse.Namespace, suite: Suite) -> tuple[str, Mapping[
 
 def _print(result: Judged, *, everything: bool) -> None:
     shown = result.findings if everything else result.notable
-    rows = []
-    for f in shown:
-        was = "" if math.isnan(f.value) else f"{f.value:.3g} ({_moved(f.measured, f.value)})"
-        measured = "" if math.isnan(f.measured) else f"{f.measured:.4g}"
-        why = f.why if f.state is not State.PASS else ""
-        rows.append((Text(f.state.name, STYLE[f.state]), f.case, f.metric, measured, was, f.bound, f.unit, why))
-    print_table(COLUMNS, rows)
+    print_findings(map(_say_before, shown))
     if more := len(result.findings) - len(shown):
         console().print(f"{more} more pass and have moved by less than 1 % (--all shows them)")
-    console().print(Text(f"gate {'open' if result.is_open else 'CLOSED'}: {result.summary}", STYLE[result.state]))
+    console().print(Text(f"gate {'open' if result.is_open else 'CLOSED'}: {result.summary}", STYLE[result.verdict]))
 
 
-def _moved(measured: float, value: float) -> str:
-    if math.isnan(measured):
-        return "missing"
-    return f"x {measured / value:.3g}" if value else f"{measured:+.3g}"
+def _say_before(f: Finding) -> Finding:
+    """The finding with the baseline, and the reason where it did not pass, in words."""
+    value, was = f.measured.value, f.before
+    change = "missing" if math.isnan(value) else f"x {value / was:.3g}" if was else f"{value - was:+.3g}"
+    words = [] if math.isnan(was) else [f"was {was:.3g} ({change})"]
+    words += [f.required.why] if f.verdict is not Verdict.MET else []
+    return dataclasses.replace(f, measured=dataclasses.replace(f.measured, words="; ".join(words)))
 
 
 def _samples(

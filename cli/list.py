@@ -205,7 +205,7 @@ def _describe(name: str) -> dict[str, Any]:
 def _read_order(name: str) -> float | None:
     from ..harness.catalogue import registry
 
-    order = registry.declared(registry.make_solver(name))[1]
+    order = registry.read_declaration(registry.make_solver(name))[1]
     return order if order == order else None
 
 

@@ -75,19 +75,19 @@ class SolverEntry:
     paper_label: str  # of the default options
     control: str
 
-    def changed(self, made: Solver) -> dict[str, Any]:
-        """The options of ``made`` that differ from the defaults."""
-        return {k: v for k, (default, _) in self.parameters.items() if (v := getattr(made, k)) != default}
+    def changed_options(self, solver: Solver) -> dict[str, Any]:
+        """The options of ``solver`` that differ from the defaults."""
+        return {k: v for k, (default, _) in self.parameters.items() if (v := getattr(solver, k)) != default}
 
-    def made(self, options: Mapping[str, Any] | None = None) -> Solver:
+    def make_solver(self, options: Mapping[str, Any] | None = None) -> Solver:
         """The solver with ``options`` (numbers or text)."""
         return self.make(**_read("option", f"solver {self.name}", self.parameters, options or {}))
 
 
-def declared(made: Solver) -> tuple[str, float]:
-    """The paper's name of ``made`` and the order in dt it claims (NaN: none); certificates hold it to that."""
-    label, order = getattr(made, "paper_label", None), getattr(made, "order", math.nan)
-    where = f"solver {made.name}"
+def read_declaration(solver: Solver) -> tuple[str, float]:
+    """The paper's name of ``solver`` and the order in dt it claims (NaN: none); certificates hold it to that."""
+    label, order = getattr(solver, "paper_label", None), getattr(solver, "order", math.nan)
+    where = f"solver {solver.name}"
     if not isinstance(label, str):
         raise TypeError(f"{where}: paper_label must be text (got {label!r})")
     if isinstance(order, bool) or not isinstance(order, int | float):
@@ -280,7 +280,7 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
 
 def make_solver(name: str, options: Mapping[str, Any] | None = None) -> Solver:
     """The solver ``name`` with ``options`` (numbers or text)."""
-    return entry_of("solver", name, solvers()).made(options)
+    return entry_of("solver", name, solvers()).make_solver(options)
 
 
 def in_frame(p: Problem, Q: np.ndarray) -> Problem:
@@ -372,4 +372,4 @@ def _solver_entry(name: str, cls: Any) -> SolverEntry:
         if "parameter" not in f.metadata or f.default is dataclasses.MISSING:
             raise TypeError(f"solver {name}: {f.name} must be made by mbsbench.option, with a default")
     own = {f.name: (f.default, f.metadata["parameter"]) for f in dataclasses.fields(cls)}
-    return SolverEntry(name, cls, own, _first_line(cls), declared(cls())[0], cls.control)
+    return SolverEntry(name, cls, own, _first_line(cls), read_declaration(cls())[0], cls.control)

@@ -283,12 +283,9 @@ def _assess_growth(runs: Sequence[RunRecord], left: Sequence[RunSpec] = ()) -> F
     done = sorted(
         (json.loads(r.problem_parameters).get("links", 15), r.cpu_median_s / r.steps) for r in runs if r.steps
     )
-    if len(done) < 3 and left:
-        return state("cost of a step in bodies", _describe_cut(len(left), len(runs)))
     if len(done) < 3:
-        return state(
-            "cost of a step in bodies", "not determined: too few chains finished, or all faster than the clock resolves"
-        )
+        few = "not determined: too few chains finished, or all faster than the clock resolves"
+        return state("cost of a step in bodies", _describe_cut(len(left), len(runs)) if left else few)
     x, y = np.log(np.maximum(np.array(done[-3:], dtype=float), 1e-9)).T
     power = float(np.polyfit(x, y, 1)[0])
     each = ", ".join(f"{1e3 * seconds:.2g} ms at {n}" for n, seconds in done)

@@ -66,7 +66,7 @@ def check_solver(solver: str, folder: Path, records: tuple[RunRecord, ...]) -> l
     mine = {role: by_settings[spec.settings_id] for role, spec in runs_of(solver).items()}
     series = {role: store.series_of(folder, r) for role, r in mine.items()}
     entry = registry.solvers()[solver]
-    evidence = trials.Evidence(entry.control, float(getattr(entry.made(), "order", math.nan)), mine, series)
+    evidence = trials.Evidence(entry.control, float(getattr(entry.make_solver(), "order", math.nan)), mine, series)
     return assign_findings(solver, REQUIREMENTS, (requirement.measure(evidence) for requirement in REQUIREMENTS))
 
 

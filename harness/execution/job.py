@@ -67,7 +67,7 @@ def record_of(job: Job, status: Status, **columns: Any) -> RunRecord:
     """The record of a job: what was asked, its ``status``, and what else is known."""
     spec, control = job.spec, job.spec.control
     entry = registry.solvers().get(spec.solver)
-    label, order = registry.declared(entry.made(spec.options)) if entry else ("", math.nan)
+    label, order = registry.read_declaration(entry.make_solver(spec.options)) if entry else ("", math.nan)
     about = {"paper_label": label, "declared_order": order}
     files: Mapping[str, Any] = {}
     with contextlib.suppress(OSError):  # a solver's process may have left anything there

@@ -151,7 +151,7 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
     """Ask the solver, solve; no trajectory where it refuses."""
     began = cpu_seconds_of_tree()
     called = presented(solver, problem)
-    label, order = registry.declared(solver)
+    label, order = registry.read_declaration(solver)
     about: dict[str, Any] = {"paper_label": label, "declared_order": exact(order)}
     reason = refusal(called, problem, control)
     before = {

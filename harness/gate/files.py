@@ -1,31 +1,32 @@
 """The result of the gate for machines and reviewers: JUnit XML for CI, Markdown for a merge request."""
 
-import dataclasses
 import math
 import re
 from typing import Any
 from xml.etree import ElementTree
 
-from .judging import Finding, Judged, State
+from ..results.findings import Finding, Measured, Required, Verdict
+from .check import STATES, Judged, has_moved
 
 NOT_XML = re.compile(r"[^\t\n\r\x20-\uD7FF\uE000-\uFFFD\U00010000-\U0010FFFF]")  # what XML 1.0 cannot hold
 
 
 def junit(result: Judged, suite: str) -> str:
     """One test case a finding; FAIL and XPASS are failures, XFAIL is skipped, a gate that judged nothing fails."""
-    findings = result.findings or (Finding(State.FAIL, suite, "gate", why="nothing judged"),)
-    closed = sum(f.state in (State.FAIL, State.XPASS) for f in findings)
-    skipped = sum(f.state is State.XFAIL for f in findings)
+    nothing = Finding(Measured("gate"), Required(why="nothing judged"), Verdict.FAILED, suite)
+    findings = result.findings or (nothing,)
+    closed, skipped = sum(not f.holds for f in findings), sum(f.verdict is Verdict.XFAIL for f in findings)
     counts = {"tests": str(len(findings)), "failures": str(closed), "errors": "0", "skipped": str(skipped)}
     root = ElementTree.Element("testsuites", counts)
     group = ElementTree.SubElement(root, "testsuite", {"name": _xml(f"gate {suite}"), **counts})
     for f in findings:
-        case = ElementTree.SubElement(group, "testcase", {"classname": _xml(f.case), "name": _xml(f.metric)})
-        if f.state is State.XFAIL:
-            ElementTree.SubElement(case, "skipped", {"message": _xml(f"expected to fail: {f.why}")})
-        elif f.state is not State.PASS:
-            kind = {"type": f.state.name, "message": _xml(_said(f))}
-            ElementTree.SubElement(case, "failure", kind).text = _xml(f.why)
+        named = {"classname": _xml(f.subject), "name": _xml(f.measured.quantity)}
+        case = ElementTree.SubElement(group, "testcase", named)
+        if f.verdict is Verdict.XFAIL:
+            ElementTree.SubElement(case, "skipped", {"message": _xml(f"expected to fail: {f.required.why}")})
+        elif not f.holds:
+            kind = {"type": STATES[f.verdict], "message": _xml(_describe(f))}
+            ElementTree.SubElement(case, "failure", kind).text = _xml(f.required.why)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=True) + "\n"
 
@@ -35,26 +36,34 @@ def markdown(result: Judged, suite: str) -> str:
     out = [f"## Gate `{suite}`: {'open' if result.is_open else 'CLOSED'}", "", f"{result.summary}.", ""]
     if result.notable:
         out += ["| state | case | metric | measured | was | bound | unit | why |", "|---|---|---|---|---|---|---|---|"]
-        for f in result.notable:
-            numbers = ["" if math.isnan(x) else f"{x:.4g}" for x in (f.measured, f.value)]
-            why = f.why if f.state is not State.PASS else "moved"
-            texts = (f.state.name, f.case, f.metric, *numbers, f.bound, f.unit, why)
-            out.append("| " + " | ".join(map(_markdown, texts)) + " |")
+        for row in map(_flatten, result.notable):
+            numbers = {k: "" if math.isnan(row[k]) else f"{row[k]:.4g}" for k in ("measured", "value")}
+            texts = {**row, **numbers, "why": "moved" if row["state"] == "PASS" else row["why"]}
+            shown = ("state", "case", "metric", "measured", "value", "bound", "unit", "why")
+            out.append("| " + " | ".join(_markdown(texts[k]) for k in shown) + " |")
         out.append("")
     return "\n".join(out)
 
 
 def as_plain(result: Judged, suite: str) -> dict[str, Any]:
     """The result as ``--json`` prints it."""
-    findings = [{**dataclasses.asdict(f), "state": f.state.name, "moved": f.moved} for f in result.findings]
-    head = {"suite": suite, "open": result.is_open, "state": result.state.name}
-    return {**head, "counts": result.counts, "findings": findings}
+    head = {"suite": suite, "open": result.is_open, "state": STATES[result.verdict], "counts": result.counts}
+    return {**head, "findings": [_flatten(f) for f in result.findings]}
 
 
-def _said(f: Finding) -> str:
-    if math.isnan(f.measured):
-        return f"{f.state.name}: {f.why}"
-    return f"{f.state.name}: {f.metric} is {f.measured:.6g} {f.unit}, bound {f.bound}, was {f.value:.6g}"
+def _flatten(f: Finding) -> dict[str, Any]:
+    return {
+        "state": STATES[f.verdict], "case": f.subject, "metric": f.measured.quantity, "measured": f.measured.value,
+        "value": f.before, "bound": f.required.words, "unit": f.measured.unit, "why": f.required.why,
+        "moved": has_moved(f),
+    }  # fmt: skip
+
+
+def _describe(f: Finding) -> str:
+    if math.isnan(f.measured.value):
+        return f"{STATES[f.verdict]}: {f.required.why}"
+    number = f"{f.measured.value:.6g} {f.measured.unit}, bound {f.required.words}, was {f.before:.6g}"
+    return f"{STATES[f.verdict]}: {f.measured.quantity} is {number}"
 
 
 def _markdown(text: str) -> str:

@@ -11,17 +11,19 @@ from collections.abc import Mapping, Sequence
 
 from msgspec.structs import replace
 
+from ..results.findings import Verdict
 from ..results.records import RunRecord
 from ..suites.spec import RunSpec
-from .judging import Judged, State
-from .thresholds import Threshold, Thresholds, four_digits, proposed
+from .check import Judged
+from .thresholds import Threshold, Thresholds, four_digits, propose_bounds
 
 STEP = 1e-13  # of rtol: hundreds of roundings, and far below what an error is known to
 
 
 def runs_to_repeat(specs: Sequence[RunSpec], result: Judged) -> list[RunSpec]:
     """The runs under error control of which a number has left its bounds, or moved by more than 1 %."""
-    moved = {f.case for f in result.notable if f.state in (State.FAIL, State.PASS) and not math.isnan(f.measured)}
+    found = [f for f in result.notable if f.verdict in (Verdict.FAILED, Verdict.MET)]
+    moved = {f.subject for f in found if not math.isnan(f.measured.value)}
     return [s for s in specs if s.case in moved and s.control.rtol is not None]
 
 
@@ -44,13 +46,13 @@ def widen_by_spread(old: Thresholds, samples: Mapping[str, Sequence[RunRecord]])
     lawful = {case: tuple(records) for case, records in samples.items() if all(r.status == "success" for r in records)}
     bounds = []
     for was in old.bounds:
-        found = [b for r in lawful.get(was.case, ()) for b in proposed([dataclasses.replace(r, case=was.case)])]
-        around = _around(was, [b for b in found if b.metric == was.metric])
+        found = [b for r in lawful.get(was.case, ()) for b in propose_bounds([dataclasses.replace(r, case=was.case)])]
+        around = _widen_around(was, [b for b in found if b.metric == was.metric])
         bounds.append(around if around and around.holds(was.value) else was)
     return replace(old, bounds=tuple(bounds))
 
 
-def _around(was: Threshold, found: Sequence[Threshold]) -> Threshold | None:
+def _widen_around(was: Threshold, found: Sequence[Threshold]) -> Threshold | None:
     """``was`` with the widest of the bounds that it has in ``found``; None where bounds around any one hold of all."""
     values = [b.value for b in found]
     bounds = (was,) if was.samples > 1 else (was, *found)

@@ -117,7 +117,7 @@ class Thresholds(Shape, frozen=True):
                 raise ValueError(f"{' '.join(key)} is declared twice")
 
 
-def proposed(records: Sequence[RunRecord]) -> list[Threshold]:
+def propose_bounds(records: Sequence[RunRecord]) -> list[Threshold]:
     """Bounds for energy, constraints, errors, fixed steps and the problem itself, of every lawful run."""
     return [bound for r in records if Status(r.status).lawful for bound in _of(r)]
 

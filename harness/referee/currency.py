@@ -19,7 +19,7 @@ from ..results.reproduce import REFEREED
 from ..suites.spec import RunSpec
 from .claims.register import Register
 
-JUDGING = ("harness/referee/claims/verdicts", "harness/referee/claims/passages", "harness/results/work")
+JUDGING = ("harness/referee/claims/count", "harness/referee/claims/steps", "harness/results/work")
 WORDS = ("quote", "caveats", "section", "figure", "claim")  # of a claim: no verdict depends on them
 MOST = 6  # names in a line
 
@@ -56,18 +56,15 @@ def describe_changes(published: Code, now: Code, suite: str) -> str:
     solvers, problems = (_find_changed(getattr(published, k), getattr(now, k)) for k in ("solvers", "problems"))
     judge = "mbsbench judge --publish"
     run = f"mbsbench run {suite} --resume, then {judge}"
-    if solvers:
-        every = " (all)" if len(solvers) == len(now.solvers) > 1 else ""
-        return f"published verdicts are older than the code of {_join_names(solvers)}{every}: {run}"
-    if problems:
-        return f"published verdicts are older than the problem {_join_names(problems)}: {run}"
-    if published.measuring != now.measuring:
-        return f"published verdicts are older than what measures motions, of every solver: {run}"
-    if published.runs != now.runs:
-        return f"published verdicts are older than the register or the suites: {run}"
-    return (
-        "" if published.judging == now.judging else f"published verdicts are older than the rules of judging: {judge}"
+    every = " (all)" if len(solvers) == len(now.solvers) > 1 else ""
+    parts: tuple[tuple[object, str, str], ...] = (
+        (solvers, f"the code of {_join_names(solvers)}{every}", run),
+        (problems, f"the problem {_join_names(problems)}", run),
+        (published.measuring != now.measuring, "what measures motions, of every solver", run),
+        (published.runs != now.runs, "the register or the suites", run),
+        (published.judging != now.judging, "the rules of judging", judge),
     )
+    return next((f"published verdicts are older than {what}: {then}" for differs, what, then in parts if differs), "")
 
 
 def _find_changed(before: Mapping[str, str], now: Mapping[str, str]) -> list[str]:

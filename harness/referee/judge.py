@@ -18,9 +18,9 @@ from .certificates.drift import analyse_drift
 from .certificates.orders import certify
 from .certificates.symmetries import check_symmetries
 from .certificates.work import collect_work
+from .claims.count import judge
 from .claims.maps import place, select
 from .claims.register import Register
-from .claims.verdicts import judge
 from .currency import describe_changes
 from .false_successes import find_false_successes
 

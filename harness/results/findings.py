@@ -12,6 +12,8 @@ class Verdict(StrEnum):
     MET = "ok"
     FAILED = "FAIL"
     OPEN = "-"  # nothing is required, or nothing could be tested
+    XFAIL = "XFAIL"  # expected to fail, and did
+    XPASS = "XPASS"  # expected to fail, and did not: the expectation is out of date
 
     @classmethod
     def of(cls, good: bool | None) -> "Verdict":
@@ -67,11 +69,12 @@ class Finding:
     verdict: Verdict = Verdict.OPEN
     subject: str = ""
     cause: str = ""  # of a failure that has nothing to do with the requirement: a run that crashed, code that raised
+    before: float = math.nan  # the value when the requirement was set
 
     @property
     def holds(self) -> bool:
         """Whether the requirement is met or could not be tested."""
-        return self.verdict is not Verdict.FAILED
+        return self.verdict not in (Verdict.FAILED, Verdict.XPASS)
 
     @property
     def is_tested(self) -> bool:

@@ -66,7 +66,8 @@ def make_spec(
     """The run of ``problem`` (as made by the registry), or ValueError in one line."""
     entry = registry.entry_of("solver", solver, registry.solvers())
     steps = step_control(solver, entry.control, problem, control or {})
-    return RunSpec(problem.name, solver, steps, dict(problem.parameters), entry.changed(entry.made(options)), **limits)
+    changed = entry.changed_options(entry.make_solver(options))
+    return RunSpec(problem.name, solver, steps, dict(problem.parameters), changed, **limits)
 
 
 def step_control(solver: str, kind: str, problem: Problem, given: Mapping[str, Any]) -> StepControl:

@@ -101,11 +101,12 @@ def sides(c: Claim) -> tuple[tuple[str, Finding], ...]:
 
 
 def share(f: Finding | None) -> str:
-    """``39 of 76``; of a verdict that hangs on its band, the other one too; empty where no setting settles it."""
+    """``39 of 76``, where one of many values suffices ``at 3 of 81``; the other verdicts of a borderline one."""
     if f is None or not f.settings:
         return ""
     flips = dict.fromkeys(f"{m.verdict} {m.holds} of {m.settings}" for m in f.borderline)
-    return f"{f.holds} of {f.settings}" + (f" (borderline: {', '.join(flips)})" if flips else "")
+    met = f", at {f.met[0]} of {f.met[1]} values" if f.met else ""
+    return f"{f.holds} of {f.settings}{met}" + (f" (borderline: {', '.join(flips)})" if flips else "")
 
 
 def distinct(f: Finding) -> str:
@@ -119,6 +120,8 @@ def _found(c: Claim, where: str, f: Finding) -> list[str]:
         percent = f", {100.0 * f.holds / f.settings:.0f} %" if f.verdict is Verdict.MIXED else ""
         out.append(f"{where} it holds in {f.holds} of {plural(f.settings, 'setting')}{percent}")
         out[-1] += f" ({distinct(f)})" if f.rows > f.settings else ""
+        out[-1] += f", met at {f.met[0]} of {plural(f.met[1], spaced(c.because.across))}" if f.met else ""
+    out += map(_missing, f.missing)
     if f.stopped:
         out.append(f"in {f.stopped} of these {f.holds} because a run stopped before its end")
     if f.decision:
@@ -184,4 +187,6 @@ def _missing(m: Missing) -> str:
         Gap.GROUPS: f"no two runs of the map differ in {m.name} alone",
         Gap.SETTLED: "no setting of the map settles it",
         Gap.NUMBER: f"no run of the map has the number {m.name!r}",
+        Gap.REACHED: f"{m.found} of {m.wanted} settings got to the moment asked about: too few for a verdict",
+        Gap.HANGS: f"the verdict hangs on one run that failed, {m.name}: no verdict",
     }[m.gap]

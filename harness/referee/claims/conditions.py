@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from ...results.judgements.claims import Condition, Count, Decision
-from .maps import same, values_of, varied
+from .maps import find_varied, same, values_of
 
 Points = Sequence[tuple[Mapping[str, Any], bool]]
 MOST_VALUES = 3  # of a dimension that a condition names one by one
@@ -18,12 +18,12 @@ MOST_NAMED = 4  # conditions of each kind; the rest is in the map
 
 def factors(points: Points) -> dict[str, tuple[Count, ...]]:
     """For each dimension that varies, the settings with each value."""
-    return {n: tuple(_by(points, n, values)) for n, values in varied([at for at, _ in points]).items()}
+    return {n: tuple(_by(points, n, values)) for n, values in find_varied([at for at, _ in points]).items()}
 
 
 def separation(points: Points) -> Decision | None:
     """The condition that separates the settings where the claim holds from the others; None if no short one does."""
-    names = varied([at for at, _ in points])
+    names = find_varied([at for at, _ in points])
     everywhere = [n for n, values in names.items() if None not in values]  # others exist for some solvers only
     for size in (1, 2):
         for chosen in itertools.combinations(everywhere, size):
@@ -62,7 +62,7 @@ def decision(points: Points) -> Decision:
     """What separates, else where the claim always or never holds, and the dimension that tells most."""
     if found := separation(points):
         return found
-    names = varied([at for at, _ in points])
+    names = find_varied([at for at, _ in points])
     pure = (*_pure(points, names, True), *_pure(points, names, False))
     telling = [n for n in names if None not in names[n]] or list(names)
     most = max(telling, key=lambda n: _information(points, _by(points, n, names[n])), default="")

@@ -24,7 +24,7 @@ def ending(record: RunRecord, series: Series | None = None) -> Ending:
     if by_machine(record):
         return Ending.MACHINE
     if by_budget(record):
-        return Ending.FINAL if series is None or stuck(record, pace(record, series)) else Ending.SLOW
+        return Ending.FINAL if series is None or is_stuck(record, pace(record, series)) else Ending.SLOW
     started = record.steps > 0 or reached_end(record) or record.status == Status.REFUSED
     return Ending.FINAL if started else Ending.NO_STEP
 
@@ -48,18 +48,18 @@ def pace(record: RunRecord, series: Series) -> float:
     return float(t[-1] - t[k]) / (record.steps * (1.0 - k / (len(t) - 1))) if len(t) > 1 else 0.0
 
 
-def stuck(record: RunRecord, pace: float) -> bool:
+def is_stuck(record: RunRecord, pace: float) -> bool:
     """Whether a run at this pace [s a step] has shrunk its steps a hundredfold and is far from its end."""
     rest = record.t_end_s - record.t_reached_s
-    return pace < STUCK * asked(record) and rest > HOPELESS * record.max_steps * pace
+    return pace < STUCK * step_allowed(record) and rest > HOPELESS * record.max_steps * pace
 
 
-def asked(record: RunRecord) -> float:
+def step_allowed(record: RunRecord) -> float:
     """The step that the run may take: its limit or its dt, else the largest it took [s]."""
     return next((s for s in (record.max_step_s, record.dt_s) if not math.isnan(s)), record.step_max_s)
 
 
-def settled(test: Test, record: RunRecord, how: Ending, value: float) -> bool:
+def is_settled(test: Test, record: RunRecord, how: Ending, value: float) -> bool:
     """Whether a run that ended so settles a test of its own number: running on would not change the finding."""
     if in_time(test, record, how):
         return True

@@ -16,7 +16,7 @@ from .measures import NAN, measure
 STATES = 5  # at which the operators are compared
 
 
-@measure("of", series=False, until="known")
+@measure("of", series=False, until="known", of_problem=True, natural="firm")
 def number(record: RunRecord, series: Series | None, of: str) -> float:
     """Number of ``bodies``, ``joints``, ``coordinates`` (six a body), ``rows`` or ``freedoms`` of the problem."""
     problem = registry.make_problem(record.problem, json.loads(record.problem_parameters))
@@ -27,7 +27,7 @@ def number(record: RunRecord, series: Series | None, of: str) -> float:
     return float(sizes.get(of, NAN))
 
 
-@measure("of", series=False, until="known")
+@measure("of", series=False, until="known", of_problem=True, natural="firm")
 def operators(record: RunRecord, series: Series | None, of: str) -> float:
     """Largest difference of Lagrange's operator, Eq. (45), and Newton's for a body about its joint, over the latter.
 
@@ -51,14 +51,12 @@ def _operators(system: MultibodySystem) -> Any:
     arm = system.joint_s_i[0]
     J = ca.DM(system.inertia[0] + system.mass[0] * (arm @ arm * np.eye(3) - np.outer(arm, arm)))
 
-    def turn(a: Any, axis: int) -> Any:
-        c, s = ca.cos(a), ca.sin(a)
-        rows = {0: [[1, 0, 0], [0, c, -s], [0, s, c]], 2: [[c, -s, 0], [s, c, 0], [0, 0, 1]]}[axis]
-        return ca.vertcat(*(ca.horzcat(*row) for row in rows))
-
-    R = turn(angle[0], 2) @ turn(angle[1], 0) @ turn(angle[2], 2)
-    spins = [R.T @ ca.reshape(ca.jacobian(ca.vec(R), angle[k]), 3, 3) for k in range(3)]
-    B = ca.horzcat(*(ca.vertcat(S[2, 1], S[0, 2], S[1, 0]) for S in spins))
+    theta, psi = angle[1], angle[2]
+    B = ca.vertcat(
+        ca.horzcat(ca.sin(theta) * ca.sin(psi), ca.cos(psi), 0),
+        ca.horzcat(ca.sin(theta) * ca.cos(psi), -ca.sin(psi), 0),
+        ca.horzcat(ca.cos(theta), 0, 1),
+    )  # of 3-1-3 angles: Omega in the body frame
     Omega = B @ rate
     Omega_dot = B @ second + ca.jacobian(Omega, angle) @ rate
     T = 0.5 * Omega.T @ J @ Omega

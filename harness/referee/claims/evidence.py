@@ -1,10 +1,10 @@
 """What is measured for a claim: numbers read off the record and the series of one run.
 
-The rules of measures are in module measures; those of steps and passages in module passages.
+The rules of measures are in module measures; those of steps in module steps, of equations in module equations.
 """
 
-import json
 import math
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -12,10 +12,66 @@ import numpy as np
 
 from ...results.records import RunRecord
 from ...results.series import Series
-from . import equations, passages  # enter their measures
-from .measures import END, MEASURES, NAN, bound, evaluate, evaluate_pair, measure, measure_over, reached_end, stretch
+from . import equations, steps  # enter their measures
+from .measures import (
+    END,
+    MEASURES,
+    NAN,
+    bound,
+    enter_measure,
+    evaluate,
+    evaluate_pair,
+    measure,
+    measure_over,
+    reached_end,
+    stretch,
+)
 
-__all__ = ["MEASURES", "equations", "evaluate", "evaluate_pair", "passages"]
+__all__ = ["MEASURES", "equations", "evaluate", "evaluate_pair", "steps"]
+
+
+def _largest(a: np.ndarray) -> float:
+    return bound(a, np.max(np.abs(a)))
+
+
+def _swing(a: np.ndarray) -> float:
+    rise, fall = np.max(a - np.minimum.accumulate(a)), np.max(np.maximum.accumulate(a) - a)
+    return bound(a, min(rise, fall))
+
+
+def _peak_over_median(a: np.ndarray) -> float:
+    known = np.abs(a[np.isfinite(a)])
+    return float(np.max(known) / np.median(known)) if np.any(known) and np.median(known) > 0.0 else NAN
+
+
+def _count_per_step(counter: str, record: RunRecord, series: Series | None) -> float:
+    return float(getattr(record, counter)) / record.steps if reached_end(record) and record.steps else NAN
+
+
+# of a series over a stretch of time; all but the first are signed
+GROWING = {
+    "largest": _largest,
+    "highest": lambda a: bound(a, np.max(a)),
+    "extent": lambda a: bound(a, np.ptp(a)),  # max - min
+    "swing": _swing,  # the smaller of the largest rise and the largest fall: zero for a drift, however large
+}
+measure_over(stretch, "series", GROWING, grows=True)
+measure_over(stretch, "series", {"lowest": lambda a: bound(a, np.min(a))})
+measure_over(stretch, "series", {"peak over median": _peak_over_median}, natural="one")  # how far a moment stands out
+
+# of a whole run: unbounded for one that stopped before its end
+LOSSES = {
+    "loss": lambda r: r.position_error_judged_m,  # largest error while the motion is predictable [m]
+    "orientation loss": lambda r: r.orientation_error_judged_rad,
+    "late energy": lambda r: abs(r.energy_mean_last_quarter_J),  # time mean of the error over the last quarter [J]
+}
+for name, of in LOSSES.items():
+    enter_measure(name, lambda r, _, of=of: of(r) if reached_end(r) else math.inf, series=False)
+
+# counts a step, of a whole run: Newton's corrections, evaluations of the equations
+COUNTERS = {"corrections per step": "newton_iterations", "evaluations per step": "evaluations"}
+for name, counter in COUNTERS.items():
+    enter_measure(name, partial(_count_per_step, counter), series=False, until="end")
 
 
 @measure("name", "partial", series=False, until="end", grows=True)
@@ -25,27 +81,13 @@ def column(record: RunRecord, series: Series | None, name: str, partial: bool = 
     return float(value) if (partial or reached_end(record)) and isinstance(value, int | float) else NAN
 
 
-@measure("of", "part partial", series=False, until="end")
-def invariant(record: RunRecord, series: Series | None, of: str, part: str = "max", partial: bool = False) -> float:
-    """``max`` or ``end`` of the drift of an invariant."""
-    return _embedded(record, record.invariant_drifts, of, part, partial)
-
-
-@measure("of", "part partial", series=False, until="end")
-def observable_error(
-    record: RunRecord, series: Series | None, of: str, part: str = "max", partial: bool = False
-) -> float:
-    """``max`` or ``end`` of the error of an observable against the reference."""
-    return _embedded(record, record.observable_errors, of, part, partial)
-
-
-@measure(series=False, grows=True, firm=True)
+@measure(series=False, grows=True, natural="firm")
 def reached(record: RunRecord, series: Series | None) -> float:
     """Part of the time asked for that the run got through: 1 is the end."""
     return min(stops_at(record, series) / record.t_end_s, 1.0)
 
 
-@measure(series=False, grows=True)
+@measure(series=False, grows=True, natural="end")
 def stops_at(record: RunRecord, series: Series | None) -> float:
     """Time at which the run stopped before its end; infinite if it did not."""
     if reached_end(record):
@@ -57,48 +99,6 @@ def stops_at(record: RunRecord, series: Series | None) -> float:
 def stop_time(record: RunRecord, series: Series | None) -> float:
     """Time at which the run stopped [s], of runs that stopped before their end."""
     return NAN if reached_end(record) else stops_at(record, series)
-
-
-@measure(series=False)
-def loss(record: RunRecord, series: Series | None) -> float:
-    """Largest position error [m] while the motion is predictable; unbounded for a run that stopped before its end."""
-    return record.position_error_judged_m if reached_end(record) else math.inf
-
-
-@measure(series=False)
-def orientation_loss(record: RunRecord, series: Series | None) -> float:
-    """The same of the orientation [rad]."""
-    return record.orientation_error_judged_rad if reached_end(record) else math.inf
-
-
-@measure(series=False)
-def late_energy(record: RunRecord, series: Series | None) -> float:
-    """|time mean of the energy error over the last quarter| [J]; unbounded for a run that stopped before its end."""
-    return abs(record.energy_mean_last_quarter_J) if reached_end(record) else math.inf
-
-
-@measure_over(stretch, "series", grows=True)
-def largest(a: np.ndarray) -> float:
-    """max |series| over a stretch of time."""
-    return bound(a, np.max(np.abs(a)))
-
-
-@measure_over(stretch, "series", grows=True)
-def highest(a: np.ndarray) -> float:
-    """max of the series over a stretch of time, signed."""
-    return bound(a, np.max(a))
-
-
-@measure_over(stretch, "series")
-def lowest(a: np.ndarray) -> float:
-    """min of the series over a stretch of time, signed."""
-    return bound(a, np.min(a))
-
-
-@measure_over(stretch, "series", grows=True)
-def extent(a: np.ndarray) -> float:
-    """max - min of the series over a stretch of time."""
-    return bound(a, np.ptp(a))
 
 
 @measure("series at")
@@ -146,7 +146,7 @@ def leaves_at(record: RunRecord, s: Series, series: str, limit: float) -> float:
     return float(s["t"][beyond[0]]) if len(beyond) else math.inf
 
 
-@measure("series", "floor", until="end")
+@measure("series", "floor", until="end", natural="one")
 def grows(record: RunRecord, s: Series, series: str, floor: float = 0.0) -> float:
     """max |series| in the last quarter of the time asked for over that in the first; 1 if both are below ``floor``."""
     quarter = 0.25 * record.t_end_s
@@ -157,7 +157,7 @@ def grows(record: RunRecord, s: Series, series: str, floor: float = 0.0) -> floa
     return 1.0 if max(a, b) <= floor else math.inf if b == 0.0 or not math.isfinite(a) else a / b
 
 
-@measure("series", until="end")
+@measure("series", until="end", natural="one")
 def keeps_growing(record: RunRecord, s: Series, series: str) -> float:
     """The smallest ratio of max |series| in a quarter of the time asked for to that in the quarter before."""
     edges = [0.25 * k * record.t_end_s for k in range(5)]
@@ -177,37 +177,11 @@ def beginning(record: RunRecord, s: Series, series: str, to: float) -> float:
     return float(np.max(np.abs(first)) / np.max(np.abs(whole)))
 
 
-@measure_over(stretch, "series", grows=True)
-def swing(a: np.ndarray) -> float:
-    """The smaller of the largest rise and the largest fall of the series: zero for a drift, however large."""
-    rise, fall = np.max(a - np.minimum.accumulate(a)), np.max(np.maximum.accumulate(a) - a)
-    return bound(a, min(rise, fall))
-
-
-@measure(series=False, until="end")
-def corrections_per_step(record: RunRecord, series: Series | None) -> float:
-    """Newton's corrections a step, of a run that got to its end."""
-    return record.newton_iterations / record.steps if reached_end(record) and record.steps else NAN
-
-
-@measure(series=False, until="end")
-def evaluations_per_step(record: RunRecord, series: Series | None) -> float:
-    """Evaluations of the equations a step, of a run that got to its end."""
-    return record.evaluations / record.steps if reached_end(record) and record.steps else NAN
-
-
-@measure(grows=True)
+@measure(grows=True, natural="one")
 def energy_ratio(record: RunRecord, s: Series) -> float:
     """Largest mechanical energy over that of the start, whatever part of the run there is."""
     E = s["energy"]
     return bound(E, np.max(E)) / float(E[0]) if E[0] != 0.0 else NAN
-
-
-@measure_over(stretch, "series")
-def peak_over_median(a: np.ndarray) -> float:
-    """max |series| over its median over a stretch of time: how far one moment stands out."""
-    known = np.abs(a[np.isfinite(a)])
-    return float(np.max(known) / np.median(known)) if np.any(known) and np.median(known) > 0.0 else NAN
 
 
 @measure("series", "to", pair=True)
@@ -219,10 +193,3 @@ def apart(one: Series, other: Series, series: list[str], to: float = math.inf) -
     gaps = [one[k][: len(t)] - np.interp(t, other["t"], other[k]) for k in series]
     away = np.sqrt(np.sum(np.square(gaps), axis=0))
     return bound(away, np.max(away))
-
-
-def _embedded(record: RunRecord, text: str, of: str, part: str, partial: bool) -> float:
-    found = json.loads(text).get(of)
-    if found is None or not (partial or reached_end(record)):
-        return NAN
-    return abs(float(found[part]))

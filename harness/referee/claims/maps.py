@@ -18,9 +18,11 @@ from ...suites.suite import load_suite
 
 ANY = "any"
 AS_PRINTED = "as printed"  # label in the suite ``paper``
-RENAMED = {"coordinates": "chart"}
 FRAMES = ("yaw", "rotation", "perturb", "seed")
-FORMS = {"unknown": "fi", "eliminated": "se", "mass_matrix": "mass matrix"}  # of the NDF, whose unknown w is u'
+RENAMED: Mapping[str, tuple[str, Mapping[Any, str]]] = {  # options with their dimension, and other words for values
+    "coordinates": ("chart", {}),
+    "accelerations": ("form", {"unknown": "fi", "eliminated": "se", "mass_matrix": "mass matrix"}),  # unknown: w = u'
+}
 ALIGNED = "aligned"
 WHOLE = "the whole run"  # of a run in one step
 
@@ -75,7 +77,7 @@ def select(places: Iterable[Place], selections: Sequence[Mapping[str, Any]]) -> 
     return tuple(out.values())
 
 
-def varied(settings: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
+def find_varied(settings: Sequence[Mapping[str, Any]]) -> dict[str, list[Any]]:
     """The dimensions with more than one value among ``settings``, each with its values in order."""
     names = dict.fromkeys(itertools.chain.from_iterable(settings))
     found = {k: values_of(at.get(k) for at in settings) for k in names}
@@ -115,13 +117,10 @@ def _options(spec: RunSpec) -> tuple[dict[str, Any], set[str]]:
         alpha, beta = options.pop("alpha"), options.pop("beta")
         options["gain"] = alpha if alpha == beta else f"{alpha:g}/{beta:g}"
         unusual = unusual - {"alpha", "beta"} | ({"gain"} if unusual & {"alpha", "beta"} else set())
-    for old, new in RENAMED.items():
+    for old, (new, words) in RENAMED.items():
         if old in options:
-            options[new] = options.pop(old)
+            options[new] = words.get(value := options.pop(old), value)
             unusual = unusual - {old} | ({new} if old in unusual else set())
-    if "accelerations" in options:
-        options["form"] = FORMS[options.pop("accelerations")]
-        unusual = unusual - {"accelerations"} | ({"form"} if "accelerations" in unusual else set())
     return options, unusual
 
 

@@ -17,33 +17,30 @@ KEPT = 8  # series kept in memory for distances between runs
 
 
 class Numbers:
-    """Numbers by run and test, filled by ``gather``; distances of two runs are measured when asked for."""
+    """Numbers of runs by the tests that want them, and how these runs ended; distances are measured when asked for."""
 
-    def __init__(self, records: Mapping[str, RunRecord], series_of: SeriesOf) -> None:
+    def __init__(
+        self, records: Mapping[str, RunRecord], series_of: SeriesOf, wanted: Iterable[tuple[str, Test]]
+    ) -> None:
         self.records = records
+        self.endings: dict[str, Ending] = {}
         self._series_of = lru_cache(maxsize=KEPT)(lambda settings: series_of(records[settings]))
         self._found: dict[Key, float] = {}
         self._between: dict[tuple[str, ...], float] = {}
-        self._ending: dict[str, Ending] = {}
-
-    def gather(self, wanted: Iterable[tuple[str, Test]]) -> None:
-        """Measure what is asked of each run, run by run."""
         by_run: dict[str, dict[Key, Test]] = {}
         for settings, test in wanted:
-            if settings in self.records and not MEASURES[test.metric].of_pair:
+            if settings in records:
                 by_run.setdefault(settings, {})[_key(settings, test)] = test
         for settings, tests in by_run.items():
-            self.ending(settings)  # while the series that it may need is at hand
-            series = self._series_of(settings) if any(MEASURES[t.metric].needs_series for t in tests.values()) else None
-            for key, test in tests.items():
-                self._found[key] = evaluate(test.metric, self.records[settings], series, test.arguments)
+            record, own = records[settings], {k: t for k, t in tests.items() if not MEASURES[t.metric].of_pair}
+            reads = by_budget(record) or any(MEASURES[t.metric].needs_series for t in own.values())
+            series = self._series_of(settings) if reads else None
+            self.endings[settings] = ending(record, series)
+            self._found |= {k: evaluate(t.metric, record, series, t.arguments) for k, t in own.items()}
 
     def of(self, settings: str, test: Test) -> float:
         """The number of one run."""
-        key = _key(settings, test)
-        if key not in self._found:
-            self.gather([(settings, test)])
-        return self._found[key]
+        return self._found[_key(settings, test)]
 
     def between(self, one: str, other: str, test: Test) -> float:
         """The number of two runs."""
@@ -53,18 +50,11 @@ class Numbers:
             self._between[key] = evaluate_pair(test.metric, runs[0], runs[1], test.arguments)
         return self._between[key]
 
-    def ending(self, settings: str) -> Ending:
-        """How a run ended."""
-        if settings not in self._ending:
-            record = self.records[settings]
-            self._ending[settings] = ending(record, self._series_of(settings) if by_budget(record) else None)
-        return self._ending[settings]
-
 
 def _key(settings: str, test: Test) -> Key:
     return settings, test.metric, json.dumps(dict(test.arguments), sort_keys=True)
 
 
-def shortened(value: float) -> float:
+def shorten(value: float) -> float:
     """Six digits, the same on machines that differ in the last bits; NaN for what is not a finite number."""
     return float(f"{value:.6g}") if abs(value) < float("inf") else float("nan")

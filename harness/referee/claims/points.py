@@ -13,7 +13,8 @@ from typing import Any
 from ...results.judgements.claims import Ending
 from ...results.records import RunRecord
 from ...results.work import operations
-from .endings import gets_to, in_time, settled
+from ...types import Status
+from .endings import gets_to, in_time, is_settled
 from .evidence import MEASURES
 from .maps import Place, is_printed
 from .measured import Numbers
@@ -37,6 +38,7 @@ class Point:
     stopped: bool = False  # holds, and by a number that is endless because the run stopped
     met_at: tuple[Any, ...] = ()  # the values that meet the claim, where one along ``across`` suffices
     series: tuple[str, ...] = ()  # digests of the series it rests on; empty where one is missing
+    failed: bool = False  # it rests on a run that failed
 
 
 def points(claim: Claim, own: Iterable[Place], others: Sequence[Place], numbers: Numbers) -> list[Point]:
@@ -61,7 +63,7 @@ def points(claim: Claim, own: Iterable[Place], others: Sequence[Place], numbers:
     return out
 
 
-def paired(claim: Claim, p: Place, q: Place) -> bool:
+def is_partner(claim: Claim, p: Place, q: Place) -> bool:
     """Whether ``q`` is another run of equal ``pair_by``; a dimension that one of them has not got separates nothing."""
     shared = (k for k in claim.pair_by if k in p.dimensions and k in q.dimensions)
     return p.spec.settings_id != q.spec.settings_id and all(p.dimensions[k] == q.dimensions[k] for k in shared)
@@ -88,8 +90,9 @@ def _point(claim: Claim, ordered: Sequence[Place], partners: Mapping[str, Sequen
     rest = Ending.EARLY if early else Ending.ENDED if stopped else Ending.UNCOMPARED
     why = next((how for how in Ending if how in endings), rest) if holds is None else Ending.FINAL
     series = [numbers.records[p.spec.settings_id].series_sha256 for p in (*ordered, *_sorted(beside))]
+    failed = not all(Status(numbers.records[p.spec.settings_id].status).lawful for p in ordered)
     return Point(tuple(ordered), found, holds, printed, why, bool(holds and endless), (),
-                 tuple(series) if all(series) else ())  # fmt: skip
+                 tuple(series) if all(series) else (), failed)  # fmt: skip
 
 
 def _nearest(
@@ -106,7 +109,8 @@ def _nearest(
     places = (*best.places, *(p for p in ordered if p is not best.places[0]))
     met = tuple(p.dimensions[claim.across] for p, q in zip(ordered, each, strict=True) if q.holds)
     series = tuple(s for p in each for s in p.series) if all(p.series for p in each) else ()
-    return replace(best, places=places, printed=any(p.printed for p in each), met_at=met, series=series)
+    printed, failed = any(p.printed for p in each), best.failed and len(met) == 1
+    return replace(best, places=places, printed=printed, met_at=met, series=series, failed=failed)
 
 
 def _finding(
@@ -118,7 +122,7 @@ def _finding(
         return None
     if math.isnan(value) and _compares(test):
         return None
-    if not (settled(test, *runs[0], value) if len(runs) == 1 else all(in_time(test, *run) for run in runs)):
+    if not (is_settled(test, *runs[0], value) if len(runs) == 1 else all(in_time(test, *run) for run in runs)):
         return None
     if claim.at_equal_work and _dearer(own, beside, numbers):
         return None if test.band.beyond(value) < 0.0 else False  # with more work no better: less would not do
@@ -151,7 +155,7 @@ def _dearer(own: Sequence[Place], beside: Sequence[Place], numbers: Numbers) -> 
 
 
 def _ending(claim: Claim, p: Place, numbers: Numbers) -> Ending:
-    how = numbers.ending(p.spec.settings_id)
+    how = numbers.endings[p.spec.settings_id]
     return Ending.FINAL if claim.starting and how is Ending.NO_STEP else how
 
 
@@ -160,7 +164,7 @@ def _partners(claim: Claim, p: Place, others: Sequence[Place], numbers: Numbers)
 
     Where there are none, the cheapest that got to its end: what beats it at less work beats all at equal work.
     """
-    found = [q for q in others if paired(claim, p, q)]
+    found = [q for q in others if is_partner(claim, p, q)]
     own = numbers.records[p.spec.settings_id]
     if not claim.at_equal_work or not reached_end(own):
         return found
@@ -172,7 +176,7 @@ def _partners(claim: Claim, p: Place, others: Sequence[Place], numbers: Numbers)
     return [q for q in found if work(q) <= operations(own)] or ended[:1]
 
 
-def _reduced(test: Test, ordered: Sequence[Place], numbers: Numbers) -> list[Place]:
+def _leave_reduced(test: Test, ordered: Sequence[Place], numbers: Numbers) -> list[Place]:
     """Those whose steps differ from those of the one before: equal steps show nothing about reducing them."""
     kept: list[Place] = []
     for p in (ordered[0], ordered[-1]) if test.combine == "last over first" else ordered:
@@ -191,7 +195,7 @@ def _number(
 ) -> float:
     values, of_pair = [], MEASURES[test.metric].of_pair
     if test.combine in RATIOS and claim.across in LOOSEST_FIRST:
-        ordered = _reduced(test, ordered, numbers)
+        ordered = _leave_reduced(test, ordered, numbers)
     for own in (p.spec.settings_id for p in ordered):
         value = 0.0 if of_pair else numbers.of(own, test)
         if of_pair or test.compare:

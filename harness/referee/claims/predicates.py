@@ -21,15 +21,15 @@ class Band:
     def holds(self, value: float) -> bool:
         return self.low <= value <= self.high  # False for NaN
 
-    def moved(self, factor: float) -> "Band":
-        """Wider by ``factor``, or narrower by one below 1: an open end stays, a limit is multiplied.
+    def moved(self, factor: float, *, is_ratio: bool = False, end: float = math.inf) -> "Band":
+        """Wider by ``factor``, or narrower by one below 1; an open end stays.
 
-        One of two limits moves away from the middle, which is that of logarithms where both are above zero.
+        A limit alone moves by its distance from the natural one, which does not move: 0, 1 of a ratio, or the ``end``
+        of the time where that is nearer. One of two limits moves away from the middle, which is that of logarithms
+        where both are above zero.
         """
         if math.isinf(self.low) or math.isinf(self.high):
-            high = self.high * (factor if self.high > 0.0 else 1.0 / factor)
-            low = self.low * (1.0 / factor if self.low > 0.0 else factor)
-            return Band(low, high)
+            return Band(_raise(self.low, 1.0 / factor, is_ratio, end), _raise(self.high, factor, is_ratio, end))
         if self.low > 0.0:
             middle, half = math.sqrt(self.low * self.high), math.sqrt(self.high / self.low) ** factor
             return Band(middle / half, middle * half)
@@ -39,6 +39,14 @@ class Band:
     def beyond(self, value: float) -> float:
         """How far outside, or (negative) how near to the end of the band; endless for no number."""
         return math.inf if math.isnan(value) else max(self.low - value, value - self.high)
+
+
+def _raise(limit: float, factor: float, is_ratio: bool, end: float) -> float:
+    """The limit, higher by ``factor`` in its distance from the natural one; a ratio below 1 by its inverse."""
+    if is_ratio and 0.0 < limit < 1.0:
+        return 1.0 / _raise(1.0 / limit, 1.0 / factor, is_ratio, end)
+    natural = 1.0 if is_ratio else end if abs(end - limit) < abs(limit) < math.inf else 0.0
+    return natural + (limit - natural) * (factor if limit > natural else 1.0 / factor)
 
 
 def _ratio(above: float, below: float) -> float:

@@ -43,6 +43,8 @@ class Gap(StrEnum):
     GROUPS = "groups"  # no two runs differ in ``name`` alone
     SETTLED = "settled"  # no setting settles it
     NUMBER = "number"  # no run has the number ``name``
+    REACHED = "reached"  # ``found`` of ``wanted`` settings got to the moment asked about
+    HANGS = "hangs"  # without the run ``name``, which failed, the verdict would be another
 
 
 class Missing(Shape, frozen=True):
@@ -126,6 +128,8 @@ class Finding(Shape, frozen=True):
     decision: Decision | None = None
     borderline: tuple[Moved, ...] = ()  # verdicts that it flips to when a band moves by a factor of 1.5
     left_out: tuple[LeftOut, ...] = ()
+    met: tuple[int, int] | None = None  # values along ``across`` that meet it, of those tried, where one suffices
+    missing: tuple[Missing, ...] = ()  # why a count settles nothing
 
 
 class Because(Shape, frozen=True):

@@ -5,9 +5,10 @@ import time
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
-from mbsbench.harness.gate.judging import State, judge
+from mbsbench.harness.gate.check import judge
 from mbsbench.harness.gate.thresholds import Thresholds
 from mbsbench.harness.results import store
+from mbsbench.harness.results.findings import Verdict
 from mbsbench.harness.results.provisional import files_of, is_provisional
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.results.words import words_of_ending
@@ -66,7 +67,9 @@ def test_running_runs_are_ended_and_the_rest_is_left(tmp_path):
     assert ended["hangs_later"].steps > 0 and ended["hangs_later"].series and ended["spins"].steps == 0
     assert len(watcher.left) == 4 and all("sleeps" in case or "raises" in case for case in watcher.left)
     verdict = judge(suite.specs, loaded.records, Thresholds("test"))
-    words = [f.why for f in verdict.findings if f.metric == "status" and f.state is State.FAIL]
+    words = [
+        f.required.why for f in verdict.findings if f.measured.quantity == "status" and f.verdict is Verdict.FAILED
+    ]
     assert not verdict.is_open and sum("run is missing" in w for w in words) == 4
     assert sum("limit of 600 s" in w for w in words) == 2
 

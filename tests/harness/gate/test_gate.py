@@ -15,8 +15,8 @@ from msgspec.structs import replace
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.baseline import FOLDER, read_thresholds, write_thresholds
+from mbsbench.harness.gate.check import judge, select_judged, tighten_bounds
 from mbsbench.harness.gate.files import junit, markdown
-from mbsbench.harness.gate.judging import State, judge, judged_of, tightened
 from mbsbench.harness.gate.spread import perturb_tolerance, runs_to_repeat, widen_by_spread
 from mbsbench.harness.gate.thresholds import (
     ERROR_CONTROL,
@@ -28,12 +28,13 @@ from mbsbench.harness.gate.thresholds import (
     Expectation,
     Threshold,
     Thresholds,
-    proposed,
+    propose_bounds,
 )  # fmt: skip
 from mbsbench.harness.mechanics.state import State as Pose
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.metrics.identity import fingerprint
 from mbsbench.harness.results import environment
+from mbsbench.harness.results.findings import Verdict
 from mbsbench.harness.results.provisional import latest_of_each
 from mbsbench.harness.results.records import RunRecord
 from mbsbench.harness.suites.spec import RunSpec
@@ -68,7 +69,7 @@ def changed(**change) -> list[RunRecord]:
 
 def test_all_within_bounds_is_open():
     """The plain case."""
-    assert state().state is State.PASS and state().is_open
+    assert state().verdict is Verdict.MET and state().is_open
 
 
 @pytest.mark.parametrize(
@@ -91,7 +92,7 @@ def test_all_within_bounds_is_open():
 )
 def test_the_gate_closes(verdict):
     """Breach, NaN, wrong, refused, timed out, missing, empty, unjudged, or a bound on a run that is gone."""
-    assert verdict().state is State.FAIL and not verdict().is_open
+    assert verdict().verdict is Verdict.FAILED and not verdict().is_open
 
 
 def test_an_error_that_goes_away_closes_the_gate():
@@ -100,7 +101,7 @@ def test_an_error_that_goes_away_closes_the_gate():
         case=CASE, status="success", control="dt", energy_drift_max_J=2e-3, energy_scale_J=5.0, steps=100,
         position_error_max_m=1e-4, length_scale_m=1.0,
     )  # fmt: skip
-    bounds = {b.metric: b for b in proposed([record])}
+    bounds = {b.metric: b for b in propose_bounds([record])}
     for metric in ("energy_drift_max_J", "position_error_max_m", "energy_scale_J"):
         value = getattr(record, metric)
         assert bounds[metric].holds(value) and not bounds[metric].holds(0.0) and not bounds[metric].holds(value / 4.0)
@@ -117,7 +118,7 @@ def test_another_problem_is_not_the_one_of_the_baseline(change):
     same, other = fingerprint(problem()), fingerprint(problem(**change))
     (bound,) = [
         b
-        for b in proposed([RunRecord(case=CASE, status="success", problem_fingerprint=same)])
+        for b in propose_bounds([RunRecord(case=CASE, status="success", problem_fingerprint=same)])
         if b.tolerance is not None
     ]
     assert bound.holds(same * (1.0 + 1e-13)) and not bound.holds(other) and not bound.holds(math.nan)
@@ -128,7 +129,10 @@ def test_a_single_leftover_threshold_judges_no_run():
     records = changed(energy_drift_max_J=1e-3, energy_scale_J=1.0)
     verdict = state(records)
     assert not verdict.is_open
-    assert {f.metric for f in verdict.findings if f.state is State.FAIL} == {"energy_drift_max_J", "energy_scale_J"}
+    assert {f.measured.quantity for f in verdict.findings if f.verdict is Verdict.FAILED} == {
+        "energy_drift_max_J",
+        "energy_scale_J",
+    }
 
 
 def test_two_runs_of_one_name_are_not_judged_as_one():
@@ -156,9 +160,9 @@ def test_a_result_of_other_code_counts_as_missing():
     here = dataclasses.replace(RECORDS[1], code="now")
     for records in ([old, new, here], [here, new, old]):
         assert judge(RUNS, records, BOUNDS, lambda *_: "now").is_open
-        assert judge(RUNS, records, BOUNDS).state is State.FAIL  # the newest of all is the one of other code
+        assert judge(RUNS, records, BOUNDS).verdict is Verdict.FAILED  # the newest of all is the one of other code
     closed = judge(RUNS, [old, here], BOUNDS, lambda *_: "now")
-    assert not closed.is_open and all("other code" in f.why for f in closed.findings if f.case == CASE)
+    assert not closed.is_open and all("other code" in f.required.why for f in closed.findings if f.subject == CASE)
     assert not judge(RUNS, [old, here], BOUNDS, lambda *_: "later").is_open
 
 
@@ -170,8 +174,8 @@ def test_a_success_does_not_hide_a_failure(status):
         good = dataclasses.replace(RECORDS[0], run_id="a", finished=was)
         bad = dataclasses.replace(RECORDS[0], run_id="0", finished=now, status=status)
         for records in ([good, bad, RECORDS[1]], [RECORDS[1], bad, good]):
-            assert state(records).state is State.FAIL
-            assert status in {r.status for r in judged_of(records, None)}
+            assert state(records).verdict is Verdict.FAILED
+            assert status in {r.status for r in select_judged(records, None)}
     mended = dataclasses.replace(good, finished=late)
     assert state([mended, bad, RECORDS[1]]).is_open and state([bad, mended, RECORDS[1]]).is_open
 
@@ -187,8 +191,8 @@ def test_a_missing_figure_closes_the_gate():
     """Whatever was expected of it, and also where the status is a success."""
     for expect in ("pass", "fail"):
         found = state(changed(phi_max=math.nan), with_bound(expect=expect))
-        assert [f.metric for f in found.findings if f.state is State.FAIL] == ["phi_max"]
-        assert "not measured" in found.findings[0].why
+        assert [f.measured.quantity for f in found.findings if f.verdict is Verdict.FAILED] == ["phi_max"]
+        assert "not measured" in found.findings[0].required.why
 
 
 def test_the_end_of_a_run_is_known_to_the_microsecond():
@@ -199,21 +203,21 @@ def test_the_end_of_a_run_is_known_to_the_microsecond():
 def test_expected_failures_are_distinguished():
     """XFAIL keeps the gate open; XPASS closes it, for the expectation is out of date."""
     bounds = with_bound(expect="fail", upper=0.5)
-    assert state(bounds=bounds).state is State.XFAIL and state(bounds=bounds).is_open
+    assert state(bounds=bounds).verdict is Verdict.XFAIL and state(bounds=bounds).is_open
     bounds = with_bound(expect="fail")
-    assert state(bounds=bounds).state is State.XPASS and not state(bounds=bounds).is_open
+    assert state(bounds=bounds).verdict is Verdict.XPASS and not state(bounds=bounds).is_open
     expects = Thresholds("t", BOUNDS.bounds[1:], (Expectation(CASE, Status.REFUSED, "redundant rows"),))
-    assert state(changed(status="refused"), expects).state is State.XFAIL
-    assert state(RECORDS, expects).state is State.XPASS
-    assert state(changed(status="crashed"), expects).state is State.FAIL
+    assert state(changed(status="refused"), expects).verdict is Verdict.XFAIL
+    assert state(RECORDS, expects).verdict is Verdict.XPASS
+    assert state(changed(status="crashed"), expects).verdict is Verdict.FAILED
 
 
 def test_update_only_tightens_unless_asked():
     """A worse number must be asked for by name."""
     better, worse = threshold(CASE, upper=0.6, value=0.5), threshold(OTHER, upper=9.0, value=7.5)
-    new = tightened(BOUNDS, RECORDS, [better, worse], loosen=False)
+    new = tighten_bounds(BOUNDS, RECORDS, [better, worse], loosen=False)
     assert {b.case: b.upper for b in new.bounds} == {CASE: 0.6, OTHER: 1.2}
-    new = tightened(BOUNDS, RECORDS, [better, worse], loosen=True)
+    new = tighten_bounds(BOUNDS, RECORDS, [better, worse], loosen=True)
     assert {b.case: b.upper for b in new.bounds} == {CASE: 0.6, OTHER: 9.0}
 
 
@@ -221,8 +225,8 @@ def test_update_keeps_a_width_that_has_its_reason():
     """The value has not moved: a bound set five times above it by hand is not narrowed; half the value halves it."""
     wide = Thresholds("t", (threshold(CASE, upper=5.0),))
     same, better = threshold(CASE, upper=1.2), threshold(CASE, value=0.5, upper=0.6)
-    assert tightened(wide, RECORDS, [same], loosen=False) == wide
-    (new,) = tightened(wide, RECORDS, [better], loosen=False).bounds
+    assert tighten_bounds(wide, RECORDS, [same], loosen=False) == wide
+    (new,) = tighten_bounds(wide, RECORDS, [better], loosen=False).bounds
     assert new.upper == 2.5 and new.value == 0.5
 
 
@@ -233,7 +237,7 @@ def test_what_update_writes_can_be_read_and_goes_the_same_way(tmp_path, lower, u
     """Bounds below, above or on both sides, a value within or outside: no bound comes or goes, none crosses another."""
     was = threshold(CASE, value=2.0, lower=lower, upper=upper)
     new = threshold(CASE, value=value, upper=1.2 * value)
-    (after,) = tightened(Thresholds("t", (was,)), RECORDS, [new], loosen=loosen).bounds
+    (after,) = tighten_bounds(Thresholds("t", (was,)), RECORDS, [new], loosen=loosen).bounds
     path = tmp_path / "t.toml"
     path.write_text(write_thresholds(Thresholds("t", (after,))))
     (read,) = read_thresholds(path).bounds
@@ -258,9 +262,9 @@ def test_bounds_lie_around_what_rounding_gives():
     (bound,) = new.bounds
     assert (bound.value, bound.samples) == (2e-5, 3) and "1e-05 to 4e-05" in bound.reason
     assert (bound.lower, bound.upper) == pytest.approx((4e-6, 1e-4))
-    (narrow,) = (b for b in proposed(samples_of(1e-6)[CASE]) if b.metric == bound.metric)
-    assert tightened(new, [], [replace(narrow, case=CASE)], loosen=False) == new
-    assert tightened(new, [], [replace(narrow, case=CASE)], loosen=True).bounds == (replace(narrow, case=CASE),)
+    (narrow,) = (b for b in propose_bounds(samples_of(1e-6)[CASE]) if b.metric == bound.metric)
+    assert tighten_bounds(new, [], [replace(narrow, case=CASE)], loosen=False) == new
+    assert tighten_bounds(new, [], [replace(narrow, case=CASE)], loosen=True).bounds == (replace(narrow, case=CASE),)
 
 
 def test_bounds_lie_around_samples_far_apart_though_all_are_within():
@@ -314,17 +318,17 @@ def test_equal_is_exact_unless_a_tolerance_is_stated(tmp_path):
     """One step more is a breach; of a float that a machine may round, so is more than the stated tolerance."""
     for tolerance, passes, fails in ((0.0, 100.0, 101.0), (1e-6, 100.00009, 100.0002)):
         bounds = Thresholds("t", (equal(100.0, tolerance), threshold(OTHER)))
-        assert state(changed(phi_max=passes), bounds).state is State.PASS
-        assert state(changed(phi_max=fails), bounds).state is State.FAIL
+        assert state(changed(phi_max=passes), bounds).verdict is Verdict.MET
+        assert state(changed(phi_max=fails), bounds).verdict is Verdict.FAILED
         path = tmp_path / "t.toml"
         path.write_text(write_thresholds(bounds))
         assert read_thresholds(path) == bounds
     record = RunRecord(case=CASE, status="success", control="dt", steps=100, rejected=0.0)
-    (steps,) = proposed([record])
+    (steps,) = propose_bounds([record])
     assert steps.tolerance == 0.0 and steps.holds(100.0) and not steps.holds(99.0)
     old, new = Thresholds("t", (steps,)), replace(steps, value=50.0)
-    assert tightened(old, [record], [new], loosen=False).bounds == (steps,)
-    assert tightened(old, [record], [new], loosen=True).bounds == (new,)
+    assert tighten_bounds(old, [record], [new], loosen=False).bounds == (steps,)
+    assert tighten_bounds(old, [record], [new], loosen=True).bounds == (new,)
 
 
 def test_verdicts_are_written_for_ci():
@@ -347,10 +351,10 @@ def test_proposals_catch_a_doubled_step():
     record = RunRecord(
         case=CASE, status="success", control="dt", energy_drift_max_J=2e-3, energy_scale_J=5.0, steps=100
     )
-    (bound,) = [b for b in proposed([record]) if b.metric == "energy_drift_max_J"]
+    (bound,) = [b for b in propose_bounds([record]) if b.metric == "energy_drift_max_J"]
     assert bound.holds(2e-3) and not bound.holds(4e-3)
     rounding = dataclasses.replace(record, energy_drift_max_J=3e-16)
-    (bound,) = [b for b in proposed([rounding]) if b.metric == "energy_drift_max_J"]
+    (bound,) = [b for b in propose_bounds([rounding]) if b.metric == "energy_drift_max_J"]
     assert bound.holds(1e-14) and not bound.holds(1e-8)
 
 

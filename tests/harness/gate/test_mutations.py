@@ -27,7 +27,7 @@ import casadi, numba, numpy, pandas, scipy.integrate, scipy.spatial.transform  #
 def judged(runs):
     from mbsbench.harness.execution import worker
     from mbsbench.harness.execution.job import Job
-    from mbsbench.harness.gate.judging import judge
+    from mbsbench.harness.gate.check import judge
     from mbsbench.harness.gate.baseline import FOLDER, read_thresholds
     from mbsbench.harness.gate.thresholds import Thresholds
     from mbsbench.harness.results import store
@@ -39,7 +39,7 @@ def judged(runs):
     own = Thresholds("ci", *(tuple(b for b in part if b.case in cases) for part in (all_.bounds, all_.statuses)))
     with tempfile.TemporaryDirectory() as place:
         result = judge(specs, [worker.run(Job(c, store.create(Path(place)))) for c in specs], own)
-    sys.stderr.write("".join(f"{f.state.name} {f.metric} {f.measured:.4g} {f.bound}\\n" for f in result.notable[:3]))
+    sys.stderr.write("".join(f"{f.verdict} {f.measured.quantity} {f.measured.text}\\n" for f in result.notable[:3]))
     return result.is_open
 
 for line in sys.stdin:

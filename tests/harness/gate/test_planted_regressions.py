@@ -14,10 +14,11 @@ from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.gate.baseline import FOLDER, read_thresholds
-from mbsbench.harness.gate.judging import State, judge
+from mbsbench.harness.gate.check import judge
 from mbsbench.harness.gate.thresholds import Thresholds
 from mbsbench.harness.mechanics.system import MultibodySystem
 from mbsbench.harness.results import store
+from mbsbench.harness.results.findings import Verdict
 from mbsbench.harness.suites.suite import load_suite
 from mbsbench.harness.types import Status, StepControl
 from mbsbench.solvers.formulations import symbolic, system_elements
@@ -55,25 +56,25 @@ def planted():
                 yield pytest.param(spec, dataclasses.replace(spec, options=known), id=f"{solver}-{next(iter(known))}")
 
 
-def state_of(spec, run, folder: Path) -> State:
+def state_of(spec, run, folder: Path) -> Verdict:
     """What the gate says when the code makes ``run`` of ``spec``."""
     record = worker.run(Job(run, store.create(folder)))
     assert record.status != Status.CRASHED, record.message  # a gate red for a bug of ours proves nothing
     record = dataclasses.replace(record, case=spec.case, settings_id=spec.settings_id)
     bounds = tuple(b for b in THRESHOLDS.bounds if b.case == spec.case)
-    return judge([spec], [record], Thresholds("ci", bounds)).state
+    return judge([spec], [record], Thresholds("ci", bounds)).verdict
 
 
 @pytest.mark.parametrize(("spec", "worse"), list(planted()))
 def test_a_planted_regression_closes_the_gate(spec, worse, tmp_path):
     """Each is a change of a line that every other check may let through."""
-    assert state_of(spec, worse, tmp_path) is State.FAIL
+    assert state_of(spec, worse, tmp_path) is Verdict.FAILED
 
 
 @pytest.mark.parametrize("solver", sorted({c.solver for c in SUITE.specs}))
 def test_the_unchanged_solver_passes(solver, tmp_path):
     """The counterpart: the same run, as it is, is open."""
-    assert state_of(run_of(solver), run_of(solver), tmp_path) is State.PASS
+    assert state_of(run_of(solver), run_of(solver), tmp_path) is Verdict.MET
 
 
 TOP = "heavy_top[t_end=1]"  # spins: the gyroscopic torque is what holds it up
@@ -130,7 +131,7 @@ def test_a_changed_line_closes_the_gate(solver, planted, monkeypatch, tmp_path):
     else:
         classical_with(monkeypatch, {"sign": GYROSCOPIC.replace("+", "-"), "dropped": ""}[planted])
         spec = run_of(solver, TOP)
-    assert state_of(spec, spec, tmp_path) is State.FAIL
+    assert state_of(spec, spec, tmp_path) is Verdict.FAILED
 
 
 def test_every_solver_is_in_the_gate():

@@ -1,7 +1,7 @@
 """One claim, its map and its runs, made up: what verdicts are tested on."""
 
+from mbsbench.harness.referee.claims.count import judge
 from mbsbench.harness.referee.claims.register import parse_register
-from mbsbench.harness.referee.claims.verdicts import judge
 from mbsbench.harness.results.judgements.claims import Because, Claim, Finding, Verdict
 
 from .synthetic import HEAD, record, runs_of

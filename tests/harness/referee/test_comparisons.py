@@ -4,8 +4,8 @@ import math
 
 import pytest
 
+from mbsbench.harness.referee.claims.count import judge
 from mbsbench.harness.referee.claims.register import parse_register
-from mbsbench.harness.referee.claims.verdicts import judge
 from mbsbench.harness.results.judgements.claims import Ending, LeftOut
 
 from .claiming import MAP, RUNS, SUITE, claim, options

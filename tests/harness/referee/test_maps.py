@@ -1,6 +1,6 @@
 """Runs stand where their settings put them, and no claim gathers runs it was not written for."""
 
-from mbsbench.harness.referee.claims.maps import is_printed, place, select, values_of, varied
+from mbsbench.harness.referee.claims.maps import find_varied, is_printed, place, select, values_of
 
 from .synthetic import runs_of
 
@@ -84,7 +84,7 @@ def test_what_is_not_named_must_be_usual():
 def test_a_union_holds_each_place_once():
     both = select(PLACES, [BASE, {**BASE, "chart": "any"}])
     assert len(both) == 4
-    assert varied([p.dimensions for p in both]) == {"tolerance": [1e-6, 1e-3], "chart": ["euler313", "quaternion"]}
+    assert find_varied([p.dimensions for p in both]) == {"tolerance": [1e-6, 1e-3], "chart": ["euler313", "quaternion"]}
 
 
 def test_of_runs_that_differ_in_limits_alone_the_one_with_a_budget_counts():

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from mbsbench.harness.referee.claims.maps import is_printed, place, select, values_of
-from mbsbench.harness.referee.claims.points import paired
+from mbsbench.harness.referee.claims.points import is_partner
 from mbsbench.harness.referee.claims.register import ClaimsError, parse_register, read_register
 from mbsbench.harness.referee.judge import list_tried
 from mbsbench.harness.suites.suite import load_suite
@@ -91,7 +91,7 @@ def test_paired_claims_find_their_partners(places):
     for c in (c for c in REGISTER.claims if c.map and c.against):
         others = select(places, c.against.over)
         for p in select(places, c.map.over):
-            assert any(paired(c, p, q) for q in others) or p in others, f"{c.id}: {p.spec.case}"
+            assert any(is_partner(c, p, q) for q in others) or p in others, f"{c.id}: {p.spec.case}"
 
 
 def test_values_named_along_a_dimension_are_in_a_group_of_its_map(places):

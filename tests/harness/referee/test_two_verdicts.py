@@ -1,9 +1,12 @@
 """The rules of counting: two verdicts a claim, bands that are moved, early ends, and equal series."""
 
+import math
+
 import numpy as np
 import pytest
 
-from mbsbench.harness.results.judgements.claims import Ending, LeftOut
+from mbsbench.harness.referee.claims.predicates import Band
+from mbsbench.harness.results.judgements.claims import Ending, Gap, LeftOut
 from mbsbench.harness.results.judgements.files import shorten_claims
 from mbsbench.reports.model.claim_words import because, condition, distinct, share
 
@@ -62,6 +65,86 @@ def test_counts_and_ends_have_no_wider_band():
     assert claim(reached).beyond.borderline == ()
 
 
+@pytest.mark.parametrize(("limit", "natural", "wider"), [
+    (2.0, {}, 3.0), (2.0, {"is_ratio": True}, 2.5), (1.0, {"is_ratio": True}, 1.0), (0.5, {"is_ratio": True}, 0.6),
+    (290.0, {"end": 300.0}, 293.3333), (10.0, {"end": 40.0}, 15.0),
+])  # fmt: skip
+def test_a_band_moves_from_its_natural_limit(limit, natural, wider):
+    """Equality of a ratio and the end of the time do not move; a ratio and its inverse move alike."""
+    high = Band(-math.inf, limit).moved(1.5, **natural).high
+    assert high == pytest.approx(wider, rel=1e-6)
+    assert Band(-math.inf, high).moved(1.0 / 1.5, **natural).high == pytest.approx(limit)
+    if "is_ratio" in natural:
+        assert Band(1.0 / limit, math.inf).moved(1.5, **natural).low == pytest.approx(1.0 / wider)
+    else:
+        assert Band(limit, math.inf).moved(1.0 / 1.5, **natural).low == pytest.approx(wider, rel=1e-6)
+
+
+def test_a_limit_next_to_a_natural_one_is_not_borderline():
+    """Constant steps have the ratio 1; a run of 10 s that stops at 9.9 s does not stop before 9 s, nor before 9.3 s."""
+    ratio = 'map = "m"\ntests = [{ metric = "step ratio", at_most = 1.000001, unit = "" }]\n'
+    c = claim(ratio, of=lambda r: series(np.linspace(0.0, 10.0, 101)))
+    assert c.verdict == "SUPPORTED" and c.beyond.borderline == ()
+    early = 'map = "m"\ntests = [{ metric = "stops at", at_most = 9, unit = "s" }]\n'
+    for stops, marked in ((9.9, False), (9.2, True)):
+        c = claim(early, [record(x, status="singular", t_reached_s=stops, steps=9) for x in RUNS])
+        assert c.verdict == "REFUTED" and bool(c.beyond.borderline) is marked
+
+
+PARTIAL = TEST.replace('"phi_max"', '"phi_max", partial = true')
+FAILED = {"status": "diverged", "t_reached_s": 3.0, "steps": 9, "phi_max": 9.0}
+
+
+def test_a_verdict_that_hangs_on_one_failed_run_is_none():
+    """Eleven of twelve hold. Where a run fails is decided by rounding: one that failed decides nothing, two do."""
+
+    def with_failed(*numbers):
+        return claim(PARTIAL, [record(x, **(FAILED if k in numbers else {"phi_max": 0.5})) for k, x in enumerate(RUNS)])
+
+    c = with_failed(3)
+    assert c.verdict == "UNTESTABLE" and (c.beyond.holds, c.beyond.settings) == (11, 12)
+    (doubt,) = c.beyond.missing
+    assert doubt.gap is Gap.HANGS and doubt.name == c.map[3].case and doubt.name in because(c)
+    assert with_failed(3, 4).verdict == "MIXED"
+    ended = [record(x, phi_max=9.0 if k == 3 else 0.5) for k, x in enumerate(RUNS)]
+    assert claim(PARTIAL, ended).verdict in ("CONDITIONAL", "MIXED")
+
+
+def test_of_many_values_one_that_meets_it_must_not_be_a_failed_run():
+    """A claim met at one of three tolerances says so; if that run failed, there is no verdict."""
+    text = PARTIAL.replace("at_most = 1.0", 'combine = "nearest", at_least = 5.0') + 'across = "tolerance"\n'
+
+    def met(**columns):
+        def big(x):
+            return x.control.rtol == 1e-4 and options(x) == {"chart": "euler313", "lam": True}
+
+        return claim(text, [record(x, **(columns if big(x) else {"phi_max": 0.5})) for x in RUNS])
+
+    c = met(phi_max=9.0)
+    assert c.verdict == "CONDITIONAL" and c.beyond.met == (1, 3)
+    assert share(c.beyond) == "1 of 4, at 1 of 3 values" and "met at 1 of 3 tolerances" in because(c)
+    c = met(**FAILED)
+    assert c.verdict == "UNTESTABLE" and [m.gap for m in c.beyond.missing] == [Gap.HANGS]
+
+
+def test_few_that_got_to_the_moment_settle_nothing():
+    """One of twelve settings is less than a tenth, two are more; how many there were is said."""
+    ended = {"status": "diverged", "t_reached_s": 3.0, "steps": 9}
+
+    def reached(n):
+        return claim(records=[record(x, phi_max=0.5, **({} if k < n else ended)) for k, x in enumerate(RUNS)])
+
+    c = reached(1)
+    assert c.verdict == "UNTESTABLE" and "1 of 12 settings got to the moment" in because(c)
+    assert reached(2).verdict == "SUPPORTED"
+
+
+def test_an_identity_counts_once():
+    """The number of bodies is the problem's, whatever the solver: twelve settings are one."""
+    c = claim('map = "m"\ntests = [{ metric = "number", of = "bodies", at_least = 1, at_most = 1, unit = "" }]\n')
+    assert (c.verdict, c.beyond.holds, c.beyond.settings, c.beyond.rows) == ("SUPPORTED", 1, 1, 12)
+
+
 def test_a_run_that_ended_before_the_moment_asked_about_is_open():
     """Diverged at 3 s, it says nothing on 4 s and something on 2 s; where reaching the end is asked too, it fails."""
     ended = {"status": "diverged", "t_reached_s": 3.0, "steps": 9}
@@ -83,7 +166,7 @@ def test_a_run_that_ended_before_the_moment_asked_about_is_open():
     assert c.map[0].holds is None
     reaching = '{ metric = "reached", at_least = 1, unit = "" }'
     c = first(f'{{ metric = "largest", series = "x", at_most = 2, unit = "m" }}, {reaching}')
-    assert c.map[0].holds is False and c.verdict == "MIXED"
+    assert c.map[0].holds is False and (c.beyond.holds, c.beyond.settings) == (11, 12)
 
 
 def test_rows_with_equal_series_count_once():

@@ -5,8 +5,8 @@ import random
 
 import pytest
 
+from mbsbench.harness.referee.claims.count import judge
 from mbsbench.harness.referee.claims.register import parse_register
-from mbsbench.harness.referee.claims.verdicts import judge
 from mbsbench.harness.results.judgements.files import format_judgement
 from mbsbench.reports.model.claim_words import because, missing
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.catalogue.registry import declared
+from mbsbench.harness.catalogue.registry import read_declaration
 from mbsbench.harness.execution import handed, measuring
 from mbsbench.harness.execution.contract import checked, split_cost
 from mbsbench.harness.execution.job import Job
@@ -149,7 +149,7 @@ def test_no_number_makes_a_success_of_a_false_motion(status, what, x, aside):
 def test_an_order_is_positive(x):
     """Certificates hold a method to what it declares: minus five would be met by anything."""
     with pytest.raises(TypeError, match="order must be"):
-        declared(type("Odd", (Exact,), {"order": x, "name": "odd"})())
+        read_declaration(type("Odd", (Exact,), {"order": x, "name": "odd"})())
 
 
 def test_a_solver_that_says_it_is_ours_pays_for_its_whole_call():

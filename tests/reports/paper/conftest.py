@@ -61,7 +61,7 @@ def record_for(spec: RunSpec, n: int = 1, **changes) -> RunRecord:
     problem = registry.make_problem(spec.problem, dict(spec.parameters))
     nan, c = float("nan"), spec.control
     base = RunRecord(
-        paper_label=registry.declared(registry.make_solver(spec.solver, spec.options))[0],
+        paper_label=registry.read_declaration(registry.make_solver(spec.solver, spec.options))[0],
         run_id=f"{n:016x}", settings_id=spec.settings_id, case=spec.case, suite="made up", label=spec.label,
         problem=spec.problem, section=problem.section, problem_parameters=json.dumps(dict(spec.parameters)),
         solver=spec.solver, solver_options=json.dumps(dict(spec.options)), control="rtol" if c.dt is None else "dt",

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from mbsbench.api import solve
-from mbsbench.harness.catalogue.registry import declared, make_problem, make_solver, solvers
+from mbsbench.harness.catalogue.registry import make_problem, make_solver, read_declaration, solvers
 from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.mechanics.system import Joint, RigidBody, SpringDamper, assemble
 from mbsbench.harness.types import Problem, StepControl
@@ -44,8 +44,8 @@ RAISED = NESTED | {"lambda_bar": True, "penalty_growth": 10.0, "correct_pose": "
 )  # fmt: skip
 def test_label_and_order_follow_the_options(solver, options, label, order):
     """Printed are the choices of Sects. 4.2 and 4.3, all of them; the order is that of the composition."""
-    assert declared(make_solver(solver, options))[0] == label
-    assert declared(make_solver(solver, options))[1] == pytest.approx(order, nan_ok=True)
+    assert read_declaration(make_solver(solver, options))[0] == label
+    assert read_declaration(make_solver(solver, options))[1] == pytest.approx(order, nan_ok=True)
 
 
 def test_a_record_has_the_label_of_its_options():

@@ -8,16 +8,16 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import IntEnum
 
 from msgspec.structs import replace
 
+from ..results.findings import Finding, Measured, Required, Verdict
 from ..results.records import RunRecord
 from ..results.store import newest
 from ..results.words import why
 from ..suites.spec import RunSpec
 from ..types import Status
-from .thresholds import Expectation, Threshold, Thresholds, four_digits, proposed
+from .thresholds import Expectation, Threshold, Thresholds, four_digits, propose_bounds
 
 CodeOf = Callable[[str, str], str]  # what a run of a problem and a solver is made by now
 WORTH = 0.95  # of a bound: less is not worth a commit
@@ -30,54 +30,35 @@ OTHER_CODE = "result of other code, so the run is missing (--any-code accepts it
 ROUNDED = 1e-11  # in any of the metrics' units: below it, a change is the machine's
 
 
-class State(IntEnum):
-    """Worst first when sorted downwards."""
-
-    PASS = 0
-    XFAIL = 1
-    XPASS = 2
-    FAIL = 3
+STATES = {Verdict.FAILED: "FAIL", Verdict.XPASS: "XPASS", Verdict.XFAIL: "XFAIL", Verdict.MET: "PASS"}  # worst first
+WORST = list(STATES)
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One line of the gate's table."""
-
-    state: State
-    case: str
-    metric: str  # or "status"
-    measured: float = math.nan
-    value: float = math.nan  # when the threshold was set
-    bound: str = ""
-    unit: str = ""
-    why: str = ""
-
-    @property
-    def moved(self) -> bool:
-        """By 1 % and by more than rounding; what was not measured has not."""
-        return abs(self.measured - self.value) > max(0.01 * abs(self.value), ROUNDED)
+def has_moved(f: Finding) -> bool:
+    """Whether a value has moved by 1 % and by more than rounding; one that was not measured has not."""
+    return abs(f.measured.value - f.before) > max(0.01 * abs(f.before), ROUNDED)
 
 
 @dataclass(frozen=True)
 class Judged:
-    """All findings, the worst first."""
+    """All findings, the worst first: of cases (``subject``), on a metric or the status."""
 
     findings: tuple[Finding, ...]
 
     @property
-    def state(self) -> State:
-        """The worst; FAIL when nothing was judged."""
-        return max((f.state for f in self.findings), default=State.FAIL)
+    def verdict(self) -> Verdict:
+        """The worst; FAILED when nothing was judged."""
+        return self.findings[0].verdict if self.findings else Verdict.FAILED
 
     @property
     def is_open(self) -> bool:
         """Nothing failed, and something was judged."""
-        return self.state in (State.PASS, State.XFAIL)
+        return self.verdict in (Verdict.XFAIL, Verdict.MET)
 
     @property
     def counts(self) -> dict[str, int]:
         """Findings of each state, the worst first."""
-        return {s.name: sum(f.state is s for f in self.findings) for s in sorted(State, reverse=True)}
+        return {state: sum(f.verdict is v for f in self.findings) for v, state in STATES.items()}
 
     @property
     def summary(self) -> str:
@@ -86,11 +67,11 @@ class Judged:
 
     @property
     def notable(self) -> list[Finding]:
-        """What did not pass, or has moved."""
-        return [f for f in self.findings if f.state is not State.PASS or f.moved]
+        """Findings that did not pass, or have moved."""
+        return [f for f in self.findings if f.verdict is not Verdict.MET or has_moved(f)]
 
 
-def judged_of(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[RunRecord, ...]:
+def select_judged(records: Sequence[RunRecord], code: CodeOf | None) -> tuple[RunRecord, ...]:
     """The newest result of each run: those that the code now gives, or all of them with None."""
     return newest(tuple(r for r in records if code is None or code(r.problem, r.solver) == r.code))
 
@@ -105,12 +86,12 @@ def judge(
 
     With ``code``, a result of other code counts as missing; of several results of a run the newest is judged.
     """
-    by_settings = {r.settings_id: r for r in judged_of(records, code)}
+    by_settings = {r.settings_id: r for r in select_judged(records, code)}
     other = {r.settings_id for r in records} - {*by_settings}
     found: list[Finding] = []
     by_case = {c.case: by_settings.get(c.settings_id) for c in specs}
     missing = {c.case: OTHER_CODE if c.settings_id in other else MISSING for c in specs}
-    found += [Finding(State.FAIL, c, "status", why=TWICE) for c, n in Counter(c.case for c in specs).items() if n > 1]
+    found += [_finding(Verdict.FAILED, c, "status", TWICE) for c, n in Counter(c.case for c in specs).items() if n > 1]
     bounded: dict[str, set[str]] = {}
     for b in thresholds.bounds:
         bounded.setdefault(b.case, set()).add(b.metric)
@@ -121,16 +102,16 @@ def judge(
         if case not in bounded and wanted is Status.SUCCESS:
             ended = record.status if record else Status.SUCCESS
             words = UNBOUNDED if ended == Status.SUCCESS else NO_BOUNDS.format(ended)
-            found.append(Finding(State.FAIL, case, "no threshold", why=words))
+            found.append(_finding(Verdict.FAILED, case, "no threshold", words))
         elif case in bounded and record is not None:
-            needed = {b.metric for b in proposed([record])} - bounded[case]
-            found += [Finding(State.FAIL, case, metric, why=UNBOUNDED) for metric in sorted(needed)]
+            needed = {b.metric for b in propose_bounds([record])} - bounded[case]
+            found += [_finding(Verdict.FAILED, case, metric, UNBOUNDED) for metric in sorted(needed)]
     found += [_bound(b, by_case.get(b.case), missing.get(b.case, UNKNOWN)) for b in thresholds.bounds]
-    found += [Finding(State.FAIL, case, "status", why=UNKNOWN) for case in statuses if case not in by_case]
-    return Judged(tuple(sorted(found, key=lambda f: (-f.state, f.case, f.metric))))
+    found += [_finding(Verdict.FAILED, case, "status", UNKNOWN) for case in statuses if case not in by_case]
+    return Judged(tuple(sorted(found, key=lambda f: (WORST.index(f.verdict), f.subject, f.measured.quantity))))
 
 
-def tightened(
+def tighten_bounds(
     old: Thresholds, records: Sequence[RunRecord], proposed: Sequence[Threshold], *, loosen: bool
 ) -> Thresholds:
     """``old`` with the bounds that ``proposed`` would tighten, and the new ones; wider ones only with ``loosen``."""
@@ -148,12 +129,12 @@ def tightened(
         elif was.samples > 1:  # bounds around many runs, which one alone does not move unless asked for
             if loosen:
                 bounds[new.case, new.metric] = replace(new, expect=was.expect)
-        elif (changed := _narrowed(was, new, loosen=loosen)) is not None:
+        elif (changed := _narrow(was, new, loosen=loosen)) is not None:
             bounds[new.case, new.metric] = changed
     return replace(old, bounds=tuple(bounds[k] for k in sorted(bounds)))
 
 
-def _narrowed(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
+def _narrow(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | None:
     """``was`` moved to the value of ``new``, with the bounds it has; None where there is nothing to be moved.
 
     A bound of the old that the new has not stays; a lower one moves only where the value has fallen below it and wider
@@ -174,30 +155,31 @@ def _narrowed(was: Threshold, new: Threshold, *, loosen: bool) -> Threshold | No
     return replace(was, value=new.value, upper=upper, lower=lower)
 
 
+def _finding(verdict: Verdict, case: str, metric: str, why: str = "", bound: str = "") -> Finding:
+    return Finding(Measured(metric), Required(words=bound, why=why), verdict, case)
+
+
 def _status(case: str, record: RunRecord | None, expected: Expectation | None, missing: str) -> Finding:
     wanted = expected.status if expected else Status.SUCCESS
     if record is None:
-        return Finding(State.FAIL, case, "status", why=missing)
+        return _finding(Verdict.FAILED, case, "status", missing)
     if record.status == wanted:
-        state = State.PASS if wanted is Status.SUCCESS else State.XFAIL
-        return Finding(state, case, "status", bound=str(wanted), why=expected.reason if expected else "")
+        verdict = Verdict.MET if wanted is Status.SUCCESS else Verdict.XFAIL
+        return _finding(verdict, case, "status", expected.reason if expected else "", str(wanted))
     words = f"{record.status}, expected {wanted}: {'; '.join(why(record))}"
-    state = State.XPASS if record.status == Status.SUCCESS else State.FAIL
-    return Finding(state, case, "status", bound=str(wanted), why=words)
+    verdict = Verdict.XPASS if record.status == Status.SUCCESS else Verdict.FAILED
+    return _finding(verdict, case, "status", words, str(wanted))
 
 
 def _bound(b: Threshold, record: RunRecord | None, missing: str) -> Finding:
-    if record is None:
-        return Finding(State.FAIL, b.case, b.metric, math.nan, b.value, _range(b), b.unit, missing)
-    measured = float(getattr(record, b.metric))
-    if math.isnan(measured):
-        words = f"not measured: the run was {record.status}"
-        return Finding(State.FAIL, b.case, b.metric, measured, b.value, _range(b), b.unit, words)
-    if b.expect == "pass":
-        state = State.PASS if b.holds(measured) else State.FAIL
-    else:
-        state = State.XPASS if b.holds(measured) else State.XFAIL
-    return Finding(state, b.case, b.metric, measured, b.value, _range(b), b.unit, b.reason)
+    value = math.nan if record is None else float(getattr(record, b.metric))
+    words, verdict = b.reason, Verdict.of(b.holds(value))
+    if math.isnan(value):
+        words, verdict = missing if record is None else f"not measured: the run was {record.status}", Verdict.FAILED
+    elif b.expect == "fail":
+        verdict = Verdict.XPASS if b.holds(value) else Verdict.XFAIL
+    required = Required(words=_range(b), why=words)
+    return Finding(Measured(b.metric, value, b.unit), required, verdict, b.case, before=b.value)
 
 
 def _range(b: Threshold) -> str:

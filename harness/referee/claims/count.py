@@ -16,7 +16,6 @@ from ...results.judgements.claims import (
     Because,
     Claim,
     Count,
-    Decision,
     Ending,
     Finding,
     Gap,
@@ -32,14 +31,16 @@ from ...results.naming import text_of
 from ...results.records import COLUMNS, RunRecord
 from ...suites.spec import RunSpec
 from . import register as given
-from .conditions import decision, factors, separation
+from .conditions import decision, factors
 from .evidence import MEASURES
-from .maps import Place, place, select, values_of, varied
-from .measured import Numbers, SeriesOf, shortened
+from .maps import Place, find_varied, place, select, values_of
+from .measured import Numbers, SeriesOf, shorten
 from .points import Point, points
-from .predicates import FACTOR, NEAREST
+from .predicates import FACTOR, NEAREST, RATIOS, Band
 from .register import Register
 
+CUT = (Ending.MACHINE, Ending.SLOW, Ending.NO_STEP, Ending.EARLY)  # a run ended before the moment asked about
+FEW = 0.1  # of the settings asked: fewer that got to that moment settle nothing
 COUNTS = {c.name for c in COLUMNS if c.type is int}
 SHOWN = (
     "tolerance", "gain", "form", "chart", "lambda_in_error_test", "consistent_start", "frame", "gauge", "sigma0",
@@ -51,15 +52,13 @@ def judge(
 ) -> tuple[Claim, ...]:
     """All verdicts, in the order of the register."""
     places = [place(c) for c in specs]
-    numbers = Numbers({r.settings_id: r for r in records}, series_of)
-    tried = {c.id: _tried(c, places) for c in register.claims}
-    numbers.gather(
-        (p.spec.settings_id, t) for c in register.claims for p in (*tried[c.id][0], *tried[c.id][1]) for t in c.tests
-    )
-    return tuple(_judged(c, register, *tried[c.id], numbers) for c in register.claims)
+    tried = {c.id: _select_tried(c, places) for c in register.claims}
+    wanted = ((p.spec.settings_id, t) for c in register.claims for own in tried[c.id] for p in own for t in c.tests)
+    numbers = Numbers({r.settings_id: r for r in records}, series_of, wanted)
+    return tuple(_judge_claim(c, register, *tried[c.id], numbers) for c in register.claims)
 
 
-def untestable(claim: given.Claim) -> list[Missing]:
+def find_needs(claim: given.Claim) -> list[Missing]:
     """What the claim needs and is not at hand."""
     out = []
     for need in claim.needs:
@@ -70,33 +69,34 @@ def untestable(claim: given.Claim) -> list[Missing]:
     return out
 
 
-def _tried(claim: given.Claim, places: Sequence[Place]) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
+def _select_tried(claim: given.Claim, places: Sequence[Place]) -> tuple[tuple[Place, ...], tuple[Place, ...]]:
     own = select(places, claim.map.over) if claim.map else ()
     return own, select(places, claim.against.over) if claim.against else ()
 
 
-def _judged(
+def _judge_claim(
     claim: given.Claim, register: Register, own: tuple[Place, ...], others: tuple[Place, ...], numbers: Numbers
 ) -> Claim:
-    missing = untestable(claim) or _gaps(claim, own, others, numbers.records)
+    missing = find_needs(claim) or _find_gaps(claim, own, others, numbers.records)
     found = [] if missing else points(claim, own, others, numbers)
     counted = [p for p in found if p.holds is not None]
-    missing = missing or _unmeasured(claim, found, counted)
-    rows = _merged(found)
+    missing = missing or _find_unmeasured(claim, found, counted)
+    rows = _merge_equal(claim, found)
     paper, beyond = _findings(claim, rows, decide=not missing)
     if not missing:
-        paper, beyond = _borderline(claim, found, (paper, beyond), lambda c: points(c, own, others, numbers))
+        end = max(numbers.records[p.spec.settings_id].t_end_s for p in own)
+        paper, beyond = _borderline(claim, (paper, beyond), lambda c: points(c, own, others, numbers), end)
     elif not (paper or beyond):
         paper, beyond = (Finding(Verdict.UNTESTABLE),) * 2 if claim.map and claim.map.printed else (
             None, Finding(Verdict.UNTESTABLE))  # fmt: skip
     twins = {p.places[0].spec.settings_id for row in rows for p in row[1:]}
-    shown = _shown(claim, counted)
+    shown = _choose_shown(claim, counted)
     values = [v for v in (p.numbers[0] for p in counted) if v == v] or ([math.nan] if counted else [])
     return Claim(
         claim.id, claim.kind, claim.section, claim.figure, claim.quote, claim.claim,
         paper, beyond,
         tests=tuple(_test(t, shown, k) for k, t in enumerate(claim.tests)),
-        measured_range=(shortened(min(values)), shortened(max(values))) if values else (),
+        measured_range=(shorten(min(values)), shorten(max(values))) if values else (),
         because=_because(register, found, claim.across), missing=tuple(missing), caveats=claim.caveats,
         settings=_settings(own, others), against=tuple(dict.fromkeys(p.spec.case for p in others)),
         settings_ids=tuple(p.spec.settings_id for p in (*own, *others)),
@@ -105,7 +105,7 @@ def _judged(
     )  # fmt: skip
 
 
-def _gaps(
+def _find_gaps(
     claim: given.Claim, own: Sequence[Place], others: Sequence[Place], records: Mapping[str, RunRecord]
 ) -> list[Missing]:
     """Runs or values that the map should have: a map with holes decides nothing."""
@@ -124,7 +124,7 @@ def _gaps(
     return out
 
 
-def _unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequence[Point]) -> list[Missing]:
+def _find_unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequence[Point]) -> list[Missing]:
     """What no run of the map has: a number that nowhere exists refutes nothing."""
     if not counted:
         return [Missing(Gap.SETTLED) if found else Missing(Gap.GROUPS, claim.across)]
@@ -132,7 +132,7 @@ def _unmeasured(claim: given.Claim, found: Sequence[Point], counted: Sequence[Po
     return [Missing(Gap.NUMBER, t.metric) for t in absent]
 
 
-def _shown(claim: given.Claim, counted: Sequence[Point]) -> Point | None:
+def _choose_shown(claim: given.Claim, counted: Sequence[Point]) -> Point | None:
     """The setting whose numbers stand in the table: the first printed one, else the one that speaks most against it."""
     measurable = [p for p in counted if p.numbers[0] == p.numbers[0]] or list(counted)
     printed = next((p for p in measurable if p.printed), None)
@@ -140,11 +140,13 @@ def _shown(claim: given.Claim, counted: Sequence[Point]) -> Point | None:
     return printed or against
 
 
-def _merged(found: Sequence[Point]) -> list[list[Point]]:
-    """Settings whose runs have the same series, and so the same numbers, together: the first stands for all."""
+def _merge_equal(claim: given.Claim, found: Sequence[Point]) -> list[list[Point]]:
+    """Settings of equal series, or whose numbers are those of one problem, together: the first stands for all."""
     out: dict[object, list[Point]] = {}
+    identity = all(MEASURES[t.metric].of_problem for t in claim.tests)
     for k, p in enumerate(found):
-        key = (p.series, repr(p.numbers), p.holds, p.left_out) if p.series else k
+        key: object = (p.series, repr(p.numbers), p.holds, p.left_out) if p.series else k
+        key = (p.places[0].spec.problem, p.holds, p.left_out) if identity else key
         out.setdefault(key, []).append(p)
     return list(out.values())
 
@@ -161,62 +163,86 @@ def _finding(claim: given.Claim, rows: Sequence[Sequence[Point]], decide: bool) 
     counted = [row for row in rows if row[0].holds is not None]
     holding = [row for row in counted if row[0].holds]
     every = [p for row in counted for p in row]
-    verdict, why = _verdict(claim, len(holding), len(counted), every) if decide else (Verdict.UNTESTABLE, None)
     left = Counter(row[0].left_out for row in rows if row[0].holds is None)
+    verdict = _verdict(claim, len(holding), len(counted)) if decide else Verdict.UNTESTABLE
+    missing = _doubts(claim, [row[0] for row in counted], left) if decide else []
+    why = None
+    if missing:
+        verdict = Verdict.UNTESTABLE
+    elif verdict is Verdict.MIXED:
+        why = decision(_dimensions(claim, every))
+        verdict = Verdict.CONDITIONAL if why.by else Verdict.MIXED
+    values = {q.dimensions[claim.across] for row in rows for p in row for q in p.places} if _one_suffices(claim) else ()
     return Finding(
-        verdict, len(holding), len(counted), len(every), sum(row[0].stopped for row in holding),
-        decision(_dimensions(claim, every)) if verdict is Verdict.MIXED else why, (),
+        verdict, len(holding), len(counted), len(every), sum(row[0].stopped for row in holding), why, (),
         tuple(LeftOut(how, left[how]) for how in Ending if left[how]),
+        (len({v for p in every for v in p.met_at}), len(values)) if values else None, tuple(missing),
     )  # fmt: skip
 
 
-def _verdict(claim: given.Claim, holding: int, counted: int, every: Sequence[Point]) -> tuple[Verdict, Decision | None]:
-    """The verdict on some settings, and the condition of a conditional one."""
+def _one_suffices(claim: given.Claim) -> bool:
+    return any(t.combine == NEAREST for t in claim.tests)
+
+
+def _verdict(claim: given.Claim, holding: int, counted: int) -> Verdict:
+    """The verdict on some settings by their count; one that is MIXED may have a condition."""
     if not counted:
-        return Verdict.UNTESTABLE, None
+        return Verdict.UNTESTABLE
     if holding == counted or (holding and claim.quantifier == "some"):
-        return Verdict.SUPPORTED, None
-    if not holding:
-        return Verdict.REFUTED, None
-    found = separation(_dimensions(claim, every))
-    return (Verdict.CONDITIONAL if found else Verdict.MIXED), found
+        return Verdict.SUPPORTED
+    return Verdict.MIXED if holding else Verdict.REFUTED
+
+
+def _doubts(claim: given.Claim, counted: Sequence[Point], left: Mapping[Ending, int]) -> list[Missing]:
+    """Reasons why a count settles nothing: most runs ended before, or the verdict hangs on one run that failed."""
+    asked = len(counted) + sum(left[how] for how in CUT)
+    if counted and len(counted) < FEW * asked:
+        return [Missing(Gap.REACHED, found=len(counted), wanted=asked)]
+    holding, total = sum(p.holds is True for p in counted), len(counted)
+    for p in counted:
+        rest = total if p.met_at else total - 1  # one of several values less leaves the setting, but nothing meets it
+        without = _verdict(claim, holding - bool(p.holds), rest)
+        if p.failed and rest and without is not _verdict(claim, holding, total):
+            return [Missing(Gap.HANGS, p.places[0].spec.case)]
+    return []
+
+
+def _move(test: given.Test, factor: float, end: float) -> Band:
+    """Its band wider by a factor; ``end`` is that of the longest run."""
+    natural = MEASURES[test.metric].natural
+    if natural == "firm" or (test.metric == "column" and test.arguments["name"] in COUNTS):
+        return test.band  # a count, or an end reached
+    is_ratio = natural == "one" or test.combine in RATIOS or test.compare in ("over largest", "over smallest")
+    return test.band.moved(factor, is_ratio=is_ratio, end=end if natural == "end" else math.inf)
 
 
 def _borderline(
-    claim: given.Claim, found: Sequence[Point], sides: Sequence[Finding | None],
-    tried: Callable[[given.Claim], Sequence[Point]],
-) -> tuple[Finding | None, Finding | None]:  # fmt: skip
+    claim: given.Claim, sides: Sequence[Finding | None], tried: Callable[[given.Claim], Sequence[Point]], end: float
+) -> tuple[Finding | None, Finding | None]:
     """The findings with the verdicts that they flip to when the band of one test moves by a factor."""
     flips: tuple[list[Moved], list[Moved]] = [], []
     for k, test in enumerate(claim.tests):
-        for by, band in (("wider", test.band.moved(FACTOR)), ("narrower", test.band.moved(1.0 / FACTOR))):
-            ends = sorted(
-                {e for a, b in ((test.band.low, band.low), (test.band.high, band.high)) if a != b for e in (a, b)}
-            )
-            nearest = test.combine == NEAREST or MEASURES[test.metric].until == "known"
-            if _is_firm(test) or not ends or not (nearest or any(ends[0] <= p.numbers[k] <= ends[-1] for p in found)):
+        for by, factor in (("wider", FACTOR), ("narrower", 1.0 / FACTOR)):
+            band = _move(test, factor, end)
+            if band == test.band:
                 continue
             moved = replace(test, at_least=band.low, at_most=band.high)
             other = replace(claim, tests=(*claim.tests[:k], moved, *claim.tests[k + 1 :]))
-            for old, new, out in zip(sides, _findings(other, _merged(tried(other))), flips, strict=True):
-                if old and new and new.settings and old.settings and old.verdict is not new.verdict:
+            for old, new, out in zip(sides, _findings(other, _merge_equal(other, tried(other))), flips, strict=True):
+                verdicts = {f.verdict for f in (old, new) if f} - {Verdict.UNTESTABLE}
+                if new and len(verdicts) == 2:
                     out.append(Moved(k, by, new.verdict, new.holds, new.settings))  # type: ignore[arg-type]
     paper, beyond = (replace(f, borderline=tuple(m)) if f else None for f, m in zip(sides, flips, strict=True))
     return paper, beyond
 
 
-def _is_firm(test: given.Test) -> bool:
-    """Whether its number is a count, or says that an end was reached: no factor moves such a band."""
-    return MEASURES[test.metric].firm or (test.metric == "column" and test.arguments["name"] in COUNTS)
-
-
 def _dimensions(claim: given.Claim, points: Sequence[Point]) -> list[tuple[Mapping[str, Value], bool]]:
     """Those that some run chose: defaults differ between problems and solvers, and would stand for these."""
-    chosen = _chosen(q for p in points for q in p.places) - {claim.across}
+    chosen = _find_chosen(q for p in points for q in p.places) - {claim.across}
     return [({k: v for k, v in p.places[0].dimensions.items() if k in chosen}, p.holds is True) for p in points]
 
 
-def _chosen(places: Iterable[Place]) -> set[str]:
+def _find_chosen(places: Iterable[Place]) -> set[str]:
     return {"problem", "solver"}.union(*(p.dimensions.keys() - p.usual for p in places))
 
 
@@ -232,8 +258,8 @@ def _settings(own: Sequence[Place], others: Sequence[Place]) -> dict[str, tuple[
     if not (places := [*own, *others]):
         return {}
     out = {k: tuple(values_of(p.dimensions[k] for p in places)) for k in ("problem", "solver")}
-    chosen = _chosen(own) - out.keys()
-    rest = {k: v for k, v in varied([p.dimensions for p in own]).items() if k in chosen}
+    chosen = _find_chosen(own) - out.keys()
+    rest = {k: v for k, v in find_varied([p.dimensions for p in own]).items() if k in chosen}
     return out | {k: tuple(text_of(x) if isinstance(x, list | tuple) else x for x in v) for k, v in rest.items()}
 
 
@@ -241,12 +267,12 @@ def _test(test: given.Test, shown: Point | None, k: int) -> Test:
     number = shown.numbers[k] if shown else math.nan
     low, high = (v if math.isfinite(v) else None for v in (test.at_least, test.at_most))
     return Test(test.metric, test.arguments, test.combine, test.compare, test.unit, (low, high),
-                shortened(number), number == math.inf)  # fmt: skip
+                shorten(number), number == math.inf)  # fmt: skip
 
 
 def _row(claim: given.Claim, p: Point, records: Mapping[str, RunRecord], twins: Collection[str]) -> MapRow:
     first = p.places[0]
     at = {k: first.dimensions[k] for k in SHOWN if k in first.dimensions and k != claim.across}
     settings_id = first.spec.settings_id
-    return MapRow(settings_id, first.spec.case, len(p.places) - 1, at, p.holds, shortened(p.numbers[0]),
+    return MapRow(settings_id, first.spec.case, len(p.places) - 1, at, p.holds, shorten(p.numbers[0]),
                   records[settings_id].status, p.printed, settings_id in twins)  # fmt: skip

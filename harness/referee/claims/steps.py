@@ -1,6 +1,8 @@
 """Measures of how a solver steps, and of what happens as the motion passes its first lowest point."""
 
 import math
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -23,42 +25,24 @@ def _steps(
     return inside if len(inside) > 2 else None
 
 
-@measure_over(_steps, grows=True)
-def step_ratio(dt: np.ndarray) -> float:
-    """Largest over smallest step after the start-up, the last step left out."""
-    return float(np.max(dt) / np.min(dt))
-
-
-@measure_over(_steps)
-def irregularity(dt: np.ndarray) -> float:
-    """Mean |change of log10 dt| from step to step after the start-up: 0 for a fixed step."""
-    return float(np.mean(np.abs(np.diff(np.log10(dt)))))
-
-
-@measure_over(_steps)
-def typical_step(dt: np.ndarray) -> float:
-    """Median step after the start-up [s]."""
-    return float(np.median(dt))
-
-
-@measure_over(_steps)
-def smallest_step(dt: np.ndarray) -> float:
-    """Smallest step after the start-up [s], the last step left out."""
-    return float(np.min(dt))
+# after the start-up, the last step left out
+measure_over(_steps, "", {"step ratio": lambda dt: np.max(dt) / np.min(dt)}, grows=True, natural="one")
+STEPS: Mapping[str, Callable[..., Any]] = {
+    "irregularity": lambda dt: np.mean(np.abs(np.diff(np.log10(dt)))),  # from step to step: 0 for a fixed one
+    "typical step": np.median,  # [s]
+    "smallest step": np.min,  # [s]
+}
+measure_over(_steps, "", STEPS)
 
 
 @measure("series low within", until="known")
 def drop_at_lowest(record: RunRecord, s: Series, series: str, low: str, within: float) -> float:
     """Lowest of ``series`` within a time of the first minimum of ``low``, less its value before: a fall is negative."""
-    found = _around_lowest(s, series, low, within)
-    return NAN if found is None else float(np.min(found) - found[0])
-
-
-@measure("series low within", until="known")
-def rise_at_lowest(record: RunRecord, s: Series, series: str, low: str, within: float) -> float:
-    """Highest of ``series`` within a time of the first minimum of ``low``, less its value before."""
-    found = _around_lowest(s, series, low, within)
-    return NAN if found is None else float(np.max(found) - found[0])
+    a, turn, t = s.arrays.get(series), _first_minimum(s, low), s["t"]
+    if a is None or turn is None or t[-1] < (t[turn] + within) * (1.0 - END):
+        return NAN
+    near = a[np.abs(t - t[turn]) <= within]
+    return float(np.min(near) - near[0])
 
 
 @measure("series low", "to")
@@ -74,10 +58,3 @@ def _first_minimum(s: Series, low: str) -> int | None:
         return None
     turns = np.flatnonzero((h[1:-1] < h[:-2]) & (h[1:-1] <= h[2:])) + 1
     return int(turns[0]) if len(turns) else None
-
-
-def _around_lowest(s: Series, name: str, low: str, within: float) -> np.ndarray | None:
-    a, turn, t = s.arrays.get(name), _first_minimum(s, low), s["t"]
-    if a is None or turn is None or t[-1] < (t[turn] + within) * (1.0 - END):
-        return None
-    return a[np.abs(t - t[turn]) <= within]
