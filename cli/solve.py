@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
             output.print(words, end=end)
 
     try:
-        outcome = single.solve_to_file(spec, out, wall, report)
+        outcome = single.solve_to_file(spec, out, wall, report, problem)
     except (KeyboardInterrupt, SystemExit):
         error_console().print(f"interrupted; nothing was written to {out}")
         raise

@@ -65,9 +65,10 @@ COST = ("repeats", "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setu
 HIDDEN = 1.0  # [s] of CPU, beside as much again as is accounted for: handing over takes less
 
 
-def write(path: Path | Place, said: Said, trajectory: Trajectory | None = None) -> None:
+def write(path: Path | Place, handed: Handed) -> None:
     """Whole or not at all; not compressed, for it is read at once and removed."""
     arrays: dict[str, np.ndarray] = {}
+    said, trajectory = handed.said, handed.trajectory
     if trajectory is not None:
         said = msgspec.structs.replace(
             said, message=str(trajectory.message), counters={str(k): int(v) for k, v in trajectory.counters.items()},

@@ -114,9 +114,9 @@ def status(monkeypatch, tmp_path):
             p = registry.make_problem("free_fall")
             motion = checked(make_motion(), Exact(), p)
             split_cost(motion, 1.0, 1.0, Exact())
-            handed.write(job.handed, handed.Said(claimed=Status.SUCCESS), motion)
+            handed.write(job.handed, handed.Handed(handed.Said(claimed=Status.SUCCESS), motion))
             motion = handed.read(job.handed, p.system).trajectory
-            return measuring.judged(job, p, motion, lambda problem, trajectory, measured, record: record).status
+            return measuring.judge_motion(job, p, motion)[0].status
         except (ValueError, TypeError):  # one run, crashed: its message is the exception's
             return "refused"
 
