@@ -4,6 +4,7 @@ Suites, ``solve`` and the tests run it. Its caller is a process that adopts orph
 it limits the solver's process and ends all that this started; who started it limits the measuring.
 """
 
+import contextlib
 import dataclasses
 import errno
 import math
@@ -20,7 +21,6 @@ from ..results.records import RunRecord
 from ..sandbox.apart import NOWHERE, SLACK, Apart, Ended
 from ..sandbox.isolation import CANNOT_WRITE, adopt_orphans, end_descendants, limit_process, trim
 from ..types import EndedBy, Problem
-from .eta import RUNNING
 from .job import GRACE, Job, cut_short, unfinished
 from .measuring import Outcome, make_problem, measure_run, write_outcome
 from .worker import SOFT, hand_over
@@ -28,7 +28,8 @@ from .worker import SOFT, hand_over
 MEASURE_LIMIT = 120.0  # [s] of CPU time for metrics once the solver is done, reference included
 STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a run had kept, when its suite is stopped
 NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
-MEASURED, STORED = "measuring", "stored"  # what a run sends, each before a record: how its solver ended, its outcome
+RUNNING = "running"  # what a run sends first; then, each before a record:
+MEASURING, STORED = "measuring", "stored"  # how its solver ended, and its outcome
 Send = Callable[[str], None]
 
 
@@ -49,8 +50,9 @@ def run_one(
     began, stopped = time.monotonic(), list[int]()
     signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
     adopt_orphans()
-    if problem is None and registry.is_own_problem(job.spec.problem):  # else its making is limited, too
-        problem = make_problem(job)
+    if problem is None and registry.is_own_problem(job.spec.problem):  # a plugin's is made where limits hold
+        with contextlib.suppress(Exception):  # the solver's process will report it
+            problem = make_problem(job)
 
     def solve(tell: Send) -> None:
         prepare()
@@ -80,7 +82,7 @@ def run_one(
         bare = unfinished(job, ended, time.monotonic() - began, by, at)
     except OSError as error:  # the run left what cannot be removed: it alone fails
         return Outcome(cut_short(job, EndedBy.EXCEPTION, message=words_of(error), wall_s=time.monotonic() - began))
-    send_record(send, MEASURED, bare)
+    send_record(send, MEASURING, bare)
     limit_process(job.spec.memory, measure_limit)
     outcome = measure_run(job, bare, problem, ended.cpu)
     end_descendants()
@@ -124,7 +126,7 @@ class Run(Apart):
     def look(self) -> Ended | None:
         """Once the solver's process has ended, keep the limit on the wall time of measuring."""
         ended = super().look()
-        if ended is None and self.deadline == math.inf and f"\n{MEASURED} " in f"\n{self.hear()}":
+        if ended is None and self.deadline == math.inf and f"\n{MEASURING} " in f"\n{self.hear()}":
             self.deadline = time.monotonic() + self.measure_limit
         return ended
 
@@ -143,11 +145,11 @@ class Run(Apart):
         if ended.code == CANNOT_WRITE:
             raise OSError(errno.ENOSPC, "no space left", str(self.job.folder))
         wall = time.monotonic() - self.began
-        if MEASURED not in sent:  # ended before its solver
+        if MEASURING not in sent:  # ended before its solver
             if self.stopped:
                 return cut_short(self.job, EndedBy.TOTAL_LIMIT, ended_limit_s=self.job.total_limit, wall_s=wall), False
             return unfinished(self.job, ended, wall, EndedBy.WALL_LIMIT, math.nan), False
-        bare = records.from_json(sent[MEASURED])
+        bare = records.from_json(sent[MEASURING])
         if bare.ended_by != EndedBy.EXIT or bare.exit_code != 0:
             return bare, False
         late = dataclasses.replace(ended, killed=ended.killed or ended.code == -signal.SIGXCPU)

@@ -13,9 +13,9 @@ from ..results.records import RunRecord
 from ..sandbox.isolation import OUTPUT_LIMIT
 from ..suites.spec import RunSpec
 from ..types import Problem
-from .eta import COMPILING, MEASURING, REFERENCES, RUNNING, waiting
+from .eta import COMPILING, REFERENCES, waiting
 from .job import Job
-from .run import MEASURE_LIMIT, NO_LIMIT, STORED, Run, Send, run_one, send_record
+from .run import MEASURE_LIMIT, MEASURING, NO_LIMIT, RUNNING, STORED, Run, Send, run_one, send_record
 from .run_file import write_run, write_without_motion
 from .warmup import references_apart, runs_to_warm, warm, warm_apart_then_here
 

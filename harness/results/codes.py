@@ -34,7 +34,8 @@ ARRANGES = (
     "harness/sandbox/trial", "harness/shapes", "harness/suites",
 )  # fmt: skip
 SHARED = "harness/catalogue/registry"  # turns, mirrors and perturbs problems: no part of one solver or problem
-COSTS = ("harness/clock", "harness/execution/worker", "harness/sandbox/apart", "harness/sandbox/isolation")
+COSTS = ("harness/clock", "harness/execution/run", "harness/execution/worker", "harness/sandbox/apart",
+         "harness/sandbox/isolation")  # fmt: skip
 MEASURING = ("harness/execution/contract", "harness/execution/measuring", "harness/execution/presented", *COSTS, SHARED)
 LISTED = ("harness/mechanics/joints/kinds",)  # folders whose files are found by listing them, not by an import
 MARKED = {"solver": ("solvers", "solvers/engines"), "problem": ("problems",)}
