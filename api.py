@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 from .harness.catalogue import registry
 from .harness.catalogue.options import nearest
 from .harness.execution.job import Job
-from .harness.execution.measuring import Outcome, judge_handed, series_of
+from .harness.execution.measuring import Outcome, judge_handover, series_of
 from .harness.execution.run_file import read_run, write_run
 from .harness.execution.warmup import runs_to_warm, warm
 from .harness.execution.worker import solve as solve_here
@@ -137,8 +137,8 @@ def solve(
         warm(runs_to_warm([spec]))
     job = Job(spec, Path(), "", code_of(variant.name, entry.name), environment.commit())
     with threadpool_limits(1):
-        handed = solve_here(variant, made, control)
-    outcome = judge_handed(job, variant, handed)
+        handover = solve_here(variant, made, control)
+    outcome = judge_handover(job, variant, handover)
     record, trajectory, m = dataclasses.replace(outcome.record, stderr=""), outcome.trajectory, outcome.measured
     series = None if trajectory is None or m is None else series_of(variant, trajectory, m)
     return Run(record, trajectory, series, variant)

@@ -50,7 +50,7 @@ class Job:
         return Place(self.folder) / ".spool" / f"{self.id}.rows"
 
     @property
-    def handed(self) -> Place:
+    def handover(self) -> Place:
         """What the solver's process hands over to the one that measures."""
         return Place(self.folder) / ".spool" / f"{self.id}.npz"
 

@@ -22,9 +22,9 @@ from ..reference.computed import reference_of
 from ..results.records import RunRecord, reasons_json
 from ..results.series import Series, write_series
 from ..sandbox.isolation import DISK_FULL
-from ..sandbox.spool import kept
+from ..sandbox.spool import read_spool
 from ..types import EndedBy, Problem, Reason, Status, Trajectory
-from .handed import BadHandover, Handed, Said, read
+from .handover import BadHandover, Handover, SolverReport, read
 from .job import Job, cut_short, first_line, record_of
 
 SERIES = ("energy", "energy_error", "phi_norm", "phi_dot_norm", "eq81_norm", "orthogonality", "position_error",
@@ -53,16 +53,16 @@ def measure_run(job: Job, bare: RunRecord, problem: Problem | None = None, spent
         if problem is None:
             problem = make_problem(job)
         bare = dataclasses.replace(bare, section=problem.section, t_end_s=problem.t_end)
-        handed = _read_handed(job, problem, spent)
-        if handed is None:
+        handover = _read_handover(job, problem, spent)
+        if handover is None:
             return _salvage(job, problem, bare)
         about: dict[str, Any] = {"peak_memory_MB": bare.peak_memory_MB, "cpu_process_s": bare.cpu_process_s}
-        if handed.said.claimed is None:
-            failed = cut_short(job, handed.said.by, message=handed.said.message, **handed.columns, **about)
+        if handover.report.claimed is None:
+            failed = cut_short(job, handover.report.by, message=handover.report.message, **handover.columns, **about)
             return _salvage(job, problem, dataclasses.replace(failed, section=problem.section, t_end_s=problem.t_end))
-        if bare.ended_by == EndedBy.SUSPENDED and handed.said.claimed is Status.STALLED:
+        if bare.ended_by == EndedBy.SUSPENDED and handover.report.claimed is Status.STALLED:
             about["ended_by"] = bare.ended_by  # its limit passed while nothing ran
-        return judge_handed(job, problem, handed, spent, **about)
+        return judge_handover(job, problem, handover, spent, **about)
     except Exception as error:
         if isinstance(error, OSError) and error.errno in DISK_FULL:
             raise
@@ -79,29 +79,33 @@ def make_problem(job: Job) -> Problem:
     return registry.make_problem(job.spec.problem, job.spec.parameters)
 
 
-def _read_handed(job: Job, problem: Problem, spent: float) -> Handed | None:
+def _read_handover(job: Job, problem: Problem, spent: float) -> Handover | None:
     try:
-        return read(job.handed, problem.system, spent)
+        return read(job.handover, problem.system, spent)
     except BadHandover as error:
-        return Handed(Said(by=EndedBy.EXCEPTION, message=str(error)), None)
+        return Handover(SolverReport(by=EndedBy.EXCEPTION, message=str(error)), None)
 
 
-def judge_handed(job: Job, problem: Problem, handed: Handed, spent: float = math.inf, **about: Any) -> Outcome:
+def judge_handover(job: Job, problem: Problem, handover: Handover, spent: float = math.inf, **about: Any) -> Outcome:
     """Measure and judge what a solver returned; ``spent`` [s] of CPU in all, if known."""
-    known = {**handed.columns, **about}
-    if handed.trajectory is None:
-        said = {"claimed": str(handed.said.claimed), "ended_by": str(EndedBy.SOLVER), "message": handed.said.message}
+    known = {**handover.columns, **about}
+    if handover.trajectory is None:
+        said = {
+            "claimed": str(handover.report.claimed),
+            "ended_by": str(EndedBy.SOLVER),
+            "message": handover.report.message,
+        }
         record = record_of(job, Status.REFUSED, section=problem.section, t_end_s=problem.t_end, **said, **known)
         return Outcome(record, problem)
     began = time.monotonic()
-    record, measured = judge_motion(job, problem, handed.trajectory, spent=spent, **known)
+    record, measured = judge_motion(job, problem, handover.trajectory, spent=spent, **known)
     record = dataclasses.replace(record, measure_s=time.monotonic() - began)
-    return Outcome(record, problem, handed.trajectory, measured)
+    return Outcome(record, problem, handover.trajectory, measured)
 
 
 def _salvage(job: Job, problem: Problem, bare: RunRecord) -> Outcome:
     """``bare``, the record of a run cut short, with the metrics of the steps it had kept, if it had any."""
-    trajectory = kept(job.spool, problem, Status(bare.status), bare.message)
+    trajectory = read_spool(job.spool, problem, Status(bare.status), bare.message)
     if trajectory is None:
         return Outcome(bare, problem)
     names = ("claimed", "ended_by", "ended_limit_s", "exit_code", "signal", "setup_s", "cpu_min_s", "cpu_median_s",

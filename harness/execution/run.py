@@ -92,7 +92,7 @@ def run_one(
 def _store(job: Job, outcome: Outcome) -> RunRecord:
     record = write_outcome(job, outcome)
     store.write_record(job.folder, record)
-    for rest in (job.handed, job.spool):
+    for rest in (job.handover, job.spool):
         rest.remove_file(missing_ok=True)
     return record
 

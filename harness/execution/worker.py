@@ -20,11 +20,11 @@ from ..mechanics.state import States
 from ..sandbox.isolation import DISK_FULL
 from ..sandbox.spool import FileSpool
 from ..types import EndedBy, Problem, Solver, Status, StepControl, Trajectory
-from . import handed
-from .contract import checked, raised_at, refusal, repeated_cost, split_cost
-from .handed import Handed, Said
+from . import handover
+from .contract import check_trajectory, raised_at, refusal, repeated_cost, split_cost
+from .handover import Handover, SolverReport
 from .job import Job, first_line
-from .presented import Presented, presented
+from .presenting import PresentedSolver, present_solver
 
 SOFT = 0.9  # of the limit on CPU time: there a solver is asked to stop itself and to hand back what it has
 
@@ -32,11 +32,11 @@ FIRST = "repeats after the first took less than half its CPU time, as if prepare
 
 
 def hand_over(job: Job, soft: float = SOFT, problem: Problem | None = None) -> None:
-    """Solve, and write the outcome to ``job.handed``. The solver is asked to stop at ``soft`` of its limit."""
+    """Solve, and write the outcome to ``job.handover``. The solver is asked to stop at ``soft`` of its limit."""
     made: list[Solver] = []
-    job.handed.remove_file(missing_ok=True)
+    job.handover.remove_file(missing_ok=True)
     try:
-        handed.write(job.handed, _attempt(job, soft, made, problem))
+        handover.write(job.handover, _attempt(job, soft, made, problem))
         return
     except Exception as error:  # the run's own failure, kept as its result
         if isinstance(error, OSError) and error.errno in DISK_FULL:
@@ -47,10 +47,11 @@ def hand_over(job: Job, soft: float = SOFT, problem: Problem | None = None) -> N
         memory = isinstance(error, MemoryError) or "bad_alloc" in str(error)
         by = EndedBy.MEMORY_LIMIT if memory else EndedBy.EXCEPTION
         message = first_line(error) + "".join(raised_at(error, s) for s in made)
-    handed.write(job.handed, Handed(Said(by=by, message=message), None))  # the frames that filled the memory are gone
+    report = SolverReport(by=by, message=message)  # here the frames that filled the memory are gone
+    handover.write(job.handover, Handover(report, None))
 
 
-def _attempt(job: Job, soft: float, made: list[Solver], problem: Problem | None) -> Handed:
+def _attempt(job: Job, soft: float, made: list[Solver], problem: Problem | None) -> Handover:
     for plugin in job.plugins:
         registry.load_plugin(plugin)
     spec = job.spec
@@ -61,10 +62,10 @@ def _attempt(job: Job, soft: float, made: list[Solver], problem: Problem | None)
     return solve(problem, solver, control, spec.repeats)
 
 
-def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int = 1) -> Handed:
+def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int = 1) -> Handover:
     """Ask the solver, solve; no trajectory where it refuses."""
     began = cpu_seconds_of_tree()
-    called = presented(solver, problem)
+    called = present_solver(solver, problem)
     label, order = registry.declared(solver)
     about: dict[str, Any] = {"paper_label": label, "declared_order": exact(order)}
     reason = refusal(called, problem, control)
@@ -73,7 +74,7 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
         "cpu_refuses_s": cpu_seconds_of_tree() - began,
     }
     if reason:
-        return Handed(Said(claimed=Status.REFUSED, message=reason, cost=_exact(before), **about), None)
+        return Handover(SolverReport(claimed=Status.REFUSED, message=reason, cost=_exact(before), **about), None)
     trajectory, cost = solve_repeatedly(called, problem, control, repeats)
     cost["setup_s"] += sum(before.values())
     if cost.pop("left_out"):
@@ -82,7 +83,7 @@ def solve(problem: Problem, solver: Solver, control: StepControl, repeats: int =
         phi_dot = float(np.max(np.abs(constraint_rate(problem.system, States.one(problem.initial))), initial=0.0))
         words = f"literal start: max |phi_dot| = {phi_dot:.3g} at t = 0, not made consistent"
         trajectory = dataclasses.replace(trajectory, notes=(*trajectory.notes, words))
-    return Handed(Said(claimed=trajectory.status, cost=_exact({**cost, **before}), **about), trajectory)
+    return Handover(SolverReport(claimed=trajectory.status, cost=_exact({**cost, **before}), **about), trajectory)
 
 
 def _exact(cost: dict[str, float]) -> dict[str, float | str]:
@@ -90,7 +91,7 @@ def _exact(cost: dict[str, float]) -> dict[str, float | str]:
 
 
 def solve_repeatedly(
-    solver: Solver | Presented, problem: Problem, control: StepControl, repeats: int
+    solver: Solver | PresentedSolver, problem: Problem, control: StepControl, repeats: int
 ) -> tuple[Trajectory, dict[str, float]]:
     """The first trajectory and the cost columns. Repeats stop when the next would pass the limit on CPU time.
 
@@ -114,10 +115,10 @@ def solve_repeatedly(
 
 
 def _timed(
-    solver: Solver | Presented, problem: Problem, control: StepControl
+    solver: Solver | PresentedSolver, problem: Problem, control: StepControl
 ) -> tuple[Trajectory, tuple[float, float]]:
     """A trajectory, and the CPU time of its integration and of the rest of the call, of all that took part."""
     before, began = cpu_seconds_of_tree(), time.monotonic()
     found = solver.solve(problem, control)
     spent, wall = cpu_seconds_of_tree() - before, time.monotonic() - began
-    return (trajectory := checked(found, solver, problem)), split_cost(trajectory, spent, wall, solver)
+    return (trajectory := check_trajectory(found, solver, problem)), split_cost(trajectory, spent, wall, solver)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.execution.presented import presented
+from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.reference.computed import computed
@@ -21,7 +21,7 @@ RODS = {"section": "thin", "axial_inertia": 0.0, "t_end": 1.0}
 def solved(p: Problem, name: str, size: float, **options: object) -> Trajectory:
     """``size``: rtol or dt."""
     made = make_solver(name, options)
-    solver, control = presented(made, p), StepControl(**{made.control: size})
+    solver, control = present_solver(made, p), StepControl(**{made.control: size})
     assert solver.refuses(p, control) is None
     out = solver.solve(p, control)
     assert out.status is Status.SUCCESS, out.message
