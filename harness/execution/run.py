@@ -15,6 +15,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from ..catalogue import registry
+from ..clock import set_keeper
 from ..places import Place
 from ..results import records, store
 from ..results.records import RunRecord
@@ -28,8 +29,7 @@ from .worker import SOFT, hand_over
 MEASURE_LIMIT = 120.0  # [s] of CPU time for metrics once the solver is done, reference included
 STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a run had kept, when its suite is stopped
 NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
-RUNNING = "running"  # what a run sends first; then, each before a record:
-MEASURING, STORED = "measuring", "stored"  # how its solver ended, and its outcome
+MEASURING, STORED = "measuring", "stored"  # what a run sends, each before a record: how its solver ended, its outcome
 Send = Callable[[str], None]
 
 
@@ -40,10 +40,9 @@ def run_here(job: Job) -> RunRecord:
 
 
 def run_one(
-    job: Job, problem: Problem | None = None, send: Send = lambda line: None, *, soft: float = SOFT,
-    prepare: Callable[[], object] = lambda: None, measure_limit: float = MEASURE_LIMIT,
-) -> Outcome:  # fmt: skip
-    """Solve in a process of its own, which first calls ``prepare``, with the limits of ``job``; measure here.
+    job: Job, send: Send, problem: Problem | None = None, *, soft: float = SOFT, measure_limit: float = MEASURE_LIMIT
+) -> Outcome:
+    """Solve in a process of its own, with the limits of ``job``; measure here.
 
     ``send`` is told how the solver's process ended. At SIGTERM the solver is ended: its suite has met its limit.
     """
@@ -54,25 +53,15 @@ def run_one(
         with contextlib.suppress(Exception):  # the solver's process will report it
             problem = make_problem(job)
 
-    def solve(tell: Send) -> None:
-        prepare()
-        tell(RUNNING)
+    def solve(send: Send) -> None:
+        set_keeper(os.getppid())
         hand_over(job, soft, problem)
 
     limit = job.spec.cpu_limit + GRACE
     wall = SLACK * limit
-    solver = Apart(
+    ended = Apart(
         solve, limit=min(limit, NO_LIMIT), wall=wall, memory=job.spec.memory, stderr=job.stderr, above="here"
-    )
-    said = list[str]()
-
-    def is_stopped() -> bool:
-        if not said and solver.hear():
-            said.append(RUNNING)
-            send(RUNNING)
-        return bool(stopped)
-
-    ended = solver.wait(is_stopped)
+    ).wait(lambda: bool(stopped))
     if ended.code == CANNOT_WRITE:
         raise OSError(errno.ENOSPC, "No space left on device")
     by, at = (EndedBy.TOTAL_LIMIT, job.total_limit or math.nan) if stopped else (EndedBy.WALL_LIMIT, wall)
@@ -99,7 +88,7 @@ def _store(job: Job, outcome: Outcome) -> RunRecord:
 
 def run_and_store(job: Job, send: Send) -> None:
     """Run for a results folder."""
-    send_record(send, STORED, _store(job, run_one(job, send=send)))
+    send_record(send, STORED, _store(job, run_one(job, send)))
 
 
 def send_record(send: Send, what: str, record: RunRecord) -> None:

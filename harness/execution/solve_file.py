@@ -15,10 +15,11 @@ from ..suites.spec import RunSpec
 from ..types import Problem
 from .eta import COMPILING, REFERENCES, waiting
 from .job import Job
-from .run import MEASURE_LIMIT, MEASURING, NO_LIMIT, RUNNING, STORED, Run, Send, run_one, send_record
+from .run import MEASURE_LIMIT, MEASURING, NO_LIMIT, STORED, Run, Send, run_one, send_record
 from .run_file import write_run, write_without_motion
 from .warmup import references_apart, runs_to_warm, warm, warm_apart_then_here
 
+RUNNING = "running"
 PATIENCE = 3.0  # [s] of any of these until it is mentioned
 
 
@@ -61,11 +62,10 @@ def solve_to_file(
         measure_limit = NO_LIMIT if cpu_limit is None else MEASURE_LIMIT
 
         def work(send: Send) -> None:
-            compiled = [] if cpu_limit is not None else [spec]
-            outcome = run_one(
-                job, problem, send, soft=1.0, measure_limit=measure_limit,
-                prepare=lambda: warm(runs_to_warm(compiled, problem), problem),
-            )  # fmt: skip
+            if cpu_limit is None:
+                warm(runs_to_warm([spec], problem), problem)
+            send(RUNNING)
+            outcome = run_one(job, send, problem, soft=1.0, measure_limit=measure_limit)
             own = dataclasses.replace(outcome, record=dataclasses.replace(outcome.record, stderr=""))
             send_record(send, STORED, write_run(out, own))
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from ..clock import cpu_by_process, cpu_seconds, cpu_seconds_below, set_keeper
+from ..clock import cpu_by_process, cpu_seconds, cpu_seconds_below
 from ..places import Place
 from .isolation import PATIENCE, Target, end_descendants, fork, kill_descendants, kill_group
 
@@ -56,15 +56,9 @@ class Apart:
         given. What a busy machine slows down stays within it. ``above`` names who ends what it leaves: a keeper, this
         process (which has adopted orphans, and has no other children), or the process itself.
         """
-        self.above, own = above, os.getpid()
-
-        def work(send: Callable[[str], None]) -> None:
-            if above == "here":
-                set_keeper(own)
-            target(send)
-
-        self.pid, self.pipe = fork(work, stderr, memory, limit, keeper=above == "keeper")
-        self.root = own if above == "here" else self.pid
+        self.above = above
+        self.pid, self.pipe = fork(target, stderr, memory, limit, keeper=above == "keeper")
+        self.root = os.getpid() if above == "here" else self.pid
         os.set_blocking(self.pipe, False)
         self.limit, self.used = limit, dict[int, float]()  # [s], by process
         self.deadline = time.monotonic() + (SLACK * limit if wall is None else wall)
