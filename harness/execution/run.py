@@ -72,7 +72,7 @@ def run_one(
     except OSError as error:  # the run left what cannot be removed: it alone fails
         return Outcome(cut_short(job, EndedBy.EXCEPTION, message=words_of(error), wall_s=time.monotonic() - began))
     send_record(send, MEASURING, bare)
-    limit_process(job.spec.memory, measure_limit)
+    limit_process(job.spec.memory, STOPPED_MEASURE_LIMIT if stopped else measure_limit)
     outcome = measure_run(job, bare, problem, ended.cpu)
     end_descendants()
     return dataclasses.replace(outcome, record=dataclasses.replace(outcome.record, wall_s=time.monotonic() - began))
@@ -93,7 +93,7 @@ def run_and_store(job: Job, send: Send) -> None:
 
 def send_record(send: Send, what: str, record: RunRecord) -> None:
     """Send a record on one line."""
-    send(f"{what} {' '.join(records.to_json(record).splitlines())}")
+    send(f"{what} {records.to_json(record).replace(chr(10), ' ')}")
 
 
 def words_of(error: OSError) -> str:
@@ -124,11 +124,13 @@ class Run(Apart):
         self.stopped = True
         if self.deadline == math.inf:
             os.kill(self.pid, signal.SIGTERM)
-        self.deadline = min(self.deadline, time.monotonic() + STOPPED_MEASURE_LIMIT)
+            self.measure_limit = SLACK * STOPPED_MEASURE_LIMIT
+        else:
+            self.deadline = min(self.deadline, time.monotonic() + STOPPED_MEASURE_LIMIT)
 
     def outcome(self, ended: Ended) -> tuple[RunRecord, bool]:
         """The record, and whether the process itself came to the end of its work. OSError where the disk is full."""
-        sent = dict(line.partition(" ")[::2] for line in ended.sent.splitlines())
+        sent = dict(line.partition(" ")[::2] for line in ended.sent.split("\n"))
         if ended.code == 0 and STORED in sent:
             return records.from_json(sent[STORED]), True
         if ended.code == CANNOT_WRITE:
