@@ -17,16 +17,14 @@ from threadpoolctl import threadpool_limits
 
 from .harness.catalogue import registry
 from .harness.catalogue.options import nearest
-from .harness.execution.handed import Handed
 from .harness.execution.job import Job
-from .harness.execution.measuring import series_of
-from .harness.execution.run_file import in_file, read_run
+from .harness.execution.measuring import Outcome, judge_handover, series_of
+from .harness.execution.run_file import read_run, write_run
 from .harness.execution.warmup import runs_to_warm, warm
-from .harness.execution.worker import recorded
-from .harness.execution.worker import solve as run_here
+from .harness.execution.worker import solve as solve_here
 from .harness.mechanics.consistency import check_start
 from .harness.mechanics.moving_rows import check_lengths
-from .harness.metrics.measure import Measured, measure
+from .harness.metrics.measure import measure
 from .harness.places import Place
 from .harness.results import environment, store
 from .harness.results.codes import code_of
@@ -77,7 +75,8 @@ class Run:
             raise ValueError(f"{self.record.case} has no trajectory to save: {_explain_missing(self.record)}")
         if Path(path).suffix != ".npz":
             raise ValueError(f"the name of the file must end in .npz (got {str(path)!r})")
-        in_file(Path(path))(self.problem, self.trajectory, measure(self.problem, self.trajectory), self.record)
+        measured = measure(self.problem, self.trajectory)
+        write_run(Path(path), Outcome(self.record, self.problem, self.trajectory, measured))
 
     def plot(self) -> "Figure":
         """Energy error, constraint norms, position error (where the exact motion is known) and step over time."""
@@ -137,16 +136,11 @@ def solve(
     if cpu_limit is not None:  # compile before its clock starts
         warm(runs_to_warm([spec]))
     job = Job(spec, Path(), "", code_of(variant.name, entry.name), environment.commit())
-    found: list[tuple[Trajectory, Series]] = []
-
-    def keep(problem: Problem, trajectory: Trajectory, m: Measured, record: RunRecord) -> RunRecord:
-        found.append((trajectory, series_of(problem, trajectory, m)))
-        return record
-
     with threadpool_limits(1):
-        said, motion = run_here(variant, made, control)
-    record = dataclasses.replace(recorded(job, variant, Handed(said, motion), keep), stderr="")
-    trajectory, series = found[0] if found else (None, None)
+        handover = solve_here(variant, made, control)
+    outcome = judge_handover(job, variant, handover)
+    record, trajectory, m = dataclasses.replace(outcome.record, stderr=""), outcome.trajectory, outcome.measured
+    series = None if trajectory is None or m is None else series_of(variant, trajectory, m)
     return Run(record, trajectory, series, variant)
 
 

@@ -64,11 +64,11 @@ def load_plugins(paths: Sequence[str]) -> tuple[str, ...]:
     if not paths:
         return ()
     from ..harness.catalogue import mechanism_files, plugins, registry  # here, as below: --help needs none of them
-    from ..harness.sandbox.trial import tried
+    from ..harness.sandbox.trial import try_apart
     from .terminal import error_console
 
     for path in paths:
-        tried(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
+        try_apart(f"plugin {path}", lambda path=path: registry.load_plugin(path))  # type: ignore[misc]
         if mechanism_files.is_mechanism(path):
             error_console().print(registry.problems()[mechanism_files.name_of(path)].doc)
     return tuple(plugins.resolved(p) for p in paths)

@@ -59,7 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
     if out.suffix != ".npz":
         raise UsageError(f"--out must end in .npz, the one format that is written (got {str(out)!r})")
     check_writable(out)
-    from ..harness.execution import single
+    from ..harness.execution import solve_file
 
     output = console()
 
@@ -68,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
             output.print(words, end=end)
 
     try:
-        outcome = single.solve_to_file(spec, out, wall, report)
+        outcome = solve_file.solve_to_file(spec, out, wall, report, problem)
     except (KeyboardInterrupt, SystemExit):
         error_console().print(f"interrupted; nothing was written to {out}")
         raise

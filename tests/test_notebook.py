@@ -58,7 +58,7 @@ def test_problem_of_the_page_is_solved(capsys):
 def test_numbers_are_those_of_a_run_of_the_harness(tmp_path, run):
     """One code measures all: the record of a suite's run has the same metrics, bit for bit."""
     from mbsbench.harness.execution.job import Job
-    from mbsbench.harness.execution.worker import run as worker
+    from mbsbench.harness.execution.run import run_here as worker
     from mbsbench.harness.results import store
     from mbsbench.harness.suites.spec import make_spec
 

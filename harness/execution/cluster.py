@@ -64,7 +64,7 @@ class DaskPool:
                     )
                 if limit is not None and limit.over:
                     waiting.clear()  # what has not begun returns without files; sent again for workers that join late
-                    client.run(stop_here, ticket, limit.seconds)
+                    client.run(stop_here, ticket)
                 while waiting and len(self._flying) < AHEAD * threads:
                     job = waiting.pop()
                     self.started(job)
@@ -105,12 +105,12 @@ _stopped: set[str] = set()  # on a worker: tickets of runs that have met their l
 _serving: dict[str, list["_Supervisor"]] = {}  # on a worker: the supervisors that run a ticket's runs
 
 
-def stop_here(ticket: str, limit: float) -> None:
+def stop_here(ticket: str) -> None:
     """On a worker: end the runs of that run, and let no other of it begin."""
     _stopped.add(ticket)
     for supervisor in list(_serving.get(ticket, ())):
         with contextlib.suppress(Lost):
-            supervisor.send(Stop(limit))
+            supervisor.send(Stop())
 
 
 def on_slurm(**options: Any) -> Any:

@@ -10,7 +10,7 @@ from types import CodeType
 from ..catalogue import registry
 from ..catalogue.options import shown
 from ..types import Problem, Solver, Status, StepControl, Trajectory
-from .presented import Presented
+from .presenting import PresentedSolver
 
 CLOCK = 0.05  # [s] by which readings of clocks may differ
 EXPLAINED = 0.5  # of the CPU time of a call without set-up, or of the first repeat
@@ -20,7 +20,7 @@ class Breach(TypeError):
     """Something that a solver may not return."""
 
 
-def refusal(solver: Solver | Presented, problem: Problem, control: StepControl) -> str:
+def refusal(solver: Solver | PresentedSolver, problem: Problem, control: StepControl) -> str:
     """Why the solver cannot take the problem; empty if it can."""
     given = solver.refuses(problem, control)
     if given is not None and not isinstance(given, str):
@@ -28,7 +28,7 @@ def refusal(solver: Solver | Presented, problem: Problem, control: StepControl) 
     return given or ""
 
 
-def checked(found: object, solver: Solver | Presented, problem: Problem) -> Trajectory:
+def check_trajectory(found: object, solver: Solver | PresentedSolver, problem: Problem) -> Trajectory:
     """``found`` if it is a trajectory of the problem's bodies, of the types that it declares."""
     where = _at(solver, "solve")
     if not isinstance(found, Trajectory):
@@ -55,7 +55,7 @@ def checked(found: object, solver: Solver | Presented, problem: Problem) -> Traj
     return found
 
 
-def split_cost(claimed: Trajectory, spent: float, wall: float, solver: Solver | Presented) -> tuple[float, float]:
+def split_cost(claimed: Trajectory, spent: float, wall: float, solver: Solver | PresentedSolver) -> tuple[float, float]:
     """CPU time of the integration and of the rest of the call [s], whose sum is ``spent``, measured around the call.
 
     Of a plugin all counts as integration that it does not call set-up, which is shown beside it. Solvers of
@@ -78,7 +78,7 @@ def repeated_cost(times: Sequence[float]) -> Sequence[float]:
 
 
 def _is_ours(solver: object) -> bool:
-    made = solver.solver if isinstance(solver, Presented) else solver
+    made = solver.solver if isinstance(solver, PresentedSolver) else solver
     return registry.is_own_class(type(made))
 
 
@@ -95,5 +95,5 @@ def _at(solver: object, method: str) -> str:
 
 
 def _code(solver: object, method: str) -> CodeType | None:
-    made = solver.solver if isinstance(solver, Presented) else solver
+    made = solver.solver if isinstance(solver, PresentedSolver) else solver
     return getattr(inspect.unwrap(getattr(type(made), method, None) or len), "__code__", None)

@@ -68,8 +68,8 @@ def scheduled(running: Sequence[float], waiting: Sequence[float], size: int) -> 
     return max(free)
 
 
-COMPILING, REFERENCES, RUNNING = "compiling kernels", "computing references", "running"
-PREPARING, MEASURING = f"{REFERENCES} and {COMPILING}", "measuring"
+COMPILING, REFERENCES = "compiling kernels", "computing references"
+PREPARING = f"{REFERENCES} and {COMPILING}"
 USUALLY = {COMPILING: 25.0, REFERENCES: 10.0, PREPARING: 45.0}  # [s] the first time on an idle core; then none
 
 

@@ -31,6 +31,7 @@ class Job:
     commit: str = ""
     plugins: tuple[str, ...] = ()
     environment: str = ""  # machine and packages
+    total_limit: float | None = None  # [s] of its suite
     alone: bool = False  # beside no other run: a signal from outside ended it before
 
     @property
@@ -49,7 +50,7 @@ class Job:
         return Place(self.folder) / ".spool" / f"{self.id}.rows"
 
     @property
-    def handed(self) -> Place:
+    def handover(self) -> Place:
         """What the solver's process hands over to the one that measures."""
         return Place(self.folder) / ".spool" / f"{self.id}.npz"
 
@@ -126,6 +127,13 @@ def unfinished(job: Job, ended: Ended, wall: float, by: EndedBy, limit: float) -
         "ended_limit_s": limit,
     }
     return cut_short(job, by, wall_s=wall, peak_memory_MB=ended.peak, **ending)
+
+
+def first_line(error: BaseException) -> str:
+    """The type and first line of an exception."""
+    with contextlib.suppress(Exception):  # str() of a foreign exception may itself raise
+        return f"{type(error).__name__}: {error}".strip(": ").split("\n")[0][:500]
+    return type(error).__name__
 
 
 def _json(values: Mapping[str, Any]) -> str:

@@ -104,7 +104,7 @@ class LocalPool:
                     self._compiling = False
                     if self._flying and not self._stopped:
                         self._stopped = True
-                        supervisor.send(Stop(self._limit.seconds))
+                        supervisor.send(Stop())
                 while waiting and not self._compiling and self._is_room_for(waiting[-1]):
                     self._send(supervisor, waiting.pop())
                 if not self._flying and not self._compiling:

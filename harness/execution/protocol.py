@@ -32,9 +32,7 @@ class Start(Message, frozen=True):
 
 
 class Stop(Message, frozen=True):
-    """End all runs: the suite has met its limit [s]."""
-
-    limit: float
+    """End all runs: the suite has met its limit."""
 
 
 class Warmed(Message, frozen=True):

@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from ..mechanics.state import States
-from ..metrics.measure import Measured
+from ..metrics.measure import measure
 from ..metrics.reactions import largest_joint_force
 from ..results.npz import read_npz, write_npz
 from ..results.records import BadRecord, RunRecord, from_json, to_json
-from ..types import Problem, Status, Trajectory
-from .measuring import Keep
+from ..types import Status, Trajectory
+from .measuring import Outcome
 
 LARGEST = 2**32  # [bytes] of its arrays
 POSES = ("r", "R", "v", "Omega")
@@ -24,30 +24,39 @@ SUMMARY = (  # columns of the record that the file carries too
 )  # fmt: skip
 
 
-def in_file(path: Path) -> Keep:
-    """Writes the file, whole or not at all; its arrays are listed in ``docs/results-format.md``."""
+def write_run(path: Path, outcome: Outcome) -> RunRecord:
+    """Write the file, whole or not at all; without a motion (refused, ended before its first step), with the start.
 
-    def keep(problem: Problem, trajectory: Trajectory, m: Measured, record: RunRecord) -> RunRecord:
-        s = trajectory.states
-        arrays = {
-            "t": m.t, **{name: getattr(s, name) for name in POSES},
-            "energy": m.energy, "phi_norm": m.phi_norm, "phi_dot_norm": m.phi_dot_norm, "dt": np.diff(m.t),
-            **_scalars(record), "events": np.asarray(json.dumps(list(trajectory.events))),
-            **{f"obs_{name}": values for name, values in m.observables.items()},
-            **{f"diag_{name}": np.asarray(values, dtype=float) for name, values in trajectory.diagnostics.items()},
-        }  # fmt: skip
-        if trajectory.reaction is not None:
-            reaction = np.asarray(trajectory.reaction, dtype=float)
-            arrays["obs_joint_force"] = largest_joint_force(problem.system, reaction)
-            arrays["reaction"] = reaction  # (nt, nrows), conjugate to phi: N for point rows, N m for axis rows
-        write_npz(path, arrays)
-        return dataclasses.replace(record, series=str(path), series_rows=len(m.t))
+    Its arrays are listed in ``docs/results-format.md``.
+    """
+    problem, record = outcome.problem, outcome.record
+    trajectory, m = outcome.trajectory, outcome.measured
+    if problem is None:
+        return write_without_motion(path, record)
+    if trajectory is None or m is None:
+        trajectory = Trajectory(np.zeros(1), States.one(problem.initial), Status(record.status), record.message, {})
+        try:
+            m = measure(problem, trajectory)
+        except Exception:  # a problem that cannot be measured at all: the record has said so
+            return write_without_motion(path, record)
+    s = trajectory.states
+    arrays = {
+        "t": m.t, **{name: getattr(s, name) for name in POSES},
+        "energy": m.energy, "phi_norm": m.phi_norm, "phi_dot_norm": m.phi_dot_norm, "dt": np.diff(m.t),
+        **_scalars(record), "events": np.asarray(json.dumps(list(trajectory.events))),
+        **{f"obs_{name}": values for name, values in m.observables.items()},
+        **{f"diag_{name}": np.asarray(values, dtype=float) for name, values in trajectory.diagnostics.items()},
+    }  # fmt: skip
+    if trajectory.reaction is not None:
+        reaction = np.asarray(trajectory.reaction, dtype=float)
+        arrays["obs_joint_force"] = largest_joint_force(problem.system, reaction)
+        arrays["reaction"] = reaction  # (nt, nrows), conjugate to phi: N for point rows, N m for axis rows
+    write_npz(path, arrays)
+    return dataclasses.replace(record, series=str(path), series_rows=len(m.t))
 
-    return keep
 
-
-def without_motion(path: Path, record: RunRecord) -> RunRecord:
-    """Write the file of a run that has no motion to show (refused, ended before its first step, not measurable)."""
+def write_without_motion(path: Path, record: RunRecord) -> RunRecord:
+    """Write the file of a run whose problem cannot be measured."""
     nothing, one = np.full(1, np.nan), (1, 0, 3)
     arrays = {
         "t": np.zeros(1), "r": np.zeros(one), "R": np.zeros((1, 0, 3, 3)), "v": np.zeros(one), "Omega": np.zeros(one),

@@ -132,7 +132,8 @@ def _jobs(suite: Suite, specs: Sequence[RunSpec], folder: Path, where: str) -> l
     """A job a run, each with the digest of the code that its numbers come from."""
     code = {k: codes.code_of(*k, suite.plugins) for k in {(s.problem, s.solver) for s in specs}}
     commit = environment.commit()
-    return [Job(s, folder, suite.name, code[s.problem, s.solver], commit, suite.plugins, where) for s in specs]
+    of_suite = suite.plugins, where, suite.total_limit
+    return [Job(s, folder, suite.name, code[s.problem, s.solver], commit, *of_suite) for s in specs]
 
 
 def _outdated(folder: Path, jobs: Sequence[Job], records: Sequence[RunRecord]) -> tuple[Unreadable, ...]:

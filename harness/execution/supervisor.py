@@ -11,127 +11,62 @@ import signal
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from ..catalogue import registry
 from ..metrics import compiled
 from ..results import store
-from ..results.records import RunRecord
-from ..sandbox.apart import SLACK, Apart, Ended
-from ..sandbox.isolation import CANNOT_WRITE, trim
-from ..types import EndedBy
-from . import worker
-from .job import GRACE, Job, cut_short, unfinished
+from ..sandbox.apart import Ended
+from .job import Job
 from .protocol import Done, Order, Reader, Start, Stop, Warm, Warmed, line_of
+from .run import Run, run_and_store, words_of
 from .warmup import references_apart, warm_apart_then_here
 
-MEASURE_LIMIT = 120.0  # [s] of CPU time for metrics once the solver is done, reference included
-STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a run had kept, when the suite is stopped
 POLL = 0.1  # [s]
-
-
-@dataclass
-class Running:
-    """A run on its way: the process of its solver, or the one that measures what that left."""
-
-    job: Job
-    process: Apart
-    began: float
-    limit: float  # [s] of wall time at which the process is killed
-    by: EndedBy = EndedBy.WALL_LIMIT  # what it is then ended by
-    bare: RunRecord | None = None  # while it is measured: how its solver's process ended
 
 
 class Supervisor:
     """The running runs. ``start`` one, ``step`` until it is done."""
 
     def __init__(self) -> None:
-        self.running: dict[int, Running] = {}  # by process
-        self.stopped = False
+        self.running: dict[int, Run] = {}  # by process
 
     def start(self, job: Job) -> None:
-        """Fork the process of the run's solver."""
-        limit = job.spec.cpu_limit + GRACE
-        wall = SLACK * limit
-        process = Apart(
-            lambda send: worker.hand_over(job), limit=limit, wall=wall, memory=job.spec.memory, stderr=job.stderr
-        )
-        self.running[process.pid] = Running(job, process, time.monotonic(), wall)
+        """Fork the process of the run."""
+        run = Run(job, lambda send: run_and_store(job, send), stderr=job.spool.sibling(f"{job.id}.stderr"))
+        self.running[run.pid] = run
 
     def step(self, timeout: float = POLL, inputs: tuple[int, ...] = ()) -> Iterator[Done]:
         """Wait up to ``timeout`` [s] for news or ``inputs``, keep the limits, and yield the runs that ended."""
-        processes = [run.process for run in self.running.values()]
-        ending = any(p.closed_at and time.monotonic() - p.closed_at < 1.0 for p in processes)
-        pipes = [p.pipe for p in processes if not p.closed_at]
+        ending = any(r.closed_at and time.monotonic() - r.closed_at < 1.0 for r in self.running.values())
+        pipes = [r.pipe for r in self.running.values() if not r.closed_at]
         select.select([*pipes, *inputs], [], [], 0.002 if ending else timeout)
         for run in list(self.running.values()):
-            ended = run.process.look()
-            if ended is not None:
-                del self.running[run.process.pid]
-                yield from self._solved(run, ended) if run.bare is None else self._measured(run, run.bare, ended)
+            if (ended := run.look()) is not None:
+                del self.running[run.pid]
+                yield _finish(run, ended)
 
-    def stop(self, limit: float) -> None:
-        """End every running run: the suite has met its limit [s]. Each gets a record, with the steps it had kept."""
-        self.stopped = True
+    def stop(self) -> None:
+        """End every running run: the suite has met its limit. Each gets a record, with the steps it had kept."""
         for run in self.running.values():
-            if run.bare is not None:
-                run.process.deadline = min(run.process.deadline, time.monotonic() + STOPPED_MEASURE_LIMIT)
-            elif not run.process.killed:
-                run.by, run.limit = EndedBy.TOTAL_LIMIT, limit
-                run.process.kill()
+            run.stop()
 
     def kill_all(self) -> None:
         """End every running run, without records."""
         for run in self.running.values():
-            run.process.kill()
-            os.waitpid(run.process.pid, 0)
-
-    def _solved(self, run: Running, ended: Ended) -> Iterator[Done]:
-        """The solver's process is gone; what it handed over or kept is measured by another that knows nothing of it."""
-        job, wall = run.job, time.monotonic() - run.began
-        if ended.code == CANNOT_WRITE:
-            yield Done(job.id, f"cannot write to {job.folder}: no space left")
-            return
-        try:
-            trim(job.stderr)
-            store.path_of(job.folder, job.id).remove_file(missing_ok=True)  # not for the solver's process to write
-            bare = unfinished(job, ended, wall, run.by, run.limit)
-        except OSError as error:  # the run left what cannot be removed: it alone fails
-            yield Done(job.id, _store_failure(job, wall, error))
-            return
-        limit = STOPPED_MEASURE_LIMIT if self.stopped else MEASURE_LIMIT
-        process = Apart(
-            lambda send: worker.store_measured(job, bare, wall, ended.cpu), limit=limit, memory=job.spec.memory,
-            stderr=job.spool.sibling(f"{job.id}.stderr"),
-        )  # fmt: skip
-        self.running[process.pid] = Running(job, process, run.began, SLACK * limit, EndedBy.MEASURE_LIMIT, bare)
-
-    def _measured(self, run: Running, bare: RunRecord, ended: Ended) -> Iterator[Done]:
-        """A measuring process that failed leaves the bare record: how the solver's process, or it, has ended."""
-        job, failed = run.job, ""
-        if ended.code == CANNOT_WRITE:
-            failed = "no space left"
-        elif ended.code != 0 and not store.path_of(job.folder, job.id).is_there():
-            wall = time.monotonic() - run.began
-            own = bare.ended_by != EndedBy.EXIT or bare.exit_code != 0
-            try:
-                store.write_record(job.folder, bare if own else unfinished(job, ended, wall, run.by, run.limit))
-            except OSError as error:
-                failed = str(error.strerror or error)
-        yield Done(job.id, f"cannot write to {job.folder}: {failed}" if failed else "")
+            run.kill()
+            os.waitpid(run.pid, 0)
 
 
-def _store_failure(job: Job, wall: float, error: OSError) -> str:
-    """Store that the run ended with ``error``; why this is impossible, else empty."""
+def _finish(run: Run, ended: Ended) -> Done:
+    """See that the run has a record."""
+    job = run.job
     try:
-        store.write_record(job.folder, cut_short(job, EndedBy.EXCEPTION, message=_words(error), wall_s=wall))
-    except OSError as another:
-        return f"cannot write to {job.folder}: {_words(another)}"
-    return ""
-
-
-def _words(error: OSError) -> str:
-    return f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        record, stored = run.outcome(ended)
+        if not stored:
+            store.write_record(job.folder, record)
+    except OSError as error:
+        return Done(job.id, f"cannot write to {job.folder}: {error.strerror or error}")
+    return Done(job.id)
 
 
 def serve(orders: int, news: int) -> None:
@@ -158,13 +93,13 @@ def serve(orders: int, news: int) -> None:
                             specs, lambda: _closed(orders), lambda times: os.write(news, line_of(Warmed(times, {})))
                         )
                         os.write(news, line_of(Warmed({}, {}, over=True)))
-                    case Stop(limit):
-                        supervisor.stop(limit)
+                    case Stop():
+                        supervisor.stop()
                     case Start(job):
                         try:
                             job.stderr.parent.make()  # where something stands in its place, no run can be judged
                         except OSError as error:
-                            os.write(news, line_of(Done(job.id, f"cannot write to {job.folder}: {_words(error)}")))
+                            os.write(news, line_of(Done(job.id, f"cannot write to {job.folder}: {words_of(error)}")))
                         else:
                             supervisor.start(job)
     finally:

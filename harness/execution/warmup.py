@@ -19,6 +19,7 @@ from ..reference.computed import BUDGET, reference_of
 from ..results.naming import named
 from ..sandbox.apart import TICK, Apart
 from ..suites.spec import RunSpec
+from ..types import Problem
 from .job import Job
 
 LIMIT = 600.0  # [s] for a solver, counted in no run: a cold compiler needs half a minute for the kernels
@@ -29,7 +30,7 @@ SHORT = 1e-3  # [s] of simulated time for error-controlled solvers
 STAND_INS = ("heavy_top", "spring_pendulum")  # for problems of plugins, which are not made here
 
 
-def runs_to_warm(specs: Sequence[RunSpec]) -> list[RunSpec]:
+def runs_to_warm(specs: Sequence[RunSpec], problem: Problem | None = None) -> list[RunSpec]:
     """The first run of each solver of ``solvers/`` with the same options, in short, with and without springs.
 
     A kernel is compiled once for all systems; which kernels a run enters depends on its options and on springs, but not
@@ -40,7 +41,7 @@ def runs_to_warm(specs: Sequence[RunSpec]) -> list[RunSpec]:
     own = [s for s in specs if registry.is_own_solver(s.solver)]
     for spec in (s for given in own for s in _made_here(given)):
         if spec.problem not in sprung:
-            sprung[spec.problem] = _has_springs(spec)
+            sprung[spec.problem] = _has_springs(spec, problem)
         t_end = SHORT if spec.control.dt is None else STEPS * spec.control.dt
         options = {k: v != 0.0 if isinstance(v, float) else v for k, v in spec.options.items()}
         key = json.dumps([spec.solver, options, sprung[spec.problem]], sort_keys=True, default=list)
@@ -64,20 +65,24 @@ def _made_here(spec: RunSpec) -> list[RunSpec]:
     return [dataclasses.replace(spec, problem=name, parameters={}) for name in STAND_INS]
 
 
-def _has_springs(spec: RunSpec) -> bool:
+def _has_springs(spec: RunSpec, problem: Problem | None) -> bool:
     try:
-        return len(registry.make_problem(spec.problem, spec.parameters).system.spring_i) > 0
+        made = problem if problem and problem.name == spec.problem else None
+        return len((made or registry.make_problem(spec.problem, spec.parameters)).system.spring_i) > 0
     except Exception:  # its runs will show it
         return False
 
 
-def warm(specs: Sequence[RunSpec]) -> dict[str, float]:
-    """Run each; wall time [s] by solver, those that failed left out."""
+def warm(specs: Sequence[RunSpec], made: Problem | None = None) -> dict[str, float]:
+    """Run each, on ``made`` if it is that problem; wall time [s] by solver, those that failed left out."""
     out = {}
     for spec in specs:
         began = time.monotonic()
         try:
-            problem = registry.make_problem(spec.problem, spec.parameters)
+            if made and made.name == spec.problem:
+                problem = dataclasses.replace(made, t_end=spec.parameters["t_end"])
+            else:
+                problem = registry.make_problem(spec.problem, spec.parameters)
             solver = registry.make_solver(spec.solver, spec.options)
             control = dataclasses.replace(spec.control, cpu_limit=LIMIT)
             if solver.refuses(problem, control) is None:

@@ -13,10 +13,9 @@ import numpy as np
 
 from ..catalogue import registry
 from ..execution.job import Job
-from ..execution.measuring import judged, series_of
+from ..execution.measuring import judge_motion, series_of
 from ..files import FileError
 from ..mechanics.state import States
-from ..metrics.measure import Measured
 from ..places import Place
 from ..reference.computed import reference_of
 from ..results import environment, store
@@ -79,26 +78,23 @@ def judge_file(
     unsure = _measure_uncertainty(problem, found, given.reading, motion, trajectory, path, missing)
     trajectory = dataclasses.replace(trajectory, notes=(*notes, *_write_notes(motion, missing, known, unsure)))
 
-    def keep(problem: Problem, trajectory: Trajectory, m: Measured, record: RunRecord) -> RunRecord:
-        record, m = judge_again(record, m, known, unsure), known.blank_undetermined(m)
-        errors, drifts = (_drop_undetermined(x, known) for x in (record.observable_errors, record.invariant_drifts))
-        record = dataclasses.replace(record, observable_errors=errors, invariant_drifts=drifts)
-        if folder is None:
-            return record
-        series = series_of(problem, trajectory, m)
-        drawn = {"R": ("frame_q", "end_R"), "v": ("end_v",), "Omega": ("end_Omega",)}
-        names = [x for k in missing for x in drawn[k]]  # those of the reference, in a picture of the file
-        none = {x: np.full_like(series.arrays[x], math.nan) for x in names}
-        series = dataclasses.replace(series, arrays={**series.arrays, **none})
-        place = f"series/{job.id}.npz"
-        digest = write_series(Place(folder) / place, series)
-        return dataclasses.replace(record, series=place, series_sha256=digest, series_rows=len(series["t"]))
-
     spec = _make_spec(problem, path, given, trajectory, several=several)
     job = Job(spec, folder or Path(), REFEREED, _digest_file(table, given))
-    record = judged(job, problem, trajectory, keep)
-    if folder is not None:
-        store.write_record(folder, record)
+    record, m = judge_motion(job, problem, trajectory)
+    record, m = judge_again(record, m, known, unsure), known.blank_undetermined(m)
+    errors, drifts = (_drop_undetermined(x, known) for x in (record.observable_errors, record.invariant_drifts))
+    record = dataclasses.replace(record, observable_errors=errors, invariant_drifts=drifts)
+    if folder is None:
+        return record
+    series = series_of(problem, trajectory, m)
+    drawn = {"R": ("frame_q", "end_R"), "v": ("end_v",), "Omega": ("end_Omega",)}
+    names = [x for k in missing for x in drawn[k]]  # those of the reference, in a picture of the file
+    none = {x: np.full_like(series.arrays[x], math.nan) for x in names}
+    series = dataclasses.replace(series, arrays={**series.arrays, **none})
+    place = f"series/{job.id}.npz"
+    digest = write_series(Place(folder) / place, series)
+    record = dataclasses.replace(record, series=place, series_sha256=digest, series_rows=len(series["t"]))
+    store.write_record(folder, record)
     return record
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from ..catalogue import registry
-from ..execution.presented import presented
+from ..execution.presenting import present_solver
 from ..execution.worker import solve_repeatedly
 from ..results import store
 from ..results.records import RunRecord
@@ -50,7 +50,7 @@ def take_turns(runs: Sequence[RunRecord], turns: int, budget: float = BUDGET) ->
     problem = registry.make_problem(runs[0].problem, json.loads(runs[0].problem_parameters))
     calls = []
     for r in runs:
-        solver = presented(registry.make_solver(r.solver, json.loads(r.solver_options)), problem)
+        solver = present_solver(registry.make_solver(r.solver, json.loads(r.solver_options)), problem)
         control = StepControl(**{k: v for k, v in control_of(r).items() if k != "cpu_limit"})
         short = dataclasses.replace(problem, t_end=min(problem.t_end, WARM_STEPS * (control.dt or problem.dt)))
         solver.solve(short, control)

@@ -29,13 +29,20 @@ LARGE = 2**20  # [bytes] of what is kept between processes; more is begun anew
 ARRANGES = (
     "harness/cache", "harness/catalogue/functions", "harness/catalogue/mechanism",
     "harness/catalogue/mechanism_files", "harness/catalogue/options", "harness/catalogue/plugins",
-    "harness/execution/handed", "harness/execution/job", "harness/files", "harness/places",
+    "harness/execution/handover", "harness/execution/job", "harness/files", "harness/places",
     "harness/results",
     "harness/sandbox/trial", "harness/shapes", "harness/suites",
 )  # fmt: skip
 SHARED = "harness/catalogue/registry"  # turns, mirrors and perturbs problems: no part of one solver or problem
-COSTS = ("harness/clock", "harness/execution/worker", "harness/sandbox/apart", "harness/sandbox/isolation")
-MEASURING = ("harness/execution/contract", "harness/execution/measuring", "harness/execution/presented", *COSTS, SHARED)
+COSTS = ("harness/clock", "harness/execution/run", "harness/execution/worker", "harness/sandbox/apart",
+         "harness/sandbox/isolation")  # fmt: skip
+MEASURING = (
+    "harness/execution/contract",
+    "harness/execution/measuring",
+    "harness/execution/presenting",
+    *COSTS,
+    SHARED,
+)
 LISTED = ("harness/mechanics/joints/kinds",)  # folders whose files are found by listing them, not by an import
 MARKED = {"solver": ("solvers", "solvers/engines"), "problem": ("problems",)}
 LOCKED_AS = {"sksundae": "scikit-sundae", "scipy_dae": "scipy-dae", "yaml": "pyyaml"}  # where the names differ

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from ..clock import cpu_by_process, cpu_seconds_below
+from ..clock import cpu_by_process, cpu_seconds, cpu_seconds_below
 from ..places import Place
-from .isolation import PATIENCE, Target, fork, kill_group
+from .isolation import PATIENCE, Target, end_descendants, fork, kill_descendants, kill_group
 
 Limit = Literal["", "cpu", "wall"]
+Above = Literal["keeper", "here", "itself"]
 NOWHERE = Path(os.devnull)
 SLACK = 10.0  # wall time for a second of CPU, on a machine that does other work too
 EVERY = 0.2  # [s] between two looks at the CPU time of a tree
@@ -46,14 +47,18 @@ class Apart:
     """A forked process, watched by ``look`` or ``wait``."""
 
     def __init__(
-        self, target: Target, *, limit: float, memory: float, wall: float | None = None, stderr: Path | Place = NOWHERE
-    ) -> None:
+        self, target: Target, *, limit: float, memory: float, wall: float | None = None,
+        stderr: Path | Place = NOWHERE, above: Above = "keeper",
+    ) -> None:  # fmt: skip
         """Run ``target(send)`` with ``limit`` [s] of CPU time, all that it starts included, and ``memory`` [MB].
 
         After ``wall`` [s] it is killed, too: a safety net for what waits without end, ``SLACK`` times the limit unless
-        given. What a busy machine slows down stays within it.
+        given. What a busy machine slows down stays within it. ``above`` names who ends what it leaves: a keeper, this
+        process (which has adopted orphans, and has no other children), or the process itself.
         """
-        self.pid, self.pipe = fork(target, stderr, memory, limit)
+        self.above = above
+        self.pid, self.pipe = fork(target, stderr, memory, limit, keeper=above == "keeper")
+        self.root = os.getpid() if above == "here" else self.pid
         os.set_blocking(self.pipe, False)
         self.limit, self.used = limit, dict[int, float]()  # [s], by process
         self.deadline = time.monotonic() + (SLACK * limit if wall is None else wall)
@@ -90,21 +95,25 @@ class Apart:
         kill_group(self.pid)  # what it started and left behind
         os.close(self.pipe)
         code, peak = os.waitstatus_to_exitcode(status), usage.ru_maxrss / 1024.0
-        cpu = max(usage.ru_utime + usage.ru_stime, sum(self.used.values()))
+        left = end_descendants()[1] if self.above == "here" else 0.0
+        cpu = max(usage.ru_utime + usage.ru_stime + left, sum(self.used.values()))
         return Ended(code, self.killed and code != 0, sent, peak, self.suspended, cpu, self.over)
 
     def _check_limits(self, now: float) -> None:
         """On the sum over its tree: the limit that the system keeps is on each process."""
-        if now > self._next:
+        if self.killed:
+            if now > self._killed_at + 2.0 * PATIENCE:
+                kill_group(self.pid)
+            return
+        used = 0.0
+        if now > self._next and math.isfinite(self.limit):
             self._next = now + EVERY
-            self.used |= cpu_by_process(self.pid)
-        if not self.killed:
-            used = max(sum(self.used.values()), cpu_seconds_below(self.pid))  # short children are known to who waited
-            self.over = "wall" if now > self.deadline else "cpu" if used > self.limit + 1.0 else ""
-            if self.over:
-                self.kill()
-        elif now > self._killed_at + 2.0 * PATIENCE:
-            kill_group(self.pid)
+            self.used |= cpu_by_process(self.root)
+            own = cpu_seconds() if self.above == "here" else 0.0
+            used = max(sum(self.used.values()), cpu_seconds_below(self.root) - own)  # who waited knows short children
+        self.over = "wall" if now > self.deadline else "cpu" if used > self.limit + 1.0 else ""
+        if self.over:
+            self.kill()
 
     def wait(self, unwanted: Callable[[], bool] = lambda: False) -> Ended:
         """Wait for its end, or end it once it is ``unwanted``. An exception here ends it too."""
@@ -128,5 +137,7 @@ class Apart:
         """End it with all that it started."""
         if not self.killed:
             self.killed, self._killed_at = True, time.monotonic()
+            if self.above != "keeper":
+                kill_descendants(self.root)
             with contextlib.suppress(ProcessLookupError):
-                os.kill(self.pid, signal.SIGTERM)  # its keeper ends all
+                os.kill(self.pid, signal.SIGTERM if self.above == "keeper" else signal.SIGKILL)  # its keeper ends all

@@ -7,6 +7,7 @@ milliseconds where a fresh interpreter takes a second.
 import contextlib
 import ctypes
 import errno
+import math
 import os
 import resource
 import signal
@@ -17,7 +18,7 @@ import traceback
 from collections.abc import Callable
 from pathlib import Path
 
-from ..clock import descendants, set_keeper
+from ..clock import cpu_seconds, descendants, set_keeper
 from ..places import Place
 
 Target = Callable[[Callable[[str], None]], object]  # what a child runs, given how to send a line
@@ -30,13 +31,14 @@ PATIENCE = 5.0  # [s] to end all that a target has started
 STDERR_KEPT = 2**16  # [bytes] of each end of a longer standard error
 
 
-def fork(target: Target, stderr: Path | Place, memory: float, cpu: float) -> tuple[int, int]:
+def fork(target: Target, stderr: Path | Place, memory: float, cpu: float, *, keeper: bool = True) -> tuple[int, int]:
     """Run ``target(send)`` in a child with ``memory`` [MB] beyond what is loaded and ``cpu`` [s].
 
     Returns its keeper's process (and group) and the read end of the pipe on which it sends lines. The keeper takes over
     all that ``target`` starts and leaves, in whatever session; it ends that with the child, waits for it, so that the
     system accounts its CPU time, and then ends as the child did: with exit code 0 if ``target`` returned, 70 if it
-    raised, ``CANNOT_WRITE`` on a full disk. SIGTERM to the keeper ends all at once.
+    raised, ``CANNOT_WRITE`` on a full disk. SIGTERM to the keeper ends all at once. Without a ``keeper`` the child's
+    own process is returned.
     """
     if threading.active_count() > 1:
         running = threading.active_count() - 1
@@ -53,13 +55,16 @@ def fork(target: Target, stderr: Path | Place, memory: float, cpu: float) -> tup
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
         os.close(write)
         return pid, read
-    _keep(parent, (read, write))
+    os.setsid()  # a group of its own
+    _end_with(parent)
+    if keeper:
+        _keep((read, write))
     code = 70
     try:
         os.closerange(3, write)  # the parent's own
         os.closerange(write + 1, 1024)
         _redirect(stderr)
-        _limit(memory, cpu)
+        limit_process(memory, cpu)
         for name in (signal.SIGINT, signal.SIGTERM, signal.SIGCHLD):
             signal.signal(name, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -75,12 +80,36 @@ def fork(target: Target, stderr: Path | Place, memory: float, cpu: float) -> tup
         os._exit(code)
 
 
-def _keep(parent: int, pipe: tuple[int, int]) -> None:
-    """Fork the child that returns; stay above it until it and all that it started have ended, then end as it did."""
-    os.setsid()  # a group of its own
-    _end_with(parent)
+def adopt_orphans() -> None:
+    """Become the parent of all that is started below this process and loses its own."""
     if sys.platform.startswith("linux"):
         ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
+
+
+def kill_descendants(root: int) -> None:
+    """Send SIGKILL to all processes below ``root``."""
+    for pid in descendants(root):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.kill(pid, signal.SIGKILL)
+
+
+def end_descendants() -> tuple[dict[int, int], float]:
+    """Kill all below this process and wait for them: exit statuses by process, and the CPU time [s] that they took."""
+    statuses, before = dict[int, int](), resource.getrusage(resource.RUSAGE_CHILDREN)
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until:
+        kill_descendants(os.getpid())
+        statuses |= _reap()
+        if not descendants(os.getpid()):
+            break
+        time.sleep(0.001)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return statuses, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _keep(pipe: tuple[int, int]) -> None:
+    """Fork the child that returns; stay above it until it and all that it started have ended, then end as it did."""
+    adopt_orphans()
     own = os.getpid()
     child = os.fork()
     if not child:
@@ -88,20 +117,14 @@ def _keep(parent: int, pipe: tuple[int, int]) -> None:
         set_keeper(own)
         return
     os.closerange(3, max(1024, *pipe) + 1)  # the parent's own, and both ends
-    status, told = None, False
-    while status is None and not told:
-        told = signal.sigwait(TOLD) == signal.SIGTERM
+    status = None
+    while status is None and signal.sigwait(TOLD) != signal.SIGTERM:
         status = _reap().get(child)
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until:
-        for pid in descendants(own) or [child] * (status is None):
-            with contextlib.suppress(ProcessLookupError, PermissionError):
-                os.kill(pid, signal.SIGKILL)
-        found = _reap()
-        status = found.get(child, status)
-        if None in found:
-            break
-        time.sleep(0.001)
+    if status is None:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(child, signal.SIGKILL)
+    found, _ = end_descendants()
+    status = found.get(child, status)
     code = -signal.SIGKILL if status is None else os.waitstatus_to_exitcode(status)
     if code < 0:
         signal.signal(-code, signal.SIG_DFL) if -code not in (signal.SIGKILL, signal.SIGSTOP) else None
@@ -111,14 +134,12 @@ def _keep(parent: int, pipe: tuple[int, int]) -> None:
     os._exit(code)
 
 
-def _reap() -> dict[int | None, int]:
-    """Exit statuses by process of all that has ended; with the key None where nothing is left."""
-    found: dict[int | None, int] = {}
-    try:
+def _reap() -> dict[int, int]:
+    """Exit statuses by process of all that has ended."""
+    found = dict[int, int]()
+    with contextlib.suppress(ChildProcessError):
         while (ended := os.waitpid(-1, os.WNOHANG))[0]:
             found[ended[0]] = ended[1]
-    except ChildProcessError:
-        found[None] = 0
     return found
 
 
@@ -165,13 +186,16 @@ def _redirect(stderr: Path | Place) -> None:
     os.close(nothing)
 
 
-def _limit(memory: float, cpu: float) -> None:
+def limit_process(memory: float, cpu: float) -> None:
+    """Limit this process to ``memory`` [MB] and ``cpu`` [s] beyond what it uses now; infinity is no limit."""
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     resource.setrlimit(resource.RLIMIT_FSIZE, (OUTPUT_LIMIT, OUTPUT_LIMIT))
-    seconds = int(cpu) + 1
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
-    allowed = _data_in_use() + int(memory * 2**20)
-    resource.setrlimit(resource.RLIMIT_DATA, (allowed, allowed))  # private memory; RLIMIT_AS counts mapped libraries
+    if math.isfinite(cpu):
+        seconds = int(cpu_seconds() + cpu) + 1
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+    if math.isfinite(memory):
+        allowed = _data_in_use() + int(memory * 2**20)
+        resource.setrlimit(resource.RLIMIT_DATA, (allowed, allowed))  # private; RLIMIT_AS counts mapped libraries
 
 
 def _data_in_use() -> int:

@@ -60,7 +60,7 @@ class FileSpool:
             self._next = float("inf")
 
 
-def kept(path: Path | Place, problem: Problem, status: Status, message: str) -> Trajectory | None:
+def read_spool(path: Path | Place, problem: Problem, status: Status, message: str) -> Trajectory | None:
     """The steps in ``path`` as a trajectory from the start; None when there are none."""
     nb = problem.system.nb
     place = place_of(path)

@@ -17,7 +17,7 @@ LIMIT = 30.0  # [s] of CPU time to be imported, or to make a problem
 MEMORY = 4000.0  # [MB]
 
 
-def tried(what: str, attempt: Callable[[], T]) -> T:
+def try_apart(what: str, attempt: Callable[[], T]) -> T:
     """The value of ``attempt``, once it has returned in another process; ValueError in one line where it does not."""
     if threading.active_count() == 1:  # else a plugin before it has started a thread, and nothing can be forked
         complaint = _try_elsewhere(what, attempt)
@@ -33,7 +33,7 @@ def make_problem(name: str, parameters: Mapping[str, Any] | None = None) -> Prob
     """The problem ``name``; a plugin's is tried first."""
     if registry.is_own_problem(name):
         return registry.make_problem(name, parameters)
-    return tried(f"problem {name}", lambda: registry.make_problem(name, parameters))
+    return try_apart(f"problem {name}", lambda: registry.make_problem(name, parameters))
 
 
 def _describe_error(what: str, error: BaseException) -> str:

@@ -16,7 +16,7 @@ import msgspec
 from ..catalogue import registry
 from ..catalogue.plugins import resolved
 from ..files import FileError
-from ..sandbox.trial import tried
+from ..sandbox.trial import try_apart
 from ..types import Problem
 from .includes import Source, path_of, read_source, source, with_included
 from .shape import Defaults, Group, Names, Tables
@@ -57,7 +57,7 @@ def _suite(own: Source, plugins: tuple[str, ...]) -> Suite:
     files = tuple(dict.fromkeys([*map(resolved, plugins), *(p for s in sources for p in _plugins(s))]))
     if files:  # foreign code may hang, crash or leave when it is loaded or makes a problem
         try:
-            specs = tried(own.where, lambda: _expanded(own, sources, files))
+            specs = try_apart(own.where, lambda: _expanded(own, sources, files))
         except ValueError as error:
             raise FileError(" ".join(str(error).split())) from None
     else:

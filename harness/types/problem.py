@@ -93,7 +93,7 @@ class Problem:
     energy_allowed: float | None = None  # [J] the benchmark's own limit on max |E - E0|, if it has one
     presentation: Presentation = field(
         default_factory=Presentation
-    )  # how a solver gets it (execution.presented); nothing here changes
+    )  # how a solver gets it (execution.presenting); nothing here changes
     literal_start: bool = False  # as printed, though phi_dot is not zero: that check is waived and a note says so
     retrace: bool = False  # whether the solver is sent back from the end with velocities reversed
 

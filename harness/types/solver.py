@@ -77,7 +77,7 @@ class Trajectory:
     notes: tuple[str, ...] = ()  # choices the solver made, e.g. which redundant rows it dropped
     cpu_time: float = float("nan")  # [s] of CPU: the integration alone, without compilation and set-up
     setup_time: float = float("nan")  # [s] of CPU: compilation, symbolic analysis, consistent start
-    returned: State | None = None  # where the way back ended, velocities turned again (execution.presented)
+    returned: State | None = None  # where the way back ended, velocities turned again (execution.presenting)
 
     def __post_init__(self) -> None:
         t = np.asarray(self.t, dtype=float)

@@ -10,7 +10,8 @@ from mbsbench.cli import list as catalogue
 from mbsbench.cli.__main__ import import_commands, main
 from mbsbench.cli.parser import read_summaries, top_parser
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution.eta import COMPILING, MEASURING, PREPARING, REFERENCES, waiting
+from mbsbench.harness.execution.eta import COMPILING, PREPARING, REFERENCES, waiting
+from mbsbench.harness.execution.run import MEASURING
 from mbsbench.harness.files import to_json
 from mbsbench.harness.reference.computed import Source, source_of
 

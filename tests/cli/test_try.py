@@ -14,9 +14,9 @@ from mbsbench.cli.__main__ import main
 from mbsbench.cli.progress import run_watched
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.conformance import assessment
-from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.pool import LocalPool
+from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.harness.results.findings import Finding, Verdict
@@ -42,7 +42,7 @@ def laddered(tmp_path):
         own = [s for s in assessment.plan_runs("own", 60.0) if s.solver == "own" and s.label == "ladder"]
         specs = [s for s in own if s.problem == "spherical_pendulum"][:5]
         folder = store.create(tmp_path / "results")
-        records = [worker.run(Job(spec, folder)) for spec in specs]  # in this process
+        records = [run_here(Job(spec, folder)) for spec in specs]  # in this process
         orders = assessment.certify_ladders("own", folder, records)
         return Tried("own", "", list(assessment.assess("own", folder, records, orders)), orders)
 

@@ -18,8 +18,8 @@ from hypothesis import strategies as st
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.execution.supervisor import Supervisor
 from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.baseline import read_thresholds, write_thresholds
@@ -266,7 +266,7 @@ def test_random_mechanisms_have_no_wrong_success(problem, solver, tmp_path_facto
         patch.setattr(measure, "reference_of", lambda problem: None)  # laws alone: a reference takes up to a minute
         spec = make_spec(problem, solver, None, {}, cpu_limit=20.0)
         folder = store.create(tmp_path_factory.mktemp("m"))
-        record = worker.run(Job(spec, folder))
+        record = run_here(Job(spec, folder))
     assert record.status in set(Status) and (words_of_ending(record) or Status(record.status).lawful)
     assert record.status != Status.CRASHED, record.message
     if record.status == Status.SUCCESS:

@@ -194,7 +194,7 @@ ELSEWHERE = {
     "harness/execution/cluster.py": ("is_file", "a scheduler file that the user named"),
     "harness/execution/eta.py": ("glob is_symlink stat", "lists results/local"),
     "harness/execution/runner.py": ("exists glob is_symlink", "lists results/local, and looks for a name that is free"),
-    "harness/execution/single.py": ("unlink", "the file that the user named, half-written"),
+    "harness/execution/solve_file.py": ("unlink", "the file that the user named, half-written"),
     "harness/referee/claims/register.py": ("read_text", "the register, or the file that the user named"),
     "harness/results/codes.py": (
         "glob is_file mkdir read_bytes read_text stat write_text",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.execution.presented import presented
+from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.motion import constraint_rate, point_position
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.types import Problem, StepControl, Trajectory
@@ -40,7 +40,7 @@ def test_the_order_of_the_bodies_does_not_matter():
     """Bodies and joints shuffled: the same motion, but for what the chain makes of rounding in 0.5 s."""
     p = make_problem("chain", {"t_end": 0.5})
     shuffled = dataclasses.replace(p, presentation=Presentation(renumber=3))
-    out = presented(make_solver("gc_weak_form"), shuffled).solve(shuffled, StepControl(dt=1e-3))
+    out = present_solver(make_solver("gc_weak_form"), shuffled).solve(shuffled, StepControl(dt=1e-3))
     assert np.max(np.abs(out.states.r - run(p, 1e-3).states.r)) < 1e-7
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.execution.presented import presented
+from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
@@ -15,7 +15,7 @@ OTHERWISE = {"yaw": 0.4, "perturb": 0.2, "renumber": 2, "mirror": "X", "unit_len
 def solved(p: Problem, name: str, size: float, **options: object) -> Trajectory:
     """``size``: rtol or dt."""
     made = make_solver(name, options)
-    solver, control = presented(made, p), StepControl(**{made.control: size})
+    solver, control = present_solver(made, p), StepControl(**{made.control: size})
     assert solver.refuses(p, control) is None
     out = solver.solve(p, control)
     assert out.status is Status.SUCCESS, out.message

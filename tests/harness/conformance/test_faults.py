@@ -7,8 +7,8 @@ import pytest
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.conformance import solver as requirements
 from mbsbench.harness.conformance.trials import Evidence
-from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 
@@ -114,7 +114,7 @@ def measured(name, text, folder):
         registry.load_plugin(path)
         specs = {k: s for k, s in requirements.runs_of(name).items() if k.startswith(("finer", "spinning"))}
         store.create(folder / "run")
-        mine = {role: worker.run(Job(spec, folder / "run")) for role, spec in specs.items()}  # in this process
+        mine = {role: run_here(Job(spec, folder / "run")) for role, spec in specs.items()}  # in this process
         series = {role: store.series_of(folder / "run", r) for role, r in mine.items()}
         made = registry.make_solver(name)
         evidence = Evidence(made.control, made.order, mine, series)

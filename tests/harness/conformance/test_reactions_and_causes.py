@@ -6,8 +6,8 @@ import pytest
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.conformance import problem, solver, trials
-from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.results import store
 from mbsbench.harness.results.environment import ROOT
 
@@ -43,7 +43,7 @@ def judged(text: str, folder, monkeypatch, *roles: str):
     registry.load_plugin(path)
     store.create(folder / "run")
     specs = {role: s for role, s in solver.runs_of("midpoint").items() if role.startswith(roles)}
-    records = {role: worker.run(Job(spec, folder / "run")) for role, spec in specs.items()}
+    records = {role: run_here(Job(spec, folder / "run")) for role, spec in specs.items()}
     series = {role: store.series_of(folder / "run", r) for role, r in records.items()}
     evidence = trials.Evidence("dt", 2.0, records, series)
     return {r.name: r.measure(evidence) for r in solver.REQUIREMENTS if r.name in (ORDER, MOMENTS, COLUMNS)}
@@ -71,7 +71,7 @@ def test_one_error_is_one_failure(tmp_path):
     path.write_text(MIDPOINT.replace("dt / 2", "dt / None"), encoding="utf-8")
     registry.load_plugin(path)
     store.create(tmp_path / "run")
-    records = tuple(worker.run(Job(s, tmp_path / "run")) for s in solver.runs_of("midpoint").values())
+    records = tuple(run_here(Job(s, tmp_path / "run")) for s in solver.runs_of("midpoint").values())
     found = solver.check_solver("midpoint", tmp_path / "run", records)
     (failed,) = [f for f in found if not f.holds]
     assert "TypeError" in failed.measured.words and "midpoint.py:" in failed.measured.words

@@ -21,7 +21,8 @@ def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
     suite = parse_suite(TEXT, "test", "test", plugins=plugins)
     codes_of = [code_of(s.problem, s.solver, plugins) for s in suite.specs]
     jobs = [
-        Job(s, tmp_path, "test", code, "", plugins).to_json() for s, code in zip(suite.specs, codes_of, strict=True)
+        Job(s, tmp_path, "test", code, "", plugins, total_limit=7.0).to_json()
+        for s, code in zip(suite.specs, codes_of, strict=True)
     ]
 
     def ends(text: str):
@@ -31,7 +32,7 @@ def test_a_worker_runs_a_run_and_ends_it_at_the_limit_of_the_suite(tmp_path):
 
     try:
         assert [ends(text).status for text in jobs[:2]] == ["success", "crashed"]
-        threading.Thread(target=lambda: (time.sleep(1.0), cluster.stop_here("ticket", 7.0))).start()
+        threading.Thread(target=lambda: (time.sleep(1.0), cluster.stop_here("ticket"))).start()
         last = ends(jobs[2])
         assert last.ended_by == "total_limit" and last.ended_limit_s == 7.0 and last.status == "unfinished"
         assert cluster.run_run(jobs[0], "ticket") == {}

@@ -36,7 +36,7 @@ def solving(pid):
     found = []
     for child in psutil.Process(pid).children(recursive=True):
         with contextlib.suppress(psutil.NoSuchProcess):
-            found += [child] if any(f.path.endswith("/native.txt") for f in child.open_files()) else []
+            found += [child] if any("/stderr/" in f.path for f in child.open_files()) else []
     return found
 
 

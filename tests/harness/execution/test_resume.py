@@ -12,10 +12,10 @@ import psutil
 import pytest
 
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.execution.pool import LocalPool, PoolError
 from mbsbench.harness.execution.protocol import Done, Lost, Supervised
+from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.execution.runner import Request, last_folder, run_suite
 from mbsbench.harness.files import partial_of
 from mbsbench.harness.results import codes, environment, store
@@ -203,7 +203,7 @@ def test_a_full_disk_is_no_result_of_a_run(tmp_path, monkeypatch):
 
     monkeypatch.setattr("mbsbench.harness.execution.measuring.write_series", full)
     with pytest.raises(OSError, match="No space"):
-        worker.run(Job(suite.specs[0], folder))
+        run_here(Job(suite.specs[0], folder))
     assert not list((folder / "runs").glob("*.json"))
 
 

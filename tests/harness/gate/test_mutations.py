@@ -25,7 +25,7 @@ from pathlib import Path
 import casadi, numba, numpy, pandas, scipy.integrate, scipy.spatial.transform  # once; the package itself in each child
 
 def judged(runs):
-    from mbsbench.harness.execution import worker
+    from mbsbench.harness.execution.run import run_here
     from mbsbench.harness.execution.job import Job
     from mbsbench.harness.gate.check import judge
     from mbsbench.harness.gate.baseline import FOLDER, read_thresholds
@@ -38,7 +38,7 @@ def judged(runs):
     cases, all_ = {c.case for c in specs}, read_thresholds(FOLDER / "ci.toml")
     own = Thresholds("ci", *(tuple(b for b in part if b.case in cases) for part in (all_.bounds, all_.statuses)))
     with tempfile.TemporaryDirectory() as place:
-        result = judge(specs, [worker.run(Job(c, store.create(Path(place)))) for c in specs], own)
+        result = judge(specs, [run_here(Job(c, store.create(Path(place)))) for c in specs], own)
     sys.stderr.write("".join(f"{f.verdict} {f.measured.quantity} {f.measured.text}\\n" for f in result.notable[:3]))
     return result.is_open
 

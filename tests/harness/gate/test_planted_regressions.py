@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution import worker
 from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.run import run_here
 from mbsbench.harness.gate.baseline import FOLDER, read_thresholds
 from mbsbench.harness.gate.check import judge
 from mbsbench.harness.gate.thresholds import Thresholds
@@ -58,7 +58,7 @@ def planted():
 
 def state_of(spec, run, folder: Path) -> Verdict:
     """What the gate says when the code makes ``run`` of ``spec``."""
-    record = worker.run(Job(run, store.create(folder)))
+    record = run_here(Job(run, store.create(folder)))
     assert record.status != Status.CRASHED, record.message  # a gate red for a bug of ours proves nothing
     record = dataclasses.replace(record, case=spec.case, settings_id=spec.settings_id)
     bounds = tuple(b for b in THRESHOLDS.bounds if b.case == spec.case)

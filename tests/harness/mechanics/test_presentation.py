@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.execution.presented import presented
+from mbsbench.harness.execution.presenting import present_solver
 from mbsbench.harness.mechanics.presentation import Presentation
 from mbsbench.harness.metrics.reactions import exact_pull_on_bodies, pull_on_bodies
 from mbsbench.harness.types import StepControl
@@ -30,7 +30,7 @@ def test_an_accurate_solver_finds_the_same_motion_and_reactions(presentation):
     solver, control = make_solver("rk45_strong_form"), StepControl(rtol=1e-11)
     plain = solver.solve(p, control)
     other = dataclasses.replace(p, presentation=presentation)
-    found = presented(solver, other).solve(other, control)
+    found = present_solver(solver, other).solve(other, control)
     assert found.t[-1] == pytest.approx(plain.t[-1], rel=1e-14)
     for name in ("r", "R", "v", "Omega"):
         gap = getattr(found.states, name)[-1] - getattr(plain.states, name)[-1]
@@ -48,7 +48,7 @@ def test_an_accurate_solver_finds_the_same_motion_and_reactions(presentation):
 def test_a_plain_problem_gets_the_solver_itself():
     """Nothing between a solver and a problem as it stands: not a bit changes."""
     solver = make_solver("gc_weak_form")
-    assert presented(solver, make_problem("chain")) is solver
+    assert present_solver(solver, make_problem("chain")) is solver
 
 
 @pytest.mark.parametrize("given", [{"mirror": "X"}, {"renumber": 2}, {"duplicate": 1}, {"unit_length": 8.0}])
@@ -68,7 +68,7 @@ def test_steps_handed_over_on_the_way_are_in_the_problems_terms(given):
             self.states.append(states)
 
     kept = Kept()
-    solver = presented(make_solver("ida_index1"), problem)
+    solver = present_solver(make_solver("ida_index1"), problem)
     out = solver.solve(problem, StepControl(rtol=1e-6, spool=kept))
     handed = np.concatenate([s.r for s in kept.states])
     assert len(handed) > 5
@@ -78,7 +78,7 @@ def test_steps_handed_over_on_the_way_are_in_the_problems_terms(given):
 def test_the_way_back_arrives_at_the_start():
     """An accurate solver retraces; a solver that fails on the way back says so and arrives nowhere."""
     problem = make_problem("heavy_top", {"t_end": 0.2, "retrace": True})
-    solver = presented(make_solver("rk45_strong_form"), problem)
+    solver = present_solver(make_solver("rk45_strong_form"), problem)
     out = solver.solve(problem, StepControl(rtol=1e-10))
     assert out.t[-1] == 0.2
     assert out.returned is not None

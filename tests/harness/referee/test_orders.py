@@ -9,7 +9,7 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.execution.job import Job
-from mbsbench.harness.execution.worker import run
+from mbsbench.harness.execution.run import run_here as run
 from mbsbench.harness.places import Place
 from mbsbench.harness.referee.certificates.fitting import fit_ladder, fit_scattered
 from mbsbench.harness.referee.certificates.orders import QUANTITIES, certify, select_motion

@@ -8,7 +8,7 @@ import pytest
 
 from mbsbench.harness.catalogue.registry import make_problem
 from mbsbench.harness.execution.job import Job
-from mbsbench.harness.execution.worker import run
+from mbsbench.harness.execution.run import run_here as run
 from mbsbench.harness.referee.certificates import symmetries
 from mbsbench.harness.referee.certificates.symmetries import Yardstick, _compare, _prepare_row, check_symmetries
 from mbsbench.harness.referee.false_successes import find_false_successes

@@ -11,7 +11,7 @@ import pytest
 
 from mbsbench.harness.execution import run_file
 from mbsbench.harness.execution.eta import durations
-from mbsbench.harness.execution.handed import BadHandover, Said, read, write
+from mbsbench.harness.execution.handover import BadHandover, Handover, SolverReport, read, write
 from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.places import NotOwn
 from mbsbench.harness.results import npz, store
@@ -123,7 +123,7 @@ def test_a_bomb_is_not_unpacked(tmp_path, monkeypatch):
     for module, call, error in (
         ("results.series", lambda: read_series(bomb), BadSeries),
         ("execution.run_file", lambda: run_file.read_run(bomb), ValueError),
-        ("execution.handed", lambda: read(bomb, assemble([RigidBody(1.0, np.eye(3))])), BadHandover),
+        ("execution.handover", lambda: read(bomb, assemble([RigidBody(1.0, np.eye(3))])), BadHandover),
     ):
         monkeypatch.setattr(f"mbsbench.harness.{module}.LARGEST", 2**14)
         with pytest.raises(error, match="bytes"):
@@ -179,5 +179,5 @@ def test_what_a_solver_hands_over_is_of_its_problem(tmp_path, arrays):
     np.savez(tmp_path / "x.npz", said=said, **({"t": np.zeros(1)} | arrays))
     with pytest.raises(BadHandover, match="cannot be used"):
         read(tmp_path / "x.npz", system)
-    write(tmp_path / "x.npz", Said(message="refused"))
+    write(tmp_path / "x.npz", Handover(SolverReport(message="refused"), None))
     assert read(tmp_path / "x.npz", system).trajectory is None  # type: ignore[union-attr]

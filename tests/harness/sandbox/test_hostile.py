@@ -9,7 +9,7 @@ import pytest
 
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.execution import single
+from mbsbench.harness.execution import solve_file
 from mbsbench.harness.execution.pool import LocalPool
 from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.results import store
@@ -155,7 +155,7 @@ def test_a_reference_that_judges_nothing_takes_no_command_along(how, tmp_path, c
 
 def test_a_reference_that_hangs_costs_its_run_alone(tmp_path, capsys, monkeypatch):
     """With a limit on the run, what measures it has one too."""
-    monkeypatch.setattr(single, "MEASURE_LIMIT", 0.5)
+    monkeypatch.setattr(solve_file, "MEASURE_LIMIT", 0.5)
     out, plugins = tmp_path / "x.npz", ("--plugin", str(PLUGIN), "--plugin", str(HOSTILE))
     line = ("solve", "badly_known", "exact", "--problem-set", "how=hangs", "--set", "cpu_limit=30", *plugins)
     assert main([*line, "--out", str(out)]) == 1

@@ -8,8 +8,8 @@ import pytest
 
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.catalogue.registry import read_declaration
-from mbsbench.harness.execution import handed, measuring
-from mbsbench.harness.execution.contract import checked, split_cost
+from mbsbench.harness.execution import handover, measuring
+from mbsbench.harness.execution.contract import check_trajectory, split_cost
 from mbsbench.harness.execution.job import Job
 from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.suites.spec import RunSpec
@@ -112,11 +112,11 @@ def status(monkeypatch, tmp_path):
         job = Job(RunSpec("free_fall", "exact", STEP), tmp_path)
         try:
             p = registry.make_problem("free_fall")
-            motion = checked(make_motion(), Exact(), p)
+            motion = check_trajectory(make_motion(), Exact(), p)
             split_cost(motion, 1.0, 1.0, Exact())
-            handed.write(job.handed, handed.Said(claimed=Status.SUCCESS), motion)
-            motion = handed.read(job.handed, p.system).trajectory
-            return measuring.judged(job, p, motion, lambda problem, trajectory, measured, record: record).status
+            handover.write(job.handover, handover.Handover(handover.SolverReport(claimed=Status.SUCCESS), motion))
+            motion = handover.read(job.handover, p.system).trajectory
+            return measuring.judge_motion(job, p, motion)[0].status
         except (ValueError, TypeError):  # one run, crashed: its message is the exception's
             return "refused"
 

@@ -152,7 +152,7 @@ def test_our_solvers_hand_their_steps_over(tmp_path, monkeypatch):
     """Both routes: what is on disk when the run ends is a beginning of what is handed back."""
     from mbsbench.harness.catalogue import registry
     from mbsbench.harness.sandbox import spool as spooling
-    from mbsbench.harness.sandbox.spool import FileSpool, kept
+    from mbsbench.harness.sandbox.spool import FileSpool, read_spool
     from mbsbench.harness.types import StepControl
 
     monkeypatch.setattr(spooling, "EVERY", 0.0)  # no clock: a busy machine hands over more seldom
@@ -161,7 +161,7 @@ def test_our_solvers_hand_their_steps_over(tmp_path, monkeypatch):
     for name, step in (("gc_weak_form", {"dt": 1e-3}), ("rk45_strong_form", {"rtol": 1e-10})):
         spool = FileSpool(tmp_path / name)
         done = registry.make_solver(name).solve(problem, StepControl(**step, spool=spool))
-        left = kept(spool.path, problem, Status.CRASHED, "x")
+        left = read_spool(spool.path, problem, Status.CRASHED, "x")
         assert left is not None and len(left.t) > 0.5 * len(done.t)
         assert np.array_equal(left.t, done.t[: len(left.t)]) and np.array_equal(
             left.states.v, done.states.v[: len(left.t)]

@@ -16,14 +16,14 @@ from ..mechanics.state import State, States
 from ..types import Problem, Solver, Spool, Status, StepControl, Trajectory
 
 
-def presented(solver: Solver, problem: Problem) -> "Solver | Presented":
+def present_solver(solver: Solver, problem: Problem) -> "Solver | PresentedSolver":
     """``solver`` as it must be called on ``problem``: itself, unless the problem is presented in another way."""
     plain = problem.presentation == Presentation() and not problem.retrace
-    return solver if plain else Presented(solver)
+    return solver if plain else PresentedSolver(solver)
 
 
 @dataclass(frozen=True)
-class Presented:
+class PresentedSolver:
     """``refuses`` and ``solve`` of a solver, both in terms of the problem as it stands."""
 
     solver: Solver

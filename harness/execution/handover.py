@@ -31,8 +31,8 @@ class BadHandover(FileError):
     """The file does not hold a motion of this problem; the message says why."""
 
 
-class Said(Shape, frozen=True, kw_only=True):
-    """What a run's process says of its solver, beside the arrays."""
+class SolverReport(Shape, frozen=True, kw_only=True):
+    """All that a solver's process reports beside the arrays."""
 
     claimed: Status | None = None  # None: it raised
     by: EndedBy = EndedBy.SOLVER
@@ -46,18 +46,18 @@ class Said(Shape, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True)
-class Handed:
-    """``said`` and the motion; None where the solver refused or raised."""
+class Handover:
+    """The solver's report and the motion; no motion where the solver refused or raised."""
 
-    said: Said
+    report: SolverReport
     trajectory: Trajectory | None
 
     @property
     def columns(self) -> dict[str, Any]:
         """Columns of the record that only the solver's process knows."""
-        cost = {name: float(value) for name, value in self.said.cost.items() if name in COST}
+        cost = {name: float(value) for name, value in self.report.cost.items() if name in COST}
         repeats = {"repeats": int(cost.pop("repeats"))} if "repeats" in cost else {}
-        label, order = self.said.paper_label, float(self.said.declared_order)
+        label, order = self.report.paper_label, float(self.report.declared_order)
         return {"paper_label": label, "declared_order": order, **cost, **repeats}
 
 
@@ -65,12 +65,13 @@ COST = ("repeats", "cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s", "setu
 HIDDEN = 1.0  # [s] of CPU, beside as much again as is accounted for: handing over takes less
 
 
-def write(path: Path | Place, said: Said, trajectory: Trajectory | None = None) -> None:
+def write(path: Path | Place, handed: Handover) -> None:
     """Whole or not at all; not compressed, for it is read at once and removed."""
     arrays: dict[str, np.ndarray] = {}
+    report, trajectory = handed.report, handed.trajectory
     if trajectory is not None:
-        said = msgspec.structs.replace(
-            said, message=str(trajectory.message), counters={str(k): int(v) for k, v in trajectory.counters.items()},
+        report = msgspec.structs.replace(
+            report, message=str(trajectory.message), counters={str(k): int(v) for k, v in trajectory.counters.items()},
             events=tuple(map(dict, trajectory.events)), notes=tuple(trajectory.notes),
         )  # fmt: skip
         arrays = {"t": trajectory.t, **{k: getattr(trajectory.states, k) for k in POSES}}
@@ -80,10 +81,10 @@ def write(path: Path | Place, said: Said, trajectory: Trajectory | None = None) 
         if trajectory.returned is not None:
             arrays |= {f"returned_{k}": getattr(trajectory.returned, k) for k in POSES}
     numbers = {k: np.asarray(a, dtype=float) for k, a in arrays.items()}
-    write_npz(path, {"said": np.asarray(to_json(said)), **numbers}, compressed=False)
+    write_npz(path, {"report": np.asarray(to_json(report)), **numbers}, compressed=False)
 
 
-def read(path: Path | Place, system: MultibodySystem, spent: float = math.inf) -> Handed | None:
+def read(path: Path | Place, system: MultibodySystem, spent: float = math.inf) -> Handover | None:
     """What was handed over for ``system`` by a process that took ``spent`` [s] of CPU; None if nothing was.
 
     BadHandover if it is not what it must be.
@@ -92,25 +93,25 @@ def read(path: Path | Place, system: MultibodySystem, spent: float = math.inf) -
         return None
     try:
         arrays = dict(read_npz(path, LARGEST))
-        said = shaped(parse_json(str(arrays.pop("said", "")), "said"), Said, "said", BadHandover)
-        _check_cost(said.cost, spent)
-        said = _with_hidden_cost(said, spent)
-        return Handed(said, _trajectory(arrays, said, system) if "t" in arrays else None)
+        report = shaped(parse_json(str(arrays.pop("report", "")), "report"), SolverReport, "report", BadHandover)
+        _check_cost(report.cost, spent)
+        report = _with_hidden_cost(report, spent)
+        return Handover(report, _trajectory(arrays, report, system) if "t" in arrays else None)
     except ValueError as error:
         raise BadHandover(f"what the solver handed over cannot be used: {error}") from None
 
 
-def _with_hidden_cost(said: Said, spent: float) -> Said:
+def _with_hidden_cost(report: SolverReport, spent: float) -> SolverReport:
     """All the process took as its cost, and a note, where its own clocks account for less than half of that."""
-    inside = float(said.cost.get("cpu_inside_s", math.nan))
+    inside = float(report.cost.get("cpu_inside_s", math.nan))
     if math.isnan(inside) or not math.isfinite(spent) or spent <= 2.0 * inside + HIDDEN:
-        return said
+        return report
     words = (
         f"its process took {spent:.3g} s of CPU time, of which its own clocks account for {inside:.3g} s: all counts"
     )
     columns = ("cpu_min_s", "cpu_median_s", "cpu_max_s", "cpu_call_s")
     return msgspec.structs.replace(
-        said, cost={**said.cost, **dict.fromkeys(columns, spent)}, notes=(*said.notes, words)
+        report, cost={**report.cost, **dict.fromkeys(columns, spent)}, notes=(*report.notes, words)
     )
 
 
@@ -123,7 +124,7 @@ def _check_cost(cost: Mapping[str, float | str], spent: float) -> None:
             raise BadHandover(f"{name} = {float(value):.3g} does not fit the {spent:.3g} s of CPU time of its process")
 
 
-def _trajectory(arrays: dict[str, np.ndarray], said: Said, system: MultibodySystem) -> Trajectory:
+def _trajectory(arrays: dict[str, np.ndarray], report: SolverReport, system: MultibodySystem) -> Trajectory:
     nt, nb = len(np.atleast_1d(arrays["t"])), system.nb
     one = {"r": (nb, 3), "R": (nb, 3, 3), "v": (nb, 3), "Omega": (nb, 3)}
     wanted = {"t": (nt,), **{k: (nt, *shape) for k, shape in one.items()}, "reaction": (nt, system.nrows)}
@@ -133,13 +134,13 @@ def _trajectory(arrays: dict[str, np.ndarray], said: Said, system: MultibodySyst
         if a.shape != shape or a.dtype != float:
             raise BadHandover(f"{name} must be float64 of shape {shape} (got {a.dtype} of shape {a.shape})")
     missing = [k for k in POSES if k not in arrays]
-    if missing or said.claimed is None:
+    if missing or report.claimed is None:
         raise BadHandover(f"{', '.join(missing) or 'the status'} is missing")
     back = [arrays[f"returned_{k}"] for k in POSES if f"returned_{k}" in arrays]
-    cost = said.cost
+    cost = report.cost
     return Trajectory(
-        arrays["t"], States(*(arrays[k] for k in POSES)), said.claimed, said.message, said.counters,
-        arrays.get("reaction"), {k[5:]: a for k, a in arrays.items() if k.startswith("diag_")}, said.events,
-        said.notes, float(cost.get("cpu_min_s", math.nan)), float(cost.get("setup_s", math.nan)),
+        arrays["t"], States(*(arrays[k] for k in POSES)), report.claimed, report.message, report.counters,
+        arrays.get("reaction"), {k[5:]: a for k, a in arrays.items() if k.startswith("diag_")}, report.events,
+        report.notes, float(cost.get("cpu_min_s", math.nan)), float(cost.get("setup_s", math.nan)),
         State(back[0], back[1], back[2], back[3]) if len(back) == len(POSES) else None,
     )  # fmt: skip

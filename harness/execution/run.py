@@ -1,0 +1,147 @@
+"""One run: ``run_one`` solves in a process of its own, measures what that left, and returns the outcome.
+
+Suites, ``solve`` and the tests run it. Its caller is a process that adopts orphans and does nothing else (``Run``):
+it limits the solver's process and ends all that this started; who started it limits the measuring.
+"""
+
+import contextlib
+import dataclasses
+import errno
+import math
+import os
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from ..catalogue import registry
+from ..clock import set_keeper
+from ..places import Place
+from ..results import records, store
+from ..results.records import RunRecord
+from ..sandbox.apart import NOWHERE, SLACK, Apart, Ended
+from ..sandbox.isolation import CANNOT_WRITE, adopt_orphans, end_descendants, limit_process, trim
+from ..types import EndedBy, Problem
+from .job import GRACE, Job, cut_short, unfinished
+from .measuring import Outcome, make_problem, measure_run, write_outcome
+from .worker import SOFT, hand_over
+
+MEASURE_LIMIT = 120.0  # [s] of CPU time for metrics once the solver is done, reference included
+STOPPED_MEASURE_LIMIT = 10.0  # [s] for the steps a run had kept, when its suite is stopped
+NO_LIMIT = 1e7  # [s] of CPU, four months: a run from the shell is ended by whoever started it
+MEASURING, STORED = "measuring", "stored"  # what a run sends, each before a record: how its solver ended, its outcome
+Send = Callable[[str], None]
+
+
+def run_here(job: Job) -> RunRecord:
+    """Run in this process, without limits, and store the record."""
+    hand_over(job)
+    return _store(job, measure_run(job, cut_short(job, EndedBy.EXIT)))
+
+
+def run_one(
+    job: Job, send: Send, problem: Problem | None = None, *, soft: float = SOFT, measure_limit: float = MEASURE_LIMIT
+) -> Outcome:
+    """Solve in a process of its own, with the limits of ``job``; measure here.
+
+    ``send`` is told how the solver's process ended. At SIGTERM the solver is ended: its suite has met its limit.
+    """
+    began, stopped = time.monotonic(), list[int]()
+    signal.signal(signal.SIGTERM, lambda number, frame: stopped.append(number))
+    adopt_orphans()
+    if problem is None and registry.is_own_problem(job.spec.problem):  # a plugin's is made where limits hold
+        with contextlib.suppress(Exception):  # the solver's process will report it
+            problem = make_problem(job)
+
+    def solve(send: Send) -> None:
+        set_keeper(os.getppid())
+        hand_over(job, soft, problem)
+
+    limit = job.spec.cpu_limit + GRACE
+    wall = SLACK * limit
+    ended = Apart(
+        solve, limit=min(limit, NO_LIMIT), wall=wall, memory=job.spec.memory, stderr=job.stderr, above="here"
+    ).wait(lambda: bool(stopped))
+    if ended.code == CANNOT_WRITE:
+        raise OSError(errno.ENOSPC, "No space left on device")
+    by, at = (EndedBy.TOTAL_LIMIT, job.total_limit or math.nan) if stopped else (EndedBy.WALL_LIMIT, wall)
+    try:
+        trim(job.stderr)
+        store.path_of(job.folder, job.id).remove_file(missing_ok=True)  # not for the solver's process to write
+        bare = unfinished(job, ended, time.monotonic() - began, by, at)
+    except OSError as error:  # the run left what cannot be removed: it alone fails
+        return Outcome(cut_short(job, EndedBy.EXCEPTION, message=words_of(error), wall_s=time.monotonic() - began))
+    send_record(send, MEASURING, bare)
+    limit_process(job.spec.memory, STOPPED_MEASURE_LIMIT if stopped else measure_limit)
+    outcome = measure_run(job, bare, problem, ended.cpu)
+    end_descendants()
+    return dataclasses.replace(outcome, record=dataclasses.replace(outcome.record, wall_s=time.monotonic() - began))
+
+
+def _store(job: Job, outcome: Outcome) -> RunRecord:
+    record = write_outcome(job, outcome)
+    store.write_record(job.folder, record)
+    for rest in (job.handover, job.spool):
+        rest.remove_file(missing_ok=True)
+    return record
+
+
+def run_and_store(job: Job, send: Send) -> None:
+    """Run for a results folder."""
+    send_record(send, STORED, _store(job, run_one(job, send)))
+
+
+def send_record(send: Send, what: str, record: RunRecord) -> None:
+    """Send a record on one line."""
+    send(f"{what} {records.to_json(record).replace(chr(10), ' ')}")
+
+
+def words_of(error: OSError) -> str:
+    """The file and the reason."""
+    return f"{error.filename}: {error.strerror}" if error.filename else str(error)
+
+
+class Run(Apart):
+    """The process of a run, which ends with its record in what it sent, or why there is none."""
+
+    def __init__(
+        self, job: Job, work: Callable[[Send], object], measure_limit: float = MEASURE_LIMIT,
+        stderr: Path | Place = NOWHERE,
+    ) -> None:  # fmt: skip
+        super().__init__(work, limit=math.inf, wall=math.inf, memory=math.inf, stderr=stderr, above="itself")
+        self.job, self.measure_limit = job, SLACK * measure_limit
+        self.began, self.stopped = time.monotonic(), False
+
+    def look(self) -> Ended | None:
+        """Once the solver's process has ended, keep the limit on the wall time of measuring."""
+        ended = super().look()
+        if ended is None and self.deadline == math.inf and f"\n{MEASURING} " in f"\n{self.hear()}":
+            self.deadline = time.monotonic() + self.measure_limit
+        return ended
+
+    def stop(self) -> None:
+        """End the solver: its suite has met its limit. The steps that it had kept are measured."""
+        self.stopped = True
+        if self.deadline == math.inf:
+            os.kill(self.pid, signal.SIGTERM)
+            self.measure_limit = SLACK * STOPPED_MEASURE_LIMIT
+        else:
+            self.deadline = min(self.deadline, time.monotonic() + STOPPED_MEASURE_LIMIT)
+
+    def outcome(self, ended: Ended) -> tuple[RunRecord, bool]:
+        """The record, and whether the process itself came to the end of its work. OSError where the disk is full."""
+        sent = dict(line.partition(" ")[::2] for line in ended.sent.split("\n"))
+        if ended.code == 0 and STORED in sent:
+            return records.from_json(sent[STORED]), True
+        if ended.code == CANNOT_WRITE:
+            raise OSError(errno.ENOSPC, "no space left", str(self.job.folder))
+        wall = time.monotonic() - self.began
+        if MEASURING not in sent:  # ended before its solver
+            if self.stopped:
+                return cut_short(self.job, EndedBy.TOTAL_LIMIT, ended_limit_s=self.job.total_limit, wall_s=wall), False
+            return unfinished(self.job, ended, wall, EndedBy.WALL_LIMIT, math.nan), False
+        bare = records.from_json(sent[MEASURING])
+        if bare.ended_by != EndedBy.EXIT or bare.exit_code != 0:
+            return bare, False
+        late = dataclasses.replace(ended, killed=ended.killed or ended.code == -signal.SIGXCPU)
+        return unfinished(self.job, late, wall, EndedBy.MEASURE_LIMIT, self.measure_limit), False

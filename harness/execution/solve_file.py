@@ -1,0 +1,108 @@
+"""One run from the shell: run as any other, written as one NPZ file, whatever happens."""
+
+import dataclasses
+import math
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from ..files import partial_of
+from ..results.records import RunRecord
+from ..sandbox.isolation import OUTPUT_LIMIT
+from ..suites.spec import RunSpec
+from ..types import Problem
+from .eta import COMPILING, REFERENCES, waiting
+from .job import Job
+from .run import MEASURE_LIMIT, MEASURING, NO_LIMIT, STORED, Run, Send, run_one, send_record
+from .run_file import write_run, write_without_motion
+from .warmup import references_apart, runs_to_warm, warm, warm_apart_then_here
+
+RUNNING = "running"
+PATIENCE = 3.0  # [s] of any of these until it is mentioned
+
+
+class Say(Protocol):
+    """Prints a line; one that ends with a carriage return is written over by the next."""
+
+    def __call__(self, words: str, *, end: str = "\n") -> object: ...
+
+
+def _silent(words: str, *, end: str = "\n") -> None:
+    pass
+
+
+@dataclass(frozen=True)
+class Solved:
+    """How a single run went, for the summary on the terminal."""
+
+    record: RunRecord  # without address, its series is the file
+    native: str  # the last of what the process wrote to standard error
+
+
+def solve_to_file(
+    spec: RunSpec, out: Path, cpu_limit: float | None, say: Say = _silent, problem: Problem | None = None
+) -> Solved:
+    """Run ``spec`` and write ``out``; a run that crashes or is killed leaves a file with the steps it had kept.
+
+    Interrupted itself, it ends the run and leaves ``out`` as it was: whole, or not there. ``problem`` is that of
+    ``spec``, if it is made already; its reference and its observables are used in other processes alone.
+    """
+    patience = _Patience(say)
+    with tempfile.TemporaryDirectory() as place:
+        limit = math.inf if cpu_limit is None else cpu_limit
+        job = Job(dataclasses.replace(spec, cpu_limit=limit), Path(place))
+        job.stderr.parent.make()
+        if cpu_limit is not None:  # a limit is on the run: compute the reference and compile before its clock starts
+            patience.now(REFERENCES)
+            references_apart([job], patience.over)
+            patience.now(COMPILING)
+            warm_apart_then_here(runs_to_warm([spec]), patience.over)
+        measure_limit = NO_LIMIT if cpu_limit is None else MEASURE_LIMIT
+
+        def work(send: Send) -> None:
+            if cpu_limit is None:
+                warm(runs_to_warm([spec], problem), problem)
+            send(RUNNING)
+            outcome = run_one(job, send, problem, soft=1.0, measure_limit=measure_limit)
+            own = dataclasses.replace(outcome, record=dataclasses.replace(outcome.record, stderr=""))
+            send_record(send, STORED, write_run(out, own))
+
+        patience.now(COMPILING)
+        process = Run(job, work, measure_limit)
+        try:
+            ended = process.wait(lambda: patience.now(_stage(process.hear())))
+            record, stored = process.outcome(ended)
+        finally:
+            partial_of(out, process.pid).unlink(missing_ok=True)
+        native = job.stderr.read(OUTPUT_LIMIT).decode(errors="replace") if job.stderr.is_there() else ""
+        if not stored:
+            record = write_without_motion(out, dataclasses.replace(record, stderr=""))
+        return Solved(record, native[-2000:].strip())
+
+
+def _stage(heard: str) -> str:
+    return next((stage for stage in (MEASURING, RUNNING) if f"\n{stage}" in f"\n{heard}"), COMPILING)
+
+
+class _Patience:
+    """Says what takes its time and how long is left, once; then every second on one line."""
+
+    def __init__(self, say: Say) -> None:
+        self.say, self.doing = say, ""
+
+    def now(self, doing: str) -> bool:
+        """What goes on from now on, or still does."""
+        if doing != self.doing:
+            self.doing, self.began, self.due = doing, time.monotonic(), PATIENCE
+        return self.over()
+
+    def over(self) -> bool:
+        """Say how long it takes; always False, so that the wait continues."""
+        elapsed = time.monotonic() - self.began
+        if elapsed > self.due:
+            words = waiting(self.doing, elapsed)
+            self.say(words, end="\n" if self.due == PATIENCE else "\r")
+            self.due = elapsed + 1.0
+        return False
