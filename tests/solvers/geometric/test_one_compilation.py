@@ -31,10 +31,10 @@ def take_steps(solver: str, problem: str) -> None:
 
 @pytest.mark.parametrize("solver", SOLVERS)
 def test_no_second_compilation_for_another_system(solver):
-    take_steps(solver, "heavy_top")
-    take_steps(solver, "spring_pendulum")
+    for problem in ("heavy_top", "spring_pendulum", "four_bar_grid", "andrews"):  # narrow and wide rows, redundant ones
+        take_steps(solver, problem)
     before = signatures()
-    for problem in ("chain", "torque_free_body", "four_bar_grid", "bricard", "stewart_platform", "andrews"):
+    for problem in ("chain", "torque_free_body", "bricard", "stewart_platform"):
         take_steps(solver, problem)
     again = {name: n for name, n in signatures().items() if n > before.get(name, 0)}
     assert not again, f"compiled anew: {again}"
