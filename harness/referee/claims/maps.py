@@ -140,6 +140,9 @@ def _matches(p: Place, selection: Mapping[str, Any]) -> bool:
 
 
 def _allowed(value: Any, wanted: Any) -> bool:
+    if isinstance(wanted, dict):
+        low, high = sorted((wanted["from"], wanted["to"]))
+        return isinstance(value, int | float) and bool(low <= value <= high)
     return any(same(value, w) for w in (wanted if isinstance(wanted, list) else [wanted]))
 
 

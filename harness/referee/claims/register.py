@@ -59,6 +59,13 @@ class Selection(Shape, frozen=True, forbid_unknown_fields=False):
     solver: Names
 
 
+class Range(Shape, frozen=True):
+    """Values of a dimension between two numbers, both included."""
+
+    begin: float = field(name="from")
+    to: float
+
+
 class Need(Shape, frozen=True):
     """What a claim cannot be tested without: a solver, an observable, or what only the authors have."""
 
@@ -177,6 +184,9 @@ def _map(name: str, row: dict[str, Any], maps: Mapping[str, Map], at: str) -> Ma
     found = shaped({**row, "name": name, "over": over, "printed": printed}, Map, at, ClaimsError)
     for k, selection in enumerate(found.over):
         shaped(selection, Selection, f"{at}: selection {k + 1}", ClaimsError)
+        for name, value in selection.items():
+            if isinstance(value, dict):
+                shaped(value, Range, f"{at}: selection {k + 1}: {name}", ClaimsError)
     return found
 
 

@@ -77,6 +77,7 @@ def test_what_is_not_named_must_be_usual():
     assert len(select(PLACES, [{**BASE, "chart": "any", "form": "any"}])) == 8
     assert len(select(PLACES, [{**BASE, "gain": "any"}])) == 3
     assert len(select(PLACES, [{**BASE, "frame": "any", "tolerance": [1e-3]}])) == 2
+    assert len(select(PLACES, [{**BASE, "tolerance": {"from": 0.1, "to": 1e-3}}])) == 1
     assert select(PLACES, [{**BASE, "max_step": 0.1}]) == ()
     assert select(PLACES, [{k: v for k, v in BASE.items() if k != "max_step"}]) == ()
 

@@ -127,6 +127,7 @@ def test_solvers_with_a_stand_in_are_worded_for_what_was_run(places):
         (MAP + HEAD + TEST + 'against = "gc"\n', "compare goes with against"),
         (MAP + HEAD + TEST + "at_equal_work = true\n", "at_equal_work goes with against"),
         (MAP.replace("{ problem = ", '{ map = "x", problem = ', 1) + HEAD + TEST, "selection 1: unknown map 'x'"),
+        (MAP.replace('tolerance = "any"', "tolerance = { from = 0.1 }", 1) + HEAD + TEST, "tolerance: to is missing"),
         (MAP + HEAD + TEST + 'quantifier = "most"\n', "unknown quantifier 'most'"),
         (MAP + HEAD + TEST + 'kind = "guess"\n', "unknown kind 'guess'"),
         (MAP + HEAD + TEST + 'starting = "yes"\n', "starting must be true or false"),
