@@ -68,7 +68,7 @@ def test_the_kept_catalogue_is_the_one_of_the_code(tmp_path, monkeypatch):
 def test_list_of_one_problem(capsys):
     """Its options with units, its section, its time and where its reference comes from; no other entry."""
     assert main(["list", "heavy_top"]) == 0
-    out = capsys.readouterr().out
+    out = " ".join(capsys.readouterr().out.split())
     for words in (
         "heavy_top",
         "Sect. 5.4 of the paper",
