@@ -22,16 +22,6 @@ def test_a_claim_is_shown_as_published(capsys):
     assert json.loads(capsys.readouterr().out)["id"] == "6-gc-planar"
 
 
-@pytest.mark.parametrize(("line", "words"), [
-    (["6-gc-plana"], "did you mean '6-gc-planar'"), (["6-gc-planar", "--jobs", "2"], "--jobs goes with --run"),
-    (["6-gc-planar", "somewhere", "--run"], "give --out DIR"), (["6-gc-planar", "nowhere"], "is not a results folder"),
-])  # fmt: skip
-def test_wrong_calls_are_one_line(line, words, capsys):
-    assert main(["claim", *line]) == 2
-    said = capsys.readouterr().err
-    assert words in said and said.count("\n") == 1
-
-
 @pytest.mark.slow
 def test_the_runs_of_a_claim_alone_are_made_and_judged(tmp_path, capsys):
     """Of the suite's thousands; a second call makes none of them again."""

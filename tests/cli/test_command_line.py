@@ -106,6 +106,7 @@ BAD = [
     (("history", "nowhere"), "not a results folder"),
     (("history", "nowhere.jsonl"), "cannot read"),
     (("history", "--metric", "beauty"), "unknown metric"),
+    (("history", "--metric", "phi_mx"), "did you mean 'phi_max'"),
     (("report", "nowhere"), "not a results folder"),
     (("gate", "--thresholds", "nowhere.toml"), "cannot read"),
     (("gate", "--suite", "nothing"), "unknown suite"),
@@ -114,8 +115,20 @@ BAD = [
     (("gate", "--write"), "needs --update"),
     (("gate", "--json", "--update"), "cannot be combined with --update"),
     (("run", "ci", "--limt", "3"), "did you mean '--limit'?"),
+    (("run", "ci", "--in-turns", "0"), "--in-turns"),
+    (("run", "ci", "--in-turns", "2", "--cluster", "tcp://nowhere:1"), "--in-turns"),
+    *((("solve", "heavy_top", "rk45_strong_form", "--set", f"rtol={least}"), "rtol must be at least 2.22e-14")
+      for least in (1e-16, 1e-300)),  # SciPy takes its least instead and says so to nobody; others take steps of none
+    (("claim", "6-gc-plana"), "did you mean '6-gc-planar'"),
+    (("claim", "6-gc-planar", "--jobs", "2"), "--jobs goes with --run"),
+    (("claim", "6-gc-planar", "somewhere", "--run"), "give --out DIR"),
+    (("claim", "6-gc-planar", "nowhere"), "is not a results folder"),
+    (("list", "heavy_tap"), "did you mean 'heavy_top'"),
+    (("export", "heavy_tops"), "heavy_top"),
+    (("advise", "spherical_pendulum", "--error", "small"), "--error"),
+    (("advise", "chain", "--error", "1e-3", "--problem-set", "links=90"), "no reference"),
     (("dance",), "invalid choice"),
-]
+]  # fmt: skip
 
 
 @pytest.mark.parametrize(("arguments", "words"), BAD, ids=[" ".join(a[:1] + a[-1:]) for a, _ in BAD])

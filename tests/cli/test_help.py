@@ -82,11 +82,6 @@ def test_list_of_one_solver(capsys):
     assert "order " in capsys.readouterr().out
 
 
-def test_list_of_nothing_is_a_wrong_call(capsys):
-    assert main(["list", "heavy_tap"]) == 2
-    assert "did you mean 'heavy_top'" in capsys.readouterr().err
-
-
 CERTIFIED = ("chain", "four_bar_grid", "n_four_bar", "pumped_pendulum")
 
 

@@ -16,6 +16,7 @@ import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
+from mbsbench import Problem, State, Status
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.execution import worker
@@ -24,7 +25,6 @@ from mbsbench.harness.execution.supervisor import Supervisor
 from mbsbench.harness.files import FileError
 from mbsbench.harness.gate.baseline import read_thresholds, write_thresholds
 from mbsbench.harness.mechanics.consistency import InconsistentStart, check_start, project
-from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, assemble
 from mbsbench.harness.metrics import measure
 from mbsbench.harness.results import store
@@ -33,7 +33,6 @@ from mbsbench.harness.results.series import BadSeries, read_series
 from mbsbench.harness.results.words import why, words_of_ending
 from mbsbench.harness.suites.spec import make_spec
 from mbsbench.harness.suites.suite import load_suite, parse_suite
-from mbsbench.harness.types import Problem, Status
 
 from .conftest import PLUGIN
 

@@ -6,11 +6,10 @@ The laws are those of the full system in (r, R): nothing here knows angles, elli
 import numpy as np
 import pytest
 
+from mbsbench import Problem, Reference, constraint_jacobian
 from mbsbench.harness.catalogue.registry import make_problem, problems
 from mbsbench.harness.mechanics import motion, so3
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.state import States, rotated
-from mbsbench.harness.types import Problem, Reference
 
 TURN = {"yaw": 0.7, "rotation": (0.3, -0.2, 0.5)}
 CASES = [(name, given) for name in problems() for given in ({}, TURN, {"perturb": 1e-3, "seed": 2})]

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench import Problem, States, make_problem
 from mbsbench.harness.mechanics.jacobian import constraint_jacobian, independent_rows, singular_values
-from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.types import Problem
 from mbsbench.problems import four_bar_grid
 from mbsbench.problems.exact.passages import singular_passages
 

@@ -3,10 +3,7 @@
 import numpy as np
 import pytest
 
-from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.mechanics import so3
-from mbsbench.harness.mechanics.state import State
-from mbsbench.harness.mechanics.system import Joint, RigidBody, assemble
+from mbsbench import Joint, RigidBody, State, assemble, make_problem, so3
 from mbsbench.problems.exact.one_body import one_body_motion
 from mbsbench.problems.exact.pinned import PinnedBody
 

@@ -3,11 +3,10 @@
 import numpy as np
 import pytest
 
+from mbsbench import StepControl, constraint
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.jacobian import singular_values
-from mbsbench.harness.mechanics.motion import constraint
 from mbsbench.harness.reference.computed import computed
-from mbsbench.harness.types import StepControl
 from mbsbench.problems import n_four_bar
 
 

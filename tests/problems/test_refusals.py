@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 
+from mbsbench import State, States, constraint, constraint_rate
 from mbsbench.harness.catalogue.registry import make_problem, problems
 from mbsbench.harness.mechanics.consistency import InconsistentStart, check_start
-from mbsbench.harness.mechanics.motion import constraint, constraint_rate
-from mbsbench.harness.mechanics.state import State, States
 
 IMPOSSIBLE = [
     ("torque_free_body", {"rod_mass": -1.0}, "rod_mass must be > 0"),

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from mbsbench import Problem, State, Status, StepControl, Trajectory
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import energy
-from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.reference.computed import reference_of
-from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 
 from .arbitrary_systems import consistent, linkage
 

@@ -7,15 +7,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from mbsbench import Joint, JointKind, MovingKind, Problem, State, TimeFunction, Trajectory
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import motion, work
 from mbsbench.harness.mechanics.consistency import project
 from mbsbench.harness.mechanics.dynamics import accelerations
-from mbsbench.harness.mechanics.joints import Joint, JointKind, MovingKind
-from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import GROUND, RigidBody, assemble
-from mbsbench.harness.mechanics.time_functions import TimeFunction
-from mbsbench.harness.types import Problem, Trajectory
 from mbsbench.problems import n_four_bar
 
 from .arbitrary_joints import all_joints, moving_rows, one_joint

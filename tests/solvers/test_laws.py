@@ -5,11 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from mbsbench import Status, StepControl, constraint_jacobian
 from mbsbench.harness.catalogue.registry import engines, make_problem, make_solver, solvers
 from mbsbench.harness.mechanics import so3, work
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.types import Status, StepControl
 
 from .runs import (
     ACCEPTED,

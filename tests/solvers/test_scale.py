@@ -6,11 +6,9 @@ import tracemalloc
 import numpy as np
 import pytest
 
-from mbsbench.harness.catalogue.registry import make_problem
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian, independent_rows
+from mbsbench import Problem, Trajectory, constraint_jacobian, independent_rows, make_problem
 from mbsbench.harness.metrics import scales
 from mbsbench.harness.metrics.measure import measure
-from mbsbench.harness.types import Problem, Trajectory
 from mbsbench.solvers.formulations.compiled.kernel import empty_kernel
 from mbsbench.solvers.formulations.compiled.saddle_pattern import analyse
 from mbsbench.solvers.formulations.rank import DEPENDENT, INDEPENDENT, rows_to_keep, squared_distances

@@ -5,12 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from mbsbench import Problem, Status, StepControl, Trajectory, constraint_jacobian
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.execution.presented import presented
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.reference.computed import computed
-from mbsbench.harness.types import Problem, Status, StepControl, Trajectory
 
 TAKE = ("rkmk_dopri5", "rkmk_dop853", "ida_index1", "ida_index2", "ndf_index1", "radau_index1", "scipy_strong_form")
 ARM = {"gyration": 0.0, "t_end": 1.0}  # a point mass on a massless arm

@@ -4,13 +4,11 @@ import numpy as np
 import pytest
 
 import mbsbench
+from mbsbench import States, StepControl, equations, moved
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics import dynamics, index1
 from mbsbench.harness.mechanics.consistency import project
-from mbsbench.harness.mechanics.dynamics import equations, moved
 from mbsbench.harness.mechanics.motion import applied, constraint_rate, drift
-from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.types import StepControl
 
 LARGE = {"four_bar_grid": {"columns": 20, "rows": 20}, "chain": {"links": 399}}
 both_routes = pytest.mark.parametrize(

@@ -7,12 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from mbsbench import State, States, TimeFunction, constraint_jacobian
 from mbsbench.harness.mechanics import motion, so3
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.joints import DECLARED, Joint, JointKind
-from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import GROUND, Load, RigidBody, assemble
-from mbsbench.harness.mechanics.time_functions import TimeFunction
 from mbsbench.harness.results.environment import ROOT
 from mbsbench.problems.random_mechanism import closed_joint
 

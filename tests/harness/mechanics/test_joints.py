@@ -5,20 +5,16 @@ from functools import cache
 import numpy as np
 import pytest
 
+from mbsbench import MultibodySystem, Problem, State, States, TimeFunction, constraint_jacobian
 from mbsbench.harness.catalogue.registry import in_frame
 from mbsbench.harness.mechanics import motion, so3, time_functions, work
 from mbsbench.harness.mechanics.consistency import project
 from mbsbench.harness.mechanics.dynamics import accelerations
 from mbsbench.harness.mechanics.dynamics import moved as along
-from mbsbench.harness.mechanics.jacobian import constraint_jacobian
 from mbsbench.harness.mechanics.joints import DECLARED, JointKind, MovingKind
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.mechanics.state import State, States
-from mbsbench.harness.mechanics.system import MultibodySystem
-from mbsbench.harness.mechanics.time_functions import TimeFunction
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
-from mbsbench.harness.types import Problem
 from mbsbench.solvers.formulations.charts import CHARTS
 from mbsbench.solvers.formulations.compiled.kernel import make_kernel, start_at
 from mbsbench.solvers.formulations.layout import Layout

@@ -6,13 +6,10 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
+from mbsbench import MultibodySystem, Problem, RigidBody, State, States, Status, StepControl, UserForce, assemble
 from mbsbench.harness.catalogue.registry import make_solver
 from mbsbench.harness.foreign.description import describe_problem
 from mbsbench.harness.mechanics import motion, work
-from mbsbench.harness.mechanics.state import State, States
-from mbsbench.harness.mechanics.system import MultibodySystem, RigidBody, assemble
-from mbsbench.harness.mechanics.user_forces import UserForce
-from mbsbench.harness.types import Problem, Status, StepControl
 
 from ...solvers.arbitrary_systems import arbitrary, consistent, law, with_user_forces
 

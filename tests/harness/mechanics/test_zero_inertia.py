@@ -7,14 +7,12 @@ import numpy as np
 import pytest
 
 import mbsbench
+from mbsbench import JointKind, MovingKind, Problem, State, States, Status, StepControl, TimeFunction, so3
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.consistency import perturbed
 from mbsbench.harness.mechanics.dynamics import Rates, accelerations, equations
-from mbsbench.harness.mechanics.joints import JointKind, MovingKind
 from mbsbench.harness.mechanics.motion import energy
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import (
     GROUND,
     Joint,
@@ -25,10 +23,8 @@ from mbsbench.harness.mechanics.system import (
     TorsionSpring,
     assemble,
 )
-from mbsbench.harness.mechanics.time_functions import TimeFunction
 from mbsbench.harness.mechanics.work import power, work
 from mbsbench.harness.mechanics.zero_inertia import classified
-from mbsbench.harness.types import Problem, Status, StepControl
 
 MASS, ARM, G = 2.0, 0.5, 9.81
 WEIGHT = (0.0, -G, 0.0)

@@ -6,9 +6,8 @@ translation. Revolute joints at O and at the rocker's pivot, spherical ones at t
 
 import numpy as np
 
-from mbsbench.harness.mechanics.state import State, States
+from mbsbench import Problem, State, States
 from mbsbench.harness.mechanics.system import GROUND, Joint, MultibodySystem, RigidBody, assemble
-from mbsbench.harness.types import Problem
 
 CRANK, ROD = 0.2, 0.5  # [m]
 Z = (0.0, 0.0, 1.0)

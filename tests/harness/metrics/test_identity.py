@@ -7,12 +7,9 @@ import numba
 import numpy as np
 import pytest
 
+from mbsbench import Problem, RigidBody, State, UserForce, assemble
 from mbsbench.cli.__main__ import main
-from mbsbench.harness.mechanics.state import State
-from mbsbench.harness.mechanics.system import RigidBody, assemble
-from mbsbench.harness.mechanics.user_forces import UserForce
 from mbsbench.harness.metrics.identity import fingerprint
-from mbsbench.harness.types import Problem
 
 PLUGIN = '''
 import numpy as np

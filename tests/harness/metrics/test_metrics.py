@@ -7,9 +7,8 @@ import math
 import numpy as np
 import pytest
 
+from mbsbench import Joint, RigidBody, SpringDamper, States, assemble
 from mbsbench.harness.catalogue import registry
-from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.mechanics.system import Joint, RigidBody, SpringDamper, assemble
 from mbsbench.harness.metrics.measure import measure
 from mbsbench.harness.metrics.summary import columns, largest, time_mean, trend
 from mbsbench.harness.metrics.thinning import frames_to_keep, rows_to_keep

@@ -6,9 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from mbsbench.harness.mechanics import so3
-from mbsbench.harness.mechanics.state import State, States
-from mbsbench.harness.mechanics.system import Joint, MultibodySystem, RigidBody, SpringDamper, assemble
+from mbsbench import Joint, MultibodySystem, RigidBody, SpringDamper, State, States, assemble, so3
 from mbsbench.harness.metrics.measure import measure
 from mbsbench.harness.metrics.summary import columns
 from mbsbench.harness.metrics.verdict import doubts, inaccuracy

@@ -5,11 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
-from mbsbench import Joint, RigidBody, assemble
+from mbsbench import Joint, RigidBody, States, assemble, so3
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.motion import energy, kinetic_energy
-from mbsbench.harness.mechanics.state import States
 from mbsbench.harness.metrics.measure import measure
 from mbsbench.harness.metrics.summary import columns
 from mbsbench.harness.metrics.truncation import truncation

@@ -6,12 +6,10 @@ import json
 import numpy as np
 import pytest
 
-from mbsbench import api
+from mbsbench import RigidBody, States, api, assemble
 from mbsbench.cli.__main__ import main
 from mbsbench.harness.catalogue import registry
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.mechanics.state import States
-from mbsbench.harness.mechanics.system import RigidBody, assemble
 from mbsbench.harness.metrics.measure import measure
 from mbsbench.harness.metrics.scales import displacement
 from mbsbench.harness.metrics.summary import columns

@@ -6,12 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from mbsbench import api
-from mbsbench.harness.mechanics import so3
+from mbsbench import State, States, TimeFunction, api, so3
 from mbsbench.harness.mechanics.motion import energy
-from mbsbench.harness.mechanics.state import State, States
 from mbsbench.harness.mechanics.system import GROUND, Joint, Load, RigidBody, TorsionSpring, assemble
-from mbsbench.harness.mechanics.time_functions import TimeFunction
 from mbsbench.harness.mechanics.work import work
 from mbsbench.harness.metrics.measure import measure
 from mbsbench.harness.metrics.summary import columns

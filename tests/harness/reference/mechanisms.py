@@ -2,11 +2,9 @@
 
 import numpy as np
 
-from mbsbench.harness.mechanics import so3
+from mbsbench import Problem, State, so3
 from mbsbench.harness.mechanics.consistency import project
-from mbsbench.harness.mechanics.state import State
 from mbsbench.harness.mechanics.system import GROUND, Joint, RigidBody, SpringDamper, assemble
-from mbsbench.harness.types import Problem
 
 Z = (0.0, 0.0, 1.0)
 

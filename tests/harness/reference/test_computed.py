@@ -6,8 +6,8 @@ from collections.abc import Callable, Iterator
 import numpy as np
 import pytest
 
+from mbsbench import Problem, so3
 from mbsbench.harness.catalogue.registry import in_frame, make_problem
-from mbsbench.harness.mechanics import so3
 from mbsbench.harness.mechanics.motion import constraint, constraint_rate, energy
 from mbsbench.harness.mechanics.state import rotated
 from mbsbench.harness.mechanics.work import power
@@ -17,7 +17,6 @@ from mbsbench.harness.reference import orbit
 from mbsbench.harness.reference.computed import computed, is_computable, reference_of
 from mbsbench.harness.reference.directors import Directors
 from mbsbench.harness.reference.newton_euler import NewtonEuler
-from mbsbench.harness.types import Problem
 from mbsbench.problems import chain, four_bar_grid
 
 from .mechanisms import slider_crank, sprung

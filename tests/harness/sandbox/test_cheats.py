@@ -22,10 +22,10 @@ options = { where = ["call", "refuses", "daemon", "daemon_in_refuses", "child", 
                      "first", "file"] }
 """
 AT_IMPORT = (
-    "from mbsbench.tests.harness.cheating import _Base, work\nfrom mbsbench.harness.catalogue.registry import solver\n"
+    "from mbsbench.tests.harness.cheating import Exact, work\nfrom mbsbench.harness.catalogue.registry import solver\n"
 )
 AT_IMPORT += 'from dataclasses import dataclass\nwork()\n@solver("prepared")\n@dataclass(frozen=True)\n'
-AT_IMPORT += 'class Prepared(_Base):\n    """Has worked already."""\n'
+AT_IMPORT += 'class Prepared(Exact):\n    """Has worked already."""\n'
 
 
 @pytest.fixture(scope="module")

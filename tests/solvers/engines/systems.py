@@ -1,8 +1,7 @@
 """Problems that try every part of an export: loops, both kinds of joints, floating bodies, springs, redundant rows."""
 
-from mbsbench.harness.catalogue.registry import make_problem
+from mbsbench import Problem, make_problem
 from mbsbench.harness.mechanics.presentation import Presentation
-from mbsbench.harness.types import Problem
 
 from ...harness.reference.mechanisms import problem, slider_crank, sprung
 from ..arbitrary_systems import consistent, linkage

@@ -6,9 +6,8 @@ import importlib.util
 import numpy as np
 import pytest
 
+from mbsbench import Status, StepControl, constraint
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
-from mbsbench.harness.mechanics.motion import constraint
-from mbsbench.harness.types import Status, StepControl
 
 from .systems import PROBLEMS
 

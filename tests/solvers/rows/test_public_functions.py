@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 
 import mbsbench
+from mbsbench import MultibodySystem, State, States
 from mbsbench.harness.catalogue.registry import make_problem, problems
 from mbsbench.harness.mechanics import consistency, dynamics, motion
 from mbsbench.harness.mechanics.consistency import perturbed
 from mbsbench.harness.mechanics.counting import Count, counting
 from mbsbench.harness.mechanics.index1 import index_1
-from mbsbench.harness.mechanics.state import State, States
-from mbsbench.harness.mechanics.system import MultibodySystem
 
 from ..arbitrary_systems import consistent, with_user_forces
 
