@@ -13,7 +13,6 @@ TARGETS = set(re.findall(r"^([a-z][a-z-]*):", (ROOT / "Makefile").read_text(enco
 
 @pytest.mark.parametrize("path", [*WORKFLOWS, ROOT / ".ci" / "run"], ids=lambda p: p.name)
 def test_called_targets_are_in_the_makefile(path: Path):
-    """A target that was renamed is found here, not after a push."""
     called = set(re.findall(r"(?<![\w-])make ([a-z][a-z-]*)", path.read_text(encoding="utf-8")))
     assert called
     assert called <= TARGETS

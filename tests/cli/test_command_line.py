@@ -133,7 +133,6 @@ BAD = [
 
 @pytest.mark.parametrize(("arguments", "words"), BAD, ids=[" ".join(a[:1] + a[-1:]) for a, _ in BAD])
 def test_wrong_calls_are_reported_in_one_line(capsys, monkeypatch, tmp_path, arguments, words):
-    """Exit code 2, one line on standard error, nothing written."""
     monkeypatch.chdir(tmp_path)
     assert main(list(arguments)) == 2
     out, err = capsys.readouterr()
@@ -142,13 +141,11 @@ def test_wrong_calls_are_reported_in_one_line(capsys, monkeypatch, tmp_path, arg
 
 
 def test_a_wrong_call_ends_the_process_with_2(command):
-    """The code that a shell sees."""
     done = command("solve", "free_fal", "exact", *WITH, "--out", "x.npz")
     assert done.returncode == 2 and done.stderr.count("\n") == 1
 
 
 def test_list_names_everything(command):
-    """Problems, solvers, options with units and defaults."""
     done = command("list", *WITH)
     assert done.returncode == 0
     for words in ("heavy_top", "rad/s", "yaw", "segfaults", "lift", "[m]", "test", "dt [s] (fixed step"):
@@ -263,7 +260,6 @@ def test_one_foreign_file_costs_no_run(tmp_path):
 
 
 def test_environment_and_suite_are_kept(command, tmp_path):
-    """A result names where it comes from."""
     (tmp_path / "small.toml").write_text(SUITE)
     command("run", "small.toml", *WITH, "--out", "out", "--limit", "1")
     stamp = json.loads((tmp_path / "out" / "environment.json").read_text())

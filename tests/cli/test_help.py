@@ -74,7 +74,6 @@ def test_list_of_one_problem(capsys):
 
 
 def test_list_of_one_solver(capsys):
-    """Its options, its step and its order."""
     assert main(["list", "gc_weak_form", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
     assert not said["problems"] and [s["name"] for s in said["solvers"]] == ["gc_weak_form"]

@@ -43,7 +43,6 @@ def test_run(place, capsys, monkeypatch):
 
 
 def test_list(place, capsys, monkeypatch):
-    """Every option with default and unit."""
     (said,) = objects(capsys, monkeypatch, place, "list", "--json")
     top = next(p for p in said["problems"] if p["name"] == "heavy_top")
     assert {"t_end", "yaw"} <= {o["name"] for o in top["parameters"]} and all(o["doc"] for o in top["parameters"])

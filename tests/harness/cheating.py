@@ -54,7 +54,6 @@ class Cheats(Exact):
     )  # fmt: skip
 
     def refuses(self, p: Problem, control: StepControl) -> str | None:
-        """Work there, too."""
         if self.where == "refuses":
             work()
         if self.where == "file":
@@ -68,7 +67,6 @@ class Cheats(Exact):
         return None
 
     def solve(self, p: Problem, control: StepControl) -> Trajectory:
-        """The exact motion."""
         cost = {"cpu_time": float("nan")}
         if self.where in ("call", "half", "set_up"):
             work()

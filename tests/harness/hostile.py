@@ -31,7 +31,6 @@ class BadReference(FreeFall):
     how: str = "exits"
 
     def states(self, t: np.ndarray) -> States:
-        """Not."""
         if self.how == "exits":
             os._exit(0)
         while self.how == "hangs":
@@ -44,7 +43,6 @@ class NoBound(FreeFall):
     """The motion, with a bound on its error that is none."""
 
     def error(self, t: np.ndarray) -> np.ndarray:
-        """NaN."""
         return np.full(len(t), np.nan)
 
 
@@ -124,7 +122,6 @@ class BreaksTheContract(Exact):
     what: str = option("refuses", "which part of it", choices=("refuses", "counters", "status", "reaction", "notes"))
 
     def refuses(self, p: Problem, control: StepControl) -> Any:
-        """True instead of a reason."""
         return True if self.what == "refuses" else None
 
     def solve(self, p: Problem, control: StepControl) -> Trajectory:

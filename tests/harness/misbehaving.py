@@ -31,14 +31,12 @@ class FreeFall:
     horizon: float = 1.0
 
     def states(self, t: np.ndarray) -> States:
-        """The motion."""
         g = np.array([0.0, 0.0, -GRAVITY])
         r = self.start.r + t[:, None, None] * self.start.v + 0.5 * t[:, None, None] ** 2 * g
         R = self.start.R @ so3.exp(t[:, None, None] * self.start.Omega)
         return States(r, R, self.start.v + t[:, None, None] * g, np.broadcast_to(self.start.Omega, r.shape))
 
     def error(self, t: np.ndarray) -> np.ndarray:
-        """Rounding."""
         return np.full(len(t), 1e-15)
 
 
@@ -70,7 +68,6 @@ class Exact:
     control: ClassVar[str] = "dt"
 
     def refuses(self, p: Problem, control: StepControl) -> str | None:
-        """Takes all."""
         return None
 
     solve = follow_exactly
@@ -107,7 +104,6 @@ class Refuses(Exact):
     """Refuses with a reason."""
 
     def refuses(self, p: Problem, control: StepControl) -> str | None:
-        """Always."""
         return "on principle"
 
 

@@ -118,7 +118,6 @@ def test_heads_of_suites_are_read_or_refused_in_a_line(change, tmp_path_factory)
 @MORE
 @given(st.text(max_size=60) | st.binary(max_size=60).map(lambda b: b.decode("latin-1")))
 def test_any_text_is_no_suite(text):
-    """Nor does it hang the parser."""
     with pytest.raises(FileError) as error:
         parse_suite(text, "fuzz", "fuzz")
     assert in_a_line(error.value)
@@ -178,7 +177,6 @@ def test_damaged_record_files_are_never_good(cut, flip, noise, tmp_path_factory)
 @MORE
 @given(noise=st.binary(max_size=200))
 def test_noise_is_no_series(noise, tmp_path_factory):
-    """Not even when it begins like a ZIP file."""
     path = tmp_path_factory.mktemp("s") / "x.npz"
     for content in (noise, b"PK\x03\x04" + noise, b"\x93NUMPY" + noise):
         path.write_bytes(content)

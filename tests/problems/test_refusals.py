@@ -37,7 +37,6 @@ IMPOSSIBLE = [
 
 @pytest.mark.parametrize(("name", "given", "says"), IMPOSSIBLE, ids=[f"{n} {g}" for n, g, _ in IMPOSSIBLE])
 def test_impossible_data_are_refused(name: str, given: dict, says: str) -> None:
-    """ValueError, one line."""
     with pytest.raises(ValueError, match=says) as refused:
         make_problem(name, given)
     assert "\n" not in str(refused.value)

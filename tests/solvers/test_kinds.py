@@ -94,7 +94,6 @@ def test_error_control_holds_its_tolerance(kind, name):
 @pytest.mark.parametrize("kind", [ALL, MovingKind.DRIVEN_ANGLE, "springs", LAW])
 @pytest.mark.parametrize("name", ["gc_composed", "gc_extrapolated"])
 def test_what_the_simplified_step_has_no_rows_for_is_refused(name, kind):
-    """With the solver that takes it, before the first step."""
     p = swing(ALL)[0] if kind == "springs" else swing(kind)[0]
     if kind == "springs":
         system = linkage(springs=True)

@@ -111,7 +111,6 @@ LOOSE_AND_TIGHT = [  # solver, options, problem, tolerances, the least factor be
 
 @pytest.mark.parametrize("row", LOOSE_AND_TIGHT, ids=name_of)
 def test_errors_follow_the_tolerance(row):
-    """A tighter tolerance makes the error smaller by a factor."""
     solver, options, problem, tolerances, factor, allowed = row
     p = make_problem(*problem)
     loose, tight = (error(p, run(p, rtol, solver, **options)) for rtol in tolerances)

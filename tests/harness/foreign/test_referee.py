@@ -187,7 +187,6 @@ REFUSED = {
 
 @pytest.mark.parametrize("text", REFUSED)
 def test_what_cannot_be_read_is_refused_in_a_line(text, tmp_path):
-    """With the place and the remedy."""
     path = tmp_path / "top.csv"
     path.write_text(text)
     with pytest.raises(FileError, match=REFUSED[text]) as refused:

@@ -40,7 +40,6 @@ ROUNDING = 1e-11
     ],
 )  # fmt: skip
 def test_an_incomplete_joint_is_refused(given, said) -> None:
-    """In one line, with what was expected."""
     with pytest.raises(ValueError, match=said):
         assemble([RigidBody(1.0, np.eye(3))], [Joint(0, (0, 0, 0), **given)])
 
@@ -54,7 +53,6 @@ def test_rows_that_are_none_are_refused(rows: Any) -> None:
 
 
 def test_joints_behind_chosen_rows_keep_their_numbers() -> None:
-    """In names and in errors."""
     body, first = [RigidBody(1.0, np.eye(3))], Joint(0, (0, 0, 0), rows=np.array([2, 0]))
     names = assemble(body, [first, Joint(0, (0.1, 0, 0))]).joint_names
     assert names == ("joint 1, row 2", "joint 1, row 0", "joint 2")
@@ -101,7 +99,6 @@ def test_pictures_are_those_of_the_rows() -> None:
 
 
 def test_the_tables_of_the_manual_are_those_of_the_declarations() -> None:
-    """As ``make joints`` writes them."""
     text = (ROOT / "docs" / "joints-and-forces.md").read_text(encoding="utf-8")
     assert drawing().page(text) == text
 

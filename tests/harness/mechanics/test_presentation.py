@@ -87,7 +87,6 @@ def test_the_way_back_arrives_at_the_start():
 
 
 def test_a_joint_that_is_not_there_cannot_be_repeated():
-    """In a line, when the problem is made."""
     with pytest.raises(ValueError, match=r"duplicate must be 0\.\.1"):
         make_problem("heavy_top", {"duplicate": 2})
 

@@ -23,7 +23,6 @@ def branched(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: R
 
 
 def mathematical(t: float, r: Rows, R: Float[np.ndarray, "2 3 3"], v: Rows, Omega: Rows, F: Rows, T: Rows) -> None:
-    """Functions of ``math``."""
     F[0, 0] = math.sin(t)
 
 
@@ -60,7 +59,6 @@ def test_what_is_applied_is_the_law(seed: int) -> None:
     ("own", "said"), [(branched, ": it branches on the state; "), (mathematical, "user force 0 symbolically")]
 )
 def test_a_law_that_is_no_expression_is_refused_by_symbols_and_taken_by_kernels(own, said: str) -> None:  # type: ignore[no-untyped-def]
-    """With the reason, before the first step."""
     ball = assemble([RigidBody(1.0, np.eye(3))], user_forces=[UserForce(own, 0)])
     start = State(np.zeros((1, 3)), np.eye(3)[None], np.array([[0.0, 0.0, -1.0]]), np.zeros((1, 3)))
     p = Problem("a stop", ball, start, 0.5, 1e-3, "", "made up")
@@ -111,6 +109,5 @@ class Bound:
     "own", [lambda t: None, 1, None, "abc", [], abs, np.sin, math.sin, Bound().law, Bound, imports]
 )
 def test_what_is_no_law_is_refused_by_its_number(own) -> None:  # type: ignore[no-untyped-def]
-    """Whatever it is, and whatever error Numba ends with."""
     with pytest.raises(ValueError, match="user force 1: numba does not compile law"):
         assemble([RigidBody(1.0, np.eye(3))], user_forces=[UserForce(law, 0), UserForce(own, 0)])

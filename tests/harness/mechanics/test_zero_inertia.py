@@ -86,7 +86,6 @@ UNDEFINED = {
 
 @pytest.mark.parametrize("name", UNDEFINED)
 def test_what_defines_no_motion_is_refused_in_a_line(name: str) -> None:
-    """The body, the axis in its frame, and what to do."""
     system, spin, says = UNDEFINED[name]
     r, v, Omega = (np.tile(a, (system.nb, 1)) for a in ((ARM, 0.0, 0.0), O, spin))
     start = State(r, np.tile(np.eye(3), (system.nb, 1, 1)), v, Omega)

@@ -43,7 +43,6 @@ def number(*laws: Callable[..., None]) -> float:
 
 
 def test_a_run_with_a_user_force_has_a_record(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """From the shell to the file."""
     (tmp_path / "own.py").write_text(PLUGIN)
     given = ("--plugin", str(tmp_path / "own.py"), "--out", str(tmp_path / "x.npz"), "--set", "rtol=1e-8")
     assert main(["solve", "pulled", "rkmk_dopri5", *given]) == 0, capsys.readouterr()
@@ -76,6 +75,5 @@ def test_another_law_is_another_problem(one: tuple[str, ...], other: tuple[str, 
 
 
 def test_order_and_number_of_laws_count() -> None:
-    """Each has its place."""
     a, b = law(PLAIN), law("T[0, 0] = -t")
     assert len({number(a, b), number(b, a), number(a), number(a, a), number()}) == 5

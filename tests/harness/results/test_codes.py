@@ -22,7 +22,6 @@ def kept(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def whole(kept):
-    """The package as it is."""
     return Sources(ROOT, kept)
 
 

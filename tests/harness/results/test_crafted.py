@@ -73,7 +73,6 @@ def test_links_are_not_followed(tmp_path):
 
 
 def test_a_linked_lock_leaves_its_target_as_it_is(tmp_path):
-    """It was truncated."""
     precious = tmp_path / "precious"
     precious.write_text("thesis")
     folder = store.create(tmp_path / "a")

@@ -79,14 +79,12 @@ def test_files_of_rows_add_what_folders_no_longer_hold(three, tmp_path):
 
 @pytest.mark.parametrize("line", ["{", "[]", "3", "{}", '{"commit": 1}', "null"])
 def test_other_files_are_reported_in_one_line(tmp_path, line):
-    """With the line's number."""
     (tmp_path / "x.jsonl").write_text(f"\n{line}\n")
     with pytest.raises(FileError, match=r"x\.jsonl:2: "):
         read_rows(tmp_path / "x.jsonl")
 
 
 def test_wrong_types_are_reported(tmp_path):
-    """A number that is text, text that is a number."""
     good = json.loads(to_json(Row(*["x"] * 10)))
     for bad in ({"phi_max": 10**400}, {"phi_max": "1"}, {"steps": True}, {"case": 3}, {"gate": None}):
         (tmp_path / "x.jsonl").write_text(json.dumps({**good, **bad}))
@@ -129,7 +127,6 @@ def test_the_command_goes_on_without_damaged_files(three, tmp_path, capsys, monk
 
 
 def test_a_row_is_all_that_pages_need():
-    """Documented in docs/results-format.md."""
     from mbsbench.harness.results.environment import ROOT
 
     text = (ROOT / "docs" / "results-format.md").read_text()

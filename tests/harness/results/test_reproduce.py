@@ -70,7 +70,6 @@ def test_words_of_a_foreign_record_stay_words():
 
 
 def test_the_command_runs(command_line_run):
-    """As printed, in a shell."""
     done = command_line_run(
         write_command(
             RunRecord(run_id="abc", problem="free_fall", solver="exact", dt_s=0.5, solver_options='{"lift": 1e-14}'),

@@ -132,7 +132,6 @@ def test_latest_follows_and_leaves_strangers_alone(tmp_path):
 
 
 def test_unwritable_folder_is_said_in_a_line():
-    """Before anything runs."""
     with pytest.raises(store.StoreError, match="cannot write"):
         store.create(environment.ROOT / "Makefile" / "run")
 
@@ -160,7 +159,6 @@ def test_a_folder_of_an_older_version_is_refused_with_what_to_do(tmp_path, line,
 
 
 def test_format_page_names_every_status():
-    """docs/results-format.md is the contract of those who read results."""
     text = (environment.ROOT / "docs" / "results-format.md").read_text()
     for status in Status:
         assert f"`{status}`" in text

@@ -22,7 +22,6 @@ def test_a_sweep_is_even_in_the_logarithm_and_has_both_ends():
 
 
 def test_lists_are_products():
-    """Two problems' parameters x two solvers x three steps."""
     made = specs(
         '[[runs]]\nproblem = "free_fall"\nparameters = {mass = [1, 2.0]}\n'
         'solver = ["exact", "raises"]\ndt = [0.1, 0.2, 1]'
@@ -63,7 +62,6 @@ def test_a_tuple_parameter_takes_a_flat_list():
 
 
 def test_runs_survive_their_trip_to_the_worker(tmp_path):
-    """What the worker gets is what was checked: same address."""
     from mbsbench.harness.execution.job import Job
 
     for spec in specs(
@@ -107,7 +105,6 @@ def test_shipped_suites_can_be_included(tmp_path):
 
 
 def test_a_run_folder_holds_a_suite_that_includes(tmp_path):
-    """The copies, run again, are the same runs."""
     from mbsbench.harness.execution.runner import Request, run_suite
 
     from ..conftest import Silent
@@ -138,7 +135,6 @@ INCLUDES = {
 
 @pytest.mark.parametrize("text", INCLUDES, ids=range(len(INCLUDES)))
 def test_wrong_includes_are_reported_in_one_line(text, tmp_path):
-    """Unknown, circular, ambiguous, or wrong themselves."""
     (tmp_path / "other").mkdir()
     (tmp_path / "other" / "base.toml").write_text(GROUP)
     load = written(
@@ -204,7 +200,6 @@ BAD = {
 
 @pytest.mark.parametrize("text", BAD, ids=range(len(BAD)))
 def test_wrong_suites_are_reported_in_one_line(text):
-    """With the file, the group, and what was expected."""
     with pytest.raises(FileError) as error:
         specs(text)
     assert BAD[text] in str(error.value) and "\n" not in str(error.value) and "test.toml" in str(error.value)
