@@ -8,11 +8,10 @@ import pytest
 from mbsbench import Joint, RigidBody, States, assemble, so3
 from mbsbench.harness.catalogue.registry import make_problem, make_solver
 from mbsbench.harness.mechanics.motion import energy, kinetic_energy
-from mbsbench.harness.metrics.measure import measure
-from mbsbench.harness.metrics.summary import columns
 from mbsbench.harness.metrics.truncation import truncation
-from mbsbench.harness.metrics.verdict import doubts, inaccuracy
 from mbsbench.harness.types import Law, StepControl
+
+from .judged import judge
 
 SOUND = ("rattle", "gc_weak_form", "generalized_alpha", "energy_momentum", "half_explicit", "al_index3")
 
@@ -26,8 +25,7 @@ def top():
 
 
 def verdict(problem, run) -> dict[Law, str]:
-    m = measure(problem, run)
-    reasons = doubts(problem, run, m, columns(problem, run, m))
+    reasons = judge(problem, run).doubts
     return {law: " ".join(r.name for r in reasons if r.law is law) for law in {r.law for r in reasons}}
 
 
@@ -86,10 +84,9 @@ def test_an_inaccurate_run_stays_inaccurate(top):
     """What is known to be off is told as that."""
     problem, _ = top
     run = hide(problem, heavier(problem, 1.09, 5e-4))
-    m = measure(problem, run)
-    c = columns(problem, run, m)
-    assert m.truncation.reactions > 1.0 and Law.TRUNCATION not in verdict(problem, run)
-    assert [r.law for r in inaccuracy(m, c)] == [Law.MOTION]
+    judged = judge(problem, run)
+    assert judged.m.truncation.reactions > 1.0 and Law.TRUNCATION not in judged.laws
+    assert [r.law for r in judged.inaccuracy] == [Law.MOTION]
 
 
 @pytest.mark.parametrize("solver", ["energy_momentum", "lie_variational"])
@@ -99,7 +96,7 @@ def test_a_steady_spin_at_long_steps_is_explained(solver):
     run = make_solver(solver).solve(problem, StepControl(dt=0.1))
     turn = 0.1 * np.max(np.linalg.norm(run.states.Omega, axis=2))
     assert turn > 0.3
-    found = measure(problem, run).truncation
+    found = judge(problem, run).m.truncation
     assert 1e-3 < found.velocities < turn
 
 
@@ -119,7 +116,7 @@ def test_sound_solvers_are_far_from_the_limit(solver, name):
     if reason := made.refuses(problem, control):
         pytest.skip(reason)
     run = made.solve(problem, control)
-    found = measure(problem, run).truncation
+    found = judge(problem, run).m.truncation
     assert found.velocities < 0.5 and found.accelerations < 0.7 and not found.reactions > 0.9, found
 
 

@@ -16,9 +16,9 @@ from ..conftest import PLUGIN, TIMED, Silent
 TEXT = '[[runs]]\nproblem = "free_fall"\nsolver = ["exact", "gives_up", "raises"]\ndt = [0.1, 0.25, 0.5]'
 
 
-def run(folder, shard=(1, 1)):
+def run(folder, shard=(1, 1), **more):
     suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
-    return run_suite(Request(suite, folder, 2, shard=shard), Silent(), LocalPool)
+    return run_suite(Request(suite, folder, 2, shard=shard, **more), Silent(), LocalPool)
 
 
 def numbers(folder):
@@ -30,8 +30,7 @@ def test_each_run_names_its_own_environment(tmp_path, monkeypatch):
     here = environment.stamp
     run(tmp_path / "1", (1, 2))
     monkeypatch.setattr(environment, "stamp", lambda *given: {**here(*given), "cpu": "another"})
-    suite = parse_suite(TEXT, "test", "test", plugins=(str(PLUGIN),))
-    run_suite(Request(suite, tmp_path / "1", 2, resume=True), Silent(), LocalPool)
+    run(tmp_path / "1", resume=True)
     run(tmp_path / "2", (2, 2))
     merge(tmp_path / "merged", [tmp_path / "2", tmp_path / "1"])
     for folder in (tmp_path / "1", tmp_path / "merged"):

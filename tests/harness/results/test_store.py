@@ -97,10 +97,14 @@ def test_foreign_records_are_refused(tmp_path):
 @pytest.mark.parametrize(
     ("change", "words"),
     [({"schema": 99}, "schema"), ({"phi_max": "big"}, "phi_max"), ({"steps": 1.5}, "steps"), ({"steps": None}, "steps"),
-     ({"status": 3}, "status"), ({"counters": "[]"}, "counters"), ({"notes": "x"}, "notes")],
+     ({"status": 3}, "status"), ({"counters": "[]"}, "counters"), ({"notes": "x"}, "notes"),
+     ({"counters": json.dumps({"steps": 10**400})}, "counters"), ({"counters": '{"steps": 1.5}'}, "counters"),
+     ({"notes": "[1]"}, "notes"), ({"case": "\x1b]0;owned\x07"}, "case"), ({"solver": "a\nb"}, "solver"),
+     ({"invariant_drifts": '{"P": 3}'}, "invariant_drifts"),
+     ({"observable_errors": '{"x": {"max": "big"}}'}, "observable_errors")],
 )  # fmt: skip
 def test_wrong_types_are_refused(change, words):
-    """Everything read from disk is checked before it is believed."""
+    """Numbers of 400 digits, escape sequences in names, other shapes than declared: checked before it is believed."""
     with pytest.raises(BadRecord, match=words):
         from_json(json.dumps({**json.loads(to_json(RECORD)), **change}))
 

@@ -2,11 +2,13 @@
 
 import pytest
 
+from mbsbench.harness.execution.job import Job
+from mbsbench.harness.execution.runner import Request, run_suite
 from mbsbench.harness.files import FileError
 from mbsbench.harness.suites.includes import suite_names
 from mbsbench.harness.suites.suite import load_suite, parse_suite
 
-from ..conftest import PLUGIN
+from ..conftest import PLUGIN, Silent
 
 GROUP = '[[runs]]\nproblem = "free_fall"\nsolver = "exact"\n'
 
@@ -62,8 +64,6 @@ def test_a_tuple_parameter_takes_a_flat_list():
 
 
 def test_runs_survive_their_trip_to_the_worker(tmp_path):
-    from mbsbench.harness.execution.job import Job
-
     for spec in specs(
         '[[runs]]\nproblem = "torque_free_body"\nsolver = "exact"\nparameters = { omega = [1, 2, 4], yaw = 0.7 }'
     ):
@@ -105,10 +105,6 @@ def test_shipped_suites_can_be_included(tmp_path):
 
 
 def test_a_run_folder_holds_a_suite_that_includes(tmp_path):
-    from mbsbench.harness.execution.runner import Request, run_suite
-
-    from ..conftest import Silent
-
     suite = written(tmp_path, base=GROUP, top=f'include = ["base"]\nplugins = ["{PLUGIN}"]')()
     run_suite(Request(suite, tmp_path / "run", 1), Silent())
     assert load_suite(str(tmp_path / "run" / "suite.toml")).specs == suite.specs
