@@ -25,20 +25,16 @@ def test_help_lists_the_commands(capsys, arguments):
     assert not err and out.startswith("usage: mbsbench") and "docs/glossary.md" in out
     for name, (_, summary) in read_summaries().items():
         assert f"\n    {name} " in out and summary.split()[0] in out
+    assert main(["--version"]) == 0 and capsys.readouterr().out.startswith("mbsbench ")
 
 
-def test_summaries_are_those_of_theimport_commands():
+def test_summaries_are_those_of_the_imported_commands():
     """They are read from the files; each command, imported, declares the same."""
     _, commands = top_parser()
     for module in import_commands():
         module.add(commands)
     declared = {a.dest: a.help for a in commands._choices_actions}
     assert declared == {name: summary for name, (_, summary) in read_summaries().items()}
-
-
-def test_version(capsys):
-    assert main(["--version"]) == 0
-    assert capsys.readouterr().out.startswith("mbsbench ")
 
 
 @pytest.mark.parametrize("arguments", [[], ["--help"], ["--version"], ["list"], ["list", "chain"]])

@@ -26,24 +26,30 @@ def place(tmp_path_factory):
     return where
 
 
-def objects(capsys, monkeypatch, place, *arguments, code=0):
-    monkeypatch.chdir(place)
-    capsys.readouterr()
-    assert main(list(arguments)) == code
-    out, err = capsys.readouterr()
-    assert not err
-    return [json.loads(line, parse_constant=pytest.fail) for line in out.splitlines()]
+@pytest.fixture
+def objects(place, capsys, monkeypatch):
+    """The lines of a command with ``--json``, in the folder of the runs."""
+
+    def call(*arguments, code=0):
+        monkeypatch.chdir(place)
+        capsys.readouterr()
+        assert main([*arguments, "--json"]) == code
+        out, err = capsys.readouterr()
+        assert not err
+        return [json.loads(line, parse_constant=pytest.fail) for line in out.splitlines()]
+
+    return call
 
 
-def test_run(place, capsys, monkeypatch):
+def test_run(objects):
     """One object at its end: where, how many, how they ended."""
-    (said,) = objects(capsys, monkeypatch, place, "run", "small.toml", "--out", "c", "--json")
+    (said,) = objects("run", "small.toml", "--out", "c")
     assert said["runs"] == 4 and said["statuses"] == {"success": 2, "crashed": 2}
     assert said["folder"] == "c" and said["not_begun"] == 0
 
 
-def test_list(place, capsys, monkeypatch):
-    (said,) = objects(capsys, monkeypatch, place, "list", "--json")
+def test_list(objects):
+    (said,) = objects("list")
     top = next(p for p in said["problems"] if p["name"] == "heavy_top")
     assert {"t_end", "yaw"} <= {o["name"] for o in top["parameters"]} and all(o["doc"] for o in top["parameters"])
     assert {s["control"] for s in said["solvers"]} == {"dt", "rtol"} and "ci" in said["suites"]
@@ -58,7 +64,7 @@ def test_list(place, capsys, monkeypatch):
      (("solve", "free_fall", "exact", "--out", "x.npz"), 0, "status"),
      (("solve", "free_fall", "raises", "--out", "x.npz"), 1, "status")],
 )  # fmt: skip
-def test_others(place, capsys, monkeypatch, arguments, code, key):
+def test_others(objects, arguments, code, key):
     """Numbers that do not exist are null or words, never NaN."""
-    said = objects(capsys, monkeypatch, place, *arguments, "--json", code=code)
+    said = objects(*arguments, code=code)
     assert said and all(key in x for x in said)

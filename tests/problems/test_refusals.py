@@ -32,6 +32,7 @@ IMPOSSIBLE = [
     ("four_bar_grid", {"release": "bottom"}, "top_row, all_rows"),
     ("four_bar_grid", {"mass_spread": 1.0}, "mass_spread must be <= 0.9"),
     ("four_bar_grid", {"columns": 2.5}, "columns must be an integer"),
+    ("heavy_top", {"duplicate": 2}, r"duplicate must be 0\.\.1"),
 ]
 
 

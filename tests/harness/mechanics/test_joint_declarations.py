@@ -1,7 +1,7 @@
 """Declarations of joints: incomplete ones are refused, chosen rows keep their numbers, pictures and tables agree."""
 
 import dataclasses
-import importlib.util
+from importlib.machinery import SourceFileLoader
 from typing import Any
 
 import numpy as np
@@ -81,26 +81,15 @@ def test_all_rows_of_a_joint_one_by_one_are_the_joint(kind: JointKind) -> None:
         assert np.array_equal(constraint_jacobian(fewer, state).toarray(), B[1:])
 
 
-def drawing() -> Any:
-    found = importlib.util.spec_from_file_location("draw_joints", ROOT / "docs" / "draw_joints.py")
-    assert found is not None and found.loader is not None
-    made = importlib.util.module_from_spec(found)
-    found.loader.exec_module(made)
-    return made
-
-
-def test_pictures_are_those_of_the_rows() -> None:
-    """As ``make joints`` draws them: an arrow for each freedom."""
-    draws = drawing()
+def test_pictures_and_tables_of_the_manual_are_those_of_the_declarations() -> None:
+    """As ``make joints`` draws and writes them: an arrow for each freedom."""
+    draws: Any = SourceFileLoader("draw_joints", str(ROOT / "docs" / "draw_joints.py")).load_module()
     for kind in draws.drawn():
         drawn = draws.picture(kind)
         assert drawn.count('stroke-width="2"') == 6 - sum(kind.count)
         assert (ROOT / "docs" / "images" / "joints" / draws.name(kind)).read_text(encoding="utf-8") == drawn
-
-
-def test_the_tables_of_the_manual_are_those_of_the_declarations() -> None:
     text = (ROOT / "docs" / "joints-and-forces.md").read_text(encoding="utf-8")
-    assert drawing().page(text) == text
+    assert draws.page(text) == text
 
 
 def test_a_load_on_the_ground_is_refused() -> None:
