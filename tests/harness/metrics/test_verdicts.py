@@ -15,8 +15,8 @@ from mbsbench.harness.metrics.summary import columns
 from mbsbench.harness.results.words import accurate_until
 from mbsbench.harness.types import Law, Problem, Status, Trajectory
 
+from ..reference.mechanisms import beside_ballast, slider_crank
 from .judged import claimed, judge
-from .slider_crank import slider_crank, with_ballast
 
 SOUND = ("gc_weak_form", {"dt": 1e-3})
 LOOSE = ("ida_index3", {"rtol": 1e-3})
@@ -84,8 +84,7 @@ def test_a_longer_rocker_changes_no_scale():
 
 def test_dead_weight_changes_neither_scales_nor_verdict(run):
     """Ten tonnes welded to the ground 50 m away take no part; rounding of their m g y is 1e-9 J."""
-    system, states = with_ballast(run.problem.system, run.trajectory.states)
-    heavy = dataclasses.replace(run.problem, system=system, initial=states[0])
+    heavy, states = slider_crank(ballast=True), beside_ballast(run.trajectory.states)
     plain = laws_and_sizes(run.problem, run.trajectory)
     loaded = laws_and_sizes(heavy, dataclasses.replace(run.trajectory, states=states, reaction=None))
     assert loaded[0] == plain[0] and np.allclose(loaded[1], plain[1], rtol=1e-6)

@@ -29,6 +29,6 @@ def perturbed_chain() -> Problem:
     return make_problem("chain", {"perturb": 0.1, "t_end": 0.1})
 
 
-PROBLEMS = {f.__name__: f for f in (closed_chain, grid, duplicated, perturbed_chain, slider_crank)} | {
-    "sprung": lambda: sprung(0.7)
-}
+PROBLEMS = {f.__name__: f for f in (closed_chain, grid, duplicated, perturbed_chain)} | {
+    "slider_crank": lambda: slider_crank(hinged=True), "sprung": lambda: sprung(0.7),
+}  # fmt: skip
